@@ -1,0 +1,18 @@
+"""Differentiable models and joint identification of piezoelectric stick-slip actuators."""
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .estimation import identify as identify
+    from .simulation import simulate as simulate
+    from .study import load_study as load_study
+
+_HOMES = {"identify": "estimation", "load_study": "study", "simulate": "simulation"}
+
+
+def __getattr__(name: str) -> Any:
+    # Loaded on first use: JAX and its solvers take a second, for which `pdssjax --help` need not wait.
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f".{_HOMES[name]}", __name__), name)

@@ -1,0 +1,53 @@
+"""SI values as people read them: display units, and digits that match the standard error."""
+
+import math
+
+import numpy as np
+
+MICROMETRES = 1e6
+"""Micrometres in a metre; every length in reports, plots and predictions is in micrometres."""
+
+_UNITS = {
+    "m": ("um", 1e6),
+    "m/V": ("um/V", 1e6),
+    "s": ("ms", 1e3),
+    "kg": ("g", 1e3),
+    "N/m": ("N/um", 1e-6),
+}
+
+
+def display_unit(unit: str) -> tuple[str, float]:
+    """The unit to show in place of the SI `unit`, and the factor from SI to it."""
+    return _UNITS.get(unit, (unit, 1.0))
+
+
+def decimals_for(error: float) -> int | None:
+    """Decimal places that show `error` with two significant digits; None where there is no error."""
+    if not (math.isfinite(error) and error > 0):
+        return None
+    return max(0, 1 - math.floor(math.log10(error)))
+
+
+def rounded(value: float, decimals: int | None) -> str:
+    """`value` with so many decimal places, or to six significant digits without any given."""
+    if not math.isfinite(value):
+        return "-"
+    if decimals is None or decimals > 12:
+        return f"{value:.6g}"
+    return f"{value:.{decimals}f}"
+
+
+def percent(part: float, whole: float) -> str:
+    """`part` in per cent of `whole`, to three significant digits; "-" where that means nothing."""
+    if not (math.isfinite(part) and math.isfinite(whole) and whole):
+        return "-"
+    share = 100.0 * abs(part / whole)
+    return f"{share:.3g} %" if share < 1000.0 else f"{share:.0f} %"
+
+
+def strongest_pairs(names: tuple[str, ...], correlation: np.ndarray, least: float) -> list[tuple[str, str, float]]:
+    """Pairs of parameters correlated by at least `least` in size, the strongest first."""
+    pairs = [
+        (names[i], names[j], float(correlation[i, j])) for i in range(len(names)) for j in range(i + 1, len(names))
+    ]
+    return sorted((p for p in pairs if abs(p[2]) >= least), key=lambda p: -abs(p[2]))

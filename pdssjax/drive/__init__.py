@@ -1,0 +1,1 @@
+"""The voltage on the piezo stack, one waveform a file."""

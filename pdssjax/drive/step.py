@@ -1,0 +1,33 @@
+"""A step of voltage, ideal or with a linear rise: the drive of the thesis's section 4.4."""
+
+import jax.numpy as jnp
+
+from ..quantity import quantity
+from .base import AbstractDrive, Segment
+
+
+class Step(AbstractDrive):
+    """0 V before t = 0, then `voltage` for good, reached in `rise_time`."""
+
+    voltage: float = quantity(64.2, "V", positive=False)
+    """Voltage after the step V [V]."""
+    rise_time: float = quantity(0.0, "s", positive=False, low=0.0, optional=True)
+    """Duration of the linear rise [s]; 0 is a jump."""
+
+    def segment(self, index):
+        rises = index == 0
+        rise = jnp.asarray(self.rise_time, float)
+        slope = jnp.where(rise > 0, self.voltage / jnp.where(rise > 0, rise, 1.0), 0.0)
+        return Segment(
+            jnp.where(rises, rise, jnp.inf),
+            jnp.where(rises, 0.0, jnp.asarray(self.voltage, float)),
+            jnp.where(rises, slope, 0.0),
+        )
+
+    def at(self, time):
+        rise = jnp.asarray(self.rise_time, float)
+        ramp = jnp.where(rise > 0, time / jnp.where(rise > 0, rise, 1.0), 1.0)
+        return jnp.where(time < 0, 0.0, self.voltage * jnp.minimum(ramp, 1.0))
+
+    def period(self):
+        return None

@@ -1,0 +1,28 @@
+"""What is said when the input is at fault, or legal but suspicious."""
+
+import difflib
+from collections.abc import Iterable
+
+
+class InputError(ValueError):
+    """The user's input is at fault; the command line then exits with status 2.
+
+    The message has one or two lines: the file, the key or the line and column, what was
+    found there and what was expected.
+    """
+
+
+class InputWarning(UserWarning):
+    """The input is legal but looks like a mistake; work goes on."""
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """The end of a message about an unknown `name`: the nearest known one, or all of them."""
+    known = list(known)
+    close = difflib.get_close_matches(name, known, n=1)
+    if close:
+        return f'did you mean "{close[0]}"?'
+    if not known:
+        return "expected nothing here."
+    listed = ", ".join(f'"{k}"' for k in known)
+    return f"expected {'one of ' if len(known) > 1 else ''}{listed}."

@@ -1,0 +1,27 @@
+"""Finds the members of an open family: one file a member, no registry to edit.
+
+A family is a package such as `pdssjax.friction`.  Its member "anisotropic-lugre" is the
+one public class defined in `pdssjax/friction/anisotropic_lugre.py`.
+"""
+
+import importlib
+import pkgutil
+
+
+def members(family: str) -> list[str]:
+    """Names of the members of a family ("drive", "piezo", "friction"), sorted."""
+    package = importlib.import_module(f"pdssjax.{family}")
+    files = (module.name for module in pkgutil.iter_modules(package.__path__))
+    return sorted(name.replace("_", "-") for name in files if name != "base")
+
+
+def member(family: str, name: str) -> type:
+    """The class of the member `name`; `KeyError` where the family has no such member."""
+    if name not in members(family):
+        raise KeyError(name)
+    module = importlib.import_module(f"pdssjax.{family}.{name.replace('-', '_')}")
+    local = [c for c in vars(module).values() if isinstance(c, type) and c.__module__ == module.__name__]
+    public = [c for c in local if not c.__name__.startswith("_")]
+    if len(public) != 1:
+        raise TypeError(f"{module.__name__} must define exactly one public class, but defines {public}")
+    return public[0]

@@ -1,0 +1,1 @@
+"""The contact force between platform and end-effector, one law a file."""

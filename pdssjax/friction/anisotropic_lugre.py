@@ -1,0 +1,75 @@
+"""Direction-dependent simplified LuGre friction (5.20-5.22), in two readings.
+
+With index a for v >= 0 and b for v < 0:
+
+- deflection state, the thesis's Simulink diagram to the letter:
+      z' = v - s0 |v| z / F_SS,   F = s0 z + s1 z',
+  where s0, s1 and F_SS all switch with the sign of v, so that F jumps at v = 0;
+- force state: f = s0 z is carried instead,
+      f' = s0 (v - |v| f / F_SS),   F = f + s1 (v - |v| f / F_SS),
+  continuous at v = 0 and passive.
+
+W. Zhang's group, thesis, section 5.2.7; C. Canudas de Wit et al., IEEE Trans. Automatic
+Control 40(3), 1995, for the LuGre model.
+"""
+
+from typing import Literal
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from ..quantity import quantity
+from .base import AbstractFriction
+
+
+class AnisotropicLuGre(AbstractFriction):
+    """Bristles whose stiffness, damping and breakaway force depend on the direction."""
+
+    sigma0_a: float = quantity(1.1484e6, "N/m")
+    """Bristle stiffness s0a for v >= 0 [N/m]."""
+    sigma0_b: float = quantity(0.953789e6, "N/m")
+    """Bristle stiffness s0b for v < 0 [N/m]."""
+    sigma1_a: float = quantity(54.4, "N s/m")
+    """Bristle damping s1a for v >= 0 [N s/m]."""
+    sigma1_b: float = quantity(38.9, "N s/m")
+    """Bristle damping s1b for v < 0 [N s/m]."""
+    f_ss_a: float = quantity(0.7964, "N")
+    """Breakaway force F_SSa for v >= 0 [N]."""
+    f_ss_b: float = quantity(0.5458, "N")
+    """Breakaway force F_SSb for v < 0 [N]."""
+    state: Literal["deflection", "force"] = eqx.field(static=True, default="deflection")
+    """Which quantity the memory holds: the deflection z [m] or the elastic force f [N]."""
+
+    def _branch(self, sign):
+        forward = sign > 0
+        return (
+            jnp.where(forward, self.sigma0_a, self.sigma0_b),
+            jnp.where(forward, self.sigma1_a, self.sigma1_b),
+            jnp.where(forward, self.f_ss_a, self.f_ss_b),
+        )
+
+    def initial(self):
+        return (jnp.zeros(()),)
+
+    def rate(self, state, v, sign):
+        s0, _, f_ss = self._branch(sign)
+        (memory,) = state
+        if self.state == "deflection":
+            return (v - s0 * sign / f_ss * (v * memory),)
+        return (s0 * (v - sign / f_ss * (v * memory)),)
+
+    def force(self, state, v, sign):
+        s0, s1, f_ss = self._branch(sign)
+        (memory,) = state
+        elastic = s0 * memory if self.state == "deflection" else memory
+        return elastic + s1 * (v - sign / f_ss * (v * elastic))
+
+    def length(self):
+        stiffness = 0.5 * (self.sigma0_a + self.sigma0_b)
+        return (jnp.ones(()) if self.state == "deflection" else 1.0 / stiffness,)
+
+    def relaxed(self, state, force):
+        (unit,) = self.length()
+        s0, _, _ = self._branch(force)
+        target = force / s0 if self.state == "deflection" else force
+        return (target,), (target - state[0]) * unit

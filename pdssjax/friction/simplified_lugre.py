@@ -1,0 +1,39 @@
+"""Simplified LuGre friction (5.20-5.21): the isotropic case of the thesis's law.
+
+    z' = v - s0 |v| z / F_SS,   F = s0 z + s1 z'
+
+Thesis, section 5.2.7, after C. Canudas de Wit et al., IEEE Trans. Automatic Control
+40(3), 1995, in the limit of small velocities.
+"""
+
+import jax.numpy as jnp
+
+from ..quantity import quantity
+from .base import AbstractFriction
+
+
+class SimplifiedLuGre(AbstractFriction):
+    """One mean bristle deflection z [m] carries the contact force."""
+
+    sigma0: float = quantity(1.0e6, "N/m")
+    """Bristle stiffness s0 [N/m]."""
+    sigma1: float = quantity(45.0, "N s/m")
+    """Bristle damping s1 [N s/m]."""
+    f_ss: float = quantity(0.65, "N")
+    """Breakaway force F_SS [N]."""
+
+    def initial(self):
+        return (jnp.zeros(()),)
+
+    def rate(self, state, v, sign):
+        return (v - self.sigma0 * sign / self.f_ss * (v * state[0]),)
+
+    def force(self, state, v, sign):
+        return self.sigma0 * state[0] + self.sigma1 * self.rate(state, v, sign)[0]
+
+    def length(self):
+        return (jnp.ones(()),)
+
+    def relaxed(self, state, force):
+        target = force / self.sigma0
+        return (target,), target - state[0]

@@ -1,0 +1,155 @@
+"""Writes results to a folder: all of them or none, and never over others unasked."""
+
+import contextlib
+import json
+import math
+import os
+import re
+import shutil
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .display import MICROMETRES
+from .errors import InputError
+from .estimate import Estimate, FittedRecord
+from .report import format_report
+
+FORMAT = "pdssjax-estimate/1"
+
+_RESULTS = ("report.txt", "predictions", "plots", "estimate.json")
+"""What a folder of results holds; `estimate.json` is moved in last, so where it is, all is."""
+
+
+def check_free(folder: Path, overwrite: bool) -> None:
+    """See, before any work is spent, that results can go to `folder`.
+
+    **Raises:** `InputError` if it holds results and `overwrite` is false, or cannot be written to.
+    """
+    held = [name for name in _RESULTS if (folder / name).exists()]
+    if held and not overwrite:
+        raise InputError(
+            f"{folder}: found results already ({', '.join(held)}); expected another folder, or --overwrite."
+        )
+    ground = next(place for place in (folder, *folder.absolute().parents) if place.exists())
+    if not ground.is_dir():
+        raise InputError(f"{folder}: found a file at {ground}, expected a folder or nothing.")
+    if not os.access(ground, os.W_OK | os.X_OK):
+        raise InputError(f"{folder}: found no permission to write to {ground}, expected a folder to write to.")
+
+
+def write_estimate(estimate: Estimate, folder: Path) -> None:
+    """Put `estimate.json`, `report.txt`, plots and predictions into `folder`, in place of older ones."""
+    from .plot import correlation_figure, error_figure
+
+    with _staged(folder) as stage:
+        (stage / "report.txt").write_text(format_report(estimate), encoding="utf-8")
+        text = json.dumps(_finite(_document(estimate)), indent=1, ensure_ascii=False, allow_nan=False)
+        (stage / "estimate.json").write_text(text + "\n", encoding="utf-8")
+        _write_records(estimate.records, stage)
+        if len(estimate.names) > 1:
+            correlation_figure(estimate).savefig(stage / "plots" / "correlations.png")
+        error_figure(estimate).savefig(stage / "plots" / "standard_errors.png")
+
+
+def write_predictions(records: Sequence[FittedRecord], folder: Path) -> None:
+    """Put the plot and the prediction of each record into `folder`, in place of older results."""
+    with _staged(folder) as stage:
+        _write_records(records, stage)
+
+
+@contextlib.contextmanager
+def _staged(folder: Path) -> Iterator[Path]:
+    """A hidden folder inside `folder`, whose contents move up once all of them are written."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".unfinished-", dir=folder) as temporary:
+        stage = Path(temporary)
+        yield stage
+        for name in reversed(_RESULTS):
+            _remove(folder / name)
+        for name in _RESULTS:
+            if (stage / name).exists():
+                (stage / name).rename(folder / name)
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
+
+
+def _write_records(records: Sequence[FittedRecord], stage: Path) -> None:
+    from .plot import record_figure
+
+    (stage / "predictions").mkdir()
+    (stage / "plots").mkdir()
+    for stem, record in zip(_stems(records), records, strict=True):
+        table = np.column_stack([record.measured, record.predicted, record.measured - record.predicted])
+        np.savetxt(
+            stage / "predictions" / f"{stem}.csv",
+            np.column_stack([record.time, MICROMETRES * table]),
+            fmt=("%.9g", "%.6f", "%.6f", "%.6f"),
+            delimiter=",",
+            header="time_s,measured_um,predicted_um,residual_um",
+            comments="",
+        )
+        record_figure(record).savefig(stage / "plots" / f"{stem}.png")
+
+
+def _stems(records: Sequence[FittedRecord]) -> list[str]:
+    """File names after the records' own, different from each other on any file system."""
+    stems: list[str] = []
+    for record in records:
+        plain = re.sub(r"[^\w.-]+", "_", record.name).strip("._") or "record"
+        taken = [stem.lower() for stem in [*stems, "correlations", "standard_errors"]]
+        copies = (f"{plain}-{number}" for number in range(2, len(taken) + 2))
+        stems.append(next(stem for stem in (plain, *copies) if stem.lower() not in taken))
+    return stems
+
+
+def _document(estimate: Estimate) -> dict[str, Any]:
+    """What `estimate.json` holds, in SI."""
+    parameters: dict[str, Any] = {}
+    for path, parameter in estimate.parameters.items():
+        parameters[path] = {
+            "value": parameter.value,
+            "standard_error": parameter.standard_error,
+            "interval": parameter.interval,
+            "unit": parameter.unit,
+            "free": parameter.free,
+            "start": parameter.start,
+            "at_bound": parameter.at_bound,
+            "informed": parameter.informed,
+        }
+        if estimate.method == "sequential":
+            parameters[path]["naive_standard_error"] = parameter.naive_standard_error
+    keys = "name role samples r2 error_index rmse noise offset offset_standard_error simulated measures".split()
+    return {
+        "format": FORMAT,
+        "title": estimate.title,
+        "method": estimate.method,
+        "converged": estimate.converged,
+        "message": estimate.message,
+        "parameters": parameters,
+        "correlation": {"names": estimate.names, "matrix": estimate.correlation},
+        "covariance": {"names": estimate.names, "matrix": estimate.covariance},
+        "records": [{key: getattr(record, key) for key in keys} for record in estimate.records],
+        "statistics": vars(estimate.statistics),
+        "notes": estimate.notes,
+        "seconds": estimate.seconds,
+    }
+
+
+def _finite(value: Any) -> Any:
+    """`value` with arrays as lists and with None for what JSON has no number for."""
+    if isinstance(value, dict):
+        return {key: _finite(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(entry) for entry in value]
+    if hasattr(value, "tolist"):
+        return _finite(value.tolist())
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,1 @@
+"""The motion of the platform under a voltage, one model a file."""

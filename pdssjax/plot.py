@@ -1,0 +1,148 @@
+"""Figures of an estimate: each record against its prediction, correlations, relative errors.
+
+The one home of matplotlib.  Figures are made without pyplot, so that no window system
+and no global state is involved.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import matplotlib
+import numpy as np
+from jaxtyping import Bool, Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from .display import MICROMETRES
+from .estimate import Estimate, FittedParameter, FittedRecord
+
+# From the palette of Okabe and Ito, told apart by the colour-blind and in grey print.
+_GREY, _VERMILION, _BLUE, _YELLOW = "0.5", "#D55E00", "#0072B2", "#F0E442"
+
+_STYLE: dict[Any, Any] = {
+    "font.size": 9.0,
+    "axes.titlesize": 9.0,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.formatter.useoffset": False,
+    "legend.frameon": False,
+    "savefig.dpi": 200,
+}
+
+
+def record_figure(record: FittedRecord) -> Figure:
+    """Measured against predicted [um] over residuals; to the right, the liveliest moment enlarged."""
+    moment = _liveliest_moment(record)
+    span = record.time[moment][[0, -1]]
+    with matplotlib.rc_context(_STYLE):
+        figure = Figure(figsize=(7.4, 4.6), layout="constrained")
+        ((motion, near), (residual, near_residual)) = figure.subplots(
+            2, 2, sharex="col", height_ratios=(2, 1), width_ratios=(3, 2)
+        )
+        _draw_overview(motion, residual, record)
+        _draw_moment(near, near_residual, record, moment)
+        for panel in (motion, residual):
+            panel.axvspan(*span, color=_YELLOW, alpha=0.45, linewidth=0, zorder=0)
+        if np.isfinite(record.noise):
+            _draw_noise((residual, near_residual), record)
+        figure.suptitle(_caption(record), x=0.01, ha="left", fontsize=10.0)
+        figure.align_ylabels((motion, residual))
+    return figure
+
+
+def correlation_figure(estimate: Estimate) -> Figure:
+    """The lower triangle of the correlation matrix; crosses where there is no information."""
+    names, count = estimate.names, len(estimate.names)
+    shown = np.where(np.tri(count, k=-1, dtype=bool), estimate.correlation, np.nan)[1:, :-1]
+    with matplotlib.rc_context(_STYLE):
+        figure = Figure(figsize=(2.6 + 0.5 * count, 1.6 + 0.45 * count), layout="constrained")
+        axes = figure.subplots()
+        image = axes.imshow(shown, vmin=-1.0, vmax=1.0, cmap="RdBu_r", aspect="auto")
+        axes.set_xticks(range(count - 1), names[:-1], rotation=40, ha="right", rotation_mode="anchor")
+        axes.set_yticks(range(count - 1), names[1:])
+        for row in range(count - 1):
+            for column in range(row + 1):
+                value = shown[row, column]
+                label = f"{value:.2f}" if np.isfinite(value) else "×"
+                axes.text(column, row, label, ha="center", va="center", fontsize=7.5, color=_ink(value))
+        blank = "" if np.isfinite(estimate.correlation).all() else " (×: no information)"
+        axes.set_title(f"Correlations of the estimates{blank}", loc="left")
+        figure.colorbar(image, ax=axes, label="correlation", shrink=0.8)
+    return figure
+
+
+def error_figure(estimate: Estimate) -> Figure:
+    """Standard errors in per cent of the values; of a sequential fit also the naive ones."""
+    known = [p for p in estimate.parameters.values() if p.free and p.value and np.isfinite(p.standard_error)]
+    rows = range(len(known))
+    with matplotlib.rc_context(_STYLE):
+        figure = Figure(figsize=(5.6, 1.3 + 0.28 * len(known)), layout="constrained")
+        axes = figure.subplots()
+        axes.plot([_percent(p, p.standard_error) for p in known], rows, "o", color=_BLUE, label="standard error")
+        if any(p.naive_standard_error for p in known):
+            naive = [_percent(p, p.naive_standard_error or np.nan) for p in known]
+            axes.plot(naive, rows, "D", color=_VERMILION, fillstyle="none", label="naive standard error")
+            axes.legend(loc="best")
+        axes.set_xscale("log")
+        axes.set_yticks(rows, [p.path for p in known])
+        axes.invert_yaxis()
+        axes.grid(axis="both", color="0.9")
+        axes.set_axisbelow(True)
+        axes.set_xlabel("standard error (% of the value)")
+    return figure
+
+
+def _liveliest_moment(record: FittedRecord) -> Bool[np.ndarray, " n"]:
+    """Samples around the fastest motion: a slip, or the onset of a step.
+
+    Some 60 samples show the ring-down at the sampling rates that resolve it; much denser
+    records are shown for the sixtieth part of their length.
+    """
+    time = record.time
+    width = max(60 * np.median(np.diff(time)), (time[-1] - time[0]) / 60)
+    jump = time[np.argmax(np.abs(np.diff(record.measured) / np.diff(time)))]
+    return (time >= jump - 0.15 * width) & (time <= jump + 0.85 * width)
+
+
+def _draw_overview(motion: Axes, residual: Axes, record: FittedRecord) -> None:
+    motion.plot(record.time, MICROMETRES * record.measured, color=_GREY, linewidth=2.4, label="measured")
+    motion.plot(record.time, MICROMETRES * record.predicted, color=_VERMILION, linewidth=0.9, label="predicted")
+    motion.set_ylabel("displacement (µm)")
+    motion.legend(loc="best")
+    residual.plot(record.time, _residual(record), color=_BLUE, linewidth=0.6)
+    residual.set_ylabel("residual (µm)")
+    residual.set_xlabel("time (s)")
+
+
+def _draw_moment(motion: Axes, residual: Axes, record: FittedRecord, moment: np.ndarray) -> None:
+    time = 1e3 * record.time[moment]
+    motion.plot(time, MICROMETRES * record.measured[moment], "o", color=_GREY, fillstyle="none", markersize=4.5)
+    motion.plot(time, MICROMETRES * record.predicted[moment], ".-", color=_VERMILION, linewidth=0.9, markersize=3)
+    motion.set_title("the shaded moment", loc="left")
+    residual.plot(time, _residual(record)[moment], ".-", color=_BLUE, linewidth=0.7, markersize=3)
+    residual.set_xlabel("time (ms)")
+
+
+def _draw_noise(panels: Sequence[Axes], record: FittedRecord) -> None:
+    band = 2.0 * MICROMETRES * record.noise
+    for panel in panels:
+        panel.axhspan(-band, band, color="0.9", linewidth=0, zorder=-1)
+    panels[0].set_ylabel("residual (µm),\n± 2 noise in grey")
+
+
+def _residual(record: FittedRecord) -> Float[np.ndarray, " n"]:
+    return MICROMETRES * (record.measured - record.predicted)
+
+
+def _caption(record: FittedRecord) -> str:
+    quality = f"r² {record.r2:.7g}, error index {MICROMETRES * record.error_index:.3g} µm"
+    role = "fitted" if record.role == "fit" else "not fitted"
+    return f"{record.name}\n{record.measures}, {role}, {quality if record.simulated else 'the simulation failed'}"
+
+
+def _ink(correlation: float) -> str:
+    return "white" if abs(correlation) > 0.6 else "black"
+
+
+def _percent(parameter: FittedParameter, error: float) -> float:
+    return 100.0 * error / abs(parameter.value)

@@ -1,0 +1,81 @@
+"""Declares the physical quantities of a model: nominal value, SI unit, sign.
+
+A model is an equinox Module whose fields are its parameters in SI units.  Each is
+declared with `quantity`, so that studies, fits and reports learn the unit and the sign
+of a parameter from the one place where it is defined.
+"""
+
+import dataclasses
+import math
+from typing import Any
+
+import equinox as eqx
+
+
+@dataclasses.dataclass(frozen=True)
+class Quantity:
+    """What is known of a parameter before any data: one entry per field of a model."""
+
+    nominal: float
+    """Cited value, in `unit`."""
+    unit: str
+    """SI unit, in pint's spelling; "" for a pure number."""
+    positive: bool
+    """Strictly positive: fitted on a logarithmic scale."""
+    low: float
+    """Lower end of the legal range, itself legal unless `positive`; -inf if signed."""
+    high: float
+    """Upper end of the legal range, itself not legal; inf where there is none."""
+    optional: bool
+    """A study may leave it out, and then it is fixed at `nominal`."""
+
+
+def quantity(
+    nominal: float,
+    unit: str,
+    *,
+    positive: bool = True,
+    low: float | None = None,
+    high: float = math.inf,
+    optional: bool = False,
+) -> Any:
+    """A model field holding a number in `unit`.
+
+    **Arguments:** `nominal` is the cited value, used when the field is left out.  With
+    `positive` (the default) the value must exceed 0; otherwise `low` (default -inf)
+    bounds it from below.  `high` bounds it from above.  `optional` lets a study leave
+    it out.
+    """
+    if low is None:
+        low = 0.0 if positive else -math.inf
+    declared = Quantity(nominal, unit, positive, low, high, optional)
+    return eqx.field(default=nominal, metadata={"quantity": declared})
+
+
+def quantities(model: type) -> dict[str, Quantity]:
+    """The declared quantities of a model class, by field name, in the order of its fields."""
+    fields = dataclasses.fields(model)
+    return {f.name: f.metadata["quantity"] for f in fields if "quantity" in f.metadata}
+
+
+def choice(options: dict[str, float]) -> Any:
+    """A model field that takes one of the named `options`, the first by default.
+
+    The field holds the option's number, an array leaf rather than a static string, so
+    that records which differ only in a choice share one compiled function.
+    """
+
+    def number(given: Any) -> Any:
+        if not isinstance(given, str):
+            return given
+        if given not in options:
+            raise ValueError(f"Expected one of {', '.join(options)}, but got {given!r}.")
+        return options[given]
+
+    return eqx.field(default=next(iter(options)), converter=number, metadata={"choice": options})
+
+
+def choices(model: type) -> dict[str, dict[str, float]]:
+    """The declared choices of a model class: field name to its options."""
+    fields = dataclasses.fields(model)
+    return {f.name: f.metadata["choice"] for f in fields if "choice" in f.metadata}

@@ -1,0 +1,185 @@
+"""What was measured: one record for each run of the rig, as a study's [[record]] tells it."""
+
+import dataclasses
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .columns import read_csv
+from .drive.base import AbstractDrive
+from .errors import InputError, InputWarning
+from .family import member, members
+from .quantity import Quantity, choices, quantities
+from .tables import Table
+from .units import to_si
+
+_SI_UNITS = {"time": "s", "displacement": "m"}
+_KEYS = ["name", "file", "columns", "units", "measures", "role", "noise", "offset", "window", "exclude", "drive"]
+_MEASURES = ["platform", "effector", "friction", "force"]
+# Within this time a platform under a step comes to rest; for the check of units only.
+_STEP_TIME = 0.01
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Record:
+    """A run of the rig: the drive applied and the displacement measured."""
+
+    name: str
+    """As reports call it; no other record of the study has it."""
+    file: Path
+    """The CSV file it comes from."""
+    role: str
+    """"fit": fitted; "validate": only predicted and compared."""
+    measures: str
+    """Whose displacement: "platform" or "effector"."""
+    drive: AbstractDrive
+    """The voltage, from t = 0 of the record's clock on; fields in SI."""
+    own: frozenset[str]
+    """The drive's fields that the record itself sets; they do not follow the study's "drive.…"."""
+    time: np.ndarray
+    """Sample times [s], strictly increasing, shape (samples,)."""
+    displacement: np.ndarray
+    """Measured displacement [m], shape (samples,)."""
+    noise: float | None
+    """Standard deviation of the noise [m]; None: estimate it."""
+    offset: float | None
+    """Zero of the sensor [m]; None: free."""
+
+
+def read_record(table: Table, folder: Path) -> Record:
+    """The record that a [[record]] `table` describes; its file is relative to `folder`.
+
+    **Raises:** `InputError` if the table or the file is at fault.  Warns with
+    `InputWarning` if the times look like milliseconds or end before the first period.
+    """
+    table.only(_KEYS)
+    file = folder / table.text("file", "the path of a CSV file")
+    name = table.text("name", "a name", file.stem)
+    measures = table.option("measures", _MEASURES)
+    if measures in ("friction", "force"):
+        found = f'{table.at("measures")}: found "{measures}", which is not available yet'
+        raise InputError(f'{found}, expected "platform" or "effector".')
+    drive, own = read_drive(table.table("drive", 'a table such as { waveform = "step", voltage = "48.2 V" }'))
+    time, displacement = _samples(table, file)
+    _warn(f'{file}: record "{name}"', time, drive)
+    return Record(
+        name=name,
+        file=file,
+        role=table.option("role", ["fit", "validate"], "fit"),
+        measures=measures,
+        drive=drive,
+        own=own,
+        time=time,
+        displacement=displacement,
+        noise=_noise(table),
+        offset=None if table.entries.get("offset", "free") == "free" else table.number("offset", "m"),
+    )
+
+
+def read_drive(table: Table) -> tuple[AbstractDrive, frozenset[str]]:
+    """The drive that a record's `drive` table describes, and the fields it sets itself.
+
+    **Raises:** `InputError` if the waveform or a field is unknown, missing or illegal.
+    """
+    waveform = table.option("waveform", members("drive"))
+    drive = member("drive", waveform)
+    named, numbers = choices(drive), quantities(drive)
+    table.only(["waveform", *named, *numbers])
+    fields: dict[str, Any] = {key: table.option(key, options, next(iter(options))) for key, options in named.items()}
+    for key, declared in numbers.items():
+        if key in table.entries or not declared.optional:
+            fields[key] = table.quantity(key, declared)
+    _check_drive(fields, numbers, table)
+    return drive(**fields), frozenset(fields) & frozenset(table.entries)
+
+
+def _check_drive(fields: dict[str, Any], numbers: dict[str, Quantity], table: Table) -> None:
+    if fields.get("voltage") == 0:
+        raise InputError(f"{table.at('voltage')}: found 0 V, expected the voltage that moves the actuator.")
+    period = 1.0 / fields["frequency"] if "frequency" in fields else np.inf
+    for key, declared in numbers.items():
+        if declared.unit == "s" and fields.get(key, 0.0) >= period:
+            raise InputError(f"{table.at(key)}: found {fields[key]:g} s, expected less than the period, {period:g} s.")
+
+
+def _samples(table: Table, file: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Time and displacement of the samples kept, checked."""
+    columns = table.table("columns", 'a table such as { time = "time_s", displacement = "displacement_um" }')
+    columns.only(_SI_UNITS)
+    names = {quantity: columns.text(quantity, "the name of a column") for quantity in _SI_UNITS}
+    units = table.table("units", 'a table such as { displacement = "um" }', {})
+    units.only(_SI_UNITS)
+    written = {quantity: units.text(quantity, "a unit") for quantity in units.entries}
+    data, lines = read_csv(file, names, _SI_UNITS, written)
+    time, displacement = data["time"], data["displacement"]
+    late = np.flatnonzero(np.diff(time) <= 0)
+    if late.size:
+        before, here = time[late[0]], time[late[0] + 1]
+        raise InputError(
+            f'{file}: line {lines[late[0] + 1]}, column "{names["time"]}": found {here:.9g} s after {before:.9g} s, '
+            "expected times that increase."
+        )
+    keep = _kept(table, time)
+    if np.all(displacement[keep] == displacement[keep][0]):
+        raise InputError(
+            f'{file}: column "{names["displacement"]}": found the same displacement in all {np.sum(keep)} samples, '
+            "expected a record that moves."
+        )
+    return time[keep], displacement[keep]
+
+
+def _kept(table: Table, time: np.ndarray) -> np.ndarray:
+    """Which samples the record's `window` and `exclude` leave, shape (samples,)."""
+    keep = np.ones(time.shape, bool)
+    if "window" in table.entries:
+        start, end = _interval(table.entries["window"], table.at("window"))
+        keep &= (time >= start) & (time <= end)
+    excluded = table.get("exclude", list, "a list of pairs of times", [])
+    for index, pair in enumerate(excluded, start=1):
+        start, end = _interval(pair, f"{table.at('exclude')}: pair {index}")
+        keep &= (time < start) | (time > end)
+    if not keep.any():
+        raise InputError(
+            f'{table.where}: found no sample left by "window" and "exclude", '
+            f"expected some of the record's {time[0]:g} s to {time[-1]:g} s."
+        )
+    return keep
+
+
+def _interval(given: object, where: str) -> tuple[float, float]:
+    if not isinstance(given, list) or len(given) != 2:
+        raise InputError(f'{where}: found {given}, expected a pair of times such as ["3 s", "5 s"].')
+    start, end = (to_si(time, "s", where) for time in given)
+    if start >= end:
+        raise InputError(f"{where}: found {start:g} s to {end:g} s, expected an end after its start.")
+    return start, end
+
+
+def _noise(table: Table) -> float | None:
+    noise = table.number("noise", "m", None)
+    if noise is not None and noise <= 0:
+        raise InputError(f"{table.at('noise')}: found {noise:g} m, expected a standard deviation above 0.")
+    return noise
+
+
+def _warn(where: str, time: np.ndarray, drive: AbstractDrive) -> None:
+    frequency = getattr(drive, "frequency", None)
+    period = 1.0 / frequency if frequency else _STEP_TIME
+    interval = float(np.median(np.diff(time)))
+    length = float(time[-1] - time[0])
+    # A thousand times too long, a record has too few samples or too many periods to be true.
+    if interval >= period / 2 or length >= 1000 * period:
+        warnings.warn(
+            f"{where}: the times look like milliseconds: found samples {interval:g} s apart over {length:g} s, "
+            f"expected many in {period:g} s. [record.units] or the column's name tells their unit.",
+            InputWarning,
+            stacklevel=2,
+        )
+    elif frequency and length + interval < period * (1 - 1e-6):
+        warnings.warn(
+            f"{where}: found {length:g} s of samples, expected at least one period of the drive, {period:g} s.",
+            InputWarning,
+            stacklevel=2,
+        )

@@ -1,0 +1,155 @@
+"""An estimate as plain text: statistics, parameters with errors, records, correlations.
+
+The order and the vocabulary follow lmfit's `fit_report`, which people in the field know.
+"""
+
+import textwrap
+from collections.abc import Sequence
+
+from .display import MICROMETRES, decimals_for, display_unit, percent, rounded, strongest_pairs
+from .estimate import Estimate, FittedParameter, FittedRecord
+
+WORTH_KNOWING = 0.3
+"""Correlations smaller than this are left out of the report."""
+
+
+def format_report(estimate: Estimate) -> str:
+    """The whole report, in ASCII apart from what the study's own title and names contain."""
+    parts = [
+        _heading(estimate.title) + _outcome(estimate) + _statistics(estimate),
+        _heading("Parameters") + _parameters(estimate),
+        format_records(estimate.records),
+        _heading(f"Correlations of size {WORTH_KNOWING:g} or more") + _correlations(estimate),
+    ]
+    if estimate.notes:
+        parts.append(_heading("Notes") + "".join(map(_note, estimate.notes)))
+    return "\n".join(parts)
+
+
+def format_records(records: Sequence[FittedRecord]) -> str:
+    """How well each record is predicted, lengths in micrometres."""
+    head = ["", "role", "samples", "r2", "error index", "rmse", "noise", "offset", "+/-", ""]
+    return _heading("Records (lengths in um)") + _table("<<>>>>>>><", [head, *map(_record, records)])
+
+
+def format_comparison(joint: Estimate, sequential: Estimate) -> str:
+    """Both fits side by side: values, and the errors with and without those of the earlier step."""
+    head = ["", "unit", "joint", "+/-", "sequential", "+/- naive", "+/- corrected", "shift/sigma"]
+    rows = [_compared(joint.parameters[path], sequential.parameters[path]) for path in joint.names]
+    legend = (
+        "    naive: the results of the earlier step taken for exact; corrected: their errors carried on.\n"
+        "    shift/sigma: difference of the two values, in corrected standard errors.\n"
+    )
+    return _heading("Sequential against joint") + _table("<<>>>>>>", [head, *rows]) + legend
+
+
+def _heading(text: str) -> str:
+    return f"[[{text}]]\n"
+
+
+def _outcome(estimate: Estimate) -> str:
+    verdict = "converged" if estimate.converged else "DID NOT CONVERGE"
+    return f"    {estimate.method} fit {verdict}: {estimate.message}\n"
+
+
+def _statistics(estimate: Estimate) -> str:
+    statistics = estimate.statistics
+    fitted = sum(record.role == "fit" for record in estimate.records)
+    lines = [
+        ("records fitted", f"{fitted} of {len(estimate.records)}"),
+        ("samples fitted", f"{statistics.samples}"),
+        ("free parameters", f"{len(estimate.names)}, with offsets {statistics.free}"),
+        ("iterations", f"{statistics.iterations} ({statistics.evaluations} evaluations, {estimate.seconds:.1f} s)"),
+        ("chi-square", f"{statistics.chi2:.6g}"),
+        ("reduced chi-square", f"{statistics.reduced_chi2:.6g}"),
+        ("Akaike criterion", f"{statistics.aic:.6g}"),
+        ("Bayesian criterion", f"{statistics.bic:.6g}"),
+    ]
+    return "".join(f"    {name:<19}= {text}\n" for name, text in lines)
+
+
+def _parameters(estimate: Estimate) -> str:
+    head = ["", "unit", "value", "+/-", "", "naive", "95 % interval", "start", ""]
+    rows = [head, *(_parameter(parameter) for parameter in estimate.parameters.values())]
+    if estimate.method == "sequential":
+        legend = "    naive: the error if the results of the piezo's own fit were exact; +/-: with their errors.\n"
+        return _table("<<>>>>><<", rows) + legend
+    return _table("<<>>>><<", [row[:5] + row[6:] for row in rows])
+
+
+def _parameter(parameter: FittedParameter) -> list[str]:
+    unit, factor = display_unit(parameter.unit)
+    places = decimals_for(parameter.standard_error * factor)
+    low, high = (rounded(end * factor, places) for end in parameter.interval)
+    start = None if parameter.start is None else f"{parameter.start * factor:.4g}"
+    return [
+        parameter.path,
+        unit,
+        rounded(parameter.value * factor, places),
+        rounded(parameter.standard_error * factor, places),
+        percent(parameter.standard_error, parameter.value),
+        _naive(parameter),
+        "-" if low == high == "-" else f"{low} .. {high}",
+        start or "-",
+        _remark(parameter),
+    ]
+
+
+def _naive(parameter: FittedParameter) -> str:
+    if parameter.naive_standard_error is None:
+        return "-"
+    return percent(parameter.naive_standard_error, parameter.value)
+
+
+def _remark(parameter: FittedParameter) -> str:
+    if not parameter.free:
+        return "fixed"
+    marks = ["at bound"] * parameter.at_bound + ["no information"] * (not parameter.informed)
+    return ", ".join(marks)
+
+
+def _record(record: FittedRecord) -> list[str]:
+    lengths = [record.error_index, record.rmse, record.noise, record.offset, record.offset_standard_error]
+    return [
+        record.name,
+        record.role,
+        str(record.samples),
+        rounded(record.r2, 7),
+        *(rounded(length * MICROMETRES, 4) for length in lengths),
+        "" if record.simulated else "simulation failed",
+    ]
+
+
+def _correlations(estimate: Estimate) -> str:
+    pairs = strongest_pairs(estimate.names, estimate.correlation, WORTH_KNOWING)
+    if not pairs:
+        return "    none\n"
+    return _table("<>", [[f"C({one}, {other})", f"{value:+.3f}"] for one, other, value in pairs])
+
+
+def _compared(joint: FittedParameter, sequential: FittedParameter) -> list[str]:
+    unit, factor = display_unit(joint.unit)
+    places = decimals_for(min(joint.standard_error, sequential.standard_error) * factor)
+    naive = sequential.naive_standard_error
+    shift = (sequential.value - joint.value) / sequential.standard_error if sequential.standard_error else float("nan")
+    return [
+        joint.path,
+        unit,
+        rounded(joint.value * factor, places),
+        percent(joint.standard_error, joint.value),
+        rounded(sequential.value * factor, places),
+        "-" if naive is None else percent(naive, sequential.value),
+        percent(sequential.standard_error, sequential.value),
+        rounded(shift, 2),
+    ]
+
+
+def _note(text: str) -> str:
+    return textwrap.fill(text, 100, initial_indent="    ", subsequent_indent="    ") + "\n"
+
+
+def _table(align: str, rows: Sequence[Sequence[str]]) -> str:
+    """Rows with their columns lined up; `align` holds "<" or ">" for each column."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    layout = "    " + "  ".join(f"{{:{side}{width}}}" for side, width in zip(align, widths, strict=True))
+    return "".join(layout.format(*row).rstrip() + "\n" for row in rows)

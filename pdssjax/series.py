@@ -1,0 +1,108 @@
+"""Arithmetic of power series, enough to expand a vector field along its solution.
+
+A `Series` holds the coefficients c0, c1, … of c0 + c1 h + c2 h^2 + …, each computed when it
+is first asked for.  Sums, products and quotients follow from the usual recurrences
+(R. E. Moore, Interval Analysis, 1966, chapter 11), and with them the Taylor series of the
+solution of x' = f(t, x), one coefficient after the other.  A coefficient that is known to
+vanish is the integer 0, and costs nothing.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax.numpy as jnp
+
+
+class Series:
+    """A power series; combines with series and with scalars by + - * /."""
+
+    __array_ufunc__ = None  # let numpy scalars on the left defer to the methods below
+
+    def __init__(self, rule: Callable[[int], Any]):
+        self._rule = rule
+        self._known: list[Any] = []
+
+    def __getitem__(self, k: int) -> Any:
+        while len(self._known) <= k:
+            self._known.append(self._rule(len(self._known)))
+        return self._known[k]
+
+    def __add__(self, other):
+        if isinstance(other, Series):
+            return Series(lambda k: _plus(self[k], other[k]))
+        return Series(lambda k: _plus(self[0], other) if k == 0 else self[k])
+
+    def __neg__(self):
+        return self * (-1.0)
+
+    def __sub__(self, other):
+        return self + other * (-1.0)
+
+    def __rsub__(self, other):
+        return self * (-1.0) + other
+
+    def __mul__(self, other):
+        if isinstance(other, Series):
+            return Series(lambda k: _total(_times(self[i], other[k - i]) for i in range(k + 1)))
+        return Series(lambda k: _times(self[k], other))
+
+    def __truediv__(self, other):
+        if not isinstance(other, Series):
+            return self * (1.0 / other)
+
+        def rule(k):
+            known = _total(_times(quotient[i], other[k - i]) for i in range(k))
+            return _times(_plus(self[k], _times(known, -1.0)), 1.0 / other[0])
+
+        quotient = Series(rule)
+        return quotient
+
+    def __rtruediv__(self, other):
+        return polynomial([other]) / self
+
+    __radd__ = __add__
+    __rmul__ = __mul__
+
+
+def polynomial(coefficients: Sequence[Any]) -> Series:
+    """The series that ends with the last of `coefficients`, lowest first; may still grow."""
+    return Series(lambda k: coefficients[k] if k < len(coefficients) else 0)
+
+
+def solution(field: Callable, time: Any, state: Sequence[Any], order: int, one: Any) -> list[list[Any]]:
+    """Taylor coefficients of the solution of x' = field(t, x) through `state` at `time`.
+
+    **Arguments:** `field(t, x)` takes a `Series` for the time and a list of them for the
+    state, and returns a list of series or scalars, using + - * / only.  `one` is 1 in a
+    way that the compiler cannot know: dividing by it makes each order a vector computed
+    once, where XLA would otherwise repeat cheap scalars in every place that needs them.
+
+    **Returns:** for each component a list of `order + 1` coefficients.
+    """
+    known = [[x] for x in state]
+    rates = field(polynomial([time, 1.0]), [polynomial(c) for c in known])
+    for k in range(order):
+        orders = [rate[k] if isinstance(rate, Series) else (rate if k == 0 else 0) for rate in rates]
+        vector = jnp.stack([jnp.asarray(c, float) for c in orders]) / ((k + 1) * one)
+        for i, coefficients in enumerate(known):
+            coefficients.append(vector[i])
+    return known
+
+
+def _is_zero(x: Any) -> bool:
+    return isinstance(x, int) and x == 0
+
+
+def _plus(x: Any, y: Any) -> Any:
+    return y if _is_zero(x) else x if _is_zero(y) else x + y
+
+
+def _times(x: Any, y: Any) -> Any:
+    return 0 if _is_zero(x) or _is_zero(y) else x * y
+
+
+def _total(terms) -> Any:
+    total = 0
+    for term in terms:
+        total = _plus(total, term)
+    return total

@@ -1,0 +1,171 @@
+"""A study: the actuator's models, its parameters and the records to explain, from a TOML file."""
+
+import dataclasses
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from .effector import Effector
+from .errors import InputError, nearest
+from .family import member, members
+from .parameters import Parameter, read_parameter
+from .quantity import Quantity, quantities
+from .records import Record, read_record
+from .tables import Table
+
+FORMAT = "pdssjax-study/1"
+_STATES = ["deflection", "force"]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Study:
+    """What a study file says, checked; all numbers in SI."""
+
+    title: str
+    """As reports call it."""
+    path: Path | None
+    """The file it comes from."""
+    piezo: type
+    """Model of stack and platform, a class of the family `pdssjax.piezo`."""
+    friction: type
+    """Contact law, a class of the family `pdssjax.friction`."""
+    friction_state: str
+    """Reading of a direction-dependent law, "deflection" or "force"; other laws ignore it."""
+    feedback: bool
+    """Whether friction acts back on the platform (5.25)."""
+    parameters: dict[str, Parameter]
+    """Listed parameters by path, in the order of the file."""
+    records: tuple[Record, ...]
+    """Records in the order of the file."""
+
+
+def load_study(path: str | Path) -> Study:
+    """Reads and checks a study file and the records it names.
+
+    **Raises:** `InputError` that names file and key, or file, line and column, if anything
+    is missing, unknown or illegal.  Warns with `InputWarning` where the input is legal but
+    looks like a mistake.
+    """
+    path = Path(path)
+    top = Table(_read_toml(path), str(path))
+    _check_format(top)
+    top.only(["format", "title", "actuator", "parameters", "record"])
+    actuator = top.table("actuator", 'a table with "piezo" and "friction"')
+    actuator.only(["piezo", "friction", "friction_state", "feedback"])
+    study = Study(
+        title=top.text("title", "a text", path.stem),
+        path=path,
+        piezo=member("piezo", actuator.option("piezo", members("piezo"))),
+        friction=member("friction", actuator.option("friction", members("friction"))),
+        friction_state=actuator.option("friction_state", _STATES, _STATES[0]),
+        feedback=actuator.get("feedback", bool, "true or false", False),
+        parameters={},
+        records=_read_records(top, path.parent),
+    )
+    study = dataclasses.replace(study, parameters=_read_parameters(top, study))
+    _check_durations(top, study)
+    _check_samples(top, study)
+    return study
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except FileNotFoundError:
+        raise InputError(f"{path}: there is no such file, expected a study file.") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}), expected a study file.") from None
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: found {error.reason} at byte {error.start}, expected UTF-8 text.") from None
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: found no valid TOML: {error}.") from None
+
+
+def _check_format(top: Table) -> None:
+    found = top.text("format", f'"{FORMAT}"')
+    if found != FORMAT:
+        raise InputError(f'{top.at("format")}: found "{found}", expected "{FORMAT}".')
+
+
+def _read_records(top: Table, folder: Path) -> tuple[Record, ...]:
+    expected = "one [[record]] table for each record"
+    records: list[Record] = []
+    for number, entries in enumerate(top.get("record", list, expected, []), start=1):
+        if not isinstance(entries, dict):
+            raise InputError(f"{top.at('record')}: found {entries}, expected {expected}.")
+        name = entries.get("name")
+        label = f'record "{name}"' if isinstance(name, str) else f"record {number}"
+        record = read_record(Table(entries, f"{top.where}: {label}"), folder)
+        if record.name in [other.name for other in records]:
+            raise InputError(f'{top.where}: found two records named "{record.name}", expected different names.')
+        records.append(record)
+    return tuple(records)
+
+
+def _legal(study: Study) -> dict[str, Quantity]:
+    """All parameters that the study may list, by path."""
+    models = {"piezo": study.piezo, "friction": study.friction, "effector": Effector}
+    legal = {f"{name}.{f}": q for name, model in models.items() for f, q in quantities(model).items()}
+    # Also those of waveforms that no record uses: to list them does nothing, and no harm.
+    for drive in members("drive"):
+        optional = {f: q for f, q in quantities(member("drive", drive)).items() if q.optional}
+        legal |= {f"drive.{f}": q for f, q in optional.items()}
+    return legal
+
+
+def _required(study: Study, legal: dict[str, Quantity]) -> list[str]:
+    """The parameters that the study must list."""
+    paths = [path for path, declared in legal.items() if not declared.optional]
+    if not study.feedback and all(record.measures == "platform" for record in study.records):
+        paths.remove("effector.mass")
+    return paths + ["piezo.mass"] * study.feedback
+
+
+def _read_parameters(top: Table, study: Study) -> dict[str, Parameter]:
+    table = top.table("parameters", "a table of parameters")
+    legal = _legal(study)
+    for path in table.entries:
+        if any(known.startswith(f"{path}.") for known in legal):
+            raise InputError(f'{table.where}: found {path} without quotes, expected the whole path as in "{path}....".')
+        if path not in legal:
+            raise InputError(f'{table.where}: found the unknown parameter "{path}"; {nearest(path, legal)}')
+    for path in _required(study, legal):
+        if path not in table.entries:
+            raise InputError(
+                f'{table.where}: the parameter "{path}" is missing, '
+                f"expected it fixed as in {{ value = ... }} or free as in {{}}."
+            )
+    expected = "a table such as { start = ... }, { value = ... } or {}"
+    return {
+        path: read_parameter(path, dataclasses.replace(table.table(path, expected), where=table.at(path)), legal[path])
+        for path in table.entries
+    }
+
+
+def _check_durations(top: Table, study: Study) -> None:
+    """A duration shared by the drives must fit into the period of each that follows it."""
+    for path, parameter in study.parameters.items():
+        family, _, field = path.partition(".")
+        given = parameter.start if parameter.free else parameter.value
+        if family != "drive" or parameter.unit != "s" or given is None:
+            continue
+        for record in study.records:
+            frequency = getattr(record.drive, "frequency", None)
+            follows = hasattr(record.drive, field) and field not in record.own
+            if frequency and follows and given >= 1.0 / frequency:
+                raise InputError(
+                    f'{top.where}: parameters: key "{path}": found {given:g} s, '
+                    f'expected less than the period {1.0 / frequency:g} s of record "{record.name}".'
+                )
+
+
+def _check_samples(top: Table, study: Study) -> None:
+    fitted = [record for record in study.records if record.role == "fit"]
+    samples = sum(record.time.size for record in fitted)
+    parameters = sum(parameter.free for parameter in study.parameters.values())
+    offsets = sum(record.offset is None for record in fitted)
+    if fitted and samples < parameters + offsets:
+        raise InputError(
+            f"{top.where}: found {samples} samples to fit, "
+            f"expected at least as many as there are unknowns: {parameters} free parameters and {offsets} offsets."
+        )

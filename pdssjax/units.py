@@ -1,0 +1,90 @@
+"""Numbers and texts with units, such as "0.1007 um/V", as SI floats.
+
+A number stands for SI already.  pint is loaded when the first text is met, since loading
+it takes longer than everything else done with a study file.
+"""
+
+import functools
+import math
+import re
+from decimal import Decimal
+from typing import Any
+
+from .errors import InputError
+
+_NUMBER_AND_UNIT = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
+_NOT_FINITE = re.compile(r"\s*[+-]?(nan|inf(inity)?)\b", re.IGNORECASE)
+
+
+def to_si(given: object, unit: str, where: str) -> float:
+    """`given`, a number in SI or a text "number unit", as a float in the SI unit `unit`.
+
+    **Raises:** `InputError` that begins with `where` if `given` is neither, if its unit is
+    unknown or of another dimension than `unit` ("" for a pure number), or if it is not
+    finite.
+    """
+    if isinstance(given, str):
+        value = _text_to_si(given, unit, where)
+    elif isinstance(given, int | float) and not isinstance(given, bool):
+        value = float(given)
+    else:
+        raise InputError(f"{where}: found {_shown(given)}, expected {_example(unit)}.")
+    if not math.isfinite(value):
+        raise InputError(f"{where}: found {_shown(given)}, expected a finite number.")
+    return value
+
+
+def factor(name: str, unit: str, where: str) -> float:
+    """How many of the SI unit `unit` make one of the unit called `name`.
+
+    Radians count as a dimension here, though not in SI: a frequency in Hz, given where an
+    angular one in rad/s is expected, is refused instead of being wrong by 2 pi.
+
+    **Raises:** `InputError` that begins with `where` if `name` is not a unit or is one of
+    another dimension.
+    """
+    registry = _registry()
+    try:
+        one = registry.Quantity(1.0, registry.parse_units(name))
+        given = one.to_root_units()
+    except Exception:  # pint's parser lets errors of many types through
+        raise InputError(f'{where}: found the unknown unit "{name}", expected {_of(unit)}.') from None
+    expected = registry.Quantity(1.0, registry.parse_units(unit))
+    if given.units != expected.to_root_units().units:
+        found = f'the unit "{name}"' if name else "no unit"
+        raise InputError(f"{where}: found {found}, expected {_of(unit)}.")
+    return float(one.to(expected.units).magnitude)
+
+
+def column_unit(column: str) -> str:
+    """The unit at the end of a column's name: "um" of "displacement_um"; "" if none is there."""
+    return column.rpartition("_")[2] if "_" in column else ""
+
+
+@functools.cache
+def _registry() -> Any:
+    import pint
+
+    return pint.UnitRegistry()
+
+
+def _text_to_si(given: str, unit: str, where: str) -> float:
+    split = _NUMBER_AND_UNIT.fullmatch(given)
+    if split is None:
+        expected = "a finite number" if _NOT_FINITE.match(given) else _example(unit)
+        raise InputError(f"{where}: found {_shown(given)}, expected {expected}.")
+    number, name = split.groups()
+    # In decimals, since "86 g" is to be 0.086 kg and not 0.08600000000000001 kg.
+    return float(Decimal(number) * Decimal(repr(factor(name, unit, where))))
+
+
+def _shown(given: object) -> str:
+    return f'"{given}"' if isinstance(given, str) else str(given)
+
+
+def _of(unit: str) -> str:
+    return f"a unit that converts to {unit}" if unit else "a pure number"
+
+
+def _example(unit: str) -> str:
+    return f'a number [{unit}] or a text such as "1 {unit}"' if unit else "a pure number"

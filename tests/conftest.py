@@ -1,0 +1,5 @@
+"""Every test runs in double precision, with compiled code kept between runs (`PDSSJAX_CACHE` says where)."""
+
+from pdssjax.runtime import prepare_jax
+
+prepare_jax()

@@ -1,0 +1,62 @@
+"""Writes a small legal study with its records, for tests to load or to spoil."""
+
+import math
+from pathlib import Path
+
+STUDY = """\
+format = "pdssjax-study/1"
+title = "Small rig"
+
+[actuator]
+piezo = "second-order"
+friction = "simplified-lugre"
+feedback = false
+
+[parameters]
+"effector.mass" = { value = "86 g" }
+"piezo.gain" = { start = "0.1 um/V", min = "0.05 um/V", max = 2e-7 }
+"piezo.natural_frequency" = {}
+"piezo.damping_ratio" = { start = "20 %" }
+"friction.sigma0" = {}
+"friction.sigma1" = {}
+"friction.f_ss" = {}
+"drive.fall_time" = { value = "1 ms" }
+
+[[record]]
+name = "step"
+file = "step.csv"
+columns = { time = "time_s", displacement = "displacement_um" }
+measures = "platform"
+noise = "0.01 um"
+drive = { waveform = "step", voltage = "48.2 V" }
+
+[[record]]
+name = "walk"
+file = "walk.csv"
+columns = { time = "time_s", displacement = "displacement_um" }
+measures = "effector"
+role = "validate"
+offset = "2 um"
+drive = { waveform = "sawtooth", direction = "backward", voltage = "64.2 V", frequency = "5 Hz" }
+"""
+
+
+def csv(interval: float, samples: int) -> str:
+    """A CSV file with two columns, `samples` times `interval` [s] apart, and a motion."""
+    rows = [f"{k * interval:.6f},{math.sin(k):.4f}\n" for k in range(samples)]
+    return "time_s,displacement_um\n" + "".join(rows)
+
+
+def write_study(folder: Path, study: str = STUDY, step: str = csv(5e-5, 40), walk: str = csv(1e-3, 400)) -> Path:
+    """Writes the texts of the study and its two records to `folder`; the study's path."""
+    (folder / "step.csv").write_text(step)
+    (folder / "walk.csv").write_text(walk)
+    path = folder / "study.toml"
+    path.write_text(study)
+    return path
+
+
+def changed(old: str, new: str, text: str = STUDY) -> str:
+    """`text` with its first `old` replaced, which must be there."""
+    assert old in text
+    return text.replace(old, new, 1)

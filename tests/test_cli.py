@@ -1,0 +1,156 @@
+"""The command line: exit status, what it prints, what it writes and what it leaves alone."""
+
+import dataclasses
+import warnings
+from types import SimpleNamespace
+
+import fabricated
+import numpy as np
+import pytest
+
+import pdssjax
+from pdssjax import cli
+from pdssjax.errors import InputError, InputWarning
+
+
+@pytest.fixture
+def calls(monkeypatch) -> SimpleNamespace:
+    """Stands in for the study and the fit; notes what was asked and returns a made-up estimate."""
+    noted = SimpleNamespace(studies=[], methods=[], converged=True, study=SimpleNamespace())
+
+    def load_study(path):
+        noted.studies.append(path)
+        return noted.study
+
+    def identify(study, method, progress):
+        assert study is noted.study
+        progress(f"[1/2] {method}")
+        noted.methods.append(method)
+        whole = fabricated.estimate(method, noted.converged)
+        return dataclasses.replace(whole, records=whole.records[:1])
+
+    # Set past the module's own look-up, which would load the real ones first.
+    monkeypatch.setitem(vars(pdssjax), "load_study", load_study)
+    monkeypatch.setitem(vars(pdssjax), "identify", identify)
+    return noted
+
+
+def test_identify_reports_and_writes(calls, tmp_path, capsys):
+    out = tmp_path / "out"
+    assert cli.main(["identify", "rig.toml", "--out", str(out)]) == 0
+    printed = capsys.readouterr()
+    assert [str(path) for path in calls.studies] == ["rig.toml"]
+    assert calls.methods == ["joint"]
+    assert (out / "estimate.json").exists()
+    assert "[[Rig, July]]" in printed.out
+    assert printed.out.rstrip().endswith(str(out))
+    assert printed.err.splitlines()[0] == "[1/2] joint"
+
+
+def test_identify_takes_the_packaged_example_by_default(calls, tmp_path):
+    assert cli.main(["identify", "--out", str(tmp_path)]) == 0
+    assert calls.studies == [cli.EXAMPLE / "study.toml"]
+    assert calls.studies[0].exists()
+
+
+def test_both_methods_are_compared_side_by_side(calls, tmp_path, capsys):
+    assert cli.main(["identify", "--out", str(tmp_path), "--method", "both"]) == 0
+    assert calls.methods == ["joint", "sequential"]
+    assert (tmp_path / "joint" / "estimate.json").exists()
+    assert (tmp_path / "sequential" / "estimate.json").exists()
+    assert "[[Sequential against joint]]" in capsys.readouterr().out
+
+
+def test_a_fit_that_did_not_converge_is_written_and_gives_status_3(calls, tmp_path, capsys):
+    calls.converged = False
+    assert cli.main(["identify", "--out", str(tmp_path)]) == 3
+    assert '"converged": false' in (tmp_path / "estimate.json").read_text()
+    assert "pdssjax: warning: the joint fit did not converge" in capsys.readouterr().err
+
+
+def test_results_are_not_overwritten_unasked(calls, tmp_path, capsys):
+    arguments = ["identify", "--out", str(tmp_path)]
+    assert cli.main(arguments) == 0
+    assert cli.main(arguments) == 2
+    assert len(calls.methods) == 1
+    assert cli.main([*arguments, "--overwrite"]) == 0
+    assert "found results already" in capsys.readouterr().err
+
+
+def test_input_at_fault_gives_status_2_one_line_and_no_file(monkeypatch, tmp_path, capsys):
+    def fails(path):
+        raise InputError(f'{path}: key "tilt": unknown')
+
+    monkeypatch.setitem(vars(pdssjax), "load_study", fails)
+    assert cli.main(["identify", "rig.toml", "--out", str(tmp_path / "out")]) == 2
+    assert capsys.readouterr().err == 'pdssjax: error: rig.toml: key "tilt": unknown\n'
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("arguments", [["identify"], ["identify", "--method", "guess", "--out", "x"], ["frobnicate"]])
+def test_a_wrong_command_line_gives_status_2_and_one_line(arguments, capsys):
+    assert cli.main(arguments) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("pdssjax: error: ")
+    assert error.count("\n") == 1
+
+
+def test_suspicious_input_warns_in_one_line_and_goes_on(calls, monkeypatch, tmp_path, capsys):
+    load_study = pdssjax.load_study
+
+    def warns(path):
+        warnings.warn("5 Hz A: the record is shorter than a period", InputWarning, stacklevel=2)
+        return load_study(path)
+
+    monkeypatch.setitem(vars(pdssjax), "load_study", warns)
+    assert cli.main(["identify", "--out", str(tmp_path)]) == 0
+    assert "pdssjax: warning: 5 Hz A: the record is shorter than a period\n" in capsys.readouterr().err
+
+
+def test_an_interrupt_gives_status_130_and_one_line(monkeypatch, tmp_path, capsys):
+    def interrupted(path):
+        raise KeyboardInterrupt
+
+    monkeypatch.setitem(vars(pdssjax), "load_study", interrupted)
+    assert cli.main(["identify", "--out", str(tmp_path / "out")]) == 130
+    assert capsys.readouterr().err == "pdssjax: interrupted\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+def recorded(name: str, offset: float | None, noise: float | None) -> SimpleNamespace:
+    """A measured record of a ramp, shifted by 3 um."""
+    time = np.linspace(0.0, 1.0, 101)
+    return SimpleNamespace(
+        name=name,
+        role="fit",
+        measures="effector",
+        time=time,
+        displacement=1e-5 * time + 3e-6,
+        offset=offset,
+        noise=noise,
+    )
+
+
+def test_simulate_writes_each_record_with_its_own_zero(calls, tmp_path, capsys):
+    calls.study.records = (recorded("free", None, None), recorded("given", 1e-6, 1e-8), recorded("lost", None, 1e-8))
+    ramp = 1e-5 * np.linspace(0.0, 1.0, 101)
+    calls.study.predict = lambda values: [ramp, ramp, np.full(101, np.nan)]
+    assert cli.main(["simulate", "rig.toml", "--out", str(tmp_path)]) == 0
+    free, given, lost = (
+        np.genfromtxt(tmp_path / "predictions" / f"{name}.csv", delimiter=",", names=True)["residual_um"]
+        for name in ("free", "given", "lost")
+    )
+    np.testing.assert_allclose(free, 0.0, atol=1e-9)
+    np.testing.assert_allclose(given, 2.0, atol=1e-9)
+    assert np.isnan(lost).all()
+    assert "simulation failed" in capsys.readouterr().out
+    assert cli.main(["simulate", "rig.toml", "--out", str(tmp_path)]) == 2
+
+
+def test_the_example_is_copied_for_the_user_to_edit(tmp_path, capsys):
+    folder = tmp_path / "mine"
+    assert cli.main(["example", str(folder)]) == 0
+    assert {path.name for path in folder.iterdir()} == {path.name for path in cli.EXAMPLE.iterdir()}
+    assert f"pdssjax identify {folder / 'study.toml'}" in capsys.readouterr().out
+    assert cli.main(["example", str(folder)]) == 2
+    assert "expected an empty folder" in capsys.readouterr().err

@@ -1,0 +1,59 @@
+"""Figures show what they claim, also where there is little to show."""
+
+import dataclasses
+
+import fabricated
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from pdssjax.plot import correlation_figure, error_figure, record_figure
+
+
+def drawn(figure: Figure) -> Figure:
+    """The figure after it has been rendered, which is when matplotlib complains."""
+    figure.canvas.draw()
+    return figure
+
+
+@pytest.mark.parametrize(("index", "corners"), [(0, [0.0]), (1, range(200, 1800, 200))])
+def test_the_enlarged_panel_shows_a_slip_or_the_onset_of_a_step(index, corners):
+    record = fabricated.estimate().records[index]
+    near = drawn(record_figure(record)).axes[1]
+    milliseconds, measured = near.lines[0].get_data()
+    assert any(milliseconds[0] < corner < milliseconds[-1] for corner in corners)
+    assert np.ptp(milliseconds) < 100 * np.ptp(record.time)
+    np.testing.assert_allclose(measured, np.interp(milliseconds, 1e3 * record.time, 1e6 * record.measured))
+
+
+def test_residuals_are_drawn_in_micrometres_below():
+    record = fabricated.estimate().records[1]
+    residual = record_figure(record).axes[2]
+    np.testing.assert_allclose(residual.lines[0].get_ydata(), 1e6 * (record.measured - record.predicted))
+    assert "± 2 noise" in residual.get_ylabel()
+
+
+def test_a_failed_simulation_and_an_unknown_noise_are_no_trouble():
+    record = dataclasses.replace(fabricated.estimate().records[3], noise=float("nan"))
+    figure = drawn(record_figure(record))
+    assert "the simulation failed" in figure.get_suptitle()
+    assert "noise" not in figure.axes[2].get_ylabel()
+
+
+@pytest.mark.parametrize("samples", [2, 5])
+def test_a_record_of_few_samples_can_be_drawn(samples):
+    time = np.linspace(0.0, 1.0, samples)
+    drawn(record_figure(fabricated.record("short", "fit", "platform", time, 1e-6 * time)))
+
+
+def test_correlations_are_written_into_their_cells():
+    estimate = fabricated.estimate()
+    axes = drawn(correlation_figure(estimate)).axes[0]
+    texts = [text.get_text() for text in axes.texts]
+    assert texts[0] == f"{estimate.correlation[1, 0]:.2f}"
+    assert texts.count("×") == 7
+    assert "no information" in axes.get_title("left")
+
+
+def test_a_fit_without_any_known_error_can_be_drawn():
+    drawn(error_figure(dataclasses.replace(fabricated.estimate(), parameters={})))

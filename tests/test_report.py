@@ -1,0 +1,87 @@
+"""The report says what a user must know, in units people read and with digits that mean something."""
+
+import dataclasses
+
+import fabricated
+import numpy as np
+import pytest
+
+from pdssjax.display import decimals_for, display_unit, percent, rounded
+from pdssjax.report import format_comparison, format_report
+
+
+def line_of(text: str, start: str) -> str:
+    """The one line of `text` that begins with `start`, its runs of spaces made one."""
+    (line,) = [line for line in text.splitlines() if line.strip().startswith(start)]
+    return " ".join(line.split())
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "expected"),
+    [(54.4321, 6.2, "54.4"), (0.1007021, 7e-6, "0.1007021"), (6736.21, 120.0, "6736"), (0.086, float("nan"), "0.086")],
+)
+def test_a_value_has_as_many_decimals_as_its_error_deserves(value, error, expected):
+    assert rounded(value, decimals_for(error)) == expected
+
+
+def test_units_and_shares_are_those_people_read():
+    assert display_unit("m/V") == ("um/V", 1e6)
+    assert display_unit("rad/s") == ("rad/s", 1.0)
+    assert percent(0.5, -50.0) == "1 %"
+    assert percent(1.0, 0.0) == "-"
+
+
+def test_a_parameter_is_shown_with_error_interval_and_start():
+    line = line_of(format_report(fabricated.estimate()), "friction.sigma1_a")
+    assert line == "friction.sigma1_a N s/m 54.4 6.2 11.4 % 42.0 .. 66.8 65.28"
+
+
+@pytest.mark.parametrize(
+    ("path", "remark"),
+    [("effector.mass", "fixed"), ("drive.fall_time", "at bound"), ("effector.load", "no information")],
+)
+def test_what_is_special_about_a_parameter_is_said(path, remark):
+    assert line_of(format_report(fabricated.estimate()), path).endswith(remark)
+
+
+def test_statistics_records_and_notes_are_there():
+    text = format_report(fabricated.estimate())
+    assert line_of(text, "reduced chi-square") == "reduced chi-square = 0.9987"
+    assert line_of(text, "records fitted") == "records fitted = 2 of 4"
+    assert line_of(text, "20 Hz A").startswith("20 Hz A validate 1600 0.9999999 0.0102")
+    assert line_of(text, "lost/run").endswith("simulation failed")
+    assert "The data say nothing about effector.load" in text.split("[[Notes]]")[1]
+    assert text.isascii()
+
+
+def test_correlations_come_strongest_first_and_small_ones_stay_out():
+    text = format_report(fabricated.estimate()).split("[[Correlations")[1]
+    sizes = [abs(float(line.split()[-1])) for line in text.splitlines() if "C(" in line]
+    assert sizes == sorted(sizes, reverse=True)
+    assert sizes[0] == pytest.approx(0.835)
+    assert min(sizes) >= 0.3
+
+
+def test_a_fit_that_failed_says_so_at_the_top():
+    text = format_report(fabricated.estimate(converged=False))
+    assert line_of(text, "joint fit") == "joint fit DID NOT CONVERGE: No progress after 50 iterations."
+
+
+def test_a_sequential_fit_shows_the_naive_error_beside_the_corrected_one():
+    line = line_of(format_report(fabricated.estimate("sequential")), "friction.sigma1_a")
+    assert "11.4 % 0.735 %" in line
+    assert "naive" not in format_report(fabricated.estimate("joint"))
+
+
+def test_the_comparison_gives_the_shift_in_corrected_standard_errors():
+    joint, sequential = fabricated.estimate(), fabricated.estimate("sequential")
+    path = "friction.sigma1_a"
+    moved = dataclasses.replace(sequential.parameters[path], value=60.6)
+    sequential = dataclasses.replace(sequential, parameters=sequential.parameters | {path: moved})
+    assert line_of(format_comparison(joint, sequential), path).endswith("54.4 11.4 % 60.6 0.66 % 10.2 % 1.00")
+
+
+def test_a_fit_of_one_parameter_has_no_correlations():
+    estimate = fabricated.estimate()
+    alone = dataclasses.replace(estimate, names=estimate.names[:1], correlation=np.ones((1, 1)))
+    assert format_report(alone).split("[[Correlations")[1].splitlines()[1].strip() == "none"

@@ -1,0 +1,78 @@
+"""Numbers are SI; texts carry a unit, and only one of the right dimension passes."""
+
+import math
+
+import pytest
+
+from pdssjax.errors import InputError
+from pdssjax.units import column_unit, factor, to_si
+
+
+@pytest.mark.parametrize(
+    ("given", "unit", "expected"),
+    [
+        (3, "kg", 3.0),
+        (1.007e-7, "m/V", 1.007e-7),
+        ("0.1007 um/V", "m/V", 1.007e-7),
+        ("86 g", "kg", 0.086),
+        ("86g", "kg", 0.086),
+        ("1148.4 N/mm", "N/m", 1.1484e6),
+        ("54.4 N s/m", "N s/m", 54.4),
+        ("54.4 N*s/m", "N s/m", 54.4),
+        ("-2.5e-1 mN", "N", -2.5e-4),
+        (" 50 us ", "s", 5e-5),
+        ("3 µm", "m", 3e-6),
+        ("0.1772", "", 0.1772),
+        ("17.72 %", "", 0.1772),
+        ("180 deg", "rad", math.pi),
+        ("6736 rad/s", "rad/s", 6736.0),
+        ("0.02 kHz", "Hz", 20.0),
+    ],
+)
+def test_text_with_a_unit_becomes_the_si_number(given, unit, expected):
+    assert to_si(given, unit, "here") == pytest.approx(expected, rel=1e-15)
+
+
+def test_decimal_text_becomes_the_nearest_float():
+    assert to_si("86 g", "kg", "here") == 0.086
+
+
+@pytest.mark.parametrize(
+    ("given", "unit", "found", "expected"),
+    [
+        ("86 grm", "kg", '"grm"', "kg"),
+        ("86 m/", "kg", '"m/"', "kg"),
+        ("86 (", "kg", '"("', "kg"),
+        ("86 V", "kg", '"V"', "kg"),
+        ("86", "kg", "no unit", "kg"),
+        ("0.2 m", "", '"m"', "a pure number"),
+        ("heavy", "kg", '"heavy"', "1 kg"),
+        ("", "kg", '""', "1 kg"),
+        ("kg", "kg", '"kg"', "1 kg"),
+        (True, "kg", "True", "1 kg"),
+        ([1], "kg", "[1]", "1 kg"),
+        ("nan kg", "kg", '"nan kg"', "finite"),
+        ("-inf", "kg", '"-inf"', "finite"),
+        (math.nan, "kg", "nan", "finite"),
+        (math.inf, "kg", "inf", "finite"),
+        ("1e999 kg", "kg", "1e999", "finite"),
+    ],
+)
+def test_error_names_the_place_the_text_and_the_unit_expected(given, unit, found, expected):
+    with pytest.raises(InputError) as caught:
+        to_si(given, unit, "study.toml: here")
+    message = str(caught.value)
+    assert message.startswith("study.toml: here: found ")
+    assert found in message
+    assert expected in message.partition("expected")[2]
+
+
+@pytest.mark.parametrize(("given", "unit"), [("1072 Hz", "rad/s"), ("31.4 rad/s", "Hz")])
+def test_hertz_and_radians_are_not_mixed_up(given, unit):
+    with pytest.raises(InputError, match=f"expected a unit that converts to {unit}"):
+        to_si(given, unit, "here")
+
+
+def test_column_name_ends_in_its_unit():
+    assert [column_unit(name) for name in ("time_s", "end_effector_um", "voltage_V", "time")] == ["s", "um", "V", ""]
+    assert factor("um", "m", "here") == 1e-6
