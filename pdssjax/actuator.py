@@ -58,8 +58,6 @@ class StickSlip(eqx.Module):
 
     actuator: Actuator
     drive: AbstractDrive
-    clamped: bool = eqx.field(static=True, default=False)
-    """The end-effector is left out: the platform alone, in closed form."""
 
     def initial(self) -> State:
         zero = jnp.zeros(())
@@ -70,6 +68,10 @@ class StickSlip(eqx.Module):
 
     def period(self) -> tuple[int, int] | None:
         return self.drive.period()
+
+    def displaced(self) -> tuple[int, ...]:
+        """The components, counted as in `State`, of which the displacements are made."""
+        return (0, 2) if self.actuator.feedback else (0,)
 
     def scales(self) -> State:
         """What one unit of each state amounts to as a displacement [m]."""
@@ -106,8 +108,6 @@ class StickSlip(eqx.Module):
 
     def enter(self, segment: Segment, x: State, mode) -> Any:
         """The mode in which a new segment begins; the state is continuous at a corner."""
-        if self.clamped:
-            return jnp.full_like(mode, RESTING)
         standing = (jnp.abs(mode) != 1.0) | (x.v == 0.0)
         return jnp.where(standing, self._mode_at_rest(segment, 0.0, x, came=0.0), mode)
 

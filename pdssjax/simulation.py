@@ -2,12 +2,15 @@
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from .actuator import Actuator, StickSlip
 from .drive.base import AbstractDrive
-from .integration import FAILURES, Accuracy, March, march, states_at
+from .integration import FAILURES, Accuracy, march, states_at
+from .piezo.base import AbstractPiezo
 
 
 class Trajectory(NamedTuple):
@@ -29,7 +32,7 @@ class Trajectory(NamedTuple):
     repeated: Bool[Array, ""]
     """The steady cycle was reached, and the later ones are copies of it."""
     failure: Int[Array, ""]
-    """0, or an index into `pdssjax.integration.FAILURES`; the displacements are then NaN."""
+    """0, or an index into `pdssjax.integration.FAILURES`; the motion is then NaN."""
 
     @property
     def message(self) -> str:
@@ -38,37 +41,25 @@ class Trajectory(NamedTuple):
 
 
 def simulate(
-    actuator: Actuator,
-    drive: AbstractDrive,
-    times: Float[Array, " m"],
-    accuracy: Accuracy | None = None,
-    *,
-    clamped: bool = False,
+    actuator: Actuator, drive: AbstractDrive, times: Float[Array, " m"], accuracy: Accuracy | None = None
 ) -> Trajectory:
     """The motion of `actuator` under `drive`, from rest at t = 0, at `times` [s].
 
-    **Arguments:** `times` ascend; those before 0 see the actuator at rest.  `clamped`
-    leaves the end-effector out: the platform alone, exact without friction feedback.
+    **Arguments:** `times` ascend; those before 0 see the actuator at rest.
 
     Differentiable in every parameter of `actuator` and `drive`; works under `jit`,
     `vmap`, `jvp` and `grad`.  A run that cannot finish gives NaN and says why in `failure`.
     """
-    system = StickSlip(actuator, drive, clamped)
+    _need_double_precision()
+    system = StickSlip(actuator, drive)
     times = jnp.asarray(times, float)
     run = march(system, times[-1], accuracy or Accuracy())
-    return observe(system, run, times)
-
-
-def observe(system: StickSlip, run: March, times: Float[Array, " m"]) -> Trajectory:
-    """A march seen at sample times."""
     x, segment, after, mode = states_at(system, run, times)
-    started = (times >= 0) & (run.failure == 0)
-    quiet = jnp.where(run.failure == 0, 0.0, jnp.nan)
-    shown = lambda value: jnp.where(started, value, quiet)
-    friction = system.force(segment, after, x, mode)
+    shown = _from_rest(times, run.failure)
+    friction = jax.vmap(system.force)(segment, after, x, mode)
     return Trajectory(
         time=times,
-        voltage=system.drive.at(times),
+        voltage=drive.at(times),
         platform=shown(x.y),
         effector=shown(x.y - x.d),
         platform_velocity=shown(x.w),
@@ -80,3 +71,51 @@ def observe(system: StickSlip, run: March, times: Float[Array, " m"]) -> Traject
         repeated=run.repeats,
         failure=run.failure,
     )
+
+
+def displacements(
+    actuator: Actuator, drive: AbstractDrive, times: Float[Array, " m"], accuracy: Accuracy
+) -> tuple[Float[Array, " m"], Float[Array, " m"]]:
+    """Platform and end-effector displacement [m] only: what a fit needs, at less cost."""
+    system = StickSlip(actuator, drive)
+    keep = system.displaced()
+    run = march(system, times[-1], accuracy, keep)
+    x, *_ = states_at(system, run, times, keep)
+    shown = _from_rest(times, run.failure)
+    return shown(x.y), shown(x.y - x.d)
+
+
+def platform(
+    piezo: AbstractPiezo, drive: AbstractDrive, times: Float[Array, " m"], segments: int
+) -> Float[Array, " m"]:
+    """Platform displacement [m] without friction feedback, in closed form.
+
+    **Arguments:** `segments` is how many segments of the drive the times may reach into.
+    """
+
+    def pass_segment(state, index):
+        origin, y, w = state
+        segment = drive.segment(index)
+        lasts = jnp.isfinite(segment.duration)
+        duration = jnp.where(lasts, segment.duration, 0.0)
+        ahead = piezo.motion(y, w, segment, 0.0, duration)
+        return (jnp.where(lasts, origin + duration, jnp.inf), *ahead), state
+
+    zero = jnp.zeros(())
+    _, (origins, ys, ws) = lax.scan(pass_segment, (zero, zero, zero), jnp.arange(segments) * 1.0)
+    j = jnp.clip(jnp.searchsorted(lax.stop_gradient(origins), times, side="right") - 1, 0)
+    inside = jax.vmap(lambda j, t: piezo.motion(ys[j], ws[j], drive.segment(j * 1.0), 0.0, t - origins[j])[0])
+    return jnp.where(times >= 0, inside(j, jnp.maximum(times, 0.0)), 0.0)
+
+
+def _from_rest(times, failure):
+    """Zero before the start; NaN where the run failed."""
+    return lambda value: jnp.where(failure > 0, jnp.nan, jnp.where(times >= 0, value, 0.0))
+
+
+def _need_double_precision() -> None:
+    if not jax.config.jax_enable_x64:  # pyright: ignore[reportAttributeAccessIssue]
+        raise ValueError(
+            "Expected JAX in double precision, but it is in single; "
+            'call jax.config.update("jax_enable_x64", True) first.'
+        )
