@@ -1,16 +1,25 @@
 """A study: the actuator's models, its parameters and the records to explain, from a TOML file."""
 
 import dataclasses
+import functools
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
 
 from .effector import Effector
 from .errors import InputError, nearest
 from .family import member, members
+from .integration import Accuracy
 from .parameters import Parameter, read_parameter
+from .prediction import Models, Predictor
 from .quantity import Quantity, quantities
 from .records import Record, read_record
+from .starts import find_starts
 from .tables import Table
 
 FORMAT = "pdssjax-study/1"
@@ -37,6 +46,49 @@ class Study:
     """Listed parameters by path, in the order of the file."""
     records: tuple[Record, ...]
     """Records in the order of the file."""
+
+    def predict(
+        self, values: Mapping[str, Any] | None = None, accuracy: Accuracy | None = None
+    ) -> list[Float[Array, " samples"]]:
+        """The displacement of every record at its sample times [m], without offsets.
+
+        **Arguments:** `values` maps parameter paths to numbers in SI; what is left out
+        keeps the study's value or start, or one found from the data where it has neither.
+
+        Differentiable in `values` (`jvp`, `jacfwd`, `grad`); works under `jit` and `vmap`.
+        A record whose simulation cannot finish is NaN.  **Raises** `InputError` for a path
+        that is no parameter of the study's models.
+        """
+        values = {} if values is None else dict(values)
+        legal = _legal(self)
+        for path in values:
+            if path not in legal:
+                raise InputError(f'values: found the unknown parameter "{path}"; {nearest(path, legal)}')
+        full = {path: jnp.asarray(number, float) for path, number in (self.values() | values).items()}
+        return _predicted(self.predictor, full, accuracy or Accuracy())
+
+    def values(self) -> dict[str, float]:
+        """The number of every listed parameter: its value, its start, or one found from the data."""
+        return dict(self._values)
+
+    @functools.cached_property
+    def models(self) -> Models:
+        """The chosen family members."""
+        return Models(self.piezo, self.friction, self.friction_state, self.feedback)
+
+    @functools.cached_property
+    def predictor(self) -> Predictor:
+        """The prediction of all records, ready to be compiled."""
+        return Predictor(self.models, self.records)
+
+    @functools.cached_property
+    def _values(self) -> dict[str, float]:
+        return find_starts(self.models, self.parameters, self.records)
+
+
+@eqx.filter_jit
+def _predicted(predictor: Predictor, values: dict[str, Array], accuracy: Accuracy) -> list[Array]:
+    return predictor(values, accuracy)
 
 
 def load_study(path: str | Path) -> Study:

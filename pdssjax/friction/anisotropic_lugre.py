@@ -19,7 +19,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from ..quantity import quantity
-from .base import AbstractFriction
+from .base import AbstractFriction, lugre_ranges
 
 
 class AnisotropicLuGre(AbstractFriction):
@@ -73,3 +73,15 @@ class AnisotropicLuGre(AbstractFriction):
         s0, _, _ = self._branch(force)
         target = force / s0 if self.state == "deflection" else force
         return (target,), (target - state[0]) * unit
+
+    @classmethod
+    def plausible(cls, mass, acceleration, rate):
+        stiffness, damping, force = lugre_ranges(mass, acceleration, rate)
+        return {
+            "sigma0_a": stiffness,
+            "sigma0_b": stiffness,
+            "sigma1_a": damping,
+            "sigma1_b": damping,
+            "f_ss_a": force,
+            "f_ss_b": force,
+        }

@@ -42,3 +42,20 @@ class AbstractFriction(eqx.Module):
         The second value is the relative displacement [m] by which the contact yields on
         the way there, to first order in the distance.
         """
+
+    @classmethod
+    @abc.abstractmethod
+    def plausible(cls, mass: float, acceleration: float, rate: float) -> dict[str, tuple[float, float]]:
+        """Ranges in which to look for the law's parameters when nothing is known of them.
+
+        **Arguments:** end-effector `mass` [kg], the peak `acceleration` of the platform
+        [m/s2] and its natural frequency `rate` [rad/s]: an actuator that walks slips at a
+        fraction of that acceleration, on a contact not much faster or slower than that.
+        """
+
+
+def lugre_ranges(mass: float, acceleration: float, rate: float) -> tuple[tuple[float, float], ...]:
+    """Ranges for stiffness [N/m], damping [N s/m] and breakaway force [N] of a bristle contact."""
+    stiff = mass * (0.2 * rate) ** 2, mass * (1.5 * rate) ** 2
+    critical = 2.0 * mass * 0.5 * rate
+    return stiff, (0.02 * critical, critical), (0.004 * mass * acceleration, 0.3 * mass * acceleration)

@@ -9,7 +9,7 @@ Thesis, section 5.2.7, after C. Canudas de Wit et al., IEEE Trans. Automatic Con
 import jax.numpy as jnp
 
 from ..quantity import quantity
-from .base import AbstractFriction
+from .base import AbstractFriction, lugre_ranges
 
 
 class SimplifiedLuGre(AbstractFriction):
@@ -37,3 +37,12 @@ class SimplifiedLuGre(AbstractFriction):
     def relaxed(self, state, force):
         target = force / self.sigma0
         return (target,), target - state[0]
+
+    @classmethod
+    def plausible(cls, mass, acceleration, rate):
+        stiffness, damping, force = lugre_ranges(mass, acceleration, rate)
+        return {
+            "sigma0": stiffness,
+            "sigma1": damping,
+            "f_ss": force,
+        }

@@ -1,0 +1,136 @@
+"""Where a fit starts when the study does not say: found from the data.
+
+The piezo: gain, overshoot and time of the first peak of a step response, as in the thesis's
+appendix 1; without a step, the slope of the slow flank gives the gain.  What then is still
+unknown is looked for by trying a Latin hypercube of plausible values against the records.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from .drive.step import Step
+from .integration import Accuracy
+from .parameters import Parameter, scale
+from .prediction import Models
+from .quantity import quantities
+from .records import Record
+from .residual import Residual, as_weights, noise_floor
+
+TRIALS = 128
+"""Points of the hypercube."""
+
+
+def find_starts(
+    models: Models, parameters: Mapping[str, Parameter], records: Sequence[Record], rank: int = 0
+) -> dict[str, float]:
+    """A number for every listed parameter [SI]: its value, its start, or one found from the data.
+
+    **Arguments:** with `rank` > 0, what had to be searched for is the next best of the trials.
+    """
+    given = {path: p.value if p.value is not None else p.start for path, p in parameters.items()}
+    known = {path: float(number) for path, number in given.items() if number is not None}
+    fitted = [record for record in records if record.role == "fit"] or list(records)
+    for path, number in _piezo_from_data(fitted).items():
+        if path in parameters and path not in known:
+            known[path] = _within(number, parameters[path])
+    unknown = [path for path in parameters if path not in known]
+    ranges = _ranges(models, known, unknown, parameters, fitted)
+    for path in [path for path in unknown if path not in ranges]:
+        known[path] = _within(parameters[path].quantity.nominal, parameters[path])
+    if ranges and any(record.measures == "effector" for record in fitted):
+        known |= _search(models, known, ranges, parameters, fitted, rank)
+    known |= {path: float(np.sqrt(low * high)) for path, (low, high) in ranges.items() if path not in known}
+    return {path: known[path] for path in parameters}
+
+
+def _within(number: float, parameter: Parameter) -> float:
+    """`number`, moved inside the bounds that the study gives."""
+    low = parameter.quantity.low if parameter.low is None else parameter.low
+    high = parameter.quantity.high if parameter.high is None else parameter.high
+    return float(np.clip(number, low, high))
+
+
+def _piezo_from_data(records: Sequence[Record]) -> dict[str, float]:
+    steps = [r for r in records if r.measures == "platform" and isinstance(r.drive, Step)]
+    if steps:
+        found = [_from_step(record) for record in steps]
+        return {path: float(np.median([f[path] for f in found])) for path in found[0]}
+    flanks = [_flank_gain(r) for r in records if getattr(r.drive, "frequency", None)]
+    return {"piezo.gain": float(np.median(flanks))} if flanks else {}
+
+
+def _from_step(record: Record) -> dict[str, float]:
+    """Gain, natural frequency and damping ratio from the peak and the end of a step response."""
+    time, y = record.time, record.displacement
+    before = time < 0
+    after = time >= 0
+    end = float(np.mean(y[-max(y.size // 5, 1) :]))
+    zero = float(np.mean(y[before])) if before.any() else float(y[after][0])
+    rise = (y[after] - zero) / ((end - zero) or 1e-12)
+    peak = int(np.argmax(rise))
+    overshoot = float(np.clip(rise[peak] - 1.0, 1e-3, 0.98))
+    logarithm = np.log(overshoot)
+    damping = -logarithm / np.hypot(np.pi, logarithm)
+    delay = max(float(time[after][peak]), float(np.median(np.diff(time))))
+    return {
+        "piezo.gain": abs(end - zero) / abs(float(record.drive.voltage)),  # pyright: ignore[reportAttributeAccessIssue]
+        "piezo.damping_ratio": float(damping),
+        "piezo.natural_frequency": float(np.pi / delay / np.sqrt(1.0 - damping**2)),
+    }
+
+
+def _flank_gain(record: Record) -> float:
+    """While it sticks, the end-effector follows the slow flank: the usual slope over the voltage's."""
+    slope = float(np.median(np.diff(record.displacement) / np.diff(record.time)))
+    drive: Any = record.drive
+    return abs(slope) / abs(float(drive.voltage) * float(drive.frequency))
+
+
+def _ranges(models, known, unknown, parameters, records) -> dict[str, tuple[float, float]]:
+    """Where to look for what is unknown, on logarithmic scales."""
+    value = lambda path, otherwise: known.get(path, otherwise)
+    nominal = {f"piezo.{name}": q.nominal for name, q in quantities(models.piezo).items()}
+    rate = value("piezo.natural_frequency", nominal.get("piezo.natural_frequency", 6e3))
+    gain = value("piezo.gain", nominal.get("piezo.gain", 1e-7))
+    volts = max((abs(float(getattr(r.drive, "voltage", 0.0))) for r in records), default=1.0) or 1.0
+    friction = models.friction.plausible(value("effector.mass", 0.1), gain * volts * rate**2, rate)
+    ranges = {f"friction.{name}": ends for name, ends in friction.items()}
+    ranges["piezo.natural_frequency"] = (0.3 * rate, 3.0 * rate)
+    ranges["piezo.damping_ratio"] = (0.03, 0.6)
+    periods = [1.0 / float(r.drive.frequency) for r in records if getattr(r.drive, "frequency", None)]
+    ranges["drive.fall_time"] = (1e-4, min(0.02, 0.1 * min(periods, default=0.1)))
+    clipped = {}
+    for path in unknown:
+        if path in ranges:
+            low, high = (_within(end, parameters[path]) for end in ranges[path])
+            clipped[path] = (low, high) if low < high else (0.999 * low, low)
+    return clipped
+
+
+def _search(models, known, ranges, parameters, records, rank) -> dict[str, float]:
+    """The best of the trials, or the one `rank` places behind it, against the fitted records."""
+    paths = list(ranges)
+    low, high = (np.log([ranges[path][end] for path in paths]) for end in (0, 1))
+    random = np.random.default_rng(0)
+    strata = np.stack([random.permutation(TRIALS) for _ in paths], axis=1)
+    points = low + (high - low) * (strata + random.random(strata.shape)) / TRIALS
+    used = [record for record in records if record.measures == "effector"]
+    searched = {path: Parameter(path, p.unit, p.quantity) for path, p in parameters.items() if path in ranges}
+    first = {path: float(np.exp(x)) for path, x in zip(paths, points[0], strict=True)}
+    ordered = scale({path: searched[path] for path in paths}, first)
+    residual = Residual(models, used, ordered, known, Accuracy(tolerance=1e-9, rest=1e-10))
+    weights = as_weights([noise_floor(record) for record in used], [True] * len(used))
+    encoded = np.stack([ordered.encode(dict(zip(paths, np.exp(point), strict=True))) for point in points])
+    costs = np.asarray(_costs(residual, jnp.asarray(encoded), weights))
+    best = np.argsort(np.where(np.isfinite(costs), costs, np.inf))[min(rank, TRIALS - 1)]
+    return {path: float(np.exp(x)) for path, x in zip(paths, points[best], strict=True)}
+
+
+@eqx.filter_jit
+def _costs(residual, points, weights):
+    return lax.map(lambda point: jnp.sum(residual(point, weights)[0] ** 2), points)

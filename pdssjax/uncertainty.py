@@ -1,0 +1,82 @@
+"""Covariance of a least-squares estimate, and what the data cannot tell.
+
+With the Jacobian J of the whitened residuals, the covariance is (J' J)^-1.  It is taken from
+the singular values of J with columns of unit norm: a direction without information, where
+that value vanishes, is left out, and the parameters that take part in it have no error.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+NO_INFORMATION = 1e-8
+"""Relative singular value below which a direction of the parameters leaves the residuals alone."""
+TAKES_PART = 1e-3
+"""Share of a parameter in such a direction from which it counts as undetermined."""
+
+
+class Covariance(NamedTuple):
+    """Of p free numbers, on the fit's scale."""
+
+    matrix: Float[np.ndarray, "p p"]
+    """NaN in the rows and columns of parameters without information."""
+    informed: Bool[np.ndarray, " p"]
+    null: list[Float[np.ndarray, " p"]]
+    """Directions without information, largest entry 1."""
+
+
+def covariance(jacobian: Float[np.ndarray, "n p"], held: Bool[np.ndarray, " p"]) -> Covariance:
+    """Covariance of the least-squares estimate; `held` parameters, at a bound, count as known.
+
+    A column of zeros is a direction without information of its own.
+    """
+    p = jacobian.shape[1]
+    matrix = np.full((p, p), np.nan)
+    norms = np.linalg.norm(jacobian, axis=0)
+    informed = ~held & (norms > 0)
+    null = [np.eye(p)[i] for i in np.flatnonzero(~held & (norms == 0))]
+    kept = np.flatnonzero(informed)
+    if kept.size:
+        _, singular, rows = np.linalg.svd(jacobian[:, kept] / norms[kept], full_matrices=False)
+        rows = rows / norms[kept]
+        lost = singular <= NO_INFORMATION * singular[0]
+        for row in rows[lost]:
+            direction = np.zeros(p)
+            direction[kept] = row / row[np.argmax(np.abs(row))]
+            null.append(direction)
+            informed &= ~(np.abs(direction) > TAKES_PART)
+        inverse = rows[~lost] / singular[~lost, None]
+        matrix[np.ix_(kept, kept)] = inverse.T @ inverse
+        matrix[~informed] = np.nan
+        matrix[:, ~informed] = np.nan
+    return Covariance(matrix, informed, null)
+
+
+def correlation(matrix: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
+    """Correlations from covariances; NaN stays NaN."""
+    deviation = np.sqrt(np.diag(matrix))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return matrix / np.outer(deviation, deviation)
+
+
+def propagated(
+    jacobian: Float[np.ndarray, "n p"], first: Float[np.ndarray, "q q"], later: np.ndarray, earlier: np.ndarray
+) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, "p p"]]:
+    """Covariance of a fit in two steps: naive, and with the first step's errors carried on.
+
+    **Arguments:** `jacobian` of the second step's residuals in all parameters; `first`, the
+    covariance of the parameters at the places `earlier`, fitted before and then held, while
+    those at the places `later` were fitted.  An error e of the first moves the second by
+    -(J2' J2)^-1 J2' J1 e (first order).
+    """
+    naive = covariance(jacobian[:, later], np.zeros(later.size, bool)).matrix
+    shift = -np.nan_to_num(naive) @ jacobian[:, later].T @ jacobian[:, earlier]
+    p = jacobian.shape[1]
+    plain, whole = np.zeros((p, p)), np.zeros((p, p))
+    for matrix, block in ((plain, naive), (whole, naive + shift @ first @ shift.T)):
+        matrix[np.ix_(earlier, earlier)] = first
+        matrix[np.ix_(later, later)] = block
+    whole[np.ix_(later, earlier)] = shift @ first
+    whole[np.ix_(earlier, later)] = (shift @ first).T
+    return plain, whole
