@@ -146,6 +146,11 @@ class StickSlip(eqx.Module):
             tuple(jnp.where(slid, new, old) for new, old in zip(memory, x.memory, strict=True)),
         )
 
+    def alike(self, x: State, earlier: State, tolerance):
+        """Both begin the same motion, to within `tolerance` [m], but for where the end-effector is."""
+        away = jax.tree.map(lambda a, b, unit: jnp.abs(a - b) * unit, x, earlier, self.scales())
+        return jnp.stack(jax.tree.leaves(away._replace(d=jnp.zeros_like(x.d)))).max() < tolerance
+
     def exact(self, segment: Segment, after, begin: State, lapse, end: State) -> State:
         """`end` with what is known in closed form put right: the platform without feedback."""
         if self.actuator.feedback:
@@ -186,7 +191,9 @@ class StickSlip(eqx.Module):
         """Which mode begins at v = 0: Filippov's rule, ties broken by looking ahead."""
 
         def margins(lapse):
-            moved = x._replace(y=x.y + lapse * x.w, w=x.w + lapse * self._free(segment, after, x))
+            free = self._free(segment, after, x)
+            riding = self._platform(free, self._holding(free))
+            moved = x._replace(y=x.y + lapse * x.w, w=x.w + lapse * riding)
             return jnp.stack(self._margins(segment, after + lapse, moved))
 
         now, rate = jax.jvp(margins, (jnp.zeros_like(x.v),), (jnp.ones_like(x.v),))

@@ -28,10 +28,10 @@ Progress = Callable[[str], None]
 MAX_ITERATIONS = 100
 NORMAL_95 = 1.959964
 """Half width of a 95 % interval in standard errors."""
-_STARTS = 4
-"""Starts tried where the data found them and the fit is poor."""
+_STARTS = 6
+"""Starts tried at most while the fit is poor."""
 _POOR = 2.0
-"""Reduced chi-square above which a fit is poor, against the noise that the samples show."""
+"""Reduced chi-square above which a fit is poor, where the noise is only guessed from the samples."""
 
 
 class _Problem(NamedTuple):
@@ -117,18 +117,29 @@ def _problem(study: Study, starts: dict[str, float], accuracy: Accuracy) -> _Pro
 
 
 def _with_good_starts(study, problem, starts, run, report):
-    """The fit; where starts came from the data and it is poor, the best of several."""
-    searched = [p.path for p in study.parameters.values() if p.free and p.start is None]
-    best = (*run(problem, starts, report), starts)
-    for rank in range(1, _STARTS if searched else 1):
-        if _reduced(best[0], problem) < _POOR:
+    """The fit; where it is poor, the best of several starts found from the data."""
+    fit, tried = run(problem, starts, report)
+    best = fit, tried, starts
+    anywhere = {
+        path: p if p.value is not None or path.startswith("piezo.") else dataclasses.replace(p, start=None)
+        for path, p in study.parameters.items()
+    }
+    for rank in range(1, _STARTS):
+        if not _is_poor(best[0], problem):
             break
         report(f"the fit is poor: trying start {rank + 1} of {_STARTS}")
-        other = find_starts(study.models, study.parameters, study.records, rank)
+        other = find_starts(study.models, anywhere, study.records, rank - 1)
         fit, tried = run(problem, other, report)
         if fit.chi2 < best[0].chi2:
-            best = (fit, tried, other)
+            best = fit, tried, other
     return _with_noise(problem, *best, run, report)
+
+
+def _is_poor(fit: _Fit, problem: _Problem) -> bool:
+    """Chi-square is larger than the noise allows: four standard deviations of its own, where that is given."""
+    known = all(record.noise is not None for record in problem.records)
+    spread = np.sqrt(2.0 / np.size(fit.state.residual))
+    return not fit.success or _reduced(fit, problem) > (1.0 + 4.0 * spread if known else _POOR)
 
 
 def _with_noise(problem, fit, tried, starts, run, report):
@@ -213,7 +224,7 @@ def _least_squares(problem, free, used, loose, name, report) -> _Fit:
     message = "the start is taken as it is"
     while not over and int(state.iterations) < MAX_ITERATIONS:
         y, state, over, result = _iterate(solver, problem.residual, y, weights, options, state)
-        evaluations += 1
+        evaluations += 2
         chi2 = float(jnp.sum(state.residual**2))
         report(f"{name}: iteration {int(state.iterations)}, chi-square {chi2:.6g}")
         if over:

@@ -43,7 +43,9 @@ class LMState(NamedTuple):
     """Nothing has been evaluated yet: the first step takes the start as it is."""
     accepted: Any
     iterations: Any
+    """Linearisations after the first."""
     rejected: Any
+    """Trials rejected in a row."""
 
 
 class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
@@ -115,7 +117,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
                 damping=state.damping * state.growth, growth=2.0 * state.growth, rejected=state.rejected + 1
             )
 
-        iterations = state.iterations + ~state.fresh
+        iterations = state.iterations + (accepted & ~state.fresh)
         state = lax.cond(accepted, move, stay, state)
         # A start that cannot be simulated stays fresh: there is nothing to go on from.
         state = state._replace(accepted=accepted, iterations=iterations, fresh=state.fresh & ~accepted)

@@ -21,7 +21,7 @@ from .quantity import quantities
 from .records import Record
 from .residual import Residual, as_weights, noise_floor
 
-TRIALS = 128
+TRIALS = 512
 """Points of the hypercube."""
 
 

@@ -13,7 +13,7 @@ PACKAGE = ROOT / "pdssjax"
 READING_ORDER = """
 errors quantity family units columns tables
 drive piezo friction effector
-series expansion integration actuator simulation
+series expansion crossing stepping tangents integration actuator simulation
 parameters records study
 metrics estimate display report plot output runtime cli
 """.split()

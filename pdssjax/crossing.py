@@ -1,0 +1,60 @@
+"""Where in a step a guard first falls through zero.
+
+The guard is a polynomial in theta = lapse/reach, one kernel of plain arithmetic: no loop,
+no branch.
+"""
+
+from typing import Any
+
+import jax.numpy as jnp
+
+from .expansion import horner
+from .series import Series
+
+_SAMPLES = 6
+"""Points of a step at which the sign of the guard is looked at."""
+_ITERATIONS = 8
+"""Iterations that locate an event within its bracket, to rounding."""
+
+
+def first_crossing(guards: tuple[Series, ...], size: int) -> Any:
+    """The first theta in (0, 1] at which one of the guards has fallen through zero, else 1.
+
+    Right after an event a guard starts from zero; one power of theta is then divided out,
+    which takes the root at the start away.  An end point of exactly 1 is no crossing.
+    """
+    first = 2.0
+    for guard in guards:
+        first = jnp.minimum(first, _crossing([jnp.asarray(guard[k], float) for k in range(size)]))
+    return jnp.where(first > 1.0, 1.0, jnp.minimum(first, 1.0 - 1e-15))
+
+
+def _crossing(coefficients: list) -> Any:
+    """The first root in (0, 1], or 2: bracketed by samples, then Newton's method.
+
+    The slope is inverted by Newton's method as well (r <- r (2 - g' r)): without a
+    division the compiler makes one kernel of it all.
+    """
+    fresh = coefficients[0] <= 0.0
+    shifted = [*coefficients[1:], 0.0 * coefficients[0]]
+    g = [jnp.where(fresh, b, a) for a, b in zip(coefficients, shifted, strict=True)]
+    slope = [k * c for k, c in enumerate(g)][1:]
+    low, g_low, high, g_high = 0.0, g[0], 1.0, g[0]
+    found, before, g_before = jnp.zeros_like(fresh), low, g_low
+    for i in range(1, _SAMPLES + 1):
+        value = horner(g, i / _SAMPLES)
+        hit = ~found & (value < 0.0)
+        low, g_low = jnp.where(hit, before, low), jnp.where(hit, g_before, g_low)
+        high, g_high = jnp.where(hit, i / _SAMPLES, high), jnp.where(hit, value, g_high)
+        found, before, g_before = found | hit, i / _SAMPLES, value
+    at_once = found & (g_low <= 0.0)
+    gap = jnp.where(g_low > g_high, g_low - g_high, 1.0)
+    inverse = (low - high) / gap
+    root = low - g_low * inverse
+    for _ in range(_ITERATIONS):
+        value = horner(g, root)
+        low, high = jnp.where(value > 0.0, root, low), jnp.where(value > 0.0, high, root)
+        inverse = inverse * (2.0 - horner(slope, root) * inverse)
+        newton = root - value * inverse
+        root = jnp.where((newton >= low) & (newton <= high), newton, 0.5 * (low + high))
+    return jnp.where(found, jnp.where(at_once, 0.0, root), 2.0)

@@ -1,0 +1,211 @@
+"""The march: every step of a run, found without derivatives.
+
+A bare `while_loop` on a handful of scalars.  It writes one row a step to a table; `tangents`
+expands the rows again, in value and in derivative.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from .crossing import first_crossing
+from .expansion import AbstractExpansion, Taylor, horner
+from .series import polynomial
+
+_BLOCK = 5
+"""Steps written to memory at a time: XLA runs a loop on small buffers two to three times faster."""
+
+RESTING = 2.0
+"""The mode of a system that has settled until the next corner; no guard ends it."""
+
+CORNER, SETTLES, EVENT = 1, 2, 4
+"""Bits of the code of a step: how it ended."""
+
+KNOWN = 5
+"""Columns of the table behind the time and the state: index, mode, reach, length, code."""
+
+
+class Accuracy(eqx.Module):
+    """How finely to integrate."""
+
+    tolerance: float = 1e-11
+    """Local error allowed in one step, as a displacement [m]."""
+    rest: float = 1e-12
+    """Deviation [m] from the steady solution below which the rest of a segment is not stepped."""
+    method: AbstractExpansion = Taylor(12)
+    """The one-step method for the smooth pieces."""
+    max_steps: int = eqx.field(static=True, default=4096)
+    """Room for this many steps; a march that needs more ends there and says so."""
+
+
+class Walk(NamedTuple):
+    """The carry of the march, scalars only, so that the loop is fast; at the end its outcome."""
+
+    index: Any
+    origin: Any
+    after: Any
+    x: tuple
+    mode: Any
+    trial: Any
+    count: Any
+    rejected: Any
+    events: Any
+    failure: Any
+    done: Any
+    opened: tuple
+    """State with which the last period of the drive began."""
+    rested: Any
+    """That state was at rest."""
+    period: Any
+    repeats: Any
+
+
+def find_steps(system: Any, horizon: Any, accuracy: Accuracy) -> tuple[Any, Walk]:
+    """Every step from t = 0 to the horizon: the table of steps, and the last carry."""
+    unflatten = unflattener(system)
+    first = system.initial()
+    zero = jnp.zeros(())
+    mode = system.enter(system.segment(zero), first, zero)
+    blank = dict.fromkeys(Walk._fields, zero)
+    leaves = tuple(jax.tree.leaves(first))
+    walk = Walk(**blank | {"x": leaves, "opened": leaves, "mode": mode, "trial": zero + 1e-6})
+    start, unpack = _packed(walk)
+    width = 2 + len(walk.x) + KNOWN
+    blocks = -(-accuracy.max_steps // _BLOCK)
+    done = lambda packed: unpack(packed).done > 0
+
+    def step(carry):
+        packed, filled, block = carry
+        moved, row, accepted = _one_step(system, horizon, accuracy, unflatten, unpack(packed))
+        block = lax.dynamic_update_index_in_dim(block, row, filled, 0)
+        return _packed(moved)[0], filled + accepted, block
+
+    def steps(carry):
+        packed, table, used = carry
+        empty = (packed, jnp.zeros((), int), jnp.zeros((_BLOCK, width)))
+        packed, _, block = lax.while_loop(lambda c: (c[1] < _BLOCK) & ~done(c[0]), step, empty)
+        return packed, lax.dynamic_update_slice_in_dim(table, block, used * _BLOCK, 0), used + 1
+
+    packed, table, used = lax.while_loop(
+        lambda c: (c[2] < blocks) & ~done(c[0]), steps, (start, jnp.zeros((blocks * _BLOCK, width)), 0)
+    )
+    walk = unpack(packed)
+    counts = ("count", "rejected", "events", "period", "failure")
+    whole = {name: getattr(walk, name).astype(int) for name in counts}
+    whole["failure"] = jnp.where(walk.done > 0, whole["failure"], 1)
+    return table, walk._replace(**whole, repeats=walk.repeats > 0)
+
+
+def _one_step(system, horizon, accuracy, unflatten, walk):
+    """One attempt: the new carry, its row for the table, and whether it was accepted."""
+    one = 1.0 + 0.0 * walk.count
+    segment = system.segment(walk.index)
+    units = [scale / accuracy.tolerance for scale in jax.tree.leaves(system.scales())]
+    last = walk.origin + segment.duration >= horizon
+    finish = jnp.where(last, horizon - walk.origin, segment.duration)
+    remaining = jnp.maximum(finish - walk.after, 0.0)
+    field = field_of(system, segment, unflatten, walk.mode)
+    piece = accuracy.method.attempt(field, walk.after, list(walk.x), units, remaining, walk.trial, one)
+
+    clock = polynomial([walk.after, piece.reach])
+    motion = unflatten([polynomial(c) for c in piece.polynomials])
+    guards = system.guards(segment, clock, motion, walk.mode)
+    crossing = first_crossing(guards, len(piece.polynomials[0])) / one
+    event = crossing < 1.0
+    length = piece.reach * crossing
+    after = walk.after + length
+    x = [horner(c, crossing) for c in piece.polynomials]
+    x = system.exact(segment, walk.after, unflatten(walk.x), length, unflatten(x))
+    x = _kept(x, one)
+    ended = ~event & (piece.reach >= remaining)
+    corner = ended & ~last
+
+    switched, mode = system.switch(segment, after, x, walk.mode)
+    x = jax.tree.map(lambda a, b: jnp.where(event, a, b), switched, x)
+    mode = jnp.where(event, mode, walk.mode) / one
+    settles = ~ended & system.settled(segment, after, x, mode, accuracy.rest)
+    settles = jnp.where(settles, 1.0, 0.0) / one
+    settled = system.settle(segment, after, x, mode)
+    x = jax.tree.map(lambda a, b: jnp.where(settles > 0, a, b), settled, x)
+    mode = jnp.where(settles > 0, RESTING, mode)
+
+    x = _kept(x, one)
+    row = _row(walk, piece.reach, length, corner * CORNER + settles * SETTLES + event * EVENT)
+    ahead = walk.index + 1.0
+    entered = system.enter(system.segment(ahead), x, mode) / one
+    opens, repeats = _new_period(system, accuracy, unflatten, walk, ahead, x, mode, corner)
+    finite = jnp.isfinite(sum(jax.tree.leaves(x))) & (length >= 0)
+    hopeless = ~piece.accepted & (walk.rejected > 2 * accuracy.max_steps)
+    failure = jnp.where((piece.accepted & ~finite) | hopeless, 2.0, 0.0)
+    moved = Walk(
+        index=walk.index + corner,
+        origin=jnp.where(corner, walk.origin + segment.duration, walk.origin),
+        after=jnp.where(corner, 0.0, after),
+        x=tuple(jax.tree.leaves(x)),
+        mode=jnp.where(corner, entered, mode),
+        trial=piece.following,
+        count=walk.count + 1,
+        rejected=walk.rejected,
+        events=walk.events + event,
+        failure=failure,
+        done=((ended & last) | repeats | (failure > 0)) * 1.0,
+        opened=tuple(jnp.where(opens, a, b) for a, b in zip(jax.tree.leaves(x), walk.opened, strict=True)),
+        rested=jnp.where(opens, (mode == RESTING) * 1.0, walk.rested),
+        period=jnp.where(opens & ~repeats, walk.count + 1, walk.period),
+        repeats=repeats * 1.0,
+    )
+    again = walk._replace(
+        trial=piece.following, rejected=walk.rejected + 1, failure=failure, done=jnp.where(failure > 0, 1.0, 0.0)
+    )
+    walk = jax.tree.map(lambda a, b: jnp.where(piece.accepted, a, b), moved, again)
+    return walk, row, piece.accepted
+
+
+def _kept(tree, one):
+    """`tree` as computed once: XLA repeats cheap scalars in every consumer, but no division.
+
+    `one` is 1 in a way that the compiler cannot know.
+    """
+    packed, unpack = _packed(tree)
+    return unpack(packed / one)
+
+
+def _packed(tree):
+    """The scalars of `tree` as one vector, and the way back."""
+    leaves, structure = jax.tree.flatten(tree)
+    return jnp.stack(leaves), lambda packed: jax.tree.unflatten(structure, [packed[i] for i in range(len(leaves))])
+
+
+def _row(walk, reach, length, code):
+    return jnp.stack([walk.origin, walk.after, *walk.x, walk.index, walk.mode, reach, length, code])
+
+
+def _new_period(system, accuracy, unflatten, walk, ahead, x, mode, corner):
+    """Whether a period of the drive opens here, and whether it repeats the last one.
+
+    It does where both began at rest and in the same state but for a shift: a contact may
+    also rest while it sticks, each time with another force, or while the platform rings.
+    """
+    cycle = system.period()
+    if cycle is None:
+        return False, jnp.zeros((), bool)
+    first, every = cycle
+    opens = corner & (ahead >= first) & ((ahead - first) % every == 0)
+    # Each is within `rest` of the steady solution; the factor keeps that from looking like a difference.
+    alike = system.alike(x, unflatten(walk.opened), 4.0 * accuracy.rest)
+    return opens, opens & (walk.rested > 0) & (mode == RESTING) & alike
+
+
+def field_of(system: Any, segment: Any, unflatten: Callable, mode: Any) -> Callable:
+    """The field of one mode on lists of scalars, as the methods want it."""
+    return lambda after, x: jax.tree.leaves(system.field(segment, after, unflatten(x), mode))
+
+
+def unflattener(system: Any) -> Callable:
+    """Makes a state of `system` from its components."""
+    tree = jax.tree.structure(system.initial())
+    return lambda leaves: jax.tree.unflatten(tree, list(leaves))
