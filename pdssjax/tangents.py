@@ -7,6 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jax.flatten_util import ravel_pytree
 
 from .expansion import horner
 from .stepping import CORNER, EVENT, KNOWN, SETTLES, field_of, find_steps, unflattener
@@ -31,15 +32,23 @@ def _march_jvp(primals, tangents, *, horizon, accuracy, keep):
     (system,), (system_dot,) = primals, tangents
     table, walk = find_steps(system, horizon, accuracy)
     size = table.shape[1] - KNOWN
+    moving, fixed = eqx.partition(
+        system, jax.tree.map(lambda t: t is not None, system_dot, is_leaf=lambda t: t is None)
+    )
+    parameters, rebuilt = ravel_pytree(moving)
+    parameters_dot, _ = ravel_pytree(system_dot)
 
+    # One Jacobian with respect to the begin and every parameter, whatever the tangents: it
+    # is compiled once, and directions asked for together share it.
     def linearise(row):
-        begin, known = row[:size], row[size:]
+        def flow(inputs):
+            begin, known = inputs[:size], row[size:]
+            system = eqx.combine(rebuilt(inputs[size:]), fixed)
+            end, polynomials = _advance(system, accuracy, keep, jnp.concatenate([begin, known]))
+            return (end, polynomials), polynomials
 
-        def flow(begin, system):
-            return _advance(system, accuracy, keep, jnp.concatenate([begin, known]))
-
-        (_, polynomials), driven = eqx.filter_jvp(lambda s: flow(begin, s), (system,), (system_dot,))
-        return polynomials, driven, jax.jacfwd(lambda b: flow(b, system))(begin)
+        slopes, polynomials = jax.jacfwd(flow, has_aux=True)(jnp.concatenate([row[:size], parameters]))
+        return polynomials, slopes
 
     def join(tangent, step):
         real, matrix, vector = step
@@ -47,10 +56,11 @@ def _march_jvp(primals, tangents, *, horizon, accuracy, keep):
         return jnp.where(real, moved, tangent), tangent
 
     def tile(tangent, rows, real):
-        polynomials, driven, slopes = jax.vmap(linearise)(rows)
-        end, begins = lax.scan(join, tangent, (real, slopes[0], driven[0]))
-        moved = jnp.sum(slopes[1] * begins[:, None, None, :], axis=-1)
-        return end, (begins, polynomials, moved + driven[1])
+        polynomials, (ends, inner) = jax.vmap(linearise)(rows)
+        driven = jnp.sum(ends[..., size:] * parameters_dot, axis=-1)
+        end, begins = lax.scan(join, tangent, (real, ends[..., :size], driven))
+        moved = jnp.sum(inner[..., :size] * begins[:, None, None, :], axis=-1)
+        return end, (begins, polynomials, moved + jnp.sum(inner[..., size:] * parameters_dot, axis=-1))
 
     end_dot, (begins_dot, polynomials, polynomials_dot) = _tiled(tile, jnp.zeros(size), table, walk.count)
     out = _outcome(table, walk, polynomials)

@@ -166,7 +166,10 @@ def advance(here, now, end, state, mode, times, out, tolerance):
         seen = solved.sol(times[inside])
         out[inside, 0], out[inside, 1] = seen[0], seen[2]
         riding = resting or not sliding
-        force = [here.holding(t, x) if riding else here.contact(x, mode)[0] for t, x in zip(times[inside], seen.T)]
+        force = [
+            here.holding(t, x) if riding else here.contact(x, mode)[0]
+            for t, x in zip(times[inside], seen.T, strict=True)
+        ]
         out[inside, 2] = force
     if resting or stop >= end:
         return last, end, 0 if resting else mode

@@ -13,7 +13,11 @@ class Segment(NamedTuple):
     duration: Float[Array, ""]
     """Length [s]; zero for a jump, infinite for the last one."""
     start: Float[Array, ""]
-    """Voltage just after the corner that opens the segment [V]."""
+    """Voltage just after the corner that opens the segment [V].
+
+    Of a segment of zero length the mean of both ends: what a short one gives the platform,
+    so that derivatives with respect to its length are right at zero, too.
+    """
     slope: Float[Array, ""]
     """Rate of the voltage [V/s]."""
 

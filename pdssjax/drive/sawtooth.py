@@ -27,7 +27,8 @@ class Sawtooth(AbstractDrive):
 
     def _first_fall(self, index):
         # A forward drive starts at 0 V, so its first cycle has no fast flank.
-        fall = jnp.asarray(self.fall_time, float)
+        # A fit may try a fall longer than the cycle; time must not run backwards then.
+        fall = jnp.minimum(jnp.asarray(self.fall_time, float), 1.0 / self.frequency)
         return jnp.where((index < 2) & (self.direction > 0), 0.0, fall)
 
     def segment(self, index):
@@ -35,9 +36,9 @@ class Sawtooth(AbstractDrive):
         fall = self._first_fall(index)
         length = jnp.where(fast, fall, 1.0 / self.frequency - fall)
         falls = fast == (self.direction > 0)
-        start = jnp.where(falls, self.voltage, 0.0)
         change = jnp.where(falls, -1.0, 1.0) * self.voltage
         moves = length > 0
+        start = jnp.where(moves, jnp.where(falls, self.voltage, 0.0), 0.5 * self.voltage)
         return Segment(length, start, jnp.where(moves, change / jnp.where(moves, length, 1.0), 0.0))
 
     def at(self, time):

@@ -20,7 +20,7 @@ class Step(AbstractDrive):
         slope = jnp.where(rise > 0, self.voltage / jnp.where(rise > 0, rise, 1.0), 0.0)
         return Segment(
             jnp.where(rises, rise, jnp.inf),
-            jnp.where(rises, 0.0, jnp.asarray(self.voltage, float)),
+            jnp.where(rises, jnp.where(rise > 0, 0.0, 0.5), 1.0) * self.voltage,
             jnp.where(rises, slope, 0.0),
         )
 

@@ -1,0 +1,99 @@
+"""How much of the first step's error lands in the second? (thesis, section 6.2)
+
+The thesis identified the piezo from step tests, held it, and then identified the friction.
+If the piezo's parameters are wrong by a little, the friction's move to make up for it.  To
+first order the shift is -(J2' J2)^-1 J2' J1, with the Jacobians of the sawtooth records
+in the friction's and in the piezo's parameters, at the true values of the packaged example.
+
+    python -m experiments.error_propagation
+"""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from matplotlib.figure import Figure
+
+import pdssjax
+from pdssjax.cli import EXAMPLE
+from pdssjax.integration import Accuracy
+from pdssjax.parameters import scale
+from pdssjax.residual import Residual, as_weights
+from pdssjax.runtime import prepare_jax
+from pdssjax.uncertainty import covariance
+
+OUT = Path("out/experiments")
+MEASURED_SPREAD = {"piezo.gain": 0.02, "piezo.natural_frequency": 0.03, "piezo.damping_ratio": 0.17}
+"""Relative spread between the thesis's own two identifications of the piezo (chapters 4 and 5).
+
+Natural frequency 6527 and 6736 rad/s, damping ratio 0.2083 and 0.1772, gain (read from chapter
+4's H sin(pL)) 0.098 and 0.1007 um/V.
+"""
+
+
+def main() -> None:
+    """Print the table and draw the figure."""
+    prepare_jax()
+    study = pdssjax.load_study(EXAMPLE / "study.toml")
+    truth = {path: entry["value"] for path, entry in json.loads((EXAMPLE / "truth.json").read_text())["parameters"].items()}
+    truth = {path: truth[path] for path in study.parameters}
+    shifts = {}
+    for reading in ("deflection", "force"):
+        paths, shifts[reading] = shift(dataclasses.replace(study, friction_state=reading), truth)
+        show(reading, paths, shifts[reading])
+    OUT.mkdir(parents=True, exist_ok=True)
+    draw(paths, shifts).savefig(OUT / "error_propagation.png", dpi=150)
+    print(f"Figure: {OUT / 'error_propagation.png'}")
+
+
+def shift(study, truth):
+    """Per cent by which each friction parameter moves for 1 % in each piezo parameter, shape (6, 3)."""
+    records = [record for record in study.records if record.role == "fit" and record.measures == "effector"]
+    free = scale(study.parameters, truth)
+    fixed = {path: truth[path] for path, parameter in study.parameters.items() if not parameter.free}
+    residual = Residual(study.models, records, free, fixed, Accuracy())
+    weights = as_weights([record.noise for record in records], [True] * len(records))
+    jacobian = np.asarray(jax.jit(jax.jacfwd(lambda u: residual(u, weights)[0]))(jnp.asarray(free.encode(truth))))
+    piezo = np.array([path.startswith("piezo.") for path in free.paths])
+    second, first = jacobian[:, ~piezo], jacobian[:, piezo]
+    inverse = covariance(second, np.zeros(second.shape[1], bool)).matrix
+    return np.array(free.paths), -inverse @ second.T @ first
+
+
+def show(reading: str, paths: np.ndarray, shift: np.ndarray) -> None:
+    """The table of one reading of (5.22)."""
+    piezo = [path for path in paths if path.startswith("piezo.")]
+    friction = [path for path in paths if not path.startswith("piezo.")]
+    print(f"\n{reading} state: % that the friction parameter moves")
+    print(f"{'':<20}" + "".join(f"{'per 1 % of ' + p.split('.')[1]:>30}" for p in piezo) + f"{'thesis spread*':>18}")
+    spread = np.abs(shift) @ [100 * MEASURED_SPREAD[path] for path in piezo]
+    for path, row, whole in zip(friction, shift, spread, strict=True):
+        print(f"{path:<20}" + "".join(f"{value:>30.2f}" for value in row) + f"{whole:>18.0f}")
+    print("* first order, all three piezo parameters off by the spread of the thesis's own two identifications")
+
+
+def draw(paths: np.ndarray, shifts: dict[str, np.ndarray]) -> Figure:
+    """Size of every shift, one panel a reading."""
+    figure = Figure(figsize=(9, 3.6), layout="constrained")
+    friction = [path.split(".")[1] for path in paths if not path.startswith("piezo.")]
+    names = [path.split(".")[1].replace("_", " ") for path in paths if path.startswith("piezo.")]
+    panels = figure.subplots(1, len(shifts), sharey=True)
+    for axes, (reading, values) in zip(panels, shifts.items(), strict=True):
+        places = np.arange(len(friction))
+        for i, (name, colour) in enumerate(zip(names, ("#0072b2", "#d55e00", "#009e73"), strict=True)):
+            axes.bar(places + 0.27 * (i - 1), np.abs(values[:, i]), 0.25, label=name, color=colour)
+        axes.set_yscale("log")
+        axes.set_xticks(places, friction, rotation=30, ha="right")
+        axes.set_title(f"{reading} state")
+        axes.grid(axis="y", alpha=0.3)
+    panels[0].set_ylabel("shift of the friction parameter (%)\nfor 1 % error of the piezo's")
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, [f"1 % error in {label}" for label in labels], loc="outside lower center", ncols=3)
+    return figure
+
+
+if __name__ == "__main__":
+    main()
