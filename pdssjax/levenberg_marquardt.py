@@ -46,6 +46,8 @@ class LMState(NamedTuple):
     """Linearisations after the first."""
     rejected: Any
     """Trials rejected in a row."""
+    crawls: Any
+    """Accepted steps in a row that hardly lowered the sum of squares."""
 
 
 class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
@@ -58,6 +60,10 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     """Ends where an undamped step promises to lower the sum of squares by less than this share."""
     atol: float = 0.0
     norm: Any = eqx.field(static=True, default=optx.max_norm)
+    crawl: float = 0.0
+    """A step that lowers the sum of squares by less than this share crawls."""
+    most_crawls: int = eqx.field(static=True, default=5)
+    """In a row; then the fit has come as far as it gets: a valley flat beyond the data's power to tell."""
     most_rejections: int = eqx.field(static=True, default=12)
     """In a row; then the fit has stalled."""
 
@@ -78,6 +84,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
             accepted=jnp.array(False),
             iterations=none,
             rejected=none,
+            crawls=none,
         )
 
     def step(self, fn, y, args, options, state, tags):
@@ -109,6 +116,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
                 damping=jnp.where(state.fresh, state.damping, jnp.maximum(state.damping * shrink, 1e-14)),
                 growth=2.0 * jnp.ones(()),
                 rejected=jnp.zeros_like(state.rejected),
+                crawls=jnp.where(~state.fresh & (before - after < self.crawl * after), state.crawls + 1, 0),
             )
             return moved._replace(expected=_promise(moved, trial, options))
 
@@ -128,7 +136,8 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         lost = begun & state.fresh
         stalled = state.rejected >= self.most_rejections
         # Near the optimum rounding in the simulation can deny what a tiny step promises.
-        done = ~state.fresh & ((state.expected <= self.rtol) | (stalled & (state.expected <= 1e3 * self.rtol)))
+        done = (state.expected <= self.rtol) | (stalled & (state.expected <= 1e3 * self.rtol))
+        done = ~state.fresh & (done | (state.crawls >= self.most_crawls))
         failed = optx.RESULTS.where(lost, optx.RESULTS.nonlinear_divergence, optx.RESULTS.nonlinear_max_steps_reached)
         over = done | lost | stalled
         return over, optx.RESULTS.where(over & ~done, failed, optx.RESULTS.successful)
