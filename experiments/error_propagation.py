@@ -38,8 +38,8 @@ def main() -> None:
     """Print the table and draw the figure."""
     prepare_jax()
     study = pdssjax.load_study(EXAMPLE / "study.toml")
-    truth = {path: entry["value"] for path, entry in json.loads((EXAMPLE / "truth.json").read_text())["parameters"].items()}
-    truth = {path: truth[path] for path in study.parameters}
+    known = json.loads((EXAMPLE / "truth.json").read_text())["parameters"]
+    truth = {path: known[path]["value"] for path in study.parameters}
     shifts = {}
     for reading in ("deflection", "force"):
         paths, shifts[reading] = shift(dataclasses.replace(study, friction_state=reading), truth)

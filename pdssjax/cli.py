@@ -13,7 +13,7 @@ import sys
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from .errors import InputError, InputWarning
 
@@ -48,7 +48,7 @@ def _identify(options: argparse.Namespace) -> int:
     from .report import format_comparison, format_report
     from .runtime import prepare_jax
 
-    methods = ["joint", "sequential"] if options.method == "both" else [options.method]
+    methods: list[Any] = ["joint", "sequential"] if options.method == "both" else [options.method]
     folders = {method: options.out / method if len(methods) > 1 else options.out for method in methods}
     for folder in folders.values():
         check_free(folder, options.overwrite)

@@ -26,6 +26,9 @@ from .stepping import Accuracy as Accuracy
 from .stepping import unflattener
 from .tangents import expanded_march
 
+TIGHT = Accuracy(tolerance=1e-14, rest=1e-15)
+"""To rounding: trajectories to about 1e-7 um, derivatives to 1e-6, at twice the steps."""
+
 FAILURES = (
     "",
     "the march ran out of room before the end of the record; try a larger `max_steps`",

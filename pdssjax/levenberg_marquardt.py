@@ -18,7 +18,6 @@ import optimistix as optx
 from jax import lax
 from jaxtyping import Array, Float
 
-
 _PROBE = 0.1
 """Share of the step at which the curvature of the residuals is probed."""
 _BEND = 0.75

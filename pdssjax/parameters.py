@@ -12,7 +12,6 @@ from .errors import InputError
 from .quantity import Quantity
 from .tables import Table, check_range
 
-
 REACH = 1e3
 """Factor by which a positive parameter may leave its start where the study sets no bound."""
 

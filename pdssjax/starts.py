@@ -13,7 +13,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from .drive.step import Step
 from .integration import Accuracy
 from .parameters import Parameter, scale
 from .prediction import Models
@@ -56,7 +55,7 @@ def _within(number: float, parameter: Parameter) -> float:
 
 
 def _piezo_from_data(records: Sequence[Record]) -> dict[str, float]:
-    steps = [r for r in records if r.measures == "platform" and isinstance(r.drive, Step)]
+    steps = [r for r in records if r.measures == "platform" and r.drive.period() is None]
     if steps:
         found = [_from_step(record) for record in steps]
         return {path: float(np.median([f[path] for f in found])) for path in found[0]}

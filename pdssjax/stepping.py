@@ -38,7 +38,7 @@ class Accuracy(eqx.Module):
     """Deviation [m] from the steady solution below which the rest of a segment is not stepped."""
     method: AbstractExpansion = Taylor(12)
     """The one-step method for the smooth pieces."""
-    max_steps: int = eqx.field(static=True, default=4096)
+    max_steps: int = eqx.field(static=True, default=8192)
     """Room for this many steps; a march that needs more ends there and says so."""
 
 

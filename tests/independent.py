@@ -9,6 +9,8 @@ import dataclasses
 import numpy as np
 from scipy.integrate import solve_ivp
 
+REST = 2
+"""The mode of what rides along until the next corner; +1, -1 and 0 slide and stick."""
 STILL = 1e-17
 """Deviation [m] from rest below which the contact is taken to ride along until the next corner."""
 
@@ -55,7 +57,7 @@ def simulate(rig: Rig, times: np.ndarray, tolerance: float = 1e-12) -> np.ndarra
     for begin, end, voltage, slope in corners(rig, times[-1] * (1 + 1e-15)):
         here = Piece(rig, begin, voltage, slope)
         now = begin
-        if mode is None or mode == 0 or state[1] == state[3]:
+        if mode in (None, 0, REST) or state[1] == state[3]:
             mode = here.leaves(now, state, 0)
         while now < end:
             state, now, mode = advance(here, now, end, state, mode, times, out, tolerance)
@@ -130,7 +132,7 @@ class Piece:
 
 def advance(here, now, end, state, mode, times, out, tolerance):
     """One mode, up to its end or `end`; writes the samples on the way."""
-    sliding = mode != 0
+    resting, sliding = mode == REST, mode in (1, -1)
 
     def crosses(t, x):
         return mode * (x[1] - x[3])
@@ -147,7 +149,6 @@ def advance(here, now, end, state, mode, times, out, tolerance):
     events = [crosses] if sliding else [frees_forward, frees_backward]
     for event in (*events, calm):
         event.terminal, event.direction = True, -1
-    resting = here.still(now, state, mode)
     solved = solve_ivp(
         lambda t, x: here.rates(t, x, 0 if resting else mode),
         (now, end),
@@ -172,9 +173,9 @@ def advance(here, now, end, state, mode, times, out, tolerance):
         ]
         out[inside, 2] = force
     if resting or stop >= end:
-        return last, end, 0 if resting else mode
+        return last, end, mode
     if solved.t_events[-1].size:
-        return last, stop, mode
+        return last, stop, REST
     last[3] = last[1]
     if sliding:
         return last, stop, here.leaves(stop, last, mode)

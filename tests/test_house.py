@@ -14,14 +14,15 @@ READING_ORDER = """
 errors quantity family units columns tables
 drive piezo friction effector
 series expansion crossing stepping tangents integration actuator simulation
-parameters records study
-metrics estimate display report plot output runtime cli
+parameters records prediction residual starts study
+levenberg_marquardt uncertainty metrics estimate fitting summary estimation
+display report plot output runtime cli
 """.split()
 """Modules and families; each may import only from those before it."""
 
 HOMES = {
     "diffrax": {"expansion"},
-    "optimistix": {"expansion", "estimation"},
+    "optimistix": {"expansion", "levenberg_marquardt", "fitting"},
     "matplotlib": {"plot"},
     "pint": {"units"},
     "rich": {"cli"},

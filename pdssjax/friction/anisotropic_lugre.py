@@ -7,7 +7,14 @@ With index a for v >= 0 and b for v < 0:
   where s0, s1 and F_SS all switch with the sign of v, so that F jumps at v = 0;
 - force state: f = s0 z is carried instead,
       f' = s0 (v - |v| f / F_SS),   F = f + s1 (v - |v| f / F_SS),
-  continuous at v = 0 and passive.
+  continuous at v = 0.
+
+Neither is passive once s0a and s0b differ: a bristle that is loaded at the softer stiffness
+and unloaded at the stiffer one gives back more than it took.  With s0a > s0b the deflection
+state creates energy where the bristle swings on the side z < 0 and loses it on the other;
+the force state does the opposite, as its energy at a given force is f^2/(2 s0).  Under a
+constant load that keeps it on that side, the deflection state therefore never comes to
+rest: it settles on a limit cycle.
 
 W. Zhang's group, thesis, section 5.2.7; C. Canudas de Wit et al., IEEE Trans. Automatic
 Control 40(3), 1995, for the LuGre model.

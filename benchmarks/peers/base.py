@@ -1,0 +1,88 @@
+"""What a simulator must offer to be measured."""
+
+import abc
+import dataclasses
+import importlib.util
+import time
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from pdssjax.records import Record
+
+from ..problem import PARAMETERS, Problem
+
+Run = Callable[[np.ndarray, float], np.ndarray]
+"""From parameters, as `problem.NAMES` has them [SI], and a tolerance to the result [um]."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Prepared:
+    """A run that is ready to be called."""
+
+    run: Run
+    compile_seconds: float
+    """Spent on tracing and compiling before the first call."""
+
+
+class AbstractPeer(abc.ABC):
+    """One way to simulate the problem.
+
+    What needs an optional package imports it inside its methods.
+    """
+
+    name: str
+    tolerances: tuple[float, ...] = ()
+    """To be tried for a trajectory, loosest first."""
+    jacobian_tolerances: tuple[float, ...] = ()
+    """The same for a Jacobian; empty: it makes none."""
+    fit_tolerance: float | None = None
+    """That of a fit by `scipy.optimize.least_squares`; None: it makes none."""
+
+    def missing(self) -> str | None:
+        """Why it cannot run here, as a sentence; None where it can."""
+        return None
+
+    @abc.abstractmethod
+    def trajectory(self, problem: Problem) -> Prepared:
+        """The end-effector at the sample times, shape (samples,)."""
+
+    def jacobian(self, problem: Problem) -> Prepared:
+        """d x_e / d log(parameter), shape (samples, 10): central differences unless a peer knows better."""
+        prepared = self.trajectory(problem)
+        return Prepared(lambda p, tolerance: differences(prepared.run, p, tolerance), prepared.compile_seconds)
+
+    def record(self, parameters: np.ndarray, record: Record, tolerance: float) -> np.ndarray:
+        """The end-effector at the times of a measured record [um]; wanted where there is a `fit_tolerance`."""
+        raise NotImplementedError
+
+
+def differences(run: Run, parameters: np.ndarray, tolerance: float) -> np.ndarray:
+    """Central differences in the logarithms, with the step that suits the tolerance."""
+    step = tolerance ** (1.0 / 3.0)
+    columns = []
+    for i in range(parameters.size):
+        factor = np.where(np.arange(parameters.size) == i, np.exp(step), 1.0)
+        columns.append((run(parameters * factor, tolerance) - run(parameters / factor, tolerance)) / (2.0 * step))
+    return np.stack(columns, axis=1)
+
+
+def warmed(run: Run, tolerance: float) -> Prepared:
+    """`run`, called once for its compiler; the time of that call is taken for the compilation."""
+    begun = time.perf_counter()
+    run(PARAMETERS, tolerance)
+    return Prepared(run, time.perf_counter() - begun)
+
+
+def ladder(loosest: float, tightest: float) -> tuple[float, ...]:
+    """Tolerances from loosest to tightest, two a decade."""
+    steps = round(2 * np.log10(loosest / tightest)) + 1
+    return tuple(float(t) for t in loosest * 10.0 ** (-0.5 * np.arange(steps)))
+
+
+def not_installed(packages: Sequence[str]) -> str | None:
+    """A sentence about the first of `packages` that is not installed."""
+    for package in packages:
+        if importlib.util.find_spec(package) is None:
+            return f"The package {package} is not installed; `make bench` tries to."
+    return None

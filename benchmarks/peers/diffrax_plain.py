@@ -1,0 +1,89 @@
+"""diffrax as it comes: one adaptive solve over the whole record, steps clipped at the drops.
+
+The Jacobian is `jacfwd` through the solve.  It misses what the switching times do to the
+solution, and is wrong at any tolerance.
+"""
+
+import dataclasses
+import time
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..problem import NAMES, PARAMETERS, Problem
+from .base import AbstractPeer, Prepared, ladder
+
+_RATE = 6736.0
+"""Scale of the velocities [1/s], so that one tolerance suits displacements and velocities."""
+
+
+def field(time, state, args):
+    """The coupled equations in um and um times `_RATE`, |v| and the switches as they stand."""
+    p, voltage, period = args
+    y, w, x_e, w_e, z = state
+    u = voltage * (time / period - jnp.floor(time / period))
+    v = (w - w_e) * _RATE
+    s0, s1, f_ss = (jnp.where(v >= 0, p[k], p[k + 1]) for k in (4, 6, 8))
+    rate = v - s0 * jnp.abs(v) / (1e6 * f_ss) * z
+    force = s0 * z + s1 * rate
+    push = p[0] ** 2 * (1e6 * p[2] * u - y) - 2.0 * p[1] * p[0] * w * _RATE
+    return jnp.stack([w * _RATE, push / _RATE, w_e * _RATE, force / p[3] / _RATE, rate])
+
+
+@dataclasses.dataclass(frozen=True)
+class PlainDiffrax(AbstractPeer):
+    """`diffrax.diffeqsolve` with a solver of diffrax."""
+
+    solver: diffrax.AbstractSolver
+    tolerances: tuple[float, ...]
+    jacobian_tolerances: tuple[float, ...] = ()
+
+    @property
+    def name(self) -> str:
+        return f"diffrax {type(self.solver).__name__}"
+
+    def trajectory(self, problem: Problem) -> Prepared:
+        return self._compiled(lambda p, tolerance: self._run(p, tolerance, problem))
+
+    def jacobian(self, problem: Problem) -> Prepared:
+        def run(p, tolerance):
+            logarithmic = lambda q: self._run(p * jnp.exp(q), tolerance, problem)
+            return jax.jacfwd(logarithmic)(jnp.zeros(len(NAMES)))
+
+        return self._compiled(run)
+
+    def _run(self, p, tolerance, problem):
+        period = 1.0 / problem.frequency
+        control = diffrax.ClipStepSizeController(
+            diffrax.PIDController(rtol=tolerance, atol=tolerance, dtmax=period / 20.0),
+            jump_ts=jnp.arange(1, problem.cycles) * period,
+        )
+        solution = diffrax.diffeqsolve(
+            diffrax.ODETerm(field),
+            self.solver,
+            t0=0.0,
+            t1=problem.cycles * period,
+            dt0=1e-6,
+            y0=jnp.zeros(5),
+            args=(p, problem.voltage, period),
+            saveat=diffrax.SaveAt(ts=jnp.asarray(problem.times)),
+            stepsize_controller=control,
+            max_steps=200_000,
+            adjoint=diffrax.ForwardMode(),
+            throw=False,
+        )
+        return solution.ys[:, 2]  # pyright: ignore[reportOptionalSubscript]
+
+    def _compiled(self, function) -> Prepared:
+        begun = time.perf_counter()
+        ready = jax.jit(function).lower(PARAMETERS, 1e-5).compile()
+        seconds = time.perf_counter() - begun
+        return Prepared(lambda p, tolerance: np.asarray(ready(p, tolerance)), seconds)
+
+
+PEERS = (
+    PlainDiffrax(diffrax.Tsit5(), ladder(1e-5, 1e-9), ladder(1e-6, 1e-8)),
+    PlainDiffrax(diffrax.Kvaerno5(), ladder(1e-7, 1e-9)),
+)

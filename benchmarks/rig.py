@@ -1,0 +1,54 @@
+"""The packaged example as the benchmark uses it."""
+
+import dataclasses
+import functools
+import json
+
+import numpy as np
+
+from pdssjax.cli import EXAMPLE
+from pdssjax.study import Study, load_study
+
+from .problem import EveryCycle
+
+
+def example(every_cycle: bool = False) -> Study:
+    """The packaged study; with `every_cycle` no sawtooth says that it repeats."""
+    study = load_study(EXAMPLE / "study.toml")
+    return stepped(study) if every_cycle else study
+
+
+def stepped(study: Study) -> Study:
+    """The study with drives that do not say that they repeat."""
+    records = []
+    for record in study.records:
+        fields = {field.name: getattr(record.drive, field.name) for field in dataclasses.fields(record.drive)}
+        sawtooth = type(record.drive).__name__ == "Sawtooth"
+        records.append(dataclasses.replace(record, drive=EveryCycle(**fields)) if sawtooth else record)
+    return dataclasses.replace(study, records=tuple(records))
+
+
+def started(study: Study, values: dict[str, float]) -> Study:
+    """The study with a start for every free parameter, so that none is searched for."""
+    parameters = {
+        path: dataclasses.replace(p, start=values[path]) if p.free else p for path, p in study.parameters.items()
+    }
+    return dataclasses.replace(study, parameters=parameters)
+
+
+def sawtooths(every_cycle: bool = False) -> Study:
+    """Only the two 5 Hz records that are fitted, the parameters started at the truth."""
+    study = started(example(every_cycle), truth())
+    used = tuple(r for r in study.records if r.measures == "effector" and r.role == "fit")
+    return dataclasses.replace(study, records=used)
+
+
+@functools.cache
+def truth() -> dict[str, float]:
+    """The parameters with which the example was made [SI]."""
+    found = json.loads((EXAMPLE / "truth.json").read_text(encoding="utf-8"))
+    return {path: float(np.asarray(value)) for path, value in _flat(found).items()}
+
+
+def _flat(found: dict) -> dict:
+    return found["parameters"] if "parameters" in found else found

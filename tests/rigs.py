@@ -1,0 +1,80 @@
+"""The package's models of an `independent.Rig`, compiled once for each structure and shared by the tests."""
+
+import dataclasses
+from functools import cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from independent import Rig
+
+from pdssjax.actuator import Actuator
+from pdssjax.drive.sawtooth import Sawtooth
+from pdssjax.effector import Effector
+from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
+from pdssjax.integration import Accuracy
+from pdssjax.piezo.second_order import SecondOrder
+from pdssjax.simulation import simulate
+
+SAMPLES = 120
+"""Samples a record, the same everywhere: another number would be compiled anew."""
+
+NAMES = "gain frequency damping stack mass load s0_a s0_b s1_a s1_b f_ss_a f_ss_b voltage rate fall forward".split()
+
+
+def values(rig: Rig) -> np.ndarray:
+    """The numbers of a rig in the order of `NAMES`."""
+    contact = [*rig.s0, *rig.s1, *rig.f_ss]
+    drive = [rig.voltage, 1.0 / rig.cycle, rig.fall, 1.0 if rig.forward else -1.0]
+    return np.array([rig.gain, rig.frequency, rig.damping, rig.stack, rig.mass, rig.load, *contact, *drive])
+
+
+def models(numbers, reading: str, feedback: bool, drive: type = Sawtooth) -> tuple[Actuator, Sawtooth]:
+    """Actuator and drive with the given numbers."""
+    gain, frequency, damping, stack, mass, load, *contact = numbers[:12]
+    friction = AnisotropicLuGre(*contact, reading)
+    actuator = Actuator(SecondOrder(gain, frequency, damping, stack), friction, Effector(mass, load), feedback)
+    return actuator, drive(*numbers[12:])
+
+
+@cache
+def compiled(reading: str, feedback: bool, drive: type = Sawtooth, batch: bool = False):
+    """`simulate` as a function of (numbers, times, tolerance, rest)."""
+
+    def run(numbers, times, tolerance, rest):
+        return simulate(*models(numbers, reading, feedback, drive), times, Accuracy(tolerance, rest))
+
+    return jax.jit(jax.vmap(run, (0, None, None, None)) if batch else run)
+
+
+@cache
+def compiled_jacobian(reading: str, feedback: bool):
+    """Derivatives of (platform, effector) with respect to the numbers, shape (2, samples, numbers)."""
+
+    def run(numbers, times, tolerance, rest):
+        got = simulate(*models(numbers, reading, feedback), times, Accuracy(tolerance, rest))
+        return jnp.stack([got.platform, got.effector])
+
+    return jax.jit(jax.jacfwd(run))
+
+
+def trajectory(rig: Rig, times, accuracy: Accuracy, **kind):
+    assert len(times) == SAMPLES
+    return compiled(rig.reading, rig.feedback, **kind)(values(rig), times, accuracy.tolerance, accuracy.rest)
+
+
+def jacobian(rig: Rig, times, accuracy: Accuracy) -> np.ndarray:
+    assert len(times) == SAMPLES
+    run = compiled_jacobian(rig.reading, rig.feedback)
+    return np.asarray(run(values(rig), times, accuracy.tolerance, accuracy.rest))
+
+
+def varied(rig: Rig, name: str, change: float) -> Rig:
+    """The rig with one of its numbers changed by an amount."""
+    if name == "rate":
+        return dataclasses.replace(rig, cycle=1.0 / (1.0 / rig.cycle + change))
+    if name[-2:] in ("_a", "_b"):
+        pair = list(getattr(rig, name[:-2]))
+        pair[name.endswith("b")] += change
+        return dataclasses.replace(rig, **{name[:-2]: tuple(pair)})
+    return dataclasses.replace(rig, **{name: getattr(rig, name) + change})

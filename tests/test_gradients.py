@@ -1,0 +1,92 @@
+"""Derivatives are right: with feedback, load, fall time, stuck intervals, by any parameter, in both modes."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from independent import Rig
+from rigs import NAMES, SAMPLES, compiled, jacobian, models, trajectory, values, varied
+
+from pdssjax.integration import TIGHT, Accuracy
+from pdssjax.simulation import displacements, simulate
+
+TIMES = 0.00031 + np.arange(SAMPLES) * 0.005
+PARAMETERS = NAMES[:-1]  # all but the direction
+SIZES = dict(zip(NAMES, values(Rig(load=0.1, fall=1e-3)), strict=True))
+"""What counts as a change of size 1 of each parameter."""
+
+RIGS = {
+    "forward": Rig(),
+    "backward, fall time": Rig(forward=False, fall=9e-4),
+    "downhill, sticks, fall time": Rig(load=-0.07, fall=9e-4),
+    "downhill, backward, sticks": Rig(load=-0.1, forward=False),
+    "force, feedback": Rig(reading="force", feedback=True, fall=9e-4),
+    "force, feedback, uphill, backward": Rig(reading="force", feedback=True, load=0.1, forward=False, fall=1e-3),
+}
+
+
+def differences(rig: Rig, name: str, step: float = 3e-5) -> np.ndarray:
+    """d(platform, effector)/d(name) by central differences of the tight integrator, to fourth order."""
+
+    def motion(change):
+        run = trajectory(varied(rig, name, change * SIZES[name]), TIMES, TIGHT)
+        assert int(run.failure) == 0
+        return np.stack([run.platform, run.effector])
+
+    def slope(step):
+        if name == "fall" and rig.fall == 0.0:  # at the end of its range: forwards only, to second order
+            return (-3.0 * motion(0.0) + 4.0 * motion(step) - motion(2.0 * step)) / (2.0 * step)
+        return (motion(step) - motion(-step)) / (2.0 * step)
+
+    return (4.0 * slope(step) - slope(2.0 * step)) / 3.0
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_every_parameter_against_differences(name):
+    rig = RIGS[name]
+    default, tight = jacobian(rig, TIMES, Accuracy()), jacobian(rig, TIMES, TIGHT)
+    for column, parameter in enumerate(PARAMETERS):
+        if parameter == "stack" and not rig.feedback:
+            assert not default[:, :, column].any()
+            continue
+        expected = differences(rig, parameter)
+        size = np.linalg.norm(expected)
+        assert np.linalg.norm(tight[:, :, column] * SIZES[parameter] - expected) < 1e-4 * size, parameter
+        assert np.linalg.norm(default[:, :, column] * SIZES[parameter] - expected) < 2e-3 * size, parameter
+
+
+def test_reverse_mode_agrees_with_forward_mode():
+    rig = RIGS["downhill, sticks, fall time"]
+    weights = np.cos(np.arange(SAMPLES))
+
+    def score(numbers):
+        return jnp.sum(weights * displacements(*models(numbers, "deflection", False), TIMES, Accuracy())[1])
+
+    numbers = values(rig)
+    expected = np.einsum("t,tp->p", weights, jacobian(rig, TIMES, Accuracy())[1])
+    np.testing.assert_allclose(jax.jit(jax.grad(score))(numbers), expected, rtol=1e-6, atol=1e-18)
+
+
+def test_directional_derivatives_under_vmap():
+    rigs = [Rig(voltage=voltage) for voltage in (40.0, 64.0, 90.0)]
+    columns = [NAMES.index(name) for name in ("voltage", "mass")]
+    basis = np.eye(len(NAMES))[columns]
+
+    def slope(numbers, direction):
+        motion = lambda q: simulate(*models(q, "deflection", False), TIMES, Accuracy()).effector
+        return jax.jvp(motion, (numbers,), (direction,))[1]
+
+    run = jax.jit(jax.vmap(jax.vmap(slope, (None, 0)), (0, None)))
+    got = run(np.stack([values(rig) for rig in rigs]), basis)
+    for rig, slopes in zip(rigs, got, strict=True):
+        expected = jacobian(rig, TIMES, Accuracy())[1][:, columns].T
+        np.testing.assert_allclose(slopes, expected, rtol=1e-9, atol=1e-9 * abs(expected).max())
+
+
+def test_batches_of_voltages_and_frequencies_equal_single_runs():
+    rigs = [Rig(voltage=voltage, cycle=1.0 / rate) for voltage in (20.0, 64.0, 150.0) for rate in (2.0, 5.0, 20.0)]
+    batch = compiled("deflection", False, batch=True)(np.stack([values(r) for r in rigs]), TIMES, 1e-11, 1e-12)
+    for k, rig in enumerate(rigs):
+        alone = trajectory(rig, TIMES, Accuracy())
+        np.testing.assert_allclose(batch.effector[k], alone.effector, rtol=0.0, atol=1e-12)
+        assert (int(batch.steps[k]), bool(batch.repeated[k])) == (int(alone.steps), bool(alone.repeated))

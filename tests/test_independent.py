@@ -1,0 +1,65 @@
+"""The package moves as an independent simulator does: feedback, load, fall time, sticking, both readings."""
+
+from dataclasses import replace
+
+import jax
+import numpy as np
+import pytest
+from independent import Rig, simulate
+from rigs import SAMPLES, trajectory
+
+import pdssjax
+from pdssjax.actuator import Actuator
+from pdssjax.drive.sawtooth import Sawtooth
+from pdssjax.effector import Effector
+from pdssjax.friction.simplified_lugre import SimplifiedLuGre
+from pdssjax.integration import TIGHT, Accuracy
+from pdssjax.piezo.second_order import SecondOrder
+
+TIMES = 0.00031 + np.arange(SAMPLES) * 0.005
+"""Off the corners of the drive, where the force of a stuck contact jumps."""
+
+RIGS = {
+    "fall time": Rig(fall=9e-4),
+    "fall time, backward": Rig(fall=9e-4, forward=False),
+    "downhill, sticks": Rig(load=-0.07),
+    "downhill, backward, sticks": Rig(load=-0.07, forward=False),
+    "each rest with another force": Rig(load=-0.3, mass=0.3, fall=9e-4),
+    "cycles too short to rest": Rig(load=-0.07, cycle=0.025),
+    "rings on while it sticks": Rig(load=-0.3, damping=0.02, cycle=0.05, fall=9e-4),
+    "feedback": Rig(feedback=True),
+    "feedback, light platform": Rig(feedback=True, stack=0.05, forward=False),
+    "feedback, downhill, backward": Rig(feedback=True, load=-0.1, forward=False, fall=9e-4),
+    "force": Rig(reading="force", fall=9e-4),
+    "force, uphill": Rig(reading="force", load=0.1),
+    "force, feedback, downhill": Rig(reading="force", feedback=True, load=-0.1, forward=False),
+}
+
+
+def check(run, expected, micrometres, newtons):
+    assert int(run.failure) == 0
+    np.testing.assert_allclose(run.platform * 1e6, expected[:, 0] * 1e6, rtol=0.0, atol=micrometres)
+    np.testing.assert_allclose(run.effector * 1e6, expected[:, 1] * 1e6, rtol=0.0, atol=micrometres)
+    np.testing.assert_allclose(run.friction, expected[:, 2], rtol=0.0, atol=newtons)
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_trajectories(name):
+    expected = simulate(RIGS[name], TIMES)
+    check(trajectory(RIGS[name], TIMES, Accuracy()), expected, 1e-3, 1e-3)
+    check(trajectory(RIGS[name], TIMES, TIGHT), expected, 1e-6, 1e-6)
+
+
+def test_an_uphill_load_keeps_the_deflection_state_on_a_limit_cycle():
+    rig = Rig(load=0.07)
+    run = trajectory(rig, TIMES, Accuracy(1e-13, 1e-14))
+    check(run, simulate(rig, TIMES), 1e-3, 1e-3)
+    assert not bool(run.repeated)
+    assert int(run.events) > 100 * 3  # per cycle; about 30 where it comes to rest
+
+
+def test_the_isotropic_law():
+    same = replace(Rig(), s0=(1e6, 1e6), s1=(45.0, 45.0), f_ss=(0.65, 0.65))
+    actuator = Actuator(SecondOrder(), SimplifiedLuGre(1e6, 45.0, 0.65), Effector())
+    run = jax.jit(lambda times: pdssjax.simulate(actuator, Sawtooth(64.0), times))
+    check(run(TIMES), simulate(same, TIMES), 1e-3, 1e-3)
