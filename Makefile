@@ -3,7 +3,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test lint clean
+.PHONY: demo test bench lint clean
 
 # The demo owns out/demo, so a second run may replace what the first one left there.
 demo: .venv/ready
@@ -11,6 +11,13 @@ demo: .venv/ready
 
 test: .venv/ready
 	$(BIN)/python -m pytest
+
+# Speed beside other simulators; what cannot be installed here is left out of the table.
+bench: .venv/ready
+	$(BIN)/python -m pip install --disable-pip-version-check --quiet --no-build-isolation -c requirements.lock -e '.[bench]'
+	@$(BIN)/python -m pip install --disable-pip-version-check --quiet -c requirements.lock 'numbalsoda>=0.3.4' \
+		|| echo 'numbalsoda, which is built by a Fortran compiler, did not install: the benchmark goes on without it.'
+	$(BIN)/python -m benchmarks.speed
 
 lint: .venv/ready
 	$(BIN)/ruff format --check .

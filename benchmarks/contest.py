@@ -4,11 +4,11 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from .measure import Curve, Effort, Entry, Outcome, climb, interleave, seconds_of
+from .measure import Effort, Entry, Outcome, climb, interleave, seconds_of
 from .peers.base import AbstractPeer, Prepared
 
 HOPELESS = 0.1
-"""A tightest run with a larger error is wrong, not merely inaccurate."""
+"""Whose best error, over all tolerances tried, is larger is wrong, not merely inaccurate."""
 
 
 def contest(
@@ -32,7 +32,7 @@ def contest(
         first[peer.name] = seconds_of(lambda r=ready, t=tolerances[0]: r.run(parameters, t))
         outcome.curves.append(climb(job, peer.name, lambda t, r=ready: r.run(parameters, t), error, tolerances))
     for curve in outcome.curves:
-        curve.wrong = curve.rungs[-1].error > HOPELESS
+        curve.wrong = min(rung.error for rung in curve.rungs) > HOPELESS
     for rank, (name, target) in enumerate(targets.items()):
         present = []
         for curve in outcome.curves:

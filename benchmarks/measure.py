@@ -27,7 +27,7 @@ class Entry:
     error: float = math.nan
     """The error found: um for a trajectory, relative for the worst column of a Jacobian."""
     wrong: bool = False
-    """It reaches the accuracy at no tolerance tried."""
+    """No tolerance helps."""
     compile_seconds: float = math.nan
     first_seconds: float = math.nan
     """Of the first call after the compilation."""
@@ -48,8 +48,6 @@ class Effort:
     rounds: int = 9
     longest: float = 12.0
     """Seconds for all rounds of one entry; a slow one is called less often, but at least once."""
-    ladders: bool = True
-    """Whether to try all tolerances, for the plots, or to stop at the first that suits."""
     fits: bool = True
     """Whether the slow fits of the peers are run."""
     report: Callable[[str], None] = lambda message: None
@@ -114,12 +112,17 @@ class Curve:
 def climb(
     job: str, who: str, run: Callable[[float], Any], error: Callable[[Any], float], tolerances: Sequence[float]
 ) -> Curve:
-    """Error and time, the better of two calls, at each tolerance."""
+    """Error and time, the better of two calls, at each tolerance, until one fails."""
     rungs = []
     for tolerance in tolerances:
-        results: list[Any] = []
-        spent = min(seconds_of(lambda t=tolerance: results.append(run(t))) for _ in range(2))
-        rungs.append(Rung(tolerance, error(results[-1]), spent))
+        times, result = [], None
+        for _ in range(2):
+            begun = time.perf_counter()
+            result = run(tolerance)
+            times.append(time.perf_counter() - begun)
+        rungs.append(Rung(tolerance, error(result), min(times)))
+        if len(rungs) > 1 and rungs[-1].error == math.inf:
+            return Curve(job, who, rungs[:-1])
     return Curve(job, who, rungs)
 
 

@@ -182,7 +182,7 @@ class StickSlip(eqx.Module):
 
     def _margins(self, segment, after, x):
         free = self._free(segment, after, x)
-        force = self.actuator.friction.force
+        force: Any = self.actuator.friction.force  # of series, too
         holding = self._holding(free)
         upper = force(x.memory, 0.0, ADVANCING) - holding
         return upper, holding - force(x.memory, 0.0, RETREATING)

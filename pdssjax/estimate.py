@@ -58,7 +58,7 @@ class FittedRecord:
     offset: float
     """The record's own zero."""
     offset_standard_error: float
-    """Its standard error; NaN where given."""
+    """Its standard error; NaN where given, or where the record was not fitted."""
     time: Float[np.ndarray, " n"]
     """Sample times [s]."""
     measured: Float[np.ndarray, " n"]

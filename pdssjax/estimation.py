@@ -6,8 +6,10 @@ from typing import Literal
 
 from .errors import InputError
 from .estimate import Estimate
-from .fitting import Progress, best_fit, joint, pose, sequential
+from .fitting import Progress, joint, sequential
 from .integration import Accuracy
+from .multistart import best_fit
+from .simulation import need_double_precision
 from .study import Study
 from .summary import summarise
 
@@ -31,14 +33,13 @@ def identify(
     **Raises:** `InputError` if there is nothing to fit.  A fit that does not converge is
     returned all the same, with `converged` False and the reason in `message`.
     """
+    need_double_precision()
     begun = time.perf_counter()
     report = progress or (lambda message: None)
     _check(study, method)
     report("finding starts")
-    starts = study.values()
-    problem = pose(study, starts, accuracy or Accuracy())
     run = joint if method == "joint" else sequential
-    fit, problem, starts = best_fit(study, problem, starts, run, report)
+    fit, problem, starts = best_fit(study, accuracy or Accuracy(), run, report)
     report("predicting every record")
     estimate = summarise(study, method, problem, fit, starts)
     return dataclasses.replace(estimate, seconds=time.perf_counter() - begun)

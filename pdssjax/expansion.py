@@ -8,7 +8,7 @@ implicit, and its dense output.
 
 import abc
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import diffrax
 import equinox as eqx
@@ -41,6 +41,9 @@ class AbstractExpansion(eqx.Module):
     `series.solution`.
     """
 
+    noise: eqx.AbstractClassVar[float]
+    """Tolerances below which the sign of a small velocity means nothing: its reversals are not events."""
+
     @abc.abstractmethod
     def attempt(self, field: Callable, after: Any, x: list, units: list, remaining: Any, trial: Any, one: Any) -> Piece:
         """A step from `x` at time `after`, over `remaining` [s] at most; `trial` is its wish."""
@@ -55,6 +58,7 @@ class Taylor(AbstractExpansion):
     Experimental Mathematics 14(1), 2005."""
 
     order: int = eqx.field(static=True, default=12)
+    noise: ClassVar[float] = 0.0
 
     def attempt(self, field, after, x, units, remaining, trial, one):
         series = solution(field, after, x, self.order, one)
@@ -81,6 +85,7 @@ class OneStep(AbstractExpansion):
 
     solver: diffrax.AbstractSolver = diffrax.Tsit5()
     degree: int = eqx.field(static=True, default=8)
+    noise: ClassVar[float] = 10.0
 
     def __check_init__(self):
         if not isinstance(self.solver, diffrax.AbstractAdaptiveSolver | diffrax.HalfSolver):
@@ -103,7 +108,7 @@ class OneStep(AbstractExpansion):
     def expand(self, field, after, x, units, reach, one):
         return self._step(field, after, x, units, reach)[0]
 
-    def _step(self, field, after, x, units, reach):
+    def _step(self, field, after, x, units, reach) -> tuple[Polynomials, Any, Any]:
         scale = jnp.stack(units)
 
         def scaled(time, state, args):
@@ -122,11 +127,26 @@ class OneStep(AbstractExpansion):
         return polynomials, error, result == diffrax.RESULTS.successful
 
     def _ready(self):
-        if not isinstance(self.solver, diffrax.AbstractImplicitSolver):
-            return self.solver
+        solver = _differentiable(self.solver)
+        if isinstance(solver, diffrax.HalfSolver):
+            solver = eqx.tree_at(lambda s: s.solver, solver, _differentiable(solver.solver))
+        if not isinstance(solver, diffrax.AbstractImplicitSolver):
+            return solver
         kind = type(self.solver.root_finder)
-        precise = kind(rtol=1e-12, atol=1e-2, norm=optx.max_norm)
-        return eqx.tree_at(lambda s: s.root_finder, self.solver, precise)
+        if issubclass(kind, diffrax.VeryChord):
+            # It fails where an exact first guess leaves it nothing but rounding, unless that is below 1e-13 of
+            # `atol`.  What counts as solved is `kappa * atol`, so both are shifted.
+            precise = kind(rtol=0.0, atol=1e6, kappa=1e-8, norm=optx.max_norm)
+        else:
+            precise = kind(rtol=1e-12, atol=1e-2, norm=optx.max_norm)
+        return eqx.tree_at(lambda s: s.root_finder, solver, precise)
+
+
+def _differentiable(solver: diffrax.AbstractSolver) -> diffrax.AbstractSolver:
+    """The solver with its loop over the stages open to forward as well as to reverse mode."""
+    if getattr(solver, "scan_kind", "") is not None:
+        return solver
+    return eqx.tree_at(lambda s: s.scan_kind, solver, "bounded", is_leaf=lambda leaf: leaf is None)
 
 
 def horner(coefficients: list, theta: Any) -> Any:

@@ -1,8 +1,7 @@
-"""Fits by least squares: one Levenberg-Marquardt run after the other, from starts that lead somewhere."""
+"""Fits by least squares: Levenberg-Marquardt runs, one after the other, from given starts."""
 
-import dataclasses
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import equinox as eqx
 import jax
@@ -15,18 +14,15 @@ from .levenberg_marquardt import BoundedLevenbergMarquardt, LMState
 from .parameters import Scale, scale
 from .records import Record
 from .residual import Residual, as_weights, noise_floor
-from .starts import find_starts
 from .study import Study
 
 Progress = Callable[[str], None]
 
 MAX_ITERATIONS = 100
-_STARTS = 6
-"""Starts tried at most while the fit is poor."""
-_PATIENCE = 2
-"""Starts in a row that may fail to improve a poor fit: then it is the model that is poor."""
-_POOR = 2.0
-"""Reduced chi-square above which a fit is poor, where the noise is only guessed from the samples."""
+FLAT = "no step would change chi-square visibly"
+CRAWLS = "chi-square no longer falls visibly, along a valley that the data leave almost flat"
+STALLS = "no step lowers chi-square any further, although the linear model promises it"
+LOST = "the actuator cannot be simulated at the start"
 
 
 class Problem(NamedTuple):
@@ -39,8 +35,10 @@ class Problem(NamedTuple):
     """Standard deviation of each [m]."""
 
 
-Run = Callable[[Problem, dict[str, Any], Progress], "Fit"]
-"""A way to fit: from a problem and starts to where it ended."""
+class Run(Protocol):
+    """A way to fit: from a problem and starts to where it ended, after `limit` iterations a stage at most."""
+
+    def __call__(self, problem: Problem, starts: dict[str, Any], report: Progress, limit: int = ...) -> "Fit": ...
 
 
 class Fit(NamedTuple):
@@ -68,68 +66,13 @@ def pose(study: Study, starts: dict[str, float], accuracy: Accuracy) -> Problem:
     return Problem(residual, records, noise)
 
 
-def best_fit(
-    study: Study, problem: Problem, starts: dict[str, float], run: Run, report: Progress
-) -> tuple[Fit, Problem, dict[str, float]]:
-    """The fit from `starts`; where it is poor, the best of several starts found from the data.
-
-    **Returns:** the fit, its problem with the noise found, and the starts it came from.
-    """
-    fit = run(problem, starts, report)
-    anywhere = {
-        path: p if p.value is not None or path.startswith("piezo.") else dataclasses.replace(p, start=None)
-        for path, p in study.parameters.items()
-    }
-    spent, in_vain = fit.evaluations, 0
-    for rank in range(1, _STARTS):
-        if in_vain == _PATIENCE or not _is_poor(fit, problem):
-            break
-        report(f"the fit is poor: trying start {rank + 1} of {_STARTS}")
-        other = find_starts(study.models, anywhere, study.records, rank - 1)
-        rival = run(problem, other, report)
-        spent += rival.evaluations
-        in_vain = 0 if rival.chi2 < (1.0 - 1e-3) * fit.chi2 else in_vain + 1
-        if rival.chi2 < fit.chi2:
-            fit, starts = rival, other
-    fit, problem = _with_noise(fit._replace(evaluations=spent), problem, run, report)
-    return fit, problem, starts
-
-
-def _is_poor(fit: Fit, problem: Problem) -> bool:
-    """Chi-square is larger than the noise allows: four standard deviations of its own, where that is given."""
-    known = all(record.noise is not None for record in problem.records)
-    spread = np.sqrt(2.0 / np.size(fit.state.residual))
-    return not fit.success or reduced_chi2(fit, problem) > (1.0 + 4.0 * spread if known else _POOR)
-
-
-def _with_noise(fit: Fit, problem: Problem, run: Run, report: Progress) -> tuple[Fit, Problem]:
-    """Estimates the noise of the records that do not give it, and fits again with that."""
-    unknown = [record.noise is None for record in problem.records]
-    for _ in range(2):
-        if not any(unknown) or not np.isfinite(fit.chi2):
-            break
-        report("weighing the records by the noise found")
-        problem = problem._replace(noise=np.where(unknown, _noise_left(problem, fit), problem.noise))
-        fit = run(problem, problem.residual.scale.decode(fit.free), report)
-    return fit, problem
-
-
-def _noise_left(problem: Problem, fit: Fit) -> np.ndarray:
-    """Standard deviation of each record's residuals [m], degrees of freedom shared by samples."""
-    sizes = np.array([record.time.size for record in problem.records])
-    parts = np.split(np.asarray(fit.state.residual), np.cumsum(sizes)[:-1])
-    lost = fit.free.size * sizes / sizes.sum() + [record.offset is None for record in problem.records]
-    squares = np.array([np.sum(part**2) for part in parts])
-    return problem.noise * np.sqrt(squares / np.maximum(sizes - lost, 1.0))
-
-
 def reduced_chi2(fit: Fit, problem: Problem) -> float:
     """Chi-square per degree of freedom, the free offsets counted."""
     offsets = sum(record.offset is None for record in problem.records)
     return fit.chi2 / max(np.size(fit.state.residual) - fit.free.size - offsets, 1)
 
 
-def joint(problem: Problem, starts: dict[str, Any], report: Progress) -> Fit:
+def joint(problem: Problem, starts: dict[str, Any], report: Progress, limit: int = MAX_ITERATIONS) -> Fit:
     """The piezo's parameters first, from the platform records, then everything from everything.
 
     The first stage is cheap and only brings the piezo near: with it far off, the slips
@@ -140,23 +83,35 @@ def joint(problem: Problem, starts: dict[str, Any], report: Progress) -> Fit:
     piezo = of_piezo(problem.residual.scale)
     spent = []
     if (measures == "platform").any() and (measures == "effector").any() and piezo.any() and not piezo.all():
-        first = _least_squares(problem, free, measures == "platform", piezo, "piezo", report)
+        first = _least_squares(problem, free, measures == "platform", piezo, "piezo", report, limit)
         free, spent = first.free, [first]
-    last = _least_squares(problem, free, np.ones(len(measures), bool), np.ones(free.size, bool), "all", report)
+    last = _least_squares(problem, free, np.ones(len(measures), bool), np.ones(free.size, bool), "all", report, limit)
     return _summed(last, spent)
 
 
-def sequential(problem: Problem, starts: dict[str, Any], report: Progress) -> Fit:
+def sequential(problem: Problem, starts: dict[str, Any], report: Progress, limit: int = MAX_ITERATIONS) -> Fit:
     """The piezo from the platform records; then, with the piezo held, the others from the rest."""
     measures = np.array([record.measures for record in problem.records])
     free = problem.residual.scale.encode(starts)
     piezo = of_piezo(problem.residual.scale)
-    first = _least_squares(problem, free, measures == "platform", piezo, "piezo", report)
-    second = _least_squares(problem, first.free, measures == "effector", ~piezo, "friction", report)
+    first = _least_squares(problem, free, measures == "platform", piezo, "piezo", report, limit)
+    second = _least_squares(problem, first.free, measures == "effector", ~piezo, "friction", report, limit)
     # Both steps' residuals, for the statistics and the errors.
-    whole = _least_squares(problem, second.free, np.ones(len(measures), bool), piezo & ~piezo, "all", report)
+    whole = _least_squares(problem, second.free, np.ones(len(measures), bool), piezo & ~piezo, "all", report, limit)
     whole = whole._replace(success=first.success and second.success, message=second.message)
     return _summed(whole, [first, second])
+
+
+def piezo_alone(problem: Problem, starts: dict[str, Any], report: Progress) -> dict[str, float]:
+    """The piezo's free parameters from the platform records, the others held at their starts."""
+    names = problem.residual.scale
+    piezo = of_piezo(names)
+    used = np.array([record.measures == "platform" for record in problem.records])
+    if not (piezo.any() and used.any()):
+        return {}
+    fit = _least_squares(problem, names.encode(starts), used, piezo, "piezo", report)
+    found = names.decode(fit.free)
+    return {path: float(found[path]) for path, own in zip(names.paths, piezo, strict=True) if own}
 
 
 def of_piezo(scale: Scale) -> np.ndarray:
@@ -172,7 +127,7 @@ def _summed(last: Fit, earlier: Sequence[Fit]) -> Fit:
     )
 
 
-def _least_squares(problem, free, used, loose, name, report) -> Fit:
+def _least_squares(problem, free, used, loose, name, report, limit=MAX_ITERATIONS) -> Fit:
     """One Levenberg-Marquardt run over the `loose` parameters and the `used` records."""
     bounds = problem.residual.scale
     low, high = (np.where(loose, end, free) for end in (bounds.low, bounds.high))
@@ -181,33 +136,30 @@ def _least_squares(problem, free, used, loose, name, report) -> Fit:
     samples = sum(record.time.size for record, use in zip(problem.records, used, strict=True) if use)
     # A step that lowers chi-square by 1e-4 is a hundredth of a standard error, one by 0.05 a quarter.
     visible: Any = jnp.asarray(1.0 / samples)  # an array: a new Python float would compile anew
-    solver = BoundedLevenbergMarquardt(rtol=1e-4 * visible, crawl=0.05 * visible)
+    solver = BoundedLevenbergMarquardt(rtol=1e-4 * visible, atol=1e-4, crawl=0.05 * visible)
     y = jnp.clip(jnp.asarray(free, float), options["lower"], options["upper"])
     state, over, evaluations = _begin(solver, problem.residual, y, weights, options), False, 0
     result = optx.RESULTS.nonlinear_max_steps_reached
-    message = "the start is taken as it is"
-    while not over and int(state.iterations) < MAX_ITERATIONS:
+    ending = FLAT
+    limit = min(limit, MAX_ITERATIONS)
+    while not over and int(state.iterations) < limit:
         y, state, over, result = _iterate(solver, problem.residual, y, weights, options, state)
         evaluations += 2
         chi2 = float(jnp.sum(state.residual**2))
         report(f"{name}: iteration {int(state.iterations)}, chi-square {chi2:.6g}")
         if over:
-            message = _message(result, int(state.crawls) == solver.most_crawls)
+            ending = _ending(result, int(state.crawls) == solver.most_crawls)
     success = bool(over) and bool(result == optx.RESULTS.successful)
     if not over:
-        message = f"no convergence within {MAX_ITERATIONS} iterations"
+        ending = f"no convergence within {limit} iterations"
     iterations = max(int(state.iterations), 1 - int(state.fresh))
-    return Fit(np.asarray(y), state, success, message, iterations, evaluations)
+    return Fit(np.asarray(y), state, success, ending, iterations, evaluations)
 
 
-def _message(result: Any, crawled: bool) -> str:
-    if result == optx.RESULTS.successful and crawled:
-        return "chi-square no longer falls visibly, along a valley that the data leave almost flat"
+def _ending(result: Any, crawled: bool) -> str:
     if result == optx.RESULTS.successful:
-        return "no step would change chi-square visibly"
-    if result == optx.RESULTS.nonlinear_divergence:
-        return "the actuator cannot be simulated at the start"
-    return "no step lowers chi-square any further, although the linear model promises it"
+        return CRAWLS if crawled else FLAT
+    return LOST if result == optx.RESULTS.nonlinear_divergence else STALLS
 
 
 @eqx.filter_jit

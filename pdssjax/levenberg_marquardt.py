@@ -24,6 +24,10 @@ _BEND = 0.75
 """Longest bend of a step relative to the step itself; a larger one means the step is too long."""
 
 
+_NEXT_TO_NOTHING = 1e-13
+"""Damping that only keeps directions without information out of the undamped step."""
+
+
 class LMState(NamedTuple):
     """The carry between iterations."""
 
@@ -58,6 +62,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     rtol: float = 1e-8
     """Ends where an undamped step promises to lower the sum of squares by less than this share."""
     atol: float = 0.0
+    """Ends also where it promises to lower the sum of squares by less than this."""
     norm: Any = eqx.field(static=True, default=optx.max_norm)
     crawl: float = 0.0
     """A step that lowers the sum of squares by less than this share crawls."""
@@ -76,7 +81,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
             aux=jax.tree.map(blank, aux_struct),
             aux_jacobian=jax.tree.map(columns, aux_struct),
             size=jnp.zeros_like(y),
-            damping=1e-3 * one,
+            damping=1e-4 * one,
             growth=2.0 * one,
             expected=jnp.inf * one,
             fresh=jnp.array(True),
@@ -110,7 +115,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
 
         def move(state):
             moved = _linearised(fn, trial, args, state)
-            shrink = jnp.maximum(1.0 / 3.0, 1.0 - (2.0 * ratio - 1.0) ** 3)
+            shrink = jnp.maximum(0.1, 1.0 - (2.0 * ratio - 1.0) ** 3)
             moved = moved._replace(
                 damping=jnp.where(state.fresh, state.damping, jnp.maximum(state.damping * shrink, 1e-14)),
                 growth=2.0 * jnp.ones(()),
@@ -135,7 +140,8 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         lost = begun & state.fresh
         stalled = state.rejected >= self.most_rejections
         # Near the optimum rounding in the simulation can deny what a tiny step promises.
-        done = (state.expected <= self.rtol) | (stalled & (state.expected <= 1e3 * self.rtol))
+        enough = jnp.maximum(self.rtol, self.atol / jnp.maximum(jnp.sum(state.residual**2), 1e-300))
+        done = (state.expected <= enough) | (stalled & (state.expected <= 1e3 * enough))
         done = ~state.fresh & (done | (state.crawls >= self.most_crawls))
         failed = optx.RESULTS.where(lost, optx.RESULTS.nonlinear_divergence, optx.RESULTS.nonlinear_max_steps_reached)
         over = done | lost | stalled
@@ -166,21 +172,44 @@ def _scaled(state, y, options):
     held |= (y <= options["lower"]) & (gradient > 0) | (y >= options["upper"]) & (gradient < 0)
     free = jnp.where(held, 0.0, 1.0)
     matrix = (jacobian.T @ jacobian) * free[:, None] * free[None, :]
-    return gradient * free, matrix + jnp.diag(1.0 - free), free, size
+    return gradient * free, matrix, free, size
+
+
+def _bounded_step(gradient, matrix, free, damping, low, high):
+    """The damped step of the linear model within bounds, and which parameters were free to take part.
+
+    Where a step leads out, that parameter goes to its bound and the others are solved for
+    anew, as often as there are parameters.
+    """
+
+    def again(_, carry):
+        step, loose = carry
+        out = (step < low) | (step > high)
+        loose = loose * jnp.where(out, 0.0, 1.0)
+        fixed = jnp.where(loose > 0, 0.0, jnp.clip(step, low, high))
+        damped = matrix * loose[:, None] * loose[None, :] + jnp.diag(1.0 - loose + damping)
+        return fixed - jnp.linalg.solve(damped, (gradient + matrix @ fixed) * loose) * loose, loose
+
+    step, loose = lax.fori_loop(0, gradient.size + 1, again, (jnp.zeros_like(gradient), free))
+    return jnp.clip(step, low, high), loose
 
 
 def _damped_step(state, y, options):
     """The step, the decrease of the sum of squares that the linear model promises for it,
     and the damped pseudo-inverse that it came from."""
     gradient, matrix, free, size = _scaled(state, y, options)
-    damped = matrix + state.damping * jnp.eye(y.size)
-    step = -jnp.linalg.solve(damped, gradient) * free
-    clipped = (jnp.clip(y + step / size, options["lower"], options["upper"]) - y) * size
+    low, high = (options["lower"] - y) * size, (options["upper"] - y) * size
+    step, loose = _bounded_step(gradient, matrix, free, state.damping, low, high)
+    damped = matrix * loose[:, None] * loose[None, :] + jnp.diag(1.0 - loose + state.damping)
 
     def solve(residual):
-        return jnp.linalg.solve(damped, free * (state.jacobian.T @ residual / size)) * free / size
+        return jnp.linalg.solve(damped, loose * (state.jacobian.T @ residual / size)) * loose / size
 
-    return clipped / size, -(2.0 * gradient @ clipped + clipped @ matrix @ clipped), solve
+    return step / size, _decrease(gradient, matrix, step), solve
+
+
+def _decrease(gradient, matrix, step):
+    return -(2.0 * gradient @ step + step @ matrix @ step)
 
 
 def _length(step, state):
@@ -189,9 +218,7 @@ def _length(step, state):
 
 def _promise(state, y, options):
     """Relative decrease of the sum of squares by an undamped step in the directions that matter."""
-    gradient, matrix, _, _ = _scaled(state, y, options)
-    values, vectors = jnp.linalg.eigh(matrix)
-    along = vectors.T @ gradient
-    matters = values > 1e-14 * values[-1]
-    decrease = jnp.sum(jnp.where(matters, along**2 / jnp.where(matters, values, 1.0), 0.0))
-    return decrease / jnp.maximum(jnp.sum(state.residual**2), 1e-300)
+    gradient, matrix, free, size = _scaled(state, y, options)
+    low, high = (options["lower"] - y) * size, (options["upper"] - y) * size
+    step, _ = _bounded_step(gradient, matrix, free, _NEXT_TO_NOTHING, low, high)
+    return _decrease(gradient, matrix, step) / jnp.maximum(jnp.sum(state.residual**2), 1e-300)

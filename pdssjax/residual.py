@@ -19,6 +19,11 @@ from .parameters import Scale
 from .prediction import Models, Predictor, Values
 from .records import Record
 
+_FAR = 3.0
+"""Standard deviations from which a second difference counts as motion, not noise."""
+_KEPT = 0.98658
+"""Standard deviation of a normal variable cut off there."""
+
 
 class Residual(eqx.Module):
     """The residual vector as a function of the free numbers."""
@@ -62,14 +67,18 @@ class Residual(eqx.Module):
 def noise_floor(record: Record) -> float:
     """A first guess of the noise [m] of a record from the scatter of its second differences.
 
-    Robust against the fast motion of a slip, which fills few samples, by the median
-    absolute deviation; a smooth motion between samples hardly enters.
+    Robust against the fast motion of a slip, which fills few samples: what lies far out is
+    left out again and again.  A smooth motion between samples hardly enters, and rounding
+    no more than it does in the noise itself.
     """
     if record.displacement.size < 8:
         return float(np.std(record.displacement)) or 1e-9
-    bends = np.diff(record.displacement, 2)
-    spread = 1.4826 * float(np.median(np.abs(bends - np.median(bends)))) / np.sqrt(6.0)
-    return max(spread, 1e-4 * float(np.std(record.displacement)), 1e-12)
+    bends = np.abs(np.diff(record.displacement, 2))
+    spread = 1.4826 * float(np.median(bends))
+    for _ in range(20):
+        near = bends[bends <= _FAR * spread] if spread > 0 else bends
+        spread = float(np.sqrt(np.mean(near**2))) / _KEPT
+    return max(spread / np.sqrt(6.0), 1e-4 * float(np.std(record.displacement)), 1e-12)
 
 
 def free_offset(measured: np.ndarray, predicted: np.ndarray, given: float | None) -> float:

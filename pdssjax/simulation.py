@@ -50,7 +50,7 @@ def simulate(
     Differentiable in every parameter of `actuator` and `drive`; works under `jit`,
     `vmap`, `jvp` and `grad`.  A run that cannot finish gives NaN and says why in `failure`.
     """
-    _need_double_precision()
+    need_double_precision()
     system = StickSlip(actuator, drive)
     times = jnp.asarray(times, float)
     run = march(system, times[-1], accuracy or Accuracy())
@@ -113,7 +113,8 @@ def _from_rest(times, failure):
     return lambda value: jnp.where(failure > 0, jnp.nan, jnp.where(times >= 0, value, 0.0))
 
 
-def _need_double_precision() -> None:
+def need_double_precision() -> None:
+    """**Raises** `ValueError` where JAX computes in single precision, which cannot locate events."""
     if not jax.config.jax_enable_x64:  # pyright: ignore[reportAttributeAccessIssue]
         raise ValueError(
             "Expected JAX in double precision, but it is in single; "

@@ -5,6 +5,7 @@ appendix 1; without a step, the slope of the slow flank gives the gain.  What th
 unknown is looked for by trying a Latin hypercube of plausible values against the records.
 """
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -22,17 +23,45 @@ from .residual import Residual, as_weights, noise_floor
 
 TRIALS = 512
 """Points of the hypercube."""
+PERIODS = 3.0
+"""Periods of a record that the trials are compared with."""
 
 
-def find_starts(
-    models: Models, parameters: Mapping[str, Parameter], records: Sequence[Record], rank: int = 0
-) -> dict[str, float]:
-    """A number for every listed parameter [SI]: its value, its start, or one found from the data.
+def find_starts(models: Models, parameters: Mapping[str, Parameter], records: Sequence[Record]) -> dict[str, float]:
+    """A number for every listed parameter [SI]: its value, its start, or the best one found from the data."""
+    return rank_starts(models, parameters, records)[0]
 
-    **Arguments:** with `rank` > 0, what had to be searched for is the next best of the trials.
+
+def guess_starts(
+    models: Models, parameters: Mapping[str, Parameter], records: Sequence[Record]
+) -> tuple[dict[str, float], bool]:
+    """A number for every listed parameter without a search, and whether a search would find better ones."""
+    known, ranges, searchable = _outset(models, parameters, records, {})
+    known |= {path: float(np.sqrt(low * high)) for path, (low, high) in ranges.items()}
+    return {path: known[path] for path in parameters}, bool(searchable)
+
+
+def rank_starts(
+    models: Models,
+    parameters: Mapping[str, Parameter],
+    records: Sequence[Record],
+    better: Mapping[str, float] | None = None,
+) -> list[dict[str, float]]:
+    """Starts for every listed parameter [SI] from a search, the most promising first.
+
+    **Arguments:** `better` numbers are taken in place of the starts given or found.
     """
+    known, ranges, searchable = _outset(models, parameters, records, better or {})
+    if not searchable:
+        return [guess_starts(models, parameters, records)[0] | dict(better or {})]
+    trials = _search(models, known, ranges, parameters, searchable)
+    return [{path: (known | trial)[path] for path in parameters} for trial in trials]
+
+
+def _outset(models, parameters, records, better):
+    """What is known before a search, the ranges of what is not, and the records to search with."""
     given = {path: p.value if p.value is not None else p.start for path, p in parameters.items()}
-    known = {path: float(number) for path, number in given.items() if number is not None}
+    known = {path: float(number) for path, number in given.items() if number is not None} | dict(better)
     fitted = [record for record in records if record.role == "fit"] or list(records)
     for path, number in _piezo_from_data(fitted).items():
         if path in parameters and path not in known:
@@ -41,10 +70,7 @@ def find_starts(
     ranges = _ranges(models, known, unknown, parameters, fitted)
     for path in [path for path in unknown if path not in ranges]:
         known[path] = _within(parameters[path].quantity.nominal, parameters[path])
-    if ranges and any(record.measures == "effector" for record in fitted):
-        known |= _search(models, known, ranges, parameters, fitted, rank)
-    known |= {path: float(np.sqrt(low * high)) for path, (low, high) in ranges.items() if path not in known}
-    return {path: known[path] for path in parameters}
+    return known, ranges, [record for record in fitted if record.measures == "effector"] if ranges else []
 
 
 def _within(number: float, parameter: Parameter) -> float:
@@ -84,9 +110,16 @@ def _from_step(record: Record) -> dict[str, float]:
 
 
 def _flank_gain(record: Record) -> float:
-    """While it sticks, the end-effector follows the slow flank: the usual slope over the voltage's."""
-    slope = float(np.median(np.diff(record.displacement) / np.diff(record.time)))
+    """While it sticks, the end-effector follows the slow flank: the usual slope over the voltage's.
+
+    Taken over a quarter of a period, so that noise and rounding matter little, and most of
+    the spans hold no slip.
+    """
     drive: Any = record.drive
+    interval = float(np.median(np.diff(record.time)))
+    span = int(np.clip(0.25 / float(drive.frequency) / interval, 1, record.time.size - 1))
+    rise = record.displacement[span:] - record.displacement[:-span]
+    slope = float(np.median(rise / (record.time[span:] - record.time[:-span])))
     return abs(slope) / abs(float(drive.voltage) * float(drive.frequency))
 
 
@@ -111,14 +144,14 @@ def _ranges(models, known, unknown, parameters, records) -> dict[str, tuple[floa
     return clipped
 
 
-def _search(models, known, ranges, parameters, records, rank) -> dict[str, float]:
-    """The best of the trials, or the one `rank` places behind it, against the fitted records."""
+def _search(models, known, ranges, parameters, records) -> list[dict[str, float]]:
+    """The trials against the first periods of the `records`, the best first."""
     paths = list(ranges)
     low, high = (np.log([ranges[path][end] for path in paths]) for end in (0, 1))
     random = np.random.default_rng(0)
     strata = np.stack([random.permutation(TRIALS) for _ in paths], axis=1)
     points = low + (high - low) * (strata + random.random(strata.shape)) / TRIALS
-    used = [record for record in records if record.measures == "effector"]
+    used = [_beginning(record) for record in records]
     searched = {path: Parameter(path, p.unit, p.quantity) for path, p in parameters.items() if path in ranges}
     first = {path: float(np.exp(x)) for path, x in zip(paths, points[0], strict=True)}
     ordered = scale({path: searched[path] for path in paths}, first)
@@ -126,8 +159,17 @@ def _search(models, known, ranges, parameters, records, rank) -> dict[str, float
     weights = as_weights([noise_floor(record) for record in used], [True] * len(used))
     encoded = np.stack([ordered.encode(dict(zip(paths, np.exp(point), strict=True))) for point in points])
     costs = np.asarray(_costs(residual, jnp.asarray(encoded), weights))
-    best = np.argsort(np.where(np.isfinite(costs), costs, np.inf))[min(rank, TRIALS - 1)]
-    return {path: float(np.exp(x)) for path, x in zip(paths, points[best], strict=True)}
+    order = np.argsort(np.where(np.isfinite(costs), costs, np.inf))
+    return [{path: float(np.exp(x)) for path, x in zip(paths, points[i], strict=True)} for i in order]
+
+
+def _beginning(record: Record) -> Record:
+    """The first periods of a `record`: enough to tell a trial by, and quick where a contact never rests."""
+    frequency = getattr(record.drive, "frequency", None)
+    if not frequency:
+        return record
+    kept = record.time <= record.time[0] + PERIODS / float(frequency)
+    return dataclasses.replace(record, time=record.time[kept], displacement=record.displacement[kept])
 
 
 @eqx.filter_jit

@@ -41,6 +41,11 @@ class Accuracy(eqx.Module):
     max_steps: int = eqx.field(static=True, default=8192)
     """Room for this many steps; a march that needs more ends there and says so."""
 
+    @property
+    def resting(self):
+        """`rest`, but above the noise of the method."""
+        return jnp.maximum(self.rest, self.method.noise * self.tolerance)
+
 
 class Walk(NamedTuple):
     """The carry of the march, scalars only, so that the loop is fast; at the end its outcome."""
@@ -70,9 +75,10 @@ def find_steps(system: Any, horizon: Any, accuracy: Accuracy) -> tuple[Any, Walk
     first = system.initial()
     zero = jnp.zeros(())
     mode = system.enter(system.segment(zero), first, zero)
-    blank = dict.fromkeys(Walk._fields, zero)
     leaves = tuple(jax.tree.leaves(first))
-    walk = Walk(**blank | {"x": leaves, "opened": leaves, "mode": mode, "trial": zero + 1e-6})
+    nothing: Any = zero
+    blank = Walk(*[nothing] * len(Walk._fields))
+    walk = blank._replace(x=leaves, opened=leaves, mode=mode, trial=zero + 1e-6)
     start, unpack = _packed(walk)
     width = 2 + len(walk.x) + KNOWN
     blocks = -(-accuracy.max_steps // _BLOCK)
@@ -127,7 +133,7 @@ def _one_step(system, horizon, accuracy, unflatten, walk):
     switched, mode = system.switch(segment, after, x, walk.mode)
     x = jax.tree.map(lambda a, b: jnp.where(event, a, b), switched, x)
     mode = jnp.where(event, mode, walk.mode) / one
-    settles = ~ended & system.settled(segment, after, x, mode, accuracy.rest)
+    settles = ~ended & system.settled(segment, after, x, mode, accuracy.resting)
     settles = jnp.where(settles, 1.0, 0.0) / one
     settled = system.settle(segment, after, x, mode)
     x = jax.tree.map(lambda a, b: jnp.where(settles > 0, a, b), settled, x)
@@ -196,7 +202,7 @@ def _new_period(system, accuracy, unflatten, walk, ahead, x, mode, corner):
     first, every = cycle
     opens = corner & (ahead >= first) & ((ahead - first) % every == 0)
     # Each is within `rest` of the steady solution; the factor keeps that from looking like a difference.
-    alike = system.alike(x, unflatten(walk.opened), 4.0 * accuracy.rest)
+    alike = system.alike(x, unflatten(walk.opened), 4.0 * accuracy.resting)
     return opens, opens & (walk.rested > 0) & (mode == RESTING) & alike
 
 

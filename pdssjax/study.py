@@ -19,6 +19,7 @@ from .parameters import Parameter, read_parameter
 from .prediction import Models, Predictor
 from .quantity import Quantity, quantities
 from .records import Record, read_record
+from .simulation import need_double_precision
 from .starts import find_starts
 from .tables import Table
 
@@ -59,17 +60,24 @@ class Study:
         A record whose simulation cannot finish is NaN.  **Raises** `InputError` for a path
         that is no parameter of the study's models.
         """
+        need_double_precision()
         values = {} if values is None else dict(values)
         legal = _legal(self)
         for path in values:
             if path not in legal:
                 raise InputError(f'values: found the unknown parameter "{path}"; {nearest(path, legal)}')
-        full = {path: jnp.asarray(number, float) for path, number in (self.values() | values).items()}
+        full = {path: jnp.asarray(number, float) for path, number in (self._known(values) | values).items()}
         return _predicted(self.predictor, full, accuracy or Accuracy())
 
     def values(self) -> dict[str, float]:
         """The number of every listed parameter: its value, its start, or one found from the data."""
         return dict(self._values)
+
+    def _known(self, values: Mapping[str, Any]) -> dict[str, float]:
+        """`values()`, but without a search of the data where `values` makes it needless."""
+        given = {path: p.start if p.value is None else p.value for path, p in self.parameters.items()}
+        known = {path: number for path, number in given.items() if number is not None}
+        return known if set(given) <= set(known) | set(values) else self.values()
 
     @functools.cached_property
     def models(self) -> Models:

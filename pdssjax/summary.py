@@ -136,11 +136,8 @@ def _compared(study, problem, fit, matrix, values) -> tuple[FittedRecord, ...]:
         if noise is None:
             noise = float(np.std(record.displacement - motion))
         error = float("nan")
-        if record.offset is None:
-            error = noise**2 / record.time.size
-            if i is not None:
-                error += float(slopes[i] @ np.nan_to_num(matrix) @ slopes[i])
-            error = float(np.sqrt(error))
+        if record.offset is None and i is not None:
+            error = float(np.sqrt(noise**2 / record.time.size + slopes[i] @ np.nan_to_num(matrix) @ slopes[i]))
         out.append(compare(record, motion, noise=float(noise), offset=offset, offset_standard_error=error))
     return tuple(out)
 

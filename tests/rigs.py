@@ -14,7 +14,7 @@ from pdssjax.effector import Effector
 from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
 from pdssjax.integration import Accuracy
 from pdssjax.piezo.second_order import SecondOrder
-from pdssjax.simulation import simulate
+from pdssjax.simulation import displacements, simulate
 
 SAMPLES = 120
 """Samples a record, the same everywhere: another number would be compiled anew."""
@@ -52,8 +52,7 @@ def compiled_jacobian(reading: str, feedback: bool):
     """Derivatives of (platform, effector) with respect to the numbers, shape (2, samples, numbers)."""
 
     def run(numbers, times, tolerance, rest):
-        got = simulate(*models(numbers, reading, feedback), times, Accuracy(tolerance, rest))
-        return jnp.stack([got.platform, got.effector])
+        return jnp.stack(displacements(*models(numbers, reading, feedback), times, Accuracy(tolerance, rest)))
 
     return jax.jit(jax.jacfwd(run))
 

@@ -8,7 +8,7 @@ from independent import Rig
 from rigs import NAMES, SAMPLES, compiled, jacobian, models, trajectory, values, varied
 
 from pdssjax.integration import TIGHT, Accuracy
-from pdssjax.simulation import displacements, simulate
+from pdssjax.simulation import displacements
 
 TIMES = 0.00031 + np.arange(SAMPLES) * 0.005
 PARAMETERS = NAMES[:-1]  # all but the direction
@@ -49,6 +49,8 @@ def test_every_parameter_against_differences(name):
         if parameter == "stack" and not rig.feedback:
             assert not default[:, :, column].any()
             continue
+        if parameter == "load" and rig.load == 0.0 and rig.reading == "deflection":
+            continue  # none there: on one side the contact comes to rest stuck, on the other on a limit cycle
         expected = differences(rig, parameter)
         size = np.linalg.norm(expected)
         assert np.linalg.norm(tight[:, :, column] * SIZES[parameter] - expected) < 1e-4 * size, parameter
@@ -67,26 +69,26 @@ def test_reverse_mode_agrees_with_forward_mode():
     np.testing.assert_allclose(jax.jit(jax.grad(score))(numbers), expected, rtol=1e-6, atol=1e-18)
 
 
-def test_directional_derivatives_under_vmap():
-    rigs = [Rig(voltage=voltage) for voltage in (40.0, 64.0, 90.0)]
-    columns = [NAMES.index(name) for name in ("voltage", "mass")]
-    basis = np.eye(len(NAMES))[columns]
-
-    def slope(numbers, direction):
-        motion = lambda q: simulate(*models(q, "deflection", False), TIMES, Accuracy()).effector
-        return jax.jvp(motion, (numbers,), (direction,))[1]
-
-    run = jax.jit(jax.vmap(jax.vmap(slope, (None, 0)), (0, None)))
-    got = run(np.stack([values(rig) for rig in rigs]), basis)
-    for rig, slopes in zip(rigs, got, strict=True):
-        expected = jacobian(rig, TIMES, Accuracy())[1][:, columns].T
-        np.testing.assert_allclose(slopes, expected, rtol=1e-9, atol=1e-9 * abs(expected).max())
+BATCH = [Rig(voltage=voltage, cycle=1.0 / rate) for voltage in (20.0, 64.0, 150.0) for rate in (2.0, 5.0, 20.0)]
 
 
 def test_batches_of_voltages_and_frequencies_equal_single_runs():
-    rigs = [Rig(voltage=voltage, cycle=1.0 / rate) for voltage in (20.0, 64.0, 150.0) for rate in (2.0, 5.0, 20.0)]
-    batch = compiled("deflection", False, batch=True)(np.stack([values(r) for r in rigs]), TIMES, 1e-11, 1e-12)
-    for k, rig in enumerate(rigs):
+    batch = compiled("deflection", False, batch=True)(np.stack([values(r) for r in BATCH]), TIMES, 1e-11, 1e-12)
+    for k, rig in enumerate(BATCH):
         alone = trajectory(rig, TIMES, Accuracy())
         np.testing.assert_allclose(batch.effector[k], alone.effector, rtol=0.0, atol=1e-12)
         assert (int(batch.steps[k]), bool(batch.repeated[k])) == (int(alone.steps), bool(alone.repeated))
+
+
+@pytest.mark.slow
+def test_batches_of_directional_derivatives_equal_single_ones():
+    column = NAMES.index("voltage")
+
+    def slope(numbers):
+        motion = lambda q: displacements(*models(q, "deflection", False), TIMES, Accuracy())[1]
+        return jax.jvp(motion, (numbers,), (jnp.eye(len(NAMES))[column],))[1]
+
+    slopes = jax.jit(jax.vmap(slope))(np.stack([values(rig) for rig in BATCH]))
+    for rig, actual in zip(BATCH, slopes, strict=True):
+        expected = jacobian(rig, TIMES, Accuracy())[1][:, column]
+        np.testing.assert_allclose(actual, expected, rtol=0.0, atol=1e-6 * abs(expected).max())

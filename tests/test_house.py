@@ -15,7 +15,7 @@ errors quantity family units columns tables
 drive piezo friction effector
 series expansion crossing stepping tangents integration actuator simulation
 parameters records prediction residual starts study
-levenberg_marquardt uncertainty metrics estimate fitting summary estimation
+levenberg_marquardt uncertainty metrics estimate fitting multistart summary estimation
 display report plot output runtime cli
 """.split()
 """Modules and families; each may import only from those before it."""

@@ -1,11 +1,12 @@
 """Steps and events of a 5 Hz cycle, and the accuracy that they buy."""
 
-import dataclasses
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
-from pdssjax.expansion import Taylor
+from pdssjax.expansion import AbstractExpansion, Taylor
 from pdssjax.integration import Accuracy
 from pdssjax.simulation import simulate
 
@@ -15,66 +16,60 @@ from ..problem import NAMES, PARAMETERS, UM, EveryCycle, Problem, actuator, effe
 
 TARGET = 1e-3
 """[um]"""
-_ORDERS = (8, 10, 12, 16)
-
-
-@dataclasses.dataclass(frozen=True)
-class _Counter:
-    """Errors and counts of pdssjax at any tolerance, compiled once for an order."""
-
-    order: int
-
-    def __post_init__(self):
-        whole, early = Problem(), Problem(cycles=3, samples=601)
-        drive = EveryCycle(whole.voltage, whole.frequency)
-
-        def run(tolerance, rest):
-            accuracy = Accuracy(tolerance, rest, Taylor(self.order))
-            one, two = (simulate(actuator(PARAMETERS), drive, p.times, accuracy) for p in (whole, early))
-            laps = whole.cycles - early.cycles
-            counts = {name: (getattr(one, name) - getattr(two, name)) / laps for name in ("steps", "rejected", "events")}
-            return one.effector * UM, counts
-
-        def slopes(tolerance, rest):
-            accuracy = Accuracy(tolerance, rest, Taylor(self.order))
-            logarithmic = lambda q: effector(PARAMETERS * jnp.exp(q), whole, accuracy, drive)
-            return jax.jacfwd(logarithmic)(jnp.zeros(len(NAMES)))
-
-        object.__setattr__(self, "run", jax.jit(run))
-        object.__setattr__(self, "slopes", jax.jit(slopes))
-
-    def at(self, tolerance: float, rest: float) -> dict[str, float]:
-        """Counts of a cycle, once it repeats, and errors of the whole record."""
-        right = reference(Problem())
-        trajectory, counts = self.run(tolerance, rest)  # pyright: ignore[reportAttributeAccessIssue]
-        counted = {name: round(float(value), 1) for name, value in counts.items()}
-        jacobian = right.jacobian_error(self.slopes(tolerance, rest))  # pyright: ignore[reportAttributeAccessIssue]
-        errors = {"error_um": right.error(trajectory), "jacobian_error": jacobian}
-        return {"order": self.order, "tolerance_m": tolerance, "rest_m": rest} | counted | errors
+_ORDERS = (8, 10, 12)
+_COUNTS = ("steps", "rejected", "events")
 
 
 def measure(effort: Effort) -> Outcome:
     """Counts at the loosest accuracies that keep `TARGET`, and at the default."""
-    rows = {}
     usual = Accuracy()
+    rows: dict[str, dict[str, float]] = {}
     for order in _ORDERS:
         effort.report(f"steps: order {order}")
-        counter = _Counter(order)
-        found = None
+        counted = _counter(Taylor(order))
         for tolerance in ladder(1e-8, 1e-11):
-            row = counter.at(tolerance, tolerance)
-            found = None if row["error_um"] > TARGET else found or row
-        rows[f"order {order}"] = found
-        if order == getattr(usual.method, "order", None):
-            rows["default"] = counter.at(usual.tolerance, usual.rest)
-    return Outcome([], facts={"steps": rows}, lines=[_sentence(name, row) for name, row in rows.items() if row])
+            row = counted(tolerance, tolerance)
+            if row["error_um"] > TARGET:
+                rows.pop(f"order {order}", None)
+            else:
+                rows.setdefault(f"order {order}", row)
+    effort.report("steps: default accuracy")
+    rows["default"] = _counter(usual.method)(usual.tolerance, usual.rest)
+    rows["default"]["jacobian_error"] = _default_jacobian_error()
+    return Outcome([], facts={"steps": rows}, lines=[_sentence(name, row) for name, row in rows.items()])
+
+
+def _counter(method: AbstractExpansion) -> Callable[[float, float], dict[str, float]]:
+    """Steps, rejections and events of a cycle once it repeats, and the error of the whole record."""
+    whole, early = Problem(), Problem(cycles=3)
+    drive = EveryCycle(whole.voltage, whole.frequency)
+
+    @jax.jit
+    def run(tolerance, rest, times):
+        return simulate(actuator(PARAMETERS), drive, times, Accuracy(tolerance, rest, method))
+
+    def at(tolerance: float, rest: float) -> dict[str, float]:
+        late, soon = (run(tolerance, rest, problem.times) for problem in (whole, early))
+        laps = whole.cycles - early.cycles
+        counts = {name: (int(getattr(late, name)) - int(getattr(soon, name))) / laps for name in _COUNTS}
+        return (
+            {"tolerance_m": tolerance, "rest_m": rest}
+            | counts
+            | {"error_um": reference(whole).error(UM * np.asarray(late.effector))}
+        )
+
+    return at
+
+
+def _default_jacobian_error() -> float:
+    run = lambda q: effector(PARAMETERS * jnp.exp(q), Problem(), Accuracy())
+    return reference(Problem()).jacobian_error(jax.jit(jax.jacfwd(run))(jnp.zeros(len(NAMES))))
 
 
 def _sentence(name: str, row: dict[str, float]) -> str:
-    what = "the default accuracy" if name == "default" else f"order {row['order']}, the loosest that keeps {TARGET:g} um"
+    what = "at the default accuracy" if name == "default" else f"with {name}, at the loosest that keeps {TARGET:g} um"
+    worst = f", worst Jacobian column {row['jacobian_error']:.1e}" if "jacobian_error" in row else ""
     return (
-        f"{what}: {row['steps']:g} steps a cycle, {row['rejected']:g} rejected, {row['events']:g} events "
-        f"(tolerance {row['tolerance_m']:.1e} m, rest {row['rest_m']:.1e} m); "
-        f"error {row['error_um']:.1e} um, worst Jacobian column {row['jacobian_error']:.1e}"
+        f"a 5 Hz cycle {what}: {row['steps']:g} steps, {row['rejected']:g} rejected, {row['events']:g} events "
+        f"(tolerance {row['tolerance_m']:.1e} m, rest {row['rest_m']:.1e} m); error {row['error_um']:.1e} um{worst}"
     )
-

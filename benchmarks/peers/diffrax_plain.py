@@ -22,7 +22,7 @@ _RATE = 6736.0
 def field(time, state, args):
     """The coupled equations in um and um times `_RATE`, |v| and the switches as they stand."""
     p, voltage, period = args
-    y, w, x_e, w_e, z = state
+    y, w, _, w_e, z = state
     u = voltage * (time / period - jnp.floor(time / period))
     v = (w - w_e) * _RATE
     s0, s1, f_ss = (jnp.where(v >= 0, p[k], p[k + 1]) for k in (4, 6, 8))

@@ -19,7 +19,7 @@ class NumbaLSODA(AbstractPeer):
 
     name: str = "numbalsoda"
     tolerances: tuple[float, ...] = ladder(1e-4, 1e-9)
-    jacobian_tolerances: tuple[float, ...] = ladder(1e-5, 1e-9)
+    jacobian_tolerances: tuple[float, ...] = ladder(1e-5, 1e-8)
     fit_tolerance: float | None = 1e-7
 
     def missing(self) -> str | None:

@@ -16,7 +16,7 @@ RATE = 6736.0
 
 def field(time, state, p, voltage, slope, begin):
     """The coupled equations in um and um times `RATE`, as a user of SciPy writes them."""
-    y, w, x_e, w_e, z = state
+    y, w, _, w_e, z = state
     u = voltage + slope * (time - begin)
     v = (w - w_e) * RATE
     if v >= 0:

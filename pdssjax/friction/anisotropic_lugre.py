@@ -73,7 +73,7 @@ class AnisotropicLuGre(AbstractFriction):
 
     def length(self):
         stiffness = 0.5 * (self.sigma0_a + self.sigma0_b)
-        return (jnp.ones(()) if self.state == "deflection" else 1.0 / stiffness,)
+        return (jnp.ones(()) if self.state == "deflection" else jnp.asarray(1.0 / stiffness),)
 
     def relaxed(self, state, force):
         (unit,) = self.length()

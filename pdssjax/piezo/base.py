@@ -7,6 +7,7 @@ numerically only where the friction force enters it (5.25).
 """
 
 import abc
+from typing import Any
 
 import equinox as eqx
 from jaxtyping import Array, Float
@@ -17,16 +18,19 @@ from ..drive.base import Segment
 class AbstractPiezo(eqx.Module):
     """Platform displacement y [m] and velocity y' [m/s] under a voltage."""
 
+    mass: eqx.AbstractVar[Any]
+    """Moving mass of stack and platform m_g [kg]; only friction feedback (5.25) uses it."""
+
     @abc.abstractmethod
     def acceleration(self, y, w, voltage) -> Float[Array, ""]:
         """y'' [m/s2] at displacement `y`, velocity `w` and `voltage` [V], without friction."""
 
     @abc.abstractmethod
-    def motion(self, y, w, segment: Segment, after, lapse):
+    def motion(self, y, w, segment: Segment, after, lapse) -> tuple[Any, Any]:
         """Exact (y, y') a time `lapse` [s] later, `after` [s] into a straight segment."""
 
     @abc.abstractmethod
-    def steady(self, segment: Segment, after):
+    def steady(self, segment: Segment, after) -> tuple[Any, Any]:
         """The (y, y') to which the platform tends on a straight segment, `after` [s] into it."""
 
     @abc.abstractmethod

@@ -1,0 +1,175 @@
+"""Fits from starts that lead somewhere: found from the data, compared early, left again if need be.
+
+The sum of squares has many local minima.  Slips that come at the wrong moment make large
+basins; small cliffs lie within them, where a parameter decides whether the contact just
+reverses or just does not (the law's forces jump there, and the motion after it with them).
+So several starts are tried while the fit is poor, a few iterations each before the best go
+on, and a fit that ends against a cliff is pushed about.
+"""
+
+import dataclasses
+
+import numpy as np
+
+from .fitting import CRAWLS, STALLS, Fit, Problem, Progress, Run, piezo_alone, pose, reduced_chi2
+from .integration import Accuracy
+from .parameters import Parameter
+from .starts import guess_starts, rank_starts
+from .study import Study
+
+_HEATS = ((10, 5), (4, 7))
+"""Starts that race while the fit is poor, and the iterations that each gets; the best go on."""
+_TRIAL = 12
+"""Iterations after which a fit from a start that was searched for must look promising."""
+_PROMISING = 2.0
+"""Reduced chi-square at that moment."""
+_MORE = 3
+"""So many times as many race where nothing shows the platform alone: then a fit may be good and wrong."""
+_PATIENCE = 3
+"""Winners in a row that may fail to improve a poor fit: then it is the model that is poor."""
+_POOR = 1.15
+"""Reduced chi-square above which a fit is poor, where the noise is only guessed from the samples."""
+_PUSHES = 4
+"""Pushes in a row that may fail to lead a fit down from a cliff."""
+_PUSH = 2.0
+"""Size of the first push in standard errors; each that fails is followed by one twice as large."""
+_LONGEST_PUSH = 0.3
+"""Largest change of one parameter by a push, on the fit's scale."""
+
+
+def best_fit(study: Study, accuracy: Accuracy, run: Run, report: Progress) -> tuple[Fit, Problem, dict[str, float]]:
+    """The fit from the study's starts; where it is poor, the best from several starts found from the data.
+
+    **Returns:** the fit, its problem with the noise found, and the starts it came from.
+    """
+    starts, missing = guess_starts(study.models, study.parameters, study.records)
+    problem = pose(study, starts, accuracy)
+    ranked = _ranked(study, study.parameters, problem, starts, report) if missing else [starts]
+    fit, spent = _first(problem, ranked[0], run, report) if missing else run(problem, starts, report), 0
+    blind = missing and _is_blind(study, problem)
+    starts = _shown(ranked[0], starts, blind)
+    if blind or _is_poor(fit, problem):
+        free = {path: _without_start(p) for path, p in study.parameters.items()}
+        others = ranked[1:] if missing else _ranked(study, free, problem, starts, report)
+        fit, starts, spent = _race(fit, problem, starts, others, run, report, blind)
+    fit = _pushed(fit, problem, run, report)
+    fit, problem = _with_noise(fit._replace(evaluations=fit.evaluations + spent), problem, run, report)
+    if fit.message == STALLS and not _is_poor(fit, problem):
+        fit = fit._replace(success=True)
+    return fit, problem, starts
+
+
+def _is_blind(study: Study, problem: Problem) -> bool:
+    """No record shows the platform alone, and the study does not say where its parameters start either."""
+    piezo = [p for path, p in study.parameters.items() if path.startswith("piezo.") and p.free and p.start is None]
+    return bool(piezo) and not any(record.measures == "platform" for record in problem.records)
+
+
+def _shown(begun: dict[str, float], earlier: dict[str, float], blind: bool) -> dict[str, float]:
+    """The starts to report: the piezo's are those from before its own fit, unless they were searched for."""
+    piezo = {} if blind else {path: number for path, number in earlier.items() if path.startswith("piezo.")}
+    return begun | piezo
+
+
+def _first(problem: Problem, starts: dict[str, float], run: Run, report: Progress) -> Fit:
+    """The fit from the most promising start, broken off where it leads nowhere."""
+    trial = run(problem, starts, report, _TRIAL)
+    if trial.success or not reduced_chi2(trial, problem) < _PROMISING:
+        return trial
+    fit = run(problem, problem.residual.scale.decode(trial.free), report)
+    return fit._replace(iterations=fit.iterations + trial.iterations, evaluations=fit.evaluations + trial.evaluations)
+
+
+def _without_start(parameter: Parameter) -> Parameter:
+    """`parameter` as the search may start it anywhere; the piezo's starts are better than that."""
+    keep = not parameter.free or parameter.path.startswith("piezo.")
+    return parameter if keep else dataclasses.replace(parameter, start=None)
+
+
+def _ranked(study, parameters, problem, starts, report) -> list[dict[str, float]]:
+    """Starts from the search, the most promising first, with the piezo from the platform records alone."""
+    piezo = piezo_alone(problem, starts, report)
+    report("searching for starts")
+    return rank_starts(study.models, parameters, study.records, piezo)
+
+
+def _is_poor(fit: Fit, problem: Problem) -> bool:
+    """Chi-square is larger than the noise allows: four standard deviations of its own, where that is given."""
+    known = all(record.noise is not None for record in problem.records)
+    spread = np.sqrt(2.0 / np.size(fit.state.residual))
+    return not reduced_chi2(fit, problem) < (1.0 + 4.0 * spread if known else _POOR)
+
+
+def _race(fit, problem, starts, others, run, report, blind) -> tuple[Fit, dict[str, float], int]:
+    """The best of `fit` and of the fits from the `others`, its starts, and the evaluations of all the rest."""
+    spent, heat, late = fit.evaluations, [(other, other) for other in others], [(fit, starts)]
+    for entrants, limit in _HEATS:
+        entrants *= _MORE if blind else 1
+        results = []
+        for number, (begun, at) in enumerate(heat[:entrants], 1):
+            report(f"trying others: start {number} of {min(entrants, len(heat))}, {limit} iterations each")
+            results.append((run(problem, at, _quiet, limit), begun))
+        spent += sum(rival.evaluations for rival, _ in results)
+        results = sorted(results + late, key=lambda result: result[0].chi2)
+        heat, late = [(begun, problem.residual.scale.decode(rival.free)) for rival, begun in results], []
+    in_vain = 0
+    for begun, at in heat:
+        if in_vain == _PATIENCE or not (blind or _is_poor(fit, problem)):
+            break
+        report("going on from the best of the other starts")
+        rival = run(problem, at, report)
+        spent += rival.evaluations
+        in_vain = 0 if rival.chi2 < (1.0 - 1e-3) * fit.chi2 else in_vain + 1
+        if rival.chi2 <= (1.0 + 1e-9) * fit.chi2:
+            fit, starts = rival, _shown(begun, starts, blind)
+    return fit, starts, spent - fit.evaluations
+
+
+def _pushed(fit: Fit, problem: Problem, run: Run, report: Progress) -> Fit:
+    """`fit`, or a better one beyond the cliffs that it may lean on."""
+    random = np.random.default_rng(0)
+    spent, in_vain = 0, 0
+    while fit.message in (CRAWLS, STALLS) and in_vain < _PUSHES:
+        report("chi-square is rugged here: trying beyond")
+        rival = run(problem, problem.residual.scale.decode(_push(fit, problem, 2.0**in_vain, random)), _quiet)
+        spent += rival.evaluations
+        in_vain = 0 if rival.chi2 < fit.chi2 - 1.0 else in_vain + 1
+        if rival.chi2 < fit.chi2:
+            fit, spent = rival, spent - rival.evaluations + fit.evaluations
+    return fit._replace(evaluations=fit.evaluations + spent)
+
+
+def _push(fit: Fit, problem: Problem, factor: float, random: np.random.Generator) -> np.ndarray:
+    """A point some standard errors from where the `fit` ended."""
+    bounds, jacobian = problem.residual.scale, np.asarray(fit.state.jacobian)
+    held = (fit.free <= bounds.low) | (fit.free >= bounds.high)
+    _, singular, rows = np.linalg.svd(np.where(held, 0.0, jacobian), full_matrices=False)
+    errors = 1.0 / np.maximum(singular, 1e-9 * singular[0])
+    step = rows.T @ (np.minimum(_PUSH * factor * errors, _LONGEST_PUSH) * random.normal(size=singular.size))
+    step *= ~held / max(1.0, np.max(np.abs(step)) / _LONGEST_PUSH)
+    return np.clip(fit.free + step, bounds.low, bounds.high)
+
+
+def _quiet(message: str) -> None:
+    """Reports nothing."""
+
+
+def _with_noise(fit: Fit, problem: Problem, run: Run, report: Progress) -> tuple[Fit, Problem]:
+    """Estimates the noise of the records that do not give it, and fits again with that."""
+    unknown = [record.noise is None for record in problem.records]
+    for _ in range(2):
+        if not any(unknown) or not np.isfinite(fit.chi2):
+            break
+        report("weighing the records by the noise found")
+        problem = problem._replace(noise=np.where(unknown, _noise_left(problem, fit), problem.noise))
+        fit = run(problem, problem.residual.scale.decode(fit.free), report)
+    return fit, problem
+
+
+def _noise_left(problem: Problem, fit: Fit) -> np.ndarray:
+    """Standard deviation of each record's residuals [m], degrees of freedom shared by samples."""
+    sizes = np.array([record.time.size for record in problem.records])
+    parts = np.split(np.asarray(fit.state.residual), np.cumsum(sizes)[:-1])
+    lost = fit.free.size * sizes / sizes.sum() + [record.offset is None for record in problem.records]
+    squares = np.array([np.sum(part**2) for part in parts])
+    return problem.noise * np.sqrt(squares / np.maximum(sizes - lost, 1.0))
