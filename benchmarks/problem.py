@@ -65,7 +65,7 @@ class Problem:
 class EveryCycle(Sawtooth):
     """A sawtooth that does not say that it repeats: every cycle is stepped."""
 
-    def period(self):
+    def period(self):  # pyright: ignore[reportIncompatibleMethodOverride]
         return None
 
 

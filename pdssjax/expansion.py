@@ -41,7 +41,7 @@ class AbstractExpansion(eqx.Module):
     `series.solution`.
     """
 
-    noise: eqx.AbstractClassVar[float]
+    noise: ClassVar[float]
     """Tolerances below which the sign of a small velocity means nothing: its reversals are not events."""
 
     @abc.abstractmethod
@@ -127,12 +127,12 @@ class OneStep(AbstractExpansion):
         return polynomials, error, result == diffrax.RESULTS.successful
 
     def _ready(self):
-        solver = _differentiable(self.solver)
+        solver: Any = _differentiable(self.solver)
         if isinstance(solver, diffrax.HalfSolver):
             solver = eqx.tree_at(lambda s: s.solver, solver, _differentiable(solver.solver))
         if not isinstance(solver, diffrax.AbstractImplicitSolver):
             return solver
-        kind = type(self.solver.root_finder)
+        kind = type(solver.root_finder)
         if issubclass(kind, diffrax.VeryChord):
             # It fails where an exact first guess leaves it nothing but rounding, unless that is below 1e-13 of
             # `atol`.  What counts as solved is `kappa * atol`, so both are shifted.
@@ -142,7 +142,7 @@ class OneStep(AbstractExpansion):
         return eqx.tree_at(lambda s: s.root_finder, solver, precise)
 
 
-def _differentiable(solver: diffrax.AbstractSolver) -> diffrax.AbstractSolver:
+def _differentiable(solver: Any) -> Any:
     """The solver with its loop over the stages open to forward as well as to reverse mode."""
     if getattr(solver, "scan_kind", "") is not None:
         return solver

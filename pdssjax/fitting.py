@@ -86,7 +86,7 @@ def joint(problem: Problem, starts: dict[str, Any], report: Progress, limit: int
         first = _least_squares(problem, free, measures == "platform", piezo, "piezo", report, limit)
         free, spent = first.free, [first]
     last = _least_squares(problem, free, np.ones(len(measures), bool), np.ones(free.size, bool), "all", report, limit)
-    return _summed(last, spent)
+    return summed(last, spent)
 
 
 def sequential(problem: Problem, starts: dict[str, Any], report: Progress, limit: int = MAX_ITERATIONS) -> Fit:
@@ -99,7 +99,7 @@ def sequential(problem: Problem, starts: dict[str, Any], report: Progress, limit
     # Both steps' residuals, for the statistics and the errors.
     whole = _least_squares(problem, second.free, np.ones(len(measures), bool), piezo & ~piezo, "all", report, limit)
     whole = whole._replace(success=first.success and second.success, message=second.message)
-    return _summed(whole, [first, second])
+    return summed(whole, [first, second])
 
 
 def piezo_alone(problem: Problem, starts: dict[str, Any], report: Progress) -> dict[str, float]:
@@ -119,7 +119,7 @@ def of_piezo(scale: Scale) -> np.ndarray:
     return np.array([path.startswith("piezo.") for path in scale.paths])
 
 
-def _summed(last: Fit, earlier: Sequence[Fit]) -> Fit:
+def summed(last: Fit, earlier: Sequence[Fit]) -> Fit:
     """`last` with the iterations of the `earlier` stages counted in."""
     return last._replace(
         iterations=last.iterations + sum(fit.iterations for fit in earlier),

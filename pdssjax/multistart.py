@@ -11,7 +11,7 @@ import dataclasses
 
 import numpy as np
 
-from .fitting import CRAWLS, STALLS, Fit, Problem, Progress, Run, piezo_alone, pose, reduced_chi2
+from .fitting import CRAWLS, STALLS, Fit, Problem, Progress, Run, piezo_alone, pose, reduced_chi2, summed
 from .integration import Accuracy
 from .parameters import Parameter
 from .starts import guess_starts, rank_starts
@@ -29,8 +29,12 @@ _PATIENCE = 3
 """Winners in a row that may fail to improve a poor fit: then it is the model that is poor."""
 _POOR = 1.15
 """Reduced chi-square above which a fit is poor, where the noise is only guessed from the samples."""
+_RUGGED = 3.2
+"""Evaluations per iteration from which the way was rugged; a smooth one takes two."""
 _PUSHES = 4
 """Pushes in a row that may fail to lead a fit down from a cliff."""
+_VISIBLE = 0.01
+"""By how much chi-square must fall to make it another result."""
 _PUSH = 2.0
 """Size of the first push in standard errors; each that fails is followed by one twice as large."""
 _LONGEST_PUSH = 0.3
@@ -77,7 +81,7 @@ def _first(problem: Problem, starts: dict[str, float], run: Run, report: Progres
     if trial.success or not reduced_chi2(trial, problem) < _PROMISING:
         return trial
     fit = run(problem, problem.residual.scale.decode(trial.free), report)
-    return fit._replace(iterations=fit.iterations + trial.iterations, evaluations=fit.evaluations + trial.evaluations)
+    return summed(fit, [trial])
 
 
 def _without_start(parameter: Parameter) -> Parameter:
@@ -102,18 +106,20 @@ def _is_poor(fit: Fit, problem: Problem) -> bool:
 
 def _race(fit, problem, starts, others, run, report, blind) -> tuple[Fit, dict[str, float], int]:
     """The best of `fit` and of the fits from the `others`, its starts, and the evaluations of all the rest."""
-    spent, heat, late = fit.evaluations, [(other, other) for other in others], [(fit, starts)]
+    spent, heat, late = fit.evaluations, [(other, other, 0) for other in others], [(fit, starts)]
     for entrants, limit in _HEATS:
         entrants *= _MORE if blind else 1
         results = []
-        for number, (begun, at) in enumerate(heat[:entrants], 1):
+        for number, (begun, at, taken) in enumerate(heat[:entrants], 1):
             report(f"trying others: start {number} of {min(entrants, len(heat))}, {limit} iterations each")
-            results.append((run(problem, at, _quiet, limit), begun))
+            rival = run(problem, at, _quiet, limit)
+            results.append((rival._replace(iterations=rival.iterations + taken), begun))
         spent += sum(rival.evaluations for rival, _ in results)
         results = sorted(results + late, key=lambda result: result[0].chi2)
-        heat, late = [(begun, problem.residual.scale.decode(rival.free)) for rival, begun in results], []
+        decode = problem.residual.scale.decode
+        heat, late = [(begun, decode(rival.free), rival.iterations) for rival, begun in results], []
     in_vain = 0
-    for begun, at in heat:
+    for begun, at, taken in heat:
         if in_vain == _PATIENCE or not (blind or _is_poor(fit, problem)):
             break
         report("going on from the best of the other starts")
@@ -121,22 +127,28 @@ def _race(fit, problem, starts, others, run, report, blind) -> tuple[Fit, dict[s
         spent += rival.evaluations
         in_vain = 0 if rival.chi2 < (1.0 - 1e-3) * fit.chi2 else in_vain + 1
         if rival.chi2 <= (1.0 + 1e-9) * fit.chi2:
-            fit, starts = rival, _shown(begun, starts, blind)
+            fit, starts = rival._replace(iterations=rival.iterations + taken), _shown(begun, starts, blind)
     return fit, starts, spent - fit.evaluations
 
 
 def _pushed(fit: Fit, problem: Problem, run: Run, report: Progress) -> Fit:
     """`fit`, or a better one beyond the cliffs that it may lean on."""
     random = np.random.default_rng(0)
-    spent, in_vain = 0, 0
-    while fit.message in (CRAWLS, STALLS) and in_vain < _PUSHES:
+    taken, spent, in_vain = 0, 0, 0
+    while _is_rugged(fit) and in_vain < _PUSHES:
         report("chi-square is rugged here: trying beyond")
         rival = run(problem, problem.residual.scale.decode(_push(fit, problem, 2.0**in_vain, random)), _quiet)
         spent += rival.evaluations
         in_vain = 0 if rival.chi2 < fit.chi2 - 1.0 else in_vain + 1
-        if rival.chi2 < fit.chi2:
-            fit, spent = rival, spent - rival.evaluations + fit.evaluations
-    return fit._replace(evaluations=fit.evaluations + spent)
+        if rival.chi2 < fit.chi2 - _VISIBLE:
+            taken, spent = taken + fit.iterations, spent - rival.evaluations + fit.evaluations
+            fit = rival
+    return fit._replace(iterations=fit.iterations + taken, evaluations=fit.evaluations + spent)
+
+
+def _is_rugged(fit: Fit) -> bool:
+    """Many steps were rejected on the way, or the last ones: chi-square is not what its slope promises."""
+    return fit.message in (CRAWLS, STALLS) or fit.evaluations - 2 > _RUGGED * fit.iterations
 
 
 def _push(fit: Fit, problem: Problem, factor: float, random: np.random.Generator) -> np.ndarray:
@@ -162,7 +174,7 @@ def _with_noise(fit: Fit, problem: Problem, run: Run, report: Progress) -> tuple
             break
         report("weighing the records by the noise found")
         problem = problem._replace(noise=np.where(unknown, _noise_left(problem, fit), problem.noise))
-        fit = run(problem, problem.residual.scale.decode(fit.free), report)
+        fit = summed(run(problem, problem.residual.scale.decode(fit.free), report), [fit])
     return fit, problem
 
 

@@ -146,7 +146,7 @@ def _notes(problem, fit, known, vague, statistics, records) -> list[str]:
     paths = problem.residual.scale.paths
     notes = []
     for direction in known.null:
-        part = [(path, share) for path, share in zip(paths, direction, strict=True) if abs(share) > 1e-3]
+        part = [(path, share) for path, share in zip(paths, direction, strict=True) if share != 0]
         names = ", ".join(path for path, _ in part)
         if len(part) == 1:
             notes.append(f"The data say nothing about {names}; its value is where the fit began.")

@@ -12,8 +12,8 @@ from jaxtyping import Bool, Float
 
 NO_INFORMATION = 1e-8
 """Relative singular value below which a direction of the parameters leaves the residuals alone."""
-TAKES_PART = 1e-3
-"""Share of a parameter in such a direction from which it counts as undetermined."""
+TAKES_PART = 1e-4
+"""Share of a parameter in such a direction, by its effect on the residuals, from which it is undetermined."""
 
 
 class Covariance(NamedTuple):
@@ -23,7 +23,7 @@ class Covariance(NamedTuple):
     """NaN in the rows and columns of parameters without information."""
     informed: Bool[np.ndarray, " p"]
     null: list[Float[np.ndarray, " p"]]
-    """Directions without information, largest entry 1."""
+    """Directions without information, largest entry 1, 0 for parameters that take no part."""
 
 
 def covariance(jacobian: Float[np.ndarray, "n p"], held: Bool[np.ndarray, " p"]) -> Covariance:
@@ -39,13 +39,14 @@ def covariance(jacobian: Float[np.ndarray, "n p"], held: Bool[np.ndarray, " p"])
     kept = np.flatnonzero(informed)
     if kept.size:
         _, singular, rows = np.linalg.svd(jacobian[:, kept] / norms[kept], full_matrices=False)
-        rows = rows / norms[kept]
         lost = singular <= NO_INFORMATION * singular[0]
         for row in rows[lost]:
             direction = np.zeros(p)
-            direction[kept] = row / row[np.argmax(np.abs(row))]
-            null.append(direction)
-            informed &= ~(np.abs(direction) > TAKES_PART)
+            # Judged on columns of unit norm, so that no parameter's unit matters.
+            direction[kept] = np.where(np.abs(row) > TAKES_PART * np.max(np.abs(row)), row, 0.0) / norms[kept]
+            null.append(direction / direction[np.argmax(np.abs(direction))])
+            informed &= direction == 0
+        rows = rows / norms[kept]
         inverse = rows[~lost] / singular[~lost, None]
         matrix[np.ix_(kept, kept)] = inverse.T @ inverse
         matrix[~informed] = np.nan

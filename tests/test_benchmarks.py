@@ -89,7 +89,8 @@ def test_pieces_cover_the_record():
 def test_a_lucky_rung_is_not_chosen():
     errors = [1e-4, 1e-2, 1e-3, 1e-5]
     curve = Curve("job", "who", [Rung(10.0**-i, error, 1.0) for i, error in enumerate(errors)])
-    assert curve.reaching(1e-3).tolerance == 1e-2
+    found = curve.reaching(1e-3)
+    assert found and found.tolerance == 1e-2
     assert curve.reaching(1e-6) is None
 
 

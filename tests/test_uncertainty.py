@@ -63,6 +63,15 @@ def test_a_common_factor_is_reported_with_equal_shares_and_leaves_the_others_alo
     assert found.matrix[1, 1] == pytest.approx(exact)
 
 
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+def test_the_unit_of_a_parameter_does_not_decide_whether_it_is_known(unit):
+    a, b, known = RANDOM.normal(size=(3, 60))
+    found = covariance(np.stack([a * unit, b, a + b, known], axis=1), NONE_HELD)
+    assert found.informed.tolist() == [False, False, False, True]
+    (direction,) = found.null
+    np.testing.assert_allclose(direction / direction[2], [-1 / unit, -1, 1, 0], rtol=1e-6)
+
+
 def test_nothing_informed_is_no_error():
     found = covariance(np.zeros((5, 2)), np.zeros(2, bool))
     assert not found.informed.any()

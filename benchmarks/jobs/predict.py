@@ -21,15 +21,15 @@ from ..rig import sawtooths, truth
 def measure(effort: Effort) -> Outcome:
     """At the accuracy asked for, and as a user calls it, at the default."""
     right = _reference()
-    able = [(_Prediction(order, every), ladder(1e-3, 1e-6)) for order in (8, 12) for every in (False, True)]
-    same = dict(parameters=_start(), effort=effort)
+    able = [(_Prediction(8, every), ladder(1e-3, 1e-6)) for every in (False, True)]
     values = contest(
         "predict",
         able,
         prepare=lambda peer: peer.trajectory(None),  # pyright: ignore[reportArgumentType]
         error=right.error,
         targets={"0.001 um": 1e-3},
-        **same,
+        parameters=_start(),
+        effort=effort,
     )
     slopes = contest(
         "predict, Jacobian",
@@ -37,7 +37,8 @@ def measure(effort: Effort) -> Outcome:
         prepare=lambda peer: peer.jacobian(None),  # pyright: ignore[reportArgumentType]
         error=right.jacobian_error,
         targets={"0.001": 1e-3},
-        **same,
+        parameters=_start(),
+        effort=effort,
     )
     usual = _as_called(right, effort)
     return Outcome(values.entries + slopes.entries + usual)

@@ -31,13 +31,17 @@ class AbstractPeer(abc.ABC):
     What needs an optional package imports it inside its methods.
     """
 
-    name: str
     tolerances: tuple[float, ...] = ()
     """To be tried for a trajectory, loosest first."""
     jacobian_tolerances: tuple[float, ...] = ()
     """The same for a Jacobian; empty: it makes none."""
     fit_tolerance: float | None = None
     """That of a fit by `scipy.optimize.least_squares`; None: it makes none."""
+
+    @property
+    @abc.abstractmethod
+    def name(self) -> str:
+        """As the table calls it."""
 
     def missing(self) -> str | None:
         """Why it cannot run here, as a sentence; None where it can."""

@@ -26,9 +26,12 @@ _ORDER = 8
 class CFloor(AbstractPeer):
     """The C stepper at a tolerance in um, which is also what it takes for rest."""
 
-    name: str = "C floor"
     tolerances: tuple[float, ...] = ladder(1e-2, 1e-8)
     jacobian_tolerances: tuple[float, ...] = ladder(1e-3, 1e-8)
+
+    @property
+    def name(self) -> str:
+        return "C floor"
 
     def missing(self) -> str | None:
         return None if shutil.which("gcc") else "There is no gcc here to compile the hand-written stepper."

@@ -1,6 +1,9 @@
 """SciPy's LSODA, one `solve_ivp` for each straight piece of the drive; a plain or a compiled field."""
 
 import dataclasses
+import functools
+import importlib
+from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -85,17 +88,11 @@ class SciPyLSODA(AbstractPeer):
         return follow(run, p, drive_pieces, times)
 
 
-_numba_field = None
-
-
-def _compiled_field():
-    global _numba_field
-    if _numba_field is None:
-        import numba  # pyright: ignore[reportMissingImports]
-
-        plain = numba.njit(field)
-        _numba_field = numba.njit(lambda t, x, p, u, k, t0: np.array(plain(t, x, p, u, k, t0)))
-    return _numba_field
+@functools.cache
+def _compiled_field() -> Any:
+    numba: Any = importlib.import_module("numba")
+    plain = numba.njit(field)
+    return numba.njit(lambda t, x, p, u, k, t0: np.array(plain(t, x, p, u, k, t0)))
 
 
 PEERS = (SciPyLSODA(numba=False), SciPyLSODA(numba=True))
