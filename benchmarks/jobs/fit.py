@@ -58,7 +58,11 @@ def measure(effort: Effort) -> Outcome:
             outcome.lines.append(f"least_squares over {peer.name}: left out. {reason}")
             continue
         effort.report(f"joint fit: least_squares over {peer.name}")
-        outcome.entries.append(_theirs(peer, study, starts, best))
+        try:
+            outcome.entries.append(_theirs(peer, study, starts, best))
+        except ValueError as error:
+            # SciPy gives up where a trial point cannot be simulated.
+            outcome.lines.append(f"least_squares over {peer.name}: broke off ({error})")
     return outcome
 
 
