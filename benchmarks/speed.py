@@ -9,6 +9,7 @@ import argparse
 import os
 import sys
 import time
+import traceback
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -38,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f"speed: found the unknown job {name}, expected one of {', '.join(known)}", file=sys.stderr)
             return 2
     chosen = options.job or list(known)
-    outcomes = {name: known[name](effort) for name in known if name in chosen}
+    outcomes = {name: _tried(known[name], name, effort) for name in known if name in chosen}
     outcomes["reference"] = _checked_reference()
     head |= {"load_after": load(), "seconds": round(time.perf_counter() - begun)}
 
@@ -52,6 +53,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print(as_text(head, outcomes))
     print(f"\nWritten to {stem}.json and beside it, after {head['seconds']} s.")
     return 0
+
+
+def _tried(measure, name: str, effort):
+    """What a job finds; one that fails does not take the others with it."""
+    from .measure import Outcome
+
+    try:
+        return measure(effort)
+    except Exception:
+        traceback.print_exc()
+        return Outcome([], lines=[f"{name}: failed. {traceback.format_exc().strip().splitlines()[-1]}"])
 
 
 def _checked_reference():

@@ -15,7 +15,7 @@ from .scipy_lsoda import RATE
 
 _MOST_STEPS = 20_000
 """From one sample to the next."""
-_ATTEMPTS = 6
+_ATTEMPTS = 20
 """For a record of a fit."""
 
 
@@ -43,7 +43,7 @@ class NumbaLSODA(AbstractPeer):
         table, motion = _table(record.drive, record.time[-1]), np.array([np.nan])
         for attempt in range(_ATTEMPTS):
             if np.isnan(motion).any():
-                motion = _solver()(parameters, table, record.time, tolerance * 1.3**attempt)
+                motion = _solver()(parameters, table, record.time, tolerance * 1.2**attempt)
         return motion
 
 
