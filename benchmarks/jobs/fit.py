@@ -59,13 +59,9 @@ def measure(effort: Effort) -> Outcome:
             continue
         effort.report(f"joint fit: least_squares over {peer.name}")
         try:
-            try:
             outcome.entries.append(_theirs(peer, study, starts, best))
         except ValueError as error:  # a Jacobian that is not finite
             outcome.lines.append(f"least_squares over {peer.name}: gave up. {error}")
-        except ValueError as error:
-            # SciPy gives up where a trial point cannot be simulated.
-            outcome.lines.append(f"least_squares over {peer.name}: broke off ({error})")
     return outcome
 
 
