@@ -1,9 +1,9 @@
 """Arithmetic of power series, enough to expand a vector field along its solution.
 
 A `Series` holds the coefficients c0, c1, … of c0 + c1 h + c2 h^2 + …, each computed when it
-is first asked for.  Sums, products and quotients follow from the usual recurrences
-(R. E. Moore, Interval Analysis, 1966, chapter 11), and with them the Taylor series of the
-solution of x' = f(t, x), one coefficient after the other.  A coefficient that is known to
+is first asked for.  Sums, products, quotients and the elementary functions below follow from
+the usual recurrences (R. E. Moore, Interval Analysis, 1966, chapter 11), and with them the
+Taylor series of the solution of x' = f(t, x), one coefficient after the other.  A coefficient that is known to
 vanish is the integer 0, and costs nothing.
 """
 
@@ -67,6 +67,54 @@ class Series:
 def polynomial(coefficients: Sequence[Any]) -> Series:
     """The series that ends with the last of `coefficients`, lowest first; may still grow."""
     return Series(lambda k: coefficients[k] if k < len(coefficients) else 0)
+
+
+def exp(x: Any) -> Any:
+    """e to the power x, of a series or of a number: y' = x' y."""
+    if not isinstance(x, Series):
+        return jnp.exp(x)
+
+    def rule(k):
+        if k == 0:
+            return jnp.exp(jnp.asarray(x[0], float))
+        return _times(_total(_times(_times(x[i], y[k - i]), float(i)) for i in range(1, k + 1)), 1.0 / k)
+
+    y = Series(rule)
+    return y
+
+
+def power(x: Any, exponent: Any) -> Any:
+    """x to a real power, of a series or of a number, for x > 0: x y' = exponent x' y."""
+    if not isinstance(x, Series):
+        return jnp.exp(exponent * jnp.log(x))
+
+    def rule(k):
+        if k == 0:
+            return jnp.exp(exponent * jnp.log(jnp.asarray(x[0], float)))
+        terms = (_times(_times(x[i], y[k - i]), i * (exponent + 1.0) - k) for i in range(1, k + 1))
+        return _times(_total(terms), 1.0 / (k * x[0]))
+
+    y = Series(rule)
+    return y
+
+
+def cosine_and_sine(x: Any) -> tuple[Any, Any]:
+    """The cosine and the sine of a series or of a number, which need each other: c' = -x' s, s' = x' c."""
+    if not isinstance(x, Series):
+        return jnp.cos(x), jnp.sin(x)
+
+    def rule(start, other, sign):
+        def coefficient(k):
+            if k == 0:
+                return start(jnp.asarray(x[0], float))
+            total = _total(_times(_times(x[i], other()[k - i]), float(i)) for i in range(1, k + 1))
+            return _times(total, sign / k)
+
+        return coefficient
+
+    cosine = Series(rule(jnp.cos, lambda: sine, -1.0))
+    sine = Series(rule(jnp.sin, lambda: cosine, 1.0))
+    return cosine, sine
 
 
 def solution(field: Callable, time: Any, state: Sequence[Any], order: int, one: Any) -> list[list[Any]]:

@@ -1,4 +1,10 @@
-"""The interface of every friction law: an internal state, its rate, and the force."""
+"""The interface of every friction law: an internal state, its rate, and the force.
+
+Some laws change their form while the direction stays: an element of a Maxwell model begins
+to slip, a bristle snaps.  Such a law keeps a flag for each form among its state, with
+rate zero, and says by `guards` where a form ends, by `passed` what follows, and by
+`turned` with which flags a motion begins.
+"""
 
 import abc
 
@@ -12,11 +18,11 @@ State = tuple[Number, ...]
 class AbstractFriction(eqx.Module):
     """A contact force as a function of the relative velocity v = y' - x_e' [m/s].
 
-    `sign` is +1 where v > 0 and -1 where v < 0; within one sign the law is smooth in its
-    state and in v, and |v| stands for `sign * v`.  A positive force pulls the
-    end-effector forward, along with the advancing platform.  The state is a tuple of
-    scalars, empty for a law without memory.  `rate` and `force` use + - * / only where
-    the law allows it: then the Taylor integrator can expand them.
+    `sign` is +1 where v > 0 and -1 where v < 0; within one sign and one set of flags the
+    law is smooth in its state and in v, and |v| stands for `sign * v`.  A positive force
+    pulls the end-effector forward, along with the advancing platform.  The state is a
+    tuple of scalars, empty for a law without memory.  `rate`, `force` and `guards` use
+    + - * / and the functions of `pdssjax.series`: then the Taylor integrator can expand them.
     """
 
     @abc.abstractmethod
@@ -25,7 +31,7 @@ class AbstractFriction(eqx.Module):
 
     @abc.abstractmethod
     def rate(self, state: State, v: Number, sign: Number) -> State:
-        """Time derivative of the state on the branch `sign`; zero at v = 0."""
+        """Time derivative of the state on the branch `sign`; zero for flags."""
 
     @abc.abstractmethod
     def force(self, state: State, v: Number, sign: Number) -> Number:
@@ -33,7 +39,10 @@ class AbstractFriction(eqx.Module):
 
     @abc.abstractmethod
     def length(self) -> State:
-        """Displacement [m] that one unit of each state stands for: the scale of its error."""
+        """Displacement [m] that one unit of each state stands for: the scale of its error.
+
+        1 for a flag: it has no error, and two states whose flags differ are far apart.
+        """
 
     @abc.abstractmethod
     def relaxed(self, state: State, force: Number) -> tuple[State, Number]:
@@ -52,6 +61,22 @@ class AbstractFriction(eqx.Module):
         [m/s2] and its natural frequency `rate` [rad/s]: an actuator that walks slips at a
         fraction of that acceleration, on a contact not much faster or slower than that.
         """
+
+    def guards(self, state: State, v: Number, sign: Number) -> tuple[Number, ...]:
+        """Positive while the law keeps its form; always as many, in the same order."""
+        return ()
+
+    def passed(self, state: State, v: Number, sign: Number, which: Number) -> State:
+        """The state just after `guards(...)[which]` has fallen through zero."""
+        return state
+
+    def turned(self, state: State, sign: Number) -> State:
+        """The state with which a motion in the direction `sign` begins, from v = 0."""
+        return state
+
+    def holding(self, state: State, sign: Number) -> Number:
+        """The force [N] beyond which the contact at rest lets go in the direction `sign`."""
+        return self.force(self.turned(state, sign), 0.0, sign)  # pyright: ignore[reportArgumentType]
 
 
 def lugre_ranges(mass: float, acceleration: float, rate: float) -> tuple[tuple[float, float], ...]:
