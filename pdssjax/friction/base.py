@@ -7,9 +7,12 @@ rate zero, and says by `guards` where a form ends, by `passed` what follows, and
 """
 
 import abc
+from typing import Any
 
 import equinox as eqx
 from jaxtyping import Array, Float
+
+from ..series import exp
 
 Number = Float[Array, ""]
 State = tuple[Number, ...]
@@ -84,3 +87,17 @@ def lugre_ranges(mass: float, acceleration: float, rate: float) -> tuple[tuple[f
     stiff = mass * (0.2 * rate) ** 2, mass * (1.5 * rate) ** 2
     critical = 2.0 * mass * 0.5 * rate
     return stiff, (0.02 * critical, critical), (0.004 * mass * acceleration, 0.3 * mass * acceleration)
+
+
+def stribeck_curve(v: Any, f_c: Any, f_s: Any, v_s: Any) -> Any:
+    """f_c + (f_s - f_c) exp(-(v/v_s)^2) (5.10) [N], of a series or of a number.
+
+    Between f_c and f_s whichever is larger: with f_s < f_c friction grows with the velocity.
+    """
+    x = v * (1.0 / v_s)
+    return exp(x * x * (-1.0)) * (f_s - f_c) + f_c
+
+
+def stribeck_range(acceleration: float, rate: float) -> tuple[float, float]:
+    """Range for the Stribeck velocity [m/s]: fractions of the peak velocity of the platform."""
+    return 1e-3 * acceleration / rate, 0.3 * acceleration / rate
