@@ -1,0 +1,42 @@
+"""Coulomb friction: a force of one size against the motion, and whatever holds at rest.
+
+    F = f_c sign(v) for v != 0,   |F| <= f_c for v = 0.
+
+Set-valued at v = 0, where the contact sticks until the force that would hold it leaves
+[-f_c, f_c].  No memory and no compliance: before it slips nothing moves.  Use it for slips
+that are long compared with the presliding displacement.
+
+H. Olsson et al., European Journal of Control 4(3), 1998, section 3.1.
+"""
+
+import jax.numpy as jnp
+
+from ..quantity import quantity
+from .base import AbstractFriction, lugre_ranges
+
+
+class Coulomb(AbstractFriction):
+    """A constant force against the motion; sticks at rest."""
+
+    f_c: float = quantity(0.65, "N")
+    """Coulomb force f_c [N]."""
+
+    def initial(self):
+        return ()
+
+    def rate(self, state, v, sign):
+        return ()
+
+    def force(self, state, v, sign):
+        return self.f_c * sign
+
+    def length(self):
+        return ()
+
+    def relaxed(self, state, force):
+        return (), jnp.zeros(())
+
+    @classmethod
+    def plausible(cls, mass, acceleration, rate):
+        _, _, force = lugre_ranges(mass, acceleration, rate)
+        return {"f_c": force}

@@ -1,0 +1,66 @@
+"""Coulomb, static, Stribeck and viscous friction: the classical map from velocity to force.
+
+    F = sign(v) g(v) + sigma2 v,   g(v) = f_c + (f_s - f_c) exp(-|v/v_s|^delta),
+
+and |F| <= f_s at v = 0, where the contact sticks.  No memory, no compliance.  delta = 2 is
+the Gaussian curve of (5.10), delta = 1 Tustin's exponential.  |x|^delta has no Taylor
+series at x = 0 unless delta is an even number, so x^2 (x^2 + e^2)^(delta/2 - 1) stands for it, with e = 1e-3:
+exact for delta = 2, and else different only where |v| is a few thousandths of v_s.
+
+H. Olsson et al., European Journal of Control 4(3), 1998, section 3.1; B. Armstrong-Hélouvry,
+P. Dupont and C. Canudas de Wit, Automatica 30(7), 1994.
+"""
+
+import jax.numpy as jnp
+
+from ..quantity import quantity
+from ..series import exp, power
+from .base import AbstractFriction, lugre_ranges, stribeck_range
+
+_ROUNDING = 1e-3
+"""e: the part of v_s below which the tip of the curve is rounded."""
+
+
+class Stribeck(AbstractFriction):
+    """A force that depends on the velocity alone, largest where motion begins; sticks at rest."""
+
+    f_c: float = quantity(0.55, "N")
+    """Coulomb force f_c, of fast sliding without its viscous part [N]."""
+    f_s: float = quantity(0.65, "N")
+    """Static force f_s, at which motion begins [N]; below f_c, friction grows with the velocity."""
+    v_s: float = quantity(1e-3, "m/s")
+    """Stribeck velocity v_s [m/s]."""
+    sigma2: float = quantity(0.0, "N s/m", positive=False, low=0.0, optional=True)
+    """Viscous friction sigma2 [N s/m]."""
+    delta: float = quantity(2.0, "", optional=True)
+    """Exponent delta of the Stribeck curve."""
+
+    def initial(self):
+        return ()
+
+    def rate(self, state, v, sign):
+        return ()
+
+    def force(self, state, v, sign):
+        x = v * (1.0 / self.v_s)
+        square = x * x
+        exponent = square * power(square + _ROUNDING**2, 0.5 * self.delta - 1.0)
+        level = exp(exponent * (-1.0)) * (self.f_s - self.f_c) + self.f_c
+        return level * sign + v * self.sigma2
+
+    def length(self):
+        return ()
+
+    def relaxed(self, state, force):
+        return (), jnp.zeros(())
+
+    @classmethod
+    def plausible(cls, mass, acceleration, rate):
+        _, damping, force = lugre_ranges(mass, acceleration, rate)
+        return {
+            "f_c": force,
+            "f_s": force,
+            "v_s": stribeck_range(acceleration, rate),
+            "sigma2": damping,
+            "delta": (0.5, 3.0),
+        }
