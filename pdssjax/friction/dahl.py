@@ -1,0 +1,74 @@
+"""Dahl friction (5.1-5.5): the stress-strain curve of a solid, with any exponent.
+
+    F = s0 z,   z' = v p^n,   p = 1 - sign(v) F / f_c,
+
+(5.2) with F = s0 z put in; n = 1 gives (5.5), and (5.3) once its lost factor s0 is back.
+The exponent shapes the approach to f_c: exponential for n = 1, slower for n > 1 (ductile),
+and after the finite distance f_c/(s0 (1 - n)) for n < 1 (brittle).  A flag therefore says
+that F has reached f_c; it is set where p falls to 1e-8, which for n >= 1 changes nothing
+that shows.  Rate-independent and without damping; drifts under an oscillating force.
+
+P. R. Dahl, A solid friction model, Aerospace Corporation TOR-0158(3107-18)-1, 1968.
+"""
+
+import jax.numpy as jnp
+
+from ..quantity import quantity
+from ..series import power
+from .base import AbstractFriction, lugre_ranges
+
+_SATURATED = 1e-8
+"""The p at which F counts as f_c."""
+_TINY = 1e-32
+"""Keeps p^2 from being 0, and is lost in it otherwise."""
+
+
+class Dahl(AbstractFriction):
+    """An elastic deflection z [m] that yields the more the nearer the force is to f_c; a flag tells saturation."""
+
+    sigma0: float = quantity(1.0e6, "N/m")
+    """Stiffness s0 of the contact at rest [N/m]."""
+    f_c: float = quantity(0.65, "N")
+    """Coulomb force f_c [N]."""
+    exponent: float = quantity(1.0, "", positive=False, low=0.0, optional=True)
+    """Exponent n of the stress-strain curve."""
+
+    def initial(self):
+        return jnp.zeros(()), jnp.zeros(())
+
+    def _room(self, z, sign):
+        """p: the part of the force that is left until saturation, between 0 and 2."""
+        return z * (-sign * self.sigma0 / self.f_c) + 1.0
+
+    def rate(self, state, v, sign):
+        z, saturated = state
+        room = self._room(z, sign) * (1.0 - saturated) + saturated
+        # A square, because the actuator asks for the rate (times 0) at rest, too, where p may be anything.
+        stretching = power(room * room + _TINY, 0.5 * self.exponent) * (1.0 - saturated)
+        return v * stretching, jnp.zeros(())
+
+    def force(self, state, v, sign):
+        return self.sigma0 * state[0]
+
+    def length(self):
+        return jnp.ones(()), jnp.ones(())
+
+    def relaxed(self, state, force):
+        target = force / self.sigma0
+        return (target, state[1]), target - state[0]
+
+    def guards(self, state, v, sign):
+        z, saturated = state
+        return ((self._room(z, sign) - _SATURATED) * (1.0 - saturated) + saturated,)
+
+    def passed(self, state, v, sign, which):
+        return sign * self.f_c / self.sigma0 + 0.0 * state[0], jnp.ones_like(state[1])
+
+    def turned(self, state, sign):
+        z, _ = state
+        return z, jnp.where(self._room(z, sign) > _SATURATED, 0.0, 1.0)
+
+    @classmethod
+    def plausible(cls, mass, acceleration, rate):
+        stiffness, _, force = lugre_ranges(mass, acceleration, rate)
+        return {"sigma0": stiffness, "f_c": force, "exponent": (0.3, 3.0)}
