@@ -1,0 +1,107 @@
+"""Elastoplastic friction (5.11-5.15): LuGre with a stage that is purely elastic.
+
+    z' = v (1 - alpha(z, v) sign(v) z / z_ss(v)),   F = s0 z + s1 z' + s2 v,
+    z_ss = g(v)/s0,   g(v) = f_c + (f_s - f_c) exp(-(v/v_s)^2).
+
+With u = sign(v) z, alpha is 0 up to u = z_ba (elastic; all of u < 0, too),
+1/2 + 1/2 sin(pi (u - (z_ss + z_ba)/2)/(z_ss - z_ba)) from there to z_ss (elastic and
+plastic), and 1 beyond (plastic).  (5.15) prints 0 in place of that 1, which would leave no
+steady sliding; its sine has lost the pi to the outside of the brackets.  Because nothing
+yields below z_ba, an oscillating force that stays below s0 z_ba does not make the contact
+drift.  LuGre is alpha = 1 everywhere; z_ba = 0 alone does not give it, because alpha still
+rises from 0.
+
+z_ba is given as a part of the smallest z_ss, so that it is always legal.  Flags tell the
+three regions.  Between the last two, alpha and its slope agree, and a small hysteresis in
+the switch keeps rounding from being taken for events: alpha is off by 3e-10 at most.
+
+P. Dupont, V. Hayward, B. Armstrong and F. Altpeter, IEEE Trans. Automatic Control 47(5), 2002.
+"""
+
+import jax.numpy as jnp
+
+from ..quantity import quantity
+from ..series import cosine_and_sine
+from .base import AbstractFriction, lugre_ranges, stribeck_curve, stribeck_range
+
+_HYSTERESIS = 1e-5
+"""Part of z_ss - z_ba by which z has to pass z_ss before the region changes."""
+
+
+class Elastoplastic(AbstractFriction):
+    """One bristle deflection z [m] that first only stretches; flags tell the mixed and the plastic region."""
+
+    sigma0: float = quantity(1.0e6, "N/m")
+    """Bristle stiffness s0 [N/m]."""
+    sigma1: float = quantity(45.0, "N s/m")
+    """Bristle damping s1 [N s/m]."""
+    sigma2: float = quantity(0.0, "N s/m", positive=False, low=0.0, optional=True)
+    """Viscous friction s2 [N s/m]."""
+    f_c: float = quantity(0.55, "N")
+    """Coulomb force f_c, of fast sliding without its viscous part [N]."""
+    f_s: float = quantity(0.65, "N")
+    """Static force f_s, of infinitely slow sliding [N]; below f_c, friction grows with the velocity."""
+    v_s: float = quantity(1e-3, "m/s")
+    """Stribeck velocity v_s [m/s]."""
+    elastic_part: float = quantity(0.6, "", positive=False, low=0.0, high=1.0)
+    """Breakaway displacement z_ba as a part of the smallest z_ss: s0 z_ba / min(f_c, f_s)."""
+
+    def initial(self):
+        return jnp.zeros(()), jnp.zeros(()), jnp.zeros(())
+
+    def breakaway(self):
+        """Breakaway displacement z_ba [m]."""
+        least = jnp.where(jnp.asarray(self.f_s) < self.f_c, self.f_s, self.f_c)
+        return self.elastic_part * least / self.sigma0
+
+    def _steady(self, v):
+        return stribeck_curve(v, self.f_c, self.f_s, self.v_s) * (1.0 / self.sigma0)
+
+    def rate(self, state, v, sign):
+        z, mixed, plastic = state
+        u, begin, end = z * sign, self.breakaway(), self._steady(v)
+        angle = (u - (end + begin) * 0.5) * jnp.pi / (end - begin)
+        _, sine = cosine_and_sine(angle)
+        alpha = mixed * (sine * 0.5 + 0.5) + plastic
+        return v - alpha * (v * u) / end, jnp.zeros(()), jnp.zeros(())
+
+    def force(self, state, v, sign):
+        return self.sigma0 * state[0] + self.sigma1 * self.rate(state, v, sign)[0] + self.sigma2 * v
+
+    def length(self):
+        return jnp.ones(()), jnp.ones(()), jnp.ones(())
+
+    def relaxed(self, state, force):
+        target = force / self.sigma0
+        return (target, *state[1:]), target - state[0]
+
+    def guards(self, state, v, sign):
+        z, mixed, plastic = state
+        u, begin, end = z * sign, self.breakaway(), self._steady(v)
+        margin = (end - begin) * _HYSTERESIS
+        yields = (begin - u) * (1.0 - mixed - plastic) + (end + margin - u) * mixed + plastic
+        recovers = (u - end + margin) * plastic + (1.0 - plastic)
+        return yields, recovers
+
+    def passed(self, state, v, sign, which):
+        z, mixed, _ = state
+        yields = jnp.where(which == 0, 1.0, 0.0)
+        return z, 1.0 - yields * mixed, yields * mixed
+
+    def turned(self, state, sign):
+        u = state[0] * sign
+        plastic = jnp.where(u >= self._steady(0.0), 1.0, 0.0)
+        return state[0], jnp.where(u >= self.breakaway(), 1.0, 0.0) * (1.0 - plastic), plastic
+
+    @classmethod
+    def plausible(cls, mass, acceleration, rate):
+        stiffness, damping, force = lugre_ranges(mass, acceleration, rate)
+        return {
+            "sigma0": stiffness,
+            "sigma1": damping,
+            "sigma2": damping,
+            "f_c": force,
+            "f_s": force,
+            "v_s": stribeck_range(acceleration, rate),
+            "elastic_part": (0.2, 0.95),
+        }
