@@ -1,0 +1,71 @@
+"""Reset integrator friction: one bond that stretches, then is dragged along.
+
+    p' = v, but 0 where |p| = p0 and v would stretch it further,
+    F = (1 + a) s0 p + beta p' while |p| < p0,   F = s0 p0 sign(v) while it is dragged.
+
+Sliding takes f_c = s0 p0, from which p0 follows here; breaking away takes (1 + a) f_c, and
+the force drops by a f_c when it does.  Below that nothing yields, so the contact never
+drifts, and it is rate-independent but for beta.  The contact turns stiff again at once
+when a slide is reversed: there the force rises by a f_c.
+
+D. A. Haessig and B. Friedland, ASME Journal of Dynamic Systems, Measurement, and Control
+113(3), 1991.
+"""
+
+import jax.numpy as jnp
+
+from ..quantity import quantity
+from .base import AbstractFriction, lugre_ranges
+
+_ROUNDING = 1e-12
+"""Part of p0 by which a bond at its limit may seem short of it."""
+
+
+class ResetIntegrator(AbstractFriction):
+    """The stretch p [m] of a bond, and a flag that tells whether it is dragged along."""
+
+    sigma0: float = quantity(1.0e6, "N/m")
+    """Stiffness s0 that goes with the sliding force [N/m]; the contact at rest has (1 + a) s0."""
+    f_c: float = quantity(0.55, "N")
+    """Sliding force s0 p0 [N]."""
+    a: float = quantity(0.2, "", positive=False, low=0.0)
+    """Stiction gradient a: the part by which breaking away takes more than sliding."""
+    beta: float = quantity(45.0, "N s/m", positive=False, low=0.0)
+    """Damping beta of the stretching bond [N s/m]."""
+
+    def initial(self):
+        return jnp.zeros(()), jnp.zeros(())
+
+    def rate(self, state, v, sign):
+        _, dragged = state
+        return v * (1.0 - dragged), jnp.zeros(())
+
+    def force(self, state, v, sign):
+        p, dragged = state
+        stiction = (1.0 - dragged) * self.a
+        return self.sigma0 * p * (stiction + 1.0) + self.beta * self.rate(state, v, sign)[0]
+
+    def length(self):
+        return jnp.ones(()), jnp.ones(())
+
+    def relaxed(self, state, force):
+        p, dragged = state
+        target = force / (self.sigma0 * (1.0 + (1.0 - dragged) * self.a))
+        return (target, dragged), target - p
+
+    def guards(self, state, v, sign):
+        p, dragged = state
+        return ((self.f_c / self.sigma0 - p * sign) * (1.0 - dragged) + dragged,)
+
+    def passed(self, state, v, sign, which):
+        return sign * self.f_c / self.sigma0 + 0.0 * state[0], jnp.ones_like(state[1])
+
+    def turned(self, state, sign):
+        p, _ = state
+        limit = self.f_c / self.sigma0
+        return p, jnp.where(p * sign < limit * (1.0 - _ROUNDING), 0.0, 1.0)
+
+    @classmethod
+    def plausible(cls, mass, acceleration, rate):
+        stiffness, damping, force = lugre_ranges(mass, acceleration, rate)
+        return {"sigma0": stiffness, "f_c": force, "a": (0.01, 1.0), "beta": damping}
