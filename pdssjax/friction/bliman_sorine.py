@@ -1,0 +1,70 @@
+"""Bliman and Sorine's second-order friction: a fast Dahl element less a slow one.
+
+    z_1' = v - |v| z_1/(eta eps),   z_2' = v - |v| z_2/eps,
+    F = f_1 z_1/(eta eps) - f_2 z_2/eps,   0 < eta < 1,
+
+a linear system of second order in the path |x| = int |v| dt, driven by sign(v): F depends on
+the path, not on how fast it is travelled.  Moved from rest, F overshoots: it is largest
+after the path eta eps/(1 - eta) ln(f_1/(eta f_2)) and then falls to f_c = f_1 - f_2.  This
+is stiction that needs no Stribeck curve.  f_c, f_2, eps and eta are the parameters; f_1 =
+f_c + f_2, so that friction always brakes in the end.  With f_1 >= f_2 and eta <= 1 the law
+cannot create energy in a motion that begins with z_1 = z_2 = 0: as a system in the path its transfer
+function f_1/(1 + eta eps p) - f_2/(1 + eps p) is positive real.
+
+f_2 = 0 leaves the first-order model, which is Dahl's with n = 1 and s0 = f_c/(eta eps).
+
+P.-A. Bliman and M. Sorine, Easy-to-use realistic dry friction models for automatic control,
+3rd European Control Conference, 1995.
+"""
+
+import jax.numpy as jnp
+
+from ..quantity import quantity
+from .base import AbstractFriction, lugre_ranges
+
+
+class BlimanSorine(AbstractFriction):
+    """Two deflections z_1, z_2 [m], a fast and a slow one, that pull against each other."""
+
+    f_c: float = quantity(0.55, "N")
+    """Force f_1 - f_2 of steady sliding [N]."""
+    f_2: float = quantity(0.3, "N", positive=False, low=0.0)
+    """Strength f_2 of the slow element [N], which makes the overshoot; 0 is the first-order model."""
+    epsilon: float = quantity(3e-6, "m")
+    """Path eps over which the slow element forgets [m]."""
+    eta: float = quantity(0.2, "", high=1.0)
+    """Ratio eta of the fast element's path to the slow one's."""
+
+    def initial(self):
+        return jnp.zeros(()), jnp.zeros(())
+
+    def _stiffnesses(self):
+        return (self.f_c + self.f_2) / (self.eta * self.epsilon), self.f_2 / self.epsilon
+
+    def rate(self, state, v, sign):
+        fast, slow = state
+        path = v * (sign / self.epsilon)
+        return v - path * fast * (1.0 / self.eta), v - path * slow
+
+    def force(self, state, v, sign):
+        k_1, k_2 = self._stiffnesses()
+        return k_1 * state[0] - k_2 * state[1]
+
+    def length(self):
+        return jnp.ones(()), jnp.ones(())
+
+    def relaxed(self, state, force):
+        k_1, k_2 = self._stiffnesses()
+        fast, slow = state
+        yields = (force - k_1 * fast + k_2 * slow) / (k_1 - k_2)
+        return (fast + yields, slow + yields), yields
+
+    @classmethod
+    def plausible(cls, mass, acceleration, rate):
+        stiffness, _, force = lugre_ranges(mass, acceleration, rate)
+        return {
+            "f_c": force,
+            "f_2": force,
+            "epsilon": (force[0] / stiffness[0], 10.0 * force[1] / stiffness[0]),
+            "eta": (0.05, 0.8),
+        }
