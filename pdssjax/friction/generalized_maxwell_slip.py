@@ -1,0 +1,125 @@
+"""Generalized Maxwell slip friction: four springs in parallel, each on a block that can slip.
+
+    F = k_1 z_1 + … + k_4 z_4 + s2 v,
+    sticking: z_i' = v, until sign(v) k_i z_i reaches a_i s(v);
+    slipping: k_i z_i' = C (sign(v) a_i - k_i z_i / s(v)), until v passes through zero,
+    a_i = W_i / W,   W = W_1 + … + W_4,   s(v) = W (r + (1 - r) exp(-(v/v_s)^2)),
+
+with the breakaway forces W_i and r the part of W that is left in fast sliding.  Steady
+sliding takes sign(v) s(v) + s2 v, which the slipping elements approach with the time s/C:
+frictional lag.  Before all elements slip, the force remembers every turning point that no
+larger motion has wiped out (nonlocal memory), and an oscillating force below breakaway
+does not make the contact drift.
+
+Without weakening (r = 1) every element obeys Coulomb's law behind a spring and nothing can
+create energy.  With it, an element that slows down is pulled back to the larger force at
+the rate C, however short the way, and that is not proved.  The data do not tell which element
+is which: any order of them gives the same force.
+
+F. Al-Bender, V. Lampaert and J. Swevers, IEEE Trans. Automatic Control 50(11), 2005.
+"""
+
+import jax.numpy as jnp
+
+from ..quantity import quantity
+from .base import AbstractFriction, lugre_ranges, stribeck_curve, stribeck_range
+
+_COUNT = 4
+_ROUNDING = 1e-12
+"""Part of its breakaway force by which an element at its limit may seem short of it."""
+
+
+class GeneralizedMaxwellSlip(AbstractFriction):
+    """The stretches z_1 … z_4 [m] of the springs, then four flags that tell which elements slip."""
+
+    stiffness_1: float = quantity(4.0e5, "N/m")
+    """Stiffness k_1 of the first element [N/m]."""
+    stiffness_2: float = quantity(3.0e5, "N/m")
+    """Stiffness k_2 of the second element [N/m]."""
+    stiffness_3: float = quantity(2.0e5, "N/m")
+    """Stiffness k_3 of the third element [N/m]."""
+    stiffness_4: float = quantity(1.0e5, "N/m")
+    """Stiffness k_4 of the fourth element [N/m]."""
+    strength_1: float = quantity(0.06, "N")
+    """Breakaway force W_1 of the first element [N]."""
+    strength_2: float = quantity(0.14, "N")
+    """Breakaway force W_2 of the second element [N]."""
+    strength_3: float = quantity(0.2, "N")
+    """Breakaway force W_3 of the third element [N]."""
+    strength_4: float = quantity(0.25, "N")
+    """Breakaway force W_4 of the fourth element [N]."""
+    weakened: float = quantity(0.85, "")
+    """Part r of the breakaway force that is left in fast sliding; above 1, friction grows with the velocity."""
+    v_s: float = quantity(1e-3, "m/s")
+    """Stribeck velocity v_s [m/s]."""
+    attraction: float = quantity(3.0e3, "N/s")
+    """Attraction rate C with which slipping elements approach the sliding force [N/s]."""
+    sigma2: float = quantity(0.0, "N s/m", positive=False, low=0.0, optional=True)
+    """Viscous friction s2 [N s/m]."""
+
+    def initial(self):
+        return tuple(jnp.zeros(()) for _ in range(2 * _COUNT))
+
+    def _stiffnesses(self):
+        return self.stiffness_1, self.stiffness_2, self.stiffness_3, self.stiffness_4
+
+    def _strengths(self):
+        return self.strength_1, self.strength_2, self.strength_3, self.strength_4
+
+    def _remaining(self, v):
+        """s(v) / W."""
+        return stribeck_curve(v, self.weakened, 1.0, self.v_s)
+
+    def rate(self, state, v, sign):
+        total = sum(self._strengths())
+        level = self._remaining(v) * total
+        rates = []
+        for z, slips, k, w in zip(state[:_COUNT], state[_COUNT:], self._stiffnesses(), self._strengths(), strict=True):
+            attracted = (sign * w / total - z * k / level) * (self.attraction / k)
+            rates.append(v * (1.0 - slips) + attracted * slips)
+        return (*rates, *(jnp.zeros(()) for _ in range(_COUNT)))
+
+    def _elastic(self, state):
+        forces = [z * k for z, k in zip(state[:_COUNT], self._stiffnesses(), strict=True)]
+        return sum(forces[1:], forces[0])
+
+    def force(self, state, v, sign):
+        return self._elastic(state) + self.sigma2 * v
+
+    def length(self):
+        return tuple(jnp.ones(()) for _ in range(2 * _COUNT))
+
+    def relaxed(self, state, force):
+        yields = (force - self._elastic(state)) / sum(self._stiffnesses())
+        return (*(z + yields for z in state[:_COUNT]), *state[_COUNT:]), yields
+
+    def guards(self, state, v, sign):
+        remaining = self._remaining(v)
+        return tuple(
+            (remaining * w - z * (sign * k)) * (1.0 - slips) + slips
+            for z, slips, k, w in zip(
+                state[:_COUNT], state[_COUNT:], self._stiffnesses(), self._strengths(), strict=True
+            )
+        )
+
+    def passed(self, state, v, sign, which):
+        slips = (jnp.where(which == i, 1.0, flag) for i, flag in enumerate(state[_COUNT:]))
+        return (*state[:_COUNT], *slips)
+
+    def turned(self, state, sign):
+        springs = list(zip(state[:_COUNT], self._stiffnesses(), self._strengths(), strict=True))
+        slips = (jnp.where(sign * k * z < w * (1.0 - _ROUNDING), 0.0, 1.0) for z, k, w in springs)
+        return (*state[:_COUNT], *slips)
+
+    @classmethod
+    def plausible(cls, mass, acceleration, rate):
+        stiffness, _, force = lugre_ranges(mass, acceleration, rate)
+        ranges = {}
+        for i in range(1, _COUNT + 1):
+            # Early elements stiff and weak, late ones soft and strong: one order out of many.
+            ranges[f"stiffness_{i}"] = tuple(end * 0.1 * (_COUNT + 1 - i) for end in stiffness)
+            ranges[f"strength_{i}"] = tuple(end * 0.1 * i for end in force)
+        ranges["weakened"] = (0.4, 1.0)
+        ranges["v_s"] = stribeck_range(acceleration, rate)
+        ranges["attraction"] = (0.1 * rate * force[0], 10.0 * rate * force[1])
+        return ranges
