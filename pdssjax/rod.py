@@ -33,6 +33,7 @@ Keeping the first n modes leaves out the rest of the sum: (4.13), `truncation_er
 
 import math
 from functools import partial
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -67,7 +68,7 @@ class Rod(eqx.Module):
     """Strain per volt s [1/V] of the unloaded stack; negative if it contracts."""
     platform_mass: float = quantity(0.5552, "kg", positive=False, low=0.0)
     """Mass M [kg] that the tip carries; may be 0."""
-    excitation: float = choice({"strain": 0.0, "equal": 1.0})
+    excitation: Any = choice({"strain": 0.0, "equal": 1.0})
     """How the voltage drives the modes: `strain` (the default) or `equal`, see above."""
 
     @property
