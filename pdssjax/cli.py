@@ -100,7 +100,7 @@ def _compared(record: "Record", predicted: "ArrayLike") -> "FittedRecord":
     from .estimate import compare
 
     motion = np.asarray(predicted)
-    offset = float(np.mean(record.displacement - motion)) if record.offset is None else record.offset
+    offset = float(np.mean(record.measured - motion)) if record.offset is None else record.offset
     noise = float("nan") if record.noise is None else record.noise
     return compare(record, motion, noise=noise, offset=offset)
 

@@ -17,16 +17,17 @@ _ITERATIONS = 8
 """Iterations that locate an event within its bracket, to rounding."""
 
 
-def first_crossing(guards: tuple[Series, ...], size: int) -> Any:
-    """The first theta in (0, 1] at which one of the guards has fallen through zero, else 1.
+def first_crossing(guards: tuple[Series, ...], size: int) -> tuple[Any, Any]:
+    """The first theta in (0, 1] at which one of the guards has fallen through zero, else 1; and which.
 
     Right after an event a guard starts from zero; one power of theta is then divided out,
     which takes the root at the start away.  An end point of exactly 1 is no crossing.
     """
     # Side by side: one kernel for all guards, and half the code to compile.
     sides = [jnp.stack([jnp.asarray(guard[k], float) for guard in guards]) for k in range(size)]
-    first = _crossing(sides).min()
-    return jnp.where(first > 1.0, 1.0, jnp.minimum(first, 1.0 - 1e-15))
+    crossings = _crossing(sides)
+    first = crossings.min()
+    return jnp.where(first > 1.0, 1.0, jnp.minimum(first, 1.0 - 1e-15)), jnp.argmin(crossings) * 1.0
 
 
 def _crossing(coefficients: list) -> Any:

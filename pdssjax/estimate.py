@@ -78,7 +78,7 @@ def compare(
 ) -> FittedRecord:
     """A measured `record` beside its prediction [m], to which the record's `offset` [m] is added."""
     predicted = np.asarray(predicted) + offset
-    measured = record.displacement
+    measured = record.measured
     return FittedRecord(
         name=record.name,
         role=record.role,

@@ -1,8 +1,8 @@
 """Predicts the records of a study, all that share a shape in one compiled function.
 
-Platform records without friction feedback come from the closed form; the others are
-marched.  Records of one waveform are stacked and run one after the other, so that the
-compiler sees the march once.
+Platform records of a closed piezo without friction feedback come from the closed form; the
+others are marched.  Records of one waveform are stacked and run one after the other, so that
+the compiler sees the march once.
 """
 
 import dataclasses
@@ -18,18 +18,26 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from .actuator import Actuator
+from .amplifier import Amplifier
 from .drive.base import AbstractDrive
-from .effector import Effector
+from .effector import Effector, Stop
 from .integration import Accuracy
 from .quantity import quantities
 from .records import Record
-from .simulation import displacements, platform
+from .sensor import Sensor
+from .simulation import contact_force, measured, platform
+from .stick_slip import StickSlip
+from .tribometer import Tribometer
+from .unloaded import Unloaded
 
 Values = dict[str, Float[Array, ""]]
 """Parameter paths to numbers in SI."""
 
-_STEPS_PER_PERIOD = 400
+_STEPS_PER_SEGMENT = 200
+_MANY = 400
+"""Segments of a drive from which on each is short and takes a few steps only."""
 _SPARE_STEPS = 1000
+_STEPS_WHERE_MANY = 8
 
 
 class Models(eqx.Module):
@@ -39,32 +47,56 @@ class Models(eqx.Module):
     friction: type = eqx.field(static=True)
     friction_state: str = eqx.field(static=True)
     feedback: bool = eqx.field(static=True)
+    parts: frozenset[str] = eqx.field(static=True, default=frozenset())
+    """What the rig has besides: "amplifier", "low-pass" (of the sensor)."""
 
-    def actuator(self, values: Values) -> Actuator:
+    @property
+    def law(self) -> dict[str, Any]:
+        """The reading of a direction-dependent law."""
+        return {"state": self.friction_state} if hasattr(self.friction, "state") else {}
+
+    @property
+    def closed(self) -> bool:
+        """The platform's motion is known in closed form."""
+        return self.piezo.closed and not self.feedback and not self.parts
+
+    def contact(self, values: Values) -> Any:
+        """The friction law with the given `values`."""
+        return self.friction(**_fields("friction", self.friction, values), **self.law)
+
+    def actuator(self, values: Values, blocked: bool = False) -> Actuator:
         """The actuator with the given `values`; what is left out keeps its nominal value."""
-        reading = {"state": self.friction_state} if hasattr(self.friction, "state") else {}
         return Actuator(
             self.piezo(**_fields("piezo", self.piezo, values)),
-            self.friction(**_fields("friction", self.friction, values), **reading),
+            self.contact(values),
             Effector(**_fields("effector", Effector, values)),
             self.feedback,
+            Amplifier(**_fields("amplifier", Amplifier, values)) if "amplifier" in self.parts else None,
+            Stop(**_fields("stop", Stop, values)) if blocked else None,
         )
+
+    def sensor(self, values: Values) -> Sensor:
+        """The displacement sensor with the given `values`."""
+        return Sensor(**_fields("sensor", Sensor, values), filters="low-pass" in self.parts)
 
 
 class _Group(eqx.Module):
     """Records that share one compiled function: same waveform, same way to compute."""
 
-    drives: AbstractDrive
-    """Stacked: every leaf has one entry a record."""
+    drives: AbstractDrive | None
+    """Stacked: every leaf has one entry a record; a prescribed motion needs none."""
     own: dict[str, Array]
     """For each quantity of the drive, whether the record sets it itself."""
     times: Array
     """Shape (records, samples), each row filled up with its last time."""
+    motion: Array | None
+    """Prescribed relative displacement [m], shaped like `times`; of friction records only."""
     on_platform: Array
     places: tuple[int, ...] = eqx.field(static=True)
     """Where the records stand in the study."""
     samples: tuple[int, ...] = eqx.field(static=True)
-    closed: bool = eqx.field(static=True)
+    kind: str = eqx.field(static=True)
+    """How it is computed: "closed", "unloaded", "stick-slip", "blocked" or "friction"."""
     segments: int = eqx.field(static=True)
     """How many segments of the drive the longest record reaches into."""
 
@@ -79,65 +111,84 @@ class Predictor(eqx.Module):
         self.models = models
         kinds: dict[Any, list[int]] = {}
         for place, record in enumerate(records):
-            closed = record.measures == "platform" and not models.feedback
-            kinds.setdefault((type(record.drive), closed), []).append(place)
+            # Leaves of different sizes (sampled drives) cannot be stacked.
+            shapes = tuple(np.shape(leaf) for leaf in jax.tree.leaves(record.drive))
+            key = (type(record.drive), _kind(models, record), jax.tree.structure(record.drive), shapes)
+            kinds.setdefault(key, []).append(place)
         self.groups = tuple(
-            _group([records[i] for i in places], places, closed) for (_, closed), places in kinds.items()
+            _group([records[i] for i in places], places, kind) for (_, kind, *_), places in kinds.items()
         )
 
     def __call__(self, values: Values, accuracy: Accuracy) -> list[Float[Array, " samples"]]:
-        """One array a record, in the order of the records, without offsets [m]."""
+        """One array a record, in the order of the records, without offsets [m or N]."""
         found: dict[int, Array] = {}
-        actuator = self.models.actuator(values)
         for group in self.groups:
-            rows = _predict(group, actuator, values, accuracy)
+            rows = _predict(group, self.models, values, accuracy)
             for row, place, samples in zip(rows, group.places, group.samples, strict=True):
                 found[place] = row[:samples]
         return [found[place] for place in sorted(found)]
 
 
-def _predict(group: _Group, actuator: Actuator, values: Values, accuracy: Accuracy) -> Array:
-    room = _STEPS_PER_PERIOD * math.ceil(group.segments / 2) + _SPARE_STEPS
+def _kind(models: Models, record: Record) -> str:
+    if record.measures == "friction":
+        return "friction"
+    if record.measures == "force":
+        return "blocked"
+    if record.measures == "platform" and not models.feedback:
+        return "closed" if models.closed else "unloaded"
+    return "stick-slip"
+
+
+def _predict(group: _Group, models: Models, values: Values, accuracy: Accuracy) -> Array:
+    few = min(group.segments, _MANY)
+    room = _STEPS_PER_SEGMENT * few + _STEPS_WHERE_MANY * (group.segments - few) + _SPARE_STEPS
     roomy = dataclasses.replace(accuracy, max_steps=max(room, accuracy.max_steps))
+    if group.kind == "friction":
+        contact = models.contact(values)
+        force = lambda args: contact_force(Tribometer(contact, *args), args[0], roomy)
+        return lax.map(force, (group.times - group.times[:, :1], group.motion))
+    actuator = models.actuator(values, group.kind == "blocked")
+    sensor = models.sensor(values)
 
     def one(drive, own, times, on_platform):
         for field, declared in own.items():
             if (path := f"drive.{field}") in values:
                 shared = jnp.where(declared, getattr(drive, field), values[path])
                 drive = eqx.tree_at(lambda d, field=field: getattr(d, field), drive, shared)
-        if group.closed:
-            return platform(actuator.piezo, drive, times, group.segments)
-        y, x_e = displacements(actuator, drive, times, roomy)
-        return jnp.where(on_platform, y, x_e)
+        if group.kind == "closed":
+            return platform(actuator.piezo, drive, times - sensor.delay, group.segments)
+        if group.kind == "unloaded":
+            return measured(Unloaded(actuator.stage, drive, sensor), times, roomy)
+        return measured(StickSlip(actuator, drive, sensor, on_platform), times, roomy)
 
     return lax.map(lambda args: one(*args), (group.drives, group.own, group.times, group.on_platform))
 
 
-def _group(records: Sequence[Record], places: Sequence[int], closed: bool) -> _Group:
+def _group(records: Sequence[Record], places: Sequence[int], kind: str) -> _Group:
     longest = max(record.time.size for record in records)
-    times = [np.pad(record.time, (0, longest - record.time.size), mode="edge") for record in records]
+    padded = lambda a: np.pad(a, (0, longest - a.size), mode="edge")
     drives = [jax.tree.map(lambda leaf: jnp.asarray(leaf, float), record.drive) for record in records]
-    fields = quantities(type(records[0].drive))
+    first = records[0].drive
+    fields = {} if first is None else quantities(type(first))
+    motions = [record.motion for record in records if record.motion is not None]
     return _Group(
-        drives=jax.tree.map(lambda *leaves: jnp.stack(leaves), *drives),
+        drives=None if first is None else jax.tree.map(lambda *leaves: jnp.stack(leaves), *drives),
         own={field: jnp.array([field in r.own or not fields[field].optional for r in records]) for field in fields},
-        times=jnp.asarray(np.stack(times)),
-        on_platform=jnp.array([record.measures == "platform" for record in records]),
+        times=jnp.asarray(np.stack([padded(record.time) for record in records])),
+        motion=jnp.asarray(np.stack([padded(motion) for motion in motions])) if motions else None,
+        on_platform=jnp.array([1.0 * (record.measures == "platform") for record in records]),
         places=tuple(places),
         samples=tuple(record.time.size for record in records),
-        closed=closed,
-        segments=max(_segments(record) for record in records),
+        kind=kind,
+        segments=_segments(records, kind),
     )
 
 
-def _segments(record: Record) -> int:
-    """Segments of the drive before the record's last sample, with one to spare."""
-    cycle = record.drive.period()
-    if cycle is None:
-        return 2
-    first, every = cycle
-    length = sum(float(record.drive.segment(jnp.asarray(float(first + i))).duration) for i in range(every))
-    return first + every * (math.ceil(max(float(record.time[-1]), 0.0) / length) + 1)
+def _segments(records: Sequence[Record], kind: str) -> int:
+    """Segments of the drive, or of the prescribed motion, in the longest record."""
+    if kind == "friction":
+        return max(record.time.size for record in records)
+    return max(record.drive.segments(float(record.time[-1])) for record in records if record.drive is not None)
 
 
 def _fields(family: str, model: type, values: Values) -> dict[str, Any]:

@@ -15,16 +15,21 @@ from .quantity import Quantity, choices, quantities
 from .tables import Table
 from .units import to_si
 
-_SI_UNITS = {"time": "s", "displacement": "m"}
+_COLUMNS = {
+    "platform": {"time": "s", "displacement": "m"},
+    "effector": {"time": "s", "displacement": "m"},
+    "friction": {"time": "s", "motion": "m", "force": "N"},
+    "force": {"time": "s", "force": "N"},
+}
+"""What may be measured, and the columns that a record of it has, with their SI units; what is explained comes last."""
 _KEYS = ["name", "file", "columns", "units", "measures", "role", "noise", "offset", "window", "exclude", "drive"]
-_MEASURES = ["platform", "effector", "friction", "force"]
 # Within this time a platform under a step comes to rest; for the check of units only.
 _STEP_TIME = 0.01
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Record:
-    """A run of the rig: the drive applied and the displacement measured."""
+    """A run of the rig: the drive or the motion applied, and what was measured."""
 
     name: str
     """As reports call it; no other record of the study has it."""
@@ -33,19 +38,27 @@ class Record:
     role: str
     """"fit": fitted; "validate": only predicted and compared."""
     measures: str
-    """Whose displacement: "platform" or "effector"."""
-    drive: AbstractDrive
-    """The voltage, from t = 0 of the record's clock on; fields in SI."""
+    """What: displacement of "platform" or "effector", "friction" force of the contact alone under
+    a prescribed motion, or "force" of the blocked end-effector on a sensor."""
+    drive: Any
+    """The voltage, from t = 0 of the record's clock on; fields in SI.  None for "friction"."""
     own: frozenset[str]
     """The drive's fields that the record itself sets; they do not follow the study's "drive.…"."""
     time: np.ndarray
     """Sample times [s], strictly increasing, shape (samples,)."""
-    displacement: np.ndarray
-    """Measured displacement [m], shape (samples,)."""
+    measured: np.ndarray
+    """Displacement [m] or force [N], shape (samples,)."""
     noise: float | None
-    """Standard deviation of the noise [m]; None: estimate it."""
+    """Standard deviation of the noise [m or N]; None: estimate it."""
     offset: float | None
-    """Zero of the sensor [m]; None: free."""
+    """Zero of the sensor [m or N]; None: free."""
+    motion: np.ndarray | None = None
+    """Of "friction": the relative displacement of platform against end-effector [m], shape (samples,)."""
+
+    @property
+    def unit(self) -> str:
+        """SI unit of what was measured."""
+        return list(_COLUMNS[self.measures].values())[-1]
 
 
 def read_record(table: Table, folder: Path) -> Record:
@@ -57,13 +70,17 @@ def read_record(table: Table, folder: Path) -> Record:
     table.only(_KEYS)
     file = folder / table.text("file", "the path of a CSV file")
     name = table.text("name", "a name", file.stem)
-    measures = table.option("measures", _MEASURES)
-    if measures in ("friction", "force"):
-        found = f'{table.at("measures")}: found "{measures}", which is not available yet'
-        raise InputError(f'{found}, expected "platform" or "effector".')
-    drive, own = read_drive(table.table("drive", 'a table such as { waveform = "step", voltage = "48.2 V" }'))
-    time, displacement = _samples(table, file)
-    _warn(f'{file}: record "{name}"', time, drive)
+    measures = table.option("measures", _COLUMNS)
+    unit = list(_COLUMNS[measures].values())[-1]
+    drive, own = None, frozenset()
+    if measures != "friction":
+        drive, own = read_drive(table.table("drive", 'a table such as { waveform = "step", voltage = "48.2 V" }'))
+    elif "drive" in table.entries:
+        raise InputError(
+            f'{table.at("drive")}: found a drive, expected none: of a friction record the column "motion" is prescribed.'
+        )
+    data = _samples(table, file, _COLUMNS[measures])
+    _warn(f'{file}: record "{name}"', data["time"], drive)
     return Record(
         name=name,
         file=file,
@@ -71,10 +88,11 @@ def read_record(table: Table, folder: Path) -> Record:
         measures=measures,
         drive=drive,
         own=own,
-        time=time,
-        displacement=displacement,
-        noise=_noise(table),
-        offset=None if table.entries.get("offset", "free") == "free" else table.number("offset", "m"),
+        time=data["time"],
+        measured=data[list(_COLUMNS[measures])[-1]],
+        noise=_noise(table, unit),
+        offset=None if table.entries.get("offset", "free") == "free" else table.number("offset", unit),
+        motion=data.get("motion"),
     )
 
 
@@ -104,16 +122,17 @@ def _check_drive(fields: dict[str, Any], numbers: dict[str, Quantity], table: Ta
             raise InputError(f"{table.at(key)}: found {fields[key]:g} s, expected less than the period, {period:g} s.")
 
 
-def _samples(table: Table, file: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Time and displacement of the samples kept, checked."""
-    columns = table.table("columns", 'a table such as { time = "time_s", displacement = "displacement_um" }')
-    columns.only(_SI_UNITS)
-    names = {quantity: columns.text(quantity, "the name of a column") for quantity in _SI_UNITS}
-    units = table.table("units", 'a table such as { displacement = "um" }', {})
-    units.only(_SI_UNITS)
+def _samples(table: Table, file: Path, si_units: dict[str, str]) -> dict[str, np.ndarray]:
+    """The columns of the samples kept, by quantity, checked."""
+    *_, explained = si_units
+    columns = table.table("columns", f'a table such as {{ time = "time_s", {explained} = "..." }}')
+    columns.only(si_units)
+    names = {quantity: columns.text(quantity, "the name of a column") for quantity in si_units}
+    units = table.table("units", f'a table such as {{ {explained} = "..." }}', {})
+    units.only(si_units)
     written = {quantity: units.text(quantity, "a unit") for quantity in units.entries}
-    data, lines = read_csv(file, names, _SI_UNITS, written)
-    time, displacement = data["time"], data["displacement"]
+    data, lines = read_csv(file, names, si_units, written)
+    time = data["time"]
     late = np.flatnonzero(np.diff(time) <= 0)
     if late.size:
         before, here = time[late[0]], time[late[0] + 1]
@@ -122,12 +141,13 @@ def _samples(table: Table, file: Path) -> tuple[np.ndarray, np.ndarray]:
             "expected times that increase."
         )
     keep = _kept(table, time)
-    if np.all(displacement[keep] == displacement[keep][0]):
-        raise InputError(
-            f'{file}: column "{names["displacement"]}": found the same displacement in all {np.sum(keep)} samples, '
-            "expected a record that moves."
-        )
-    return time[keep], displacement[keep]
+    for quantity in list(si_units)[1:]:
+        if np.all(data[quantity][keep] == data[quantity][keep][0]):
+            raise InputError(
+                f'{file}: column "{names[quantity]}": found the same {quantity} in all {np.sum(keep)} samples, '
+                "expected a record that moves."
+            )
+    return {quantity: column[keep] for quantity, column in data.items()}
 
 
 def _kept(table: Table, time: np.ndarray) -> np.ndarray:
@@ -157,14 +177,16 @@ def _interval(given: object, where: str) -> tuple[float, float]:
     return start, end
 
 
-def _noise(table: Table) -> float | None:
-    noise = table.number("noise", "m", None)
+def _noise(table: Table, unit: str) -> float | None:
+    noise = table.number("noise", unit, None)
     if noise is not None and noise <= 0:
-        raise InputError(f"{table.at('noise')}: found {noise:g} m, expected a standard deviation above 0.")
+        raise InputError(f"{table.at('noise')}: found {noise:g} {unit}, expected a standard deviation above 0.")
     return noise
 
 
-def _warn(where: str, time: np.ndarray, drive: AbstractDrive) -> None:
+def _warn(where: str, time: np.ndarray, drive: AbstractDrive | None) -> None:
+    if drive is None:
+        return
     frequency = getattr(drive, "frequency", None)
     period = 1.0 / frequency if frequency else _STEP_TIME
     interval = float(np.median(np.diff(time)))

@@ -40,7 +40,7 @@ class Residual(eqx.Module):
         self, models: Models, records: Sequence[Record], scale: Scale, fixed: dict[str, float], accuracy: Accuracy
     ):
         self.predictor = Predictor(models, records)
-        self.measured = tuple(jnp.asarray(record.displacement) for record in records)
+        self.measured = tuple(jnp.asarray(record.measured) for record in records)
         self.offsets = tuple(record.offset for record in records)
         self.scale = scale
         self.fixed = {path: jnp.asarray(value, float) for path, value in fixed.items()}
@@ -71,14 +71,14 @@ def noise_floor(record: Record) -> float:
     left out again and again.  A smooth motion between samples hardly enters, and rounding
     no more than it does in the noise itself.
     """
-    if record.displacement.size < 8:
-        return float(np.std(record.displacement)) or 1e-9
-    bends = np.abs(np.diff(record.displacement, 2))
+    if record.measured.size < 8:
+        return float(np.std(record.measured)) or 1e-9
+    bends = np.abs(np.diff(record.measured, 2))
     spread = 1.4826 * float(np.median(bends))
     for _ in range(20):
         near = bends[bends <= _FAR * spread] if spread > 0 else bends
         spread = float(np.sqrt(np.mean(near**2))) / _KEPT
-    return max(spread / np.sqrt(6.0), 1e-4 * float(np.std(record.displacement)), 1e-12)
+    return max(spread / np.sqrt(6.0), 1e-4 * float(np.std(record.measured)), 1e-12)
 
 
 def free_offset(measured: np.ndarray, predicted: np.ndarray, given: float | None) -> float:

@@ -69,6 +69,11 @@ def polynomial(coefficients: Sequence[Any]) -> Series:
     return Series(lambda k: coefficients[k] if k < len(coefficients) else 0)
 
 
+def constant(x: Any) -> Any:
+    """The value of a series at its start; a number is its own."""
+    return x[0] if isinstance(x, Series) else x
+
+
 def exp(x: Any) -> Any:
     """e to the power x, of a series or of a number: y' = x' y."""
     if not isinstance(x, Series):

@@ -1,16 +1,17 @@
 """Simulates one actuator under one drive."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from .actuator import Actuator, StickSlip
+from .actuator import Actuator
 from .drive.base import AbstractDrive
 from .integration import FAILURES, Accuracy, march, states_at
 from .piezo.base import AbstractPiezo
+from .stick_slip import StickSlip
 
 
 class Trajectory(NamedTuple):
@@ -18,6 +19,7 @@ class Trajectory(NamedTuple):
 
     time: Float[Array, " m"]
     voltage: Float[Array, " m"]
+    """The command; an amplifier's output follows it."""
     platform: Float[Array, " m"]
     effector: Float[Array, " m"]
     platform_velocity: Float[Array, " m"]
@@ -57,13 +59,14 @@ def simulate(
     x, segment, after, mode = states_at(system, run, times)
     shown = _from_rest(times, run.failure)
     friction = jax.vmap(system.force)(segment, after, x, mode)
+    y, w = jax.vmap(actuator.stage.platform)(x.stage)
     return Trajectory(
         time=times,
         voltage=drive.at(times),
-        platform=shown(x.y),
-        effector=shown(x.y - x.d),
-        platform_velocity=shown(x.w),
-        effector_velocity=shown(x.w - x.v),
+        platform=shown(y),
+        effector=shown(y - x.d),
+        platform_velocity=shown(w),
+        effector_velocity=shown(w - x.v),
         friction=shown(friction),
         steps=run.count,
         rejected=run.rejected,
@@ -73,39 +76,65 @@ def simulate(
     )
 
 
+def measured(system: Any, times: Float[Array, " m"], accuracy: Accuracy) -> Float[Array, " m"]:
+    """What the sensor of a `system` shows at `times` [s]: what a fit needs, at less cost than `simulate`.
+
+    The system is a `StickSlip` or an `Unloaded`; the sensor's delay shifts the times.
+    """
+    keep = system.displaced()
+    delay = 0.0 if system.sensor is None else system.sensor.delay
+    run = march(system, times[-1], accuracy, keep)
+    seen = times - delay
+    x, *_ = states_at(system, run, seen, keep)
+    return _from_rest(seen, run.failure)(jax.vmap(system.measured)(x))
+
+
 def displacements(
     actuator: Actuator, drive: AbstractDrive, times: Float[Array, " m"], accuracy: Accuracy
 ) -> tuple[Float[Array, " m"], Float[Array, " m"]]:
-    """Platform and end-effector displacement [m] only: what a fit needs, at less cost."""
+    """True platform and end-effector displacement [m] only, at less cost than `simulate`."""
     system = StickSlip(actuator, drive)
     keep = system.displaced()
     run = march(system, times[-1], accuracy, keep)
     x, *_ = states_at(system, run, times, keep)
+    y, _ = jax.vmap(actuator.stage.platform)(x.stage)
     shown = _from_rest(times, run.failure)
-    return shown(x.y), shown(x.y - x.d)
+    return shown(y), shown(y - x.d)
+
+
+def contact_force(system: Any, times: Float[Array, " m"], accuracy: Accuracy) -> Float[Array, " m"]:
+    """The force [N] of a `Tribometer` at `times` [s]."""
+    run = march(system, times[-1], accuracy)
+    x, segment, after, mode = states_at(system, run, times)
+    return _from_rest(times, run.failure)(jax.vmap(system.force)(segment, after, x, mode))
 
 
 def platform(
     piezo: AbstractPiezo, drive: AbstractDrive, times: Float[Array, " m"], segments: int
 ) -> Float[Array, " m"]:
-    """Platform displacement [m] without friction feedback, in closed form.
+    """Platform displacement [m] of a `closed` piezo without friction feedback.
 
     **Arguments:** `segments` is how many segments of the drive the times may reach into.
     """
 
-    def pass_segment(state, index):
-        origin, y, w = state
+    def pass_segment(carry, index):
+        origin, state = carry
         segment = drive.segment(index)
+        state = piezo.entered(state, segment)
         lasts = jnp.isfinite(segment.duration)
         duration = jnp.where(lasts, segment.duration, 0.0)
-        ahead = piezo.motion(y, w, segment, 0.0, duration)
-        return (jnp.where(lasts, origin + duration, jnp.inf), *ahead), state
+        ahead = piezo.motion(state, segment, 0.0, duration)
+        return (jnp.where(lasts, origin + duration, jnp.inf), ahead), (origin, state)
 
-    zero = jnp.zeros(())
-    _, (origins, ys, ws) = lax.scan(pass_segment, (zero, zero, zero), jnp.arange(segments) * 1.0)
+    first = tuple(jnp.asarray(x, float) for x in piezo.initial())
+    _, (origins, states) = lax.scan(pass_segment, (jnp.zeros(()), first), jnp.arange(segments) * 1.0)
     j = jnp.clip(jnp.searchsorted(lax.stop_gradient(origins), times, side="right") - 1, 0)
-    inside = jax.vmap(lambda j, t: piezo.motion(ys[j], ws[j], drive.segment(j * 1.0), 0.0, t - origins[j])[0])
-    return jnp.where(times >= 0, inside(j, jnp.maximum(times, 0.0)), 0.0)
+
+    def inside(j, time):
+        state = tuple(x[j] for x in states)
+        return piezo.platform(piezo.motion(state, drive.segment(j * 1.0), 0.0, time - origins[j]))[0]
+
+    return jnp.where(times >= 0, jax.vmap(inside)(j, jnp.maximum(times, 0.0)), 0.0)
 
 
 def _from_rest(times, failure):

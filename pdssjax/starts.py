@@ -91,7 +91,7 @@ def _piezo_from_data(records: Sequence[Record]) -> dict[str, float]:
 
 def _from_step(record: Record) -> dict[str, float]:
     """Gain, natural frequency and damping ratio from the peak and the end of a step response."""
-    time, y = record.time, record.displacement
+    time, y = record.time, record.measured
     before = time < 0
     after = time >= 0
     end = float(np.mean(y[-max(y.size // 5, 1) :]))
@@ -103,7 +103,7 @@ def _from_step(record: Record) -> dict[str, float]:
     damping = -logarithm / np.hypot(np.pi, logarithm)
     delay = max(float(time[after][peak]), float(np.median(np.diff(time))))
     return {
-        "piezo.gain": abs(end - zero) / abs(float(record.drive.voltage)),  # pyright: ignore[reportAttributeAccessIssue]
+        "piezo.gain": abs(end - zero) / abs(float(record.drive.voltage)),
         "piezo.damping_ratio": float(damping),
         "piezo.natural_frequency": float(np.pi / delay / np.sqrt(1.0 - damping**2)),
     }
@@ -118,7 +118,7 @@ def _flank_gain(record: Record) -> float:
     drive: Any = record.drive
     interval = float(np.median(np.diff(record.time)))
     span = int(np.clip(0.25 / float(drive.frequency) / interval, 1, record.time.size - 1))
-    rise = record.displacement[span:] - record.displacement[:-span]
+    rise = record.measured[span:] - record.measured[:-span]
     slope = float(np.median(rise / (record.time[span:] - record.time[:-span])))
     return abs(slope) / abs(float(drive.voltage) * float(drive.frequency))
 
@@ -169,7 +169,7 @@ def _beginning(record: Record) -> Record:
     if not frequency:
         return record
     kept = record.time <= record.time[0] + PERIODS / float(frequency)
-    return dataclasses.replace(record, time=record.time[kept], displacement=record.displacement[kept])
+    return dataclasses.replace(record, time=record.time[kept], measured=record.measured[kept])
 
 
 @eqx.filter_jit

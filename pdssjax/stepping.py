@@ -22,8 +22,8 @@ _BLOCK = 5
 RESTING = 2.0
 """The mode of a system that has settled until the next corner; no guard ends it."""
 
-CORNER, SETTLES, EVENT = 1, 2, 4
-"""Bits of the code of a step: how it ended."""
+CORNER, SETTLES, EVENT, WHICH = 1, 2, 4, 8
+"""Bits of the code of a step, how it ended; the number of the guard that ended it follows from `WHICH` on."""
 
 KNOWN = 5
 """Columns of the table behind the time and the state: index, mode, reach, length, code."""
@@ -72,9 +72,8 @@ class Walk(NamedTuple):
 def find_steps(system: Any, horizon: Any, accuracy: Accuracy) -> tuple[Any, Walk]:
     """Every step from t = 0 to the horizon: the table of steps, and the last carry."""
     unflatten = unflattener(system)
-    first = system.initial()
     zero = jnp.zeros(())
-    mode = system.enter(system.segment(zero), first, zero)
+    first, mode = begin(system)
     leaves = tuple(jax.tree.leaves(first))
     nothing: Any = zero
     blank = Walk(*[nothing] * len(Walk._fields))
@@ -120,7 +119,8 @@ def _one_step(system, horizon, accuracy, unflatten, walk):
     clock = polynomial([walk.after, piece.reach])
     motion = unflatten([polynomial(c) for c in piece.polynomials])
     guards = system.guards(segment, clock, motion, walk.mode)
-    crossing = first_crossing(guards, len(piece.polynomials[0])) / one
+    crossing, which = first_crossing(guards, len(piece.polynomials[0]))
+    crossing = crossing / one
     event = crossing < 1.0
     length = piece.reach * crossing
     after = walk.after + length
@@ -130,7 +130,7 @@ def _one_step(system, horizon, accuracy, unflatten, walk):
     ended = ~event & (piece.reach >= remaining)
     corner = ended & ~last
 
-    switched, mode = system.switch(segment, after, x, walk.mode)
+    switched, mode = system.switch(segment, after, x, walk.mode, which)
     x = jax.tree.map(lambda a, b: jnp.where(event, a, b), switched, x)
     mode = jnp.where(event, mode, walk.mode) / one
     settles = ~ended & system.settled(segment, after, x, mode, accuracy.resting)
@@ -140,9 +140,12 @@ def _one_step(system, horizon, accuracy, unflatten, walk):
     mode = jnp.where(settles > 0, RESTING, mode)
 
     x = _kept(x, one)
-    row = _row(walk, piece.reach, length, corner * CORNER + settles * SETTLES + event * EVENT)
+    row = _row(walk, piece.reach, length, corner * CORNER + settles * SETTLES + event * (EVENT + WHICH * which))
     ahead = walk.index + 1.0
-    entered = system.enter(system.segment(ahead), x, mode) / one
+    entered, opening = system.enter(system.segment(ahead), x, mode)
+    if system.alters:
+        x = jax.tree.map(lambda a, b: jnp.where(corner, a, b), entered, x)
+    opening = opening / one
     opens, repeats = _new_period(system, accuracy, unflatten, walk, ahead, x, mode, corner)
     finite = jnp.isfinite(sum(jax.tree.leaves(x))) & (length >= 0)
     hopeless = ~piece.accepted & (walk.rejected > 2 * accuracy.max_steps)
@@ -152,7 +155,7 @@ def _one_step(system, horizon, accuracy, unflatten, walk):
         origin=jnp.where(corner, walk.origin + segment.duration, walk.origin),
         after=jnp.where(corner, 0.0, after),
         x=tuple(jax.tree.leaves(x)),
-        mode=jnp.where(corner, entered, mode),
+        mode=jnp.where(corner, opening, mode),
         trial=piece.following,
         count=walk.count + 1,
         rejected=walk.rejected,
@@ -204,6 +207,12 @@ def _new_period(system, accuracy, unflatten, walk, ahead, x, mode, corner):
     # Each is within `rest` of the steady solution; the factor keeps that from looking like a difference.
     alike = system.alike(x, unflatten(walk.opened), 4.0 * accuracy.resting)
     return opens, opens & (walk.rested > 0) & (mode == RESTING) & alike
+
+
+def begin(system: Any) -> tuple[Any, Any]:
+    """State and mode in which the first segment begins."""
+    zero = jnp.zeros(())
+    return system.enter(system.segment(zero), system.initial(), zero)
 
 
 def field_of(system: Any, segment: Any, unflatten: Callable, mode: Any) -> Callable:

@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .effector import Effector
+from .amplifier import Amplifier
+from .effector import Effector, Stop
 from .errors import InputError, nearest
 from .family import member, members
 from .integration import Accuracy
@@ -19,6 +20,7 @@ from .parameters import Parameter, read_parameter
 from .prediction import Models, Predictor
 from .quantity import Quantity, quantities
 from .records import Record, read_record
+from .sensor import Sensor
 from .simulation import need_double_precision
 from .starts import find_starts
 from .tables import Table
@@ -51,7 +53,7 @@ class Study:
     def predict(
         self, values: Mapping[str, Any] | None = None, accuracy: Accuracy | None = None
     ) -> list[Float[Array, " samples"]]:
-        """The displacement of every record at its sample times [m], without offsets.
+        """What every record measures at its sample times, displacement [m] or force [N], without offsets.
 
         **Arguments:** `values` maps parameter paths to numbers in SI; what is left out
         keeps the study's value or start, or one found from the data where it has neither.
@@ -82,7 +84,9 @@ class Study:
     @functools.cached_property
     def models(self) -> Models:
         """The chosen family members."""
-        return Models(self.piezo, self.friction, self.friction_state, self.feedback)
+        parts = {"amplifier"} if any(path.startswith("amplifier.") for path in self.parameters) else set()
+        parts |= {"low-pass"} if "sensor.bandwidth" in self.parameters else set()
+        return Models(self.piezo, self.friction, self.friction_state, self.feedback, frozenset(parts))
 
     @functools.cached_property
     def predictor(self) -> Predictor:
@@ -164,7 +168,14 @@ def _read_records(top: Table, folder: Path) -> tuple[Record, ...]:
 
 def _legal(study: Study) -> dict[str, Quantity]:
     """All parameters that the study may list, by path."""
-    models = {"piezo": study.piezo, "friction": study.friction, "effector": Effector}
+    models = {
+        "piezo": study.piezo,
+        "friction": study.friction,
+        "effector": Effector,
+        "stop": Stop,
+        "amplifier": Amplifier,
+        "sensor": Sensor,
+    }
     legal = {f"{name}.{f}": q for name, model in models.items() for f, q in quantities(model).items()}
     # Also those of waveforms that no record uses: to list them does nothing, and no harm.
     for drive in members("drive"):
@@ -173,12 +184,19 @@ def _legal(study: Study) -> dict[str, Quantity]:
     return legal
 
 
-def _required(study: Study, legal: dict[str, Quantity]) -> list[str]:
+def _required(study: Study, legal: dict[str, Quantity], listed: Iterable[str]) -> list[str]:
     """The parameters that the study must list."""
-    paths = [path for path, declared in legal.items() if not declared.optional]
-    if not study.feedback and all(record.measures == "platform" for record in study.records):
-        paths.remove("effector.mass")
-    return paths + ["piezo.mass"] * study.feedback
+    kinds = {record.measures for record in study.records}
+    needed = {"friction"}
+    if not kinds or kinds - {"friction"}:
+        needed |= {"piezo"}
+    if study.feedback or not kinds or kinds & {"effector", "force"}:
+        needed |= {"effector"}
+    if "force" in kinds:
+        needed |= {"stop"}
+    paths = [path for path, declared in legal.items() if not declared.optional and path.split(".")[0] in needed]
+    slews = "amplifier.slew" in listed
+    return paths + ["piezo.mass"] * study.feedback + ["amplifier.bandwidth"] * slews
 
 
 def _read_parameters(top: Table, study: Study) -> dict[str, Parameter]:
@@ -189,7 +207,7 @@ def _read_parameters(top: Table, study: Study) -> dict[str, Parameter]:
             raise InputError(f'{table.where}: found {path} without quotes, expected the whole path as in "{path}....".')
         if path not in legal:
             raise InputError(f'{table.where}: found the unknown parameter "{path}"; {nearest(path, legal)}')
-    for path in _required(study, legal):
+    for path in _required(study, legal, table.entries):
         if path not in table.entries:
             raise InputError(
                 f'{table.where}: the parameter "{path}" is missing, '

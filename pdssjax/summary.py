@@ -130,11 +130,11 @@ def _compared(study, problem, fit, matrix, values) -> tuple[FittedRecord, ...]:
     out = []
     for record, motion in zip(study.records, study.predict(values, problem.residual.accuracy), strict=True):
         motion = np.asarray(motion)
-        offset = free_offset(record.displacement, motion, record.offset)
+        offset = free_offset(record.measured, motion, record.offset)
         i = at.get(id(record))
         noise = problem.noise[i] if i is not None else record.noise
         if noise is None:
-            noise = float(np.std(record.displacement - motion))
+            noise = float(np.std(record.measured - motion))
         error = float("nan")
         if record.offset is None and i is not None:
             error = float(np.sqrt(noise**2 / record.time.size + slopes[i] @ np.nan_to_num(matrix) @ slopes[i]))

@@ -10,7 +10,7 @@ from jax import lax
 from jax.flatten_util import ravel_pytree
 
 from .expansion import horner
-from .stepping import CORNER, EVENT, KNOWN, SETTLES, field_of, find_steps, unflattener
+from .stepping import CORNER, EVENT, KNOWN, SETTLES, WHICH, begin, field_of, find_steps, unflattener
 
 _TILE = 32
 """Steps expanded or linearised side by side."""
@@ -62,7 +62,11 @@ def _march_jvp(primals, tangents, *, horizon, accuracy, keep):
         moved = jnp.sum(inner[..., :size] * begins[:, None, None, :], axis=-1)
         return end, (begins, polynomials, moved + jnp.sum(inner[..., size:] * parameters_dot, axis=-1))
 
-    end_dot, (begins_dot, polynomials, polynomials_dot) = _tiled(tile, jnp.zeros(size), table, walk.count)
+    first_dot = jnp.zeros(size)
+    if system.jumps:
+        started = lambda parameters: jnp.stack(jax.tree.leaves(begin(eqx.combine(rebuilt(parameters), fixed))[0]))
+        first_dot = first_dot.at[2:].set(jax.jvp(started, (parameters,), (parameters_dot,))[1])
+    end_dot, (begins_dot, polynomials, polynomials_dot) = _tiled(tile, first_dot, table, walk.count)
     out = _outcome(table, walk, polynomials)
     nothing = jax.tree.map(lambda _: None, out[3])
     return out, (begins_dot, end_dot, polynomials_dot, nothing)
@@ -88,6 +92,7 @@ def _advance(system, accuracy, keep, row):
     index, mode, reach, length, code = lax.stop_gradient(row[size:])
     code = code.astype(int)
     corner, settles, event = (code & bit > 0 for bit in (CORNER, SETTLES, EVENT))
+    which = code // WHICH
     segment = system.segment(index)
     units = [scale / accuracy.tolerance for scale in jax.tree.leaves(lax.stop_gradient(system.scales()))]
     field = field_of(system, segment, unflatten, mode)
@@ -100,7 +105,8 @@ def _advance(system, accuracy, keep, row):
     def margin(late):
         rates = system.field(segment, at + late, end, mode)
         moved = jax.tree.map(lambda a, b: a + late * b, end, rates)
-        return jnp.minimum(*system.guards(segment, at + late, moved, mode))
+        guards = [jnp.asarray(guard, float) for guard in system.guards(segment, at + late, moved, mode)]
+        return jnp.stack(guards)[which] if len(guards) > 2 else jnp.minimum(*guards)
 
     gap, slope = jax.jvp(margin, (jnp.zeros_like(at),), (jnp.ones_like(at),))
     late_event = -_tangent_only(gap) / lax.stop_gradient(jnp.where(event & (slope != 0), slope, 1.0))
@@ -108,10 +114,13 @@ def _advance(system, accuracy, keep, row):
     late = jnp.where(event, late_event, jnp.where(corner, late_corner, 0.0))
     rates = lax.stop_gradient(system.field(segment, at, end, mode))
     end = jax.tree.map(lambda a, b: a + late * b, end, rates)
-    switched, following = system.switch(segment, at + late, end, mode)
+    switched, following = system.switch(segment, at + late, end, mode, which)
     end = jax.tree.map(lambda a, b: jnp.where(event, a, b), switched, end)
     settled = system.settle(segment, at + late, end, jnp.where(event, following, mode))
     end = jax.tree.map(lambda a, b: jnp.where(settles, a, b), settled, end)
+    if system.jumps:
+        entered, _ = system.enter(system.segment(index + 1.0), end, mode)
+        end = jax.tree.map(lambda a, b: jnp.where(corner, a, b), entered, end)
     origin = jnp.where(corner, origin + jnp.where(corner, segment.duration, 0.0), origin)
     after = jnp.where(corner, 0.0, at + late)
     return jnp.stack([origin, after, *jax.tree.leaves(end)]), jnp.stack([jnp.stack(polynomials[i]) for i in keep])

@@ -73,10 +73,11 @@ STUDIES = {
     "waveform missing": ('waveform = "step", ', "", ['record "step": drive', '"waveform" is missing']),
     "columns missing": ("columns =", "units =", ['record "step"', '"columns" is missing']),
     "file missing in the study": ('file = "step.csv"\n', "", ['record "step"', '"file" is missing']),
-    "force is for later": (
+    "force needs its column": ('"platform"', '"force"', ['record "step": columns', '"displacement"', '"time", "force"']),
+    "friction has no drive": (
         '"platform"',
-        '"force"',
-        ['record "step"', '"force", which is not available yet', "platform"],
+        '"friction"',
+        ['record "step"', 'key "drive"', "found a drive", '"motion" is prescribed'],
     ),
     "unknown measurand": ('"platform"', '"platfrom"', ['"measures"', '"platfrom"', '"platform"']),
     "two records of one name": ('name = "walk"', 'name = "step"', ['two records named "step"']),

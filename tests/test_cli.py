@@ -125,7 +125,7 @@ def recorded(name: str, offset: float | None, noise: float | None) -> SimpleName
         role="fit",
         measures="effector",
         time=time,
-        displacement=1e-5 * time + 3e-6,
+        measured=1e-5 * time + 3e-6,
         offset=offset,
         noise=noise,
     )

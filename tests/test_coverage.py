@@ -60,7 +60,7 @@ def test_the_truth_lies_as_many_errors_away_as_it_should(example):
         records = tuple(
             dataclasses.replace(
                 record,
-                displacement=motion + random.uniform(0.0, 2e-6) + random.normal(0.0, record.noise, motion.size),
+                measured=motion + random.uniform(0.0, 2e-6) + random.normal(0.0, record.noise, motion.size),
             )
             for record, motion in zip(example.records, motions, strict=True)
         )

@@ -53,7 +53,7 @@ def test_record_holds_si_numbers(tmp_path):
     assert (walk.name, walk.role, walk.measures, walk.noise) == ("walk", "validate", "effector", None)
     assert walk.offset == pytest.approx(2e-6)
     np.testing.assert_allclose(step.time, np.arange(40) * 5e-5)
-    np.testing.assert_allclose(step.displacement[1], 0.8415e-6)
+    np.testing.assert_allclose(step.measured[1], 0.8415e-6)
 
 
 def test_drive_is_the_waveform_with_its_fields(tmp_path):
@@ -91,7 +91,7 @@ def test_csv_may_have_remarks_and_any_usual_separator(tmp_path, mark, separator)
     rows = [["0", "1.5", ""], ["5e-5", "2.5", "x"], *([f"{k}e-4", f"{k}", ""] for k in range(1, 30))]
     lines = ["# measured in July, by hand", mark + separator.join(header), *map(separator.join, rows), "", "# end"]
     step = load_study(write_study(tmp_path, step="\ufeff" + "\r\n".join(lines))).records[0]
-    np.testing.assert_allclose(step.displacement[:3], [1.5e-6, 2.5e-6, 1e-6])
+    np.testing.assert_allclose(step.measured[:3], [1.5e-6, 2.5e-6, 1e-6])
     np.testing.assert_allclose(step.time[:3], [0, 5e-5, 1e-4])
 
 
@@ -100,7 +100,7 @@ def test_column_may_be_named_with_its_remark(tmp_path):
     data = "\n".join(line if line.count(",") == 2 else line + ",0" for line in data.split("\n") if line)
     text = changed('"displacement_um"', '"d_um (left)"')
     step = load_study(write_study(tmp_path, text, step=data)).records[0]
-    np.testing.assert_allclose(step.displacement[1], 0.8415e-6)
+    np.testing.assert_allclose(step.measured[1], 0.8415e-6)
 
 
 def test_mass_is_needed_only_where_the_effector_moves_something(tmp_path):

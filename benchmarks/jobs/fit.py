@@ -130,7 +130,7 @@ class _Residual:
                 motion = step_response(parameters, record)
             else:
                 motion = self.peer.record(parameters, record, self.peer.fit_tolerance or 0.0)
-            rest = UM * record.displacement - motion
+            rest = UM * record.measured - motion
             parts.append((rest - rest.mean()) / (UM * (record.noise or 1.0)))
         return np.concatenate(parts)
 
@@ -141,4 +141,4 @@ def step_response(parameters: np.ndarray, record: Record) -> np.ndarray:
     time, ring = np.maximum(record.time, 0.0), rate * np.sqrt(1.0 - damping**2)
     fade = np.exp(-damping * rate * time)
     rise = 1.0 - fade * (np.cos(ring * time) + damping * rate / ring * np.sin(ring * time))
-    return UM * gain * float(record.drive.voltage) * rise  # pyright: ignore[reportAttributeAccessIssue]
+    return UM * gain * float(record.drive.voltage) * rise

@@ -1,25 +1,65 @@
-"""The interface of every voltage waveform: a chain of straight segments."""
+"""The interface of every voltage waveform: a chain of smooth segments."""
 
 import abc
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 from jaxtyping import Array, Float, Int
 
+from ..series import cosine_and_sine
+
+
+class Voltage(NamedTuple):
+    """What the piezo feels at a moment; numbers or series."""
+
+    level: Any
+    """[V]"""
+    slope: Any
+    """Its rate [V/s]."""
+    bend: Any
+    """The rate of its rate [V/s2]."""
+
+
+class Wave(NamedTuple):
+    """A harmonic part of a segment: amplitude * cos(rate * after + phase)."""
+
+    amplitude: Any
+    """[V]"""
+    rate: Any
+    """[rad/s]"""
+    phase: Any
+    """At the beginning of the segment [rad]."""
+
 
 class Segment(NamedTuple):
-    """A stretch of drive between two corners; within it the voltage is a straight line."""
+    """A stretch of drive between two corners; within it the voltage is a straight line.
+
+    Waveforms that are curved add a harmonic to the line.
+    """
 
     duration: Float[Array, ""]
     """Length [s]; zero for a jump, infinite for the last one."""
     start: Float[Array, ""]
-    """Voltage just after the corner that opens the segment [V].
+    """Voltage just after the corner that opens the segment, without the wave [V].
 
     Of a segment of zero length the mean of both ends: what a short one gives the platform,
     so that derivatives with respect to its length are right at zero, too.
     """
     slope: Float[Array, ""]
-    """Rate of the voltage [V/s]."""
+    """Rate of the voltage, without the wave [V/s]."""
+    wave: Wave | None = None
+
+    def voltage(self, after) -> Voltage:
+        """The voltage `after` [s] into the segment, a number or a series."""
+        if self.wave is None:
+            return Voltage(self.start + self.slope * after, self.slope, 0.0)
+        amplitude, rate, phase = self.wave
+        cosine, sine = cosine_and_sine(phase + rate * after)
+        return Voltage(
+            self.start + self.slope * after + amplitude * cosine,
+            self.slope - amplitude * rate * sine,
+            -1.0 * amplitude * rate * rate * cosine,
+        )
 
 
 class AbstractDrive(eqx.Module):
@@ -39,3 +79,12 @@ class AbstractDrive(eqx.Module):
 
         None where it never does.
         """
+
+    def segments(self, until: float) -> int:
+        """How many segments begin by the time `until` [s], or a few more; not traced."""
+        cycle = self.period()
+        if cycle is None:
+            return 2
+        first, every = cycle
+        length = sum(float(self.segment(first + i).duration) for i in range(every))  # pyright: ignore[reportArgumentType]
+        return first + every * (int(max(until, 0.0) / length) + 2)

@@ -1,38 +1,89 @@
 """The interface of every model of the piezo stack with its platform.
 
-The platform is a linear filter of the voltage unless friction acts back on it.  Between
-two corners of the drive its motion is therefore known in closed form, and the integrator
-takes it from there; the acceleration, which the end-effector feels, is integrated
-numerically only where the friction force enters it (5.25).
+A linear model without friction feedback is known in closed form between two corners of
+the drive, and the integrator takes it from there.  Everything else is integrated along
+with the contact.  A model that changes its form (the sliding elements of a hysteresis)
+does so by flags, guards and `passed`, as a friction law does.
 """
 
 import abc
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 from jaxtyping import Array, Float
 
-from ..drive.base import Segment
+from ..drive.base import Segment, Voltage
+
+State = tuple[Any, ...]
 
 
 class AbstractPiezo(eqx.Module):
-    """Platform displacement y [m] and velocity y' [m/s] under a voltage."""
+    """Platform displacement y [m] under a voltage; the state is a tuple of scalars.
+
+    `rate`, `platform`, `acceleration` and `guards` use + - * / and the functions of
+    `pdssjax.series`: then the Taylor integrator can expand them.
+    """
+
+    closed: ClassVar[bool] = False
+    """`motion` is exact on straight segments without friction feedback."""
+    settles: ClassVar[bool] = True
+    """On a straight segment every motion tends to `steady`, soon.
+
+    The state then consists of pairs (displacement [m], velocity [m/s]), whose displacements
+    creep along steadily in the end.  A model that creeps or remembers for long says False,
+    and every moment of it is integrated.
+    """
 
     mass: eqx.AbstractVar[Any]
-    """Moving mass of stack and platform m_g [kg]; only friction feedback (5.25) uses it."""
+    """Moving mass that a force on the platform accelerates at first [kg]; only friction feedback (5.25) uses it."""
 
     @abc.abstractmethod
-    def acceleration(self, y, w, voltage) -> Float[Array, ""]:
-        """y'' [m/s2] at displacement `y`, velocity `w` and `voltage` [V], without friction."""
+    def initial(self) -> State:
+        """The state at 0 V and at rest."""
 
     @abc.abstractmethod
-    def motion(self, y, w, segment: Segment, after, lapse) -> tuple[Any, Any]:
-        """Exact (y, y') a time `lapse` [s] later, `after` [s] into a straight segment."""
+    def rate(self, state: State, voltage: Voltage, force) -> State:
+        """Time derivative of the state with `force` [N] on the platform; zero for flags."""
 
     @abc.abstractmethod
-    def steady(self, segment: Segment, after) -> tuple[Any, Any]:
-        """The (y, y') to which the platform tends on a straight segment, `after` [s] into it."""
+    def platform(self, state: State) -> tuple[Any, Any]:
+        """Displacement y [m] and velocity y' [m/s] of the platform."""
 
     @abc.abstractmethod
-    def rate(self) -> Float[Array, ""]:
+    def acceleration(self, state: State, voltage: Voltage) -> Float[Array, ""]:
+        """y'' [m/s2] without friction; a force F on the platform adds F / `mass`."""
+
+    @abc.abstractmethod
+    def steady(self, state: State, segment: Segment, after, force) -> State:
+        """The state to which the platform tends, `after` [s] into a straight segment.
+
+        `force` [N] acts on the platform constantly.  May be `state` where `settles` is False.
+        """
+
+    @abc.abstractmethod
+    def length(self) -> State:
+        """Displacement [m] that one unit of each state stands for: the scale of its error."""
+
+    @abc.abstractmethod
+    def per_volt(self) -> Float[Array, ""]:
+        """Displacement [m/V] that a slow volt gives: the scale of the voltage's error."""
+
+    @abc.abstractmethod
+    def fastest(self) -> Float[Array, ""]:
         """The fastest angular frequency [rad/s]: the scale between velocity and displacement."""
+
+    def motion(self, state: State, segment: Segment, after, lapse) -> State:
+        """Where `closed`: the exact state `lapse` [s] later, `after` [s] into a segment; no force."""
+        raise NotImplementedError(f"{type(self).__name__} knows no closed form")
+
+    def entered(self, state: State, segment: Segment) -> State:
+        """The state just after the corner that opens `segment`, where the voltage may jump."""
+        return state
+
+    def guards(self, state: State, voltage: Voltage) -> tuple[Any, ...]:
+        """Positive while the model keeps its form; always as many, in the same order."""
+        return ()
+
+    def passed(self, state: State, voltage: Voltage, which) -> State:
+        """The state just after `guards(...)[which]` has fallen through zero."""
+        return state

@@ -1,0 +1,63 @@
+"""The amplifier between the command and the piezo: first-order bandwidth and slew limit.
+
+    u' = w_a (command - u), but never faster than the slew rate.
+
+Its state is the voltage u and a flag: 0 while it follows, +1 or -1 while it slews.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from .drive.base import Segment, Voltage
+from .quantity import quantity
+
+
+class Amplifier(eqx.Module):
+    """A voltage amplifier."""
+
+    bandwidth: float = quantity(5e3, "Hz", optional=True)
+    """Frequency at which a small signal is down by 3 dB [Hz]."""
+    slew: float = quantity(1e9, "V/s", optional=True)
+    """Largest rate of the output [V/s]."""
+
+    def initial(self) -> tuple:
+        return jnp.zeros(()), jnp.zeros(())
+
+    def rate(self, state: tuple, command: Voltage) -> tuple:
+        """Time derivative of the state [V/s]."""
+        u, slews = state
+        follows = 1.0 - slews * slews
+        return (command.level - u) * (self._pole() * follows) + slews * self.slew, 0.0 * slews
+
+    def output(self, state: tuple, command: Voltage) -> Voltage:
+        """The voltage on the piezo; numbers or series."""
+        slope, _ = self.rate(state, command)
+        follows = 1.0 - state[1] * state[1]
+        return Voltage(state[0], slope, (command.slope - slope) * (self._pole() * follows))
+
+    def entered(self, state: tuple, segment: Segment) -> tuple:
+        """The state just after the corner that opens `segment`, where the command may jump."""
+        u, _ = state
+        wanted = self._pole() * (segment.voltage(0.0).level - u)
+        return u, jnp.where(jnp.abs(wanted) > self.slew, jnp.sign(wanted), 0.0)
+
+    def guards(self, state: tuple, command: Voltage) -> tuple:
+        """Positive while the amplifier goes on following, or slewing."""
+        u, slews = state
+        wanted = (command.level - u) * self._pole()
+        limited = slews * slews
+        follows = 1.0 - limited
+        upper = (self.slew - wanted) * follows + (slews * wanted - self.slew) * limited
+        return upper, (self.slew + wanted) * follows + limited
+
+    def passed(self, state: tuple, which) -> tuple:
+        """The state just after `guards(...)[which]` has fallen through zero."""
+        u, slews = state
+        return u, jnp.where(slews != 0.0, 0.0, jnp.where(which == 0, 1.0, -1.0))
+
+    def steady(self, segment: Segment) -> Segment:
+        """What the piezo gets of a straight segment in the end: the same, later."""
+        return segment._replace(start=segment.start - segment.slope * (1.0 / self._pole()))
+
+    def _pole(self):
+        return 2.0 * jnp.pi * self.bandwidth

@@ -1,0 +1,31 @@
+"""What the sensor makes of a motion: a first-order low-pass and a delay.
+
+    s' = w_s (x - s),   seen at t: s(t - delay).
+
+Carried is the lag e = x - s, which does not know how far the end-effector has walked:
+e' = x' - w_s e.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from .quantity import quantity
+
+
+class Sensor(eqx.Module):
+    """A displacement or force sensor with its filter."""
+
+    bandwidth: float = quantity(1e3, "Hz", optional=True)
+    """Frequency at which the signal is down by 3 dB [Hz]."""
+    delay: float = quantity(0.0, "s", positive=False, low=0.0, optional=True)
+    """Time by which the record is late [s]."""
+    filters: bool = eqx.field(static=True, default=True)
+    """False: only late."""
+
+    def rate(self, lag, speed):
+        """Time derivative of the lag where what is measured changes with `speed`."""
+        return speed - lag * self.pole()
+
+    def pole(self):
+        """Angular corner frequency w_s [rad/s]."""
+        return 2.0 * jnp.pi * self.bandwidth

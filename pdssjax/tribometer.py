@@ -1,0 +1,96 @@
+"""The contact alone, under a prescribed relative motion: what a tribometer measures.
+
+Between two samples of the motion the velocity is constant.
+"""
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from .drive.base import Segment
+from .friction.base import AbstractFriction
+
+_STILL = 0.0
+
+
+class Tribometer(eqx.Module):
+    """One contact under one motion, as `integration` wants it; its state is the contact's."""
+
+    friction: AbstractFriction
+    times: Any
+    """When the relative displacement was measured [s], shape (m,), from 0 on."""
+    motion: Any
+    """The relative displacement [m], shape (m,)."""
+
+    jumps = False
+
+    def initial(self) -> tuple:
+        return (jnp.zeros(()), self.friction.initial())
+
+    @property
+    def alters(self) -> bool:
+        """Flags may change at the samples."""
+        return type(self.friction).turned is not AbstractFriction.turned
+
+    def segment(self, index) -> Segment:
+        """Displacement in place of a voltage."""
+        i = jnp.clip(jnp.asarray(index).astype(int), 0, self.times.shape[0] - 2)
+        duration = self.times[i + 1] - self.times[i]
+        # Records of different lengths are filled up with their last sample.
+        over = (jnp.asarray(index) > self.times.shape[0] - 2) | (duration <= 0.0)
+        slope = (self.motion[i + 1] - self.motion[i]) / jnp.where(over, 1.0, duration)
+        return Segment(jnp.where(over, jnp.inf, duration), self.motion[i], jnp.where(over, 0.0, slope))
+
+    def period(self) -> None:
+        return None
+
+    def scales(self) -> tuple:
+        """What one unit of each state amounts to as a displacement [m]."""
+        return (jnp.ones(()), self.friction.length())
+
+    def field(self, segment: Segment, after, x: tuple, mode) -> tuple:
+        """Time derivative of the state."""
+        moves = jnp.where(mode == _STILL, 0.0, 1.0)
+        v = x[0] * 0.0 + segment.slope
+        rates = self.friction.rate(x[1], v, mode)
+        return (v, tuple(rate * moves for rate in rates))
+
+    def guards(self, segment: Segment, after, x: tuple, mode) -> tuple:
+        """The law's own; the first is never reached, so that there is one."""
+        moves = jnp.where(mode == _STILL, 0.0, 1.0)
+        law = self.friction.guards(x[1], x[0] * 0.0 + segment.slope, mode)
+        return (x[0] * 0.0 + 1.0, *(guard * moves + (1.0 - moves) for guard in law))
+
+    def switch(self, segment: Segment, after, x: tuple, mode, which) -> tuple[tuple, Any]:
+        """State and mode after guard `which` has reached zero."""
+        return (x[0], self.friction.passed(x[1], segment.slope, mode, which - 1)), mode
+
+    def enter(self, segment: Segment, x: tuple, mode) -> tuple[tuple, Any]:
+        """State and mode in which a new segment begins."""
+        direction = jnp.sign(segment.slope)
+        begins = (direction != 0.0) & (direction != mode)
+        turned = self.friction.turned(x[1], direction)
+        memory = tuple(jnp.where(begins, a, b) for a, b in zip(turned, x[1], strict=True))
+        return (x[0], memory), direction
+
+    def settled(self, segment: Segment, after, x: tuple, mode, tolerance):
+        """Never: the motion goes on."""
+        return jnp.zeros((), bool)
+
+    def settle(self, segment: Segment, after, x: tuple, mode) -> tuple:
+        return x
+
+    def alike(self, x: tuple, earlier: tuple, tolerance):
+        """Never: a measured motion does not repeat."""
+        return jnp.zeros((), bool)
+
+    def exact(self, segment: Segment, after, begin: tuple, lapse, end: tuple) -> tuple:
+        return end
+
+    def force(self, segment: Segment, after, x: tuple, mode):
+        """Friction force [N]; of a set-valued law at rest the middle of its interval."""
+        sliding = self.friction.force(x[1], segment.slope, jnp.where(mode == _STILL, 1.0, mode))
+        zero: Any = 0.0
+        resting = 0.5 * (self.friction.force(x[1], zero, 1.0) + self.friction.force(x[1], zero, -1.0))  # pyright: ignore[reportArgumentType]
+        return jnp.where(mode == _STILL, resting, sliding)
