@@ -51,6 +51,14 @@ def read_csv(
     return data, np.array([line for line, _ in rows])
 
 
+def column_names(file: Path) -> list[str]:
+    """The names of the columns of `file`, without their remarks.
+
+    **Raises:** `InputError` if the file is missing or holds no table of numbers.
+    """
+    return [_bare(name) for name in _rows(file)[0]]
+
+
 def _lines(file: Path) -> list[Line]:
     try:
         text = file.read_text(encoding="utf-8-sig")

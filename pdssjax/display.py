@@ -9,6 +9,7 @@ MICROMETRES = 1e6
 
 _UNITS = {
     "m": ("um", 1e6),
+    "m/s": ("um/s", 1e6),
     "m/V": ("um/V", 1e6),
     "s": ("ms", 1e3),
     "kg": ("g", 1e3),

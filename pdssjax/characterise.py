@@ -1,0 +1,263 @@
+"""Characterises an actuator from a record alone, as chapter 3 of the thesis does: how well does it walk or push?
+
+The cycles are found in the record itself (`cycles`), the metrics are those of `metrics`.  Lengths
+and forces are turned so that they are positive along the slow flank: a backward walk is reported
+like a forward one, as the thesis does from its figure 3.8 on.
+
+Each figure comes with its mean over the cycles, their standard deviation s and the standard error
+of the mean.  The latter joins s / sqrt(cycles) with what the frequency's own uncertainty adds,
+which shifts all cycles alike: with e the relative error of the frequency, S e in S and in dS, none
+in S_0, (1 - eta_e) e in the efficiency and f S_0 e in the speed.  Give the frequency and it is gone.
+Neighbouring net steps share a flank, whose noise adds to one what it takes from the other; so
+their standard error is rather too large than too small.
+"""
+
+import math
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from .columns import column_names, read_csv
+from .cycles import Cycles, find_cycles
+from .errors import InputError, InputWarning
+from .metrics import cycle_metrics, force_metrics, turning_points
+from .units import column_unit, factor
+
+_SI_UNITS = {"displacement": "m", "force": "N"}
+_SIGNS = {"displacement": ("displacement", "position"), "force": ("force",)}
+"""What the name of a column contains that is to be preferred to others of the same dimension."""
+DOUBTFUL_FIT = 0.5
+"""A sawtooth that explains less than this share of the variance is mentioned."""
+LEAST_SHARPNESS = 0.5
+"""A slip of which less than this share happens within a tenth of the period is mentioned."""
+_METRICS = {
+    "displacement": {"stroke": "m", "back_slip": "m", "net_step": "m", "efficiency": "", "speed": "m/s", "noise": "m"},
+    "force": {"output": "N", "maximum": "N", "minimum": "N", "mean": "N"},
+}
+
+
+@dataclass(frozen=True)
+class Summary:
+    """One figure over all cycles, in `unit`."""
+
+    mean: float
+    standard_deviation: float
+    """Of the cycles; NaN for a single one."""
+    standard_error: float
+    """Of the mean; NaN for a single cycle."""
+    unit: str
+    """SI unit; "" for a fraction."""
+
+
+@dataclass(frozen=True, eq=False)
+class Characterisation:
+    """What one record says; SI units, positive along the slow flank."""
+
+    file: Path
+    measures: str
+    """"displacement" or "force"."""
+    column: str
+    """The column that was read."""
+    time: Float[np.ndarray, " m"]
+    """Sample times [s]."""
+    values: Float[np.ndarray, " m"]
+    """The samples as they were measured, not turned [m or N]."""
+    given: bool
+    """The frequency was given and not found."""
+    slip_duration: float
+    """Given: how long a slip takes [s]."""
+    cycles: Cycles
+    metrics: dict[str, Float[np.ndarray, " cycles"]]
+    """By name, one entry a cycle: the fields of `CycleMetrics` or of `ForceMetrics`."""
+    summary: dict[str, Summary]
+    """By the same names; of a displacement also "efficiency_by_extremes", from the turning points."""
+    before: Float[np.ndarray, " slips"]
+    """The extreme sample before each slip, from the one that starts the first cycle to the one that ends the last."""
+    after: Float[np.ndarray, " slips"]
+    """The extreme sample after it; turned like the metrics."""
+
+
+def characterise(
+    file: Path,
+    *,
+    time: str | None = None,
+    displacement: str | None = None,
+    force: str | None = None,
+    units: Mapping[str, str] | None = None,
+    frequency: float | None = None,
+    window: tuple[float, float] | None = None,
+    slip_duration: float = 0.0,
+) -> Characterisation:
+    """Walking or pushing of the actuator that the CSV `file` records.
+
+    **Arguments:** `time`, `displacement` and `force` name columns; left out, they are told by
+    their names and units.  `units` gives the units of "time", "displacement" or "force" where the
+    name of the column does not end in one.  `frequency` [Hz] of the drive; left out, it is found.
+    `window` [s] keeps part of the record.  `slip_duration` [s] as for `metrics.cycle_metrics`.
+
+    **Raises:** `InputError` if the file or an option is at fault or no cycle is found.  Warns with
+    `InputWarning` where the cycles are doubtful.
+    """
+    measures, columns = _choose(file, {"time": time, "displacement": displacement, "force": force}, units or {})
+    times, values = _read(file, measures, columns, units or {}, window)
+    where = f'{file}: column "{columns[measures]}"'
+    cycles = find_cycles(times, values, frequency, where)
+    if not 0 <= slip_duration < 0.5 / cycles.frequency:
+        raise InputError(
+            f"{where}: found a slip of {slip_duration:g} s, expected at least 0 and less than half the period, "
+            f"{0.5 / cycles.frequency:.4g} s."
+        )
+    sign = -1.0 if cycles.falls else 1.0
+    # `start` lies in the middle of a slip.
+    arguments = (times, sign * values, cycles.frequency, cycles.start - 0.5 * slip_duration)
+    compute = cycle_metrics if measures == "displacement" else force_metrics
+    found = compute(*arguments, cycles.count, slip_duration)
+    metrics = {name: np.asarray(getattr(found, name)) for name in _METRICS[measures]}
+    before, after = _turning_points(times, sign * values, cycles, slip_duration)
+    result = Characterisation(
+        file=file,
+        measures=measures,
+        column=columns[measures],
+        time=times,
+        values=values,
+        given=frequency is not None,
+        slip_duration=slip_duration,
+        cycles=cycles,
+        metrics=metrics,
+        summary=_summaries(measures, metrics, before, after, cycles, frequency is not None),
+        before=before,
+        after=after,
+    )
+    _warn(result, where)
+    return result
+
+
+def _summaries(measures, metrics, before, after, cycles, given) -> dict[str, Summary]:
+    e = 0.0 if given else cycles.seen_error / cycles.seen
+    shared = dict.fromkeys(metrics, 0.0)
+    if measures == "displacement":
+        stroke, back, efficiency = (abs(np.mean(metrics[name])) for name in ("stroke", "back_slip", "efficiency"))
+        shared |= {"stroke": stroke * e, "net_step": stroke * e, "efficiency": abs(1 - efficiency) * e}
+        shared["speed"] = back * cycles.frequency * e
+        metrics = metrics | {"efficiency_by_extremes": 1 - (before[1:] - after[1:]) / (before[1:] - after[:-1])}
+    units = _METRICS[measures]
+    return {n: _summary(v, units.get(n, ""), shared.get(n, 0.0)) for n, v in metrics.items()}
+
+
+def _summary(values: np.ndarray, unit: str, shared: float) -> Summary:
+    several = len(values) > 1
+    deviation = float(np.std(values, ddof=1)) if several else math.nan
+    error = math.hypot(deviation / math.sqrt(len(values)), shared)
+    return Summary(float(np.mean(values)), deviation, error if several else math.nan, unit)
+
+
+def _turning_points(time, values, cycles: Cycles, slip_duration) -> tuple[np.ndarray, np.ndarray]:
+    """Extremes on both sides of the slips, whose time is not known to a sample, nor how long they take."""
+    slack = slip_duration + 2 * max(float(np.median(np.diff(time))), 0.005 / cycles.frequency)
+    found = turning_points(time, values, cycles.frequency, cycles.start - 0.5 * slack, cycles.count + 1, slack)
+    # The first slip may lie before the first sample; what it left is the first sample's.
+    before = np.where(np.isfinite(found.before), found.before, values[0])
+    return before, np.asarray(found.after)
+
+
+def _warn(found: Characterisation, where: str) -> None:
+    cycles = found.cycles
+    say = lambda text: warnings.warn(f"{where}: {text}", InputWarning, stacklevel=4)
+    if cycles.fit < DOUBTFUL_FIT:
+        say(
+            f"the cycles can hardly be told: a sawtooth of {cycles.frequency:.4g} Hz explains {100 * cycles.fit:.0f} % "
+            "of the motion about a straight line. See its figure (--out), and give the frequency and a window."
+        )
+    elif _sharpness(found) < LEAST_SHARPNESS:
+        say("found no fast flank: the motion looks more like a sine than like stick and slip.")
+    if cycles.count == 1:
+        say("found one complete cycle only, so that nothing is known of its scatter.")
+    off = abs(cycles.seen - cycles.frequency)
+    if found.given and off > 5 * cycles.seen_error and off > 1e-3 * cycles.frequency:
+        say(f"the slips come at {cycles.seen:.5g} Hz, while {cycles.frequency:.5g} Hz was given.")
+
+
+def _sharpness(found: Characterisation) -> float:
+    """How much of the slip, as the lines through the slow flanks have it, happens within a tenth of a period."""
+    if found.measures == "force" or found.cycles.count < 2:
+        return 1.0
+    cycles, stroke, back = found.cycles, found.metrics["stroke"][:-1], found.metrics["back_slip"][:-1]
+    if np.mean(back) < 0.1 * np.mean(stroke):
+        return 1.0
+    slips = cycles.start + np.arange(1, cycles.count) / cycles.frequency
+    sign = -1.0 if cycles.falls else 1.0
+    early, late = (np.interp(slips + s * 0.05 / cycles.frequency, found.time, sign * found.values) for s in (-1, 1))
+    return float(np.mean(early - late + 0.1 * stroke) / np.mean(back))
+
+
+def _choose(file: Path, named: Mapping[str, str | None], units: Mapping[str, str]) -> tuple[str, dict[str, str]]:
+    """What is measured, and the columns to read."""
+    if named["displacement"] and named["force"]:
+        raise InputError(f"{file}: found both a displacement and a force to read, expected one of them.")
+    names = column_names(file)
+    time = named["time"] or _only(file, [n for n in names if n.lower().startswith(("time", "t_"))], "time", names)
+    for measures in _SI_UNITS:
+        if name := named[measures]:
+            return measures, {"time": time, measures: name}
+    for measures, unit in _SI_UNITS.items():
+        fitting = [name for name in names if name != time and _measures(name, unit)]
+        preferred = [name for name in fitting if any(sign in name.lower() for sign in _SIGNS[measures])]
+        if fitting:
+            column = fitting[0] if len(fitting) == 1 else _only(file, preferred or fitting, measures, names)
+            return measures, {"time": time, measures: column}
+    return "displacement", {"time": time, "displacement": _only(file, [], "displacement", names)}
+
+
+def _only(file: Path, fitting: list[str], quantity: str, names: list[str]) -> str:
+    if len(fitting) == 1:
+        return fitting[0]
+    found = f"{len(fitting)} columns that may be the {quantity}" if fitting else f"no column that tells the {quantity}"
+    listed = ", ".join(f'"{name}"' for name in fitting or names)
+    raise InputError(f"{file}: found {found} ({listed}), expected the option --{quantity} with a column's name.")
+
+
+def _measures(name: str, unit: str) -> bool:
+    """Whether a column's name ends in a unit that converts to `unit`."""
+    try:
+        return bool(column_unit(name)) and factor(column_unit(name), unit, "") > 0
+    except InputError:
+        return False
+
+
+def _read(file: Path, measures: str, columns: dict[str, str], units: Mapping[str, str], window: Any):
+    """Checked times [s] and values [m or N]."""
+    si = {"time": "s", measures: _SI_UNITS[measures]}
+    for quantity, column in columns.items():
+        if quantity not in units and not column_unit(column) and column in column_names(file):
+            raise InputError(
+                f'{file}: column "{column}": found no unit, expected a name like "{column}_{si[quantity]}" '
+                f'or the option --unit "{quantity}={si[quantity]}".'
+            )
+    data, lines = read_csv(file, columns, si, units)
+    time, values = data["time"], data[measures]
+    late = np.flatnonzero(np.diff(time) <= 0)
+    if late.size:
+        here = late[0] + 1
+        raise InputError(
+            f'{file}: line {lines[here]}, column "{columns["time"]}": found {time[here]:.9g} s after '
+            f"{time[here - 1]:.9g} s, expected times that increase."
+        )
+    if window is not None:
+        keep = (time >= window[0]) & (time <= window[1])
+        if not keep.any():
+            raise InputError(
+                f"{file}: found no sample in the window {window[0]:g} s to {window[1]:g} s, "
+                f"expected some of the record's {time[0]:g} s to {time[-1]:g} s."
+            )
+        time, values = time[keep], values[keep]
+    if np.all(values == values[0]):
+        raise InputError(
+            f'{file}: column "{columns[measures]}": found the same {measures} in all {len(time)} samples, '
+            "expected a record that moves."
+        )
+    return time, values

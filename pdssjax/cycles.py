@@ -1,0 +1,219 @@
+"""Finds the cycles of a sawtooth drive in a record of what it moved.
+
+1.  A straight line is taken off, so that walking leaves a sawtooth.
+2.  The frequency is where the record agrees best with an ideal sawtooth: first on the grid of a
+    spectrum, whose amplitudes at f, 2f, 3f, ... are summed with the weights 1, 1/2, 1/3, ... that a
+    sawtooth gives them (so that neither f/2 nor 2f can win), then in ever finer steps by least
+    squares.  A slow drift has no harmonics and stays far from any sawtooth.
+3.  Each slip is where the record moves fastest against the slow flank, near where the sawtooth drops.
+4.  A straight line through the times of the slips gives start and frequency.
+5.  Slow flanks that are too different from the others are left out: rest before the drive, a stop.
+"""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float
+
+from .errors import InputError
+from .metrics import FLANK, cycle_metrics
+
+HARMONICS = 12
+"""Of the sawtooth that is compared with the record."""
+LEAST_PER_CYCLE = 8
+"""Samples a cycle needs, for its slow flank to have a slope with a scatter."""
+LEAST_FIT = 0.2
+"""Share of the variance that a sawtooth must explain, for there to be cycles at all."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Cycles:
+    """The complete cycles of a record, one after the other: each a slow flank and the slip at its end."""
+
+    frequency: float
+    """Given, or else the one seen [Hz]."""
+    seen: float
+    """Frequency by a line through the times of the slips [Hz]."""
+    seen_error: float
+    """Its standard error [Hz]; infinite where fewer than two slips were located."""
+    start: float
+    """When the first of the complete cycles begins, in the middle of a slip [s]."""
+    count: int
+    """How many complete cycles there are."""
+    rejected: int
+    """How many further cycles were begun in the record, but incomplete or unlike the others."""
+    falls: bool
+    """The slow flank falls: the drive is backward."""
+    fit: float
+    """Share of the variance about a straight line that the best sawtooth explains."""
+
+
+def find_cycles(
+    time: Float[np.ndarray, " m"], values: Float[np.ndarray, " m"], frequency: float | None, where: str
+) -> Cycles:
+    """The complete cycles in `values`, of any unit, at `time` [s], which ascends.
+
+    **Arguments:** `frequency` [Hz], where it is known, is taken as it is.  The record may begin
+    and end anywhere in a cycle.  A cycle is complete if the record holds what its metrics need:
+    the fitted part of its slow flank, the slip, and the fitted part of the flank that follows.
+
+    **Raises:** `InputError` that begins with `where` if there is no complete cycle, or if the
+    given frequency is none that this record could show.
+    """
+    length, interval = float(time[-1] - time[0]), float(np.median(np.diff(time)))
+    highest, lowest = 1.0 / (LEAST_PER_CYCLE * interval), 1.5 / length
+    if frequency is not None and not lowest <= frequency <= highest:
+        raise InputError(
+            f"{where}: found the frequency {frequency:g} Hz for samples {interval:.3g} s apart over {length:.3g} s, "
+            f"expected {lowest:.3g} Hz to {highest:.3g} Hz: {LEAST_PER_CYCLE} samples in a cycle and 1.5 cycles."
+        )
+    if lowest >= highest:
+        raise InputError(f"{where}: found {len(time)} samples, expected more: {LEAST_PER_CYCLE} in each of two cycles.")
+    rest = _without_line(time, values)
+    about = frequency or _coarse_frequency(time, rest, lowest, highest)
+    if frequency is None:
+        about = _finer_frequency(time, rest, about, lowest, highest)
+    fit, phase, sign = _sawtooth(time, rest, about)
+    if fit < LEAST_FIT:
+        wanted = "the drive's own frequency, or none" if frequency else "a record of several cycles"
+        raise InputError(
+            f"{where}: found no cycles: at {about:.4g} Hz, a sawtooth explains {100 * fit:.0f} % of the motion about "
+            f"a straight line, expected {wanted}."
+        )
+    return _counted(time, values, about, time[0] + phase / about, sign, fit, frequency, where)
+
+
+def _counted(time, values, frequency, start, sign, fit, given, where) -> Cycles:
+    """The complete cycles, once frequency and start are known to a part of a period."""
+    seen, error = frequency, np.inf
+    for _ in range(2):
+        first, begun = _begun(time, frequency, start)
+        good = _alike(time, values, frequency, first, begun)
+        if len(good) < 2:
+            raise InputError(
+                f"{where}: found {len(good)} complete slow flanks at {frequency:.4g} Hz, expected two at least."
+            )
+        # The slips at both ends of every flank that is like the others.
+        expected = first + np.append(good, good[-1] + 1) / frequency
+        slips = _slips(time, values, frequency, expected, sign)
+        seen, start, error = _line_of_slips(slips, expected, frequency, float(np.median(np.diff(time))))
+        frequency = given or seen
+    first, begun = _begun(time, frequency, start)
+    good = _alike(time, values, frequency, first, begun)
+    if len(good) < 2:
+        raise InputError(f"{where}: found no two slow flanks alike near {frequency:.4g} Hz, expected several cycles.")
+    stroke = cycle_metrics(time, values, frequency, first + good[0] / frequency, len(good) - 1).stroke
+    falls = bool(np.median(np.asarray(stroke)) < 0)
+    count = len(good) - 1
+    return Cycles(frequency, seen, error, float(first + good[0] / frequency), count, begun - count, falls, fit)
+
+
+def _begun(time, frequency, start) -> tuple[float, int]:
+    """The first slip that belongs to a cycle with samples, and how many such cycles there are."""
+    # A fiftieth of a cycle is no more than a slip takes, or than its time is uncertain by.
+    before = np.floor((time[0] - start) * frequency + 0.02)
+    return start + before / frequency, int(np.ceil((time[-1] - start) * frequency - before - 0.02))
+
+
+def _alike(time, values, frequency, first, begun) -> np.ndarray:
+    """Numbers of the slow flanks in the longest run of such as are complete and alike."""
+    slow = first + np.arange(begun) / frequency
+    edge = 1e-9 / frequency + 0.5 * np.median(np.diff(time))
+    whole = (slow + FLANK[0] / frequency >= time[0] - edge) & (slow + FLANK[1] / frequency <= time[-1] + edge)
+    # One cycle more than begun, so that the last flank too has a cycle, though without a net step.
+    stroke = np.asarray(cycle_metrics(time, values, frequency, first, begun + 1).stroke)[:begun]
+    size = np.where(whole & np.isfinite(stroke), np.abs(stroke), 0.0)
+    usual = np.median(stroke[size > 0.5 * size.max()]) if size.max() > 0 else np.inf
+    good = (size > 0) & (np.abs(stroke - usual) <= 0.5 * abs(usual))
+    runs = np.split(np.flatnonzero(good), np.flatnonzero(np.diff(np.flatnonzero(good)) > 1) + 1)
+    return max(runs, key=len)
+
+
+def _without_line(time, values):
+    about = time - time.mean()
+    rest = values - values.mean()
+    return rest - about * (about @ rest) / (about @ about)
+
+
+def _coarse_frequency(time, rest, lowest, highest) -> float:
+    """The frequency of the greatest sum of amplitudes, weighted as a sawtooth has them."""
+    interval = np.median(np.diff(time))
+    even = np.arange(time[0], time[-1] + 0.5 * interval, interval)
+    tapered = np.interp(even, time, rest) * np.hanning(len(even))
+    padded = 8 * len(even)
+    amplitude = np.abs(np.fft.rfft(tapered, padded))
+    bins = np.arange(max(1, int(lowest * padded * interval)), int(highest * padded * interval) + 1)
+    score = np.zeros(len(bins))
+    for harmonic in range(1, HARMONICS + 1):
+        at = harmonic * bins
+        score += np.where(at < len(amplitude), amplitude[np.minimum(at, len(amplitude) - 1)], 0.0) / harmonic
+    return float(bins[np.argmax(score)] / (padded * interval))
+
+
+def _finer_frequency(time, rest, about, lowest, highest) -> float:
+    """The best fit of a sawtooth near `about`, or near simple multiples of it."""
+    # Fifty samples a cycle are enough here.
+    thin = max(1, int(1.0 / (50 * about * np.median(np.diff(time)))))
+    time, rest = time[::thin], rest[::thin]
+    step = 1.0 / (time[-1] - time[0])
+    tried = [f for f in (about / 3, about / 2, about, 2 * about, 3 * about) if lowest <= f <= highest]
+    trials = np.concatenate([f + 0.5 * step * np.linspace(-1, 1, 11) for f in tried])
+    width = 0.1 * step
+    for _ in range(3):
+        trials = trials[(trials >= lowest) & (trials <= highest)]
+        about = max(trials, key=lambda f: _sawtooth(time, rest, f)[0])
+        trials = about + width * np.linspace(-1, 1, 9)
+        width /= 4
+    return float(about)
+
+
+def _sawtooth(time, rest, frequency) -> tuple[float, float, float]:
+    """The sawtooth that fits best: its share of the variance, the phase of its first drop, its sign.
+
+    A sawtooth that rises by 1 in a period and drops at phase p is
+    -(1/pi) sum sin(2 pi h (f t - p)) / h, summed over the harmonics h.
+    """
+    turn = np.exp(-2j * np.pi * frequency * (time - time[0]))
+    power, coefficient = np.ones_like(turn), []
+    for _ in range(HARMONICS):
+        power = power * turn
+        coefficient.append(power @ rest)
+    harmonic = np.arange(1, HARMONICS + 1)
+    phase = np.arange(256) / 256
+    wave = np.exp(2j * np.pi * np.outer(phase, harmonic))
+    overlap = (wave @ (np.array(coefficient) / harmonic)).imag
+    best = int(np.argmax(np.abs(overlap)))
+    norm = 0.5 * len(time) * np.sum(1.0 / harmonic**2)
+    return float(overlap[best] ** 2 / norm / (rest @ rest)), float(phase[best]), float(np.sign(overlap[best]))
+
+
+def _slips(time, values, frequency, expected, sign) -> np.ndarray:
+    """When the record moves fastest against the slow flank near each `expected` slip; NaN where it has no samples."""
+    lag = max(1, round(0.01 / frequency / np.median(np.diff(time))))
+    middle, change = 0.5 * (time[lag:] + time[:-lag]), -sign * (values[lag:] - values[:-lag])
+    found = np.full(len(expected), np.nan)
+    for index, moment in enumerate(expected):
+        near = np.flatnonzero(np.abs(middle - moment) <= 0.15 / frequency)
+        # A slip at the record's edge is cut off, and something else would be taken for it.
+        if len(near) and abs(moment - time[0]) * frequency > 0.02 and abs(moment - time[-1]) * frequency > 0.02:
+            found[index] = middle[near[np.argmax(change[near])]]
+    return found
+
+
+def _line_of_slips(slips, expected, frequency, interval) -> tuple[float, float, float]:
+    """Frequency, first slip and standard error of the frequency, by a line through the times of the slips."""
+    number = np.round((expected - expected[0]) * frequency)
+    late = slips - expected
+    usual = float(np.nanmedian(late)) if np.isfinite(late).any() else 0.0
+    # What was found far from where the others were is no slip.
+    keep = np.isfinite(late) & (np.abs(late - usual) <= 0.05 / frequency)
+    if keep.sum() < 2:
+        return frequency, float(expected[0] + usual), np.inf
+    about = number[keep] - number[keep].mean()
+    square = about @ about
+    period = float(about @ slips[keep] / square)
+    middle = slips[keep].mean()
+    # A slip is seen to lie between two samples, so that its time is uncertain by a uniform error at least.
+    scatter = np.sum((slips[keep] - middle - period * about) ** 2) / max(keep.sum() - 2, 1)
+    error = np.sqrt(max(scatter, interval**2 / 12) / square) / period**2
+    return 1.0 / period, float(middle - period * number[keep].mean()), float(error)
