@@ -57,7 +57,7 @@ def test_roots_agree_with_a_bisection_of_the_equation_as_printed(ratio):
 
     lows = [1e-9 + j * math.pi for j in range(8)]
     expected = [brentq(printed, low, low + math.pi / 2 - 1e-7, xtol=1e-15) for low in lows]
-    np.testing.assert_allclose(roots(ratio, 8), expected, rtol=1e-12)
+    np.testing.assert_allclose(roots(ratio, 8), np.asarray(expected, float), rtol=1e-12)
 
 
 def test_without_a_platform_the_rod_is_a_quarter_wave_resonator():
