@@ -126,11 +126,14 @@ def modes(rod: Rod, count: int) -> Modes:
 def roots(mass_ratio, count: int) -> Float[Array, " count"]:
     """The first `count` roots x = p L of r x tan x = 1 (4.10), to rounding; differentiable in `mass_ratio` >= 0.
 
+    A negative ratio gives NaN.
+
     **Raises:** `InputError` if `count` is below 1.
     """
     if count < 1:
         raise InputError(f"Expected at least one mode, but got {count}.")
-    return _roots(count, jnp.asarray(mass_ratio, float))
+    ratio = jnp.asarray(mass_ratio, float)
+    return _roots(count, jnp.where(ratio >= 0.0, ratio, jnp.nan))
 
 
 @jax.custom_jvp

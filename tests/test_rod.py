@@ -25,6 +25,7 @@ from pdssjax.rod import (
     truncation_error,
     truncation_transfer,
 )
+from pdssjax.units import to_si
 
 RATIOS = [0.0, 1e-6, 0.01, 0.3, 1.0, 24.7, 138.8, 1e4, 1e8]
 
@@ -80,6 +81,16 @@ def test_under_a_heavy_platform_the_rod_is_a_spring_with_a_third_of_its_mass():
         damper = Rod.viscosity * Rod.area / Rod.length
         expected = damper / (2.0 * math.sqrt(stiffness * moving))
         assert found.damping_ratio[0] == pytest.approx(expected, rel=1e-6)
+
+
+def test_a_negative_mass_has_no_modes_and_says_so_by_nan():
+    assert np.isnan(roots(-0.5, 3)).all()
+    assert np.isnan(step_response(modes(of_ratio(-0.5), 3), 48.2, np.linspace(0.0, 1e-3, 4))).all()
+
+
+def test_units_of_the_parameters_are_known_to_the_unit_reader():
+    for name, declared in quantities(Rod).items():
+        assert to_si(f"2 {declared.unit}", declared.unit, name) == 2.0
 
 
 @pytest.mark.parametrize("ratio", [0.0, 0.3, 138.8])
@@ -239,6 +250,20 @@ def test_truncation_transfer_is_the_printed_sum_for_the_thesis_reading():
         )
         expected += freqresp(system, frequencies)[1]
     np.testing.assert_allclose(truncation_transfer(rod, 1, frequencies, among=30), expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("ratio", [0.5, 24.7, 138.8])
+def test_the_sum_of_all_modes_is_the_transfer_function_of_the_rod_in_closed_form(ratio):
+    rod = of_ratio(ratio)
+    frequencies = np.geomspace(10.0, 3e6, 40)
+    s = 1j * frequencies
+    stiffness = rod.modulus + rod.viscosity * s
+    wave = s * np.sqrt(rod.density / stiffness)
+    bend = np.tanh(wave * rod.length)
+    push = rod.modulus * rod.area * rod.strain
+    expected = push * bend / (stiffness * rod.area * wave + rod.platform_mass * s**2 * bend)
+    found = truncation_transfer(rod, 0, frequencies, among=2000)
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-9 * np.abs(expected).max())
 
 
 def test_truncation_transfer_at_rest_is_the_truncation_error_long_after_the_step():
