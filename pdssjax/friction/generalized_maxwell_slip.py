@@ -77,7 +77,7 @@ class GeneralizedMaxwellSlip(AbstractFriction):
         for z, slips, k, w in zip(state[:_COUNT], state[_COUNT:], self._stiffnesses(), self._strengths(), strict=True):
             attracted = (sign * w / total - z * k / level) * (self.attraction / k)
             rates.append(v * (1.0 - slips) + attracted * slips)
-        return (*rates, *(jnp.zeros(()) for _ in range(_COUNT)))
+        return (*rates, *(0 for _ in range(_COUNT)))
 
     def _elastic(self, state):
         forces = [z * k for z, k in zip(state[:_COUNT], self._stiffnesses(), strict=True)]
@@ -113,8 +113,8 @@ class GeneralizedMaxwellSlip(AbstractFriction):
 
     @classmethod
     def plausible(cls, mass, acceleration, rate):
-        stiffness, _, force = lugre_ranges(mass, acceleration, rate)
-        ranges = {}
+        stiffness, damping, force = lugre_ranges(mass, acceleration, rate)
+        ranges = {"sigma2": damping}
         for i in range(1, _COUNT + 1):
             # Early elements stiff and weak, late ones soft and strong: one order out of many.
             ranges[f"stiffness_{i}"] = tuple(end * 0.1 * (_COUNT + 1 - i) for end in stiffness)
