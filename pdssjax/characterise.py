@@ -77,9 +77,20 @@ class Characterisation:
     summary: dict[str, Summary]
     """By the same names; of a displacement also "efficiency_by_extremes", from the turning points."""
     before: Float[np.ndarray, " slips"]
-    """The extreme sample before each slip, from the one that starts the first cycle to the one that ends the last."""
+    """The extreme sample before each slip, from the one that starts the first cycle to the one that ends the last;
+    turned like the metrics, and NaN where the record begins with the slip."""
     after: Float[np.ndarray, " slips"]
-    """The extreme sample after it; turned like the metrics."""
+    """The extreme sample after each slip."""
+
+    @property
+    def name(self) -> str:
+        """The file's name, without folder and ending."""
+        return self.file.stem
+
+    @property
+    def sign(self) -> float:
+        """-1 where the metrics are turned against `values`, else 1."""
+        return -1.0 if self.cycles.falls else 1.0
 
 
 def characterise(
@@ -160,9 +171,11 @@ def _turning_points(time, values, cycles: Cycles, slip_duration) -> tuple[np.nda
     """Extremes on both sides of the slips, whose time is not known to a sample, nor how long they take."""
     slack = slip_duration + 2 * max(float(np.median(np.diff(time))), 0.005 / cycles.frequency)
     found = turning_points(time, values, cycles.frequency, cycles.start - 0.5 * slack, cycles.count + 1, slack)
-    # The first slip may lie before the first sample; what it left is the first sample's.
-    before = np.where(np.isfinite(found.before), found.before, values[0])
-    return before, np.asarray(found.after)
+    before, after = (np.where(np.isfinite(extreme), extreme, np.nan) for extreme in found)
+    # Where the record begins in the middle of a slip, its first sample is no turning point.
+    if before[0] - after[0] < 0.5 * np.median(before[1:] - after[1:]):
+        before[0] = np.nan
+    return before, after
 
 
 def _warn(found: Characterisation, where: str) -> None:
@@ -190,8 +203,8 @@ def _sharpness(found: Characterisation) -> float:
     if np.mean(back) < 0.1 * np.mean(stroke):
         return 1.0
     slips = cycles.start + np.arange(1, cycles.count) / cycles.frequency
-    sign = -1.0 if cycles.falls else 1.0
-    early, late = (np.interp(slips + s * 0.05 / cycles.frequency, found.time, sign * found.values) for s in (-1, 1))
+    turned = found.sign * found.values
+    early, late = (np.interp(slips + s * 0.05 / cycles.frequency, found.time, turned) for s in (-1, 1))
     return float(np.mean(early - late + 0.1 * stroke) / np.mean(back))
 
 

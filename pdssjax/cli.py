@@ -1,4 +1,4 @@
-"""The command `pdssjax`: identify an actuator from its records, simulate a study, copy the example.
+"""The command `pdssjax`: identify an actuator, simulate a study, characterise records, copy the example.
 
 Exit status: 0 when it worked, 2 when the input is at fault, 3 when a fit did not
 converge (its best result is written all the same), 130 when interrupted.
@@ -105,6 +105,61 @@ def _compared(record: "Record", predicted: "ArrayLike") -> "FittedRecord":
     return compare(record, motion, noise=noise, offset=offset)
 
 
+def _characterise(options: argparse.Namespace) -> int:
+    from .output import check_free, write_characterisations
+    from .report import format_characterisation
+    from .runtime import prepare_jax
+    from .units import to_si
+
+    number = lambda given, unit, option: to_si(_plain(given), unit, f"option {option}")
+    frequency = number(options.frequency, "Hz", "--frequency") if options.frequency else None
+    slip_duration = number(options.slip_duration, "s", "--slip-duration")
+    window = None
+    if options.window:
+        start, end = (number(end, "s", "--window") for end in options.window)
+        window = (start, end)
+        if start >= end:
+            raise InputError(f"option --window: found {start:g} s to {end:g} s, expected an end after its start.")
+    units = _units(options.unit)
+    if options.out:
+        check_free(options.out, options.overwrite)
+    prepare_jax()
+    from .characterise import characterise
+
+    columns = {name: getattr(options, name) for name in ("time", "displacement", "force")}
+    found = [
+        characterise(file, **columns, units=units, frequency=frequency, window=window, slip_duration=slip_duration)
+        for file in options.files
+    ]
+    print("\n".join(map(format_characterisation, found)), end="")
+    if options.out:
+        write_characterisations(found, options.out)
+        print(f"\nResults are in {options.out}")
+    return 0
+
+
+def _plain(given: str) -> float | str:
+    """A number without a unit, which is SI, or else the text."""
+    try:
+        return float(given)
+    except ValueError:
+        return given
+
+
+def _units(given: list[str]) -> dict[str, str]:
+    """Units by quantity, from options such as "displacement=um"."""
+    units = {}
+    for text in given:
+        quantity, _, unit = (part.strip() for part in text.partition("="))
+        if quantity not in ("time", "displacement", "force") or not unit:
+            raise InputError(
+                f'option --unit: found "{text}", expected time, displacement or force, "=" and a unit: '
+                '"displacement=um".'
+            )
+        units[quantity] = unit
+    return units
+
+
 def _example(options: argparse.Namespace) -> int:
     folder = options.folder
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
@@ -148,6 +203,24 @@ def _parser() -> argparse.ArgumentParser:
     simulate.add_argument("study", type=Path, metavar="STUDY", help="study file (TOML)")
     _add_out(simulate)
 
+    text = "tell from records alone how well an actuator walks or pushes (thesis, chapter 3)"
+    characterise = commands.add_parser("characterise", help=text, description=text)
+    characterise.set_defaults(run=_characterise)
+    characterise.add_argument("files", nargs="+", type=Path, metavar="FILE", help="record (CSV)")
+    characterise.add_argument("--time", metavar="COL", help='column of the times; left out: the one named "time..."')
+    measured = characterise.add_mutually_exclusive_group()
+    text = "column of the displacements; left out: the one whose name ends in a length"
+    measured.add_argument("--displacement", metavar="COL", help=text)
+    measured.add_argument("--force", metavar="COL", help="column of a blocked actuator's force")
+    text = "unit of time, displacement or force, where the column's name does not end in it; repeatable"
+    characterise.add_argument("--unit", action="append", default=[], metavar="QUANTITY=UNIT", help=text)
+    characterise.add_argument("--frequency", metavar="F", help='of the drive, such as "5 Hz"; left out: found')
+    text = 'part of the record to use, such as "0.2 s" "1.8 s"'
+    characterise.add_argument("--window", nargs=2, metavar=("START", "END"), help=text)
+    text = "how long a slip takes, which does not count as sticking (default 0)"
+    characterise.add_argument("--slip-duration", default="0", metavar="T", help=text)
+    _add_out(characterise, required=False)
+
     text = "copy the packaged study, as a start for your own"
     example = commands.add_parser("example", help=text, description=text)
     example.set_defaults(run=_example)
@@ -155,8 +228,8 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _add_out(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the results")
+def _add_out(parser: argparse.ArgumentParser, required: bool = True) -> None:
+    parser.add_argument("--out", type=Path, required=required, metavar="DIR", help="folder for the results")
     parser.add_argument("--overwrite", action="store_true", help="replace results that DIR already holds")
 
 

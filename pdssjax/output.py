@@ -1,6 +1,7 @@
 """Writes results to a folder: all of them or none, and never over others unasked."""
 
 import contextlib
+import csv
 import json
 import math
 import os
@@ -13,15 +14,18 @@ from typing import Any
 
 import numpy as np
 
-from .display import MICROMETRES
+from .characterise import Characterisation
+from .display import MICROMETRES, display_unit
 from .errors import InputError
 from .estimate import Estimate, FittedRecord
 from .report import format_report
 
 FORMAT = "pdssjax-estimate/1"
 
-_RESULTS = ("report.txt", "predictions", "plots", "estimate.json")
-"""What a folder of results holds; `estimate.json` is moved in last, so where it is, all is."""
+CHARACTERISATION_FORMAT = "pdssjax-characterisation/1"
+
+_RESULTS = ("report.txt", "predictions", "cycles.csv", "plots", "characterise.json", "estimate.json")
+"""What a folder of results may hold; the JSON file is moved in last, so where it is, all is."""
 
 
 def check_free(folder: Path, overwrite: bool) -> None:
@@ -59,6 +63,57 @@ def write_predictions(records: Sequence[FittedRecord], folder: Path) -> None:
     """Put the plot and the prediction of each record into `folder`, in place of older results."""
     with _staged(folder) as stage:
         _write_records(records, stage)
+
+
+def write_characterisations(found: Sequence[Characterisation], folder: Path) -> None:
+    """Put `characterise.json`, `cycles.csv` and a plot of each record into `folder`, in place of older results."""
+    from .plot import cycle_figure
+
+    stems = _stems(found)
+    with _staged(folder) as stage:
+        (stage / "plots").mkdir()
+        for stem, one in zip(stems, found, strict=True):
+            cycle_figure(one).savefig(stage / "plots" / f"{stem}.png")
+        _write_cycles(dict(zip(stems, found, strict=True)), stage / "cycles.csv")
+        document = {"format": CHARACTERISATION_FORMAT, "records": [_record_document(one) for one in found]}
+        text = json.dumps(_finite(document), indent=1, ensure_ascii=False, allow_nan=False)
+        (stage / "characterise.json").write_text(text + "\n", encoding="utf-8")
+
+
+def _write_cycles(found: dict[str, Characterisation], file: Path) -> None:
+    """A row a cycle, in display units; cells stay empty where a record has no such figure."""
+    units = {name: summary.unit for one in found.values() for name, summary in one.summary.items()}
+    names = list(dict.fromkeys(name for one in found.values() for name in one.metrics))
+    shown = {name: display_unit(units[name]) for name in names}
+    titles = [f"{name}_{unit}" if unit else name for name, (unit, _) in shown.items()]
+    with file.open("w", newline="", encoding="utf-8") as stream:
+        table = csv.writer(stream, lineterminator="\n")
+        table.writerow(["record", "cycle", "start_s", *titles])
+        for stem, one in found.items():
+            for index in range(one.cycles.count):
+                start = one.cycles.start + index / one.cycles.frequency
+                cells = [one.metrics[n][index] * shown[n][1] if n in one.metrics else None for n in names]
+                written = ["" if cell is None else f"{cell:.6g}" for cell in cells]
+                table.writerow([stem, index + 1, f"{start:.9g}", *written])
+
+
+def _record_document(one: Characterisation) -> dict[str, Any]:
+    """One record of `characterise.json`, in SI."""
+    cycles = one.cycles
+    return {
+        "file": str(one.file),
+        "measures": one.measures,
+        "column": one.column,
+        "samples": len(one.time),
+        "from": float(one.time[0]),
+        "to": float(one.time[-1]),
+        "direction": "backward" if cycles.falls else "forward",
+        "frequency": {"used": cycles.frequency, "given": one.given, "seen": cycles.seen, "error": cycles.seen_error},
+        "cycles": {"complete": cycles.count, "left_out": cycles.rejected, "start": cycles.start},
+        "sawtooth_fit": cycles.fit,
+        "slip_duration": one.slip_duration,
+        "figures": {name: vars(summary) for name, summary in one.summary.items()},
+    }
 
 
 @contextlib.contextmanager
@@ -100,7 +155,7 @@ def _write_records(records: Sequence[FittedRecord], stage: Path) -> None:
         record_figure(record).savefig(stage / "plots" / f"{stem}.png")
 
 
-def _stems(records: Sequence[FittedRecord]) -> list[str]:
+def _stems(records: Sequence[FittedRecord] | Sequence[Characterisation]) -> list[str]:
     """File names after the records' own, different from each other on any file system."""
     stems: list[str] = []
     for record in records:

@@ -1,4 +1,4 @@
-"""An estimate as plain text: statistics, parameters with errors, records, correlations.
+"""An estimate, or what records say by themselves, as plain text.
 
 The order and the vocabulary follow lmfit's `fit_report`, which people in the field know.
 """
@@ -6,11 +6,27 @@ The order and the vocabulary follow lmfit's `fit_report`, which people in the fi
 import textwrap
 from collections.abc import Sequence
 
+from .characterise import Characterisation, Summary
 from .display import MICROMETRES, decimals_for, display_unit, percent, rounded, strongest_pairs
 from .estimate import Estimate, FittedParameter, FittedRecord
 
 WORTH_KNOWING = 0.3
 """Correlations smaller than this are left out of the report."""
+
+FIGURES = {
+    "stroke": "stroke S",
+    "back_slip": "back-slip S_0",
+    "net_step": "net step S - S_0",
+    "efficiency": "step efficiency (3.1)",
+    "efficiency_by_extremes": "the same, by extremes",
+    "speed": "average speed",
+    "noise": "noise on the flanks",
+    "output": "output force",
+    "maximum": "highest sample",
+    "minimum": "lowest sample",
+    "mean": "mean force",
+}
+"""What a characterisation reports, in order."""
 
 
 def format_report(estimate: Estimate) -> str:
@@ -41,6 +57,32 @@ def format_comparison(joint: Estimate, sequential: Estimate) -> str:
         "    shift/sigma: difference of the two values, in corrected standard errors.\n"
     )
     return _heading("Sequential against joint") + _table("<<>>>>>>", [head, *rows]) + legend
+
+
+def format_characterisation(found: Characterisation) -> str:
+    """What one record says: its cycles, and each figure with mean, error and scatter."""
+    cycles = found.cycles
+    way = "backward, the slow flank falls: figures are turned" if cycles.falls else "forward, the slow flank rises"
+    places = decimals_for(cycles.seen_error)
+    seen = f"{rounded(cycles.seen, places)} +/- {rounded(cycles.seen_error, places)} Hz"
+    lines = [
+        ("record", f"{found.column}, {len(found.time)} samples, {found.time[0]:g} s to {found.time[-1]:g} s"),
+        ("direction", way),
+        ("frequency", f"{cycles.frequency:g} Hz, given (seen: {seen})" if found.given else f"{seen}, found"),
+        ("cycles", f"{cycles.count} complete, {cycles.rejected} left out, the first from {cycles.start:.4g} s on"),
+    ]
+    head = ["", "unit", "mean", "+/-", "deviation"]
+    rows = [_figure(title, found.summary[name]) for name, title in FIGURES.items() if name in found.summary]
+    text = "".join(f"    {name:<10}= {text}\n" for name, text in lines)
+    legend = "    +/-: standard error of the mean; deviation: standard deviation of the cycles.\n"
+    return _heading(str(found.file)) + text + _table("<<>>>", [head, *rows]) + legend
+
+
+def _figure(title: str, summary: Summary) -> list[str]:
+    unit, scale = display_unit(summary.unit) if summary.unit else ("%", 100.0)
+    error = summary.standard_error * scale
+    numbers = (summary.mean * scale, error, summary.standard_deviation * scale)
+    return [title, unit, *(rounded(number, decimals_for(error)) for number in numbers)]
 
 
 def _heading(text: str) -> str:
