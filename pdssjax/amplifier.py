@@ -27,7 +27,7 @@ class Amplifier(eqx.Module):
         """Time derivative of the state [V/s]."""
         u, slews = state
         follows = 1.0 - slews * slews
-        return (command.level - u) * (self._pole() * follows) + slews * self.slew, 0.0 * slews
+        return (command.level - u) * (self._pole() * follows) + slews * self.slew, 0
 
     def output(self, state: tuple, command: Voltage) -> Voltage:
         """The voltage on the piezo; numbers or series."""

@@ -69,6 +69,11 @@ def polynomial(coefficients: Sequence[Any]) -> Series:
     return Series(lambda k: coefficients[k] if k < len(coefficients) else 0)
 
 
+def is_zero(x: Any) -> bool:
+    """The integer 0, which marks what is known to vanish."""
+    return isinstance(x, int) and x == 0
+
+
 def constant(x: Any) -> Any:
     """The value of a series at its start; a number is its own."""
     return x[0] if isinstance(x, Series) else x
@@ -126,7 +131,8 @@ def solution(field: Callable, time: Any, state: Sequence[Any], order: int, one: 
     """Taylor coefficients of the solution of x' = field(t, x) through `state` at `time`.
 
     **Arguments:** `field(t, x)` takes a `Series` for the time and a list of them for the
-    state, and returns a list of series or scalars, using + - * / only.  `one` is 1 in a
+    state, and returns a list of series or scalars, using + - * / and the functions above; the
+    integer 0 for what is constant.  `one` is 1 in a
     way that the compiler cannot know: dividing by it makes each order a vector computed
     once, where XLA would otherwise repeat cheap scalars in every place that needs them.
 
@@ -136,22 +142,28 @@ def solution(field: Callable, time: Any, state: Sequence[Any], order: int, one: 
     rates = field(polynomial([time, 1.0]), [polynomial(c) for c in known])
     for k in range(order):
         orders = [rate[k] if isinstance(rate, Series) else (rate if k == 0 else 0) for rate in rates]
-        vector = jnp.stack([jnp.asarray(c, float) for c in orders]) / ((k + 1) * one)
+        moving = [i for i, c in enumerate(orders) if not is_zero(c)]
         for i, coefficients in enumerate(known):
-            coefficients.append(vector[i])
+            if i not in moving:
+                coefficients.append(0)
+        if moving:
+            vector = jnp.stack([jnp.asarray(orders[i], float) for i in moving]) / ((k + 1) * one)
+            for place, i in enumerate(moving):
+                known[i].append(vector[place])
     return known
 
 
-def _is_zero(x: Any) -> bool:
-    return isinstance(x, int) and x == 0
+def weighted(x: Any, weight: Any) -> Any:
+    """`x` times a number; what is known to vanish stays so."""
+    return 0 if is_zero(x) else x * weight
 
 
 def _plus(x: Any, y: Any) -> Any:
-    return y if _is_zero(x) else x if _is_zero(y) else x + y
+    return y if is_zero(x) else x if is_zero(y) else x + y
 
 
 def _times(x: Any, y: Any) -> Any:
-    return 0 if _is_zero(x) or _is_zero(y) else x * y
+    return 0 if is_zero(x) or is_zero(y) else x * y
 
 
 def _total(terms) -> Any:

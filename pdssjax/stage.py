@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from .amplifier import Amplifier
 from .drive.base import Segment, Voltage
 from .piezo.base import AbstractPiezo
+from .series import weighted
 
 
 class Driven(NamedTuple):
@@ -51,7 +52,7 @@ class Stage(eqx.Module):
         """Time derivative under `force` [N] on the platform; the steady creep where `active` is 0."""
         stack = self.piezo.rate(x.stack, self.voltage(segment, after, x), force)
         if self.piezo.settles:
-            stack = tuple(rate if i % 2 == 0 else rate * active for i, rate in enumerate(stack))
+            stack = tuple(rate if i % 2 == 0 else weighted(rate, active) for i, rate in enumerate(stack))
         if self.amplifier is None:
             return Driven(stack, ())
         slope, none = self.amplifier.rate(x.supply, segment.voltage(after))

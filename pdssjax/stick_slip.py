@@ -26,7 +26,7 @@ from .drive.base import AbstractDrive, Segment
 from .friction.base import AbstractFriction
 from .integration import RESTING
 from .sensor import Sensor
-from .series import constant
+from .series import constant, weighted
 from .stage import Driven
 
 ADVANCING, STUCK, RETREATING = 1.0, 0.0, -1.0
@@ -121,8 +121,8 @@ class StickSlip(eqx.Module):
             x.v * moves,
             relative * moves,
             stage.rate(segment, after, x.stage, reaction, moves + held),
-            tuple(rate * moves for rate in rates),
-            tuple(0.0 * flag for flag in x.touch),
+            tuple(weighted(rate, moves) for rate in rates),
+            tuple(0 for _ in x.touch),
             self._lagging(x, moves + held),
         )
 

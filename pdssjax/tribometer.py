@@ -10,6 +10,7 @@ import jax.numpy as jnp
 
 from .drive.base import Segment
 from .friction.base import AbstractFriction
+from .series import weighted
 
 _STILL = 0.0
 
@@ -54,7 +55,7 @@ class Tribometer(eqx.Module):
         moves = jnp.where(mode == _STILL, 0.0, 1.0)
         v = x[0] * 0.0 + segment.slope
         rates = self.friction.rate(x[1], v, mode)
-        return (v, tuple(rate * moves for rate in rates))
+        return (v, tuple(weighted(rate, moves) for rate in rates))
 
     def guards(self, segment: Segment, after, x: tuple, mode) -> tuple:
         """The law's own; the first is never reached, so that there is one."""

@@ -11,13 +11,12 @@ ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "pdssjax"
 
 READING_ORDER = """
-errors quantity family units columns tables series
+errors quantity rod family units columns tables series
 drive piezo friction effector amplifier stage sensor actuator
 expansion crossing stepping tangents integration stick_slip unloaded tribometer simulation
-rod
 parameters records prediction residual starts study
 levenberg_marquardt uncertainty metrics estimate fitting multistart summary estimation
-cycles
+cycles characterise
 display report plot output runtime cli
 """.split()
 """Modules and families; each may import only from those before it."""

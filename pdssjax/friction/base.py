@@ -33,8 +33,8 @@ class AbstractFriction(eqx.Module):
         """The internal state of the undisturbed contact."""
 
     @abc.abstractmethod
-    def rate(self, state: State, v: Number, sign: Number) -> State:
-        """Time derivative of the state on the branch `sign`; zero for flags."""
+    def rate(self, state: State, v: Number, sign: Number) -> tuple[Any, ...]:
+        """Time derivative of the state on the branch `sign`; the integer 0 for flags."""
 
     @abc.abstractmethod
     def force(self, state: State, v: Number, sign: Number) -> Number:

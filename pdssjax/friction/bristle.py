@@ -49,7 +49,7 @@ class Bristle(AbstractFriction):
         return (*(stretches[i] for i in range(self.bristles)), jnp.zeros(()))
 
     def rate(self, state, v, sign):
-        return (*(v for _ in state[:-1]), jnp.zeros(()))
+        return (*(v for _ in state[:-1]), 0)
 
     def force(self, state, v, sign):
         return sum(state[1:-1], state[0]) * (self.sigma0 / self.bristles) + self.sigma2 * v

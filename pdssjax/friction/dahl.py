@@ -45,7 +45,7 @@ class Dahl(AbstractFriction):
         room = self._room(z, sign) * (1.0 - saturated) + saturated
         # A square, because the actuator asks for the rate (times 0) at rest, too, where p may be anything.
         stretching = power(room * room + _TINY, 0.5 * self.exponent) * (1.0 - saturated)
-        return v * stretching, jnp.zeros(())
+        return v * stretching, 0
 
     def force(self, state, v, sign):
         return self.sigma0 * state[0]

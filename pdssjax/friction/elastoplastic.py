@@ -63,7 +63,7 @@ class Elastoplastic(AbstractFriction):
         angle = (u - (end + begin) * 0.5) * jnp.pi / (end - begin)
         _, sine = cosine_and_sine(angle)
         alpha = mixed * (sine * 0.5 + 0.5) + plastic
-        return v - alpha * (v * u) / end, jnp.zeros(()), jnp.zeros(())
+        return v - alpha * (v * u) / end, 0, 0
 
     def force(self, state, v, sign):
         return self.sigma0 * state[0] + self.sigma1 * self.rate(state, v, sign)[0] + self.sigma2 * v

@@ -117,8 +117,9 @@ class GeneralizedMaxwellSlip(AbstractFriction):
         ranges = {"sigma2": damping}
         for i in range(1, _COUNT + 1):
             # Early elements stiff and weak, late ones soft and strong: one order out of many.
-            ranges[f"stiffness_{i}"] = tuple(end * 0.1 * (_COUNT + 1 - i) for end in stiffness)
-            ranges[f"strength_{i}"] = tuple(end * 0.1 * i for end in force)
+            part, rest = 0.1 * i, 0.1 * (_COUNT + 1 - i)
+            ranges[f"stiffness_{i}"] = stiffness[0] * rest, stiffness[1] * rest
+            ranges[f"strength_{i}"] = force[0] * part, force[1] * part
         ranges["weakened"] = (0.4, 1.0)
         ranges["v_s"] = stribeck_range(acceleration, rate)
         ranges["attraction"] = (0.1 * rate * force[0], 10.0 * rate * force[1])

@@ -38,7 +38,7 @@ class ResetIntegrator(AbstractFriction):
 
     def rate(self, state, v, sign):
         _, dragged = state
-        return v * (1.0 - dragged), jnp.zeros(())
+        return v * (1.0 - dragged), 0
 
     def force(self, state, v, sign):
         p, dragged = state

@@ -43,7 +43,7 @@ class AbstractPiezo(eqx.Module):
 
     @abc.abstractmethod
     def rate(self, state: State, voltage: Voltage, force) -> State:
-        """Time derivative of the state with `force` [N] on the platform; zero for flags."""
+        """Time derivative of the state with `force` [N] on the platform; the integer 0 for flags."""
 
     @abc.abstractmethod
     def platform(self, state: State) -> tuple[Any, Any]:
