@@ -105,6 +105,31 @@ def _compared(record: "Record", predicted: "ArrayLike") -> "FittedRecord":
     return compare(record, motion, noise=noise, offset=offset)
 
 
+def _record(options: argparse.Namespace) -> int:
+    from .output import check_free, write_recordings
+    from .report import format_records
+    from .runtime import prepare_jax
+
+    check_free(options.out, options.overwrite)
+    prepare_jax()
+    import pdssjax
+
+    from .estimate import compare
+    from .virtual_rig import make_recordings, truth
+
+    study = pdssjax.load_study(options.study, virtual=True)
+    with _progress() as progress:
+        progress("simulating")
+        made = make_recordings(study, options.seed)
+        progress("writing records and plots")
+        compared = [compare(r.record, r.true, noise=r.record.noise or 0.0, offset=r.offset) for r in made]
+        write_recordings(made, compared, truth(study, made, options.seed), options.study, options.out)
+    print(format_records(compared))
+    print(f"Records are in {options.out / 'records'}")
+    print(f"Identify them with: pdssjax identify {options.out / 'records' / options.study.name} --out ...")
+    return 0
+
+
 def _characterise(options: argparse.Namespace) -> int:
     from .output import check_free, write_characterisations
     from .report import format_characterisation
@@ -220,6 +245,13 @@ def _parser() -> argparse.ArgumentParser:
     text = "how long a slip takes, which does not count as sticking (default 0)"
     characterise.add_argument("--slip-duration", default="0", metavar="T", help=text)
     _add_out(characterise, required=False)
+
+    text = "make the records of a study on a virtual rig, with noise, zeros and rounding, from a seed"
+    record = commands.add_parser("record", help=text, description=text)
+    record.set_defaults(run=_record)
+    record.add_argument("study", type=Path, metavar="STUDY", help="study file (TOML) whose parameters all have numbers")
+    record.add_argument("--seed", type=int, default=0, help="another seed, other noise (default 0)")
+    _add_out(record)
 
     text = "copy the packaged study, as a start for your own"
     example = commands.add_parser("example", help=text, description=text)

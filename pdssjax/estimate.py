@@ -39,13 +39,13 @@ class FittedParameter:
 
 @dataclass(frozen=True)
 class FittedRecord:
-    """One displacement record beside its prediction; every length in metres."""
+    """One record beside its prediction, in SI."""
 
     name: str
     role: str
     """"fit" or "validate"."""
     measures: str
-    """Whose displacement: "platform" or "effector"."""
+    """"platform", "effector", "friction" or "force", as in `pdssjax.records.Record`."""
     samples: int
     r2: float
     """Share of the measured variance that is explained."""
@@ -66,6 +66,10 @@ class FittedRecord:
     """The model's values at `time`, offset included; NaN where the simulation failed."""
     simulated: bool
     """False where the simulation failed."""
+    unit: str = "m"
+    """SI unit of what was measured."""
+    motion: Float[np.ndarray, " n"] | None = None
+    """Of a friction record: the relative displacement prescribed [m]."""
 
 
 def compare(
@@ -76,7 +80,7 @@ def compare(
     offset: float,
     offset_standard_error: float = math.nan,
 ) -> FittedRecord:
-    """A measured `record` beside its prediction [m], to which the record's `offset` [m] is added."""
+    """A measured `record` beside its prediction, to which the record's `offset` is added; all in its unit."""
     predicted = np.asarray(predicted) + offset
     measured = record.measured
     return FittedRecord(
@@ -94,6 +98,8 @@ def compare(
         measured=measured,
         predicted=predicted,
         simulated=bool(np.isfinite(predicted).all()),
+        unit=record.unit,
+        motion=record.motion,
     )
 
 

@@ -15,16 +15,17 @@ from typing import Any
 import numpy as np
 
 from .characterise import Characterisation
-from .display import MICROMETRES, display_unit
+from .display import display_unit
 from .errors import InputError
 from .estimate import Estimate, FittedRecord
 from .report import format_report
+from .virtual_rig import Recording, write_csv
 
 FORMAT = "pdssjax-estimate/1"
 
 CHARACTERISATION_FORMAT = "pdssjax-characterisation/1"
 
-_RESULTS = ("report.txt", "predictions", "cycles.csv", "plots", "characterise.json", "estimate.json")
+_RESULTS = ("report.txt", "records", "predictions", "cycles.csv", "plots", "characterise.json", "estimate.json")
 """What a folder of results may hold; the JSON file is moved in last, so where it is, all is."""
 
 
@@ -63,6 +64,32 @@ def write_predictions(records: Sequence[FittedRecord], folder: Path) -> None:
     """Put the plot and the prediction of each record into `folder`, in place of older results."""
     with _staged(folder) as stage:
         _write_records(records, stage)
+
+
+def write_recordings(
+    made: Sequence[Recording], compared: Sequence[FittedRecord], truth: dict[str, Any], study: Path, folder: Path
+) -> None:
+    """Put the CSV files of a virtual rig, the study that describes them, and what went in into `folder`.
+
+    **Raises:** `InputError` where the study's records are to lie outside its folder.
+    """
+    places = [one.record.file.relative_to(study.parent) if _beside(one.record.file, study) else None for one in made]
+    for place, one in zip(places, made, strict=True):
+        if place is None:
+            raise InputError(
+                f'{study}: record "{one.record.name}": found {one.record.file}, expected a file beside it.'
+            )
+    with _staged(folder) as stage:
+        _write_records(compared, stage)
+        for place, one in zip(places, made, strict=True):
+            write_csv(one, stage / "records" / str(place))
+        shutil.copyfile(study, stage / "records" / study.name)
+        text = json.dumps(_finite(truth), indent=1, ensure_ascii=False, allow_nan=False)
+        (stage / "records" / "truth.json").write_text(text + "\n", encoding="utf-8")
+
+
+def _beside(file: Path, study: Path) -> bool:
+    return file.is_relative_to(study.parent) and ".." not in file.relative_to(study.parent).parts
 
 
 def write_characterisations(found: Sequence[Characterisation], folder: Path) -> None:
@@ -143,13 +170,14 @@ def _write_records(records: Sequence[FittedRecord], stage: Path) -> None:
     (stage / "predictions").mkdir()
     (stage / "plots").mkdir()
     for stem, record in zip(_stems(records), records, strict=True):
+        unit, scale = display_unit(record.unit)
         table = np.column_stack([record.measured, record.predicted, record.measured - record.predicted])
         np.savetxt(
             stage / "predictions" / f"{stem}.csv",
-            np.column_stack([record.time, MICROMETRES * table]),
+            np.column_stack([record.time, scale * table]),
             fmt=("%.9g", "%.6f", "%.6f", "%.6f"),
             delimiter=",",
-            header="time_s,measured_um,predicted_um,residual_um",
+            header=f"time_s,measured_{unit},predicted_{unit},residual_{unit}",
             comments="",
         )
         record_figure(record).savefig(stage / "plots" / f"{stem}.png")

@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from .characterise import Characterisation
-from .display import MICROMETRES
+from .display import MICROMETRES, display_unit
 from .estimate import Estimate, FittedParameter, FittedRecord
 
 # From the palette of Okabe and Ito, told apart by the colour-blind and in grey print.
@@ -41,9 +41,12 @@ def record_figure(record: FittedRecord) -> Figure:
             2, 2, sharex="col", height_ratios=(2, 1), width_ratios=(3, 2)
         )
         _draw_overview(motion, residual, record)
-        _draw_moment(near, near_residual, record, moment)
-        for panel in (motion, residual):
-            panel.axvspan(*span, color=_YELLOW, alpha=0.45, linewidth=0, zorder=0)
+        if record.motion is not None:
+            _draw_loops(near, near_residual, record, record.motion)
+        else:
+            _draw_moment(near, near_residual, record, moment)
+            for panel in (motion, residual):
+                panel.axvspan(*span, color=_YELLOW, alpha=0.45, linewidth=0, zorder=0)
         if np.isfinite(record.noise):
             _draw_noise((residual, near_residual), record)
         figure.suptitle(_caption(record), x=0.01, ha="left", fontsize=10.0)
@@ -187,37 +190,57 @@ def _liveliest_moment(record: FittedRecord) -> Bool[np.ndarray, " n"]:
 
 
 def _draw_overview(motion: Axes, residual: Axes, record: FittedRecord) -> None:
-    motion.plot(record.time, MICROMETRES * record.measured, color=_GREY, linewidth=2.4, label="measured")
-    motion.plot(record.time, MICROMETRES * record.predicted, color=_VERMILION, linewidth=0.9, label="predicted")
-    motion.set_ylabel("displacement (µm)")
+    scale, unit = _shown(record)
+    motion.plot(record.time, scale * record.measured, color=_GREY, linewidth=2.4, label="measured")
+    motion.plot(record.time, scale * record.predicted, color=_VERMILION, linewidth=0.9, label="predicted")
+    motion.set_ylabel(f"{'force' if record.unit == 'N' else 'displacement'} ({unit})")
     motion.legend(loc="best")
     residual.plot(record.time, _residual(record), color=_BLUE, linewidth=0.6)
-    residual.set_ylabel("residual (µm)")
+    residual.set_ylabel(f"residual ({unit})")
     residual.set_xlabel("time (s)")
 
 
 def _draw_moment(motion: Axes, residual: Axes, record: FittedRecord, moment: np.ndarray) -> None:
+    scale, _ = _shown(record)
     time = 1e3 * record.time[moment]
-    motion.plot(time, MICROMETRES * record.measured[moment], "o", color=_GREY, fillstyle="none", markersize=4.5)
-    motion.plot(time, MICROMETRES * record.predicted[moment], ".-", color=_VERMILION, linewidth=0.9, markersize=3)
+    motion.plot(time, scale * record.measured[moment], "o", color=_GREY, fillstyle="none", markersize=4.5)
+    motion.plot(time, scale * record.predicted[moment], ".-", color=_VERMILION, linewidth=0.9, markersize=3)
     motion.set_title("the shaded moment", loc="left")
     residual.plot(time, _residual(record)[moment], ".-", color=_BLUE, linewidth=0.7, markersize=3)
     residual.set_xlabel("time (ms)")
 
 
+def _draw_loops(force: Axes, residual: Axes, record: FittedRecord, motion: Float[np.ndarray, " n"]) -> None:
+    """Friction force against the motion: what tells one law from another."""
+    place = MICROMETRES * motion
+    force.plot(place, record.measured, color=_GREY, linewidth=2.0)
+    force.plot(place, record.predicted, color=_VERMILION, linewidth=0.8)
+    force.set_title("against the motion", loc="left")
+    residual.plot(place, _residual(record), color=_BLUE, linewidth=0.5)
+    residual.set_xlabel("motion (µm)")
+
+
 def _draw_noise(panels: Sequence[Axes], record: FittedRecord) -> None:
-    band = 2.0 * MICROMETRES * record.noise
+    scale, unit = _shown(record)
+    band = 2.0 * scale * record.noise
     for panel in panels:
         panel.axhspan(-band, band, color="0.9", linewidth=0, zorder=-1)
-    panels[0].set_ylabel("residual (µm),\n± 2 noise in grey")
+    panels[0].set_ylabel(f"residual ({unit}),\n± 2 noise in grey")
+
+
+def _shown(record: FittedRecord) -> tuple[float, str]:
+    """The factor from SI to the unit shown, and its name."""
+    unit, scale = display_unit(record.unit)
+    return scale, unit.replace("um", "µm")
 
 
 def _residual(record: FittedRecord) -> Float[np.ndarray, " n"]:
-    return MICROMETRES * (record.measured - record.predicted)
+    return _shown(record)[0] * (record.measured - record.predicted)
 
 
 def _caption(record: FittedRecord) -> str:
-    quality = f"r² {record.r2:.7g}, error index {MICROMETRES * record.error_index:.3g} µm"
+    scale, unit = _shown(record)
+    quality = f"r² {record.r2:.7g}, error index {scale * record.error_index:.3g} {unit}"
     role = "fitted" if record.role == "fit" else "not fitted"
     return f"{record.name}\n{record.measures}, {role}, {quality if record.simulated else 'the simulation failed'}"
 

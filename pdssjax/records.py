@@ -22,7 +22,10 @@ _COLUMNS = {
     "force": {"time": "s", "force": "N"},
 }
 """What may be measured, and the columns that a record of it has, with their SI units; what is explained comes last."""
-_KEYS = ["name", "file", "columns", "units", "measures", "role", "noise", "offset", "window", "exclude", "drive"]
+_KEYS = [
+    *("name", "file", "columns", "units", "measures", "role", "noise", "offset"),
+    *("window", "exclude", "drive", "resolution", "sampling"),
+]
 # Within this time a platform under a step comes to rest; for the check of units only.
 _STEP_TIME = 0.01
 
@@ -54,6 +57,10 @@ class Record:
     """Zero of the sensor [m or N]; None: free."""
     motion: np.ndarray | None = None
     """Of "friction": the relative displacement of platform against end-effector [m], shape (samples,)."""
+    resolution: float = 0.0
+    """Step [m or N] in which the sensor counts: for a virtual rig; a fit needs it within the noise."""
+    columns: dict[str, tuple[str, str]] = dataclasses.field(default_factory=dict)
+    """By quantity, the name of the column, and its unit; "" where the name says it."""
 
     @property
     def unit(self) -> str:
@@ -61,8 +68,11 @@ class Record:
         return list(_COLUMNS[self.measures].values())[-1]
 
 
-def read_record(table: Table, folder: Path) -> Record:
+def read_record(table: Table, folder: Path, virtual: bool = False) -> Record:
     """The record that a [[record]] `table` describes; its file is relative to `folder`.
+
+    Of a `virtual` rig the record is still to be made: where the table has `sampling`, nothing
+    is read, and what was measured is zero.
 
     **Raises:** `InputError` if the table or the file is at fault.  Warns with
     `InputWarning` if the times look like milliseconds or end before the first period.
@@ -77,9 +87,13 @@ def read_record(table: Table, folder: Path) -> Record:
         drive, own = read_drive(table.table("drive", 'a table such as { waveform = "step", voltage = "48.2 V" }'))
     elif "drive" in table.entries:
         raise InputError(
-            f'{table.at("drive")}: found a drive, expected none: of a friction record the column "motion" is prescribed.'
+            f'{table.at("drive")}: found a drive, expected none: the "motion" of a friction record is prescribed.'
         )
-    data = _samples(table, file, _COLUMNS[measures])
+    columns = _columns(table, _COLUMNS[measures])
+    if virtual and "sampling" in table.entries:
+        data = _planned(table, measures)
+    else:
+        data = _samples(table, file, _COLUMNS[measures], columns)
     _warn(f'{file}: record "{name}"', data["time"], drive)
     return Record(
         name=name,
@@ -90,9 +104,11 @@ def read_record(table: Table, folder: Path) -> Record:
         own=own,
         time=data["time"],
         measured=data[list(_COLUMNS[measures])[-1]],
-        noise=_noise(table, unit),
+        noise=_positive(table, "noise", unit),
         offset=None if table.entries.get("offset", "free") == "free" else table.number("offset", unit),
         motion=data.get("motion"),
+        resolution=_positive(table, "resolution", unit) or 0.0,
+        columns=columns,
     )
 
 
@@ -122,16 +138,43 @@ def _check_drive(fields: dict[str, Any], numbers: dict[str, Quantity], table: Ta
             raise InputError(f"{table.at(key)}: found {fields[key]:g} s, expected less than the period, {period:g} s.")
 
 
-def _samples(table: Table, file: Path, si_units: dict[str, str]) -> dict[str, np.ndarray]:
-    """The columns of the samples kept, by quantity, checked."""
+def _columns(table: Table, si_units: dict[str, str]) -> dict[str, tuple[str, str]]:
+    """By quantity, the name of its column, and its unit as [record.units] says; "" where the name says it."""
     *_, explained = si_units
     columns = table.table("columns", f'a table such as {{ time = "time_s", {explained} = "..." }}')
     columns.only(si_units)
-    names = {quantity: columns.text(quantity, "the name of a column") for quantity in si_units}
     units = table.table("units", f'a table such as {{ {explained} = "..." }}', {})
     units.only(si_units)
+    names = {quantity: columns.text(quantity, "the name of a column") for quantity in si_units}
     written = {quantity: units.text(quantity, "a unit") for quantity in units.entries}
-    data, lines = read_csv(file, names, si_units, written)
+    return {quantity: (name, written.get(quantity, "")) for quantity, name in names.items()}
+
+
+def _planned(table: Table, measures: str) -> dict[str, np.ndarray]:
+    """Sample times, and the motion of a friction record, as the record's `sampling` plans them."""
+    example = 'a table such as { start = "0.2 s", end = "2 s", interval = "1 ms" }'
+    plan = table.table("sampling", example)
+    sine = ["amplitude", "frequency"] if measures == "friction" else []
+    plan.only(["start", "end", "interval", *sine])
+    start, end, interval = plan.number("start", "s", 0.0), plan.number("end", "s"), plan.number("interval", "s")
+    if not 0.0 < interval < end - start:
+        raise InputError(
+            f"{plan.at('interval')}: found {interval:g} s for samples from {start:g} s to {end:g} s, "
+            "expected an interval above 0 that fits in between."
+        )
+    data = {"time": start + interval * np.arange(int((end - start) / interval * (1 + 1e-12)) + 1)}
+    if sine:
+        amplitude, frequency = plan.number("amplitude", "m"), plan.number("frequency", "Hz")
+        data["motion"] = amplitude * np.sin(2 * np.pi * frequency * (data["time"] - start))
+    return data | {list(_COLUMNS[measures])[-1]: np.zeros(data["time"].shape)}
+
+
+def _samples(
+    table: Table, file: Path, si_units: dict[str, str], columns: dict[str, tuple[str, str]]
+) -> dict[str, np.ndarray]:
+    """The columns of the samples kept, by quantity, checked."""
+    names = {quantity: name for quantity, (name, _) in columns.items()}
+    data, lines = read_csv(file, names, si_units, {quantity: unit for quantity, (_, unit) in columns.items()})
     time = data["time"]
     late = np.flatnonzero(np.diff(time) <= 0)
     if late.size:
@@ -177,11 +220,12 @@ def _interval(given: object, where: str) -> tuple[float, float]:
     return start, end
 
 
-def _noise(table: Table, unit: str) -> float | None:
-    noise = table.number("noise", unit, None)
-    if noise is not None and noise <= 0:
-        raise InputError(f"{table.at('noise')}: found {noise:g} {unit}, expected a standard deviation above 0.")
-    return noise
+def _positive(table: Table, key: str, unit: str) -> float | None:
+    value = table.number(key, unit, None)
+    if value is not None and value <= 0:
+        what = "a standard deviation" if key == "noise" else "a step"
+        raise InputError(f"{table.at(key)}: found {value:g} {unit}, expected {what} above 0.")
+    return value
 
 
 def _warn(where: str, time: np.ndarray, drive: AbstractDrive | None) -> None:

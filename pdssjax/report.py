@@ -7,7 +7,7 @@ import textwrap
 from collections.abc import Sequence
 
 from .characterise import Characterisation, Summary
-from .display import MICROMETRES, decimals_for, display_unit, percent, rounded, strongest_pairs
+from .display import decimals_for, display_unit, percent, rounded, strongest_pairs
 from .estimate import Estimate, FittedParameter, FittedRecord
 
 WORTH_KNOWING = 0.3
@@ -43,9 +43,11 @@ def format_report(estimate: Estimate) -> str:
 
 
 def format_records(records: Sequence[FittedRecord]) -> str:
-    """How well each record is predicted, lengths in micrometres."""
+    """How well each record is predicted, lengths in micrometres and forces in newtons."""
     head = ["", "role", "samples", "r2", "error index", "rmse", "noise", "offset", "+/-", ""]
-    return _heading("Records (lengths in um)") + _table("<<>>>>>>><", [head, *map(_record, records)])
+    units = {"m": "lengths in um", "N": "forces in N"}
+    shown = ", ".join(text for unit, text in units.items() if unit in {record.unit for record in records})
+    return _heading(f"Records ({shown})") + _table("<<>>>>>>><", [head, *map(_record, records)])
 
 
 def format_comparison(joint: Estimate, sequential: Estimate) -> str:
@@ -151,13 +153,14 @@ def _remark(parameter: FittedParameter) -> str:
 
 
 def _record(record: FittedRecord) -> list[str]:
-    lengths = [record.error_index, record.rmse, record.noise, record.offset, record.offset_standard_error]
+    _, scale = display_unit(record.unit)
+    figures = [record.error_index, record.rmse, record.noise, record.offset, record.offset_standard_error]
     return [
         record.name,
         record.role,
         str(record.samples),
         rounded(record.r2, 7),
-        *(rounded(length * MICROMETRES, 4) for length in lengths),
+        *(rounded(figure * scale, 4) for figure in figures),
         "" if record.simulated else "simulation failed",
     ]
 

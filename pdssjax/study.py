@@ -103,8 +103,10 @@ def _predicted(predictor: Predictor, values: dict[str, Array], accuracy: Accurac
     return predictor(values, accuracy)
 
 
-def load_study(path: str | Path) -> Study:
+def load_study(path: str | Path, virtual: bool = False) -> Study:
     """Reads and checks a study file and the records it names.
+
+    With `virtual` the records are still to be made: those that say their `sampling` need no file.
 
     **Raises:** `InputError` that names file and key, or file, line and column, if anything
     is missing, unknown or illegal.  Warns with `InputWarning` where the input is legal but
@@ -124,7 +126,7 @@ def load_study(path: str | Path) -> Study:
         friction_state=actuator.option("friction_state", _STATES, _STATES[0]),
         feedback=actuator.get("feedback", bool, "true or false", False),
         parameters={},
-        records=_read_records(top, path.parent),
+        records=_read_records(top, path.parent, virtual),
     )
     study = dataclasses.replace(study, parameters=_read_parameters(top, study))
     _check_durations(top, study)
@@ -151,7 +153,7 @@ def _check_format(top: Table) -> None:
         raise InputError(f'{top.at("format")}: found "{found}", expected "{FORMAT}".')
 
 
-def _read_records(top: Table, folder: Path) -> tuple[Record, ...]:
+def _read_records(top: Table, folder: Path, virtual: bool) -> tuple[Record, ...]:
     expected = "one [[record]] table for each record"
     records: list[Record] = []
     for number, entries in enumerate(top.get("record", list, expected, []), start=1):
@@ -159,7 +161,7 @@ def _read_records(top: Table, folder: Path) -> tuple[Record, ...]:
             raise InputError(f"{top.at('record')}: found {entries}, expected {expected}.")
         name = entries.get("name")
         label = f'record "{name}"' if isinstance(name, str) else f"record {number}"
-        record = read_record(Table(entries, f"{top.where}: {label}"), folder)
+        record = read_record(Table(entries, f"{top.where}: {label}"), folder, virtual)
         if record.name in [other.name for other in records]:
             raise InputError(f'{top.where}: found two records named "{record.name}", expected different names.')
         records.append(record)

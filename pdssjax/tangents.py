@@ -106,7 +106,7 @@ def _advance(system, accuracy, keep, row):
         rates = system.field(segment, at + late, end, mode)
         moved = jax.tree.map(lambda a, b: a + late * b, end, rates)
         guards = [jnp.asarray(guard, float) for guard in system.guards(segment, at + late, moved, mode)]
-        return jnp.stack(guards)[which] if len(guards) > 2 else jnp.minimum(*guards)
+        return jnp.minimum(*guards) if len(guards) == 2 else jnp.stack(guards)[which]
 
     gap, slope = jax.jvp(margin, (jnp.zeros_like(at),), (jnp.ones_like(at),))
     late_event = -_tangent_only(gap) / lax.stop_gradient(jnp.where(event & (slope != 0), slope, 1.0))

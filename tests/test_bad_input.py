@@ -77,7 +77,7 @@ STUDIES = {
     "friction has no drive": (
         '"platform"',
         '"friction"',
-        ['record "step"', 'key "drive"', "found a drive", '"motion" is prescribed'],
+        ['record "step"', 'key "drive"', "found a drive", '"motion" of a friction record is prescribed'],
     ),
     "unknown measurand": ('"platform"', '"platfrom"', ['"measures"', '"platfrom"', '"platform"']),
     "two records of one name": ('name = "walk"', 'name = "step"', ['two records named "step"']),

@@ -128,6 +128,8 @@ def recorded(name: str, offset: float | None, noise: float | None) -> SimpleName
         measured=1e-5 * time + 3e-6,
         offset=offset,
         noise=noise,
+        unit="m",
+        motion=None,
     )
 
 

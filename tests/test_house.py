@@ -16,7 +16,7 @@ drive piezo friction effector amplifier stage sensor actuator
 expansion crossing stepping tangents integration stick_slip unloaded tribometer simulation
 parameters records prediction residual starts study
 levenberg_marquardt uncertainty metrics estimate fitting multistart summary estimation
-cycles characterise
+cycles characterise virtual_rig
 display report plot output runtime cli
 """.split()
 """Modules and families; each may import only from those before it."""
