@@ -30,6 +30,8 @@ class Run:
     force: np.ndarray
     state: tuple
     events: int
+    ends: np.ndarray
+    """Rows at which the legs end."""
 
     def work(self) -> np.ndarray:
         """Work done on the contact up to each time [J], by the trapezoidal rule along the path."""
@@ -92,7 +94,7 @@ def drive(
         if piece.status == 1:
             m = contact.passed(m, velocity(time), sign, next(i for i, t in enumerate(piece.t_events) if t.size))
             events += 1
-    return Run(*np.array(rows).T, tuple(m), events)
+    return Run(*np.array(rows).T, tuple(m), events, np.array([len(rows) - 1]))
 
 
 def _falling(event: Any) -> Any:
@@ -117,7 +119,9 @@ def zigzag(
         leg.x, leg.time = leg.x + here, leg.time + (legs[-1].time[-1] if legs else 0.0)
         legs.append(leg)
     join = lambda name: np.concatenate([getattr(leg, name) for leg in legs])
-    return Run(join("time"), join("x"), join("v"), join("force"), legs[-1].state, sum(leg.events for leg in legs))
+    ends = np.cumsum([leg.x.size for leg in legs]) - 1
+    events = sum(leg.events for leg in legs)
+    return Run(join("time"), join("x"), join("v"), join("force"), legs[-1].state, events, ends)
 
 
 def push(
@@ -153,7 +157,7 @@ def push(
             rtol=1e-9,
             atol=1e-15,
         )
-        seen += list(piece.y[-2])
+        seen += [row[-2] for row in np.atleast_2d(np.transpose(piece.y))] if len(piece.t) else []
         begins = False
         if piece.status == 0:
             break
