@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .columns import column_names, read_csv
-from .cycles import Cycles, find_cycles
+from .cycles import CLEAR_FIT, Cycles, find_cycles
 from .errors import InputError, InputWarning
 from .metrics import cycle_metrics, force_metrics, turning_points
 from .units import column_unit, factor
@@ -31,8 +31,6 @@ from .units import column_unit, factor
 _SI_UNITS = {"displacement": "m", "force": "N"}
 _SIGNS = {"displacement": ("displacement", "position"), "force": ("force",)}
 """What the name of a column contains that is to be preferred to others of the same dimension."""
-DOUBTFUL_FIT = 0.5
-"""A sawtooth that explains less than this share of the variance is mentioned."""
 LEAST_SHARPNESS = 0.5
 """A slip of which less than this share happens within a tenth of the period is mentioned."""
 _METRICS = {
@@ -181,10 +179,10 @@ def _turning_points(time, values, cycles: Cycles, slip_duration) -> tuple[np.nda
 def _warn(found: Characterisation, where: str) -> None:
     cycles = found.cycles
     say = lambda text: warnings.warn(f"{where}: {text}", InputWarning, stacklevel=4)
-    if cycles.fit < DOUBTFUL_FIT:
+    if cycles.fit < CLEAR_FIT:
         say(
             f"the cycles can hardly be told: a sawtooth of {cycles.frequency:.4g} Hz explains {100 * cycles.fit:.0f} % "
-            "of the motion about a straight line. See its figure (--out), and give the frequency and a window."
+            "of the motion about its trend. See its figure (--out), and give the frequency and a window."
         )
     elif _sharpness(found) < LEAST_SHARPNESS:
         say("found no fast flank: the motion looks more like a sine than like stick and slip.")

@@ -1,6 +1,6 @@
 """Finds the cycles of a sawtooth drive in a record of what it moved.
 
-1.  A straight line is taken off, so that walking leaves a sawtooth.
+1.  A straight line is taken off, so that walking leaves a sawtooth; where none is clear, a curved trend.
 2.  The frequency is where the record agrees best with an ideal sawtooth: first on the grid of a
     spectrum, whose amplitudes at f, 2f, 3f, ... are summed with the weights 1, 1/2, 1/3, ... that a
     sawtooth gives them (so that neither f/2 nor 2f can win), then in ever finer steps by least
@@ -22,6 +22,10 @@ HARMONICS = 12
 """Of the sawtooth that is compared with the record."""
 LEAST_PER_CYCLE = 8
 """Samples a cycle needs, for its slow flank to have a slope with a scatter."""
+TRENDS = (1, 5)
+"""Degrees of the polynomials that are taken off, the second only if the first leaves no clear sawtooth."""
+CLEAR_FIT = 0.5
+"""Share of the variance that a clear sawtooth explains."""
 LEAST_FIT = 0.2
 """Share of the variance that a sawtooth must explain, for there to be cycles at all."""
 
@@ -45,7 +49,7 @@ class Cycles:
     falls: bool
     """The slow flank falls: the drive is backward."""
     fit: float
-    """Share of the variance about a straight line that the best sawtooth explains."""
+    """Share of the variance of the complete cycles about their trend that the best sawtooth explains."""
 
 
 def find_cycles(
@@ -69,21 +73,17 @@ def find_cycles(
         )
     if lowest >= highest:
         raise InputError(f"{where}: found {len(time)} samples, expected more: {LEAST_PER_CYCLE} in each of two cycles.")
-    rest = _without_line(time, values)
-    about = frequency or _coarse_frequency(time, rest, lowest, highest)
-    if frequency is None:
-        about = _finer_frequency(time, rest, about, lowest, highest)
-    fit, phase, sign = _sawtooth(time, rest, about)
+    fit, about, phase, sign = _best_sawtooth(time, values, frequency, lowest, highest)
     if fit < LEAST_FIT:
         wanted = "the drive's own frequency, or none" if frequency else "a record of several cycles"
         raise InputError(
             f"{where}: found no cycles: at {about:.4g} Hz, a sawtooth explains {100 * fit:.0f} % of the motion about "
-            f"a straight line, expected {wanted}."
+            f"its trend, expected {wanted}."
         )
-    return _counted(time, values, about, time[0] + phase / about, sign, fit, frequency, where)
+    return _counted(time, values, about, time[0] + phase / about, sign, frequency, where)
 
 
-def _counted(time, values, frequency, start, sign, fit, given, where) -> Cycles:
+def _counted(time, values, frequency, start, sign, given, where) -> Cycles:
     """The complete cycles, once frequency and start are known to a part of a period."""
     seen, error = frequency, np.inf
     for _ in range(2):
@@ -91,7 +91,8 @@ def _counted(time, values, frequency, start, sign, fit, given, where) -> Cycles:
         good = _alike(time, values, frequency, first, begun)
         if len(good) < 2:
             raise InputError(
-                f"{where}: found {len(good)} complete slow flanks at {frequency:.4g} Hz, expected two at least."
+                f"{where}: found {len(good)} complete slow flanks at {frequency:.4g} Hz, "
+                "expected two at least, of a record of several cycles."
             )
         # The slips at both ends of every flank that is like the others.
         expected = first + np.append(good, good[-1] + 1) / frequency
@@ -104,8 +105,11 @@ def _counted(time, values, frequency, start, sign, fit, given, where) -> Cycles:
         raise InputError(f"{where}: found no two slow flanks alike near {frequency:.4g} Hz, expected several cycles.")
     stroke = cycle_metrics(time, values, frequency, first + good[0] / frequency, len(good) - 1).stroke
     falls = bool(np.median(np.asarray(stroke)) < 0)
-    count = len(good) - 1
-    return Cycles(frequency, seen, error, float(first + good[0] / frequency), count, begun - count, falls, fit)
+    count, begins = len(good) - 1, float(first + good[0] / frequency)
+    # How well a sawtooth fits is asked of the cycles alone, not of the rest before and after.
+    used = (time >= begins) & (time <= begins + (count + 1) / frequency)
+    fit, *_ = _best_sawtooth(time[used], values[used], frequency, frequency, frequency)
+    return Cycles(frequency, seen, error, begins, count, begun - count, falls, fit)
 
 
 def _begun(time, frequency, start) -> tuple[float, int]:
@@ -129,10 +133,23 @@ def _alike(time, values, frequency, first, begun) -> np.ndarray:
     return max(runs, key=len)
 
 
-def _without_line(time, values):
-    about = time - time.mean()
-    rest = values - values.mean()
-    return rest - about * (about @ rest) / (about @ about)
+def _best_sawtooth(time, values, frequency, lowest, highest) -> tuple[float, float, float, float]:
+    """Fit, frequency, phase and sign of the sawtooth that explains the most of the motion about its trend."""
+    found = []
+    for degree in TRENDS:
+        about = 2 * (time - time[0]) / (time[-1] - time[0]) - 1
+        powers = np.polynomial.legendre.legvander(about, degree)
+        rest = values - powers @ np.linalg.lstsq(powers, values, rcond=None)[0]
+        tried = frequency or _coarse_frequency(time, rest, lowest, highest)
+        if frequency is None:
+            tried = _finer_frequency(time, rest, tried, lowest, highest)
+        # Of two or three cycles a curved trend would explain too much.
+        if degree == 1 or tried * (time[-1] - time[0]) > degree:
+            fit, phase, sign = _sawtooth(time, rest, tried)
+            found.append((fit, tried, phase, sign))
+        if found[0][0] > CLEAR_FIT:
+            break
+    return max(found)
 
 
 def _coarse_frequency(time, rest, lowest, highest) -> float:
@@ -196,7 +213,11 @@ def _slips(time, values, frequency, expected, sign) -> np.ndarray:
         near = np.flatnonzero(np.abs(middle - moment) <= 0.15 / frequency)
         # A slip at the record's edge is cut off, and something else would be taken for it.
         if len(near) and abs(moment - time[0]) * frequency > 0.02 and abs(moment - time[-1]) * frequency > 0.02:
-            found[index] = middle[near[np.argmax(change[near])]]
+            # Several spans hold the same jump; its time is their mean.
+            most = near[np.argmax(change[near])]
+            beside = slice(max(most - lag, 0), most + lag + 1)
+            weight = np.maximum(change[beside] - 0.5 * change[most], 0.0)
+            found[index] = weight @ middle[beside] / weight.sum() if change[most] > 0 else np.nan
     return found
 
 

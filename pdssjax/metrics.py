@@ -25,8 +25,10 @@ The functions on cycles work under `jit`, `vmap` and `grad`; they take the numbe
 Python number, since it is the shape of what they return.
 """
 
+from functools import partial
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.ops import segment_max, segment_min, segment_sum
@@ -95,6 +97,7 @@ class ForceMetrics(NamedTuple):
     mean: Float[Array, " cycles"]
 
 
+@partial(jax.jit, static_argnames="cycles")
 def cycle_metrics(
     time: Samples,
     displacement: Samples,
@@ -122,6 +125,7 @@ def cycle_metrics(
     return CycleMetrics(stroke, stroke - net, net, net / stroke, net * frequency, noise[:-1])
 
 
+@partial(jax.jit, static_argnames="slips")
 def turning_points(
     time: Samples,
     displacement: Samples,
@@ -150,6 +154,7 @@ def turning_points(
     return TurningPoints(segment_max(before, group, slips + 1)[:-1], segment_min(after, group, slips + 1)[:-1])
 
 
+@partial(jax.jit, static_argnames="cycles")
 def force_metrics(
     time: Samples,
     force: Samples,
