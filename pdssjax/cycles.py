@@ -106,6 +106,11 @@ def _counted(time, values, frequency, start, sign, given, where) -> Cycles:
     stroke = cycle_metrics(time, values, frequency, first + good[0] / frequency, len(good) - 1).stroke
     falls = bool(np.median(np.asarray(stroke)) < 0)
     count, begins = len(good) - 1, float(first + good[0] / frequency)
+    if given is None and count < 2:
+        raise InputError(
+            f"{where}: found one complete cycle at most, from which no frequency can be told, "
+            "expected the drive's frequency or a longer record."
+        )
     # How well a sawtooth fits is asked of the cycles alone, not of the rest before and after.
     used = (time >= begins) & (time <= begins + (count + 1) / frequency)
     fit, *_ = _best_sawtooth(time[used], values[used], frequency, frequency, frequency)

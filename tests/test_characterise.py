@@ -211,6 +211,12 @@ def test_time_that_goes_back_is_refused_with_its_line(tmp_path):
         characterise(written(tmp_path / "walk.csv", time, MOTION))
 
 
+def test_a_single_slip_tells_no_frequency(tmp_path):
+    time, motion = walk(1.6, 5.0, phase=0.2)
+    with pytest.raises(InputError, match="found"):
+        characterise(written(tmp_path / "walk.csv", time, noisy(motion)))
+
+
 def test_noise_alone_has_no_cycles(tmp_path):
     with pytest.raises(InputError, match="found"):
         characterise(written(tmp_path / "noise.csv", TIME, np.random.default_rng(1).normal(size=len(TIME))))
