@@ -142,6 +142,9 @@ class StickSlip(eqx.Module):
         others = len(stage.guards(segment, after, x.stage))
         stopped = x._replace(v=jnp.zeros_like(x.v))
         reversed_mode = self._mode_at_rest(segment, after, stopped, came=mode)
+        # What held the contact tells by its margin which way it goes, however slowly that begins.
+        let_go = jnp.where(which == 0, ADVANCING, RETREATING)
+        reversed_mode = jnp.where(mode == STUCK, let_go, reversed_mode)
         turned = friction.turned(x.memory, reversed_mode)
         turns = which < 2
         begins = turns & (jnp.abs(reversed_mode) == 1.0)
