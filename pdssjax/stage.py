@@ -31,8 +31,8 @@ class Stage(eqx.Module):
 
     @property
     def jumps(self) -> bool:
-        """The state may jump at the corners of the drive."""
-        return self.amplifier is None and type(self.piezo).entered is not AbstractPiezo.entered
+        """The state of the piezo may jump at the corners of the drive."""
+        return type(self.piezo).entered is not AbstractPiezo.entered
 
     def initial(self) -> Driven:
         supply = () if self.amplifier is None else self.amplifier.initial()
@@ -68,9 +68,12 @@ class Stage(eqx.Module):
 
     def entered(self, segment: Segment, x: Driven) -> Driven:
         """The state just after the corner that opens `segment`."""
-        if self.amplifier is not None:
-            return x._replace(supply=self.amplifier.entered(x.supply, segment))
-        return x._replace(stack=self.piezo.entered(x.stack, segment))
+        if self.amplifier is None:
+            return x._replace(stack=self.piezo.entered(x.stack, segment))
+        x = x._replace(supply=self.amplifier.entered(x.supply, segment))
+        # Behind an amplifier the voltage does not jump, but its rate may, and change its sign.
+        fed = self.voltage(segment, 0.0, x)
+        return x._replace(stack=self.piezo.entered(x.stack, Segment(segment.duration, fed.level, fed.slope)))
 
     def guards(self, segment: Segment, after, x: Driven) -> tuple:
         """Positive while piezo and amplifier keep their form: first the piezo's guards."""
