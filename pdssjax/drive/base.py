@@ -4,6 +4,7 @@ import abc
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from ..series import cosine_and_sine
@@ -88,3 +89,38 @@ class AbstractDrive(eqx.Module):
         first, every = cycle
         length = sum(float(self.segment(first + i).duration) for i in range(every))  # pyright: ignore[reportArgumentType]
         return first + every * (int(max(until, 0.0) / length) + 2)
+
+
+def flank(
+    index: Any, period: Any, fall: Any, voltage: Any, direction: Any
+) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""], Any]:
+    """The piece `index` of a drive of two flanks a cycle: a fast one, over `fall` [s], then a slow one.
+
+    Forward (`direction` 1) the slow flank rises, and the first cycle has no fast one, since it
+    starts at 0 V; backward (-1) the fast flank rises, from the first cycle on.
+
+    **Returns:** its duration [s], its voltage just after the corner that opens it [V], the change
+    [V] over it, and whether it is the fast one.
+    """
+    fast = index % 2 == 0
+    fall = first_fall(index, period, fall, direction)
+    length = jnp.where(fast, fall, period - fall)
+    falls = fast == (direction > 0)
+    change = jnp.where(falls, -1.0, 1.0) * voltage
+    start = jnp.where(length > 0, jnp.where(falls, voltage, 0.0), 0.5 * voltage)
+    return length, start, change, fast
+
+
+def first_fall(index: Any, period: Any, fall: Any, direction: Any) -> Float[Array, ""]:
+    """Duration [s] of the fast flank of the cycle that holds the piece `index`."""
+    # A fit may try a fall longer than the cycle; time must not run backwards then.
+    fall = jnp.minimum(jnp.asarray(fall, float), period)
+    return jnp.where((index < 2) & (direction > 0), 0.0, fall)
+
+
+def progress(time: Any, period: Any, fall: Any, direction: Any) -> tuple[Any, Any]:
+    """How far `time` [s] is into its flank, from 0 to 1, and whether that is the fast one."""
+    phase = jnp.mod(time, period)
+    fall = first_fall(jnp.where(time < period, 0, 2), period, fall, direction)
+    fast = phase < fall
+    return jnp.where(fast, phase / jnp.where(fast, fall, 1.0), (phase - fall) / (period - fall)), fast

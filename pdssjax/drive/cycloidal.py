@@ -1,0 +1,46 @@
+"""A sawtooth whose slow flank is a cycloid, so that it begins and ends without a jerk.
+
+With T = 1/frequency, amplitude V and fall time tf the slow flank, of length T' = T - tf, follows
+
+    u = V (s / T' - sin(2 pi s / T') / (2 pi)),   s from 0 to T',
+
+forward; backward it falls by as much from V.  The fast flank is straight, and the first
+forward cycle rises over T, as those of the sawtooth.  The cycloid is the rise of a cycloidal
+cam: velocity and acceleration vanish at its begin, acceleration at its end.
+"""
+
+import jax.numpy as jnp
+
+from ..quantity import choice, quantity
+from .base import AbstractDrive, Segment, Wave, flank, progress
+
+
+class Cycloidal(AbstractDrive):
+    """Two segments a cycle: the fast flank, of zero length where it is ideal, then the cycloid."""
+
+    voltage: float = quantity(64.2, "V", positive=False)
+    """Peak voltage V [V]."""
+    frequency: float = quantity(5.0, "Hz")
+    """Cycles a second [Hz]."""
+    fall_time: float = quantity(0.0, "s", positive=False, low=0.0, optional=True)
+    """Duration of the fast flank tf [s]; 0 is a jump."""
+    direction: float = choice({"forward": 1.0, "backward": -1.0})
+    """Forward: slow rise and fast fall; backward: fast rise and slow fall."""
+
+    def segment(self, index):
+        period = 1.0 / self.frequency
+        length, start, change, fast = flank(index, period, self.fall_time, self.voltage, self.direction)
+        moves = length > 0
+        lasts = jnp.where(moves, length, 1.0)
+        # - sin x = cos(x + pi / 2)
+        wave = Wave(jnp.where(fast, 0.0, change / (2.0 * jnp.pi)), 2.0 * jnp.pi / lasts, 0.5 * jnp.pi)
+        return Segment(length, start, jnp.where(moves, change / lasts, 0.0), wave)
+
+    def at(self, time):
+        part, fast = progress(time, 1.0 / self.frequency, self.fall_time, self.direction)
+        part = jnp.where(fast, part, part - jnp.sin(2.0 * jnp.pi * part) / (2.0 * jnp.pi))
+        level = jnp.where(fast == (self.direction > 0), 1.0 - part, part)
+        return jnp.where(time < 0, 0.0, self.voltage * level)
+
+    def period(self):
+        return (2, 2)

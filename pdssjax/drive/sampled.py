@@ -1,0 +1,56 @@
+"""Any voltage, from samples: what a generator was told to make, or what was measured at the piezo.
+
+Between the samples the voltage is a straight line, or is held.  From t = 0 to the first
+sample the first voltage holds, after the last sample the last one, for good.
+"""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..quantity import choice
+from .base import AbstractDrive, Segment
+
+
+def _array(given: Any) -> Any:
+    # Left to numpy, they keep their precision whenever JAX learns of its own.
+    return given if isinstance(given, jax.Array) else np.asarray(given, float)
+
+
+class Sampled(AbstractDrive):
+    """One segment a sample, the wait for the first one before them."""
+
+    times: Any = eqx.field(default=(0.0, 0.1, 0.2), converter=_array)
+    """Sample times [s], ascending, from 0 on; shape (n,)."""
+    voltages: Any = eqx.field(default=(0.0, 64.2, 0.0), converter=_array)
+    """Voltages [V], shape (n,)."""
+    interpolation: Any = choice({"linear": 1.0, "held": 0.0})
+    """Linear: straight lines from sample to sample; held: each voltage until the next sample."""
+
+    def segment(self, index):
+        times, voltages = jnp.asarray(self.times, float), jnp.asarray(self.voltages, float)
+        last = times.shape[0]
+        here = jnp.clip(jnp.asarray(index, float).astype(int), 0, last)
+        opens, closes = jnp.maximum(here - 1, 0), jnp.minimum(here, last - 1)
+        waits = here == 0
+        length = jnp.where(waits, times[0], jnp.where(here == last, jnp.inf, times[closes] - times[opens]))
+        # The wait opens at 0 V; of no length, it is half a jump.
+        start = jnp.where(waits & (length == 0), 0.5, 1.0) * voltages[opens]
+        sloped = (here > 0) & (here < last)
+        rise = self.interpolation * (voltages[closes] - voltages[opens])
+        return Segment(length, start, jnp.where(sloped, rise / jnp.where(sloped, length, 1.0), 0.0))
+
+    def at(self, time):
+        times, voltages = jnp.asarray(self.times, float), jnp.asarray(self.voltages, float)
+        held = voltages[jnp.clip(jnp.searchsorted(times, time, side="right") - 1, 0)]
+        level = jnp.where(jnp.asarray(self.interpolation) > 0.5, jnp.interp(time, times, voltages), held)
+        return jnp.where(time < 0, 0.0, level)
+
+    def period(self):
+        return None
+
+    def segments(self, until):
+        return int(np.searchsorted(np.asarray(self.times), until)) + 2

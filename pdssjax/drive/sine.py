@@ -1,0 +1,36 @@
+"""A sine that starts at its lowest point, at 0 V unless it is shifted.
+
+    u = b + V/2 (1 - cos(2 pi f t + phi))
+
+With bias b or phase phi the voltage jumps at t = 0, where the drive sets in.
+"""
+
+import jax.numpy as jnp
+
+from ..quantity import quantity
+from .base import AbstractDrive, Segment, Wave
+
+
+class Sine(AbstractDrive):
+    """One segment a period."""
+
+    voltage: float = quantity(64.2, "V", positive=False)
+    """Peak to peak voltage V [V]."""
+    frequency: float = quantity(5.0, "Hz")
+    """Periods a second f [Hz]."""
+    bias: float = quantity(0.0, "V", positive=False, optional=True)
+    """Lowest voltage b [V]; the highest of a negative V."""
+    phase: float = quantity(0.0, "rad", positive=False, optional=True)
+    """Phase phi at t = 0 [rad]; pi starts at the highest point."""
+
+    def segment(self, index):
+        wave = Wave(-0.5 * self.voltage, 2.0 * jnp.pi * self.frequency, jnp.asarray(self.phase, float))
+        middle = jnp.asarray(self.bias + 0.5 * self.voltage, float)
+        return Segment(1.0 / jnp.asarray(self.frequency, float), middle, jnp.zeros(()), wave)
+
+    def at(self, time):
+        turn = 2.0 * jnp.pi * self.frequency * time + self.phase
+        return jnp.where(time < 0, 0.0, self.bias + 0.5 * self.voltage * (1.0 - jnp.cos(turn)))
+
+    def period(self):
+        return (0, 1)

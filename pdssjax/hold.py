@@ -1,0 +1,42 @@
+"""The staircase that a digital-to-analogue converter makes of a voltage: zero-order hold."""
+
+from typing import Any
+
+import jax.numpy as jnp
+
+from .drive.base import AbstractDrive, Segment
+from .quantity import quantity
+
+_LATE = 1e-6
+"""Part of an interval after its begin at which the voltage is read: a jump that falls on the begin is over then."""
+
+
+class Held(AbstractDrive):
+    """`drive`, read once every `interval` and held until the next time; it jumps at every corner."""
+
+    drive: AbstractDrive
+    interval: float = quantity(50e-6, "s")
+    """Time between two values [s]."""
+
+    def segment(self, index):
+        index = jnp.asarray(index, float)
+        return Segment(jnp.asarray(self.interval, float), self._read(index), jnp.zeros(()))
+
+    def at(self, time):
+        # Rounding must not put the begin of an interval into the one before.
+        return jnp.where(time < 0, 0.0, self._read(jnp.floor(time / self.interval + 1e-9)))
+
+    def period(self):
+        # The period of the drive need not be a whole number of intervals.
+        return None
+
+    def segments(self, until):
+        return int(max(until, 0.0) / float(self.interval)) + 2
+
+    def _read(self, index):
+        return self.drive.at((index + _LATE) * self.interval)
+
+
+def waveform(drive: Any) -> Any:
+    """The drive itself, or what a `Held` holds."""
+    return drive.drive if isinstance(drive, Held) else drive
