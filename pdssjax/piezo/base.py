@@ -10,11 +10,21 @@ import abc
 from typing import Any, ClassVar
 
 import equinox as eqx
+import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..drive.base import Segment, Voltage
 
 State = tuple[Any, ...]
+
+_LOOK_AHEAD = 1e-9
+"""Time [s] by which the direction of a voltage at its turning point is told."""
+
+
+def heading(voltage: Voltage, before: Any) -> Any:
+    """1 where a voltage rises or is about to, -1 where it falls; `before` where it stays."""
+    slope = voltage.slope + _LOOK_AHEAD * voltage.bend
+    return jnp.where(slope > 0.0, 1.0, jnp.where(slope < 0.0, -1.0, before))
 
 
 class AbstractPiezo(eqx.Module):
@@ -33,6 +43,9 @@ class AbstractPiezo(eqx.Module):
     creep along steadily in the end.  A model that creeps or remembers for long says False,
     and every moment of it is integrated.
     """
+
+    yields: ClassVar[bool] = True
+    """A force moves the platform: friction can act back on it."""
 
     mass: eqx.AbstractVar[Any]
     """Moving mass that a force on the platform accelerates at first [kg]; only friction feedback (5.25) uses it."""

@@ -2,13 +2,12 @@
 
     y'' + 2 xi w y' + w^2 y = C w^2 u   [ - F / m_g with friction feedback (5.25) ]
 
-On a straight piece of voltage u = u0 + k s it moves as
-y = C (u - 2 xi k / w) + a damped oscillation, exactly; a harmonic of the voltage adds its
-own response.
+Its motion is known in closed form on every segment of a drive (`pdssjax.oscillator`).
 """
 
 import jax.numpy as jnp
 
+from ..oscillator import accelerated, forced, tends_to, underdamped
 from ..quantity import quantity
 from .base import AbstractPiezo
 
@@ -38,41 +37,20 @@ class SecondOrder(AbstractPiezo):
 
     def acceleration(self, state, voltage):
         y, w = state
-        rate = self.natural_frequency
-        return rate * (rate * (self.gain * voltage.level - y) - 2.0 * self.damping_ratio * w)
+        return accelerated(y, w, self.gain * voltage.level, self.natural_frequency, self.damping_ratio)
 
     def steady(self, state, segment, after, force):
-        lag = 2.0 * self.damping_ratio / self.natural_frequency
-        level = segment.start + segment.slope * (after - lag)
-        yields = force / (self.mass * self.natural_frequency**2)
-        return self.gain * level + yields, self.gain * segment.slope
+        y, w = tends_to(*self._system(), segment, after)
+        return y + force / (self.mass * self.natural_frequency**2), w
 
     def motion(self, state, segment, after, lapse):
-        y0, w0 = self._forced(segment, after)
-        y1, w1 = self._forced(segment, after + lapse)
-        decay = self.damping_ratio * self.natural_frequency
-        ring = self.natural_frequency * jnp.sqrt(1.0 - self.damping_ratio**2)
-        a = state[0] - y0
-        b = (state[1] - w0 + decay * a) / ring
-        fade = jnp.exp(-decay * lapse)
-        c, s = fade * jnp.cos(ring * lapse), fade * jnp.sin(ring * lapse)
-        oscillation = a * c + b * s
-        return y1 + oscillation, w1 - decay * oscillation + ring * (b * c - a * s)
+        y0, w0 = forced(*self._system(), segment, after)
+        y1, w1 = forced(*self._system(), segment, after + lapse)
+        y, w = underdamped(state[0] - y0, state[1] - w0, self.natural_frequency, self.damping_ratio, lapse)
+        return y1 + y, w1 + w
 
-    def _forced(self, segment, after):
-        """The response that the segment forces, without the transient."""
-        y, w = self.steady((), segment, after, 0.0)
-        if segment.wave is None:
-            return y, w
-        amplitude, rate, phase = segment.wave
-        ratio = rate / self.natural_frequency
-        stiff, lossy = 1.0 - ratio**2, 2.0 * self.damping_ratio * ratio
-        size = self.gain * amplitude / (stiff**2 + lossy**2)
-        cosine, sine = jnp.cos(rate * after + phase), jnp.sin(rate * after + phase)
-        return (
-            y + size * (stiff * cosine + lossy * sine),
-            w + size * rate * (lossy * cosine - stiff * sine),
-        )
+    def _system(self):
+        return self.gain, self.natural_frequency, self.damping_ratio
 
     def length(self):
         return jnp.ones(()), 1.0 / self.fastest()

@@ -1,0 +1,78 @@
+"""A second-order system under a segment of voltage, in closed form.
+
+    y'' + 2 xi w y' + w^2 y = C w^2 u
+
+On a straight piece u = u0 + k s it tends to y = C (u - 2 xi k / w); a harmonic of the
+voltage adds its own response; what is left of the begin fades as the free oscillation does.
+"""
+
+from typing import Any
+
+import jax.numpy as jnp
+
+from .drive.base import Segment
+
+
+def tends_to(gain: Any, frequency: Any, damping: Any, segment: Segment, after: Any) -> tuple[Any, Any]:
+    """Displacement [m] and velocity [m/s] to which the system tends, `after` [s] into a straight segment."""
+    lag = 2.0 * damping / frequency
+    return gain * (segment.start + segment.slope * (after - lag)), gain * segment.slope
+
+
+def forced(gain: Any, frequency: Any, damping: Any, segment: Segment, after: Any) -> tuple[Any, Any]:
+    """Displacement [m] and velocity [m/s] that a segment forces, its harmonic included, without the transient."""
+    y, w = tends_to(gain, frequency, damping, segment, after)
+    if segment.wave is None:
+        return y, w
+    amplitude, rate, phase = segment.wave
+    ratio = rate / frequency
+    stiff, lossy = 1.0 - ratio**2, 2.0 * damping * ratio
+    size = gain * amplitude / (stiff**2 + lossy**2)
+    cosine, sine = jnp.cos(rate * after + phase), jnp.sin(rate * after + phase)
+    return (
+        y + size * (stiff * cosine + lossy * sine),
+        w + size * rate * (lossy * cosine - stiff * sine),
+    )
+
+
+def underdamped(y: Any, w: Any, frequency: Any, damping: Any, lapse: Any) -> tuple[Any, Any]:
+    """The free motion `lapse` [s] after displacement y [m] and velocity w [m/s]; damping ratio below 1."""
+    decay = damping * frequency
+    ring = frequency * jnp.sqrt(1.0 - damping**2)
+    b = (w + decay * y) / ring
+    fade = jnp.exp(-decay * lapse)
+    c, s = fade * jnp.cos(ring * lapse), fade * jnp.sin(ring * lapse)
+    oscillation = y * c + b * s
+    return oscillation, -decay * oscillation + ring * (b * c - y * s)
+
+
+def damped(y: Any, w: Any, frequency: Any, damping: Any, lapse: Any) -> tuple[Any, Any]:
+    """The free motion as above, for any damping ratio.
+
+    With z = (xi^2 - 1)(w t)^2 the fundamental solutions are e^(-xi w t) times C = cos or cosh and
+    S = sin or sinh of sqrt|z|, over it; both are even, so that nothing happens at xi = 1.
+    """
+    decay = damping * frequency
+    square = (damping**2 - 1.0) * frequency**2
+    z = square * lapse**2
+    near = jnp.abs(z) < 1e-3
+    under = jnp.sqrt(jnp.where(near | (z > 0.0), 1.0, -z))
+    over = jnp.sqrt(jnp.where(near | (z < 0.0), 1.0, z))
+    middle = jnp.where(near, z, 0.0)
+    fade = jnp.exp(-decay * lapse)
+    # The slow root of an overdamped system, free of cancellation.
+    slow = jnp.exp(-((frequency * lapse) ** 2) / (decay * lapse + over))
+    fast = jnp.exp(-decay * lapse - over)
+    grown = z > 0.0
+    c = jnp.where(grown, 0.5 * (slow + fast), fade * jnp.cos(under))
+    s = jnp.where(grown, 0.5 * (slow - fast) / over, fade * jnp.sin(under) / under)
+    c = jnp.where(near, fade * (1.0 + middle * (1.0 / 2 + middle * (1.0 / 24 + middle / 720))), c)
+    s = jnp.where(near, fade * (1.0 + middle * (1.0 / 6 + middle * (1.0 / 120 + middle / 5040))), s)
+    push = w + decay * y
+    moved = y * c + push * lapse * s
+    return moved, push * c + y * square * lapse * s - decay * moved
+
+
+def accelerated(y: Any, w: Any, drives: Any, frequency: Any, damping: Any) -> Any:
+    """y'' [m/s2] at displacement y and velocity w where `drives` is C u [m]; numbers or series."""
+    return frequency * (frequency * (drives - y) - 2.0 * damping * w)

@@ -1,0 +1,121 @@
+"""A second-order system with the hysteresis of Bouc and Wen between the voltage and what drives it.
+
+    y'' + 2 xi w y' + w^2 (y - C u + h) = 0   [ - F / m_g with friction feedback (5.25) ]
+    h' = a C u' - b |u'| h - g u' |h|
+
+h lags behind the voltage and does not know how fast that goes: along the path of u it obeys
+dh/du = a C - (b + g) h on a loading branch (u' and h of one sign), with b - g for b + g while h
+still has the sign of the turn before.  A long loading branch ends at h = a C / (b + g); after a
+turn the platform first follows with C (1 - a) per volt and in the end with C, so a loop on
+the plane of y and u runs counter-clockwise, as that of a piezo ceramic.  On such a branch h is
+exponential in u, and a jump of the voltage is passed exactly.  With |g| up to b no path
+creates energy.
+
+Flags tell the signs of u' and h; within one set of them all is smooth.
+
+T. S. Low and W. Guo, Journal of Microelectromechanical Systems 4(4), 1995.
+"""
+
+import jax.numpy as jnp
+
+from ..oscillator import accelerated
+from ..quantity import quantity
+from .base import AbstractPiezo, heading
+
+
+class BoucWen(AbstractPiezo):
+    """Displacement y, velocity, hysteresis h [m], voltage seen [V]; then flags: the signs of u' and of h."""
+
+    settles = False
+
+    gain: float = quantity(1.007e-7, "m/V")
+    """Displacement per volt C at the end of a long branch [m/V]."""
+    natural_frequency: float = quantity(6736.0, "rad/s")
+    """Undamped natural frequency w [rad/s]."""
+    damping_ratio: float = quantity(0.1772, "", high=1.0)
+    """Damping ratio xi [1], below 1."""
+    alpha: float = quantity(0.3, "", positive=False, low=0.0, high=1.0)
+    """Part a of the gain that is missing right after a turn [1]; 0 takes the hysteresis away."""
+    beta: float = quantity(0.03, "1/V")
+    """Rate b with which h forgets along the path [1/V]."""
+    gamma: float = quantity(0.01, "1/V", positive=False)
+    """Difference g of that rate between loading and unloading, halved [1/V]; from -beta to beta."""
+    mass: float = quantity(0.56, "kg", optional=True)
+    """Moving mass of stack and platform m_g [kg]; only friction feedback (5.25) uses it."""
+
+    def initial(self):
+        zero = jnp.zeros(())
+        return zero, zero, zero, zero, zero + 1.0, zero + 1.0
+
+    def rate(self, state, voltage, force):
+        _, w, h, _, rises, sign = state
+        slope = voltage.slope
+        lags = slope * (self.alpha * self.gain) - slope * h * (rises * self.beta + sign * self.gamma)
+        return w, self.acceleration(state, voltage) + force * (1.0 / self.mass), lags, slope, 0, 0
+
+    def platform(self, state):
+        return state[0], state[1]
+
+    def acceleration(self, state, voltage):
+        y, w, h, *_ = state
+        return accelerated(y, w, voltage.level * self.gain - h, self.natural_frequency, self.damping_ratio)
+
+    def steady(self, state, segment, after, force):
+        return state
+
+    def guards(self, state, voltage):
+        _, _, h, _, rises, sign = state
+        return h * 0.0 + voltage.slope * rises, h * (sign * (1.0 / self.gain))
+
+    def passed(self, state, voltage, which):
+        y, w, h, seen, rises, sign = state
+        return y, w, h, seen, jnp.where(which == 0, -rises, rises), jnp.where(which == 1, -sign, sign)
+
+    def entered(self, state, segment):
+        y, w, h, seen, rises, _ = state
+        voltage = segment.voltage(0.0)
+        h = self._jumped(h, voltage.level - seen)
+        rises = heading(voltage, rises)
+        return y, w, h, voltage.level, rises, jnp.where(h == 0.0, rises, jnp.where(h > 0.0, 1.0, -1.0))
+
+    def _jumped(self, h, change):
+        """h after the voltage has run a way of `change` [V]: unloading until h vanishes, loading then."""
+        path, side = jnp.abs(change), jnp.where(change < 0.0, -1.0, 1.0)
+        ahead = side * h
+        unloads, loads = self.beta - self.gamma, self.beta + self.gamma
+        slope = self.alpha * self.gain
+        behind = jnp.minimum(ahead, 0.0)
+        # The way on which the unloading branch reaches h = 0; it may never.
+        growth = -behind * unloads / jnp.where(slope > 0.0, slope, 1.0)
+        far = jnp.where((growth > -1.0) & (slope > 0.0), -behind / jnp.where(slope > 0.0, slope, 1.0), jnp.inf)
+        way = jnp.where(jnp.isfinite(far), jnp.where(jnp.isfinite(far), far, 0.0) * _log_ratio(growth), jnp.inf)
+        first = jnp.minimum(way, path)
+        rest = path - first
+        unloaded = jnp.where(first < way, _branch(behind, slope, unloads, first), 0.0)
+        begun = jnp.where(ahead < 0.0, unloaded, ahead)
+        return side * _branch(begun, slope, loads, rest)
+
+    def length(self):
+        one = jnp.ones(())
+        return one, 1.0 / self.fastest(), one, self.per_volt(), one, one
+
+    def per_volt(self):
+        return jnp.asarray(self.gain, float)
+
+    def fastest(self):
+        return jnp.asarray(self.natural_frequency, float)
+
+
+def _branch(h, slope, rate, path):
+    """h after a way of `path` [V] with dh = (slope - rate h) du."""
+    x = rate * path
+    safe = jnp.where(jnp.abs(x) < 1e-5, 1.0, x)
+    part = jnp.where(jnp.abs(x) < 1e-5, 1.0 - x * (0.5 - x / 6.0), -jnp.expm1(-safe) / safe)
+    return h + (slope - rate * h) * path * part
+
+
+def _log_ratio(x):
+    """log(1 + x) / x; for x > -1."""
+    near = jnp.abs(x) < 1e-5
+    safe = jnp.where(near | (x <= -1.0), 1.0, x)
+    return jnp.where(near, 1.0 - x * (0.5 - x / 3.0), jnp.log1p(safe) / safe)

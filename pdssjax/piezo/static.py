@@ -1,0 +1,67 @@
+"""A stack and platform without dynamics (1.1, 1.2): the platform is where the voltage puts it.
+
+    y = C u
+
+For voltages so slow that nothing rings.  A jump of the voltage would move the platform at
+once, with an acceleration that knows no bound: what an end-effector then does is not told by
+this model.  Nor does a force move the platform, so friction does not act back on it.
+"""
+
+from typing import ClassVar
+
+import jax.numpy as jnp
+
+from ..quantity import quantity
+from .base import AbstractPiezo
+
+_FAST = 1e4
+"""Angular frequency [rad/s] that sets the scale between velocity and displacement: that of common stacks."""
+
+
+class Static(AbstractPiezo):
+    """Gain alone; displacement and velocity jump with the voltage and its rate."""
+
+    closed = True
+    yields: ClassVar[bool] = False
+
+    gain: float = quantity(1.007e-7, "m/V")
+    """Displacement per volt C [m/V]."""
+
+    @property
+    def mass(self):
+        """Infinite [kg]: no force moves the platform."""
+        return jnp.asarray(jnp.inf)
+
+    def initial(self):
+        return (jnp.zeros(()), jnp.zeros(()))
+
+    def rate(self, state, voltage, force):
+        return state[1], self.acceleration(state, voltage)
+
+    def platform(self, state):
+        return state
+
+    def acceleration(self, state, voltage):
+        return state[0] * 0.0 + voltage.bend * self.gain
+
+    def steady(self, state, segment, after, force):
+        return self._at(segment, after)
+
+    def motion(self, state, segment, after, lapse):
+        return self._at(segment, after + lapse)
+
+    def entered(self, state, segment):
+        return self._at(segment, 0.0)
+
+    def _at(self, segment, after):
+        voltage = segment.voltage(after)
+        return self.gain * voltage.level, self.gain * voltage.slope
+
+    def length(self):
+        return jnp.ones(()), 1.0 / self.fastest()
+
+    def per_volt(self):
+        return jnp.asarray(self.gain, float)
+
+    def fastest(self):
+        return jnp.asarray(_FAST)
