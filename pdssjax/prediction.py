@@ -6,7 +6,6 @@ the compiler sees the march once.
 """
 
 import dataclasses
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -21,6 +20,7 @@ from .actuator import Actuator
 from .amplifier import Amplifier
 from .drive.base import AbstractDrive
 from .effector import Effector, Stop
+from .hold import waveform
 from .integration import Accuracy
 from .quantity import quantities
 from .records import Record
@@ -153,8 +153,8 @@ def _predict(group: _Group, models: Models, values: Values, accuracy: Accuracy) 
     def one(drive, own, times, on_platform):
         for field, declared in own.items():
             if (path := f"drive.{field}") in values:
-                shared = jnp.where(declared, getattr(drive, field), values[path])
-                drive = eqx.tree_at(lambda d, field=field: getattr(d, field), drive, shared)
+                shared = jnp.where(declared, getattr(waveform(drive), field), values[path])
+                drive = eqx.tree_at(lambda d, field=field: getattr(waveform(d), field), drive, shared)
         if group.kind == "closed":
             return platform(actuator.piezo, drive, times - sensor.delay, group.segments)
         if group.kind == "unloaded":
@@ -169,7 +169,7 @@ def _group(records: Sequence[Record], places: Sequence[int], kind: str) -> _Grou
     padded = lambda a: np.pad(a, (0, longest - a.size), mode="edge")
     drives = [jax.tree.map(lambda leaf: jnp.asarray(leaf, float), record.drive) for record in records]
     first = records[0].drive
-    fields = {} if first is None else quantities(type(first))
+    fields = {} if first is None else quantities(type(waveform(first)))
     motions = [record.motion for record in records if record.motion is not None]
     return _Group(
         drives=None if first is None else jax.tree.map(lambda *leaves: jnp.stack(leaves), *drives),

@@ -10,10 +10,10 @@ import numpy as np
 from .columns import read_csv
 from .drive.base import AbstractDrive
 from .errors import InputError, InputWarning
-from .family import member, members
-from .quantity import Quantity, choices, quantities
+from .hold import waveform
 from .tables import Table
 from .units import to_si
+from .waveforms import check_times, read_drive
 
 _COLUMNS = {
     "platform": {"time": "s", "displacement": "m"},
@@ -84,7 +84,8 @@ def read_record(table: Table, folder: Path, virtual: bool = False) -> Record:
     unit = list(_COLUMNS[measures].values())[-1]
     drive, own = None, frozenset()
     if measures != "friction":
-        drive, own = read_drive(table.table("drive", 'a table such as { waveform = "step", voltage = "48.2 V" }'))
+        described = table.table("drive", 'a table such as { waveform = "step", voltage = "48.2 V" }')
+        drive, own = read_drive(described, table, folder)
     elif "drive" in table.entries:
         raise InputError(
             f'{table.at("drive")}: found a drive, expected none: the "motion" of a friction record is prescribed.'
@@ -110,32 +111,6 @@ def read_record(table: Table, folder: Path, virtual: bool = False) -> Record:
         resolution=_positive(table, "resolution", unit) or 0.0,
         columns=columns,
     )
-
-
-def read_drive(table: Table) -> tuple[AbstractDrive, frozenset[str]]:
-    """The drive that a record's `drive` table describes, and the fields it sets itself.
-
-    **Raises:** `InputError` if the waveform or a field is unknown, missing or illegal.
-    """
-    waveform = table.option("waveform", members("drive"))
-    drive = member("drive", waveform)
-    named, numbers = choices(drive), quantities(drive)
-    table.only(["waveform", *named, *numbers])
-    fields: dict[str, Any] = {key: table.option(key, options, next(iter(options))) for key, options in named.items()}
-    for key, declared in numbers.items():
-        if key in table.entries or not declared.optional:
-            fields[key] = table.quantity(key, declared)
-    _check_drive(fields, numbers, table)
-    return drive(**fields), frozenset(fields) & frozenset(table.entries)
-
-
-def _check_drive(fields: dict[str, Any], numbers: dict[str, Quantity], table: Table) -> None:
-    if fields.get("voltage") == 0:
-        raise InputError(f"{table.at('voltage')}: found 0 V, expected the voltage that moves the actuator.")
-    period = 1.0 / fields["frequency"] if "frequency" in fields else np.inf
-    for key, declared in numbers.items():
-        if declared.unit == "s" and fields.get(key, 0.0) >= period:
-            raise InputError(f"{table.at(key)}: found {fields[key]:g} s, expected less than the period, {period:g} s.")
 
 
 def _columns(table: Table, si_units: dict[str, str]) -> dict[str, tuple[str, str]]:
@@ -176,13 +151,7 @@ def _samples(
     names = {quantity: name for quantity, (name, _) in columns.items()}
     data, lines = read_csv(file, names, si_units, {quantity: unit for quantity, (_, unit) in columns.items()})
     time = data["time"]
-    late = np.flatnonzero(np.diff(time) <= 0)
-    if late.size:
-        before, here = time[late[0]], time[late[0] + 1]
-        raise InputError(
-            f'{file}: line {lines[late[0] + 1]}, column "{names["time"]}": found {here:.9g} s after {before:.9g} s, '
-            "expected times that increase."
-        )
+    check_times(file, names["time"], time, lines)
     keep = _kept(table, time)
     for quantity in list(si_units)[1:]:
         if np.all(data[quantity][keep] == data[quantity][keep][0]):
@@ -231,8 +200,10 @@ def _positive(table: Table, key: str, unit: str) -> float | None:
 def _warn(where: str, time: np.ndarray, drive: AbstractDrive | None) -> None:
     if drive is None:
         return
-    frequency = getattr(drive, "frequency", None)
+    frequency = getattr(waveform(drive), "frequency", None)
     period = 1.0 / frequency if frequency else _STEP_TIME
+    if hasattr(waveform(drive), "times"):
+        return  # samples say nothing of how long they should be
     interval = float(np.median(np.diff(time)))
     length = float(time[-1] - time[0])
     # A thousand times too long, a record has too few samples or too many periods to be true.

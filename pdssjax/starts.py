@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from .hold import waveform
 from .integration import Accuracy
 from .parameters import Parameter, scale
 from .prediction import Models
@@ -81,12 +82,43 @@ def _within(number: float, parameter: Parameter) -> float:
 
 
 def _piezo_from_data(records: Sequence[Record]) -> dict[str, float]:
-    steps = [r for r in records if r.measures == "platform" and r.drive.period() is None]
+    steps = [r for r in records if r.measures == "platform" and _is_step(r)]
     if steps:
         found = [_from_step(record) for record in steps]
         return {path: float(np.median([f[path] for f in found])) for path in found[0]}
-    flanks = [_flank_gain(r) for r in records if getattr(r.drive, "frequency", None)]
-    return {"piezo.gain": float(np.median(flanks))} if flanks else {}
+    flanks = [_flank_gain(r) for r in records if _frequency(r) and hasattr(waveform(r.drive), "fall_time")]
+    follows = [_range_gain(r) for r in records if r.measures == "platform"]
+    gains = flanks or follows
+    return {"piezo.gain": float(np.median(gains))} if gains else {}
+
+
+def _frequency(record: Record) -> float | None:
+    """Of a drive that repeats, held or not [Hz]."""
+    frequency = getattr(waveform(record.drive), "frequency", None)
+    return float(frequency) if frequency else None
+
+
+def _volts(record: Record) -> np.ndarray:
+    """The voltage at the samples [V]; 0 where none is applied."""
+    return np.zeros(1) if record.drive is None else np.asarray(record.drive.at(jnp.asarray(record.time)))
+
+
+def _amplitude(record: Record) -> float:
+    """Largest voltage [V]."""
+    given = getattr(waveform(record.drive), "voltage", None)
+    return float(np.max(np.abs(_volts(record)))) if given is None else abs(float(given))
+
+
+def _is_step(record: Record) -> bool:
+    """The voltage goes to one level within the first tenth of the record, and stays there."""
+    volts, last = _volts(record), record.time[-1]
+    late = volts[record.time > 0.1 * last]
+    return bool(late.size and abs(volts[-1]) > 0 and np.all(np.abs(late - volts[-1]) < 0.01 * abs(volts[-1])))
+
+
+def _range_gain(record: Record) -> float:
+    """A platform that hardly rings goes as far as the voltage does."""
+    return float(np.ptp(record.measured) / (np.ptp(_volts(record)) or 1.0))
 
 
 def _from_step(record: Record) -> dict[str, float]:
@@ -103,7 +135,7 @@ def _from_step(record: Record) -> dict[str, float]:
     damping = -logarithm / np.hypot(np.pi, logarithm)
     delay = max(float(time[after][peak]), float(np.median(np.diff(time))))
     return {
-        "piezo.gain": abs(end - zero) / abs(float(record.drive.voltage)),
+        "piezo.gain": abs(end - zero) / (abs(float(_volts(record)[-1])) or 1.0),
         "piezo.damping_ratio": float(damping),
         "piezo.natural_frequency": float(np.pi / delay / np.sqrt(1.0 - damping**2)),
     }
@@ -115,7 +147,7 @@ def _flank_gain(record: Record) -> float:
     Taken over a quarter of a period, so that noise and rounding matter little, and most of
     the spans hold no slip.
     """
-    drive: Any = record.drive
+    drive: Any = waveform(record.drive)
     interval = float(np.median(np.diff(record.time)))
     span = int(np.clip(0.25 / float(drive.frequency) / interval, 1, record.time.size - 1))
     rise = record.measured[span:] - record.measured[:-span]
@@ -129,12 +161,12 @@ def _ranges(models, known, unknown, parameters, records) -> dict[str, tuple[floa
     nominal = {f"piezo.{name}": q.nominal for name, q in quantities(models.piezo).items()}
     rate = value("piezo.natural_frequency", nominal.get("piezo.natural_frequency", 6e3))
     gain = value("piezo.gain", nominal.get("piezo.gain", 1e-7))
-    volts = max((abs(float(getattr(r.drive, "voltage", 0.0))) for r in records), default=1.0) or 1.0
+    volts = max((_amplitude(r) for r in records), default=1.0) or 1.0
     friction = models.friction.plausible(value("effector.mass", 0.1), gain * volts * rate**2, rate)
     ranges = {f"friction.{name}": ends for name, ends in friction.items()}
     ranges["piezo.natural_frequency"] = (0.3 * rate, 3.0 * rate)
     ranges["piezo.damping_ratio"] = (0.03, 0.6)
-    periods = [1.0 / float(r.drive.frequency) for r in records if getattr(r.drive, "frequency", None)]
+    periods = [1.0 / frequency for frequency in map(_frequency, records) if frequency]
     ranges["drive.fall_time"] = (1e-4, min(0.02, 0.1 * min(periods, default=0.1)))
     clipped = {}
     for path in unknown:
@@ -165,7 +197,7 @@ def _search(models, known, ranges, parameters, records) -> list[dict[str, float]
 
 def _beginning(record: Record) -> Record:
     """The first periods of a `record`: enough to tell a trial by, and quick where a contact never rests."""
-    frequency = getattr(record.drive, "frequency", None)
+    frequency = _frequency(record)
     if not frequency:
         return record
     kept = record.time <= record.time[0] + PERIODS / float(frequency)

@@ -15,6 +15,7 @@ from .amplifier import Amplifier
 from .effector import Effector, Stop
 from .errors import InputError, nearest
 from .family import member, members
+from .hold import Held, waveform
 from .integration import Accuracy
 from .parameters import Parameter, read_parameter
 from .prediction import Models, Predictor
@@ -130,6 +131,7 @@ def load_study(path: str | Path, virtual: bool = False) -> Study:
     )
     study = dataclasses.replace(study, parameters=_read_parameters(top, study))
     _check_durations(top, study)
+    _check_jumps(top, study)
     _check_samples(top, study)
     return study
 
@@ -198,7 +200,8 @@ def _required(study: Study, legal: dict[str, Quantity], listed: Iterable[str]) -
         needed |= {"stop"}
     paths = [path for path, declared in legal.items() if not declared.optional and path.split(".")[0] in needed]
     slews = "amplifier.slew" in listed
-    return paths + ["piezo.mass"] * study.feedback + ["amplifier.bandwidth"] * slews
+    carries = study.feedback and "piezo.mass" in legal
+    return paths + ["piezo.mass"] * carries + ["amplifier.bandwidth"] * slews
 
 
 def _read_parameters(top: Table, study: Study) -> dict[str, Parameter]:
@@ -230,13 +233,48 @@ def _check_durations(top: Table, study: Study) -> None:
         if family != "drive" or parameter.unit != "s" or given is None:
             continue
         for record in study.records:
-            frequency = getattr(record.drive, "frequency", None)
-            follows = hasattr(record.drive, field) and field not in record.own
+            frequency = getattr(waveform(record.drive), "frequency", None)
+            follows = hasattr(waveform(record.drive), field) and field not in record.own
             if frequency and follows and given >= 1.0 / frequency:
                 raise InputError(
                     f'{top.where}: parameters: key "{path}": found {given:g} s, '
                     f'expected less than the period {1.0 / frequency:g} s of record "{record.name}".'
                 )
+
+
+def _check_jumps(top: Table, study: Study) -> None:
+    """A platform that follows the voltage at once can carry no end-effector through a jump, nor feel it."""
+    if study.piezo.yields:
+        return
+    if study.feedback:
+        raise InputError(
+            f'{top.where}: actuator: key "feedback": found true, expected false: no force moves the platform of '
+            "this piezo."
+        )
+    if any(path.startswith("amplifier.") for path in study.parameters):
+        return
+    for record in study.records:
+        if record.measures in ("effector", "force") and _jumps(record, study.parameters):
+            raise InputError(
+                f'{top.where}: record "{record.name}": drive: found a voltage that jumps, expected a fall or rise time '
+                "above 0 or an amplifier: the platform of this piezo would jump, too, and what the end-effector then "
+                "does is not told."
+            )
+
+
+def _jumps(record: Record, parameters: Mapping[str, Parameter]) -> bool:
+    """Whether the voltage of a record has jumps."""
+    drive = record.drive
+    if isinstance(drive, Held):
+        return True
+    for field in ("fall_time", "rise_time"):
+        if hasattr(drive, field):
+            shared = parameters.get(f"drive.{field}")
+            if shared is None or field in record.own:
+                return float(getattr(drive, field)) == 0.0 and getattr(drive, "duty", 1.0) == 1.0
+            return not shared.free and shared.value == 0.0
+    sets_in = abs(float(drive.at(jnp.zeros(())))) > 0.0
+    return sets_in or float(getattr(drive, "interpolation", 1.0)) == 0.0
 
 
 def _check_samples(top: Table, study: Study) -> None:
