@@ -1,0 +1,122 @@
+"""The sensor's low-pass and delay, tilt, the force sensor in the way: each against another route."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import cumulative_simpson
+
+from pdssjax.actuator import Actuator
+from pdssjax.drive.sawtooth import Sawtooth
+from pdssjax.effector import GRAVITY, Effector, Stop
+from pdssjax.friction.simplified_lugre import SimplifiedLuGre
+from pdssjax.integration import Accuracy
+from pdssjax.piezo.second_order import SecondOrder
+from pdssjax.sensor import Sensor
+from pdssjax.simulation import measured, simulate
+from pdssjax.stick_slip import StickSlip
+from pdssjax.unloaded import Unloaded
+
+UM = 1e6
+DRIVE = Sawtooth(64.0, 50.0, 5e-4)
+TIMES = jnp.linspace(0.0, 0.05, 20001)
+"""Dense enough for a quadrature of the low-pass."""
+
+
+@jax.jit
+def run(effector):
+    return simulate(Actuator(SecondOrder(), SimplifiedLuGre(), effector), DRIVE, TIMES)
+
+
+@jax.jit
+def seen(bandwidth, delay, on_platform):
+    actuator = Actuator(SecondOrder(), SimplifiedLuGre())
+    return measured(StickSlip(actuator, DRIVE, Sensor(bandwidth, delay), on_platform), TIMES, Accuracy())
+
+
+@jax.jit
+def seen_unloaded(bandwidth, delay):
+    return measured(
+        Unloaded(Actuator(SecondOrder(), SimplifiedLuGre()).stage, DRIVE, Sensor(bandwidth, delay)), TIMES, Accuracy()
+    )
+
+
+def low_passed(motion: np.ndarray, bandwidth: float) -> np.ndarray:
+    """The convolution of a motion that starts from 0 with the filter's decay, by Simpson's rule."""
+    time, pole = np.asarray(TIMES), 2.0 * np.pi * bandwidth
+    grown = cumulative_simpson(motion * np.exp(pole * (time - time[-1])), x=time, initial=0.0)
+    return pole * np.exp(-pole * (time - time[-1])) * grown
+
+
+@pytest.mark.parametrize("on_platform", [0.0, 1.0])
+def test_the_sensor_shows_the_motion_low_passed(on_platform):
+    trajectory = run(Effector())
+    motion = np.asarray(trajectory.platform if on_platform else trajectory.effector)
+    shown = np.asarray(seen(300.0, 0.0, on_platform))
+    assert np.ptp(motion - shown) * UM > 0.1
+    np.testing.assert_allclose(shown * UM, low_passed(motion, 300.0) * UM, atol=2e-5)
+
+
+def test_the_platform_alone_is_seen_like_the_platform_of_the_actuator():
+    np.testing.assert_allclose(
+        np.asarray(seen_unloaded(300.0, 1e-4)) * UM, np.asarray(seen(300.0, 1e-4, 1.0)) * UM, atol=1e-5
+    )
+
+
+def test_the_delay_shifts_the_record():
+    late, now = np.asarray(seen(300.0, 2.5e-3, 0.0)), np.asarray(seen(300.0, 0.0, 0.0))
+    np.testing.assert_allclose(late[1000:] * UM, now[:-1000] * UM, atol=1e-7)
+    assert (late[:1000] == 0.0).all()
+
+
+@pytest.mark.parametrize("parameter", [0, 1])
+def test_bandwidth_and_delay_can_be_differentiated(parameter):
+    given, step = np.array([300.0, 1.013e-4]), (0.03, 1e-8)[parameter]
+    moved = lambda by: np.asarray(seen(*(given + by * np.eye(2)[parameter]), 0.0))
+    differences = (moved(step) - moved(-step)) / (2.0 * step)
+    direction = tuple(jnp.asarray(x) for x in np.eye(2)[parameter])
+    _, slope = jax.jvp(lambda b, d: seen(b, d, 0.0), tuple(jnp.asarray(x) for x in given), direction)
+    assert np.abs(slope - differences).max() < 1e-4 * np.abs(differences).max()
+
+
+def test_a_tilt_is_a_load():
+    angle = 0.02
+    tilted, loaded = run(Effector(tilt=angle)), run(Effector(load=0.086 * GRAVITY * np.sin(angle)))
+    level = run(Effector())
+    np.testing.assert_allclose(tilted.effector * UM, loaded.effector * UM, atol=1e-6)
+    assert (tilted.effector[-1] - level.effector[-1]) * UM > 0.01
+
+
+@jax.jit
+def pushing(stop, sensor_bandwidth):
+    actuator = Actuator(SecondOrder(), SimplifiedLuGre(), stop=stop)
+    force = measured(StickSlip(actuator, DRIVE, Sensor(sensor_bandwidth, filters=False)), TIMES, Accuracy())
+    return force, simulate(actuator, DRIVE, TIMES)
+
+
+def test_the_force_sensor_is_pushed_by_what_the_balance_of_forces_leaves():
+    stop = Stop(stiffness=2e5, damping=8.0, gap=1e-6)
+    force, trajectory = pushing(stop, 1e3)
+    force, x, w = (np.asarray(a) for a in (force, trajectory.effector, trajectory.effector_velocity))
+    touching = x > 1e-6
+    assert 0.2 < touching.mean() < 0.9
+    assert (force[~touching] == 0.0).all() and (force >= -1e-9).all()
+    np.testing.assert_allclose(force[force > 0], (2e5 * (x - 1e-6) + 8.0 * w)[force > 0], atol=1e-9)
+    # Newton's law over the whole record: impulse of friction less that of the sensor is the momentum.
+    impulse = cumulative_simpson(np.asarray(trajectory.friction) - force, x=np.asarray(TIMES), initial=0.0)
+    assert np.abs(impulse - 0.086 * w).max() < 2e-3 * np.abs(0.086 * w).max()
+
+
+def test_a_soft_sensor_feels_less_and_none_is_pushed_further_than_the_contact_can_hold():
+    held = [np.asarray(pushing(Stop(stiffness=k), 1e3)[0]).max() for k in (1e3, 1e5)]
+    assert held[0] < held[1] < 1.3 * SimplifiedLuGre().f_ss
+
+
+def test_the_gradient_of_the_force_is_right():
+    stiffness, step = 1e5, 10.0
+    force = lambda k: pushing(Stop(stiffness=k), 1e3)[0]
+    differences = (np.asarray(force(stiffness + step)) - np.asarray(force(stiffness - step))) / (2 * step)
+    slope = np.asarray(jax.jvp(force, (jnp.asarray(stiffness),), (jnp.asarray(1.0),))[1])
+    # At the instants of touching the slope jumps; there differences straddle it.
+    wrong = np.abs(slope - differences) > 1e-3 * np.abs(differences).max()
+    assert wrong.mean() < 0.01

@@ -1,0 +1,68 @@
+"""The contact under a prescribed motion: its force against closed forms, and records of it."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from pdssjax.friction.coulomb import Coulomb
+from pdssjax.friction.dahl import Dahl
+from pdssjax.friction.simplified_lugre import SimplifiedLuGre
+from pdssjax.integration import Accuracy
+from pdssjax.simulation import contact_force
+from pdssjax.tribometer import Tribometer
+
+TIMES = np.linspace(0.0, 1.0, 401)
+MOTION = 2e-6 * np.interp(TIMES, [0.0, 0.2, 0.6, 1.0], [0.0, 1.0, -1.0, 0.5])
+"""A triangle: up, down, up."""
+
+
+def force(law, times=TIMES, motion=MOTION) -> np.ndarray:
+    return np.asarray(
+        contact_force(Tribometer(law, jnp.asarray(times), jnp.asarray(motion)), jnp.asarray(times), Accuracy())
+    )
+
+
+def dahl_by_hand(stiffness: float, level: float) -> np.ndarray:
+    """F(x) of Dahl's law with exponent 1: exponential in the distance on each branch."""
+    out, now = [0.0], 0.0
+    for way in np.diff(MOTION):
+        sign = np.sign(way)
+        now = sign * level + (now - sign * level) * np.exp(-stiffness * abs(way) / level)
+        out.append(now)
+    return np.array(out)
+
+
+def test_dahl_follows_its_exponentials():
+    law = Dahl()
+    np.testing.assert_allclose(force(law), dahl_by_hand(law.sigma0, law.f_c), atol=1e-9)
+
+
+def test_the_force_does_not_depend_on_the_pace_without_damping():
+    law = Dahl()
+    np.testing.assert_allclose(force(law, times=3.0 * TIMES), force(law), atol=1e-9)
+
+
+def test_coulomb_friction_has_the_sign_of_the_motion_and_none_at_rest():
+    motion = np.interp(TIMES, [0.0, 0.3, 0.6, 1.0], [0.0, 1e-6, 1e-6, 0.0])
+    shown = force(Coulomb(), motion=motion)
+    np.testing.assert_allclose(shown[10:110], Coulomb().f_c)
+    np.testing.assert_allclose(shown[130:230], 0.0)
+    np.testing.assert_allclose(shown[250:-1], -Coulomb().f_c)
+
+
+@pytest.mark.parametrize("field", ["sigma0", "sigma1", "f_ss"])
+def test_the_force_can_be_differentiated(field):
+    law = SimplifiedLuGre(sigma1=2e3)
+    value = getattr(law, field)
+    run = jax.jit(
+        lambda x: contact_force(
+            Tribometer(SimplifiedLuGre(**{"sigma1": 2e3, field: x}), jnp.asarray(TIMES), jnp.asarray(MOTION)),
+            jnp.asarray(TIMES),
+            Accuracy(),
+        )
+    )
+    step = 1e-5 * value
+    differences = (np.asarray(run(value + step)) - np.asarray(run(value - step))) / (2 * step)
+    slope = np.asarray(jax.jvp(run, (jnp.asarray(value),), (jnp.asarray(1.0),))[1])
+    assert np.abs(slope - differences).max() < 1e-5 * np.abs(differences).max()
