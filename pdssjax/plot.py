@@ -139,7 +139,7 @@ def _draw_cycles(axes: Axes, found: Characterisation, scale: float) -> None:
         axes.plot(found.time[which], scale * found.values[which], **style)
     axes.set_xlabel("time (s)")
     axes.set_title("complete cycles shaded in turn", loc="left")
-    axes.legend(loc="best", handletextpad=0.2)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=2, handletextpad=0.2)
 
 
 def _draw_overlaid(axes: Axes, found: Characterisation, scale: float, reach: float) -> None:

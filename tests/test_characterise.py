@@ -11,6 +11,7 @@ import pdssjax
 from pdssjax import cli
 from pdssjax.characterise import characterise
 from pdssjax.errors import InputError, InputWarning
+from pdssjax.plot import cycle_figure
 
 EXAMPLE = Path(pdssjax.__file__).parent / "example"
 MEASURED = Path(__file__).parent.parent / "experiments" / "liu2015" / "endeffector_3to5s_500Hz.csv"
@@ -151,6 +152,20 @@ def test_one_cycle_has_no_scatter_and_says_so(tmp_path):
         found = characterise(written(tmp_path / "walk.csv", time, noisy(motion)), frequency=5.0)
     assert np.isnan(found.summary["stroke"].standard_error)
     assert found.summary["stroke"].mean == pytest.approx(6.5e-6, rel=0.01)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_figure_marks_the_turning_points_beside_their_slips(sign, tmp_path):
+    time, motion = walk(6.5, 5.0, back=0.7)
+    found = characterise(written(tmp_path / "walk.csv", time, sign * noisy(motion)))
+    slips = found.cycles.start + np.arange(found.cycles.count + 1) / 5.0
+    figure = cycle_figure(found)
+    figure.canvas.draw()
+    before, after = (line for line in figure.axes[0].lines if "a slip" in str(line.get_label()))
+    assert len(np.asarray(after.get_xdata())) == len(slips)
+    np.testing.assert_allclose(np.asarray(after.get_xdata()), slips, atol=4e-3)
+    np.testing.assert_allclose(np.asarray(before.get_xdata()), slips[-len(np.asarray(before.get_xdata())) :], atol=4e-3)
+    np.testing.assert_allclose(np.asarray(before.get_ydata()), 1e6 * sign * found.before[np.isfinite(found.before)])
 
 
 TIME, MOTION = walk(6, 5.0)
