@@ -1,0 +1,119 @@
+"""Within a branch: power series of a law against SciPy, derivatives of a force against differences."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from sliding import Contact
+
+from pdssjax.family import member, members
+from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
+from pdssjax.friction.dahl import Dahl
+from pdssjax.friction.stribeck import Stribeck
+from pdssjax.quantity import quantities
+from pdssjax.series import Series, polynomial, solution
+
+LAWS = {name: member("friction", name)() for name in members("friction")} | {
+    "anisotropic lugre, force": AnisotropicLuGre(state="force"),
+    "dahl, brittle": Dahl(exponent=0.4),
+    "dahl, ductile": Dahl(exponent=1.7),
+    "stribeck, exponential": Stribeck(delta=1.0, sigma2=2.0),
+}
+ORDER, COARSE = 12, 5
+"""Orders of the series for values, and for derivatives, which take long to compile."""
+CHANGE, PACE = 4.0, 4e-4
+"""Rate of the velocity [m/s2] and the velocity at first [m/s], in the direction of motion."""
+
+BRANCHES = [("early", 0.02e-6, 1e-5), ("elements slip", 0.3e-6, 1e-5), ("late", 1.9e-6, 1e-5)]
+"""How far the contact has slid before [m], and for how long it is expanded [s]; a fifth of that for derivatives."""
+
+
+def begun(law, path: float, sign: float) -> np.ndarray:
+    """The state after `path` at the steady velocity, with every flag where it should be."""
+    contact = Contact(law)
+    m = contact.turned(contact.initial, sign)
+    v = sign * PACE
+    for part in np.full(40, path / 40.0):
+        field = lambda t, y: contact.rate(y, v, sign)
+        m = solve_ivp(field, (0.0, part / PACE), m, rtol=1e-9, atol=1e-16).y[:, -1] if m.size else m
+        m = contact.begun(m, v, sign)
+    return m
+
+
+def expanded(law, m, sign, lapse, one, order=ORDER):
+    """State and force after `lapse` [s] while the velocity grows steadily, by one power series."""
+
+    def field(time, x):
+        velocity = sign * (PACE + CHANGE * time)
+        return [*law.rate(tuple(x), velocity, sign)]
+
+    series = solution(field, 0.0, list(m), order, one) if len(m) else []
+    memory = tuple(polynomial(c) for c in series)
+    velocity = polynomial([sign * PACE, sign * CHANGE])
+    values = lambda s: sum(s[k] * lapse**k for k in range(order + 1)) if isinstance(s, Series) else s
+    guards = [values(g) for g in law.guards(memory, velocity, sign)]
+    return [values(s) for s in memory], values(law.force(memory, velocity, sign)), guards
+
+
+EXPANDED = jax.jit(expanded)
+SLOPES = jax.jit(jax.jacfwd(lambda *given: expanded(*given, order=COARSE)[1]))
+
+
+def integrated(law, m, sign, lapse) -> tuple[np.ndarray, float]:
+    contact = Contact(law)
+    velocity = lambda t: sign * (PACE + CHANGE * t)
+    field = lambda t, y: contact.rate(y, velocity(t), sign)
+    if len(m):
+        m = solve_ivp(field, (0.0, lapse), m, method="DOP853", rtol=1e-13, atol=1e-20).y[:, -1]
+    return m, contact.force(m, velocity(lapse), sign)
+
+
+@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("branch", BRANCHES, ids=lambda b: b[0])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_power_series_of_a_law_is_its_solution(name, branch, sign):
+    law, (_, path, lapse) = LAWS[name], branch
+    m = begun(law, path, sign)
+    state, force, guards = EXPANDED(law, tuple(m), sign, lapse, 1.0)
+    expected, expected_force = integrated(law, m, sign, lapse)
+    np.testing.assert_allclose(np.array(state, float), expected, rtol=1e-9, atol=1e-17)
+    assert float(force) == pytest.approx(expected_force, rel=1e-9)
+    contact = Contact(law)
+    numbers = contact.guards(expected, sign * (PACE + CHANGE * lapse), sign)
+    np.testing.assert_allclose(np.array(guards, float), numbers, rtol=1e-6, atol=1e-14)
+    assert (numbers >= 0.0).all()  # the branch has not ended
+
+
+@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("branch", BRANCHES, ids=lambda b: b[0])
+def test_a_force_can_be_differentiated_by_every_parameter_of_its_law(name, branch):
+    law, path, lapse = LAWS[name], branch[1], 0.2 * branch[2]
+    m = begun(law, path, 1.0)
+    slopes = SLOPES(law, tuple(m), 1.0, lapse, 1.0)
+    size = abs(float(integrated(law, m, 1.0, lapse)[1]))
+    for parameter in quantities(type(law)):
+        value = float(getattr(law, parameter))
+        step = 1e-4 * value if value else 1e-3
+
+        def force(change, parameter=parameter, value=value):
+            changed = dataclasses.replace(law, **{parameter: value + change})
+            return integrated(changed, m, 1.0, lapse)[1]
+
+        near, far = force(step) - force(-step), force(2.0 * step) - force(-2.0 * step)
+        expected = (8.0 * near - far) / (12.0 * step)
+        given = float(getattr(slopes, parameter))
+        assert given * (value or 1.0) == pytest.approx(expected * (value or 1.0), rel=1e-6, abs=1e-8 * size), parameter
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_laws_can_be_compiled_and_mapped_over_their_parameters(name):
+    law = LAWS[name]
+    many = jax.tree.map(lambda leaf: leaf * jnp.linspace(0.9, 1.1, 3), law)
+    state = tuple(jnp.asarray(x) for x in begun(law, 0.3e-6, 1.0))
+    force = lambda law: law.force(law.passed(law.turned(state, 1.0), 1e-3, 1.0, 0), 1e-3, 1.0)
+    mapped = jax.jit(jax.vmap(force))(many)
+    alone = [float(force(jax.tree.map(lambda leaf, i=i: leaf[i], many))) for i in range(3)]
+    np.testing.assert_allclose(mapped, alone, rtol=1e-12)
