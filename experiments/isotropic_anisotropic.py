@@ -54,7 +54,11 @@ def calculate(reading: Reading) -> Walks:
 
     @jax.jit
     def walks(cases):
-        return lax.map(lambda case: case[1].direction * displacements(*case, jnp.asarray(TIMES), Accuracy())[1], cases)
+        def walked(case):
+            actuator, drive = case
+            return drive.direction * displacements(actuator, drive, jnp.asarray(TIMES), Accuracy())[1]
+
+        return lax.map(walked, cases)
 
     walked = np.asarray(walks(cases))
     drops = 6
@@ -110,7 +114,7 @@ def consistency() -> list[Row]:
 def main() -> None:
     """Print the tables and draw the figure."""
     prepare_jax()
-    found = {reading: calculate(reading) for reading in READINGS}
+    found: dict[Reading, Walks] = {reading: calculate(reading) for reading in READINGS}
     texts = [print_table("Are the published numbers consistent with each other?", consistency())]
     for reading, walks in found.items():
         notes = [
