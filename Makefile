@@ -3,7 +3,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test bench lint clean
+.PHONY: demo test experiments bench lint clean
 
 # The demo owns out/demo, so a second run may replace what the first one left there.
 demo: .venv/ready
@@ -11,6 +11,10 @@ demo: .venv/ready
 
 test: .venv/ready
 	$(BIN)/python -m pytest
+
+# Every experiment, with its table beside the thesis's numbers; out/experiments/index.html shows them all.
+experiments: .venv/ready
+	$(BIN)/python -m experiments
 
 # Speed beside other simulators; what cannot be installed here is left out of the table.
 bench: .venv/ready

@@ -10,7 +10,6 @@ in the friction's and in the piezo's parameters, at the true values of the packa
 
 import dataclasses
 import json
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -18,6 +17,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import pdssjax
+from experiments.common import BLUE, GREEN, VERMILION, save, styled, write
 from pdssjax.cli import EXAMPLE
 from pdssjax.integration import Accuracy
 from pdssjax.parameters import scale
@@ -25,13 +25,15 @@ from pdssjax.residual import Residual, as_weights
 from pdssjax.runtime import prepare_jax
 from pdssjax.uncertainty import covariance
 
-OUT = Path("out/experiments")
+NAME = "error_propagation"
 MEASURED_SPREAD = {"piezo.gain": 0.02, "piezo.natural_frequency": 0.03, "piezo.damping_ratio": 0.17}
 """Relative spread between the thesis's own two identifications of the piezo (chapters 4 and 5).
 
 Natural frequency 6527 and 6736 rad/s, damping ratio 0.2083 and 0.1772, gain (read from chapter
 4's H sin(pL)) 0.098 and 0.1007 um/V.
 """
+
+LEGEND = "* first order, all three piezo parameters off by the spread of the thesis's own two identifications"
 
 
 def main() -> None:
@@ -40,13 +42,13 @@ def main() -> None:
     study = pdssjax.load_study(EXAMPLE / "study.toml")
     known = json.loads((EXAMPLE / "truth.json").read_text())["parameters"]
     truth = {path: known[path]["value"] for path in study.parameters}
-    shifts = {}
+    shifts, tables = {}, []
     for reading in ("deflection", "force"):
         paths, shifts[reading] = shift(dataclasses.replace(study, friction_state=reading), truth)
-        show(reading, paths, shifts[reading])
-    OUT.mkdir(parents=True, exist_ok=True)
-    draw(paths, shifts).savefig(OUT / "error_propagation.png", dpi=150)
-    print(f"Figure: {OUT / 'error_propagation.png'}")
+        tables.append(show(reading, paths, shifts[reading]))
+    write("\n\n".join(tables), NAME)
+    with styled():
+        save(draw(paths, shifts), NAME)
 
 
 def shift(study, truth):
@@ -63,16 +65,22 @@ def shift(study, truth):
     return np.array(free.paths), -inverse @ second.T @ first
 
 
-def show(reading: str, paths: np.ndarray, shift: np.ndarray) -> None:
-    """The table of one reading of (5.22)."""
-    piezo = [path for path in paths if path.startswith("piezo.")]
+def show(reading: str, paths: np.ndarray, shift: np.ndarray) -> str:
+    """Print the table of one reading of (5.22); returns it as Markdown."""
+    piezo = [path.split(".")[1] for path in paths if path.startswith("piezo.")]
     friction = [path for path in paths if not path.startswith("piezo.")]
-    print(f"\n{reading} state: % that the friction parameter moves")
-    print(f"{'':<20}" + "".join(f"{'per 1 % of ' + p.split('.')[1]:>30}" for p in piezo) + f"{'thesis spread*':>18}")
-    spread = np.abs(shift) @ [100 * MEASURED_SPREAD[path] for path in piezo]
-    for path, row, whole in zip(friction, shift, spread, strict=True):
-        print(f"{path:<20}" + "".join(f"{value:>30.2f}" for value in row) + f"{whole:>18.0f}")
-    print("* first order, all three piezo parameters off by the spread of the thesis's own two identifications")
+    head = ["moves by (%)", *(f"per 1 % of {name}" for name in piezo), "thesis's spread*"]
+    spread = np.abs(shift) @ [100 * MEASURED_SPREAD[f"piezo.{name}"] for name in piezo]
+    rows = [
+        [path, *(f"{value:.2f}" for value in row), f"{whole:.0f}"]
+        for path, row, whole in zip(friction, shift, spread, strict=True)
+    ]
+    print(f"\n{reading} state")
+    for line in (head, *rows):
+        print(f"{line[0]:<20}" + "".join(f"{cell:>30}" for cell in line[1:]))
+    print(LEGEND)
+    lines = [f"## {reading} state", "", "| " + " | ".join(head) + " |", "|---|" + "--:|" * (len(head) - 1)]
+    return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in rows), "", LEGEND])
 
 
 def draw(paths: np.ndarray, shifts: dict[str, np.ndarray]) -> Figure:
@@ -83,12 +91,12 @@ def draw(paths: np.ndarray, shifts: dict[str, np.ndarray]) -> Figure:
     panels = figure.subplots(1, len(shifts), sharey=True)
     for axes, (reading, values) in zip(panels, shifts.items(), strict=True):
         places = np.arange(len(friction))
-        for i, (name, colour) in enumerate(zip(names, ("#0072b2", "#d55e00", "#009e73"), strict=True)):
+        for i, (name, colour) in enumerate(zip(names, (BLUE, VERMILION, GREEN), strict=True)):
             axes.bar(places + 0.27 * (i - 1), np.abs(values[:, i]), 0.25, label=name, color=colour)
         axes.set_yscale("log")
         axes.set_xticks(places, friction, rotation=30, ha="right")
         axes.set_title(f"{reading} state")
-        axes.grid(axis="y", alpha=0.3)
+        axes.grid(visible=False, axis="x")
     panels[0].set_ylabel("shift of the friction parameter (%)\nfor 1 % error of the piezo's")
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, [f"1 % error in {label}" for label in labels], loc="outside lower center", ncols=3)
