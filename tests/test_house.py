@@ -12,7 +12,7 @@ PACKAGE = ROOT / "pdssjax"
 
 READING_ORDER = """
 errors quantity rod family units columns tables series
-drive piezo friction effector amplifier stage sensor actuator
+drive hold waveforms oscillator piezo friction effector amplifier stage sensor actuator
 expansion crossing stepping tangents integration stick_slip unloaded tribometer simulation
 parameters records prediction residual starts study
 levenberg_marquardt uncertainty metrics estimate fitting multistart summary estimation
