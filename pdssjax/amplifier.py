@@ -13,7 +13,7 @@ from .quantity import quantity
 
 
 class Amplifier(eqx.Module):
-    """A voltage amplifier."""
+    """A voltage amplifier of finite bandwidth and slew rate."""
 
     bandwidth: float = quantity(5e3, "Hz", optional=True)
     """Frequency at which a small signal is down by 3 dB [Hz]."""

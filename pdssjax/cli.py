@@ -185,6 +185,14 @@ def _units(given: list[str]) -> dict[str, str]:
     return units
 
 
+def _models(options: argparse.Namespace) -> int:
+    from .catalogue import catalogue, find_entry
+    from .report import format_catalogue, format_entry
+
+    print(format_entry(find_entry(options.name)) if options.name else format_catalogue(catalogue()), end="")
+    return 0
+
+
 def _example(options: argparse.Namespace) -> int:
     folder = options.folder
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
@@ -252,6 +260,13 @@ def _parser() -> argparse.ArgumentParser:
     record.add_argument("study", type=Path, metavar="STUDY", help="study file (TOML) whose parameters all have numbers")
     record.add_argument("--seed", type=int, default=0, help="another seed, other noise (default 0)")
     _add_out(record)
+
+    text = "list the drives, piezos, friction laws and parts of a rig that a study may name, or explain one"
+    models = commands.add_parser("models", help=text, description=text)
+    models.set_defaults(run=_models)
+    models.add_argument(
+        "name", nargs="?", metavar="NAME", help='one of them, such as "lugre": equations and parameters'
+    )
 
     text = "copy the packaged study, as a start for your own"
     example = commands.add_parser("example", help=text, description=text)

@@ -6,6 +6,7 @@ The order and the vocabulary follow lmfit's `fit_report`, which people in the fi
 import textwrap
 from collections.abc import Sequence
 
+from .catalogue import Entry
 from .characterise import Characterisation, Summary
 from .display import decimals_for, display_unit, percent, rounded, strongest_pairs
 from .estimate import Estimate, FittedParameter, FittedRecord
@@ -78,6 +79,24 @@ def format_characterisation(found: Characterisation) -> str:
     text = "".join(f"    {name:<10}= {text}\n" for name, text in lines)
     legend = "    +/-: standard error of the mean; deviation: standard deviation of the cycles.\n"
     return _heading(str(found.file)) + text + _table("<<>>>", [head, *rows]) + legend
+
+
+def format_catalogue(entries: Sequence[Entry]) -> str:
+    """All members and parts, one line each."""
+    return _table("<<", [["", "what it is"], *([entry.name, entry.summary] for entry in entries)])
+
+
+def format_entry(entry: Entry) -> str:
+    """One member: its parameters, and its equations as its module tells them."""
+    head = ["", "unit", "nominal", "", "what it is"]
+    rows = [
+        [name, unit, f"{declared.nominal * scale:.6g}", "optional" if declared.optional else "", told]
+        for name, (declared, told) in entry.parameters.items()
+        for unit, scale in [display_unit(declared.unit)]
+    ]
+    rows += [[name, "", "", "one of", ", ".join(words)] for name, words in entry.choices.items()]
+    text = textwrap.indent(entry.text, "    ")
+    return _heading(entry.name) + f"{text}\n\n" + (_table("<<><<", [head, *rows]) if rows else "")
 
 
 def _figure(title: str, summary: Summary) -> list[str]:

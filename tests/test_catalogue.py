@@ -1,0 +1,44 @@
+"""What can be chosen is told by the members themselves, and nothing is left untold."""
+
+import pytest
+
+from pdssjax import cli
+from pdssjax.catalogue import FAMILIES, PARTS, catalogue, find_entry
+from pdssjax.family import members
+
+ENTRIES = {entry.name: entry for entry in catalogue()}
+
+
+def test_every_member_and_part_has_an_entry():
+    named = {f"{family}/{name}" for family in FAMILIES for name in members(family)}
+    assert set(ENTRIES) == named | set(PARTS)
+
+
+@pytest.mark.parametrize("name", ENTRIES)
+def test_every_entry_says_what_it_is_and_what_its_parameters_are(name):
+    entry = ENTRIES[name]
+    assert len(entry.summary) > 20
+    assert all(len(told) > 5 for _, told in entry.parameters.values())
+
+
+@pytest.mark.parametrize("name", [name for name in ENTRIES if name.startswith(("piezo/", "friction/"))])
+def test_every_model_cites_its_equation_or_its_paper(name):
+    assert any(mark in ENTRIES[name].text for mark in ("(1.", "(4.", "(5.", "IEEE", "ASME", "19", "20"))
+
+
+def test_an_entry_is_found_with_and_without_its_family():
+    assert find_entry("friction/dahl") == find_entry("dahl")
+
+
+def test_the_command_lists_all_and_explains_one(capsys):
+    assert cli.main(["models"]) == 0
+    listed = capsys.readouterr().out
+    assert all(name in listed for name in ENTRIES)
+    assert cli.main(["models", "elastoplastic"]) == 0
+    told = capsys.readouterr().out
+    assert "elastic_part" in told and "optional" in told and "5.11" in told
+
+
+def test_an_unknown_name_is_answered_with_the_nearest(capsys):
+    assert cli.main(["models", "lugr"]) == 2
+    assert 'did you mean "lugre"?' in capsys.readouterr().err
