@@ -107,7 +107,9 @@ def flank(
     length = jnp.where(fast, fall, period - fall)
     falls = fast == (direction > 0)
     change = jnp.where(falls, -1.0, 1.0) * voltage
-    start = jnp.where(length > 0, jnp.where(falls, voltage, 0.0), 0.5 * voltage)
+    # There is no jump before the first forward cycle: a piezo that remembers must not see one.
+    jump = jnp.where((index == 0) & (direction > 0), 0.0, 0.5) * voltage
+    start = jnp.where(length > 0, jnp.where(falls, voltage, 0.0), jump)
     return length, start, change, fast
 
 
