@@ -1,0 +1,139 @@
+"""The amplifier: its bandwidth, its slew limit, where the one gives way to the other, and the derivatives in both."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from pdssjax.amplifier import Amplifier
+from pdssjax.drive.sawtooth import Sawtooth
+from pdssjax.drive.sine import Sine
+from pdssjax.drive.step import Step
+from pdssjax.integration import TIGHT, march, states_at
+from pdssjax.piezo.bouc_wen import BoucWen
+from pdssjax.piezo.second_order import SecondOrder
+from pdssjax.piezo.static import Static
+from pdssjax.simulation import measured
+from pdssjax.stage import Stage
+from pdssjax.unloaded import Unloaded
+
+W, XI, C = 6736.0, 0.1772, 1.007e-7
+
+
+def output(amplifier, drive, times):
+    """The voltage that reaches the piezo [V], and how many events there were."""
+    system = Unloaded(Stage(SecondOrder(), amplifier), drive)
+    run = march(system, times[-1], TIGHT)
+    x, *_ = states_at(system, run, jnp.asarray(times))
+    return np.asarray(x.stage.supply[0]), run
+
+
+def test_a_small_sine_follows_the_transfer_function_of_first_order():
+    frequency, bandwidth = 800.0, 1200.0
+    times = np.linspace(0.02, 0.03, 300)
+    shown, run = output(Amplifier(bandwidth, 1e9), Sine(2.0, frequency), times)
+    w = 2 * np.pi * frequency
+    transfer = 1.0 / (1.0 + 1j * frequency / bandwidth)
+    np.testing.assert_allclose(shown, 1.0 - np.real(transfer * np.exp(1j * w * times)), rtol=0.0, atol=1e-9)
+    assert int(run.events) == 0
+
+
+def test_a_large_step_rises_at_the_slew_rate_and_ends_exponentially():
+    slew, bandwidth, volts = 2e5, 5e3, 60.0
+    pole = 2 * np.pi * bandwidth
+    turns = (volts - slew / pole) / slew
+    times = np.linspace(0.0, 6e-4, 200)[1:]
+    shown, run = output(Amplifier(bandwidth, slew), Step(volts), times)
+    expected = np.where(times < turns, slew * times, volts - slew / pole * np.exp(-pole * (times - turns)))
+    # A local error of 1e-14 m, as `TIGHT` allows, is 1e-7 V here.
+    np.testing.assert_allclose(shown, expected, rtol=0.0, atol=1e-8)
+    assert int(run.events) == 1
+    ends = (run.steps.after + run.steps.length)[: int(run.count)]
+    assert float(jnp.min(jnp.abs(ends - turns))) < 1e-18
+
+
+def followed(bandwidth, slew, pieces, times):
+    """Platform displacement [m] by SciPy: (begin, end, command) pieces, the slew limit as it is defined."""
+    pole = 2 * np.pi * bandwidth
+
+    def field(t, x, command):
+        slope = np.clip(pole * (command(t) - x[2]), -slew, slew)
+        return [x[1], W**2 * (C * x[2] - x[0]) - 2 * XI * W * x[1], slope]
+
+    x, out = np.zeros(3), []
+    for begin, end, command in pieces:
+        inside = [float(t) for t in times if begin < t <= end]
+        stops = sorted({*inside, end})
+        tight = dict(method="DOP853", rtol=1e-11, atol=[1e-17, 1e-14, 1e-10], max_step=2e-5)
+        solved = solve_ivp(field, (begin, end), x, args=(command,), t_eval=stops, **tight)  # pyright: ignore
+        out += [y for y, t in zip(solved.y[0], stops, strict=True) if t in inside]
+        x = solved.y[:, -1]
+    return np.array(out)
+
+
+CASES = {
+    "step": (Step(60.0), [(0.0, 0.01, lambda t: 60.0)]),
+    "sawtooth": (
+        Sawtooth(64.0, 200.0),
+        [(k * 0.005, (k + 1) * 0.005, lambda t, k=k: 64.0 * (t / 0.005 - k)) for k in range(3)],
+    ),
+    "sine": (Sine(64.0, 1000.0), [(0.0, 0.008, lambda t: 32.0 * (1 - np.cos(2e3 * np.pi * t)))]),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize(("bandwidth", "slew"), [(3e3, 1e9), (3e3, 1.2e5)])
+def test_the_platform_behind_it_moves_as_scipy_has_it(name, bandwidth, slew):
+    drive, pieces = CASES[name]
+    times = jnp.linspace(0.0, pieces[-1][1], 101)[1:]
+    run = jax.jit(lambda a, d: measured(Unloaded(Stage(SecondOrder(), a), d), times, TIGHT))
+    shown = run(Amplifier(bandwidth, slew), drive)
+    np.testing.assert_allclose(shown, followed(bandwidth, slew, pieces, times), rtol=0.0, atol=2e-11)
+
+
+@pytest.mark.parametrize("drive", [Step(60.0), Sawtooth(64.0, 200.0)], ids=["step", "sawtooth"])
+def test_the_platform_has_the_derivatives_of_central_differences_in_bandwidth_and_slew(drive):
+    times = jnp.linspace(1e-4, 0.012, 60)
+    motion = jax.jit(lambda q: measured(Unloaded(Stage(SecondOrder(), Amplifier(q[0], q[1])), drive), times, TIGHT))
+    nominal = jnp.asarray([3e3, 4e5])
+    slopes = jax.jit(jax.jacfwd(motion))(nominal)
+    for i in range(2):
+        step = 1e-5 * nominal * jnp.eye(2)[i]
+        expected = (motion(nominal + step) - motion(nominal - step)) / (2e-5 * nominal[i])
+        assert float(jnp.abs(expected).max()) > 0
+        np.testing.assert_allclose(slopes[:, i], expected, rtol=0.0, atol=1e-5 * float(jnp.abs(expected).max()))
+
+
+def test_a_static_platform_shows_what_the_amplifier_gives():
+    times = np.linspace(0.0, 0.012, 60)[1:]
+    amplifier = Amplifier(3e3, 4e5)
+    static: Any = Static
+    shown = measured(Unloaded(Stage(static(), amplifier), Sawtooth(64.0, 200.0)), jnp.asarray(times), TIGHT)
+    volts, _ = output(amplifier, Sawtooth(64.0, 200.0), times)
+    np.testing.assert_allclose(shown, C * volts, rtol=0.0, atol=1e-14)
+
+
+def test_hysteresis_behind_it_learns_that_the_voltage_turns_at_a_corner_of_the_command():
+    times = np.linspace(0.0, 0.012, 80)[1:]
+    a, b, g, bandwidth = 0.3, 0.03, 0.01, 3e3
+    shown = measured(
+        Unloaded(Stage(BoucWen(), Amplifier(bandwidth, 1e9)), Sawtooth(64.0, 200.0)), jnp.asarray(times), TIGHT
+    )
+
+    def field(t, x, k):
+        slope = 2 * np.pi * bandwidth * (64.0 * (t / 0.005 - k) - x[2])
+        lags = a * C * slope - b * abs(slope) * x[3] - g * slope * abs(x[3])
+        return [x[1], W**2 * (C * x[2] - x[3] - x[0]) - 2 * XI * W * x[1], slope, lags]
+
+    x, out = np.zeros(4), []
+    for k in range(3):
+        inside = [float(t) for t in times if k * 0.005 < t <= (k + 1) * 0.005]
+        stops = sorted({*inside, (k + 1) * 0.005})
+        tight = dict(method="DOP853", rtol=1e-11, atol=[1e-17, 1e-14, 1e-10, 1e-17], max_step=1e-5)
+        solved = solve_ivp(field, (k * 0.005, (k + 1) * 0.005), x, args=(k,), t_eval=stops, **tight)  # pyright: ignore
+        out += [y for y, t in zip(solved.y[0], stops, strict=True) if t in inside]
+        x = solved.y[:, -1]
+    np.testing.assert_allclose(shown, out, rtol=0.0, atol=2e-11)

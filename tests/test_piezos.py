@@ -1,0 +1,270 @@
+"""What every platform does under a voltage, against its definition and against SciPy."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from paths import Bouc, Creeping, Plain, Stops, W, half_sines, integrated, line
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+
+from pdssjax.actuator import Actuator
+from pdssjax.drive.base import Segment, Voltage, Wave
+from pdssjax.drive.cycloidal import Cycloidal
+from pdssjax.drive.sampled import Sampled
+from pdssjax.drive.sawtooth import Sawtooth
+from pdssjax.drive.sine import Sine
+from pdssjax.drive.step import Step
+from pdssjax.drive.triangle import Triangle
+from pdssjax.effector import Effector
+from pdssjax.friction.simplified_lugre import SimplifiedLuGre
+from pdssjax.hold import Held
+from pdssjax.integration import TIGHT, Accuracy
+from pdssjax.oscillator import damped, underdamped
+from pdssjax.piezo.bouc_wen import BoucWen
+from pdssjax.piezo.creep import Creep
+from pdssjax.piezo.distributed_rod import DistributedRod
+from pdssjax.piezo.maxwell_slip import MaxwellSlip
+from pdssjax.piezo.second_order import SecondOrder
+from pdssjax.piezo.static import Static
+from pdssjax.rod import mode_responses
+from pdssjax.simulation import displacements, measured, platform
+from pdssjax.stage import Stage
+from pdssjax.unloaded import Unloaded
+
+SHARES, THRESHOLDS = (0.08, 0.06, 0.05, 0.04), (4.0, 10.0, 18.0, 28.0)
+PIEZOS = {
+    "second-order": (SecondOrder, Plain),
+    "creep": (Creep, lambda: Creeping(0.015, 0.05)),
+    "bouc-wen": (BoucWen, lambda: Bouc(0.3, 0.03, 0.01)),
+    "maxwell-slip": (MaxwellSlip, lambda: Stops(SHARES, THRESHOLDS)),
+}
+HYSTERETIC = ["bouc-wen", "maxwell-slip"]
+
+
+def held(volts: float, frequency: float, interval: float, until: float):
+    """The staircase of a sine, as pieces of constant voltage."""
+    level = lambda k: 0.5 * volts * (1 - np.cos(2 * np.pi * frequency * k * interval))
+    count = round(until / interval)
+    return [line(k * interval, (k + 1) * interval, level(k), level(k)) for k in range(count)]
+
+
+DRIVES = {
+    "falling sawtooth": (
+        Sawtooth(64.0, 25.0, 1e-4),
+        [
+            line(0, 0.04, 0, 64),
+            line(0.04, 0.0401, 64, 0),
+            line(0.0401, 0.08, 0, 64),
+            line(0.08, 0.0801, 64, 0),
+            line(0.0801, 0.12, 0, 64),
+        ],
+    ),
+    "jumping sawtooth": (Sawtooth(64.0, 25.0), [line(k * 0.04, (k + 1) * 0.04, 0, 64) for k in range(3)]),
+    "sine": (Sine(64.0, 60.0), half_sines(64.0, 60.0, 0.05)),
+    "staircase": (Held(Sine(64.0, 60.0), 1e-3), held(64.0, 60.0, 1e-3, 0.04)),
+}
+
+
+@pytest.mark.parametrize("name", PIEZOS)
+@pytest.mark.parametrize("drive", DRIVES)
+def test_the_platform_moves_as_scipy_has_it(name, drive):
+    piezo, stack = PIEZOS[name]
+    voltage, pieces = DRIVES[drive]
+    times = jnp.linspace(0.0, pieces[-1].end - 1e-4, 98)[1:]
+    run = jax.jit(lambda p, d: measured(Unloaded(Stage(p), d), times, Accuracy()))
+    np.testing.assert_allclose(run(piezo(), voltage), integrated(stack(), pieces, times)[:, 0], rtol=0.0, atol=1e-10)
+
+
+@pytest.mark.parametrize("name", HYSTERETIC)
+def test_a_jump_is_the_limit_of_a_fast_ramp(name):
+    piezo = PIEZOS[name][0]()
+    times = jnp.linspace(1e-3, 0.1, 50)
+    run = jax.jit(lambda tf: measured(Unloaded(Stage(piezo), Sawtooth(64.0, 25.0, tf)), times, TIGHT))
+    jump, *ramps = (np.asarray(run(tf)) for tf in (0.0, 1e-9, 2e-9))
+    differences = [np.abs(ramp - jump).max() for ramp in ramps]
+    assert differences[0] < 2e-12
+    assert differences[1] == pytest.approx(2 * differences[0], rel=0.05)
+
+
+def numbers_of(piezo) -> dict[str, float]:
+    """What the model declares, but for the mass, which needs feedback to matter."""
+    return {f: float(getattr(piezo, f)) for f in piezo.__dataclass_fields__ if f != "mass" and getattr(piezo, f)}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PIEZOS)
+@pytest.mark.parametrize("drive", ["falling sawtooth", "jumping sawtooth", "sine"])
+def test_the_platform_has_the_derivatives_of_central_differences_in_every_number(name, drive):
+    model = PIEZOS[name][0]
+    nominal = numbers_of(model())
+    times = jnp.linspace(1e-3, 0.05, 40)
+    motion = lambda scale: measured(
+        Unloaded(Stage(model(**{f: x * scale[i] for i, (f, x) in enumerate(nominal.items())})), DRIVES[drive][0]),
+        times,
+        TIGHT,
+    )
+    motion, slopes, ones, h = jax.jit(motion), jax.jit(jax.jacfwd(motion)), np.ones(len(nominal)), 1e-5
+    found = slopes(ones)
+    for i, column in enumerate(np.eye(len(nominal))):
+        expected = (motion(ones + h * column) - motion(ones - h * column)) / (2 * h)
+        size = float(np.abs(expected).max())
+        assert size > 1e-12
+        np.testing.assert_allclose(found[:, i], expected, rtol=0.0, atol=1e-4 * size)
+
+
+# Linear stacks.
+
+
+@pytest.mark.parametrize("damping", [0.2, 0.99999, 1.0, 1.00001, 1.4, 8.0])
+@pytest.mark.parametrize("lapse", [1e-8, 1e-5, 3e-4, 0.004])
+def test_a_free_oscillation_of_any_damping_is_that_of_the_matrix_exponential(damping, lapse):
+    matrix = np.array([[0.0, 1.0], [-(W**2), -2 * damping * W]])
+    scale = np.diag([W, 1.0])  # the exponential is as precise as its norm is small
+    expected = np.linalg.inv(scale) @ expm(lapse * scale @ matrix @ np.linalg.inv(scale)) @ scale @ [2e-6, -0.01]
+    for value, wanted, unit in zip(damped(2e-6, -0.01, W, damping, lapse), expected, (2e-6, 0.01), strict=True):
+        assert float(value) == pytest.approx(wanted, rel=1e-8, abs=1e-12 * unit)
+    if damping < 0.9:
+        again = underdamped(2e-6, -0.01, W, damping, lapse)
+        np.testing.assert_allclose(again, damped(2e-6, -0.01, W, damping, lapse), rtol=1e-12)
+
+
+@pytest.mark.parametrize("piezo", [SecondOrder, DistributedRod, Static])
+@pytest.mark.parametrize("wave", [None, Wave(11.0, 500.0, 0.3), Wave(-5.0, 6000.0, -1.0)])
+def test_the_closed_form_moves_as_the_rates_say(piezo, wave):
+    piezo = piezo()
+    segment = Segment(jnp.asarray(jnp.inf), jnp.asarray(20.0), jnp.asarray(3e3), wave)
+    after, lapse = 7e-4, 2.3e-3
+    voltage = segment.voltage(after)
+    follows = (
+        (float(piezo.gain * voltage.level), float(piezo.gain * voltage.slope)) if isinstance(piezo, Static) else None
+    )
+    begin = follows or (3e-6, -0.02)
+    rate = jax.jit(lambda t, x: jnp.stack(piezo.rate(tuple(x), segment.voltage(after + t), 0.0)))
+    solved = solve_ivp(rate, (0.0, lapse), begin, method="DOP853", rtol=1e-12, atol=1e-18)
+    moved = piezo.motion(tuple(map(jnp.asarray, begin)), segment, after, lapse)
+    np.testing.assert_allclose(moved, solved.y[:, -1], rtol=1e-9)
+
+
+@pytest.mark.parametrize("excitation", ["strain", "equal"])
+def test_a_rod_steps_as_the_sum_of_its_modes(excitation):
+    piezo = DistributedRod(3, excitation=excitation, viscosity=3e5)
+    times = jnp.linspace(0.0, 0.004, 200)
+    shown = platform(piezo, Step(48.2), times, 2)
+    np.testing.assert_allclose(shown, mode_responses(piezo.modes, 48.2, times).sum(axis=0), rtol=0.0, atol=1e-16)
+
+
+def test_a_rod_is_accelerated_by_a_force_and_gives_way_to_it_like_its_modes():
+    piezo = DistributedRod(3)
+    rest, nothing = piezo.initial(), Voltage(0.0, 0.0, 0.0)
+    pushed = sum(piezo.rate(rest, nothing, 2.0)[1::2])
+    assert float(pushed) == pytest.approx(2.0 / float(piezo.mass), rel=1e-12)
+    segment = Segment(jnp.asarray(jnp.inf), jnp.asarray(0.0), jnp.asarray(0.0))
+    steady = piezo.steady(rest, segment, 0.0, 2.0)
+    np.testing.assert_allclose(jnp.stack(piezo.rate(steady, nothing, 2.0)), 0.0, atol=1e-9)
+    assert float(piezo.platform(steady)[0]) > 0
+
+
+def test_a_rod_has_the_derivatives_of_central_differences_in_its_data():
+    times, h = jnp.linspace(1e-4, 0.004, 30), 1e-6
+    names = ["modulus", "viscosity", "density", "stack_length", "area", "strain", "platform_mass"]
+    nominal = [float(getattr(DistributedRod(), name)) for name in names]
+
+    @jax.jit
+    def motion(scale):
+        numbers = {name: x * scale[i] for i, (name, x) in enumerate(zip(names, nominal, strict=True))}
+        return platform(DistributedRod(2, **numbers), Step(48.2), times, 2)
+
+    slopes = jax.jit(jax.jacfwd(motion))(jnp.ones(7))
+    for i, column in enumerate(np.eye(7)):
+        expected = (motion(1.0 + h * column) - motion(1.0 - h * column)) / (2 * h)
+        np.testing.assert_allclose(slopes[:, i], expected, rtol=0.0, atol=1e-5 * float(jnp.abs(expected).max()))
+
+
+def test_a_rod_refuses_a_number_that_it_does_not_know():
+    with pytest.raises(TypeError, match="'modulos'"):
+        DistributedRod(modulos=1.0)
+
+
+def test_creep_adds_as_much_in_every_decade():
+    k, t1, volts = 0.015, 0.002, 64.0
+    times = jnp.geomspace(0.004, 0.4, 60)
+    shown = jax.jit(lambda p: measured(Unloaded(Stage(p), Step(volts)), times, Accuracy()))(
+        Creep(creep=k, creep_time=t1)
+    )
+    # The oscillator follows what has crept; behind it by its lag 2 xi / w.
+    lag = 2 * 0.1772 / 6736.0
+    crept = jnp.sum(1 - jnp.exp(-(times - lag) / (t1 * jnp.array([[1.0], [10.0], [100.0]]))), axis=0)
+    late = times > 0.008
+    np.testing.assert_allclose(np.asarray(shown)[late], 1.007e-7 * volts * (1 + k * crept)[late], rtol=1e-6)
+    growth = np.diff(np.interp(np.log10([0.01, 0.1]), np.log10(times), shown)) / (1.007e-7 * volts)
+    assert growth == pytest.approx(k, rel=0.15)
+
+
+# With an end-effector.
+
+CONTACT = (0.086, 1.0e6, 45.0, 0.65)
+RIDES = {
+    **{f"{name} {drive}": (PIEZOS[name], drive) for name in PIEZOS for drive in ("falling sawtooth", "sine")},
+    "bouc-wen jumping sawtooth": (PIEZOS["bouc-wen"], "jumping sawtooth"),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", RIDES)
+def test_the_effector_walks_as_scipy_has_it(name):
+    (piezo, stack), drive = RIDES[name]
+    voltage, pieces = DRIVES[drive]
+    times = jnp.linspace(0.0, pieces[-1].end, 61)[1:]
+    actuator = Actuator(piezo(), SimplifiedLuGre(*CONTACT[1:]), Effector(CONTACT[0]))
+    shown = jnp.stack(jax.jit(lambda a, d: displacements(a, d, times, Accuracy()))(actuator, voltage))
+    np.testing.assert_allclose(shown.T, integrated(stack(), pieces, times, CONTACT), rtol=0.0, atol=1e-9)
+
+
+OTHERS = {
+    "triangle": (
+        Triangle(64.0, 50.0, 0.8),
+        [line(0, 0.016, 0, 64), line(0.016, 0.02, 64, 0), line(0.02, 0.036, 0, 64)],
+    ),
+    "sampled": (
+        Sampled([0.0, 0.01, 0.011, 0.03], [0.0, 50.0, 5.0, 64.0]),
+        [line(0, 0.01, 0, 50), line(0.01, 0.011, 50, 5), line(0.011, 0.03, 5, 64)],
+    ),
+    "staircase": DRIVES["staircase"],
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", OTHERS)
+def test_the_effector_walks_under_any_drive_as_scipy_has_it(name):
+    voltage, pieces = OTHERS[name]
+    times = jnp.linspace(0.0, pieces[-1].end, 61)[1:]
+    actuator = Actuator(SecondOrder(), SimplifiedLuGre(*CONTACT[1:]), Effector(CONTACT[0]))
+    shown = jnp.stack(jax.jit(lambda a, d: displacements(a, d, times, Accuracy()))(actuator, voltage))
+    np.testing.assert_allclose(shown.T, integrated(Plain(), pieces, times, CONTACT), rtol=0.0, atol=1e-9)
+
+
+def test_the_effector_walks_under_a_cycloid_from_rest():
+    times = jnp.linspace(0.0, 0.1, 61)[1:]
+    actuator = Actuator(SecondOrder(), SimplifiedLuGre(), Effector())
+    y, x = jax.jit(lambda a, d: displacements(a, d, times, Accuracy()))(actuator, Cycloidal(64.0, 20.0))
+    assert np.all(np.isfinite(y)) and np.all(np.isfinite(x))
+    assert float(x[-1]) > 4e-6
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("model", [BoucWen, MaxwellSlip, Creep, DistributedRod, Static])
+def test_the_effector_has_the_derivative_of_central_differences_in_the_gain(model):
+    times = jnp.linspace(1e-3, 0.06, 40)
+    name = "strain" if model is DistributedRod else "gain"
+    nominal, h = float(getattr(model(), name)), 1e-5
+    contact = SimplifiedLuGre(*CONTACT[1:])
+
+    @jax.jit
+    def motion(scale):
+        actuator = Actuator(model(**{name: nominal * scale}), contact, Effector(CONTACT[0]))
+        return displacements(actuator, Sawtooth(64.0, 25.0, 1e-3), times, TIGHT)[1]
+
+    expected = (motion(1.0 + h) - motion(1.0 - h)) / (2 * h)
+    found = jax.jit(jax.jacfwd(motion))(1.0)
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-3 * float(jnp.abs(expected).max()))
