@@ -7,8 +7,9 @@ if TYPE_CHECKING:
     from .estimation import identify as identify
     from .simulation import simulate as simulate
     from .study import load_study as load_study
+    from .sweeping import sweep as sweep
 
-_HOMES = {"identify": "estimation", "load_study": "study", "simulate": "simulation"}
+_HOMES = {"identify": "estimation", "load_study": "study", "simulate": "simulation", "sweep": "sweeping"}
 
 
 def __getattr__(name: str) -> Any:

@@ -2,6 +2,7 @@
 
 import contextlib
 import csv
+import importlib.util
 import json
 import math
 import os
@@ -25,7 +26,18 @@ FORMAT = "pdssjax-estimate/1"
 
 CHARACTERISATION_FORMAT = "pdssjax-characterisation/1"
 
-_RESULTS = ("report.txt", "records", "predictions", "cycles.csv", "plots", "characterise.json", "estimate.json")
+_RESULTS = (
+    "report.txt",
+    "records",
+    "predictions",
+    "cycles.csv",
+    "plots",
+    "sweep.nc",
+    "sweep.zarr",
+    "sweep.png",
+    "characterise.json",
+    "estimate.json",
+)
 """What a folder of results may hold; the JSON file is moved in last, so where it is, all is."""
 
 
@@ -90,6 +102,24 @@ def write_recordings(
 
 def _beside(file: Path, study: Path) -> bool:
     return file.is_relative_to(study.parent) and ".." not in file.relative_to(study.parent).parts
+
+
+def write_sweep(data: Any, folder: Path, store: str) -> None:
+    """Put a sweep's `xarray.Dataset` into `folder` as sweep.nc or sweep.zarr, with its map."""
+    from .plot_sweep import sweep_figure
+
+    with _staged(folder) as stage:
+        if store == "zarr":
+            _need_zarr()
+            data.to_zarr(stage / "sweep.zarr", consolidated=False)
+        else:
+            data.to_netcdf(stage / "sweep.nc", engine="scipy")
+        sweep_figure(data).savefig(stage / "sweep.png")
+
+
+def _need_zarr() -> None:
+    if importlib.util.find_spec("zarr") is None:
+        raise InputError('option --store: found zarr, which is not installed; expected netcdf, or "pip install zarr".')
 
 
 def write_characterisations(found: Sequence[Characterisation], folder: Path) -> None:

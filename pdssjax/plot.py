@@ -20,7 +20,7 @@ from .estimate import Estimate, FittedParameter, FittedRecord
 # From the palette of Okabe and Ito, told apart by the colour-blind and in grey print.
 _GREY, _VERMILION, _BLUE, _YELLOW = "0.5", "#D55E00", "#0072B2", "#F0E442"
 
-_STYLE: dict[Any, Any] = {
+STYLE: dict[Any, Any] = {
     "font.size": 9.0,
     "axes.titlesize": 9.0,
     "axes.spines.top": False,
@@ -35,7 +35,7 @@ def record_figure(record: FittedRecord) -> Figure:
     """Measured against predicted [um] over residuals; to the right, the liveliest moment enlarged."""
     moment = _liveliest_moment(record)
     span = record.time[moment][[0, -1]]
-    with matplotlib.rc_context(_STYLE):
+    with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(7.4, 4.6), layout="constrained")
         ((motion, near), (residual, near_residual)) = figure.subplots(
             2, 2, sharex="col", height_ratios=(2, 1), width_ratios=(3, 2)
@@ -58,7 +58,7 @@ def correlation_figure(estimate: Estimate) -> Figure:
     """The lower triangle of the correlation matrix; crosses where there is no information."""
     names, count = estimate.names, len(estimate.names)
     shown = np.where(np.tri(count, k=-1, dtype=bool), estimate.correlation, np.nan)[1:, :-1]
-    with matplotlib.rc_context(_STYLE):
+    with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(2.6 + 0.5 * count, 1.6 + 0.45 * count), layout="constrained")
         axes = figure.subplots()
         image = axes.imshow(shown, vmin=-1.0, vmax=1.0, cmap="RdBu_r", aspect="auto")
@@ -79,7 +79,7 @@ def error_figure(estimate: Estimate) -> Figure:
     """Standard errors in per cent of the values; of a sequential fit also the naive ones."""
     known = [p for p in estimate.parameters.values() if p.free and p.value and np.isfinite(p.standard_error)]
     rows = range(len(known))
-    with matplotlib.rc_context(_STYLE):
+    with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(5.6, 1.3 + 0.28 * len(known)), layout="constrained")
         axes = figure.subplots()
         axes.plot([_percent(p, p.standard_error) for p in known], rows, "o", color=_BLUE, label="standard error")
@@ -99,7 +99,7 @@ def error_figure(estimate: Estimate) -> Figure:
 def cycle_figure(found: Characterisation) -> Figure:
     """The record with its cycles and turning points; to the right, its cycles and its slips on top of each other."""
     scale, unit = (MICROMETRES, "µm") if found.measures == "displacement" else (1.0, "N")
-    with matplotlib.rc_context(_STYLE):
+    with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(7.4, 4.8), layout="constrained")
         panels = figure.subplot_mosaic("RRRCC;RRRSS")
         _draw_cycles(panels["R"], found, scale)

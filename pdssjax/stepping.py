@@ -72,12 +72,7 @@ class Walk(NamedTuple):
 def find_steps(system: Any, horizon: Any, accuracy: Accuracy) -> tuple[Any, Walk]:
     """Every step from t = 0 to the horizon: the table of steps, and the last carry."""
     unflatten = unflattener(system)
-    zero = jnp.zeros(())
-    first, mode = begin(system)
-    leaves = tuple(jax.tree.leaves(first))
-    nothing: Any = zero
-    blank = Walk(*[nothing] * len(Walk._fields))
-    walk = blank._replace(x=leaves, opened=leaves, mode=mode, trial=zero + 1e-6)
+    walk = _outset(system)
     start, unpack = _packed(walk)
     width = 2 + len(walk.x) + KNOWN
     blocks = -(-accuracy.max_steps // _BLOCK)
@@ -103,6 +98,55 @@ def find_steps(system: Any, horizon: Any, accuracy: Accuracy) -> tuple[Any, Walk
     whole = {name: getattr(walk, name).astype(int) for name in counts}
     whole["failure"] = jnp.where(walk.done > 0, whole["failure"], 1)
     return table, walk._replace(**whole, repeats=walk.repeats > 0)
+
+
+def pass_times(system: Any, times: Any, accuracy: Accuracy) -> tuple[Any, Any, Any, Any]:
+    """The state at each of the ascending `times` [s], shape (m,), without keeping the steps between.
+
+    For sweeps: little memory, no derivatives, no repetition of periods.
+
+    **Returns:** the state, every leaf of shape (m,); steps accepted, rejected, and the failure
+    as in `Walk`.
+    """
+    unflatten = unflattener(system)
+    start, unpack = _packed(_outset(system))
+    alone = Unrepeated(system)
+
+    def go(packed, time):
+        walk = unpack(packed)
+        packed = _packed(walk._replace(done=jnp.where(walk.failure > 0, 1.0, 0.0)))[0]
+        running = lambda packed: (unpack(packed).done == 0) & (unpack(packed).count < accuracy.max_steps)
+        step = lambda packed: _packed(_one_step(alone, time, accuracy, unflatten, unpack(packed))[0])[0]
+        packed = lax.while_loop(running, step, packed)
+        return packed, jnp.stack(unpack(packed).x)
+
+    packed, states = lax.scan(go, start, times)
+    walk = unpack(packed)
+    failure = jnp.where((walk.done == 0) & (walk.failure == 0), 1.0, walk.failure).astype(int)
+    return unflatten(states.T), walk.count.astype(int), walk.rejected.astype(int), failure
+
+
+class Unrepeated:
+    """A system whose drive is not taken to repeat."""
+
+    def __init__(self, system: Any):
+        self._system = system
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._system, name)
+
+    def period(self) -> None:
+        return None
+
+
+def _outset(system: Any) -> Walk:
+    """The carry before the first step."""
+    zero = jnp.zeros(())
+    first, mode = begin(system)
+    leaves = tuple(jax.tree.leaves(first))
+    nothing: Any = zero
+    blank = Walk(*[nothing] * len(Walk._fields))
+    return blank._replace(x=leaves, opened=leaves, mode=mode, trial=zero + 1e-6)
 
 
 def _one_step(system, horizon, accuracy, unflatten, walk):

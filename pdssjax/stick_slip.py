@@ -108,7 +108,7 @@ class StickSlip(eqx.Module):
 
     def field(self, segment: Segment, after, x: State, mode) -> State:
         """Time derivative of the state in `mode`, `after` [s] into a segment."""
-        moves, held, rests = _kind(mode)
+        moves, held, _ = _kind(mode)
         stage = self.actuator.stage
         free = stage.acceleration(segment, after, x.stage)
         force = self.actuator.friction.force(x.memory, x.v, mode)

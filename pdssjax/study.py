@@ -72,6 +72,10 @@ class Study:
         full = {path: jnp.asarray(number, float) for path, number in (self._known(values) | values).items()}
         return _predicted(self.predictor, full, accuracy or Accuracy())
 
+    def legal(self) -> dict[str, Quantity]:
+        """What is declared of every parameter that the study may list, by path."""
+        return _legal(self)
+
     def values(self) -> dict[str, float]:
         """The number of every listed parameter: its value, its start, or one found from the data."""
         return dict(self._values)

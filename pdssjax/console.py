@@ -1,0 +1,60 @@
+"""What a command says while it works: warnings in plain lines, progress, a bar for long counts.
+
+The one home of rich.
+"""
+
+import contextlib
+import sys
+from collections.abc import Callable, Iterator
+
+from .errors import InputWarning
+
+
+def announce_warnings(show: Callable[..., None]) -> Callable[..., None]:
+    """In place of `warnings.showwarning`: plain lines for the user's own warnings, `show` for others."""
+
+    def announce(message, category, *where) -> None:
+        if issubclass(category, InputWarning):
+            print(f"pdssjax: warning: {message}", file=sys.stderr)
+        else:
+            show(message, category, *where)
+
+    return announce
+
+
+@contextlib.contextmanager
+def counter(what: str) -> Iterator[Callable[[int, int], None]]:
+    """A function of (done, all) that shows a bar on a terminal, else a line now and then."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    console = Console(stderr=True)
+    if console.is_terminal:
+        columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+        with Progress(*columns, console=console) as bar:
+            task = bar.add_task(what)
+            yield lambda done, count: bar.update(task, completed=done, total=count)
+    else:
+        tenth = 0
+
+        def line(done: int, count: int) -> None:
+            nonlocal tenth
+            if 10 * done // count > tenth:
+                tenth = 10 * done // count
+                print(f"{done} of {count} {what}", file=sys.stderr, flush=True)
+
+        yield line
+
+
+@contextlib.contextmanager
+def progress() -> Iterator[Callable[[str], None]]:
+    """A function that shows what is being done: one live line on a terminal, else line by line."""
+    from rich.console import Console
+    from rich.text import Text
+
+    console = Console(stderr=True)
+    if console.is_terminal:
+        with console.status("") as status:
+            yield lambda message: status.update(Text(message))
+    else:
+        yield lambda message: print(message, file=sys.stderr, flush=True)

@@ -1,0 +1,198 @@
+"""Sweeps: how an actuator walks over a grid of drive quantities and parameters.
+
+Every point of the grid is its own simulation from rest; the last of its cycles is measured
+(`cycle_metrics`).  Points are run side by side in blocks, blocks on every core, so that memory
+stays that of a few blocks however many points there are.  A point that fails is NaN, and says why.
+"""
+
+import dataclasses
+import itertools
+import math
+import os
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .errors import InputError, nearest
+from .hold import waveform
+from .integration import FAILURES, Accuracy
+from .metrics import FLANK, cycle_metrics
+from .quantity import Quantity, quantities
+from .records import Record
+from .stepping import pass_times
+from .stick_slip import StickSlip
+from .study import Study
+from .tables import check_range
+
+LANES = 32
+"""Points run side by side: what XLA's vector units take best."""
+_LINE = 6
+"""Samples by which the line of a flank is found."""
+METRICS = {"net_step": "m", "speed": "m/s", "efficiency": "1", "stroke": "m", "back_slip": "m"}
+"""What is measured at each point, with its unit."""
+SAYS = {
+    "net_step": "net step of a cycle",
+    "speed": "average speed",
+    "efficiency": "step efficiency (3.1)",
+    "stroke": "stroke of the stick phase",
+    "back_slip": "back-slip",
+}
+
+
+def sweep(
+    study: Study,
+    over: Mapping[str, Any],
+    *,
+    record: str | None = None,
+    cycles: int = 4,
+    accuracy: Accuracy | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    workers: int | None = None,
+) -> Any:
+    """Net step, speed, step efficiency, stroke and back-slip over a grid.
+
+    **Arguments:** `over` maps paths to the values [SI] of an axis, in the order of the axes:
+    quantities of the drive ("drive.voltage", "drive.frequency", "drive.fall_time") and parameters
+    of the study's models ("friction.f_ss_a").  `record` names the effector record whose drive is
+    varied, the first one by default.  The last of `cycles` cycles is measured; one more is run,
+    whose flank tells the last slip.  `progress(done, points)` is called after each block.
+    `workers` is the number of threads, one a core by default.
+
+    **Returns:** an `xarray.Dataset` with one dimension an axis, labelled with units: the metrics,
+    and `failure`, 0 or an index into `pdssjax.integration.FAILURES`, whose sentences are in its
+    attribute `meanings`.
+
+    **Raises:** `InputError` for an unknown path, an illegal value, an empty axis, or a study
+    without an effector record under a drive with a frequency.
+    """
+    base = _base(study, record)
+    axes = {path: np.atleast_1d(np.asarray(values, float)) for path, values in over.items()}
+    declared = _check(study, base, axes, cycles)
+    points = np.array(list(itertools.product(*axes.values()))) if axes else np.zeros((1, 0))
+    numbers = {path: value for path, value in study.values().items() if path not in {f"drive.{f}" for f in base.own}}
+    run = _Block(study.models, base.drive, tuple(axes), numbers, cycles, accuracy or Accuracy())
+    found = _run(run, points, progress, workers or os.cpu_count() or 1)
+    return _dataset(study, base, axes, declared, found, cycles)
+
+
+class _Block(eqx.Module):
+    """A block of points as one compiled function."""
+
+    models: Any
+    drive: Any
+    paths: tuple[str, ...] = eqx.field(static=True)
+    numbers: dict[str, float]
+    cycles: int = eqx.field(static=True)
+    accuracy: Accuracy
+
+    def __call__(self, points):
+        """Metrics and failure of each point, shape (lanes, metrics) and (lanes,)."""
+        return jax.vmap(self._point)(points)
+
+    def _point(self, values):
+        given = dict(zip(self.paths, values, strict=True))
+        drive, fields = self.drive, quantities(type(self.drive))
+        for path, value in {**self.numbers, **given}.items():
+            family, _, field = path.partition(".")
+            if family == "drive" and field in fields:
+                drive = eqx.tree_at(lambda d, field=field: getattr(d, field), drive, jnp.asarray(value, float))
+        actuator = self.models.actuator({**self.numbers, **given})
+        period = 1.0 / jnp.asarray(drive.frequency, float)
+        fall = jnp.asarray(getattr(drive, "fall_time", 0.0), float)
+        phases = fall + (period - fall) * jnp.linspace(FLANK[0], FLANK[1], _LINE)
+        times = jnp.concatenate([(self.cycles - 1) * period + phases, self.cycles * period + phases])
+        state, _, _, failure = pass_times(StickSlip(actuator, drive), times, self.accuracy)
+        y, _ = jax.vmap(actuator.stage.platform)(state.stage)
+        walk = cycle_metrics(times, y - state.d, drive.frequency, (self.cycles - 1) * period, 1, fall)
+        metrics = jnp.stack([getattr(walk, name)[0] for name in METRICS])
+        return jnp.where(failure > 0, jnp.nan, metrics), jnp.where(jnp.isfinite(metrics).all(), failure, 2)
+
+
+@eqx.filter_jit
+def _compiled(block: _Block, points):
+    return block(points)
+
+
+def _run(block: _Block, points: np.ndarray, progress: Callable[[int, int], None] | None, workers: int) -> np.ndarray:
+    """Metrics and failure of all points, shape (points, metrics + 1)."""
+    count = len(points)
+    padded = np.concatenate([points, np.repeat(points[-1:], -count % LANES, axis=0)])
+    blocks = padded.reshape(-1, LANES, points.shape[1])
+    found = np.empty((len(padded), len(METRICS) + 1))
+
+    def one(number: int) -> None:
+        metrics, failure = _compiled(block, jnp.asarray(blocks[number]))
+        place = slice(number * LANES, (number + 1) * LANES)
+        found[place, :-1], found[place, -1] = metrics, failure
+
+    done = 0
+    with ThreadPoolExecutor(workers) as pool:
+        # The first block alone: it compiles what the others share.
+        order = itertools.chain(map(one, range(1)), pool.map(one, range(1, len(blocks))))
+        for _ in order:
+            done = min(done + LANES, count)
+            if progress is not None:
+                progress(done, count)
+    return found[:count]
+
+
+def _base(study: Study, name: str | None) -> Record:
+    where = study.path or study.title
+    walks = [r for r in study.records if r.measures == "effector" and getattr(r.drive, "frequency", None)]
+    if not walks:
+        raise InputError(f"{where}: found no effector record under a periodic drive, expected one whose drive to vary.")
+    if name is None:
+        return walks[0]
+    for record in walks:
+        if record.name == name:
+            return record
+    raise InputError(f'{where}: found no record "{name}" to sweep; {nearest(name, [r.name for r in walks])}')
+
+
+def _check(study: Study, base: Record, axes: Mapping[str, np.ndarray], cycles: int) -> dict[str, Quantity]:
+    """What is declared of each axis."""
+    if cycles < 1:
+        raise InputError(f"sweep: found {cycles} cycles, expected at least 1.")
+    legal = {f"drive.{field}": q for field, q in quantities(type(waveform(base.drive))).items()}
+    legal |= {path: q for path, q in study.legal().items() if not path.startswith("drive.")}
+    for path, values in axes.items():
+        if path not in legal:
+            raise InputError(f'sweep: found the unknown path "{path}"; {nearest(path, legal)}')
+        if values.size == 0 or values.ndim != 1:
+            raise InputError(f'sweep: path "{path}": found an array of shape {values.shape}, expected some values.')
+        for value in values:
+            if not math.isfinite(value):
+                raise InputError(f'sweep: path "{path}": found {value}, expected finite numbers.')
+            check_range(float(value), legal[path], f'sweep: path "{path}"')
+    return {path: legal[path] for path in axes}
+
+
+def _dataset(study, base, axes, declared, found, cycles):
+    import xarray
+
+    shape = tuple(values.size for values in axes.values())
+    names = [path.replace(".", "_") for path in axes]
+    data = {
+        name: (names, found[:, i].reshape(shape), {"units": unit, "long_name": SAYS[name]})
+        for i, (name, unit) in enumerate(METRICS.items())
+    }
+    meanings = "; ".join(f"{i}: {sentence or 'none'}" for i, sentence in enumerate(FAILURES))
+    failure = found[:, -1].astype(np.int8).reshape(shape)
+    data["failure"] = (names, failure, {"long_name": "why a point has no value", "meanings": meanings})
+    coordinates = {
+        name: (name, values, {"units": declared[path].unit or "1", "long_name": path})
+        for name, (path, values) in zip(names, axes.items(), strict=True)
+    }
+    attributes = {"title": study.title, "record": base.name, "cycles": cycles, "drive": type(base.drive).__name__}
+    fixed = {path: number for path, number in study.values().items() if path not in axes}
+    fixed |= {
+        f"drive.{field.name}": float(getattr(base.drive, field.name))
+        for field in dataclasses.fields(base.drive)
+        if f"drive.{field.name}" not in axes and isinstance(getattr(base.drive, field.name), float | int)
+    }
+    return xarray.Dataset(data, coordinates, attributes | fixed)
