@@ -84,9 +84,11 @@ def test_elastoplastic_where_all_yields_is_lugre(sign):
     plastic, lugre = Elastoplastic(**curve, elastic_part=0.0), LuGre(**curve)
     for z, v in ((0.75e-6, 2e-4), (0.55e-6, 3e-3), (0.6e-6, 1e-3)):
         z, v = jnp.asarray(sign * z), jnp.asarray(sign * v)
-        begun = (z, *(jnp.asarray(flag) for flag in (0.0, 1.0)))
-        assert float(plastic.rate(begun, v, sign)[0]) == pytest.approx(float(lugre.rate((z,), v, sign)[0]), rel=1e-13)
-        assert float(plastic.force(begun, v, sign)) == pytest.approx(float(lugre.force((z,), v, sign)), rel=1e-13)
+        begun = (z, *(jnp.asarray(flag) for flag in (0.0, 1.0, 0.0)))
+        assert float(plastic.rate(begun, v, sign)[0]) == pytest.approx(
+            float(lugre.rate((z, 0.0), v, sign)[0]), rel=1e-13
+        )
+        assert float(plastic.force(begun, v, sign)) == pytest.approx(float(lugre.force((z, 0.0), v, sign)), rel=1e-13)
     softer = zigzag(plastic, [0.3e-6])
     assert softer.force[-1] > zigzag(lugre, [0.3e-6]).force[-1] + 0.01
 

@@ -98,6 +98,17 @@ def stribeck_curve(v: Any, f_c: Any, f_s: Any, v_s: Any) -> Any:
     return exp(x * x * (-1.0)) * (f_s - f_c) + f_c
 
 
+def stribeck_guard(fast: Any, v: Any, sign: Any, v_s: Any, reach: Any = 6.0) -> Any:
+    """The guard of a flag that tells `fast` sliding, far out where the Stribeck curve is flat.
+
+    At 6 v_s the curve has e^-36 left, and a power series about a point still further out shows
+    nothing of it: a step that brakes would run past the curve unseen.  So steps end at
+    `reach` times v_s when braking, and past 1.3 times that when speeding up.
+    """
+    speed = v * (sign / v_s)
+    return (speed - reach) * fast + (1.3 * reach - speed) * (1.0 - fast)
+
+
 def stribeck_range(acceleration: float, rate: float) -> tuple[float, float]:
     """Range for the Stribeck velocity [m/s]: fractions of the peak velocity of the platform."""
     return 1e-3 * acceleration / rate, 0.3 * acceleration / rate

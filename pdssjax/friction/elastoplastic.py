@@ -22,14 +22,14 @@ import jax.numpy as jnp
 
 from ..quantity import quantity
 from ..series import cosine_and_sine
-from .base import AbstractFriction, lugre_ranges, stribeck_curve, stribeck_range
+from .base import AbstractFriction, lugre_ranges, stribeck_curve, stribeck_guard, stribeck_range
 
 _HYSTERESIS = 1e-5
 """Part of z_ss - z_ba by which z has to pass z_ss before the region changes."""
 
 
 class Elastoplastic(AbstractFriction):
-    """One bristle deflection z [m] that first only stretches; flags tell the mixed and the plastic region."""
+    """One bristle deflection z [m] that first only stretches; flags: mixed, plastic region, fast."""
 
     sigma0: float = quantity(1.0e6, "N/m")
     """Bristle stiffness s0 [N/m]."""
@@ -47,7 +47,7 @@ class Elastoplastic(AbstractFriction):
     """Breakaway displacement z_ba as a part of the smallest z_ss: s0 z_ba / min(f_c, f_s)."""
 
     def initial(self):
-        return jnp.zeros(()), jnp.zeros(()), jnp.zeros(())
+        return jnp.zeros(()), jnp.zeros(()), jnp.zeros(()), jnp.zeros(())
 
     def breakaway(self):
         """Breakaway displacement z_ba [m]."""
@@ -58,40 +58,48 @@ class Elastoplastic(AbstractFriction):
         return stribeck_curve(v, self.f_c, self.f_s, self.v_s) * (1.0 / self.sigma0)
 
     def rate(self, state, v, sign):
-        z, mixed, plastic = state
+        z, mixed, plastic, _ = state
         u, begin, end = z * sign, self.breakaway(), self._steady(v)
         angle = (u - (end + begin) * 0.5) * jnp.pi / (end - begin)
         _, sine = cosine_and_sine(angle)
         alpha = mixed * (sine * 0.5 + 0.5) + plastic
-        return v - alpha * (v * u) / end, 0, 0
+        return v - alpha * (v * u) / end, 0, 0, 0
 
     def force(self, state, v, sign):
         return self.sigma0 * state[0] + self.sigma1 * self.rate(state, v, sign)[0] + self.sigma2 * v
 
     def length(self):
-        return jnp.ones(()), jnp.ones(()), jnp.ones(())
+        return jnp.ones(()), jnp.ones(()), jnp.ones(()), jnp.ones(())
 
     def relaxed(self, state, force):
         target = force / self.sigma0
         return (target, *state[1:]), target - state[0]
 
     def guards(self, state, v, sign):
-        z, mixed, plastic = state
+        z, mixed, plastic, fast = state
         u, begin, end = z * sign, self.breakaway(), self._steady(v)
         margin = (end - begin) * _HYSTERESIS
         yields = (begin - u) * (1.0 - mixed - plastic) + (end + margin - u) * mixed + plastic
         recovers = (u - end + margin) * plastic + (1.0 - plastic)
-        return yields, recovers
+        return yields, recovers, stribeck_guard(fast, v, sign, self.v_s)
 
     def passed(self, state, v, sign, which):
-        z, mixed, _ = state
+        z, mixed, plastic, fast = state
         yields = jnp.where(which == 0, 1.0, 0.0)
-        return z, 1.0 - yields * mixed, yields * mixed
+        region = which < 2
+        mixes, flows = 1.0 - yields * mixed, yields * mixed
+        return (
+            z,
+            jnp.where(region, mixes, mixed),
+            jnp.where(region, flows, plastic),
+            jnp.where(region, fast, 1.0 - fast),
+        )
 
     def turned(self, state, sign):
         u = state[0] * sign
         plastic = jnp.where(u >= self._steady(0.0), 1.0, 0.0)
-        return state[0], jnp.where(u >= self.breakaway(), 1.0, 0.0) * (1.0 - plastic), plastic
+        mixed = jnp.where(u >= self.breakaway(), 1.0, 0.0) * (1.0 - plastic)
+        return state[0], mixed, plastic, jnp.zeros_like(state[3])
 
     @classmethod
     def plausible(cls, mass, acceleration, rate):

@@ -22,7 +22,7 @@ F. Al-Bender, V. Lampaert and J. Swevers, IEEE Trans. Automatic Control 50(11), 
 import jax.numpy as jnp
 
 from ..quantity import quantity
-from .base import AbstractFriction, lugre_ranges, stribeck_curve, stribeck_range
+from .base import AbstractFriction, lugre_ranges, stribeck_curve, stribeck_guard, stribeck_range
 
 _COUNT = 4
 _ROUNDING = 1e-12
@@ -30,7 +30,7 @@ _ROUNDING = 1e-12
 
 
 class GeneralizedMaxwellSlip(AbstractFriction):
-    """The stretches z_1 … z_4 [m] of the springs, then four flags that tell which elements slip."""
+    """The stretches z_1 … z_4 [m] of the springs, then flags that tell which elements slip, and fast sliding."""
 
     stiffness_1: float = quantity(4.0e5, "N/m")
     """Stiffness k_1 of the first element [N/m]."""
@@ -58,7 +58,7 @@ class GeneralizedMaxwellSlip(AbstractFriction):
     """Viscous friction s2 [N s/m]."""
 
     def initial(self):
-        return tuple(jnp.zeros(()) for _ in range(2 * _COUNT))
+        return tuple(jnp.zeros(()) for _ in range(2 * _COUNT + 1))
 
     def _stiffnesses(self):
         return self.stiffness_1, self.stiffness_2, self.stiffness_3, self.stiffness_4
@@ -74,10 +74,12 @@ class GeneralizedMaxwellSlip(AbstractFriction):
         total = sum(self._strengths())
         level = self._remaining(v) * total
         rates = []
-        for z, slips, k, w in zip(state[:_COUNT], state[_COUNT:], self._stiffnesses(), self._strengths(), strict=True):
+        for z, slips, k, w in zip(
+            state[:_COUNT], state[_COUNT:-1], self._stiffnesses(), self._strengths(), strict=True
+        ):
             attracted = (sign * w / total - z * k / level) * (self.attraction / k)
             rates.append(v * (1.0 - slips) + attracted * slips)
-        return (*rates, *(0 for _ in range(_COUNT)))
+        return (*rates, *(0 for _ in range(_COUNT + 1)))
 
     def _elastic(self, state):
         forces = [z * k for z, k in zip(state[:_COUNT], self._stiffnesses(), strict=True)]
@@ -87,7 +89,7 @@ class GeneralizedMaxwellSlip(AbstractFriction):
         return self._elastic(state) + self.sigma2 * v
 
     def length(self):
-        return tuple(jnp.ones(()) for _ in range(2 * _COUNT))
+        return tuple(jnp.ones(()) for _ in range(2 * _COUNT + 1))
 
     def relaxed(self, state, force):
         yields = (force - self._elastic(state)) / sum(self._stiffnesses())
@@ -95,21 +97,23 @@ class GeneralizedMaxwellSlip(AbstractFriction):
 
     def guards(self, state, v, sign):
         remaining = self._remaining(v)
-        return tuple(
+        elements = (
             (remaining * w - z * (sign * k)) * (1.0 - slips) + slips
             for z, slips, k, w in zip(
-                state[:_COUNT], state[_COUNT:], self._stiffnesses(), self._strengths(), strict=True
+                state[:_COUNT], state[_COUNT:-1], self._stiffnesses(), self._strengths(), strict=True
             )
         )
+        return (*elements, stribeck_guard(state[-1], v, sign, self.v_s))
 
     def passed(self, state, v, sign, which):
-        slips = (jnp.where(which == i, 1.0, flag) for i, flag in enumerate(state[_COUNT:]))
-        return (*state[:_COUNT], *slips)
+        slips = (jnp.where(which == i, 1.0, flag) for i, flag in enumerate(state[_COUNT:-1]))
+        fast = jnp.where(which == _COUNT, 1.0 - state[-1], state[-1])
+        return (*state[:_COUNT], *slips, fast)
 
     def turned(self, state, sign):
-        springs = list(zip(state[:_COUNT], self._stiffnesses(), self._strengths(), strict=True))
-        slips = (jnp.where(sign * k * z < w * (1.0 - _ROUNDING), 0.0, 1.0) for z, k, w in springs)
-        return (*state[:_COUNT], *slips)
+        springs = zip(state[:_COUNT], self._stiffnesses(), self._strengths(), strict=True)
+        slips = [jnp.where(sign * k * z < w * (1.0 - _ROUNDING), 0.0, 1.0) for z, k, w in springs]
+        return (*state[:_COUNT], *slips, jnp.zeros_like(state[-1]))
 
     @classmethod
     def plausible(cls, mass, acceleration, rate):

@@ -15,11 +15,11 @@ N. Barabanov and R. Ortega, IEEE Trans. Automatic Control 45(4), 2000.
 import jax.numpy as jnp
 
 from ..quantity import quantity
-from .base import AbstractFriction, lugre_ranges, stribeck_curve, stribeck_range
+from .base import AbstractFriction, lugre_ranges, stribeck_curve, stribeck_guard, stribeck_range
 
 
 class LuGre(AbstractFriction):
-    """One mean bristle deflection z [m], whose limit depends on the velocity."""
+    """One mean bristle deflection z [m], whose limit depends on the velocity; a flag tells fast sliding."""
 
     sigma0: float = quantity(1.0e6, "N/m")
     """Bristle stiffness s0 [N/m]."""
@@ -35,21 +35,30 @@ class LuGre(AbstractFriction):
     """Stribeck velocity v_s [m/s]."""
 
     def initial(self):
-        return (jnp.zeros(()),)
+        return jnp.zeros(()), jnp.zeros(())
 
     def rate(self, state, v, sign):
         level = stribeck_curve(v, self.f_c, self.f_s, self.v_s)
-        return (v - v * state[0] * (self.sigma0 * sign) / level,)
+        return v - v * state[0] * (self.sigma0 * sign) / level, 0
 
     def force(self, state, v, sign):
         return self.sigma0 * state[0] + self.sigma1 * self.rate(state, v, sign)[0] + self.sigma2 * v
 
     def length(self):
-        return (jnp.ones(()),)
+        return jnp.ones(()), jnp.ones(())
 
     def relaxed(self, state, force):
         target = force / self.sigma0
-        return (target,), target - state[0]
+        return (target, state[1]), target - state[0]
+
+    def guards(self, state, v, sign):
+        return (stribeck_guard(state[1], v, sign, self.v_s),)
+
+    def passed(self, state, v, sign, which):
+        return state[0], 1.0 - state[1]
+
+    def turned(self, state, sign):
+        return state[0], jnp.zeros_like(state[1])
 
     @classmethod
     def plausible(cls, mass, acceleration, rate):

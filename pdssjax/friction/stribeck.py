@@ -15,14 +15,21 @@ import jax.numpy as jnp
 
 from ..quantity import quantity
 from ..series import exp, power
-from .base import AbstractFriction, lugre_ranges, stribeck_range
+from .base import AbstractFriction, lugre_ranges, stribeck_guard, stribeck_range
 
 _ROUNDING = 1e-3
 """e: the part of v_s below which the tip of the curve is rounded."""
 
 
+_FLAT = 36.0
+"""|v/v_s|^delta from which on the curve is flat."""
+
+
 class Stribeck(AbstractFriction):
-    """A force that depends on the velocity alone, largest where motion begins; sticks at rest."""
+    """A force that depends on the velocity alone, largest where motion begins; sticks at rest.
+
+    Its only state is a flag that tells fast sliding.
+    """
 
     f_c: float = quantity(0.55, "N")
     """Coulomb force f_c, of fast sliding without its viscous part [N]."""
@@ -36,10 +43,10 @@ class Stribeck(AbstractFriction):
     """Exponent delta of the Stribeck curve."""
 
     def initial(self):
-        return ()
+        return (jnp.zeros(()),)
 
     def rate(self, state, v, sign):
-        return ()
+        return (0,)
 
     def force(self, state, v, sign):
         x = v * (1.0 / self.v_s)
@@ -49,10 +56,20 @@ class Stribeck(AbstractFriction):
         return level * sign + v * self.sigma2
 
     def length(self):
-        return ()
+        return (jnp.ones(()),)
 
     def relaxed(self, state, force):
-        return (), jnp.zeros(())
+        return state, jnp.zeros(())
+
+    def guards(self, state, v, sign):
+        reach = power(_FLAT, 1.0 / self.delta)
+        return (stribeck_guard(state[0], v, sign, self.v_s, reach),)
+
+    def passed(self, state, v, sign, which):
+        return (1.0 - state[0],)
+
+    def turned(self, state, sign):
+        return (jnp.zeros(()),)
 
     @classmethod
     def plausible(cls, mass, acceleration, rate):
