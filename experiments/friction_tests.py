@@ -79,7 +79,7 @@ def notes() -> list[str]:
     (mu_a, mu_b), (a, b) = COEFFICIENTS, breakaway()
     return [
         f"No single normal force does for both directions: A asks for {need_a:.2f} N, B for {need_b:.2f} N. Their "
-        f"mean, {0.5 * (need_a + need_b):.2f} N, is {0.5 * (need_a + need_b) / weight():.2f} weights, and misses each by "
+        f"mean, {0.5 * (need_a + need_b):.2f} N or {0.5 * (need_a + need_b) / weight():.2f} weights, misses each by "
         f"{100 * (need_a - need_b) / (need_a + need_b):.0f} %. The groove alone explains most of the size of F_SS.",
         f"The anisotropy does not carry over: {100 * (mu_a / mu_b - 1):.0f} % in the test, {100 * (a / b - 1):.0f} % "
         "on the actuator. A ball of steel under 5 N at 0.5 mm/s need not feel the tips as two such surfaces do that "
