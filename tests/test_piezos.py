@@ -27,6 +27,7 @@ from pdssjax.piezo.distributed_rod import DistributedRod
 from pdssjax.piezo.maxwell_slip import MaxwellSlip
 from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.piezo.static import Static
+from pdssjax.quantity import quantities
 from pdssjax.rod import mode_responses
 from pdssjax.simulation import displacements, measured, platform
 from pdssjax.stage import Stage
@@ -89,7 +90,7 @@ def test_a_jump_is_the_limit_of_a_fast_ramp(name):
 
 def numbers_of(piezo) -> dict[str, float]:
     """What the model declares, but for the mass, which needs feedback to matter."""
-    return {f: float(getattr(piezo, f)) for f in piezo.__dataclass_fields__ if f != "mass" and getattr(piezo, f)}
+    return {name: float(getattr(piezo, name)) for name in quantities(type(piezo)) if name != "mass"}
 
 
 @pytest.mark.slow
