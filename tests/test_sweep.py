@@ -1,0 +1,134 @@
+"""A sweep is many single runs, labelled: each point is its own simulation, and one that fails says so."""
+
+import dataclasses
+import json
+
+import jax
+import numpy as np
+import pytest
+import xarray
+
+import pdssjax
+from pdssjax.actuator import Actuator
+from pdssjax.cli import main
+from pdssjax.commands import EXAMPLE
+from pdssjax.drive.sawtooth import Sawtooth
+from pdssjax.errors import InputError
+from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
+from pdssjax.parameters import Parameter
+from pdssjax.piezo.second_order import SecondOrder
+from pdssjax.ranges import read_axis
+
+UM = 1e6
+
+
+@pytest.fixture(scope="module")
+def study():
+    """The packaged example with its true values."""
+    loaded = pdssjax.load_study(EXAMPLE / "study.toml")
+    truth = json.loads((EXAMPLE / "truth.json").read_text())["parameters"]
+    known = {p: Parameter(p, q.unit, q.quantity, value=truth[p]["value"]) for p, q in loaded.parameters.items()}
+    return dataclasses.replace(loaded, parameters=known)
+
+
+GRID = {"drive.voltage": [30.0, 64.0, 75.0], "drive.frequency": [5.0, 23.0], "friction.f_ss_a": [0.5, 0.8]}
+
+
+@pytest.fixture(scope="module")
+def data(study):
+    return pdssjax.sweep(study, GRID, workers=2)
+
+
+@jax.jit
+def walked(voltage, frequency, f_ss_a):
+    """End-effector displacement at the middle and the ends of the fitted part of the last two flanks, one run."""
+    actuator = Actuator(SecondOrder(), AnisotropicLuGre(f_ss_a=f_ss_a))
+    phases = np.array([3.2, 3.5, 3.8, 4.2, 4.5, 4.8])
+    return pdssjax.simulate(actuator, Sawtooth(voltage, frequency), phases / frequency).effector
+
+
+def test_every_point_agrees_with_its_own_single_run(data):
+    for voltage in GRID["drive.voltage"]:
+        for frequency in GRID["drive.frequency"]:
+            for f_ss_a in GRID["friction.f_ss_a"]:
+                point = data.sel(drive_voltage=voltage, drive_frequency=frequency, friction_f_ss_a=f_ss_a)
+                low, middle, high, _, following, _ = np.asarray(walked(voltage, frequency, f_ss_a)) * UM
+                assert float(point.net_step) * UM == pytest.approx(following - middle, abs=1e-3)
+                assert float(point.stroke) * UM == pytest.approx((high - low) / 0.6, abs=3e-3)
+                assert float(point.speed) == pytest.approx(float(point.net_step) * frequency)
+                assert float(point.efficiency) == pytest.approx(float(point.net_step / point.stroke))
+                assert float(point.back_slip) == pytest.approx(float(point.stroke - point.net_step))
+
+
+def test_points_are_labelled_with_units_and_say_what_was_held(data):
+    assert dict(data.sizes) == {"drive_voltage": 3, "drive_frequency": 2, "friction_f_ss_a": 2}
+    assert data.drive_voltage.attrs["units"] == "V" and data.net_step.attrs["units"] == "m"
+    assert data.attrs["piezo.gain"] == pytest.approx(1.007e-7)
+    assert not data.failure.any()
+
+
+def test_a_point_that_fails_is_nan_and_says_why(study):
+    # A contact that yields within an atom's width takes more steps than there is room for.
+    data = pdssjax.sweep(study, GRID | {"friction.f_ss_a": [0.8, 1e-9]}, workers=2)
+    assert not data.failure.sel(friction_f_ss_a=0.8).any() and data.failure.sel(friction_f_ss_a=1e-9).all()
+    failed = data.failure.values != 0
+    assert np.isnan(data.net_step.values[failed]).all() and np.isfinite(data.net_step.values[~failed]).all()
+    assert "ran out of room" in data.failure.attrs["meanings"]
+
+
+def test_progress_is_told_block_by_block(study):
+    told = []
+    pdssjax.sweep(study, GRID, progress=lambda done, count: told.append((done, count)))
+    assert told[-1] == (12, 12)
+
+
+@pytest.mark.parametrize(
+    ("over", "essential"),
+    [
+        ({"drive.voltag": [1.0]}, 'did you mean "drive.voltage"'),
+        ({"drive.frequency": [0.0]}, "above 0"),
+        ({"drive.frequency": []}, "expected some values"),
+        ({"drive.frequency": [np.nan]}, "finite"),
+    ],
+)
+def test_what_cannot_be_swept_is_refused(study, over, essential):
+    with pytest.raises(InputError, match="sweep") as refused:
+        pdssjax.sweep(study, over)
+    assert essential in str(refused.value)
+
+
+def test_a_study_without_a_walk_is_refused(study):
+    steps = dataclasses.replace(study, records=study.records[:1])
+    with pytest.raises(InputError, match="expected one whose drive to vary"):
+        pdssjax.sweep(steps, {})
+    with pytest.raises(InputError, match="did you mean"):
+        pdssjax.sweep(study, {}, record="5 Hz C")
+
+
+def test_axes_are_read_with_units_and_spacing(study):
+    legal = study.legal()
+    np.testing.assert_allclose(read_axis("drive.fall_time", "0 ms:2 ms:3", legal), [0.0, 1e-3, 2e-3])
+    np.testing.assert_allclose(read_axis("drive.frequency", "1:100:3:log", legal), [1.0, 10.0, 100.0])
+    np.testing.assert_allclose(read_axis("drive.voltage", "64 V", legal), [64.0])
+
+
+@pytest.mark.parametrize("text", ["1:2", "1:2:0", "1:2:x", "1:2:3:lin", "0:2:3:log", "1 kg:2 kg:3", "a:b:3"])
+def test_an_axis_at_fault_is_refused(study, text):
+    with pytest.raises(InputError, match=r"drive\.voltage"):
+        read_axis("drive.voltage", text, study.legal())
+
+
+def test_the_command_writes_a_dataset_and_a_map(tmp_path, capsys, monkeypatch, data):
+    monkeypatch.setitem(vars(pdssjax), "sweep", lambda study, over, **how: data)
+    arguments = ["sweep", str(EXAMPLE / "study.toml"), "--voltage", "30:75:3", "--vary", "friction.f_ss_a=0.5:0.8:2"]
+    assert main([*arguments, "--out", str(tmp_path)]) == 0
+    assert "average speed" in capsys.readouterr().out
+    with xarray.open_dataset(tmp_path / "sweep.nc", engine="scipy") as kept:
+        xarray.testing.assert_allclose(kept, data)
+        assert kept.net_step.attrs == data.net_step.attrs
+    assert (tmp_path / "sweep.png").stat().st_size > 10_000
+    assert main([*arguments, "--out", str(tmp_path)]) == 2
+    assert (
+        main(["sweep", str(EXAMPLE / "study.toml"), "--vary", "friction.f_ss_a", "--out", str(tmp_path / "new")]) == 2
+    )
+    assert "--vary" in capsys.readouterr().err
