@@ -1,8 +1,9 @@
 """Where a fit starts when the study does not say: found from the data.
 
 The piezo: gain, overshoot and time of the first peak of a step response, as in the thesis's
-appendix 1; without a step, the slope of the slow flank gives the gain.  What then is still
-unknown is looked for by trying a Latin hypercube of plausible values against the records.
+appendix 1; without a step, the slope of the slow flank gives the gain.  A record of the contact
+alone tells force, stiffness and speed of what happens there.  What then is still unknown is
+looked for by trying a Latin hypercube of plausible values against the records.
 """
 
 import dataclasses
@@ -26,6 +27,8 @@ TRIALS = 512
 """Points of the hypercube."""
 PERIODS = 3.0
 """Periods of a record that the trials are compared with."""
+SAMPLES = 2000
+"""Samples of a friction record that the trials are compared with."""
 
 
 def find_starts(models: Models, parameters: Mapping[str, Parameter], records: Sequence[Record]) -> dict[str, float]:
@@ -71,7 +74,7 @@ def _outset(models, parameters, records, better):
     ranges = _ranges(models, known, unknown, parameters, fitted)
     for path in [path for path in unknown if path not in ranges]:
         known[path] = _within(parameters[path].quantity.nominal, parameters[path])
-    return known, ranges, [record for record in fitted if record.measures == "effector"] if ranges else []
+    return known, ranges, [record for record in fitted if record.measures != "platform"] if ranges else []
 
 
 def _within(number: float, parameter: Parameter) -> float:
@@ -86,7 +89,11 @@ def _piezo_from_data(records: Sequence[Record]) -> dict[str, float]:
     if steps:
         found = [_from_step(record) for record in steps]
         return {path: float(np.median([f[path] for f in found])) for path in found[0]}
-    flanks = [_flank_gain(r) for r in records if _frequency(r) and hasattr(waveform(r.drive), "fall_time")]
+    flanks = [
+        _flank_gain(r)
+        for r in records
+        if r.measures != "force" and _frequency(r) and hasattr(waveform(r.drive), "fall_time")
+    ]
     follows = [_range_gain(r) for r in records if r.measures == "platform"]
     gains = flanks or follows
     return {"piezo.gain": float(np.median(gains))} if gains else {}
@@ -162,7 +169,9 @@ def _ranges(models, known, unknown, parameters, records) -> dict[str, tuple[floa
     rate = value("piezo.natural_frequency", nominal.get("piezo.natural_frequency", 6e3))
     gain = value("piezo.gain", nominal.get("piezo.gain", 1e-7))
     volts = max((_amplitude(r) for r in records), default=1.0) or 1.0
-    friction = models.friction.plausible(value("effector.mass", 0.1), gain * volts * rate**2, rate)
+    contacts = [_contact_scale(record) for record in records if record.measures == "friction"]
+    driven = (value("effector.mass", 0.1), gain * volts * rate**2, rate)
+    friction = models.friction.plausible(*(np.median(contacts, axis=0) if contacts else driven))
     ranges = {f"friction.{name}": ends for name, ends in friction.items()}
     ranges["piezo.natural_frequency"] = (0.3 * rate, 3.0 * rate)
     ranges["piezo.damping_ratio"] = (0.03, 0.6)
@@ -174,6 +183,26 @@ def _ranges(models, known, unknown, parameters, records) -> dict[str, tuple[floa
             low, high = (_within(end, parameters[path]) for end in ranges[path])
             clipped[path] = (low, high) if low < high else (0.999 * low, low)
     return clipped
+
+
+def _contact_scale(record: Record) -> tuple[float, float, float]:
+    """Mass, acceleration and rate that stand for what a friction record shows, as `plausible` wants them.
+
+    Its force F, its stiffness k (the steepest tenth of the loops) and its speed v put the middle of
+    the ranges: the contact follows at the rate k v/F, and a mass moved by force and stiffness
+    like that of an actuator has 0.3 m rate^2 = k and 0.035 m a = F in the middle.
+    """
+    assert record.motion is not None
+    force = 0.5 * float(np.subtract(*np.percentile(record.measured, [95.0, 5.0]))) or 1e-3
+    moved, pulled = np.diff(record.motion), np.diff(record.measured)
+    stroke = float(np.ptp(record.motion)) or 1e-6
+    moves = np.abs(moved) > 1e-4 * stroke
+    slopes = (pulled[moves] / moved[moves]) if moves.any() else np.zeros(1)
+    stiffness = max(float(np.percentile(slopes, 90.0)), force / stroke)
+    speed = float(np.median(np.abs(moved[moves] / np.diff(record.time)[moves]))) if moves.any() else stroke
+    rate = stiffness * speed / force
+    mass = stiffness / (0.3 * rate**2)
+    return mass, force / (0.035 * mass), rate
 
 
 def _search(models, known, ranges, parameters, records) -> list[dict[str, float]]:
@@ -197,6 +226,9 @@ def _search(models, known, ranges, parameters, records) -> list[dict[str, float]
 
 def _beginning(record: Record) -> Record:
     """The first periods of a `record`: enough to tell a trial by, and quick where a contact never rests."""
+    if record.motion is not None:
+        parts = {name: getattr(record, name)[:SAMPLES] for name in ("time", "measured", "motion")}
+        return dataclasses.replace(record, **parts)
     frequency = _frequency(record)
     if not frequency:
         return record
