@@ -73,7 +73,7 @@ class Taylor(AbstractExpansion):
         return Piece(_rescaled(series, reach), reach, jnp.ones((), bool), reach)
 
     def expand(self, field, after, x, units, reach, one):
-        return _rescaled(solution(field, after, x, self.order, one), reach)
+        return _rescaled(solution(field, after, x, self.order, one, divide=True), reach)
 
 
 class OneStep(AbstractExpansion):
