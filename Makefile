@@ -10,7 +10,7 @@ demo: .venv/ready
 	$(BIN)/pdssjax identify --out out/demo --overwrite
 
 test: .venv/ready
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile
 
 # Every experiment, with its table beside the thesis's numbers; out/experiments/index.html shows them all.
 experiments: .venv/ready
