@@ -161,18 +161,18 @@ def conclusions(found: Found) -> list[str]:
         "Each pair of numbers: deflection state and force state.",
         f"Walking can be reconciled: chi-square {chi2(WALKS_ALONE)}, with a fall in {of(WALKS_ALONE, FALL)} ms and a "
         f"moving mass of {of(WALKS_ALONE, MASS)} g, the plate included. Nothing in it is implausible, and it cannot "
-        "tell the readings of (5.22) apart. A fall alone, or fall and mass with the published friction, do not do. How the "
-        "rest divides among fall, mass and friction comes from the thesis's own values, as the pulls show.",
+        "tell the readings of (5.22) apart. A fall alone, or fall and mass with the published friction, do not do. "
+        "How the rest divides among fall, mass and friction comes from the thesis's own values, as the pulls show.",
         f"The anisotropy that walking asks for is smaller than identified, if not by much more than its error: F_SSa / "
         f"F_SSb {ratios} instead of 1.46, toward the 1.15 of the ball-on-disk tests. F_SS of the isotropic surfaces is "
         f"{usual} of F_SSa, not their mean of 0.84: etching aslant has weakened one direction and not strengthened the "
         "other. So the efficiency gains, while the output force, which hangs on the strong direction, hardly does: "
         "6 and 11 % in figure 3.11.",
         f"The forces do not go with the published friction: chi-square {chi2(EVERYTHING)}. The thesis itself puts "
-        f"friction at 'usually under 0.4 N' (section 5.3), and identified 0.80 N. With its size left open {chi2(ANY_SIZE)}, at "
-        f"F_SSa {of(ANY_SIZE, F_A)} mN and a moving mass of {of(ANY_SIZE, MASS)} g, less than the end-effector "
-        "without its plate: walking knows F / m, pushing knows F. Fall time, F_SSb and sensor stiffness are then known along a "
-        "line only, and their errors, linear as they are, mean no more than that.",
+        f"friction at 'usually under 0.4 N' (section 5.3), and identified 0.80 N. With its size left open "
+        f"{chi2(ANY_SIZE)}, at F_SSa {of(ANY_SIZE, F_A)} mN and a moving mass of {of(ANY_SIZE, MASS)} g, less than "
+        "the end-effector without its plate: walking knows F / m, pushing knows F. Fall time, F_SSb and sensor stiffness "
+        "are then known along a line only, and their errors, linear as they are, mean no more than that.",
         "No parameter makes the force grow by 5 and 9 % from 5 to 20 Hz, since the law knows no rate once it slides; "
         "the 20 mN allowed for each force hide that, and 5 mN would not.",
         "The thesis's conclusion stands in kind: anisotropic surfaces walk further in direction A at the expense of B. "
