@@ -171,7 +171,7 @@ def conclusions(found: Found) -> list[str]:
         f"The forces do not go with the published friction: chi-square {chi2(EVERYTHING)}. The thesis itself puts "
         f"friction at 'usually under 0.4 N' (section 5.3), and identified 0.80 N. With its size left open "
         f"{chi2(ANY_SIZE)}, at F_SSa {of(ANY_SIZE, F_A)} mN and a moving mass of {of(ANY_SIZE, MASS)} g, less than "
-        "the end-effector without its plate: walking knows F / m, pushing knows F. Fall time, F_SSb and sensor stiffness "
+        "the end-effector without its plate: walking knows F / m, pushing knows F. Fall time, F_SSb and stiffness "
         "are then known along a line only, and their errors, linear as they are, mean no more than that.",
         "No parameter makes the force grow by 5 and 9 % from 5 to 20 Hz, since the law knows no rate once it slides; "
         "the 20 mN allowed for each force hide that, and 5 mN would not.",
