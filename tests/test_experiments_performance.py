@@ -54,6 +54,7 @@ def test_in_a_v_groove_of_90_degrees_the_normal_forces_add_up_to_root_2_weights(
     assert pytest.approx(2.0 * each) == friction_tests.GROOVE
 
 
+@pytest.mark.slow
 def test_a_static_platform_throws_the_end_effector_back_by_what_newton_says():
     """Coulomb's force F accelerates it for the fall time tf and stops it again: F tf^2 / m, but for the slow flank."""
     pohl = rival_models.rivals()[0]
