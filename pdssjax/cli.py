@@ -65,6 +65,7 @@ def _parser() -> argparse.ArgumentParser:
     simulate = subcommands.add_parser("simulate", help=text, description=text)
     simulate.set_defaults(run=commands.simulate)
     simulate.add_argument("study", type=Path, metavar="STUDY", help="study file (TOML)")
+    _add_estimate(simulate)
     _add_out(simulate)
 
     text = "tell from records alone how well an actuator walks or pushes (thesis, chapter 3)"
@@ -89,6 +90,7 @@ def _parser() -> argparse.ArgumentParser:
     record = subcommands.add_parser("record", help=text, description=text)
     record.set_defaults(run=commands.record)
     record.add_argument("study", type=Path, metavar="STUDY", help="study file (TOML) whose parameters all have numbers")
+    _add_estimate(record)
     record.add_argument("--seed", type=int, default=0, help="another seed, other noise (default 0)")
     _add_out(record)
 
@@ -96,6 +98,7 @@ def _parser() -> argparse.ArgumentParser:
     sweep = subcommands.add_parser("sweep", help=text, description=text)
     sweep.set_defaults(run=commands.sweep)
     sweep.add_argument("study", type=Path, metavar="STUDY", help="study file (TOML)")
+    _add_estimate(sweep)
     sweep.add_argument(
         "--voltage", metavar="FROM:TO:COUNT", help='axis of the drive, such as 20:80:40 or "20 V:80 V:40"'
     )
@@ -124,6 +127,11 @@ def _parser() -> argparse.ArgumentParser:
     example.set_defaults(run=commands.example)
     example.add_argument("folder", type=Path, metavar="DIR", help="new or empty folder")
     return parser
+
+
+def _add_estimate(parser: argparse.ArgumentParser) -> None:
+    text = "take the parameters' numbers from an estimate.json in place of the study's"
+    parser.add_argument("--estimate", type=Path, metavar="FILE", help=text)
 
 
 def _add_out(parser: argparse.ArgumentParser, required: bool = True) -> None:

@@ -59,9 +59,8 @@ def simulate(options: argparse.Namespace) -> int:
 
     check_free(options.out, options.overwrite)
     prepare_jax()
-    import pdssjax
 
-    study = pdssjax.load_study(options.study)
+    study = _study(options)
     with progress() as say:
         say("simulating")
         records = [_compared(*pair) for pair in zip(study.records, study.predict({}), strict=True)]
@@ -70,6 +69,18 @@ def simulate(options: argparse.Namespace) -> int:
     print(format_records(records))
     print(f"Results are in {options.out}")
     return 0
+
+
+def _study(options: argparse.Namespace, virtual: bool = False) -> Any:
+    """The study of a command, with the numbers of `--estimate` where that is given."""
+    import pdssjax
+
+    study = pdssjax.load_study(options.study, virtual=True) if virtual else pdssjax.load_study(options.study)
+    if options.estimate is None:
+        return study
+    from .identified import with_estimate
+
+    return with_estimate(study, options.estimate)
 
 
 def _compared(record: "Record", predicted: "ArrayLike") -> "FittedRecord":
@@ -91,12 +102,11 @@ def record(options: argparse.Namespace) -> int:
 
     check_free(options.out, options.overwrite)
     prepare_jax()
-    import pdssjax
 
     from .estimate import compare
     from .virtual_rig import make_recordings, truth
 
-    study = pdssjax.load_study(options.study, virtual=True)
+    study = _study(options, virtual=True)
     with progress() as say:
         say("simulating")
         made = make_recordings(study, options.seed)
@@ -175,7 +185,7 @@ def sweep(options: argparse.Namespace) -> int:
 
     from .ranges import read_axis
 
-    study = pdssjax.load_study(options.study)
+    study = _study(options)
     legal = study.legal()
     given = [(f"drive.{name}", getattr(options, name)) for name in ("voltage", "frequency")]
     given += [_axis(text) for text in options.vary]

@@ -10,6 +10,9 @@ from jaxtyping import Float
 from .metrics import error_index, r_squared, rmse
 from .records import Record
 
+FORMAT = "pdssjax-estimate/1"
+"""Of the file in which an estimate is kept."""
+
 
 @dataclass(frozen=True)
 class FittedParameter:

@@ -18,11 +18,9 @@ import numpy as np
 from .characterise import Characterisation
 from .display import display_unit
 from .errors import InputError
-from .estimate import Estimate, FittedRecord
+from .estimate import FORMAT, Estimate, FittedRecord
 from .report import format_report
 from .virtual_rig import Recording, write_csv
-
-FORMAT = "pdssjax-estimate/1"
 
 CHARACTERISATION_FORMAT = "pdssjax-characterisation/1"
 

@@ -36,19 +36,20 @@ class Recording:
 def make_recordings(study: Study, seed: int = 0) -> list[Recording]:
     """Every record of `study`, as a rig with the study's values would measure it.
 
-    **Arguments:** the numbers of the parameters are their values or starts; the same `seed`
-    gives the same records, and each record its own noise, whatever the others are.
+    **Arguments:** the numbers of the parameters are their values or starts, or found from the
+    data where all records have some already.  The same `seed` gives the same records, and each
+    record its own noise, whatever the others are.
 
     **Raises:** `InputError` for a parameter without a number, and for a simulation that fails.
     """
     where = study.path or study.title
-    for path, parameter in study.parameters.items():
-        if parameter.value is None and parameter.start is None:
-            raise InputError(
-                f'{where}: parameters: "{path}": found no number, expected {{ value = ... }} or {{ start = ... }}: '
-                "a virtual rig has no data to find one from."
-            )
-    numbers = {path: p.start if p.value is None else p.value for path, p in study.parameters.items()}
+    unknown = [path for path, p in study.parameters.items() if p.value is None and p.start is None]
+    if unknown and not all(np.any(record.measured) for record in study.records):
+        raise InputError(
+            f'{where}: parameters: "{unknown[0]}": found no number, expected {{ value = ... }}, {{ start = ... }} '
+            "or an estimate: records that are still to be made have no data to find one from."
+        )
+    numbers = study.values()
     motions = study.predict(numbers)
     return [_recorded(*pair, seed, str(where)) for pair in zip(study.records, motions, strict=True)]
 
@@ -91,13 +92,12 @@ def truth(study: Study, recordings: list[Recording], seed: int) -> dict[str, Any
     return {
         "format": "pdssjax-truth/1",
         "seed": seed,
-        "parameters": {path: {"value": number, "unit": study.parameters[path].unit} for path, number in _known(study)},
+        "parameters": {
+            path: {"value": float(number), "unit": study.parameters[path].unit}
+            for path, number in study.values().items()
+        },
         "records": [
             {"name": r.record.name, "offset": r.offset, "noise": r.record.noise, "resolution": r.record.resolution}
             for r in recordings
         ],
     }
-
-
-def _known(study: Study) -> list[tuple[str, float]]:
-    return [(path, float(p.start if p.value is None else p.value)) for path, p in study.parameters.items()]  # pyright: ignore[reportArgumentType]

@@ -16,7 +16,7 @@ drive hold waveforms oscillator piezo friction effector amplifier stage sensor a
 expansion crossing stepping tangents integration stick_slip unloaded tribometer simulation
 parameters records prediction residual starts study
 levenberg_marquardt uncertainty metrics estimate fitting multistart summary estimation
-cycles characterise virtual_rig catalogue sweeping ranges
+identified cycles characterise virtual_rig catalogue sweeping ranges
 display report plot plot_sweep output runtime console commands cli
 """.split()
 """Modules and families; each may import only from those before it."""
