@@ -1,13 +1,16 @@
 """Experiments on measured and measured-like records: what they rest on, and behind `slow` their key numbers."""
 
+import json
 import math
 
 import numpy as np
 import pytest
 
 import pdssjax
-from experiments import identification
+from experiments import fits, identification, measured_fits, measured_laws, tribometer
 from pdssjax.cli import EXAMPLE
+from pdssjax.expansion import Taylor
+from pdssjax.integration import Accuracy
 from pdssjax.metrics import r_squared
 from pdssjax.starts import guess_starts
 
@@ -64,6 +67,69 @@ def test_the_error_that_an_r2_amounts_to_gives_that_r2_back():
     assert r_squared(walk.measured, wrong) == pytest.approx(0.9987, abs=1e-9)
 
 
+def test_fits_recover_what_made_a_record_and_leave_out_what_is_not_used(tmp_path):
+    time, motion, force = loops_of_dahl(4.5e4, 2.35)
+    noise = 0.02 * np.random.default_rng(1).normal(size=force.size)
+    posed = friction_study(tmp_path, time, motion, force + noise + 0.3)
+    starts, _ = guess_starts(posed.models, posed.parameters, posed.records)
+    curves = fits.Curves(posed, Accuracy(method=Taylor(4), tolerance=1e-8), starts)
+    free = ["friction.sigma0", "friction.f_ss"]
+    held = starts | {"friction.sigma1": 1e-3}
+    found = curves.fit(held, free, [np.ones(force.size, bool)])
+    assert found.converged and found.values["friction.sigma1"] == pytest.approx(1e-3)
+    for path, truth in zip(free, (4.5e4, 2.35), strict=True):
+        assert abs(found.values[path] - truth) < 4.0 * found.errors[path] < 0.05 * truth
+    assert math.sqrt(found.squares / found.samples) == pytest.approx(0.02, rel=0.15)
+    assert found.free == 3, "the offset counts"
+    first = curves.fit(held, free, [time < 2.0])
+    assert first.samples == 100
+    assert np.std(first.predicted[0] - force - 0.3) < 0.01, "the half that was left out is predicted"
+
+
+def test_the_floor_of_a_periodic_record_is_its_noise():
+    times = 3.0 + 2e-3 * np.arange(1, 1000)
+    noise = 0.05e-6 * np.random.default_rng(2).normal(size=times.size)
+    walk = 3e-6 * ((times / 0.2) % 1.0) ** 2 + 0.4e-6 * times + noise
+    mask = measured_fits.well_read(times)
+    assert measured_fits.floor(walk, times, mask) == pytest.approx(0.05, rel=0.1)
+    assert not mask[:3].any() and not mask[(times > 3.199) & (times < 3.205)].any() and mask.sum() > 950
+
+
+def test_the_measured_record_itself_allows_less_than_the_paper_s_error_but_not_at_the_slips():
+    record = measured_fits.study("coulomb", "deflection").records[0]
+    times = record.time + measured_fits.EARLIER
+    assert measured_fits.floor(record.measured, times, measured_fits.well_read(times)) == pytest.approx(
+        0.0517, rel=0.02
+    )
+    assert measured_fits.floor(record.measured, times, times > 3.007) == pytest.approx(0.103, rel=0.03)
+
+
+def test_the_paper_s_parameters_are_not_a_contact_s():
+    paper = {"effector.mass": 0.1, "drive.fall_time": 1e-3} | measured_laws.PUBLISHED
+    assert measured_fits.judge(paper)["viscous"] > 10.0
+    assert measured_fits.verdict(measured_fits.judge(paper)).startswith("not possible")
+
+
+def test_a_raw_tribometer_record_becomes_loops_without_its_rests(tmp_path):
+    time = np.arange(0.0, 175.0, 0.005)
+    way = np.interp((time - 9.0) % 4.0, [0.0, 1.0, 2.0, 3.0, 4.0], [0.0, 0.23, 0.23, 0.0, 0.0]) * (time > 9.0)
+    pull = np.clip(np.gradient(way), -1e-9, 1e-9) * 2.35e15
+    table = np.column_stack([time, 5e6 * np.ones_like(time), way - 110.0, -pull])
+    np.savetxt(tmp_path / "raw.tsv", table, delimiter="\t", header="a\tb\tc\td", comments="", fmt="%.7g")
+    parts = tribometer.prepared(tmp_path / "raw.tsv")
+    assert list(parts) == ["fitted", "earlier", "later"]
+    for part in parts.values():
+        assert part[0, 1] == 0.0 and part[0, 2] == 0.0, "the unloaded tester comes first"
+        assert np.ptp(part[:, 1]) == pytest.approx(0.23e-3, rel=1e-3)
+        assert 100 < len(part) < 150, "rests are two samples each"
+        assert tribometer.repeatability(part) < 0.05 * 2.35
+
+
+def test_without_its_record_the_tribometer_says_where_it_can_be_had(elsewhere, capsys):
+    tribometer.main([str(elsewhere / "nowhere.tsv")])
+    assert "test_data_2.txt" in capsys.readouterr().out
+
+
 @pytest.mark.slow
 def test_a_fit_at_5_Hz_predicts_20_Hz_to_the_noise(elsewhere):
     result = identification.calculate()
@@ -77,3 +143,25 @@ def test_a_fit_at_5_Hz_predicts_20_Hz_to_the_noise(elsewhere):
     ]
     assert len(away) == 9 and max(map(abs, away)) < 3.0
     assert result.chapter_4["5 Hz B"] < 0.95 < identification.THESIS["20 Hz"], "a piezo 3 % off shows"
+
+
+@pytest.mark.slow
+def test_a_measured_motion_is_explained_to_its_noise_with_possible_parameters():
+    starts = json.loads(measured_fits.STARTS.read_text(encoding="utf-8"))["starts"]
+    lugre, slow_piezo = measured_fits.fit("lugre", starts["lugre"])
+    assert lugre.well < 0.09 < lugre.all < 0.135 == measured_laws.PAPER["lugre"]
+    assert measured_fits.verdict(lugre.judged) == "possible"
+    assert lugre.held_out < 0.135
+    assert slow_piezo.whole.squares > 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not tribometer.PLACE.exists(), reason="the record is not part of the repository")
+def test_measured_presliding_loops_are_nearly_elastic_and_plastic():
+    parts = tribometer.prepared(tribometer.PLACE)
+    stiffness, level = tribometer.by_eye(parts["fitted"])
+    assert stiffness == pytest.approx(4.3e4, rel=0.05) and level == pytest.approx(2.35, rel=0.02)
+    dahl = tribometer.fit("dahl, n free", parts)
+    assert dahl.index["fitted"] < 0.15 and dahl.out < 0.15
+    assert dahl.found.values["friction.exponent"] < 0.2
+    assert dahl.found.values["friction.f_c"] == pytest.approx(level, rel=0.03)
