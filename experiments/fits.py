@@ -98,7 +98,7 @@ class Curves:
         point = np.clip(point, low, high)
         rest, jacobian = self._residual(point, used)
         damping, taken, converged = 1e-2, 0, False
-        while taken < limit and not converged and _usable(rest, jacobian):
+        while taken < limit and not converged and _usable(rest, jacobian[:, loose]):
             taken += 1
             held = ~loose | ((point <= low) & (jacobian.T @ rest > 0)) | ((point >= high) & (jacobian.T @ rest < 0))
             reduced = np.where(held, 0.0, jacobian)
@@ -111,7 +111,7 @@ class Curves:
             expected = rest @ rest - np.sum((rest + reduced @ (trial - point)) ** 2)
             rest_there, jacobian_there = self._residual(trial, used)
             gained = rest @ rest - rest_there @ rest_there
-            if _usable(rest_there, jacobian_there) and gained > 0:
+            if _usable(rest_there, jacobian_there[:, loose]) and gained > 0:
                 point, rest, jacobian = trial, rest_there, jacobian_there
                 damping = max(damping / 5.0, 1e-12)
             else:
@@ -134,7 +134,7 @@ class Curves:
         offsets = sum(r.offset is None and bool(m.any()) for r, m in zip(self.study.records, used, strict=True))
         count = len(free) + offsets
         errors = np.full(point.size, np.nan)
-        if _usable(rest, jacobian):
+        if _usable(rest, jacobian[:, inside]):
             variance = rest @ rest / (rest.size - count)
             errors = np.sqrt(np.diag(covariance(jacobian, ~inside).matrix) * variance)
             errors *= np.abs(self.scale.slope(point))
@@ -157,4 +157,6 @@ class Curves:
 
 def _usable(rest: np.ndarray, jacobian: np.ndarray) -> bool:
     """Whether the records could be predicted there, with a derivative."""
-    return bool(np.isfinite(rest).all() and np.isfinite(jacobian).all() and np.abs(jacobian).max() < _ENDLESS)
+    return bool(
+        np.isfinite(rest).all() and np.isfinite(jacobian).all() and np.abs(jacobian).max(initial=0.0) < _ENDLESS
+    )

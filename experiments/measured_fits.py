@@ -52,8 +52,6 @@ EARLIER = 13 * PERIOD
 HALF = 4.0
 """The first five cycles end here."""
 GRAVITY = 9.81
-SLOW_PIEZO = "lugre, slow piezo"
-"""LuGre with natural frequency and damping ratio of the piezo free, and a fast sensor."""
 
 
 def study(law: str, reading: str) -> Study:
@@ -123,11 +121,9 @@ def well_read(times: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
     return (times > 3.007) & (phase > 6e-3)
 
 
-def free_of(law: str, study: Study) -> list[str]:
+def free_of(study: Study) -> list[str]:
     """What is fitted: all but the mass and the piezo's dynamics, which are the paper's."""
     held = {"effector.mass", "piezo.natural_frequency", "piezo.damping_ratio"}
-    if law == SLOW_PIEZO:
-        held = {"effector.mass", "sensor.bandwidth", "sensor.delay"}
     return [path for path in study.parameters if path not in held]
 
 
@@ -150,21 +146,15 @@ class Fitted:
     """Numbers by which to judge whether it is possible, see `judge`."""
 
 
-def fit(law: str, starts: dict[str, float]) -> list[Fitted]:
-    """Everything about one law, in a process of its own; with "lugre" also the variant with a slow piezo."""
+def fit(law: str, starts: dict[str, float]) -> Fitted:
+    """Everything about one law, in a process of its own."""
     prepare_jax()
-    curves = Curves(study(*LAWS[law]), ACCURACY, starts)
-    found = [_fitted(law, curves, starts)]
-    if law == "lugre":
-        slow = starts | {"sensor.bandwidth": 1.9e4, "sensor.delay": 0.0}
-        slow |= {"piezo.natural_frequency": 1120.0, "piezo.damping_ratio": 0.99}
-        found.append(_fitted(SLOW_PIEZO, curves, slow))
-    return found
+    return _fitted(law, Curves(study(*LAWS[law]), ACCURACY, starts), starts)
 
 
 def _fitted(law: str, curves: Curves, starts: dict[str, float]) -> Fitted:
     posed = curves.study
-    free = free_of(law, posed)
+    free = free_of(posed)
     whole = curves.fit(starts, free, masks(posed), limit=12)
     first = curves.fit(whole.values, free, masks(posed, until=HALF), limit=12)
     record, times = posed.records[0], posed.records[0].time + EARLIER
@@ -239,7 +229,7 @@ def fit_all() -> list[Fitted]:
     context = multiprocessing.get_context("spawn")
     with concurrent.futures.ProcessPoolExecutor(min(2, os.cpu_count() or 1), mp_context=context) as pool:
         results = pool.map(fit, LAWS, [starts[law] for law in LAWS])
-        return sorted((one for some in results for one in some), key=lambda fitted: fitted.whole.squares)
+        return sorted(results, key=lambda fitted: fitted.whole.squares)
 
 
 def search_all() -> None:
@@ -257,7 +247,7 @@ def search(law: str, others: Mapping[str, dict[str, float]], points: int = 60, b
     middle, _ = guess_starts(posed.models, posed.parameters, posed.records)
     curves = Curves(posed, ACCURACY, middle)
     random = np.random.default_rng(0)
-    used, free = masks(posed), free_of(law, posed)
+    used, free = masks(posed), free_of(posed)
     trials = []
     for number in range(points):
         point = {path: value * (_spread(path, random) if number else 1.0) for path, value in middle.items()}

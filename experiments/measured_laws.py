@@ -57,8 +57,8 @@ def main() -> None:
                 "The paper's index is presumably over its raw record with slips, at its own parameters; ours is over "
                 "the record read off its figures, where around a slip the time is off by up to 2 ms, so that not even "
                 "the record's own mean cycle does better than the row says.",
-                "Which law: once sensor and fall time are in the model, the record hardly tells. Their "
-                "bandwidth of 50 to 150 Hz hides what the contact does within the 2 to 6 ms of a slip.",
+                "Which law: once sensor and fall time are in the model, the record does not tell; AIC prefers the "
+                "one with the fewest parameters. A sensor of some 85 Hz hides what the contact does within a slip.",
             ],
         ),
         print_table(

@@ -148,11 +148,10 @@ def test_a_fit_at_5_Hz_predicts_20_Hz_to_the_noise(elsewhere):
 @pytest.mark.slow
 def test_a_measured_motion_is_explained_to_its_noise_with_possible_parameters():
     starts = json.loads(measured_fits.STARTS.read_text(encoding="utf-8"))["starts"]
-    lugre, slow_piezo = measured_fits.fit("lugre", starts["lugre"])
+    lugre = measured_fits.fit("lugre", starts["lugre"])
     assert lugre.well < 0.09 < lugre.all < 0.135 == measured_laws.PAPER["lugre"]
     assert measured_fits.verdict(lugre.judged) == "possible"
     assert lugre.held_out < 0.135
-    assert slow_piezo.whole.squares > 0.0
 
 
 @pytest.mark.slow
