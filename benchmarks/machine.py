@@ -9,7 +9,7 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
-_PACKAGES = "pdssjax jax jaxlib diffrax equinox optimistix numpy scipy numba numbalsoda".split()
+_PACKAGES = "pdssjax jax jaxlib diffrax equinox optimistix numpy scipy lmfit casadi numba numbalsoda".split()
 
 
 def header() -> dict[str, Any]:

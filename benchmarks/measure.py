@@ -10,6 +10,8 @@ import numpy as np
 
 ROUND_SECONDS = 0.02
 """A round repeats a fast call until it has lasted this long."""
+_SLOW = 2.0
+"""Seconds from which on a call is not repeated for a rung."""
 
 
 @dataclasses.dataclass
@@ -35,6 +37,8 @@ class Entry:
     """Seconds of a warm call, one a round."""
     note: str = ""
     ours: bool = False
+    cut: bool = False
+    """Broken off: it takes more than the time given."""
 
     @property
     def median(self) -> float:
@@ -50,6 +54,8 @@ class Effort:
     """Seconds for all rounds of one entry; a slow one is called less often, but at least once."""
     fits: bool = True
     """Whether the slow fits of the peers are run."""
+    ends: float = math.inf
+    """When, by `time.perf_counter`, all should be done [s]."""
     report: Callable[[str], None] = lambda message: None
     """Called with a line of text now and then."""
 
@@ -112,7 +118,7 @@ class Curve:
 def climb(
     job: str, who: str, run: Callable[[float], Any], error: Callable[[Any], float], tolerances: Sequence[float]
 ) -> Curve:
-    """Error and time, the better of two calls, at each tolerance, until one fails."""
+    """Error and time, the better of two calls unless they are slow, at each tolerance, until one fails."""
     rungs = []
     for tolerance in tolerances:
         times, result = [], None
@@ -120,6 +126,8 @@ def climb(
             begun = time.perf_counter()
             result = run(tolerance)
             times.append(time.perf_counter() - begun)
+            if times[0] > _SLOW:
+                break
         rungs.append(Rung(tolerance, error(result), min(times)))
         if len(rungs) > 1 and rungs[-1].error == math.inf:
             return Curve(job, who, rungs[:-1])

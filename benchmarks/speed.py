@@ -32,16 +32,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     begun = time.perf_counter()
     report = lambda message: print(f"[{time.perf_counter() - begun:5.0f} s] {message}", file=sys.stderr, flush=True)
-    effort = Effort(rounds=options.rounds, longest=options.longest, fits=not options.no_fits, report=report)
+    effort = Effort(options.rounds, options.longest, not options.no_fits, begun + options.budget, report)
     head, known = header(), jobs()
     for name in options.job:
         if name not in known:
             print(f"speed: found the unknown job {name}, expected one of {', '.join(known)}", file=sys.stderr)
             return 2
     chosen = options.job or list(known)
-    outcomes = {name: _tried(known[name], name, effort) for name in known if name in chosen}
+    outcomes, seconds = {}, {}
+    for name in known:
+        if name in chosen:
+            started = time.perf_counter()
+            outcomes[name] = _tried(known[name], name, effort)
+            seconds[name] = round(time.perf_counter() - started)
     outcomes["reference"] = _checked_reference()
-    head |= {"load_after": load(), "seconds": round(time.perf_counter() - begun)}
+    head |= {"load_after": load(), "seconds": round(time.perf_counter() - begun), "seconds_of_jobs": seconds}
 
     options.out.mkdir(parents=True, exist_ok=True)
     stem = options.out / label(head)
@@ -56,9 +61,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _tried(measure, name: str, effort):
-    """What a job finds; one that fails does not take the others with it."""
+    """What a job finds; one that fails does not take the others with it, and none begins after the time is up."""
     from .measure import Outcome
 
+    if time.perf_counter() > effort.ends:
+        return Outcome([], lines=[f"{name}: left out, the time was up"])
     try:
         return measure(effort)
     except Exception:
@@ -86,6 +93,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("job", nargs="*", help="jobs to run, all by default")
     parser.add_argument("--rounds", type=int, default=9, help="rounds of turns (default 9)")
     parser.add_argument("--longest", type=float, default=12.0, help="seconds for one entry's rounds (default 12)")
+    parser.add_argument(
+        "--budget", type=float, default=840.0, help="seconds for all; fits share the rest (default 840)"
+    )
     parser.add_argument("--no-fits", action="store_true", help="leave out the slow fits of the peers")
     parser.add_argument("--out", type=Path, default=RESULTS, metavar="DIR", help="folder for the results")
     return parser

@@ -17,7 +17,7 @@ _COLUMNS = (
     "first call",
     "warm, median",
     "spread",
-    "× best of ours",
+    "times ours",
 )
 
 
@@ -74,7 +74,7 @@ def as_json(head: dict[str, Any], outcomes: dict[str, Outcome]) -> str:
 
 
 def _record(entry: Entry) -> dict[str, Any]:
-    names = "job who target tolerance error wrong compile_seconds first_seconds times note ours".split()
+    names = "job who target tolerance error wrong compile_seconds first_seconds times note ours cut".split()
     return {name: _plain(getattr(entry, name)) for name in names} | {"median_seconds": _plain(entry.median)}
 
 
@@ -111,7 +111,9 @@ def _tables(outcomes: dict[str, Outcome]) -> dict[str, list[list[str]]]:
 
 def _row(entry: Entry, entries: list[Entry]) -> list[str]:
     ours = [e.median for e in entries if e.ours and e.target == entry.target and not e.wrong]
-    ratio = f"{entry.median / min(ours):.2g}" if ours and len(entries) > 1 and entry.target else ""
+    compared = ours and len(entries) > 1 and (entry.target or not all(e.ours for e in entries))
+    more = "> " if entry.cut else ""
+    ratio = f"{more}{entry.median / min(ours):.2g}" if compared else ""
     return [
         entry.target,
         entry.who,
@@ -119,10 +121,10 @@ def _row(entry: Entry, entries: list[Entry]) -> list[str]:
         "" if not math.isfinite(entry.error) else f"{entry.error:.1e}",
         duration(entry.compile_seconds),
         duration(entry.first_seconds),
-        duration(entry.median),
+        more + duration(entry.median),
         _spread(entry.times),
         ratio,
-        "; ".join(remark for remark in ("WRONG" * entry.wrong, entry.note) if remark),
+        "; ".join(remark for remark in ("WRONG" * entry.wrong, "cut off" * entry.cut, entry.note) if remark),
     ]
 
 

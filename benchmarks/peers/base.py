@@ -10,7 +10,15 @@ import numpy as np
 
 from pdssjax.records import Record
 
+from ..grid import Grid
 from ..problem import PARAMETERS, Problem
+
+ATTEMPTS, LOOSER = 20, 1.2
+"""How often a solver that got stuck is tried again, and by how much looser each time."""
+
+BLEND = 1.0
+"""Relative speed [um/s] over which an integrator in a fit blends the two senses of sliding: where a contact
+sticks between them LSODA gets stuck with it, and no tolerance helps.  It moves a record by less than 1e-3 um."""
 
 Run = Callable[[np.ndarray, float], np.ndarray]
 """From parameters, as `problem.NAMES` has them [SI], and a tolerance to the result [um]."""
@@ -35,8 +43,12 @@ class AbstractPeer(abc.ABC):
     """To be tried for a trajectory, loosest first."""
     jacobian_tolerances: tuple[float, ...] = ()
     """The same for a Jacobian; empty: it makes none."""
+    sweep_tolerances: tuple[float, ...] = ()
+    """The same for a sweep."""
+    sweep_share: int = 1
+    """A slow one sweeps only one voltage in so many; its time is multiplied."""
     fit_tolerance: float | None = None
-    """That of a fit by `scipy.optimize.least_squares`; None: it makes none."""
+    """That of a fit with differences; None: it makes none."""
 
     @property
     @abc.abstractmethod
@@ -56,6 +68,10 @@ class AbstractPeer(abc.ABC):
         prepared = self.trajectory(problem)
         return Prepared(lambda p, tolerance: differences(prepared.run, p, tolerance), prepared.compile_seconds)
 
+    def sweep(self, grid: Grid) -> Prepared:
+        """The end-effector at every sample of a grid, shape (points, samples); wanted with `sweep_tolerances`."""
+        raise NotImplementedError
+
     def record(self, parameters: np.ndarray, record: Record, tolerance: float) -> np.ndarray:
         """The end-effector at the times of a measured record [um]; wanted where there is a `fit_tolerance`."""
         raise NotImplementedError
@@ -71,6 +87,16 @@ def differences(run: Run, parameters: np.ndarray, tolerance: float) -> np.ndarra
     return np.stack(columns, axis=1)
 
 
+def persist(run: Callable[[float], np.ndarray], tolerance: float) -> np.ndarray:
+    """What `run` makes of a tolerance: LSODA gets stuck at a switch now and then; another one, and it is past it."""
+    motion = run(tolerance)
+    for attempt in range(1, ATTEMPTS):
+        if np.isfinite(motion).all():
+            break
+        motion = run(tolerance * LOOSER**attempt)
+    return motion
+
+
 def warmed(run: Run, tolerance: float) -> Prepared:
     """`run`, called once for its compiler; the time of that call is taken for the compilation."""
     begun = time.perf_counter()
@@ -78,10 +104,10 @@ def warmed(run: Run, tolerance: float) -> Prepared:
     return Prepared(run, time.perf_counter() - begun)
 
 
-def ladder(loosest: float, tightest: float) -> tuple[float, ...]:
-    """Tolerances from loosest to tightest, two a decade."""
-    steps = round(2 * np.log10(loosest / tightest)) + 1
-    return tuple(float(t) for t in loosest * 10.0 ** (-0.5 * np.arange(steps)))
+def ladder(loosest: float, tightest: float, a_decade: int = 2) -> tuple[float, ...]:
+    """Tolerances from loosest to tightest, so many a decade."""
+    steps = round(a_decade * np.log10(loosest / tightest)) + 1
+    return tuple(float(t) for t in loosest * 10.0 ** (-np.arange(steps) / a_decade))
 
 
 def not_installed(packages: Sequence[str]) -> str | None:

@@ -10,11 +10,12 @@ import functools
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from ..grid import Grid
 from ..problem import PARAMETERS, Problem
 from .base import AbstractPeer, Prepared, ladder, warmed
 
@@ -28,6 +29,7 @@ class CFloor(AbstractPeer):
 
     tolerances: tuple[float, ...] = ladder(1e-2, 1e-8)
     jacobian_tolerances: tuple[float, ...] = ladder(1e-3, 1e-8)
+    sweep_tolerances: tuple[float, ...] = ladder(1e-4, 1e-5, 4)
 
     @property
     def name(self) -> str:
@@ -42,6 +44,9 @@ class CFloor(AbstractPeer):
     def jacobian(self, problem: Problem) -> Prepared:
         return warmed(lambda p, tolerance: simulate(p, problem, tolerance, jacobian=True)[1], 1e-3)
 
+    def sweep(self, grid: Grid) -> Prepared:
+        return warmed(lambda p, tolerance: simulate_grid(p, grid, tolerance), 1e-3)
+
 
 def simulate(parameters, problem: Problem, tolerance: float, order: int = _ORDER, jacobian=False, precise=False):
     """End-effector [um], shape (samples,), and its Jacobian, shape (samples, 10), where wanted.
@@ -51,36 +56,62 @@ def simulate(parameters, problem: Problem, tolerance: float, order: int = _ORDER
     times = np.ascontiguousarray(problem.times)
     out = np.zeros(times.size)
     slopes = np.zeros((times.size if jacobian else 0, PARAMETERS.size))
-    pointer = lambda array: array.ctypes.data_as(ctypes.c_void_p)
-    steps = _library("long double" if precise else "double")(
-        pointer(np.ascontiguousarray(parameters, float)),
+    steps = _library("long double" if precise else "double").simulate(
+        _pointer(np.ascontiguousarray(parameters, float)),
         problem.voltage,
         problem.frequency,
         problem.cycles,
-        pointer(times),
+        _pointer(times),
         times.size,
         tolerance,
         tolerance,
         order,
-        pointer(out),
-        pointer(slopes) if jacobian else None,
+        _pointer(out),
+        _pointer(slopes) if jacobian else None,
     )
     if steps < 0:
         out[:], slopes[:] = np.nan, np.nan
     return out, slopes
 
 
+def simulate_grid(parameters, grid: Grid, tolerance: float, order: int = _ORDER, precise=False) -> np.ndarray:
+    """End-effector at every sample of a grid [um], shape (points, samples)."""
+    voltages, frequencies = np.ascontiguousarray(grid.points.T)
+    times = np.ascontiguousarray(grid.times)
+    out = np.zeros(times.shape)
+    steps = _library("long double" if precise else "double").sweep(
+        _pointer(np.ascontiguousarray(parameters, float)),
+        _pointer(voltages),
+        _pointer(frequencies),
+        len(times),
+        grid.cycles + 1,
+        _pointer(times),
+        times.shape[1],
+        tolerance,
+        tolerance,
+        order,
+        _pointer(out),
+    )
+    return out if steps >= 0 else np.full(times.shape, np.nan)
+
+
+def _pointer(array: np.ndarray) -> ctypes.c_void_p:
+    return array.ctypes.data_as(ctypes.c_void_p)
+
+
 @functools.cache
-def _library(real: str) -> Callable[..., int]:
+def _library(real: str) -> Any:
     with tempfile.TemporaryDirectory() as folder:
         target = Path(folder) / "floor.so"
         options = ["-O3", "-march=native", "-std=gnu11", "-shared", "-fPIC", f"-DREAL={real}"]
         subprocess.run(["gcc", *options, "-o", str(target), str(_SOURCE), "-lm"], check=True)
-        function = ctypes.CDLL(str(target)).simulate
-    pointer, number, whole = ctypes.c_void_p, ctypes.c_double, ctypes.c_int
-    function.argtypes = [pointer, number, number, whole, pointer, whole, number, number, whole, pointer, pointer]
-    function.restype = whole
-    return function
+        library = ctypes.CDLL(str(target))
+    array, number, whole = ctypes.c_void_p, ctypes.c_double, ctypes.c_int
+    library.simulate.argtypes = [array, number, number, whole, array, whole, number, number, whole, array, array]
+    library.simulate.restype = whole
+    library.sweep.argtypes = [array, array, array, whole, whole, array, whole, number, number, whole, array]
+    library.sweep.restype = ctypes.c_long
+    return library
 
 
 PEERS = (CFloor(),)

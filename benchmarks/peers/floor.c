@@ -238,6 +238,7 @@ int simulate(const double *p, double volts, double frequency, int cycles, const 
         real after = 0;
         if (at.mode == 0 || cycle == 0) at.mode = cycle ? mode_at_rest(&m, &at, 0, 0) : 1;
         while (after < period) {
+            if (next == count) return steps;
             const real u = slope * after;
             steady(&m, u, slope, &ramp);
             if (steps > 0 && is_settled(&m, &at, &ramp, rest, jacobian != 0)) {
@@ -271,6 +272,21 @@ int simulate(const double *p, double volts, double frequency, int cycles, const 
             after = last ? period : after + h;
             if (root >= 0) pass_zero(&m, &at, slope * after, guard, jacobian != 0);
         }
+    }
+    return steps;
+}
+
+/* x_e [um] of every point of a sweep at its own `times`, both of shape (points, count).
+ * Returns the number of steps, or -1 where they do not suffice for some point. */
+long sweep(const double *p, const double *volts, const double *frequency, int points, int cycles, const double *times,
+           int count, double tolerance, double rest, int order, double *out) {
+    long steps = 0;
+    for (int i = 0; i < points; i++) {
+        const long at = (long)i * count;
+        const int taken = simulate(p, volts[i], frequency[i], cycles, times + at, count, tolerance, rest, order,
+                                   out + at, NULL);
+        if (taken < 0) return -1;
+        steps += taken;
     }
     return steps;
 }

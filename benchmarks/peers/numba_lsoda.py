@@ -9,14 +9,13 @@ import numpy as np
 
 from pdssjax.records import Record
 
+from ..grid import Grid
 from ..problem import Problem, pieces
-from .base import AbstractPeer, Prepared, ladder, not_installed, warmed
+from .base import ATTEMPTS, BLEND, LOOSER, AbstractPeer, Prepared, ladder, not_installed, persist, warmed
 from .scipy_lsoda import RATE
 
-_MOST_STEPS = 20_000
+_MOST_STEPS = 2_000
 """From one sample to the next."""
-_ATTEMPTS = 20
-"""For a record of a fit."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -25,6 +24,7 @@ class NumbaLSODA(AbstractPeer):
 
     tolerances: tuple[float, ...] = ladder(1e-4, 1e-9)
     jacobian_tolerances: tuple[float, ...] = ladder(1e-5, 1e-8)
+    sweep_tolerances: tuple[float, ...] = ladder(1e-5, 1e-6, 4)
     fit_tolerance: float | None = 1e-7
 
     @property
@@ -38,17 +38,49 @@ class NumbaLSODA(AbstractPeer):
         table, times = _table(problem.drive(), problem.times[-1]), problem.times
         return warmed(lambda p, tolerance: _solver()(p, table, times, tolerance), 1e-3)
 
+    def sweep(self, grid: Grid) -> Prepared:
+        tables = np.array([_sawtooth(v, f, last) for (v, f), last in zip(grid.points, grid.times[:, -1], strict=True)])
+        times = grid.times
+
+        def run(p, tolerance):
+            found = _looped()(p, tables, times, tolerance)
+            for attempt in range(1, ATTEMPTS):  # as `persist` does
+                stuck = np.flatnonzero(np.isnan(found).any(axis=1))
+                if stuck.size:
+                    found[stuck] = _looped()(p, tables[stuck], times[stuck], tolerance * LOOSER**attempt)
+            return found
+
+        return warmed(run, self.sweep_tolerances[0])
+
     def record(self, parameters: np.ndarray, record: Record, tolerance: float) -> np.ndarray:
-        # LSODA gets stuck at a switch now and then; another tolerance, and it is past it.
-        table, motion = _table(record.drive, record.time[-1]), np.array([np.nan])
-        for attempt in range(_ATTEMPTS):
-            if np.isnan(motion).any():
-                motion = _solver()(parameters, table, record.time, tolerance * 1.2**attempt)
-        return motion
+        table = _table(record.drive, record.time[-1])
+        return persist(lambda t: _solver()(parameters, table, record.time, t, BLEND), tolerance)
 
 
 def _table(drive, until) -> np.ndarray:
     return np.array([dataclasses.astuple(piece) for piece in pieces(drive, until)])
+
+
+def _sawtooth(voltage: float, frequency: float, until: float) -> list[list[float]]:
+    """The straight pieces of an ideal forward sawtooth."""
+    begins = np.arange(int(np.ceil(until * frequency))) / frequency
+    return [[begin, min(begin + 1.0 / frequency, until), 0.0, voltage * frequency] for begin in begins]
+
+
+@functools.cache
+def _looped() -> Any:
+    """`_solver` over all points, the loop compiled too."""
+    numba: Any = importlib.import_module("numba")
+    follow = _solver()
+
+    @numba.njit
+    def run(p, tables, times, tolerance):
+        out = np.empty(times.shape)
+        for i in range(len(times)):
+            out[i] = follow(p, tables[i], times[i], tolerance)
+        return out
+
+    return run
 
 
 @functools.cache
@@ -62,8 +94,11 @@ def _solver() -> Any:
     def field(time, x, rate, p):
         u = p[10] + p[11] * (time - p[12])
         v = (x[1] - x[3]) * RATE
-        k = 0 if v >= 0 else 1
-        s0, s1, f_ss = p[4 + k], p[6 + k], p[8 + k]
+        sharp = 1.0 if v >= 0 else 0.0
+        ahead = 0.5 + 0.5 * np.tanh(v / p[13]) if p[13] > 0 else sharp
+        s0 = p[5] + ahead * (p[4] - p[5])
+        s1 = p[7] + ahead * (p[6] - p[7])
+        f_ss = p[9] + ahead * (p[8] - p[9])
         flow = v - s0 * abs(v) / (1e6 * f_ss) * x[4]
         push = p[0] * p[0] * (1e6 * p[2] * u - x[0]) - 2.0 * p[1] * p[0] * x[1] * RATE
         rate[0] = x[1] * RATE
@@ -75,9 +110,9 @@ def _solver() -> Any:
     address: Any = field.address
 
     @numba.njit
-    def follow(p, table, times, tolerance):
-        out, state, args, first = np.zeros(times.size), np.zeros(5), np.zeros(13), 0
-        args[:10] = p
+    def follow(p, table, times, tolerance, blend=0.0):
+        out, state, args, first = np.zeros(times.size), np.zeros(5), np.zeros(14), 0
+        args[:10], args[13] = p, blend
         while first < times.size and times[first] <= table[0, 0]:
             first += 1
         for row in table:

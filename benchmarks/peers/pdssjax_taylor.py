@@ -1,16 +1,23 @@
 """pdssjax itself: Taylor steps of several orders, with and without the shortcut for repeating cycles."""
 
 import dataclasses
+import functools
 import time
+from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.expansion import Taylor
 from pdssjax.integration import Accuracy
+from pdssjax.stepping import pass_times
+from pdssjax.stick_slip import StickSlip
 
-from ..problem import NAMES, PARAMETERS, EveryCycle, Problem, effector
+from ..grid import Grid, in_blocks
+from ..problem import NAMES, PARAMETERS, UM, EveryCycle, Problem, actuator, effector
 from .base import AbstractPeer, Prepared, ladder
 
 
@@ -23,6 +30,7 @@ class PdssJax(AbstractPeer):
     tolerances: tuple[float, ...] = ladder(1e-2, 1e-8)
     """[um]"""
     jacobian_tolerances: tuple[float, ...] = ladder(1e-3, 1e-8)
+    sweep_tolerances: tuple[float, ...] = ()
 
     @property
     def name(self) -> str:
@@ -38,6 +46,24 @@ class PdssJax(AbstractPeer):
 
         return self._compiled(run)
 
+    def sweep(self, grid: Grid) -> Prepared:
+        points, times = in_blocks(grid.points), in_blocks(grid.times)
+        ready, seconds = _side_by_side(self, points[0].shape, times[0].shape)
+
+        def every_block(p, tolerance):
+            blocks = [ready(p, tolerance, *block) for block in zip(points, times, strict=True)]
+            return np.concatenate(blocks)[: len(grid.points)]
+
+        return Prepared(every_block, seconds)
+
+    def point(self, p, tolerance, point, times):
+        """The end-effector at the times of one point: what `pdssjax.sweep` runs side by side, but for its metrics."""
+        rig, drive = actuator(p), Sawtooth(voltage=point[0], frequency=point[1])
+        accuracy = Accuracy(1e-6 * tolerance, 1e-6 * tolerance, Taylor(self.order))
+        state, _, _, failure = pass_times(StickSlip(rig, drive), times, accuracy)
+        y, _ = jax.vmap(rig.stage.platform)(state.stage)
+        return jnp.where(failure > 0, jnp.nan, UM * (y - state.d))
+
     def _run(self, p, tolerance, problem):
         accuracy = Accuracy(1e-6 * tolerance, 1e-6 * tolerance, Taylor(self.order))
         drive = EveryCycle(problem.voltage, problem.frequency) if self.every_cycle else problem.drive()
@@ -50,4 +76,15 @@ class PdssJax(AbstractPeer):
         return Prepared(lambda p, tolerance: np.asarray(ready(p, tolerance)), seconds)
 
 
-PEERS = tuple(PdssJax(order, every) for order in (8, 12) for every in (False, True))
+@functools.cache
+def _side_by_side(peer: PdssJax, *shapes: tuple[int, ...]) -> tuple[Callable[..., Any], float]:
+    """A block of points, compiled once for the reference and the contest, and the seconds that took."""
+    begun = time.perf_counter()
+    run = jax.jit(jax.vmap(peer.point, in_axes=(None, None, 0, 0)))
+    ready = run.lower(PARAMETERS, 1e-5, *map(np.ones, shapes)).compile()
+    return ready, time.perf_counter() - begun
+
+
+SWEEPING = tuple(PdssJax(order, sweep_tolerances=ladder(1e-4, 1e-5, 4)) for order in (8, 12))
+"""Those that sweep."""
+PEERS = tuple(peer for one in SWEEPING for peer in (one, PdssJax(one.order, every_cycle=True)))

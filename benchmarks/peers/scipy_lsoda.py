@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 import importlib
+import math
 from typing import Any
 
 import numpy as np
@@ -11,18 +12,21 @@ from scipy.integrate import solve_ivp
 from pdssjax.records import Record
 
 from ..problem import Piece, Problem, pieces
-from .base import AbstractPeer, Prepared, ladder, not_installed, warmed
+from .base import BLEND, AbstractPeer, Prepared, ladder, not_installed, persist, warmed
 
 RATE = 6736.0
 """Scale of the velocities [1/s], so that one tolerance suits displacements and velocities."""
 
 
-def field(time, state, p, voltage, slope, begin):
-    """The coupled equations in um and um times `RATE`, as a user of SciPy writes them."""
+def field(time, state, p, voltage, slope, begin, blend=0.0):
+    """The coupled equations in um and um times `RATE`, as a user of SciPy writes them; `blend` as `BLEND`."""
     y, w, _, w_e, z = state
     u = voltage + slope * (time - begin)
     v = (w - w_e) * RATE
-    if v >= 0:
+    if blend > 0:
+        ahead = 0.5 + 0.5 * math.tanh(v / blend)
+        s0, s1, f_ss = p[5] + ahead * (p[4] - p[5]), p[7] + ahead * (p[6] - p[7]), p[9] + ahead * (p[8] - p[9])
+    elif v >= 0:
         s0, s1, f_ss = p[4], p[6], p[8]
     else:
         s0, s1, f_ss = p[5], p[7], p[9]
@@ -42,6 +46,8 @@ def follow(run, parameters, drive_pieces: list[Piece], times: np.ndarray) -> np.
         states = run(state, piece, stops)
         out[inside] = states[: inside.size, 2]
         state = states[-1]
+        if np.isnan(state).any():
+            return np.full(times.size, np.nan)
     return out
 
 
@@ -51,7 +57,8 @@ class SciPyLSODA(AbstractPeer):
 
     numba: bool
     tolerances: tuple[float, ...] = ladder(1e-4, 1e-9)
-    jacobian_tolerances: tuple[float, ...] = ladder(1e-6, 1e-8)
+    # Seconds a run: few tolerances, about the one that gives 1e-3.
+    jacobian_tolerances: tuple[float, ...] = ladder(1e-6, 1e-7)
     fit_tolerance: float | None = 1e-7
 
     @property
@@ -66,9 +73,10 @@ class SciPyLSODA(AbstractPeer):
         return warmed(lambda p, tolerance: self._follow(p, drive_pieces, times, tolerance), 1e-3)
 
     def record(self, parameters: np.ndarray, record: Record, tolerance: float) -> np.ndarray:
-        return self._follow(parameters, pieces(record.drive, record.time[-1]), record.time, tolerance)
+        drive_pieces = pieces(record.drive, record.time[-1])
+        return persist(lambda t: self._follow(parameters, drive_pieces, record.time, t, BLEND), tolerance)
 
-    def _follow(self, p, drive_pieces, times, tolerance):
+    def _follow(self, p, drive_pieces, times, tolerance, blend=0.0):
         compiled = _compiled_field() if self.numba else field
 
         def run(state, piece, stops):
@@ -81,9 +89,9 @@ class SciPyLSODA(AbstractPeer):
                 rtol=tolerance,
                 atol=tolerance,
                 first_step=1e-6,
-                args=(p, piece.voltage, piece.slope, piece.begin),
+                args=(p, piece.voltage, piece.slope, piece.begin, blend),
             )
-            return found.y.T
+            return found.y.T if found.success else np.full((stops.size, state.size), np.nan)
 
         return follow(run, p, drive_pieces, times)
 
@@ -92,7 +100,7 @@ class SciPyLSODA(AbstractPeer):
 def _compiled_field() -> Any:
     numba: Any = importlib.import_module("numba")
     plain = numba.njit(field)
-    return numba.njit(lambda t, x, p, u, k, t0: np.array(plain(t, x, p, u, k, t0)))
+    return numba.njit(lambda t, x, p, u, k, t0, blend: np.array(plain(t, x, p, u, k, t0, blend)))
 
 
 PEERS = (SciPyLSODA(numba=False), SciPyLSODA(numba=True))

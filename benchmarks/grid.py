@@ -1,0 +1,72 @@
+"""The sweep that every simulator does: walks over a grid of voltages and frequencies, and its tight reference.
+
+Each point is its own run from rest.  It is looked at where `pdssjax.sweep` looks: six samples on
+the slow flank of the last of its cycles and six on the flank that follows.
+"""
+
+import dataclasses
+import functools
+import itertools
+
+import numpy as np
+
+from pdssjax.metrics import FLANK, cycle_metrics
+from pdssjax.sweeping import LANES
+
+from .problem import PARAMETERS
+
+_LINE = 6
+
+
+@dataclasses.dataclass(frozen=True)
+class Grid:
+    """Every voltage with every frequency, the frequency changing fastest."""
+
+    voltages: tuple[float, ...]
+    frequencies: tuple[float, ...]
+    cycles: int = 4
+
+    @property
+    def points(self) -> np.ndarray:
+        """Voltage [V] and frequency [Hz], shape (points, 2)."""
+        return np.array(list(itertools.product(self.voltages, self.frequencies)))
+
+    @property
+    def times(self) -> np.ndarray:
+        """Sample times [s], shape (points, samples)."""
+        phases = np.linspace(*FLANK, _LINE)
+        turns = np.concatenate([self.cycles - 1 + phases, self.cycles + phases])
+        return turns / self.points[:, 1:]
+
+    def net_steps(self, effector: np.ndarray) -> np.ndarray:
+        """Net step of the last cycle [um] from the samples [um], shape (points,)."""
+        times, start = self.times, (self.cycles - 1) / self.points[:, 1]
+        return np.array(
+            [
+                float(cycle_metrics(times[i], effector[i], self.points[i, 1], start[i], 1).net_step[0])
+                for i in range(len(times))
+            ]
+        )
+
+    def thinned(self, every: int) -> "Grid":
+        """Every so manieth voltage only."""
+        return dataclasses.replace(self, voltages=self.voltages[::every])
+
+
+def grid(voltages: int = 40, frequencies: int = 25) -> Grid:
+    """20 to 80 V and 2 to 50 Hz."""
+    return Grid(tuple(np.linspace(20.0, 80.0, voltages).tolist()), tuple(np.linspace(2.0, 50.0, frequencies).tolist()))
+
+
+def in_blocks(rows: np.ndarray) -> np.ndarray:
+    """Rows in the blocks of `pdssjax.sweep`, shape (blocks, lanes, ...); the last row fills the last block."""
+    rows = np.concatenate([rows, np.repeat(rows[-1:], -len(rows) % LANES, axis=0)])
+    return rows.reshape(-1, LANES, rows.shape[1])
+
+
+@functools.cache
+def right(what: Grid) -> np.ndarray:
+    """The end-effector at every sample [um], by pdssjax at a tolerance of 1e-9 um."""
+    from .peers.pdssjax_taylor import SWEEPING
+
+    return SWEEPING[-1].sweep(what).run(PARAMETERS, 1e-9)
