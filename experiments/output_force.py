@@ -13,7 +13,7 @@ A beam of 50 lbf (222 N) that yields some tenths of a millimetre at its capacity
 contact, glue and mount only make that less.
 
 The model is the thesis's, with an ideal sawtooth and with one that falls within half a millisecond.
-The sensor's damping is a twentieth of the critical.
+The sensor loses as much energy as `Stop` has by default.
 
     python -m experiments.output_force
 """
@@ -32,7 +32,7 @@ from experiments.common import BLUE, ORANGE, SKY, VERMILION, Row, print_table, s
 from experiments.published import PUSHES, READINGS, VOLTAGE, Push, Reading, law, stacked
 from pdssjax.actuator import Actuator
 from pdssjax.drive.sawtooth import Sawtooth
-from pdssjax.effector import Effector, Stop
+from pdssjax.effector import Stop
 from pdssjax.integration import Accuracy
 from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.runtime import prepare_jax
@@ -49,8 +49,6 @@ FALL_TIMES = (0.0, 0.5e-3)
 CYCLES = 20
 """Of walking into the sensor: the softest needs most of them."""
 ROOM = Accuracy(max_steps=40000)
-DAMPING_RATIO = 0.05
-"""Of the end-effector on the sensor."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,9 +63,7 @@ class Forces:
 
 def pushing(push: Push, stiffness: float, fall_time: float, reading: Reading) -> StickSlip:
     """The system of one bar of figure 3.11."""
-    mass = Effector().mass
-    stop = Stop(stiffness, DAMPING_RATIO * 2.0 * (stiffness * mass) ** 0.5)
-    actuator = Actuator(SecondOrder(), law(push.surface, reading), stop=stop)
+    actuator = Actuator(SecondOrder(), law(push.surface, reading), stop=Stop(stiffness))
     return StickSlip(actuator, Sawtooth(voltage=VOLTAGE, frequency=push.frequency, fall_time=fall_time))
 
 

@@ -32,8 +32,6 @@ from pdssjax.stick_slip import StickSlip
 
 CYCLES = 6
 """Of pushing, until the force has settled."""
-DAMPING_RATIO = 0.05
-"""Of the end-effector on the sensor."""
 WALKING, PUSHING = Accuracy(), Accuracy(tolerance=1e-10, max_steps=3000)
 STEP = 2e-3
 """Of the differences, in what is fitted."""
@@ -138,8 +136,7 @@ def shown(inside: Any) -> list:
 def _parts(inside, reading) -> tuple[Any, ...]:
     """Piezo, effector and sensor of a rig, the friction of a surface, and the drive."""
     si: list[Any] = [value * p.si for value, p in zip(shown(inside), PARAMETERS, strict=True)]
-    damping: Any = DAMPING_RATIO * 2.0 * jnp.sqrt(si[STIFFNESS] * si[MASS])
-    stop = Stop(si[STIFFNESS], damping)
+    stop = Stop(si[STIFFNESS])
 
     def friction(surface):
         other = law(surface, reading)

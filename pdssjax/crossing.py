@@ -11,34 +11,42 @@ import jax.numpy as jnp
 from .expansion import horner
 from .series import Series
 
+LOOK_AHEAD = 1e-9
+"""Time [s] by which a tie is broken: far below every time constant.  What a guard does within it is rounding."""
 _SAMPLES = 6
 """Points of a step at which the sign of the guard is looked at."""
 _ITERATIONS = 8
 """Iterations that locate an event within its bracket, to rounding."""
 
 
-def first_crossing(guards: tuple[Series, ...], size: int) -> tuple[Any, Any]:
+def first_crossing(guards: tuple[Series, ...], size: int, reach: Any) -> tuple[Any, Any]:
     """The first theta in (0, 1] at which one of the guards has fallen through zero, else 1; and which.
 
     Right after an event a guard starts from zero; one power of theta is then divided out,
-    which takes the root at the start away.  An end point of exactly 1 is no crossing.
+    which takes the root at the start away.  Where what is left falls short of zero by rounding,
+    and is above it within `LOOK_AHEAD`, one more is.  An end point of exactly 1 is no crossing.
     """
     # Side by side: one kernel for all guards, and half the code to compile.
     sides = [jnp.stack([jnp.asarray(guard[k], float) for guard in guards]) for k in range(size)]
-    crossings = _crossing(sides)
+    crossings = _crossing(sides, LOOK_AHEAD / jnp.where(reach > 0, reach, 1.0))
     first = crossings.min()
     return jnp.where(first > 1.0, 1.0, jnp.minimum(first, 1.0 - 1e-15)), jnp.argmin(crossings) * 1.0
 
 
-def _crossing(coefficients: list) -> Any:
+def _crossing(coefficients: list, ahead: Any) -> Any:
     """The first root in (0, 1], or 2: bracketed by samples, then Newton's method.
 
     The slope is inverted by Newton's method as well (r <- r (2 - g' r)): without a
     division the compiler makes one kernel of it all.
     """
     fresh = coefficients[0] <= 0.0
-    shifted = [*coefficients[1:], 0.0 * coefficients[0]]
-    g = [jnp.where(fresh, b, a) for a, b in zip(coefficients, shifted, strict=True)]
+    once = [*coefficients[1:], 0.0 * coefficients[0]]
+    twice = [*once[1:], once[-1]]
+    slack = fresh & (once[0] <= 0.0) & (-once[0] <= 2.0 * ahead * once[1])
+    g = [
+        jnp.where(slack & (once[1] > 0.0), c, jnp.where(fresh, b, a))
+        for a, b, c in zip(coefficients, once, twice, strict=True)
+    ]
     slope = [k * c for k, c in enumerate(g)][1:]
     low, g_low, high, g_high = 0.0, g[0], 1.0, g[0]
     found, before, g_before = jnp.zeros_like(fresh), low, g_low

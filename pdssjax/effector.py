@@ -28,15 +28,23 @@ class Effector(eqx.Module):
 
 
 class Stop(eqx.Module):
-    """A force sensor in the way: it can be pushed, but does not pull."""
+    """A force sensor in the way: it can be pushed, but does not pull.
+
+    P = k depth (1 + d depth'), which loses energy and yet begins and ends at zero force
+    (K. H. Hunt and F. R. E. Crossley, J. Applied Mechanics 42(2), 1975).
+    """
 
     stiffness: float = quantity(1e5, "N/m")
-    """Contact stiffness of the sensor with its mount [N/m]."""
-    damping: float = quantity(5.0, "N s/m", positive=False, low=0.0, optional=True)
-    """Its damping [N s/m]."""
+    """Contact stiffness k of the sensor with its mount [N/m]."""
+    dissipation: float = quantity(10.0, "s/m", positive=False, low=0.0, optional=True)
+    """Share d of the force that a unit of speed adds [s/m]; below the reciprocal of the fastest withdrawal."""
     gap: float = quantity(0.0, "m", positive=False, low=0.0, optional=True)
     """How far the end-effector goes before it meets the sensor [m]."""
 
     def push(self, x, speed):
         """Force [N] on the sensor where the end-effector touches it, at `x` [m] and `speed` [m/s]."""
-        return (x - self.gap) * self.stiffness + speed * self.damping
+        return self.depth(x) * self.stiffness * (speed * self.dissipation + 1.0)
+
+    def depth(self, x):
+        """How far [m] the end-effector at `x` [m] has pushed the sensor; negative before it touches."""
+        return x - self.gap

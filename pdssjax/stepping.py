@@ -163,7 +163,7 @@ def _one_step(system, horizon, accuracy, unflatten, walk):
     clock = polynomial([walk.after, piece.reach])
     motion = unflatten([polynomial(c) for c in piece.polynomials])
     guards = system.guards(segment, clock, motion, walk.mode)
-    crossing, which = first_crossing(guards, len(piece.polynomials[0]))
+    crossing, which = first_crossing(guards, len(piece.polynomials[0]), piece.reach)
     crossing = crossing / one
     event = crossing < 1.0
     length = piece.reach * crossing

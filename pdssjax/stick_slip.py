@@ -15,41 +15,22 @@ A set-valued law (Coulomb) and the switching parameters of (5.22) are both of th
 Laws, piezos, amplifiers and the stop add guards of their own.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 
 from .actuator import Actuator
+from .crossing import LOOK_AHEAD
 from .drive.base import AbstractDrive, Segment
 from .friction.base import AbstractFriction
-from .integration import RESTING
+from .modes import ADVANCING, RESTING, RETREATING, STUCK, State, chosen, kind
 from .sensor import Sensor
 from .series import constant, weighted
-from .stage import Driven
 
-ADVANCING, STUCK, RETREATING = 1.0, 0.0, -1.0
-"""Modes: v > 0, v = 0 held by friction, v < 0; the fourth is `RESTING`."""
-
-_LOOK_AHEAD = 1e-9
-"""Time [s] by which a tie between modes is broken: far below every time constant."""
-
-
-class State(NamedTuple):
-    """All that moves; the parts that an actuator has not are empty."""
-
-    d: Any
-    """Relative displacement [m]."""
-    v: Any
-    """Relative velocity [m/s]."""
-    stage: Driven
-    memory: tuple
-    """Of the contact."""
-    touch: tuple
-    """Flag: the end-effector touches the stop."""
-    lag: tuple
-    """What the sensor is behind [m]; at the stop the force that it shows [N]."""
+_FAINT = 1e-17
+"""Amplitude [m] of an oscillation that is rounding."""
 
 
 class StickSlip(eqx.Module):
@@ -108,7 +89,7 @@ class StickSlip(eqx.Module):
 
     def field(self, segment: Segment, after, x: State, mode) -> State:
         """Time derivative of the state in `mode`, `after` [s] into a segment."""
-        moves, held, _ = _kind(mode)
+        moves, held, _ = kind(mode)
         stage = self.actuator.stage
         free = stage.acceleration(segment, after, x.stage)
         force = self.actuator.friction.force(x.memory, x.v, mode)
@@ -128,7 +109,7 @@ class StickSlip(eqx.Module):
 
     def guards(self, segment: Segment, after, x: State, mode) -> tuple:
         """Positive inside the mode, which ends where the first of them falls through zero."""
-        moves, held, rests = _kind(mode)
+        moves, held, rests = kind(mode)
         upper, lower = self._margins(segment, after, x)
         own = (x.v * (moves * mode) + upper * held + rests, lower * held + (moves + rests))
         law = self.actuator.friction.guards(x.memory, x.v, mode)
@@ -146,12 +127,13 @@ class StickSlip(eqx.Module):
         let_go = jnp.where(which == 0, ADVANCING, RETREATING)
         reversed_mode = jnp.where(mode == STUCK, let_go, reversed_mode)
         turned = friction.turned(x.memory, reversed_mode)
-        turns = which < 2
+        # A contact at rest knows no guards but those of the stage and of the stop, which wakes it.
+        turns = (which < 2) | (mode == RESTING)
         begins = turns & (jnp.abs(reversed_mode) == 1.0)
-        memory = _chosen(begins, turned, x.memory)
+        memory = chosen(begins, turned, x.memory)
         if laws:
             within = (which >= 2) & (which < 2 + laws)
-            memory = _chosen(within, friction.passed(x.memory, x.v, mode, which - 2), memory)
+            memory = chosen(within, friction.passed(x.memory, x.v, mode, which - 2), memory)
         y = x.stage
         if others:
             y = stage.passed(segment, after, y, which - 2 - laws)
@@ -171,7 +153,7 @@ class StickSlip(eqx.Module):
             x = x._replace(stage=self.actuator.stage.entered(segment, x.stage))
         standing = (jnp.abs(mode) != 1.0) | (x.v == 0.0)
         begun = self._mode_at_rest(segment, 0.0, x, came=0.0)
-        memory = _chosen(standing & (jnp.abs(begun) == 1.0), self.actuator.friction.turned(x.memory, begun), x.memory)
+        memory = chosen(standing & (jnp.abs(begun) == 1.0), self.actuator.friction.turned(x.memory, begun), x.memory)
         return x._replace(memory=memory), jnp.where(standing, begun, mode)
 
     def settled(self, segment: Segment, after, x: State, mode, tolerance):
@@ -181,7 +163,7 @@ class StickSlip(eqx.Module):
         below the tolerance; a stuck one already when the ringing that is left in the
         platform can no longer free it.
         """
-        if segment.wave is not None or not self.actuator.piezo.settles or self.actuator.stop is not None:
+        if segment.wave is not None or not self.actuator.piezo.settles:
             return jnp.zeros((), bool)
         rate = self.actuator.piezo.fastest()
         ringing = self.actuator.stage.ringing(segment, after, x.stage, self._carried())
@@ -200,6 +182,9 @@ class StickSlip(eqx.Module):
             safe &= ringing < tolerance
         for lag in away[len(x.memory) :]:
             safe &= lag < tolerance
+        # Whoever leans on the stop is pushed ever harder by a platform that creeps on.
+        for touch in x.touch:
+            still, safe = still & (touch == 0.0), safe & (touch == 0.0)
         return jnp.where(jnp.abs(mode) == 1.0, still, (mode == STUCK) & safe)
 
     def settle(self, segment: Segment, after, x: State, mode) -> State:
@@ -211,14 +196,26 @@ class StickSlip(eqx.Module):
             d=jnp.where(slid, x.d + yields, x.d),
             v=jnp.zeros_like(x.v),
             stage=stage,
-            memory=_chosen(slid, memory, x.memory),
+            memory=chosen(slid, memory, x.memory),
             lag=self._steady_lag(segment, after, x),
         )
 
     def alike(self, x: State, earlier: State, tolerance):
-        """Both begin the same motion, to within `tolerance` [m], but for where the end-effector is."""
+        """Both begin the same motion, to within `tolerance` [m], but for where the end-effector is.
+
+        With a stop that matters, too.
+        """
         away = jax.tree.map(lambda a, b, unit: jnp.abs(a - b) * unit, x, earlier, self.scales())
-        return jnp.stack(jax.tree.leaves(away._replace(d=jnp.zeros_like(x.d)))).max() < tolerance
+        away = away if x.touch else away._replace(d=jnp.zeros_like(x.d))
+        return jnp.stack(jax.tree.leaves(away)).max() < tolerance
+
+    def faint(self, slope, mode, which):
+        """Whether a reversal is nothing but the rounding of a contact that is at rest.
+
+        Its time means nothing then, and the field does not change there.
+        """
+        reverses = (jnp.abs(mode) == 1.0) & (which < 2)
+        return reverses & (jnp.abs(slope) < _FAINT * self.actuator.piezo.fastest() ** 2)
 
     def exact(self, segment: Segment, after, begin: State, lapse, end: State) -> State:
         """`end` with what is known in closed form put right: the platform without feedback."""
@@ -272,10 +269,8 @@ class StickSlip(eqx.Module):
         if not x.touch:
             return ()
         stop: Any = self.actuator.stop
-        (touch,) = x.touch
-        y, w = self.actuator.stage.platform(x.stage)
-        pushed = stop.push(y - x.d, w - x.v)
-        return (touch * pushed + (1.0 - touch) * (stop.gap - (y - x.d)) * stop.stiffness,)
+        y, _ = self.actuator.stage.platform(x.stage)
+        return (stop.depth(y - x.d) * (x.touch[0] * 2.0 - 1.0),)
 
     def _outer(self, x):
         """Every force on the end-effector but friction [N]."""
@@ -316,7 +311,7 @@ class StickSlip(eqx.Module):
             return jnp.stack(self._margins(segment, after + lapse, moved))
 
         now, rate = jax.jvp(margins, (jnp.zeros_like(x.v),), (jnp.ones_like(x.v),))
-        upper, lower = now + _LOOK_AHEAD * rate
+        upper, lower = now + LOOK_AHEAD * rate
         torn = jnp.where(came == 0.0, ADVANCING, -came)
         freed = jnp.where(upper < 0, ADVANCING, RETREATING)
         sticks = (upper >= 0) & (lower >= 0)
@@ -324,17 +319,3 @@ class StickSlip(eqx.Module):
 
     def _relaxed(self, x):
         return self.actuator.friction.relaxed(x.memory, -1.0 * jnp.asarray(self.actuator.effector.pull(), float))
-
-
-def _kind(mode):
-    """Weights 1 and 0 that say whether the contact slides, sticks or rests."""
-    one, none = jnp.ones_like(mode), jnp.zeros_like(mode)
-    return (
-        jnp.where(jnp.abs(mode) == 1.0, one, none),
-        jnp.where(mode == STUCK, one, none),
-        jnp.where(mode == RESTING, one, none),
-    )
-
-
-def _chosen(condition, new: tuple, old: tuple) -> tuple:
-    return tuple(jnp.where(condition, a, b) for a, b in zip(new, old, strict=True))

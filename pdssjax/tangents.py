@@ -109,7 +109,8 @@ def _advance(system, accuracy, keep, row):
         return jnp.minimum(*guards) if len(guards) == 2 else jnp.stack(guards)[which]
 
     gap, slope = jax.jvp(margin, (jnp.zeros_like(at),), (jnp.ones_like(at),))
-    late_event = -_tangent_only(gap) / lax.stop_gradient(jnp.where(event & (slope != 0), slope, 1.0))
+    located = event & (slope != 0) & ~system.faint(slope, mode, which)
+    late_event = jnp.where(located, -_tangent_only(gap) / lax.stop_gradient(jnp.where(located, slope, 1.0)), 0.0)
     late_corner = _tangent_only(jnp.where(corner, segment.duration, 0.0) - at)
     late = jnp.where(event, late_event, jnp.where(corner, late_corner, 0.0))
     rates = lax.stop_gradient(system.field(segment, at, end, mode))

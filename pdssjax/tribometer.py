@@ -86,6 +86,10 @@ class Tribometer(eqx.Module):
         """Never: a measured motion does not repeat."""
         return jnp.zeros((), bool)
 
+    def faint(self, slope, mode, which):
+        """No event here is mere rounding."""
+        return jnp.zeros((), bool)
+
     def exact(self, segment: Segment, after, begin: tuple, lapse, end: tuple) -> tuple:
         return end
 

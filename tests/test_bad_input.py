@@ -73,7 +73,11 @@ STUDIES = {
     "waveform missing": ('waveform = "step", ', "", ['record "step": drive', '"waveform" is missing']),
     "columns missing": ("columns =", "units =", ['record "step"', '"columns" is missing']),
     "file missing in the study": ('file = "step.csv"\n', "", ['record "step"', '"file" is missing']),
-    "force needs its column": ('"platform"', '"force"', ['record "step": columns', '"displacement"', '"time", "force"']),
+    "force needs its column": (
+        '"platform"',
+        '"force"',
+        ['record "step": columns', '"displacement"', '"time", "force"'],
+    ),
     "friction has no drive": (
         '"platform"',
         '"friction"',

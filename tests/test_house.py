@@ -13,7 +13,7 @@ PACKAGE = ROOT / "pdssjax"
 READING_ORDER = """
 errors quantity rod family units columns tables series
 drive hold waveforms oscillator piezo friction effector amplifier stage sensor actuator
-expansion crossing stepping tangents integration stick_slip unloaded tribometer simulation
+expansion crossing stepping tangents integration modes stick_slip unloaded tribometer simulation
 parameters records prediction residual starts study
 levenberg_marquardt uncertainty metrics estimate fitting multistart summary estimation
 identified cycles characterise virtual_rig catalogue sweeping ranges

@@ -95,13 +95,13 @@ def pushing(stop, sensor_bandwidth):
 
 
 def test_the_force_sensor_is_pushed_by_what_the_balance_of_forces_leaves():
-    stop = Stop(stiffness=2e5, damping=8.0, gap=1e-6)
+    stop = Stop(stiffness=2e5, dissipation=20.0, gap=1e-6)
     force, trajectory = pushing(stop, 1e3)
     force, x, w = (np.asarray(a) for a in (force, trajectory.effector, trajectory.effector_velocity))
     touching = x > 1e-6
     assert 0.2 < touching.mean() < 0.9
     assert (force[~touching] == 0.0).all() and (force >= -1e-9).all()
-    np.testing.assert_allclose(force[force > 0], (2e5 * (x - 1e-6) + 8.0 * w)[force > 0], atol=1e-9)
+    np.testing.assert_allclose(force[force > 0], (2e5 * (x - 1e-6) * (1.0 + 20.0 * w))[force > 0], atol=1e-9)
     # Newton's law over the whole record: impulse of friction less that of the sensor is the momentum.
     impulse = cumulative_simpson(np.asarray(trajectory.friction) - force, x=np.asarray(TIMES), initial=0.0)
     assert np.abs(impulse - 0.086 * w).max() < 2e-3 * np.abs(0.086 * w).max()

@@ -98,15 +98,16 @@ def stribeck_curve(v: Any, f_c: Any, f_s: Any, v_s: Any) -> Any:
     return exp(x * x * (-1.0)) * (f_s - f_c) + f_c
 
 
-def stribeck_guard(fast: Any, v: Any, sign: Any, v_s: Any, reach: Any = 6.0) -> Any:
+def stribeck_guard(fast: Any, v: Any, sign: Any, v_s: Any, reach: Any = 4.0) -> Any:
     """The guard of a flag that tells `fast` sliding, far out where the Stribeck curve is flat.
 
-    At 6 v_s the curve has e^-36 left, and a power series about a point still further out shows
-    nothing of it: a step that brakes would run past the curve unseen.  So steps end at
-    `reach` times v_s when braking, and past 1.3 times that when speeding up.
+    The Taylor coefficients of e^(-x^2) about x grow up to the order 2 x^2 or so before they fall.  Far
+    out the first dozen is small and says nothing of the others: a step that brakes would run past
+    the curve unseen.  At x = 4, where e^-16 is left, it is seen.  So steps end at `reach` times
+    v_s when braking, and past 1.1 times that when speeding up.
     """
     speed = v * (sign / v_s)
-    return (speed - reach) * fast + (1.3 * reach - speed) * (1.0 - fast)
+    return (speed - reach) * fast + (1.1 * reach - speed) * (1.0 - fast)
 
 
 def stribeck_range(acceleration: float, rate: float) -> tuple[float, float]:

@@ -19,16 +19,20 @@ from .base import AbstractFriction, lugre_ranges, stribeck_guard, stribeck_range
 
 _ROUNDING = 1e-3
 """e: the part of v_s below which the tip of the curve is rounded."""
+_BEYOND = 3.0
+"""Multiple of e at which a step that begins at rest ends.
 
-
-_FLAT = 36.0
-"""|v/v_s|^delta from which on the curve is flat."""
+Where v grows as t^2, only every fourth coefficient of a rounded tip's series is large, and the last
+two need not be among them: the step would go on far beyond the radius of convergence.
+"""
+_FLAT = 16.0
+"""|v/v_s|^delta from which on the curve is flat enough to end a step there: see `stribeck_guard`."""
 
 
 class Stribeck(AbstractFriction):
     """A force that depends on the velocity alone, largest where motion begins; sticks at rest.
 
-    Its only state is a flag that tells fast sliding.
+    Its state is two flags: of fast sliding, and of a beginning on the rounded tip, for which delta = 2 has no need.
     """
 
     f_c: float = quantity(0.55, "N")
@@ -43,10 +47,10 @@ class Stribeck(AbstractFriction):
     """Exponent delta of the Stribeck curve."""
 
     def initial(self):
-        return (jnp.zeros(()),)
+        return jnp.zeros(()), jnp.zeros(())
 
     def rate(self, state, v, sign):
-        return (0,)
+        return 0, 0
 
     def force(self, state, v, sign):
         x = v * (1.0 / self.v_s)
@@ -56,20 +60,23 @@ class Stribeck(AbstractFriction):
         return level * sign + v * self.sigma2
 
     def length(self):
-        return (jnp.ones(()),)
+        return jnp.ones(()), jnp.ones(())
 
     def relaxed(self, state, force):
         return state, jnp.zeros(())
 
     def guards(self, state, v, sign):
+        fast, tip = state
         reach = power(_FLAT, 1.0 / self.delta)
-        return (stribeck_guard(state[0], v, sign, self.v_s, reach),)
+        ends = (v * (-sign / self.v_s) + _BEYOND * _ROUNDING) * tip + (1.0 - tip)
+        return stribeck_guard(fast, v, sign, self.v_s, reach), ends
 
     def passed(self, state, v, sign, which):
-        return (1.0 - state[0],)
+        fast, tip = state
+        return jnp.where(which == 0, 1.0 - fast, fast), jnp.where(which == 1, 0.0, tip)
 
     def turned(self, state, sign):
-        return (jnp.zeros(()),)
+        return jnp.zeros(()), jnp.where(self.delta == 2.0, 0.0, 1.0)
 
     @classmethod
     def plausible(cls, mass, acceleration, rate):
