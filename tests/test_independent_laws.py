@@ -1,0 +1,125 @@
+"""Every friction law moves the end-effector as an independent simulator has it: load, tilt, fall time, feedback.
+
+Required of the default accuracy are 1e-3 um and 1e-4 N; what differs more would be another law.
+"""
+
+import dataclasses
+from functools import cache
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from independent_laws import (
+    BlimanSorine,
+    Coulomb,
+    Dahl,
+    Elastoplastic,
+    GeneralizedMaxwellSlip,
+    Law,
+    LawRig,
+    LuGre,
+    ResetIntegrator,
+    Stribeck,
+    simulate,
+)
+
+from pdssjax.actuator import Actuator
+from pdssjax.drive.sawtooth import Sawtooth
+from pdssjax.effector import Effector
+from pdssjax.family import member
+from pdssjax.integration import TIGHT, Accuracy
+from pdssjax.piezo.second_order import SecondOrder
+from pdssjax.simulation import simulate as simulated
+
+SAMPLES, DEFAULT = 150, Accuracy()
+LAWS: dict[str, tuple[str, Law]] = {
+    "coulomb": ("coulomb", Coulomb()),
+    "lugre": ("lugre", LuGre()),
+    "lugre, wide curve": ("lugre", LuGre(v_s=5e-3, f_s=0.75, sigma2=0.0)),
+    "elastoplastic": ("elastoplastic", Elastoplastic()),
+    "stribeck": ("stribeck", Stribeck()),
+    "stribeck, tustin": ("stribeck", Stribeck(delta=1.0)),
+    "dahl": ("dahl", Dahl()),
+    "dahl, brittle": ("dahl", Dahl(exponent=0.5)),
+    "dahl, ductile": ("dahl", Dahl(exponent=2.0)),
+    "bliman-sorine": ("bliman-sorine", BlimanSorine()),
+    "reset-integrator": ("reset-integrator", ResetIntegrator()),
+    "maxwell slip": ("generalized-maxwell-slip", GeneralizedMaxwellSlip()),
+}
+QUICK = ("coulomb", "lugre", "elastoplastic")
+RIGS: dict[str, dict[str, Any]] = {
+    "20 Hz, ideal": dict(cycle=0.05),
+    "20 Hz, fall time, backward, downhill": dict(cycle=0.05, fall=8e-4, forward=False, load=-0.1),
+    "20 Hz, fall time, tilted": dict(cycle=0.05, fall=8e-4, tilt=0.1),
+    "5 Hz, ideal, backward": dict(cycle=0.2, forward=False),
+    "20 Hz, feedback, fall time": dict(cycle=0.05, fall=8e-4, feedback=True),
+    "20 Hz, feedback, backward, tilted": dict(cycle=0.05, forward=False, tilt=-0.05, feedback=True),
+}
+CASES = [
+    pytest.param(law, rig, marks=() if law in QUICK and rig in list(RIGS)[:2] else pytest.mark.slow, id=f"{law}: {rig}")
+    for law in LAWS
+    for rig in RIGS
+]
+
+
+@cache
+def compiled(name: str, feedback: bool):
+    """The package's run of a law as a function of the law, the other numbers, and the times."""
+
+    def run(friction, numbers, times, tolerance, rest):
+        gain, frequency, damping, stack, *effector = numbers[:7]
+        actuator = Actuator(SecondOrder(gain, frequency, damping, stack), friction, Effector(*effector), feedback)
+        return simulated(actuator, Sawtooth(*numbers[7:]), times, Accuracy(tolerance, rest))
+
+    return jax.jit(run)
+
+
+def packaged(rig: LawRig, name: str, times, accuracy: Accuracy = DEFAULT):
+    numbers: list[float] = [rig.gain, rig.frequency, rig.damping, rig.stack, rig.mass, rig.load, rig.tilt]
+    numbers += [rig.voltage, 1.0 / rig.cycle, rig.fall, 1.0 if rig.forward else -1.0]
+    friction = member("friction", name)(**{key: jnp.asarray(x) for key, x in dataclasses.asdict(rig.law).items()})
+    return compiled(name, rig.feedback)(friction, np.array(numbers), times, accuracy.tolerance, accuracy.rest)
+
+
+def moments(rig: LawRig) -> np.ndarray:
+    """Three cycles at 20 Hz, two at 5 Hz: half of the samples while it slips; none at a corner of the drive."""
+    cycles = 3 if rig.cycle < 0.1 else 2
+    each = SAMPLES // cycles
+    slow = rig.cycle * (np.arange(each // 2) + 0.61) / (each // 2)
+    fast = 1.3e-5 + 0.012 * np.arange(each - each // 2) / (each - each // 2)
+    cycle = np.sort(np.concatenate([slow[slow < rig.cycle], fast]))
+    return np.sort(np.concatenate([k * rig.cycle + cycle for k in range(cycles)]))
+
+
+@pytest.mark.parametrize(("law", "rig"), CASES)
+def test_the_end_effector_walks_as_the_independent_simulator_has_it(law, rig):
+    """The required tolerances; what the default accuracy reaches is 5e-10 m at the worst, mostly below 1e-10 m."""
+    name, contact = LAWS[law]
+    given = LawRig(law=contact, **RIGS[rig])
+    times = moments(given)
+    expected, run = simulate(given, times), packaged(given, name, times)
+    assert int(run.failure) == 0
+    np.testing.assert_allclose(run.platform, expected[:, 0], rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(run.effector, expected[:, 1], rtol=0.0, atol=1e-9)
+    # Where the force jumps, a sample may fall between the two instants of one jump.
+    aside = np.abs(np.asarray(run.friction) - expected[:, 2]) > 1e-4
+    assert aside.sum() <= 1
+    assert np.abs(expected[-1, 1]) > 1e-7
+
+
+def test_feedback_fades_as_one_over_the_mass_of_the_platform():
+    """The coupled model (5.25), whose stiffness k = m_g w^2 grows with m_g, tends to the simplified one (5.27)."""
+    rig = LawRig(law=Coulomb(), cycle=0.05, fall=8e-4)
+    times = moments(rig)
+    alone = packaged(rig, "coulomb", times, TIGHT)
+    away = []
+    for stack in (1e2, 1e3, 1e4):
+        coupled = packaged(dataclasses.replace(rig, feedback=True, stack=stack), "coulomb", times, TIGHT)
+        moved = (coupled.platform - alone.platform, coupled.effector - alone.effector)
+        away.append([float(jnp.abs(x).max()) for x in moved])
+    away = np.array(away)
+    assert (away[0] > 1e-10).all()
+    np.testing.assert_allclose(away[0] / away[1], 10.0, rtol=0.02)
+    np.testing.assert_allclose(away[1] / away[2], 10.0, rtol=0.02)
