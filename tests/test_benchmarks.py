@@ -11,12 +11,16 @@ import numpy as np
 import pytest
 
 import benchmarks
+from benchmarks.grid import Grid, in_blocks
 from benchmarks.measure import Curve, Entry, Outcome, Rung, climb
+from benchmarks.peer_fits import AbstractFit, OutOfTime, Residual
 from benchmarks.peers import peers
-from benchmarks.peers.base import AbstractPeer, differences
-from benchmarks.peers.c_floor import CFloor, simulate
+from benchmarks.peers.base import BLEND, AbstractPeer, differences, persist
+from benchmarks.peers.c_floor import CFloor, simulate, simulate_grid
+from benchmarks.peers.pdssjax_taylor import PdssJax
 from benchmarks.peers.scipy_lsoda import SciPyLSODA
 from benchmarks.problem import NAMES, PARAMETERS, Problem, effector, pieces
+from benchmarks.rig import sawtooths, truth
 from benchmarks.table import as_json, as_markdown, as_text
 from pdssjax.expansion import Taylor
 from pdssjax.integration import Accuracy
@@ -43,7 +47,7 @@ def test_every_module_imports_and_every_peer_is_found():
         importlib.import_module(module.name)
     found = [peer.name for peer in peers()]
     assert len(found) == len(set(found))
-    assert {"C floor", "diffrax Tsit5", "diffrax Kvaerno5", "numbalsoda", "SciPy LSODA"} <= set(found)
+    assert {"C floor", "CasADi CVODES", "diffrax Tsit5", "diffrax Kvaerno5", "numbalsoda", "SciPy LSODA"} <= set(found)
     assert all(peer.tolerances == tuple(sorted(peer.tolerances, reverse=True)) for peer in peers())
 
 
@@ -78,6 +82,92 @@ def test_every_peer_agrees(peer: AbstractPeer, ours):
         pytest.skip(reason)
     trajectory = peer.trajectory(SHORT).run(PARAMETERS, min(peer.tolerances))
     np.testing.assert_allclose(trajectory, ours, atol=1e-4)
+
+
+def points_one_by_one(grid: Grid) -> np.ndarray:
+    """The C stepper on each point of a grid, as a record of its own, read at the samples."""
+    rows = []
+    for (voltage, frequency), times in zip(grid.points, grid.times, strict=True):
+        dense = Problem(voltage, frequency, grid.cycles + 1, 50 * (grid.cycles + 1) + 1)
+        found = simulate(PARAMETERS, dense, 1e-8, order=12)[0]
+        # The samples stand at multiples of 0.02 of a period.
+        rows.append(found[np.round(50 * times * frequency).astype(int)])
+    return np.array(rows)
+
+
+SWEEP = Grid((20.0, 64.0, 80.0), (2.0, 5.0, 50.0), cycles=2)
+
+
+@needs_gcc
+def test_the_c_floor_sweeps_as_it_runs_one_by_one():
+    np.testing.assert_allclose(simulate_grid(PARAMETERS, SWEEP, 1e-8, order=12), points_one_by_one(SWEEP), atol=1e-6)
+
+
+@needs_gcc
+@pytest.mark.slow
+@pytest.mark.parametrize("peer", [p for p in peers() if p.sweep_tolerances], ids=lambda peer: peer.name)
+def test_every_peer_sweeps_alike(peer: AbstractPeer):
+    if reason := peer.missing():
+        pytest.skip(reason)
+    found = peer.sweep(SWEEP).run(PARAMETERS, min(peer.sweep_tolerances))
+    np.testing.assert_allclose(found, simulate_grid(PARAMETERS, SWEEP, 1e-8, order=12), atol=2e-3)
+
+
+@needs_gcc
+def test_ours_sweeps_like_the_c_floor():
+    found = PdssJax(6).sweep(SWEEP).run(PARAMETERS, 1e-6)
+    np.testing.assert_allclose(found, simulate_grid(PARAMETERS, SWEEP, 1e-8, order=12), atol=1e-3)
+
+
+def test_blocks_hold_every_row_and_repeat_the_last():
+    rows = np.arange(70.0).reshape(35, 2)
+    blocks = in_blocks(rows)
+    np.testing.assert_array_equal(blocks.reshape(-1, 2)[:35], rows)
+    assert (blocks.reshape(-1, 2)[35:] == rows[-1]).all()
+
+
+@needs_gcc
+def test_casadi_agrees_in_its_trajectory_but_not_in_its_jacobian():
+    pytest.importorskip("casadi")
+    peer = next(peer for peer in peers() if peer.name == "CasADi CVODES")
+    values, slopes = simulate(PARAMETERS, SHORT, 1e-8, order=12, jacobian=True)
+    np.testing.assert_allclose(peer.trajectory(SHORT).run(PARAMETERS, 1e-9), values, atol=1e-4)
+    assert worst(peer.jacobian(SHORT).run(PARAMETERS, 1e-9), slopes) > 0.1
+
+
+def test_the_blend_of_a_fit_moves_a_run_by_less_than_a_nanometre():
+    peer, problem = SciPyLSODA(numba=False), Problem(cycles=1, samples=51)
+    drive_pieces, times = pieces(problem.drive(), problem.times[-1]), problem.times
+    sharp, blended = (peer._follow(PARAMETERS, drive_pieces, times, 1e-8, blend) for blend in (0.0, BLEND))
+    assert 0 < np.max(np.abs(sharp - blended)) < 1e-3
+
+
+def test_a_solver_that_gets_stuck_is_tried_at_looser_tolerances():
+    tried = []
+    found = persist(lambda t: tried.append(t) or np.array([np.nan if len(tried) < 3 else 1.0]), 1e-7)
+    assert found == 1.0 and tried == sorted(tried) and len(tried) == 3
+
+
+class _Walks(AbstractFit):
+    """Asks for the residuals again and again."""
+
+    name = "walks"
+
+    def minimise(self, residual, start):
+        for i in range(10**9):
+            residual(start * (1 + 1e-6 * i))
+        return ""
+
+
+def test_a_fit_is_broken_off_and_keeps_its_best():
+    residual = Residual(SciPyLSODA(numba=False), sawtooths(), truth())
+    residual._whitened = lambda x: 1.0 + x
+    found = _Walks().run(residual, 0.05)
+    assert found.cut and found.calls > 1 and "more than" in found.says()
+    assert found.chi2 == residual.best[0] == 4.0 * len(residual.free)
+    assert found.values["effector.mass"] == truth()["effector.mass"]
+    with pytest.raises(OutOfTime):
+        residual(np.ones(len(residual.free)))
 
 
 def test_pieces_cover_the_record():
