@@ -158,7 +158,9 @@ def _one_step(system, horizon, accuracy, unflatten, walk):
     finish = jnp.where(last, horizon - walk.origin, segment.duration)
     remaining = jnp.maximum(finish - walk.after, 0.0)
     field = field_of(system, segment, unflatten, walk.mode)
-    piece = accuracy.method.attempt(field, walk.after, list(walk.x), units, remaining, walk.trial, one)
+    longest = system.longest(unflatten(walk.x))
+    allowed = remaining if longest is None else jnp.minimum(remaining, longest)
+    piece = accuracy.method.attempt(field, walk.after, list(walk.x), units, allowed, walk.trial, one)
 
     clock = polynomial([walk.after, piece.reach])
     motion = unflatten([polynomial(c) for c in piece.polynomials])

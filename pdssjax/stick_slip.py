@@ -209,6 +209,10 @@ class StickSlip(eqx.Module):
         away = away if x.touch else away._replace(d=jnp.zeros_like(x.d))
         return jnp.stack(jax.tree.leaves(away)).max() < tolerance
 
+    def longest(self, x: State):
+        """The longest step [s] that the contact's memory allows; None: any."""
+        return self.actuator.friction.longest(x.memory)
+
     def faint(self, slope, mode, which):
         """Whether a reversal is nothing but the rounding of a contact that is at rest.
 

@@ -86,6 +86,10 @@ class Tribometer(eqx.Module):
         """Never: a measured motion does not repeat."""
         return jnp.zeros((), bool)
 
+    def longest(self, x: tuple):
+        """The longest step [s] that the contact's memory allows; None: any."""
+        return self.friction.longest(x[1])
+
     def faint(self, slope, mode, which):
         """No event here is mere rounding."""
         return jnp.zeros((), bool)

@@ -9,6 +9,7 @@ from scipy.integrate import cumulative_simpson
 from pdssjax.actuator import Actuator
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.effector import GRAVITY, Effector, Stop
+from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
 from pdssjax.friction.simplified_lugre import SimplifiedLuGre
 from pdssjax.integration import Accuracy
 from pdssjax.piezo.second_order import SecondOrder
@@ -120,3 +121,22 @@ def test_the_gradient_of_the_force_is_right():
     # At the instants of touching the slope jumps; there differences straddle it.
     wrong = np.abs(slope - differences) > 1e-3 * np.abs(differences).max()
     assert wrong.mean() < 0.01
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stiffness", [1e4, 1e5])
+def test_a_contact_that_rests_before_it_touches_wakes_and_is_differentiated(stiffness):
+    # In the deflection state ties at v = 0 are many; at rest, reversals of rounding size are no events.
+    times = jnp.linspace(0.0, 2.0, 401)
+
+    @jax.jit
+    def force(k):
+        drive = Sawtooth(64.0, 5.0, 5e-4)
+        actuator = Actuator(SecondOrder(), AnisotropicLuGre(), stop=Stop(stiffness=k))
+        return measured(StickSlip(actuator, drive, Sensor(filters=False)), times, Accuracy(max_steps=16000))
+
+    step = 3e-5 * stiffness
+    differences = (np.asarray(force(stiffness + step)) - np.asarray(force(stiffness - step))) / (2 * step)
+    slope = np.asarray(jax.jvp(force, (jnp.asarray(stiffness),), (jnp.asarray(1.0),))[1])
+    assert np.isfinite(slope).all()
+    assert (np.abs(slope - differences) > 3e-3 * np.abs(differences).max()).mean() < 0.01

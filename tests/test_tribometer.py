@@ -7,6 +7,7 @@ import pytest
 
 from pdssjax.friction.coulomb import Coulomb
 from pdssjax.friction.dahl import Dahl
+from pdssjax.friction.generalized_maxwell_slip import GeneralizedMaxwellSlip
 from pdssjax.friction.simplified_lugre import SimplifiedLuGre
 from pdssjax.integration import Accuracy
 from pdssjax.simulation import contact_force
@@ -66,3 +67,17 @@ def test_the_force_can_be_differentiated(field):
     differences = (np.asarray(run(value + step)) - np.asarray(run(value - step))) / (2 * step)
     slope = np.asarray(jax.jvp(run, (jnp.asarray(value),), (jnp.asarray(1.0),))[1])
     assert np.abs(slope - differences).max() < 1e-5 * np.abs(differences).max()
+
+
+@pytest.mark.slow
+def test_elements_that_slip_at_their_limit_have_finite_and_right_derivatives():
+    # Without weakening an element that slips stays at its limit exactly: its coefficients vanish, its decay does not.
+    def run(strength):
+        law = GeneralizedMaxwellSlip(weakened=1.0, strength_1=strength)
+        return contact_force(Tribometer(law, jnp.asarray(TIMES), jnp.asarray(MOTION)), jnp.asarray(TIMES), Accuracy())
+
+    # Not quite the nominal strength: there elements let go exactly at a sample, where the derivative jumps.
+    compiled, strength, step = jax.jit(run), 1.0371 * GeneralizedMaxwellSlip().strength_1, 1e-7
+    differences = (np.asarray(compiled(strength + step)) - np.asarray(compiled(strength - step))) / (2 * step)
+    slope = np.asarray(jax.jvp(compiled, (jnp.asarray(strength),), (jnp.asarray(1.0),))[1])
+    np.testing.assert_allclose(slope, differences, atol=1e-4 * np.abs(differences).max())

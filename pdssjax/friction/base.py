@@ -77,6 +77,14 @@ class AbstractFriction(eqx.Module):
         """The state with which a motion in the direction `sign` begins, from v = 0."""
         return state
 
+    def longest(self, state: State) -> Number | None:
+        """The longest step [s] over which the state may forget; None where its coefficients tell.
+
+        A state that has reached its limit exactly has coefficients that vanish and allow any
+        step, but its derivatives decay by a rate, which a step must not pass over.
+        """
+        return None
+
     def holding(self, state: State, sign: Number) -> Number:
         """The force [N] beyond which the contact at rest lets go in the direction `sign`."""
         return self.force(self.turned(state, sign), 0.0, sign)  # pyright: ignore[reportArgumentType]

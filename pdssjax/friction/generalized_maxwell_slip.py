@@ -25,6 +25,8 @@ from ..quantity import quantity
 from .base import AbstractFriction, lugre_ranges, stribeck_curve, stribeck_guard, stribeck_range
 
 _COUNT = 4
+_FORGETS = 3.0
+"""Time constants of a slipping element that a step may span."""
 _ROUNDING = 1e-12
 """Part of its breakaway force by which an element at its limit may seem short of it."""
 
@@ -104,6 +106,11 @@ class GeneralizedMaxwellSlip(AbstractFriction):
             )
         )
         return (*elements, stribeck_guard(state[-1], v, sign, self.v_s))
+
+    def longest(self, state):
+        forgets = self.attraction / (jnp.minimum(self.weakened, 1.0) * sum(self._strengths()))
+        slips = sum(state[_COUNT:-1]) > 0
+        return jnp.where(slips, _FORGETS / forgets, jnp.inf)
 
     def passed(self, state, v, sign, which):
         slips = (jnp.where(which == i, 1.0, flag) for i, flag in enumerate(state[_COUNT:-1]))
