@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 from ..measure import Effort, Outcome
 
-ORDER = ("steps", "trajectory", "jacobian", "predict", "sweep", "growth", "startup", "fit")
-"""The jobs as the table shows them; any other comes after these.  The fits are last: what time is left is theirs."""
+ORDER = ("trajectory", "jacobian", "fit", "sweep", "predict", "growth", "startup", "steps")
+"""The jobs as the table shows them; any other comes after these.  Where time runs out, the last are left out."""
 
 
 def jobs() -> dict[str, Callable[[Effort], Outcome]]:

@@ -18,7 +18,7 @@ from ..peers.base import AbstractPeer
 from ..rig import example, started, stepped
 
 JOB = "joint fit"
-LONGEST, SHORTEST = 60.0, 10.0
+LONGEST, SHORTEST = 40.0, 10.0
 """Seconds after which a peer's fit is broken off, and those it has even when the whole is late."""
 
 
@@ -42,8 +42,9 @@ def measure(effort: Effort) -> Outcome:
     if not effort.fits:
         return outcome
     able = [(peer, fit) for peer in peers() if peer.fit_tolerance for fit in FITS]
-    # lmfit over the quickest of them is enough: it calls the residuals as often over any.
+    # lmfit over the quickest of them is enough, and SciPy's LSODA with the quicker of its fields.
     able = [(peer, fit) for peer, fit in able if fit.name == "least_squares" or peer.name == "numbalsoda"]
+    able = [(peer, fit) for peer, fit in able if peer.name != "SciPy LSODA"]
     # The quickest first, so that what is broken off for want of time is what is slow anyway.
     able.sort(key=lambda pair: pair[0].name != "numbalsoda")
     for rank, (peer, fit) in enumerate(able):

@@ -39,7 +39,7 @@ begun = time.perf_counter()
 import pdssjax.cli, pdssjax.estimation
 print(time.perf_counter() - begun)
 """
-_WARM_RUNS = 3
+_WARM_RUNS = 2
 
 
 def measure(effort: Effort) -> Outcome:

@@ -16,7 +16,7 @@ from ..problem import NAMES, PARAMETERS, UM, EveryCycle, Problem, actuator, effe
 
 TARGET = 1e-3
 """[um]"""
-_ORDERS = (8, 10, 12)
+_ORDERS = (8, 12)
 _COUNTS = ("steps", "rejected", "events")
 
 
