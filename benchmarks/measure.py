@@ -50,12 +50,12 @@ class Effort:
     """How much time to spend."""
 
     rounds: int = 9
-    longest: float = 12.0
+    longest: float = 6.0
     """Seconds for all rounds of one entry; a slow one is called less often, but at least once."""
     fits: bool = True
     """Whether the slow fits of the peers are run."""
     ends: float = math.inf
-    """When, by `time.perf_counter`, all should be done [s]."""
+    """When, by `time.perf_counter`, the last job may begin [s]."""
     report: Callable[[str], None] = lambda message: None
     """Called with a line of text now and then."""
 

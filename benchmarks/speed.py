@@ -92,10 +92,8 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.speed", description=__doc__)
     parser.add_argument("job", nargs="*", help="jobs to run, all by default")
     parser.add_argument("--rounds", type=int, default=9, help="rounds of turns (default 9)")
-    parser.add_argument("--longest", type=float, default=12.0, help="seconds for one entry's rounds (default 12)")
-    parser.add_argument(
-        "--budget", type=float, default=840.0, help="seconds for all; fits share the rest (default 840)"
-    )
+    parser.add_argument("--longest", type=float, default=6.0, help="seconds for one entry's rounds (default 6)")
+    parser.add_argument("--budget", type=float, default=720.0, help="seconds after which no job begins (default 720)")
     parser.add_argument("--no-fits", action="store_true", help="leave out the slow fits of the peers")
     parser.add_argument("--out", type=Path, default=RESULTS, metavar="DIR", help="folder for the results")
     return parser
