@@ -179,7 +179,7 @@ def _with_noise(fit: Fit, problem: Problem, run: Run, report: Progress) -> tuple
 
 
 def _noise_left(problem: Problem, fit: Fit) -> np.ndarray:
-    """Standard deviation of each record's residuals [m], degrees of freedom shared by samples."""
+    """Standard deviation of each record's residuals [m or N], degrees of freedom shared by samples."""
     sizes = np.array([record.time.size for record in problem.records])
     parts = np.split(np.asarray(fit.state.residual), np.cumsum(sizes)[:-1])
     lost = fit.free.size * sizes / sizes.sum() + [record.offset is None for record in problem.records]

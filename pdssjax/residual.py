@@ -31,7 +31,7 @@ class Residual(eqx.Module):
     predictor: Predictor
     measured: tuple[Array, ...]
     offsets: tuple[float | None, ...]
-    """Given zeros of the sensor [m]; None where free."""
+    """Given zeros of the sensor [m or N]; None where free."""
     scale: Scale
     fixed: Values
     accuracy: Accuracy
@@ -49,7 +49,7 @@ class Residual(eqx.Module):
     def __call__(
         self, free: Float[Array, " p"], weights: Float[Array, " records"]
     ) -> tuple[Float[Array, " n"], Float[Array, " records"]]:
-        """Stacked residuals, and the offset of every record [m].
+        """Stacked residuals, and the offset of every record [m or N].
 
         `weights` are 1/noise [1/m] of the records, 0 to leave one out.
         """
@@ -65,7 +65,7 @@ class Residual(eqx.Module):
 
 
 def noise_floor(record: Record) -> float:
-    """A first guess of the noise [m] of a record from the scatter of its second differences.
+    """A first guess of the noise [m or N] of a record from the scatter of its second differences.
 
     Robust against the fast motion of a slip, which fills few samples: what lies far out is
     left out again and again.  A smooth motion between samples hardly enters, and rounding
@@ -82,7 +82,7 @@ def noise_floor(record: Record) -> float:
 
 
 def free_offset(measured: np.ndarray, predicted: np.ndarray, given: float | None) -> float:
-    """The record's zero [m]: given, or the mean of what the prediction leaves."""
+    """The record's zero [m or N]: given, or the mean of what the prediction leaves."""
     return float(np.mean(measured - predicted)) if given is None else given
 
 
