@@ -14,7 +14,7 @@ P. R. Dahl, A solid friction model, Aerospace Corporation TOR-0158(3107-18)-1, 1
 import jax.numpy as jnp
 
 from ..quantity import quantity
-from ..series import power
+from ..series import constant, power
 from .base import AbstractFriction, lugre_ranges
 
 _SATURATED = 1e-8
@@ -59,7 +59,13 @@ class Dahl(AbstractFriction):
 
     def guards(self, state, v, sign):
         z, saturated = state
-        return ((self._room(z, sign) - _SATURATED) * (1.0 - saturated) + saturated,)
+        room = self._room(z, sign) * (1.0 - saturated) + saturated
+        # Along the path p^(1 - n) falls in a straight line, where p itself would only touch zero.
+        straight = jnp.where(jnp.asarray(self.exponent) < 1.0, 1.0 - self.exponent, 1.0)
+        # A step may end beyond, by its error; the square would hide that.
+        short = jnp.where(constant(room) > 0.0, 1.0, -1.0)
+        left = power(room * room + _TINY, 0.5 * straight) * short - _SATURATED**straight
+        return (left * (1.0 - saturated) + saturated,)
 
     def passed(self, state, v, sign, which):
         return sign * self.f_c / self.sigma0 + 0.0 * state[0], jnp.ones_like(state[1])
