@@ -28,8 +28,15 @@ def first_crossing(guards: tuple[Series, ...], size: int, reach: Any) -> tuple[A
     """
     # Side by side: one kernel for all guards, and half the code to compile.
     sides = [jnp.stack([jnp.asarray(guard[k], float) for guard in guards]) for k in range(size)]
-    crossings = _crossing(sides, LOOK_AHEAD / jnp.where(reach > 0, reach, 1.0))
+    ahead = LOOK_AHEAD / jnp.where(reach > 0, reach, 1.0)
+    crossings = _crossing(sides, ahead)
     first = crossings.min()
+    if len(guards) > 2:
+        # The guard of a law may dip below zero for a moment just before the motion ends: look closer.
+        until = jnp.where(first > 0.0, jnp.minimum(first, 1.0), 1.0)
+        closer = _crossing([side * until**k for k, side in enumerate(sides)], ahead / until)
+        crossings = jnp.where(closer < 1.0, closer * until, crossings)
+        first = crossings.min()
     return jnp.where(first > 1.0, 1.0, jnp.minimum(first, 1.0 - 1e-15)), jnp.argmin(crossings) * 1.0
 
 

@@ -61,13 +61,9 @@ RIGS: dict[str, dict[str, Any]] = {
     "20 Hz, feedback, fall time": dict(cycle=0.05, fall=8e-4, feedback=True),
     "20 Hz, feedback, backward, tilted": dict(cycle=0.05, forward=False, tilt=-0.05, feedback=True),
 }
-GRAZES = ("reset-integrator", "20 Hz, feedback, fall time")
 
 
 def marks(law, rig):
-    if (law, rig) == GRAZES:
-        missed = pytest.mark.xfail(reason="a bond is dragged for less than a sixth of a step before it turns: unseen")
-        return pytest.mark.slow, missed
     return () if law in QUICK and rig in list(RIGS)[:2] else pytest.mark.slow
 
 
