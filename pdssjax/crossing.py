@@ -63,7 +63,8 @@ def _crossing(coefficients: list, ahead: Any) -> Any:
         low, g_low = jnp.where(hit, before, low), jnp.where(hit, g_before, g_low)
         high, g_high = jnp.where(hit, i / _SAMPLES, high), jnp.where(hit, value, g_high)
         found, before, g_before = found | hit, i / _SAMPLES, value
-    at_once = found & (g_low <= 0.0)
+    # A root may also lie on a sample exactly; then it is found there.
+    at_once = (g[0] <= 0.0) & (horner(g, 1 / _SAMPLES) < 0.0)
     gap = jnp.where(g_low > g_high, g_low - g_high, 1.0)
     inverse = (low - high) / gap
     root = low - g_low * inverse

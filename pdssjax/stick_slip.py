@@ -211,7 +211,7 @@ class StickSlip(eqx.Module):
 
     def longest(self, x: State):
         """The longest step [s] that the contact's memory allows; None: any."""
-        return self.actuator.friction.longest(x.memory)
+        return self.actuator.friction.step_limit(x.memory)
 
     def faint(self, slope, mode, which):
         """Whether a reversal is nothing but the rounding of a contact that is at rest.

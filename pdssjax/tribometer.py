@@ -88,7 +88,7 @@ class Tribometer(eqx.Module):
 
     def longest(self, x: tuple):
         """The longest step [s] that the contact's memory allows; None: any."""
-        return self.friction.longest(x[1])
+        return self.friction.step_limit(x[1])
 
     def faint(self, slope, mode, which):
         """No event here is mere rounding."""

@@ -94,7 +94,10 @@ def test_the_platform_behind_it_moves_as_scipy_has_it(name, bandwidth, slew):
     np.testing.assert_allclose(shown, followed(bandwidth, slew, pieces, times), rtol=0.0, atol=2e-11)
 
 
-@pytest.mark.parametrize("drive", [Step(60.0), Sawtooth(64.0, 200.0)], ids=["step", "sawtooth"])
+@pytest.mark.parametrize(
+    "drive",
+    [pytest.param(Step(60.0), marks=pytest.mark.slow, id="step"), pytest.param(Sawtooth(64.0, 200.0), id="sawtooth")],
+)
 def test_the_platform_has_the_derivatives_of_central_differences_in_bandwidth_and_slew(drive):
     times = jnp.linspace(1e-4, 0.012, 60)
     motion = jax.jit(lambda q: measured(Unloaded(Stage(SecondOrder(), Amplifier(q[0], q[1])), drive), times, TIGHT))

@@ -68,7 +68,9 @@ DRIVES = {
 
 
 @pytest.mark.parametrize("name", PIEZOS)
-@pytest.mark.parametrize("drive", DRIVES)
+@pytest.mark.parametrize(
+    "drive", [*list(DRIVES)[:1], *(pytest.param(d, marks=pytest.mark.slow) for d in list(DRIVES)[1:])]
+)
 def test_the_platform_moves_as_scipy_has_it(name, drive):
     piezo, stack = PIEZOS[name]
     voltage, pieces = DRIVES[drive]
@@ -196,7 +198,7 @@ def test_creep_adds_as_much_in_every_decade():
     # The oscillator follows what has crept; behind it by its lag 2 xi / w.
     lag = 2 * 0.1772 / 6736.0
     crept = jnp.sum(1 - jnp.exp(-(times - lag) / (t1 * jnp.array([[1.0], [10.0], [100.0]]))), axis=0)
-    late = times > 0.008
+    late = times > 0.02  # when the oscillator has died down to e^-24
     np.testing.assert_allclose(np.asarray(shown)[late], 1.007e-7 * volts * (1 + k * crept)[late], rtol=1e-6)
     growth = np.diff(np.interp(np.log10([0.01, 0.1]), np.log10(times), shown)) / (1.007e-7 * volts)
     assert growth == pytest.approx(k, rel=0.15)

@@ -113,6 +113,7 @@ def test_a_soft_sensor_feels_less_and_none_is_pushed_further_than_the_contact_ca
     assert held[0] < held[1] < 1.3 * SimplifiedLuGre().f_ss
 
 
+@pytest.mark.slow
 def test_the_gradient_of_the_force_is_right():
     stiffness, step = 1e5, 10.0
     force = lambda k: pushing(Stop(stiffness=k), 1e3)[0]

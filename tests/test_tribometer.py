@@ -52,7 +52,7 @@ def test_coulomb_friction_has_the_sign_of_the_motion_and_none_at_rest():
     np.testing.assert_allclose(shown[250:-1], -Coulomb().f_c)
 
 
-@pytest.mark.parametrize("field", ["sigma0", "sigma1", "f_ss"])
+@pytest.mark.parametrize("field", ["sigma0", *(pytest.param(f, marks=pytest.mark.slow) for f in ("sigma1", "f_ss"))])
 def test_the_force_can_be_differentiated(field):
     law = SimplifiedLuGre(sigma1=2e3)
     value = getattr(law, field)

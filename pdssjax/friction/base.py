@@ -77,7 +77,7 @@ class AbstractFriction(eqx.Module):
         """The state with which a motion in the direction `sign` begins, from v = 0."""
         return state
 
-    def longest(self, state: State) -> Number | None:
+    def step_limit(self, state: State) -> Number | None:
         """The longest step [s] over which the state may forget; None where its coefficients tell.
 
         A state that has reached its limit exactly has coefficients that vanish and allow any

@@ -117,7 +117,7 @@ class GeneralizedMaxwellSlip(AbstractFriction):
         )
         return (*elements, stribeck_guard(state[_FAST], v, sign, self.v_s))
 
-    def longest(self, state):
+    def step_limit(self, state):
         forgets = self.attraction / (jnp.minimum(self.weakened, 1.0) * sum(self._strengths()))
         slips = sum(state[_COUNT:_FAST]) > 0
         return jnp.where(slips, _FORGETS / forgets, jnp.inf)
