@@ -7,7 +7,7 @@ rate zero, and says by `guards` where a form ends, by `passed` what follows, and
 """
 
 import abc
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 from jaxtyping import Array, Float
@@ -27,6 +27,9 @@ class AbstractFriction(eqx.Module):
     tuple of scalars, empty for a law without memory.  `rate`, `force` and `guards` use
     + - * / and the functions of `pdssjax.series`: then the Taylor integrator can expand them.
     """
+
+    steps_a_sample: ClassVar[int] = 8
+    """Room to leave for the steps between two samples of a long prescribed motion."""
 
     @abc.abstractmethod
     def initial(self) -> State:

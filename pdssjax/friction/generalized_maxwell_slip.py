@@ -22,6 +22,7 @@ F. Al-Bender, V. Lampaert and J. Swevers, IEEE Trans. Automatic Control 50(11), 
 import jax.numpy as jnp
 
 from ..quantity import quantity
+from ..series import undifferentiated
 from .base import AbstractFriction, lugre_ranges, stribeck_curve, stribeck_guard, stribeck_range
 
 _COUNT = 4
@@ -41,6 +42,8 @@ _ROUNDING = 1e-12
 
 class GeneralizedMaxwellSlip(AbstractFriction):
     """The stretches z_1 … z_4 [m] of the springs, flags that tell which elements slip, and fast sliding, a shadow."""
+
+    steps_a_sample = 64  # the shadow keeps them short
 
     stiffness_1: float = quantity(4.0e5, "N/m")
     """Stiffness k_1 of the first element [N/m]."""
@@ -90,7 +93,8 @@ class GeneralizedMaxwellSlip(AbstractFriction):
         ):
             attracted = (sign * w / total - z * k / level) * (self.attraction / k)
             rates.append(v * (1.0 - slips) + attracted * slips)
-        shadow = (remaining * _SHADOW - state[_FAST + 1]) * _FOLLOWS
+        # It only sets the pace: steps may be longer than its decay allows a derivative.
+        shadow = (undifferentiated(remaining) * _SHADOW - state[_FAST + 1]) * _FOLLOWS
         return (*rates, *(0 for _ in range(_COUNT + 1)), shadow)
 
     def _elastic(self, state):
