@@ -6,6 +6,7 @@ import jax.numpy as jnp
 
 from .integration import RESTING as RESTING
 from .stage import Driven
+from .stage import chosen as chosen
 
 ADVANCING, STUCK, RETREATING = 1.0, 0.0, -1.0
 """Modes: v > 0, v = 0 held by friction, v < 0; the fourth is `RESTING`."""
@@ -35,8 +36,3 @@ def kind(mode):
         jnp.where(mode == STUCK, one, none),
         jnp.where(mode == RESTING, one, none),
     )
-
-
-def chosen(condition, new: tuple, old: tuple) -> tuple:
-    """`new` where the condition holds, else `old`."""
-    return tuple(jnp.where(condition, a, b) for a, b in zip(new, old, strict=True))

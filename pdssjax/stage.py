@@ -86,9 +86,9 @@ class Stage(eqx.Module):
         own = len(self.piezo.guards(x.stack, voltage))
         stack, supply = x
         if own:
-            stack = _chosen((which >= 0) & (which < own), self.piezo.passed(stack, voltage, which), stack)
+            stack = chosen((which >= 0) & (which < own), self.piezo.passed(stack, voltage, which), stack)
         if self.amplifier is not None:
-            supply = _chosen(which >= own, self.amplifier.passed(supply, which - own), supply)
+            supply = chosen(which >= own, self.amplifier.passed(supply, which - own), supply)
         return Driven(stack, supply)
 
     def steady(self, segment: Segment, after, x: Driven, force) -> Driven:
@@ -115,5 +115,6 @@ class Stage(eqx.Module):
         return Driven(self.piezo.motion(x.stack, segment, after, lapse), x.supply)
 
 
-def _chosen(condition, new: tuple, old: tuple) -> tuple:
+def chosen(condition, new: tuple, old: tuple) -> tuple:
+    """`new` where the condition holds, else `old`."""
     return tuple(jnp.where(condition, a, b) for a, b in zip(new, old, strict=True))
