@@ -75,7 +75,7 @@ UNLOADED = 5.0
 """A moment [s] at which the tester was not loaded yet."""
 HELD = {"sigma2": 0.0}
 """Viscous friction, which these data cannot tell."""
-TRIES = 3
+TRIES = 8
 """Starts of a law; the first is the middle of the ranges that the package finds from the record."""
 
 

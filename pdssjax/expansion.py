@@ -7,7 +7,7 @@ implicit, and its dense output.
 """
 
 import abc
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, ClassVar, NamedTuple
 
 import diffrax
@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 
-from .series import solution
+from .series import Series, solution
 
 Polynomials = list[list[Any]]
 """For each component the coefficients in theta = lapse/reach, lowest first."""
@@ -62,13 +62,7 @@ class Taylor(AbstractExpansion):
 
     def attempt(self, field, after, x, units, remaining, trial, one):
         series = solution(field, after, x, self.order, one)
-        lengths = []
-        for k in (self.order - 1, self.order):
-            largest = 1e-100
-            for coefficients, unit in zip(series, units, strict=True):
-                largest = jnp.maximum(largest, jnp.abs(coefficients[k]) * unit)
-            lengths.append(jnp.exp(jnp.log(largest) * (-1.0 / k)))
-        reach = jnp.minimum(0.95 * jnp.minimum(*lengths), remaining) / one
+        reach = jnp.minimum(_resolved(series, units), remaining) / one
         # Always accepted: a series that is not finite would not be so the next time either.
         return Piece(_rescaled(series, reach), reach, jnp.ones((), bool), reach)
 
@@ -140,6 +134,25 @@ class OneStep(AbstractExpansion):
         else:
             precise = kind(rtol=1e-12, atol=1e-2, norm=optx.max_norm)
         return eqx.tree_at(lambda s: s.root_finder, solver, precise)
+
+
+def shortened(piece: Piece, hidden: Sequence[Series], tolerance: Any, one: Any) -> Piece:
+    """As much of `piece` as also resolves the series `hidden`, made of its polynomials, to `tolerance`."""
+    size = len(piece.polynomials[0])
+    rows = [[series[k] for k in range(size)] for series in hidden]
+    part = jnp.minimum(_resolved(rows, [1.0 / tolerance] * len(rows)), 1.0) / one
+    return piece._replace(polynomials=_rescaled(piece.polynomials, part), reach=piece.reach * part)
+
+
+def _resolved(series: list[list], units: list) -> Any:
+    """The length over which the last two of the coefficients stay below one unit."""
+    lengths = []
+    for k in (len(series[0]) - 2, len(series[0]) - 1):
+        largest = 1e-100
+        for coefficients, unit in zip(series, units, strict=True):
+            largest = jnp.maximum(largest, jnp.abs(coefficients[k]) * unit)
+        lengths.append(jnp.exp(jnp.log(largest) * (-1.0 / k)))
+    return 0.95 * jnp.minimum(*lengths)
 
 
 def _differentiable(solver: Any) -> Any:

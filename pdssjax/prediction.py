@@ -141,8 +141,7 @@ def _kind(models: Models, record: Record) -> str:
 
 def _predict(group: _Group, models: Models, values: Values, accuracy: Accuracy) -> Array:
     few = min(group.segments, _MANY)
-    many = models.friction.steps_a_sample if group.kind == "friction" else _STEPS_WHERE_MANY
-    room = _STEPS_PER_SEGMENT * few + many * (group.segments - few) + _SPARE_STEPS
+    room = _STEPS_PER_SEGMENT * few + _STEPS_WHERE_MANY * (group.segments - few) + _SPARE_STEPS
     roomy = dataclasses.replace(accuracy, max_steps=max(room, accuracy.max_steps))
     if group.kind == "friction":
         contact = models.contact(values)

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from .crossing import first_crossing
-from .expansion import AbstractExpansion, Taylor, horner
+from .expansion import AbstractExpansion, Taylor, horner, shortened
 from .series import polynomial
 
 _BLOCK = 5
@@ -162,6 +162,8 @@ def _one_step(system, horizon, accuracy, unflatten, walk):
     allowed = remaining if longest is None else jnp.minimum(remaining, longest)
     piece = accuracy.method.attempt(field, walk.after, list(walk.x), units, allowed, walk.trial, one)
 
+    hidden = system.hidden(unflatten([polynomial(c) for c in piece.polynomials]), walk.mode)
+    piece = shortened(piece, hidden, accuracy.tolerance, one) if hidden else piece
     clock = polynomial([walk.after, piece.reach])
     motion = unflatten([polynomial(c) for c in piece.polynomials])
     guards = system.guards(segment, clock, motion, walk.mode)

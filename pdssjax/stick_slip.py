@@ -209,6 +209,10 @@ class StickSlip(eqx.Module):
         away = away if x.touch else away._replace(d=jnp.zeros_like(x.d))
         return jnp.stack(jax.tree.leaves(away)).max() < tolerance
 
+    def hidden(self, x: State, mode) -> tuple:
+        """What a step has to resolve besides the state, as displacements [m]."""
+        return self.actuator.friction.hidden(x.memory, x.v, mode)
+
     def longest(self, x: State):
         """The longest step [s] that the contact's memory allows; None: any."""
         return self.actuator.friction.step_limit(x.memory)

@@ -86,6 +86,10 @@ class Tribometer(eqx.Module):
         """Never: a measured motion does not repeat."""
         return jnp.zeros((), bool)
 
+    def hidden(self, x: tuple, mode) -> tuple:
+        """Nothing: within a step the velocity is constant."""
+        return ()
+
     def longest(self, x: tuple):
         """The longest step [s] that the contact's memory allows; None: any."""
         return self.friction.step_limit(x[1])

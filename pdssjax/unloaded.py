@@ -97,6 +97,10 @@ class Unloaded(eqx.Module):
         away = jax.tree.map(lambda a, b, unit: jnp.abs(a - b) * unit, x, earlier, self.scales())
         return jnp.stack(jax.tree.leaves(away)).max() < tolerance
 
+    def hidden(self, x: State, mode) -> tuple:
+        """Nothing but the state has to be resolved."""
+        return ()
+
     def longest(self, x: State) -> None:
         """Any step is allowed."""
         return None

@@ -7,7 +7,7 @@ rate zero, and says by `guards` where a form ends, by `passed` what follows, and
 """
 
 import abc
-from typing import Any, ClassVar
+from typing import Any
 
 import equinox as eqx
 from jaxtyping import Array, Float
@@ -27,9 +27,6 @@ class AbstractFriction(eqx.Module):
     tuple of scalars, empty for a law without memory.  `rate`, `force` and `guards` use
     + - * / and the functions of `pdssjax.series`: then the Taylor integrator can expand them.
     """
-
-    steps_a_sample: ClassVar[int] = 8
-    """Room to leave for the steps between two samples of a long prescribed motion."""
 
     @abc.abstractmethod
     def initial(self) -> State:
@@ -79,6 +76,10 @@ class AbstractFriction(eqx.Module):
     def turned(self, state: State, sign: Number) -> State:
         """The state with which a motion in the direction `sign` begins, from v = 0."""
         return state
+
+    def hidden(self, state: State, v: Number, sign: Number) -> tuple[Number, ...]:
+        """What the guards feel of v and the state does not, as displacements [m]; steps resolve these, too."""
+        return ()
 
     def step_limit(self, state: State) -> Number | None:
         """The longest step [s] over which the state may forget; None where its coefficients tell.

@@ -22,28 +22,19 @@ F. Al-Bender, V. Lampaert and J. Swevers, IEEE Trans. Automatic Control 50(11), 
 import jax.numpy as jnp
 
 from ..quantity import quantity
-from ..series import undifferentiated
 from .base import AbstractFriction, lugre_ranges, stribeck_curve, stribeck_guard, stribeck_range
 
 _COUNT = 4
 _FORGETS = 3.0
 """Time constants of a slipping element that a step may span."""
-_FAST = 2 * _COUNT
-"""Place of the flag of fast sliding in the state; the shadow follows."""
-_SHADOW, _FOLLOWS = 3e-4, 3e3
-"""The shadow follows the Stribeck curve, as a displacement [m], at this rate [1/s].
-
-Nothing else in the state feels the curve before an element slips: without the shadow a step would be so long
-that the series of the curve, by which the breakaway is found, fails within it.
-"""
+_SEEN = 3e-4
+"""The Stribeck curve as a displacement [m]: how well a step resolves it, and with it the breakaway of an element."""
 _ROUNDING = 1e-12
 """Part of its breakaway force by which an element at its limit may seem short of it."""
 
 
 class GeneralizedMaxwellSlip(AbstractFriction):
-    """The stretches z_1 … z_4 [m] of the springs, flags that tell which elements slip, and fast sliding, a shadow."""
-
-    steps_a_sample = 64  # the shadow keeps them short
+    """The stretches z_1 … z_4 [m] of the springs, flags that tell which elements slip, and fast sliding."""
 
     stiffness_1: float = quantity(4.0e5, "N/m")
     """Stiffness k_1 of the first element [N/m]."""
@@ -71,7 +62,7 @@ class GeneralizedMaxwellSlip(AbstractFriction):
     """Viscous friction s2 [N s/m]."""
 
     def initial(self):
-        return (*(jnp.zeros(()) for _ in range(2 * _COUNT + 1)), jnp.asarray(_SHADOW))
+        return tuple(jnp.zeros(()) for _ in range(2 * _COUNT + 1))
 
     def _stiffnesses(self):
         return self.stiffness_1, self.stiffness_2, self.stiffness_3, self.stiffness_4
@@ -85,17 +76,17 @@ class GeneralizedMaxwellSlip(AbstractFriction):
 
     def rate(self, state, v, sign):
         total = sum(self._strengths())
-        remaining = self._remaining(v)
-        level = remaining * total
+        level = self._remaining(v) * total
         rates = []
         for z, slips, k, w in zip(
-            state[:_COUNT], state[_COUNT:_FAST], self._stiffnesses(), self._strengths(), strict=True
+            state[:_COUNT], state[_COUNT:-1], self._stiffnesses(), self._strengths(), strict=True
         ):
             attracted = (sign * w / total - z * k / level) * (self.attraction / k)
             rates.append(v * (1.0 - slips) + attracted * slips)
-        # It only sets the pace: steps may be longer than its decay allows a derivative.
-        shadow = (undifferentiated(remaining) * _SHADOW - state[_FAST + 1]) * _FOLLOWS
-        return (*rates, *(0 for _ in range(_COUNT + 1)), shadow)
+        return (*rates, *(0 for _ in range(_COUNT + 1)))
+
+    def hidden(self, state, v, sign):
+        return (self._remaining(v) * _SEEN,)
 
     def _elastic(self, state):
         forces = [z * k for z, k in zip(state[:_COUNT], self._stiffnesses(), strict=True)]
@@ -105,7 +96,7 @@ class GeneralizedMaxwellSlip(AbstractFriction):
         return self._elastic(state) + self.sigma2 * v
 
     def length(self):
-        return tuple(jnp.ones(()) for _ in range(2 * _COUNT + 2))
+        return tuple(jnp.ones(()) for _ in range(2 * _COUNT + 1))
 
     def relaxed(self, state, force):
         yields = (force - self._elastic(state)) / sum(self._stiffnesses())
@@ -116,25 +107,25 @@ class GeneralizedMaxwellSlip(AbstractFriction):
         elements = (
             (remaining * w - z * (sign * k)) * (1.0 - slips) + slips
             for z, slips, k, w in zip(
-                state[:_COUNT], state[_COUNT:_FAST], self._stiffnesses(), self._strengths(), strict=True
+                state[:_COUNT], state[_COUNT:-1], self._stiffnesses(), self._strengths(), strict=True
             )
         )
-        return (*elements, stribeck_guard(state[_FAST], v, sign, self.v_s))
+        return (*elements, stribeck_guard(state[-1], v, sign, self.v_s))
 
     def step_limit(self, state):
         forgets = self.attraction / (jnp.minimum(self.weakened, 1.0) * sum(self._strengths()))
-        slips = sum(state[_COUNT:_FAST]) > 0
+        slips = sum(state[_COUNT:-1]) > 0
         return jnp.where(slips, _FORGETS / forgets, jnp.inf)
 
     def passed(self, state, v, sign, which):
-        slips = (jnp.where(which == i, 1.0, flag) for i, flag in enumerate(state[_COUNT:_FAST]))
-        fast = jnp.where(which == _COUNT, 1.0 - state[_FAST], state[_FAST])
-        return (*state[:_COUNT], *slips, fast, state[_FAST + 1])
+        slips = (jnp.where(which == i, 1.0, flag) for i, flag in enumerate(state[_COUNT:-1]))
+        fast = jnp.where(which == _COUNT, 1.0 - state[-1], state[-1])
+        return (*state[:_COUNT], *slips, fast)
 
     def turned(self, state, sign):
         springs = zip(state[:_COUNT], self._stiffnesses(), self._strengths(), strict=True)
         slips = [jnp.where(sign * k * z < w * (1.0 - _ROUNDING), 0.0, 1.0) for z, k, w in springs]
-        return (*state[:_COUNT], *slips, jnp.zeros_like(state[_FAST]), state[_FAST + 1])
+        return (*state[:_COUNT], *slips, jnp.zeros_like(state[-1]))
 
     @classmethod
     def plausible(cls, mass, acceleration, rate):
