@@ -82,7 +82,8 @@ def joint(problem: Problem, starts: dict[str, Any], report: Progress, limit: int
     free = problem.residual.scale.encode(starts)
     piezo = of_piezo(problem.residual.scale)
     spent = []
-    if (measures == "platform").any() and (measures == "effector").any() and piezo.any() and not piezo.all():
+    driven = np.isin(measures, ("effector", "force")).any()
+    if (measures == "platform").any() and driven and piezo.any() and not piezo.all():
         first = _least_squares(problem, free, measures == "platform", piezo, "piezo", report, limit)
         free, spent = first.free, [first]
     last = _least_squares(problem, free, np.ones(len(measures), bool), np.ones(free.size, bool), "all", report, limit)

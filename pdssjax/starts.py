@@ -70,6 +70,9 @@ def _outset(models, parameters, records, better):
     for path, number in _piezo_from_data(fitted).items():
         if path in parameters and path not in known:
             known[path] = _within(number, parameters[path])
+    pushes = [_stop_stiffness(record, known.get("piezo.gain", 1e-7)) for record in fitted if record.measures == "force"]
+    if "stop.stiffness" in parameters and "stop.stiffness" not in known and any(pushes):
+        known["stop.stiffness"] = _within(max(pushes), parameters["stop.stiffness"])
     unknown = [path for path in parameters if path not in known]
     ranges = _ranges(models, known, unknown, parameters, fitted)
     for path in [path for path in unknown if path not in ranges]:
@@ -162,6 +165,23 @@ def _flank_gain(record: Record) -> float:
     return abs(slope) / abs(float(drive.voltage) * float(drive.frequency))
 
 
+def _stop_stiffness(record: Record, gain: float) -> float:
+    """While the contact sticks, the stop is pressed as far as the platform goes [N/m]; 0 where nothing pushes.
+
+    Of the rises within a tenth of a period the steepest tenth: later the contact slides, earlier
+    the end-effector may not have reached the stop.
+    """
+    frequency = _frequency(record)
+    if not frequency or record.time.size < 8:
+        return 0.0
+    span = int(np.clip(0.1 / frequency / float(np.median(np.diff(record.time))), 1, record.time.size // 2))
+    raised, pushed = (values[span:] - values[:-span] for values in (_volts(record), record.measured))
+    usual = float(np.percentile(raised, 75.0))
+    rises = raised > 0.5 * usual
+    steep = float(np.percentile(pushed[rises] / raised[rises], 90.0)) if usual > 0 else 0.0
+    return max(steep, 0.0) / gain
+
+
 def _ranges(models, known, unknown, parameters, records) -> dict[str, tuple[float, float]]:
     """Where to look for what is unknown, on logarithmic scales."""
     value = lambda path, otherwise: known.get(path, otherwise)
@@ -169,8 +189,10 @@ def _ranges(models, known, unknown, parameters, records) -> dict[str, tuple[floa
     rate = value("piezo.natural_frequency", nominal.get("piezo.natural_frequency", 6e3))
     gain = value("piezo.gain", nominal.get("piezo.gain", 1e-7))
     volts = max((_amplitude(r) for r in records), default=1.0) or 1.0
-    contacts = [_contact_scale(record) for record in records if record.measures == "friction"]
-    driven = (value("effector.mass", 0.1), gain * volts * rate**2, rate)
+    mass = value("effector.mass", 0.1)
+    moved = mass if any(record.measures in ("effector", "force") for record in records) else None
+    contacts = [_contact_scale(record, moved) for record in records if record.measures == "friction"]
+    driven = (mass, gain * volts * rate**2, rate)
     friction = models.friction.plausible(*(np.median(contacts, axis=0) if contacts else driven))
     ranges = {f"friction.{name}": ends for name, ends in friction.items()}
     ranges["piezo.natural_frequency"] = (0.3 * rate, 3.0 * rate)
@@ -185,24 +207,24 @@ def _ranges(models, known, unknown, parameters, records) -> dict[str, tuple[floa
     return clipped
 
 
-def _contact_scale(record: Record) -> tuple[float, float, float]:
+def _contact_scale(record: Record, moved: float | None) -> tuple[float, float, float]:
     """Mass, acceleration and rate that stand for what a friction record shows, as `plausible` wants them.
 
-    Its force F, its stiffness k (the steepest tenth of the loops) and its speed v put the middle of
-    the ranges: the contact follows at the rate k v/F, and a mass moved by force and stiffness
-    like that of an actuator has 0.3 m rate^2 = k and 0.035 m a = F in the middle.
+    Its force F and its stiffness k (the steepest tenth of the loops) put the middle of the ranges: a mass
+    m moved like that of an actuator has 0.3 m rate^2 = k and 0.035 m a = F there.  The mass is that of the
+    end-effector where one is `moved` [kg]: its contact is damped as suits its own ringing, however slow
+    the loops are.  Without one the rate is k v/F, at which the contact follows the record's speed v.
     """
     assert record.motion is not None
     force = 0.5 * float(np.subtract(*np.percentile(record.measured, [95.0, 5.0]))) or 1e-3
-    moved, pulled = np.diff(record.motion), np.diff(record.measured)
+    steps, pulled = np.diff(record.motion), np.diff(record.measured)
     stroke = float(np.ptp(record.motion)) or 1e-6
-    moves = np.abs(moved) > 1e-4 * stroke
-    slopes = (pulled[moves] / moved[moves]) if moves.any() else np.zeros(1)
+    moves = np.abs(steps) > 1e-4 * stroke
+    slopes = (pulled[moves] / steps[moves]) if moves.any() else np.zeros(1)
     stiffness = max(float(np.percentile(slopes, 90.0)), force / stroke)
-    speed = float(np.median(np.abs(moved[moves] / np.diff(record.time)[moves]))) if moves.any() else stroke
-    rate = stiffness * speed / force
-    mass = stiffness / (0.3 * rate**2)
-    return mass, force / (0.035 * mass), rate
+    speed = float(np.median(np.abs(steps[moves] / np.diff(record.time)[moves]))) if moves.any() else stroke
+    mass = stiffness / (0.3 * (stiffness * speed / force) ** 2) if moved is None else moved
+    return mass, force / (0.035 * mass), float(np.sqrt(stiffness / (0.3 * mass)))
 
 
 def _search(models, known, ranges, parameters, records) -> list[dict[str, float]]:
