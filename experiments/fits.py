@@ -26,6 +26,10 @@ from pdssjax.parameters import scale
 from pdssjax.study import Study
 from pdssjax.uncertainty import covariance
 
+_AT_BOUND = 1e-6
+"""So near to a bound, on the fit's scale, a parameter is at it."""
+_TELLS = 0.7
+"""Part of what the bounds alone leave open below which the data have told something."""
 _ENDLESS = 1e30
 """Derivatives this large mean that the prediction blew up."""
 
@@ -117,7 +121,8 @@ class Curves:
             else:
                 damping *= 6.0
             converged = 0.0 <= expected < 1e-4 * (rest @ rest) / rest.size or damping > 1e8
-        return self._found(point, rest, jacobian, loose & (point > low) & (point < high), free, used, taken, converged)
+        inside = loose & (point > low + _AT_BOUND) & (point < high - _AT_BOUND)
+        return self._found(point, rest, jacobian, inside, free, used, taken, converged)
 
     def _residual(self, point, used):
         """Predicted less measured where used, offsets taken out, and the Jacobian."""
@@ -135,9 +140,12 @@ class Curves:
         count = len(free) + offsets
         errors = np.full(point.size, np.nan)
         if _usable(rest, jacobian[:, inside]):
-            variance = rest @ rest / (rest.size - count)
-            errors = np.sqrt(np.diag(covariance(jacobian, ~inside).matrix) * variance)
-            errors *= np.abs(self.scale.slope(point))
+            deviation = math.sqrt(rest @ rest / (rest.size - count))
+            # The bounds are known as well: as spread as numbers anywhere between them.
+            bounds = (self.scale.high - self.scale.low) / math.sqrt(12.0)
+            known = np.diag(deviation / bounds)
+            errors = deviation * np.sqrt(np.diag(covariance(np.vstack([jacobian, known]), ~inside).matrix))
+            errors = np.where(errors < _TELLS * bounds, errors * np.abs(self.scale.slope(point)), np.nan)
         predicted = []
         for record, motion, mask in zip(self.study.records, self.predict(point)[0], used, strict=True):
             among = mask if mask.any() else np.ones_like(mask)
