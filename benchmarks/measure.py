@@ -54,6 +54,8 @@ class Effort:
     """Seconds for all rounds of one entry; a slow one is called less often, but at least once."""
     fits: bool = True
     """Whether the slow fits of the peers are run."""
+    patient: bool = False
+    """Whether each of them runs to its end."""
     ends: float = math.inf
     """When, by `time.perf_counter`, the last job may begin [s]."""
     report: Callable[[str], None] = lambda message: None

@@ -32,7 +32,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     begun = time.perf_counter()
     report = lambda message: print(f"[{time.perf_counter() - begun:5.0f} s] {message}", file=sys.stderr, flush=True)
-    effort = Effort(options.rounds, options.longest, not options.no_fits, begun + options.budget, report)
+    effort = Effort(
+        options.rounds, options.longest, not options.no_fits, options.patient, begun + options.budget, report
+    )
     head, known = header(), jobs()
     for name in options.job:
         if name not in known:
@@ -95,6 +97,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--longest", type=float, default=6.0, help="seconds for one entry's rounds (default 6)")
     parser.add_argument("--budget", type=float, default=720.0, help="seconds after which no job begins (default 720)")
     parser.add_argument("--no-fits", action="store_true", help="leave out the slow fits of the peers")
+    parser.add_argument("--patient", action="store_true", help="let the fits of the peers run to their end")
     parser.add_argument("--out", type=Path, default=RESULTS, metavar="DIR", help="folder for the results")
     return parser
 

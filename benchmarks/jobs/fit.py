@@ -2,10 +2,10 @@
 
 pdssjax also runs as the user has it, starts searched for.  The peers are SciPy's
 `least_squares` and lmfit's `leastsq` over LSODA with differences (`peer_fits`), warm, and broken
-off when they take too long.
+off once they have taken so many times as long as ours, unless the benchmark is patient.
 """
 
-import time
+import math
 from collections.abc import Callable
 
 import pdssjax
@@ -18,8 +18,10 @@ from ..peers.base import AbstractPeer
 from ..rig import example, started, stepped
 
 JOB = "joint fit"
-LONGEST, SHORTEST = 40.0, 10.0
-"""Seconds after which a peer's fit is broken off, and those it has even when the whole is late."""
+BROKEN_OFF = {"numbalsoda": 16.0}
+"""How many times as long as ours a peer's fit may take."""
+_BROKEN_OFF = 55.0
+"""The same for every other peer."""
 
 
 def measure(effort: Effort) -> Outcome:
@@ -45,15 +47,12 @@ def measure(effort: Effort) -> Outcome:
     # lmfit over the quickest of them is enough, and SciPy's LSODA with the quicker of its fields.
     able = [(peer, fit) for peer, fit in able if fit.name == "least_squares" or peer.name == "numbalsoda"]
     able = [(peer, fit) for peer, fit in able if peer.name != "SciPy LSODA"]
-    # The quickest first, so that what is broken off for want of time is what is slow anyway.
-    able.sort(key=lambda pair: pair[0].name != "numbalsoda")
-    for rank, (peer, fit) in enumerate(able):
+    for peer, fit in able:
         who = f"{fit.name} over {peer.name}"
         if reason := peer.missing() or fit.missing():
             outcome.lines.append(f"{who}: left out. {reason}")
             continue
-        left = (effort.ends - time.perf_counter()) / (len(able) - rank)
-        seconds = min(LONGEST, max(left, SHORTEST))
+        seconds = math.inf if effort.patient else BROKEN_OFF.get(peer.name, _BROKEN_OFF) * entries[1].median
         effort.report(f"joint fit: {who}, {seconds:.0f} s at most")
         found = fit.run(Residual(peer, study, starts), seconds)
         outcome.entries.append(_entry(who, peer, found, best))

@@ -29,7 +29,7 @@ from ..rig import example, started, truth
 JOB = "sweep, 1000 points"
 TARGET = 1e-3
 """Largest error allowed at any sample of any point [um]."""
-_POINTS = (1000, 10_000)
+_POINTS = (1000, 100_000)
 _CHECKED = 8
 """One voltage in so many is checked: long double takes its time."""
 _FRESH = """
