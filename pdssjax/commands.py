@@ -175,11 +175,12 @@ def _units(given: list[str]) -> dict[str, str]:
 
 
 def sweep(options: argparse.Namespace) -> int:
-    from .output import check_free, write_sweep
+    from .output import check_free, check_store, write_sweep
     from .report import format_sweep
     from .runtime import prepare_jax
 
     check_free(options.out, options.overwrite)
+    check_store(options.store)
     prepare_jax()
     import pdssjax
 

@@ -108,15 +108,15 @@ def write_sweep(data: Any, folder: Path, store: str) -> None:
 
     with _staged(folder) as stage:
         if store == "zarr":
-            _need_zarr()
             data.to_zarr(stage / "sweep.zarr", consolidated=False)
         else:
             data.to_netcdf(stage / "sweep.nc", engine="scipy")
         sweep_figure(data).savefig(stage / "sweep.png")
 
 
-def _need_zarr() -> None:
-    if importlib.util.find_spec("zarr") is None:
+def check_store(store: str) -> None:
+    """Refuse a format of `write_sweep` that cannot be written here."""
+    if store == "zarr" and importlib.util.find_spec("zarr") is None:
         raise InputError('option --store: found zarr, which is not installed; expected netcdf, or "pip install zarr".')
 
 

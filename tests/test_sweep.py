@@ -15,6 +15,7 @@ from pdssjax.commands import EXAMPLE
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.errors import InputError
 from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
+from pdssjax.output import write_sweep
 from pdssjax.parameters import Parameter
 from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.ranges import read_axis
@@ -132,3 +133,20 @@ def test_the_command_writes_a_dataset_and_a_map(tmp_path, capsys, monkeypatch, d
         main(["sweep", str(EXAMPLE / "study.toml"), "--vary", "friction.f_ss_a", "--out", str(tmp_path / "new")]) == 2
     )
     assert "--vary" in capsys.readouterr().err
+
+
+def test_the_dataset_can_be_kept_as_zarr(tmp_path, data):
+    write_sweep(data, tmp_path / "out", "zarr")
+    with xarray.open_zarr(tmp_path / "out" / "sweep.zarr", consolidated=False) as kept:
+        xarray.testing.assert_allclose(kept.load(), data)
+        assert kept.net_step.attrs == data.net_step.attrs
+
+
+def test_a_store_that_is_not_installed_is_refused_before_the_sweep(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    monkeypatch.setitem(vars(pdssjax), "sweep", lambda *given, **how: pytest.fail("swept for nothing"))
+    out = tmp_path / "out"
+    assert (
+        main(["sweep", str(EXAMPLE / "study.toml"), "--voltage", "30:75:3", "--store", "zarr", "--out", str(out)]) == 2
+    )
+    assert "--store" in capsys.readouterr().err and not out.exists()
