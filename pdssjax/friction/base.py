@@ -10,8 +10,10 @@ import abc
 from typing import Any
 
 import equinox as eqx
+import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..quantity import quantity
 from ..series import exp
 
 Number = Float[Array, ""]
@@ -92,6 +94,48 @@ class AbstractFriction(eqx.Module):
     def holding(self, state: State, sign: Number) -> Number:
         """The force [N] beyond which the contact at rest lets go in the direction `sign`."""
         return self.force(self.turned(state, sign), 0.0, sign)  # pyright: ignore[reportArgumentType]
+
+
+class AbstractStribeckBristle(AbstractFriction):
+    """A mean bristle that yields at the Stribeck curve: the parameters that LuGre and its relatives share.
+
+    The deflection z [m] is the first of the state; F = s0 z + s1 z' + s2 v.
+    """
+
+    sigma0: float = quantity(1.0e6, "N/m")
+    """Bristle stiffness s0 [N/m]."""
+    sigma1: float = quantity(45.0, "N s/m")
+    """Bristle damping s1 [N s/m]."""
+    sigma2: float = quantity(0.0, "N s/m", positive=False, low=0.0, optional=True)
+    """Viscous friction s2 [N s/m]."""
+    f_c: float = quantity(0.55, "N")
+    """Coulomb force f_c, of fast sliding without its viscous part [N]."""
+    f_s: float = quantity(0.65, "N")
+    """Static force f_s, of infinitely slow sliding [N]; below f_c, friction grows with the velocity."""
+    v_s: float = quantity(1e-3, "m/s")
+    """Stribeck velocity v_s [m/s]."""
+
+    def initial(self):
+        return tuple(jnp.zeros(()) for _ in self.length())
+
+    def force(self, state, v, sign):
+        return self.sigma0 * state[0] + self.sigma1 * self.rate(state, v, sign)[0] + self.sigma2 * v
+
+    def relaxed(self, state, force):
+        target = force / self.sigma0
+        return (target, *state[1:]), target - state[0]
+
+    @classmethod
+    def plausible(cls, mass, acceleration, rate):
+        stiffness, damping, force = lugre_ranges(mass, acceleration, rate)
+        return {
+            "sigma0": stiffness,
+            "sigma1": damping,
+            "sigma2": damping,
+            "f_c": force,
+            "f_s": force,
+            "v_s": stribeck_range(acceleration, rate),
+        }
 
 
 def lugre_ranges(mass: float, acceleration: float, rate: float) -> tuple[tuple[float, float], ...]:

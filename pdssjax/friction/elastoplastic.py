@@ -22,32 +22,17 @@ import jax.numpy as jnp
 
 from ..quantity import quantity
 from ..series import cosine_and_sine
-from .base import AbstractFriction, lugre_ranges, stribeck_curve, stribeck_guard, stribeck_range
+from .base import AbstractStribeckBristle, stribeck_curve, stribeck_guard
 
 _HYSTERESIS = 1e-5
 """Part of z_ss - z_ba by which z has to pass z_ss before the region changes."""
 
 
-class Elastoplastic(AbstractFriction):
+class Elastoplastic(AbstractStribeckBristle):
     """One bristle deflection z [m] that first only stretches; flags: mixed, plastic region, fast."""
 
-    sigma0: float = quantity(1.0e6, "N/m")
-    """Bristle stiffness s0 [N/m]."""
-    sigma1: float = quantity(45.0, "N s/m")
-    """Bristle damping s1 [N s/m]."""
-    sigma2: float = quantity(0.0, "N s/m", positive=False, low=0.0, optional=True)
-    """Viscous friction s2 [N s/m]."""
-    f_c: float = quantity(0.55, "N")
-    """Coulomb force f_c, of fast sliding without its viscous part [N]."""
-    f_s: float = quantity(0.65, "N")
-    """Static force f_s, of infinitely slow sliding [N]; below f_c, friction grows with the velocity."""
-    v_s: float = quantity(1e-3, "m/s")
-    """Stribeck velocity v_s [m/s]."""
     elastic_part: float = quantity(0.6, "", positive=False, low=0.0, high=1.0)
     """Breakaway displacement z_ba as a part of the smallest z_ss: s0 z_ba / min(f_c, f_s)."""
-
-    def initial(self):
-        return jnp.zeros(()), jnp.zeros(()), jnp.zeros(()), jnp.zeros(())
 
     def breakaway(self):
         """Breakaway displacement z_ba [m]."""
@@ -65,15 +50,8 @@ class Elastoplastic(AbstractFriction):
         alpha = mixed * (sine * 0.5 + 0.5) + plastic
         return v - alpha * (v * u) / end, 0, 0, 0
 
-    def force(self, state, v, sign):
-        return self.sigma0 * state[0] + self.sigma1 * self.rate(state, v, sign)[0] + self.sigma2 * v
-
     def length(self):
         return jnp.ones(()), jnp.ones(()), jnp.ones(()), jnp.ones(())
-
-    def relaxed(self, state, force):
-        target = force / self.sigma0
-        return (target, *state[1:]), target - state[0]
 
     def guards(self, state, v, sign):
         z, mixed, plastic, fast = state
@@ -103,13 +81,4 @@ class Elastoplastic(AbstractFriction):
 
     @classmethod
     def plausible(cls, mass, acceleration, rate):
-        stiffness, damping, force = lugre_ranges(mass, acceleration, rate)
-        return {
-            "sigma0": stiffness,
-            "sigma1": damping,
-            "sigma2": damping,
-            "f_c": force,
-            "f_s": force,
-            "v_s": stribeck_range(acceleration, rate),
-            "elastic_part": (0.2, 0.95),
-        }
+        return super().plausible(mass, acceleration, rate) | {"elastic_part": (0.2, 0.95)}
