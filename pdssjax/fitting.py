@@ -73,14 +73,14 @@ def reduced_chi2(fit: Fit, problem: Problem) -> float:
 
 
 def joint(problem: Problem, starts: dict[str, Any], report: Progress, limit: int = MAX_ITERATIONS) -> Fit:
-    """The piezo's parameters first, from the platform records, then everything from everything.
+    """What the platform alone shows first, from its records, then everything from everything.
 
     The first stage is cheap and only brings the piezo near: with it far off, the slips
     come at the wrong moments, and the friction parameters would go astray.
     """
     measures = np.array([record.measures for record in problem.records])
     free = problem.residual.scale.encode(starts)
-    piezo = of_piezo(problem.residual.scale)
+    piezo = of_platform(problem.residual.scale)
     spent = []
     driven = np.isin(measures, ("effector", "force")).any()
     if (measures == "platform").any() and driven and piezo.any() and not piezo.all():
@@ -104,9 +104,9 @@ def sequential(problem: Problem, starts: dict[str, Any], report: Progress, limit
 
 
 def piezo_alone(problem: Problem, starts: dict[str, Any], report: Progress) -> dict[str, float]:
-    """The piezo's free parameters from the platform records, the others held at their starts."""
+    """The free parameters that the platform alone shows, from its records, the others held at their starts."""
     names = problem.residual.scale
-    piezo = of_piezo(names)
+    piezo = of_platform(names)
     used = np.array([record.measures == "platform" for record in problem.records])
     if not (piezo.any() and used.any()):
         return {}
@@ -118,6 +118,16 @@ def piezo_alone(problem: Problem, starts: dict[str, Any], report: Progress) -> d
 def of_piezo(scale: Scale) -> np.ndarray:
     """Which free parameters belong to the piezo, shape (parameters,)."""
     return np.array([path.startswith("piezo.") for path in scale.paths])
+
+
+def of_platform(scale: Scale) -> np.ndarray:
+    """Which free parameters the platform shows without the end-effector, shape (parameters,)."""
+    return np.array([shown_by_platform(path) for path in scale.paths])
+
+
+def shown_by_platform(path: str) -> bool:
+    """Of the piezo, of what drives it, or of what looks at it."""
+    return path.startswith(("piezo.", "amplifier.", "sensor."))
 
 
 def summed(last: Fit, earlier: Sequence[Fit]) -> Fit:

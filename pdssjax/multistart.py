@@ -11,7 +11,19 @@ import dataclasses
 
 import numpy as np
 
-from .fitting import CRAWLS, STALLS, Fit, Problem, Progress, Run, piezo_alone, pose, reduced_chi2, summed
+from .fitting import (
+    CRAWLS,
+    STALLS,
+    Fit,
+    Problem,
+    Progress,
+    Run,
+    piezo_alone,
+    pose,
+    reduced_chi2,
+    shown_by_platform,
+    summed,
+)
 from .integration import Accuracy
 from .parameters import Parameter
 from .starts import guess_starts, rank_starts
@@ -70,8 +82,8 @@ def _is_blind(study: Study, problem: Problem) -> bool:
 
 
 def _shown(begun: dict[str, float], earlier: dict[str, float], blind: bool) -> dict[str, float]:
-    """The starts to report: the piezo's are those from before its own fit, unless they were searched for."""
-    piezo = {} if blind else {path: number for path, number in earlier.items() if path.startswith("piezo.")}
+    """The starts to report: what the platform shows has those from before its own fit, unless searched for."""
+    piezo = {} if blind else {path: number for path, number in earlier.items() if shown_by_platform(path)}
     return begun | piezo
 
 
@@ -85,8 +97,8 @@ def _first(problem: Problem, starts: dict[str, float], run: Run, report: Progres
 
 
 def _without_start(parameter: Parameter) -> Parameter:
-    """`parameter` as the search may start it anywhere; the piezo's starts are better than that."""
-    keep = not parameter.free or parameter.path.startswith("piezo.")
+    """`parameter` as the search may start it anywhere; the starts of what the platform shows are better."""
+    keep = not parameter.free or shown_by_platform(parameter.path)
     return parameter if keep else dataclasses.replace(parameter, start=None)
 
 
