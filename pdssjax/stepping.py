@@ -71,7 +71,7 @@ class Walk(NamedTuple):
 
 def find_steps(system: Any, horizon: Any, accuracy: Accuracy) -> tuple[Any, Walk]:
     """Every step from t = 0 to the horizon: the table of steps, and the last carry."""
-    unflatten = unflattener(system)
+    finely = _fineness(accuracy)
     walk = _outset(system)
     start, unpack = _packed(walk)
     width = 2 + len(walk.x) + KNOWN
@@ -80,7 +80,7 @@ def find_steps(system: Any, horizon: Any, accuracy: Accuracy) -> tuple[Any, Walk
 
     def step(carry):
         packed, filled, block = carry
-        moved, row, accepted = _one_step(system, horizon, accuracy, unflatten, unpack(packed))
+        moved, row, accepted = _one_step(system, horizon, *finely, unpack(packed), True)
         block = lax.dynamic_update_index_in_dim(block, row, filled, 0)
         return _packed(moved)[0], filled + accepted, block
 
@@ -108,35 +108,21 @@ def pass_times(system: Any, times: Any, accuracy: Accuracy) -> tuple[Any, Any, A
     **Returns:** the state, every leaf of shape (m,); steps accepted, rejected, and the failure
     as in `Walk`.
     """
-    unflatten = unflattener(system)
+    finely = _fineness(accuracy)
     start, unpack = _packed(_outset(system))
-    alone = Unrepeated(system)
 
     def go(packed, time):
         walk = unpack(packed)
         packed = _packed(walk._replace(done=jnp.where(walk.failure > 0, 1.0, 0.0)))[0]
         running = lambda packed: (unpack(packed).done == 0) & (unpack(packed).count < accuracy.max_steps)
-        step = lambda packed: _packed(_one_step(alone, time, accuracy, unflatten, unpack(packed))[0])[0]
+        step = lambda packed: _packed(_one_step(system, time, *finely, unpack(packed), False)[0])[0]
         packed = lax.while_loop(running, step, packed)
         return packed, jnp.stack(unpack(packed).x)
 
     packed, states = lax.scan(go, start, times)
     walk = unpack(packed)
     failure = jnp.where((walk.done == 0) & (walk.failure == 0), 1.0, walk.failure).astype(int)
-    return unflatten(states.T), walk.count.astype(int), walk.rejected.astype(int), failure
-
-
-class Unrepeated:
-    """A system whose drive is not taken to repeat."""
-
-    def __init__(self, system: Any):
-        self._system = system
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._system, name)
-
-    def period(self) -> None:
-        return None
+    return unflattener(system)(states.T), walk.count.astype(int), walk.rejected.astype(int), failure
 
 
 def _outset(system: Any) -> Walk:
@@ -149,21 +135,30 @@ def _outset(system: Any) -> Walk:
     return blank._replace(x=leaves, opened=leaves, mode=mode, trial=zero + 1e-6)
 
 
-def _one_step(system, horizon, accuracy, unflatten, walk):
+def _fineness(accuracy: Accuracy) -> tuple[AbstractExpansion, Any, Any, Any]:
+    """What a step needs to know of the accuracy: method, tolerance, rest, and how many rejections are too many."""
+    array = lambda number: jnp.asarray(number, float)
+    return accuracy.method, array(accuracy.tolerance), array(accuracy.resting), array(2.0 * accuracy.max_steps)
+
+
+# Traced once a process: the march of a search, a fit and a prediction differ in numbers only.
+@eqx.filter_jit
+def _one_step(system, horizon, method, tolerance, resting, patience, walk, repeating):
     """One attempt: the new carry, its row for the table, and whether it was accepted."""
+    unflatten = unflattener(system)
     one = 1.0 + 0.0 * walk.count
     segment = system.segment(walk.index)
-    units = [scale / accuracy.tolerance for scale in jax.tree.leaves(system.scales())]
+    units = [scale / tolerance for scale in jax.tree.leaves(system.scales())]
     last = walk.origin + segment.duration >= horizon
     finish = jnp.where(last, horizon - walk.origin, segment.duration)
     remaining = jnp.maximum(finish - walk.after, 0.0)
     field = field_of(system, segment, unflatten, walk.mode)
     longest = system.longest(unflatten(walk.x))
     allowed = remaining if longest is None else jnp.minimum(remaining, longest)
-    piece = accuracy.method.attempt(field, walk.after, list(walk.x), units, allowed, walk.trial, one)
+    piece = method.attempt(field, walk.after, list(walk.x), units, allowed, walk.trial, one)
 
     hidden = system.hidden(unflatten([polynomial(c) for c in piece.polynomials]), walk.mode)
-    piece = shortened(piece, hidden, accuracy.tolerance, one) if hidden else piece
+    piece = shortened(piece, hidden, tolerance, one) if hidden else piece
     clock = polynomial([walk.after, piece.reach])
     motion = unflatten([polynomial(c) for c in piece.polynomials])
     guards = system.guards(segment, clock, motion, walk.mode)
@@ -181,7 +176,7 @@ def _one_step(system, horizon, accuracy, unflatten, walk):
     switched, mode = system.switch(segment, after, x, walk.mode, which)
     x = jax.tree.map(lambda a, b: jnp.where(event, a, b), switched, x)
     mode = jnp.where(event, mode, walk.mode) / one
-    settles = ~ended & system.settled(segment, after, x, mode, accuracy.resting)
+    settles = ~ended & system.settled(segment, after, x, mode, resting)
     settles = jnp.where(settles, 1.0, 0.0) / one
     settled = system.settle(segment, after, x, mode)
     x = jax.tree.map(lambda a, b: jnp.where(settles > 0, a, b), settled, x)
@@ -194,9 +189,10 @@ def _one_step(system, horizon, accuracy, unflatten, walk):
     if system.alters:
         x = jax.tree.map(lambda a, b: jnp.where(corner, a, b), entered, x)
     opening = opening / one
-    opens, repeats = _new_period(system, accuracy, unflatten, walk, ahead, x, mode, corner)
+    cycle = system.period() if repeating else None
+    opens, repeats = _new_period(cycle, system, resting, unflatten, walk, ahead, x, mode, corner)
     finite = jnp.isfinite(sum(jax.tree.leaves(x))) & (length >= 0)
-    hopeless = ~piece.accepted & (walk.rejected > 2 * accuracy.max_steps)
+    hopeless = ~piece.accepted & (walk.rejected > patience)
     failure = jnp.where((piece.accepted & ~finite) | hopeless, 2.0, 0.0)
     moved = Walk(
         index=walk.index + corner,
@@ -241,19 +237,18 @@ def _row(walk, reach, length, code):
     return jnp.stack([walk.origin, walk.after, *walk.x, walk.index, walk.mode, reach, length, code])
 
 
-def _new_period(system, accuracy, unflatten, walk, ahead, x, mode, corner):
+def _new_period(cycle, system, resting, unflatten, walk, ahead, x, mode, corner):
     """Whether a period of the drive opens here, and whether it repeats the last one.
 
     It does where both began at rest and in the same state but for a shift: a contact may
     also rest while it sticks, each time with another force, or while the platform rings.
     """
-    cycle = system.period()
     if cycle is None:
         return False, jnp.zeros((), bool)
     first, every = cycle
     opens = corner & (ahead >= first) & ((ahead - first) % every == 0)
     # Each is within `rest` of the steady solution; the factor keeps that from looking like a difference.
-    alike = system.alike(x, unflatten(walk.opened), 4.0 * accuracy.resting)
+    alike = system.alike(x, unflatten(walk.opened), 4.0 * resting)
     return opens, opens & (walk.rested > 0) & (mode == RESTING) & alike
 
 

@@ -21,7 +21,7 @@ def expanded_march(system, *, horizon, accuracy, keep):
     table, walk = find_steps(system, horizon, accuracy)
 
     def tile(carry, rows, real):
-        return carry, jax.vmap(lambda row: _advance(system, accuracy, keep, row)[1])(rows)
+        return carry, _expanded(system, accuracy.method, jnp.asarray(accuracy.tolerance, float), keep, rows)
 
     # The loop itself keeps no polynomials: a carry that large would slow it down.
     return _outcome(table, walk, _tiled(tile, None, table, walk.count)[1])
@@ -38,25 +38,15 @@ def _march_jvp(primals, tangents, *, horizon, accuracy, keep):
     parameters, rebuilt = ravel_pytree(moving)
     parameters_dot, _ = ravel_pytree(system_dot)
 
-    # One Jacobian with respect to the begin and every parameter, whatever the tangents: it
-    # is compiled once, and directions asked for together share it.
-    def linearise(row):
-        def flow(inputs):
-            begin, known = inputs[:size], row[size:]
-            system = eqx.combine(rebuilt(inputs[size:]), fixed)
-            end, polynomials = _advance(system, accuracy, keep, jnp.concatenate([begin, known]))
-            return (end, polynomials), polynomials
-
-        slopes, polynomials = jax.jacfwd(flow, has_aux=True)(jnp.concatenate([row[:size], parameters]))
-        return polynomials, slopes
-
     def join(tangent, step):
         real, matrix, vector = step
         moved = jnp.sum(matrix * tangent, axis=-1) + vector
         return jnp.where(real, moved, tangent), tangent
 
     def tile(tangent, rows, real):
-        polynomials, (ends, inner) = jax.vmap(linearise)(rows)
+        polynomials, (ends, inner) = _linearised(
+            moving, fixed, accuracy.method, jnp.asarray(accuracy.tolerance, float), keep, rows
+        )
         driven = jnp.sum(ends[..., size:] * parameters_dot, axis=-1)
         end, begins = lax.scan(join, tangent, (real, ends[..., :size], driven))
         moved = jnp.sum(inner[..., :size] * begins[:, None, None, :], axis=-1)
@@ -80,7 +70,38 @@ def _outcome(table, walk, polynomials):
     return table[:, :size], end, polynomials, (known, walk)
 
 
-def _advance(system, accuracy, keep, row):
+# These two are compiled functions of their own so that they are traced once, however often loops and
+# transformations look at them.
+@eqx.filter_jit
+def _expanded(system, method, tolerance, keep, rows):
+    """The polynomials of the steps `rows`."""
+    return jax.vmap(lambda row: _advance(system, method, tolerance, keep, row)[1])(rows)
+
+
+@eqx.filter_jit
+def _linearised(moving, fixed, method, tolerance, keep, rows):
+    """The polynomials of the steps `rows`, and the Jacobians of their ends and polynomials.
+
+    With respect to the begin and every `moving` parameter of the system, whatever the tangents
+    asked for: directions asked for together share it.
+    """
+    size = rows.shape[1] - KNOWN
+    parameters, rebuilt = ravel_pytree(moving)
+
+    def linearise(row):
+        def flow(inputs):
+            begin, known = inputs[:size], row[size:]
+            system = eqx.combine(rebuilt(inputs[size:]), fixed)
+            end, polynomials = _advance(system, method, tolerance, keep, jnp.concatenate([begin, known]))
+            return (end, polynomials), polynomials
+
+        slopes, polynomials = jax.jacfwd(flow, has_aux=True)(jnp.concatenate([row[:size], parameters]))
+        return polynomials, slopes
+
+    return jax.vmap(linearise)(rows)
+
+
+def _advance(system, method, tolerance, keep, row):
     """A step of the table again: (origin, after, x) at its end, and its polynomials.
 
     The value is that of the march; the derivatives are those of the true flow, with the
@@ -94,9 +115,9 @@ def _advance(system, accuracy, keep, row):
     corner, settles, event = (code & bit > 0 for bit in (CORNER, SETTLES, EVENT))
     which = code // WHICH
     segment = system.segment(index)
-    units = [scale / accuracy.tolerance for scale in jax.tree.leaves(lax.stop_gradient(system.scales()))]
+    units = [scale / tolerance for scale in jax.tree.leaves(lax.stop_gradient(system.scales()))]
     field = field_of(system, segment, unflatten, mode)
-    polynomials = accuracy.method.expand(field, after, x, units, reach, 1.0 + 0.0 * reach)
+    polynomials = method.expand(field, after, x, units, reach, 1.0 + 0.0 * reach)
     theta = length / jnp.where(reach > 0, reach, 1.0)
     end = unflatten([horner(c, theta) for c in polynomials])
     end = system.exact(segment, after, unflatten(x), length, end)
