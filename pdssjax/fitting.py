@@ -5,7 +5,6 @@ from typing import Any, NamedTuple, Protocol
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 
@@ -115,6 +114,13 @@ def piezo_alone(problem: Problem, starts: dict[str, Any], report: Progress) -> d
     return {path: float(found[path]) for path, own in zip(names.paths, piezo, strict=True) if own}
 
 
+def lowered(problem: Problem, starts: dict[str, Any]) -> Any:
+    """What every iteration runs, traced; its `compile` may go on in another thread."""
+    free = problem.residual.scale.encode(starts)
+    everything = np.ones(len(problem.records), bool), np.ones(free.size, bool)
+    return _iterate.lower(*_outset(problem, free, *everything))  # pyright: ignore[reportFunctionMemberAccess]
+
+
 def of_piezo(scale: Scale) -> np.ndarray:
     """Which free parameters belong to the piezo, shape (parameters,)."""
     return np.array([path.startswith("piezo.") for path in scale.paths])
@@ -140,23 +146,15 @@ def summed(last: Fit, earlier: Sequence[Fit]) -> Fit:
 
 def _least_squares(problem, free, used, loose, name, report, limit=MAX_ITERATIONS) -> Fit:
     """One Levenberg-Marquardt run over the `loose` parameters and the `used` records."""
-    bounds = problem.residual.scale
-    low, high = (np.where(loose, end, free) for end in (bounds.low, bounds.high))
-    options = {"lower": jnp.asarray(low), "upper": jnp.asarray(high)}
-    weights = as_weights(problem.noise, used)
-    samples = sum(record.time.size for record, use in zip(problem.records, used, strict=True) if use)
-    # A step that lowers chi-square by 1e-4 is a hundredth of a standard error, one by 0.05 a quarter.
-    visible: Any = jnp.asarray(1.0 / samples)  # an array: a new Python float would compile anew
-    solver = BoundedLevenbergMarquardt(rtol=1e-4 * visible, atol=1e-4, crawl=0.05 * visible)
-    y = jnp.clip(jnp.asarray(free, float), options["lower"], options["upper"])
-    state, over, evaluations = _begin(solver, problem.residual, y, weights, options), False, 0
+    solver, residual, y, weights, options, state = _outset(problem, free, used, loose)
+    over, evaluations = False, 0
     result = optx.RESULTS.nonlinear_max_steps_reached
     ending = FLAT
     limit = min(limit, MAX_ITERATIONS)
     while not over and int(state.iterations) < limit:
-        y, state, over, result = _iterate(solver, problem.residual, y, weights, options, state)
+        y, state, over, result = _iterate(solver, residual, y, weights, options, state)
         evaluations += 2
-        chi2 = float(jnp.sum(state.residual**2))
+        chi2 = float(np.sum(np.asarray(state.residual) ** 2))
         report(f"{name}: iteration {int(state.iterations)}, chi-square {chi2:.6g}")
         if over:
             ending = _ending(result, int(state.crawls) == solver.most_crawls)
@@ -167,6 +165,21 @@ def _least_squares(problem, free, used, loose, name, report, limit=MAX_ITERATION
     return Fit(np.asarray(y), state, success, ending, iterations, evaluations)
 
 
+def _outset(problem, free, used, loose):
+    """What the first iteration starts from: the arguments of `_iterate`."""
+    bounds = problem.residual.scale
+    low, high = (np.where(loose, end, free) for end in (bounds.low, bounds.high))
+    options = {"lower": low, "upper": high}
+    weights = as_weights(problem.noise, used)
+    samples = sum(record.time.size for record, use in zip(problem.records, used, strict=True) if use)
+    # A step that lowers chi-square by 1e-4 is a hundredth of a standard error, one by 0.05 a quarter.
+    visible: Any = np.float64(1.0 / samples)  # an array: a new Python float would compile anew
+    solver = BoundedLevenbergMarquardt(rtol=1e-4 * visible, atol=1e-4, crawl=0.05 * visible)
+    y: Any = np.clip(np.asarray(free, float), low, high)
+    state = _begin(solver, problem.residual, y, weights, options)
+    return solver, problem.residual, y, weights, options, state
+
+
 def _ending(result: Any, crawled: bool) -> str:
     if result == optx.RESULTS.successful:
         return CRAWLS if crawled else FLAT
@@ -175,7 +188,8 @@ def _ending(result: Any, crawled: bool) -> str:
 
 @eqx.filter_jit
 def _begin(solver, residual, y, weights, options):
-    out, aux = jax.eval_shape(residual, y, weights)
+    # Known without tracing the residual, which takes long.
+    out, aux = (jax.ShapeDtypeStruct((size,), y.dtype) for size in (residual.samples, weights.size))
     return solver.init(residual, y, weights, options, out, aux, frozenset())
 
 

@@ -8,6 +8,7 @@ on, and a fit that ends against a cliff is pushed about.
 """
 
 import dataclasses
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from .fitting import (
     Problem,
     Progress,
     Run,
+    lowered,
     piezo_alone,
     pose,
     reduced_chi2,
@@ -60,6 +62,7 @@ def best_fit(study: Study, accuracy: Accuracy, run: Run, report: Progress) -> tu
     """
     starts, missing = guess_starts(study.models, study.parameters, study.records)
     problem = pose(study, starts, accuracy)
+    _compile(problem, study, starts)
     ranked = _ranked(study, study.parameters, problem, starts, report) if missing else [starts]
     fit, spent = _first(problem, ranked[0], run, report) if missing else run(problem, starts, report), 0
     blind = missing and _is_blind(study, problem)
@@ -73,6 +76,13 @@ def best_fit(study: Study, accuracy: Accuracy, run: Run, report: Progress) -> tu
     if fit.message == STALLS and not _is_poor(fit, problem):
         fit = fit._replace(success=True)
     return fit, problem, starts
+
+
+def _compile(problem: Problem, study: Study, starts: dict[str, float]) -> None:
+    """Compile what fits and predicts side by side: XLA is busy with one while Python traces the next."""
+    with ThreadPoolExecutor() as pool:
+        pool.submit(lowered(problem, starts).compile)
+        pool.submit(study.lowered(starts).compile)
 
 
 def _is_blind(study: Study, problem: Problem) -> bool:

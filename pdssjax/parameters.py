@@ -99,6 +99,7 @@ class Scale(eqx.Module):
         given = np.array([float(values[path]) for path in self.paths])
         return np.where(self.logarithmic, np.log(np.where(self.logarithmic, given, 1.0)), given / self.unit)
 
+    @eqx.filter_jit
     def decode(self, free: Any) -> dict[str, Any]:
         """The fit's numbers, shape (parameters,), to values in SI; differentiable."""
         number = jnp.where(self.logarithmic, jnp.exp(jnp.where(self.logarithmic, free, 0.0)), free * self.unit)

@@ -85,13 +85,13 @@ class _Group(eqx.Module):
 
     drives: AbstractDrive | None
     """Stacked: every leaf has one entry a record; a prescribed motion needs none."""
-    own: dict[str, Array]
+    own: dict[str, np.ndarray]
     """For each quantity of the drive, whether the record sets it itself."""
-    times: Array
+    times: np.ndarray
     """Shape (records, samples), each row filled up with its last time."""
-    motion: Array | None
+    motion: np.ndarray | None
     """Prescribed relative displacement [m], shaped like `times`; of friction records only."""
-    on_platform: Array
+    on_platform: np.ndarray
     places: tuple[int, ...] = eqx.field(static=True)
     """Where the records stand in the study."""
     samples: tuple[int, ...] = eqx.field(static=True)
@@ -127,6 +127,12 @@ class Predictor(eqx.Module):
             for row, place, samples in zip(rows, group.places, group.samples, strict=True):
                 found[place] = row[:samples]
         return [found[place] for place in sorted(found)]
+
+
+@eqx.filter_jit
+def predicted(predictor: Predictor, values: Values, accuracy: Accuracy) -> list[Array]:
+    """What `predictor` gives, compiled."""
+    return predictor(values, accuracy)
 
 
 def _kind(models: Models, record: Record) -> str:
@@ -167,16 +173,16 @@ def _predict(group: _Group, models: Models, values: Values, accuracy: Accuracy) 
 def _group(records: Sequence[Record], places: Sequence[int], kind: str) -> _Group:
     longest = max(record.time.size for record in records)
     padded = lambda a: np.pad(a, (0, longest - a.size), mode="edge")
-    drives = [jax.tree.map(lambda leaf: jnp.asarray(leaf, float), record.drive) for record in records]
+    drives = [jax.tree.map(lambda leaf: np.asarray(leaf, float), record.drive) for record in records]
     first = records[0].drive
     fields = {} if first is None else quantities(type(waveform(first)))
     motions = [record.motion for record in records if record.motion is not None]
     return _Group(
-        drives=None if first is None else jax.tree.map(lambda *leaves: jnp.stack(leaves), *drives),
-        own={field: jnp.array([field in r.own or not fields[field].optional for r in records]) for field in fields},
-        times=jnp.asarray(np.stack([padded(record.time) for record in records])),
-        motion=jnp.asarray(np.stack([padded(motion) for motion in motions])) if motions else None,
-        on_platform=jnp.array([1.0 * (record.measures == "platform") for record in records]),
+        drives=None if first is None else jax.tree.map(lambda *leaves: np.stack(leaves), *drives),
+        own={field: np.array([field in r.own or not fields[field].optional for r in records]) for field in fields},
+        times=np.stack([padded(record.time) for record in records]),
+        motion=np.stack([padded(motion) for motion in motions]) if motions else None,
+        on_platform=np.array([1.0 * (record.measures == "platform") for record in records]),
         places=tuple(places),
         samples=tuple(record.time.size for record in records),
         kind=kind,

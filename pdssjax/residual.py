@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 
 from .integration import Accuracy
 from .parameters import Scale
-from .prediction import Models, Predictor, Values
+from .prediction import Models, Predictor
 from .records import Record
 
 _FAR = 3.0
@@ -29,22 +29,27 @@ class Residual(eqx.Module):
     """The residual vector as a function of the free numbers."""
 
     predictor: Predictor
-    measured: tuple[Array, ...]
+    measured: tuple[np.ndarray, ...]
     offsets: tuple[float | None, ...]
     """Given zeros of the sensor [m or N]; None where free."""
     scale: Scale
-    fixed: Values
+    fixed: dict[str, Any]
     accuracy: Accuracy
 
     def __init__(
         self, models: Models, records: Sequence[Record], scale: Scale, fixed: dict[str, float], accuracy: Accuracy
     ):
         self.predictor = Predictor(models, records)
-        self.measured = tuple(jnp.asarray(record.measured) for record in records)
+        self.measured = tuple(record.measured for record in records)
         self.offsets = tuple(record.offset for record in records)
         self.scale = scale
-        self.fixed = {path: jnp.asarray(value, float) for path, value in fixed.items()}
+        self.fixed = {path: np.asarray(value, float) for path, value in fixed.items()}
         self.accuracy = accuracy
+
+    @property
+    def samples(self) -> int:
+        """Of all records together."""
+        return sum(measured.size for measured in self.measured)
 
     def __call__(
         self, free: Float[Array, " p"], weights: Float[Array, " records"]
@@ -88,4 +93,4 @@ def free_offset(measured: np.ndarray, predicted: np.ndarray, given: float | None
 
 def as_weights(noise: Sequence[float], used: Sequence[bool]) -> Any:
     """1/noise of the records used, 0 of the others, shape (records,)."""
-    return jnp.array([1.0 / sigma if use else 0.0 for sigma, use in zip(noise, used, strict=True)])
+    return np.array([1.0 / sigma if use else 0.0 for sigma, use in zip(noise, used, strict=True)])

@@ -7,7 +7,9 @@ looked for by trying a Latin hypercube of plausible values against the records.
 """
 
 import dataclasses
+import os
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import equinox as eqx
@@ -25,6 +27,8 @@ from .residual import Residual, as_weights, noise_floor
 
 TRIALS = 512
 """Points of the hypercube."""
+_TOGETHER = 16
+"""Of them are tried by one core one after the other; `TRIALS` is a multiple of it."""
 PERIODS = 3.0
 """Periods of a record that the trials are compared with."""
 SAMPLES = 2000
@@ -110,7 +114,12 @@ def _frequency(record: Record) -> float | None:
 
 def _volts(record: Record) -> np.ndarray:
     """The voltage at the samples [V]; 0 where none is applied."""
-    return np.zeros(1) if record.drive is None else np.asarray(record.drive.at(jnp.asarray(record.time)))
+    return np.zeros(1) if record.drive is None else np.asarray(_voltage(record.drive, record.time))
+
+
+@eqx.filter_jit
+def _voltage(drive, time):
+    return drive.at(time)
 
 
 def _amplitude(record: Record) -> float:
@@ -241,7 +250,7 @@ def _search(models, known, ranges, parameters, records) -> list[dict[str, float]
     residual = Residual(models, used, ordered, known, Accuracy(tolerance=1e-9, rest=1e-10))
     weights = as_weights([noise_floor(record) for record in used], [True] * len(used))
     encoded = np.stack([ordered.encode(dict(zip(paths, np.exp(point), strict=True))) for point in points])
-    costs = np.asarray(_costs(residual, jnp.asarray(encoded), weights))
+    costs = _tried(residual, encoded, weights)
     order = np.argsort(np.where(np.isfinite(costs), costs, np.inf))
     return [{path: float(np.exp(x)) for path, x in zip(paths, points[i], strict=True)} for i in order]
 
@@ -256,6 +265,15 @@ def _beginning(record: Record) -> Record:
         return record
     kept = record.time <= record.time[0] + PERIODS / float(frequency)
     return dataclasses.replace(record, time=record.time[kept], measured=record.measured[kept])
+
+
+def _tried(residual, points, weights) -> np.ndarray:
+    """Chi-square at each of the `points`, shape (trials, parameters), side by side on all cores."""
+    parts = points.reshape(-1, _TOGETHER, points.shape[1])
+    one = lambda part: np.asarray(_costs(residual, part, weights))
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        # The first part alone: it compiles what the others share.
+        return np.concatenate([one(parts[0]), *pool.map(one, parts[1:])])
 
 
 @eqx.filter_jit

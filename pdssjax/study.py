@@ -7,7 +7,6 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -18,7 +17,7 @@ from .family import member, members
 from .hold import Held, waveform
 from .integration import Accuracy
 from .parameters import Parameter, read_parameter
-from .prediction import Models, Predictor
+from .prediction import Models, Predictor, predicted
 from .quantity import Quantity, quantities
 from .records import Record, read_record
 from .sensor import Sensor
@@ -63,6 +62,13 @@ class Study:
         A record whose simulation cannot finish is NaN.  **Raises** `InputError` for a path
         that is no parameter of the study's models.
         """
+        return predicted(*self._asked(values, accuracy))
+
+    def lowered(self, values: Mapping[str, Any]) -> Any:
+        """`predict`, traced; its `compile` may go on in another thread."""
+        return predicted.lower(*self._asked(values, None))  # pyright: ignore[reportFunctionMemberAccess]
+
+    def _asked(self, values: Mapping[str, Any] | None, accuracy: Accuracy | None) -> tuple[Any, ...]:
         need_double_precision()
         values = {} if values is None else dict(values)
         legal = _legal(self)
@@ -70,7 +76,7 @@ class Study:
             if path not in legal:
                 raise InputError(f'values: found the unknown parameter "{path}"; {nearest(path, legal)}')
         full = {path: jnp.asarray(number, float) for path, number in (self._known(values) | values).items()}
-        return _predicted(self.predictor, full, accuracy or Accuracy())
+        return self.predictor, full, accuracy or Accuracy()
 
     def legal(self) -> dict[str, Quantity]:
         """What is declared of every parameter that the study may list, by path."""
@@ -101,11 +107,6 @@ class Study:
     @functools.cached_property
     def _values(self) -> dict[str, float]:
         return find_starts(self.models, self.parameters, self.records)
-
-
-@eqx.filter_jit
-def _predicted(predictor: Predictor, values: dict[str, Array], accuracy: Accuracy) -> list[Array]:
-    return predictor(values, accuracy)
 
 
 def load_study(path: str | Path, virtual: bool = False) -> Study:

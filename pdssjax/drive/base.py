@@ -4,7 +4,9 @@ import abc
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..series import cosine_and_sine
@@ -87,8 +89,15 @@ class AbstractDrive(eqx.Module):
         if cycle is None:
             return 2
         first, every = cycle
-        length = sum(float(self.segment(first + i).duration) for i in range(every))  # pyright: ignore[reportArgumentType]
+        numbers = jax.tree.map(lambda leaf: np.asarray(leaf, float), self)
+        length = float(np.sum(_durations(numbers, np.arange(first, first + every))))
         return first + every * (int(max(until, 0.0) / length) + 2)
+
+
+@eqx.filter_jit
+def _durations(drive: AbstractDrive, indices: Any) -> Any:
+    """Of some segments [s], compiled as one: each operation by itself costs as much."""
+    return jax.vmap(lambda index: drive.segment(index).duration)(indices)
 
 
 def flank(
