@@ -94,6 +94,9 @@ def _within(number: float, parameter: Parameter) -> float:
 def _piezo_from_data(records: Sequence[Record]) -> dict[str, float]:
     steps = [r for r in records if r.measures == "platform" and _is_step(r)]
     if steps:
+        # A slow record of creep does not show how the platform rings.
+        finest = min(map(_interval, steps))
+        steps = [record for record in steps if _interval(record) < 2.0 * finest]
         found = [_from_step(record) for record in steps]
         return {path: float(np.median([f[path] for f in found])) for path in found[0]}
     flanks = [
@@ -110,6 +113,11 @@ def _frequency(record: Record) -> float | None:
     """Of a drive that repeats, held or not [Hz]."""
     frequency = getattr(waveform(record.drive), "frequency", None)
     return float(frequency) if frequency else None
+
+
+def _interval(record: Record) -> float:
+    """From one sample to the next [s]."""
+    return float(np.median(np.diff(record.time)))
 
 
 def _volts(record: Record) -> np.ndarray:
@@ -152,7 +160,7 @@ def _from_step(record: Record) -> dict[str, float]:
     overshoot = float(np.clip(rise[peak] - 1.0, 1e-3, 0.98))
     logarithm = np.log(overshoot)
     damping = -logarithm / np.hypot(np.pi, logarithm)
-    delay = max(float(time[after][peak]), float(np.median(np.diff(time))))
+    delay = max(float(time[after][peak]), _interval(record))
     return {
         "piezo.gain": abs(end - zero) / (abs(float(_volts(record)[-1])) or 1.0),
         "piezo.damping_ratio": float(damping),
@@ -167,8 +175,7 @@ def _flank_gain(record: Record) -> float:
     the spans hold no slip.
     """
     drive: Any = waveform(record.drive)
-    interval = float(np.median(np.diff(record.time)))
-    span = int(np.clip(0.25 / float(drive.frequency) / interval, 1, record.time.size - 1))
+    span = int(np.clip(0.25 / float(drive.frequency) / _interval(record), 1, record.time.size - 1))
     rise = record.measured[span:] - record.measured[:-span]
     slope = float(np.median(rise / (record.time[span:] - record.time[:-span])))
     return abs(slope) / abs(float(drive.voltage) * float(drive.frequency))
@@ -183,7 +190,7 @@ def _stop_stiffness(record: Record, gain: float) -> float:
     frequency = _frequency(record)
     if not frequency or record.time.size < 8:
         return 0.0
-    span = int(np.clip(0.1 / frequency / float(np.median(np.diff(record.time))), 1, record.time.size // 2))
+    span = int(np.clip(0.1 / frequency / _interval(record), 1, record.time.size // 2))
     raised, pushed = (values[span:] - values[:-span] for values in (_volts(record), record.measured))
     usual = float(np.percentile(raised, 75.0))
     rises = raised > 0.5 * usual

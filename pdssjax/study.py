@@ -196,7 +196,9 @@ def _legal(study: Study) -> dict[str, Quantity]:
 def _required(study: Study, legal: dict[str, Quantity], listed: Iterable[str]) -> list[str]:
     """The parameters that the study must list."""
     kinds = {record.measures for record in study.records}
-    needed = {"friction"}
+    needed = set()
+    if study.feedback or not kinds or kinds - {"platform"}:
+        needed |= {"friction"}
     if not kinds or kinds - {"friction"}:
         needed |= {"piezo"}
     if study.feedback or not kinds or kinds & {"effector", "force"}:
