@@ -141,7 +141,7 @@ def _fineness(accuracy: Accuracy) -> tuple[AbstractExpansion, Any, Any, Any]:
     return accuracy.method, array(accuracy.tolerance), array(accuracy.resting), array(2.0 * accuracy.max_steps)
 
 
-# Traced once a process: the march of a search, a fit and a prediction differ in numbers only.
+# Traced once for values and once for derivatives: search, fit and prediction differ in numbers only.
 @eqx.filter_jit
 def _one_step(system, horizon, method, tolerance, resting, patience, walk, repeating):
     """One attempt: the new carry, its row for the table, and whether it was accepted."""

@@ -1,5 +1,6 @@
 """A study predicts its records, with derivatives, as the independent reference has them."""
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -8,6 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from pdssjax import stepping
+from pdssjax.expansion import Taylor
+from pdssjax.integration import Accuracy
 from pdssjax.study import load_study
 
 REFERENCE = json.loads((Path(__file__).parent / "data" / "sawtooth.json").read_text(encoding="utf-8"))
@@ -65,3 +69,33 @@ def test_predict_maps_over_values(study):
     for mass, row in zip(masses, together, strict=True):
         (alone,) = study.predict({"effector.mass": mass})
         np.testing.assert_allclose(row, alone, rtol=0, atol=1e-10)
+
+
+def shortened(study, samples):
+    record = study.records[0]
+    shorter = dataclasses.replace(record, time=record.time[:samples], measured=record.measured[:samples])
+    return dataclasses.replace(study, records=(shorter,))
+
+
+def test_values_and_derivatives_trace_a_step_once_each_whatever_the_record_and_the_accuracy(study, monkeypatch):
+    traced = []
+    inner = stepping.first_crossing
+    monkeypatch.setattr(stepping, "first_crossing", lambda *args: traced.append(1) or inner(*args))
+    truth = {path: jnp.asarray(value) for path, value in TRUTH.items()}
+    method = Taylor(5)  # nobody else's, so that nothing is traced yet
+    for samples, tolerance, room in [(40, 1e-9, 8192), (40, 1e-8, 8192), (60, 1e-9, 8192), (60, 1e-9, 30000)]:
+        accuracy = Accuracy(tolerance, method=method, max_steps=room)
+        predictor = shortened(study, samples).predictor
+        jax.make_jaxpr(lambda values, p=predictor, a=accuracy: p(values, a))(truth)
+        jax.make_jaxpr(jax.jacfwd(lambda values, p=predictor, a=accuracy: p(values, a)))(truth)
+    assert len(traced) == 2
+
+
+def test_what_was_compiled_ahead_is_not_compiled_again(study, caplog):
+    shorter = shortened(study, 50)
+    compiled = lambda: [r for r in caplog.records if "Finished XLA compilation of jit(predicted)" in r.getMessage()]
+    with jax.log_compiles(), caplog.at_level("WARNING"):
+        shorter.lowered(TRUTH).compile()
+        assert len(compiled()) == 1
+        shorter.predict(TRUTH)
+        assert len(compiled()) == 1
