@@ -86,9 +86,10 @@ def _compile(problem: Problem, study: Study, starts: dict[str, float]) -> None:
 
 
 def _is_blind(study: Study, problem: Problem) -> bool:
-    """No record shows the platform alone, and the study does not say where its parameters start either."""
+    """Records depend on the platform, none shows it alone, and the study does not say where its parameters start."""
     piezo = [p for path, p in study.parameters.items() if path.startswith("piezo.") and p.free and p.start is None]
-    return bool(piezo) and not any(record.measures == "platform" for record in problem.records)
+    measured = {record.measures for record in problem.records}
+    return bool(piezo) and "platform" not in measured and bool(measured & {"effector", "force"})
 
 
 def _shown(begun: dict[str, float], earlier: dict[str, float], blind: bool) -> dict[str, float]:
