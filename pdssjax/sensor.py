@@ -22,10 +22,22 @@ class Sensor(eqx.Module):
     filters: bool = eqx.field(static=True, default=True)
     """False: only late."""
 
-    def rate(self, lag, speed):
+    def initial(self) -> tuple:
+        """The lag of a sensor at rest; none without a filter."""
+        return (jnp.zeros(()),) if self.filters else ()
+
+    def rate(self, lag: tuple, speed) -> tuple:
         """Time derivative of the lag where what is measured changes with `speed`."""
-        return speed - lag * self.pole()
+        return tuple(speed - e * self.pole() for e in lag)
+
+    def steady(self, lag: tuple, speed) -> tuple:
+        """The lag behind what has long changed with `speed`."""
+        return tuple(speed / self.pole() for _ in lag)
 
     def pole(self):
         """Angular corner frequency w_s [rad/s]."""
         return 2.0 * jnp.pi * self.bandwidth
+
+
+IDEAL = Sensor(filters=False)
+"""Shows what is there when it is there."""

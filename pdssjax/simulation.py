@@ -82,9 +82,8 @@ def measured(system: Any, times: Float[Array, " m"], accuracy: Accuracy) -> Floa
     The system is a `StickSlip` or an `Unloaded`; the sensor's delay shifts the times.
     """
     keep = system.displaced()
-    delay = 0.0 if system.sensor is None else system.sensor.delay
     run = march(system, times[-1], accuracy, keep)
-    seen = times - delay
+    seen = times - system.sensor.delay
     x, *_ = states_at(system, run, seen, keep)
     return _from_rest(seen, run.failure)(jax.vmap(system.measured)(x))
 

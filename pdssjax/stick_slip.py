@@ -26,7 +26,7 @@ from .crossing import LOOK_AHEAD
 from .drive.base import AbstractDrive, Segment
 from .friction.base import AbstractFriction
 from .modes import ADVANCING, RESTING, RETREATING, STUCK, State, chosen, kind
-from .sensor import Sensor
+from .sensor import IDEAL, Sensor
 from .series import constant, weighted
 
 _FAINT = 1e-17
@@ -38,15 +38,15 @@ class StickSlip(eqx.Module):
 
     actuator: Actuator
     drive: AbstractDrive
-    sensor: Sensor | None = None
+    sensor: Sensor = IDEAL
     on_platform: Any = 0.0
     """1 where the sensor looks at the platform, 0 at the end-effector; with a stop it measures the force."""
 
     def initial(self) -> State:
         zero = jnp.zeros(())
         touch = () if self.actuator.stop is None else (zero,)
-        lag = () if self.sensor is None or not self.sensor.filters else (zero,)
-        return State(zero, zero, self.actuator.stage.initial(), self.actuator.friction.initial(), touch, lag)
+        stage, memory = self.actuator.stage.initial(), self.actuator.friction.initial()
+        return State(zero, zero, stage, memory, touch, self.sensor.initial())
 
     def segment(self, index) -> Segment:
         return self.drive.segment(index)
@@ -249,13 +249,10 @@ class StickSlip(eqx.Module):
         return self.actuator.stage.closed and not self.actuator.feedback
 
     def _lagging(self, x, active):
-        if not x.lag:
-            return ()
-        sensor: Any = self.sensor
         if self.actuator.stop is not None:
             # The force does not walk away: carried is what the sensor shows of it.
-            return ((self._push(x) - x.lag[0]) * sensor.pole(),)
-        return (sensor.rate(x.lag[0], self._seen_speed(x)) * active,)
+            return tuple((self._push(x) - shown) * self.sensor.pole() for shown in x.lag)
+        return tuple(rate * active for rate in self.sensor.rate(x.lag, self._seen_speed(x)))
 
     def _seen_speed(self, x):
         _, w = self.actuator.stage.platform(x.stage)
@@ -265,7 +262,7 @@ class StickSlip(eqx.Module):
         if not x.lag or self.actuator.stop is not None:
             return x.lag
         steady = self.actuator.stage.steady(segment, after, x.stage, self._carried())
-        return (self.actuator.stage.platform(steady)[1] / self.sensor.pole(),)  # pyright: ignore[reportOptionalMemberAccess]
+        return self.sensor.steady(x.lag, self.actuator.stage.platform(steady)[1])
 
     def _push(self, x):
         """Force [N] on the stop."""

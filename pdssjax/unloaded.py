@@ -11,7 +11,7 @@ import jax.numpy as jnp
 
 from .drive.base import AbstractDrive, Segment
 from .integration import RESTING
-from .sensor import Sensor
+from .sensor import IDEAL, Sensor
 from .stage import Driven, Stage
 
 
@@ -28,11 +28,10 @@ class Unloaded(eqx.Module):
 
     stage: Stage
     drive: AbstractDrive
-    sensor: Sensor | None = None
+    sensor: Sensor = IDEAL
 
     def initial(self) -> State:
-        lag = () if self.sensor is None or not self.sensor.filters else (jnp.zeros(()),)
-        return State(self.stage.initial(), lag)
+        return State(self.stage.initial(), self.sensor.initial())
 
     @property
     def jumps(self) -> bool:
@@ -62,11 +61,8 @@ class Unloaded(eqx.Module):
         """Time derivative of the state."""
         active = jnp.where(mode == RESTING, 0.0, 1.0)
         _, w = self.stage.platform(x.stage)
-        sensor: Any = self.sensor
-        return State(
-            self.stage.rate(segment, after, x.stage, 0.0, active),
-            tuple(sensor.rate(lag, w) * active for lag in x.lag),
-        )
+        lag = tuple(rate * active for rate in self.sensor.rate(x.lag, w))
+        return State(self.stage.rate(segment, after, x.stage, 0.0, active), lag)
 
     def guards(self, segment: Segment, after, x: State, mode) -> tuple:
         """Those of amplifier and piezo; the first is never reached, so that there is one."""
@@ -121,7 +117,5 @@ class Unloaded(eqx.Module):
         return y - x.lag[0] if x.lag else y
 
     def _steady_lag(self, segment, after, x):
-        if not x.lag:
-            return ()
         steady = self.stage.steady(segment, after, x.stage, 0.0)
-        return (self.stage.platform(steady)[1] / self.sensor.pole(),)  # pyright: ignore[reportOptionalMemberAccess]
+        return self.sensor.steady(x.lag, self.stage.platform(steady)[1])
