@@ -1,0 +1,157 @@
+"""Records of all four kinds - platform, effector, friction, blocked force - fitted together and alone."""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import four_kinds
+import numpy as np
+import pytest
+
+import pdssjax
+from pdssjax.cli import main
+from pdssjax.expansion import Taylor
+from pdssjax.integration import Accuracy
+from pdssjax.starts import guess_starts
+from pdssjax.study import Study
+from pdssjax.virtual_rig import make_recordings
+
+
+def made(folder: Path, seed: int = 1, **kind) -> tuple[Study, dict[str, float]]:
+    """A study with the records of a virtual rig, no free parameter with a start; and the truth."""
+    file = folder / "study.toml"
+    file.write_text(four_kinds.plan(**kind))
+    planned = pdssjax.load_study(file, virtual=True)
+    records = tuple(recording.record for recording in make_recordings(planned, seed))
+    startless = {path: dataclasses.replace(p, start=None) for path, p in planned.parameters.items()}
+    return dataclasses.replace(planned, records=records, parameters=startless), planned.values()
+
+
+def alone(study: Study, *names: str) -> Study:
+    """The study with the records of these names only."""
+    return dataclasses.replace(study, records=tuple(r for r in study.records if r.name in names))
+
+
+def started(study: Study, values: dict[str, float]) -> Study:
+    """The study with `values` as starts of what is free."""
+    begun = {path: dataclasses.replace(p, start=values[path]) for path, p in study.parameters.items() if p.free}
+    return dataclasses.replace(study, parameters={**study.parameters, **begun})
+
+
+def pulls(estimate, true: dict[str, float]) -> dict[str, float]:
+    """By how many standard errors each free parameter is off; those without an error are left out."""
+    told = {path: p for path, p in estimate.parameters.items() if p.free and np.isfinite(p.standard_error)}
+    return {path: (p.value - true[path]) / p.standard_error for path, p in told.items()}
+
+
+def likely(estimate) -> bool:
+    """Whether the reduced chi-square is one within four of its own standard deviations."""
+    statistics = estimate.statistics
+    return abs(statistics.reduced_chi2 - 1.0) < 4.0 * np.sqrt(2.0 / (statistics.samples - statistics.free))
+
+
+def unknown(estimate) -> set[str]:
+    """The free parameters about which the data say nothing."""
+    return {path for path, p in estimate.parameters.items() if p.free and not p.informed}
+
+
+def free(study: Study, *families: str) -> set[str]:
+    """The free parameters of these parts of the rig; of all, if none is named."""
+    return {path for path, p in study.parameters.items() if p.free and (not families or path.split(".")[0] in families)}
+
+
+@pytest.fixture(scope="module")
+def rig(tmp_path_factory):
+    return made(tmp_path_factory.mktemp("rig"))
+
+
+def test_every_start_guessed_from_four_kinds_is_within_a_factor_of_four(rig):
+    study, true = rig
+    starts, searched = guess_starts(study.models, study.parameters, study.records)
+    assert searched
+    for path in free(study):
+        assert 0.25 < starts[path] / true[path] < 4.0, path
+
+
+def test_four_kinds_fitted_together_give_the_truth_within_its_errors(rig):
+    study, true = rig
+    rough = {path: true[path] * (0.9, 1.1)[i % 2] for i, path in enumerate(sorted(free(study)))}
+    quick = Accuracy(tolerance=1e-10, rest=1e-11, method=Taylor(8))
+    estimate = pdssjax.identify(started(study, rough), accuracy=quick)
+    assert estimate.converged and likely(estimate)
+    told = pulls(estimate, true)
+    assert set(told) == free(study)
+    assert max(map(abs, told.values())) < 3.0
+
+
+def test_steps_of_the_platform_alone_tell_its_piezo_and_say_that_they_tell_nothing_else(rig):
+    study, true = rig
+    estimate = pdssjax.identify(alone(study, "step"))
+    assert estimate.converged and likely(estimate)
+    assert unknown(estimate) == free(study, "friction", "stop")
+    assert max(map(abs, pulls(estimate, true).values())) < 3.0
+
+
+@pytest.mark.slow
+def test_loops_of_the_contact_alone_tell_its_stiffness_and_force_and_nothing_of_the_actuator(rig):
+    study, true = rig
+    said = []
+    estimate = pdssjax.identify(alone(study, "loops"), progress=said.append)
+    assert estimate.converged and likely(estimate)
+    assert unknown(estimate) == free(study, "piezo", "stop")
+    told = pulls(estimate, true)
+    assert {"friction.sigma0", "friction.f_ss"} <= set(told)
+    assert max(map(abs, told.values())) < 3.0
+    assert not any("other" in line for line in said)  # no race for a piezo that nothing shows
+
+
+@pytest.mark.slow
+def test_walks_alone_tell_piezo_and_friction_but_not_the_stop(rig):
+    study, true = rig
+    estimate = pdssjax.identify(alone(study, "forward", "backward"))
+    assert estimate.converged and likely(estimate)
+    assert unknown(estimate) == {"stop.stiffness"}
+    assert max(map(abs, pulls(estimate, true).values())) < 4.0
+
+
+@pytest.mark.slow
+def test_four_kinds_are_recorded_and_identified_without_starts_on_the_command_line(tmp_path):
+    plan = tmp_path / "study.toml"
+    plan.write_text(four_kinds.plan())
+    assert main(["record", str(plan), "--out", str(tmp_path / "rig"), "--seed", "2"]) == 0
+    study = tmp_path / "rig" / "records" / "study.toml"
+    study.write_text(four_kinds.startless(study.read_text()))
+    assert main(["identify", str(study), "--out", str(tmp_path / "found")]) == 0
+    found = json.loads((tmp_path / "found" / "estimate.json").read_text())
+    true = json.loads((study.parent / "truth.json").read_text())["parameters"]
+    told = {path: p for path, p in found["parameters"].items() if p["free"]}
+    assert len(told) == 7
+    for path, p in told.items():
+        assert abs(p["value"] - true[path]["value"]) < 3.0 * p["standard_error"], path
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", four_kinds.LAWS)
+def test_errors_and_chi_square_of_four_kinds_together_are_honest(tmp_path, law):
+    errors = []
+    for seed in range(1, 6):
+        study, true = made(tmp_path, seed, law=law)
+        estimate = pdssjax.identify(study)
+        assert estimate.converged and likely(estimate)
+        told = pulls(estimate, true)
+        assert set(told) == free(study)
+        errors += told.values()
+    assert max(map(abs, errors)) < 4.0
+    # The root mean square of n pulls is 1 within four of its standard deviations.
+    assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(1.0, abs=4.0 / np.sqrt(2.0 * len(errors)))
+
+
+@pytest.mark.slow
+def test_amplifier_and_sensor_are_found_together_with_lugre_friction(tmp_path):
+    more = '"amplifier.bandwidth" = { start = "3 kHz" }\n"sensor.bandwidth" = { start = "2 kHz" }'
+    study, true = made(tmp_path, law="lugre", more=more)
+    estimate = pdssjax.identify(study)
+    assert estimate.converged and likely(estimate)
+    told = pulls(estimate, true)
+    assert set(told) == free(study)
+    assert max(map(abs, told.values())) < 3.0
