@@ -57,4 +57,12 @@ def progress() -> Iterator[Callable[[str], None]]:
         with console.status("") as status:
             yield lambda message: status.update(Text(message))
     else:
-        yield lambda message: print(message, file=sys.stderr, flush=True)
+        said = ""
+
+        def line(message: str) -> None:
+            nonlocal said
+            if message != said:  # a refused step changes nothing
+                print(message, file=sys.stderr, flush=True)
+            said = message
+
+        yield line

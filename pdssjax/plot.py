@@ -27,7 +27,7 @@ STYLE: dict[Any, Any] = {
     "axes.spines.right": False,
     "axes.formatter.useoffset": False,
     "legend.frameon": False,
-    "savefig.dpi": 200,
+    "figure.dpi": 200,
 }
 
 
