@@ -115,9 +115,11 @@ class Predictor(eqx.Module):
             shapes = tuple(np.shape(leaf) for leaf in jax.tree.leaves(record.drive))
             key = (type(record.drive), _kind(models, record), jax.tree.structure(record.drive), shapes)
             kinds.setdefault(key, []).append(place)
-        self.groups = tuple(
-            _group([records[i] for i in places], places, kind) for (_, kind, *_), places in kinds.items()
-        )
+        # What is known of the records is numbers, also where a prediction that is being traced needs them first.
+        with jax.ensure_compile_time_eval():
+            self.groups = tuple(
+                _group([records[i] for i in places], places, kind) for (_, kind, *_), places in kinds.items()
+            )
 
     def __call__(self, values: Values, accuracy: Accuracy) -> list[Float[Array, " samples"]]:
         """One array a record, in the order of the records, without offsets [m or N]."""

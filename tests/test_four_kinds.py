@@ -5,6 +5,7 @@ import json
 from pathlib import Path
 
 import four_kinds
+import jax
 import numpy as np
 import pytest
 
@@ -90,6 +91,14 @@ def test_steps_of_the_platform_alone_tell_its_piezo_and_say_that_they_tell_nothi
     assert estimate.converged and likely(estimate)
     assert unknown(estimate) == free(study, "friction", "stop")
     assert max(map(abs, pulls(estimate, true).values())) < 3.0
+
+
+def test_a_study_that_has_never_predicted_can_be_predicted_under_jit(rig):
+    study, true = rig
+    study = alone(study, "step", "backward")
+    compiled = jax.jit(study.predict)(true)
+    for now, later in zip(compiled, study.predict(true), strict=True):
+        np.testing.assert_allclose(now, later, rtol=1e-9, atol=1e-15)
 
 
 @pytest.mark.slow
