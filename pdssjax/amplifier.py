@@ -7,6 +7,7 @@ Its state is the voltage u and a flag: 0 while it follows, +1 or -1 while it sle
 
 import equinox as eqx
 import jax.numpy as jnp
+from jax import lax
 
 from .drive.base import Segment, Voltage
 from .quantity import quantity
@@ -58,6 +59,21 @@ class Amplifier(eqx.Module):
     def steady(self, segment: Segment) -> Segment:
         """What the piezo gets of a straight segment in the end: the same, later."""
         return segment._replace(start=segment.start - segment.slope * (1.0 / self._pole()))
+
+    def fed(self, state: tuple, segment: Segment, after, lapse, end: tuple) -> tuple:
+        """`end`, `lapse` [s] after `state`, with the derivatives of the closed form on a straight segment.
+
+        A series says that of a transient which has died out any step will do, yet its derivative
+        grows with every one that is longer than the transient.  The value stays that of the series, with
+        which the piezo's goes along.
+        """
+        if segment.wave is not None:
+            return end
+        steady = self.steady(segment)
+        behind = state[0] - (steady.start + steady.slope * after)
+        follows = steady.start + steady.slope * (after + lapse) + behind * jnp.exp(lapse * -self._pole())
+        moved = lax.stop_gradient(end[0]) + (follows - lax.stop_gradient(follows))
+        return jnp.where(state[1] == 0.0, moved, end[0]), end[1]
 
     def _pole(self):
         return 2.0 * jnp.pi * self.bandwidth

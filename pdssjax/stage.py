@@ -114,6 +114,12 @@ class Stage(eqx.Module):
         """Where `closed`: the exact state `lapse` [s] later."""
         return Driven(self.piezo.motion(x.stack, segment, after, lapse), x.supply)
 
+    def fed(self, segment: Segment, after, x: Driven, lapse, end: Driven) -> Driven:
+        """`end`, `lapse` [s] after `x`, with the derivatives of the amplifier's part in closed form."""
+        if self.amplifier is None:
+            return end
+        return end._replace(supply=self.amplifier.fed(x.supply, segment, after, lapse, end.supply))
+
 
 def chosen(condition, new: tuple, old: tuple) -> tuple:
     """`new` where the condition holds, else `old`."""

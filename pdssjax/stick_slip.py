@@ -226,9 +226,9 @@ class StickSlip(eqx.Module):
         return reverses & (jnp.abs(slope) < _FAINT * self.actuator.piezo.fastest() ** 2)
 
     def exact(self, segment: Segment, after, begin: State, lapse, end: State) -> State:
-        """`end` with what is known in closed form put right: the platform without feedback."""
+        """`end` with what is known in closed form put right: the platform without feedback, an amplifier."""
         if not self._exact():
-            return end
+            return end._replace(stage=self.actuator.stage.fed(segment, after, begin.stage, lapse, end.stage))
         return end._replace(stage=self.actuator.stage.motion(segment, after, begin.stage, lapse))
 
     def force(self, segment: Segment, after, x: State, mode):

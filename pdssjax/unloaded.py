@@ -108,7 +108,7 @@ class Unloaded(eqx.Module):
     def exact(self, segment: Segment, after, begin: State, lapse, end: State) -> State:
         """`end` with what is known in closed form put right."""
         if not self.stage.closed:
-            return end
+            return end._replace(stage=self.stage.fed(segment, after, begin.stage, lapse, end.stage))
         return end._replace(stage=self.stage.motion(segment, after, begin.stage, lapse))
 
     def measured(self, x: State):

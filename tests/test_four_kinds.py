@@ -6,15 +6,22 @@ from pathlib import Path
 
 import four_kinds
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import pdssjax
+from pdssjax.amplifier import Amplifier
 from pdssjax.cli import main
+from pdssjax.drive.step import Step
 from pdssjax.expansion import Taylor
-from pdssjax.integration import Accuracy
+from pdssjax.integration import TIGHT, Accuracy
+from pdssjax.piezo.second_order import SecondOrder
+from pdssjax.simulation import measured
+from pdssjax.stage import Stage
 from pdssjax.starts import guess_starts
 from pdssjax.study import Study
+from pdssjax.unloaded import Unloaded
 from pdssjax.virtual_rig import make_recordings
 
 
@@ -99,6 +106,16 @@ def test_a_study_that_has_never_predicted_can_be_predicted_under_jit(rig):
     compiled = jax.jit(study.predict)(true)
     for now, later in zip(compiled, study.predict(true), strict=True):
         np.testing.assert_allclose(now, later, rtol=1e-9, atol=1e-15)
+
+
+@pytest.mark.parametrize("bandwidth", [2000.0, 2775.0])
+def test_a_step_behind_an_amplifier_keeps_its_derivatives_long_after_the_transient(bandwidth):
+    times = jnp.linspace(0.0, 0.02, 80)
+    system = lambda bandwidth: Unloaded(Stage(SecondOrder(), Amplifier(bandwidth)), Step(60.0))
+    motion = jax.jit(lambda bandwidth: measured(system(bandwidth), times, TIGHT))
+    slope = jax.jit(jax.jacfwd(lambda bandwidth: measured(system(bandwidth), times, Accuracy())))(bandwidth)
+    expected = (motion(bandwidth + 0.1) - motion(bandwidth - 0.1)) / 0.2
+    np.testing.assert_allclose(slope, expected, rtol=0.0, atol=1e-4 * float(jnp.abs(expected).max()))
 
 
 @pytest.mark.slow
