@@ -7,7 +7,6 @@ Its state is the voltage u and a flag: 0 while it follows, +1 or -1 while it sle
 
 import equinox as eqx
 import jax.numpy as jnp
-from jax import lax
 
 from .drive.base import Segment, Voltage
 from .quantity import quantity
@@ -28,24 +27,24 @@ class Amplifier(eqx.Module):
         """Time derivative of the state [V/s]."""
         u, slews = state
         follows = 1.0 - slews * slews
-        return (command.level - u) * (self._pole() * follows) + slews * self.slew, 0
+        return (command.level - u) * (self.pole() * follows) + slews * self.slew, 0
 
     def output(self, state: tuple, command: Voltage) -> Voltage:
         """The voltage on the piezo; numbers or series."""
         slope, _ = self.rate(state, command)
         follows = 1.0 - state[1] * state[1]
-        return Voltage(state[0], slope, (command.slope - slope) * (self._pole() * follows))
+        return Voltage(state[0], slope, (command.slope - slope) * (self.pole() * follows))
 
     def entered(self, state: tuple, segment: Segment) -> tuple:
         """The state just after the corner that opens `segment`, where the command may jump."""
         u, _ = state
-        wanted = self._pole() * (segment.voltage(0.0).level - u)
+        wanted = self.pole() * (segment.voltage(0.0).level - u)
         return u, jnp.where(jnp.abs(wanted) > self.slew, jnp.sign(wanted), 0.0)
 
     def guards(self, state: tuple, command: Voltage) -> tuple:
         """Positive while the amplifier goes on following, or slewing."""
         u, slews = state
-        wanted = (command.level - u) * self._pole()
+        wanted = (command.level - u) * self.pole()
         limited = slews * slews
         follows = 1.0 - limited
         upper = (self.slew - wanted) * follows + (slews * wanted - self.slew) * limited
@@ -58,22 +57,8 @@ class Amplifier(eqx.Module):
 
     def steady(self, segment: Segment) -> Segment:
         """What the piezo gets of a straight segment in the end: the same, later."""
-        return segment._replace(start=segment.start - segment.slope * (1.0 / self._pole()))
+        return segment._replace(start=segment.start - segment.slope * (1.0 / self.pole()))
 
-    def fed(self, state: tuple, segment: Segment, after, lapse, end: tuple) -> tuple:
-        """`end`, `lapse` [s] after `state`, with the derivatives of the closed form on a straight segment.
-
-        A series says that of a transient which has died out any step will do, yet its derivative
-        grows with every one that is longer than the transient.  The value stays that of the series, with
-        which the piezo's goes along.
-        """
-        if segment.wave is not None:
-            return end
-        steady = self.steady(segment)
-        behind = state[0] - (steady.start + steady.slope * after)
-        follows = steady.start + steady.slope * (after + lapse) + behind * jnp.exp(lapse * -self._pole())
-        moved = lax.stop_gradient(end[0]) + (follows - lax.stop_gradient(follows))
-        return jnp.where(state[1] == 0.0, moved, end[0]), end[1]
-
-    def _pole(self):
+    def pole(self):
+        """Angular corner frequency w_a [rad/s]."""
         return 2.0 * jnp.pi * self.bandwidth

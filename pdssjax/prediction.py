@@ -38,6 +38,8 @@ _MANY = 400
 """Segments of a drive from which on each is short and takes a few steps only."""
 _SPARE_STEPS = 1000
 _STEPS_WHERE_MANY = 8
+_STEPS_A_SECOND = 6000
+"""Where nothing settles: for transients that die out at up to 18 000 a second, by `stepping.SPAN`."""
 
 
 class Models(eqx.Module):
@@ -97,6 +99,8 @@ class _Group(eqx.Module):
     samples: tuple[int, ...] = eqx.field(static=True)
     kind: str = eqx.field(static=True)
     """How it is computed: "closed", "unloaded", "stick-slip", "blocked" or "friction"."""
+    duration: float = eqx.field(static=True)
+    """When the last sample is taken [s]."""
     segments: int = eqx.field(static=True)
     """How many segments of the drive the longest record reaches into."""
 
@@ -150,6 +154,8 @@ def _kind(models: Models, record: Record) -> str:
 def _predict(group: _Group, models: Models, values: Values, accuracy: Accuracy) -> Array:
     few = min(group.segments, _MANY)
     room = _STEPS_PER_SEGMENT * few + _STEPS_WHERE_MANY * (group.segments - few) + _SPARE_STEPS
+    if group.kind == "blocked" or (group.kind != "friction" and not models.piezo.settles):
+        room += int(_STEPS_A_SECOND * group.duration)
     roomy = dataclasses.replace(accuracy, max_steps=max(room, accuracy.max_steps))
     if group.kind == "friction":
         contact = models.contact(values)
@@ -188,6 +194,7 @@ def _group(records: Sequence[Record], places: Sequence[int], kind: str) -> _Grou
         places=tuple(places),
         samples=tuple(record.time.size for record in records),
         kind=kind,
+        duration=float(max(record.time[-1] for record in records)),
         segments=_segments(records, kind),
     )
 

@@ -110,15 +110,14 @@ class Stage(eqx.Module):
         ]
         return jnp.stack(away).max()
 
+    def fading(self):
+        """The rate [1/s] at which the quickest transient that is stepped dies out."""
+        own = self.piezo.fading()
+        return own if self.amplifier is None else jnp.maximum(own, self.amplifier.pole())
+
     def motion(self, segment: Segment, after, x: Driven, lapse) -> Driven:
         """Where `closed`: the exact state `lapse` [s] later."""
         return Driven(self.piezo.motion(x.stack, segment, after, lapse), x.supply)
-
-    def fed(self, segment: Segment, after, x: Driven, lapse, end: Driven) -> Driven:
-        """`end`, `lapse` [s] after `x`, with the derivatives of the amplifier's part in closed form."""
-        if self.amplifier is None:
-            return end
-        return end._replace(supply=self.amplifier.fed(x.supply, segment, after, lapse, end.supply))
 
 
 def chosen(condition, new: tuple, old: tuple) -> tuple:

@@ -4,7 +4,8 @@ A bare `while_loop` on a handful of scalars.  It writes one row a step to a tabl
 expands the rows again, in value and in derivative.
 """
 
-from collections.abc import Callable
+import functools
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -18,6 +19,13 @@ from .series import polynomial
 
 _BLOCK = 5
 """Steps written to memory at a time: XLA runs a loop on small buffers two to three times faster."""
+
+SPAN = 3.0
+"""Time constants of a transient that a step may span.
+
+A transient that has died out has coefficients that vanish and allow any step.  Its derivatives by the series
+grow over a step of more than five time constants, and what is left of rounding grows with them.
+"""
 
 RESTING = 2.0
 """The mode of a system that has settled until the next corner; no guard ends it."""
@@ -153,8 +161,8 @@ def _one_step(system, horizon, method, tolerance, resting, patience, walk, repea
     finish = jnp.where(last, horizon - walk.origin, segment.duration)
     remaining = jnp.maximum(finish - walk.after, 0.0)
     field = field_of(system, segment, unflatten, walk.mode)
-    longest = system.longest(unflatten(walk.x))
-    allowed = remaining if longest is None else jnp.minimum(remaining, longest)
+    fading = system.fading(unflatten(walk.x), walk.mode)
+    allowed = remaining if fading is None else jnp.where(remaining * fading > SPAN, SPAN / fading, remaining)
     piece = method.attempt(field, walk.after, list(walk.x), units, allowed, walk.trial, one)
 
     hidden = system.hidden(unflatten([polynomial(c) for c in piece.polynomials]), walk.mode)
@@ -256,6 +264,13 @@ def begin(system: Any) -> tuple[Any, Any]:
     """State and mode in which the first segment begins."""
     zero = jnp.zeros(())
     return system.enter(system.segment(zero), system.initial(), zero)
+
+
+def quickest(rates: Sequence[Any], mode: Any) -> Any:
+    """The largest of the `rates`, 0 for a system at rest; None where there are none."""
+    if not rates:
+        return None
+    return jnp.where(mode == RESTING, 0.0, functools.reduce(jnp.maximum, rates))
 
 
 def field_of(system: Any, segment: Any, unflatten: Callable, mode: Any) -> Callable:

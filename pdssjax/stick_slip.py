@@ -25,7 +25,7 @@ from .actuator import Actuator
 from .crossing import LOOK_AHEAD
 from .drive.base import AbstractDrive, Segment
 from .friction.base import AbstractFriction
-from .modes import ADVANCING, RESTING, RETREATING, STUCK, State, chosen, kind
+from .modes import ADVANCING, RESTING, RETREATING, STUCK, State, chosen, kind, quickest
 from .sensor import IDEAL, Sensor
 from .series import constant, weighted
 
@@ -213,9 +213,13 @@ class StickSlip(eqx.Module):
         """What a step has to resolve besides the state, as displacements [m]."""
         return self.actuator.friction.hidden(x.memory, x.v, mode)
 
-    def longest(self, x: State):
-        """The longest step [s] that the contact's memory allows; None: any."""
-        return self.actuator.friction.step_limit(x.memory)
+    def fading(self, x: State, mode):
+        """The rate [1/s] at which the quickest transient of what a step does not know in closed form dies out."""
+        rates = [] if self._exact() else [self.actuator.stage.fading()]
+        rates += [self.sensor.pole() for _ in x.lag]
+        forgets = self.actuator.friction.fading(x.memory)
+        rates += [] if forgets is None else [forgets]
+        return quickest(rates, mode)
 
     def faint(self, slope, mode, which):
         """Whether a reversal is nothing but the rounding of a contact that is at rest.
@@ -226,9 +230,9 @@ class StickSlip(eqx.Module):
         return reverses & (jnp.abs(slope) < _FAINT * self.actuator.piezo.fastest() ** 2)
 
     def exact(self, segment: Segment, after, begin: State, lapse, end: State) -> State:
-        """`end` with what is known in closed form put right: the platform without feedback, an amplifier."""
+        """`end` with what is known in closed form put right: the platform without feedback."""
         if not self._exact():
-            return end._replace(stage=self.actuator.stage.fed(segment, after, begin.stage, lapse, end.stage))
+            return end
         return end._replace(stage=self.actuator.stage.motion(segment, after, begin.stage, lapse))
 
     def force(self, segment: Segment, after, x: State, mode):

@@ -90,9 +90,9 @@ class Tribometer(eqx.Module):
         """Nothing: within a step the velocity is constant."""
         return ()
 
-    def longest(self, x: tuple):
-        """The longest step [s] that the contact's memory allows; None: any."""
-        return self.friction.step_limit(x[1])
+    def fading(self, x: tuple, mode):
+        """The rate [1/s] at which the contact forgets; None where that limits no step."""
+        return self.friction.fading(x[1])
 
     def faint(self, slope, mode, which):
         """No event here is mere rounding."""

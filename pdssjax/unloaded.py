@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 
 from .drive.base import AbstractDrive, Segment
-from .integration import RESTING
+from .integration import RESTING, quickest
 from .sensor import IDEAL, Sensor
 from .stage import Driven, Stage
 
@@ -97,9 +97,10 @@ class Unloaded(eqx.Module):
         """Nothing but the state has to be resolved."""
         return ()
 
-    def longest(self, x: State) -> None:
-        """Any step is allowed."""
-        return None
+    def fading(self, x: State, mode):
+        """The rate [1/s] at which the quickest transient of what a step does not know in closed form dies out."""
+        rates = [] if self.stage.closed else [self.stage.fading()]
+        return quickest(rates + [self.sensor.pole() for _ in x.lag], mode)
 
     def faint(self, slope, mode, which):
         """No event here is mere rounding."""
@@ -108,7 +109,7 @@ class Unloaded(eqx.Module):
     def exact(self, segment: Segment, after, begin: State, lapse, end: State) -> State:
         """`end` with what is known in closed form put right."""
         if not self.stage.closed:
-            return end._replace(stage=self.stage.fed(segment, after, begin.stage, lapse, end.stage))
+            return end
         return end._replace(stage=self.stage.motion(segment, after, begin.stage, lapse))
 
     def measured(self, x: State):

@@ -83,12 +83,8 @@ class AbstractFriction(eqx.Module):
         """What the guards feel of v and the state does not, as displacements [m]; steps resolve these, too."""
         return ()
 
-    def step_limit(self, state: State) -> Number | None:
-        """The longest step [s] over which the state may forget; None where its coefficients tell.
-
-        A state that has reached its limit exactly has coefficients that vanish and allow any
-        step, but its derivatives decay by a rate, which a step must not pass over.
-        """
+    def fading(self, state: State) -> Number | None:
+        """The rate [1/s] at which the state forgets, where that has to limit the steps; see `stepping.SPAN`."""
         return None
 
     def holding(self, state: State, sign: Number) -> Number:

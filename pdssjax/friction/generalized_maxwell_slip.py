@@ -25,8 +25,6 @@ from ..quantity import quantity
 from .base import AbstractFriction, lugre_ranges, stribeck_curve, stribeck_guard, stribeck_range
 
 _COUNT = 4
-_FORGETS = 3.0
-"""Time constants of a slipping element that a step may span."""
 _SEEN = 3e-4
 """The Stribeck curve as a displacement [m]: how well a step resolves it, and with it the breakaway of an element."""
 _ROUNDING = 1e-12
@@ -112,10 +110,10 @@ class GeneralizedMaxwellSlip(AbstractFriction):
         )
         return (*elements, stribeck_guard(state[-1], v, sign, self.v_s))
 
-    def step_limit(self, state):
+    def fading(self, state):
         forgets = self.attraction / (jnp.minimum(self.weakened, 1.0) * sum(self._strengths()))
         slips = sum(state[_COUNT:-1]) > 0
-        return jnp.where(slips, _FORGETS / forgets, jnp.inf)
+        return jnp.where(slips, forgets, 0.0)
 
     def passed(self, state, v, sign, which):
         slips = (jnp.where(which == i, 1.0, flag) for i, flag in enumerate(state[_COUNT:-1]))

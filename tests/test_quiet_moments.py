@@ -1,0 +1,57 @@
+"""Once a transient has died out, nothing but its rate limits the steps: derivatives must not grow with them.
+
+Each derivative at the usual accuracy against central differences at the tightest one, in the parameter of the
+transient: late in a slow record it is small, and what a step too long makes of it is not.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from pdssjax.actuator import Actuator
+from pdssjax.drive.sawtooth import Sawtooth
+from pdssjax.drive.triangle import Triangle
+from pdssjax.effector import Stop
+from pdssjax.friction.simplified_lugre import SimplifiedLuGre
+from pdssjax.integration import TIGHT, Accuracy
+from pdssjax.piezo.bouc_wen import BoucWen
+from pdssjax.piezo.second_order import SecondOrder
+from pdssjax.sensor import Sensor
+from pdssjax.simulation import measured
+from pdssjax.stick_slip import StickSlip
+from pdssjax.unloaded import Unloaded
+
+TIMES = np.concatenate([np.linspace(1e-4, 0.02, 50), np.linspace(0.03, 0.4, 50)])
+WALK = Sawtooth(60.0, 2.0, 1e-3)
+
+
+def walk(bandwidth):
+    return StickSlip(Actuator(SecondOrder(), SimplifiedLuGre()), WALK, Sensor(bandwidth))
+
+
+def push(bandwidth):
+    return StickSlip(Actuator(SecondOrder(), SimplifiedLuGre(), stop=Stop()), WALK, Sensor(bandwidth))
+
+
+def loop(frequency):
+    return Unloaded(Actuator(BoucWen(natural_frequency=frequency), SimplifiedLuGre()).stage, Triangle(60.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("system", "value", "resolution"),
+    [
+        pytest.param(walk, 2e4, 1e-9, id="a quick sensor of a slow walk"),
+        pytest.param(push, 2e3, 1e-6, id="a force sensor that is leant on"),
+        pytest.param(loop, 6736.0, 1e-9, id="a stack with hysteresis on a slow triangle"),
+    ],
+)
+def test_derivatives_stay_right_after_the_transient(system, value, resolution):
+    shown = lambda factor, accuracy: measured(system(value * factor), jnp.asarray(TIMES), accuracy)
+    usual = Accuracy(max_steps=20_000)
+    slope = np.asarray(jax.jit(lambda f: jax.jvp(lambda f: shown(f, usual), (f,), (jnp.ones(()),))[1])(jnp.ones(())))
+    fine = Accuracy(tolerance=TIGHT.tolerance, rest=TIGHT.rest, max_steps=40_000)
+    values, step = jax.jit(lambda f: shown(f, fine)), 1e-4
+    differences = (np.asarray(values(1.0 + step)) - np.asarray(values(1.0 - step))) / (2.0 * step)
+    assert np.isfinite(differences).all()
+    assert np.abs(slope - differences).max() < 1e-3 * np.abs(differences).max() + 0.1 * resolution
