@@ -3,18 +3,25 @@
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from .measure import Curve
 
 _OURS = "#c0392b"
-_THEIRS = ("#1f4e79", "#2e8b57", "#8e6bbf", "#b8860b", "#5f6a6a", "#17819c")
-_MARKS = "osD^vP"
+_THEIRS = ("#1f4e79", "#2e8b57", "#8e6bbf", "#b8860b", "#5f6a6a", "#17819c", "#111111")
+_MARKS = "osD^vPX"
 _LABELS = {
     "trajectory": ("largest error of the end-effector [um]", "Trajectory: 8 cycles, 1601 samples"),
     "Jacobian": ("relative error of the worst column", "Jacobian: 10 columns"),
+    "sweep, 1000 points": ("largest error of any sample [um]", "Sweep: 1000 points on one core"),
+    "joint fit, starts 5 % off": (
+        "distance from the optimum of pdssjax [standard errors]",
+        "Joint fit, starts 5 % off",
+    ),
 }
+_FIT = "joint fit, starts 5 % off"
 
 
 def draw(curves: list[Curve], path: Path) -> bool:
@@ -22,12 +29,14 @@ def draw(curves: list[Curve], path: Path) -> bool:
     jobs = [job for job in _LABELS if any(curve.job == job for curve in curves)]
     if not jobs:
         return False
-    names = list(dict.fromkeys(curve.who for curve in curves if not _ours(curve)))
-    figure = Figure(figsize=(6.4 * len(jobs), 5.6), layout="constrained")
+    names = list(dict.fromkeys(curve.who for curve in curves if not _ours(curve) and curve.job != _FIT))
+    columns = min(len(jobs), 2)
+    rows = -(-len(jobs) // columns)
+    figure = Figure(figsize=(6.4 * columns, 0.8 + 4.6 * rows), layout="constrained")
     for i, job in enumerate(jobs):
-        axes = figure.add_subplot(1, len(jobs), i + 1)
+        axes = figure.add_subplot(rows, columns, i + 1)
         for curve in [c for c in curves if c.job == job]:
-            _line(axes, curve, names)
+            (_point if job == _FIT else _line)(axes, curve, names)
         _dress(axes, job)
     handles, labels = _legend(figure)
     figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
@@ -56,12 +65,32 @@ def _line(axes: Axes, curve: Curve, names: list[str]) -> None:
         axes.annotate("wrong", (min(errors), max(times)), **beside)
 
 
+def _point(axes: Axes, curve: Curve, names: list[str]) -> None:
+    """A fit is one point, and ours the line from which the distances are measured."""
+    error, time = curve.rungs[0].error, 1e3 * curve.rungs[0].seconds
+    beside: dict[str, Any] = dict(textcoords="offset points", va="center", fontsize=9)
+    if _ours(curve):
+        axes.axhline(time, color=_OURS, linewidth=1.8)
+        axes.annotate(curve.who, (0.02, time), xycoords=("axes fraction", "data"), xytext=(0, 9), color=_OURS, **beside)
+    else:
+        colour = next((_THEIRS[i % len(_THEIRS)] for i, name in enumerate(names) if curve.who.endswith(name)), "black")
+        axes.plot([error], [time], "o", color=colour)
+        axes.annotate(curve.who.split(",")[0], (error, time), xytext=(8, 0), color=colour, **beside)
+
+
 def _dress(axes: Axes, job: str) -> None:
     label, title = _LABELS[job]
     axes.set(xscale="log", yscale="log", xlabel=label, title=title)
     axes.set_ylabel("time of a warm run [ms]")
     axes.invert_xaxis()
-    axes.axvline(1e-3, color="0.6", linewidth=0.8, linestyle=":", zorder=0)
+    for limits, place in ((axes.get_xlim, axes.set_xlim), (axes.get_ylim, axes.set_ylim)):
+        ends = np.log10(limits())
+        if abs(ends[1] - ends[0]) < 2.0:  # whole decades, so that two ticks have numbers
+            place(*np.power(10.0, np.where(ends == ends.min(), np.floor(ends), np.ceil(ends))))
+    if job == _FIT:
+        axes.set(xlim=(1.0, 0.005), ylim=(1e2, 1e5))
+    else:
+        axes.axvline(1e-3, color="0.6", linewidth=0.8, linestyle=":", zorder=0)
     axes.annotate("better", (0.97, 0.03), (0.86, 0.12), "axes fraction", arrowprops=dict(arrowstyle="->", color="0.5"))
     axes.grid(which="major", color="0.9", linewidth=0.6)
     axes.spines[["top", "right"]].set_visible(False)

@@ -12,7 +12,7 @@ from collections.abc import Callable
 import pdssjax
 from pdssjax.study import Study
 
-from ..measure import Effort, Entry, Outcome, interleave, seconds_of
+from ..measure import Curve, Effort, Entry, Outcome, Rung, interleave, seconds_of
 from ..peer_fits import FITS, Fitted, Residual
 from ..peers import peers
 from ..peers.base import AbstractPeer
@@ -47,6 +47,8 @@ def measure(effort: Effort) -> Outcome:
         most = math.inf if effort.patient else BROKEN_OFF * given.median
         _peers(outcome, JOB, starts, best, most, effort)
         _peers(outcome, NEAR, near, best_close, math.inf, effort)
+        # Ours is what the others' distance is measured from.
+        outcome.curves.append(Curve(NEAR, close.who, [Rung(math.nan, math.nan, close.median)]))
     return outcome
 
 
@@ -63,7 +65,10 @@ def _peers(outcome: Outcome, job: str, starts: dict[str, float], best: Found, mo
             continue
         effort.report(f"{job}: {who}" + (f", {most:.0f} s at most" if math.isfinite(most) else ""))
         found = fit.run(Residual(peer, study, starts), most)
-        outcome.entries.append(_entry(job, who, peer, found, best))
+        entry = _entry(job, who, peer, found, best)
+        outcome.entries.append(entry)
+        if job == NEAR:
+            outcome.curves.append(Curve(job, who, [Rung(entry.tolerance, _apart(found, best), found.seconds)]))
         outcome.lines.append(f"{job}, {who}: {found.says()}")
 
 
@@ -80,8 +85,13 @@ def _ours(job: str, who: str, fresh: Callable[[], Study], effort: Effort) -> tup
     return entry, {path: (p.value, p.standard_error) for path, p in found.parameters.items() if p.free}
 
 
+def _apart(found: Fitted, best: Found) -> float:
+    """The largest distance of a parameter from ours, in standard errors."""
+    return max(abs(number - best[path][0]) / best[path][1] for path, number in found.values.items() if path in best)
+
+
 def _entry(job: str, who: str, peer: AbstractPeer, found: Fitted, best: Found) -> Entry:
-    apart = max(abs(number - best[path][0]) / best[path][1] for path, number in found.values.items() if path in best)
+    apart = _apart(found, best)
     note = f"chi-square {found.chi2:.3f}, {found.calls} evaluations, {apart:.2g} standard errors from ours"
     entry = Entry(job, who, None, tolerance=peer.fit_tolerance or 0.0, note=note, times=[found.seconds])
     entry.cut, entry.wrong = found.cut, not found.cut and not apart <= 1.0
