@@ -6,7 +6,7 @@ import numpy as np
 
 from .estimate import Estimate, FittedParameter, FittedRecord, Statistics, compare
 from .fitting import Fit, Problem, of_piezo, reduced_chi2
-from .parameters import Scale
+from .parameters import REACH, Scale
 from .residual import free_offset
 from .uncertainty import Covariance, correlation, covariance, propagated
 
@@ -54,13 +54,27 @@ def summarise(study, method, problem, fit, starts) -> Estimate:
         covariance=matrix,
         records=records,
         statistics=statistics,
-        notes=tuple(_notes(problem, fit, known, vague, statistics, records)),
+        notes=tuple(_notes(study, problem, fit, known, vague, statistics, records)),
         seconds=0.0,
     )
 
 
 def _at_bound(fit: Fit, free: Scale) -> np.ndarray:
     return (fit.free <= free.low) | (fit.free >= free.high)
+
+
+def _out_of_reach(study, fit: Fit, free: Scale, side: str) -> list[str]:
+    """Positive parameters that ran as far as a fit lets them where the study sets no bound on that `side`."""
+    out = []
+    for i, path in enumerate(free.paths):
+        declared = study.parameters[path]
+        reached = fit.free[i] <= free.low[i] if side == "low" else fit.free[i] >= free.high[i]
+        # The legal range may end sooner than the reach of the start does.
+        end = np.exp(getattr(free, side)[i]) if free.logarithmic[i] else np.nan
+        ours = getattr(declared, side) is None and not np.isclose(end, getattr(declared.quantity, side), rtol=1e-5)
+        if reached and ours and free.logarithmic[i]:
+            out.append(path)
+    return out
 
 
 def _covariances(method, problem, fit) -> tuple[Covariance, np.ndarray | None]:
@@ -142,7 +156,7 @@ def _compared(study, problem, fit, matrix, values) -> tuple[FittedRecord, ...]:
     return tuple(out)
 
 
-def _notes(problem, fit, known, vague, statistics, records) -> list[str]:
+def _notes(study, problem, fit, known, vague, statistics, records) -> list[str]:
     paths = problem.residual.scale.paths
     notes = []
     for direction in known.null:
@@ -160,8 +174,15 @@ def _notes(problem, fit, known, vague, statistics, records) -> list[str]:
     if vague.any():
         names = ", ".join(np.array(paths)[vague])
         notes.append(f"The data hardly tell {names}: one standard error is a factor of ten or more.")
-    bound = [path for path, at in zip(paths, _at_bound(fit, problem.residual.scale), strict=True) if at]
-    if bound:
+    bound = np.array(paths)[_at_bound(fit, problem.residual.scale)]
+    small, large = (_out_of_reach(study, fit, problem.residual.scale, side) for side in ("low", "high"))
+    for ends, what in ((small, "from zero"), (large, "from one without limit")):
+        if ends:
+            notes.append(
+                f"The data cannot tell {', '.join(ends)} {what}: the fit stopped a factor of {REACH:g} from the "
+                "start, and holds it there for the errors of the others."
+            )
+    if bound := [path for path in bound if path not in small + large]:
         notes.append(f"At a bound, and held there for the errors of the others: {', '.join(bound)}.")
     given = [record.noise is not None for record in problem.records]
     if statistics.reduced_chi2 > 1.2 and any(given):

@@ -129,6 +129,7 @@ def test_loops_of_the_contact_alone_tell_its_stiffness_and_force_and_nothing_of_
     assert {"friction.sigma0", "friction.f_ss"} <= set(told)
     assert max(map(abs, told.values())) < 3.0
     assert not any("other" in line for line in said)  # no race for a piezo that nothing shows
+    assert any("cannot tell friction.sigma1 from zero" in note for note in estimate.notes)
 
 
 @pytest.mark.slow
