@@ -23,7 +23,7 @@ from benchmarks.problem import NAMES, PARAMETERS, Problem, effector, pieces
 from benchmarks.rig import sawtooths, truth
 from benchmarks.table import as_json, as_markdown, as_text
 from pdssjax.expansion import Taylor
-from pdssjax.integration import Accuracy
+from pdssjax.integration import TIGHT, Accuracy
 
 SHORT = Problem(cycles=2, samples=101)
 needs_gcc = pytest.mark.skipif(CFloor().missing() is not None, reason="there is no gcc")
@@ -71,7 +71,8 @@ def test_the_jacobian_of_the_c_floor_agrees_with_differences():
 @needs_gcc
 @pytest.mark.slow
 def test_the_jacobian_of_the_c_floor_agrees_with_ours():
-    right = jax.jit(jax.jacfwd(lambda q: effector(PARAMETERS * jnp.exp(q), SHORT, ACCURACY)))(jnp.zeros(len(NAMES)))
+    # The low order is too coarse for derivatives: 7e-5.
+    right = jax.jit(jax.jacfwd(lambda q: effector(PARAMETERS * jnp.exp(q), SHORT, TIGHT)))(jnp.zeros(len(NAMES)))
     assert worst(simulate(PARAMETERS, SHORT, 1e-8, order=12, jacobian=True)[1], np.asarray(right)) < 1e-6
 
 
