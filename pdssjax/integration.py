@@ -23,7 +23,6 @@ from jax import lax
 from .expansion import horner
 from .stepping import RESTING as RESTING
 from .stepping import Accuracy as Accuracy
-from .stepping import quickest as quickest
 from .stepping import unflattener
 from .tangents import expanded_march
 

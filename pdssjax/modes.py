@@ -5,7 +5,6 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 
 from .integration import RESTING as RESTING
-from .integration import quickest as quickest
 from .stage import Driven
 from .stage import chosen as chosen
 

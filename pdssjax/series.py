@@ -11,7 +11,6 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax.numpy as jnp
-from jax import lax
 
 
 class Series:
@@ -88,11 +87,6 @@ def is_zero(x: Any) -> bool:
 def constant(x: Any) -> Any:
     """The value of a series at its start; a number is its own."""
     return x[0] if isinstance(x, Series) else x
-
-
-def undifferentiated(x: Any) -> Any:
-    """`x`, a series or a number, without derivatives."""
-    return Series(lambda k: lax.stop_gradient(x[k]), x.one) if isinstance(x, Series) else lax.stop_gradient(x)
 
 
 def exp(x: Any) -> Any:

@@ -110,10 +110,9 @@ class Stage(eqx.Module):
         ]
         return jnp.stack(away).max()
 
-    def fading(self):
-        """The rate [1/s] at which the quickest transient that is stepped dies out."""
-        own = self.piezo.fading()
-        return own if self.amplifier is None else jnp.maximum(own, self.amplifier.pole())
+    def fading(self) -> tuple:
+        """The rates [1/s] at which the quickest transients of piezo and amplifier die out."""
+        return (self.piezo.fading(),) if self.amplifier is None else (self.piezo.fading(), self.amplifier.pole())
 
     def motion(self, segment: Segment, after, x: Driven, lapse) -> Driven:
         """Where `closed`: the exact state `lapse` [s] later."""

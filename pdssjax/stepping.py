@@ -4,8 +4,7 @@ A bare `while_loop` on a handful of scalars.  It writes one row a step to a tabl
 expands the rows again, in value and in derivative.
 """
 
-import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -161,8 +160,10 @@ def _one_step(system, horizon, method, tolerance, resting, patience, walk, repea
     finish = jnp.where(last, horizon - walk.origin, segment.duration)
     remaining = jnp.maximum(finish - walk.after, 0.0)
     field = field_of(system, segment, unflatten, walk.mode)
-    fading = system.fading(unflatten(walk.x), walk.mode)
-    allowed = remaining if fading is None else jnp.where(remaining * fading > SPAN, SPAN / fading, remaining)
+    allowed = remaining
+    for fading in system.fading(unflatten(walk.x)):
+        cut = (walk.mode != RESTING) & (allowed * fading > SPAN)
+        allowed = jnp.where(cut, SPAN / fading, allowed)
     piece = method.attempt(field, walk.after, list(walk.x), units, allowed, walk.trial, one)
 
     hidden = system.hidden(unflatten([polynomial(c) for c in piece.polynomials]), walk.mode)
@@ -264,13 +265,6 @@ def begin(system: Any) -> tuple[Any, Any]:
     """State and mode in which the first segment begins."""
     zero = jnp.zeros(())
     return system.enter(system.segment(zero), system.initial(), zero)
-
-
-def quickest(rates: Sequence[Any], mode: Any) -> Any:
-    """The largest of the `rates`, 0 for a system at rest; None where there are none."""
-    if not rates:
-        return None
-    return jnp.where(mode == RESTING, 0.0, functools.reduce(jnp.maximum, rates))
 
 
 def field_of(system: Any, segment: Any, unflatten: Callable, mode: Any) -> Callable:

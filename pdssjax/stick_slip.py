@@ -25,7 +25,7 @@ from .actuator import Actuator
 from .crossing import LOOK_AHEAD
 from .drive.base import AbstractDrive, Segment
 from .friction.base import AbstractFriction
-from .modes import ADVANCING, RESTING, RETREATING, STUCK, State, chosen, kind, quickest
+from .modes import ADVANCING, RESTING, RETREATING, STUCK, State, chosen, kind
 from .sensor import IDEAL, Sensor
 from .series import constant, weighted
 
@@ -213,13 +213,10 @@ class StickSlip(eqx.Module):
         """What a step has to resolve besides the state, as displacements [m]."""
         return self.actuator.friction.hidden(x.memory, x.v, mode)
 
-    def fading(self, x: State, mode):
-        """The rate [1/s] at which the quickest transient of what a step does not know in closed form dies out."""
-        rates = [] if self._exact() else [self.actuator.stage.fading()]
-        rates += [self.sensor.pole() for _ in x.lag]
-        forgets = self.actuator.friction.fading(x.memory)
-        rates += [] if forgets is None else [forgets]
-        return quickest(rates, mode)
+    def fading(self, x: State) -> tuple:
+        """The rates [1/s] at which transients die out, of what a step does not know in closed form."""
+        stage = () if self._exact() else self.actuator.stage.fading()
+        return (*stage, *(self.sensor.pole() for _ in x.lag), *self.actuator.friction.fading(x.memory))
 
     def faint(self, slope, mode, which):
         """Whether a reversal is nothing but the rounding of a contact that is at rest.

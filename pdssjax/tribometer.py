@@ -90,8 +90,8 @@ class Tribometer(eqx.Module):
         """Nothing: within a step the velocity is constant."""
         return ()
 
-    def fading(self, x: tuple, mode):
-        """The rate [1/s] at which the contact forgets; None where that limits no step."""
+    def fading(self, x: tuple) -> tuple:
+        """The rates [1/s] at which the contact forgets, where that limits a step."""
         return self.friction.fading(x[1])
 
     def faint(self, slope, mode, which):

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 
 from .drive.base import AbstractDrive, Segment
-from .integration import RESTING, quickest
+from .integration import RESTING
 from .sensor import IDEAL, Sensor
 from .stage import Driven, Stage
 
@@ -97,10 +97,9 @@ class Unloaded(eqx.Module):
         """Nothing but the state has to be resolved."""
         return ()
 
-    def fading(self, x: State, mode):
-        """The rate [1/s] at which the quickest transient of what a step does not know in closed form dies out."""
-        rates = [] if self.stage.closed else [self.stage.fading()]
-        return quickest(rates + [self.sensor.pole() for _ in x.lag], mode)
+    def fading(self, x: State) -> tuple:
+        """The rates [1/s] at which transients die out, of what a step does not know in closed form."""
+        return (*(() if self.stage.closed else self.stage.fading()), *(self.sensor.pole() for _ in x.lag))
 
     def faint(self, slope, mode, which):
         """No event here is mere rounding."""

@@ -113,7 +113,7 @@ class GeneralizedMaxwellSlip(AbstractFriction):
     def fading(self, state):
         forgets = self.attraction / (jnp.minimum(self.weakened, 1.0) * sum(self._strengths()))
         slips = sum(state[_COUNT:-1]) > 0
-        return jnp.where(slips, forgets, 0.0)
+        return (jnp.where(slips, forgets, 0.0),)
 
     def passed(self, state, v, sign, which):
         slips = (jnp.where(which == i, 1.0, flag) for i, flag in enumerate(state[_COUNT:-1]))
