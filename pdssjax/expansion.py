@@ -44,6 +44,11 @@ class AbstractExpansion(eqx.Module):
     noise: ClassVar[float]
     """Tolerances below which the sign of a small velocity means nothing: its reversals are not events."""
 
+    @property
+    @abc.abstractmethod
+    def span(self) -> float:
+        """Time constants of the quickest transient that a step may span, so that derivatives do not grow over it."""
+
     @abc.abstractmethod
     def attempt(self, field: Callable, after: Any, x: list, units: list, remaining: Any, trial: Any, one: Any) -> Piece:
         """A step from `x` at time `after`, over `remaining` [s] at most; `trial` is its wish."""
@@ -59,6 +64,12 @@ class Taylor(AbstractExpansion):
 
     order: int = eqx.field(static=True, default=12)
     noise: ClassVar[float] = 0.0
+
+    @property
+    def span(self):
+        # Inside the circle of this radius in the left half-plane the series of e^z is at most 1: radius 4.1 at order
+        # 12, 5.5 at order 16, 8.6 at order 20.
+        return self.order / 3.0
 
     def attempt(self, field, after, x, units, remaining, trial, one):
         series = solution(field, after, x, self.order, one)
@@ -80,6 +91,11 @@ class OneStep(AbstractExpansion):
     solver: diffrax.AbstractSolver = diffrax.Tsit5()
     degree: int = eqx.field(static=True, default=8)
     noise: ClassVar[float] = 10.0
+
+    @property
+    def span(self):
+        # Explicit Runge-Kutta methods are stable up to 2.5 and more; implicit ones damp whatever dies out.
+        return np.inf if isinstance(self._inner(), diffrax.AbstractImplicitSolver) else 2.5
 
     def __check_init__(self):
         if not isinstance(self.solver, diffrax.AbstractAdaptiveSolver | diffrax.HalfSolver):
@@ -119,6 +135,9 @@ class OneStep(AbstractExpansion):
         coefficients = (jnp.asarray(fit) @ values) / scale
         polynomials = [[coefficients[k, i] for k in range(self.degree + 1)] for i in range(len(x))]
         return polynomials, error, result == diffrax.RESULTS.successful
+
+    def _inner(self) -> Any:
+        return self.solver.solver if isinstance(self.solver, diffrax.HalfSolver) else self.solver
 
     def _ready(self):
         solver: Any = _differentiable(self.solver)

@@ -39,7 +39,7 @@ _MANY = 400
 _SPARE_STEPS = 1000
 _STEPS_WHERE_MANY = 8
 _STEPS_A_SECOND = 6000
-"""Where nothing settles: for transients that die out at up to 18 000 a second, by `stepping.SPAN`."""
+"""Where nothing settles: for transients that die out at up to 18 000 a second, by the `span` of a step."""
 
 
 class Models(eqx.Module):

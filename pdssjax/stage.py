@@ -110,10 +110,6 @@ class Stage(eqx.Module):
         ]
         return jnp.stack(away).max()
 
-    def fading(self) -> tuple:
-        """The rates [1/s] at which the quickest transients of piezo and amplifier die out."""
-        return (self.piezo.fading(),) if self.amplifier is None else (self.piezo.fading(), self.amplifier.pole())
-
     def motion(self, segment: Segment, after, x: Driven, lapse) -> Driven:
         """Where `closed`: the exact state `lapse` [s] later."""
         return Driven(self.piezo.motion(x.stack, segment, after, lapse), x.supply)

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 
 from .crossing import first_crossing
@@ -19,12 +20,8 @@ from .series import polynomial
 _BLOCK = 5
 """Steps written to memory at a time: XLA runs a loop on small buffers two to three times faster."""
 
-SPAN = 3.0
-"""Time constants of a transient that a step may span.
-
-A transient that has died out has coefficients that vanish and allow any step.  Its derivatives by the series
-grow over a step of more than five time constants, and what is left of rounding grows with them.
-"""
+_FORCED = 2.5
+"""So many times longer a step may be for what is known in closed form, and only enters the rest as a forcing."""
 
 RESTING = 2.0
 """The mode of a system that has settled until the next corner; no guard ends it."""
@@ -161,9 +158,9 @@ def _one_step(system, horizon, method, tolerance, resting, patience, walk, repea
     remaining = jnp.maximum(finish - walk.after, 0.0)
     field = field_of(system, segment, unflatten, walk.mode)
     allowed = remaining
-    for fading in system.fading(unflatten(walk.x)):
-        cut = (walk.mode != RESTING) & (allowed * fading > SPAN)
-        allowed = jnp.where(cut, SPAN / fading, allowed)
+    rate = _quickest_rate(field, walk.after, walk.x, system.closed_components())
+    too_far = (walk.mode != RESTING) & (allowed * rate > method.span)
+    allowed = jnp.where(too_far, method.span / rate, allowed)
     piece = method.attempt(field, walk.after, list(walk.x), units, allowed, walk.trial, one)
 
     hidden = system.hidden(unflatten([polynomial(c) for c in piece.polynomials]), walk.mode)
@@ -225,6 +222,25 @@ def _one_step(system, horizon, method, tolerance, resting, patience, walk, repea
     )
     walk = jax.tree.map(lambda a, b: jnp.where(piece.accepted, a, b), moved, again)
     return walk, row, piece.accepted
+
+
+def _quickest_rate(field, after, x, closed):
+    """About the largest modulus [1/s] of the eigenvalues of the field's Jacobian at `x`; see `span` of the methods.
+
+    A transient that has died out has coefficients that vanish and allow any step.  What the same step
+    does to derivatives is not seen there: beyond the method's region of stability they grow, and with them
+    what is left of rounding, from step to step.  Two components a, b that feel each other turn or decay at
+    the rate sqrt|J_ab J_ba|, whatever their units; what only one of them feels changes no eigenvalue.
+    """
+
+    def flow(x):
+        return jnp.stack([jnp.asarray(rate, float) for rate in field(after, list(x))])
+
+    jacobian = jax.jacfwd(flow)(jnp.stack(x))
+    known = np.isin(np.arange(len(x)), closed)
+    weight = np.where(known, 1.0 / _FORCED**2, 1.0)
+    mutual = jnp.abs(jacobian * jacobian.T) * weight
+    return jnp.sqrt(jnp.max(jnp.sum(jnp.where(jnp.isfinite(mutual), mutual, 0.0), axis=1)))
 
 
 def _kept(tree, one):

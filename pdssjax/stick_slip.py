@@ -213,10 +213,9 @@ class StickSlip(eqx.Module):
         """What a step has to resolve besides the state, as displacements [m]."""
         return self.actuator.friction.hidden(x.memory, x.v, mode)
 
-    def fading(self, x: State) -> tuple:
-        """The rates [1/s] at which transients die out, of what a step does not know in closed form."""
-        stage = () if self._exact() else self.actuator.stage.fading()
-        return (*stage, *(self.sensor.pole() for _ in x.lag), *self.actuator.friction.fading(x.memory))
+    def closed_components(self) -> tuple[int, ...]:
+        """The components, counted as the leaves of `State`, that `exact` knows: a platform that feels nothing."""
+        return tuple(range(2, 2 + len(self.actuator.piezo.initial()))) if self._exact() else ()
 
     def faint(self, slope, mode, which):
         """Whether a reversal is nothing but the rounding of a contact that is at rest.

@@ -90,9 +90,9 @@ class Tribometer(eqx.Module):
         """Nothing: within a step the velocity is constant."""
         return ()
 
-    def fading(self, x: tuple) -> tuple:
-        """The rates [1/s] at which the contact forgets, where that limits a step."""
-        return self.friction.fading(x[1])
+    def closed_components(self) -> tuple[int, ...]:
+        """None: the motion is part of the field."""
+        return ()
 
     def faint(self, slope, mode, which):
         """No event here is mere rounding."""

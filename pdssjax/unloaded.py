@@ -97,9 +97,9 @@ class Unloaded(eqx.Module):
         """Nothing but the state has to be resolved."""
         return ()
 
-    def fading(self, x: State) -> tuple:
-        """The rates [1/s] at which transients die out, of what a step does not know in closed form."""
-        return (*(() if self.stage.closed else self.stage.fading()), *(self.sensor.pole() for _ in x.lag))
+    def closed_components(self) -> tuple[int, ...]:
+        """The components, counted as the leaves of `State`, that `exact` knows."""
+        return tuple(range(len(self.stage.piezo.initial()))) if self.stage.closed else ()
 
     def faint(self, slope, mode, which):
         """No event here is mere rounding."""

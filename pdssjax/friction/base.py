@@ -83,10 +83,6 @@ class AbstractFriction(eqx.Module):
         """What the guards feel of v and the state does not, as displacements [m]; steps resolve these, too."""
         return ()
 
-    def fading(self, state: State) -> tuple[Number, ...]:
-        """Rates [1/s] at which the state forgets, where that has to limit the steps; see `stepping.SPAN`."""
-        return ()
-
     def holding(self, state: State, sign: Number) -> Number:
         """The force [N] beyond which the contact at rest lets go in the direction `sign`."""
         return self.force(self.turned(state, sign), 0.0, sign)  # pyright: ignore[reportArgumentType]

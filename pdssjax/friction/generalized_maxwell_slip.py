@@ -110,11 +110,6 @@ class GeneralizedMaxwellSlip(AbstractFriction):
         )
         return (*elements, stribeck_guard(state[-1], v, sign, self.v_s))
 
-    def fading(self, state):
-        forgets = self.attraction / (jnp.minimum(self.weakened, 1.0) * sum(self._strengths()))
-        slips = sum(state[_COUNT:-1]) > 0
-        return (jnp.where(slips, forgets, 0.0),)
-
     def passed(self, state, v, sign, which):
         slips = (jnp.where(which == i, 1.0, flag) for i, flag in enumerate(state[_COUNT:-1]))
         fast = jnp.where(which == _COUNT, 1.0 - state[-1], state[-1])

@@ -85,10 +85,6 @@ class AbstractPiezo(eqx.Module):
     def fastest(self) -> Float[Array, ""]:
         """The fastest angular frequency [rad/s]: the scale between velocity and displacement."""
 
-    def fading(self) -> Float[Array, ""]:
-        """The rate [1/s] at which the quickest of the transients dies out; 0 where there is none."""
-        return self.fastest()
-
     def motion(self, state: State, segment: Segment, after, lapse) -> State:
         """Where `closed`: the exact state `lapse` [s] later, `after` [s] into a segment; no force."""
         raise NotImplementedError(f"{type(self).__name__} knows no closed form")

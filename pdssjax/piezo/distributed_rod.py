@@ -123,10 +123,6 @@ class DistributedRod(AbstractPiezo):
         # That of the mode that moves the platform: the others are over before it has begun to.
         return self.modes.natural_frequency[0]
 
-    def fading(self):
-        w, xi = self.modes.natural_frequency, self.modes.damping_ratio
-        return jnp.max(w * (xi + jnp.sqrt(jnp.maximum(xi**2 - 1.0, 0.0))))
-
     def _pairs(self, state):
         """For each mode its (y, w), its (gain, frequency, damping), and its mass."""
         kept = self.modes

@@ -65,6 +65,3 @@ class Static(AbstractPiezo):
 
     def fastest(self):
         return jnp.asarray(_FAST)
-
-    def fading(self):
-        return jnp.zeros(())
