@@ -4,12 +4,21 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .estimation import FitInterrupted as FitInterrupted
     from .estimation import identify as identify
+    from .guessing import initial_guess as initial_guess
     from .simulation import simulate as simulate
     from .study import load_study as load_study
     from .sweeping import sweep as sweep
 
-_HOMES = {"identify": "estimation", "load_study": "study", "simulate": "simulation", "sweep": "sweeping"}
+_HOMES = {
+    "FitInterrupted": "estimation",
+    "identify": "estimation",
+    "initial_guess": "guessing",
+    "load_study": "study",
+    "simulate": "simulation",
+    "sweep": "sweeping",
+}
 
 
 def __getattr__(name: str) -> Any:

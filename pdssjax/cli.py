@@ -1,7 +1,9 @@
 """The command `pdssjax`: its options, and its exit status.
 
 0 when it worked, 2 when the input is at fault, 3 when a fit did not converge (its best result
-is written all the same), 130 when interrupted.
+is written all the same), 4 when results could not be written to the folder asked for (the last
+lines say where they are instead).  Broken off, 130 (Ctrl-C), 143 (SIGTERM) or 129 (SIGHUP); a
+fit then leaves the best point so far in its folder, marked.
 """
 
 import argparse
@@ -15,11 +17,12 @@ from . import commands
 from .commands import EXAMPLE as EXAMPLE
 from .console import announce_warnings
 from .errors import InputError, InputWarning
+from .signals import exit_status, requests_to_end
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit status; `arguments` default to the process's own."""
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), requests_to_end():
         warnings.simplefilter("always", InputWarning)
         warnings.showwarning = announce_warnings(warnings.showwarning)
         try:
@@ -28,9 +31,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         except (InputError, OSError) as error:
             print(f"pdssjax: error: {error}", file=sys.stderr)
             return 2
-        except KeyboardInterrupt:
+        except KeyboardInterrupt as interrupt:
             print("pdssjax: interrupted", file=sys.stderr)
-            return 130
+            return exit_status(interrupt)
 
 
 class _Parser(argparse.ArgumentParser):
@@ -39,7 +42,13 @@ class _Parser(argparse.ArgumentParser):
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(prog="pdssjax", description="Models and identifies piezoelectric stick-slip actuators.")
+    parser = _Parser(
+        prog="pdssjax",
+        description="Models and identifies piezoelectric stick-slip actuators.",
+        epilog="Exit status: 0 it worked; 2 the input is at fault; 3 a fit did not converge, its best result is "
+        "written; 4 results could not be written where asked; 130 or 143 interrupted or terminated, a fit leaves its "
+        "best point so far in estimate.json.",
+    )
     subcommands = parser.add_subparsers(required=True, metavar="COMMAND")
 
     text = "estimate an actuator's parameters, with uncertainties, from the records of a study"
@@ -61,11 +70,11 @@ def _parser() -> argparse.ArgumentParser:
     )
     _add_out(identify)
 
-    text = "predict every record of a study at its given values and starts"
+    text = "predict every record of a study, at its values and starts or at those of an estimate"
     simulate = subcommands.add_parser("simulate", help=text, description=text)
     simulate.set_defaults(run=commands.simulate)
     simulate.add_argument("study", type=Path, metavar="STUDY", help="study file (TOML)")
-    _add_estimate(simulate)
+    _add_numbers(simulate)
     _add_out(simulate)
 
     text = "tell from records alone how well an actuator walks or pushes (thesis, chapter 3)"
@@ -90,7 +99,7 @@ def _parser() -> argparse.ArgumentParser:
     record = subcommands.add_parser("record", help=text, description=text)
     record.set_defaults(run=commands.record)
     record.add_argument("study", type=Path, metavar="STUDY", help="study file (TOML) whose parameters all have numbers")
-    _add_estimate(record)
+    _add_numbers(record)
     record.add_argument("--seed", type=int, default=0, help="another seed, other noise (default 0)")
     _add_out(record)
 
@@ -98,7 +107,7 @@ def _parser() -> argparse.ArgumentParser:
     sweep = subcommands.add_parser("sweep", help=text, description=text)
     sweep.set_defaults(run=commands.sweep)
     sweep.add_argument("study", type=Path, metavar="STUDY", help="study file (TOML)")
-    _add_estimate(sweep)
+    _add_numbers(sweep)
     sweep.add_argument(
         "--voltage", metavar="FROM:TO:COUNT", help='axis of the drive, such as 20:80:40 or "20 V:80 V:40"'
     )
@@ -129,9 +138,11 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _add_estimate(parser: argparse.ArgumentParser) -> None:
-    text = "take the parameters' numbers from an estimate.json in place of the study's"
+def _add_numbers(parser: argparse.ArgumentParser) -> None:
+    text = "take the parameters' numbers from an estimate.json in place of the study's values and starts"
     parser.add_argument("--estimate", type=Path, metavar="FILE", help=text)
+    text = "guess from the records what then has no number: rough, where a fit may begin; without it that is an error"
+    parser.add_argument("--guess", action="store_true", help=text)
 
 
 def _add_out(parser: argparse.ArgumentParser, required: bool = True) -> None:

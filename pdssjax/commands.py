@@ -4,12 +4,14 @@ What takes long to import is imported where it is used, so that help comes at on
 """
 
 import argparse
+import json
 import shutil
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .console import counter, progress
+from .console import counter, progress, say
 from .errors import InputError
 
 if TYPE_CHECKING:
@@ -20,11 +22,13 @@ if TYPE_CHECKING:
 
 EXAMPLE = Path(__file__).parent / "example"
 """Folder of the packaged study."""
+NOT_WRITTEN = 4
+"""Exit status where results could not be written to the folder asked for."""
 
 
 def identify(options: argparse.Namespace) -> int:
-    from .output import check_free, write_estimate
-    from .report import format_comparison, format_report
+    from .output import check_free
+    from .report import format_comparison
     from .runtime import prepare_jax
 
     methods: list[Any] = ["joint", "sequential"] if options.method == "both" else [options.method]
@@ -35,52 +39,122 @@ def identify(options: argparse.Namespace) -> int:
     import pdssjax
 
     study = pdssjax.load_study(options.study)
-    estimates = {}
-    with progress() as say:
-        for method, folder in folders.items():
-            estimates[method] = pdssjax.identify(study, method=method, progress=say)
-            say("writing report, predictions and plots")
-            write_estimate(estimates[method], folder)
-    for estimate in estimates.values():
-        print(format_report(estimate))
+    estimates: dict[str, Any] = {}
+    written = True
+    for method, folder in folders.items():
+        estimates[method] = _identified(study, method, folder)
+        written &= _report_and_keep(estimates[method], folder)
     if len(methods) > 1:
-        print(format_comparison(estimates["joint"], estimates["sequential"]))
-    print(f"Results are in {options.out}")
+        say(format_comparison(estimates["joint"], estimates["sequential"]))
+    if written:
+        say(f"Results are in {options.out}")
     lost = [method for method, estimate in estimates.items() if not estimate.converged]
     for method in lost:
         print(f"pdssjax: warning: the {method} fit did not converge: {estimates[method].message}", file=sys.stderr)
-    return 3 if lost else 0
+    return NOT_WRITTEN if not written else 3 if lost else 0
+
+
+def _identified(study: Any, method: Any, folder: Path) -> Any:
+    """The estimate of a study; of a fit that is broken off the best point so far is kept in `folder`."""
+    import pdssjax
+
+    from .output import write_essentials
+    from .report import format_report
+
+    try:
+        with progress() as tell:
+            return pdssjax.identify(study, method=method, progress=tell)
+    except pdssjax.FitInterrupted as interrupt:
+        kept = interrupt.estimate
+        if kept is not None:
+            say(format_report(kept))
+            if _keep(lambda place: write_essentials(kept, place), folder, kept):
+                print(f"pdssjax: the best point so far is in {folder / 'estimate.json'}", file=sys.stderr)
+        raise
+
+
+def _report_and_keep(estimate: Any, folder: Path) -> bool:
+    """Print the report of an `estimate`, then write all that belongs to it; whether `folder` took it."""
+    from .output import write_essentials, write_estimate
+    from .report import format_report
+
+    try:
+        say(format_report(estimate))
+        with progress() as tell:
+            tell("writing report, predictions and plots")
+            return _keep(lambda place: write_estimate(estimate, place), folder, estimate)
+    except KeyboardInterrupt:
+        if _keep(lambda place: write_essentials(estimate, place), folder, estimate):
+            print(f"pdssjax: the estimate is in {folder / 'estimate.json'}, without plots", file=sys.stderr)
+        raise
+
+
+def _keep(write: Callable[[Path], None], folder: Path, estimate: Any = None) -> bool:
+    """`write` results to `folder`, or where that fails to one for temporary files, or print the `estimate`.
+
+    Whether `folder` took them.
+    """
+    from .output import estimate_json, write_aside
+
+    try:
+        write(folder)
+        return True
+    except OSError as error:
+        print(f"pdssjax: error: {folder}: cannot be written to ({error.strerror or error})", file=sys.stderr)
+    try:
+        print(f"pdssjax: the results are in {write_aside(write)} instead", file=sys.stderr)
+    except OSError as error:
+        lost = "the results are lost" if estimate is None else "the estimate is printed here"
+        print(f"pdssjax: nor is there room for temporary files ({error.strerror or error}); {lost}", file=sys.stderr)
+        if estimate is not None:
+            say(estimate_json(estimate))
+    return False
 
 
 def simulate(options: argparse.Namespace) -> int:
     from .output import check_free, write_predictions
-    from .report import format_records
+    from .report import format_numbers, format_records
     from .runtime import prepare_jax
 
     check_free(options.out, options.overwrite)
     prepare_jax()
+    from .identified import numbers_used
 
     study = _study(options)
-    with progress() as say:
-        say("simulating")
-        records = [_compared(*pair) for pair in zip(study.records, study.predict({}), strict=True)]
-        say("writing predictions and plots")
-        write_predictions(records, options.out)
-    print(format_records(records))
-    print(f"Results are in {options.out}")
-    return 0
+    used = numbers_used(study)
+    with progress() as tell:
+        tell("simulating")
+        records = [_compared(*pair) for pair in zip(study.records, study.predict(), strict=True)]
+    say(format_numbers(used))
+    say(format_records(records))
+    with progress() as tell:
+        tell("writing predictions and plots")
+        written = _keep(lambda place: write_predictions(records, used, place), options.out)
+    return _told(written, f"Results are in {options.out}")
+
+
+def _told(written: bool, where: str) -> int:
+    """The exit status; says `where` the results are if they were `written` there."""
+    if written:
+        say(where)
+    return 0 if written else NOT_WRITTEN
 
 
 def _study(options: argparse.Namespace, virtual: bool = False) -> Any:
-    """The study of a command, with the numbers of `--estimate` where that is given."""
+    """The study of a command, with the numbers of `--estimate`, and those of `--guess` for what then is missing."""
     import pdssjax
 
     study = pdssjax.load_study(options.study, virtual=True) if virtual else pdssjax.load_study(options.study)
-    if options.estimate is None:
-        return study
-    from .identified import with_estimate
+    if options.estimate is not None:
+        from .identified import with_estimate
 
-    return with_estimate(study, options.estimate)
+        study = with_estimate(study, options.estimate)
+    if options.guess and (missing := study.missing()):
+        with progress() as tell:
+            tell("guessing from the records")
+            guess = pdssjax.initial_guess(study)
+        study = study.with_values({path: guess[path] for path in missing}, "guess from the records")
+    return study
 
 
 def _compared(record: "Record", predicted: "ArrayLike") -> "FittedRecord":
@@ -97,26 +171,31 @@ def _compared(record: "Record", predicted: "ArrayLike") -> "FittedRecord":
 
 def record(options: argparse.Namespace) -> int:
     from .output import check_free, write_recordings
-    from .report import format_records
+    from .report import format_numbers, format_records
     from .runtime import prepare_jax
 
     check_free(options.out, options.overwrite)
     prepare_jax()
 
     from .estimate import compare
+    from .identified import numbers_used
     from .virtual_rig import make_recordings, truth
 
     study = _study(options, virtual=True)
-    with progress() as say:
-        say("simulating")
+    used = numbers_used(study)
+    with progress() as tell:
+        tell("simulating")
         made = make_recordings(study, options.seed)
-        say("writing records and plots")
-        compared = [compare(r.record, r.true, noise=r.record.noise or 0.0, offset=r.offset) for r in made]
-        write_recordings(made, compared, truth(study, made, options.seed), options.study, options.out)
-    print(format_records(compared))
-    print(f"Records are in {options.out / 'records'}")
-    print(f"Identify them with: pdssjax identify {options.out / 'records' / options.study.name} --out ...")
-    return 0
+    compared = [compare(r.record, r.true, noise=r.record.noise or 0.0, offset=r.offset) for r in made]
+    say(format_numbers(used))
+    say(format_records(compared))
+    went_in = truth(study, made, options.seed)
+    with progress() as tell:
+        tell("writing records and plots")
+        write = lambda place: write_recordings(made, compared, went_in, used, options.study, place)
+        written = _keep(write, options.out)
+    again = f"pdssjax identify {options.out / 'records' / options.study.name} --out ..."
+    return _told(written, f"Records are in {options.out / 'records'}\nIdentify them with: {again}")
 
 
 def characterise(options: argparse.Namespace) -> int:
@@ -145,11 +224,11 @@ def characterise(options: argparse.Namespace) -> int:
         characterise(file, **columns, units=units, frequency=frequency, window=window, slip_duration=slip_duration)
         for file in options.files
     ]
-    print("\n".join(map(format_characterisation, found)), end="")
-    if options.out:
-        write_characterisations(found, options.out)
-        print(f"\nResults are in {options.out}")
-    return 0
+    say("\n".join(map(format_characterisation, found)), end="")
+    if not options.out:
+        return 0
+    written = _keep(lambda place: write_characterisations(found, place), options.out)
+    return _told(written, f"\nResults are in {options.out}")
 
 
 def _plain(given: str) -> float | str:
@@ -176,7 +255,7 @@ def _units(given: list[str]) -> dict[str, str]:
 
 def sweep(options: argparse.Namespace) -> int:
     from .output import check_free, check_store, write_sweep
-    from .report import format_sweep
+    from .report import format_numbers, format_sweep
     from .runtime import prepare_jax
 
     check_free(options.out, options.overwrite)
@@ -193,10 +272,10 @@ def sweep(options: argparse.Namespace) -> int:
     over = {path: read_axis(path, text, legal) for path, text in given if text is not None}
     with counter("points") as count:
         data = pdssjax.sweep(study, over, record=options.record, cycles=options.cycles, progress=count)
-    write_sweep(data, options.out, options.store)
-    print(format_sweep(data), end="")
-    print(f"Results are in {options.out}")
-    return 0
+    say(format_numbers(json.loads(data.attrs["parameters"])))
+    say(format_sweep(data), end="")
+    written = _keep(lambda place: write_sweep(data, place, options.store), options.out)
+    return _told(written, f"Results are in {options.out}")
 
 
 def _axis(text: str) -> tuple[str, str]:

@@ -4,6 +4,7 @@ The one home of rich.
 """
 
 import contextlib
+import os
 import sys
 from collections.abc import Callable, Iterator
 
@@ -20,6 +21,17 @@ def announce_warnings(show: Callable[..., None]) -> Callable[..., None]:
             show(message, category, *where)
 
     return announce
+
+
+def say(text: str, end: str = "\n") -> None:
+    """Print a result at once.  Where nobody takes it (a closed pipe, a full disk), the command goes on."""
+    try:
+        print(text, end=end, flush=True)
+    except OSError as error:
+        with contextlib.suppress(OSError):
+            # What is still buffered would fail again at the end of the process.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            print(f"pdssjax: warning: cannot print any further ({error.strerror})", file=sys.stderr, flush=True)
 
 
 @contextlib.contextmanager

@@ -4,6 +4,7 @@ import dataclasses
 import time
 from typing import Literal
 
+from .best_point import BestPoint, Point, completed
 from .errors import InputError
 from .estimate import Estimate
 from .fitting import Progress, joint, sequential
@@ -14,6 +15,17 @@ from .study import Study
 from .summary import summarise
 
 Method = Literal["joint", "sequential"]
+
+
+class FitInterrupted(KeyboardInterrupt):
+    """A fit was broken off: by Ctrl-C, or by whatever else raises `KeyboardInterrupt` in the main thread."""
+
+    estimate: Estimate | None
+    """At the best point so far, not converged unless the fit was done; None where there is none yet."""
+
+    def __init__(self, estimate: Estimate | None):
+        super().__init__("the fit was interrupted")
+        self.estimate = estimate
 
 
 def identify(
@@ -31,7 +43,8 @@ def identify(
     called with a line of text now and then.
 
     **Raises:** `InputError` if there is nothing to fit.  A fit that does not converge is
-    returned all the same, with `converged` False and the reason in `message`.
+    returned all the same, with `converged` False and the reason in `message`.  `FitInterrupted`,
+    a `KeyboardInterrupt` whose `estimate` is that at the best point so far, if it is broken off.
     """
     need_double_precision()
     begun = time.perf_counter()
@@ -39,9 +52,21 @@ def identify(
     _check(study, method)
     report("finding starts")
     run = joint if method == "joint" else sequential
-    fit, problem, starts = best_fit(study, accuracy or Accuracy(), run, report)
+    best, done = BestPoint(), None
+    try:
+        fit, problem, starts = best_fit(study, accuracy or Accuracy(), best.watched(run), report)
+        done = Point(fit, problem, starts, 2)
+        estimate = _summarised(study, method, done, begun, report)
+    except KeyboardInterrupt as interrupt:
+        point = done or best.point
+        kept = _summarised(study, method, point, begun, report) if point else None
+        raise FitInterrupted(kept) from interrupt
+    return estimate
+
+
+def _summarised(study: Study, method: Method, point: Point, begun: float, report: Progress) -> Estimate:
     report("predicting every record")
-    estimate = summarise(study, method, problem, fit, starts)
+    estimate = summarise(study, method, point.problem, completed(point, report), point.starts)
     return dataclasses.replace(estimate, seconds=time.perf_counter() - begun)
 
 

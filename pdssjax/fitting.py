@@ -22,6 +22,15 @@ FLAT = "no step would change chi-square visibly"
 CRAWLS = "chi-square no longer falls visibly, along a valley that the data leave almost flat"
 STALLS = "no step lowers chi-square any further, although the linear model promises it"
 LOST = "the actuator cannot be simulated at the start"
+INTERRUPTED = "interrupted; this is the best point so far, not an optimum"
+
+
+Watch = Callable[["Problem", np.ndarray, "Fit"], None]
+"""Told after every iteration: the problem, which records are used, and where the run is."""
+
+
+def unwatched(problem: "Problem", used: np.ndarray, fit: "Fit") -> None:
+    """Takes no notice."""
 
 
 class Problem(NamedTuple):
@@ -32,6 +41,7 @@ class Problem(NamedTuple):
     """The records fitted."""
     noise: np.ndarray
     """Standard deviation of each [m]."""
+    watch: Watch = unwatched
 
 
 class Run(Protocol):
@@ -97,9 +107,15 @@ def sequential(problem: Problem, starts: dict[str, Any], report: Progress, limit
     first = _least_squares(problem, free, measures == "platform", piezo, "piezo", report, limit)
     second = _least_squares(problem, first.free, measures == "effector", ~piezo, "friction", report, limit)
     # Both steps' residuals, for the statistics and the errors.
-    whole = _least_squares(problem, second.free, np.ones(len(measures), bool), piezo & ~piezo, "all", report, limit)
+    whole = evaluated(problem, second.free, report)
     whole = whole._replace(success=first.success and second.success, message=second.message)
     return summed(whole, [first, second])
+
+
+def evaluated(problem: Problem, free: np.ndarray, report: Progress) -> Fit:
+    """All records at the point `free`, shape (parameters,), where nothing is fitted."""
+    everything = np.ones(len(problem.records), bool)
+    return _least_squares(problem, free, everything, np.zeros(free.size, bool), "all", report)
 
 
 def piezo_alone(problem: Problem, starts: dict[str, Any], report: Progress) -> dict[str, float]:
@@ -155,6 +171,8 @@ def _least_squares(problem, free, used, loose, name, report, limit=MAX_ITERATION
         y, state, over, result = _iterate(solver, residual, y, weights, options, state)
         evaluations += 2
         chi2 = float(np.sum(np.asarray(state.residual) ** 2))
+        taken = max(int(state.iterations), 1 - int(state.fresh))
+        problem.watch(problem, used, Fit(np.asarray(y), state, False, INTERRUPTED, taken, evaluations))
         report(f"{name}: iteration {int(state.iterations)}, chi-square {chi2:.6g}")
         if over:
             ending = _ending(result, int(state.crawls) == solver.most_crawls)

@@ -1,14 +1,14 @@
-"""Takes a study's numbers from an earlier estimate, so that what was identified can be used."""
+"""Takes a study's numbers from an earlier estimate, and tells which numbers are used and where they come from."""
 
-import dataclasses
 import json
 import math
+import warnings
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
-from .errors import InputError, nearest
+from .errors import InputError, InputWarning, nearest
 from .estimate import FORMAT
-from .parameters import Parameter
 from .study import Study
 
 
@@ -16,21 +16,34 @@ def with_estimate(study: Study, file: Path) -> Study:
     """`study` with every parameter that `file`, an estimate.json, has a value of fixed at it.
 
     **Raises:** `InputError` if the file is missing or no estimate, or has a parameter that the
-    study has not.
+    study has not.  Warns with `InputWarning` if the fit did not converge.
     """
-    values = _read(file)
+    values, converged = _read(file)
     legal = study.legal()
-    parameters = dict(study.parameters)
-    for path, value in values.items():
+    for path in values:
         if path not in legal:
             raise InputError(
                 f'{file}: found the parameter "{path}", which {study.path} has not; {nearest(path, legal)}'
             )
-        parameters[path] = Parameter(path, legal[path].unit, legal[path], value=value)
-    return dataclasses.replace(study, parameters=parameters)
+    if not converged:
+        warnings.warn(f"{file}: the fit did not converge; its numbers are used all the same.", InputWarning, 2)
+    return study.with_values(values, f"estimate {file}" + (" (not converged)" if not converged else ""))
 
 
-def _read(file: Path) -> dict[str, float]:
+def numbers_used(study: Study, but: Collection[str] = ()) -> dict[str, dict[str, Any]]:
+    """By path, `value` [SI], `unit` and, in words, `source` of every listed parameter `but` those.
+
+    **Raises:** `InputError` for parameters without a number.
+    """
+    told = study.parameters
+    return {
+        path: {"value": number, "unit": told[path].unit, "source": told[path].origin}
+        for path, number in study.values(but).items()
+    }
+
+
+def _read(file: Path) -> tuple[dict[str, float], bool]:
+    """The value of every parameter, and whether the fit converged."""
     try:
         document: Any = json.loads(file.read_text(encoding="utf-8"))
     except FileNotFoundError:
@@ -50,4 +63,4 @@ def _read(file: Path) -> dict[str, float]:
         if not isinstance(value, int | float) or not math.isfinite(value):
             raise InputError(f'{file}: parameters: "{path}": found the value {value}, expected a number.')
         values[path] = float(value)
-    return values
+    return values, document.get("converged") is not False

@@ -9,7 +9,7 @@ import os
 import re
 import shutil
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,10 @@ from .report import format_report
 from .virtual_rig import Recording, write_csv
 
 CHARACTERISATION_FORMAT = "pdssjax-characterisation/1"
+PARAMETERS_FORMAT = "pdssjax-parameters/1"
 
+Numbers = dict[str, dict[str, Any]]
+"""Value, unit and source of parameters by path, as `pdssjax.identified.numbers_used` tells them."""
 _RESULTS = (
     "report.txt",
     "records",
@@ -34,6 +37,7 @@ _RESULTS = (
     "sweep.zarr",
     "sweep.png",
     "characterise.json",
+    "parameters.json",
     "estimate.json",
 )
 """What a folder of results may hold; the JSON file is moved in last, so where it is, all is."""
@@ -61,25 +65,59 @@ def write_estimate(estimate: Estimate, folder: Path) -> None:
     from .plot import correlation_figure, error_figure
 
     with _staged(folder) as stage:
-        (stage / "report.txt").write_text(format_report(estimate), encoding="utf-8")
-        text = json.dumps(_finite(_document(estimate)), indent=1, ensure_ascii=False, allow_nan=False)
-        (stage / "estimate.json").write_text(text + "\n", encoding="utf-8")
+        _write_essentials(estimate, stage)
         _write_records(estimate.records, stage)
         if len(estimate.names) > 1:
             correlation_figure(estimate).savefig(stage / "plots" / "correlations.png")
         error_figure(estimate).savefig(stage / "plots" / "standard_errors.png")
 
 
-def write_predictions(records: Sequence[FittedRecord], folder: Path) -> None:
-    """Put the plot and the prediction of each record into `folder`, in place of older results."""
+def write_essentials(estimate: Estimate, folder: Path) -> None:
+    """Put only `estimate.json` and `report.txt` into `folder`, in place of older results."""
     with _staged(folder) as stage:
+        _write_essentials(estimate, stage)
+
+
+def _write_essentials(estimate: Estimate, stage: Path) -> None:
+    (stage / "estimate.json").write_text(estimate_json(estimate), encoding="utf-8")
+    (stage / "report.txt").write_text(format_report(estimate), encoding="utf-8")
+
+
+def estimate_json(estimate: Estimate) -> str:
+    """What `estimate.json` holds."""
+    return _json(_document(estimate))
+
+
+def _json(document: Any) -> str:
+    return json.dumps(_finite(document), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def write_predictions(records: Sequence[FittedRecord], used: Numbers, folder: Path) -> None:
+    """Put the plot and the prediction of each record into `folder`, in place of older results.
+
+    With them `parameters.json`, the numbers `used`.
+    """
+    with _staged(folder) as stage:
+        _write_numbers(used, stage)
         _write_records(records, stage)
 
 
+def _write_numbers(used: Numbers, stage: Path) -> None:
+    text = _json({"format": PARAMETERS_FORMAT, "parameters": used})
+    (stage / "parameters.json").write_text(text, encoding="utf-8")
+
+
 def write_recordings(
-    made: Sequence[Recording], compared: Sequence[FittedRecord], truth: dict[str, Any], study: Path, folder: Path
+    made: Sequence[Recording],
+    compared: Sequence[FittedRecord],
+    truth: dict[str, Any],
+    used: Numbers,
+    study: Path,
+    folder: Path,
 ) -> None:
     """Put the CSV files of a virtual rig, the study that describes them, and what went in into `folder`.
+
+    With them `parameters.json`, the numbers `used`.
 
     **Raises:** `InputError` where the study's records are to lie outside its folder.
     """
@@ -90,12 +128,12 @@ def write_recordings(
                 f'{study}: record "{one.record.name}": found {one.record.file}, expected a file beside it.'
             )
     with _staged(folder) as stage:
+        _write_numbers(used, stage)
         _write_records(compared, stage)
         for place, one in zip(places, made, strict=True):
             write_csv(one, stage / "records" / str(place))
         shutil.copyfile(study, stage / "records" / study.name)
-        text = json.dumps(_finite(truth), indent=1, ensure_ascii=False, allow_nan=False)
-        (stage / "records" / "truth.json").write_text(text + "\n", encoding="utf-8")
+        (stage / "records" / "truth.json").write_text(_json(truth), encoding="utf-8")
 
 
 def _beside(file: Path, study: Path) -> bool:
@@ -103,10 +141,11 @@ def _beside(file: Path, study: Path) -> bool:
 
 
 def write_sweep(data: Any, folder: Path, store: str) -> None:
-    """Put a sweep's `xarray.Dataset` into `folder` as sweep.nc or sweep.zarr, with its map."""
+    """Put a sweep's `xarray.Dataset` into `folder` as sweep.nc or sweep.zarr, with its map and `parameters.json`."""
     from .plot_sweep import sweep_figure
 
     with _staged(folder) as stage:
+        _write_numbers(json.loads(data.attrs["parameters"]), stage)
         if store == "zarr":
             data.to_zarr(stage / "sweep.zarr", consolidated=False)
         else:
@@ -131,8 +170,7 @@ def write_characterisations(found: Sequence[Characterisation], folder: Path) -> 
             cycle_figure(one).savefig(stage / "plots" / f"{stem}.png")
         _write_cycles(dict(zip(stems, found, strict=True)), stage / "cycles.csv")
         document = {"format": CHARACTERISATION_FORMAT, "records": [_record_document(one) for one in found]}
-        text = json.dumps(_finite(document), indent=1, ensure_ascii=False, allow_nan=False)
-        (stage / "characterise.json").write_text(text + "\n", encoding="utf-8")
+        (stage / "characterise.json").write_text(_json(document), encoding="utf-8")
 
 
 def _write_cycles(found: dict[str, Characterisation], file: Path) -> None:
@@ -169,6 +207,20 @@ def _record_document(one: Characterisation) -> dict[str, Any]:
         "slip_duration": one.slip_duration,
         "figures": {name: vars(summary) for name, summary in one.summary.items()},
     }
+
+
+def write_aside(write: Callable[[Path], None]) -> Path:
+    """A new folder for temporary files, in which `write` has put what it writes.
+
+    **Raises:** `OSError` where that fails, too; then nothing is left behind.
+    """
+    folder = Path(tempfile.mkdtemp(prefix="pdssjax-"))
+    try:
+        write(folder)
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+    return folder
 
 
 @contextlib.contextmanager

@@ -34,6 +34,18 @@ class Parameter:
     """Lower bound given; None: the legal range alone bounds it."""
     high: float | None = None
     """Upper bound given; None: the legal range alone bounds it."""
+    source: str = ""
+    """Where its number comes from, if not from the study's file."""
+
+    @property
+    def number(self) -> float | None:
+        """Its value or its start; None where it has neither."""
+        return self.start if self.value is None else self.value
+
+    @property
+    def origin(self) -> str:
+        """Where its number comes from, in words."""
+        return self.source or ("value in the study" if self.start is None else "start in the study")
 
     @property
     def free(self) -> bool:

@@ -24,10 +24,14 @@ _COLUMNS = {
 """What may be measured, and the columns that a record of it has, with their SI units; what is explained comes last."""
 _KEYS = [
     *("name", "file", "columns", "units", "measures", "role", "noise", "offset"),
-    *("window", "exclude", "drive", "resolution", "sampling"),
+    *("window", "exclude", "start", "drive", "resolution", "sampling"),
 ]
 # Within this time a platform under a step comes to rest; for the check of units only.
 _STEP_TIME = 0.01
+_LATE_PERIODS = 1000
+"""Periods of the drive after which a record that only then begins is taken for one on another clock."""
+_LATE_LENGTHS = 10
+"""The same for a drive without a period, in lengths of the record."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -44,11 +48,11 @@ class Record:
     """What: displacement of "platform" or "effector", "friction" force of the contact alone under
     a prescribed motion, or "force" of the blocked end-effector on a sensor."""
     drive: Any
-    """The voltage, from t = 0 of the record's clock on; fields in SI.  None for "friction"."""
+    """The voltage, from t = 0 on; fields in SI.  None for "friction"."""
     own: frozenset[str]
     """The drive's fields that the record itself sets; they do not follow the study's "drive.…"."""
     time: np.ndarray
-    """Sample times [s], strictly increasing, shape (samples,)."""
+    """Sample times [s], strictly increasing, shape (samples,); the drive starts at 0."""
     measured: np.ndarray
     """Displacement [m] or force [N], shape (samples,)."""
     noise: float | None
@@ -61,6 +65,8 @@ class Record:
     """Step [m or N] in which the sensor counts: for a virtual rig; a fit needs it within the noise."""
     columns: dict[str, tuple[str, str]] = dataclasses.field(default_factory=dict)
     """By quantity, the name of the column, and its unit; "" where the name says it."""
+    start: float = 0.0
+    """When the drive starts on the clock of the file [s]; `time` counts from there."""
 
     @property
     def unit(self) -> str:
@@ -74,8 +80,9 @@ def read_record(table: Table, folder: Path, virtual: bool = False) -> Record:
     Of a `virtual` rig the record is still to be made: where the table has `sampling`, nothing
     is read, and what was measured is zero.
 
-    **Raises:** `InputError` if the table or the file is at fault.  Warns with
-    `InputWarning` if the times look like milliseconds or end before the first period.
+    **Raises:** `InputError` if the table or the file is at fault, or if the record's clock cannot
+    meet its drive.  Warns with `InputWarning` if the times look like milliseconds or end before
+    the first period.
     """
     table.only(_KEYS)
     file = folder / table.text("file", "the path of a CSV file")
@@ -91,11 +98,16 @@ def read_record(table: Table, folder: Path, virtual: bool = False) -> Record:
             f'{table.at("drive")}: found a drive, expected none: the "motion" of a friction record is prescribed.'
         )
     columns = _columns(table, _COLUMNS[measures])
+    start = _start(table, measures)
     if virtual and "sampling" in table.entries:
         data = _planned(table, measures)
+        begin = float(data["time"][0])
     else:
-        data = _samples(table, file, _COLUMNS[measures], columns)
-    _warn(f'{file}: record "{name}"', data["time"], drive)
+        data, begin = _samples(table, file, _COLUMNS[measures], columns)
+    where = f'{file}: record "{name}"'
+    _check_clock(where, begin, data["time"], drive, start)
+    data["time"] = data["time"] - start
+    _warn(where, data["time"], drive)
     return Record(
         name=name,
         file=file,
@@ -110,7 +122,37 @@ def read_record(table: Table, folder: Path, virtual: bool = False) -> Record:
         motion=data.get("motion"),
         resolution=_positive(table, "resolution", unit) or 0.0,
         columns=columns,
+        start=start,
     )
+
+
+def _start(table: Table, measures: str) -> float:
+    """When the drive starts on the clock of the record's file [s]."""
+    if measures == "friction" and "start" in table.entries:
+        raise InputError(f"{table.at('start')}: found a start, expected none: a friction record has no drive.")
+    return table.number("start", "s", 0.0)
+
+
+def _check_clock(where: str, begin: float, time: np.ndarray, drive: AbstractDrive | None, start: float) -> None:
+    """Refuse a record whose samples cannot be of its drive.
+
+    **Arguments:** `begin` is the first time in the file, `time` those of the samples kept, and
+    `start` when the drive starts, all on the clock of the file [s].
+    """
+    if drive is None:
+        return
+    found = f"{where}: found times from {begin:.12g} s to {time[-1]:.12g} s"
+    on = f"on this clock the drive starts at {start:.12g} s, which the record's key start tells (0 if left out)"
+    if time[-1] <= start:
+        raise InputError(f"{found}, expected some after the drive has started; {on}.")
+    frequency = getattr(waveform(drive), "frequency", None)
+    if frequency:
+        latest, what = _LATE_PERIODS / float(frequency), f"{_LATE_PERIODS} periods of the drive"
+    else:
+        latest = _LATE_LENGTHS * max(float(time[-1]) - begin, _STEP_TIME)
+        what = f"{_LATE_LENGTHS} times the record's length"
+    if begin - start > latest:
+        raise InputError(f"{found}, expected the first within {what}, {latest:g} s, of the drive's start; {on}.")
 
 
 def _columns(table: Table, si_units: dict[str, str]) -> dict[str, tuple[str, str]]:
@@ -146,8 +188,8 @@ def _planned(table: Table, measures: str) -> dict[str, np.ndarray]:
 
 def _samples(
     table: Table, file: Path, si_units: dict[str, str], columns: dict[str, tuple[str, str]]
-) -> dict[str, np.ndarray]:
-    """The columns of the samples kept, by quantity, checked."""
+) -> tuple[dict[str, np.ndarray], float]:
+    """The columns of the samples kept, by quantity, checked, and the first time in the file [s]."""
     names = {quantity: name for quantity, (name, _) in columns.items()}
     data, lines = read_csv(file, names, si_units, {quantity: unit for quantity, (_, unit) in columns.items()})
     time = data["time"]
@@ -159,11 +201,11 @@ def _samples(
                 f'{file}: column "{names[quantity]}": found the same {quantity} in all {np.sum(keep)} samples, '
                 "expected a record that moves."
             )
-    return {quantity: column[keep] for quantity, column in data.items()}
+    return {quantity: column[keep] for quantity, column in data.items()}, float(time[0])
 
 
 def _kept(table: Table, time: np.ndarray) -> np.ndarray:
-    """Which samples the record's `window` and `exclude` leave, shape (samples,)."""
+    """Which samples the record's `window` and `exclude`, on the clock of its file, leave, shape (samples,)."""
     keep = np.ones(time.shape, bool)
     if "window" in table.entries:
         start, end = _interval(table.entries["window"], table.at("window"))

@@ -4,7 +4,7 @@ The order and the vocabulary follow lmfit's `fit_report`, which people in the fi
 """
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from .catalogue import Entry
@@ -80,6 +80,16 @@ def format_characterisation(found: Characterisation) -> str:
     text = "".join(f"    {name:<10}= {text}\n" for name, text in lines)
     legend = "    +/-: standard error of the mean; deviation: standard deviation of the cycles.\n"
     return _heading(str(found.file)) + text + _table("<<>>>", [head, *rows]) + legend
+
+
+def format_numbers(used: Mapping[str, Mapping[str, Any]]) -> str:
+    """The numbers with which records were predicted, as `numbers_used` tells them."""
+    head = ["", "unit", "value", "from"]
+    rows = []
+    for path, told in used.items():
+        unit, scale = display_unit(told["unit"])
+        rows.append([path, unit, f"{told['value'] * scale:.7g}", told["source"]])
+    return _heading("Parameters used") + _table("<<><", [head, *rows])
 
 
 def format_catalogue(entries: Sequence[Entry]) -> str:

@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from jaxtyping import Array, Float
 from .amplifier import Amplifier
 from .effector import Effector, Stop
 from .errors import InputError, nearest
+from .estimate import Estimate
 from .family import member, members
 from .hold import Held, waveform
 from .integration import Accuracy
@@ -22,8 +23,7 @@ from .quantity import Quantity, quantities
 from .records import Record, read_record
 from .sensor import Sensor
 from .simulation import need_double_precision
-from .starts import find_starts
-from .tables import Table
+from .tables import Table, check_range
 
 FORMAT = "pdssjax-study/1"
 _STATES = ["deflection", "force"]
@@ -51,16 +51,19 @@ class Study:
     """Records in the order of the file."""
 
     def predict(
-        self, values: Mapping[str, Any] | None = None, accuracy: Accuracy | None = None
+        self, values: Mapping[str, Any] | Estimate | None = None, accuracy: Accuracy | None = None
     ) -> list[Float[Array, " samples"]]:
         """What every record measures at its sample times, displacement [m] or force [N], without offsets.
 
-        **Arguments:** `values` maps parameter paths to numbers in SI; what is left out
-        keeps the study's value or start, or one found from the data where it has neither.
+        **Arguments:** `values` maps parameter paths to numbers in SI, or is an estimate, whose
+        parameters are taken; what is left out keeps the study's value or start.
 
+        **Returns:** one array of shape (samples,) a record, in the order of the records.
         Differentiable in `values` (`jvp`, `jacfwd`, `grad`); works under `jit` and `vmap`.
-        A record whose simulation cannot finish is NaN.  **Raises** `InputError` for a path
-        that is no parameter of the study's models.
+        A record whose simulation cannot finish is NaN.
+
+        **Raises:** `InputError` for a path that is no parameter of the study's models, and where
+        listed parameters are left with neither value nor start; `initial_guess` finds those.
         """
         return predicted(*self._asked(values, accuracy))
 
@@ -68,29 +71,49 @@ class Study:
         """`predict`, traced; its `compile` may go on in another thread."""
         return predicted.lower(*self._asked(values, None))  # pyright: ignore[reportFunctionMemberAccess]
 
-    def _asked(self, values: Mapping[str, Any] | None, accuracy: Accuracy | None) -> tuple[Any, ...]:
+    def _asked(self, values: Mapping[str, Any] | Estimate | None, accuracy: Accuracy | None) -> tuple[Any, ...]:
         need_double_precision()
-        values = {} if values is None else dict(values)
-        legal = _legal(self)
-        for path in values:
-            if path not in legal:
-                raise InputError(f'values: found the unknown parameter "{path}"; {nearest(path, legal)}')
-        full = {path: jnp.asarray(number, float) for path, number in (self._known(values) | values).items()}
+        given = _numbers({} if values is None else values, _legal(self))
+        full = {path: jnp.asarray(number, float) for path, number in (self.values(given) | given).items()}
         return self.predictor, full, accuracy or Accuracy()
 
     def legal(self) -> dict[str, Quantity]:
         """What is declared of every parameter that the study may list, by path."""
         return _legal(self)
 
-    def values(self) -> dict[str, float]:
-        """The number of every listed parameter: its value, its start, or one found from the data."""
-        return dict(self._values)
+    def values(self, but: Collection[str] = ()) -> dict[str, float]:
+        """The number [SI] of every listed parameter `but` those: its value or its start.
 
-    def _known(self, values: Mapping[str, Any]) -> dict[str, float]:
-        """`values()`, but without a search of the data where `values` makes it needless."""
-        given = {path: p.start if p.value is None else p.value for path, p in self.parameters.items()}
-        known = {path: number for path, number in given.items() if number is not None}
-        return known if set(given) <= set(known) | set(values) else self.values()
+        **Raises:** `InputError` that names all that have neither, and says what gives them.
+        """
+        if missing := [path for path in self.missing() if path not in but]:
+            raise InputError(
+                f"{self.path or self.title}: parameters: found no number for {', '.join(missing)}; expected "
+                "{ value = ... } or { start = ... } in the study, an estimate (--estimate FILE, or predict(estimate)), "
+                "or a guess from the records (--guess, or pdssjax.initial_guess(study))."
+            )
+        known = {path: parameter.number for path, parameter in self.parameters.items() if path not in but}
+        return {path: number for path, number in known.items() if number is not None}
+
+    def missing(self) -> list[str]:
+        """The listed parameters that have neither a value nor a start."""
+        return [path for path, parameter in self.parameters.items() if parameter.number is None]
+
+    def with_values(self, values: Mapping[str, float] | Estimate, source: str = "") -> "Study":
+        """The study with the parameters in `values` [SI], numbers by path or an estimate, fixed at them.
+
+        **Arguments:** `source` says in words where they come from, for what is written of them.
+
+        **Raises:** `InputError` for a path that is no parameter of the study's models, and for a
+        number outside its legal range.
+        """
+        source = source or ("estimate" if isinstance(values, Estimate) else "given")
+        legal = _legal(self)
+        parameters = dict(self.parameters)
+        for path, number in _numbers(values, legal).items():
+            check_range(float(number), legal[path], f'values: "{path}"')
+            parameters[path] = Parameter(path, legal[path].unit, legal[path], value=float(number), source=source)
+        return dataclasses.replace(self, parameters=parameters)
 
     @functools.cached_property
     def models(self) -> Models:
@@ -103,10 +126,6 @@ class Study:
     def predictor(self) -> Predictor:
         """The prediction of all records, ready to be compiled."""
         return Predictor(self.models, self.records)
-
-    @functools.cached_property
-    def _values(self) -> dict[str, float]:
-        return find_starts(self.models, self.parameters, self.records)
 
 
 def load_study(path: str | Path, virtual: bool = False) -> Study:
@@ -173,6 +192,16 @@ def _read_records(top: Table, folder: Path, virtual: bool) -> tuple[Record, ...]
             raise InputError(f'{top.where}: found two records named "{record.name}", expected different names.')
         records.append(record)
     return tuple(records)
+
+
+def _numbers(values: Mapping[str, Any] | Estimate, legal: Mapping[str, Quantity]) -> dict[str, Any]:
+    """`values` as numbers by path; **raises** `InputError` for a path that is not `legal`."""
+    if isinstance(values, Estimate):
+        values = {path: parameter.value for path, parameter in values.parameters.items()}
+    for path in values:
+        if path not in legal:
+            raise InputError(f'values: found the unknown parameter "{path}"; {nearest(path, legal)}')
+    return dict(values)
 
 
 def _legal(study: Study) -> dict[str, Quantity]:

@@ -7,6 +7,7 @@ stays that of a few blocks however many points there are.  A point that fails is
 
 import dataclasses
 import itertools
+import json
 import math
 import os
 from collections.abc import Callable, Mapping
@@ -21,6 +22,7 @@ import numpy as np
 from .errors import InputError, nearest
 from .expansion import Taylor
 from .hold import waveform
+from .identified import numbers_used
 from .integration import FAILURES, Accuracy
 from .metrics import FLANK, cycle_metrics
 from .quantity import Quantity, quantities
@@ -61,7 +63,8 @@ def sweep(
 ) -> Any:
     """Net step, speed, step efficiency, stroke and back-slip over a grid.
 
-    **Arguments:** `over` maps paths to the values [SI] of an axis, in the order of the axes:
+    **Arguments:** the study's parameters keep their values or starts; `study.with_values(estimate)`
+    takes those of an estimate.  `over` maps paths to the values [SI] of an axis, in the order of the axes:
     quantities of the drive ("drive.voltage", "drive.frequency", "drive.fall_time") and parameters
     of the study's models ("friction.f_ss_a").  `record` names the effector record whose drive is
     varied, the first one by default.  The last of `cycles` cycles is measured; one more is run,
@@ -70,23 +73,26 @@ def sweep(
 
     **Returns:** an `xarray.Dataset` with one dimension an axis, labelled with units: the metrics,
     and `failure`, 0 or an index into `pdssjax.integration.FAILURES`, whose sentences are in its
-    attribute `meanings`.
+    attribute `meanings`.  What was held has an attribute each, and the attribute `parameters`
+    (JSON) tells the study's parameters with value, unit and source.
 
-    **Raises:** `InputError` for an unknown path, an illegal value, an empty axis, or a study
-    without an effector record under a drive with a frequency.
+    **Raises:** `InputError` for an unknown path, an illegal value, an empty axis, a study
+    without an effector record under a drive with a frequency, or a parameter that is no axis and
+    has no number.
     """
     base = _base(study, record)
     axes = {path: np.atleast_1d(np.asarray(values, float)) for path, values in over.items()}
     declared = _check(study, base, axes, cycles)
     points = np.array(list(itertools.product(*axes.values()))) if axes else np.zeros((1, 0))
-    numbers = {path: value for path, value in study.values().items() if path not in {f"drive.{f}" for f in base.own}}
+    used = numbers_used(study, [*axes, *(f"drive.{field}" for field in base.own)])
+    numbers = {path: told["value"] for path, told in used.items()}
     run = _Block(study.models, base.drive, tuple(axes), numbers, cycles, accuracy or ACCURACY)
     # Neighbours in a block wait for the slowest of them, and what sets the pace is the frequency.
     pace = points[:, list(axes).index("drive.frequency")] if "drive.frequency" in axes else np.zeros(len(points))
     order = np.argsort(pace, kind="stable")
     found = np.empty((len(points), len(METRICS) + 1))
     found[order] = _run(run, points[order], progress, workers or os.cpu_count() or 1)
-    return _dataset(study, base, axes, declared, found, cycles)
+    return _dataset(study, base, axes, declared, found, cycles, used)
 
 
 class _Block(eqx.Module):
@@ -181,7 +187,7 @@ def _check(study: Study, base: Record, axes: Mapping[str, np.ndarray], cycles: i
     return {path: legal[path] for path in axes}
 
 
-def _dataset(study, base, axes, declared, found, cycles):
+def _dataset(study, base, axes, declared, found, cycles, used):
     import xarray
 
     shape = tuple(values.size for values in axes.values())
@@ -198,10 +204,12 @@ def _dataset(study, base, axes, declared, found, cycles):
         for name, (path, values) in zip(names, axes.items(), strict=True)
     }
     attributes = {"title": study.title, "record": base.name, "cycles": cycles, "drive": type(base.drive).__name__}
-    fixed = {path: number for path, number in study.values().items() if path not in axes}
-    fixed |= {
+    attributes["parameters"] = json.dumps(used)
+    of_drive = {
         f"drive.{field.name}": float(getattr(base.drive, field.name))
         for field in dataclasses.fields(base.drive)
         if f"drive.{field.name}" not in axes and isinstance(getattr(base.drive, field.name), float | int)
     }
-    return xarray.Dataset(data, coordinates, attributes | fixed)
+    # What the study says of its drives is what was run with, not the record's own defaults.
+    held = of_drive | {path: told["value"] for path, told in used.items()}
+    return xarray.Dataset(data, coordinates, attributes | held)

@@ -36,21 +36,13 @@ class Recording:
 def make_recordings(study: Study, seed: int = 0) -> list[Recording]:
     """Every record of `study`, as a rig with the study's values would measure it.
 
-    **Arguments:** the numbers of the parameters are their values or starts, or found from the
-    data where all records have some already.  The same `seed` gives the same records, and each
-    record its own noise, whatever the others are.
+    **Arguments:** the numbers of the parameters are their values or starts.  The same `seed`
+    gives the same records, and each record its own noise, whatever the others are.
 
     **Raises:** `InputError` for a parameter without a number, and for a simulation that fails.
     """
     where = study.path or study.title
-    unknown = [path for path, p in study.parameters.items() if p.value is None and p.start is None]
-    if unknown and not all(np.any(record.measured) for record in study.records):
-        raise InputError(
-            f'{where}: parameters: "{unknown[0]}": found no number, expected {{ value = ... }}, {{ start = ... }} '
-            "or an estimate: records that are still to be made have no data to find one from."
-        )
-    numbers = study.values()
-    motions = study.predict(numbers)
+    motions = study.predict()
     return [_recorded(*pair, seed, str(where)) for pair in zip(study.records, motions, strict=True)]
 
 
@@ -74,17 +66,19 @@ def write_csv(recording: Recording, file: Path) -> None:
     **Raises:** `InputError` where the name of a column does not tell its unit.
     """
     record = recording.record
-    data = {"time": (record.time, "s"), "motion": (record.motion, "m"), "force": (record.measured, "N")}
+    data = {"time": (record.time + record.start, "s"), "motion": (record.motion, "m"), "force": (record.measured, "N")}
     data["displacement"] = (record.measured, "m")
-    names, columns = [], []
+    names, columns, formats = [], [], []
     for quantity, (name, unit) in record.columns.items():
         values, si = data[quantity]
         where = f'record "{record.name}": column "{name}"'
         columns.append(np.asarray(values) / factor(unit or column_unit(name), si, where))
         names.append(name)
+        # A clock that began long ago needs more digits to tell its samples apart.
+        formats.append("%.15g" if quantity == "time" and record.start else "%.9g")
     file.parent.mkdir(parents=True, exist_ok=True)
     header = ",".join(names)
-    np.savetxt(file, np.column_stack(columns), fmt="%.9g", delimiter=",", header=header, comments="", encoding="utf-8")
+    np.savetxt(file, np.column_stack(columns), fmt=formats, delimiter=",", header=header, comments="", encoding="utf-8")
 
 
 def truth(study: Study, recordings: list[Recording], seed: int) -> dict[str, Any]:

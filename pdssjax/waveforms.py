@@ -44,9 +44,13 @@ def read_drive(table: Table, record: Table, folder: Path) -> tuple[AbstractDrive
 
 
 def _voltages(table: Table, record: Table, folder: Path) -> dict[str, Any]:
-    """Times [s] and voltages [V] of a sampled drive, from t = 0 on: a column of the record's file or of another."""
+    """Times [s] and voltages [V] of a sampled drive, from t = 0 on: a column of the record's file or of another.
+
+    What comes from the record's own file is on its clock, which the record's `start` shifts.
+    """
     column = table.text("column", "the name of a column of voltages")
-    file = folder / (table if "file" in table.entries else record).text("file", "the path of a CSV file")
+    own = folder / record.text("file", "the path of a CSV file")
+    file = folder / table.text("file", "the path of a CSV file") if "file" in table.entries else own
     columns = record.table("columns", "a table of columns")
     clock = (table if "time" in table.entries else columns).text("time", "the name of a column")
     elsewhere = record.table("units", "a table of units", {})
@@ -55,6 +59,8 @@ def _voltages(table: Table, record: Table, folder: Path) -> dict[str, Any]:
     data, lines = read_csv(file, {"time": clock, "voltage": column}, {"time": "s", "voltage": "V"}, written)
     time, voltage = data["time"], data["voltage"]
     check_times(file, clock, time, lines)
+    if file == own:
+        time = time - record.number("start", "s", 0.0)
     where = f'{file}: column "{column}"'
     peak = float(np.max(np.abs(voltage)))
     if peak == 0:
@@ -68,7 +74,7 @@ def _voltages(table: Table, record: Table, folder: Path) -> dict[str, Any]:
         first = early[0]
         raise InputError(
             f"{where}, line {lines[first]}: found {voltage[first]:g} V at {time[first]:g} s, expected 0 V before "
-            "t = 0, where the drive starts from rest; shift the times."
+            "t = 0, where the drive starts from rest; the record's key start shifts its clock."
         )
     if time[-1] <= 0:
         raise InputError(f"{where}: found {time[-1]:g} s as the last time, expected samples after t = 0.")

@@ -7,6 +7,7 @@ import pytest
 from study_files import changed, csv, write_study
 
 from pdssjax.errors import InputError
+from pdssjax.guessing import initial_guess
 from pdssjax.hold import Held
 from pdssjax.study import load_study
 
@@ -167,11 +168,11 @@ def test_the_piezo_is_found_from_a_step_that_was_sampled(tmp_path, hold):
     text = changed('{ start = "20 %" }', "{}", text)
     text = text[: text.index('[[record]]\nname = "walk"')]
     study = load_study(write_study(tmp_path, text, step="time_s,displacement_um,voltage_V\n" + "".join(rows)))
-    values = study.values()
+    values = initial_guess(study)
     assert values["piezo.gain"] == pytest.approx(1.007e-7, rel=0.01)
     assert values["piezo.natural_frequency"] == pytest.approx(w, rel=0.1)
     assert values["piezo.damping_ratio"] == pytest.approx(xi, rel=0.1)
     shown = np.asarray(
-        study.predict({"piezo.gain": 1.007e-7, "piezo.natural_frequency": w, "piezo.damping_ratio": xi})[0]
+        study.predict(values | {"piezo.gain": 1.007e-7, "piezo.natural_frequency": w, "piezo.damping_ratio": xi})[0]
     )
     np.testing.assert_allclose(shown, 4.85374e-6 * y, rtol=0.0, atol=1e-11)

@@ -16,7 +16,7 @@ from pdssjax.errors import InputError, InputWarning
 @pytest.fixture
 def calls(monkeypatch) -> SimpleNamespace:
     """Stands in for the study and the fit; notes what was asked and returns a made-up estimate."""
-    noted = SimpleNamespace(studies=[], methods=[], converged=True, study=SimpleNamespace())
+    noted = SimpleNamespace(studies=[], methods=[], converged=True, study=SimpleNamespace(parameters={}))
 
     def load_study(path):
         noted.studies.append(path)
@@ -136,7 +136,8 @@ def recorded(name: str, offset: float | None, noise: float | None) -> SimpleName
 def test_simulate_writes_each_record_with_its_own_zero(calls, tmp_path, capsys):
     calls.study.records = (recorded("free", None, None), recorded("given", 1e-6, 1e-8), recorded("lost", None, 1e-8))
     ramp = 1e-5 * np.linspace(0.0, 1.0, 101)
-    calls.study.predict = lambda values: [ramp, ramp, np.full(101, np.nan)]
+    calls.study.values = lambda but: {}
+    calls.study.predict = lambda: [ramp, ramp, np.full(101, np.nan)]
     assert cli.main(["simulate", "rig.toml", "--out", str(tmp_path)]) == 0
     free, given, lost = (
         np.genfromtxt(tmp_path / "predictions" / f"{name}.csv", delimiter=",", names=True)["residual_um"]

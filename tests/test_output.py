@@ -78,7 +78,7 @@ def test_predictions_are_in_micrometres(results):
 def test_records_of_like_names_keep_their_own_files(tmp_path):
     time = np.linspace(0.0, 1.0, 50)
     names = ["a b", "a/b", "A_b", "../correlations", "µ"]
-    write_predictions([fabricated.record(n, "fit", "effector", time, 1e-6 * time) for n in names], tmp_path)
+    write_predictions([fabricated.record(n, "fit", "effector", time, 1e-6 * time) for n in names], {}, tmp_path)
     files = {path.name for path in (tmp_path / "predictions").iterdir()}
     assert files == {"a_b.csv", "a_b-2.csv", "A_b-3.csv", "correlations-2.csv", "µ.csv"}
 
@@ -92,8 +92,8 @@ def test_a_folder_with_results_is_refused_unless_overwriting(results):
 def test_a_folder_of_other_things_is_free_and_keeps_them(tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
     check_free(tmp_path, overwrite=False)
-    write_predictions(fabricated.estimate().records[:1], tmp_path)
-    write_predictions(fabricated.estimate().records[1:2], tmp_path)
+    write_predictions(fabricated.estimate().records[:1], {}, tmp_path)
+    write_predictions(fabricated.estimate().records[1:2], {}, tmp_path)
     assert (tmp_path / "notes.txt").read_text() == "mine"
     assert [path.name for path in (tmp_path / "predictions").iterdir()] == ["5_Hz_A.csv"]
 
@@ -115,7 +115,7 @@ def test_a_folder_without_permission_is_refused(tmp_path, monkeypatch):
 
 
 def test_an_interrupted_write_leaves_the_older_results_whole(tmp_path, monkeypatch):
-    write_predictions(fabricated.estimate().records[:2], tmp_path)
+    write_predictions(fabricated.estimate().records[:2], {}, tmp_path)
     before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
 
     def interrupted(*_):

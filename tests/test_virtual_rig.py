@@ -105,7 +105,7 @@ def test_all_kinds_of_records_are_identified_together_and_the_estimate_is_used_a
         ('interval = "50 us"', 'interval = "1 s"', ["interval", "found 1 s", "fits in between"]),
         ('interval = "50 us"', 'intervall = "50 us"', ["intervall", "interval"]),
         ('amplitude = "3 um", ', "", ["amplitude", "missing"]),
-        ('{ start = "0.65 N" }', "{}", ["friction.f_ss", "found no number"]),
+        ('{ start = "0.65 N" }', "{}", ["no number for friction.f_ss;", "--estimate", "initial_guess"]),
         ('"data/step.csv"', '"../step.csv"', ["step", "expected a file beside it"]),
         ('resolution = "0.01 um"', 'resolution = "0 um"', ["resolution", "above 0"]),
     ],

@@ -41,7 +41,7 @@ import pdssjax
 from pdssjax.cli import EXAMPLE
 study = pdssjax.load_study(EXAMPLE / "study.toml")
 over = lambda n: {"drive.voltage": np.linspace(20, 80, n // 25), "drive.frequency": np.linspace(2, 50, 25)}
-study.values()
+study = study.with_values(pdssjax.initial_guess(study))
 pdssjax.sweep(study, over(50), workers=1)
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 begun = time.perf_counter()
