@@ -1,38 +1,14 @@
 """The command line: exit status, what it prints, what it writes and what it leaves alone."""
 
-import dataclasses
 import warnings
 from types import SimpleNamespace
 
-import fabricated
 import numpy as np
 import pytest
 
 import pdssjax
 from pdssjax import cli
 from pdssjax.errors import InputError, InputWarning
-
-
-@pytest.fixture
-def calls(monkeypatch) -> SimpleNamespace:
-    """Stands in for the study and the fit; notes what was asked and returns a made-up estimate."""
-    noted = SimpleNamespace(studies=[], methods=[], converged=True, study=SimpleNamespace(parameters={}))
-
-    def load_study(path):
-        noted.studies.append(path)
-        return noted.study
-
-    def identify(study, method, progress):
-        assert study is noted.study
-        progress(f"[1/2] {method}")
-        noted.methods.append(method)
-        whole = fabricated.estimate(method, noted.converged)
-        return dataclasses.replace(whole, records=whole.records[:1])
-
-    # Set past the module's own look-up, which would load the real ones first.
-    monkeypatch.setitem(vars(pdssjax), "load_study", load_study)
-    monkeypatch.setitem(vars(pdssjax), "identify", identify)
-    return noted
 
 
 def test_identify_reports_and_writes(calls, tmp_path, capsys):

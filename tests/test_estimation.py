@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from platform_study import DAMPING, GAIN, PLATFORM, RATE, ZERO, write_platform
 
 import pdssjax
 from pdssjax import fitting
@@ -121,46 +122,6 @@ def test_noise_left_out_is_estimated(example, joint):
 
 # From here on a platform alone, known in closed form and quick to compile.
 
-GAIN, RATE, DAMPING, ZERO, NOISE = 1.1e-7, 6000.0, 0.2, 0.3e-6, 1e-8
-
-PLATFORM = """\
-format = "pdssjax-study/1"
-title = "Platform alone"
-
-[actuator]
-piezo = "second-order"
-friction = "simplified-lugre"
-
-[parameters]
-"piezo.gain" = {}
-"piezo.natural_frequency" = {}
-"piezo.damping_ratio" = {}
-"friction.sigma0" = {}
-"friction.sigma1" = { value = 45 }
-"friction.f_ss" = { value = 0.65 }
-
-[[record]]
-name = "step"
-file = "step.csv"
-columns = { time = "time_s", displacement = "displacement_um" }
-measures = "platform"
-noise = "0.01 um"
-drive = { waveform = "step", voltage = "50 V" }
-"""
-
-
-def write_platform(folder, text=PLATFORM):
-    """The study and its record, with noise; the study's path."""
-    time = np.arange(-0.005, 0.035, 5e-5)
-    ring = RATE * math.sqrt(1.0 - DAMPING**2)
-    lapse = np.maximum(time, 0.0)
-    fade = np.exp(-DAMPING * RATE * lapse) * (np.cos(ring * lapse) + DAMPING * RATE / ring * np.sin(ring * lapse))
-    motion = 50.0 * GAIN * (1.0 - fade) + ZERO + np.random.default_rng(3).normal(0.0, NOISE, time.size)
-    rows = np.stack([time, 1e6 * motion], axis=1)
-    np.savetxt(folder / "step.csv", rows, "%.7f", ",", header="time_s,displacement_um", comments="")
-    (folder / "study.toml").write_text(text)
-    return folder / "study.toml"
-
 
 def test_a_parameter_without_data_is_named_and_the_others_stand(tmp_path):
     found = pdssjax.identify(pdssjax.load_study(write_platform(tmp_path)))
@@ -203,7 +164,8 @@ def test_the_command_says_by_its_status_whether_it_worked(tmp_path, monkeypatch,
 def test_predictions_can_be_differentiated_mapped_and_compiled(tmp_path):
     study = pdssjax.load_study(write_platform(tmp_path))
     at = {"piezo.gain": jnp.asarray(GAIN), "piezo.natural_frequency": jnp.asarray(RATE)}
-    predict = lambda values: study.predict(values)[0]
+    whole = study.with_values({"piezo.damping_ratio": DAMPING, "friction.sigma0": 1e6})
+    predict = lambda values: whole.predict(values)[0]
     plain = predict(at)
     np.testing.assert_allclose(jax.jit(predict)(at), plain, rtol=1e-12, atol=1e-18)
     jacobian = jax.jacfwd(predict)(at)

@@ -1,0 +1,31 @@
+"""Stands in for the study and the fit behind the command line."""
+
+import dataclasses
+from types import SimpleNamespace
+
+import fabricated
+import pytest
+
+import pdssjax
+
+
+@pytest.fixture
+def calls(monkeypatch) -> SimpleNamespace:
+    """Notes what was asked and returns a made-up estimate."""
+    noted = SimpleNamespace(studies=[], methods=[], converged=True, study=SimpleNamespace(parameters={}))
+
+    def load_study(path):
+        noted.studies.append(path)
+        return noted.study
+
+    def identify(study, method, progress):
+        assert study is noted.study
+        progress(f"[1/2] {method}")
+        noted.methods.append(method)
+        whole = fabricated.estimate(method, noted.converged)
+        return dataclasses.replace(whole, records=whole.records[:1])
+
+    # Set past the module's own look-up, which would load the real ones first.
+    monkeypatch.setitem(vars(pdssjax), "load_study", load_study)
+    monkeypatch.setitem(vars(pdssjax), "identify", identify)
+    return noted
