@@ -50,10 +50,10 @@ def identify(
     begun = time.perf_counter()
     report = progress or (lambda message: None)
     _check(study, method)
-    report("finding starts")
     run = joint if method == "joint" else sequential
     best, done = BestPoint(), None
     try:
+        report("finding starts")
         fit, problem, starts = best_fit(study, accuracy or Accuracy(), best.watched(run), report)
         done = Point(fit, problem, starts, 2)
         estimate = _summarised(study, method, done, begun, report)

@@ -93,7 +93,7 @@ def test_a_voltage_of_the_same_file_is_shifted_with_the_record(tmp_path):
 
 def test_a_voltage_of_another_file_keeps_its_own_clock(tmp_path):
     (tmp_path / "generator.csv").write_text("time_s,voltage_V\n0,48.2\n0.01,48.2\n")
-    elsewhere = SAMPLED.replace('column =', 'file = "generator.csv", column =')
+    elsewhere = SAMPLED.replace("column =", 'file = "generator.csv", column =')
     text = changed(IDEAL, elsewhere, starting('"100 s"'))
     record = load_study(write_study(tmp_path, text, step=samples(100.0 - 1e-3, 5e-5, 40))).records[0]
     np.testing.assert_allclose(np.asarray(record.drive.at(np.array([0.0, 5e-3]))), 48.2)

@@ -85,7 +85,7 @@ def test_an_estimate_of_another_study_is_refused(tmp_path, estimate):
 
 def test_with_values_refuses_what_is_no_legal_number(platform):
     study = pdssjax.load_study(platform)
-    with pytest.raises(InputError, match='did you mean "piezo.gain"'):
+    with pytest.raises(InputError, match=r'did you mean "piezo\.gain"'):
         study.with_values({"piezo.gan": 1e-7})
     with pytest.raises(InputError, match=r"piezo\.gain.*above 0"):
         study.with_values({"piezo.gain": -1e-7})

@@ -1,0 +1,170 @@
+"""A fit that is broken off, by Ctrl-C or by SIGTERM, leaves the best point it has come to."""
+
+import dataclasses
+import json
+import signal
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from platform_study import GAIN, write_platform
+
+import pdssjax
+from pdssjax.best_point import BestPoint
+from pdssjax.cli import EXAMPLE, main
+from pdssjax.fitting import INTERRUPTED
+from pdssjax.signals import Terminated, exit_status, requests_to_end
+
+PROGRAM = """
+import contextlib, sys, time
+from pdssjax import cli, commands
+
+@contextlib.contextmanager
+def progress():
+    def tell(message):
+        print(message, file=sys.stderr, flush=True)
+        if "iteration 1" in message:
+            time.sleep(60)  # until the signal comes
+    yield tell
+
+commands.progress = progress
+sys.exit(cli.main(sys.argv[1:]))
+"""
+"""The command line, which waits within its fit."""
+
+
+@pytest.mark.parametrize(
+    ("signum", "status"), [pytest.param(signal.SIGINT, 130, marks=pytest.mark.slow), (signal.SIGTERM, 143)]
+)
+def test_a_signal_leaves_the_best_point_so_far_and_no_litter(tmp_path, signum, status):
+    out = tmp_path / "out"
+    command = [sys.executable, "-c", PROGRAM, "identify", str(write_platform(tmp_path)), "--out", str(out)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        for line in process.stderr:
+            if "iteration 1" in line:
+                process.send_signal(signum)
+                break
+        printed, told = process.communicate()
+    assert process.returncode == status, told
+    assert f"the best point so far is in {out / 'estimate.json'}\n" in told
+    assert told.endswith("pdssjax: interrupted\n")
+    assert f"joint fit DID NOT CONVERGE: {INTERRUPTED}" in printed
+    document = json.loads((out / "estimate.json").read_text())
+    assert document["converged"] is False and document["message"] == INTERRUPTED
+    assert document["parameters"]["piezo.gain"]["value"] == pytest.approx(GAIN, rel=0.1)
+    assert {path.name for path in out.iterdir()} == {"estimate.json", "report.txt"}
+
+
+def interrupting(when: str):
+    """A progress that breaks the fit off at the first message with `when` in it."""
+    left = [when]
+
+    def tell(message):
+        if left and left[0] in message:
+            left.clear()
+            raise KeyboardInterrupt
+
+    return tell
+
+
+def test_python_gets_the_best_point_with_the_interrupt(tmp_path):
+    study = pdssjax.load_study(write_platform(tmp_path))
+    with pytest.raises(KeyboardInterrupt) as broken:
+        pdssjax.identify(study, progress=interrupting("iteration 2"))
+    assert isinstance(broken.value, pdssjax.FitInterrupted)
+    found = broken.value.estimate
+    assert found is not None and not found.converged
+    assert np.isfinite(found.statistics.chi2) and found.statistics.iterations > 0
+    assert found.records[0].simulated and found.parameters["piezo.gain"].standard_error > 0
+
+
+def test_a_fit_that_was_done_stays_done(tmp_path):
+    study = pdssjax.load_study(write_platform(tmp_path))
+    with pytest.raises(pdssjax.FitInterrupted) as broken:
+        pdssjax.identify(study, progress=interrupting("predicting every record"))
+    assert broken.value.estimate is not None and broken.value.estimate.converged
+
+
+def test_before_the_first_iteration_there_is_nothing_to_keep(tmp_path, capsys, monkeypatch):
+    study = write_platform(tmp_path)
+    with pytest.raises(pdssjax.FitInterrupted) as broken:
+        pdssjax.identify(pdssjax.load_study(study), progress=interrupting("finding starts"))
+    assert broken.value.estimate is None
+    monkeypatch.setattr("pdssjax.estimation.best_fit", lambda *given: interrupting("")("now"))
+    assert main(["identify", str(study), "--out", str(tmp_path / "out")]) == 130
+    assert capsys.readouterr().err.endswith("pdssjax: interrupted\n")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["joint", "sequential"])
+def test_a_fit_broken_off_in_its_first_stage_is_told_of_all_records(method):
+    study = pdssjax.load_study(EXAMPLE / "study.toml")
+    with pytest.raises(pdssjax.FitInterrupted) as broken:
+        pdssjax.identify(study, method, progress=interrupting("piezo: iteration 2"))
+    found = broken.value.estimate
+    assert found is not None and not found.converged
+    assert found.statistics.samples == 5605
+    # Chi-square is that of all fitted records at this point.
+    squares = [np.sum((r.measured - r.predicted) ** 2) / r.noise**2 for r in found.records if r.role == "fit"]
+    assert found.statistics.chi2 == pytest.approx(np.sum(squares), rel=1e-6)
+    assert not any("say nothing" in note for note in found.notes)
+
+
+def point(chi2: float):
+    """What a run tells of a point with this sum of squares."""
+    return SimpleNamespace(chi2=chi2)
+
+
+@dataclasses.dataclass(frozen=True)
+class Posed:
+    """As much of a problem as is looked at."""
+
+    noise: np.ndarray
+    records: tuple = (SimpleNamespace(measures="platform"), SimpleNamespace(measures="effector"))
+
+    def _replace(self, watch):
+        return self
+
+
+BOTH, PLATFORM_ONLY, EFFECTOR_ONLY = np.array([True, True]), np.array([True, False]), np.array([False, True])
+
+
+@pytest.mark.parametrize(
+    ("told", "kept"),
+    [
+        ([(BOTH, 9.0, 1.0), (BOTH, 4.0, 1.0), (BOTH, 7.0, 1.0)], 4.0),
+        ([(PLATFORM_ONLY, 1.0, 1.0), (BOTH, 9.0, 1.0), (PLATFORM_ONLY, 0.5, 1.0)], 9.0),
+        ([(PLATFORM_ONLY, 1.0, 1.0), (EFFECTOR_ONLY, 5.0, 1.0)], 5.0),
+        ([(BOTH, 4.0, 1.0), (BOTH, np.inf, 1.0), (BOTH, np.nan, 1.0)], 4.0),
+        # The noise was estimated anew: chi-square before and after cannot be compared.
+        ([(BOTH, 4.0, 1.0), (PLATFORM_ONLY, 1.0, 0.1), (BOTH, 50.0, 0.1), (BOTH, 60.0, 0.1)], 50.0),
+    ],
+)
+def test_the_best_point_is_that_of_most_records_then_of_least_chi_square(told, kept):
+    best = BestPoint()
+    for used, chi2, noise in told:
+        best.note(Posed(np.full(2, noise)), used, point(chi2))
+    assert best.point is not None and best.point.fit.chi2 == kept
+
+
+def test_requests_to_end_interrupt_and_give_the_status_of_their_signal():
+    with pytest.raises(KeyboardInterrupt) as ended, requests_to_end():
+        signal.raise_signal(signal.SIGTERM)
+    assert isinstance(ended.value, Terminated) and exit_status(ended.value) == 143
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    wrapped = pdssjax.FitInterrupted(None)
+    wrapped.__cause__ = ended.value
+    assert exit_status(wrapped) == 143 and exit_status(KeyboardInterrupt()) == 130
+
+
+def test_a_signal_that_is_ignored_stays_ignored(monkeypatch):
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with requests_to_end():
+            signal.raise_signal(signal.SIGHUP)
+    finally:
+        signal.signal(signal.SIGHUP, before)
