@@ -66,7 +66,9 @@ def _identified(study: Any, method: Any, folder: Path) -> Any:
             return pdssjax.identify(study, method=method, progress=tell)
     except pdssjax.FitInterrupted as interrupt:
         kept = interrupt.estimate
-        if kept is not None:
+        if kept is None:
+            print("pdssjax: nothing was fitted yet, and nothing is written", file=sys.stderr)
+        else:
             say(format_report(kept))
             if _keep(lambda place: write_essentials(kept, place), folder, kept):
                 print(f"pdssjax: the best point so far is in {folder / 'estimate.json'}", file=sys.stderr)

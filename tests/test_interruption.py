@@ -58,14 +58,15 @@ def test_a_signal_leaves_the_best_point_so_far_and_no_litter(tmp_path, signum, s
     assert {path.name for path in out.iterdir()} == {"estimate.json", "report.txt"}
 
 
-def interrupting(when: str):
-    """A progress that breaks the fit off at the first message with `when` in it."""
-    left = [when]
+def interrupting(*when: str):
+    """A progress that breaks the fit off, once, where messages with each of `when` in them have come, in order."""
+    left = list(when)
 
     def tell(message):
         if left and left[0] in message:
-            left.clear()
-            raise KeyboardInterrupt
+            left.pop(0)
+            if not left:
+                raise KeyboardInterrupt
 
     return tell
 
@@ -95,7 +96,8 @@ def test_before_the_first_iteration_there_is_nothing_to_keep(tmp_path, capsys, m
     assert broken.value.estimate is None
     monkeypatch.setattr("pdssjax.estimation.best_fit", lambda *given: interrupting("")("now"))
     assert main(["identify", str(study), "--out", str(tmp_path / "out")]) == 130
-    assert capsys.readouterr().err.endswith("pdssjax: interrupted\n")
+    told = "pdssjax: nothing was fitted yet, and nothing is written\npdssjax: interrupted\n"
+    assert capsys.readouterr().err.endswith(told)
     assert not (tmp_path / "out").exists()
 
 
@@ -104,7 +106,7 @@ def test_before_the_first_iteration_there_is_nothing_to_keep(tmp_path, capsys, m
 def test_a_fit_broken_off_in_its_first_stage_is_told_of_all_records(method):
     study = pdssjax.load_study(EXAMPLE / "study.toml")
     with pytest.raises(pdssjax.FitInterrupted) as broken:
-        pdssjax.identify(study, method, progress=interrupting("piezo: iteration 2"))
+        pdssjax.identify(study, method, progress=interrupting("searching", "piezo: iteration 0"))
     found = broken.value.estimate
     assert found is not None and not found.converged
     assert found.statistics.samples == 5605
