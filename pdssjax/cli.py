@@ -22,7 +22,7 @@ from .signals import exit_status, requests_to_end
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit status; `arguments` default to the process's own."""
-    with warnings.catch_warnings(), requests_to_end():
+    with warnings.catch_warnings(), requests_to_end() as received:
         warnings.simplefilter("always", InputWarning)
         warnings.showwarning = announce_warnings(warnings.showwarning)
         try:
@@ -31,9 +31,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         except (InputError, OSError) as error:
             print(f"pdssjax: error: {error}", file=sys.stderr)
             return 2
-        except KeyboardInterrupt as interrupt:
+        except KeyboardInterrupt:
             print("pdssjax: interrupted", file=sys.stderr)
-            return exit_status(interrupt)
+            return exit_status(received)
 
 
 class _Parser(argparse.ArgumentParser):

@@ -71,7 +71,8 @@ def _identified(study: Any, method: Any, folder: Path) -> Any:
         else:
             say(format_report(kept))
             if _keep(lambda place: write_essentials(kept, place), folder, kept):
-                print(f"pdssjax: the best point so far is in {folder / 'estimate.json'}", file=sys.stderr)
+                what = "estimate" if kept.converged else "best point so far"
+                print(f"pdssjax: the {what} is in {folder / 'estimate.json'}", file=sys.stderr)
         raise
 
 

@@ -3,26 +3,26 @@
 import contextlib
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 
 class Terminated(KeyboardInterrupt):
-    """The process was asked to end by the signal `signum`."""
-
-    def __init__(self, signum: int):
-        super().__init__(signal.Signals(signum).name)
-        self.signum = signum
+    """The process was asked to end."""
 
 
 @contextlib.contextmanager
-def requests_to_end() -> Iterator[None]:
+def requests_to_end() -> Iterator[list[int]]:
     """Within it SIGTERM and SIGHUP raise `Terminated` in the main thread, as SIGINT raises `KeyboardInterrupt`.
 
     Does nothing outside the main thread, nor for a signal that has a handler or is ignored (`nohup`).
+
+    **Returns:** the numbers of the signals that came, a list that grows with them.
     """
+    received: list[int] = []
 
     def end(signum: int, frame: object) -> None:
-        raise Terminated(signum)
+        received.append(signum)
+        raise Terminated(signal.Signals(signum).name)
 
     signals = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
     main = threading.current_thread() is threading.main_thread()
@@ -30,15 +30,12 @@ def requests_to_end() -> Iterator[None]:
     try:
         for one in ours:
             signal.signal(one, end)
-        yield
+        yield received
     finally:
         for one in ours:
             signal.signal(one, signal.SIG_DFL)
 
 
-def exit_status(interrupt: BaseException) -> int:
-    """128 and the number of the signal behind `interrupt`, as shells count: 130 for Ctrl-C, 143 for SIGTERM."""
-    cause = interrupt
-    while cause.__cause__ is not None:
-        cause = cause.__cause__
-    return 128 + (cause.signum if isinstance(cause, Terminated) else signal.SIGINT)
+def exit_status(received: Sequence[int]) -> int:
+    """128 and the number of the first signal `received`, as shells count: 143 for SIGTERM, 130 for none but Ctrl-C."""
+    return 128 + (received[0] if received else signal.SIGINT)
