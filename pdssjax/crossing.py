@@ -15,8 +15,10 @@ LOOK_AHEAD = 1e-9
 """Time [s] by which a tie is broken: far below every time constant.  What a guard does within it is rounding."""
 _SAMPLES = 6
 """Points of a step at which the sign of the guard is looked at."""
-_ITERATIONS = 8
+_ITERATIONS = 9
 """Iterations that locate an event within its bracket, to rounding."""
+_REFINEMENTS = 4
+"""Iterations that locate the bottom of a dip: an error e there hides a dip no deeper than e^2 times the bend."""
 
 
 def first_crossing(guards: tuple[Series, ...], size: int, reach: Any) -> tuple[Any, Any]:
@@ -28,15 +30,8 @@ def first_crossing(guards: tuple[Series, ...], size: int, reach: Any) -> tuple[A
     """
     # Side by side: one kernel for all guards, and half the code to compile.
     sides = [jnp.stack([jnp.asarray(guard[k], float) for guard in guards]) for k in range(size)]
-    ahead = LOOK_AHEAD / jnp.where(reach > 0, reach, 1.0)
-    crossings = _crossing(sides, ahead)
+    crossings = _crossing(sides, LOOK_AHEAD / jnp.where(reach > 0, reach, 1.0))
     first = crossings.min()
-    if len(guards) > 2:
-        # The guard of a law may dip below zero for a moment just before the motion ends: look closer.
-        until = jnp.where(first > 0.0, jnp.minimum(first, 1.0), 1.0)
-        closer = _crossing([side * until**k for k, side in enumerate(sides)], ahead / until)
-        crossings = jnp.where(closer < 1.0, closer * until, crossings)
-        first = crossings.min()
     return jnp.where(first > 1.0, 1.0, jnp.minimum(first, 1.0 - 1e-15)), jnp.argmin(crossings) * 1.0
 
 
@@ -54,24 +49,63 @@ def _crossing(coefficients: list, ahead: Any) -> Any:
         jnp.where(slack & (once[1] > 0.0), c, jnp.where(fresh, b, a))
         for a, b, c in zip(coefficients, once, twice, strict=True)
     ]
-    slope = [k * c for k, c in enumerate(g)][1:]
-    low, g_low, high, g_high = 0.0, g[0], 1.0, g[0]
-    found, before, g_before = jnp.zeros_like(fresh), low, g_low
-    for i in range(1, _SAMPLES + 1):
-        value = horner(g, i / _SAMPLES)
-        hit = ~found & (value < 0.0)
-        low, g_low = jnp.where(hit, before, low), jnp.where(hit, g_before, g_low)
-        high, g_high = jnp.where(hit, i / _SAMPLES, high), jnp.where(hit, value, g_high)
-        found, before, g_before = found | hit, i / _SAMPLES, value
+    slope = _slope(g)
+    found, (low, g_low), (high, g_high), dips, dip = _bracket(g, slope)
     # A root may also lie on a sample exactly; then it is found there.
     at_once = (g[0] <= 0.0) & (horner(g, 1 / _SAMPLES) < 0.0)
-    gap = jnp.where(g_low > g_high, g_low - g_high, 1.0)
-    inverse = (low - high) / gap
+    bottom = _minimum(slope, *dip)
+    g_bottom = horner(g, bottom)
+    falls = dips & (g_bottom < 0.0)
+    low, g_low = jnp.where(falls, dip[0][0], low), jnp.where(falls, horner(g, dip[0][0]), g_low)
+    high, g_high = jnp.where(falls, bottom, high), jnp.where(falls, g_bottom, g_high)
+    inverse = (low - high) / jnp.where(g_low > g_high, g_low - g_high, 1.0)
     root = low - g_low * inverse
     for _ in range(_ITERATIONS):
         value = horner(g, root)
         low, high = jnp.where(value > 0.0, root, low), jnp.where(value > 0.0, high, root)
-        inverse = inverse * (2.0 - horner(slope, root) * inverse)
-        newton = root - value * inverse
-        root = jnp.where((newton >= low) & (newton <= high), newton, 0.5 * (low + high))
-    return jnp.where(found, jnp.where(at_once, 0.0, root), 2.0)
+        rate = horner(slope, root)
+        newton = root - value / jnp.where(rate < 0.0, rate, -1.0)
+        root = jnp.where((rate < 0.0) & (newton >= low) & (newton <= high), newton, 0.5 * (low + high))
+    return jnp.where(found | falls, jnp.where(at_once, 0.0, root), 2.0)
+
+
+def _bracket(g: list, slope: list) -> tuple[Any, tuple, tuple, Any, tuple]:
+    """The first of the samples at which `g` is negative, and the one before, each with its value.
+
+    And the first interval before it at whose ends `g` is positive but which may hide a dip below zero:
+    falling at its begin, rising at its end, and the two tangents meet below zero; each end with its slope.
+    """
+    before, g_before, s_before = 0.0, g[0], slope[0]
+    found = dips = jnp.zeros_like(g[0], bool)
+    low = high = dip_low = dip_high = (before, g_before)
+    for i in range(1, _SAMPLES + 1):
+        at = i / _SAMPLES
+        value, rate = horner(g, at), horner(slope, at)
+        meet_below = g_before * rate - value * s_before + s_before * rate * (at - before) < 0.0
+        dip = ~found & ~dips & (value >= 0.0) & (s_before < 0.0) & (rate > 0.0) & meet_below
+        dip_low = _either(dip, (before, s_before), dip_low)
+        dip_high = _either(dip, (at, rate), dip_high)
+        hit = ~found & (value < 0.0)
+        low, high = _either(hit, (before, g_before), low), _either(hit, (at, value), high)
+        found, dips, before, g_before, s_before = found | hit, dips | dip, at, value, rate
+    return found, low, high, dips, (dip_low, dip_high)
+
+
+def _minimum(slope: list, low: tuple, high: tuple) -> Any:
+    """Where the slope rises through zero between the ends (theta, slope)."""
+    bend = _slope(slope)
+    (begin, s_begin), (end, s_end) = low, high
+    inverse = (end - begin) / jnp.where(s_end > s_begin, s_end - s_begin, 1.0)
+    bottom = begin - s_begin * inverse
+    for _ in range(_REFINEMENTS):
+        inverse = inverse * (2.0 - horner(bend, bottom) * inverse)
+        bottom = jnp.clip(bottom - horner(slope, bottom) * inverse, begin, end)
+    return bottom
+
+
+def _slope(coefficients: list) -> list:
+    return [k * c for k, c in enumerate(coefficients)][1:]
+
+
+def _either(condition: Any, new: tuple, old: tuple) -> tuple:
+    return tuple(jnp.where(condition, a, b) for a, b in zip(new, old, strict=True))

@@ -62,7 +62,7 @@ class Taylor(AbstractExpansion):
     """Taylor series of a given order; step control after À. Jorba and M. Zou,
     Experimental Mathematics 14(1), 2005."""
 
-    order: int = eqx.field(static=True, default=12)
+    order: int = eqx.field(static=True, default=16)
     noise: ClassVar[float] = 0.0
 
     @property

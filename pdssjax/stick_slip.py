@@ -75,7 +75,7 @@ class StickSlip(eqx.Module):
 
     def scales(self) -> State:
         """What one unit of each state amounts to as a displacement [m]."""
-        one, slow = jnp.ones(()), 1.0 / self.actuator.piezo.fastest()
+        one, slow = jnp.ones(()), 1.0 / self._slowest()
         lag = one if self.actuator.stop is None else 1.0 / jnp.asarray(self.actuator.stop.stiffness, float)
         first = self.initial()
         return State(
@@ -165,7 +165,7 @@ class StickSlip(eqx.Module):
         """
         if segment.wave is not None or not self.actuator.piezo.settles:
             return jnp.zeros((), bool)
-        rate = self.actuator.piezo.fastest()
+        rate = self._slowest()
         ringing = self.actuator.stage.ringing(segment, after, x.stage, self._carried())
         memory, _ = self._relaxed(x)
         lengths = self.actuator.friction.length()
@@ -176,7 +176,7 @@ class StickSlip(eqx.Module):
             still &= distance < tolerance
         still &= ringing < tolerance
         upper, lower = self._margins(segment, after, x)
-        shake = 4.0 * self.actuator.effector.mass * rate**2 * ringing
+        shake = 4.0 * self.actuator.effector.mass * self.actuator.piezo.fastest() ** 2 * ringing
         safe = jnp.minimum(upper, lower) > shake
         if x.lag or not self._exact():
             safe &= ringing < tolerance
@@ -244,6 +244,20 @@ class StickSlip(eqx.Module):
             return x.lag[0] if x.lag else self._push(x)
         true = y - x.d * (1.0 - self.on_platform)
         return true - x.lag[0] if x.lag else true
+
+    def _slowest(self):
+        """The slower of the platform's and the contact's frequency [rad/s]: a velocity error moves that much further."""
+        law, mass = self.actuator.friction, self.actuator.effector.mass
+        state, still = law.initial(), jnp.zeros(())
+        frequency = jnp.asarray(self.actuator.piezo.fastest(), float)
+        for sign in (ADVANCING, RETREATING):
+            stretched = lambda v, sign=sign: tuple(jnp.asarray(rate, float) for rate in law.rate(state, v, sign))
+            _, rates = jax.jvp(stretched, (still,), (jnp.ones(()),))
+            elastic = lambda memory, sign=sign: jnp.asarray(law.force(memory, still, sign), float)
+            stiffness = jnp.abs(jax.jvp(elastic, (state,), (rates,))[1]) if state else still
+            own = jnp.sqrt(stiffness / mass)
+            frequency = jnp.where(own > 0.0, jnp.minimum(frequency, own), frequency)
+        return frequency
 
     def _exact(self):
         return self.actuator.stage.closed and not self.actuator.feedback

@@ -72,8 +72,9 @@ class AnisotropicLuGre(AbstractFriction):
         return elastic + s1 * (v - sign / f_ss * (v * elastic))
 
     def length(self):
-        stiffness = 0.5 * (self.sigma0_a + self.sigma0_b)
-        return (jnp.ones(()) if self.state == "deflection" else jnp.asarray(1.0 / stiffness),)
+        # An error of the force displaces the most where the contact is softer.
+        softest = jnp.minimum(jnp.asarray(self.sigma0_a, float), self.sigma0_b)
+        return (jnp.ones(()) if self.state == "deflection" else 1.0 / softest,)
 
     def relaxed(self, state, force):
         (unit,) = self.length()
