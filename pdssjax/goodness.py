@@ -14,6 +14,8 @@ EXCESS = 1.2
 """Chi-square per degree of freedom below which an excess is not worth a word, however certain it is."""
 ABOVE_FLOOR = 1.1
 """The same for residuals against the noise floor, as a ratio of standard deviations: the root of `EXCESS`."""
+FEWEST = 50
+"""Samples from which second differences are a witness."""
 SIGMAS = 4.0
 """Standard deviations beyond which an excess is not chance."""
 
@@ -49,12 +51,13 @@ def above_floor(record: FittedRecord) -> float:
 
 
 def exceeds_floor(record: FittedRecord) -> bool:
-    """`above_floor` is beyond both chance and `ABOVE_FLOOR`.
+    """`above_floor` is beyond both chance and `ABOVE_FLOOR`; never said of fewer than `FEWEST` samples.
 
-    For white noise the two standard deviations differ by 1.2/sqrt(samples) or less, so long as
-    few samples lie in fast motion.
+    Of white noise it is 1 with a standard deviation of 0.8/sqrt(samples), and 4.8/sqrt(samples) above
+    1 at most in thousands of trials, since its upper tail is long.
     """
-    return above_floor(record) > max(ABOVE_FLOOR, 1.0 + SIGMAS * 1.2 / np.sqrt(record.samples))
+    least = max(ABOVE_FLOOR, 1.0 + 1.2 * SIGMAS / np.sqrt(record.samples))
+    return record.samples >= FEWEST and above_floor(record) > least
 
 
 def neighbour_correlation(record: FittedRecord) -> float:

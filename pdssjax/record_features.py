@@ -19,6 +19,8 @@ _SOON = 0.5
 """Part of a record of a step within which its peak must lie."""
 _MOST = 200_000
 """Moments at which a voltage is looked at."""
+_FINER = 4
+"""Of them in the time in which a platform feels a change: so that corners are hardly missed."""
 _PERIODS = 3.0
 """Of a voltage that repeats, looked at."""
 
@@ -142,8 +144,11 @@ def peak_bend(record: Record, rate: float, known: Mapping[str, float]) -> float:
         drive = eqx.tree_at(lambda d: waveform(d).fall_time, drive, fall)
     frequency = frequency_of(record)
     last = _PERIODS / frequency if frequency else float(record.time[-1])
-    times = np.arange(-1, min(int(max(last, 0.0) * rate), _MOST) + 3) / rate
-    return float(np.max(np.abs(np.diff(np.asarray(_voltage(drive, times)), 2)))) * rate**2
+    finer = rate * _FINER
+    times = np.arange(-_FINER, min(int(max(last, 0.0) * finer), _MOST) + 3 * _FINER) / finer
+    level = np.asarray(_voltage(drive, times))
+    bend = level[2 * _FINER :] - 2.0 * level[_FINER:-_FINER] + level[: -2 * _FINER]
+    return float(np.max(np.abs(bend))) * rate**2
 
 
 def contact_scale(record: Record, moved: float | None) -> tuple[float, float, float]:

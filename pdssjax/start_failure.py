@@ -15,7 +15,7 @@ from .prediction import failures, predicted
 from .quantity import Quantity, quantities
 from .sensor import Sensor
 
-FACTORS = (0.3, 3.0, 0.1, 10.0, 0.01, 100.0)
+FACTORS = (0.3, 3.0, 0.1, 10.0, 0.01, 100.0, 0.001, 1000.0)
 """By which a parameter is changed to see whether it is the cause, the least change first."""
 
 
