@@ -62,6 +62,22 @@ def legal(starts, parameters):
 
 
 @pytest.mark.parametrize("piezo", PIEZOS)
+def test_every_start_of_a_stack_is_legal_and_has_the_gain_that_the_records_show(piezo):
+    models = choose(piezo)
+    parameters = free(models, "piezo")
+    for volts in VOLTS:
+        for stroke in STROKES:
+            starts, _ = guess_starts(models, parameters, [stretched(volts, stroke)])
+            legal(starts, parameters)
+            found = models.actuator(starts).piezo
+            assert found.broken_conditions() == ()
+            assert float(found.per_volt()) == pytest.approx(stroke / volts, rel=0.1)
+
+
+INTEGRATED = [pytest.param(p, marks=[] if member("piezo", p).closed else [pytest.mark.slow]) for p in PIEZOS]
+
+
+@pytest.mark.parametrize("piezo", INTEGRATED)
 def test_every_parameter_of_a_stack_shows_where_a_fit_of_it_starts(piezo):
     models = choose(piezo)
     parameters = free(models, "piezo")
