@@ -190,13 +190,13 @@ def about_resonances(models: Models, values: dict[str, float], paths: Sequence[s
 def _alias(mode: Resonance, involved: Sequence[str], records: Sequence[Record]) -> str:
     rates = [1.0 / float(np.percentile(np.diff(record.time), 10.0)) for record in records]
     names = listed(f'"{record.name}" ({rate:.4g} Hz)' for record, rate in zip(records, rates, strict=True))
-    fastest = max(rates)
+    fastest, enough = max(rates), float(f"{mode.frequency / SHOWN:.2g}")
     image = abs(mode.frequency - round(mode.frequency / fastest) * fastest)
     return (
         f"The {mode.what} is found to ring at {mode.frequency:.4g} Hz (damping ratio {mode.damping_ratio:.2g}), above "
         f"the {SHOWN * fastest:.4g} Hz that samples at {fastest:.4g} Hz show; no record that it acts on is sampled "
         f"more finely: {names}. It may be an alias, since its samples are like those of {image:.4g} Hz. Do not trust "
-        f"{listed(involved)} before a record sampled at {2.5 * mode.frequency:.2g} Hz or more has confirmed "
+        f"{listed(involved)} before a record sampled at {enough:g} Hz or more has confirmed "
         f"{'them' if len(involved) > 1 else 'it'}."
     )
 

@@ -168,9 +168,10 @@ def _notes(study, problem, fit, known, vague, statistics, parameters, records) -
         return []
     free = problem.residual.scale
     held = [path for path, end in zip(free.paths, _at_bound(fit, free), strict=True) if end]
-    unsure = {path for direction in known.null for path, share in zip(free.paths, direction, strict=True) if share}
-    unsure |= {path for path, is_vague in zip(free.paths, vague, strict=True) if is_vague}
-    told = [parameters[path] for path in free.paths if path not in unsure and path not in held]
+    unknown = {path for direction in known.null for path, share in zip(free.paths, direction, strict=True) if share}
+    unsure = {path for path, is_vague in zip(free.paths, vague, strict=True) if is_vague}
+    told = [parameters[path] for path in free.paths if path not in {*unknown, *unsure, *held}]
+    seen = [path for path in free.paths if path not in unknown]
     values = {path: parameter.value for path, parameter in parameters.items()}
     return [
         *about_information(known.null, free.paths, parameters),
@@ -178,6 +179,6 @@ def _notes(study, problem, fit, known, vague, statistics, parameters, records) -
         *about_bounds(study.parameters, fit.free, free, parameters),
         *about_distance(told, free),
         *about_models(study.models, values),
-        *about_resonances(study.models, values, [parameter.path for parameter in told], study.records),
+        *about_resonances(study.models, values, seen, study.records),
         *about_records(records, statistics),
     ]
