@@ -196,10 +196,10 @@ def test_a_parameter_far_from_its_start_is_told(tmp_path):
 
 def test_a_fit_that_is_lost_says_the_cause_and_nothing_that_would_mean_nothing(tmp_path, monkeypatch):
     study = write(tmp_path, {"step": (TIME, rung(TIME), 3.0 * NOISE, "fit", GIVEN)})
-    problem = fitting.pose(study, study.values(), Accuracy())
-    lost = fitting.joint(problem, study.values(), print)._replace(success=False, message=fitting.LOST)
+    problem = fitting.pose(study, pdssjax.initial_guess(study), Accuracy())
+    lost = fitting.joint(problem, pdssjax.initial_guess(study), print)._replace(success=False, message=fitting.LOST)
     monkeypatch.setattr(summary, "failed_start", lambda posed, starts: "the cause")
-    estimate = summary.summarise(study, "joint", problem, lost, study.values())
+    estimate = summary.summarise(study, "joint", problem, lost, pdssjax.initial_guess(study))
     assert estimate.message == f"{fitting.LOST}: the cause"
     assert estimate.notes == ()
 

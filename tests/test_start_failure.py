@@ -41,16 +41,16 @@ def stalled(tmp_path_factory):
 
 
 def test_the_parameter_that_keeps_a_start_from_being_simulated_is_named(stalled):
-    problem = fitting.pose(stalled, stalled.values(), Accuracy())
-    text = failed_start(problem, stalled.values())
+    problem = fitting.pose(stalled, pdssjax.initial_guess(stalled), Accuracy())
+    text = failed_start(problem, pdssjax.initial_guess(stalled))
     assert '"slow loop"' in text
     assert "ran out of room" in text
     assert "amplifier.bandwidth" in text and "instead of 1e+06 Hz" in text
 
 
 def test_a_start_that_no_single_parameter_spoils_says_so(stalled):
-    numbers = stalled.values() | {"piezo.gain": np.nan, "piezo.creep": np.nan}
-    problem = fitting.pose(stalled, stalled.values(), Accuracy())
+    numbers = pdssjax.initial_guess(stalled) | {"piezo.gain": np.nan, "piezo.creep": np.nan}
+    problem = fitting.pose(stalled, pdssjax.initial_guess(stalled), Accuracy())
     assert "No parameter changed by itself" in failed_start(problem, numbers)
 
 
