@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from .metrics import error_index, r_squared, rmse
 from .records import Record
+from .residual import noise_floor
 
 FORMAT = "pdssjax-estimate/1"
 """Of the file in which an estimate is kept."""
@@ -57,7 +58,7 @@ class FittedRecord:
     rmse: float
     """Root mean square of the residuals."""
     noise: float
-    """Standard deviation of the measurement noise, given or estimated."""
+    """Standard deviation of the measurement noise, given, or estimated from the residuals; NaN where neither is."""
     offset: float
     """The record's own zero."""
     offset_standard_error: float
@@ -73,6 +74,14 @@ class FittedRecord:
     """SI unit of what was measured."""
     motion: Float[np.ndarray, " n"] | None = None
     """Of a friction record: the relative displacement prescribed [m]."""
+    noise_estimated: bool = False
+    """The study gives no noise: `noise` is that of these residuals, or NaN."""
+    noise_floor: float = math.nan
+    """The noise seen between neighbouring samples, whatever the fit; NaN for fewer than eight samples."""
+    chi2: float = math.nan
+    """Sum of squared residuals, each divided by `noise`."""
+    reduced_chi2: float = math.nan
+    """chi2 per degree of freedom; NaN where the noise was estimated from these residuals, which makes it 1."""
 
 
 def compare(
@@ -82,10 +91,18 @@ def compare(
     noise: float,
     offset: float,
     offset_standard_error: float = math.nan,
+    parameters: float = 0.0,
 ) -> FittedRecord:
-    """A measured `record` beside its prediction, to which the record's `offset` is added; all in its unit."""
+    """A measured `record` beside its prediction, to which the record's `offset` is added; all in its unit.
+
+    **Arguments:** `noise` is a standard deviation, NaN or 0 where none is known; `parameters` is
+    the record's share of the parameters fitted, its own offset not counted.
+    """
     predicted = np.asarray(predicted) + offset
     measured = record.measured
+    squares = float(np.sum((measured - predicted) ** 2))
+    chi2 = squares / noise**2 if noise > 0 else math.nan
+    freedom = max(len(measured) - parameters - (record.offset is None), 1.0)
     return FittedRecord(
         name=record.name,
         role=record.role,
@@ -103,6 +120,10 @@ def compare(
         simulated=bool(np.isfinite(predicted).all()),
         unit=record.unit,
         motion=record.motion,
+        noise_estimated=record.noise is None,
+        noise_floor=noise_floor(record) if len(measured) >= 8 else math.nan,
+        chi2=chi2,
+        reduced_chi2=math.nan if record.noise is None else chi2 / freedom,
     )
 
 
@@ -113,7 +134,7 @@ class Statistics:
     chi2: float
     """Sum of squared residuals, each divided by its noise."""
     reduced_chi2: float
-    """chi2 per degree of freedom."""
+    """chi2 per degree of freedom; says nothing where `noise_estimated`."""
     aic: float
     """Akaike's information criterion."""
     bic: float
@@ -126,6 +147,8 @@ class Statistics:
     """Samples fitted."""
     free: int
     """Free numbers: parameters and offsets."""
+    noise_estimated: bool = False
+    """The noise of every record fitted is that of its own residuals, so that reduced_chi2 is 1 by construction."""
 
 
 @dataclass(frozen=True)

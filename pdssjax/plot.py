@@ -241,6 +241,8 @@ def _residual(record: FittedRecord) -> Float[np.ndarray, " n"]:
 def _caption(record: FittedRecord) -> str:
     scale, unit = _shown(record)
     quality = f"r² {record.r2:.7g}, error index {scale * record.error_index:.3g} {unit}"
+    if np.isfinite(record.reduced_chi2):
+        quality += f", chi-square per sample {record.reduced_chi2:.3g}"
     role = "fitted" if record.role == "fit" else "not fitted"
     return f"{record.name}\n{record.measures}, {role}, {quality if record.simulated else 'the simulation failed'}"
 

@@ -6,7 +6,7 @@ the compiler sees the march once.
 """
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -21,7 +21,7 @@ from .amplifier import Amplifier
 from .drive.base import AbstractDrive
 from .effector import Effector, Stop
 from .hold import waveform
-from .integration import Accuracy
+from .integration import Accuracy, march
 from .quantity import quantities
 from .records import Record
 from .sensor import Sensor
@@ -30,8 +30,8 @@ from .stick_slip import StickSlip
 from .tribometer import Tribometer
 from .unloaded import Unloaded
 
-Values = dict[str, Float[Array, ""]]
-"""Parameter paths to numbers in SI."""
+Values = Mapping[str, Any]
+"""Parameter paths to numbers in SI, Python's or arrays of shape ()."""
 
 _STEPS_PER_SEGMENT = 200
 _MANY = 400
@@ -152,30 +152,73 @@ def _kind(models: Models, record: Record) -> str:
 
 
 def _predict(group: _Group, models: Models, values: Values, accuracy: Accuracy) -> Array:
+    roomy = _roomy(group, models, accuracy)
+    if group.kind == "friction":
+        force = lambda args: contact_force(Tribometer(models.contact(values), *args), args[0], roomy)
+        return lax.map(force, _prescribed(group))
+
+    def one(drive, own, times, on_platform):
+        system = _system(group, models, values, _shared(drive, own, values), on_platform)
+        if group.kind == "closed":
+            return platform(system.stage.piezo, system.drive, times - system.sensor.delay, group.segments)
+        return measured(system, times, roomy)
+
+    return lax.map(lambda args: one(*args), (group.drives, group.own, group.times, group.on_platform))
+
+
+@eqx.filter_jit
+def failures(predictor: Predictor, values: Values, accuracy: Accuracy) -> list[Array]:
+    """For each record an index into `integration.FAILURES`: why it cannot be predicted; 0 where it can."""
+    found: dict[int, Array] = {}
+    for group in predictor.groups:
+        found |= dict(zip(group.places, _failures(group, predictor.models, values, accuracy), strict=True))
+    return [found[place] for place in sorted(found)]
+
+
+def _failures(group: _Group, models: Models, values: Values, accuracy: Accuracy) -> Array:
+    if group.kind == "closed":
+        return jnp.zeros(len(group.places))
+    roomy = _roomy(group, models, accuracy)
+    if group.kind == "friction":
+        ends = lambda args: march(Tribometer(models.contact(values), *args), args[0][-1], roomy).failure
+        return lax.map(ends, _prescribed(group))
+
+    def one(drive, own, times, on_platform):
+        system = _system(group, models, values, _shared(drive, own, values), on_platform)
+        return march(system, times[-1], roomy, system.displaced()).failure
+
+    return lax.map(lambda args: one(*args), (group.drives, group.own, group.times, group.on_platform))
+
+
+def _roomy(group: _Group, models: Models, accuracy: Accuracy) -> Accuracy:
+    """`accuracy` with room for the steps that the longest record may take."""
     few = min(group.segments, _MANY)
     room = _STEPS_PER_SEGMENT * few + _STEPS_WHERE_MANY * (group.segments - few) + _SPARE_STEPS
     if group.kind == "blocked" or (group.kind != "friction" and not models.piezo.settles):
         room += int(_STEPS_A_SECOND * group.duration)
-    roomy = dataclasses.replace(accuracy, max_steps=max(room, accuracy.max_steps))
-    if group.kind == "friction":
-        contact = models.contact(values)
-        force = lambda args: contact_force(Tribometer(contact, *args), args[0], roomy)
-        return lax.map(force, (group.times - group.times[:, :1], group.motion))
-    actuator = models.actuator(values, group.kind == "blocked")
-    sensor = models.sensor(values)
+    return dataclasses.replace(accuracy, max_steps=max(room, accuracy.max_steps))
 
-    def one(drive, own, times, on_platform):
-        for field, declared in own.items():
-            if (path := f"drive.{field}") in values:
-                shared = jnp.where(declared, getattr(waveform(drive), field), values[path])
-                drive = eqx.tree_at(lambda d, field=field: getattr(waveform(d), field), drive, shared)
-        if group.kind == "closed":
-            return platform(actuator.piezo, drive, times - sensor.delay, group.segments)
-        if group.kind == "unloaded":
-            return measured(Unloaded(actuator.stage, drive, sensor), times, roomy)
-        return measured(StickSlip(actuator, drive, sensor, on_platform), times, roomy)
 
-    return lax.map(lambda args: one(*args), (group.drives, group.own, group.times, group.on_platform))
+def _prescribed(group: _Group) -> tuple[Any, Any]:
+    """Times from 0 on [s] and motions [m] of friction records."""
+    return group.times - group.times[:, :1], group.motion
+
+
+def _shared(drive: Any, own: dict[str, Any], values: Values) -> Any:
+    """`drive` with the study's numbers in place of those that the record does not set itself."""
+    for field, declared in own.items():
+        if (path := f"drive.{field}") in values:
+            shared = jnp.where(declared, getattr(waveform(drive), field), values[path])
+            drive = eqx.tree_at(lambda d, field=field: getattr(waveform(d), field), drive, shared)
+    return drive
+
+
+def _system(group: _Group, models: Models, values: Values, drive: Any, on_platform: Any) -> Any:
+    """What moves in a record of the `group`."""
+    actuator, sensor = models.actuator(values, group.kind == "blocked"), models.sensor(values)
+    if group.kind in ("closed", "unloaded"):
+        return Unloaded(actuator.stage, drive, sensor)
+    return StickSlip(actuator, drive, sensor, on_platform)
 
 
 def _group(records: Sequence[Record], places: Sequence[int], kind: str) -> _Group:

@@ -46,10 +46,30 @@ def format_report(estimate: Estimate) -> str:
 
 def format_records(records: Sequence[FittedRecord]) -> str:
     """How well each record is predicted, lengths in micrometres and forces in newtons."""
-    head = ["", "role", "samples", "r2", "error index", "rmse", "noise", "offset", "+/-", ""]
+    head = [
+        "",
+        "role",
+        "samples",
+        "r2",
+        "error index",
+        "rmse",
+        "noise",
+        "",
+        "neighbours",
+        "chi2/n",
+        "offset",
+        "+/-",
+        "",
+    ]
     units = {"m": "lengths in um", "N": "forces in N"}
     shown = ", ".join(text for unit, text in units.items() if unit in {record.unit for record in records})
-    return _heading(f"Records ({shown})") + _table("<<>>>>>>><", [head, *map(_record, records)])
+    legend = (
+        "    neighbours: the noise seen between neighbouring samples, whatever the fit;\n"
+        "    chi2/n: chi-square per degree of freedom against the noise given, 1 where the record is explained.\n"
+    )
+    if any(record.noise_estimated for record in records):
+        legend += "    found: the noise was estimated from these residuals, so there is no chi2/n to judge them by.\n"
+    return _heading(f"Records ({shown})") + _table("<<>>>>><>>>><", [head, *map(_record, records)]) + legend
 
 
 def format_comparison(joint: Estimate, sequential: Estimate) -> str:
@@ -159,11 +179,21 @@ def _statistics(estimate: Estimate) -> str:
         ("free parameters", f"{len(estimate.names)}, with offsets {statistics.free}"),
         ("iterations", f"{statistics.iterations} ({statistics.evaluations} evaluations, {estimate.seconds:.1f} s)"),
         ("chi-square", f"{statistics.chi2:.6g}"),
-        ("reduced chi-square", f"{statistics.reduced_chi2:.6g}"),
+        ("reduced chi-square", _reduced_chi2(estimate)),
         ("Akaike criterion", f"{statistics.aic:.6g}"),
         ("Bayesian criterion", f"{statistics.bic:.6g}"),
     ]
     return "".join(f"    {name:<19}= {text}\n" for name, text in lines)
+
+
+def _reduced_chi2(estimate: Estimate) -> str:
+    """The number, unless it is 1 by construction."""
+    fitted = [record for record in estimate.records if record.role == "fit"]
+    silent = sum(record.noise_estimated for record in fitted)
+    if estimate.statistics.noise_estimated:
+        return "- (noise estimated from these residuals)"
+    mixed = f" (noise estimated from the residuals in {silent} of {len(fitted)} records)" if silent else ""
+    return f"{estimate.statistics.reduced_chi2:.6g}{mixed}"
 
 
 def _parameters(estimate: Estimate) -> str:
@@ -208,13 +238,19 @@ def _remark(parameter: FittedParameter) -> str:
 
 def _record(record: FittedRecord) -> list[str]:
     _, scale = display_unit(record.unit)
-    figures = [record.error_index, record.rmse, record.noise, record.offset, record.offset_standard_error]
+    known = record.noise > 0
+    residual, zero = [record.error_index, record.rmse], [record.offset, record.offset_standard_error]
     return [
         record.name,
         record.role,
         str(record.samples),
         rounded(record.r2, 7),
-        *(rounded(figure * scale, 4) for figure in figures),
+        *(rounded(figure * scale, 4) for figure in residual),
+        rounded(record.noise * scale, 4) if known else "-",
+        ("found" if record.noise_estimated else "given") if known else "",
+        rounded(record.noise_floor * scale, 4),
+        rounded(record.reduced_chi2, 3),
+        *(rounded(figure * scale, 4) for figure in zero),
         "" if record.simulated else "simulation failed",
     ]
 

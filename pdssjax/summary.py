@@ -5,9 +5,19 @@ import dataclasses
 import numpy as np
 
 from .estimate import Estimate, FittedParameter, FittedRecord, Statistics, compare
-from .fitting import Fit, Problem, of_piezo, reduced_chi2
-from .parameters import REACH, Scale
+from .fitting import LOST, Fit, Problem, of_piezo, reduced_chi2
+from .notes import (
+    about_bounds,
+    about_distance,
+    about_information,
+    about_models,
+    about_records,
+    about_resonances,
+    about_vagueness,
+)
+from .parameters import Scale
 from .residual import free_offset
+from .start_failure import failed_start
 from .uncertainty import Covariance, correlation, covariance, propagated
 
 NORMAL_95 = 1.959964
@@ -47,34 +57,20 @@ def summarise(study, method, problem, fit, starts) -> Estimate:
         title=study.title,
         method=method,
         converged=fit.success,
-        message=fit.message,
+        message=f"{LOST}: {failed_start(problem, starts)}" if fit.message == LOST else fit.message,
         parameters=parameters,
         names=free.paths,
         correlation=correlation(known.matrix),
         covariance=matrix,
         records=records,
         statistics=statistics,
-        notes=tuple(_notes(study, problem, fit, known, vague, statistics, records)),
+        notes=tuple(_notes(study, problem, fit, known, vague, statistics, parameters, records)),
         seconds=0.0,
     )
 
 
 def _at_bound(fit: Fit, free: Scale) -> np.ndarray:
     return (fit.free <= free.low) | (fit.free >= free.high)
-
-
-def _out_of_reach(study, fit: Fit, free: Scale, side: str) -> list[str]:
-    """Positive parameters that ran as far as a fit lets them where the study sets no bound on that `side`."""
-    out = []
-    for i, path in enumerate(free.paths):
-        declared = study.parameters[path]
-        reached = fit.free[i] <= free.low[i] if side == "low" else fit.free[i] >= free.high[i]
-        # The legal range may end sooner than the reach of the start does.
-        end = np.exp(getattr(free, side)[i]) if free.logarithmic[i] else np.nan
-        ours = getattr(declared, side) is None and not np.isclose(end, getattr(declared.quantity, side), rtol=1e-5)
-        if reached and ours and free.logarithmic[i]:
-            out.append(path)
-    return out
 
 
 def _covariances(method, problem, fit) -> tuple[Covariance, np.ndarray | None]:
@@ -134,6 +130,7 @@ def _statistics(problem: Problem, fit: Fit) -> Statistics:
         iterations=fit.iterations,
         samples=samples,
         free=free,
+        noise_estimated=all(record.noise is None for record in problem.records),
     )
 
 
@@ -152,57 +149,36 @@ def _compared(study, problem, fit, matrix, values) -> tuple[FittedRecord, ...]:
         error = float("nan")
         if record.offset is None and i is not None:
             error = float(np.sqrt(noise**2 / record.time.size + slopes[i] @ np.nan_to_num(matrix) @ slopes[i]))
-        out.append(compare(record, motion, noise=float(noise), offset=offset, offset_standard_error=error))
+        share = 0.0 if i is None else fit.free.size * record.time.size / np.size(fit.state.residual)
+        out.append(
+            compare(
+                record,
+                motion,
+                noise=float(noise),
+                offset=offset,
+                offset_standard_error=error,
+                parameters=share,
+            )
+        )
     return tuple(out)
 
 
-def _notes(study, problem, fit, known, vague, statistics, records) -> list[str]:
-    paths = problem.residual.scale.paths
-    notes = []
-    for direction in known.null:
-        part = [(path, share) for path, share in zip(paths, direction, strict=True) if share != 0]
-        names = ", ".join(path for path, _ in part)
-        if len(part) == 1:
-            notes.append(f"The data say nothing about {names}; its value is where the fit began.")
-        elif all(abs(share - 1.0) < 1e-3 for _, share in part):
-            notes.append(
-                f"The data tell {names} only up to a common factor: all of them may be multiplied by the same "
-                "number. Fix one, for example the mass, to know the others."
-            )
-        else:
-            notes.append(f"The data tell {names} only in combination; what is given is one of many equal solutions.")
-    if vague.any():
-        names = ", ".join(np.array(paths)[vague])
-        notes.append(f"The data hardly tell {names}: one standard error is a factor of ten or more.")
-    bound = np.array(paths)[_at_bound(fit, problem.residual.scale)]
-    small, large = (_out_of_reach(study, fit, problem.residual.scale, side) for side in ("low", "high"))
-    for ends, what in ((small, "from zero"), (large, "from one without limit")):
-        if ends:
-            notes.append(
-                f"The data cannot tell {', '.join(ends)} {what}: the fit stopped a factor of {REACH:g} from the "
-                "start, and holds it there for the errors of the others."
-            )
-    if bound := [path for path in bound if path not in small + large]:
-        notes.append(f"At a bound, and held there for the errors of the others: {', '.join(bound)}.")
-    given = [record.noise is not None for record in problem.records]
-    if statistics.reduced_chi2 > 1.2 and any(given):
-        notes.append(
-            f"The residuals exceed the noise given (reduced chi-square {statistics.reduced_chi2:.3g}): the model does "
-            "not explain all that was measured. The errors are enlarged accordingly."
-        )
-    wavy = [record.name for record in records if record.role == "fit" and record.simulated and _waviness(record) > 0.3]
-    if wavy:
-        notes.append(
-            "Neighbouring residuals are alike, as the model's own errors are and noise is not, in: "
-            f"{', '.join(wavy)}. The true errors are larger than the standard errors given."
-        )
-    failed = [record.name for record in records if not record.simulated]
-    if failed:
-        notes.append(f"The simulation could not finish for: {', '.join(failed)}.")
-    return notes
-
-
-def _waviness(record: FittedRecord) -> float:
-    """Correlation of neighbouring residuals."""
-    rest = record.measured - record.predicted
-    return float(np.sum(rest[1:] * rest[:-1]) / max(np.sum(rest**2), 1e-300))
+def _notes(study, problem, fit, known, vague, statistics, parameters, records) -> list[str]:
+    if fit.message == LOST:
+        return []
+    free = problem.residual.scale
+    held = [path for path, end in zip(free.paths, _at_bound(fit, free), strict=True) if end]
+    unknown = {path for direction in known.null for path, share in zip(free.paths, direction, strict=True) if share}
+    unsure = {path for path, is_vague in zip(free.paths, vague, strict=True) if is_vague}
+    told = [parameters[path] for path in free.paths if path not in {*unknown, *unsure, *held}]
+    seen = [path for path in free.paths if path not in unknown]
+    values = {path: parameter.value for path, parameter in parameters.items()}
+    return [
+        *about_information(known.null, free.paths, parameters),
+        *about_vagueness([path for path, is_vague in zip(free.paths, vague, strict=True) if is_vague]),
+        *about_bounds(study.parameters, fit.free, free, parameters),
+        *about_distance(told, free),
+        *about_models(study.models, values),
+        *about_resonances(study.models, values, seen, study.records),
+        *about_records(records, statistics),
+    ]

@@ -14,10 +14,11 @@ READING_ORDER = """
 errors quantity rod family units columns tables series
 drive hold waveforms oscillator piezo friction effector amplifier stage sensor actuator
 expansion crossing stepping tangents integration modes stick_slip unloaded tribometer simulation
-parameters records metrics estimate prediction residual study starts guessing
-levenberg_marquardt uncertainty fitting best_point multistart summary estimation
+parameters records prediction residual metrics estimate study record_features starts guessing display
+levenberg_marquardt uncertainty goodness resonances notes fitting start_failure best_point multistart
+summary estimation
 identified cycles characterise virtual_rig catalogue sweeping ranges
-display report plot plot_sweep output runtime signals console commands cli
+report plot plot_sweep output runtime signals console commands cli
 """.split()
 """Modules and families; each may import only from those before it."""
 

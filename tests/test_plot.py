@@ -40,6 +40,13 @@ def test_a_failed_simulation_and_an_unknown_noise_are_no_trouble():
     assert "noise" not in figure.axes[2].get_ylabel()
 
 
+def test_chi_square_is_in_the_caption_where_a_noise_was_given():
+    record = fabricated.estimate().records[0]
+    assert "chi-square" not in record_figure(record).get_suptitle()
+    judged = dataclasses.replace(record, reduced_chi2=4.6)
+    assert "chi-square per sample 4.6" in drawn(record_figure(judged)).get_suptitle()
+
+
 @pytest.mark.parametrize("samples", [2, 5])
 def test_a_record_of_few_samples_can_be_drawn(samples):
     time = np.linspace(0.0, 1.0, samples)

@@ -7,15 +7,36 @@ does so by flags, guards and `passed`, as a friction law does.
 """
 
 import abc
-from typing import Any, ClassVar
+from collections.abc import Mapping
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..drive.base import Segment, Voltage
+from ..quantity import quantities
 
 State = tuple[Any, ...]
+
+USUAL_SWING = 80.0
+"""Voltage [V] over which a stack is driven that has the nominal parameters of a hysteresis."""
+
+
+class Shown(NamedTuple):
+    """What records say of a stack before any fit; None where they do not."""
+
+    gain: float | None = None
+    """Displacement per volt [m/V]."""
+    natural_frequency: float | None = None
+    """Of the first mode [rad/s]."""
+    damping_ratio: float | None = None
+    """Of the first mode."""
+    swing: float | None = None
+    """From the lowest to the highest voltage [V]."""
+    duration: float | None = None
+    """Of the longest record [s]."""
+
 
 _LOOK_AHEAD = 1e-9
 """Time [s] by which the direction of a voltage at its turning point is told."""
@@ -84,6 +105,27 @@ class AbstractPiezo(eqx.Module):
     @abc.abstractmethod
     def fastest(self) -> Float[Array, ""]:
         """The fastest angular frequency [rad/s]: the scale between velocity and displacement."""
+
+    def broken_conditions(self) -> tuple[str, ...]:
+        """What the parameters must obey together and do not, a clause each such as "|gamma| is 0.1, above beta, 0.03".
+
+        Not under `jit`: it reads the numbers.
+        """
+        return ()
+
+    @classmethod
+    def first_guess(cls, shown: Shown, known: Mapping[str, float]) -> dict[str, float]:
+        """Where a fit of this model's parameters may start, by their names, as far as records show them.
+
+        **Arguments:** `shown` is what the records say of any stack; `known` numbers of this one, by
+        name, are given.
+        """
+        guess = {
+            "gain": shown.gain,
+            "natural_frequency": shown.natural_frequency,
+            "damping_ratio": shown.damping_ratio,
+        }
+        return {name: number for name, number in guess.items() if number is not None and name in quantities(cls)}
 
     def motion(self, state: State, segment: Segment, after, lapse) -> State:
         """Where `closed`: the exact state `lapse` [s] later, `after` [s] into a segment; no force."""

@@ -19,8 +19,8 @@ T. S. Low and W. Guo, Journal of Microelectromechanical Systems 4(4), 1995.
 import jax.numpy as jnp
 
 from ..oscillator import accelerated
-from ..quantity import quantity
-from .base import AbstractPiezo, heading
+from ..quantity import quantities, quantity
+from .base import USUAL_SWING, AbstractPiezo, heading
 
 
 class BoucWen(AbstractPiezo):
@@ -42,6 +42,23 @@ class BoucWen(AbstractPiezo):
     """Difference g of that rate between loading and unloading, halved [1/V]; from -beta to beta."""
     mass: float = quantity(0.56, "kg", optional=True)
     """Moving mass of stack and platform m_g [kg]; only friction feedback (5.25) uses it."""
+
+    def broken_conditions(self):
+        if abs(float(self.gamma)) <= float(self.beta):
+            return ()
+        return (
+            f"piezo.gamma is {float(self.gamma):.4g} 1/V, beyond piezo.beta, {float(self.beta):.4g} 1/V, "
+            "so that this stack creates energy on some paths (|gamma| <= beta would not)",
+        )
+
+    @classmethod
+    def first_guess(cls, shown, known):
+        guess = super().first_guess(shown, known)
+        if shown.swing:
+            # As many times as over the usual swing h forgets over this one.
+            beta = known.get("beta", quantities(cls)["beta"].nominal * USUAL_SWING / shown.swing)
+            guess |= {"beta": beta, "gamma": beta / 3.0}
+        return guess
 
     def initial(self):
         zero = jnp.zeros(())

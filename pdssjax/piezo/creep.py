@@ -18,6 +18,8 @@ from ..quantity import quantity
 from .base import AbstractPiezo
 
 _DECADES = (1.0, 10.0, 100.0)
+_PARTS = 60.0
+"""Times that t_1 fits into the longest record: the slowest element then has most of its way within it."""
 
 
 class Creep(AbstractPiezo):
@@ -37,6 +39,11 @@ class Creep(AbstractPiezo):
     """Time of the fastest element t_1 [s]."""
     mass: float = quantity(0.56, "kg", optional=True)
     """Moving mass of stack and platform m_g [kg]; only friction feedback (5.25) uses it."""
+
+    @classmethod
+    def first_guess(cls, shown, known):
+        guess = super().first_guess(shown, known)
+        return guess | ({"creep_time": shown.duration / _PARTS} if shown.duration else {})
 
     def initial(self):
         return tuple(jnp.zeros(()) for _ in range(2 + len(_DECADES)))

@@ -56,6 +56,24 @@ class DistributedRod(AbstractPiezo):
             raise TypeError(f"DistributedRod knows no {next(iter(numbers))!r}.")
         self.modes = modes(self.rod, count)
 
+    @classmethod
+    def first_guess(cls, shown, known):
+        """Modulus, viscosity and strain that give the first mode the gain, frequency and damping ratio shown."""
+        numbers: dict[str, Any] = {
+            name: known.get(name, declared.nominal) for name, declared in quantities(cls).items()
+        }
+        guess = {}
+        if shown.natural_frequency is not None:
+            rate = float(cls(**numbers).modes.natural_frequency[0])
+            guess["modulus"] = numbers["modulus"] * (shown.natural_frequency / rate) ** 2
+        numbers |= {"modulus": known.get("modulus", guess.get("modulus", numbers["modulus"]))}
+        if shown.damping_ratio is not None:
+            rate = float(cls(**numbers).modes.natural_frequency[0])
+            guess["viscosity"] = 2.0 * numbers["modulus"] * shown.damping_ratio / rate
+        if shown.gain is not None:
+            guess["strain"] = shown.gain / numbers["stack_length"]
+        return guess
+
     @property
     def rod(self) -> Rod:
         """Stack and platform."""

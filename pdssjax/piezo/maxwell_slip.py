@@ -21,8 +21,8 @@ whose elements stand between charge and voltage.
 import jax.numpy as jnp
 
 from ..oscillator import accelerated
-from ..quantity import quantity
-from .base import AbstractPiezo, heading
+from ..quantity import quantities, quantity
+from .base import USUAL_SWING, AbstractPiezo, heading
 
 _COUNT = 4
 _ROUNDING = 1e-12
@@ -58,6 +58,21 @@ class MaxwellSlip(AbstractPiezo):
     """Voltage r_4 at which the fourth element slips [V]."""
     mass: float = quantity(0.56, "kg", optional=True)
     """Moving mass of stack and platform m_g [kg]; only friction feedback (5.25) uses it."""
+
+    def broken_conditions(self):
+        together = float(sum(self._shares()))
+        if together < 1.0:
+            return ()
+        return (f"piezo.share_1 to piezo.share_{_COUNT} together are {together:.4g}, not below 1",)
+
+    @classmethod
+    def first_guess(cls, shown, known):
+        guess = super().first_guess(shown, known)
+        if shown.swing:
+            # An element slips only where its threshold is below the swing of the voltage, or half of it between turns.
+            thresholds = {f"threshold_{i}": quantities(cls)[f"threshold_{i}"].nominal for i in range(1, _COUNT + 1)}
+            guess |= {name: nominal * shown.swing / USUAL_SWING for name, nominal in thresholds.items()}
+        return guess
 
     def initial(self):
         zero = jnp.zeros(())

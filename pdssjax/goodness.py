@@ -1,0 +1,66 @@
+"""Which records a fit explains down to their noise, and which it does not.
+
+Where a record's noise is given, its residuals are judged by chi-square.  Where it is not, the
+noise is estimated from the residuals and chi-square is their number whatever the fit; the
+witness then is the scatter of second differences (`residual.noise_floor`), which a smooth
+misfit hardly enters.
+"""
+
+import numpy as np
+
+from .estimate import FittedRecord
+
+EXCESS = 1.2
+"""Chi-square per degree of freedom below which an excess is not worth a word, however certain it is."""
+ABOVE_FLOOR = 1.1
+"""The same for residuals against the noise floor, as a ratio of standard deviations: the root of `EXCESS`."""
+FEWEST = 50
+"""Samples from which second differences are a witness."""
+SIGMAS = 4.0
+"""Standard deviations beyond which an excess is not chance."""
+
+
+def highest_by_chance(freedom: float) -> float:
+    """What chi-square per degree of freedom hardly ever exceeds by chance (once in 30 000).
+
+    The cube root of chi-square is nearly normal: E. B. Wilson and M. M. Hilferty, PNAS 17(12), 1931.
+    """
+    spread = 2.0 / (9.0 * max(freedom, 1.0))
+    return float((1.0 - spread + SIGMAS * np.sqrt(spread)) ** 3)
+
+
+def lowest_by_chance(freedom: float) -> float:
+    """What chi-square per degree of freedom hardly ever falls short of by chance."""
+    spread = 2.0 / (9.0 * max(freedom, 1.0))
+    return float(max(1.0 - spread - SIGMAS * np.sqrt(spread), 0.0) ** 3)
+
+
+def exceeds_given_noise(record: FittedRecord) -> bool:
+    """Chi-square against the noise given is beyond both chance and `EXCESS`; False where none is given."""
+    return record.reduced_chi2 > max(EXCESS, highest_by_chance(record.samples))
+
+
+def stays_below_given_noise(record: FittedRecord) -> bool:
+    """Chi-square against the noise given is too small for chance, and for `EXCESS` the other way."""
+    return record.reduced_chi2 < min(1.0 / EXCESS, lowest_by_chance(record.samples))
+
+
+def above_floor(record: FittedRecord) -> float:
+    """Residuals over the noise seen between neighbouring samples, as standard deviations; NaN where unknown."""
+    return record.rmse / record.noise_floor
+
+
+def exceeds_floor(record: FittedRecord) -> bool:
+    """`above_floor` is beyond both chance and `ABOVE_FLOOR`; never said of fewer than `FEWEST` samples.
+
+    Of white noise it is 1 with a standard deviation of 0.8/sqrt(samples), and 4.8/sqrt(samples) above
+    1 at most in thousands of trials, since its upper tail is long.
+    """
+    least = max(ABOVE_FLOOR, 1.0 + 1.2 * SIGMAS / np.sqrt(record.samples))
+    return record.samples >= FEWEST and above_floor(record) > least
+
+
+def neighbour_correlation(record: FittedRecord) -> float:
+    """Correlation of neighbouring residuals: 0 for white noise, towards 1 for a misfit that is smooth."""
+    rest = record.measured - record.predicted
+    return float(np.sum(rest[1:] * rest[:-1]) / max(np.sum(rest**2), 1e-300))

@@ -1,0 +1,292 @@
+"""What the user must read after a fit: each fact once, only where it is true, with what to do next."""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from .display import display_unit
+from .estimate import FittedParameter, FittedRecord, Statistics
+from .goodness import (
+    EXCESS,
+    above_floor,
+    exceeds_floor,
+    exceeds_given_noise,
+    highest_by_chance,
+    neighbour_correlation,
+    stays_below_given_noise,
+)
+from .parameters import REACH, Parameter, Scale
+from .prediction import Models
+from .records import Record
+from .resonances import SHOWN, Resonance, depends_on, hidden_from
+
+FAR = 10.0
+"""Factor by which a parameter must have moved from its start to be worth a word."""
+ALIKE = 0.3
+"""Correlation of neighbouring residuals from which they are no noise."""
+UNDAMPED = 0.005
+"""Damping ratio below which a contact or a platform is not to be believed: it would ring for thirty periods."""
+
+
+def shown(number: float, unit: str) -> str:
+    """A number in SI as people read it, with its unit."""
+    name, factor = display_unit(unit)
+    return f"{number * factor:.4g} {name}".rstrip()
+
+
+def listed(texts: Iterable[str]) -> str:
+    """One, two and three, as a sentence has them."""
+    texts = list(texts)
+    return " and ".join([", ".join(texts[:-1]), texts[-1]]) if len(texts) > 1 else "".join(texts)
+
+
+def about_information(
+    null: Sequence[np.ndarray], paths: Sequence[str], parameters: Mapping[str, FittedParameter]
+) -> list[str]:
+    """What the data do not tell, by the directions that leave the residuals alone."""
+    notes = []
+    for direction in null:
+        part = [(path, share) for path, share in zip(paths, direction, strict=True) if share != 0]
+        names = listed(path for path, _ in part)
+        if len(part) == 1:
+            notes.append(_without_information(parameters[names]))
+        elif all(abs(share - 1.0) < 1e-3 for _, share in part):
+            notes.append(
+                f"The data tell {names} only up to a common factor: all of them may be multiplied by the same "
+                "number. Fix one, for example the mass, to know the others."
+            )
+        else:
+            notes.append(
+                f"The data tell {names} only in combination; what is given is one of many equal solutions. Fix one "
+                "of them, or add a record that tells them apart."
+            )
+    return notes
+
+
+def _without_information(parameter: FittedParameter) -> str:
+    head = f"The data say nothing about {parameter.path}"
+    advice = "Fix it, or add a record that shows it."
+    if not moved(parameter):
+        return f"{head}; its value is where the fit began. {advice}"
+    begun, ended = (shown(number, parameter.unit) for number in (_start(parameter), parameter.value))
+    return (
+        f"{head} at the values found; on the way there it moved from {begun} to {ended}, which means nothing. {advice}"
+    )
+
+
+def moved(parameter: FittedParameter) -> bool:
+    """A free parameter is not where it began."""
+    return not np.isclose(parameter.value, _start(parameter), rtol=1e-6, atol=0.0)
+
+
+def _start(parameter: FittedParameter) -> float:
+    return parameter.value if parameter.start is None else parameter.start
+
+
+def about_vagueness(vague: Sequence[str]) -> list[str]:
+    """Parameters whose errors are wider than a factor of ten."""
+    if not vague:
+        return []
+    return [
+        f"The data hardly tell {listed(vague)}: one standard error is a factor of ten or more. Fix what is known "
+        "otherwise, or add a record that shows it."
+    ]
+
+
+def about_bounds(
+    declared: Mapping[str, Parameter], found: np.ndarray, scale: Scale, parameters: Mapping[str, FittedParameter]
+) -> list[str]:
+    """Parameters that ended on a bound, or ran out of reach; `found` on the fit's scale."""
+    notes = []
+    for side, ends in (("lower", found <= scale.low), ("upper", found >= scale.high)):
+        at = [int(i) for i in np.flatnonzero(ends)]
+        lost = [i for i in at if _out_of_reach(declared[scale.paths[i]], scale, i, side)]
+        if lost:
+            names, it = listed(scale.paths[i] for i in lost), "it" if len(lost) == 1 else "them"
+            what = "zero" if side == "lower" else "one without limit"
+            notes.append(
+                f"The data cannot tell {names} from {what}: the fit stopped a factor of {REACH:g} from the start, and "
+                f"holds {it} there for the errors of the others. Fix {it}, or add a record that shows {it}."
+            )
+        others = [scale.paths[i] for i in at if i not in lost]
+        notes += [_at_bound(declared[path], parameters[path].value, side) for path in others]
+    return notes
+
+
+def _out_of_reach(declared: Parameter, scale: Scale, i: int, side: str) -> bool:
+    """The end is that of a fit's reach: neither the study's nor that of the legal range."""
+    own, legal, ends = (
+        (declared.low, declared.quantity.low, scale.low)
+        if side == "lower"
+        else (declared.high, declared.quantity.high, scale.high)
+    )
+    if own is not None or not scale.logarithmic[i]:
+        return False
+    return not np.isclose(np.exp(ends[i]), legal, rtol=1e-5)
+
+
+def _at_bound(declared: Parameter, value: float, side: str) -> str:
+    own = declared.low if side == "lower" else declared.high
+    key = "min" if side == "lower" else "max"
+    head = f"{declared.path} is at its {side} bound, {shown(value, declared.unit)}"
+    if own is not None:
+        return (
+            f"{head}, the {key} that the study gives, and held there for the errors of the others. Move the bound, "
+            "unless there is a reason for it: the best fit lies beyond."
+        )
+    return f"{head}, the end of its legal range, and held there for the errors of the others. Fix it there."
+
+
+def about_distance(parameters: Iterable[FittedParameter], scale: Scale) -> list[str]:
+    """Parameters that ended far from where they began."""
+    notes = []
+    for parameter in parameters:
+        i, begun = scale.paths.index(parameter.path), _start(parameter)
+        if scale.logarithmic[i]:
+            ratio = parameter.value / begun
+            if not 1.0 / FAR <= ratio <= FAR:
+                how = f"a factor of {max(ratio, 1.0 / ratio):.3g}"
+                notes.append((parameter, how))
+        elif abs(parameter.value - begun) > FAR * scale.unit[i]:
+            notes.append((parameter, f"{abs(parameter.value - begun) / scale.unit[i]:.3g} times the size of its start"))
+    if not notes:
+        return []
+    parts = [f"{p.path}, from {shown(_start(p), p.unit)} to {shown(p.value, p.unit)}, by {how}" for p, how in notes]
+    return [
+        f"Far from where the fit began: {'; '.join(parts)}. If that is not what is known of the rig, another optimum "
+        "may be the true one: give a start near what is known, or min and max, and fit again."
+    ]
+
+
+def about_models(models: Models, values: Mapping[str, float]) -> list[str]:
+    """Conditions that tie parameters together, and are broken by what was found."""
+    broken = models.actuator(values).piezo.broken_conditions()
+    return [
+        f"The parameters found break a condition of the model: {text}. Set min and max so that it holds, or fix "
+        "one of them, and fit again."
+        for text in broken
+    ]
+
+
+def about_resonances(models: Models, values: dict[str, float], paths: Sequence[str], records: Sequence[Record]):
+    """Modes that no record is sampled finely enough for, and modes without damping; of free `paths` only."""
+    notes = []
+    for mode, involved in depends_on(models, values, paths).items():
+        seen = [record for record in records if record.measures in mode.kinds]
+        if not involved or not seen:
+            continue
+        if hidden := hidden_from(mode, records):
+            notes.append(_alias(mode, involved, hidden))
+        if 0.0 < mode.damping_ratio < UNDAMPED:
+            notes.append(
+                f"The {mode.what} is found to ring at {mode.frequency:.4g} Hz with a damping ratio of "
+                f"{mode.damping_ratio:.2g}, for {0.16 / mode.damping_ratio:.0f} periods: that is not to be believed "
+                f"of a real one. Look at {listed(involved)}: another start, or min and max, may lead to another "
+                "optimum."
+            )
+    return list(dict.fromkeys(notes))
+
+
+def _alias(mode: Resonance, involved: Sequence[str], records: Sequence[Record]) -> str:
+    rates = [1.0 / float(np.percentile(np.diff(record.time), 10.0)) for record in records]
+    names = listed(f'"{record.name}" ({rate:.4g} Hz)' for record, rate in zip(records, rates, strict=True))
+    fastest, enough = max(rates), float(f"{mode.frequency / SHOWN:.2g}")
+    image = abs(mode.frequency - round(mode.frequency / fastest) * fastest)
+    return (
+        f"The {mode.what} is found to ring at {mode.frequency:.4g} Hz (damping ratio {mode.damping_ratio:.2g}), above "
+        f"the {SHOWN * fastest:.4g} Hz that samples at {fastest:.4g} Hz show; no record that it acts on is sampled "
+        f"more finely: {names}. It may be an alias, since its samples are like those of {image:.4g} Hz. Do not trust "
+        f"{listed(involved)} before a record sampled at {enough:g} Hz or more has confirmed "
+        f"{'them' if len(involved) > 1 else 'it'}."
+    )
+
+
+def about_records(records: Sequence[FittedRecord], statistics: Statistics) -> list[str]:
+    """Which records the fit does not explain."""
+    notes = []
+    known = [record for record in records if record.simulated]
+    fitted = [record for record in known if record.role == "fit"]
+    excess = [record for record in fitted if exceeds_given_noise(record)]
+    noisy = [record for record in excess if record.noise_floor > 0.9 * record.rmse]
+    if noisy:
+        notes.append(
+            f"The noise given is too small for {_quoted(noisy)}: neighbouring samples alone scatter by "
+            f"{listed(shown(r.noise_floor, r.unit) for r in noisy)}, where "
+            f"{listed(shown(r.noise, r.unit) for r in noisy)} is given. Correct it, or leave it out. "
+            f"{_enlarged(statistics)}"
+        )
+    if misfits := [record for record in excess if record not in noisy]:
+        figures = (f'"{r.name}" ({r.reduced_chi2:.3g}; by chance up to {_chance(r):.3g})' for r in misfits)
+        notes.append(
+            f"The model does not explain all of {listed(figures)}: chi-square per sample against the noise given is "
+            f"in brackets. {_enlarged(statistics)} Look at the residuals in the plots for what is missing: another "
+            "law, a fall time, hysteresis, a wrong drive."
+        )
+    if over := [record for record in fitted if record.noise_estimated and exceeds_floor(record)]:
+        figures = (f"{above_floor(r):.2g} times in {_quoted([r])}" for r in over)
+        notes.append(
+            "No noise is given, so it was taken from the residuals; but these are larger than the noise seen between "
+            f"neighbouring samples, {listed(figures)}: the model does not explain all that was measured there, or the "
+            "fit is in a wrong optimum. Look at the residuals in the plots, try other starts, or give the noise."
+        )
+    if less := [record for record in fitted if stays_below_given_noise(record)]:
+        figures = (f"{_quoted([r])} ({shown(r.rmse, r.unit)} where {shown(r.noise, r.unit)} is given)" for r in less)
+        notes.append(
+            f"The residuals are smaller than the noise given in {listed(figures)}: the standard errors are larger "
+            "than they need be. Give the noise as it is, or leave it out."
+        )
+    return notes + _about_validation(known) + _about_correlation(fitted) + _about_failures(records)
+
+
+def _about_validation(records: Sequence[FittedRecord]) -> list[str]:
+    others = [record for record in records if record.role != "fit"]
+    figures = [
+        f"{np.sqrt(r.reduced_chi2):.2g} times the noise given in {_quoted([r])}"
+        for r in others
+        if exceeds_given_noise(r)
+    ]
+    figures += [
+        f"{above_floor(r):.2g} times the noise seen between neighbouring samples in {_quoted([r])}"
+        for r in others
+        if r.noise_estimated and exceeds_floor(r)
+    ]
+    if not figures:
+        return []
+    return [
+        f"Records that were not fitted are not predicted down to their noise: the residuals are {listed(figures)}. "
+        "The model or the optimum found does not carry over to them: fit them too, and see whether all agree."
+    ]
+
+
+def _about_correlation(fitted: Sequence[FittedRecord]) -> list[str]:
+    alike = [record for record in fitted if neighbour_correlation(record) > ALIKE]
+    if not alike:
+        return []
+    return [
+        f"Neighbouring residuals are alike, as the model's own errors are and noise is not, in {_quoted(alike)}. The "
+        "true errors are larger than the standard errors given."
+    ]
+
+
+def _about_failures(records: Sequence[FittedRecord]) -> list[str]:
+    failed = [record for record in records if not record.simulated]
+    if not failed:
+        return []
+    return [
+        f"The simulation could not finish for {_quoted(failed)}. Look at parameters that are extreme, such as a very "
+        "high bandwidth or stiffness."
+    ]
+
+
+def _enlarged(statistics: Statistics) -> str:
+    if statistics.reduced_chi2 > 1.0:
+        return f"All errors are enlarged by {np.sqrt(statistics.reduced_chi2):.3g} for it."
+    return f"The total, {statistics.reduced_chi2:.2g}, hides it: the errors are not enlarged for it."
+
+
+def _quoted(records: Sequence[FittedRecord]) -> str:
+    return listed(f'"{record.name}"' for record in records)
+
+
+def _chance(record: FittedRecord) -> float:
+    return max(EXCESS, highest_by_chance(record.samples))

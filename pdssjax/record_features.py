@@ -1,0 +1,198 @@
+"""What records say of a rig before any fit: gain, ringing and contact, read off by simple means."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+
+from .errors import InputError
+from .hold import waveform
+from .records import Record
+from .residual import noise_floor
+
+_LATEST = 1e6
+"""Time [s] at which a record may begin, however short it is."""
+_VISIBLE = 6.0
+"""Overshoot of a step, over its noise, from which it is taken for ringing."""
+_SOON = 0.5
+"""Part of a record of a step within which its peak must lie."""
+_MOST = 200_000
+"""Moments at which a voltage is looked at."""
+_FINER = 4
+"""Of them in the time in which a platform feels a change: so that corners are hardly missed."""
+_PERIODS = 3.0
+"""Of a voltage that repeats, looked at."""
+
+
+def check_clock(record: Record) -> None:
+    """**Raises** `InputError` where a record begins so late that its clock cannot be that of its drive."""
+    first, length = float(record.time[0]), float(np.ptp(record.time))
+    if record.drive is not None and abs(first) > max(_LATEST, 10.0 * length):
+        raise InputError(
+            f'{record.file}: record "{record.name}": found a first sample at {first:g} s, and samples over '
+            f"{length:g} s, expected times from the start of the drive on, which is t = 0."
+        )
+
+
+def oscillator(records: Sequence[Record]) -> dict[str, float]:
+    """Gain, natural frequency and damping ratio, as far as the records tell them."""
+    steps = [r for r in records if r.measures == "platform" and _is_step(r)]
+    if steps:
+        # A slow record of creep does not show how the platform rings.
+        finest = min(map(interval_of, steps))
+        found = [_from_step(record) for record in steps if interval_of(record) < 2.0 * finest]
+        names = {name for one in found for name in one}
+        return {name: float(np.median([one[name] for one in found if name in one])) for name in sorted(names)}
+    moves = [r for r in records if r.measures != "force"]
+    flanks = [_flank_gain(r) for r in moves if frequency_of(r) and hasattr(waveform(r.drive), "fall_time")]
+    gains = flanks or [_range_gain(r) for r in records if r.measures == "platform"]
+    gains = gains or [gain for gain in map(_following_gain, moves) if gain > 0.0]
+    return {"gain": float(np.median(gains))} if gains else {}
+
+
+def _is_step(record: Record) -> bool:
+    """The voltage goes to one level within the first tenth of the record, and stays there."""
+    volts, last = voltages(record), record.time[-1]
+    late = volts[record.time > 0.1 * last]
+    return bool(late.size and abs(volts[-1]) > 0 and np.all(np.abs(late - volts[-1]) < 0.01 * abs(volts[-1])))
+
+
+def _range_gain(record: Record) -> float:
+    """A platform that hardly rings goes as far as the voltage does."""
+    return float(np.ptp(record.measured) / (np.ptp(voltages(record)) or 1.0))
+
+
+def _following_gain(record: Record) -> float:
+    """How far an end-effector goes with the voltage [m/V], besides walking steadily; 0 where it does not."""
+    columns = [
+        np.ones(record.time.size),
+        record.time - record.time[0],
+        np.broadcast_to(voltages(record), record.time.shape),
+    ]
+    size = [np.max(np.abs(column)) or 1.0 for column in columns]
+    design = np.stack(columns, axis=1) / size
+    return float(np.linalg.lstsq(design, record.measured, rcond=None)[0][2] / size[2])
+
+
+def _from_step(record: Record) -> dict[str, float]:
+    """Gain, natural frequency and damping ratio from the peak and the end of a step response.
+
+    Only the gain where no peak stands out of the noise soon enough: then the samples do not show the ringing.
+    """
+    time, y = record.time, record.measured
+    before = time < 0
+    after = time >= 0
+    end = float(np.mean(y[-max(y.size // 5, 1) :]))
+    zero = float(np.mean(y[before])) if before.any() else float(y[after][0])
+    found = {"gain": abs(end - zero) / (abs(float(voltages(record)[-1])) or 1.0)}
+    rise = (y[after] - zero) / ((end - zero) or 1e-12)
+    peak = int(np.argmax(rise))
+    delay = max(float(time[after][peak]), interval_of(record))
+    visible = rise[peak] - 1.0 > _VISIBLE * noise_floor(record) / (abs(end - zero) or 1e-12)
+    if not (visible and delay < _SOON * max(float(time[-1]), interval_of(record))):
+        return found
+    overshoot = float(np.clip(rise[peak] - 1.0, 1e-3, 0.98))
+    logarithm = np.log(overshoot)
+    damping = -logarithm / np.hypot(np.pi, logarithm)
+    return found | {
+        "damping_ratio": float(damping),
+        "natural_frequency": float(np.pi / delay / np.sqrt(1.0 - damping**2)),
+    }
+
+
+def _flank_gain(record: Record) -> float:
+    """While it sticks, the end-effector follows the slow flank: the usual slope over the voltage's.
+
+    Taken over a quarter of a period, so that noise and rounding matter little, and most of
+    the spans hold no slip.
+    """
+    drive: Any = waveform(record.drive)
+    span = int(np.clip(0.25 / float(drive.frequency) / interval_of(record), 1, record.time.size - 1))
+    rise = record.measured[span:] - record.measured[:-span]
+    slope = float(np.median(rise / (record.time[span:] - record.time[:-span])))
+    return abs(slope) / abs(float(drive.voltage) * float(drive.frequency))
+
+
+def stop_stiffness(record: Record, gain: float) -> float:
+    """While the contact sticks, the stop is pressed as far as the platform goes [N/m]; 0 where nothing pushes.
+
+    Of the rises within a tenth of a period the steepest tenth: later the contact slides, earlier
+    the end-effector may not have reached the stop.
+    """
+    frequency = frequency_of(record)
+    if not frequency or record.time.size < 8:
+        return 0.0
+    span = int(np.clip(0.1 / frequency / interval_of(record), 1, record.time.size // 2))
+    raised, pushed = (values[span:] - values[:-span] for values in (voltages(record), record.measured))
+    usual = float(np.percentile(raised, 75.0))
+    rises = raised > 0.5 * usual
+    steep = float(np.percentile(pushed[rises] / raised[rises], 90.0)) if usual > 0 else 0.0
+    return max(steep, 0.0) / gain
+
+
+def peak_bend(record: Record, rate: float, known: Mapping[str, float]) -> float:
+    """The peak of u'' [V/s2] as a platform of the frequency `rate` [rad/s] feels it; 0 without a drive.
+
+    The second difference of the voltage over 1/rate gives rate^2 times a jump, rate times a change of
+    slope, and u'' of what is smooth.
+    """
+    if record.drive is None:
+        return 0.0
+    drive, fall = record.drive, known.get("drive.fall_time")
+    if fall is not None and "fall_time" not in record.own and hasattr(waveform(drive), "fall_time"):
+        drive = eqx.tree_at(lambda d: waveform(d).fall_time, drive, fall)
+    frequency = frequency_of(record)
+    last = _PERIODS / frequency if frequency else float(record.time[-1])
+    finer = rate * _FINER
+    times = np.arange(-_FINER, min(int(max(last, 0.0) * finer), _MOST) + 3 * _FINER) / finer
+    level = np.asarray(_voltage(drive, times))
+    bend = level[2 * _FINER :] - 2.0 * level[_FINER:-_FINER] + level[: -2 * _FINER]
+    return float(np.max(np.abs(bend))) * rate**2
+
+
+def contact_scale(record: Record, moved: float | None) -> tuple[float, float, float]:
+    """Mass, acceleration and rate that stand for what a friction record shows, as `plausible` wants them.
+
+    Its force F and its stiffness k (the steepest tenth of the loops) put the middle of the ranges: a mass
+    m moved like that of an actuator has 0.3 m rate^2 = k and 0.035 m a = F there.  The mass is that of the
+    end-effector where one is `moved` [kg]: its contact is damped as suits its own ringing, however slow
+    the loops are.  Without one the rate is k v/F, at which the contact follows the record's speed v.
+    """
+    assert record.motion is not None
+    force = 0.5 * float(np.subtract(*np.percentile(record.measured, [95.0, 5.0]))) or 1e-3
+    steps, pulled = np.diff(record.motion), np.diff(record.measured)
+    stroke = float(np.ptp(record.motion)) or 1e-6
+    moves = np.abs(steps) > 1e-4 * stroke
+    slopes = (pulled[moves] / steps[moves]) if moves.any() else np.zeros(1)
+    stiffness = max(float(np.percentile(slopes, 90.0)), force / stroke)
+    speed = float(np.median(np.abs(steps[moves] / np.diff(record.time)[moves]))) if moves.any() else stroke
+    mass = stiffness / (0.3 * (stiffness * speed / force) ** 2) if moved is None else moved
+    return mass, force / (0.035 * mass), float(np.sqrt(stiffness / (0.3 * mass)))
+
+
+def frequency_of(record: Record) -> float | None:
+    """Of a drive that repeats, held or not [Hz]."""
+    frequency = getattr(waveform(record.drive), "frequency", None)
+    return float(frequency) if frequency else None
+
+
+def interval_of(record: Record) -> float:
+    """From one sample to the next [s]."""
+    return float(np.median(np.diff(record.time)))
+
+
+def amplitude(record: Record) -> float:
+    """Largest voltage [V]."""
+    given = getattr(waveform(record.drive), "voltage", None)
+    return float(np.max(np.abs(voltages(record)))) if given is None else abs(float(given))
+
+
+def voltages(record: Record) -> np.ndarray:
+    """The voltage at the samples [V]; 0 where none is applied."""
+    return np.zeros(1) if record.drive is None else np.asarray(_voltage(record.drive, record.time))
+
+
+@eqx.filter_jit
+def _voltage(drive, time):
+    return drive.at(time)

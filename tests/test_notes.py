@@ -1,0 +1,265 @@
+"""What a fit tells its user is true, is said once, and says what to do next."""
+
+import dataclasses
+import json
+import math
+
+import fabricated
+import numpy as np
+import pytest
+
+import pdssjax
+from pdssjax import fitting, summary
+from pdssjax.cli import main
+from pdssjax.drive.sawtooth import Sawtooth
+from pdssjax.estimate import FittedParameter, compare
+from pdssjax.goodness import exceeds_floor, exceeds_given_noise, highest_by_chance
+from pdssjax.integration import Accuracy
+from pdssjax.notes import about_information, about_models, about_records, about_resonances
+from pdssjax.prediction import Models
+from pdssjax.records import Record
+from pdssjax.report import format_report
+
+GAIN, RATE, DAMPING = 1.1e-7, 6000.0, 0.2
+NOISE = 1e-8
+
+STUDY = """\
+format = "pdssjax-study/1"
+[actuator]
+piezo = "second-order"
+friction = "coulomb"
+[parameters]
+"piezo.gain" = { start = "0.1 um/V" }
+"piezo.natural_frequency" = { start = "6500 rad/s" }
+"piezo.damping_ratio" = { start = 0.18 }
+"""
+RECORD = """
+[[record]]
+name = "{name}"
+file = "{name}.csv"
+columns = {{ time = "time_s", displacement = "y_um" }}
+measures = "platform"
+role = "{role}"
+{noise}
+drive = {{ waveform = "step", voltage = "50 V" }}
+"""
+GIVEN = 'noise = "0.01 um"'
+
+
+def rung(time, rate=RATE):
+    """The platform after a step of 50 V [m]."""
+    return fabricated.step_motion(time, 50.0 * GAIN, rate, DAMPING)
+
+
+def write(folder, records, text=STUDY):
+    """A study of the platform alone; for each record its name: the samples, their motion, noise, role, noise line."""
+    for name, (time, motion, noise, role, line) in records.items():
+        rows = np.stack([time, 1e6 * (motion + np.random.default_rng(3).normal(0.0, noise, time.size))], axis=1)
+        np.savetxt(folder / f"{name}.csv", rows, "%.7f", ",", header="time_s,y_um", comments="")
+        text += RECORD.format(name=name, role=role, noise=line)
+    (folder / "study.toml").write_text(text)
+    return pdssjax.load_study(folder / "study.toml")
+
+
+TIME = np.arange(-0.005, 0.035, 5e-5)
+LONG = np.arange(-0.005, 0.195, 5e-5)
+
+
+def the_note(estimate, start):
+    """The one note with `start` in it."""
+    (note,) = [note for note in estimate.notes if start in note]
+    return note
+
+
+def test_a_record_that_does_not_fit_is_named_although_a_larger_one_hides_it(tmp_path):
+    crooked = rung(TIME) + 2e-8 * np.sin(2e3 * np.maximum(TIME, 0.0))
+    records = {
+        "calm": (LONG, rung(LONG), 0.6 * NOISE, "fit", GIVEN),
+        "crooked": (TIME, crooked, 0.6 * NOISE, "fit", GIVEN),
+    }
+    study = write(tmp_path, records)
+    estimate = pdssjax.identify(study)
+    assert estimate.statistics.reduced_chi2 < 1.0
+    calm, poor = estimate.records
+    assert calm.reduced_chi2 == pytest.approx(0.36, abs=0.05)
+    assert poor.reduced_chi2 > 1.5
+    assert calm.chi2 + poor.chi2 == pytest.approx(estimate.statistics.chi2)
+    note = the_note(estimate, "does not explain")
+    assert '"crooked"' in note and "calm" not in note
+    assert "hides it" in note
+    assert f"{poor.reduced_chi2:.3g}" in note
+    assert '"calm"' in the_note(estimate, "smaller than the noise given")
+
+
+def test_figures_of_each_record_are_written_and_printed(tmp_path, capsys):
+    records = {
+        "told": (TIME, rung(TIME), NOISE, "fit", GIVEN),
+        "silent": (TIME, rung(TIME), NOISE, "fit", ""),
+        "other": (TIME, rung(TIME, 6300.0), NOISE, "validate", GIVEN),
+    }
+    write(tmp_path, records)
+    assert main(["identify", str(tmp_path / "study.toml"), "--out", str(tmp_path / "out")]) == 0
+    document = json.loads((tmp_path / "out" / "estimate.json").read_text())
+    told, silent, other = document["records"]
+    assert told["reduced_chi2"] == pytest.approx(1.0, abs=0.2)
+    assert told["chi2"] == pytest.approx(told["samples"], rel=0.2)
+    assert not told["noise_estimated"] and silent["noise_estimated"]
+    assert silent["reduced_chi2"] is None
+    assert silent["noise_floor"] == pytest.approx(NOISE, rel=0.1)
+    assert other["reduced_chi2"] > 10.0
+    assert not document["statistics"]["noise_estimated"]
+    assert any('"other"' in note and "not fitted" in note for note in document["notes"])
+    printed = capsys.readouterr().out
+    assert "(noise estimated from the residuals in 1 of 2 records)" in printed
+    (told_line,) = [line.split() for line in printed.splitlines() if line.startswith("    told")]
+    (silent_line,) = [line.split() for line in printed.splitlines() if line.startswith("    silent")]
+    assert told_line[6:10] == ["0.0100", "given", f"{1e6 * told['noise_floor']:.4f}", f"{told['reduced_chi2']:.3f}"]
+    assert silent_line[7:10] == ["found", f"{1e6 * silent['noise_floor']:.4f}", "-"]
+
+
+def test_a_reduced_chi_square_of_one_by_construction_is_not_printed(tmp_path):
+    estimate = pdssjax.identify(write(tmp_path, {"silent": (TIME, rung(TIME), NOISE, "fit", "")}))
+    assert estimate.statistics.noise_estimated
+    assert estimate.statistics.reduced_chi2 == pytest.approx(1.0, abs=0.01)
+    (line,) = [line for line in format_report(estimate).splitlines() if "reduced chi-square" in line]
+    assert line.split("=")[1].strip() == "- (noise estimated from these residuals)"
+    assert estimate.notes == ()
+
+
+def test_residuals_above_the_noise_between_neighbours_are_told_where_no_noise_is_given(tmp_path):
+    crooked = rung(TIME) + 3e-8 * np.sin(2e3 * np.maximum(TIME, 0.0))
+    estimate = pdssjax.identify(write(tmp_path, {"silent": (TIME, crooked, NOISE, "fit", "")}))
+    (record,) = estimate.records
+    note = the_note(estimate, "No noise is given")
+    assert f'{record.rmse / record.noise_floor:.2g} times in "silent"' in note
+    assert record.rmse / record.noise_floor > 1.8
+
+
+def test_a_noise_given_too_small_is_not_blamed_on_the_model(tmp_path):
+    estimate = pdssjax.identify(write(tmp_path, {"noisy": (TIME, rung(TIME), 2.0 * NOISE, "fit", GIVEN)}))
+    note = the_note(estimate, "too small")
+    assert '"noisy"' in note and "0.01 um" in note
+    assert not any("does not explain" in note for note in estimate.notes)
+
+
+def made_record(samples, noise, seed, given=NOISE):
+    """White noise on a ramp beside the ramp itself, as fitted."""
+    time = np.arange(samples) * 1e-3
+    motion = 1e-5 * time
+    measured = motion + np.random.default_rng(seed).normal(0.0, noise, samples)
+    posed = Record("r", None, "fit", "platform", Sawtooth(), frozenset(), time, measured, given, 0.0)  # pyright: ignore[reportArgumentType]
+    return compare(posed, motion, noise=given or float(np.std(measured - motion)), offset=0.0)
+
+
+@pytest.mark.parametrize("samples", [20, 100, 400, 1600])
+def test_chance_alone_raises_no_alarm(samples):
+    made = [made_record(samples, NOISE, seed) for seed in range(300)]
+    assert not any(map(exceeds_given_noise, made))
+    assert not any(map(exceeds_floor, made))
+    assert sum(exceeds_given_noise(made_record(samples, 3.0 * NOISE, seed)) for seed in range(30)) == 30
+
+
+def test_what_chance_gives_is_that_of_chi_square():
+    # scipy.stats.chi2.isf(norm.sf(4), n) / n
+    for freedom, expected in ((10, 3.8451), (100, 1.6681), (1000, 1.1890)):
+        assert highest_by_chance(freedom) == pytest.approx(expected, rel=0.02)
+
+
+def parameter(path, value, start, unit):
+    return FittedParameter(path, value, math.nan, (math.nan, math.nan), unit, True, start, False, False)
+
+
+def test_only_a_parameter_that_did_not_move_is_called_where_the_fit_began():
+    null = [np.array([1.0])]
+    still = parameter("piezo.gamma", 0.01, 0.01, "1/V")
+    assert "its value is where the fit began" in about_information(null, ["piezo.gamma"], {"piezo.gamma": still})[0]
+    away = parameter("piezo.gamma", -0.145, 0.01, "1/V")
+    (note,) = about_information(null, ["piezo.gamma"], {"piezo.gamma": away})
+    assert "where the fit began" not in note
+    assert "from 0.01 1/V to -0.145 1/V" in note and "Fix it" in note
+
+
+def test_a_parameter_at_a_bound_is_told_with_side_value_and_unit(tmp_path):
+    text = STUDY.replace('{ start = "0.1 um/V" }', '{ start = "0.1 um/V", max = "0.105 um/V" }')
+    estimate = pdssjax.identify(write(tmp_path, {"step": (TIME, rung(TIME), NOISE, "fit", GIVEN)}, text))
+    note = the_note(estimate, "bound")
+    assert note.startswith("piezo.gain is at its upper bound, 0.105 um/V, the max that the study gives")
+
+
+def test_a_parameter_far_from_its_start_is_told(tmp_path):
+    text = STUDY.replace('"0.1 um/V"', '"0.008 um/V"')
+    estimate = pdssjax.identify(write(tmp_path, {"step": (TIME, rung(TIME), NOISE, "fit", GIVEN)}, text))
+    assert estimate.converged
+    assert "piezo.gain, from 0.008 um/V to 0.11 um/V, by a factor of 13.8" in the_note(estimate, "Far from")
+    assert len(estimate.notes) == 1
+
+
+def test_a_fit_that_is_lost_says_the_cause_and_nothing_that_would_mean_nothing(tmp_path, monkeypatch):
+    study = write(tmp_path, {"step": (TIME, rung(TIME), 3.0 * NOISE, "fit", GIVEN)})
+    problem = fitting.pose(study, pdssjax.initial_guess(study), Accuracy())
+    lost = fitting.joint(problem, pdssjax.initial_guess(study), print)._replace(success=False, message=fitting.LOST)
+    monkeypatch.setattr(summary, "failed_start", lambda posed, starts: "the cause")
+    estimate = summary.summarise(study, "joint", problem, lost, pdssjax.initial_guess(study))
+    assert estimate.message == f"{fitting.LOST}: the cause"
+    assert estimate.notes == ()
+
+
+def sampled(name, interval, measures="effector"):
+    time = np.arange(0.0, 1.0, interval)
+    return Record(name, None, "fit", measures, Sawtooth(), frozenset(), time, 1e-6 * time, NOISE, None)  # pyright: ignore[reportArgumentType]
+
+
+MASS = 0.1
+RINGS = {
+    "effector.mass": MASS,
+    "piezo.gain": 1e-7,
+    "piezo.natural_frequency": 900.0,
+    "piezo.damping_ratio": 0.2,
+    "friction.sigma0": MASS * (2.0 * math.pi * 447.0) ** 2,
+    "friction.sigma1": 2.0 * 0.0004 * MASS * 2.0 * math.pi * 447.0,
+    "friction.f_ss": 0.6,
+}
+"""The contact rings at 447 Hz with a damping ratio of 0.0004, the platform at 143 Hz."""
+
+
+def models(piezo="second-order", friction="simplified-lugre"):
+    return Models(
+        pdssjax.family.member("piezo", piezo), pdssjax.family.member("friction", friction), "deflection", False
+    )
+
+
+def test_a_contact_that_rings_above_what_its_records_show_is_warned_of():
+    free = [path for path in RINGS if path.startswith("friction.")]
+    slow, quicker, fine = sampled("slow", 2e-3), sampled("quicker", 1e-3), sampled("fine", 2e-4)
+    (alias, undamped) = about_resonances(models(), RINGS, free, [slow])
+    assert "contact" in alias and "447 Hz" in alias and "alias" in alias and '"slow" (500 Hz)' in alias
+    assert "like those of 53 Hz" in alias
+    assert "friction.sigma0" in alias and "friction.f_ss" not in alias
+    assert "0.0004" in undamped and "not to be believed" in undamped
+    assert len(about_resonances(models(), RINGS, free, [slow, quicker])) == 2
+    assert about_resonances(models(), RINGS, free, [slow, fine]) == [undamped]
+    assert about_resonances(models(), RINGS, ["friction.f_ss"], [slow]) == []
+    assert about_resonances(models(), RINGS, free, [sampled("platform", 2e-3, "platform")]) == []
+
+
+def test_a_platform_that_rings_above_what_its_records_show_is_warned_of():
+    values = RINGS | {"piezo.natural_frequency": 6736.0, "friction.sigma1": 30.0}
+    free = ["piezo.natural_frequency"]
+    (note,) = about_resonances(models(), values, free, [sampled("slow", 2e-3)])
+    assert "platform" in note and "1072 Hz" in note and "piezo.natural_frequency" in note
+    assert about_resonances(models(), values, free, [sampled("slow", 2e-3), sampled("step", 5e-5, "platform")]) == []
+
+
+def test_conditions_between_parameters_that_are_broken_are_told():
+    (note,) = about_models(models("bouc-wen"), {"piezo.gamma": -0.145, "piezo.beta": 0.03})
+    assert "piezo.gamma is -0.145 1/V, beyond piezo.beta, 0.03 1/V" in note
+    assert about_models(models("bouc-wen"), {"piezo.gamma": -0.03, "piezo.beta": 0.03}) == []
+    (note,) = about_models(models("maxwell-slip"), {"piezo.share_1": 0.9})
+    assert "1.05, not below 1" in note
+    assert about_models(models("maxwell-slip"), {}) == []
+
+
+def test_a_record_that_was_lost_is_told_and_nothing_else_of_it():
+    lost = dataclasses.replace(fabricated.estimate().records[3])
+    (note,) = about_records([lost], fabricated.estimate().statistics)
+    assert "could not finish" in note and '"lost/run"' in note

@@ -1,0 +1,63 @@
+"""A fit whose start cannot be simulated names the cause: record, reason and parameter."""
+
+import numpy as np
+import pytest
+
+import pdssjax
+from pdssjax import fitting
+from pdssjax.integration import Accuracy
+from pdssjax.start_failure import failed_start
+
+STUDY = """\
+format = "pdssjax-study/1"
+[actuator]
+piezo = "creep"
+friction = "coulomb"
+[parameters]
+"piezo.gain" = {{ start = "0.1 um/V" }}
+"piezo.natural_frequency" = {{ value = "6500 rad/s" }}
+"piezo.damping_ratio" = {{ value = 0.18 }}
+"piezo.creep" = {{ value = 0.01 }}
+"amplifier.bandwidth" = {bandwidth}
+[[record]]
+name = "slow loop"
+file = "loop.csv"
+columns = {{ time = "time_s", displacement = "y_um" }}
+measures = "platform"
+noise = "0.01 um"
+drive = {{ waveform = "triangle", voltage = "60 V", frequency = "1 Hz" }}
+"""
+
+
+@pytest.fixture(scope="module")
+def stalled(tmp_path_factory):
+    """An amplifier so quick that a creeping stack behind it runs the integration out of room."""
+    folder = tmp_path_factory.mktemp("stalled")
+    time = np.linspace(0.0, 1.0, 101)
+    rows = np.stack([time, 6.0 * (1.0 - np.abs(1.0 - 2.0 * time))], axis=1)
+    np.savetxt(folder / "loop.csv", rows, "%.6f", ",", header="time_s,y_um", comments="")
+    (folder / "study.toml").write_text(STUDY.format(bandwidth='{ value = "1 MHz" }'))
+    return pdssjax.load_study(folder / "study.toml")
+
+
+def test_the_parameter_that_keeps_a_start_from_being_simulated_is_named(stalled):
+    problem = fitting.pose(stalled, pdssjax.initial_guess(stalled), Accuracy())
+    text = failed_start(problem, pdssjax.initial_guess(stalled))
+    assert '"slow loop"' in text
+    assert "ran out of room" in text
+    assert "amplifier.bandwidth" in text and "instead of 1e+06 Hz" in text
+
+
+def test_a_start_that_no_single_parameter_spoils_says_so(stalled):
+    numbers = pdssjax.initial_guess(stalled) | {"piezo.gain": np.nan, "piezo.creep": np.nan}
+    problem = fitting.pose(stalled, pdssjax.initial_guess(stalled), Accuracy())
+    assert "No parameter changed by itself" in failed_start(problem, numbers)
+
+
+@pytest.mark.slow
+def test_the_message_of_a_fit_that_is_lost_says_why(stalled):
+    estimate = pdssjax.identify(stalled)
+    assert not estimate.converged
+    assert estimate.message.startswith(fitting.LOST)
+    assert "amplifier.bandwidth" in estimate.message
+    assert estimate.notes == ()

@@ -1,0 +1,203 @@
+"""Fits start where the records' voltage, motion and sampling say, whatever the member."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from pdssjax.drive.sawtooth import Sawtooth
+from pdssjax.drive.sine import Sine
+from pdssjax.drive.step import Step
+from pdssjax.drive.triangle import Triangle
+from pdssjax.errors import InputError
+from pdssjax.family import member, members
+from pdssjax.integration import Accuracy
+from pdssjax.parameters import Parameter
+from pdssjax.prediction import Models, Predictor, predicted
+from pdssjax.quantity import quantities
+from pdssjax.records import Record
+from pdssjax.starts import guess_starts
+
+VOLTS = [3.6, 64.0, 1000.0]
+STROKES = [5e-9, 6e-6, 2e-3]
+"""How far the platform goes [m]."""
+LAWS = members("friction")
+PIEZOS = members("piezo")
+
+
+def record(name, drive, time, measured, measures="platform"):
+    return Record(name, None, "fit", measures, drive, frozenset(), time, measured, None, None)  # pyright: ignore[reportArgumentType]
+
+
+def stretched(volts, stroke, samples=250, until=0.25):
+    """A platform that goes up and down with the voltage, and after it a step."""
+    time = np.linspace(0.0, until, samples)
+    loop = Triangle(voltage=volts, frequency=2.0 / until)
+    return record("loop", loop, time, stroke / volts * np.asarray(loop.at(time)))
+
+
+def free(models, *families):
+    """All parameters of the members, free and without a start."""
+    chosen = {family: getattr(models, family) for family in families}
+    declared = {f"{family}.{name}": q for family, model in chosen.items() for name, q in quantities(model).items()}
+    return {path: Parameter(path, q.unit, q) for path, q in declared.items() if path != "piezo.mass"}
+
+
+def choose(piezo="second-order", friction="coulomb"):
+    return Models(member("piezo", piezo), member("friction", friction), "deflection", False)
+
+
+def moved(predictor, values):
+    """What the one record shows; numbers as arrays, which are not compiled anew."""
+    numbers = {path: np.asarray(number) for path, number in values.items()}
+    return np.asarray(predicted(predictor, numbers, Accuracy())[0])
+
+
+def legal(starts, parameters):
+    for path, number in starts.items():
+        declared = parameters[path].quantity
+        assert math.isfinite(number) and declared.low <= number < declared.high, path
+        assert number > 0.0 or not declared.positive, path
+
+
+@pytest.mark.parametrize("piezo", PIEZOS)
+def test_every_start_of_a_stack_is_legal_and_has_the_gain_that_the_records_show(piezo):
+    models = choose(piezo)
+    parameters = free(models, "piezo")
+    for volts in VOLTS:
+        for stroke in STROKES:
+            starts, _ = guess_starts(models, parameters, [stretched(volts, stroke)])
+            legal(starts, parameters)
+            found = models.actuator(starts).piezo
+            assert found.broken_conditions() == ()
+            assert float(found.per_volt()) == pytest.approx(stroke / volts, rel=0.1)
+
+
+INTEGRATED = [pytest.param(p, marks=[] if member("piezo", p).closed else [pytest.mark.slow]) for p in PIEZOS]
+
+
+@pytest.mark.parametrize("piezo", INTEGRATED)
+def test_every_parameter_of_a_stack_shows_where_a_fit_of_it_starts(piezo):
+    models = choose(piezo)
+    parameters = free(models, "piezo")
+    for volts in VOLTS:
+        for stroke in STROKES:
+            posed = stretched(volts, stroke)
+            starts, _ = guess_starts(models, parameters, [posed])
+            legal(starts, parameters)
+            assert models.actuator(starts).piezo.broken_conditions() == ()
+            predictor = Predictor(models, [posed])
+            motion = lambda values, predictor=predictor: moved(predictor, values)
+            reached = motion(starts)
+            assert np.ptp(reached) == pytest.approx(stroke, rel=0.4), (volts, stroke)
+            for path, number in starts.items():
+                change = motion(starts | {path: 1.1 * number}) - reached
+                # Ringing and damping hardly show in a slow loop; what is not linear must.
+                linear = path in ("piezo.natural_frequency", "piezo.damping_ratio", "piezo.creep_time")
+                linear |= piezo == "distributed-rod"
+                assert linear or np.ptp(change) > 1e-4 * stroke, (path, volts, stroke)
+
+
+def test_elements_of_maxwell_slip_do_slip_at_a_small_voltage():
+    models = choose("maxwell-slip")
+    starts, _ = guess_starts(models, free(models, "piezo"), [stretched(3.6, 5e-7)])
+    thresholds = [starts[f"piezo.threshold_{i}"] for i in range(1, 5)]
+    assert 0.0 < min(thresholds) < 0.3
+    assert max(thresholds) < 0.5 * 3.6
+
+
+def test_a_rod_starts_with_the_mode_that_a_step_shows():
+    gain, rate, damping = 4e-6, 900.0, 0.15
+    time = np.arange(-0.01, 0.2, 2e-4)
+    ring, lapse = rate * math.sqrt(1.0 - damping**2), np.maximum(time, 0.0)
+    fade = np.exp(-damping * rate * lapse) * (np.cos(ring * lapse) + damping * rate / ring * np.sin(ring * lapse))
+    models = choose("distributed-rod")
+    starts, _ = guess_starts(models, free(models, "piezo"), [record("s", Step(3.0), time, 3.0 * gain * (1.0 - fade))])
+    piezo = models.actuator(starts).piezo
+    assert float(piezo.per_volt()) == pytest.approx(gain, rel=0.05)
+    assert float(piezo.modes.natural_frequency[0]) == pytest.approx(rate, rel=0.1)
+    assert float(piezo.modes.damping_ratio[0]) == pytest.approx(damping, rel=0.1)
+
+
+POWERS = {
+    "N": (1, 1, -2),
+    "m": (0, 1, 0),
+    "m/s": (0, 1, -1),
+    "N/m": (1, 0, -2),
+    "N s/m": (1, 0, -1),
+    "N/s": (1, 1, -3),
+    "": (0, 0, 0),
+}
+"""Of mass, length and time in the units of the laws' parameters."""
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_ranges_of_a_law_scale_with_mass_motion_and_time(law):
+    model = member("friction", law)
+    mass, acceleration, rate = 0.086, 300.0, 6736.0
+    before = model.plausible(mass, acceleration, rate)
+    assert set(before) == set(quantities(model))
+    for power, after in enumerate(
+        [
+            model.plausible(10.0 * mass, acceleration, rate),
+            model.plausible(mass, 10.0 * acceleration, rate),
+            model.plausible(mass, acceleration / 100.0, rate / 10.0),
+        ]
+    ):
+        for name, declared in quantities(model).items():
+            factor = 10.0 ** POWERS[declared.unit][power]
+            np.testing.assert_allclose(after[name], np.multiply(before[name], factor), err_msg=name)
+
+
+def walk(volts, stroke, interval=1e-3, drive=None):
+    """An end-effector that walks by a quarter of its stroke in every period of 0.2 s."""
+    drive = drive or Sawtooth(voltage=volts, frequency=5.0)
+    time = np.arange(0.2, 1.2, interval)
+    follows = stroke / volts * np.asarray(drive.at(time))
+    return record("walk", drive, time, follows + 1.25 * stroke * time, "effector")
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_contact_starts_with_forces_that_go_with_the_motion(law):
+    models = choose(friction=law)
+    parameters = free(models, "piezo", "friction")
+    forces = {}
+    for volts in VOLTS:
+        for stroke in STROKES:
+            for interval in (1e-3, 2e-2):
+                starts, searched = guess_starts(models, parameters, [walk(volts, stroke, interval)])
+                legal(starts, parameters)
+                assert searched
+                for path, number in starts.items():
+                    if parameters[path].unit == "N":
+                        forces.setdefault(path, []).append(number / stroke)
+    for path, ratios in forces.items():
+        assert max(ratios) < 3.0 * min(ratios), path
+
+
+def test_a_contact_under_a_voltage_without_jumps_starts_with_weaker_forces():
+    models = choose()
+    parameters = free(models, "piezo", "friction")
+    force = lambda posed: guess_starts(models, parameters, [posed])[0]["friction.f_c"]
+    sharp = force(walk(64.0, 6e-6))
+    assert force(walk(64.0, 6e-6, drive=Sawtooth(64.0, 5.0, 1e-3))) == pytest.approx(sharp / 6.736, rel=0.05)
+    # A sine of 100 Hz accelerates the platform by C V/2 (2 pi f)^2 once it is on its way.
+    assert force(walk(64.0, 6e-6, drive=Sine(64.0, 100.0))) < 0.1 * sharp
+
+
+def test_a_slow_record_of_a_step_does_not_make_up_a_frequency():
+    time = np.arange(0.0, 10.0, 0.01)
+    noisy = 6e-6 * (time > 0) + np.random.default_rng(1).normal(0.0, 1e-8, time.size)
+    models = choose()
+    starts, _ = guess_starts(models, free(models, "piezo"), [record("slow", Step(60.0), time, noisy)])
+    assert starts["piezo.gain"] == pytest.approx(1e-7, rel=0.02)
+    assert starts["piezo.natural_frequency"] > 100.0
+
+
+@pytest.mark.parametrize("drive", [Step(48.2), Sawtooth()])
+def test_a_clock_in_unix_time_is_refused(drive):
+    good = stretched(48.2, 5e-6)
+    late = dataclasses.replace(good, drive=drive, time=good.time + 1.7e9)
+    with pytest.raises(InputError, match=r"1\.7e\+09 s"):
+        guess_starts(choose(), free(choose(), "piezo"), [late])
