@@ -15,7 +15,7 @@ LOOK_AHEAD = 1e-9
 """Time [s] by which a tie is broken: far below every time constant.  What a guard does within it is rounding."""
 _SAMPLES = 6
 """Points of a step at which the sign of the guard is looked at."""
-_ITERATIONS = 9
+_ITERATIONS = 12
 """Iterations that locate an event within its bracket, to rounding."""
 _REFINEMENTS = 4
 """Iterations that locate the bottom of a dip: an error e there hides a dip no deeper than e^2 times the bend."""
@@ -36,10 +36,10 @@ def first_crossing(guards: tuple[Series, ...], size: int, reach: Any) -> tuple[A
 
 
 def _crossing(coefficients: list, ahead: Any) -> Any:
-    """The first root in (0, 1], or 2: bracketed by samples, then Newton's method.
+    """The first root in (0, 1], or 2: bracketed by samples, then Newton's method, kept within the bracket.
 
-    The slope is inverted by Newton's method as well (r <- r (2 - g' r)): without a
-    division the compiler makes one kernel of it all.
+    A guard may also dip below zero between two samples and come back.  It then has a minimum there,
+    and the root lies before it, about where the parabola through the minimum crosses zero.
     """
     fresh = coefficients[0] <= 0.0
     once = [*coefficients[1:], 0.0 * coefficients[0]]
@@ -58,8 +58,10 @@ def _crossing(coefficients: list, ahead: Any) -> Any:
     falls = dips & (g_bottom < 0.0)
     low, g_low = jnp.where(falls, dip[0][0], low), jnp.where(falls, horner(g, dip[0][0]), g_low)
     high, g_high = jnp.where(falls, bottom, high), jnp.where(falls, g_bottom, g_high)
-    inverse = (low - high) / jnp.where(g_low > g_high, g_low - g_high, 1.0)
-    root = low - g_low * inverse
+    secant = low + g_low * (high - low) / jnp.where(g_low > g_high, g_low - g_high, 1.0)
+    bend = horner(_slope(slope), bottom)
+    parabola = bottom - jnp.sqrt(2.0 * jnp.maximum(-g_bottom, 0.0) / jnp.where(bend > 0.0, bend, jnp.inf))
+    root = jnp.where(falls, jnp.clip(parabola, low, high), secant)
     for _ in range(_ITERATIONS):
         value = horner(g, root)
         low, high = jnp.where(value > 0.0, root, low), jnp.where(value > 0.0, high, root)

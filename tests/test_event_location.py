@@ -1,0 +1,106 @@
+"""The first root of a guard in a step is found to rounding: simple, double, hidden between samples, at either end.
+
+The referee is `numpy.polynomial`: guards are made of their roots, or their roots are found by its companion matrix.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.polynomial import polynomial as poly
+
+from pdssjax.crossing import first_crossing
+from pdssjax.series import polynomial
+
+SIZE = 17
+"""Coefficients of a guard: those of a step of order 16."""
+
+
+@jax.jit
+def located(coefficients):
+    """(theta, which) for guards of shape (guards, SIZE), on a step of a tenth of a millisecond."""
+    return first_crossing(tuple(polynomial(list(c)) for c in coefficients), SIZE, jnp.asarray(1e-4))
+
+
+def padded(*guards) -> np.ndarray:
+    return np.stack([np.pad(np.asarray(g, float), (0, SIZE - len(g))) for g in guards])
+
+
+def root(*roots: complex, scale: float = 1.0) -> float:
+    """Where the guard with these roots, positive at first, is found to cross zero."""
+    guard = np.real(poly.polyfromroots(roots))
+    positive = guard[0] if guard[0] != 0.0 else poly.polyval(1e-6, guard)
+    theta, _ = located(padded(guard * np.sign(positive) * scale, [1.0]))
+    return float(theta)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-14])
+@pytest.mark.parametrize("at", [1e-7, 0.01, 0.3, 1 / 3, 0.5, 0.99, 1.0 - 1e-12])
+def test_a_simple_root(at, scale):
+    assert root(at, scale=scale) == pytest.approx(at, rel=1e-13, abs=1e-15)
+
+
+@pytest.mark.parametrize("depth", [1e-1, 1e-2, 1e-3, 1e-4, 1e-6])
+@pytest.mark.parametrize("at", [0.02, 0.21, 0.4, 0.75, 0.9])
+def test_a_dip_below_zero_between_two_samples(at, depth):
+    found = root(at, at + 0.09 * depth)
+    assert found == pytest.approx(at, abs=1e-15 / (0.09 * depth))
+
+
+def test_the_dip_is_found_before_the_crossing_that_follows():
+    assert root(0.41, 0.43, 0.8) == pytest.approx(0.41, abs=1e-13)
+
+
+def test_a_guard_that_only_comes_near_does_not_cross():
+    for near in (1e-3, 1e-5):
+        assert root(0.4 + near * 1j, 0.4 - near * 1j) == 1.0
+
+
+def test_a_guard_that_touches_zero_crosses_there_or_not_at_all():
+    found = root(0.4, 0.4)
+    assert found == 1.0 or found == pytest.approx(0.4, abs=1e-7)
+
+
+def test_a_guard_that_is_nearly_flat_where_it_crosses():
+    """A factor that is 5e-4 at the root and of order 1 elsewhere: the secant of the bracket says nothing of the slope."""
+    for at in (0.25, 0.31, 0.62):
+        pair = (at + 0.02 + 0.01j, at + 0.02 - 0.01j)
+        assert root(at, *pair) == pytest.approx(at, abs=1e-12)
+
+
+def test_the_end_of_the_step_is_no_crossing():
+    assert root(1.0) == pytest.approx(1.0, abs=2e-15)
+    assert root(1.0 + 1e-9) == 1.0
+
+
+def test_a_root_at_the_start_is_that_of_the_event_before():
+    assert root(0.0, 0.6) == pytest.approx(0.6, abs=1e-13)
+    assert root(0.0, 0.03) == pytest.approx(0.03, abs=1e-13)
+    assert root(0.0) == 1.0
+
+
+def test_which_guard_crosses_first():
+    theta, which = located(padded([0.7, -1.0], [1.0]))
+    assert (float(which), float(theta)) == (0.0, pytest.approx(0.7, abs=1e-14))
+    theta, which = located(padded([0.7, -1.0], [0.2, -1.0]))
+    assert (float(which), float(theta)) == (1.0, pytest.approx(0.2, abs=1e-14))
+
+
+def test_guards_drawn_at_random_against_the_companion_matrix():
+    """Oscillations that die out or grow, as a guard's are in a step: the first descending root, if any."""
+    random = np.random.default_rng(0)
+    missed = 0
+    for _ in range(2000):
+        rates = random.uniform(-4.0, 1.0, 2) + 1j * random.uniform(0.0, 5.0, 2)
+        sizes = random.normal(size=2) * np.exp(1j * random.uniform(0.0, 2.0 * np.pi, 2))
+        orders = np.arange(SIZE)
+        factorial = np.cumprod(np.maximum(orders, 1.0))
+        guard = sum(np.real(a * r**orders) for a, r in zip(sizes, rates, strict=True)) / factorial
+        guard[0] = abs(guard[0]) + 1e-3
+        roots = poly.polyroots(guard)
+        real = np.sort(roots[np.abs(roots.imag) < 1e-9].real)
+        inside = real[(real > 0.0) & (real < 1.0)]
+        expected = inside[0] if inside.size else 1.0
+        theta, _ = located(padded(guard, [1.0]))
+        missed += abs(float(theta) - expected) > 1e-9
+    assert missed == 0
