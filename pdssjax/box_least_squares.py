@@ -48,7 +48,7 @@ class _Pass(NamedTuple):
     at_high: Bool[Array, " p"]
     factor: Float[Array, "p p"]
     done: Bool[Array, ""]
-    count: Array
+    passes: Array
 
 
 def triangle(jacobian: Float[Array, "n p"], residual: Float[Array, " n"]) -> tuple[Array, Array]:
@@ -109,12 +109,12 @@ def solve_in_box(
         at_high=(high <= 0.0) & (gradient < 0.0) & ~at_low,
         factor=jnp.eye(projected.size, dtype=upper.dtype),
         done=jnp.array(False),
-        count=jnp.zeros((), int),
+        passes=jnp.zeros((), int),
     )
     tolerance = _MULTIPLIER * jnp.linalg.norm(projected)
 
     def go_on(state: _Pass):
-        return ~state.done & (state.count < _PASSES * projected.size + 4)
+        return ~state.done & (state.passes < _PASSES * projected.size + 4)
 
     def one_pass(state: _Pass) -> _Pass:
         inside = ~(state.at_low | state.at_high)
@@ -131,7 +131,7 @@ def solve_in_box(
             at_high=(state.at_high | blocked_high) & ~release,
             factor=factor,
             done=(share >= 1.0) & ~jnp.any(release),
-            count=state.count + 1,
+            passes=state.passes + 1,
         )
 
     end = lax.while_loop(go_on, one_pass, begin)

@@ -7,6 +7,7 @@ import pytest
 from beside_scipy import best_of_scipy
 from four_kinds import plan, startless
 from liu_record import LAWS, liu
+from platform_study import write_platform
 
 import pdssjax
 from pdssjax.cli import EXAMPLE
@@ -32,7 +33,7 @@ def is_not_beaten(fit, best):
 def test_a_study_goes_into_scipy_in_three_lines(tmp_path):
     from scipy.optimize import least_squares
 
-    problem, start = posed(dataclasses.replace(liu("coulomb", tmp_path)))
+    problem, start = posed(pdssjax.load_study(write_platform(tmp_path)))
     found = least_squares(problem.whitened, start, problem.jacobian, problem.bounds, x_scale="jac", max_nfev=3)
     values = problem.decode(found.x)
     assert 2.0 * found.cost < float(np.sum(np.asarray(problem.whitened(start)) ** 2))
