@@ -22,6 +22,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from pdssjax.integration import Accuracy
+from pdssjax.levenberg_marquardt import SUCCESSES, BoundedLevenbergMarquardt, Ending
 from pdssjax.parameters import scale
 from pdssjax.study import Study
 from pdssjax.uncertainty import covariance
@@ -73,17 +74,36 @@ class Curves:
         self.study = study
         self.scale = scale(loose, starts)
         predictor = study.predictor
+        sizes = [record.time.size for record in study.records]
+        measured = [record.measured for record in study.records]
+        offsets = [record.offset for record in study.records]
+        shapes = [jax.ShapeDtypeStruct((size,), float) for size in sizes]
+        blank = jax.ShapeDtypeStruct((sum(sizes),), float)
 
-        def both(point):
-            out = predictor(self.scale.decode(point), accuracy)
-            return out, out
+        def residual(point, used):
+            """Predicted less measured where used, offsets taken out; and the predictions."""
+            predicted = predictor(self.scale.decode(point), accuracy)
+            rest = map(_rest, predicted, measured, used, offsets)
+            return jnp.concatenate(list(rest)), list(predicted)
 
-        self._both = jax.jit(jax.jacfwd(both, has_aux=True))
+        # A decrease of the sum of squares by this share is 1 in units of the variance of the residuals.
+        visible = 1.0 / sum(sizes)
+        solver = BoundedLevenbergMarquardt(rtol=1e-4 * visible, slow=0.05 * visible, invisible=0.01 * visible)
+
+        @jax.jit
+        def iterate(point, state, used, options):
+            point, state, _ = solver.step(residual, point, used, options, state, frozenset())
+            return point, state, solver.terminate(residual, point, used, options, state, frozenset())[0]
+
+        self._iterate = iterate
+        self._begin = lambda point: solver.init(residual, point, None, {}, blank, shapes, frozenset())
 
     def predict(self, point: Float[np.ndarray, " p"]) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """Every record's motion without offset, and its Jacobian, shape (samples, parameters)."""
-        slopes, out = self._both(jnp.asarray(point))
-        return [np.asarray(o) for o in out], [np.asarray(slope) for slope in slopes]
+        """Every record's motion without offset, and its Jacobian, shape (samples, parameters); NaN where it fails."""
+        used = [np.ones(record.time.size, bool) for record in self.study.records]
+        _, state = self._run(point, np.zeros(point.size, bool), used, 0)
+        lost = np.nan if bool(state.unevaluated) else 0.0
+        return [np.asarray(o) + lost for o in state.aux], [np.asarray(slope) + lost for slope in state.aux_jacobian]
 
     def fit(
         self,
@@ -96,71 +116,59 @@ class Curves:
 
         A record of which no sample is used gets its offset all the same, for the comparison.
         """
-        loose = np.array([path in free for path in self.scale.paths])
         point = self.scale.encode(starts)
-        low, high = (np.where(loose, end, point) for end in (self.scale.low, self.scale.high))
-        point = np.clip(point, low, high)
-        rest, jacobian = self._residual(point, used)
-        damping, taken, converged = 1e-2, 0, False
-        while taken < limit and not converged and _usable(rest, jacobian[:, loose]):
-            taken += 1
-            held = ~loose | ((point <= low) & (jacobian.T @ rest > 0)) | ((point >= high) & (jacobian.T @ rest < 0))
-            reduced = np.where(held, 0.0, jacobian)
-            norms = np.linalg.norm(reduced, axis=0)
-            norms = np.maximum(norms, 1e-9 * norms.max())
-            system = np.vstack([reduced, np.diag(math.sqrt(damping) * norms)])
-            step = np.linalg.lstsq(system, -np.concatenate([rest, np.zeros(point.size)]), rcond=None)[0]
-            step *= min(1.0, 2.0 / np.abs(step).max()) if step.any() else 1.0
-            trial = np.clip(point + step, low, high)
-            expected = rest @ rest - np.sum((rest + reduced @ (trial - point)) ** 2)
-            rest_there, jacobian_there = self._residual(trial, used)
-            gained = rest @ rest - rest_there @ rest_there
-            if _usable(rest_there, jacobian_there[:, loose]) and gained > 0:
-                point, rest, jacobian = trial, rest_there, jacobian_there
-                damping = max(damping / 5.0, 1e-12)
-            else:
-                damping *= 6.0
-            converged = 0.0 <= expected < 1e-4 * (rest @ rest) / rest.size or damping > 1e8
+        loose = np.array([path in free for path in self.scale.paths])
+        point, state = self._run(point, loose, used, limit)
+        low, high = self.scale.low, self.scale.high
         inside = loose & (point > low + _AT_BOUND) & (point < high - _AT_BOUND)
-        return self._found(point, rest, jacobian, inside, free, used, taken, converged)
+        return self._found(point, state, inside, free, used)
 
-    def _residual(self, point, used):
-        """Predicted less measured where used, offsets taken out, and the Jacobian."""
-        parts, slopes = [], []
-        for record, motion, jacobian, mask in zip(self.study.records, *self.predict(point), used, strict=True):
-            if mask.any():
-                rest, slope = (motion - record.measured)[mask], jacobian[mask]
-                centred = record.offset is None
-                parts.append(rest - rest.mean() if centred else rest + record.offset)
-                slopes.append(slope - slope.mean(axis=0) if centred else slope)
-        return np.concatenate(parts), np.concatenate(slopes)
+    def _run(self, point, loose, used, limit):
+        """Where a run of at most `limit` iterations ends."""
+        low, high = (np.where(loose, end, point) for end in (self.scale.low, self.scale.high))
+        options = {"lower": low, "upper": high}
+        point = jnp.clip(point, low, high)
+        point, state, over = self._iterate(point, self._begin(point), used, options)
+        while not over and (int(state.iterations) < limit or int(state.ending) != Ending.RUNNING):
+            point, state, over = self._iterate(point, state, used, options)
+        return np.asarray(point), state
 
-    def _found(self, point, rest, jacobian, inside, free, used, taken, converged) -> Found:
+    def _found(self, point, state, inside, free, used) -> Found:
         offsets = sum(r.offset is None and bool(m.any()) for r, m in zip(self.study.records, used, strict=True))
-        count = len(free) + offsets
+        count, samples = len(free) + offsets, sum(int(mask.sum()) for mask in used)
+        rest, jacobian = np.asarray(state.residual), np.asarray(state.jacobian)
+        lost = bool(state.unevaluated)
         errors = np.full(point.size, np.nan)
-        if _usable(rest, jacobian[:, inside]):
-            deviation = math.sqrt(rest @ rest / (rest.size - count))
+        if not lost and _usable(rest, jacobian[:, inside]):
+            deviation = math.sqrt(rest @ rest / (samples - count))
             # The bounds are known as well: as spread as numbers anywhere between them.
             bounds = (self.scale.high - self.scale.low) / math.sqrt(12.0)
             known = np.diag(deviation / bounds)
             errors = deviation * np.sqrt(np.diag(covariance(np.vstack([jacobian, known]), ~inside).matrix))
             errors = np.where(errors < _TELLS * bounds, errors * np.abs(self.scale.slope(point)), np.nan)
         predicted = []
-        for record, motion, mask in zip(self.study.records, self.predict(point)[0], used, strict=True):
+        for record, motion, mask in zip(self.study.records, state.aux, used, strict=True):
+            motion = np.asarray(motion) + (np.nan if lost else 0.0)
             among = mask if mask.any() else np.ones_like(mask)
             zero = np.mean((record.measured - motion)[among]) if record.offset is None else record.offset
             predicted.append(motion + zero)
         return Found(
             values={path: float(value) for path, value in self.scale.decode(point).items()},
             errors={path: float(errors[self.scale.paths.index(path)]) for path in free},
-            squares=float(rest @ rest) if np.isfinite(rest).all() else math.inf,
-            samples=rest.size,
+            squares=math.inf if lost else float(rest @ rest),
+            samples=samples,
             free=count,
             predicted=predicted,
-            iterations=taken,
-            converged=bool(converged),
+            iterations=int(state.iterations),
+            converged=int(state.ending) in SUCCESSES,
         )
+
+
+def _rest(predicted, measured, mask, offset):
+    """Predicted less measured where the `mask` says so, else 0; a free offset, the mean, is taken out."""
+    rest = jnp.where(mask, predicted - measured, 0.0)
+    zero = jnp.sum(rest) / jnp.maximum(jnp.sum(mask), 1) if offset is None else -offset
+    return jnp.where(mask, rest - zero, 0.0)
 
 
 def _usable(rest: np.ndarray, jacobian: np.ndarray) -> bool:

@@ -6,10 +6,10 @@ from typing import Any, NamedTuple, Protocol
 import equinox as eqx
 import jax
 import numpy as np
-import optimistix as optx
 
+from .guessing import initial_guess
 from .integration import Accuracy
-from .levenberg_marquardt import BoundedLevenbergMarquardt, LMState
+from .levenberg_marquardt import SUCCESSES, BoundedLevenbergMarquardt, Ending, LMState
 from .parameters import Scale, scale
 from .records import Record
 from .residual import Residual, as_weights, noise_floor
@@ -17,11 +17,26 @@ from .study import Study
 
 Progress = Callable[[str], None]
 
-MAX_ITERATIONS = 100
-FLAT = "no step would change chi-square visibly"
-CRAWLS = "chi-square no longer falls visibly, along a valley that the data leave almost flat"
-STALLS = "no step lowers chi-square any further, although the linear model promises it"
+MAX_ITERATIONS = 200
+INVISIBLE = 0.01
+"""Decrease of chi-square, in units of the reduced chi-square, that is a tenth of a standard error: not to be seen."""
 LOST = "the actuator cannot be simulated at the start"
+MESSAGES = {
+    Ending.CONVERGED: "converged: the gradient is small, and no step would change chi-square visibly",
+    Ending.WITHIN_ROUNDING: "converged as far as the simulation's rounding allows: what the linear model still "
+    "promises is less than a tenth of a standard error",
+    Ending.SLOW_STEPS: "not converged: slow steps along an ill-conditioned valley, where chi-square hardly falls "
+    "although the linear model promises it",
+    Ending.STALLED: "not converged: stalled, the gradient is small but the Jacobian all but singular, and no step "
+    "lowers chi-square although the linear model promises it",
+    Ending.REJECTED: "not converged: no step lowers chi-square although its gradient is not small",
+    Ending.DISCONTINUITY: "not converged: chi-square has a discontinuity here, where an event of the contact "
+    "comes or goes",
+    Ending.WRONG_DERIVATIVE: "not converged: the Jacobian disagrees with differences of the residual",
+    Ending.START_FAILED: LOST,
+}
+"""What the user reads of each ending."""
+AT_BOUNDS = "converged at bounds: the gradient is small for all other parameters"
 INTERRUPTED = "interrupted; this is the best point so far, not an optimum"
 
 
@@ -43,6 +58,43 @@ class Problem(NamedTuple):
     """Standard deviation of each [m]."""
     watch: Watch = unwatched
 
+    @property
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper, on the fit's scale."""
+        return self.residual.scale.low, self.residual.scale.high
+
+    def encode(self, values: dict[str, Any]) -> np.ndarray:
+        """Values by path [SI] on the fit's scale, shape (parameters,)."""
+        return self.residual.scale.encode(values)
+
+    def decode(self, free: Any) -> dict[str, Any]:
+        """Values by path [SI] from the fit's scale."""
+        return self.residual.scale.decode(free)
+
+    def whitened(self, free: Any) -> Any:
+        """Residuals of all records divided by their noise, shape (samples,); compiled, differentiable.
+
+        NaN where the simulation cannot finish.
+        """
+        return _whitened(self.residual, free, self._weights())
+
+    def jacobian(self, free: Any) -> Any:
+        """Of `whitened`, shape (samples, parameters); compiled."""
+        return _whitened_jacobian(self.residual, free, self._weights())
+
+    def _weights(self) -> Any:
+        return 1.0 / np.asarray(self.noise)
+
+
+@eqx.filter_jit
+def _whitened(residual, free, weights):
+    return residual(free, weights)[0]
+
+
+@eqx.filter_jit
+def _whitened_jacobian(residual, free, weights):
+    return jax.jacfwd(lambda free: residual(free, weights)[0])(free)
+
 
 class Run(Protocol):
     """A way to fit: from a problem and starts to where it ended, after `limit` iterations a stage at most."""
@@ -59,6 +111,8 @@ class Fit(NamedTuple):
     message: str
     iterations: int
     evaluations: int
+    ending: Ending = Ending.RUNNING
+    """RUNNING where the iterations were used up."""
 
     @property
     def chi2(self) -> float:
@@ -73,6 +127,20 @@ def pose(study: Study, starts: dict[str, float], accuracy: Accuracy) -> Problem:
     residual = Residual(study.models, records, scale(study.parameters, starts), fixed, accuracy)
     noise = np.array([noise_floor(r) if r.noise is None else r.noise for r in records])
     return Problem(residual, records, noise)
+
+
+def posed(study: Study, accuracy: Accuracy | None = None) -> tuple[Problem, np.ndarray]:
+    """The least-squares problem of a study, and where a fit starts, for a solver of your own.
+
+        problem, start = posed(study)
+        found = scipy.optimize.least_squares(problem.whitened, start, problem.jacobian, problem.bounds, x_scale="jac")
+        values = problem.decode(found.x)
+
+    With optimistix, `lambda free, args: problem.whitened(free)` is the function.
+    """
+    starts = initial_guess(study)
+    problem = pose(study, starts, accuracy or Accuracy())
+    return problem, np.clip(problem.encode(starts), *problem.bounds)
 
 
 def reduced_chi2(fit: Fit, problem: Problem) -> float:
@@ -163,24 +231,25 @@ def summed(last: Fit, earlier: Sequence[Fit]) -> Fit:
 def _least_squares(problem, free, used, loose, name, report, limit=MAX_ITERATIONS) -> Fit:
     """One Levenberg-Marquardt run over the `loose` parameters and the `used` records."""
     solver, residual, y, weights, options, state = _outset(problem, free, used, loose)
-    over, evaluations = False, 0
-    result = optx.RESULTS.nonlinear_max_steps_reached
-    ending = FLAT
+    over = False
     limit = min(limit, MAX_ITERATIONS)
-    while not over and int(state.iterations) < limit:
-        y, state, over, result = _iterate(solver, residual, y, weights, options, state)
-        evaluations += 2
+    while not over and (int(state.iterations) < limit or int(state.ending) != Ending.RUNNING):
+        y, state, over = _iterate(solver, residual, y, weights, options, state)
         chi2 = float(np.sum(np.asarray(state.residual) ** 2))
-        taken = max(int(state.iterations), 1 - int(state.fresh))
-        problem.watch(problem, used, Fit(np.asarray(y), state, False, INTERRUPTED, taken, evaluations))
+        taken = max(int(state.iterations), 1 - int(state.unevaluated))
+        problem.watch(problem, used, Fit(np.asarray(y), state, False, INTERRUPTED, taken, int(state.evaluations)))
         report(f"{name}: iteration {int(state.iterations)}, chi-square {chi2:.6g}")
-        if over:
-            ending = _ending(result, int(state.crawls) == solver.most_crawls)
-    success = bool(over) and bool(result == optx.RESULTS.successful)
-    if not over:
-        ending = f"no convergence within {limit} iterations"
-    iterations = max(int(state.iterations), 1 - int(state.fresh))
-    return Fit(np.asarray(y), state, success, ending, iterations, evaluations)
+    ending = Ending(int(state.ending))
+    iterations = max(int(state.iterations), 1 - int(state.unevaluated))
+    message = _message(ending, np.asarray(y), options, loose, limit)
+    return Fit(np.asarray(y), state, ending in SUCCESSES, message, iterations, int(state.evaluations), ending)
+
+
+def _message(ending: Ending, free: np.ndarray, options: dict[str, np.ndarray], loose: np.ndarray, limit: int) -> str:
+    if ending == Ending.RUNNING:
+        return f"no convergence within {limit} iterations"
+    at_bound = loose & ((free <= options["lower"]) | (free >= options["upper"]))
+    return AT_BOUNDS if ending == Ending.CONVERGED and at_bound.any() else MESSAGES[ending]
 
 
 def _outset(problem, free, used, loose):
@@ -192,16 +261,12 @@ def _outset(problem, free, used, loose):
     samples = sum(record.time.size for record, use in zip(problem.records, used, strict=True) if use)
     # A step that lowers chi-square by 1e-4 is a hundredth of a standard error, one by 0.05 a quarter.
     visible: Any = np.float64(1.0 / samples)  # an array: a new Python float would compile anew
-    solver = BoundedLevenbergMarquardt(rtol=1e-4 * visible, atol=1e-4, crawl=0.05 * visible)
+    solver = BoundedLevenbergMarquardt(
+        rtol=1e-4 * visible, atol=1e-4, slow=0.05 * visible, invisible=INVISIBLE * visible
+    )
     y: Any = np.clip(np.asarray(free, float), low, high)
     state = _begin(solver, problem.residual, y, weights, options)
     return solver, problem.residual, y, weights, options, state
-
-
-def _ending(result: Any, crawled: bool) -> str:
-    if result == optx.RESULTS.successful:
-        return CRAWLS if crawled else FLAT
-    return LOST if result == optx.RESULTS.nonlinear_divergence else STALLS
 
 
 @eqx.filter_jit
@@ -214,5 +279,5 @@ def _begin(solver, residual, y, weights, options):
 @eqx.filter_jit
 def _iterate(solver, residual, y, weights, options, state):
     y, state, _ = solver.step(residual, y, weights, options, state, frozenset())
-    over, result = solver.terminate(residual, y, weights, options, state, frozenset())
-    return y, state, over, result
+    over, _ = solver.terminate(residual, y, weights, options, state, frozenset())
+    return y, state, over

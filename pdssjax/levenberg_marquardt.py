@@ -1,12 +1,19 @@
-"""Levenberg-Marquardt with scaled columns and bounds, as an optimistix solver.
+"""Levenberg-Marquardt with scaled columns, between bounds, as an optimistix solver that checks itself.
 
-Against optimistix's own: the damping acts on columns of unit norm (J. J. Moré, Lecture
-Notes in Mathematics 630, 1978), parameters may be bounded (projected step; a parameter held
-at its bound leaves the linear problem), a trial that is not finite is an ordinary rejection,
-nothing is linearised again on a rejection, and the fit ends where another step could not
-change the cost by a statistically visible amount.  Steps are bent along the curved valleys
-that poorly determined parameters make (geodesic acceleration: M. K. Transtrum and J. P.
-Sethna, arXiv:1201.5885), at the price of one more evaluation each.
+Each step minimises the linear model exactly within the bounds and a trust region (`box_least_squares`),
+whose radius follows the ratio of the decrease found to the decrease predicted as in MINPACK (J. J. Moré,
+Lecture Notes in Mathematics 630, 1978).  As the radius shrinks the step turns into a short projected
+gradient step, so that every limit is a point where the projected gradient vanishes (A. R. Conn, N. I. M.
+Gould and P. L. Toint, Trust-Region Methods, SIAM 2000, chapter 12).  Columns are scaled to unit norm and
+factored by QR.  A trial that is not finite is an ordinary rejection, and nothing is linearised again on
+one; the next trial is bent along the curvature that a probe finds (geodesic acceleration: M. K. Transtrum
+and J. P. Sethna, arXiv:1201.5885).
+
+It has converged where two things are small, and only there: the cosine between the residual and every
+column that is free to move (MINPACK's test of the gradient), and the decrease that the linear model
+predicts for its best step within the bounds.  The square of a cosine times the sum of squares is what the
+best step in that one parameter would gain, so one threshold serves both.  At the end the Jacobian is
+compared with differences of the residual (`derivative_check`).  Every way to end has its own `Ending`.
 """
 
 from typing import Any, NamedTuple
@@ -18,14 +25,30 @@ import optimistix as optx
 from jax import lax
 from jaxtyping import Array, Float
 
-_PROBE = 0.1
-"""Share of the step at which the curvature of the residuals is probed."""
-_BEND = 0.75
-"""Longest bend of a step relative to the step itself; a larger one means the step is too long."""
+from .box_least_squares import triangle
+from .derivative_check import (
+    AGREES,
+    DISCONTINUOUS,
+    SIZES,
+    discrepancy,
+    noise_scale,
+    proposed_direction,
+    random_direction,
+    verdict,
+)
+from .ending import SUCCESSES, Ending
+from .trust_region import PROBE, bend, best_step, first_radius, next_radius, trial_point
 
+__all__ = ["SUCCESSES", "BoundedLevenbergMarquardt", "Ending", "LMState"]
 
-_NEXT_TO_NOTHING = 1e-13
-"""Damping that only keeps directions without information out of the undamped step."""
+_AT_BOUND = 1e-9
+"""So near to a bound, by the effect on the residual relative to that, a parameter counts as on it."""
+_ROUNDING = 1e-13
+"""Relative decrease of the sum of squares that rounding may hide."""
+_EPSILONS = 4.0
+"""Relative rounding errors that parameters and residual gather."""
+CHECKS = 4
+"""Differences compared with the Jacobian at the end: two directions, two sizes each."""
 
 
 class LMState(NamedTuple):
@@ -36,40 +59,63 @@ class LMState(NamedTuple):
     aux: Any
     aux_jacobian: Any
     """Of the function's auxiliary output, which costs nothing extra."""
+    upper: Float[Array, "p p"]
+    """Triangle R of the Jacobian's QR factorisation."""
+    projected: Float[Array, " p"]
+    """Q' times the residual."""
     size: Float[Array, " p"]
     """Largest norm seen of each column."""
-    damping: Float[Array, ""]
-    growth: Float[Array, ""]
-    expected: Float[Array, ""]
-    """Relative decrease of the sum of squares that an undamped step promises."""
-    fresh: Any
+    radius: Float[Array, ""]
+    """Of the trust region, in columns of unit norm."""
+    proposed_step: Float[Array, " p"]
+    """The linear model's best step within the bounds, undamped."""
+    predicted_reduction: Float[Array, ""]
+    """Decrease of the sum of squares that the linear model predicts for it; never negative."""
+    cosine: Float[Array, ""]
+    """Largest cosine between the residual and a column that is free to move."""
+    rounding: Float[Array, ""]
+    """What the rounding of parameters and residual makes of the sum of squares."""
+    unevaluated: Any
     """Nothing has been evaluated yet: the first step takes the start as it is."""
     accepted: Any
     iterations: Any
     """Linearisations after the first."""
+    evaluations: Any
+    """Of the function, without those for Jacobians."""
     rejected: Any
     """Trials rejected in a row."""
-    crawls: Any
+    slow_steps: Any
     """Accepted steps in a row that hardly lowered the sum of squares."""
+    ending: Any
+    """An `Ending`; RUNNING until the run is over."""
+    checked: Any
+    """Differences compared with the Jacobian so far."""
+    discrepancies: Float[Array, "directions sizes"]
+    """What the Jacobian leaves of each difference, as a norm; infinite where it could not be taken."""
 
 
 class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     """`options = {"lower": ..., "upper": ...}`; a parameter with equal bounds is held.
 
-    The first step only evaluates the start, so that one compiled function does it all.
+    The first step only evaluates the start, so that one compiled function does it all: trials, the
+    Jacobian, and the differences that it is compared with at the end.
     """
 
     rtol: float = 1e-8
-    """Ends where an undamped step promises to lower the sum of squares by less than this share."""
+    """Converged where cosine squared and predicted reduction, relative to the sum of squares, are below this."""
     atol: float = 0.0
-    """Ends also where it promises to lower the sum of squares by less than this."""
+    """Converged also where what they stand for, a decrease of the sum of squares, is below this."""
     norm: Any = eqx.field(static=True, default=optx.max_norm)
-    crawl: float = 0.0
-    """A step that lowers the sum of squares by less than this share crawls."""
-    most_crawls: int = eqx.field(static=True, default=5)
-    """In a row; then the fit has come as far as it gets: a valley flat beyond the data's power to tell."""
+    slow: float = 0.0
+    """A step that lowers the sum of squares by less than this share is slow."""
+    invisible: float = 0.0
+    """Predicted reduction, relative to the sum of squares, that the data could not show."""
+    most_slow_steps: int = eqx.field(static=True, default=20)
+    """In a row; then the run ends."""
     most_rejections: int = eqx.field(static=True, default=12)
-    """In a row; then the fit has stalled."""
+    """In a row; then the run ends."""
+    self_check: bool = eqx.field(static=True, default=True)
+    """Compare the Jacobian with differences at the end."""
 
     def init(self, fn, y, args, options, f_struct, aux_struct, tags) -> LMState:
         blank = lambda s: jnp.zeros(s.shape, s.dtype)
@@ -80,72 +126,105 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
             jacobian=columns(f_struct),
             aux=jax.tree.map(blank, aux_struct),
             aux_jacobian=jax.tree.map(columns, aux_struct),
+            upper=jnp.zeros((y.size, y.size)),
+            projected=jnp.zeros_like(y),
             size=jnp.zeros_like(y),
-            damping=1e-4 * one,
-            growth=2.0 * one,
-            expected=jnp.inf * one,
-            fresh=jnp.array(True),
+            radius=jnp.inf * one,
+            proposed_step=jnp.zeros_like(y),
+            predicted_reduction=jnp.inf * one,
+            cosine=one,
+            rounding=0.0 * one,
+            unevaluated=jnp.array(True),
             accepted=jnp.array(False),
             iterations=none,
+            evaluations=none,
             rejected=none,
-            crawls=none,
+            slow_steps=none,
+            ending=none,
+            checked=none,
+            discrepancies=jnp.zeros((CHECKS // 2, 2)),
         )
 
     def step(self, fn, y, args, options, state, tags):
-        velocity, promised, solve = _damped_step(state, y, options)
+        checking = state.ending != Ending.RUNNING
+        proposal = best_step(state, y, options, state.size, state.radius)
+        apart = _apart(state, y, options)
+        # A straight step costs one evaluation; where one was rejected, a bent one may be worth two.
+        bending = ~checking & ~state.unevaluated & (state.rejected > 0)
 
-        def evaluate(carry, probing):
-            """First a probe a little way along the step, then the trial, bent as the probe says."""
+        def evaluate(carry, second):
+            """A probe along the step, then the trial, bent as the probe says; or the ends of a difference."""
             step, _ = carry
-            at = jnp.where(probing, y + _PROBE * velocity, y + step)
-            at = jnp.where(state.fresh, y, jnp.clip(at, options["lower"], options["upper"]))
-            found = fn(at, args)[0]
-            turn = (found - state.residual) / _PROBE - state.jacobian @ velocity
-            bend = -solve(jnp.where(jnp.isfinite(turn), turn, 0.0) / _PROBE)
-            fits = _length(bend, state) <= _BEND * _length(velocity, state)
-            bent = jnp.where(probing & fits, velocity + bend, step)
-            return (bent, found), None
+            at = jnp.where(second, trial_point(y, step, proposal, options), y + PROBE * proposal.step)
+            at = jnp.where(checking, jnp.where(second, apart[1], apart[0]), at)
+            at = jnp.where(state.unevaluated, y, jnp.clip(at, options["lower"], options["upper"]))
+            found = lax.cond(second | bending | checking, lambda: fn(at, args)[0], lambda: state.residual)
+            bent = jnp.where(~second & bending, proposal.step + bend(state, proposal, found), step)
+            return (bent, found), found
 
-        (step, residual), _ = lax.scan(evaluate, (velocity, state.residual), jnp.array([True, False]))
-        trial = jnp.where(state.fresh, y, jnp.clip(y + step, options["lower"], options["upper"]))
-        before, after = jnp.sum(state.residual**2), jnp.sum(residual**2)
-        ratio = jnp.where(state.fresh, 0.5, (before - after) / jnp.where(promised > 0, promised, 1.0))
-        worth = state.fresh | ((promised > 0) & (ratio > 1e-4))
-        accepted = jnp.isfinite(after) & worth
+        begin = (proposal.step, state.residual)
+        (step, residual), ends = lax.scan(evaluate, begin, jnp.array([False, True]))
+        trial = jnp.where(state.unevaluated, y, trial_point(y, step, proposal, options))
+        after, predicted = jnp.sum(residual**2), proposal.predicted
+        # As a difference of two sums of squares it would be lost in rounding near the end.
+        gained = jnp.sum((state.residual - residual) * (state.residual + residual))
+        ratio = jnp.where(state.unevaluated, 0.5, gained / jnp.where(predicted > 0, predicted, 1.0))
+        accepted = ~checking & jnp.isfinite(after) & (state.unevaluated | ((predicted > 0) & (ratio > 1e-4)))
+
+        radius = next_radius(state, proposal, gained, after, ratio)
 
         def move(state):
             moved = _linearised(fn, trial, args, state)
-            shrink = jnp.maximum(0.1, 1.0 - (2.0 * ratio - 1.0) ** 3)
+            slow = ~state.unevaluated & (gained < self.slow * after)
             moved = moved._replace(
-                damping=jnp.where(state.fresh, state.damping, jnp.maximum(state.damping * shrink, 1e-14)),
-                growth=2.0 * jnp.ones(()),
+                radius=jnp.where(state.unevaluated, first_radius(moved, trial), radius),
                 rejected=jnp.zeros_like(state.rejected),
-                crawls=jnp.where(~state.fresh & (before - after < self.crawl * after), state.crawls + 1, 0),
+                slow_steps=jnp.where(slow, state.slow_steps + 1, 0),
+                iterations=state.iterations + ~state.unevaluated,
+                unevaluated=jnp.array(False),
             )
-            return moved._replace(expected=_promise(moved, trial, options))
+            return _promising(moved, trial, options)
 
         def stay(state):
-            return state._replace(
-                damping=state.damping * state.growth, growth=2.0 * state.growth, rejected=state.rejected + 1
-            )
+            # A start that cannot be evaluated stays so: there is nothing to go on from.
+            return state._replace(radius=radius, rejected=state.rejected + 1)
 
-        iterations = state.iterations + (accepted & ~state.fresh)
-        state = lax.cond(accepted, move, stay, state)
-        # A start that cannot be simulated stays fresh: there is nothing to go on from.
-        state = state._replace(accepted=accepted, iterations=iterations, fresh=state.fresh & ~accepted)
+        def compare(state):
+            return _compared(state, ends, state.jacobian @ (apart[0] - apart[1]), y)
+
+        iterate = lambda state: self._ended(lax.cond(accepted, move, stay, state))
+        state = lax.cond(checking, compare, iterate, state)
+        evaluations = state.evaluations + jnp.where(checking | bending, 2, 1)
+        state = state._replace(accepted=accepted, evaluations=evaluations)
         return jnp.where(accepted, trial, y), state, state.aux
 
+    def _ended(self, state: LMState) -> LMState:
+        """`state` with its ending, if this is one."""
+        squares = jnp.sum(state.residual**2)
+        enough = jnp.maximum(self.rtol * squares, self.atol)
+        flat = (state.predicted_reduction <= enough) & (state.cosine**2 * squares <= enough)
+        hidden = jnp.maximum(self.invisible, _ROUNDING) * squares
+        hidden = jnp.maximum(jnp.maximum(hidden, enough), state.rounding)
+        steep = state.cosine**2 * squares > hidden
+        invisible = (state.predicted_reduction <= hidden) & ~steep
+        rejected = state.rejected >= self.most_rejections
+        slow = state.slow_steps >= self.most_slow_steps
+        ending = jnp.where(slow, Ending.SLOW_STEPS, Ending.RUNNING)
+        ending = jnp.where(rejected, jnp.where(steep, Ending.REJECTED, Ending.STALLED), ending)
+        ending = jnp.where((slow | rejected) & invisible, Ending.WITHIN_ROUNDING, ending)
+        ending = jnp.where(flat, Ending.CONVERGED, ending)
+        ending = jnp.where(state.unevaluated, jnp.where(state.rejected > 0, Ending.START_FAILED, 0), ending)
+        uncheckable = (ending == Ending.START_FAILED) | (not self.self_check)
+        return state._replace(
+            ending=ending.astype(state.ending.dtype), checked=jnp.where(uncheckable, CHECKS, state.checked)
+        )
+
     def terminate(self, fn, y, args, options, state, tags):
-        begun = ~(state.fresh & (state.rejected == 0))
-        lost = begun & state.fresh
-        stalled = state.rejected >= self.most_rejections
-        # Near the optimum rounding in the simulation can deny what a tiny step promises.
-        enough = jnp.maximum(self.rtol, self.atol / jnp.maximum(jnp.sum(state.residual**2), 1e-300))
-        done = (state.expected <= enough) | (stalled & (state.expected <= 1e3 * enough))
-        done = ~state.fresh & (done | (state.crawls >= self.most_crawls))
+        over = (state.ending != Ending.RUNNING) & (state.checked >= CHECKS)
+        success = (state.ending == Ending.CONVERGED) | (state.ending == Ending.WITHIN_ROUNDING)
+        lost = state.ending == Ending.START_FAILED
         failed = optx.RESULTS.where(lost, optx.RESULTS.nonlinear_divergence, optx.RESULTS.nonlinear_max_steps_reached)
-        over = done | lost | stalled
-        return over, optx.RESULTS.where(over & ~done, failed, optx.RESULTS.successful)
+        return over, optx.RESULTS.where(over & ~success, failed, optx.RESULTS.successful)
 
     def postprocess(self, fn, y, aux, args, options, state, tags, result):
         return y, aux, {"state": state}
@@ -160,65 +239,57 @@ def _linearised(fn, y, args, state):
     usable = jnp.all(jnp.isfinite(jacobian))
     jacobian = jnp.where(usable, jacobian, state.jacobian)
     size = jnp.maximum(jnp.linalg.norm(jacobian, axis=0), state.size)
-    return state._replace(residual=residual, jacobian=jacobian, aux=aux, aux_jacobian=aux_jacobian, size=size)
+    upper, projected = triangle(jacobian, residual)
+    return state._replace(
+        residual=residual,
+        jacobian=jacobian,
+        aux=aux,
+        aux_jacobian=aux_jacobian,
+        size=size,
+        upper=upper,
+        projected=projected,
+    )
 
 
-def _scaled(state, y, options):
-    """Gradient and normal matrix in columns of unit norm, without the parameters that are held."""
-    size = jnp.where(state.size > 0, state.size, 1.0)
-    jacobian = state.jacobian / size
-    gradient = jacobian.T @ state.residual
-    held = (options["lower"] >= options["upper"]) | (state.size == 0)
-    held |= (y <= options["lower"]) & (gradient > 0) | (y >= options["upper"]) & (gradient < 0)
-    free = jnp.where(held, 0.0, 1.0)
-    matrix = (jacobian.T @ jacobian) * free[:, None] * free[None, :]
-    return gradient * free, matrix, free, size
+def _promising(state, y, options):
+    """`state` with the best step within the bounds, what it promises, and the cosines."""
+    norms = jnp.linalg.norm(state.jacobian, axis=0)
+    best = best_step(state, y, options, norms, jnp.inf * jnp.ones(()))
+    length = jnp.linalg.norm(state.residual)
+    gradient = state.upper.T @ state.projected
+    cosines = jnp.abs(gradient) / jnp.maximum(norms * length, 1e-300)
+    near = _AT_BOUND * length / jnp.maximum(norms, 1e-300)
+    blocked = (y - options["lower"] <= near) & (gradient > 0) | (options["upper"] - y <= near) & (gradient < 0)
+    blocked |= options["lower"] >= options["upper"]
+    return state._replace(
+        proposed_step=best.step,
+        predicted_reduction=jnp.maximum(best.predicted, 0.0),
+        cosine=jnp.max(jnp.where(blocked, 0.0, cosines), initial=0.0),
+        rounding=_EPSILONS * jnp.finfo(y.dtype).eps * length * jnp.linalg.norm(norms * y),
+    )
 
 
-def _bounded_step(gradient, matrix, free, damping, low, high):
-    """The damped step of the linear model within bounds, and which parameters were free to take part.
-
-    Where a step leads out, that parameter goes to its bound and the others are solved for
-    anew, as often as there are parameters.
-    """
-
-    def again(_, carry):
-        step, loose = carry
-        out = (step < low) | (step > high)
-        loose = loose * jnp.where(out, 0.0, 1.0)
-        fixed = jnp.where(loose > 0, 0.0, jnp.clip(step, low, high))
-        damped = matrix * loose[:, None] * loose[None, :] + jnp.diag(1.0 - loose + damping)
-        return fixed - jnp.linalg.solve(damped, (gradient + matrix @ fixed) * loose) * loose, loose
-
-    step, loose = lax.fori_loop(0, gradient.size + 1, again, (jnp.zeros_like(gradient), free))
-    return jnp.clip(step, low, high), loose
+def _apart(state, y, options):
+    """The two ends of the next difference."""
+    scale = noise_scale(state.residual, state.jacobian, y)
+    free = (options["lower"] < options["upper"]) & (y > options["lower"]) & (y < options["upper"])
+    random = random_direction(state.jacobian, y, free, scale)
+    proposed = proposed_direction(state.jacobian, y, state.proposed_step, scale)
+    size = jnp.where(state.checked % 2 == 0, SIZES[0], SIZES[1])
+    move = size * jnp.where(state.checked < 2, random, proposed)
+    return [jnp.clip(y + way * move, options["lower"], options["upper"]) for way in (1.0, -1.0)]
 
 
-def _damped_step(state, y, options):
-    """The step, the decrease of the sum of squares that the linear model promises for it,
-    and the damped pseudo-inverse that it came from."""
-    gradient, matrix, free, size = _scaled(state, y, options)
-    low, high = (options["lower"] - y) * size, (options["upper"] - y) * size
-    step, loose = _bounded_step(gradient, matrix, free, state.damping, low, high)
-    damped = matrix * loose[:, None] * loose[None, :] + jnp.diag(1.0 - loose + state.damping)
-
-    def solve(residual):
-        return jnp.linalg.solve(damped, loose * (state.jacobian.T @ residual / size)) * loose / size
-
-    return step / size, _decrease(gradient, matrix, step), solve
-
-
-def _decrease(gradient, matrix, step):
-    return -(2.0 * gradient @ step + step @ matrix @ step)
-
-
-def _length(step, state):
-    return jnp.linalg.norm(step * state.size)
-
-
-def _promise(state, y, options):
-    """Relative decrease of the sum of squares by an undamped step in the directions that matter."""
-    gradient, matrix, free, size = _scaled(state, y, options)
-    low, high = (options["lower"] - y) * size, (options["upper"] - y) * size
-    step, _ = _bounded_step(gradient, matrix, free, _NEXT_TO_NOTHING, low, high)
-    return _decrease(gradient, matrix, step) / jnp.maximum(jnp.sum(state.residual**2), 1e-300)
+def _compared(state, ends, predicted, y):
+    """`state` after one more comparison of the Jacobian with a difference; agreement skips the smaller size."""
+    scale = noise_scale(state.residual, state.jacobian, y)
+    error, far = discrepancy(ends[0] - ends[1], predicted, scale)
+    which, small = state.checked // 2, state.checked % 2 == 1
+    found = verdict(state.discrepancies[which, 0], error)
+    said = jnp.where(found == DISCONTINUOUS, Ending.DISCONTINUITY, Ending.WRONG_DERIVATIVE)
+    worse = small & far & (found != AGREES) & (state.ending < Ending.DISCONTINUITY)
+    return state._replace(
+        discrepancies=state.discrepancies.at[which, state.checked % 2].set(error),
+        checked=state.checked + jnp.where(small | far, 1, 2),
+        ending=jnp.where(worse, said, state.ending).astype(state.ending.dtype),
+    )

@@ -13,8 +13,6 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from .fitting import (
-    CRAWLS,
-    STALLS,
     Fit,
     Problem,
     Progress,
@@ -27,6 +25,7 @@ from .fitting import (
     summed,
 )
 from .integration import Accuracy
+from .levenberg_marquardt import Ending
 from .parameters import Parameter
 from .starts import guess_starts, rank_starts
 from .study import Study
@@ -43,12 +42,17 @@ _PATIENCE = 3
 """Winners in a row that may fail to improve a poor fit: then it is the model that is poor."""
 _POOR = 1.15
 """Reduced chi-square above which a fit is poor, where the noise is only guessed from the samples."""
-_RUGGED = 3.2
-"""Evaluations per iteration from which the way was rugged; a smooth one takes two."""
+_RUGGED = 2.2
+"""Evaluations per iteration from which the way was rugged; a smooth one takes one, a rejected step two."""
+_RUGGED_ENDINGS = (Ending.SLOW_STEPS, Ending.STALLED, Ending.REJECTED, Ending.DISCONTINUITY)
 _PUSHES = 4
 """Pushes in a row that may fail to lead a fit down from a cliff."""
 _VISIBLE = 0.01
 """By how much chi-square must fall to make it another result."""
+_LONG = 60
+"""Iterations from which the way was long: then valleys are flat, and other starts may end in better ones."""
+_OTHERS = 4
+"""Other starts tried then, each to its end."""
 _PUSH = 2.0
 """Size of the first push in standard errors; each that fails is followed by one twice as large."""
 _LONGEST_PUSH = 0.3
@@ -67,14 +71,15 @@ def best_fit(study: Study, accuracy: Accuracy, run: Run, report: Progress) -> tu
     fit, spent = _first(problem, ranked[0], run, report) if missing else run(problem, starts, report), 0
     blind = missing and _is_blind(study, problem)
     starts = _shown(ranked[0], starts, blind)
-    if blind or _is_poor(fit, problem):
+    raced = blind or _is_poor(fit, problem)
+    if raced:
         free = {path: _without_start(p) for path, p in study.parameters.items()}
         others = ranked[1:] if missing else _ranked(study, free, problem, starts, report)
         fit, starts, spent = _race(fit, problem, starts, others, run, report, blind)
     fit = _pushed(fit, problem, run, report)
+    if not raced and (fit.iterations > _LONG or _at_new_bound(fit, problem, starts)):
+        fit, starts = _compared_with_others(fit, problem, starts, ranked[1 : 1 + _OTHERS], run, report)
     fit, problem = _with_noise(fit._replace(evaluations=fit.evaluations + spent), problem, run, report)
-    if fit.message == STALLS and not _is_poor(fit, problem):
-        fit = fit._replace(success=True)
     return fit, problem, starts
 
 
@@ -169,9 +174,28 @@ def _pushed(fit: Fit, problem: Problem, run: Run, report: Progress) -> Fit:
     return fit._replace(iterations=fit.iterations + taken, evaluations=fit.evaluations + spent)
 
 
+def _compared_with_others(fit, problem, starts, others, run, report) -> tuple[Fit, dict[str, float]]:
+    """The best of `fit` and of whole fits from the `others`, and its starts."""
+    spent = fit.evaluations
+    for number, other in enumerate(others, 1):
+        report(f"a long way or a bound: comparing with start {number} of {len(others)}")
+        rival = _pushed(run(problem, other, _quiet), problem, run, _quiet)
+        spent += rival.evaluations
+        if rival.chi2 < fit.chi2 - _VISIBLE:
+            fit, starts = rival, other
+    return fit._replace(evaluations=spent), starts
+
+
+def _at_new_bound(fit: Fit, problem: Problem, starts: dict[str, float]) -> bool:
+    """The fit ran into a bound that it did not start from: there may be a better optimum elsewhere."""
+    low, high = problem.bounds
+    begun = problem.encode(starts)
+    return bool(np.any(((fit.free <= low) & (begun > low)) | ((fit.free >= high) & (begun < high))))
+
+
 def _is_rugged(fit: Fit) -> bool:
     """Many steps were rejected on the way, or the last ones: chi-square is not what its slope promises."""
-    return fit.message in (CRAWLS, STALLS) or fit.evaluations - 2 > _RUGGED * fit.iterations
+    return fit.ending in _RUGGED_ENDINGS or fit.evaluations - 5 > _RUGGED * fit.iterations
 
 
 def _push(fit: Fit, problem: Problem, factor: float, random: np.random.Generator) -> np.ndarray:

@@ -15,7 +15,8 @@ errors quantity rod family units columns tables series
 drive hold waveforms oscillator piezo friction effector amplifier stage sensor actuator
 expansion crossing stepping tangents integration modes stick_slip unloaded tribometer simulation
 parameters records prediction residual metrics estimate study record_features starts guessing display
-levenberg_marquardt uncertainty goodness resonances notes fitting start_failure best_point multistart
+box_least_squares trust_region derivative_check ending levenberg_marquardt
+uncertainty goodness resonances notes fitting start_failure best_point multistart
 summary estimation
 identified cycles characterise virtual_rig catalogue sweeping ranges
 report plot plot_sweep output runtime signals console commands cli

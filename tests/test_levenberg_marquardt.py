@@ -115,7 +115,7 @@ def steps(fn, start, low, high, count):
     """The points visited and the states, one step after the other."""
     y, options = jnp.asarray(start, float), {"lower": jnp.asarray(low, float), "upper": jnp.asarray(high, float)}
     out, aux = fn(y, None)
-    state = BoundedLevenbergMarquardt().init(fn, y, None, options, out, aux, frozenset())
+    state = BoundedLevenbergMarquardt(rtol=1e-16).init(fn, y, None, options, out, aux, frozenset())
     visited = []
     for _ in range(count):
         y, state = _stepped(fn, y, options, state)
@@ -125,7 +125,7 @@ def steps(fn, start, low, high, count):
 
 @eqx.filter_jit
 def _stepped(fn, y, options, state):
-    y, state, _ = BoundedLevenbergMarquardt().step(fn, y, None, options, state, frozenset())
+    y, state, _ = BoundedLevenbergMarquardt(rtol=1e-16).step(fn, y, None, options, state, frozenset())
     return y, state
 
 
@@ -232,13 +232,14 @@ def test_the_scale_of_the_columns_changes_nothing():
 
 def test_trials_that_cannot_be_evaluated_are_rejected():
     def logarithm(y, args):
-        return jnp.stack([jnp.log(y[0]) + 4.0, 0.1 * (y[1] - 1.0)]), None
+        return jnp.stack([jnp.log(y[0] - 100.0) + 4.0, 0.1 * (y[1] - 1.0)]), None
 
-    solution = solve(logarithm, [5.0, 0.0], rtol=1e-16)
+    solution = solve(logarithm, [105.0, 0.0], rtol=1e-16)
     assert solution.result == optx.RESULTS.successful
-    np.testing.assert_allclose(solution.value, [np.exp(-4.0), 1.0], rtol=1e-6)
-    first = steps(logarithm, [5.0, 0.0], [-jnp.inf] * 2, [jnp.inf] * 2, 2)[1][1]
-    assert int(first.rejected) == 1
+    np.testing.assert_allclose(solution.value, [100.0 + np.exp(-4.0), 1.0], rtol=1e-8)
+    visited = steps(logarithm, [105.0, 0.0], [-jnp.inf] * 2, [jnp.inf] * 2, 3)
+    assert int(visited[1][1].rejected) == 1
+    np.testing.assert_array_equal(visited[1][0], [105.0, 0.0])
 
 
 def test_a_start_that_cannot_be_evaluated_is_said_to_be_one():

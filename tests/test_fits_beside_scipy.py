@@ -1,0 +1,76 @@
+"""Fits of real and of made-up records: a fit that says it converged is not beaten by SciPy from where it ended."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from beside_scipy import best_of_scipy
+from four_kinds import plan, startless
+from liu_record import LAWS, liu
+from platform_study import write_platform
+
+import pdssjax
+from pdssjax.cli import EXAMPLE
+from pdssjax.fitting import joint, posed
+from pdssjax.integration import Accuracy
+from pdssjax.levenberg_marquardt import Ending
+from pdssjax.multistart import best_fit
+from pdssjax.virtual_rig import make_recordings
+
+
+def beside_scipy(study):
+    """Our fit, its problem, and SciPy's best from where it ended."""
+    fit, problem, _ = best_fit(study, Accuracy(), joint, lambda message: None)
+    best = best_of_scipy(problem.whitened, problem.jacobian, fit.free, *problem.bounds, evaluations=100)
+    return fit, problem, best
+
+
+def is_not_beaten(fit, best):
+    """Within 0.5 % and 4 units."""
+    return fit.chi2 <= 1.005 * best + 4.0
+
+
+def test_a_study_goes_into_scipy_in_three_lines(tmp_path):
+    from scipy.optimize import least_squares
+
+    problem, start = posed(pdssjax.load_study(write_platform(tmp_path)))
+    found = least_squares(problem.whitened, start, problem.jacobian, problem.bounds, x_scale="jac", max_nfev=3)
+    values = problem.decode(found.x)
+    assert 2.0 * found.cost < float(np.sum(np.asarray(problem.whitened(start)) ** 2))
+    assert set(values) == set(problem.residual.scale.paths)
+
+
+@pytest.mark.slow
+def test_liu_s_record_with_coulomb_s_law_is_not_left_half_way(tmp_path):
+    fit, _, best = beside_scipy(liu("coulomb", tmp_path))
+    assert fit.ending == Ending.CONVERGED, fit.message
+    assert fit.chi2 < 498.5  # two minima lie side by side, 498.065 and 498.123
+    assert is_not_beaten(fit, best)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", [law for law in LAWS if law != "coulomb"])
+def test_liu_s_record_with_other_laws(law, tmp_path):
+    fit, _, best = beside_scipy(liu(law, tmp_path))
+    assert not fit.success or is_not_beaten(fit, best), (fit.chi2, best, fit.message)
+
+
+@pytest.mark.slow
+def test_the_example():
+    fit, _, best = beside_scipy(pdssjax.load_study(EXAMPLE / "study.toml"))
+    assert fit.success, fit.message
+    assert is_not_beaten(fit, best)
+
+
+@pytest.mark.slow
+def test_the_four_kinds_of_records(tmp_path):
+    (tmp_path / "study.toml").write_text(plan(), encoding="utf-8")
+    planned = pdssjax.load_study(tmp_path / "study.toml", virtual=True)
+    records = tuple(made.record for made in make_recordings(planned, 1))
+    blind = tmp_path / "blind"
+    blind.mkdir()
+    (blind / "study.toml").write_text(startless(plan()), encoding="utf-8")
+    study = pdssjax.load_study(blind / "study.toml", virtual=True)
+    fit, _, best = beside_scipy(dataclasses.replace(study, records=records))
+    assert fit.success, fit.message
+    assert is_not_beaten(fit, best)

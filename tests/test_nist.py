@@ -1,0 +1,58 @@
+"""All 27 nonlinear regression problems of NIST, from both starts: certified values, and beside SciPy."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+import pytest
+from beside_scipy import best_of_scipy
+from nist_strd import DATA, MODELS, regression, residual, starts
+
+from pdssjax.levenberg_marquardt import SUCCESSES, BoundedLevenbergMarquardt, Ending
+from pdssjax.uncertainty import covariance
+
+_RESIDUAL = jax.jit(residual)
+_JACOBIAN = jax.jit(jax.jacfwd(residual))
+
+
+@eqx.filter_jit
+def _solved(y, problem, options):
+    solver = BoundedLevenbergMarquardt(rtol=1e-15)
+    fn = lambda y, problem: (residual(y, problem), None)
+    return optx.least_squares(fn, solver, y, problem, has_aux=True, options=options, max_steps=3000, throw=False)
+
+
+def solve(name, start):
+    """From a padded `start`; what is padded is held."""
+    problem = regression(name)
+    own = np.arange(start.size) < len(DATA[name]["certified"])
+    options = {"lower": np.where(own, -np.inf, start), "upper": np.where(own, np.inf, start)}
+    return _solved(jnp.asarray(start), problem, options)
+
+
+@pytest.mark.parametrize("which", [0, 1], ids=["far", "near"])
+@pytest.mark.parametrize("name", MODELS)
+def test_certified_values_are_found(name, which):
+    solution = solve(name, starts(name)[which])
+    state, certified = solution.stats["state"], DATA[name]["certified"]
+    assert Ending(int(state.ending)) in SUCCESSES, Ending(int(state.ending)).name
+    np.testing.assert_allclose(solution.value[: len(certified)], certified, rtol=1e-6)
+    squares = DATA[name]["squares"]
+    # Lanczos1 was made up without noise: its residuals are what the rounding of 14 digits left.
+    rounding = 4.0 * np.finfo(float).eps * np.linalg.norm(DATA[name]["y"]) * np.sqrt(squares)
+    np.testing.assert_allclose(np.sum(state.residual**2), squares, rtol=1e-8, atol=rounding)
+    deviations = DATA[name]["deviations"]
+    found = covariance(np.asarray(state.jacobian)[:, : len(certified)], np.zeros(len(certified), bool))
+    noise = squares / (len(DATA[name]["y"]) - len(certified))
+    np.testing.assert_allclose(np.sqrt(np.diag(found.matrix) * noise), deviations, rtol=1e-4)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_scipy_gets_no_lower_from_there(name):
+    solution = solve(name, starts(name)[0])
+    problem, y = regression(name), np.asarray(solution.value)
+    own = np.arange(y.size) < len(DATA[name]["certified"])
+    low, high = np.where(own, -np.inf, y), np.where(own, np.inf, y)
+    best = best_of_scipy(lambda b: _RESIDUAL(b, problem), lambda b: _JACOBIAN(b, problem), y, low, high)
+    assert float(np.sum(solution.stats["state"].residual ** 2)) <= 1.005 * best

@@ -1,0 +1,85 @@
+"""A fit checks itself: a wrong Jacobian and a cliff are told apart, said, and are not success."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+import pytest
+
+from pdssjax.levenberg_marquardt import BoundedLevenbergMarquardt, Ending
+
+X = jnp.linspace(0.0, 3.0, 60)
+NOISE = jnp.asarray(np.random.default_rng(7).normal(0.0, 1.0, 60))
+
+
+def decay(y):
+    """Whitened residuals of a decay with noise; parameters near (3, 0.5, -1)."""
+    return 50.0 * (y[0] * jnp.exp(-y[1] * X) + y[2] - (3.0 * jnp.exp(-0.5 * X) - 1.0)) + NOISE
+
+
+@jax.custom_jvp
+def skewed(y, columns):
+    """As `decay`, each column of its Jacobian multiplied by one of `columns`."""
+    del columns
+    return decay(y)
+
+
+@skewed.defjvp
+def _(primals, tangents):
+    y, columns = primals
+    return decay(y), jax.jvp(decay, (y,), (columns * tangents[0],))[1]
+
+
+def stepped(y, args):
+    """A jump of the residual, of the size in `args`, along a line through the minimum; its derivative is right."""
+    at = jnp.sum(y - args["at"]) > 0.0
+    return decay(y) + jnp.where(at, args["jump"], 0.0) * jnp.cos(5.0 * X), None
+
+
+@eqx.filter_jit
+def solve(fn, args, start=(2.0, 1.0, 0.0)):
+    """With thresholds as for a chi-square."""
+    solver = BoundedLevenbergMarquardt(rtol=1e-6, atol=1e-4, slow=1e-3, invisible=1e-4)
+    ends = {"lower": jnp.full(3, -10.0), "upper": jnp.full(3, 10.0)}
+    start = jnp.asarray(start)
+    return optx.least_squares(fn, solver, start, args, has_aux=True, options=ends, max_steps=300, throw=False)
+
+
+def ending(solution):
+    return Ending(int(solution.stats["state"].ending))
+
+
+def distorted(y, columns):
+    return skewed(y, columns), None
+
+
+def test_a_right_jacobian_is_let_pass():
+    solution = solve(distorted, jnp.ones(3))
+    assert ending(solution) == Ending.CONVERGED
+    assert solution.result == optx.RESULTS.successful
+    state = solution.stats["state"]
+    assert float(state.cosine) ** 2 * float(jnp.sum(state.residual**2)) < 1e-4
+    assert 0.0 <= float(state.predicted_reduction) < 1e-4
+    assert int(state.checked) == 4
+
+
+@pytest.mark.parametrize("columns", [[1.0, 1.0, 0.0], [1.0, 0.5, 1.0], [1.0, 1.0, -1.0], [1e9, 1.0, 1.0]], ids=str)
+def test_a_wrong_jacobian_is_said_and_is_not_success(columns):
+    solution = solve(distorted, jnp.array(columns), start=(2.9, 0.52, -0.95))
+    assert ending(solution) == Ending.WRONG_DERIVATIVE
+    assert solution.result != optx.RESULTS.successful
+
+
+def test_a_cliff_is_told_from_a_wrong_jacobian():
+    smooth = solve(stepped, {"at": jnp.zeros(3), "jump": jnp.asarray(0.0)})
+    assert ending(smooth) == Ending.CONVERGED
+    cliff = solve(stepped, {"at": smooth.value - 1e-9, "jump": jnp.asarray(3.0)})
+    assert ending(cliff) == Ending.DISCONTINUITY
+    assert cliff.result != optx.RESULTS.successful
+
+
+def test_a_jump_that_the_data_cannot_show_is_let_pass():
+    smooth = solve(stepped, {"at": jnp.zeros(3), "jump": jnp.asarray(0.0)})
+    ripple = solve(stepped, {"at": smooth.value - 1e-9, "jump": jnp.asarray(1e-4)})
+    assert ending(ripple) in (Ending.CONVERGED, Ending.WITHIN_ROUNDING)
