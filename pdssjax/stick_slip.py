@@ -246,11 +246,11 @@ class StickSlip(eqx.Module):
         return true - x.lag[0] if x.lag else true
 
     def _slowest(self):
-        """The slower of the platform's and the contact's frequency [rad/s]: a velocity error moves that much further."""
+        """The slowest of the platform's and the contact's frequencies [rad/s]: velocity times 1/it is displacement."""
         law, mass = self.actuator.friction, self.actuator.effector.mass
         state, still = law.initial(), jnp.zeros(())
         frequency = jnp.asarray(self.actuator.piezo.fastest(), float)
-        for sign in (ADVANCING, RETREATING):
+        for sign in jnp.array([ADVANCING, RETREATING]):
             stretched = lambda v, sign=sign: tuple(jnp.asarray(rate, float) for rate in law.rate(state, v, sign))
             _, rates = jax.jvp(stretched, (still,), (jnp.ones(()),))
             elastic = lambda memory, sign=sign: jnp.asarray(law.force(memory, still, sign), float)

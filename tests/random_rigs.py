@@ -10,7 +10,6 @@ from collections.abc import Callable
 from functools import cached_property
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -47,7 +46,7 @@ class Structure:
     friction: str = "anisotropic-lugre"
     state: str = ""
     piezo: str = "second-order"
-    drive: AbstractDrive = Sawtooth(64.0, 20.0, 2e-4)  # noqa: RUF009
+    drive: AbstractDrive = Sawtooth(64.0, 20.0, 2e-4)
     cycles: float = 3.0
     feedback: bool = False
     parts: tuple[str, ...] = ()
@@ -130,16 +129,13 @@ class Judge:
 
     def __init__(self, structure: Structure, usual: Accuracy = Accuracy()):  # noqa: B008
         self.structure = structure
-        roomy = lambda accuracy: eqx.tree_at(lambda a: a.tolerance, accuracy, accuracy.tolerance)
-        usual = dataclasses.replace(roomy(usual), max_steps=ROOM)
+        usual = dataclasses.replace(usual, max_steps=ROOM)
         tight = dataclasses.replace(TIGHT, max_steps=ROOM)
         self._value: Callable = jax.jit(
             lambda p, tolerance, rest: structure.shown(p, dataclasses.replace(tight, tolerance=tolerance, rest=rest))
         )
         self._jacobian: Callable = jax.jit(jax.jacfwd(lambda p: structure.shown(p, usual)))
-        self._gradient: Callable = jax.jit(
-            lambda p, w: jax.vjp(lambda p: structure.shown(p, usual), p)[1](w)[0]
-        )
+        self._gradient: Callable = jax.jit(lambda p, w: jax.vjp(lambda p: structure.shown(p, usual), p)[1](w)[0])
         self._usual, self._tight = usual, tight
 
     def values(self, factors: np.ndarray, tight: bool) -> np.ndarray:
@@ -148,7 +144,9 @@ class Judge:
 
     def differences(self, factors: np.ndarray, step: float) -> np.ndarray:
         """d shown / d factors by central differences at the tightest accuracy, shape (samples, parameters)."""
-        ends = [self.values(factors + step * e, True) - self.values(factors - step * e, True) for e in np.eye(factors.size)]
+        ends = [
+            self.values(factors + step * e, True) - self.values(factors - step * e, True) for e in np.eye(factors.size)
+        ]
         return np.stack(ends, axis=1) / (2.0 * step)
 
     def jacobian(self, factors: np.ndarray) -> np.ndarray:
@@ -165,8 +163,7 @@ class Judge:
         disagree = relative(coarse, fine)
         beyond = np.where(np.isfinite(error), error, np.inf) - 2.0 * disagree
         worst = int(np.argmax(beyond))
-        weights = np.cos(np.arange(SAMPLES))[: jacobian.shape[0]]
-        weights = np.resize(weights, jacobian.shape[0])
+        weights = np.cos(np.arange(jacobian.shape[0]))
         back = np.asarray(self._gradient(factors, weights)) if reverse else weights @ jacobian
         forward = weights @ jacobian
         value = np.abs(self.values(factors, False) - self.values(factors, True)).max()
@@ -183,15 +180,15 @@ class Judge:
 WALKS = {
     "anisotropic, deflection": Structure(state="deflection"),
     "anisotropic, force": Structure(state="force"),
-    "anisotropic, deflection, backward, 5 Hz": Structure(
-        state="deflection", drive=Sawtooth(64.0, 5.0, 0.0, -1.0)
-    ),
+    "anisotropic, deflection, backward, 5 Hz": Structure(state="deflection", drive=Sawtooth(64.0, 5.0, 0.0, -1.0)),
     "anisotropic, force, 5 Hz": Structure(state="force", drive=Sawtooth(64.0, 5.0, 0.0)),
 }
 LAWS = {
     law: Structure(friction=law)
-    for law in "simplified-lugre lugre coulomb stribeck dahl elastoplastic bliman-sorine".split()
-    + ["reset-integrator", "generalized-maxwell-slip"]
+    for law in (
+        "simplified-lugre lugre coulomb stribeck dahl elastoplastic bliman-sorine reset-integrator "
+        "generalized-maxwell-slip"
+    ).split()
 }
 PARTS = {
     "feedback": Structure(friction="simplified-lugre", feedback=True),

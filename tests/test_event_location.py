@@ -62,7 +62,7 @@ def test_a_guard_that_touches_zero_crosses_there_or_not_at_all():
 
 
 def test_a_guard_that_is_nearly_flat_where_it_crosses():
-    """A factor that is 5e-4 at the root and of order 1 elsewhere: the secant of the bracket says nothing of the slope."""
+    """A factor of 5e-4 at the root and of 1 elsewhere: the secant of the bracket says nothing of the slope."""
     for at in (0.25, 0.31, 0.62):
         pair = (at + 0.02 + 0.01j, at + 0.02 - 0.01j)
         assert root(at, *pair) == pytest.approx(at, abs=1e-12)
