@@ -73,7 +73,9 @@ BATCH = [Rig(voltage=voltage, cycle=1.0 / rate) for voltage in (20.0, 64.0, 150.
 
 
 def test_batches_of_voltages_and_frequencies_equal_single_runs():
-    batch = compiled("deflection", False, batch=True)(np.stack([values(r) for r in BATCH]), TIMES, 1e-11, 1e-12)
+    accuracy = Accuracy()
+    numbers = np.stack([values(r) for r in BATCH])
+    batch = compiled("deflection", False, batch=True)(numbers, TIMES, accuracy.tolerance, accuracy.rest)
     for k, rig in enumerate(BATCH):
         alone = trajectory(rig, TIMES, Accuracy())
         np.testing.assert_allclose(batch.effector[k], alone.effector, rtol=0.0, atol=1e-12)
