@@ -11,7 +11,7 @@ import itertools
 import numpy as np
 
 from pdssjax.metrics import FLANK
-from pdssjax.sweeping import LANES
+from pdssjax.sweeps import LANES
 
 from .problem import PARAMETERS
 

@@ -19,8 +19,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-from pdssjax.records import Record
-from pdssjax.study import Study
+from pdssjax import Record, Study
 
 from .peers.base import AbstractPeer, not_installed
 from .problem import UM

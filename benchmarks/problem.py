@@ -12,13 +12,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from pdssjax.actuator import Actuator
-from pdssjax.drive.base import AbstractDrive
+from pdssjax import AbstractDrive, Accuracy, Actuator, Effector, Taylor
 from pdssjax.drive.sawtooth import Sawtooth
-from pdssjax.effector import Effector
-from pdssjax.expansion import Taylor
 from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
-from pdssjax.integration import Accuracy
 from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.simulation import displacements
 

@@ -4,8 +4,8 @@ import dataclasses
 import functools
 import json
 
-from pdssjax.cli import EXAMPLE
-from pdssjax.study import Study, load_study
+from pdssjax import Study, load_study
+from pdssjax.files import EXAMPLE
 
 from .problem import EveryCycle
 

@@ -18,12 +18,10 @@ from matplotlib.figure import Figure
 
 import pdssjax
 from experiments.common import BLUE, GREEN, VERMILION, save, styled, write
-from pdssjax.cli import EXAMPLE
-from pdssjax.integration import Accuracy
-from pdssjax.parameters import scale
-from pdssjax.residual import Residual, as_weights
-from pdssjax.runtime import prepare_jax
-from pdssjax.uncertainty import covariance
+from pdssjax import Accuracy
+from pdssjax.core import prepare_jax
+from pdssjax.files import EXAMPLE
+from pdssjax.inference import Residual, as_weights, least_squares_covariance, transform_of
 
 NAME = "error_propagation"
 MEASURED_SPREAD = {"piezo.gain": 0.02, "piezo.natural_frequency": 0.03, "piezo.damping_ratio": 0.17}
@@ -54,14 +52,14 @@ def main() -> None:
 def shift(study, truth):
     """Per cent by which each friction parameter moves for 1 % in each piezo parameter, shape (6, 3)."""
     records = [record for record in study.records if record.role == "fit" and record.measures == "effector"]
-    free = scale(study.parameters, truth)
+    free = transform_of(study.parameters, truth)
     fixed = {path: truth[path] for path, parameter in study.parameters.items() if not parameter.free}
     residual = Residual(study.models, records, free, fixed, Accuracy())
     weights = as_weights([record.noise for record in records], [True] * len(records))
     jacobian = np.asarray(jax.jit(jax.jacfwd(lambda u: residual(u, weights)[0]))(jnp.asarray(free.encode(truth))))
     piezo = np.array([path.startswith("piezo.") for path in free.paths])
     second, first = jacobian[:, ~piezo], jacobian[:, piezo]
-    inverse = covariance(second, np.zeros(second.shape[1], bool)).matrix
+    inverse = least_squares_covariance(second, np.zeros(second.shape[1], bool)).matrix
     return np.array(free.paths), -inverse @ second.T @ first
 
 

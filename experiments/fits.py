@@ -21,11 +21,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from pdssjax.integration import Accuracy
-from pdssjax.levenberg_marquardt import SUCCESSES, BoundedLevenbergMarquardt, Ending
-from pdssjax.parameters import scale
-from pdssjax.study import Study
-from pdssjax.uncertainty import covariance
+from pdssjax import Accuracy, Study
+from pdssjax.inference import SUCCESSES, BoundedLevenbergMarquardt, Ending, least_squares_covariance, transform_of
 
 _AT_BOUND = 1e-6
 """So near to a bound, on the fit's scale, a parameter is at it."""
@@ -69,10 +66,10 @@ class Curves:
     """The predictions of a study's records, and their derivatives."""
 
     def __init__(self, study: Study, accuracy: Accuracy, starts: Mapping[str, float]):
-        """`starts` [SI] size the parameters; compiles at the first use."""
-        loose = {path: dataclasses.replace(p, value=None) for path, p in study.parameters.items()}
+        """`search` [SI] size the parameters; compiles at the first use."""
+        fitted = {path: dataclasses.replace(p, value=None) for path, p in study.parameters.items()}
         self.study = study
-        self.scale = scale(loose, starts)
+        self.transform = transform_of(fitted, starts)
         predictor = study.predictor
         sizes = [record.time.size for record in study.records]
         measured = [record.measured for record in study.records]
@@ -82,9 +79,9 @@ class Curves:
 
         def residual(point, used):
             """Predicted less measured where used, offsets taken out; and the predictions."""
-            predicted = predictor(self.scale.decode(point), accuracy)
-            rest = map(_rest, predicted, measured, used, offsets)
-            return jnp.concatenate(list(rest)), list(predicted)
+            predicted = predictor(self.transform.decode(point), accuracy)
+            residuals = map(_rest, predicted, measured, used, offsets)
+            return jnp.concatenate(list(residuals)), list(predicted)
 
         # A decrease of the sum of squares by this share is 1 in units of the variance of the residuals.
         visible = 1.0 / sum(sizes)
@@ -112,20 +109,20 @@ class Curves:
         used: Sequence[Bool[np.ndarray, " n"]],
         limit: int = 40,
     ) -> Found:
-        """Levenberg-Marquardt from `starts` over the `free` parameters and the samples `used` of every record.
+        """Levenberg-Marquardt from `search` over the `free` parameters and the samples `used` of every record.
 
         A record of which no sample is used gets its offset all the same, for the comparison.
         """
-        point = self.scale.encode(starts)
-        loose = np.array([path in free for path in self.scale.paths])
-        point, state = self._run(point, loose, used, limit)
-        low, high = self.scale.low, self.scale.high
-        inside = loose & (point > low + _AT_BOUND) & (point < high - _AT_BOUND)
+        point = self.transform.encode(starts)
+        fitted = np.array([path in free for path in self.transform.paths])
+        point, state = self._run(point, fitted, used, limit)
+        low, high = self.transform.low, self.transform.high
+        inside = fitted & (point > low + _AT_BOUND) & (point < high - _AT_BOUND)
         return self._found(point, state, inside, free, used)
 
-    def _run(self, point, loose, used, limit):
+    def _run(self, point, fitted, used, limit):
         """Where a run of at most `limit` iterations ends."""
-        low, high = (np.where(loose, end, point) for end in (self.scale.low, self.scale.high))
+        low, high = (np.where(fitted, end, point) for end in (self.transform.low, self.transform.high))
         options = {"lower": low, "upper": high}
         point = jnp.clip(point, low, high)
         point, state, over = self._iterate(point, self._begin(point), used, options)
@@ -136,16 +133,18 @@ class Curves:
     def _found(self, point, state, inside, free, used) -> Found:
         offsets = sum(r.offset is None and bool(m.any()) for r, m in zip(self.study.records, used, strict=True))
         count, samples = len(free) + offsets, sum(int(mask.sum()) for mask in used)
-        rest, jacobian = np.asarray(state.residual), np.asarray(state.jacobian)
+        residuals, jacobian = np.asarray(state.residual), np.asarray(state.jacobian)
         lost = bool(state.unevaluated)
         errors = np.full(point.size, np.nan)
-        if not lost and _usable(rest, jacobian[:, inside]):
-            deviation = math.sqrt(rest @ rest / (samples - count))
+        if not lost and _usable(residuals, jacobian[:, inside]):
+            deviation = math.sqrt(residuals @ residuals / (samples - count))
             # The bounds are known as well: as spread as numbers anywhere between them.
-            bounds = (self.scale.high - self.scale.low) / math.sqrt(12.0)
+            bounds = (self.transform.high - self.transform.low) / math.sqrt(12.0)
             known = np.diag(deviation / bounds)
-            errors = deviation * np.sqrt(np.diag(covariance(np.vstack([jacobian, known]), ~inside).matrix))
-            errors = np.where(errors < _TELLS * bounds, errors * np.abs(self.scale.slope(point)), np.nan)
+            errors = deviation * np.sqrt(
+                np.diag(least_squares_covariance(np.vstack([jacobian, known]), ~inside).matrix)
+            )
+            errors = np.where(errors < _TELLS * bounds, errors * np.abs(self.transform.slope(point)), np.nan)
         predicted = []
         for record, motion, mask in zip(self.study.records, state.aux, used, strict=True):
             motion = np.asarray(motion) + (np.nan if lost else 0.0)
@@ -153,9 +152,9 @@ class Curves:
             zero = np.mean((record.measured - motion)[among]) if record.offset is None else record.offset
             predicted.append(motion + zero)
         return Found(
-            values={path: float(value) for path, value in self.scale.decode(point).items()},
-            errors={path: float(errors[self.scale.paths.index(path)]) for path in free},
-            squares=math.inf if lost else float(rest @ rest),
+            values={path: float(value) for path, value in self.transform.decode(point).items()},
+            errors={path: float(errors[self.transform.paths.index(path)]) for path in free},
+            squares=math.inf if lost else float(residuals @ residuals),
             samples=samples,
             free=count,
             predicted=predicted,
@@ -166,13 +165,13 @@ class Curves:
 
 def _rest(predicted, measured, mask, offset):
     """Predicted less measured where the `mask` says so, else 0; a free offset, the mean, is taken out."""
-    rest = jnp.where(mask, predicted - measured, 0.0)
-    zero = jnp.sum(rest) / jnp.maximum(jnp.sum(mask), 1) if offset is None else -offset
-    return jnp.where(mask, rest - zero, 0.0)
+    residuals = jnp.where(mask, predicted - measured, 0.0)
+    zero = jnp.sum(residuals) / jnp.maximum(jnp.sum(mask), 1) if offset is None else -offset
+    return jnp.where(mask, residuals - zero, 0.0)
 
 
-def _usable(rest: np.ndarray, jacobian: np.ndarray) -> bool:
+def _usable(residuals: np.ndarray, jacobian: np.ndarray) -> bool:
     """Whether the records could be predicted there, with a derivative."""
     return bool(
-        np.isfinite(rest).all() and np.isfinite(jacobian).all() and np.abs(jacobian).max(initial=0.0) < _ENDLESS
+        np.isfinite(residuals).all() and np.isfinite(jacobian).all() and np.abs(jacobian).max(initial=0.0) < _ENDLESS
     )

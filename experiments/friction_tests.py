@@ -21,7 +21,8 @@ from matplotlib.figure import Figure
 
 from experiments.common import BLUE, GREEN, VERMILION, Row, print_table, save, styled
 from experiments.published import ANISOTROPIC, COEFFICIENTS, TEST_LOAD, law
-from pdssjax.effector import GRAVITY, Effector
+from pdssjax import Effector
+from pdssjax.actuator import GRAVITY
 
 NAME = "friction_tests"
 GROOVE = math.sqrt(2.0)

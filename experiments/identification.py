@@ -24,13 +24,11 @@ from matplotlib.figure import Figure
 import pdssjax
 from experiments.common import BLUE, VERMILION, Row, print_table, save, styled, write
 from experiments.step_responses import CHAPTER_4
-from pdssjax.cli import EXAMPLE
-from pdssjax.estimate import Estimate, FittedRecord
-from pdssjax.expansion import Taylor
-from pdssjax.integration import Accuracy
+from pdssjax import Accuracy, Estimate, Record, Taylor
+from pdssjax.core import prepare_jax
+from pdssjax.files import EXAMPLE
 from pdssjax.metrics import r_squared
-from pdssjax.records import Record
-from pdssjax.runtime import prepare_jax
+from pdssjax.study import FittedRecord
 
 NAME = "identification"
 THESIS = {"5 Hz": 0.9987, "20 Hz": 0.9946}

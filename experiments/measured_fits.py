@@ -21,14 +21,10 @@ from jaxtyping import Bool, Float
 
 import pdssjax
 from experiments.fits import Curves, Found
-from pdssjax.expansion import Taylor
-from pdssjax.family import member
-from pdssjax.integration import Accuracy
+from pdssjax import Accuracy, Study, Taylor
+from pdssjax.core import member, prepare_jax, quantities
+from pdssjax.inference import guess_starts
 from pdssjax.metrics import error_index
-from pdssjax.quantity import quantities
-from pdssjax.runtime import prepare_jax
-from pdssjax.starts import guess_starts
-from pdssjax.study import Study
 
 FOLDER = Path(__file__).parent / "liu2015"
 STARTS = FOLDER / "starts.json"
@@ -44,7 +40,7 @@ LAWS = {
     "coulomb": ("coulomb", "deflection"),
 }
 """Law and reading by name; the slowest to compile first."""
-ACCURACY = Accuracy(method=Taylor(6), tolerance=1e-9, rest=1e-9)
+ACCURACY = Accuracy(method=Taylor(6), tolerance=1e-9, settle_tolerance=1e-9)
 """A hundredth of the reading error of 0.1 um."""
 PERIOD = 0.2
 EARLIER = 13 * PERIOD
@@ -79,7 +75,7 @@ def study(law: str, reading: str) -> Study:
             'drive = { waveform = "sawtooth", direction = "forward", voltage = "30 V", frequency = "5 Hz" }\n'
         )
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
-        warnings.simplefilter("ignore", pdssjax.errors.InputWarning)  # the second record is shorter than a period
+        warnings.simplefilter("ignore", pdssjax.InputWarning)  # the second record is shorter than a period
         path = Path(folder) / "study.toml"
         path.write_text(text, encoding="utf-8")
         loaded = pdssjax.load_study(path)

@@ -19,8 +19,8 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from experiments.common import BLUE, VERMILION, Row, print_table, save, styled
-from pdssjax.rod import Rod, modes
-from pdssjax.runtime import prepare_jax
+from pdssjax.core import prepare_jax
+from pdssjax.piezo import Rod, modes
 
 NAME = "mode_ratio"
 MASS_RATIOS = (24.7, 47.7, 87.5, 115.8, 138.8)

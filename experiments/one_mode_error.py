@@ -19,9 +19,9 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from experiments.common import BLUE, GREEN, PURPLE, VERMILION, Row, print_table, save, styled, write
+from pdssjax.core import prepare_jax
 from pdssjax.metrics import error_index
-from pdssjax.rod import Modes, Rod, modes_needed, roots, step_response, truncation_error
-from pdssjax.runtime import prepare_jax
+from pdssjax.piezo import Modes, Rod, modes_needed, roots, step_response, truncation_error
 
 NAME = "one_mode_error"
 MASS_RATIOS = (24.7, 47.7, 87.45, 115.8, 138.77)

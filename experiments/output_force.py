@@ -30,14 +30,11 @@ from matplotlib.figure import Figure
 
 from experiments.common import BLUE, ORANGE, SKY, VERMILION, Row, print_table, save, styled, write
 from experiments.published import PUSHES, READINGS, VOLTAGE, Push, Reading, law, stacked
-from pdssjax.actuator import Actuator
+from pdssjax import Accuracy, Actuator, Stop
+from pdssjax.core import prepare_jax
 from pdssjax.drive.sawtooth import Sawtooth
-from pdssjax.effector import Stop
-from pdssjax.integration import Accuracy
 from pdssjax.piezo.second_order import SecondOrder
-from pdssjax.runtime import prepare_jax
-from pdssjax.simulation import measured
-from pdssjax.stick_slip import StickSlip
+from pdssjax.simulation import StickSlip, measured
 
 NAME = "output_force"
 STIFFNESSES = np.geomspace(6e3, 3e6, 12)

@@ -21,14 +21,11 @@ from jaxtyping import Array, Float
 from scipy.optimize import least_squares
 
 from experiments.published import ANISOTROPIC, PUSHES, VOLTAGE, WALKS, Reading, law, stacked
-from pdssjax.actuator import Actuator
+from pdssjax import Accuracy, Actuator, Effector, Stop
 from pdssjax.drive.sawtooth import Sawtooth
-from pdssjax.effector import Effector, Stop
 from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
-from pdssjax.integration import Accuracy
 from pdssjax.piezo.second_order import SecondOrder
-from pdssjax.simulation import displacements, measured
-from pdssjax.stick_slip import StickSlip
+from pdssjax.simulation import StickSlip, displacements, measured
 
 CYCLES = 6
 """Of pushing, until the force has settled."""
@@ -273,11 +270,11 @@ def _fit(inside, found, model, moving, used) -> Fit:
     values = np.array([float(value) for value in shown(inside)])
     unit = np.array([v if p.logarithmic else 1.0 for v, p in zip(values, PARAMETERS, strict=True)])
     # A parameter on its bound has no error of its own, and counts as known for the others.
-    loose = found.active_mask == 0
-    covariance = np.zeros((loose.size, loose.size))
-    covariance[np.ix_(loose, loose)] = np.linalg.pinv(found.jac[:, loose].T @ found.jac[:, loose])
+    fitted = found.active_mask == 0
+    covariance = np.zeros((fitted.size, fitted.size))
+    covariance[np.ix_(fitted, fitted)] = np.linalg.pinv(found.jac[:, fitted].T @ found.jac[:, fitted])
     errors = np.zeros(len(PARAMETERS))
-    errors[moving] = np.where(loose, np.sqrt(np.diag(covariance)), np.nan)
+    errors[moving] = np.where(fitted, np.sqrt(np.diag(covariance)), np.nan)
     return Fit(
         values=values,
         errors=errors * unit,

@@ -16,7 +16,7 @@ from typing import Any, Literal, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from pdssjax.actuator import Actuator
+from pdssjax import Actuator
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
 from pdssjax.piezo.second_order import SecondOrder

@@ -40,7 +40,7 @@ from experiments.performance import (
     known,
 )
 from experiments.published import READINGS, Reading
-from pdssjax.runtime import prepare_jax
+from pdssjax.core import prepare_jax
 
 NAME = "reconciliation"
 ALL = tuple(range(len(PARAMETERS)))

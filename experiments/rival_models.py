@@ -30,14 +30,13 @@ from matplotlib.figure import Figure
 
 from experiments.common import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, Row, print_table, save, styled, write
 from experiments.published import ANISOTROPIC, ISOTROPIC, STROKE, VOLTAGE, WALKS, law, stacked
-from pdssjax.actuator import Actuator
+from pdssjax import Accuracy, Actuator
+from pdssjax.core import prepare_jax
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.friction.coulomb import Coulomb
 from pdssjax.friction.dahl import Dahl
-from pdssjax.integration import Accuracy
 from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.piezo.static import Static
-from pdssjax.runtime import prepare_jax
 from pdssjax.simulation import displacements
 
 NAME = "rival_models"

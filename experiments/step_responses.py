@@ -21,10 +21,10 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from experiments.common import BLUE, GREEN, ORANGE, PURPLE, VERMILION, Row, print_table, save, styled, write
-from pdssjax.cli import EXAMPLE
+from pdssjax.core import prepare_jax
+from pdssjax.files import EXAMPLE
 from pdssjax.metrics import error_index
-from pdssjax.rod import Modes, Rod, modes, roots, step_response
-from pdssjax.runtime import prepare_jax
+from pdssjax.piezo import Modes, Rod, modes, roots, step_response
 
 NAME = "step_responses"
 THESIS = {75.4: 0.766, 64.2: 0.632, 48.2: 0.453}

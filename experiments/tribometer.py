@@ -38,14 +38,10 @@ from matplotlib.figure import Figure
 import pdssjax
 from experiments.common import BLUE, GREEN, ORANGE, VERMILION, Row, print_table, save, styled, write
 from experiments.fits import Curves, Found
-from pdssjax.expansion import Taylor
-from pdssjax.family import member
-from pdssjax.integration import Accuracy
+from pdssjax import Accuracy, Study, Taylor
+from pdssjax.core import member, prepare_jax, quantities
+from pdssjax.inference import guess_starts
 from pdssjax.metrics import error_index
-from pdssjax.quantity import quantities
-from pdssjax.runtime import prepare_jax
-from pdssjax.starts import guess_starts
-from pdssjax.study import Study
 
 NAME = "tribometer"
 PLACE = Path(__file__).parents[2] / "shared" / "data" / "tribometer" / "reciprocating.tsv"

@@ -1,28 +1,49 @@
 """Differentiable models and joint identification of piezoelectric stick-slip actuators."""
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from .estimation import FitInterrupted as FitInterrupted
-    from .estimation import identify as identify
-    from .guessing import initial_guess as initial_guess
+    from .actuator import Actuator as Actuator
+    from .actuator import Amplifier as Amplifier
+    from .actuator import Effector as Effector
+    from .actuator import Sensor as Sensor
+    from .actuator import Stop as Stop
+    from .core import InputError as InputError
+    from .core import InputWarning as InputWarning
+    from .drive.base import AbstractDrive as AbstractDrive
+    from .files import characterise as characterise
+    from .files import load_study as load_study
+    from .friction.base import AbstractFriction as AbstractFriction
+    from .inference import FitInterrupted as FitInterrupted
+    from .inference import identify as identify
+    from .inference import initial_guess as initial_guess
+    from .integration import AbstractStepMethod as AbstractStepMethod
+    from .integration import Accuracy as Accuracy
+    from .integration import OneStep as OneStep
+    from .integration import Taylor as Taylor
+    from .piezo.base import AbstractPiezo as AbstractPiezo
     from .simulation import simulate as simulate
-    from .study import load_study as load_study
-    from .sweeping import sweep as sweep
-
-_HOMES = {
-    "FitInterrupted": "estimation",
-    "identify": "estimation",
-    "initial_guess": "guessing",
-    "load_study": "study",
-    "simulate": "simulation",
-    "sweep": "sweeping",
-}
-
-
-def __getattr__(name: str) -> Any:
+    from .study import Estimate as Estimate
+    from .study import Record as Record
+    from .study import Study as Study
+    from .sweeps import sweep as sweep
+else:
     # Loaded on first use: JAX and its solvers take a second, for which `pdssjax --help` need not wait.
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f".{_HOMES[name]}", __name__), name)
+    from .core.lazy import lazy_exports
+
+    __getattr__, __dir__, __all__ = lazy_exports(
+        __name__,
+        {
+            "actuator": ["Actuator", "Amplifier", "Effector", "Sensor", "Stop"],
+            "core": ["InputError", "InputWarning"],
+            "drive.base": ["AbstractDrive"],
+            "files": ["characterise", "load_study"],
+            "friction.base": ["AbstractFriction"],
+            "inference": ["FitInterrupted", "identify", "initial_guess"],
+            "integration": ["AbstractStepMethod", "Accuracy", "OneStep", "Taylor"],
+            "piezo.base": ["AbstractPiezo"],
+            "simulation": ["simulate"],
+            "study": ["Estimate", "Record", "Study"],
+            "sweeps": ["sweep"],
+        },
+    )

@@ -2,6 +2,6 @@
 
 from stand_ins import calls as calls
 
-from pdssjax.runtime import prepare_jax
+from pdssjax.core import prepare_jax
 
 prepare_jax()

@@ -1,92 +1,152 @@
-"""The house rules: imports run one way, heavy dependencies have one home, importing changes nothing."""
+"""The house rules: a room imports only rooms below it, and of them only what they show; functions stay short."""
 
 import ast
+import importlib
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "pdssjax"
 
-READING_ORDER = """
-errors quantity rod family units columns tables series
-drive hold waveforms oscillator piezo friction effector amplifier stage sensor actuator
-expansion crossing stepping tangents integration modes stick_slip unloaded tribometer simulation
-parameters records prediction residual metrics estimate study record_features starts guessing display
-box_least_squares trust_region derivative_check ending levenberg_marquardt
-uncertainty goodness resonances notes fitting start_failure best_point multistart
-summary estimation
-identified cycles characterise virtual_rig catalogue sweeping ranges
-report plot plot_sweep output runtime signals console commands cli
+STOREYS = """
+core integration drive piezo friction actuator simulation metrics study inference sweeps report files cli
 """.split()
-"""Modules and families; each may import only from those before it."""
+"""Rooms, lowest first; each imports only rooms before it."""
+
+FACELESS = {"cli": set(), "core": {"lazy"}}
+"""Modules that other rooms may import although no face shows them."""
 
 HOMES = {
-    "diffrax": {"expansion"},
-    "optimistix": {"expansion", "levenberg_marquardt", "fitting"},
-    "matplotlib": {"plot", "plot_sweep"},
-    "pint": {"units"},
-    "rich": {"console"},
+    "diffrax": {"integration.step_methods.base", "integration.step_methods.diffrax_solver"},
+    "optimistix": {
+        "integration.step_methods.diffrax_solver",
+        "inference.levenberg_marquardt",
+        "inference.least_squares",
+    },
+    "matplotlib": {"report.figures"},
+    "pint": {"core.units"},
+    "rich": {"cli.console"},
 }
-"""The modules that may import a heavy dependency."""
+"""The modules or folders that may import a heavy dependency."""
 
-MODULES = sorted(path for path in PACKAGE.rglob("*.py") if path != PACKAGE / "__init__.py")
+MOST_LINES = 60
+"""Lines of a function at most, its docstring included."""
+
+MODULES = sorted(PACKAGE.rglob("*.py"))
 SCRIPTS = [p for name in ("pdssjax", "tests", "experiments", "benchmarks") for p in sorted((ROOT / name).rglob("*.py"))]
 
 
 def dotted(path: Path) -> str:
-    """The name of a module inside the package, such as "drive.step"; of a family, "drive"."""
-    return ".".join(path.relative_to(PACKAGE).with_suffix("").parts).removesuffix(".__init__")
+    """The name of a module inside the package, such as "drive.step"; of a room, "drive"."""
+    return ".".join(path.relative_to(PACKAGE).with_suffix("").parts).removesuffix(".__init__").removesuffix("__init__")
 
 
-def imported(path: Path) -> set[str]:
-    """Every module that a file imports, at its top or within a function, in absolute terms."""
+def imported(path: Path) -> list[tuple[str, list[str]]]:
+    """What a file imports, at its top or within a function, in absolute terms: (module, names)."""
     package = ("pdssjax", *path.relative_to(PACKAGE).parts[:-1])
-    found = set()
+    found = []
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
+            found += [(alias.name, []) for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
             origin = package[: len(package) + 1 - node.level] if node.level else ()
-            found.add(".".join((*origin, *([node.module] if node.module else []))))
+            module = ".".join((*origin, *([node.module] if node.module else [])))
+            found.append((module, [alias.name for alias in node.names]))
     return found
 
 
-def own(path: Path) -> set[str]:
-    """The modules of the package that a file imports, by their names inside it."""
-    return {name.removeprefix("pdssjax.") for name in imported(path) if name.startswith("pdssjax.")}
+def inside(path: Path) -> list[tuple[str, list[str]]]:
+    """What a file imports of the package, by names inside it; the package itself is ""."""
+    ours = [(module, names) for module, names in imported(path) if module.split(".")[0] == "pdssjax"]
+    return [(module.removeprefix("pdssjax").lstrip("."), names) for module, names in ours]
 
 
-def test_the_reading_order_names_every_module():
-    assert {dotted(path).split(".")[0] for path in MODULES} == set(READING_ORDER)
+def shown(room: str) -> set[str]:
+    """What the face of a room re-exports."""
+    return set(getattr(importlib.import_module(f"pdssjax.{room}"), "__all__", []))
 
 
-@pytest.mark.parametrize("path", MODULES, ids=dotted)
-def test_imports_point_upwards(path):
+IN_ROOMS = [path for path in MODULES if dotted(path) not in ("", "__main__")]
+
+
+def test_the_storeys_name_every_room():
+    assert {dotted(path).split(".")[0] for path in IN_ROOMS} == set(STOREYS)
+
+
+@pytest.mark.parametrize("path", IN_ROOMS, ids=dotted)
+def test_a_room_imports_only_rooms_below_it(path):
     here = dotted(path).split(".")[0]
-    for name in own(path):
-        there = name.split(".")[0]
-        within_family = there == here and path.parent != PACKAGE
-        assert within_family or READING_ORDER.index(there) < READING_ORDER.index(here), f"{here} imports {name}"
+    for module, _ in inside(path):
+        there = module.split(".")[0]
+        if not module:
+            assert here == "cli", f"{dotted(path)} imports pdssjax itself"
+        else:
+            assert there == here or STOREYS.index(there) < STOREYS.index(here), f"{dotted(path)} imports {module}"
 
 
-@pytest.mark.parametrize("path", MODULES, ids=dotted)
-def test_members_of_families_are_known_by_their_interface_only(path):
-    for name in own(path):
-        assert "." not in name or name.endswith(".base"), f"{dotted(path)} imports the member {name}"
+@pytest.mark.parametrize("path", IN_ROOMS, ids=dotted)
+def test_other_rooms_are_known_by_their_face_or_their_base(path):
+    here = dotted(path).split(".")[0]
+    for module, names in inside(path):
+        there, *below = module.split(".")
+        if not module or there == here or below == ["base"] or set(below) & FACELESS.get(there, set()):
+            continue
+        face = ".".join([there, *below])
+        assert not below or there == "report", f"{dotted(path)} imports {module}"
+        assert set(names) <= shown(face), f"{dotted(path)} imports {sorted(set(names) - shown(face))} of {face}"
+
+
+@pytest.mark.parametrize("path", [p for p in MODULES if p.name == "__init__.py"], ids=lambda p: dotted(p) or "pdssjax")
+def test_faces_show_the_same_to_python_and_to_type_checkers(path):
+    told = [
+        alias.name
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
+        for statement in node.body
+        if isinstance(statement, ast.ImportFrom)
+        for alias in statement.names
+    ]
+    module = importlib.import_module(f"pdssjax.{dotted(path)}".rstrip("."))
+    assert sorted(told) == sorted(getattr(module, "__all__", []))
+    for name in told:
+        assert getattr(module, name) is not None
+
+
+def test_modules_do_not_import_each_other_in_a_circle():
+    needs = {dotted(path): set() for path in MODULES}
+    for path in MODULES:
+        if path.name != "__init__.py":
+            for module, names in inside(path):
+                wholes = {f"{module}.{name}".lstrip(".") for name in names}
+                needs[dotted(path)] |= {
+                    m
+                    for m in {module, *wholes}
+                    if m in needs and (PACKAGE / m.replace(".", "/")).with_suffix(".py").exists()
+                }
+    left = dict(needs)
+    while ready := [module for module, below in left.items() if not below & set(left)]:
+        for module in ready:
+            del left[module]
+    assert not left, f"in a circle, or above one: {sorted(left)}"
 
 
 @pytest.mark.parametrize("dependency", HOMES)
 def test_heavy_dependencies_stay_at_home(dependency):
-    users = {dotted(path) for path in MODULES if dependency in {name.split(".")[0] for name in imported(path)}}
-    assert users <= HOMES[dependency]
+    users = {dotted(path) for path in MODULES if dependency in {m.split(".")[0] for m, _ in imported(path)}}
+    strangers = {u for u in users if not any(u == home or u.startswith(f"{home}.") for home in HOMES[dependency])}
+    assert not strangers
 
 
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: str(path.relative_to(ROOT)))
-def test_files_stay_short(path):
-    assert len(path.read_text(encoding="utf-8").splitlines()) < 350
+def test_files_and_functions_stay_short(path):
+    text = path.read_text(encoding="utf-8")
+    assert len(text.splitlines()) < 400
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.FunctionDef) and PACKAGE in path.parents:
+            assert node.end_lineno - node.lineno < MOST_LINES, f"{node.name} is too long"
 
 
 def run(program: str) -> str:
@@ -94,7 +154,8 @@ def run(program: str) -> str:
 
 
 def test_importing_loads_no_plots_no_units_and_changes_no_setting_of_jax():
-    names = [f"pdssjax.{dotted(path)}" for path in MODULES if not dotted(path).startswith("plot")]
+    modules = [f"pdssjax.{dotted(path)}".rstrip(".") for path in MODULES if dotted(path) != "__main__"]
+    names = [name for name in modules if not name.startswith("pdssjax.report.figures")]
     program = f"""
 import importlib, sys
 import jax
@@ -107,5 +168,13 @@ print(changed, sorted({{"matplotlib", "pint", "rich"}} & set(sys.modules)))
     assert run(program).split() == ["[]", "[]"]
 
 
-def test_the_command_line_is_there_before_jax_is_loaded():
-    assert run("import sys, pdssjax.cli; print('jax' in sys.modules)").strip() == "False"
+@pytest.mark.parametrize("module", ["pdssjax", "pdssjax.cli.main"])
+def test_the_package_and_the_command_line_are_there_before_jax_is_loaded(module):
+    assert run(f"import sys, {module}; print('jax' in sys.modules)").strip() == "False"
+
+
+def test_completion_shows_the_public_names():
+    import pdssjax
+
+    assert set(pdssjax.__all__) <= set(dir(pdssjax))
+    assert {"load_study", "identify", "simulate", "sweep", "characterise", "Actuator", "Accuracy"} <= set(dir(pdssjax))

@@ -6,8 +6,7 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jnp
 
-from pdssjax.expansion import Taylor
-from pdssjax.integration import Accuracy
+from pdssjax import Accuracy, Taylor
 
 from ..measure import Effort, Entry, Outcome, interleave, seconds_of
 from ..problem import PARAMETERS, EveryCycle, Problem, effector

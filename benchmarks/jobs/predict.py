@@ -7,9 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from pdssjax.expansion import Taylor
-from pdssjax.integration import Accuracy
-from pdssjax.study import Study
+from pdssjax import Accuracy, Study, Taylor
 
 from ..contest import contest
 from ..measure import Effort, Entry, Outcome, interleave, seconds_of

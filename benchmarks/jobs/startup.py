@@ -14,15 +14,15 @@ from typing import Any
 
 from ..measure import Effort, Entry, Outcome, seconds_of
 
-_COMMAND = "import sys; from pdssjax.cli import main; sys.exit(main(sys.argv[1:]))"
+_COMMAND = "import sys; from pdssjax.cli.main import main; sys.exit(main(sys.argv[1:]))"
 _FIT = """
 import json, time
 t0 = time.perf_counter()
-from pdssjax.runtime import prepare_jax
+from pdssjax.core import prepare_jax
 prepare_jax()
 import pdssjax
-from pdssjax.cli import EXAMPLE
-from pdssjax.estimation import identify
+from pdssjax.files import EXAMPLE
+from pdssjax import identify
 t1 = time.perf_counter()
 study = pdssjax.load_study(EXAMPLE / "study.toml")
 t2 = time.perf_counter()
@@ -36,7 +36,7 @@ _IMPORTS = """
 import time
 import diffrax, jax, optimistix
 begun = time.perf_counter()
-import pdssjax.cli, pdssjax.estimation
+import pdssjax.cli.main, pdssjax.inference.identification
 print(time.perf_counter() - begun)
 """
 _WARM_RUNS = 2

@@ -6,9 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from pdssjax.expansion import AbstractExpansion, Taylor
-from pdssjax.integration import Accuracy
-from pdssjax.simulation import simulate
+from pdssjax import AbstractStepMethod, Accuracy, Taylor, simulate
 
 from ..measure import Effort, Outcome
 from ..peers.base import ladder
@@ -34,12 +32,12 @@ def measure(effort: Effort) -> Outcome:
             else:
                 rows.setdefault(f"order {order}", row)
     effort.report("steps: default accuracy")
-    rows["default"] = _counter(usual.method)(usual.tolerance, usual.rest)
+    rows["default"] = _counter(usual.method)(usual.tolerance, usual.settle_tolerance)
     rows["default"]["jacobian_error"] = _default_jacobian_error()
     return Outcome([], facts={"steps": rows}, lines=[_sentence(name, row) for name, row in rows.items()])
 
 
-def _counter(method: AbstractExpansion) -> Callable[[float, float], dict[str, float]]:
+def _counter(method: AbstractStepMethod) -> Callable[[float, float], dict[str, float]]:
     """Steps, rejections and events of a cycle once it repeats, and the error of the whole record."""
     whole, early = Problem(), Problem(cycles=3)
     drive = EveryCycle(whole.voltage, whole.frequency)

@@ -34,11 +34,11 @@ _CHECKED = 8
 """One voltage in so many is checked: long double takes its time."""
 _FRESH = """
 import json, resource, sys, time
-from pdssjax.runtime import prepare_jax
+from pdssjax.core import prepare_jax
 prepare_jax()
 import numpy as np
 import pdssjax
-from pdssjax.cli import EXAMPLE
+from pdssjax.files import EXAMPLE
 study = pdssjax.load_study(EXAMPLE / "study.toml")
 over = lambda n: {"drive.voltage": np.linspace(20, 80, n // 25), "drive.frequency": np.linspace(2, 50, 25)}
 study = study.with_values(pdssjax.initial_guess(study))

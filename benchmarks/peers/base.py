@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from pdssjax.records import Record
+from pdssjax import Record
 
 from ..grid import Grid
 from ..problem import PARAMETERS, Problem

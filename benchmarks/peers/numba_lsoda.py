@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from pdssjax.records import Record
+from pdssjax import Record
 
 from ..grid import Grid
 from ..problem import Problem, pieces

@@ -10,11 +10,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from pdssjax import Accuracy, Taylor
 from pdssjax.drive.sawtooth import Sawtooth
-from pdssjax.expansion import Taylor
-from pdssjax.integration import Accuracy
-from pdssjax.stepping import pass_times
-from pdssjax.stick_slip import StickSlip
+from pdssjax.integration import integrate_to_times
+from pdssjax.simulation import StickSlip
 
 from ..grid import Grid, in_blocks
 from ..problem import NAMES, PARAMETERS, UM, EveryCycle, Problem, actuator, effector
@@ -60,8 +59,8 @@ class PdssJax(AbstractPeer):
         """The end-effector at the times of one point: what `pdssjax.sweep` runs side by side, but for its metrics."""
         rig, drive = actuator(p), Sawtooth(voltage=point[0], frequency=point[1])
         accuracy = Accuracy(1e-6 * tolerance, 1e-6 * tolerance, Taylor(self.order))
-        state, _, _, failure = pass_times(StickSlip(rig, drive), times, accuracy)
-        y, _ = jax.vmap(rig.stage.platform)(state.stage)
+        state, _, _, failure = integrate_to_times(StickSlip(rig, drive), times, accuracy)
+        y, _ = jax.vmap(rig.driven_platform.platform)(state.driven)
         return jnp.where(failure > 0, jnp.nan, UM * (y - state.d))
 
     def _run(self, p, tolerance, problem):

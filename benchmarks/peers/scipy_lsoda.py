@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from pdssjax.records import Record
+from pdssjax import Record
 
 from ..problem import Piece, Problem, pieces
 from .base import BLEND, AbstractPeer, Prepared, ladder, not_installed, persist, warmed

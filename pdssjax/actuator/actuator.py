@@ -2,11 +2,12 @@
 
 import equinox as eqx
 
+from ..friction.base import AbstractFriction
+from ..piezo.base import AbstractPiezo
 from .amplifier import Amplifier
-from .effector import Effector, Stop
-from .friction.base import AbstractFriction
-from .piezo.base import AbstractPiezo
-from .stage import Stage
+from .driven_platform import DrivenPlatform
+from .effector import Effector
+from .stop import Stop
 
 
 class Actuator(eqx.Module):
@@ -20,9 +21,9 @@ class Actuator(eqx.Module):
     amplifier: Amplifier | None = None
     """None: the command reaches the piezo as it is."""
     stop: Stop | None = None
-    """What the end-effector runs against; None: it walks freely."""
+    """What the end-effector runs against; None: it moves freely."""
 
     @property
-    def stage(self) -> Stage:
+    def driven_platform(self) -> DrivenPlatform:
         """Amplifier and piezo."""
-        return Stage(self.piezo, self.amplifier)
+        return DrivenPlatform(self.piezo, self.amplifier)

@@ -8,8 +8,8 @@ Its state is the voltage u and a flag: 0 while it follows, +1 or -1 while it sle
 import equinox as eqx
 import jax.numpy as jnp
 
-from .drive.base import Segment, Voltage
-from .quantity import quantity
+from ..core import quantity
+from ..drive.base import Segment, Voltage
 
 
 class Amplifier(eqx.Module):
@@ -35,7 +35,7 @@ class Amplifier(eqx.Module):
         follows = 1.0 - state[1] * state[1]
         return Voltage(state[0], slope, (command.slope - slope) * (self.pole() * follows))
 
-    def entered(self, state: tuple, segment: Segment) -> tuple:
+    def on_segment_start(self, state: tuple, segment: Segment) -> tuple:
         """The state just after the corner that opens `segment`, where the command may jump."""
         u, _ = state
         wanted = self.pole() * (segment.voltage(0.0).level - u)
@@ -50,7 +50,7 @@ class Amplifier(eqx.Module):
         upper = (self.slew - wanted) * follows + (slews * wanted - self.slew) * limited
         return upper, (self.slew + wanted) * follows + limited
 
-    def passed(self, state: tuple, which) -> tuple:
+    def after_event(self, state: tuple, which) -> tuple:
         """The state just after `guards(...)[which]` has fallen through zero."""
         u, slews = state
         return u, jnp.where(slews != 0.0, 0.0, jnp.where(which == 0, 1.0, -1.0))

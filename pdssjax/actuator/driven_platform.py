@@ -5,20 +5,20 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 
+from ..drive.base import Segment, Voltage
+from ..integration import weighted
+from ..piezo.base import AbstractPiezo
 from .amplifier import Amplifier
-from .drive.base import Segment, Voltage
-from .piezo.base import AbstractPiezo
-from .series import weighted
 
 
-class Driven(NamedTuple):
+class DrivenPlatformState(NamedTuple):
     """State of the driven platform: that of the piezo, and of the amplifier if there is one."""
 
     stack: tuple
     supply: tuple
 
 
-class Stage(eqx.Module):
+class DrivenPlatform(eqx.Module):
     """A piezo with its platform, behind an amplifier or straight on the command."""
 
     piezo: AbstractPiezo
@@ -30,89 +30,93 @@ class Stage(eqx.Module):
         return self.piezo.closed and self.amplifier is None
 
     @property
-    def jumps(self) -> bool:
+    def state_jumps(self) -> bool:
         """The state of the piezo may jump at the corners of the drive."""
-        return type(self.piezo).entered is not AbstractPiezo.entered
+        return type(self.piezo).on_segment_start is not AbstractPiezo.on_segment_start
 
-    def initial(self) -> Driven:
+    def initial(self) -> DrivenPlatformState:
         supply = () if self.amplifier is None else self.amplifier.initial()
-        return Driven(self.piezo.initial(), supply)
+        return DrivenPlatformState(self.piezo.initial(), supply)
 
-    def length(self) -> Driven:
+    def error_scale(self) -> DrivenPlatformState:
         """Displacement [m] that one unit of each state stands for."""
-        supply = () if self.amplifier is None else (self.piezo.per_volt(), jnp.ones(()))
-        return Driven(self.piezo.length(), supply)
+        supply = () if self.amplifier is None else (self.piezo.static_gain(), jnp.ones(()))
+        return DrivenPlatformState(self.piezo.error_scale(), supply)
 
-    def voltage(self, segment: Segment, after, x: Driven) -> Voltage:
+    def voltage(self, segment: Segment, t_local, x: DrivenPlatformState) -> Voltage:
         """The voltage on the piezo; numbers or series."""
-        command = segment.voltage(after)
+        command = segment.voltage(t_local)
         return command if self.amplifier is None else self.amplifier.output(x.supply, command)
 
-    def rate(self, segment: Segment, after, x: Driven, force, active) -> Driven:
+    def rate(self, segment: Segment, t_local, x: DrivenPlatformState, force, active) -> DrivenPlatformState:
         """Time derivative under `force` [N] on the platform; the steady creep where `active` is 0."""
-        stack = self.piezo.rate(x.stack, self.voltage(segment, after, x), force)
-        if self.piezo.settles:
+        stack = self.piezo.rate(x.stack, self.voltage(segment, t_local, x), force)
+        if self.piezo.has_steady_state:
             stack = tuple(rate if i % 2 == 0 else weighted(rate, active) for i, rate in enumerate(stack))
         if self.amplifier is None:
-            return Driven(stack, ())
-        slope, none = self.amplifier.rate(x.supply, segment.voltage(after))
-        return Driven(stack, (slope * active + segment.slope * (1.0 - active), none))
+            return DrivenPlatformState(stack, ())
+        slope, none = self.amplifier.rate(x.supply, segment.voltage(t_local))
+        return DrivenPlatformState(stack, (slope * active + segment.slope * (1.0 - active), none))
 
-    def platform(self, x: Driven) -> tuple[Any, Any]:
+    def platform(self, x: DrivenPlatformState) -> tuple[Any, Any]:
         """Displacement [m] and velocity [m/s]."""
         return self.piezo.platform(x.stack)
 
-    def acceleration(self, segment: Segment, after, x: Driven):
+    def acceleration(self, segment: Segment, t_local, x: DrivenPlatformState):
         """y'' [m/s2] without a force on the platform."""
-        return self.piezo.acceleration(x.stack, self.voltage(segment, after, x))
+        return self.piezo.acceleration(x.stack, self.voltage(segment, t_local, x))
 
-    def entered(self, segment: Segment, x: Driven) -> Driven:
+    def on_segment_start(self, segment: Segment, x: DrivenPlatformState) -> DrivenPlatformState:
         """The state just after the corner that opens `segment`."""
         if self.amplifier is None:
-            return x._replace(stack=self.piezo.entered(x.stack, segment))
-        x = x._replace(supply=self.amplifier.entered(x.supply, segment))
+            return x._replace(stack=self.piezo.on_segment_start(x.stack, segment))
+        x = x._replace(supply=self.amplifier.on_segment_start(x.supply, segment))
         # Behind an amplifier the voltage does not jump, but its rate may, and change its sign.
         fed = self.voltage(segment, 0.0, x)
-        return x._replace(stack=self.piezo.entered(x.stack, Segment(segment.duration, fed.level, fed.slope)))
+        return x._replace(stack=self.piezo.on_segment_start(x.stack, Segment(segment.duration, fed.level, fed.slope)))
 
-    def guards(self, segment: Segment, after, x: Driven) -> tuple:
+    def guards(self, segment: Segment, t_local, x: DrivenPlatformState) -> tuple:
         """Positive while piezo and amplifier keep their form: first the piezo's guards."""
-        own = self.piezo.guards(x.stack, self.voltage(segment, after, x))
-        return own if self.amplifier is None else (*own, *self.amplifier.guards(x.supply, segment.voltage(after)))
+        piezo_guards = self.piezo.guards(x.stack, self.voltage(segment, t_local, x))
+        return (
+            piezo_guards
+            if self.amplifier is None
+            else (*piezo_guards, *self.amplifier.guards(x.supply, segment.voltage(t_local)))
+        )
 
-    def passed(self, segment: Segment, after, x: Driven, which) -> Driven:
+    def after_event(self, segment: Segment, t_local, x: DrivenPlatformState, which) -> DrivenPlatformState:
         """The state just after `guards(...)[which]` has fallen through zero; `x` for others."""
-        voltage = self.voltage(segment, after, x)
-        own = len(self.piezo.guards(x.stack, voltage))
+        voltage = self.voltage(segment, t_local, x)
+        piezo_guards = len(self.piezo.guards(x.stack, voltage))
         stack, supply = x
-        if own:
-            stack = chosen((which >= 0) & (which < own), self.piezo.passed(stack, voltage, which), stack)
+        if piezo_guards:
+            stack = chosen((which >= 0) & (which < piezo_guards), self.piezo.after_event(stack, voltage, which), stack)
         if self.amplifier is not None:
-            supply = chosen(which >= own, self.amplifier.passed(supply, which - own), supply)
-        return Driven(stack, supply)
+            supply = chosen(which >= piezo_guards, self.amplifier.after_event(supply, which - piezo_guards), supply)
+        return DrivenPlatformState(stack, supply)
 
-    def steady(self, segment: Segment, after, x: Driven, force) -> Driven:
+    def steady(self, segment: Segment, t_local, x: DrivenPlatformState, force) -> DrivenPlatformState:
         """What the state tends to on a straight segment."""
         if self.amplifier is None:
-            return Driven(self.piezo.steady(x.stack, segment, after, force), ())
+            return DrivenPlatformState(self.piezo.steady(x.stack, segment, t_local, force), ())
         fed = self.amplifier.steady(segment)
-        stack = self.piezo.steady(x.stack, fed, after, force)
-        return Driven(stack, (fed.start + fed.slope * after, jnp.zeros(())))
+        stack = self.piezo.steady(x.stack, fed, t_local, force)
+        return DrivenPlatformState(stack, (fed.start + fed.slope * t_local, jnp.zeros(())))
 
-    def ringing(self, segment: Segment, after, x: Driven, force):
+    def ringing(self, segment: Segment, t_local, x: DrivenPlatformState, force):
         """How far [m] the platform is from its steady motion; infinite where there is none."""
-        if segment.wave is not None or not self.piezo.settles:
+        if segment.wave is not None or not self.piezo.has_steady_state:
             return jnp.asarray(jnp.inf)
         away = [
             jnp.abs(a - b) * unit
-            for x, steady, lengths in zip(x, self.steady(segment, after, x, force), self.length(), strict=True)
+            for x, steady, lengths in zip(x, self.steady(segment, t_local, x, force), self.error_scale(), strict=True)
             for a, b, unit in zip(x, steady, lengths, strict=True)
         ]
         return jnp.stack(away).max()
 
-    def motion(self, segment: Segment, after, x: Driven, lapse) -> Driven:
-        """Where `closed`: the exact state `lapse` [s] later."""
-        return Driven(self.piezo.motion(x.stack, segment, after, lapse), x.supply)
+    def motion(self, segment: Segment, t_local, x: DrivenPlatformState, elapsed) -> DrivenPlatformState:
+        """Where `closed`: the exact state `elapsed` [s] later."""
+        return DrivenPlatformState(self.piezo.motion(x.stack, segment, t_local, elapsed), x.supply)
 
 
 def chosen(condition, new: tuple, old: tuple) -> tuple:

@@ -2,14 +2,14 @@
 
     s' = w_s (x - s),   seen at t: s(t - delay).
 
-Carried is the lag e = x - s, which does not know how far the end-effector has walked:
+The state is the lag e = x - s, which does not depend on how far the end-effector has moved:
 e' = x' - w_s e.
 """
 
 import equinox as eqx
 import jax.numpy as jnp
 
-from .quantity import quantity
+from ..core import quantity
 
 
 class Sensor(eqx.Module):

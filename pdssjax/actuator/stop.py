@@ -1,30 +1,8 @@
-"""The end-effector: a mass that rides on the platform, held by friction alone (5.23).
-
-m_e x_e'' = F + load + m_e g sin(tilt) [ - what it meets in front of it ]
-"""
+"""A force sensor in the way of the end-effector."""
 
 import equinox as eqx
-import jax.numpy as jnp
 
-from .quantity import quantity
-
-GRAVITY = 9.80665
-"""Standard gravity g [m/s2]."""
-
-
-class Effector(eqx.Module):
-    """Mass, external force, and the tilt of the platform on which it rides."""
-
-    mass: float = quantity(0.086, "kg")
-    """Moving mass m_e [kg]."""
-    load: float = quantity(0.0, "N", positive=False, optional=True)
-    """Constant force on the end-effector, positive forward [N]."""
-    tilt: float = quantity(0.0, "rad", positive=False, low=-1.5, high=1.5, optional=True)
-    """Angle by which the forward direction points downhill [rad]."""
-
-    def pull(self):
-        """All constant force on the end-effector, positive forward [N]."""
-        return self.load + self.mass * GRAVITY * jnp.sin(jnp.asarray(self.tilt, float))
+from ..core import quantity
 
 
 class Stop(eqx.Module):

@@ -4,14 +4,14 @@ from typing import Any
 
 import jax.numpy as jnp
 
-from .drive.base import AbstractDrive, Segment
-from .quantity import quantity
+from ..core import quantity
+from ..drive.base import AbstractDrive, Segment
 
 _LATE = 1e-6
 """Part of an interval after its begin at which the voltage is read: a jump that falls on the begin is over then."""
 
 
-class Held(AbstractDrive):
+class ZeroOrderHold(AbstractDrive):
     """`drive`, read once every `interval` and held until the next time; it jumps at every corner."""
 
     drive: AbstractDrive
@@ -38,5 +38,5 @@ class Held(AbstractDrive):
 
 
 def waveform(drive: Any) -> Any:
-    """The drive itself, or what a `Held` holds."""
-    return drive.drive if isinstance(drive, Held) else drive
+    """The drive itself, or what a `ZeroOrderHold` holds."""
+    return drive.drive if isinstance(drive, ZeroOrderHold) else drive

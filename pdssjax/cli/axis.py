@@ -4,9 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from .errors import InputError, nearest
-from .quantity import Quantity
-from .units import to_si
+from ..core import InputError, Quantity, nearest, to_si
 
 _EXPECTED = 'expected FROM:TO:COUNT such as "20:80:40", FROM:TO:COUNT:log for equal ratios, or one value'
 

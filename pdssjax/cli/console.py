@@ -8,7 +8,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 
-from .errors import InputWarning
+from ..core import InputWarning
 
 
 def announce_warnings(show: Callable[..., None]) -> Callable[..., None]:

@@ -9,10 +9,11 @@ import pkgutil
 
 
 def members(family: str) -> list[str]:
-    """Names of the members of a family ("drive", "piezo", "friction"), sorted."""
+    """Names of the members of a family ("drive", "piezo", "friction", "simulation.systems", ...), sorted."""
     package = importlib.import_module(f"pdssjax.{family}")
     files = (module.name for module in pkgutil.iter_modules(package.__path__))
-    return sorted(name.replace("_", "-") for name in files if name != "base")
+    # A `_file` inside a family is a helper of its members.
+    return sorted(name.replace("_", "-") for name in files if name != "base" and not name.startswith("_"))
 
 
 def member(family: str, name: str) -> type:

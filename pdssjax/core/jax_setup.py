@@ -35,3 +35,12 @@ def prepare_jax() -> None:
     if os.access(folder, os.W_OK | os.X_OK):
         jax.config.update("jax_compilation_cache_dir", str(folder))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+
+
+def need_double_precision() -> None:
+    """**Raises** `ValueError` where JAX computes in single precision, which cannot locate events."""
+    if not jax.config.jax_enable_x64:  # pyright: ignore[reportAttributeAccessIssue]
+        raise ValueError(
+            "Expected JAX in double precision, but it is in single; "
+            'call jax.config.update("jax_enable_x64", True) first.'
+        )

@@ -11,6 +11,8 @@ from typing import Any
 
 import equinox as eqx
 
+from .errors import InputError
+
 
 @dataclasses.dataclass(frozen=True)
 class Quantity:
@@ -79,3 +81,15 @@ def choices(model: type) -> dict[str, dict[str, float]]:
     """The declared choices of a model class: field name to its options."""
     fields = dataclasses.fields(model)
     return {f.name: f.metadata["choice"] for f in fields if "choice" in f.metadata}
+
+
+def check_range(value: float, declared: Quantity, where: str) -> None:
+    """Raises `InputError` that begins with `where` if `value` is outside the legal range."""
+    low_ok = value > declared.low if declared.positive else value >= declared.low
+    if not (low_ok and value < declared.high):
+        low = (
+            f"{'above' if declared.positive else 'of at least'} {declared.low:g}" if math.isfinite(declared.low) else ""
+        )
+        high = f"below {declared.high:g}" if math.isfinite(declared.high) else ""
+        expected = " and ".join(filter(None, [low, high]))
+        raise InputError(f"{where}: found {value:g} {declared.unit}".rstrip() + f", expected a value {expected}.")

@@ -1,1 +1,4 @@
-"""The voltage on the piezo stack, one waveform a file."""
+"""Voltage waveforms, one a file; a member's name in a study is its file's name.
+
+Imports `core` and the series of `integration`.
+"""

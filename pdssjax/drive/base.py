@@ -9,11 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..series import cosine_and_sine
+from ..integration import cosine_and_sine
 
 
 class Voltage(NamedTuple):
-    """What the piezo feels at a moment; numbers or series."""
+    """The voltage on the piezo at a time; numbers or series."""
 
     level: Any
     """[V]"""
@@ -52,14 +52,14 @@ class Segment(NamedTuple):
     """Rate of the voltage, without the wave [V/s]."""
     wave: Wave | None = None
 
-    def voltage(self, after) -> Voltage:
-        """The voltage `after` [s] into the segment, a number or a series."""
+    def voltage(self, t_local) -> Voltage:
+        """The voltage `t_local` [s] into the segment, a number or a series."""
         if self.wave is None:
-            return Voltage(self.start + self.slope * after, self.slope, 0.0)
+            return Voltage(self.start + self.slope * t_local, self.slope, 0.0)
         amplitude, rate, phase = self.wave
-        cosine, sine = cosine_and_sine(phase + rate * after)
+        cosine, sine = cosine_and_sine(phase + rate * t_local)
         return Voltage(
-            self.start + self.slope * after + amplitude * cosine,
+            self.start + self.slope * t_local + amplitude * cosine,
             self.slope - amplitude * rate * sine,
             -1.0 * amplitude * rate * rate * cosine,
         )
@@ -90,8 +90,8 @@ class AbstractDrive(eqx.Module):
             return 2
         first, every = cycle
         numbers = jax.tree.map(lambda leaf: np.asarray(leaf, float), self)
-        length = float(np.sum(_durations(numbers, np.arange(first, first + every))))
-        return first + every * (int(max(until, 0.0) / length) + 2)
+        duration = float(np.sum(_durations(numbers, np.arange(first, first + every))))
+        return first + every * (int(max(until, 0.0) / duration) + 2)
 
 
 @eqx.filter_jit
@@ -113,13 +113,13 @@ def flank(
     """
     fast = index % 2 == 0
     fall = first_fall(index, period, fall, direction)
-    length = jnp.where(fast, fall, period - fall)
+    duration = jnp.where(fast, fall, period - fall)
     falls = fast == (direction > 0)
     change = jnp.where(falls, -1.0, 1.0) * voltage
     # There is no jump before the first forward cycle: a piezo that remembers must not see one.
     jump = jnp.where((index == 0) & (direction > 0), 0.0, 0.5) * voltage
-    start = jnp.where(length > 0, jnp.where(falls, voltage, 0.0), jump)
-    return length, start, change, fast
+    start = jnp.where(duration > 0, jnp.where(falls, voltage, 0.0), jump)
+    return duration, start, change, fast
 
 
 def first_fall(index: Any, period: Any, fall: Any, direction: Any) -> Float[Array, ""]:

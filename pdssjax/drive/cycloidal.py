@@ -11,7 +11,7 @@ cam: velocity and acceleration vanish at its begin, acceleration at its end.
 
 import jax.numpy as jnp
 
-from ..quantity import choice, quantity
+from ..core import choice, quantity
 from .base import AbstractDrive, Segment, Wave, flank, progress
 
 
@@ -29,12 +29,12 @@ class Cycloidal(AbstractDrive):
 
     def segment(self, index):
         period = 1.0 / self.frequency
-        length, start, change, fast = flank(index, period, self.fall_time, self.voltage, self.direction)
-        moves = length > 0
-        lasts = jnp.where(moves, length, 1.0)
+        duration, start, change, fast = flank(index, period, self.fall_time, self.voltage, self.direction)
+        moves = duration > 0
+        lasts = jnp.where(moves, duration, 1.0)
         # - sin x = cos(x + pi / 2)
         wave = Wave(jnp.where(fast, 0.0, change / (2.0 * jnp.pi)), 2.0 * jnp.pi / lasts, 0.5 * jnp.pi)
-        return Segment(length, start, jnp.where(moves, change / lasts, 0.0), wave)
+        return Segment(duration, start, jnp.where(moves, change / lasts, 0.0), wave)
 
     def at(self, time):
         part, fast = progress(time, 1.0 / self.frequency, self.fall_time, self.direction)

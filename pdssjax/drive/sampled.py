@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..quantity import choice
+from ..core import choice
 from .base import AbstractDrive, Segment
 
 
@@ -36,12 +36,12 @@ class Sampled(AbstractDrive):
         here = jnp.clip(jnp.asarray(index, float).astype(int), 0, last)
         opens, closes = jnp.maximum(here - 1, 0), jnp.minimum(here, last - 1)
         waits = here == 0
-        length = jnp.where(waits, times[0], jnp.where(here == last, jnp.inf, times[closes] - times[opens]))
+        duration = jnp.where(waits, times[0], jnp.where(here == last, jnp.inf, times[closes] - times[opens]))
         # The wait opens at 0 V; of no length, it is half a jump.
-        start = jnp.where(waits & (length == 0), 0.5, 1.0) * voltages[opens]
+        start = jnp.where(waits & (duration == 0), 0.5, 1.0) * voltages[opens]
         sloped = (here > 0) & (here < last)
         rise = self.interpolation * (voltages[closes] - voltages[opens])
-        return Segment(length, start, jnp.where(sloped, rise / jnp.where(sloped, length, 1.0), 0.0))
+        return Segment(duration, start, jnp.where(sloped, rise / jnp.where(sloped, duration, 1.0), 0.0))
 
     def at(self, time):
         times, voltages = jnp.asarray(self.times, float), jnp.asarray(self.voltages, float)

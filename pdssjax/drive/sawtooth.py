@@ -12,7 +12,7 @@ import math
 
 import jax.numpy as jnp
 
-from ..quantity import choice, quantity
+from ..core import choice, quantity
 from .base import AbstractDrive, Segment, flank, progress
 
 
@@ -34,9 +34,9 @@ class Sawtooth(AbstractDrive):
         return self.fall_time + (1.0 - self.duty) / self.frequency
 
     def segment(self, index):
-        length, start, change, _ = flank(index, 1.0 / self.frequency, self._fall(), self.voltage, self.direction)
-        moves = length > 0
-        return Segment(length, start, jnp.where(moves, change / jnp.where(moves, length, 1.0), 0.0))
+        duration, start, change, _ = flank(index, 1.0 / self.frequency, self._fall(), self.voltage, self.direction)
+        moves = duration > 0
+        return Segment(duration, start, jnp.where(moves, change / jnp.where(moves, duration, 1.0), 0.0))
 
     def at(self, time):
         part, fast = progress(time, 1.0 / self.frequency, self._fall(), self.direction)

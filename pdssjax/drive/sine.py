@@ -7,7 +7,7 @@ With bias b or phase phi the voltage jumps at t = 0, where the drive sets in.
 
 import jax.numpy as jnp
 
-from ..quantity import quantity
+from ..core import quantity
 from .base import AbstractDrive, Segment, Wave
 
 

@@ -2,7 +2,7 @@
 
 import jax.numpy as jnp
 
-from ..quantity import quantity
+from ..core import quantity
 from .base import AbstractDrive, Segment
 
 

@@ -6,7 +6,7 @@ a sawtooth whose fast flank ends the cycle in place of beginning the next one.
 
 import jax.numpy as jnp
 
-from ..quantity import quantity
+from ..core import quantity
 from .base import AbstractDrive, Segment
 
 
@@ -22,8 +22,10 @@ class Triangle(AbstractDrive):
 
     def segment(self, index):
         rises = index % 2 == 0
-        length = jnp.where(rises, self.symmetry, 1.0 - self.symmetry) / self.frequency
-        return Segment(length, jnp.where(rises, 0.0, self.voltage), jnp.where(rises, 1.0, -1.0) * self.voltage / length)
+        duration = jnp.where(rises, self.symmetry, 1.0 - self.symmetry) / self.frequency
+        return Segment(
+            duration, jnp.where(rises, 0.0, self.voltage), jnp.where(rises, 1.0, -1.0) * self.voltage / duration
+        )
 
     def at(self, time):
         phase = jnp.mod(time * self.frequency, 1.0)

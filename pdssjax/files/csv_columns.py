@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from .errors import InputError, nearest
-from .units import column_unit, factor
+from ..core import InputError, column_unit, factor, nearest
 
 Line = tuple[int, str]
+
 Row = tuple[int, list[str]]
 
 

@@ -5,16 +5,15 @@ from typing import Any
 
 import numpy as np
 
-from .columns import read_csv
-from .drive.base import AbstractDrive
-from .errors import InputError
-from .family import member, members
-from .hold import Held
-from .quantity import Quantity, choices, quantities
-from .tables import Table
+from ..actuator import ZeroOrderHold
+from ..core import InputError, Quantity, choices, member, members, quantities
+from ..drive.base import AbstractDrive
+from .csv_columns import read_csv
+from .toml_table import Table
 
 _SAMPLED_KEYS = ["column", "file", "time", "unit"]
 """What a sampled drive needs besides its choices: where its voltages are."""
+
 _QUIET = 0.02
 """Part of the peak up to which a measured voltage counts as 0 V."""
 
@@ -22,7 +21,7 @@ _QUIET = 0.02
 def read_drive(table: Table, record: Table, folder: Path) -> tuple[AbstractDrive, frozenset[str]]:
     """The drive that the `drive` table of a `record` describes, and the fields it sets itself.
 
-    With `hold` it is the staircase of a converter that renews the voltage that often.
+    With `zero_order_hold` it is the staircase of a converter that renews the voltage that often.
 
     **Raises:** `InputError` if the waveform or a field is unknown, missing or illegal.
     """
@@ -36,11 +35,11 @@ def read_drive(table: Table, record: Table, folder: Path) -> tuple[AbstractDrive
         if key in table.entries or not declared.optional:
             fields[key] = table.quantity(key, declared)
     _check_drive(fields, numbers, table)
-    own = frozenset(fields) & frozenset(table.entries)
+    overrides = frozenset(fields) & frozenset(table.entries)
     if sampled:
         fields |= _voltages(table, record, folder)
     made = drive(**fields)
-    return (Held(made, _hold(table, made)) if "hold" in table.entries else made), own
+    return (ZeroOrderHold(made, _hold_interval(table, made)) if "hold" in table.entries else made), overrides
 
 
 def _voltages(table: Table, record: Table, folder: Path) -> dict[str, Any]:
@@ -49,8 +48,8 @@ def _voltages(table: Table, record: Table, folder: Path) -> dict[str, Any]:
     What comes from the record's own file is on its clock, which the record's `start` shifts.
     """
     column = table.text("column", "the name of a column of voltages")
-    own = folder / record.text("file", "the path of a CSV file")
-    file = folder / table.text("file", "the path of a CSV file") if "file" in table.entries else own
+    overrides = folder / record.text("file", "the path of a CSV file")
+    file = folder / table.text("file", "the path of a CSV file") if "file" in table.entries else overrides
     columns = record.table("columns", "a table of columns")
     clock = (table if "time" in table.entries else columns).text("time", "the name of a column")
     elsewhere = record.table("units", "a table of units", {})
@@ -59,7 +58,7 @@ def _voltages(table: Table, record: Table, folder: Path) -> dict[str, Any]:
     data, lines = read_csv(file, {"time": clock, "voltage": column}, {"time": "s", "voltage": "V"}, written)
     time, voltage = data["time"], data["voltage"]
     check_times(file, clock, time, lines)
-    if file == own:
+    if file == overrides:
         time = time - record.number("start", "s", 0.0)
     where = f'{file}: column "{column}"'
     peak = float(np.max(np.abs(voltage)))
@@ -86,8 +85,8 @@ def _voltages(table: Table, record: Table, folder: Path) -> dict[str, Any]:
     return {"times": np.append(0.0, time[kept]), "voltages": np.append(begin, voltage[kept])}
 
 
-def _hold(table: Table, drive: AbstractDrive) -> float:
-    """The interval [s] of `hold`, checked against the drive."""
+def _hold_interval(table: Table, drive: AbstractDrive) -> float:
+    """The interval [s] of `zero_order_hold`, checked against the drive."""
     interval = table.number("hold", "s")
     frequency = getattr(drive, "frequency", None)
     period = 1.0 / frequency if frequency else np.inf

@@ -3,13 +3,15 @@
 import json
 import math
 import warnings
-from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
-from .errors import InputError, InputWarning, nearest
-from .estimate import FORMAT
-from .study import Study
+from ..core import InputError, InputWarning, nearest
+from ..study import Estimate, Study
+from .json_text import json_text
+
+FORMAT = "pdssjax-estimate/1"
+"""Of the file in which an estimate is kept."""
 
 
 def with_estimate(study: Study, file: Path) -> Study:
@@ -28,18 +30,6 @@ def with_estimate(study: Study, file: Path) -> Study:
     if not converged:
         warnings.warn(f"{file}: the fit did not converge; its numbers are used all the same.", InputWarning, 2)
     return study.with_values(values, f"estimate {file}" + (" (not converged)" if not converged else ""))
-
-
-def numbers_used(study: Study, but: Collection[str] = ()) -> dict[str, dict[str, Any]]:
-    """By path, `value` [SI], `unit` and, in words, `source` of every listed parameter `but` those.
-
-    **Raises:** `InputError` for parameters without a number.
-    """
-    told = study.parameters
-    return {
-        path: {"value": number, "unit": told[path].unit, "source": told[path].origin}
-        for path, number in study.values(but).items()
-    }
 
 
 def _read(file: Path) -> tuple[dict[str, float], bool]:
@@ -64,3 +54,42 @@ def _read(file: Path) -> tuple[dict[str, float], bool]:
             raise InputError(f'{file}: parameters: "{path}": found the value {value}, expected a number.')
         values[path] = float(value)
     return values, document.get("converged") is not False
+
+
+def estimate_text(estimate: Estimate) -> str:
+    """What `estimate.json` holds."""
+    return json_text(estimate_document(estimate))
+
+
+def estimate_document(estimate: Estimate) -> dict[str, Any]:
+    """What `estimate.json` holds, in SI."""
+    parameters: dict[str, Any] = {}
+    for path, parameter in estimate.parameters.items():
+        parameters[path] = {
+            "value": parameter.value,
+            "standard_error": parameter.standard_error,
+            "interval": parameter.interval,
+            "unit": parameter.unit,
+            "free": parameter.free,
+            "start": parameter.start,
+            "at_bound": parameter.at_bound,
+            "informed": parameter.identifiable,
+        }
+        if estimate.method == "sequential":
+            parameters[path]["naive_standard_error"] = parameter.naive_standard_error
+    keys = "name role samples r2 error_index rmse noise offset offset_standard_error simulated measures".split()
+    keys += ["noise_estimated", "noise_floor", "chi2", "reduced_chi2"]
+    return {
+        "format": FORMAT,
+        "title": estimate.title,
+        "method": estimate.method,
+        "converged": estimate.converged,
+        "message": estimate.message,
+        "parameters": parameters,
+        "correlation": {"names": estimate.names, "matrix": estimate.correlation},
+        "covariance": {"names": estimate.names, "matrix": estimate.covariance},
+        "records": [{key: getattr(record, key) for key in keys} for record in estimate.records],
+        "statistics": vars(estimate.statistics),
+        "notes": estimate.notes,
+        "seconds": estimate.seconds,
+    }

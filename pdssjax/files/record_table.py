@@ -1,77 +1,31 @@
-"""What was measured: one record for each run of the rig, as a study's [[record]] tells it."""
+"""A record, as a study's [[record]] table and its CSV file tell it."""
 
-import dataclasses
 import warnings
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from .columns import read_csv
-from .drive.base import AbstractDrive
-from .errors import InputError, InputWarning
-from .hold import waveform
-from .tables import Table
-from .units import to_si
-from .waveforms import check_times, read_drive
+from ..actuator import waveform
+from ..core import InputError, InputWarning, to_si
+from ..drive.base import AbstractDrive
+from ..study import COLUMNS, Record
+from .csv_columns import read_csv
+from .drive_table import check_times, read_drive
+from .toml_table import Table
 
-_COLUMNS = {
-    "platform": {"time": "s", "displacement": "m"},
-    "effector": {"time": "s", "displacement": "m"},
-    "friction": {"time": "s", "motion": "m", "force": "N"},
-    "force": {"time": "s", "force": "N"},
-}
-"""What may be measured, and the columns that a record of it has, with their SI units; what is explained comes last."""
 _KEYS = [
     *("name", "file", "columns", "units", "measures", "role", "noise", "offset"),
     *("window", "exclude", "start", "drive", "resolution", "sampling"),
 ]
+
 # Within this time a platform under a step comes to rest; for the check of units only.
 _STEP_TIME = 0.01
+
 _LATE_PERIODS = 1000
 """Periods of the drive after which a record that only then begins is taken for one on another clock."""
+
 _LATE_LENGTHS = 10
 """The same for a drive without a period, in lengths of the record."""
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Record:
-    """A run of the rig: the drive or the motion applied, and what was measured."""
-
-    name: str
-    """As reports call it; no other record of the study has it."""
-    file: Path
-    """The CSV file it comes from."""
-    role: str
-    """"fit": fitted; "validate": only predicted and compared."""
-    measures: str
-    """What: displacement of "platform" or "effector", "friction" force of the contact alone under
-    a prescribed motion, or "force" of the blocked end-effector on a sensor."""
-    drive: Any
-    """The voltage, from t = 0 on; fields in SI.  None for "friction"."""
-    own: frozenset[str]
-    """The drive's fields that the record itself sets; they do not follow the study's "drive.…"."""
-    time: np.ndarray
-    """Sample times [s], strictly increasing, shape (samples,); the drive starts at 0."""
-    measured: np.ndarray
-    """Displacement [m] or force [N], shape (samples,)."""
-    noise: float | None
-    """Standard deviation of the noise [m or N]; None: estimate it."""
-    offset: float | None
-    """Zero of the sensor [m or N]; None: free."""
-    motion: np.ndarray | None = None
-    """Of "friction": the relative displacement of platform against end-effector [m], shape (samples,)."""
-    resolution: float = 0.0
-    """Step [m or N] in which the sensor counts: for a virtual rig; a fit needs it within the noise."""
-    columns: dict[str, tuple[str, str]] = dataclasses.field(default_factory=dict)
-    """By quantity, the name of the column, and its unit; "" where the name says it."""
-    start: float = 0.0
-    """When the drive starts on the clock of the file [s]; `time` counts from there."""
-
-    @property
-    def unit(self) -> str:
-        """SI unit of what was measured."""
-        return list(_COLUMNS[self.measures].values())[-1]
 
 
 def read_record(table: Table, folder: Path, virtual: bool = False) -> Record:
@@ -87,23 +41,23 @@ def read_record(table: Table, folder: Path, virtual: bool = False) -> Record:
     table.only(_KEYS)
     file = folder / table.text("file", "the path of a CSV file")
     name = table.text("name", "a name", file.stem)
-    measures = table.option("measures", _COLUMNS)
-    unit = list(_COLUMNS[measures].values())[-1]
-    drive, own = None, frozenset()
+    measures = table.option("measures", COLUMNS)
+    unit = list(COLUMNS[measures].values())[-1]
+    drive, overrides = None, frozenset()
     if measures != "friction":
         described = table.table("drive", 'a table such as { waveform = "step", voltage = "48.2 V" }')
-        drive, own = read_drive(described, table, folder)
+        drive, overrides = read_drive(described, table, folder)
     elif "drive" in table.entries:
         raise InputError(
             f'{table.at("drive")}: found a drive, expected none: the "motion" of a friction record is prescribed.'
         )
-    columns = _columns(table, _COLUMNS[measures])
+    columns = _columns(table, COLUMNS[measures])
     start = _start(table, measures)
     if virtual and "sampling" in table.entries:
         data = _planned(table, measures)
         begin = float(data["time"][0])
     else:
-        data, begin = _samples(table, file, _COLUMNS[measures], columns)
+        data, begin = _samples(table, file, COLUMNS[measures], columns)
     where = f'{file}: record "{name}"'
     _check_clock(where, begin, data["time"], drive, start)
     data["time"] = data["time"] - start
@@ -114,9 +68,9 @@ def read_record(table: Table, folder: Path, virtual: bool = False) -> Record:
         role=table.option("role", ["fit", "validate"], "fit"),
         measures=measures,
         drive=drive,
-        own=own,
+        overrides=overrides,
         time=data["time"],
-        measured=data[list(_COLUMNS[measures])[-1]],
+        measured=data[list(COLUMNS[measures])[-1]],
         noise=_positive(table, "noise", unit),
         offset=None if table.entries.get("offset", "free") == "free" else table.number("offset", unit),
         motion=data.get("motion"),
@@ -183,7 +137,7 @@ def _planned(table: Table, measures: str) -> dict[str, np.ndarray]:
     if sine:
         amplitude, frequency = plan.number("amplitude", "m"), plan.number("frequency", "Hz")
         data["motion"] = amplitude * np.sin(2 * np.pi * frequency * (data["time"] - start))
-    return data | {list(_COLUMNS[measures])[-1]: np.zeros(data["time"].shape)}
+    return data | {list(COLUMNS[measures])[-1]: np.zeros(data["time"].shape)}
 
 
 def _samples(

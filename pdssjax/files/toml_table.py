@@ -1,13 +1,10 @@
 """Checked access to the tables of a TOML file, with messages that name the place."""
 
 import dataclasses
-import math
 from collections.abc import Iterable
 from typing import Any
 
-from .errors import InputError, nearest
-from .quantity import Quantity
-from .units import to_si
+from ..core import InputError, Quantity, check_range, nearest, to_si
 
 _REQUIRED = object()
 
@@ -73,18 +70,6 @@ class Table:
     def table(self, key: str, expected: str, default: Any = _REQUIRED) -> "Table":
         """A table inside this one."""
         return Table(self.get(key, dict, expected, default), f"{self.where}: {key}")
-
-
-def check_range(value: float, declared: Quantity, where: str) -> None:
-    """Raises `InputError` that begins with `where` if `value` is outside the legal range."""
-    low_ok = value > declared.low if declared.positive else value >= declared.low
-    if not (low_ok and value < declared.high):
-        low = (
-            f"{'above' if declared.positive else 'of at least'} {declared.low:g}" if math.isfinite(declared.low) else ""
-        )
-        high = f"below {declared.high:g}" if math.isfinite(declared.high) else ""
-        expected = " and ".join(filter(None, [low, high]))
-        raise InputError(f"{where}: found {value:g} {declared.unit}".rstrip() + f", expected a value {expected}.")
 
 
 def _shown(value: Any) -> str:

@@ -1,1 +1,4 @@
-"""The contact force between platform and end-effector, one law a file."""
+"""Friction laws, one a file; a member's name in a study is its file's name.
+
+Imports `core` and the series of `integration`.
+"""

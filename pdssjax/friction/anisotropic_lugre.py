@@ -25,7 +25,7 @@ from typing import Literal
 import equinox as eqx
 import jax.numpy as jnp
 
-from ..quantity import quantity
+from ..core import quantity
 from .base import AbstractFriction, lugre_ranges
 
 
@@ -71,19 +71,19 @@ class AnisotropicLuGre(AbstractFriction):
         elastic = s0 * memory if self.state == "deflection" else memory
         return elastic + s1 * (v - sign / f_ss * (v * elastic))
 
-    def length(self):
+    def error_scale(self):
         # An error of the force displaces the most where the contact is softer.
         softest = jnp.minimum(jnp.asarray(self.sigma0_a, float), self.sigma0_b)
         return (jnp.ones(()) if self.state == "deflection" else 1.0 / softest,)
 
-    def relaxed(self, state, force):
-        (unit,) = self.length()
+    def equilibrium_state(self, state, force):
+        (unit,) = self.error_scale()
         s0, _, _ = self._branch(force)
         target = force / s0 if self.state == "deflection" else force
         return (target,), (target - state[0]) * unit
 
     @classmethod
-    def plausible(cls, mass, acceleration, rate):
+    def search_ranges(cls, mass, acceleration, rate):
         stiffness, damping, force = lugre_ranges(mass, acceleration, rate)
         return {
             "sigma0_a": stiffness,

@@ -2,8 +2,8 @@
 
 Some laws change their form while the direction stays: an element of a Maxwell model begins
 to slip, a bristle snaps.  Such a law keeps a flag for each form among its state, with
-rate zero, and says by `guards` where a form ends, by `passed` what follows, and by
-`turned` with which flags a motion begins.
+rate zero, and says by `guards` where a form ends, by `after_event` what follows, and by
+`on_reversal` with which flags a motion begins.
 """
 
 import abc
@@ -13,10 +13,11 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..quantity import quantity
-from ..series import exp
+from ..core import quantity
+from ..integration import exp
 
 Number = Float[Array, ""]
+
 State = tuple[Number, ...]
 
 
@@ -27,7 +28,7 @@ class AbstractFriction(eqx.Module):
     law is smooth in its state and in v, and |v| stands for `sign * v`.  A positive force
     pulls the end-effector forward, along with the advancing platform.  The state is a
     tuple of scalars, empty for a law without memory.  `rate`, `force` and `guards` use
-    + - * / and the functions of `pdssjax.series`: then the Taylor integrator can expand them.
+    + - * / and the functions of `pdssjax.integration.taylor_series`: then the Taylor integrator can expand them.
     """
 
     @abc.abstractmethod
@@ -43,14 +44,14 @@ class AbstractFriction(eqx.Module):
         """Friction force on the end-effector [N] on the branch `sign`."""
 
     @abc.abstractmethod
-    def length(self) -> State:
+    def error_scale(self) -> State:
         """Displacement [m] that one unit of each state stands for: the scale of its error.
 
         1 for a flag: it has no error, and two states whose flags differ are far apart.
         """
 
     @abc.abstractmethod
-    def relaxed(self, state: State, force: Number) -> tuple[State, Number]:
+    def equilibrium_state(self, state: State, force: Number) -> tuple[State, Number]:
         """The state in which the contact at rest carries `force` [N], near `state`.
 
         The second value is the relative displacement [m] by which the contact yields on
@@ -59,7 +60,7 @@ class AbstractFriction(eqx.Module):
 
     @classmethod
     @abc.abstractmethod
-    def plausible(cls, mass: float, acceleration: float, rate: float) -> dict[str, tuple[float, float]]:
+    def search_ranges(cls, mass: float, acceleration: float, rate: float) -> dict[str, tuple[float, float]]:
         """Ranges in which to look for the law's parameters when nothing is known of them.
 
         **Arguments:** end-effector `mass` [kg], the peak `acceleration` of the platform
@@ -71,21 +72,21 @@ class AbstractFriction(eqx.Module):
         """Positive while the law keeps its form; always as many, in the same order."""
         return ()
 
-    def passed(self, state: State, v: Number, sign: Number, which: Number) -> State:
+    def after_event(self, state: State, v: Number, sign: Number, which: Number) -> State:
         """The state just after `guards(...)[which]` has fallen through zero."""
         return state
 
-    def turned(self, state: State, sign: Number) -> State:
+    def on_reversal(self, state: State, sign: Number) -> State:
         """The state with which a motion in the direction `sign` begins, from v = 0."""
         return state
 
-    def hidden(self, state: State, v: Number, sign: Number) -> tuple[Number, ...]:
+    def extra_error_terms(self, state: State, v: Number, sign: Number) -> tuple[Number, ...]:
         """What the guards feel of v and the state does not, as displacements [m]; steps resolve these, too."""
         return ()
 
-    def holding(self, state: State, sign: Number) -> Number:
+    def breakaway_force(self, state: State, sign: Number) -> Number:
         """The force [N] beyond which the contact at rest lets go in the direction `sign`."""
-        return self.force(self.turned(state, sign), 0.0, sign)  # pyright: ignore[reportArgumentType]
+        return self.force(self.on_reversal(state, sign), 0.0, sign)  # pyright: ignore[reportArgumentType]
 
 
 class AbstractStribeckBristle(AbstractFriction):
@@ -108,17 +109,17 @@ class AbstractStribeckBristle(AbstractFriction):
     """Stribeck velocity v_s [m/s]."""
 
     def initial(self):
-        return tuple(jnp.zeros(()) for _ in self.length())
+        return tuple(jnp.zeros(()) for _ in self.error_scale())
 
     def force(self, state, v, sign):
         return self.sigma0 * state[0] + self.sigma1 * self.rate(state, v, sign)[0] + self.sigma2 * v
 
-    def relaxed(self, state, force):
+    def equilibrium_state(self, state, force):
         target = force / self.sigma0
         return (target, *state[1:]), target - state[0]
 
     @classmethod
-    def plausible(cls, mass, acceleration, rate):
+    def search_ranges(cls, mass, acceleration, rate):
         stiffness, damping, force = lugre_ranges(mass, acceleration, rate)
         return {
             "sigma0": stiffness,
@@ -146,16 +147,16 @@ def stribeck_curve(v: Any, f_c: Any, f_s: Any, v_s: Any) -> Any:
     return exp(x * x * (-1.0)) * (f_s - f_c) + f_c
 
 
-def stribeck_guard(fast: Any, v: Any, sign: Any, v_s: Any, reach: Any = 4.0) -> Any:
+def stribeck_guard(fast: Any, v: Any, sign: Any, v_s: Any, far: Any = 4.0) -> Any:
     """The guard of a flag that tells `fast` sliding, far out where the Stribeck curve is flat.
 
     The Taylor coefficients of e^(-x^2) about x grow up to the order 2 x^2 or so before they fall.  Far
     out the first dozen is small and says nothing of the others: a step that brakes would run past
-    the curve unseen.  At x = 4, where e^-16 is left, it is seen.  So steps end at `reach` times
+    the curve unseen.  At x = 4, where e^-16 is left, it is seen.  So steps end at `far` times
     v_s when braking, and past 1.1 times that when speeding up.
     """
     speed = v * (sign / v_s)
-    return (speed - reach) * fast + (1.1 * reach - speed) * (1.0 - fast)
+    return (speed - far) * fast + (1.1 * far - speed) * (1.0 - fast)
 
 
 def stribeck_range(acceleration: float, rate: float) -> tuple[float, float]:

@@ -19,7 +19,7 @@ P.-A. Bliman and M. Sorine, Easy-to-use realistic dry friction models for automa
 
 import jax.numpy as jnp
 
-from ..quantity import quantity
+from ..core import quantity
 from .base import AbstractFriction, lugre_ranges
 
 
@@ -50,17 +50,17 @@ class BlimanSorine(AbstractFriction):
         k_1, k_2 = self._stiffnesses()
         return k_1 * state[0] - k_2 * state[1]
 
-    def length(self):
+    def error_scale(self):
         return jnp.ones(()), jnp.ones(())
 
-    def relaxed(self, state, force):
+    def equilibrium_state(self, state, force):
         k_1, k_2 = self._stiffnesses()
         fast, slow = state
-        yields = (force - k_1 * fast + k_2 * slow) / (k_1 - k_2)
-        return (fast + yields, slow + yields), yields
+        displacement = (force - k_1 * fast + k_2 * slow) / (k_1 - k_2)
+        return (fast + displacement, slow + displacement), displacement
 
     @classmethod
-    def plausible(cls, mass, acceleration, rate):
+    def search_ranges(cls, mass, acceleration, rate):
         stiffness, _, force = lugre_ranges(mass, acceleration, rate)
         return {
             "f_c": force,

@@ -21,7 +21,7 @@ D. A. Haessig and B. Friedland, ASME Journal of Dynamic Systems, Measurement, an
 import equinox as eqx
 import jax.numpy as jnp
 
-from ..quantity import quantity
+from ..core import quantity
 from .base import AbstractFriction, lugre_ranges
 
 _GOLDEN = 0.5 * (5.0**0.5 - 1.0)
@@ -54,23 +54,23 @@ class Bristle(AbstractFriction):
     def force(self, state, v, sign):
         return sum(state[1:-1], state[0]) * (self.sigma0 / self.bristles) + self.sigma2 * v
 
-    def length(self):
+    def error_scale(self):
         return tuple(jnp.ones(()) for _ in range(self.bristles + 1))
 
-    def relaxed(self, state, force):
-        yields = force / self.sigma0 - sum(state[1:-1], state[0]) / self.bristles
-        return (*(z + yields for z in state[:-1]), state[-1]), yields
+    def equilibrium_state(self, state, force):
+        displacement = force / self.sigma0 - sum(state[1:-1], state[0]) / self.bristles
+        return (*(z + displacement for z in state[:-1]), state[-1]), displacement
 
     def guards(self, state, v, sign):
         return tuple(self.longest() - z * sign for z in state[:-1])
 
-    def passed(self, state, v, sign, which):
+    def after_event(self, state, v, sign, which):
         count = state[-1] + 1.0
         formed = sign * self.longest() * jnp.mod(count * _GOLDEN, 1.0)
         stretches = (jnp.where(which == i, formed, z) for i, z in enumerate(state[:-1]))
         return (*stretches, count)
 
     @classmethod
-    def plausible(cls, mass, acceleration, rate):
+    def search_ranges(cls, mass, acceleration, rate):
         stiffness, damping, force = lugre_ranges(mass, acceleration, rate)
         return {"sigma0": stiffness, "f_c": force, "sigma2": damping}

@@ -11,7 +11,7 @@ H. Olsson et al., European Journal of Control 4(3), 1998, section 3.1.
 
 import jax.numpy as jnp
 
-from ..quantity import quantity
+from ..core import quantity
 from .base import AbstractFriction, lugre_ranges
 
 
@@ -30,13 +30,13 @@ class Coulomb(AbstractFriction):
     def force(self, state, v, sign):
         return self.f_c * sign
 
-    def length(self):
+    def error_scale(self):
         return ()
 
-    def relaxed(self, state, force):
+    def equilibrium_state(self, state, force):
         return (), jnp.zeros(())
 
     @classmethod
-    def plausible(cls, mass, acceleration, rate):
+    def search_ranges(cls, mass, acceleration, rate):
         _, _, force = lugre_ranges(mass, acceleration, rate)
         return {"f_c": force}

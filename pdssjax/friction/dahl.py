@@ -13,12 +13,13 @@ P. R. Dahl, A solid friction model, Aerospace Corporation TOR-0158(3107-18)-1, 1
 
 import jax.numpy as jnp
 
-from ..quantity import quantity
-from ..series import constant, power
+from ..core import quantity
+from ..integration import constant, power
 from .base import AbstractFriction, lugre_ranges
 
 _SATURATED = 1e-8
 """The p at which F counts as f_c."""
+
 _TINY = 1e-32
 """Keeps p^2 from being 0, and is lost in it otherwise."""
 
@@ -50,10 +51,10 @@ class Dahl(AbstractFriction):
     def force(self, state, v, sign):
         return self.sigma0 * state[0]
 
-    def length(self):
+    def error_scale(self):
         return jnp.ones(()), jnp.ones(())
 
-    def relaxed(self, state, force):
+    def equilibrium_state(self, state, force):
         target = force / self.sigma0
         return (target, state[1]), target - state[0]
 
@@ -67,14 +68,14 @@ class Dahl(AbstractFriction):
         left = power(room * room + _TINY, 0.5 * straight) * short - _SATURATED**straight
         return (left * (1.0 - saturated) + saturated,)
 
-    def passed(self, state, v, sign, which):
+    def after_event(self, state, v, sign, which):
         return sign * self.f_c / self.sigma0 + 0.0 * state[0], jnp.ones_like(state[1])
 
-    def turned(self, state, sign):
+    def on_reversal(self, state, sign):
         z, _ = state
         return z, jnp.where(self._room(z, sign) > _SATURATED, 0.0, 1.0)
 
     @classmethod
-    def plausible(cls, mass, acceleration, rate):
+    def search_ranges(cls, mass, acceleration, rate):
         stiffness, _, force = lugre_ranges(mass, acceleration, rate)
         return {"sigma0": stiffness, "f_c": force, "exponent": (0.3, 3.0)}

@@ -20,8 +20,8 @@ P. Dupont, V. Hayward, B. Armstrong and F. Altpeter, IEEE Trans. Automatic Contr
 
 import jax.numpy as jnp
 
-from ..quantity import quantity
-from ..series import cosine_and_sine
+from ..core import quantity
+from ..integration import cosine_and_sine
 from .base import AbstractStribeckBristle, stribeck_curve, stribeck_guard
 
 _HYSTERESIS = 1e-5
@@ -50,22 +50,22 @@ class Elastoplastic(AbstractStribeckBristle):
         alpha = mixed * (sine * 0.5 + 0.5) + plastic
         return v - alpha * (v * u) / end, 0, 0, 0
 
-    def length(self):
+    def error_scale(self):
         return jnp.ones(()), jnp.ones(()), jnp.ones(()), jnp.ones(())
 
     def guards(self, state, v, sign):
         z, mixed, plastic, fast = state
         u, begin, end = z * sign, self.breakaway(), self._steady(v)
         margin = (end - begin) * _HYSTERESIS
-        yields = (begin - u) * (1.0 - mixed - plastic) + (end + margin - u) * mixed + plastic
+        is_yielding = (begin - u) * (1.0 - mixed - plastic) + (end + margin - u) * mixed + plastic
         recovers = (u - end + margin) * plastic + (1.0 - plastic)
-        return yields, recovers, stribeck_guard(fast, v, sign, self.v_s)
+        return is_yielding, recovers, stribeck_guard(fast, v, sign, self.v_s)
 
-    def passed(self, state, v, sign, which):
+    def after_event(self, state, v, sign, which):
         z, mixed, plastic, fast = state
-        yields = jnp.where(which == 0, 1.0, 0.0)
+        is_yielding = jnp.where(which == 0, 1.0, 0.0)
         region = which < 2
-        mixes, flows = 1.0 - yields * mixed, yields * mixed
+        mixes, flows = 1.0 - is_yielding * mixed, is_yielding * mixed
         return (
             z,
             jnp.where(region, mixes, mixed),
@@ -73,12 +73,12 @@ class Elastoplastic(AbstractStribeckBristle):
             jnp.where(region, fast, 1.0 - fast),
         )
 
-    def turned(self, state, sign):
+    def on_reversal(self, state, sign):
         u = state[0] * sign
         plastic = jnp.where(u >= self._steady(0.0), 1.0, 0.0)
         mixed = jnp.where(u >= self.breakaway(), 1.0, 0.0) * (1.0 - plastic)
         return state[0], mixed, plastic, jnp.zeros_like(state[3])
 
     @classmethod
-    def plausible(cls, mass, acceleration, rate):
-        return super().plausible(mass, acceleration, rate) | {"elastic_part": (0.2, 0.95)}
+    def search_ranges(cls, mass, acceleration, rate):
+        return super().search_ranges(mass, acceleration, rate) | {"elastic_part": (0.2, 0.95)}

@@ -21,12 +21,14 @@ F. Al-Bender, V. Lampaert and J. Swevers, IEEE Trans. Automatic Control 50(11), 
 
 import jax.numpy as jnp
 
-from ..quantity import quantity
+from ..core import quantity
 from .base import AbstractFriction, lugre_ranges, stribeck_curve, stribeck_guard, stribeck_range
 
 _COUNT = 4
+
 _SEEN = 3e-4
 """The Stribeck curve as a displacement [m]: how well a step resolves it, and with it the breakaway of an element."""
+
 _ROUNDING = 1e-12
 """Part of its breakaway force by which an element at its limit may seem short of it."""
 
@@ -83,7 +85,7 @@ class GeneralizedMaxwellSlip(AbstractFriction):
             rates.append(v * (1.0 - slips) + attracted * slips)
         return (*rates, *(0 for _ in range(_COUNT + 1)))
 
-    def hidden(self, state, v, sign):
+    def extra_error_terms(self, state, v, sign):
         return (self._remaining(v) * _SEEN,)
 
     def _elastic(self, state):
@@ -93,12 +95,12 @@ class GeneralizedMaxwellSlip(AbstractFriction):
     def force(self, state, v, sign):
         return self._elastic(state) + self.sigma2 * v
 
-    def length(self):
+    def error_scale(self):
         return tuple(jnp.ones(()) for _ in range(2 * _COUNT + 1))
 
-    def relaxed(self, state, force):
-        yields = (force - self._elastic(state)) / sum(self._stiffnesses())
-        return (*(z + yields for z in state[:_COUNT]), *state[_COUNT:]), yields
+    def equilibrium_state(self, state, force):
+        displacement = (force - self._elastic(state)) / sum(self._stiffnesses())
+        return (*(z + displacement for z in state[:_COUNT]), *state[_COUNT:]), displacement
 
     def guards(self, state, v, sign):
         remaining = self._remaining(v)
@@ -110,18 +112,18 @@ class GeneralizedMaxwellSlip(AbstractFriction):
         )
         return (*elements, stribeck_guard(state[-1], v, sign, self.v_s))
 
-    def passed(self, state, v, sign, which):
+    def after_event(self, state, v, sign, which):
         slips = (jnp.where(which == i, 1.0, flag) for i, flag in enumerate(state[_COUNT:-1]))
         fast = jnp.where(which == _COUNT, 1.0 - state[-1], state[-1])
         return (*state[:_COUNT], *slips, fast)
 
-    def turned(self, state, sign):
+    def on_reversal(self, state, sign):
         springs = zip(state[:_COUNT], self._stiffnesses(), self._strengths(), strict=True)
         slips = [jnp.where(sign * k * z < w * (1.0 - _ROUNDING), 0.0, 1.0) for z, k, w in springs]
         return (*state[:_COUNT], *slips, jnp.zeros_like(state[-1]))
 
     @classmethod
-    def plausible(cls, mass, acceleration, rate):
+    def search_ranges(cls, mass, acceleration, rate):
         stiffness, damping, force = lugre_ranges(mass, acceleration, rate)
         ranges = {"sigma2": damping}
         for i in range(1, _COUNT + 1):

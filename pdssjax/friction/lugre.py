@@ -24,14 +24,14 @@ class LuGre(AbstractStribeckBristle):
         level = stribeck_curve(v, self.f_c, self.f_s, self.v_s)
         return v - v * state[0] * (self.sigma0 * sign) / level, 0
 
-    def length(self):
+    def error_scale(self):
         return jnp.ones(()), jnp.ones(())
 
     def guards(self, state, v, sign):
         return (stribeck_guard(state[1], v, sign, self.v_s),)
 
-    def passed(self, state, v, sign, which):
+    def after_event(self, state, v, sign, which):
         return state[0], 1.0 - state[1]
 
-    def turned(self, state, sign):
+    def on_reversal(self, state, sign):
         return state[0], jnp.zeros_like(state[1])

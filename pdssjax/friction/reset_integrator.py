@@ -14,7 +14,7 @@ D. A. Haessig and B. Friedland, ASME Journal of Dynamic Systems, Measurement, an
 
 import jax.numpy as jnp
 
-from ..quantity import quantity
+from ..core import quantity
 from .base import AbstractFriction, lugre_ranges
 
 _ROUNDING = 1e-12
@@ -45,10 +45,10 @@ class ResetIntegrator(AbstractFriction):
         stiction = (1.0 - dragged) * self.a
         return self.sigma0 * p * (stiction + 1.0) + self.beta * self.rate(state, v, sign)[0]
 
-    def length(self):
+    def error_scale(self):
         return jnp.ones(()), jnp.ones(())
 
-    def relaxed(self, state, force):
+    def equilibrium_state(self, state, force):
         p, dragged = state
         target = force / (self.sigma0 * (1.0 + (1.0 - dragged) * self.a))
         return (target, dragged), target - p
@@ -57,15 +57,15 @@ class ResetIntegrator(AbstractFriction):
         p, dragged = state
         return ((self.f_c / self.sigma0 - p * sign) * (1.0 - dragged) + dragged,)
 
-    def passed(self, state, v, sign, which):
+    def after_event(self, state, v, sign, which):
         return sign * self.f_c / self.sigma0 + 0.0 * state[0], jnp.ones_like(state[1])
 
-    def turned(self, state, sign):
+    def on_reversal(self, state, sign):
         p, _ = state
         limit = self.f_c / self.sigma0
         return p, jnp.where(p * sign < limit * (1.0 - _ROUNDING), 0.0, 1.0)
 
     @classmethod
-    def plausible(cls, mass, acceleration, rate):
+    def search_ranges(cls, mass, acceleration, rate):
         stiffness, damping, force = lugre_ranges(mass, acceleration, rate)
         return {"sigma0": stiffness, "f_c": force, "a": (0.01, 1.0), "beta": damping}

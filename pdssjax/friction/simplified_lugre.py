@@ -8,7 +8,7 @@ Thesis, section 5.2.7, after C. Canudas de Wit et al., IEEE Trans. Automatic Con
 
 import jax.numpy as jnp
 
-from ..quantity import quantity
+from ..core import quantity
 from .base import AbstractFriction, lugre_ranges
 
 
@@ -31,15 +31,15 @@ class SimplifiedLuGre(AbstractFriction):
     def force(self, state, v, sign):
         return self.sigma0 * state[0] + self.sigma1 * self.rate(state, v, sign)[0]
 
-    def length(self):
+    def error_scale(self):
         return (jnp.ones(()),)
 
-    def relaxed(self, state, force):
+    def equilibrium_state(self, state, force):
         target = force / self.sigma0
         return (target,), target - state[0]
 
     @classmethod
-    def plausible(cls, mass, acceleration, rate):
+    def search_ranges(cls, mass, acceleration, rate):
         stiffness, damping, force = lugre_ranges(mass, acceleration, rate)
         return {
             "sigma0": stiffness,

@@ -13,18 +13,20 @@ P. Dupont and C. Canudas de Wit, Automatica 30(7), 1994.
 
 import jax.numpy as jnp
 
-from ..quantity import quantity
-from ..series import exp, power
+from ..core import quantity
+from ..integration import exp, power
 from .base import AbstractFriction, lugre_ranges, stribeck_guard, stribeck_range
 
 _ROUNDING = 1e-3
 """e: the part of v_s below which the tip of the curve is rounded."""
+
 _BEYOND = 3.0
 """Multiple of e at which a step that begins at rest ends.
 
 Where v grows as t^2, only every fourth coefficient of a rounded tip's series is large, and the last
 two need not be among them: the step would go on far beyond the radius of convergence.
 """
+
 _FLAT = 16.0
 """|v/v_s|^delta from which on the curve is flat enough to end a step there: see `stribeck_guard`."""
 
@@ -59,27 +61,27 @@ class Stribeck(AbstractFriction):
         level = exp(exponent * (-1.0)) * (self.f_s - self.f_c) + self.f_c
         return level * sign + v * self.sigma2
 
-    def length(self):
+    def error_scale(self):
         return jnp.ones(()), jnp.ones(())
 
-    def relaxed(self, state, force):
+    def equilibrium_state(self, state, force):
         return state, jnp.zeros(())
 
     def guards(self, state, v, sign):
         fast, tip = state
-        reach = power(_FLAT, 1.0 / self.delta)
+        far = power(_FLAT, 1.0 / self.delta)
         ends = (v * (-sign / self.v_s) + _BEYOND * _ROUNDING) * tip + (1.0 - tip)
-        return stribeck_guard(fast, v, sign, self.v_s, reach), ends
+        return stribeck_guard(fast, v, sign, self.v_s, far), ends
 
-    def passed(self, state, v, sign, which):
+    def after_event(self, state, v, sign, which):
         fast, tip = state
         return jnp.where(which == 0, 1.0 - fast, fast), jnp.where(which == 1, 0.0, tip)
 
-    def turned(self, state, sign):
+    def on_reversal(self, state, sign):
         return jnp.zeros(()), jnp.where(self.delta == 2.0, 0.0, 1.0)
 
     @classmethod
-    def plausible(cls, mass, acceleration, rate):
+    def search_ranges(cls, mass, acceleration, rate):
         _, damping, force = lugre_ranges(mass, acceleration, rate)
         return {
             "f_c": force,

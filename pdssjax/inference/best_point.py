@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .fitting import MAX_ITERATIONS, Fit, Problem, Progress, Run, evaluated, unwatched
+from .least_squares import MAX_ITERATIONS, Fit, Problem, Progress, Run, evaluated, unwatched
 
 
 class Point(NamedTuple):

@@ -20,12 +20,16 @@ from jaxtyping import Array, Bool, Float
 
 _MULTIPLIER = 1e-12
 """Size of a multiplier, relative to the residual, from which it counts; columns have unit norm."""
+
 _LEAST_DAMPING = 1e-16
-"""Only leaves out directions without information, see `uncertainty.NO_INFORMATION`."""
+"""Only leaves out directions without information, see `covariance.NO_INFORMATION`."""
+
 _NEAR = 0.1
 """How well a radius is kept to."""
+
 _DAMPINGS = 20
 """Dampings tried at most."""
+
 _PASSES = 4
 """Passes allowed for each unknown; each pass stops or releases one."""
 

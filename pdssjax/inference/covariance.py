@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float
 
 NO_INFORMATION = 1e-8
 """Relative singular value below which a direction of the parameters leaves the residuals alone."""
+
 TAKES_PART = 1e-4
 """Share of a parameter in such a direction, by its effect on the residuals, from which it is undetermined."""
 
@@ -21,12 +22,12 @@ class Covariance(NamedTuple):
 
     matrix: Float[np.ndarray, "p p"]
     """NaN in the rows and columns of parameters without information."""
-    informed: Bool[np.ndarray, " p"]
+    identifiable: Bool[np.ndarray, " p"]
     null: list[Float[np.ndarray, " p"]]
     """Directions without information, largest entry 1, 0 for parameters that take no part."""
 
 
-def covariance(jacobian: Float[np.ndarray, "n p"], held: Bool[np.ndarray, " p"]) -> Covariance:
+def least_squares_covariance(jacobian: Float[np.ndarray, "n p"], held: Bool[np.ndarray, " p"]) -> Covariance:
     """Covariance of the least-squares estimate; `held` parameters, at a bound, count as known.
 
     A column of zeros is a direction without information of its own.
@@ -34,24 +35,24 @@ def covariance(jacobian: Float[np.ndarray, "n p"], held: Bool[np.ndarray, " p"])
     p = jacobian.shape[1]
     matrix = np.full((p, p), np.nan)
     norms = np.linalg.norm(jacobian, axis=0)
-    informed = ~held & (norms > 0)
+    identifiable = ~held & (norms > 0)
     null = [np.eye(p)[i] for i in np.flatnonzero(~held & (norms == 0))]
-    kept = np.flatnonzero(informed)
+    kept = np.flatnonzero(identifiable)
     if kept.size:
         _, singular, rows = np.linalg.svd(jacobian[:, kept] / norms[kept], full_matrices=False)
-        lost = singular <= NO_INFORMATION * singular[0]
-        for row in rows[lost]:
+        undetermined = singular <= NO_INFORMATION * singular[0]
+        for row in rows[undetermined]:
             direction = np.zeros(p)
             # Judged on columns of unit norm, so that no parameter's unit matters.
             direction[kept] = np.where(np.abs(row) > TAKES_PART * np.max(np.abs(row)), row, 0.0) / norms[kept]
             null.append(direction / direction[np.argmax(np.abs(direction))])
-            informed &= direction == 0
+            identifiable &= direction == 0
         rows = rows / norms[kept]
-        inverse = rows[~lost] / singular[~lost, None]
+        inverse = rows[~undetermined] / singular[~undetermined, None]
         matrix[np.ix_(kept, kept)] = inverse.T @ inverse
-        matrix[~informed] = np.nan
-        matrix[:, ~informed] = np.nan
-    return Covariance(matrix, informed, null)
+        matrix[~identifiable] = np.nan
+        matrix[:, ~identifiable] = np.nan
+    return Covariance(matrix, identifiable, null)
 
 
 def correlation(matrix: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
@@ -71,7 +72,7 @@ def propagated(
     those at the places `later` were fitted.  An error e of the first moves the second by
     -(J2' J2)^-1 J2' J1 e (first order).
     """
-    naive = covariance(jacobian[:, later], np.zeros(later.size, bool)).matrix
+    naive = least_squares_covariance(jacobian[:, later], np.zeros(later.size, bool)).matrix
     shift = -np.nan_to_num(naive) @ jacobian[:, later].T @ jacobian[:, earlier]
     p = jacobian.shape[1]
     plain, whole = np.zeros((p, p)), np.zeros((p, p))

@@ -12,10 +12,13 @@ from jaxtyping import Array, Float
 
 SIZES = (4.0, 0.5)
 """Change of the residual by each half of a difference, in standard deviations of the residual."""
+
 TOLERANCE = 0.1
 """Discrepancy that is let pass, relative to the difference; and absolutely, in standard deviations."""
+
 _FARTHEST = 0.02
 """Longest move of a parameter along a direction, relative to its size or to one."""
+
 _SMALLEST = 1e-6
 """Least change of the residual, relative to what the parameters themselves amount to: above rounding."""
 

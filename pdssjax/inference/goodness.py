@@ -2,20 +2,23 @@
 
 Where a record's noise is given, its residuals are judged by chi-square.  Where it is not, the
 noise is estimated from the residuals and chi-square is their number whatever the fit; the
-witness then is the scatter of second differences (`residual.noise_floor`), which a smooth
+witness then is the scatter of second differences (`noise.noise_floor`), which a smooth
 misfit hardly enters.
 """
 
 import numpy as np
 
-from .estimate import FittedRecord
+from ..study import FittedRecord
 
 EXCESS = 1.2
 """Chi-square per degree of freedom below which an excess is not worth a word, however certain it is."""
+
 ABOVE_FLOOR = 1.1
 """The same for residuals against the noise floor, as a ratio of standard deviations: the root of `EXCESS`."""
+
 FEWEST = 50
 """Samples from which second differences are a witness."""
+
 SIGMAS = 4.0
 """Standard deviations beyond which an excess is not chance."""
 

@@ -4,14 +4,12 @@ import dataclasses
 import time
 from typing import Literal
 
+from ..core import InputError, need_double_precision
+from ..integration import Accuracy
+from ..study import Estimate, Study
 from .best_point import BestPoint, Point, completed
-from .errors import InputError
-from .estimate import Estimate
-from .fitting import Progress, joint, sequential
-from .integration import Accuracy
+from .least_squares import Progress, joint, sequential
 from .multistart import best_fit
-from .simulation import need_double_precision
-from .study import Study
 from .summary import summarise
 
 Method = Literal["joint", "sequential"]

@@ -7,20 +7,23 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from .guessing import initial_guess
-from .integration import Accuracy
-from .levenberg_marquardt import SUCCESSES, BoundedLevenbergMarquardt, Ending, LMState
-from .parameters import Scale, scale
-from .records import Record
-from .residual import Residual, as_weights, noise_floor
-from .study import Study
+from ..integration import Accuracy
+from ..study import Record, Study, noise_floor
+from .ending import SUCCESSES, Ending
+from .initial_values.guess import initial_guess
+from .levenberg_marquardt import BoundedLevenbergMarquardt, LMState
+from .parameter_transform import ParameterTransform, transform_of
+from .residual import Residual, as_weights
 
 Progress = Callable[[str], None]
 
 MAX_ITERATIONS = 200
+
 INVISIBLE = 0.01
 """Decrease of chi-square, in units of the reduced chi-square, that is a tenth of a standard error: not to be seen."""
+
 LOST = "the actuator cannot be simulated at the start"
+
 MESSAGES = {
     Ending.CONVERGED: "converged: the gradient is small, and no step would change chi-square visibly",
     Ending.WITHIN_ROUNDING: "converged as far as the simulation's rounding allows: what the linear model still "
@@ -36,7 +39,9 @@ MESSAGES = {
     Ending.START_FAILED: LOST,
 }
 """What the user reads of each ending."""
+
 AT_BOUNDS = "converged at bounds: the gradient is small for all other parameters"
+
 INTERRUPTED = "interrupted; this is the best point so far, not an optimum"
 
 
@@ -61,15 +66,15 @@ class Problem(NamedTuple):
     @property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper, on the fit's scale."""
-        return self.residual.scale.low, self.residual.scale.high
+        return self.residual.transform.low, self.residual.transform.high
 
     def encode(self, values: dict[str, Any]) -> np.ndarray:
         """Values by path [SI] on the fit's scale, shape (parameters,)."""
-        return self.residual.scale.encode(values)
+        return self.residual.transform.encode(values)
 
     def decode(self, free: Any) -> dict[str, Any]:
         """Values by path [SI] from the fit's scale."""
-        return self.residual.scale.decode(free)
+        return self.residual.transform.decode(free)
 
     def whitened(self, free: Any) -> Any:
         """Residuals of all records divided by their noise, shape (samples,); compiled, differentiable.
@@ -97,7 +102,7 @@ def _whitened_jacobian(residual, free, weights):
 
 
 class Run(Protocol):
-    """A way to fit: from a problem and starts to where it ended, after `limit` iterations a stage at most."""
+    """A way to fit: from a problem and starts to where it ended, after `limit` iterations a phase at most."""
 
     def __call__(self, problem: Problem, starts: dict[str, Any], report: Progress, limit: int = ...) -> "Fit": ...
 
@@ -121,10 +126,10 @@ class Fit(NamedTuple):
 
 
 def pose(study: Study, starts: dict[str, float], accuracy: Accuracy) -> Problem:
-    """The fit of a study's records with role "fit", parameters scaled after their `starts`."""
+    """The fit of a study's records with role "fit", parameters scaled after their `search`."""
     records = tuple(record for record in study.records if record.role == "fit")
     fixed = {path: starts[path] for path, parameter in study.parameters.items() if not parameter.free}
-    residual = Residual(study.models, records, scale(study.parameters, starts), fixed, accuracy)
+    residual = Residual(study.models, records, transform_of(study.parameters, starts), fixed, accuracy)
     noise = np.array([noise_floor(r) if r.noise is None else r.noise for r in records])
     return Problem(residual, records, noise)
 
@@ -152,12 +157,12 @@ def reduced_chi2(fit: Fit, problem: Problem) -> float:
 def joint(problem: Problem, starts: dict[str, Any], report: Progress, limit: int = MAX_ITERATIONS) -> Fit:
     """What the platform alone shows first, from its records, then everything from everything.
 
-    The first stage is cheap and only brings the piezo near: with it far off, the slips
-    come at the wrong moments, and the friction parameters would go astray.
+    The first phase is cheap and only brings the piezo near: with it far off, the slips
+    come at the wrong moments, and the friction parameters would diverge.
     """
     measures = np.array([record.measures for record in problem.records])
-    free = problem.residual.scale.encode(starts)
-    piezo = of_platform(problem.residual.scale)
+    free = problem.residual.transform.encode(starts)
+    piezo = of_platform(problem.residual.transform)
     spent = []
     driven = np.isin(measures, ("effector", "force")).any()
     if (measures == "platform").any() and driven and piezo.any() and not piezo.all():
@@ -170,8 +175,8 @@ def joint(problem: Problem, starts: dict[str, Any], report: Progress, limit: int
 def sequential(problem: Problem, starts: dict[str, Any], report: Progress, limit: int = MAX_ITERATIONS) -> Fit:
     """The piezo from the platform records; then, with the piezo held, the others from the rest."""
     measures = np.array([record.measures for record in problem.records])
-    free = problem.residual.scale.encode(starts)
-    piezo = of_piezo(problem.residual.scale)
+    free = problem.residual.transform.encode(starts)
+    piezo = of_piezo(problem.residual.transform)
     first = _least_squares(problem, free, measures == "platform", piezo, "piezo", report, limit)
     second = _least_squares(problem, first.free, measures == "effector", ~piezo, "friction", report, limit)
     # Both steps' residuals, for the statistics and the errors.
@@ -188,31 +193,31 @@ def evaluated(problem: Problem, free: np.ndarray, report: Progress) -> Fit:
 
 def piezo_alone(problem: Problem, starts: dict[str, Any], report: Progress) -> dict[str, float]:
     """The free parameters that the platform alone shows, from its records, the others held at their starts."""
-    names = problem.residual.scale
+    names = problem.residual.transform
     piezo = of_platform(names)
     used = np.array([record.measures == "platform" for record in problem.records])
     if not (piezo.any() and used.any()):
         return {}
     fit = _least_squares(problem, names.encode(starts), used, piezo, "piezo", report)
     found = names.decode(fit.free)
-    return {path: float(found[path]) for path, own in zip(names.paths, piezo, strict=True) if own}
+    return {path: float(found[path]) for path, wanted in zip(names.paths, piezo, strict=True) if wanted}
 
 
 def lowered(problem: Problem, starts: dict[str, Any]) -> Any:
     """What every iteration runs, traced; its `compile` may go on in another thread."""
-    free = problem.residual.scale.encode(starts)
+    free = problem.residual.transform.encode(starts)
     everything = np.ones(len(problem.records), bool), np.ones(free.size, bool)
-    return _iterate.lower(*_outset(problem, free, *everything))  # pyright: ignore[reportFunctionMemberAccess]
+    return _iterate.lower(*_solver_arguments(problem, free, *everything))  # pyright: ignore[reportFunctionMemberAccess]
 
 
-def of_piezo(scale: Scale) -> np.ndarray:
+def of_piezo(transform: ParameterTransform) -> np.ndarray:
     """Which free parameters belong to the piezo, shape (parameters,)."""
-    return np.array([path.startswith("piezo.") for path in scale.paths])
+    return np.array([path.startswith("piezo.") for path in transform.paths])
 
 
-def of_platform(scale: Scale) -> np.ndarray:
+def of_platform(transform: ParameterTransform) -> np.ndarray:
     """Which free parameters the platform shows without the end-effector, shape (parameters,)."""
-    return np.array([shown_by_platform(path) for path in scale.paths])
+    return np.array([shown_by_platform(path) for path in transform.paths])
 
 
 def shown_by_platform(path: str) -> bool:
@@ -221,16 +226,16 @@ def shown_by_platform(path: str) -> bool:
 
 
 def summed(last: Fit, earlier: Sequence[Fit]) -> Fit:
-    """`last` with the iterations of the `earlier` stages counted in."""
+    """`last` with the iterations of the `earlier` phases counted in."""
     return last._replace(
         iterations=last.iterations + sum(fit.iterations for fit in earlier),
         evaluations=last.evaluations + sum(fit.evaluations for fit in earlier),
     )
 
 
-def _least_squares(problem, free, used, loose, name, report, limit=MAX_ITERATIONS) -> Fit:
-    """One Levenberg-Marquardt run over the `loose` parameters and the `used` records."""
-    solver, residual, y, weights, options, state = _outset(problem, free, used, loose)
+def _least_squares(problem, free, used, fitted, name, report, limit=MAX_ITERATIONS) -> Fit:
+    """One Levenberg-Marquardt run over the `fitted` parameters and the `used` records."""
+    solver, residual, y, weights, options, state = _solver_arguments(problem, free, used, fitted)
     over = False
     limit = min(limit, MAX_ITERATIONS)
     while not over and (int(state.iterations) < limit or int(state.ending) != Ending.RUNNING):
@@ -241,21 +246,21 @@ def _least_squares(problem, free, used, loose, name, report, limit=MAX_ITERATION
         report(f"{name}: iteration {int(state.iterations)}, chi-square {chi2:.6g}")
     ending = Ending(int(state.ending))
     iterations = max(int(state.iterations), 1 - int(state.unevaluated))
-    message = _message(ending, np.asarray(y), options, loose, limit)
+    message = _message(ending, np.asarray(y), options, fitted, limit)
     return Fit(np.asarray(y), state, ending in SUCCESSES, message, iterations, int(state.evaluations), ending)
 
 
-def _message(ending: Ending, free: np.ndarray, options: dict[str, np.ndarray], loose: np.ndarray, limit: int) -> str:
+def _message(ending: Ending, free: np.ndarray, options: dict[str, np.ndarray], fitted: np.ndarray, limit: int) -> str:
     if ending == Ending.RUNNING:
         return f"no convergence within {limit} iterations"
-    at_bound = loose & ((free <= options["lower"]) | (free >= options["upper"]))
+    at_bound = fitted & ((free <= options["lower"]) | (free >= options["upper"]))
     return AT_BOUNDS if ending == Ending.CONVERGED and at_bound.any() else MESSAGES[ending]
 
 
-def _outset(problem, free, used, loose):
+def _solver_arguments(problem, free, used, fitted):
     """What the first iteration starts from: the arguments of `_iterate`."""
-    bounds = problem.residual.scale
-    low, high = (np.where(loose, end, free) for end in (bounds.low, bounds.high))
+    bounds = problem.residual.transform
+    low, high = (np.where(fitted, end, free) for end in (bounds.low, bounds.high))
     options = {"lower": low, "upper": high}
     weights = as_weights(problem.noise, used)
     samples = sum(record.time.size for record, use in zip(problem.records, used, strict=True) if use)

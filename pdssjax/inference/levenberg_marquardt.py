@@ -36,17 +36,18 @@ from .derivative_check import (
     random_direction,
     verdict,
 )
-from .ending import SUCCESSES, Ending
+from .ending import Ending
 from .trust_region import PROBE, bend, best_step, first_radius, next_radius, trial_point
-
-__all__ = ["SUCCESSES", "BoundedLevenbergMarquardt", "Ending", "LMState"]
 
 _AT_BOUND = 1e-9
 """So near to a bound, by the effect on the residual relative to that, a parameter counts as on it."""
+
 _ROUNDING = 1e-13
 """Relative decrease of the sum of squares that rounding may hide."""
+
 _EPSILONS = 4.0
 """Relative rounding errors that parameters and residual gather."""
+
 CHECKS = 4
 """Differences compared with the Jacobian at the end: two directions, two sizes each."""
 
@@ -222,8 +223,10 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     def terminate(self, fn, y, args, options, state, tags):
         over = (state.ending != Ending.RUNNING) & (state.checked >= CHECKS)
         success = (state.ending == Ending.CONVERGED) | (state.ending == Ending.WITHIN_ROUNDING)
-        lost = state.ending == Ending.START_FAILED
-        failed = optx.RESULTS.where(lost, optx.RESULTS.nonlinear_divergence, optx.RESULTS.nonlinear_max_steps_reached)
+        start_failed = state.ending == Ending.START_FAILED
+        failed = optx.RESULTS.where(
+            start_failed, optx.RESULTS.nonlinear_divergence, optx.RESULTS.nonlinear_max_steps_reached
+        )
         return over, optx.RESULTS.where(over & ~success, failed, optx.RESULTS.successful)
 
     def postprocess(self, fn, y, aux, args, options, state, tags, result):

@@ -1,10 +1,10 @@
 """Fits from starts that lead somewhere: found from the data, compared early, left again if need be.
 
 The sum of squares has many local minima.  Slips that come at the wrong moment make large
-basins; small cliffs lie within them, where a parameter decides whether the contact just
+basins; small discontinuities lie within them, where a parameter decides whether the contact just
 reverses or just does not (the law's forces jump there, and the motion after it with them).
 So several starts are tried while the fit is poor, a few iterations each before the best go
-on, and a fit that ends against a cliff is pushed about.
+on, and a fit that ends at a discontinuity is restarted from perturbed points.
 """
 
 import dataclasses
@@ -12,7 +12,11 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from .fitting import (
+from ..integration import Accuracy
+from ..study import Parameter, Study
+from .ending import Ending
+from .initial_values.search import guess_starts, rank_starts
+from .least_squares import (
     Fit,
     Problem,
     Progress,
@@ -24,39 +28,47 @@ from .fitting import (
     shown_by_platform,
     summed,
 )
-from .integration import Accuracy
-from .levenberg_marquardt import Ending
-from .parameters import Parameter
-from .starts import guess_starts, rank_starts
-from .study import Study
 
-_HEATS = ((10, 5), (4, 7))
-"""Starts that race while the fit is poor, and the iterations that each gets; the best go on."""
+_HALVING_ROUNDS = ((10, 5), (4, 7))
+"""Successive halving while the fit is poor: how many starts, and the iterations of each; the best go on."""
+
 _TRIAL = 12
 """Iterations after which a fit from a start that was searched for must look promising."""
+
 _PROMISING = 2.0
 """Reduced chi-square at that moment."""
+
 _MORE = 3
-"""So many times as many race where nothing shows the platform alone: then a fit may be good and wrong."""
+"""So many times as many are tried where nothing shows the platform alone: then a fit may be good and wrong."""
+
 _PATIENCE = 3
-"""Winners in a row that may fail to improve a poor fit: then it is the model that is poor."""
+"""Starts in a row that may fail to improve a poor fit: then it is the model that is poor."""
+
 _POOR = 1.15
 """Reduced chi-square above which a fit is poor, where the noise is only guessed from the samples."""
-_RUGGED = 2.2
+
+_DISCONTINUOUS = 2.2
 """Evaluations per iteration from which the way was rugged; a smooth one takes one, a rejected step two."""
+
 _RUGGED_ENDINGS = (Ending.SLOW_STEPS, Ending.STALLED, Ending.REJECTED, Ending.DISCONTINUITY)
-_PUSHES = 4
-"""Pushes in a row that may fail to lead a fit down from a cliff."""
+
+_MOST_RESTARTS = 4
+"""Perturbed restarts in a row that may fail to lower chi-square."""
+
 _VISIBLE = 0.01
 """By how much chi-square must fall to make it another result."""
+
 _LONG = 60
 """Iterations from which the way was long: then valleys are flat, and other starts may end in better ones."""
+
 _OTHERS = 4
 """Other starts tried then, each to its end."""
-_PUSH = 2.0
-"""Size of the first push in standard errors; each that fails is followed by one twice as large."""
-_LONGEST_PUSH = 0.3
-"""Largest change of one parameter by a push, on the fit's scale."""
+
+_PERTURBATION = 2.0
+"""Size of the first perturbation in standard errors; each that fails is followed by one twice as large."""
+
+_LARGEST_PERTURBATION = 0.3
+"""Largest change of one parameter by a perturbation, on the fit's scale."""
 
 
 def best_fit(study: Study, accuracy: Accuracy, run: Run, report: Progress) -> tuple[Fit, Problem, dict[str, float]]:
@@ -69,14 +81,14 @@ def best_fit(study: Study, accuracy: Accuracy, run: Run, report: Progress) -> tu
     _compile(problem, study, starts)
     ranked = _ranked(study, study.parameters, problem, starts, report) if missing else [starts]
     fit, spent = _first(problem, ranked[0], run, report) if missing else run(problem, starts, report), 0
-    blind = missing and _is_blind(study, problem)
-    starts = _shown(ranked[0], starts, blind)
-    raced = blind or _is_poor(fit, problem)
+    platform_unobserved = missing and _platform_unobserved(study, problem)
+    starts = _shown(ranked[0], starts, platform_unobserved)
+    raced = platform_unobserved or _is_poor(fit, problem)
     if raced:
         free = {path: _without_start(p) for path, p in study.parameters.items()}
         others = ranked[1:] if missing else _ranked(study, free, problem, starts, report)
-        fit, starts, spent = _race(fit, problem, starts, others, run, report, blind)
-    fit = _pushed(fit, problem, run, report)
+        fit, starts, spent = _successive_halving(fit, problem, starts, others, run, report, platform_unobserved)
+    fit = _perturbed_restarts(fit, problem, run, report)
     if not raced and (fit.iterations > _LONG or _at_new_bound(fit, problem, starts)):
         fit, starts = _compared_with_others(fit, problem, starts, ranked[1 : 1 + _OTHERS], run, report)
     fit, problem = _with_noise(fit._replace(evaluations=fit.evaluations + spent), problem, run, report)
@@ -90,16 +102,16 @@ def _compile(problem: Problem, study: Study, starts: dict[str, float]) -> None:
         pool.submit(study.lowered(starts).compile)
 
 
-def _is_blind(study: Study, problem: Problem) -> bool:
+def _platform_unobserved(study: Study, problem: Problem) -> bool:
     """Records depend on the platform, none shows it alone, and the study does not say where its parameters start."""
     piezo = [p for path, p in study.parameters.items() if path.startswith("piezo.") and p.free and p.start is None]
     measured = {record.measures for record in problem.records}
     return bool(piezo) and "platform" not in measured and bool(measured & {"effector", "force"})
 
 
-def _shown(begun: dict[str, float], earlier: dict[str, float], blind: bool) -> dict[str, float]:
+def _shown(begun: dict[str, float], earlier: dict[str, float], platform_unobserved: bool) -> dict[str, float]:
     """The starts to report: what the platform shows has those from before its own fit, unless searched for."""
-    piezo = {} if blind else {path: number for path, number in earlier.items() if shown_by_platform(path)}
+    piezo = {} if platform_unobserved else {path: number for path, number in earlier.items() if shown_by_platform(path)}
     return begun | piezo
 
 
@@ -108,7 +120,7 @@ def _first(problem: Problem, starts: dict[str, float], run: Run, report: Progres
     trial = run(problem, starts, report, _TRIAL)
     if trial.success or not reduced_chi2(trial, problem) < _PROMISING:
         return trial
-    fit = run(problem, problem.residual.scale.decode(trial.free), report)
+    fit = run(problem, problem.residual.transform.decode(trial.free), report)
     return summed(fit, [trial])
 
 
@@ -132,40 +144,47 @@ def _is_poor(fit: Fit, problem: Problem) -> bool:
     return not reduced_chi2(fit, problem) < (1.0 + 4.0 * spread if known else _POOR)
 
 
-def _race(fit, problem, starts, others, run, report, blind) -> tuple[Fit, dict[str, float], int]:
+def _successive_halving(
+    fit, problem, starts, others, run, report, platform_unobserved
+) -> tuple[Fit, dict[str, float], int]:
     """The best of `fit` and of the fits from the `others`, its starts, and the evaluations of all the rest."""
-    spent, heat, late = fit.evaluations, [(other, other, 0) for other in others], [(fit, starts)]
-    for entrants, limit in _HEATS:
-        entrants *= _MORE if blind else 1
+    spent, candidates, late = fit.evaluations, [(other, other, 0) for other in others], [(fit, starts)]
+    for admitted, limit in _HALVING_ROUNDS:
+        admitted *= _MORE if platform_unobserved else 1
         results = []
-        for number, (begun, at, taken) in enumerate(heat[:entrants], 1):
-            report(f"trying others: start {number} of {min(entrants, len(heat))}, {limit} iterations each")
+        for number, (begun, at, taken) in enumerate(candidates[:admitted], 1):
+            report(f"trying others: start {number} of {min(admitted, len(candidates))}, {limit} iterations each")
             rival = run(problem, at, _quiet, limit)
             results.append((rival._replace(iterations=rival.iterations + taken), begun))
         spent += sum(rival.evaluations for rival, _ in results)
         results = sorted(results + late, key=lambda result: result[0].chi2)
-        decode = problem.residual.scale.decode
-        heat, late = [(begun, decode(rival.free), rival.iterations) for rival, begun in results], []
+        decode = problem.residual.transform.decode
+        candidates, late = [(begun, decode(rival.free), rival.iterations) for rival, begun in results], []
     in_vain = 0
-    for begun, at, taken in heat:
-        if in_vain == _PATIENCE or not (blind or _is_poor(fit, problem)):
+    for begun, at, taken in candidates:
+        if in_vain == _PATIENCE or not (platform_unobserved or _is_poor(fit, problem)):
             break
         report("going on from the best of the other starts")
         rival = run(problem, at, report)
         spent += rival.evaluations
         in_vain = 0 if rival.chi2 < (1.0 - 1e-3) * fit.chi2 else in_vain + 1
         if rival.chi2 <= (1.0 + 1e-9) * fit.chi2:
-            fit, starts = rival._replace(iterations=rival.iterations + taken), _shown(begun, starts, blind)
+            fit, starts = (
+                rival._replace(iterations=rival.iterations + taken),
+                _shown(begun, starts, platform_unobserved),
+            )
     return fit, starts, spent - fit.evaluations
 
 
-def _pushed(fit: Fit, problem: Problem, run: Run, report: Progress) -> Fit:
-    """`fit`, or a better one beyond the cliffs that it may lean on."""
+def _perturbed_restarts(fit: Fit, problem: Problem, run: Run, report: Progress) -> Fit:
+    """`fit`, or a better one beyond a discontinuity at which it may have ended."""
     random = np.random.default_rng(0)
     taken, spent, in_vain = 0, 0, 0
-    while _is_rugged(fit) and in_vain < _PUSHES:
-        report("chi-square is rugged here: trying beyond")
-        rival = run(problem, problem.residual.scale.decode(_push(fit, problem, 2.0**in_vain, random)), _quiet)
+    while _is_discontinuous(fit) and in_vain < _MOST_RESTARTS:
+        report("chi-square is discontinuous here: restarting from perturbed points")
+        rival = run(
+            problem, problem.residual.transform.decode(_perturbed_point(fit, problem, 2.0**in_vain, random)), _quiet
+        )
         spent += rival.evaluations
         in_vain = 0 if rival.chi2 < fit.chi2 - 1.0 else in_vain + 1
         if rival.chi2 < fit.chi2 - _VISIBLE:
@@ -179,7 +198,7 @@ def _compared_with_others(fit, problem, starts, others, run, report) -> tuple[Fi
     spent = fit.evaluations
     for number, other in enumerate(others, 1):
         report(f"a long way or a bound: comparing with start {number} of {len(others)}")
-        rival = _pushed(run(problem, other, _quiet), problem, run, _quiet)
+        rival = _perturbed_restarts(run(problem, other, _quiet), problem, run, _quiet)
         spent += rival.evaluations
         if rival.chi2 < fit.chi2 - _VISIBLE:
             fit, starts = rival, other
@@ -193,19 +212,21 @@ def _at_new_bound(fit: Fit, problem: Problem, starts: dict[str, float]) -> bool:
     return bool(np.any(((fit.free <= low) & (begun > low)) | ((fit.free >= high) & (begun < high))))
 
 
-def _is_rugged(fit: Fit) -> bool:
-    """Many steps were rejected on the way, or the last ones: chi-square is not what its slope promises."""
-    return fit.ending in _RUGGED_ENDINGS or fit.evaluations - 5 > _RUGGED * fit.iterations
+def _is_discontinuous(fit: Fit) -> bool:
+    """Many steps were rejected on the way, or the last ones: chi-square is not what its gradient predicts."""
+    return fit.ending in _RUGGED_ENDINGS or fit.evaluations - 5 > _DISCONTINUOUS * fit.iterations
 
 
-def _push(fit: Fit, problem: Problem, factor: float, random: np.random.Generator) -> np.ndarray:
+def _perturbed_point(fit: Fit, problem: Problem, factor: float, random: np.random.Generator) -> np.ndarray:
     """A point some standard errors from where the `fit` ended."""
-    bounds, jacobian = problem.residual.scale, np.asarray(fit.state.jacobian)
+    bounds, jacobian = problem.residual.transform, np.asarray(fit.state.jacobian)
     held = (fit.free <= bounds.low) | (fit.free >= bounds.high)
     _, singular, rows = np.linalg.svd(np.where(held, 0.0, jacobian), full_matrices=False)
     errors = 1.0 / np.maximum(singular, 1e-9 * singular[0])
-    step = rows.T @ (np.minimum(_PUSH * factor * errors, _LONGEST_PUSH) * random.normal(size=singular.size))
-    step *= ~held / max(1.0, np.max(np.abs(step)) / _LONGEST_PUSH)
+    step = rows.T @ (
+        np.minimum(_PERTURBATION * factor * errors, _LARGEST_PERTURBATION) * random.normal(size=singular.size)
+    )
+    step *= ~held / max(1.0, np.max(np.abs(step)) / _LARGEST_PERTURBATION)
     return np.clip(fit.free + step, bounds.low, bounds.high)
 
 
@@ -221,7 +242,7 @@ def _with_noise(fit: Fit, problem: Problem, run: Run, report: Progress) -> tuple
             break
         report("weighing the records by the noise found")
         problem = problem._replace(noise=np.where(unknown, _noise_left(problem, fit), problem.noise))
-        fit = summed(run(problem, problem.residual.scale.decode(fit.free), report), [fit])
+        fit = summed(run(problem, problem.residual.transform.decode(fit.free), report), [fit])
     return fit, problem
 
 
@@ -229,6 +250,6 @@ def _noise_left(problem: Problem, fit: Fit) -> np.ndarray:
     """Standard deviation of each record's residuals [m or N], degrees of freedom shared by samples."""
     sizes = np.array([record.time.size for record in problem.records])
     parts = np.split(np.asarray(fit.state.residual), np.cumsum(sizes)[:-1])
-    lost = fit.free.size * sizes / sizes.sum() + [record.offset is None for record in problem.records]
+    degrees_taken = fit.free.size * sizes / sizes.sum() + [record.offset is None for record in problem.records]
     squares = np.array([np.sum(part**2) for part in parts])
-    return problem.noise * np.sqrt(squares / np.maximum(sizes - lost, 1.0))
+    return problem.noise * np.sqrt(squares / np.maximum(sizes - degrees_taken, 1.0))

@@ -4,8 +4,19 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from .display import display_unit
-from .estimate import FittedParameter, FittedRecord, Statistics
+from ..core import display_unit
+from ..study import (
+    SHOWN,
+    FittedParameter,
+    FittedRecord,
+    Models,
+    Parameter,
+    Record,
+    Resonance,
+    Statistics,
+    depends_on,
+    hidden_from,
+)
 from .goodness import (
     EXCESS,
     above_floor,
@@ -15,15 +26,14 @@ from .goodness import (
     neighbour_correlation,
     stays_below_given_noise,
 )
-from .parameters import REACH, Parameter, Scale
-from .prediction import Models
-from .records import Record
-from .resonances import SHOWN, Resonance, depends_on, hidden_from
+from .parameter_transform import REACH, ParameterTransform
 
 FAR = 10.0
 """Factor by which a parameter must have moved from its start to be worth a word."""
+
 ALIKE = 0.3
 """Correlation of neighbouring residuals from which they are no noise."""
+
 UNDAMPED = 0.005
 """Damping ratio below which a contact or a platform is not to be believed: it would ring for thirty periods."""
 
@@ -94,7 +104,10 @@ def about_vagueness(vague: Sequence[str]) -> list[str]:
 
 
 def about_bounds(
-    declared: Mapping[str, Parameter], found: np.ndarray, scale: Scale, parameters: Mapping[str, FittedParameter]
+    declared: Mapping[str, Parameter],
+    found: np.ndarray,
+    scale: ParameterTransform,
+    parameters: Mapping[str, FittedParameter],
 ) -> list[str]:
     """Parameters that ended on a bound, or ran out of reach; `found` on the fit's scale."""
     notes = []
@@ -113,7 +126,7 @@ def about_bounds(
     return notes
 
 
-def _out_of_reach(declared: Parameter, scale: Scale, i: int, side: str) -> bool:
+def _out_of_reach(declared: Parameter, scale: ParameterTransform, i: int, side: str) -> bool:
     """The end is that of a fit's reach: neither the study's nor that of the legal range."""
     own, legal, ends = (
         (declared.low, declared.quantity.low, scale.low)
@@ -137,7 +150,7 @@ def _at_bound(declared: Parameter, value: float, side: str) -> str:
     return f"{head}, the end of its legal range, and held there for the errors of the others. Fix it there."
 
 
-def about_distance(parameters: Iterable[FittedParameter], scale: Scale) -> list[str]:
+def about_distance(parameters: Iterable[FittedParameter], scale: ParameterTransform) -> list[str]:
     """Parameters that ended far from where they began."""
     notes = []
     for parameter in parameters:

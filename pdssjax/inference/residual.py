@@ -14,15 +14,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .integration import Accuracy
-from .parameters import Scale
-from .prediction import Models, Predictor
-from .records import Record
-
-_FAR = 3.0
-"""Standard deviations from which a second difference counts as motion, not noise."""
-_KEPT = 0.98658
-"""Standard deviation of a normal variable cut off there."""
+from ..integration import Accuracy
+from ..study import Models, Predictor, Record
+from .parameter_transform import ParameterTransform
 
 
 class Residual(eqx.Module):
@@ -32,17 +26,22 @@ class Residual(eqx.Module):
     measured: tuple[np.ndarray, ...]
     offsets: tuple[float | None, ...]
     """Given zeros of the sensor [m or N]; None where free."""
-    scale: Scale
+    transform: ParameterTransform
     fixed: dict[str, Any]
     accuracy: Accuracy
 
     def __init__(
-        self, models: Models, records: Sequence[Record], scale: Scale, fixed: dict[str, float], accuracy: Accuracy
+        self,
+        models: Models,
+        records: Sequence[Record],
+        transform: ParameterTransform,
+        fixed: dict[str, float],
+        accuracy: Accuracy,
     ):
         self.predictor = Predictor(models, records)
         self.measured = tuple(record.measured for record in records)
         self.offsets = tuple(record.offset for record in records)
-        self.scale = scale
+        self.transform = transform
         self.fixed = {path: np.asarray(value, float) for path, value in fixed.items()}
         self.accuracy = accuracy
 
@@ -58,32 +57,15 @@ class Residual(eqx.Module):
 
         `weights` are 1/noise [1/m] of the records, 0 to leave one out.
         """
-        values = self.fixed | self.scale.decode(free)
+        values = self.fixed | self.transform.decode(free)
         predicted = self.predictor(values, self.accuracy)
         parts, zeros = [], []
         for i, (measured, motion, offset) in enumerate(zip(self.measured, predicted, self.offsets, strict=True)):
-            rest = measured - motion
-            zero = jnp.mean(rest) if offset is None else jnp.asarray(offset, float)
-            parts.append(jnp.where(weights[i] > 0, (rest - zero) * weights[i], 0.0))
+            difference = measured - motion
+            zero = jnp.mean(difference) if offset is None else jnp.asarray(offset, float)
+            parts.append(jnp.where(weights[i] > 0, (difference - zero) * weights[i], 0.0))
             zeros.append(zero)
         return jnp.concatenate(parts), jnp.stack(zeros)
-
-
-def noise_floor(record: Record) -> float:
-    """A first guess of the noise [m or N] of a record from the scatter of its second differences.
-
-    Robust against the fast motion of a slip, which fills few samples: what lies far out is
-    left out again and again.  A smooth motion between samples hardly enters, and rounding
-    no more than it does in the noise itself.
-    """
-    if record.measured.size < 8:
-        return float(np.std(record.measured)) or 1e-9
-    bends = np.abs(np.diff(record.measured, 2))
-    spread = 1.4826 * float(np.median(bends))
-    for _ in range(20):
-        near = bends[bends <= _FAR * spread] if spread > 0 else bends
-        spread = float(np.sqrt(np.mean(near**2))) / _KEPT
-    return max(spread / np.sqrt(6.0), 1e-4 * float(np.std(record.measured)), 1e-12)
 
 
 def free_offset(measured: np.ndarray, predicted: np.ndarray, given: float | None) -> float:

@@ -6,14 +6,11 @@ from typing import Any
 import jax
 import numpy as np
 
-from .amplifier import Amplifier
-from .display import display_unit
-from .effector import Effector, Stop
-from .fitting import Problem
-from .integration import FAILURES
-from .prediction import failures, predicted
-from .quantity import Quantity, quantities
-from .sensor import Sensor
+from ..actuator import Amplifier, Effector, Sensor, Stop
+from ..core import Quantity, display_unit, quantities
+from ..integration import FAILURES
+from ..study import failures, predicted
+from .least_squares import Problem
 
 FACTORS = (0.3, 3.0, 0.1, 10.0, 0.01, 100.0, 0.001, 1000.0)
 """By which a parameter is changed to see whether it is the cause, the least change first."""
@@ -22,7 +19,7 @@ FACTORS = (0.3, 3.0, 0.1, 10.0, 0.01, 100.0, 0.001, 1000.0)
 def failed_start(problem: Problem, starts: Mapping[str, Any]) -> str:
     """One or two sentences: what fails, and the parameter with which it would not.
 
-    **Arguments:** `problem` of a fit, and the `starts` [SI] of all parameters, at which some of its records cannot
+    **Arguments:** `problem` of a fit, and the `search` [SI] of all parameters, at which some of its records cannot
     be simulated.  Every parameter is changed by itself, those of the rig's electronics first.
     """
     at = {path: float(number) for path, number in (problem.residual.fixed | dict(starts)).items()}

@@ -4,8 +4,9 @@ import dataclasses
 
 import numpy as np
 
-from .estimate import Estimate, FittedParameter, FittedRecord, Statistics, compare
-from .fitting import LOST, Fit, Problem, of_piezo, reduced_chi2
+from ..study import Estimate, FittedParameter, FittedRecord, Statistics, compare
+from .covariance import Covariance, correlation, least_squares_covariance, propagated
+from .least_squares import LOST, Fit, Problem, of_piezo, reduced_chi2
 from .notes import (
     about_bounds,
     about_distance,
@@ -15,44 +16,44 @@ from .notes import (
     about_resonances,
     about_vagueness,
 )
-from .parameters import Scale
+from .parameter_transform import ParameterTransform
 from .residual import free_offset
 from .start_failure import failed_start
-from .uncertainty import Covariance, correlation, covariance, propagated
 
 NORMAL_95 = 1.959964
 """Half width of a 95 % interval in standard errors."""
-VAGUE = float(np.log(10.0))
+
+WEAKLY_DETERMINED = float(np.log(10.0))
 """Standard error on the fit's scale from which a parameter counts as one without information."""
 
 
 def summarise(study, method, problem, fit, starts) -> Estimate:
     """The estimate that a `fit` of a `study` amounts to; `seconds` is left at 0."""
-    free, fitted = problem.residual.scale, {**starts, **problem.residual.scale.decode(fit.free)}
+    free, fitted = problem.residual.transform, {**starts, **problem.residual.transform.decode(fit.free)}
     values = {path: float(value) for path, value in fitted.items()}
     statistics = _statistics(problem, fit)
     known, naive = _covariances(method, problem, fit)
     # Residuals larger than the noise given make the errors larger, never smaller.
-    inflation = max(1.0, statistics.reduced_chi2) if statistics.reduced_chi2 < np.inf else 1.0
-    deviation = np.sqrt(np.diag(known.matrix) * inflation)
-    vague = known.informed & (deviation > VAGUE)
-    known = known._replace(informed=known.informed & ~vague)
-    deviation = np.where(vague, np.nan, deviation)
+    variance_factor = max(1.0, statistics.reduced_chi2) if statistics.reduced_chi2 < np.inf else 1.0
+    deviation = np.sqrt(np.diag(known.matrix) * variance_factor)
+    weakly_determined = known.identifiable & (deviation > WEAKLY_DETERMINED)
+    known = known._replace(identifiable=known.identifiable & ~weakly_determined)
+    deviation = np.where(weakly_determined, np.nan, deviation)
     slopes = np.abs(free.slope(fit.free))
     parameters = {}
     for path, declared in study.parameters.items():
         i = free.paths.index(path) if declared.free else None
         parameters[path] = _parameter(declared, values[path], starts[path], i, fit, free, deviation, known)
     if naive is not None:
-        naive_errors = np.sqrt(np.diag(naive) * inflation) * slopes
+        naive_errors = np.sqrt(np.diag(naive) * variance_factor) * slopes
         parameters = {
             path: dataclasses.replace(p, naive_standard_error=float(naive_errors[free.paths.index(path)]))
-            if p.free and p.informed
+            if p.free and p.identifiable
             else p
             for path, p in parameters.items()
         }
-    matrix = known.matrix * inflation * np.outer(slopes, slopes)
-    records = _compared(study, problem, fit, known.matrix * inflation, values)
+    matrix = known.matrix * variance_factor * np.outer(slopes, slopes)
+    records = _compared(study, problem, fit, known.matrix * variance_factor, values)
     return Estimate(
         title=study.title,
         method=method,
@@ -64,34 +65,34 @@ def summarise(study, method, problem, fit, starts) -> Estimate:
         covariance=matrix,
         records=records,
         statistics=statistics,
-        notes=tuple(_notes(study, problem, fit, known, vague, statistics, parameters, records)),
+        notes=tuple(_notes(study, problem, fit, known, weakly_determined, statistics, parameters, records)),
         seconds=0.0,
     )
 
 
-def _at_bound(fit: Fit, free: Scale) -> np.ndarray:
+def _at_bound(fit: Fit, free: ParameterTransform) -> np.ndarray:
     return (fit.free <= free.low) | (fit.free >= free.high)
 
 
 def _covariances(method, problem, fit) -> tuple[Covariance, np.ndarray | None]:
     """On the fit's scale; for a sequential fit also what takes its first step for exact."""
     jacobian = np.asarray(fit.state.jacobian)
-    free = problem.residual.scale
+    free = problem.residual.transform
     held = _at_bound(fit, free)
-    whole = covariance(jacobian, held)
+    whole = least_squares_covariance(jacobian, held)
     if method == "joint":
         return whole, None
     sizes = [record.time.size for record in problem.records]
     platform = np.repeat([record.measures == "platform" for record in problem.records], sizes)
-    piezo = of_piezo(free) & whole.informed
-    earlier, later = np.flatnonzero(piezo), np.flatnonzero(~of_piezo(free) & whole.informed)
-    first = covariance(jacobian[platform][:, earlier], np.zeros(earlier.size, bool)).matrix
+    piezo = of_piezo(free) & whole.identifiable
+    earlier, later = np.flatnonzero(piezo), np.flatnonzero(~of_piezo(free) & whole.identifiable)
+    first = least_squares_covariance(jacobian[platform][:, earlier], np.zeros(earlier.size, bool)).matrix
     plain, full = propagated(jacobian[~platform], first, later, earlier)
-    unknown = ~whole.informed
+    unknown = ~whole.identifiable
     for matrix in (plain, full):
         matrix[unknown] = np.nan
         matrix[:, unknown] = np.nan
-    return Covariance(full, whole.informed, whole.null), plain
+    return Covariance(full, whole.identifiable, whole.null), plain
 
 
 def _parameter(declared, value, start, i, fit, free, deviation, known) -> FittedParameter:
@@ -99,7 +100,7 @@ def _parameter(declared, value, start, i, fit, free, deviation, known) -> Fitted
     common = dict(path=declared.path, value=value, unit=declared.unit)
     if i is None:
         return FittedParameter(
-            **common, standard_error=nan, interval=(nan, nan), free=False, start=None, at_bound=False, informed=True
+            **common, standard_error=nan, interval=(nan, nan), free=False, start=None, at_bound=False, identifiable=True
         )
     at_bound = bool(_at_bound(fit, free)[i])
     half = NORMAL_95 * deviation[i]
@@ -111,7 +112,7 @@ def _parameter(declared, value, start, i, fit, free, deviation, known) -> Fitted
         free=True,
         start=start,
         at_bound=at_bound,
-        informed=bool(known.informed[i]) or at_bound,
+        identifiable=bool(known.identifiable[i]) or at_bound,
     )
 
 
@@ -163,19 +164,19 @@ def _compared(study, problem, fit, matrix, values) -> tuple[FittedRecord, ...]:
     return tuple(out)
 
 
-def _notes(study, problem, fit, known, vague, statistics, parameters, records) -> list[str]:
+def _notes(study, problem, fit, known, weakly_determined, statistics, parameters, records) -> list[str]:
     if fit.message == LOST:
         return []
-    free = problem.residual.scale
+    free = problem.residual.transform
     held = [path for path, end in zip(free.paths, _at_bound(fit, free), strict=True) if end]
     unknown = {path for direction in known.null for path, share in zip(free.paths, direction, strict=True) if share}
-    unsure = {path for path, is_vague in zip(free.paths, vague, strict=True) if is_vague}
+    unsure = {path for path, is_vague in zip(free.paths, weakly_determined, strict=True) if is_vague}
     told = [parameters[path] for path in free.paths if path not in {*unknown, *unsure, *held}]
     seen = [path for path in free.paths if path not in unknown]
     values = {path: parameter.value for path, parameter in parameters.items()}
     return [
         *about_information(known.null, free.paths, parameters),
-        *about_vagueness([path for path, is_vague in zip(free.paths, vague, strict=True) if is_vague]),
+        *about_vagueness([path for path, is_vague in zip(free.paths, weakly_determined, strict=True) if is_vague]),
         *about_bounds(study.parameters, fit.free, free, parameters),
         *about_distance(told, free),
         *about_models(study.models, values),

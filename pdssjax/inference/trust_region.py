@@ -13,6 +13,7 @@ from .box_least_squares import BoxSolution, solve_in_ball_and_box
 
 PROBE = 0.1
 """Share of the step at which the curvature of the residuals is probed."""
+
 _LONGEST_BEND = 0.75
 """Longest bend of a step relative to the step itself; a larger one means the step is too long."""
 

@@ -8,20 +8,23 @@ from typing import Any
 
 import jax.numpy as jnp
 
-from .expansion import horner
-from .series import Series
+from .step_methods.base import horner
+from .taylor_series import Series
 
 LOOK_AHEAD = 1e-9
 """Time [s] by which a tie is broken: far below every time constant.  What a guard does within it is rounding."""
+
 _SAMPLES = 6
 """Points of a step at which the sign of the guard is looked at."""
+
 _ITERATIONS = 12
 """Iterations that locate an event within its bracket, to rounding."""
+
 _REFINEMENTS = 4
 """Iterations that locate the bottom of a dip: an error e there hides a dip no deeper than e^2 times the bend."""
 
 
-def first_crossing(guards: tuple[Series, ...], size: int, reach: Any) -> tuple[Any, Any]:
+def first_crossing(guards: tuple[Series, ...], size: int, step_radius: Any) -> tuple[Any, Any]:
     """The first theta in (0, 1] at which one of the guards has fallen through zero, else 1; and which.
 
     Right after an event a guard starts from zero; one power of theta is then divided out,
@@ -30,7 +33,7 @@ def first_crossing(guards: tuple[Series, ...], size: int, reach: Any) -> tuple[A
     """
     # Side by side: one kernel for all guards, and half the code to compile.
     sides = [jnp.stack([jnp.asarray(guard[k], float) for guard in guards]) for k in range(size)]
-    crossings = _crossing(sides, LOOK_AHEAD / jnp.where(reach > 0, reach, 1.0))
+    crossings = _crossing(sides, LOOK_AHEAD / jnp.where(step_radius > 0, step_radius, 1.0))
     first = crossings.min()
     return jnp.where(first > 1.0, 1.0, jnp.minimum(first, 1.0 - 1e-15)), jnp.argmin(crossings) * 1.0
 
@@ -41,12 +44,12 @@ def _crossing(coefficients: list, ahead: Any) -> Any:
     A guard may also dip below zero between two samples and come back.  It then has a minimum there,
     and the root lies before it, about where the parabola through the minimum crosses zero.
     """
-    fresh = coefficients[0] <= 0.0
+    starts_at_zero = coefficients[0] <= 0.0
     once = [*coefficients[1:], 0.0 * coefficients[0]]
     twice = [*once[1:], once[-1]]
-    slack = fresh & (once[0] <= 0.0) & (-once[0] <= 2.0 * ahead * once[1])
+    slack = starts_at_zero & (once[0] <= 0.0) & (-once[0] <= 2.0 * ahead * once[1])
     g = [
-        jnp.where(slack & (once[1] > 0.0), c, jnp.where(fresh, b, a))
+        jnp.where(slack & (once[1] > 0.0), c, jnp.where(starts_at_zero, b, a))
         for a, b, c in zip(coefficients, once, twice, strict=True)
     ]
     slope = _slope(g)

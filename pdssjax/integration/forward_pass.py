@@ -1,10 +1,9 @@
-"""The march: every step of a run, found without derivatives.
+"""The forward pass: every step of a run, found without derivatives.
 
-A bare `while_loop` on a handful of scalars.  It writes one row a step to a table; `tangents`
+A bare `while_loop` on a handful of scalars.  It writes one row a step to a table; `sensitivities`
 expands the rows again, in value and in derivative.
 """
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -13,9 +12,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from .crossing import first_crossing
-from .expansion import AbstractExpansion, Taylor, horner, shortened
-from .series import polynomial
+from .accuracy import Accuracy
+from .event_location import first_crossing
+from .step_methods.base import AbstractStepMethod, horner, shortened
+from .system import SETTLED, field_of, initial_state_and_mode, unflattener
+from .taylor_series import polynomial
 
 _BLOCK = 5
 """Steps written to memory at a time: XLA runs a loop on small buffers two to three times faster."""
@@ -23,62 +24,41 @@ _BLOCK = 5
 _FORCED = 1.5
 """So many times longer a step may be for what is known in closed form, and only enters the rest as a forcing."""
 
-RESTING = 2.0
-"""The mode of a system that has settled until the next corner; no guard ends it."""
-
-CORNER, SETTLES, EVENT, WHICH = 1, 2, 4, 8
+CORNER, BECAME_SETTLED, EVENT, WHICH = 1, 2, 4, 8
 """Bits of the code of a step, how it ended; the number of the guard that ended it follows from `WHICH` on."""
 
-KNOWN = 5
+KNOWN_COLUMNS = 5
 """Columns of the table behind the time and the state: index, mode, reach, length, code."""
 
 
-class Accuracy(eqx.Module):
-    """How finely to integrate."""
-
-    tolerance: float = 1e-13
-    """Local error allowed in one step, as a displacement [m]; hundreds of steps and reversals make 1e-10 m of it."""
-    rest: float = 3e-13
-    """Deviation [m] from the steady solution below which the rest of a segment is not stepped."""
-    method: AbstractExpansion = Taylor(16)
-    """The one-step method for the smooth pieces."""
-    max_steps: int = eqx.field(static=True, default=8192)
-    """Room for this many steps; a march that needs more ends there and says so."""
-
-    @property
-    def resting(self):
-        """`rest`, but above the noise of the method."""
-        return jnp.maximum(self.rest, self.method.noise * self.tolerance)
-
-
-class Walk(NamedTuple):
-    """The carry of the march, scalars only, so that the loop is fast; at the end its outcome."""
+class LoopState(NamedTuple):
+    """The carry of the loop, scalars only, so that the loop is fast; at the end its result."""
 
     index: Any
     origin: Any
-    after: Any
+    t_local: Any
     x: tuple
     mode: Any
-    trial: Any
+    proposed_step: Any
     count: Any
     rejected: Any
     events: Any
     failure: Any
     done: Any
-    opened: tuple
-    """State with which the last period of the drive began."""
-    rested: Any
-    """That state was at rest."""
+    period_start: tuple
+    """State at the start of the drive's last period."""
+    period_start_settled: Any
+    """That state was settled."""
     period: Any
     repeats: Any
 
 
-def find_steps(system: Any, horizon: Any, accuracy: Accuracy) -> tuple[Any, Walk]:
+def find_steps(system: Any, horizon: Any, accuracy: Accuracy) -> tuple[Any, LoopState]:
     """Every step from t = 0 to the horizon: the table of steps, and the last carry."""
-    finely = _fineness(accuracy)
-    walk = _outset(system)
-    start, unpack = _packed(walk)
-    width = 2 + len(walk.x) + KNOWN
+    finely = _accuracy_arrays(accuracy)
+    loop = _initial_carry(system)
+    start, unpack = _packed(loop)
+    width = 2 + len(loop.x) + KNOWN_COLUMNS
     blocks = -(-accuracy.max_steps // _BLOCK)
     done = lambda packed: unpack(packed).done > 0
 
@@ -97,134 +77,162 @@ def find_steps(system: Any, horizon: Any, accuracy: Accuracy) -> tuple[Any, Walk
     packed, table, _ = lax.while_loop(
         lambda c: (c[2] < blocks) & ~done(c[0]), steps, (start, jnp.zeros((blocks * _BLOCK, width)), 0)
     )
-    walk = unpack(packed)
+    loop = unpack(packed)
     counts = ("count", "rejected", "events", "period", "failure")
-    whole = {name: getattr(walk, name).astype(int) for name in counts}
-    whole["failure"] = jnp.where(walk.done > 0, whole["failure"], 1)
-    return table, walk._replace(**whole, repeats=walk.repeats > 0)
+    whole = {name: getattr(loop, name).astype(int) for name in counts}
+    whole["failure"] = jnp.where(loop.done > 0, whole["failure"], 1)
+    return table, loop._replace(**whole, repeats=loop.repeats > 0)
 
 
-def pass_times(system: Any, times: Any, accuracy: Accuracy) -> tuple[Any, Any, Any, Any]:
+def integrate_to_times(system: Any, times: Any, accuracy: Accuracy) -> tuple[Any, Any, Any, Any]:
     """The state at each of the ascending `times` [s], shape (m,), without keeping the steps between.
 
     For sweeps: little memory, no derivatives, no repetition of periods.
 
     **Returns:** the state, every leaf of shape (m,); steps accepted, rejected, and the failure
-    as in `Walk`.
+    as in `LoopState`.
     """
-    finely = _fineness(accuracy)
-    start, unpack = _packed(_outset(system))
+    finely = _accuracy_arrays(accuracy)
+    start, unpack = _packed(_initial_carry(system))
 
     def go(packed, time):
-        walk = unpack(packed)
-        packed = _packed(walk._replace(done=jnp.where(walk.failure > 0, 1.0, 0.0)))[0]
+        loop = unpack(packed)
+        packed = _packed(loop._replace(done=jnp.where(loop.failure > 0, 1.0, 0.0)))[0]
         running = lambda packed: (unpack(packed).done == 0) & (unpack(packed).count < accuracy.max_steps)
         step = lambda packed: _packed(_one_step(system, time, *finely, unpack(packed), False)[0])[0]
         packed = lax.while_loop(running, step, packed)
         return packed, jnp.stack(unpack(packed).x)
 
     packed, states = lax.scan(go, start, times)
-    walk = unpack(packed)
-    failure = jnp.where((walk.done == 0) & (walk.failure == 0), 1.0, walk.failure).astype(int)
-    return unflattener(system)(states.T), walk.count.astype(int), walk.rejected.astype(int), failure
+    loop = unpack(packed)
+    failure = jnp.where((loop.done == 0) & (loop.failure == 0), 1.0, loop.failure).astype(int)
+    return unflattener(system)(states.T), loop.count.astype(int), loop.rejected.astype(int), failure
 
 
-def _outset(system: Any) -> Walk:
+def _initial_carry(system: Any) -> LoopState:
     """The carry before the first step."""
     zero = jnp.zeros(())
-    first, mode = begin(system)
+    first, mode = initial_state_and_mode(system)
     leaves = tuple(jax.tree.leaves(first))
     nothing: Any = zero
-    blank = Walk(*[nothing] * len(Walk._fields))
-    return blank._replace(x=leaves, opened=leaves, mode=mode, trial=zero + 1e-6)
+    blank = LoopState(*[nothing] * len(LoopState._fields))
+    return blank._replace(x=leaves, period_start=leaves, mode=mode, proposed_step=zero + 1e-6)
 
 
-def _fineness(accuracy: Accuracy) -> tuple[AbstractExpansion, Any, Any, Any]:
+def _accuracy_arrays(accuracy: Accuracy) -> tuple[AbstractStepMethod, Any, Any, Any]:
     """What a step needs to know of the accuracy: method, tolerance, rest, and how many rejections are too many."""
     array = lambda number: jnp.asarray(number, float)
-    return accuracy.method, array(accuracy.tolerance), array(accuracy.resting), array(2.0 * accuracy.max_steps)
+    return (
+        accuracy.method,
+        array(accuracy.tolerance),
+        array(accuracy.effective_settle_tolerance),
+        array(2.0 * accuracy.max_steps),
+    )
 
 
 # Traced once for values and once for derivatives: search, fit and prediction differ in numbers only.
 @eqx.filter_jit
-def _one_step(system, horizon, method, tolerance, resting, patience, walk, repeating):
+def _one_step(system, horizon, method, tolerance, settle_tolerance, patience, loop, repeating):
     """One attempt: the new carry, its row for the table, and whether it was accepted."""
     unflatten = unflattener(system)
-    one = 1.0 + 0.0 * walk.count
-    segment = system.segment(walk.index)
-    units = [scale / tolerance for scale in jax.tree.leaves(system.scales())]
-    last = walk.origin + segment.duration >= horizon
-    finish = jnp.where(last, horizon - walk.origin, segment.duration)
-    remaining = jnp.maximum(finish - walk.after, 0.0)
-    field = field_of(system, segment, unflatten, walk.mode)
-    allowed = remaining
-    rate = _quickest_rate(field, walk.after, walk.x, system.closed_components())
-    too_far = (walk.mode != RESTING) & (allowed * rate > method.span)
-    allowed = jnp.where(too_far, method.span / rate, allowed)
-    piece = method.attempt(field, walk.after, list(walk.x), units, allowed, walk.trial, one)
-
-    hidden = system.hidden(unflatten([polynomial(c) for c in piece.polynomials]), walk.mode)
-    piece = shortened(piece, hidden, tolerance, one) if hidden else piece
-    clock = polynomial([walk.after, piece.reach])
-    motion = unflatten([polynomial(c) for c in piece.polynomials])
-    guards = system.guards(segment, clock, motion, walk.mode)
-    crossing, which = first_crossing(guards, len(piece.polynomials[0]), piece.reach)
-    crossing = crossing / one
-    event = crossing < 1.0
-    length = piece.reach * crossing
-    after = walk.after + length
-    x = [horner(c, crossing) for c in piece.polynomials]
-    x = system.exact(segment, walk.after, unflatten(walk.x), length, unflatten(x))
-    x = _kept(x, one)
-    ended = ~event & (piece.reach >= remaining)
+    opaque_one = 1.0 + 0.0 * loop.count
+    segment = system.segment(loop.index)
+    last = loop.origin + segment.duration >= horizon
+    finish = jnp.where(last, horizon - loop.origin, segment.duration)
+    remaining = jnp.maximum(finish - loop.t_local, 0.0)
+    piece = _attempt(system, segment, loop, method, tolerance, remaining, opaque_one)
+    duration, event, which, x = _until_event(system, segment, loop, piece, opaque_one)
+    t_local = loop.t_local + duration
+    ended = ~event & (piece.step_radius >= remaining)
     corner = ended & ~last
+    x, mode, becomes_settled = _afterwards(
+        system, segment, loop, t_local, x, event, which, ended, settle_tolerance, opaque_one
+    )
 
-    switched, mode = system.switch(segment, after, x, walk.mode, which)
-    x = jax.tree.map(lambda a, b: jnp.where(event, a, b), switched, x)
-    mode = jnp.where(event, mode, walk.mode) / one
-    settles = ~ended & system.settled(segment, after, x, mode, resting)
-    settles = jnp.where(settles, 1.0, 0.0) / one
-    settled = system.settle(segment, after, x, mode)
-    x = jax.tree.map(lambda a, b: jnp.where(settles > 0, a, b), settled, x)
-    mode = jnp.where(settles > 0, RESTING, mode)
-
-    x = _kept(x, one)
-    row = _row(walk, piece.reach, length, corner * CORNER + settles * SETTLES + event * (EVENT + WHICH * which))
-    ahead = walk.index + 1.0
-    entered, opening = system.enter(system.segment(ahead), x, mode)
-    if system.alters:
-        x = jax.tree.map(lambda a, b: jnp.where(corner, a, b), entered, x)
-    opening = opening / one
+    x = _kept(x, opaque_one)
+    row = _row(
+        loop,
+        piece.step_radius,
+        duration,
+        corner * CORNER + becomes_settled * BECAME_SETTLED + event * (EVENT + WHICH * which),
+    )
+    ahead = loop.index + 1.0
+    started, opening = system.enter(system.segment(ahead), x, mode)
+    if system.resets_at_corners:
+        x = jax.tree.map(lambda a, b: jnp.where(corner, a, b), started, x)
+    opening = opening / opaque_one
     cycle = system.period() if repeating else None
-    opens, repeats = _new_period(cycle, system, resting, unflatten, walk, ahead, x, mode, corner)
-    finite = jnp.isfinite(sum(jax.tree.leaves(x))) & (length >= 0)
-    hopeless = ~piece.accepted & (walk.rejected > patience)
+    opens, repeats = _new_period(cycle, system, settle_tolerance, unflatten, loop, ahead, x, mode, corner)
+    finite = jnp.isfinite(sum(jax.tree.leaves(x))) & (duration >= 0)
+    hopeless = ~piece.accepted & (loop.rejected > patience)
     failure = jnp.where((piece.accepted & ~finite) | hopeless, 2.0, 0.0)
-    moved = Walk(
-        index=walk.index + corner,
-        origin=jnp.where(corner, walk.origin + segment.duration, walk.origin),
-        after=jnp.where(corner, 0.0, after),
+    moved = LoopState(
+        index=loop.index + corner,
+        origin=jnp.where(corner, loop.origin + segment.duration, loop.origin),
+        t_local=jnp.where(corner, 0.0, t_local),
         x=tuple(jax.tree.leaves(x)),
         mode=jnp.where(corner, opening, mode),
-        trial=piece.following,
-        count=walk.count + 1,
-        rejected=walk.rejected,
-        events=walk.events + event,
+        proposed_step=piece.next_proposed_step,
+        count=loop.count + 1,
+        rejected=loop.rejected,
+        events=loop.events + event,
         failure=failure,
         done=((ended & last) | repeats | (failure > 0)) * 1.0,
-        opened=tuple(jnp.where(opens, a, b) for a, b in zip(jax.tree.leaves(x), walk.opened, strict=True)),
-        rested=jnp.where(opens, (mode == RESTING) * 1.0, walk.rested),
-        period=jnp.where(opens & ~repeats, walk.count + 1, walk.period),
+        period_start=tuple(jnp.where(opens, a, b) for a, b in zip(jax.tree.leaves(x), loop.period_start, strict=True)),
+        period_start_settled=jnp.where(opens, (mode == SETTLED) * 1.0, loop.period_start_settled),
+        period=jnp.where(opens & ~repeats, loop.count + 1, loop.period),
         repeats=repeats * 1.0,
     )
-    again = walk._replace(
-        trial=piece.following, rejected=walk.rejected + 1, failure=failure, done=jnp.where(failure > 0, 1.0, 0.0)
+    again = loop._replace(
+        proposed_step=piece.next_proposed_step,
+        rejected=loop.rejected + 1,
+        failure=failure,
+        done=jnp.where(failure > 0, 1.0, 0.0),
     )
-    walk = jax.tree.map(lambda a, b: jnp.where(piece.accepted, a, b), moved, again)
-    return walk, row, piece.accepted
+    loop = jax.tree.map(lambda a, b: jnp.where(piece.accepted, a, b), moved, again)
+    return loop, row, piece.accepted
 
 
-def _quickest_rate(field, after, x, closed):
+def _attempt(system, segment, loop, method, tolerance, remaining, opaque_one):
+    """A smooth piece that resolves the state and what only the guards feel, and over which no derivative grows."""
+    unflatten = unflattener(system)
+    units = [scale / tolerance for scale in jax.tree.leaves(system.state_scale())]
+    field = field_of(system, segment, unflatten, loop.mode)
+    rate = _quickest_rate(field, loop.t_local, loop.x, system.closed_components())
+    too_far = (loop.mode != SETTLED) & (remaining * rate > method.span)
+    allowed = jnp.where(too_far, method.span / rate, remaining)
+    piece = method.attempt(field, loop.t_local, list(loop.x), units, allowed, loop.proposed_step, opaque_one)
+    extra = system.extra_error_terms(unflatten([polynomial(c) for c in piece.polynomials]), loop.mode)
+    return shortened(piece, extra, tolerance, opaque_one) if extra else piece
+
+
+def _until_event(system, segment, loop, piece, opaque_one):
+    """How long the piece is used [s], whether an event ends it, of which guard, and the state there."""
+    unflatten = unflattener(system)
+    clock = polynomial([loop.t_local, piece.step_radius])
+    motion = unflatten([polynomial(c) for c in piece.polynomials])
+    guards = system.guards(segment, clock, motion, loop.mode)
+    crossing, which = first_crossing(guards, len(piece.polynomials[0]), piece.step_radius)
+    crossing = crossing / opaque_one
+    duration = piece.step_radius * crossing
+    x = [horner(c, crossing) for c in piece.polynomials]
+    x = system.exact(segment, loop.t_local, unflatten(loop.x), duration, unflatten(x))
+    return duration, crossing < 1.0, which, _kept(x, opaque_one)
+
+
+def _afterwards(system, segment, loop, t_local, x, event, which, ended, settle_tolerance, opaque_one):
+    """State and mode after the event, if there was one, and 1 where what is left has settled."""
+    switched, mode = system.switch(segment, t_local, x, loop.mode, which)
+    x = jax.tree.map(lambda a, b: jnp.where(event, a, b), switched, x)
+    mode = jnp.where(event, mode, loop.mode) / opaque_one
+    becomes_settled = ~ended & system.is_settled(segment, t_local, x, mode, settle_tolerance)
+    becomes_settled = jnp.where(becomes_settled, 1.0, 0.0) / opaque_one
+    projected = system.project_to_steady(segment, t_local, x, mode)
+    x = jax.tree.map(lambda a, b: jnp.where(becomes_settled > 0, a, b), projected, x)
+    return x, jnp.where(becomes_settled > 0, SETTLED, mode), becomes_settled
+
+
+def _quickest_rate(field, t_local, x, closed):
     """About the largest modulus [1/s] of the eigenvalues of the field's Jacobian at `x`; see `span` of the methods.
 
     A transient that has died out has coefficients that vanish and allow any step.  What the same step
@@ -234,7 +242,7 @@ def _quickest_rate(field, after, x, closed):
     """
 
     def flow(x):
-        return jnp.stack([jnp.asarray(rate, float) for rate in field(after, list(x))])
+        return jnp.stack([jnp.asarray(rate, float) for rate in field(t_local, list(x))])
 
     jacobian = jax.jacfwd(flow)(jnp.stack(x))
     known = np.isin(np.arange(len(x)), closed)
@@ -243,13 +251,13 @@ def _quickest_rate(field, after, x, closed):
     return jnp.sqrt(jnp.max(jnp.sum(jnp.where(jnp.isfinite(mutual), mutual, 0.0), axis=1)))
 
 
-def _kept(tree, one):
+def _kept(tree, opaque_one):
     """`tree` as computed once: XLA repeats cheap scalars in every consumer, but no division.
 
-    `one` is 1 in a way that the compiler cannot know.
+    `opaque_one` is 1 in a way that the compiler cannot know.
     """
     packed, unpack = _packed(tree)
-    return unpack(packed / one)
+    return unpack(packed / opaque_one)
 
 
 def _packed(tree):
@@ -258,11 +266,11 @@ def _packed(tree):
     return jnp.stack(leaves), lambda packed: jax.tree.unflatten(structure, [packed[i] for i in range(len(leaves))])
 
 
-def _row(walk, reach, length, code):
-    return jnp.stack([walk.origin, walk.after, *walk.x, walk.index, walk.mode, reach, length, code])
+def _row(loop, step_radius, duration, code):
+    return jnp.stack([loop.origin, loop.t_local, *loop.x, loop.index, loop.mode, step_radius, duration, code])
 
 
-def _new_period(cycle, system, resting, unflatten, walk, ahead, x, mode, corner):
+def _new_period(cycle, system, settle_tolerance, unflatten, loop, ahead, x, mode, corner):
     """Whether a period of the drive opens here, and whether it repeats the last one.
 
     It does where both began at rest and in the same state but for a shift: a contact may
@@ -273,22 +281,5 @@ def _new_period(cycle, system, resting, unflatten, walk, ahead, x, mode, corner)
     first, every = cycle
     opens = corner & (ahead >= first) & ((ahead - first) % every == 0)
     # Each is within `rest` of the steady solution; the factor keeps that from looking like a difference.
-    alike = system.alike(x, unflatten(walk.opened), 4.0 * resting)
-    return opens, opens & (walk.rested > 0) & (mode == RESTING) & alike
-
-
-def begin(system: Any) -> tuple[Any, Any]:
-    """State and mode in which the first segment begins."""
-    zero = jnp.zeros(())
-    return system.enter(system.segment(zero), system.initial(), zero)
-
-
-def field_of(system: Any, segment: Any, unflatten: Callable, mode: Any) -> Callable:
-    """The field of one mode on lists of scalars, as the methods want it."""
-    return lambda after, x: jax.tree.leaves(system.field(segment, after, unflatten(x), mode))
-
-
-def unflattener(system: Any) -> Callable:
-    """Makes a state of `system` from its components."""
-    tree = jax.tree.structure(system.initial())
-    return lambda leaves: jax.tree.unflatten(tree, list(leaves))
+    same = system.same_state(x, unflatten(loop.period_start), 4.0 * settle_tolerance)
+    return opens, opens & (loop.period_start_settled > 0) & (mode == SETTLED) & same

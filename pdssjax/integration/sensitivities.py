@@ -1,4 +1,4 @@
-"""The steps of a march again, side by side, with their derivatives.
+"""The steps of the forward pass again, side by side, with their derivatives.
 
 Every step is linearised about its own start, and a linear recurrence joins them.
 """
@@ -9,29 +9,30 @@ import jax.numpy as jnp
 from jax import lax
 from jax.flatten_util import ravel_pytree
 
-from .expansion import horner
-from .stepping import CORNER, EVENT, KNOWN, SETTLES, WHICH, begin, field_of, find_steps, unflattener
+from .forward_pass import BECAME_SETTLED, CORNER, EVENT, KNOWN_COLUMNS, WHICH, find_steps
+from .step_methods.base import horner
+from .system import field_of, initial_state_and_mode, unflattener
 
 _TILE = 32
 """Steps expanded or linearised side by side."""
 
 
 @eqx.filter_custom_jvp
-def expanded_march(system, *, horizon, accuracy, keep):
-    table, walk = find_steps(system, horizon, accuracy)
+def differentiable_steps(system, *, horizon, accuracy, keep):
+    table, loop = find_steps(system, horizon, accuracy)
 
     def tile(carry, rows, real):
         return carry, _expanded(system, accuracy.method, jnp.asarray(accuracy.tolerance, float), keep, rows)
 
     # The loop itself keeps no polynomials: a carry that large would slow it down.
-    return _outcome(table, walk, _tiled(tile, None, table, walk.count)[1])
+    return _step_arrays(table, loop, _tiled(tile, None, table, loop.count)[1])
 
 
-@expanded_march.def_jvp
-def _march_jvp(primals, tangents, *, horizon, accuracy, keep):
+@differentiable_steps.def_jvp
+def _differentiable_steps_jvp(primals, tangents, *, horizon, accuracy, keep):
     (system,), (system_dot,) = primals, tangents
-    table, walk = find_steps(system, horizon, accuracy)
-    size = table.shape[1] - KNOWN
+    table, loop = find_steps(system, horizon, accuracy)
+    size = table.shape[1] - KNOWN_COLUMNS
     moving, fixed = eqx.partition(
         system, jax.tree.map(lambda t: t is not None, system_dot, is_leaf=lambda t: t is None)
     )
@@ -53,21 +54,23 @@ def _march_jvp(primals, tangents, *, horizon, accuracy, keep):
         return end, (begins, polynomials, moved + jnp.sum(inner[..., size:] * parameters_dot, axis=-1))
 
     first_dot = jnp.zeros(size)
-    if system.jumps:
-        started = lambda parameters: jnp.stack(jax.tree.leaves(begin(eqx.combine(rebuilt(parameters), fixed))[0]))
+    if system.state_jumps:
+        started = lambda parameters: jnp.stack(
+            jax.tree.leaves(initial_state_and_mode(eqx.combine(rebuilt(parameters), fixed))[0])
+        )
         first_dot = first_dot.at[2:].set(jax.jvp(started, (parameters,), (parameters_dot,))[1])
-    end_dot, (begins_dot, polynomials, polynomials_dot) = _tiled(tile, first_dot, table, walk.count)
-    out = _outcome(table, walk, polynomials)
+    end_dot, (begins_dot, polynomials, polynomials_dot) = _tiled(tile, first_dot, table, loop.count)
+    out = _step_arrays(table, loop, polynomials)
     nothing = jax.tree.map(lambda _: None, out[3])
     return out, (begins_dot, end_dot, polynomials_dot, nothing)
 
 
-def _outcome(table, walk, polynomials):
-    size = table.shape[1] - KNOWN
-    index, mode, reach, length, _ = table[:, size:].T
-    known = dict(index=index, mode=mode, reach=reach, length=length)
-    end = jnp.stack([walk.origin, walk.after, *walk.x])
-    return table[:, :size], end, polynomials, (known, walk)
+def _step_arrays(table, loop, polynomials):
+    size = table.shape[1] - KNOWN_COLUMNS
+    index, mode, step_radius, duration, _ = table[:, size:].T
+    known = dict(index=index, mode=mode, step_radius=step_radius, duration=duration)
+    end = jnp.stack([loop.origin, loop.t_local, *loop.x])
+    return table[:, :size], end, polynomials, (known, loop)
 
 
 # These two are compiled functions of their own so that they are traced once, however often loops and
@@ -85,7 +88,7 @@ def _linearised(moving, fixed, method, tolerance, keep, rows):
     With respect to the begin and every `moving` parameter of the system, whatever the tangents
     asked for: directions asked for together share it.
     """
-    size = rows.shape[1] - KNOWN
+    size = rows.shape[1] - KNOWN_COLUMNS
     parameters, rebuilt = ravel_pytree(moving)
 
     def linearise(row):
@@ -104,48 +107,48 @@ def _linearised(moving, fixed, method, tolerance, keep, rows):
 def _advance(system, method, tolerance, keep, row):
     """A step of the table again: (origin, after, x) at its end, and its polynomials.
 
-    The value is that of the march; the derivatives are those of the true flow, with the
+    The value is that of the forward pass; the derivatives are those of the true flow, with the
     end of the step moving as the event or the corner does.
     """
     unflatten = unflattener(system)
-    size = row.shape[0] - KNOWN
-    origin, after, *x = row[:size]
-    index, mode, reach, length, code = lax.stop_gradient(row[size:])
+    size = row.shape[0] - KNOWN_COLUMNS
+    origin, t_local, *x = row[:size]
+    index, mode, step_radius, duration, code = lax.stop_gradient(row[size:])
     code = code.astype(int)
-    corner, settles, event = (code & bit > 0 for bit in (CORNER, SETTLES, EVENT))
+    corner, becomes_settled, event = (code & bit > 0 for bit in (CORNER, BECAME_SETTLED, EVENT))
     which = code // WHICH
     segment = system.segment(index)
-    units = [scale / tolerance for scale in jax.tree.leaves(lax.stop_gradient(system.scales()))]
+    units = [scale / tolerance for scale in jax.tree.leaves(lax.stop_gradient(system.state_scale()))]
     field = field_of(system, segment, unflatten, mode)
-    polynomials = method.expand(field, after, x, units, reach, 1.0 + 0.0 * reach)
-    theta = length / jnp.where(reach > 0, reach, 1.0)
+    polynomials = method.expand(field, t_local, x, units, step_radius, 1.0 + 0.0 * step_radius)
+    theta = duration / jnp.where(step_radius > 0, step_radius, 1.0)
     end = unflatten([horner(c, theta) for c in polynomials])
-    end = system.exact(segment, after, unflatten(x), length, end)
-    at = after + length
+    end = system.exact(segment, t_local, unflatten(x), duration, end)
+    at = t_local + duration
 
-    def margin(late):
-        rates = system.field(segment, at + late, end, mode)
-        moved = jax.tree.map(lambda a, b: a + late * b, end, rates)
-        guards = [jnp.asarray(guard, float) for guard in system.guards(segment, at + late, moved, mode)]
+    def margin(event_shift):
+        rates = system.field(segment, at + event_shift, end, mode)
+        moved = jax.tree.map(lambda a, b: a + event_shift * b, end, rates)
+        guards = [jnp.asarray(guard, float) for guard in system.guards(segment, at + event_shift, moved, mode)]
         return jnp.minimum(*guards) if len(guards) == 2 else jnp.stack(guards)[which]
 
     gap, slope = jax.jvp(margin, (jnp.zeros_like(at),), (jnp.ones_like(at),))
-    located = event & (slope != 0) & ~system.faint(slope, mode, which)
-    late_event = jnp.where(located, -_tangent_only(gap) / lax.stop_gradient(jnp.where(located, slope, 1.0)), 0.0)
-    late_corner = _tangent_only(jnp.where(corner, segment.duration, 0.0) - at)
-    late = jnp.where(event, late_event, jnp.where(corner, late_corner, 0.0))
+    located = event & (slope != 0) & ~system.is_spurious_event(slope, mode, which)
+    shift_of_event = jnp.where(located, -_tangent_only(gap) / lax.stop_gradient(jnp.where(located, slope, 1.0)), 0.0)
+    shift_of_corner = _tangent_only(jnp.where(corner, segment.duration, 0.0) - at)
+    event_shift = jnp.where(event, shift_of_event, jnp.where(corner, shift_of_corner, 0.0))
     rates = lax.stop_gradient(system.field(segment, at, end, mode))
-    end = jax.tree.map(lambda a, b: a + late * b, end, rates)
-    switched, following = system.switch(segment, at + late, end, mode, which)
+    end = jax.tree.map(lambda a, b: a + event_shift * b, end, rates)
+    switched, following = system.switch(segment, at + event_shift, end, mode, which)
     end = jax.tree.map(lambda a, b: jnp.where(event, a, b), switched, end)
-    settled = system.settle(segment, at + late, end, jnp.where(event, following, mode))
-    end = jax.tree.map(lambda a, b: jnp.where(settles, a, b), settled, end)
-    if system.jumps:
-        entered, _ = system.enter(system.segment(index + 1.0), end, mode)
-        end = jax.tree.map(lambda a, b: jnp.where(corner, a, b), entered, end)
+    projected = system.project_to_steady(segment, at + event_shift, end, jnp.where(event, following, mode))
+    end = jax.tree.map(lambda a, b: jnp.where(becomes_settled, a, b), projected, end)
+    if system.state_jumps:
+        started, _ = system.enter(system.segment(index + 1.0), end, mode)
+        end = jax.tree.map(lambda a, b: jnp.where(corner, a, b), started, end)
     origin = jnp.where(corner, origin + jnp.where(corner, segment.duration, 0.0), origin)
-    after = jnp.where(corner, 0.0, at + late)
-    return jnp.stack([origin, after, *jax.tree.leaves(end)]), jnp.stack([jnp.stack(polynomials[i]) for i in keep])
+    t_local = jnp.where(corner, 0.0, at + event_shift)
+    return jnp.stack([origin, t_local, *jax.tree.leaves(end)]), jnp.stack([jnp.stack(polynomials[i]) for i in keep])
 
 
 def _tangent_only(x):

@@ -4,7 +4,7 @@ The system is smooth in each of its modes.  A step never leaves the mode it bega
 the guard falls through zero within a step, the step is cut there, and the next begins in
 the mode that follows.  Corners of the drive cut steps in the same way.
 
-Gradients.  The sequence of steps (the march) is found without derivatives.  Its tangents
+Gradients.  The sequence of steps (the forward pass) is found without derivatives.  Its tangents
 follow afterwards: every step is linearised about its own start, all of them side by side,
 and a linear recurrence joins them.  The end of a step at an event or a corner moves with
 the parameters by dt* = -dg / (dg/dt); since the local time is part of the state, the state
@@ -20,18 +20,14 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from .expansion import horner
-from .stepping import RESTING as RESTING
-from .stepping import Accuracy as Accuracy
-from .stepping import unflattener
-from .tangents import expanded_march
-
-TIGHT = Accuracy(tolerance=1e-14, rest=1e-15)
-"""To rounding: trajectories to about 1e-7 um, derivatives to 1e-6, at twice the steps."""
+from .accuracy import Accuracy
+from .sensitivities import differentiable_steps
+from .step_methods.base import horner
+from .system import unflattener
 
 FAILURES = (
     "",
-    "the march ran out of room before the end of the record; try a larger `max_steps`",
+    "the integration ran out of steps before the end of the record; try a larger `max_steps`",
     "the motion did not stay finite",
 )
 
@@ -42,13 +38,13 @@ class Steps(NamedTuple):
     index: Any
     """Segment of the drive, counted from 0."""
     mode: Any
-    reach: Any
+    step_radius: Any
     """Length for which the polynomials were made [s]."""
-    length: Any
+    duration: Any
     """Length for which they are used: up to an event, a corner or the reach [s]."""
     origin: Any
     """Time at which the segment begins [s]."""
-    after: Any
+    t_local: Any
     """Local time at which the step begins, from the corner on [s]."""
     x: Any
     """State at the beginning, shape (room, n)."""
@@ -56,12 +52,12 @@ class Steps(NamedTuple):
     """Coefficients in (time - begin)/reach, shape (room, components kept, degree + 1)."""
 
 
-class March(NamedTuple):
+class Solution(NamedTuple):
     """All that a run leaves behind."""
 
     steps: Steps
     end: Any
-    """(time [s], state) where the march stopped."""
+    """(time [s], state) where the integration stopped."""
     period: Any
     """Step with which the last period of the drive began."""
     repeats: Any
@@ -70,10 +66,10 @@ class March(NamedTuple):
     rejected: Any
     events: Any
     failure: Any
-    """Index into `FAILURES`; 0 where the march finished."""
+    """Index into `FAILURES`; 0 where the integration finished."""
 
 
-def march(system: Any, horizon: Any, accuracy: Accuracy, keep: tuple[int, ...] | None = None) -> March:
+def integrate(system: Any, horizon: Any, accuracy: Accuracy, keep: tuple[int, ...] | None = None) -> Solution:
     """Integrates `system` from its initial state at t = 0 to `horizon` [s].
 
     Differentiable in every floating-point leaf of `system`, but not in `horizon`.  `keep`
@@ -82,26 +78,28 @@ def march(system: Any, horizon: Any, accuracy: Accuracy, keep: tuple[int, ...] |
     """
     keep = tuple(range(len(jax.tree.leaves(system.initial())))) if keep is None else keep
     horizon = lax.stop_gradient(jnp.asarray(horizon, float))
-    begins, end, polynomials, rest = expanded_march(system, horizon=horizon, accuracy=accuracy, keep=keep)
-    known, walk = rest
-    steps = Steps(**known, origin=begins[:, 0], after=begins[:, 1], x=begins[:, 2:], polynomials=polynomials)
-    return March(
+    begins, end, polynomials, known_and_loop = differentiable_steps(
+        system, horizon=horizon, accuracy=accuracy, keep=keep
+    )
+    known, loop = known_and_loop
+    steps = Steps(**known, origin=begins[:, 0], t_local=begins[:, 1], x=begins[:, 2:], polynomials=polynomials)
+    return Solution(
         steps,
         (end[0] + end[1], end[2:]),
-        walk.period,
-        walk.repeats,
-        walk.count,
-        walk.rejected,
-        walk.events,
-        walk.failure,
+        loop.period,
+        loop.repeats,
+        loop.count,
+        loop.rejected,
+        loop.events,
+        loop.failure,
     )
 
 
-def states_at(system: Any, run: March, times: Any, keep: tuple[int, ...] | None = None) -> tuple[Any, Any, Any, Any]:
-    """The state at `times` [s], shape (m,), each within the march or its repetition.
+def states_at(system: Any, run: Solution, times: Any, keep: tuple[int, ...] | None = None) -> tuple[Any, Any, Any, Any]:
+    """The state at `times` [s], shape (m,), each within the integrated time or its repetition.
 
     **Returns:** the state (one array (m,) a component), its segment, the local time and
-    the mode, vectorised over the times.  Components outside `keep`, as given to `march`,
+    the mode, vectorised over the times.  Components outside `keep`, as given to `integrate`,
     are those of the step's beginning unless the system knows them in closed form.
     """
     steps = run.steps
@@ -111,13 +109,13 @@ def states_at(system: Any, run: March, times: Any, keep: tuple[int, ...] | None 
     laps = jnp.where(run.repeats, jnp.maximum(jnp.floor((times - stop) / cycle) + 1.0, 0.0), 0.0)
     laps = lax.stop_gradient(laps)
     within = times - laps * cycle
-    begins = steps.origin + steps.after
+    begins = steps.origin + steps.t_local
     real = jnp.arange(begins.shape[0]) < run.count
     ordered = jnp.where(real, lax.stop_gradient(begins), jnp.inf)
     j = jnp.clip(jnp.searchsorted(ordered, lax.stop_gradient(within), side="right") - 1, 0)
-    lapse = jnp.maximum(within - begins[j], 0.0)
-    reach = steps.reach[j]
-    theta = lapse / jnp.where(reach > 0, reach, 1.0)
+    elapsed = jnp.maximum(within - begins[j], 0.0)
+    step_radius = steps.step_radius[j]
+    theta = elapsed / jnp.where(step_radius > 0, step_radius, 1.0)
     polynomials = steps.polynomials[j]
     unflatten = unflattener(system)
     degree = polynomials.shape[-1]
@@ -125,10 +123,10 @@ def states_at(system: Any, run: March, times: Any, keep: tuple[int, ...] | None 
     values = shown if keep is None else steps.x[j].at[:, jnp.array(keep)].set(shown)
     gained = (x_stop - steps.x[run.period]) * laps[:, None]
 
-    def finish(index, after, begin, lapse, end):
-        return system.exact(system.segment(index), after, unflatten(begin), lapse, unflatten(end))
+    def finish(index, t_local, begin, elapsed, end):
+        return system.exact(system.segment(index), t_local, unflatten(begin), elapsed, unflatten(end))
 
-    x = jax.vmap(finish)(steps.index[j], steps.after[j], steps.x[j], lapse, values)
+    x = jax.vmap(finish)(steps.index[j], steps.t_local[j], steps.x[j], elapsed, values)
     x = jax.tree.map(jnp.add, x, jax.vmap(unflatten)(gained))
     segment = jax.vmap(system.segment)(steps.index[j])
-    return x, segment, steps.after[j] + lapse, steps.mode[j]
+    return x, segment, steps.t_local[j] + elapsed, steps.mode[j]

@@ -18,24 +18,26 @@ class Series:
 
     __array_ufunc__ = None  # let numpy scalars on the left defer to the methods below
 
-    def __init__(self, rule: Callable[[int], Any], one: Any = None, costly: bool = False):
+    def __init__(self, rule: Callable[[int], Any], opaque_one: Any = None, costly: bool = False):
         self._rule = rule
         self._known: list[Any] = []
-        self.one = one
+        self.opaque_one = opaque_one
         """1 in a way that the compiler cannot know, or None; goes on to whatever is made of the series."""
-        self._costly = costly and one is not None
+        self._costly = costly and opaque_one is not None
 
     def __getitem__(self, k: int) -> Any:
         while len(self._known) <= k:
             coefficient = self._rule(len(self._known))
             # A division is done once; without it XLA repeats the whole recurrence in every place that needs it.
-            self._known.append(coefficient / self.one if self._costly and not is_zero(coefficient) else coefficient)
+            self._known.append(
+                coefficient / self.opaque_one if self._costly and not is_zero(coefficient) else coefficient
+            )
         return self._known[k]
 
     def __add__(self, other):
         if isinstance(other, Series):
-            return Series(lambda k: _plus(self[k], other[k]), _one(self, other))
-        return Series(lambda k: _plus(self[0], other) if k == 0 else self[k], self.one)
+            return Series(lambda k: _plus(self[k], other[k]), _opaque_one(self, other))
+        return Series(lambda k: _plus(self[0], other) if k == 0 else self[k], self.opaque_one)
 
     def __neg__(self):
         return self * (-1.0)
@@ -49,8 +51,8 @@ class Series:
     def __mul__(self, other):
         if isinstance(other, Series):
             rule = lambda k: _total(_times(self[i], other[k - i]) for i in range(k + 1))
-            return Series(rule, _one(self, other), costly=True)
-        return Series(lambda k: _times(self[k], other), self.one)
+            return Series(rule, _opaque_one(self, other), costly=True)
+        return Series(lambda k: _times(self[k], other), self.opaque_one)
 
     def __truediv__(self, other):
         if not isinstance(other, Series):
@@ -60,7 +62,7 @@ class Series:
             known = _total(_times(quotient[i], other[k - i]) for i in range(k))
             return _times(_plus(self[k], _times(known, -1.0)), 1.0 / other[0])
 
-        quotient = Series(rule, _one(self, other), costly=True)
+        quotient = Series(rule, _opaque_one(self, other), costly=True)
         return quotient
 
     def __rtruediv__(self, other):
@@ -70,13 +72,13 @@ class Series:
     __rmul__ = __mul__
 
 
-def _one(x: Series, y: Series) -> Any:
-    return y.one if x.one is None else x.one
+def _opaque_one(x: Series, y: Series) -> Any:
+    return y.opaque_one if x.opaque_one is None else x.opaque_one
 
 
-def polynomial(coefficients: Sequence[Any], one: Any = None) -> Series:
+def polynomial(coefficients: Sequence[Any], opaque_one: Any = None) -> Series:
     """The series that ends with the last of `coefficients`, lowest first; may still grow."""
-    return Series(lambda k: coefficients[k] if k < len(coefficients) else 0, one)
+    return Series(lambda k: coefficients[k] if k < len(coefficients) else 0, opaque_one)
 
 
 def is_zero(x: Any) -> bool:
@@ -99,7 +101,7 @@ def exp(x: Any) -> Any:
             return jnp.exp(jnp.asarray(x[0], float))
         return _times(_total(_times(_times(x[i], y[k - i]), float(i)) for i in range(1, k + 1)), 1.0 / k)
 
-    y = Series(rule, x.one, costly=True)
+    y = Series(rule, x.opaque_one, costly=True)
     return y
 
 
@@ -114,7 +116,7 @@ def power(x: Any, exponent: Any) -> Any:
         terms = (_times(_times(x[i], y[k - i]), i * (exponent + 1.0) - k) for i in range(1, k + 1))
         return _times(_total(terms), 1.0 / (k * x[0]))
 
-    y = Series(rule, x.one, costly=True)
+    y = Series(rule, x.opaque_one, costly=True)
     return y
 
 
@@ -132,19 +134,19 @@ def cosine_and_sine(x: Any) -> tuple[Any, Any]:
 
         return coefficient
 
-    cosine = Series(rule(jnp.cos, lambda: sine, -1.0), x.one, costly=True)
-    sine = Series(rule(jnp.sin, lambda: cosine, 1.0), x.one, costly=True)
+    cosine = Series(rule(jnp.cos, lambda: sine, -1.0), x.opaque_one, costly=True)
+    sine = Series(rule(jnp.sin, lambda: cosine, 1.0), x.opaque_one, costly=True)
     return cosine, sine
 
 
-def solution(
-    field: Callable, time: Any, state: Sequence[Any], order: int, one: Any, divide: bool = False
+def taylor_coefficients(
+    field: Callable, time: Any, state: Sequence[Any], order: int, opaque_one: Any, divide: bool = False
 ) -> list[list[Any]]:
     """Taylor coefficients of the solution of x' = field(t, x) through `state` at `time`.
 
     **Arguments:** `field(t, x)` takes a `Series` for the time and a list of them for the
     state, and returns a list of series or scalars, using + - * / and the functions above; the
-    integer 0 for what is constant.  `one` is 1 in a
+    integer 0 for what is constant.  `opaque_one` is 1 in a
     way that the compiler cannot know: dividing by it makes each order a vector computed
     once, where XLA would otherwise repeat cheap scalars in every place that needs them.
 
@@ -154,7 +156,7 @@ def solution(
     **Returns:** for each component a list of `order + 1` coefficients.
     """
     known = [[x] for x in state]
-    inner = one if divide else None
+    inner = opaque_one if divide else None
     rates = field(polynomial([time, 1.0], inner), [polynomial(c, inner) for c in known])
     for k in range(order):
         orders = [rate[k] if isinstance(rate, Series) else (rate if k == 0 else 0) for rate in rates]
@@ -163,7 +165,7 @@ def solution(
             if i not in moving:
                 coefficients.append(0)
         if moving:
-            vector = jnp.stack([jnp.asarray(orders[i], float) for i in moving]) / ((k + 1) * one)
+            vector = jnp.stack([jnp.asarray(orders[i], float) for i in moving]) / ((k + 1) * opaque_one)
             for place, i in enumerate(moving):
                 known[i].append(vector[place])
     return known

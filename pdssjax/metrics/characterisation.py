@@ -14,25 +14,21 @@ their standard error is rather too large than too small.
 
 import math
 import warnings
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from .columns import column_names, read_csv
-from .cycles import CLEAR_FIT, Cycles, find_cycles
-from .errors import InputError, InputWarning
-from .metrics import cycle_metrics, force_metrics, turning_points
-from .units import column_unit, factor
+from ..core import InputError, InputWarning
+from .cycle_detection import CLEAR_FIT, Cycles, find_cycles
+from .per_cycle import cycle_metrics, force_metrics, turning_points
 
-_SI_UNITS = {"displacement": "m", "force": "N"}
-_SIGNS = {"displacement": ("displacement", "position"), "force": ("force",)}
-"""What the name of a column contains that is to be preferred to others of the same dimension."""
+SI_UNITS = {"displacement": "m", "force": "N"}
+
 LEAST_SHARPNESS = 0.5
 """A slip of which less than this share happens within a tenth of the period is mentioned."""
+
 _METRICS = {
     "displacement": {"stroke": "m", "back_slip": "m", "net_step": "m", "efficiency": "", "speed": "m/s", "noise": "m"},
     "force": {"output": "N", "maximum": "N", "minimum": "N", "mean": "N"},
@@ -91,30 +87,25 @@ class Characterisation:
         return -1.0 if self.cycles.falls else 1.0
 
 
-def characterise(
-    file: Path,
+def characterisation_of(
+    times: Float[np.ndarray, " m"],
+    values: Float[np.ndarray, " m"],
+    measures: str,
     *,
-    time: str | None = None,
-    displacement: str | None = None,
-    force: str | None = None,
-    units: Mapping[str, str] | None = None,
-    frequency: float | None = None,
-    window: tuple[float, float] | None = None,
-    slip_duration: float = 0.0,
+    file: Path,
+    column: str,
+    frequency: float | None,
+    slip_duration: float,
 ) -> Characterisation:
-    """Walking or pushing of the actuator that the CSV `file` records.
+    """What the samples `values` [m or N] at `times` [s] say by themselves.
 
-    **Arguments:** `time`, `displacement` and `force` name columns; left out, they are told by
-    their names and units.  `units` gives the units of "time", "displacement" or "force" where the
-    name of the column does not end in one.  `frequency` [Hz] of the drive; left out, it is found.
-    `window` [s] keeps part of the record.  `slip_duration` [s] as for `metrics.cycle_metrics`.
+    **Arguments:** `measures` is "displacement" or "force"; `file` and `column` name where the samples come
+    from, for messages and for the result.  `frequency` [Hz] and `slip_duration` [s] as for `characterise`.
 
-    **Raises:** `InputError` if the file or an option is at fault or no cycle is found.  Warns with
+    **Raises:** `InputError` if no cycle is found or the slip takes half a period or more.  Warns with
     `InputWarning` where the cycles are doubtful.
     """
-    measures, columns = _choose(file, {"time": time, "displacement": displacement, "force": force}, units or {})
-    times, values = _read(file, measures, columns, units or {}, window)
-    where = f'{file}: column "{columns[measures]}"'
+    where = f'{file}: column "{column}"'
     cycles = find_cycles(times, values, frequency, where)
     if not 0 <= slip_duration < 0.5 / cycles.frequency:
         raise InputError(
@@ -131,7 +122,7 @@ def characterise(
     result = Characterisation(
         file=file,
         measures=measures,
-        column=columns[measures],
+        column=column,
         time=times,
         values=values,
         given=frequency is not None,
@@ -178,7 +169,7 @@ def _turning_points(time, values, cycles: Cycles, slip_duration) -> tuple[np.nda
 
 def _warn(found: Characterisation, where: str) -> None:
     cycles = found.cycles
-    say = lambda text: warnings.warn(f"{where}: {text}", InputWarning, stacklevel=4)
+    say = lambda text: warnings.warn(f"{where}: {text}", InputWarning, stacklevel=5)
     if cycles.fit < CLEAR_FIT:
         say(
             f"the cycles can hardly be told: a sawtooth of {cycles.frequency:.4g} Hz explains {100 * cycles.fit:.0f} % "
@@ -204,71 +195,3 @@ def _sharpness(found: Characterisation) -> float:
     turned = found.sign * found.values
     early, late = (np.interp(slips + s * 0.05 / cycles.frequency, found.time, turned) for s in (-1, 1))
     return float(np.mean(early - late + 0.1 * stroke) / np.mean(back))
-
-
-def _choose(file: Path, named: Mapping[str, str | None], units: Mapping[str, str]) -> tuple[str, dict[str, str]]:
-    """What is measured, and the columns to read."""
-    if named["displacement"] and named["force"]:
-        raise InputError(f"{file}: found both a displacement and a force to read, expected one of them.")
-    names = column_names(file)
-    time = named["time"] or _only(file, [n for n in names if n.lower().startswith(("time", "t_"))], "time", names)
-    for measures in _SI_UNITS:
-        if name := named[measures]:
-            return measures, {"time": time, measures: name}
-    for measures, unit in _SI_UNITS.items():
-        fitting = [name for name in names if name != time and _measures(name, unit)]
-        preferred = [name for name in fitting if any(sign in name.lower() for sign in _SIGNS[measures])]
-        if fitting:
-            column = fitting[0] if len(fitting) == 1 else _only(file, preferred or fitting, measures, names)
-            return measures, {"time": time, measures: column}
-    return "displacement", {"time": time, "displacement": _only(file, [], "displacement", names)}
-
-
-def _only(file: Path, fitting: list[str], quantity: str, names: list[str]) -> str:
-    if len(fitting) == 1:
-        return fitting[0]
-    found = f"{len(fitting)} columns that may be the {quantity}" if fitting else f"no column that tells the {quantity}"
-    listed = ", ".join(f'"{name}"' for name in fitting or names)
-    raise InputError(f"{file}: found {found} ({listed}), expected the option --{quantity} with a column's name.")
-
-
-def _measures(name: str, unit: str) -> bool:
-    """Whether a column's name ends in a unit that converts to `unit`."""
-    try:
-        return bool(column_unit(name)) and factor(column_unit(name), unit, "") > 0
-    except InputError:
-        return False
-
-
-def _read(file: Path, measures: str, columns: dict[str, str], units: Mapping[str, str], window: Any):
-    """Checked times [s] and values [m or N]."""
-    si = {"time": "s", measures: _SI_UNITS[measures]}
-    for quantity, column in columns.items():
-        if quantity not in units and not column_unit(column) and column in column_names(file):
-            raise InputError(
-                f'{file}: column "{column}": found no unit, expected a name like "{column}_{si[quantity]}" '
-                f'or the option --unit "{quantity}={si[quantity]}".'
-            )
-    data, lines = read_csv(file, columns, si, units)
-    time, values = data["time"], data[measures]
-    late = np.flatnonzero(np.diff(time) <= 0)
-    if late.size:
-        here = late[0] + 1
-        raise InputError(
-            f'{file}: line {lines[here]}, column "{columns["time"]}": found {time[here]:.9g} s after '
-            f"{time[here - 1]:.9g} s, expected times that increase."
-        )
-    if window is not None:
-        keep = (time >= window[0]) & (time <= window[1])
-        if not keep.any():
-            raise InputError(
-                f"{file}: found no sample in the window {window[0]:g} s to {window[1]:g} s, "
-                f"expected some of the record's {time[0]:g} s to {time[-1]:g} s."
-            )
-        time, values = time[keep], values[keep]
-    if np.all(values == values[0]):
-        raise InputError(
-            f'{file}: column "{columns[measures]}": found the same {measures} in all {len(time)} samples, '
-            "expected a record that moves."
-        )
-    return time, values

@@ -15,17 +15,21 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
-from .errors import InputError
-from .metrics import FLANK, cycle_metrics
+from ..core import InputError
+from .per_cycle import FLANK, cycle_metrics
 
 HARMONICS = 12
 """Of the sawtooth that is compared with the record."""
+
 LEAST_PER_CYCLE = 8
 """Samples a cycle needs, for its slow flank to have a slope with a scatter."""
+
 TRENDS = (1, 5)
 """Degrees of the polynomials that are taken off, the second only if the first leaves no clear sawtooth."""
+
 CLEAR_FIT = 0.5
 """Share of the variance that a clear sawtooth explains."""
+
 LEAST_FIT = 0.2
 """Share of the variance that a sawtooth must explain, for there to be cycles at all."""
 
@@ -64,11 +68,11 @@ def find_cycles(
     **Raises:** `InputError` that begins with `where` if there is no complete cycle, or if the
     given frequency is none that this record could show.
     """
-    length, interval = float(time[-1] - time[0]), float(np.median(np.diff(time)))
-    highest, lowest = 1.0 / (LEAST_PER_CYCLE * interval), 1.5 / length
+    extent, interval = float(time[-1] - time[0]), float(np.median(np.diff(time)))
+    highest, lowest = 1.0 / (LEAST_PER_CYCLE * interval), 1.5 / extent
     if frequency is not None and not lowest <= frequency <= highest:
         raise InputError(
-            f"{where}: found the frequency {frequency:g} Hz for samples {interval:.3g} s apart over {length:.3g} s, "
+            f"{where}: found the frequency {frequency:g} Hz for samples {interval:.3g} s apart over {extent:.3g} s, "
             f"expected {lowest:.3g} Hz to {highest:.3g} Hz: {LEAST_PER_CYCLE} samples in a cycle and 1.5 cycles."
         )
     if lowest >= highest:
@@ -88,7 +92,7 @@ def _counted(time, values, frequency, start, sign, given, where) -> Cycles:
     seen, error = frequency, np.inf
     for _ in range(2):
         first, begun = _begun(time, frequency, start)
-        good = _alike(time, values, frequency, first, begun)
+        good = _similar_flanks(time, values, frequency, first, begun)
         if len(good) < 2:
             raise InputError(
                 f"{where}: found {len(good)} complete slow flanks at {frequency:.4g} Hz, "
@@ -100,7 +104,7 @@ def _counted(time, values, frequency, start, sign, given, where) -> Cycles:
         seen, start, error = _line_of_slips(slips, expected, frequency, float(np.median(np.diff(time))))
         frequency = given or seen
     first, begun = _begun(time, frequency, start)
-    good = _alike(time, values, frequency, first, begun)
+    good = _similar_flanks(time, values, frequency, first, begun)
     if len(good) < 2:
         raise InputError(f"{where}: found no two slow flanks alike near {frequency:.4g} Hz, expected several cycles.")
     stroke = cycle_metrics(time, values, frequency, first + good[0] / frequency, len(good) - 1).stroke
@@ -124,7 +128,7 @@ def _begun(time, frequency, start) -> tuple[float, int]:
     return start + before / frequency, int(np.ceil((time[-1] - start) * frequency - before - 0.02))
 
 
-def _alike(time, values, frequency, first, begun) -> np.ndarray:
+def _similar_flanks(time, values, frequency, first, begun) -> np.ndarray:
     """Numbers of the slow flanks in the longest run of such as are complete and alike."""
     slow = first + np.arange(begun) / frequency
     edge = 1e-9 / frequency + 0.5 * np.median(np.diff(time))
@@ -144,24 +148,24 @@ def _best_sawtooth(time, values, frequency, lowest, highest) -> tuple[float, flo
     for degree in TRENDS:
         about = 2 * (time - time[0]) / (time[-1] - time[0]) - 1
         powers = np.polynomial.legendre.legvander(about, degree)
-        rest = values - powers @ np.linalg.lstsq(powers, values, rcond=None)[0]
-        tried = frequency or _coarse_frequency(time, rest, lowest, highest)
+        detrended = values - powers @ np.linalg.lstsq(powers, values, rcond=None)[0]
+        tried = frequency or _coarse_frequency(time, detrended, lowest, highest)
         if frequency is None:
-            tried = _finer_frequency(time, rest, tried, lowest, highest)
+            tried = _finer_frequency(time, detrended, tried, lowest, highest)
         # Of two or three cycles a curved trend would explain too much.
         if degree == 1 or tried * (time[-1] - time[0]) > degree:
-            fit, phase, sign = _sawtooth(time, rest, tried)
+            fit, phase, sign = _sawtooth(time, detrended, tried)
             found.append((fit, tried, phase, sign))
         if found[0][0] > CLEAR_FIT:
             break
     return max(found)
 
 
-def _coarse_frequency(time, rest, lowest, highest) -> float:
+def _coarse_frequency(time, detrended, lowest, highest) -> float:
     """The frequency of the greatest sum of amplitudes, weighted as a sawtooth has them."""
     interval = np.median(np.diff(time))
     even = np.arange(time[0], time[-1] + 0.5 * interval, interval)
-    tapered = np.interp(even, time, rest) * np.hanning(len(even))
+    tapered = np.interp(even, time, detrended) * np.hanning(len(even))
     padded = 8 * len(even)
     amplitude = np.abs(np.fft.rfft(tapered, padded))
     bins = np.arange(max(1, int(lowest * padded * interval)), int(highest * padded * interval) + 1)
@@ -172,24 +176,24 @@ def _coarse_frequency(time, rest, lowest, highest) -> float:
     return float(bins[np.argmax(score)] / (padded * interval))
 
 
-def _finer_frequency(time, rest, about, lowest, highest) -> float:
+def _finer_frequency(time, detrended, about, lowest, highest) -> float:
     """The best fit of a sawtooth near `about`, or near simple multiples of it."""
     # Fifty samples a cycle are enough here.
     thin = max(1, int(1.0 / (50 * about * np.median(np.diff(time)))))
-    time, rest = time[::thin], rest[::thin]
+    time, detrended = time[::thin], detrended[::thin]
     step = 1.0 / (time[-1] - time[0])
     tried = [f for f in (about / 3, about / 2, about, 2 * about, 3 * about) if lowest <= f <= highest]
     trials = np.concatenate([f + 0.5 * step * np.linspace(-1, 1, 11) for f in tried])
     width = 0.1 * step
     for _ in range(3):
         trials = trials[(trials >= lowest) & (trials <= highest)]
-        about = max(trials, key=lambda f: _sawtooth(time, rest, f)[0])
+        about = max(trials, key=lambda f: _sawtooth(time, detrended, f)[0])
         trials = about + width * np.linspace(-1, 1, 9)
         width /= 4
     return float(about)
 
 
-def _sawtooth(time, rest, frequency) -> tuple[float, float, float]:
+def _sawtooth(time, detrended, frequency) -> tuple[float, float, float]:
     """The sawtooth that fits best: its share of the variance, the phase of its first drop, its sign.
 
     A sawtooth that rises by 1 in a period and drops at phase p is
@@ -199,14 +203,14 @@ def _sawtooth(time, rest, frequency) -> tuple[float, float, float]:
     power, coefficient = np.ones_like(turn), []
     for _ in range(HARMONICS):
         power = power * turn
-        coefficient.append(power @ rest)
+        coefficient.append(power @ detrended)
     harmonic = np.arange(1, HARMONICS + 1)
     phase = np.arange(256) / 256
     wave = np.exp(2j * np.pi * np.outer(phase, harmonic))
     overlap = (wave @ (np.array(coefficient) / harmonic)).imag
     best = int(np.argmax(np.abs(overlap)))
     norm = 0.5 * len(time) * np.sum(1.0 / harmonic**2)
-    return float(overlap[best] ** 2 / norm / (rest @ rest)), float(phase[best]), float(np.sign(overlap[best]))
+    return float(overlap[best] ** 2 / norm / (detrended @ detrended)), float(phase[best]), float(np.sign(overlap[best]))
 
 
 def _slips(time, values, frequency, expected, sign) -> np.ndarray:

@@ -35,29 +35,17 @@ from jax.ops import segment_max, segment_min, segment_sum
 from jaxtyping import Array, Float
 
 Samples = Float[Array, " m"] | Float[np.ndarray, " m"]
+
 Number = Float[Array, ""] | float
 
 FLANK = (0.2, 0.8)
 """The part of a slow flank that is fitted, in fractions of it; symmetric about its middle."""
+
 PLATEAU = (0.75, 0.95)
 """The part whose line gives the output force; short of the end, since the drop's time is not known to a sample."""
+
 LEAST_SAMPLES = 4
 """Samples that a fitted part must hold; with fewer, the cycle's entries are NaN."""
-
-
-def rmse(measured: Float[np.ndarray, " n"], predicted: Float[np.ndarray, " n"]) -> float:
-    """Root mean square of the residuals, in the unit of the data."""
-    return float(np.sqrt(np.mean((measured - predicted) ** 2)))
-
-
-def error_index(measured: Float[np.ndarray, " n"], predicted: Float[np.ndarray, " n"]) -> float:
-    """The thesis's error index (4.14), sqrt(sum (measured - predicted)^2 / (n - 1)), in the unit of the data."""
-    return float(np.sqrt(np.sum((measured - predicted) ** 2) / (len(measured) - 1)))
-
-
-def r_squared(measured: Float[np.ndarray, " n"], predicted: Float[np.ndarray, " n"]) -> float:
-    """Share of the measured variance that the prediction explains."""
-    return float(1.0 - np.mean((measured - predicted) ** 2) / np.var(measured))
 
 
 class CycleMetrics(NamedTuple):
@@ -191,14 +179,14 @@ def _groups(time, period, start, count):
     return jnp.where(inside, turn, count).astype(int), time - start - turn * period
 
 
-def _lines(time, values, period, start, length, count, part):
-    """Lines by least squares through `part` of each slow flank, which lasts `length` from `start` on.
+def _lines(time, values, period, start, duration, count, part):
+    """Lines by least squares through `part` of each slow flank, which lasts `duration` from `start` on.
 
     Returns their values in the middle of `part`, their slopes, and the standard deviation about
     them, shape (count,) each; NaN where there are too few samples.
     """
     group, since = _groups(time, period, start, count)
-    weight = jnp.where((since >= part[0] * length) & (since <= part[1] * length), 1.0, 0.0)
+    weight = jnp.where((since >= part[0] * duration) & (since <= part[1] * duration), 1.0, 0.0)
     total = lambda terms: segment_sum(weight * terms, group, count + 1)[:-1]
     samples = total(jnp.ones_like(since))
     enough = samples >= LEAST_SAMPLES
@@ -213,5 +201,5 @@ def _lines(time, values, period, start, length, count, part):
     variance = total(residual**2) / (held - 2)
     # The square root has no derivative at 0, which a noiseless record reaches.
     noise = jnp.sqrt(jnp.where(variance > 0, variance, 1.0)) * (variance > 0)
-    level = mean_value + slope * (0.5 * (part[0] + part[1]) * length - mean_time)
+    level = mean_value + slope * (0.5 * (part[0] + part[1]) * duration - mean_time)
     return tuple(jnp.where(enough, lines, jnp.nan) for lines in (level, slope, noise))

@@ -1,1 +1,41 @@
-"""The motion of the platform under a voltage, one model a file."""
+"""Models of the piezo stack with its platform, one a file; a member's name in a study is its file's name.
+
+Imports `core`, the series of `integration`, and `drive` for the voltage that a stack feels.
+"""
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ._oscillator import damped as damped
+    from ._oscillator import underdamped as underdamped
+    from ._rod import Modes as Modes
+    from ._rod import Rod as Rod
+    from ._rod import mode_responses as mode_responses
+    from ._rod import modes as modes
+    from ._rod import modes_needed as modes_needed
+    from ._rod import roots as roots
+    from ._rod import shapes as shapes
+    from ._rod import step_response as step_response
+    from ._rod import truncation_error as truncation_error
+    from ._rod import truncation_transfer as truncation_transfer
+else:
+    from ..core.lazy import lazy_exports
+
+    __getattr__, __dir__, __all__ = lazy_exports(
+        __name__,
+        {
+            "_oscillator": ["damped", "underdamped"],
+            "_rod": [
+                "Modes",
+                "Rod",
+                "mode_responses",
+                "modes",
+                "modes_needed",
+                "roots",
+                "shapes",
+                "step_response",
+                "truncation_error",
+                "truncation_transfer",
+            ],
+        },
+    )

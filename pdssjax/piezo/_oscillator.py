@@ -3,50 +3,50 @@
     y'' + 2 xi w y' + w^2 y = C w^2 u
 
 On a straight piece u = u0 + k s it tends to y = C (u - 2 xi k / w); a harmonic of the
-voltage adds its own response; what is left of the begin fades as the free oscillation does.
+voltage adds its own response; what is left of the initial state decays as the free oscillation does.
 """
 
 from typing import Any
 
 import jax.numpy as jnp
 
-from .drive.base import Segment
+from ..drive.base import Segment
 
 
-def tends_to(gain: Any, frequency: Any, damping: Any, segment: Segment, after: Any) -> tuple[Any, Any]:
-    """Displacement [m] and velocity [m/s] to which the system tends, `after` [s] into a straight segment."""
+def tends_to(gain: Any, frequency: Any, damping: Any, segment: Segment, t_local: Any) -> tuple[Any, Any]:
+    """Displacement [m] and velocity [m/s] to which the system tends, `t_local` [s] into a straight segment."""
     lag = 2.0 * damping / frequency
-    return gain * (segment.start + segment.slope * (after - lag)), gain * segment.slope
+    return gain * (segment.start + segment.slope * (t_local - lag)), gain * segment.slope
 
 
-def forced(gain: Any, frequency: Any, damping: Any, segment: Segment, after: Any) -> tuple[Any, Any]:
+def forced(gain: Any, frequency: Any, damping: Any, segment: Segment, t_local: Any) -> tuple[Any, Any]:
     """Displacement [m] and velocity [m/s] that a segment forces, its harmonic included, without the transient."""
-    y, w = tends_to(gain, frequency, damping, segment, after)
+    y, w = tends_to(gain, frequency, damping, segment, t_local)
     if segment.wave is None:
         return y, w
     amplitude, rate, phase = segment.wave
     ratio = rate / frequency
     stiff, lossy = 1.0 - ratio**2, 2.0 * damping * ratio
     size = gain * amplitude / (stiff**2 + lossy**2)
-    cosine, sine = jnp.cos(rate * after + phase), jnp.sin(rate * after + phase)
+    cosine, sine = jnp.cos(rate * t_local + phase), jnp.sin(rate * t_local + phase)
     return (
         y + size * (stiff * cosine + lossy * sine),
         w + size * rate * (lossy * cosine - stiff * sine),
     )
 
 
-def underdamped(y: Any, w: Any, frequency: Any, damping: Any, lapse: Any) -> tuple[Any, Any]:
-    """The free motion `lapse` [s] after displacement y [m] and velocity w [m/s]; damping ratio below 1."""
+def underdamped(y: Any, w: Any, frequency: Any, damping: Any, elapsed: Any) -> tuple[Any, Any]:
+    """The free motion `elapsed` [s] after displacement y [m] and velocity w [m/s]; damping ratio below 1."""
     decay = damping * frequency
     ring = frequency * jnp.sqrt(1.0 - damping**2)
     b = (w + decay * y) / ring
-    fade = jnp.exp(-decay * lapse)
-    c, s = fade * jnp.cos(ring * lapse), fade * jnp.sin(ring * lapse)
+    fade = jnp.exp(-decay * elapsed)
+    c, s = fade * jnp.cos(ring * elapsed), fade * jnp.sin(ring * elapsed)
     oscillation = y * c + b * s
     return oscillation, -decay * oscillation + ring * (b * c - y * s)
 
 
-def damped(y: Any, w: Any, frequency: Any, damping: Any, lapse: Any) -> tuple[Any, Any]:
+def damped(y: Any, w: Any, frequency: Any, damping: Any, elapsed: Any) -> tuple[Any, Any]:
     """The free motion as above, for any damping ratio.
 
     With z = (xi^2 - 1)(w t)^2 the fundamental solutions are e^(-xi w t) times C = cos or cosh and
@@ -54,23 +54,23 @@ def damped(y: Any, w: Any, frequency: Any, damping: Any, lapse: Any) -> tuple[An
     """
     decay = damping * frequency
     square = (damping**2 - 1.0) * frequency**2
-    z = square * lapse**2
+    z = square * elapsed**2
     near = jnp.abs(z) < 1e-3
     under = jnp.sqrt(jnp.where(near | (z > 0.0), 1.0, -z))
     over = jnp.sqrt(jnp.where(near | (z < 0.0), 1.0, z))
     middle = jnp.where(near, z, 0.0)
-    fade = jnp.exp(-decay * lapse)
+    fade = jnp.exp(-decay * elapsed)
     # The slow root of an overdamped system, free of cancellation.
-    slow = jnp.exp(-((frequency * lapse) ** 2) / (decay * lapse + over))
-    fast = jnp.exp(-decay * lapse - over)
+    slow = jnp.exp(-((frequency * elapsed) ** 2) / (decay * elapsed + over))
+    fast = jnp.exp(-decay * elapsed - over)
     grown = z > 0.0
     c = jnp.where(grown, 0.5 * (slow + fast), fade * jnp.cos(under))
     s = jnp.where(grown, 0.5 * (slow - fast) / over, fade * jnp.sin(under) / under)
     c = jnp.where(near, fade * (1.0 + middle * (1.0 / 2 + middle * (1.0 / 24 + middle / 720))), c)
     s = jnp.where(near, fade * (1.0 + middle * (1.0 / 6 + middle * (1.0 / 120 + middle / 5040))), s)
     push = w + decay * y
-    moved = y * c + push * lapse * s
-    return moved, push * c + y * square * lapse * s - decay * moved
+    moved = y * c + push * elapsed * s
+    return moved, push * c + y * square * elapsed * s - decay * moved
 
 
 def accelerated(y: Any, w: Any, drives: Any, frequency: Any, damping: Any) -> Any:

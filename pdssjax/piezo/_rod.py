@@ -42,8 +42,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Complex, Float
 
-from .errors import InputError
-from .quantity import choice, quantity
+from ..core import InputError, choice, quantity
 
 
 class Rod(eqx.Module):

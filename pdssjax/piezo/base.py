@@ -3,7 +3,7 @@
 A linear model without friction feedback is known in closed form between two corners of
 the drive, and the integrator takes it from there.  Everything else is integrated along
 with the contact.  A model that changes its form (the sliding elements of a hysteresis)
-does so by flags, guards and `passed`, as a friction law does.
+does so by flags, guards and `after_event`, as a friction law does.
 """
 
 import abc
@@ -14,8 +14,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..core import quantities
 from ..drive.base import Segment, Voltage
-from ..quantity import quantities
 
 State = tuple[Any, ...]
 
@@ -42,7 +42,7 @@ _LOOK_AHEAD = 1e-9
 """Time [s] by which the direction of a voltage at its turning point is told."""
 
 
-def heading(voltage: Voltage, before: Any) -> Any:
+def slew_sign(voltage: Voltage, before: Any) -> Any:
     """1 where a voltage rises or is about to, -1 where it falls; `before` where it stays."""
     slope = voltage.slope + _LOOK_AHEAD * voltage.bend
     return jnp.where(slope > 0.0, 1.0, jnp.where(slope < 0.0, -1.0, before))
@@ -52,12 +52,12 @@ class AbstractPiezo(eqx.Module):
     """Platform displacement y [m] under a voltage; the state is a tuple of scalars.
 
     `rate`, `platform`, `acceleration` and `guards` use + - * / and the functions of
-    `pdssjax.series`: then the Taylor integrator can expand them.
+    `pdssjax.integration.taylor_series`: then the Taylor integrator can expand them.
     """
 
     closed: ClassVar[bool] = False
     """`motion` is exact on straight segments without friction feedback."""
-    settles: ClassVar[bool] = True
+    has_steady_state: ClassVar[bool] = True
     """On a straight segment every motion tends to `steady`, soon.
 
     The state then consists of pairs (displacement [m], velocity [m/s]), whose displacements
@@ -65,7 +65,7 @@ class AbstractPiezo(eqx.Module):
     and every moment of it is integrated.
     """
 
-    yields: ClassVar[bool] = True
+    is_compliant: ClassVar[bool] = True
     """A force moves the platform: friction can act back on it."""
 
     mass: eqx.AbstractVar[Any]
@@ -88,22 +88,22 @@ class AbstractPiezo(eqx.Module):
         """y'' [m/s2] without friction; a force F on the platform adds F / `mass`."""
 
     @abc.abstractmethod
-    def steady(self, state: State, segment: Segment, after, force) -> State:
-        """The state to which the platform tends, `after` [s] into a straight segment.
+    def steady(self, state: State, segment: Segment, t_local, force) -> State:
+        """The state to which the platform tends, `t_local` [s] into a straight segment.
 
-        `force` [N] acts on the platform constantly.  May be `state` where `settles` is False.
+        `force` [N] acts on the platform constantly.  May be `state` where `has_steady_state` is False.
         """
 
     @abc.abstractmethod
-    def length(self) -> State:
+    def error_scale(self) -> State:
         """Displacement [m] that one unit of each state stands for: the scale of its error."""
 
     @abc.abstractmethod
-    def per_volt(self) -> Float[Array, ""]:
+    def static_gain(self) -> Float[Array, ""]:
         """Displacement [m/V] that a slow volt gives: the scale of the voltage's error."""
 
     @abc.abstractmethod
-    def fastest(self) -> Float[Array, ""]:
+    def frequency_scale(self) -> Float[Array, ""]:
         """The fastest angular frequency [rad/s]: the scale between velocity and displacement."""
 
     def broken_conditions(self) -> tuple[str, ...]:
@@ -127,11 +127,11 @@ class AbstractPiezo(eqx.Module):
         }
         return {name: number for name, number in guess.items() if number is not None and name in quantities(cls)}
 
-    def motion(self, state: State, segment: Segment, after, lapse) -> State:
-        """Where `closed`: the exact state `lapse` [s] later, `after` [s] into a segment; no force."""
+    def motion(self, state: State, segment: Segment, t_local, elapsed) -> State:
+        """Where `closed`: the exact state `elapsed` [s] later, `t_local` [s] into a segment; no force."""
         raise NotImplementedError(f"{type(self).__name__} knows no closed form")
 
-    def entered(self, state: State, segment: Segment) -> State:
+    def on_segment_start(self, state: State, segment: Segment) -> State:
         """The state just after the corner that opens `segment`, where the voltage may jump."""
         return state
 
@@ -139,6 +139,6 @@ class AbstractPiezo(eqx.Module):
         """Positive while the model keeps its form; always as many, in the same order."""
         return ()
 
-    def passed(self, state: State, voltage: Voltage, which) -> State:
+    def after_event(self, state: State, voltage: Voltage, which) -> State:
         """The state just after `guards(...)[which]` has fallen through zero."""
         return state

@@ -18,15 +18,15 @@ T. S. Low and W. Guo, Journal of Microelectromechanical Systems 4(4), 1995.
 
 import jax.numpy as jnp
 
-from ..oscillator import accelerated
-from ..quantity import quantities, quantity
-from .base import USUAL_SWING, AbstractPiezo, heading
+from ..core import quantities, quantity
+from ._oscillator import accelerated
+from .base import USUAL_SWING, AbstractPiezo, slew_sign
 
 
 class BoucWen(AbstractPiezo):
     """Displacement y, velocity, hysteresis h [m], voltage seen [V]; then flags: the signs of u' and of h."""
 
-    settles = False
+    has_steady_state = False
 
     gain: float = quantity(1.007e-7, "m/V")
     """Displacement per volt C at the end of a long branch [m/V]."""
@@ -77,22 +77,22 @@ class BoucWen(AbstractPiezo):
         y, w, h, *_ = state
         return accelerated(y, w, voltage.level * self.gain - h, self.natural_frequency, self.damping_ratio)
 
-    def steady(self, state, segment, after, force):
+    def steady(self, state, segment, t_local, force):
         return state
 
     def guards(self, state, voltage):
         _, _, h, _, rises, sign = state
         return h * 0.0 + voltage.slope * rises, h * (sign * (1.0 / self.gain))
 
-    def passed(self, state, voltage, which):
+    def after_event(self, state, voltage, which):
         y, w, h, seen, rises, sign = state
         return y, w, h, seen, jnp.where(which == 0, -rises, rises), jnp.where(which == 1, -sign, sign)
 
-    def entered(self, state, segment):
+    def on_segment_start(self, state, segment):
         y, w, h, seen, rises, _ = state
         voltage = segment.voltage(0.0)
         h = self._jumped(h, voltage.level - seen)
-        rises = heading(voltage, rises)
+        rises = slew_sign(voltage, rises)
         return y, w, h, voltage.level, rises, jnp.where(h == 0.0, rises, jnp.where(h > 0.0, 1.0, -1.0))
 
     def _jumped(self, h, change):
@@ -112,14 +112,14 @@ class BoucWen(AbstractPiezo):
         begun = jnp.where(ahead < 0.0, unloaded, ahead)
         return side * _branch(begun, slope, loads, rest)
 
-    def length(self):
+    def error_scale(self):
         one = jnp.ones(())
-        return one, 1.0 / self.fastest(), one, self.per_volt(), one, one
+        return one, 1.0 / self.frequency_scale(), one, self.static_gain(), one, one
 
-    def per_volt(self):
+    def static_gain(self):
         return jnp.asarray(self.gain, float)
 
-    def fastest(self):
+    def frequency_scale(self):
         return jnp.asarray(self.natural_frequency, float)
 
 

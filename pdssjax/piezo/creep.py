@@ -13,11 +13,12 @@ Dynamic Systems, Measurement, and Control 123(1), 2001.
 
 import jax.numpy as jnp
 
-from ..oscillator import accelerated
-from ..quantity import quantity
+from ..core import quantity
+from ._oscillator import accelerated
 from .base import AbstractPiezo
 
 _DECADES = (1.0, 10.0, 100.0)
+
 _PARTS = 60.0
 """Times that t_1 fits into the longest record: the slowest element then has most of its way within it."""
 
@@ -25,7 +26,7 @@ _PARTS = 60.0
 class Creep(AbstractPiezo):
     """Displacement and velocity, then the voltages c_1, c_2, c_3 [V] by which the stack has crept."""
 
-    settles = False
+    has_steady_state = False
 
     gain: float = quantity(1.007e-7, "m/V")
     """Displacement per volt C before any creep [m/V]."""
@@ -64,15 +65,15 @@ class Creep(AbstractPiezo):
         drives = sum(crept, voltage.level)
         return accelerated(y, w, drives * self.gain, self.natural_frequency, self.damping_ratio)
 
-    def steady(self, state, segment, after, force):
+    def steady(self, state, segment, t_local, force):
         return state
 
-    def length(self):
-        volt = self.per_volt()
-        return (jnp.ones(()), 1.0 / self.fastest(), *(volt for _ in _DECADES))
+    def error_scale(self):
+        volt = self.static_gain()
+        return (jnp.ones(()), 1.0 / self.frequency_scale(), *(volt for _ in _DECADES))
 
-    def per_volt(self):
+    def static_gain(self):
         return jnp.asarray(self.gain, float)
 
-    def fastest(self):
+    def frequency_scale(self):
         return jnp.asarray(self.natural_frequency, float)

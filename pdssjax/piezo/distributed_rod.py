@@ -2,7 +2,7 @@
 
     y = y_1 + … + y_n,   y_j'' + 2 xi_j w_j y_j' + w_j^2 y_j = g_j w_j^2 u   [ - F / m_j (5.25) ]
 
-`pdssjax.rod` makes frequencies w_j, damping ratios xi_j, gains g_j and modal masses m_j of the
+`pdssjax.piezo._rod` makes frequencies w_j, damping ratios xi_j, gains g_j and modal masses m_j of the
 stack's and the platform's data.  The damping ratio grows with the frequency, so that high
 modes do not oscillate; their motion is known in closed form as well.  With the nominal numbers the
 second mode moves the platform by a millionth of what the first does, and its fast root is at
@@ -15,9 +15,9 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 
-from ..oscillator import accelerated, damped, forced, tends_to
-from ..quantity import choice, quantities, quantity
-from ..rod import Rod, modes
+from ..core import choice, quantities, quantity
+from ._oscillator import accelerated, damped, forced, tends_to
+from ._rod import Rod, modes
 from .base import AbstractPiezo
 
 
@@ -41,11 +41,11 @@ class DistributedRod(AbstractPiezo):
     platform_mass: float = quantity(0.5552, "kg")
     """Mass M [kg] that the tip carries."""
     excitation: Any = choice({"strain": 0.0, "equal": 1.0})
-    """How the voltage drives the modes: `strain` (the default) or `equal`, see `pdssjax.rod`."""
+    """How the voltage drives the modes: `strain` (the default) or `equal`, see `pdssjax.piezo._rod`."""
     count: int = eqx.field(static=True, default=1)
     """How many modes n are kept."""
     modes: Any = None
-    """What they are, as `pdssjax.rod` makes them of the numbers above."""
+    """What they are, as `pdssjax.piezo._rod` makes them of the numbers above."""
 
     def __init__(self, count: int = 1, **numbers: Any):
         self.count = count
@@ -112,32 +112,32 @@ class DistributedRod(AbstractPiezo):
             total = accelerated(y, w, voltage.level * gain, frequency, damping) + total
         return total
 
-    def steady(self, state, segment, after, force):
+    def steady(self, state, segment, t_local, force):
         found = []
         for _, mode, mass in self._pairs(self.initial()):
-            y, w = tends_to(*mode, segment, after)
+            y, w = tends_to(*mode, segment, t_local)
             found += [y + force / (mass * mode[1] ** 2), w]
         return tuple(found)
 
-    def motion(self, state, segment, after, lapse):
+    def motion(self, state, segment, t_local, elapsed):
         moved = []
         for (y, w), mode, _ in self._pairs(state):
-            y0, w0 = forced(*mode, segment, after)
-            y1, w1 = forced(*mode, segment, after + lapse)
-            free, speed = damped(y - y0, w - w0, *mode[1:], lapse)
+            y0, w0 = forced(*mode, segment, t_local)
+            y1, w1 = forced(*mode, segment, t_local + elapsed)
+            free, speed = damped(y - y0, w - w0, *mode[1:], elapsed)
             moved += [y1 + free, w1 + speed]
         return tuple(moved)
 
-    def length(self):
+    def error_scale(self):
         lengths = []
         for frequency in self.modes.natural_frequency:
             lengths += [jnp.ones(()), 1.0 / frequency]
         return tuple(lengths)
 
-    def per_volt(self):
+    def static_gain(self):
         return jnp.sum(self.modes.gain)
 
-    def fastest(self):
+    def frequency_scale(self):
         # That of the mode that moves the platform: the others are over before it has begun to.
         return self.modes.natural_frequency[0]
 

@@ -20,11 +20,12 @@ whose elements stand between charge and voltage.
 
 import jax.numpy as jnp
 
-from ..oscillator import accelerated
-from ..quantity import quantities, quantity
-from .base import USUAL_SWING, AbstractPiezo, heading
+from ..core import quantities, quantity
+from ._oscillator import accelerated
+from .base import USUAL_SWING, AbstractPiezo, slew_sign
 
 _COUNT = 4
+
 _ROUNDING = 1e-12
 """Part of its threshold by which an element that slips may seem short of it."""
 
@@ -32,7 +33,7 @@ _ROUNDING = 1e-12
 class MaxwellSlip(AbstractPiezo):
     """Displacement, velocity, voltage seen [V], s_1 … s_4 [V]; then flags: the sign of u', which elements slip."""
 
-    settles = False
+    has_steady_state = False
 
     gain: float = quantity(1.007e-7, "m/V")
     """Displacement per volt C while all elements slip [m/V]."""
@@ -95,7 +96,7 @@ class MaxwellSlip(AbstractPiezo):
             drives = drives - s * share
         return accelerated(y, w, drives * self.gain, self.natural_frequency, self.damping_ratio)
 
-    def steady(self, state, segment, after, force):
+    def steady(self, state, segment, t_local, force):
         return state
 
     def guards(self, state, voltage):
@@ -104,17 +105,17 @@ class MaxwellSlip(AbstractPiezo):
         held = ((r - s * rises) * (1.0 - slip) + slip for s, slip, r in elements)
         return (seen * 0.0 + voltage.slope * rises, *held)
 
-    def passed(self, state, voltage, which):
+    def after_event(self, state, voltage, which):
         y, w, seen, stops, rises, slips = _parts(state)
         turns = which == 0
         slips = (jnp.where(turns, 0.0, jnp.where(which == i, 1.0, slip)) for i, slip in enumerate(slips, start=1))
         return (y, w, seen, *stops, jnp.where(turns, -rises, rises), *slips)
 
-    def entered(self, state, segment):
+    def on_segment_start(self, state, segment):
         y, w, seen, stops, rises, _ = _parts(state)
         voltage = segment.voltage(0.0)
         change = voltage.level - seen
-        rises = heading(voltage, rises)
+        rises = slew_sign(voltage, rises)
         moved = []
         for s, r in zip(stops, self._thresholds(), strict=True):
             s = s + change
@@ -123,14 +124,19 @@ class MaxwellSlip(AbstractPiezo):
         slips = (jnp.where(rises * s >= r * (1.0 - _ROUNDING), 1.0, 0.0) for s, r in elements)
         return (y, w, voltage.level, *moved, rises, *slips)
 
-    def length(self):
-        one, volt = jnp.ones(()), self.per_volt()
-        return (one, 1.0 / self.fastest(), *(volt for _ in range(1 + _COUNT)), *(one for _ in range(1 + _COUNT)))
+    def error_scale(self):
+        one, volt = jnp.ones(()), self.static_gain()
+        return (
+            one,
+            1.0 / self.frequency_scale(),
+            *(volt for _ in range(1 + _COUNT)),
+            *(one for _ in range(1 + _COUNT)),
+        )
 
-    def per_volt(self):
+    def static_gain(self):
         return jnp.asarray(self.gain, float)
 
-    def fastest(self):
+    def frequency_scale(self):
         return jnp.asarray(self.natural_frequency, float)
 
     def _shares(self):
@@ -142,5 +148,5 @@ class MaxwellSlip(AbstractPiezo):
 
 def _parts(state):
     """y, w, voltage seen, the stops, the sign of u', the flags of the elements."""
-    y, w, seen, *rest = state
-    return y, w, seen, rest[:_COUNT], rest[_COUNT], rest[_COUNT + 1 :]
+    y, w, seen, *flags = state
+    return y, w, seen, flags[:_COUNT], flags[_COUNT], flags[_COUNT + 1 :]

@@ -2,13 +2,13 @@
 
     y'' + 2 xi w y' + w^2 y = C w^2 u   [ - F / m_g with friction feedback (5.25) ]
 
-Its motion is known in closed form on every segment of a drive (`pdssjax.oscillator`).
+Its motion is known in closed form on every segment of a drive (`pdssjax.piezo._oscillator`).
 """
 
 import jax.numpy as jnp
 
-from ..oscillator import accelerated, forced, tends_to, underdamped
-from ..quantity import quantity
+from ..core import quantity
+from ._oscillator import accelerated, forced, tends_to, underdamped
 from .base import AbstractPiezo
 
 
@@ -39,24 +39,24 @@ class SecondOrder(AbstractPiezo):
         y, w = state
         return accelerated(y, w, self.gain * voltage.level, self.natural_frequency, self.damping_ratio)
 
-    def steady(self, state, segment, after, force):
-        y, w = tends_to(*self._system(), segment, after)
+    def steady(self, state, segment, t_local, force):
+        y, w = tends_to(*self._system(), segment, t_local)
         return y + force / (self.mass * self.natural_frequency**2), w
 
-    def motion(self, state, segment, after, lapse):
-        y0, w0 = forced(*self._system(), segment, after)
-        y1, w1 = forced(*self._system(), segment, after + lapse)
-        y, w = underdamped(state[0] - y0, state[1] - w0, self.natural_frequency, self.damping_ratio, lapse)
+    def motion(self, state, segment, t_local, elapsed):
+        y0, w0 = forced(*self._system(), segment, t_local)
+        y1, w1 = forced(*self._system(), segment, t_local + elapsed)
+        y, w = underdamped(state[0] - y0, state[1] - w0, self.natural_frequency, self.damping_ratio, elapsed)
         return y1 + y, w1 + w
 
     def _system(self):
         return self.gain, self.natural_frequency, self.damping_ratio
 
-    def length(self):
-        return jnp.ones(()), 1.0 / self.fastest()
+    def error_scale(self):
+        return jnp.ones(()), 1.0 / self.frequency_scale()
 
-    def per_volt(self):
+    def static_gain(self):
         return jnp.asarray(self.gain, float)
 
-    def fastest(self):
+    def frequency_scale(self):
         return jnp.asarray(self.natural_frequency, float)

@@ -11,7 +11,7 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 
-from ..quantity import quantity
+from ..core import quantity
 from .base import AbstractPiezo
 
 _FAST = 1e4
@@ -22,7 +22,7 @@ class Static(AbstractPiezo):
     """Gain alone; displacement and velocity jump with the voltage and its rate."""
 
     closed = True
-    yields: ClassVar[bool] = False
+    is_compliant: ClassVar[bool] = False
 
     gain: float = quantity(1.007e-7, "m/V")
     """Displacement per volt C [m/V]."""
@@ -44,24 +44,24 @@ class Static(AbstractPiezo):
     def acceleration(self, state, voltage):
         return state[0] * 0.0 + voltage.bend * self.gain
 
-    def steady(self, state, segment, after, force):
-        return self._at(segment, after)
+    def steady(self, state, segment, t_local, force):
+        return self._at(segment, t_local)
 
-    def motion(self, state, segment, after, lapse):
-        return self._at(segment, after + lapse)
+    def motion(self, state, segment, t_local, elapsed):
+        return self._at(segment, t_local + elapsed)
 
-    def entered(self, state, segment):
+    def on_segment_start(self, state, segment):
         return self._at(segment, 0.0)
 
-    def _at(self, segment, after):
-        voltage = segment.voltage(after)
+    def _at(self, segment, t_local):
+        voltage = segment.voltage(t_local)
         return self.gain * voltage.level, self.gain * voltage.slope
 
-    def length(self):
-        return jnp.ones(()), 1.0 / self.fastest()
+    def error_scale(self):
+        return jnp.ones(()), 1.0 / self.frequency_scale()
 
-    def per_volt(self):
+    def static_gain(self):
         return jnp.asarray(self.gain, float)
 
-    def fastest(self):
+    def frequency_scale(self):
         return jnp.asarray(_FAST)

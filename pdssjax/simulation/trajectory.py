@@ -7,11 +7,12 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from .actuator import Actuator
-from .drive.base import AbstractDrive
-from .integration import FAILURES, Accuracy, march, states_at
-from .piezo.base import AbstractPiezo
-from .stick_slip import StickSlip
+from ..actuator import Actuator
+from ..core import need_double_precision
+from ..drive.base import AbstractDrive
+from ..integration import FAILURES, Accuracy, integrate, states_at
+from ..piezo.base import AbstractPiezo
+from .systems.stick_slip import StickSlip
 
 
 class Trajectory(NamedTuple):
@@ -34,7 +35,7 @@ class Trajectory(NamedTuple):
     repeated: Bool[Array, ""]
     """The steady cycle was reached, and the later ones are copies of it."""
     failure: Int[Array, ""]
-    """0, or an index into `pdssjax.integration.FAILURES`; the motion is then NaN."""
+    """0, or an index into `pdssjax.integration.solution.FAILURES`; the motion is then NaN."""
 
     @property
     def message(self) -> str:
@@ -55,11 +56,11 @@ def simulate(
     need_double_precision()
     system = StickSlip(actuator, drive)
     times = jnp.asarray(times, float)
-    run = march(system, times[-1], accuracy or Accuracy())
-    x, segment, after, mode = states_at(system, run, times)
+    run = integrate(system, times[-1], accuracy or Accuracy())
+    x, segment, t_local, mode = states_at(system, run, times)
     shown = _from_rest(times, run.failure)
-    friction = jax.vmap(system.force)(segment, after, x, mode)
-    y, w = jax.vmap(actuator.stage.platform)(x.stage)
+    friction = jax.vmap(system.force)(segment, t_local, x, mode)
+    y, w = jax.vmap(actuator.driven_platform.platform)(x.driven)
     return Trajectory(
         time=times,
         voltage=drive.at(times),
@@ -79,10 +80,10 @@ def simulate(
 def measured(system: Any, times: Float[Array, " m"], accuracy: Accuracy) -> Float[Array, " m"]:
     """What the sensor of a `system` shows at `times` [s]: what a fit needs, at less cost than `simulate`.
 
-    The system is a `StickSlip` or an `Unloaded`; the sensor's delay shifts the times.
+    The system is a `StickSlip` or an `PlatformOnly`; the sensor's delay shifts the times.
     """
-    keep = system.displaced()
-    run = march(system, times[-1], accuracy, keep)
+    keep = system.output_components()
+    run = integrate(system, times[-1], accuracy, keep)
     seen = times - system.sensor.delay
     x, *_ = states_at(system, run, seen, keep)
     return _from_rest(seen, run.failure)(jax.vmap(system.measured)(x))
@@ -93,19 +94,19 @@ def displacements(
 ) -> tuple[Float[Array, " m"], Float[Array, " m"]]:
     """True platform and end-effector displacement [m] only, at less cost than `simulate`."""
     system = StickSlip(actuator, drive)
-    keep = system.displaced()
-    run = march(system, times[-1], accuracy, keep)
+    keep = system.output_components()
+    run = integrate(system, times[-1], accuracy, keep)
     x, *_ = states_at(system, run, times, keep)
-    y, _ = jax.vmap(actuator.stage.platform)(x.stage)
+    y, _ = jax.vmap(actuator.driven_platform.platform)(x.driven)
     shown = _from_rest(times, run.failure)
     return shown(y), shown(y - x.d)
 
 
 def contact_force(system: Any, times: Float[Array, " m"], accuracy: Accuracy) -> Float[Array, " m"]:
-    """The force [N] of a `Tribometer` at `times` [s]."""
-    run = march(system, times[-1], accuracy)
-    x, segment, after, mode = states_at(system, run, times)
-    return _from_rest(times, run.failure)(jax.vmap(system.force)(segment, after, x, mode))
+    """The force [N] of a `PrescribedMotion` at `times` [s]."""
+    run = integrate(system, times[-1], accuracy)
+    x, segment, t_local, mode = states_at(system, run, times)
+    return _from_rest(times, run.failure)(jax.vmap(system.force)(segment, t_local, x, mode))
 
 
 def platform(
@@ -119,7 +120,7 @@ def platform(
     def pass_segment(carry, index):
         origin, state = carry
         segment = drive.segment(index)
-        state = piezo.entered(state, segment)
+        state = piezo.on_segment_start(state, segment)
         lasts = jnp.isfinite(segment.duration)
         duration = jnp.where(lasts, segment.duration, 0.0)
         ahead = piezo.motion(state, segment, 0.0, duration)
@@ -139,12 +140,3 @@ def platform(
 def _from_rest(times, failure):
     """Zero before the start; NaN where the run failed."""
     return lambda value: jnp.where(failure > 0, jnp.nan, jnp.where(times >= 0, value, 0.0))
-
-
-def need_double_precision() -> None:
-    """**Raises** `ValueError` where JAX computes in single precision, which cannot locate events."""
-    if not jax.config.jax_enable_x64:  # pyright: ignore[reportAttributeAccessIssue]
-        raise ValueError(
-            "Expected JAX in double precision, but it is in single; "
-            'call jax.config.update("jax_enable_x64", True) first.'
-        )

@@ -9,12 +9,8 @@ import inspect
 import sys
 import textwrap
 
-from .amplifier import Amplifier
-from .effector import Effector, Stop
-from .errors import InputError, nearest
-from .family import member, members
-from .quantity import Quantity, choices, quantities
-from .sensor import Sensor
+from ..actuator import Amplifier, Effector, Sensor, Stop
+from ..core import InputError, Quantity, choices, member, members, nearest, quantities
 
 FAMILIES = ("drive", "piezo", "friction")
 """Of these a study chooses a member: drives by `waveform`, the others in [actuator]."""
@@ -39,7 +35,7 @@ class Entry:
     """By name, the words it may be set to."""
 
 
-def catalogue() -> list[Entry]:
+def catalogue_entries() -> list[Entry]:
     """All members and parts, family by family."""
     chosen = [(f"{family}/{name}", member(family, name)) for family in FAMILIES for name in members(family)]
     return [_entry(name, model) for name, model in (*chosen, *PARTS.items())]
@@ -50,7 +46,7 @@ def find_entry(name: str) -> Entry:
 
     **Raises:** `InputError` that names the nearest known one.
     """
-    entries = catalogue()
+    entries = catalogue_entries()
     found = [entry for entry in entries if name in (entry.name, entry.name.rpartition("/")[2])]
     if not found:
         known = [entry.name.rpartition("/")[2] for entry in entries]

@@ -1,44 +1,14 @@
-"""What an identification found: plain values in SI units, for the report, the plots and the files."""
+"""A record beside its prediction."""
 
 import math
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
-from .metrics import error_index, r_squared, rmse
-from .records import Record
-from .residual import noise_floor
-
-FORMAT = "pdssjax-estimate/1"
-"""Of the file in which an estimate is kept."""
-
-
-@dataclass(frozen=True)
-class FittedParameter:
-    """One parameter of the model, free or fixed."""
-
-    path: str
-    """Family and field, such as "friction.sigma0_a"."""
-    value: float
-    """Estimate [unit]."""
-    standard_error: float
-    """One standard deviation [unit]; NaN where fixed or where the data say nothing."""
-    interval: tuple[float, float]
-    """Lower and upper end of the 95 % interval [unit]; NaN like the standard error."""
-    unit: str
-    """SI unit; "" for a pure number."""
-    free: bool
-    """Fitted rather than held."""
-    start: float | None
-    """Where the fit started [unit]; None where fixed."""
-    at_bound: bool
-    """The estimate lies on one of its bounds."""
-    informed: bool
-    """False where the data say nothing about a free parameter."""
-    naive_standard_error: float | None = None
-    """Standard error of a sequential fit that takes the earlier step's results for exact; else None."""
+from ..metrics import error_index, r_squared, rmse
+from .noise import noise_floor
+from .record import Record
 
 
 @dataclass(frozen=True)
@@ -49,7 +19,7 @@ class FittedRecord:
     role: str
     """"fit" or "validate"."""
     measures: str
-    """"platform", "effector", "friction" or "force", as in `pdssjax.records.Record`."""
+    """"platform", "effector", "friction" or "force", as in `pdssjax.study.record.Record`."""
     samples: int
     r2: float
     """Share of the measured variance that is explained."""
@@ -125,53 +95,3 @@ def compare(
         chi2=chi2,
         reduced_chi2=math.nan if record.noise is None else chi2 / freedom,
     )
-
-
-@dataclass(frozen=True)
-class Statistics:
-    """Goodness of the fit as a whole, in the words of least squares."""
-
-    chi2: float
-    """Sum of squared residuals, each divided by its noise."""
-    reduced_chi2: float
-    """chi2 per degree of freedom; says nothing where `noise_estimated`."""
-    aic: float
-    """Akaike's information criterion."""
-    bic: float
-    """Bayesian information criterion."""
-    evaluations: int
-    """Model evaluations spent."""
-    iterations: int
-    """Steps of the optimiser."""
-    samples: int
-    """Samples fitted."""
-    free: int
-    """Free numbers: parameters and offsets."""
-    noise_estimated: bool = False
-    """The noise of every record fitted is that of its own residuals, so that reduced_chi2 is 1 by construction."""
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """The whole result of one identification."""
-
-    title: str
-    method: Literal["joint", "sequential"]
-    converged: bool
-    message: str
-    """One sentence on how the fit ended."""
-    parameters: dict[str, FittedParameter]
-    """By path."""
-    names: tuple[str, ...]
-    """Paths of the free parameters, in the order of the matrices."""
-    correlation: Float[np.ndarray, "p p"]
-    """Correlations; NaN in the rows of uninformed parameters."""
-    covariance: Float[np.ndarray, "p p"]
-    """Covariances, in the product of the SI units."""
-    records: tuple[FittedRecord, ...]
-    """In the order of the study."""
-    statistics: Statistics
-    notes: tuple[str, ...]
-    """Sentences the user must read, such as which parameters have no information."""
-    seconds: float
-    """Wall time of the fit [s]."""

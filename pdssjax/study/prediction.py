@@ -1,12 +1,12 @@
 """Predicts the records of a study, all that share a shape in one compiled function.
 
 Platform records of a closed piezo without friction feedback come from the closed form; the
-others are marched.  Records of one waveform are stacked and run one after the other, so that
-the compiler sees the march once.
+others are integrated.  Records of one waveform are stacked and run one after the other, so that
+the compiler sees the integration once.
 """
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
@@ -16,70 +16,25 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float
 
-from .actuator import Actuator
-from .amplifier import Amplifier
-from .drive.base import AbstractDrive
-from .effector import Effector, Stop
-from .hold import waveform
-from .integration import Accuracy, march
-from .quantity import quantities
-from .records import Record
-from .sensor import Sensor
-from .simulation import contact_force, measured, platform
-from .stick_slip import StickSlip
-from .tribometer import Tribometer
-from .unloaded import Unloaded
-
-Values = Mapping[str, Any]
-"""Parameter paths to numbers in SI, Python's or arrays of shape ()."""
+from ..actuator import waveform
+from ..core import quantities
+from ..drive.base import AbstractDrive
+from ..integration import Accuracy, integrate
+from ..simulation import PlatformOnly, PrescribedMotion, StickSlip, contact_force, measured, platform
+from .models import Models, Values
+from .record import Record
 
 _STEPS_PER_SEGMENT = 200
+
 _MANY = 400
 """Segments of a drive from which on each is short and takes a few steps only."""
+
 _SPARE_STEPS = 1000
+
 _STEPS_WHERE_MANY = 8
+
 _STEPS_A_SECOND = 6000
 """Where nothing settles: for transients that die out at up to 18 000 a second, by the `span` of a step."""
-
-
-class Models(eqx.Module):
-    """The chosen family members, without their parameters."""
-
-    piezo: type = eqx.field(static=True)
-    friction: type = eqx.field(static=True)
-    friction_state: str = eqx.field(static=True)
-    feedback: bool = eqx.field(static=True)
-    parts: frozenset[str] = eqx.field(static=True, default=frozenset())
-    """What the rig has besides: "amplifier", "low-pass" (of the sensor)."""
-
-    @property
-    def law(self) -> dict[str, Any]:
-        """The reading of a direction-dependent law."""
-        return {"state": self.friction_state} if hasattr(self.friction, "state") else {}
-
-    @property
-    def closed(self) -> bool:
-        """The platform's motion is known in closed form."""
-        return self.piezo.closed and not self.feedback and not self.parts
-
-    def contact(self, values: Values) -> Any:
-        """The friction law with the given `values`."""
-        return self.friction(**_fields("friction", self.friction, values), **self.law)
-
-    def actuator(self, values: Values, blocked: bool = False) -> Actuator:
-        """The actuator with the given `values`; what is left out keeps its nominal value."""
-        return Actuator(
-            self.piezo(**_fields("piezo", self.piezo, values)),
-            self.contact(values),
-            Effector(**_fields("effector", Effector, values)),
-            self.feedback,
-            Amplifier(**_fields("amplifier", Amplifier, values)) if "amplifier" in self.parts else None,
-            Stop(**_fields("stop", Stop, values)) if blocked else None,
-        )
-
-    def sensor(self, values: Values) -> Sensor:
-        """The displacement sensor with the given `values`."""
-        return Sensor(**_fields("sensor", Sensor, values), filters="low-pass" in self.parts)
 
 
 class _Group(eqx.Module):
@@ -87,7 +42,7 @@ class _Group(eqx.Module):
 
     drives: AbstractDrive | None
     """Stacked: every leaf has one entry a record; a prescribed motion needs none."""
-    own: dict[str, np.ndarray]
+    overrides: dict[str, np.ndarray]
     """For each quantity of the drive, whether the record sets it itself."""
     times: np.ndarray
     """Shape (records, samples), each row filled up with its last time."""
@@ -154,21 +109,21 @@ def _kind(models: Models, record: Record) -> str:
 def _predict(group: _Group, models: Models, values: Values, accuracy: Accuracy) -> Array:
     roomy = _roomy(group, models, accuracy)
     if group.kind == "friction":
-        force = lambda args: contact_force(Tribometer(models.contact(values), *args), args[0], roomy)
+        force = lambda args: contact_force(PrescribedMotion(models.contact(values), *args), args[0], roomy)
         return lax.map(force, _prescribed(group))
 
-    def one(drive, own, times, on_platform):
-        system = _system(group, models, values, _shared(drive, own, values), on_platform)
+    def one(drive, overrides, times, on_platform):
+        system = _system(group, models, values, _shared(drive, overrides, values), on_platform)
         if group.kind == "closed":
-            return platform(system.stage.piezo, system.drive, times - system.sensor.delay, group.segments)
+            return platform(system.driven_platform.piezo, system.drive, times - system.sensor.delay, group.segments)
         return measured(system, times, roomy)
 
-    return lax.map(lambda args: one(*args), (group.drives, group.own, group.times, group.on_platform))
+    return lax.map(lambda args: one(*args), (group.drives, group.overrides, group.times, group.on_platform))
 
 
 @eqx.filter_jit
 def failures(predictor: Predictor, values: Values, accuracy: Accuracy) -> list[Array]:
-    """For each record an index into `integration.FAILURES`: why it cannot be predicted; 0 where it can."""
+    """For each record an index into `solution.FAILURES`: why it cannot be predicted; 0 where it can."""
     found: dict[int, Array] = {}
     for group in predictor.groups:
         found |= dict(zip(group.places, _failures(group, predictor.models, values, accuracy), strict=True))
@@ -180,21 +135,21 @@ def _failures(group: _Group, models: Models, values: Values, accuracy: Accuracy)
         return jnp.zeros(len(group.places))
     roomy = _roomy(group, models, accuracy)
     if group.kind == "friction":
-        ends = lambda args: march(Tribometer(models.contact(values), *args), args[0][-1], roomy).failure
+        ends = lambda args: integrate(PrescribedMotion(models.contact(values), *args), args[0][-1], roomy).failure
         return lax.map(ends, _prescribed(group))
 
-    def one(drive, own, times, on_platform):
-        system = _system(group, models, values, _shared(drive, own, values), on_platform)
-        return march(system, times[-1], roomy, system.displaced()).failure
+    def one(drive, overrides, times, on_platform):
+        system = _system(group, models, values, _shared(drive, overrides, values), on_platform)
+        return integrate(system, times[-1], roomy, system.output_components()).failure
 
-    return lax.map(lambda args: one(*args), (group.drives, group.own, group.times, group.on_platform))
+    return lax.map(lambda args: one(*args), (group.drives, group.overrides, group.times, group.on_platform))
 
 
 def _roomy(group: _Group, models: Models, accuracy: Accuracy) -> Accuracy:
     """`accuracy` with room for the steps that the longest record may take."""
     few = min(group.segments, _MANY)
     room = _STEPS_PER_SEGMENT * few + _STEPS_WHERE_MANY * (group.segments - few) + _SPARE_STEPS
-    if group.kind == "blocked" or (group.kind != "friction" and not models.piezo.settles):
+    if group.kind == "blocked" or (group.kind != "friction" and not models.piezo.has_steady_state):
         room += int(_STEPS_A_SECOND * group.duration)
     return dataclasses.replace(accuracy, max_steps=max(room, accuracy.max_steps))
 
@@ -204,9 +159,9 @@ def _prescribed(group: _Group) -> tuple[Any, Any]:
     return group.times - group.times[:, :1], group.motion
 
 
-def _shared(drive: Any, own: dict[str, Any], values: Values) -> Any:
+def _shared(drive: Any, overrides: dict[str, Any], values: Values) -> Any:
     """`drive` with the study's numbers in place of those that the record does not set itself."""
-    for field, declared in own.items():
+    for field, declared in overrides.items():
         if (path := f"drive.{field}") in values:
             shared = jnp.where(declared, getattr(waveform(drive), field), values[path])
             drive = eqx.tree_at(lambda d, field=field: getattr(waveform(d), field), drive, shared)
@@ -217,7 +172,7 @@ def _system(group: _Group, models: Models, values: Values, drive: Any, on_platfo
     """What moves in a record of the `group`."""
     actuator, sensor = models.actuator(values, group.kind == "blocked"), models.sensor(values)
     if group.kind in ("closed", "unloaded"):
-        return Unloaded(actuator.stage, drive, sensor)
+        return PlatformOnly(actuator.driven_platform, drive, sensor)
     return StickSlip(actuator, drive, sensor, on_platform)
 
 
@@ -230,7 +185,9 @@ def _group(records: Sequence[Record], places: Sequence[int], kind: str) -> _Grou
     motions = [record.motion for record in records if record.motion is not None]
     return _Group(
         drives=None if first is None else jax.tree.map(lambda *leaves: np.stack(leaves), *drives),
-        own={field: np.array([field in r.own or not fields[field].optional for r in records]) for field in fields},
+        overrides={
+            field: np.array([field in r.overrides or not fields[field].optional for r in records]) for field in fields
+        },
         times=np.stack([padded(record.time) for record in records]),
         motion=np.stack([padded(motion) for motion in motions]) if motions else None,
         on_platform=np.array([1.0 * (record.measures == "platform") for record in records]),
@@ -247,8 +204,3 @@ def _segments(records: Sequence[Record], kind: str) -> int:
     if kind == "friction":
         return max(record.time.size for record in records)
     return max(record.drive.segments(float(record.time[-1])) for record in records if record.drive is not None)
-
-
-def _fields(family: str, model: type, values: Values) -> dict[str, Any]:
-    named = {field: values.get(f"{family}.{field}") for field in quantities(model)}
-    return {field: value for field, value in named.items() if value is not None}

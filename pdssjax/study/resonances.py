@@ -16,11 +16,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .prediction import Models
-from .records import Record
+from .models import Models
+from .record import Record
 
 SHOWN = 0.4
 """The part of the sampling rate up to which a record shows a frequency: two and a half samples a period."""
+
 _SHIFT = 1e-3
 """By which a parameter is changed to see whether a resonance depends on it."""
 

@@ -6,16 +6,14 @@ steps of the sensor's resolution.
 """
 
 import dataclasses
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from .errors import InputError
-from .records import Record
+from ..core import InputError
+from .record import Record
 from .study import Study
-from .units import column_unit, factor
 
 _WANDERS = 0.1
 """Zeros of records whose offset is free lie within this share of the record's range."""
@@ -58,27 +56,6 @@ def _recorded(record: Record, motion: Any, seed: int, where: str) -> Recording:
     if record.resolution:
         shown = np.round(shown / record.resolution) * record.resolution
     return Recording(dataclasses.replace(record, measured=shown), true, offset)
-
-
-def write_csv(recording: Recording, file: Path) -> None:
-    """The record as the study describes its file: columns by their names and units.
-
-    **Raises:** `InputError` where the name of a column does not tell its unit.
-    """
-    record = recording.record
-    data = {"time": (record.time + record.start, "s"), "motion": (record.motion, "m"), "force": (record.measured, "N")}
-    data["displacement"] = (record.measured, "m")
-    names, columns, formats = [], [], []
-    for quantity, (name, unit) in record.columns.items():
-        values, si = data[quantity]
-        where = f'record "{record.name}": column "{name}"'
-        columns.append(np.asarray(values) / factor(unit or column_unit(name), si, where))
-        names.append(name)
-        # A clock that began long ago needs more digits to tell its samples apart.
-        formats.append("%.15g" if quantity == "time" and record.start else "%.9g")
-    file.parent.mkdir(parents=True, exist_ok=True)
-    header = ",".join(names)
-    np.savetxt(file, np.column_stack(columns), fmt=formats, delimiter=",", header=header, comments="", encoding="utf-8")
 
 
 def truth(study: Study, recordings: list[Recording], seed: int) -> dict[str, Any]:

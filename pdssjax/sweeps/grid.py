@@ -19,29 +19,28 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .errors import InputError, nearest
-from .expansion import Taylor
-from .hold import waveform
-from .identified import numbers_used
-from .integration import FAILURES, Accuracy
-from .metrics import FLANK, cycle_metrics
-from .quantity import Quantity, quantities
-from .records import Record
-from .stepping import pass_times
-from .stick_slip import StickSlip
-from .study import Study
-from .tables import check_range
+from ..actuator import waveform
+from ..core import InputError, Quantity, check_range, nearest, quantities
+from ..integration import FAILURES, Accuracy, Taylor, integrate_to_times
+from ..metrics import FLANK, cycle_metrics
+from ..simulation import StickSlip
+from ..study import Record, Study, numbers_used
 
 LANES = 64
 """Points run side by side: measured, the fastest from 16 to 128."""
+
 ACCURACY = Accuracy(tolerance=3e-11, method=Taylor(8))
 """Side by side a low order is faster; this agrees with single runs to 1e-4 um."""
+
 _LINE = 6
 """Samples by which the line of a flank is found."""
+
 _INSIDE = 1e-6
 """How far inside the fitted part they stay, in parts of a flank: rounding must not put one outside."""
+
 METRICS = {"net_step": "m", "speed": "m/s", "efficiency": "1", "stroke": "m", "back_slip": "m"}
 """What is measured at each point, with its unit."""
+
 SAYS = {
     "net_step": "net step of a cycle",
     "speed": "average speed",
@@ -72,7 +71,7 @@ def sweep(
     `workers` is the number of threads, one a core by default.
 
     **Returns:** an `xarray.Dataset` with one dimension an axis, labelled with units: the metrics,
-    and `failure`, 0 or an index into `pdssjax.integration.FAILURES`, whose sentences are in its
+    and `failure`, 0 or an index into `pdssjax.integration.solution.FAILURES`, whose sentences are in its
     attribute `meanings`.  What was held has an attribute each, and the attribute `parameters`
     (JSON) tells the study's parameters with value, unit and source.
 
@@ -84,7 +83,7 @@ def sweep(
     axes = {path: np.atleast_1d(np.asarray(values, float)) for path, values in over.items()}
     declared = _check(study, base, axes, cycles)
     points = np.array(list(itertools.product(*axes.values()))) if axes else np.zeros((1, 0))
-    used = numbers_used(study, [*axes, *(f"drive.{field}" for field in base.own)])
+    used = numbers_used(study, [*axes, *(f"drive.{field}" for field in base.overrides)])
     numbers = {path: told["value"] for path, told in used.items()}
     run = _Block(study.models, base.drive, tuple(axes), numbers, cycles, accuracy or ACCURACY)
     # Neighbours in a block wait for the slowest of them, and what sets the pace is the frequency.
@@ -121,8 +120,8 @@ class _Block(eqx.Module):
         fall = jnp.asarray(getattr(drive, "fall_time", 0.0), float)
         phases = fall + (period - fall) * jnp.linspace(FLANK[0] + _INSIDE, FLANK[1] - _INSIDE, _LINE)
         times = jnp.concatenate([(self.cycles - 1) * period + phases, self.cycles * period + phases])
-        state, _, _, failure = pass_times(StickSlip(actuator, drive), times, self.accuracy)
-        y, _ = jax.vmap(actuator.stage.platform)(state.stage)
+        state, _, _, failure = integrate_to_times(StickSlip(actuator, drive), times, self.accuracy)
+        y, _ = jax.vmap(actuator.driven_platform.platform)(state.driven)
         walk = cycle_metrics(times, y - state.d, drive.frequency, (self.cycles - 1) * period, 1, fall)
         metrics = jnp.stack([getattr(walk, name)[0] for name in METRICS])
         return jnp.where(failure > 0, jnp.nan, metrics), jnp.where(jnp.isfinite(metrics).all(), failure, 2)

@@ -8,27 +8,27 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from pdssjax.amplifier import Amplifier
+from pdssjax import Amplifier
+from pdssjax.actuator import DrivenPlatform
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.drive.sine import Sine
 from pdssjax.drive.step import Step
-from pdssjax.integration import TIGHT, march, states_at
+from pdssjax.integration import integrate, states_at
+from pdssjax.integration.accuracy import TIGHT
 from pdssjax.piezo.bouc_wen import BoucWen
 from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.piezo.static import Static
-from pdssjax.simulation import measured
-from pdssjax.stage import Stage
-from pdssjax.unloaded import Unloaded
+from pdssjax.simulation import PlatformOnly, measured
 
 W, XI, C = 6736.0, 0.1772, 1.007e-7
 
 
 def output(amplifier, drive, times):
     """The voltage that reaches the piezo [V], and how many events there were."""
-    system = Unloaded(Stage(SecondOrder(), amplifier), drive)
-    run = march(system, times[-1], TIGHT)
+    system = PlatformOnly(DrivenPlatform(SecondOrder(), amplifier), drive)
+    run = integrate(system, times[-1], TIGHT)
     x, *_ = states_at(system, run, jnp.asarray(times))
-    return np.asarray(x.stage.supply[0]), run
+    return np.asarray(x.driven.supply[0]), run
 
 
 def test_a_small_sine_follows_the_transfer_function_of_first_order():
@@ -51,7 +51,7 @@ def test_a_large_step_rises_at_the_slew_rate_and_ends_exponentially():
     # A local error of 1e-14 m, as `TIGHT` allows, is 1e-7 V here.
     np.testing.assert_allclose(shown, expected, rtol=0.0, atol=1e-8)
     assert int(run.events) == 1
-    ends = (run.steps.after + run.steps.length)[: int(run.count)]
+    ends = (run.steps.t_local + run.steps.duration)[: int(run.count)]
     assert float(jnp.min(jnp.abs(ends - turns))) < 1e-18
 
 
@@ -89,7 +89,7 @@ CASES = {
 def test_the_platform_behind_it_moves_as_scipy_has_it(name, bandwidth, slew):
     drive, pieces = CASES[name]
     times = jnp.linspace(0.0, pieces[-1][1], 101)[1:]
-    run = jax.jit(lambda a, d: measured(Unloaded(Stage(SecondOrder(), a), d), times, TIGHT))
+    run = jax.jit(lambda a, d: measured(PlatformOnly(DrivenPlatform(SecondOrder(), a), d), times, TIGHT))
     shown = run(Amplifier(bandwidth, slew), drive)
     np.testing.assert_allclose(shown, followed(bandwidth, slew, pieces, times), rtol=0.0, atol=2e-11)
 
@@ -100,7 +100,9 @@ def test_the_platform_behind_it_moves_as_scipy_has_it(name, bandwidth, slew):
 )
 def test_the_platform_has_the_derivatives_of_central_differences_in_bandwidth_and_slew(drive):
     times = jnp.linspace(1e-4, 0.012, 60)
-    motion = jax.jit(lambda q: measured(Unloaded(Stage(SecondOrder(), Amplifier(q[0], q[1])), drive), times, TIGHT))
+    motion = jax.jit(
+        lambda q: measured(PlatformOnly(DrivenPlatform(SecondOrder(), Amplifier(q[0], q[1])), drive), times, TIGHT)
+    )
     nominal = jnp.asarray([3e3, 4e5])
     slopes = jax.jit(jax.jacfwd(motion))(nominal)
     for i in range(2):
@@ -114,7 +116,9 @@ def test_a_static_platform_shows_what_the_amplifier_gives():
     times = np.linspace(0.0, 0.012, 60)[1:]
     amplifier = Amplifier(3e3, 4e5)
     static: Any = Static
-    shown = measured(Unloaded(Stage(static(), amplifier), Sawtooth(64.0, 200.0)), jnp.asarray(times), TIGHT)
+    shown = measured(
+        PlatformOnly(DrivenPlatform(static(), amplifier), Sawtooth(64.0, 200.0)), jnp.asarray(times), TIGHT
+    )
     volts, _ = output(amplifier, Sawtooth(64.0, 200.0), times)
     np.testing.assert_allclose(shown, C * volts, rtol=0.0, atol=1e-14)
 
@@ -123,7 +127,9 @@ def test_hysteresis_behind_it_learns_that_the_voltage_turns_at_a_corner_of_the_c
     times = np.linspace(0.0, 0.012, 80)[1:]
     a, b, g, bandwidth = 0.3, 0.03, 0.01, 3e3
     shown = measured(
-        Unloaded(Stage(BoucWen(), Amplifier(bandwidth, 1e9)), Sawtooth(64.0, 200.0)), jnp.asarray(times), TIGHT
+        PlatformOnly(DrivenPlatform(BoucWen(), Amplifier(bandwidth, 1e9)), Sawtooth(64.0, 200.0)),
+        jnp.asarray(times),
+        TIGHT,
     )
 
     def field(t, x, k):

@@ -6,17 +6,13 @@ import numpy as np
 import pytest
 from scipy.integrate import cumulative_simpson
 
-from pdssjax.actuator import Actuator
+from pdssjax import Accuracy, Actuator, Effector, Sensor, Stop, simulate
+from pdssjax.actuator import GRAVITY
 from pdssjax.drive.sawtooth import Sawtooth
-from pdssjax.effector import GRAVITY, Effector, Stop
 from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
 from pdssjax.friction.simplified_lugre import SimplifiedLuGre
-from pdssjax.integration import Accuracy
 from pdssjax.piezo.second_order import SecondOrder
-from pdssjax.sensor import Sensor
-from pdssjax.simulation import measured, simulate
-from pdssjax.stick_slip import StickSlip
-from pdssjax.unloaded import Unloaded
+from pdssjax.simulation import PlatformOnly, StickSlip, measured
 
 UM = 1e6
 DRIVE = Sawtooth(64.0, 50.0, 5e-4)
@@ -38,7 +34,9 @@ def seen(bandwidth, delay, on_platform):
 @jax.jit
 def seen_unloaded(bandwidth, delay):
     return measured(
-        Unloaded(Actuator(SecondOrder(), SimplifiedLuGre()).stage, DRIVE, Sensor(bandwidth, delay)), TIMES, Accuracy()
+        PlatformOnly(Actuator(SecondOrder(), SimplifiedLuGre()).driven_platform, DRIVE, Sensor(bandwidth, delay)),
+        TIMES,
+        Accuracy(),
     )
 
 

@@ -22,8 +22,8 @@ from benchmarks.peers.scipy_lsoda import SciPyLSODA
 from benchmarks.problem import NAMES, PARAMETERS, Problem, effector, pieces
 from benchmarks.rig import sawtooths, truth
 from benchmarks.table import as_json, as_markdown, as_text
-from pdssjax.expansion import Taylor
-from pdssjax.integration import TIGHT, Accuracy
+from pdssjax import Accuracy, Taylor
+from pdssjax.integration.accuracy import TIGHT
 
 SHORT = Problem(cycles=2, samples=101)
 needs_gcc = pytest.mark.skipif(CFloor().missing() is not None, reason="there is no gcc")

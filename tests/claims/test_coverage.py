@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import pdssjax
-from pdssjax.cli import EXAMPLE
-from pdssjax.study import Study
+from pdssjax import Study
+from pdssjax.files import EXAMPLE
 
 pytestmark = pytest.mark.slow
 
@@ -30,7 +30,7 @@ def example() -> Study:
 
 
 def started(study: Study, starts: dict[str, float]) -> Study:
-    """`study` with its free parameters starting at `starts`."""
+    """`study` with its free parameters starting at `search`."""
     parameters = {
         path: dataclasses.replace(p, start=starts[path]) if p.free else p for path, p in study.parameters.items()
     }

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from numpy.polynomial import polynomial as poly
 
-from pdssjax.crossing import first_crossing
-from pdssjax.series import polynomial
+from pdssjax.integration.event_location import first_crossing
+from pdssjax.integration.taylor_series import polynomial
 
 SIZE = 17
 """Coefficients of a guard: those of a step of order 16."""
@@ -37,7 +37,7 @@ def root(*roots: complex, scale: float = 1.0) -> float:
 @pytest.mark.parametrize("scale", [1.0, 1e-14])
 @pytest.mark.parametrize("at", [1e-7, 0.01, 0.3, 1 / 3, 0.5, 0.99, 1.0 - 1e-12])
 def test_a_simple_root(at, scale):
-    assert root(at, scale=scale) == pytest.approx(at, rel=1e-13, abs=1e-15)
+    assert root(at, transform=scale) == pytest.approx(at, rel=1e-13, abs=1e-15)
 
 
 @pytest.mark.parametrize("depth", [1e-1, 1e-2, 1e-3, 1e-4, 1e-6])

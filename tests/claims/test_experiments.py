@@ -9,8 +9,8 @@ from scipy.optimize import least_squares
 from scipy.signal import TransferFunction, lsim
 
 from experiments import common, mode_ratio, one_mode_error, step_responses
-from pdssjax.cli import EXAMPLE
-from pdssjax.rod import roots
+from pdssjax.files import EXAMPLE
+from pdssjax.piezo import roots
 
 
 @pytest.fixture

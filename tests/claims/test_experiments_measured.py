@@ -8,11 +8,10 @@ import pytest
 
 import pdssjax
 from experiments import fits, identification, measured_fits, measured_laws, tribometer
-from pdssjax.cli import EXAMPLE
-from pdssjax.expansion import Taylor
-from pdssjax.integration import Accuracy
+from pdssjax import Accuracy, Taylor
+from pdssjax.files import EXAMPLE
+from pdssjax.inference import guess_starts
 from pdssjax.metrics import r_squared
-from pdssjax.starts import guess_starts
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ from experiments import (
     reconciliation,
     rival_models,
 )
-from pdssjax.actuator import Actuator
+from pdssjax import Actuator
 from pdssjax.piezo.second_order import SecondOrder
 
 

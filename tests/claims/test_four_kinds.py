@@ -11,18 +11,15 @@ import numpy as np
 import pytest
 
 import pdssjax
-from pdssjax.amplifier import Amplifier
-from pdssjax.cli import main
+from pdssjax import Accuracy, Amplifier, Study, Taylor
+from pdssjax.actuator import DrivenPlatform
+from pdssjax.cli.main import main
 from pdssjax.drive.step import Step
-from pdssjax.expansion import Taylor
-from pdssjax.integration import TIGHT, Accuracy
+from pdssjax.inference import guess_starts
+from pdssjax.integration.accuracy import TIGHT
 from pdssjax.piezo.second_order import SecondOrder
-from pdssjax.simulation import measured
-from pdssjax.stage import Stage
-from pdssjax.starts import guess_starts
-from pdssjax.study import Study
-from pdssjax.unloaded import Unloaded
-from pdssjax.virtual_rig import make_recordings
+from pdssjax.simulation import PlatformOnly, measured
+from pdssjax.study import make_recordings
 
 
 def made(folder: Path, seed: int = 1, **kind) -> tuple[Study, dict[str, float]]:
@@ -60,7 +57,7 @@ def likely(estimate) -> bool:
 
 def unknown(estimate) -> set[str]:
     """The free parameters about which the data say nothing."""
-    return {path for path, p in estimate.parameters.items() if p.free and not p.informed}
+    return {path for path, p in estimate.parameters.items() if p.free and not p.identifiable}
 
 
 def free(study: Study, *families: str) -> set[str]:
@@ -84,7 +81,7 @@ def test_every_start_guessed_from_four_kinds_is_within_a_factor_of_four(rig):
 def test_four_kinds_fitted_together_give_the_truth_within_its_errors(rig):
     study, true = rig
     rough = {path: true[path] * (0.9, 1.1)[i % 2] for i, path in enumerate(sorted(free(study)))}
-    quick = Accuracy(tolerance=1e-10, rest=1e-11, method=Taylor(8))
+    quick = Accuracy(tolerance=1e-10, settle_tolerance=1e-11, method=Taylor(8))
     estimate = pdssjax.identify(started(study, rough), accuracy=quick)
     assert estimate.converged and likely(estimate)
     told = pulls(estimate, true)
@@ -111,7 +108,7 @@ def test_a_study_that_has_never_predicted_can_be_predicted_under_jit(rig):
 @pytest.mark.parametrize("bandwidth", [2000.0, 2775.0])
 def test_a_step_behind_an_amplifier_keeps_its_derivatives_long_after_the_transient(bandwidth):
     times = jnp.linspace(0.0, 0.02, 80)
-    system = lambda bandwidth: Unloaded(Stage(SecondOrder(), Amplifier(bandwidth)), Step(60.0))
+    system = lambda bandwidth: PlatformOnly(DrivenPlatform(SecondOrder(), Amplifier(bandwidth)), Step(60.0))
     motion = jax.jit(lambda bandwidth: measured(system(bandwidth), times, TIGHT))
     slope = jax.jit(jax.jacfwd(lambda bandwidth: measured(system(bandwidth), times, Accuracy())))(bandwidth)
     expected = (motion(bandwidth + 0.1) - motion(bandwidth - 0.1)) / 0.2

@@ -5,8 +5,8 @@ import json
 import pytest
 
 import pdssjax
-from pdssjax.cli import main
-from pdssjax.errors import InputError
+from pdssjax import InputError
+from pdssjax.cli.main import main
 
 TRUTH = {
     "creep": {"creep": "0.022", "creep_time": '"80 ms"'},

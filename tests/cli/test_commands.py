@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 import pdssjax
-from pdssjax import cli
-from pdssjax.errors import InputError, InputWarning
+from pdssjax import InputError, InputWarning
+from pdssjax.cli import main as cli
+from pdssjax.files import EXAMPLE
 
 
 def test_identify_reports_and_writes(calls, tmp_path, capsys):
@@ -25,7 +26,7 @@ def test_identify_reports_and_writes(calls, tmp_path, capsys):
 
 def test_identify_takes_the_packaged_example_by_default(calls, tmp_path):
     assert cli.main(["identify", "--out", str(tmp_path)]) == 0
-    assert calls.studies == [cli.EXAMPLE / "study.toml"]
+    assert calls.studies == [EXAMPLE / "study.toml"]
     assert calls.studies[0].exists()
 
 
@@ -129,7 +130,7 @@ def test_simulate_writes_each_record_with_its_own_zero(calls, tmp_path, capsys):
 def test_the_example_is_copied_for_the_user_to_edit(tmp_path, capsys):
     folder = tmp_path / "mine"
     assert cli.main(["example", str(folder)]) == 0
-    assert {path.name for path in folder.iterdir()} == {path.name for path in cli.EXAMPLE.iterdir()}
+    assert {path.name for path in folder.iterdir()} == {path.name for path in EXAMPLE.iterdir()}
     assert f"pdssjax identify {folder / 'study.toml'}" in capsys.readouterr().out
     assert cli.main(["example", str(folder)]) == 2
     assert "expected an empty folder" in capsys.readouterr().err

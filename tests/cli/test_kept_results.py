@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from platform_study import PLATFORM, write_platform
 
-from pdssjax import cli, output
+from pdssjax.cli import main as cli
 
 
 @pytest.fixture
@@ -41,7 +41,7 @@ def temporary(tmp_path, monkeypatch):
 
 def test_the_report_is_printed_before_anything_is_written(calls, tmp_path, monkeypatch, capsys):
     printed = []
-    monkeypatch.setattr(output, "write_estimate", lambda *given: printed.append(capsys.readouterr().out))
+    monkeypatch.setattr("pdssjax.files.write_estimate", lambda *given: printed.append(capsys.readouterr().out))
     assert cli.main(["identify", "--out", str(tmp_path / "out")]) == 0
     assert "[[Rig, July]]" in printed[0]
 
@@ -82,7 +82,7 @@ def test_a_write_that_is_broken_off_still_leaves_the_estimate(calls, tmp_path, m
     def interrupted(*given):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(output, "_write_records", interrupted)
+    monkeypatch.setattr("pdssjax.files.estimate_results.write_records", interrupted)
     assert cli.main(["identify", "--out", str(tmp_path)]) == 130
     assert {path.name for path in tmp_path.iterdir()} == {"estimate.json", "report.txt"}
     assert f"the estimate is in {tmp_path / 'estimate.json'}, without plots" in capsys.readouterr().err
@@ -92,7 +92,7 @@ PROGRAM = """
 import sys
 sys.path[:0] = [{tests!r}]
 import dataclasses, fabricated, pdssjax
-from pdssjax import cli
+from pdssjax.cli import main as cli
 whole = fabricated.estimate()
 vars(pdssjax)["load_study"] = lambda path: None
 vars(pdssjax)["identify"] = lambda *given, **how: dataclasses.replace(whole, records=whole.records[:1])
@@ -102,7 +102,7 @@ sys.exit(cli.main(["identify", "--out", {out!r}]))
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no /dev/full on this system")
 def test_a_standard_output_that_takes_nothing_costs_no_results(tmp_path):
-    program = PROGRAM.format(tests=str(Path(__file__).parent), out=str(tmp_path / "out"))
+    program = PROGRAM.format(tests=str(Path(__file__).parents[1] / "helpers"), out=str(tmp_path / "out"))
     with open("/dev/full", "w") as nowhere:
         ended = subprocess.run([sys.executable, "-c", program], stdout=nowhere, stderr=subprocess.PIPE, text=True)
     assert ended.returncode == 0

@@ -10,16 +10,14 @@ import pytest
 from scipy.integrate import solve_ivp
 from sliding import slid
 
-from pdssjax.drive.base import AbstractDrive, Segment, Wave
+from pdssjax import AbstractDrive, AbstractFriction, AbstractPiezo
+from pdssjax.core import member, members, quantities
+from pdssjax.drive.base import Segment, Wave
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.drive.step import Step
-from pdssjax.family import member, members
 from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
-from pdssjax.friction.base import AbstractFriction
 from pdssjax.friction.bristle import Bristle
 from pdssjax.friction.simplified_lugre import SimplifiedLuGre
-from pdssjax.piezo.base import AbstractPiezo
-from pdssjax.quantity import quantities
 
 INTERFACES = {"drive": AbstractDrive, "piezo": AbstractPiezo, "friction": AbstractFriction}
 EVERYONE = [(family, name) for family in INTERFACES for name in members(family)]
@@ -119,7 +117,7 @@ SEGMENTS = {
 @pytest.mark.parametrize("name", SEGMENTS)
 def test_a_platform_known_in_closed_form_moves_as_its_rate_says(piezo, name):
     segment, after = SEGMENTS[name]
-    begin = piezo.motion(piezo.entered(piezo.initial(), segment), segment, 0.0, after)
+    begin = piezo.motion(piezo.on_segment_start(piezo.initial(), segment), segment, 0.0, after)
     end = piezo.motion(begin, segment, after, 0.0021)
     np.testing.assert_allclose(end, moved(piezo, segment, after, 0.0021, begin), rtol=1e-9, atol=1e-18)
 
@@ -137,27 +135,27 @@ def test_the_acceleration_of_the_platform_is_the_rate_of_its_velocity(piezo):
         assert float(bend) == pytest.approx(free + force / float(piezo.mass), rel=1e-9)
 
 
-@pytest.mark.parametrize("piezo", [piezo for piezo in PIEZOS if piezo.settles], ids=str)
+@pytest.mark.parametrize("piezo", [piezo for piezo in PIEZOS if piezo.has_steady_state], ids=str)
 @pytest.mark.parametrize("name", ["constant", "slow flank"])
 def test_the_platform_stays_where_it_is_steady(piezo, name):
     segment, after = SEGMENTS[name]
     steady = lambda time: piezo.steady(piezo.initial(), segment, time, 0.0)
-    scales = np.array([float(x) for x in piezo.length()])
+    scales = np.array([float(x) for x in piezo.error_scale()])
     away = moved(piezo, segment, after, 0.003, steady(after)) - np.array(steady(after + 0.003), float)
-    assert np.abs(away * scales).max() < 1e-9 * abs(float(piezo.per_volt())) * 64.2
+    assert np.abs(away * scales).max() < 1e-9 * abs(float(piezo.static_gain())) * 64.2
 
 
 @pytest.mark.parametrize("law", LAWS, ids=str)
 @pytest.mark.parametrize("sign", SIGNS)
 def test_the_undisturbed_contact_is_in_equilibrium(law, sign):
-    state, rest = law.turned(law.initial(), jnp.asarray(sign)), jnp.zeros(())
+    state, rest = law.on_reversal(law.initial(), jnp.asarray(sign)), jnp.zeros(())
     rates = law.rate(state, rest, sign)
-    assert jax.tree.structure(rates) == jax.tree.structure(state) == jax.tree.structure(law.length())
-    assert all(jnp.shape(x) == () for x in (*state, *rates, *law.length(), law.force(state, rest, sign)))
-    assert all(float(length) > 0 for length in law.length())
+    assert jax.tree.structure(rates) == jax.tree.structure(state) == jax.tree.structure(law.error_scale())
+    assert all(jnp.shape(x) == () for x in (*state, *rates, *law.error_scale(), law.force(state, rest, sign)))
+    assert all(float(length) > 0 for length in law.error_scale())
     assert all(float(rate) == 0.0 for rate in rates)
     assert all(float(guard) > 0.0 for guard in law.guards(state, rest, sign))
-    ends = [float(law.holding(law.initial(), jnp.asarray(s))) for s in SIGNS]
+    ends = [float(law.breakaway_force(law.initial(), jnp.asarray(s))) for s in SIGNS]
     if type(law) not in SET_VALUED:
         assert ends == pytest.approx([0.0, 0.0], abs=1e-15)
     else:  # it holds whatever is between
@@ -172,7 +170,7 @@ def test_sliding_becomes_steady_and_drags_the_effector_along(law, v):
     assert all(float(guard) >= 0.0 for guard in guards)
     assert float(law.force(state, jnp.asarray(v), np.sign(v))) * v > 0
     if not isinstance(law, Bristle):  # whose bonds stretch and snap for ever
-        assert all(abs(float(r * length)) < 1e-5 * abs(v) for r, length in zip(rates, law.length(), strict=True))
+        assert all(abs(float(r * length)) < 1e-5 * abs(v) for r, length in zip(rates, law.error_scale(), strict=True))
 
 
 @pytest.mark.parametrize("law", LAWS, ids=str)
@@ -181,14 +179,14 @@ def test_the_actuator_may_ask_a_contact_at_rest_for_anything_and_gets_numbers(la
         for sign in (0.0, 2.0, *SIGNS):
             hooks = (law.rate, law.guards)
             given = [x for hook in hooks for x in hook(state, jnp.zeros(()), sign)]
-            given += [law.force(state, jnp.zeros(()), sign), law.holding(state, jnp.asarray(sign))]
+            given += [law.force(state, jnp.zeros(()), sign), law.breakaway_force(state, jnp.asarray(sign))]
             assert np.isfinite(np.array(given, float)).all()
 
 
 @pytest.mark.parametrize("law", LAWS, ids=str)
 def test_plausible_ranges_are_legal_and_name_parameters(law):
     declared = quantities(type(law))
-    ranges = law.plausible(0.086, 100.0, 6736.0)
+    ranges = law.search_ranges(0.086, 100.0, 6736.0)
     assert set(ranges) == set(declared)
     for name, (low, high) in ranges.items():
         assert max(declared[name].low, 0.0) < low < high <= declared[name].high
@@ -211,12 +209,12 @@ def test_steady_sliding_takes_the_breakaway_force_of_its_direction(law, forward,
 @pytest.mark.parametrize("law", LAWS, ids=str)
 @pytest.mark.parametrize("force", [0.3, -0.3])
 def test_a_relaxed_contact_carries_the_force_asked_for(law, force):
-    state, _ = law.relaxed(law.initial(), jnp.asarray(force))
+    state, _ = law.equilibrium_state(law.initial(), jnp.asarray(force))
     if type(law) not in SET_VALUED:
         assert float(law.force(state, jnp.zeros(()), np.sign(force))) == pytest.approx(force, rel=1e-12)
     else:
-        assert float(law.holding(state, -1.0)) < force < float(law.holding(state, 1.0))
-    again, yields = law.relaxed(state, jnp.asarray(force))
+        assert float(law.breakaway_force(state, -1.0)) < force < float(law.breakaway_force(state, 1.0))
+    again, yields = law.equilibrium_state(state, jnp.asarray(force))
     np.testing.assert_allclose(again, state, rtol=1e-12, atol=1e-18)
     assert float(yields) == pytest.approx(0.0, abs=1e-18)
 

@@ -6,10 +6,10 @@ import sys
 
 import pytest
 
-from pdssjax.runtime import cache_folder
+from pdssjax.core.jax_setup import cache_folder
 
 PROGRAM = """
-from pdssjax.runtime import prepare_jax
+from pdssjax.core import prepare_jax
 prepare_jax()
 import jax
 print(jax.jit(lambda x: x + 1)(1.0).dtype)

@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from pdssjax.errors import InputError
-from pdssjax.units import column_unit, factor, to_si
+from pdssjax import InputError
+from pdssjax.core import column_unit, factor, to_si
 
 
 @pytest.mark.parametrize(

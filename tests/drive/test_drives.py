@@ -7,13 +7,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from pdssjax.actuator import ZeroOrderHold
 from pdssjax.drive.cycloidal import Cycloidal
 from pdssjax.drive.sampled import Sampled
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.drive.sine import Sine
 from pdssjax.drive.step import Step
 from pdssjax.drive.triangle import Triangle
-from pdssjax.hold import Held
 from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.simulation import platform
 
@@ -31,8 +31,8 @@ DRIVES = {
     "sampled": Sampled(*SAMPLES),
     "sampled, held": Sampled(*SAMPLES, "held"),
     "sampled, late": Sampled(SAMPLES[0] + 0.005, SAMPLES[1] + 3.0),
-    "held": Held(Triangle(30.0, 20.0, 0.3), 1e-3),
-    "held samples": Held(Sampled(*SAMPLES), 7e-4),
+    "held": ZeroOrderHold(Triangle(30.0, 20.0, 0.3), 1e-3),
+    "held samples": ZeroOrderHold(Sampled(*SAMPLES), 7e-4),
 }
 EVERY = pytest.mark.parametrize("drive", DRIVES.values(), ids=DRIVES)
 
@@ -125,7 +125,7 @@ def test_samples_hold_their_first_voltage_from_the_begin_and_their_last_for_good
 
 def test_a_held_drive_has_the_value_of_its_drive_at_every_begin():
     drive = Sawtooth(64.0, 5.0)
-    held = Held(drive, 50e-6)
+    held = ZeroOrderHold(drive, 50e-6)
     ticks = np.arange(0, 12000, 7)
     levels = jax.vmap(held.segment)(jnp.asarray(ticks, float)).start
     exact = [0.0 if k == 0 else 64.0 * ((k % 4000) / 4000) for k in ticks]

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 from study_files import changed, csv, write_study
 
-from pdssjax.errors import InputError
-from pdssjax.guessing import initial_guess
-from pdssjax.hold import Held
-from pdssjax.study import load_study
+from pdssjax import InputError, initial_guess, load_study
+from pdssjax.actuator import ZeroOrderHold
 
 STEP = '{ waveform = "step", voltage = "48.2 V" }'
 SAMPLED = '{ waveform = "sampled", column = "voltage_V" }'
@@ -149,10 +147,10 @@ def test_any_drive_may_be_held_and_still_follows_the_shared_fall_time(tmp_path):
     walk = csv(1e-3, 40)
     study = load_study(write_study(tmp_path, changed('"5 Hz"', '"50 Hz"', text), walk=walk))
     drive = study.records[1].drive
-    assert isinstance(drive, Held)
+    assert isinstance(drive, ZeroOrderHold)
     assert drive.interval == pytest.approx(50e-6)
-    group = next(g for g in study.predictor.groups if isinstance(g.drives, Held))
-    assert not bool(group.own["fall_time"][0])
+    group = next(g for g in study.predictor.groups if isinstance(g.drives, ZeroOrderHold))
+    assert not bool(group.overrides["fall_time"][0])
 
 
 @pytest.mark.parametrize("hold", ["", ', hold = "50 us"'])

@@ -3,8 +3,7 @@
 import pytest
 from study_files import STUDY, changed, csv, write_study
 
-from pdssjax.errors import InputError
-from pdssjax.study import load_study
+from pdssjax import InputError, load_study
 
 STEP = csv(5e-5, 40)
 MASS = '"effector.mass" = { value = "86 g" }'

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from study_files import STUDY, changed, write_study
 
-from pdssjax.errors import InputError
-from pdssjax.records import Record
-from pdssjax.study import load_study
-from pdssjax.virtual_rig import Recording, write_csv
+from pdssjax import InputError, Record, load_study
+from pdssjax.files.signal_csv import write_csv
+from pdssjax.study import Recording
 
 UNIX = 1_700_000_000.25
 

@@ -8,9 +8,8 @@ import fabricated
 import numpy as np
 import pytest
 
-from pdssjax import output
-from pdssjax.errors import InputError
-from pdssjax.output import check_free, write_estimate, write_predictions
+from pdssjax import InputError
+from pdssjax.files import check_free, write_estimate, write_predictions
 
 
 @pytest.fixture(scope="module")
@@ -121,7 +120,7 @@ def test_an_interrupted_write_leaves_the_older_results_whole(tmp_path, monkeypat
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(output, "_write_records", interrupted)
+    monkeypatch.setattr("pdssjax.files.estimate_results.write_records", interrupted)
     with pytest.raises(KeyboardInterrupt):
         write_estimate(fabricated.estimate(), tmp_path)
     assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before

@@ -7,15 +7,14 @@ import numpy as np
 import pytest
 from study_files import STUDY, changed, csv, write_study
 
-from pdssjax.cli import EXAMPLE
+from pdssjax import InputWarning, load_study
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.drive.step import Step
-from pdssjax.errors import InputWarning
+from pdssjax.files import EXAMPLE
 from pdssjax.friction.simplified_lugre import SimplifiedLuGre
 from pdssjax.piezo.second_order import SecondOrder
-from pdssjax.study import load_study
 
-LIU = Path(__file__).parents[1] / "experiments" / "liu2015" / "study.toml"
+LIU = Path(__file__).parents[2] / "experiments" / "liu2015" / "study.toml"
 
 
 def test_models_are_members_of_their_families(tmp_path):
@@ -66,7 +65,7 @@ def test_record_owns_the_drive_fields_it_sets(tmp_path):
     text = changed('frequency = "5 Hz"', 'frequency = "5 Hz", fall_time = "2 ms"')
     step, walk = load_study(write_study(tmp_path, text)).records
     assert eqx.tree_equal(walk.drive, Sawtooth(voltage=64.2, frequency=5.0, fall_time=0.002, direction=-1.0))
-    assert "fall_time" in walk.own and "rise_time" not in step.own
+    assert "fall_time" in walk.overrides and "rise_time" not in step.overrides
 
 
 def test_unit_is_told_by_the_study_or_by_the_column(tmp_path):
@@ -140,7 +139,7 @@ def test_packaged_example_frees_nine_parameters_without_starts():
     assert [r.role for r in study.records] == ["fit"] * 5 + ["validate"] * 2
 
 
-@pytest.mark.filterwarnings("ignore:.*at least one period:pdssjax.errors.InputWarning")
+@pytest.mark.filterwarnings("ignore:.*at least one period:pdssjax.core.errors.InputWarning")
 def test_measured_record_leaves_out_the_points_read_badly():
     record = load_study(LIU).records[0]
     since_slip = np.mod(record.time + 0.1, 0.2) - 0.1

@@ -81,9 +81,9 @@ def test_a_contact_at_rest_is_as_stiff_as_its_parameters_say(name, direction):
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_set_valued_laws_hold_up_to_their_force_and_lose_part_of_it_by_moving(sign):
-    assert float(Coulomb(0.4).holding((), sign)) == pytest.approx(0.4 * sign)
+    assert float(Coulomb(0.4).breakaway_force((), sign)) == pytest.approx(0.4 * sign)
     stribeck = Stribeck(f_c=0.4, f_s=0.7)
-    assert float(stribeck.holding(stribeck.initial(), sign)) == pytest.approx(0.7 * sign)
+    assert float(stribeck.breakaway_force(stribeck.initial(), sign)) == pytest.approx(0.7 * sign)
     assert float(stribeck.force((), jnp.asarray(sign * 0.1), sign)) == pytest.approx(0.4 * sign)
 
 

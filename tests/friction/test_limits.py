@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from sliding import drive, slid, zigzag
 
-from pdssjax.friction.base import AbstractFriction
+from pdssjax import AbstractFriction
 from pdssjax.friction.bliman_sorine import BlimanSorine
 from pdssjax.friction.coulomb import Coulomb
 from pdssjax.friction.dahl import Dahl

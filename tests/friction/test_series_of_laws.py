@@ -9,12 +9,11 @@ import pytest
 from scipy.integrate import solve_ivp
 from sliding import Contact
 
-from pdssjax.family import member, members
+from pdssjax.core import member, members, quantities
 from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
 from pdssjax.friction.dahl import Dahl
 from pdssjax.friction.stribeck import Stribeck
-from pdssjax.quantity import quantities
-from pdssjax.series import Series, polynomial, solution
+from pdssjax.integration.taylor_series import Series, polynomial, taylor_coefficients
 
 LAWS = {name: member("friction", name)() for name in members("friction")} | {
     "anisotropic lugre, force": AnisotropicLuGre(state="force"),
@@ -34,7 +33,7 @@ BRANCHES = [("early", 0.02e-6, 1e-5), ("elements slip", 0.3e-6, 1e-5), ("late", 
 def begun(law, path: float, sign: float) -> np.ndarray:
     """The state after `path` at the steady velocity, with every flag where it should be."""
     contact = Contact(law)
-    m = contact.turned(contact.initial, sign)
+    m = contact.on_reversal(contact.initial, sign)
     v = sign * PACE
     for part in np.full(40, path / 40.0):
         field = lambda t, y: contact.rate(y, v, sign)
@@ -50,7 +49,7 @@ def expanded(law, m, sign, lapse, one, order=ORDER):
         velocity = sign * (PACE + CHANGE * time)
         return [*law.rate(tuple(x), velocity, sign)]
 
-    series = solution(field, 0.0, list(m), order, one) if len(m) else []
+    series = taylor_coefficients(field, 0.0, list(m), order, one) if len(m) else []
     memory = tuple(polynomial(c) for c in series)
     velocity = polynomial([sign * PACE, sign * CHANGE])
     values = lambda s: sum(s[k] * lapse**k for k in range(order + 1)) if isinstance(s, Series) else s
@@ -113,7 +112,7 @@ def test_laws_can_be_compiled_and_mapped_over_their_parameters(name):
     law = LAWS[name]
     many = jax.tree.map(lambda leaf: leaf * jnp.linspace(0.9, 1.1, 3), law)
     state = tuple(jnp.asarray(x) for x in begun(law, 0.3e-6, 1.0))
-    force = lambda law: law.force(law.passed(law.turned(state, 1.0), 1e-3, 1.0, 0), 1e-3, 1.0)
+    force = lambda law: law.force(law.after_event(law.on_reversal(state, 1.0), 1e-3, 1.0, 0), 1e-3, 1.0)
     mapped = jax.jit(jax.vmap(force))(many)
     alone = [float(force(jax.tree.map(lambda leaf, i=i: leaf[i], many))) for i in range(3)]
     np.testing.assert_allclose(mapped, alone, rtol=1e-12)

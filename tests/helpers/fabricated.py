@@ -6,7 +6,8 @@ from typing import Literal
 
 import numpy as np
 
-from pdssjax.estimate import Estimate, FittedParameter, FittedRecord, Statistics
+from pdssjax import Estimate
+from pdssjax.study import FittedParameter, FittedRecord, Statistics
 
 NAN = math.nan
 
@@ -62,7 +63,7 @@ def estimate(method: Literal["joint", "sequential"] = "joint", converged: bool =
         parameter("friction.sigma1_a", 54.4, 6.2, "N s/m", **naive),
         parameter("friction.f_ss_a", 0.7964, 0.011, "N"),
         parameter("drive.fall_time", 0.0, 1e-6, "s", at_bound=True),
-        parameter("effector.load", 0.1, NAN, "N", interval=(NAN, NAN), informed=False),
+        parameter("effector.load", 0.1, NAN, "N", interval=(NAN, NAN), identifiable=False),
         fixed("effector.mass", 0.086, "kg"),
     ]
     names = tuple(p.path for p in parameters if p.free)

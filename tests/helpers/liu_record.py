@@ -5,10 +5,9 @@ import warnings
 from pathlib import Path
 
 import pdssjax
-from pdssjax.errors import InputWarning
-from pdssjax.study import Study
+from pdssjax import InputWarning, Study
 
-FOLDER = Path(__file__).parent.parent / "experiments" / "liu2015"
+FOLDER = Path(__file__).parents[2] / "experiments" / "liu2015"
 LAWS = {
     "coulomb": {"f_c": ""},
     "simplified-lugre": {"sigma0": "", "sigma1": 'value = "100 N s/m"', "f_ss": ""},

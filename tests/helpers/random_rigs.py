@@ -14,20 +14,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from pdssjax.actuator import Actuator
-from pdssjax.amplifier import Amplifier
-from pdssjax.drive.base import AbstractDrive
+from pdssjax import AbstractDrive, Accuracy, Actuator, Amplifier, Effector, Sensor, Stop
+from pdssjax.actuator import IDEAL
+from pdssjax.core import member, quantities
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.drive.step import Step
-from pdssjax.effector import Effector, Stop
-from pdssjax.family import member
-from pdssjax.integration import TIGHT, Accuracy
-from pdssjax.quantity import quantities
-from pdssjax.sensor import IDEAL, Sensor
-from pdssjax.simulation import contact_force, measured
-from pdssjax.stick_slip import StickSlip
-from pdssjax.tribometer import Tribometer
-from pdssjax.unloaded import Unloaded
+from pdssjax.integration.accuracy import TIGHT
+from pdssjax.simulation import PlatformOnly, PrescribedMotion, StickSlip, contact_force, measured
 
 SAMPLES = 100
 ROOM = 30_000
@@ -93,14 +86,14 @@ class Structure:
         times = jnp.asarray(self.times)
         if self.shows == "friction":
             moved = 4e-6 * np.sin(2 * np.pi * 15.0 * self.times) + 2e-6 * np.sin(2 * np.pi * 47.0 * self.times)
-            return contact_force(Tribometer(built["friction"], times, jnp.asarray(moved)), times, accuracy)
+            return contact_force(PrescribedMotion(built["friction"], times, jnp.asarray(moved)), times, accuracy)
         sensor = built.get("sensor", IDEAL)
         effector, law = built.get("effector", Effector()), built.get("friction", member("friction", "coulomb")())
         actuator = Actuator(
             built["piezo"], law, effector, self.feedback, stop=built.get("stop"), amplifier=built.get("amplifier")
         )
         if self.shows == "unloaded":
-            return measured(Unloaded(actuator.stage, self.drive, sensor), times, accuracy)
+            return measured(PlatformOnly(actuator.driven_platform, self.drive, sensor), times, accuracy)
         return measured(StickSlip(actuator, self.drive, sensor, 1.0 * (self.shows == "platform")), times, accuracy)
 
     def _own(self, part: str, numbers: dict[str, Any]) -> dict[str, Any]:
@@ -132,7 +125,9 @@ class Judge:
         usual = dataclasses.replace(usual, max_steps=ROOM)
         tight = dataclasses.replace(TIGHT, max_steps=ROOM)
         self._value: Callable = jax.jit(
-            lambda p, tolerance, rest: structure.shown(p, dataclasses.replace(tight, tolerance=tolerance, rest=rest))
+            lambda p, tolerance, rest: structure.shown(
+                p, dataclasses.replace(tight, tolerance=tolerance, settle_tolerance=rest)
+            )
         )
         self._jacobian: Callable = jax.jit(jax.jacfwd(lambda p: structure.shown(p, usual)))
         self._gradient: Callable = jax.jit(lambda p, w: jax.vjp(lambda p: structure.shown(p, usual), p)[1](w)[0])
@@ -140,7 +135,7 @@ class Judge:
 
     def values(self, factors: np.ndarray, tight: bool) -> np.ndarray:
         accuracy = self._tight if tight else self._usual
-        return np.asarray(self._value(factors, float(accuracy.tolerance), float(accuracy.rest)))
+        return np.asarray(self._value(factors, float(accuracy.tolerance), float(accuracy.settle_tolerance)))
 
     def differences(self, factors: np.ndarray, step: float) -> np.ndarray:
         """d shown / d factors by central differences at the tightest accuracy, shape (samples, parameters)."""

@@ -8,13 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 from independent import Rig
 
-from pdssjax.actuator import Actuator
+from pdssjax import Accuracy, Actuator, Effector, simulate
 from pdssjax.drive.sawtooth import Sawtooth
-from pdssjax.effector import Effector
 from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
-from pdssjax.integration import Accuracy
 from pdssjax.piezo.second_order import SecondOrder
-from pdssjax.simulation import displacements, simulate
+from pdssjax.simulation import displacements
 
 SAMPLES = 120
 """Samples a record, the same everywhere: another number would be compiled anew."""
@@ -41,8 +39,8 @@ def models(numbers, reading: str, feedback: bool, drive: type = Sawtooth) -> tup
 def compiled(reading: str, feedback: bool, drive: type = Sawtooth, batch: bool = False):
     """`simulate` as a function of (numbers, times, tolerance, rest)."""
 
-    def run(numbers, times, tolerance, rest):
-        return simulate(*models(numbers, reading, feedback, drive), times, Accuracy(tolerance, rest))
+    def run(numbers, times, tolerance, settle_tolerance):
+        return simulate(*models(numbers, reading, feedback, drive), times, Accuracy(tolerance, settle_tolerance))
 
     return jax.jit(jax.vmap(run, (0, None, None, None)) if batch else run)
 
@@ -51,21 +49,25 @@ def compiled(reading: str, feedback: bool, drive: type = Sawtooth, batch: bool =
 def compiled_jacobian(reading: str, feedback: bool):
     """Derivatives of (platform, effector) with respect to the numbers, shape (2, samples, numbers)."""
 
-    def run(numbers, times, tolerance, rest):
-        return jnp.stack(displacements(*models(numbers, reading, feedback), times, Accuracy(tolerance, rest)))
+    def run(numbers, times, tolerance, settle_tolerance):
+        return jnp.stack(
+            displacements(*models(numbers, reading, feedback), times, Accuracy(tolerance, settle_tolerance))
+        )
 
     return jax.jit(jax.jacfwd(run))
 
 
 def trajectory(rig: Rig, times, accuracy: Accuracy, **kind):
     assert len(times) == SAMPLES
-    return compiled(rig.reading, rig.feedback, **kind)(values(rig), times, accuracy.tolerance, accuracy.rest)
+    return compiled(rig.reading, rig.feedback, **kind)(
+        values(rig), times, accuracy.tolerance, accuracy.settle_tolerance
+    )
 
 
 def jacobian(rig: Rig, times, accuracy: Accuracy) -> np.ndarray:
     assert len(times) == SAMPLES
     run = compiled_jacobian(rig.reading, rig.feedback)
-    return np.asarray(run(values(rig), times, accuracy.tolerance, accuracy.rest))
+    return np.asarray(run(values(rig), times, accuracy.tolerance, accuracy.settle_tolerance))
 
 
 def varied(rig: Rig, name: str, change: float) -> Rig:

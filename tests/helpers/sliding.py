@@ -1,8 +1,8 @@
 """Drives a friction law by itself, along a velocity that is prescribed or with a mass that is pushed.
 
 Every piece between two events is SciPy's (DOP853), so that nothing of the package's own
-integration is used; where a guard falls through zero the law says by `passed` what follows,
-and at a reversal by `turned`.
+integration is used; where a guard falls through zero the law says by `after_event` what follows,
+and at a reversal by `on_reversal`.
 """
 
 import dataclasses
@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from pdssjax.friction.base import AbstractFriction
+from pdssjax import AbstractFriction
 
 TIGHT: dict[str, Any] = dict(method="DOP853", rtol=1e-11, atol=1e-16)
 
@@ -43,8 +43,8 @@ _stack = lambda values: jnp.stack([jnp.asarray(x, float) for x in values]) if va
 _RATE = jax.jit(lambda law, m, v, s: _stack(law.rate(tuple(m), v, s)))
 _FORCE = jax.jit(lambda law, m, v, s: law.force(tuple(m), v, s) + 0.0 * v)
 _GUARDS = jax.jit(lambda law, m, v, s: _stack(law.guards(tuple(m), v, s)))
-_PASSED = jax.jit(lambda law, m, v, s, which: _stack(law.passed(tuple(m), v, s, which)))
-_TURNED = jax.jit(lambda law, m, s: _stack(law.turned(tuple(m), s)))
+_PASSED = jax.jit(lambda law, m, v, s, which: _stack(law.after_event(tuple(m), v, s, which)))
+_TURNED = jax.jit(lambda law, m, s: _stack(law.on_reversal(tuple(m), s)))
 
 
 class Contact:
@@ -56,8 +56,8 @@ class Contact:
         self.rate = lambda m, v, s: np.asarray(_RATE(law, m, v, s))
         self.force = lambda m, v, s: float(_FORCE(law, m, v, s))
         self.guards = lambda m, v, s: np.asarray(_GUARDS(law, m, v, s))
-        self.passed = lambda m, v, s, which: np.asarray(_PASSED(law, m, v, s, which))
-        self.turned = lambda m, s: np.asarray(_TURNED(law, m, s))
+        self.after_event = lambda m, v, s, which: np.asarray(_PASSED(law, m, v, s, which))
+        self.on_reversal = lambda m, s: np.asarray(_TURNED(law, m, s))
         self.count = len(law.guards(law.initial(), jnp.asarray(1e-3), jnp.asarray(1.0)))
 
     def begun(self, m: np.ndarray, v: float, sign: float) -> np.ndarray:
@@ -66,7 +66,7 @@ class Contact:
             guards = self.guards(m, v, sign)
             if not (guards < 0).any():
                 return m
-            m = self.passed(m, v, sign, int(np.argmin(guards)))
+            m = self.after_event(m, v, sign, int(np.argmin(guards)))
         raise AssertionError("the flags never settle")
 
 
@@ -80,7 +80,7 @@ def drive(
     """Slides for `duration` [s] at a `velocity` [m/s] that keeps its sign; `samples` rows from event to event."""
     contact = Contact(law)
     sign = float(np.sign(velocity(0.5 * duration)))
-    m = contact.turned(contact.initial if state is None else np.asarray(state, float), sign)
+    m = contact.on_reversal(contact.initial if state is None else np.asarray(state, float), sign)
     field = lambda t, y: np.append(contact.rate(y[:-1], velocity(t), sign), velocity(t))
     stops = [_falling(lambda t, y, i=i: contact.guards(y[:-1], velocity(t), sign)[i]) for i in range(contact.count)]
     rows, events, x, time = [], 0, 0.0, 0.0
@@ -92,7 +92,7 @@ def drive(
             rows.append((t, y[-1], velocity(t), contact.force(y[:-1], velocity(t), sign)))
         time, m, x = piece.t[-1], piece.y[:-1, -1], piece.y[-1, -1]
         if piece.status == 1:
-            m = contact.passed(m, velocity(time), sign, next(i for i, t in enumerate(piece.t_events) if t.size))
+            m = contact.after_event(m, velocity(time), sign, next(i for i, t in enumerate(piece.t_events) if t.size))
             events += 1
     return Run(*np.array(rows).T, tuple(m), events, np.array([len(rows) - 1]))
 
@@ -145,7 +145,7 @@ def push(
     while time < times[-1]:
         if begins:
             sign = float(np.sign(force(time) - contact.force(y[:-2], 0.0, sign))) or 1.0
-            y = np.concatenate([contact.turned(y[:-2], sign), y[-2:]])
+            y = np.concatenate([contact.on_reversal(y[:-2], sign), y[-2:]])
         ahead = [t for t in times if t > time]
         piece = solve_ivp(
             field,
@@ -164,7 +164,7 @@ def push(
         which = next(i for i, t in enumerate(piece.t_events) if t.size)
         time, y = float(piece.t_events[which][0]), piece.y_events[which][0]
         if which:
-            y = np.concatenate([contact.passed(y[:-2], y[-1], sign, which - 1), y[-2:]])
+            y = np.concatenate([contact.after_event(y[:-2], y[-1], sign, which - 1), y[-2:]])
         else:
             begins, y[-1] = True, 0.0
     return np.array(seen)

@@ -9,8 +9,8 @@ import pytest
 from beside_scipy import best_of_scipy
 from scipy.optimize import lsq_linear
 
-from pdssjax.box_least_squares import solve_in_ball_and_box, solve_in_box, triangle
-from pdssjax.levenberg_marquardt import SUCCESSES, BoundedLevenbergMarquardt, Ending
+from pdssjax.inference import SUCCESSES, BoundedLevenbergMarquardt, Ending
+from pdssjax.inference.box_least_squares import solve_in_ball_and_box, solve_in_box, triangle
 
 P, N = 7, 60
 

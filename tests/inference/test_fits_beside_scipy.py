@@ -10,12 +10,12 @@ from liu_record import LAWS, liu
 from platform_study import write_platform
 
 import pdssjax
-from pdssjax.cli import EXAMPLE
-from pdssjax.fitting import joint, posed
-from pdssjax.integration import Accuracy
-from pdssjax.levenberg_marquardt import Ending
-from pdssjax.multistart import best_fit
-from pdssjax.virtual_rig import make_recordings
+from pdssjax import Accuracy
+from pdssjax.files import EXAMPLE
+from pdssjax.inference import Ending
+from pdssjax.inference.least_squares import joint, posed
+from pdssjax.inference.multistart import best_fit
+from pdssjax.study import make_recordings
 
 
 def beside_scipy(study):
@@ -37,7 +37,7 @@ def test_a_study_goes_into_scipy_in_three_lines(tmp_path):
     found = least_squares(problem.whitened, start, problem.jacobian, problem.bounds, x_scale="jac", max_nfev=3)
     values = problem.decode(found.x)
     assert 2.0 * found.cost < float(np.sum(np.asarray(problem.whitened(start)) ** 2))
-    assert set(values) == set(problem.residual.scale.paths)
+    assert set(values) == set(problem.residual.transform.paths)
 
 
 @pytest.mark.slow

@@ -12,9 +12,10 @@ import pytest
 from platform_study import DAMPING, GAIN, PLATFORM, RATE, ZERO, write_platform
 
 import pdssjax
-from pdssjax import fitting
-from pdssjax.cli import EXAMPLE, main
-from pdssjax.integration import Accuracy
+from pdssjax import Accuracy
+from pdssjax.cli.main import main
+from pdssjax.files import EXAMPLE
+from pdssjax.inference import least_squares as fitting
 
 TRUTH = {
     path: entry["value"]
@@ -88,14 +89,14 @@ def test_the_zeros_of_the_records_fitted_are_found_too(joint):
 
 def test_the_fisher_information_at_the_truth_is_the_known_one(example):
     problem = fitting.pose(example, TRUTH, Accuracy())
-    at_truth = problem.residual.scale.encode(TRUTH)
+    at_truth = problem.residual.transform.encode(TRUTH)
     everything = np.ones(len(problem.records), bool)
     fit = fitting._least_squares(problem, at_truth, everything, np.zeros(9, bool), "truth", lambda message: None)
     assert fit.iterations == 1
     information = np.asarray(fit.state.jacobian).T @ np.asarray(fit.state.jacobian)
     size = np.sqrt(np.diag(information))
     errors = np.sqrt(np.diag(np.linalg.inv(information / np.outer(size, size)))) / size
-    for path, error in zip(problem.residual.scale.paths, errors, strict=True):
+    for path, error in zip(problem.residual.transform.paths, errors, strict=True):
         assert 100.0 * error == pytest.approx(REACHABLE[path], rel=0.02), path
 
 
@@ -126,7 +127,7 @@ def test_noise_left_out_is_estimated(example, joint):
 def test_a_parameter_without_data_is_named_and_the_others_stand(tmp_path):
     found = pdssjax.identify(pdssjax.load_study(write_platform(tmp_path)))
     assert found.converged
-    assert not found.parameters["friction.sigma0"].informed
+    assert not found.parameters["friction.sigma0"].identifiable
     assert math.isnan(found.parameters["friction.sigma0"].standard_error)
     assert any("say nothing about friction.sigma0" in note for note in found.notes)
     for path, truth in {

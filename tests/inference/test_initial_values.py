@@ -6,18 +6,14 @@ import math
 import numpy as np
 import pytest
 
+from pdssjax import Accuracy, InputError, Record
+from pdssjax.core import member, members, quantities
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.drive.sine import Sine
 from pdssjax.drive.step import Step
 from pdssjax.drive.triangle import Triangle
-from pdssjax.errors import InputError
-from pdssjax.family import member, members
-from pdssjax.integration import Accuracy
-from pdssjax.parameters import Parameter
-from pdssjax.prediction import Models, Predictor, predicted
-from pdssjax.quantity import quantities
-from pdssjax.records import Record
-from pdssjax.starts import guess_starts
+from pdssjax.inference import guess_starts
+from pdssjax.study import Models, Parameter, Predictor, predicted
 
 VOLTS = [3.6, 64.0, 1000.0]
 STROKES = [5e-9, 6e-6, 2e-3]
@@ -71,7 +67,7 @@ def test_every_start_of_a_stack_is_legal_and_has_the_gain_that_the_records_show(
             legal(starts, parameters)
             found = models.actuator(starts).piezo
             assert found.broken_conditions() == ()
-            assert float(found.per_volt()) == pytest.approx(stroke / volts, rel=0.1)
+            assert float(found.static_gain()) == pytest.approx(stroke / volts, rel=0.1)
 
 
 INTEGRATED = [pytest.param(p, marks=[] if member("piezo", p).closed else [pytest.mark.slow]) for p in PIEZOS]
@@ -115,7 +111,7 @@ def test_a_rod_starts_with_the_mode_that_a_step_shows():
     models = choose("distributed-rod")
     starts, _ = guess_starts(models, free(models, "piezo"), [record("s", Step(3.0), time, 3.0 * gain * (1.0 - fade))])
     piezo = models.actuator(starts).piezo
-    assert float(piezo.per_volt()) == pytest.approx(gain, rel=0.05)
+    assert float(piezo.static_gain()) == pytest.approx(gain, rel=0.05)
     assert float(piezo.modes.natural_frequency[0]) == pytest.approx(rate, rel=0.1)
     assert float(piezo.modes.damping_ratio[0]) == pytest.approx(damping, rel=0.1)
 
@@ -136,13 +132,13 @@ POWERS = {
 def test_ranges_of_a_law_scale_with_mass_motion_and_time(law):
     model = member("friction", law)
     mass, acceleration, rate = 0.086, 300.0, 6736.0
-    before = model.plausible(mass, acceleration, rate)
+    before = model.search_ranges(mass, acceleration, rate)
     assert set(before) == set(quantities(model))
     for power, after in enumerate(
         [
-            model.plausible(10.0 * mass, acceleration, rate),
-            model.plausible(mass, 10.0 * acceleration, rate),
-            model.plausible(mass, acceleration / 100.0, rate / 10.0),
+            model.search_ranges(10.0 * mass, acceleration, rate),
+            model.search_ranges(mass, 10.0 * acceleration, rate),
+            model.search_ranges(mass, acceleration / 100.0, rate / 10.0),
         ]
     ):
         for name, declared in quantities(model).items():

@@ -12,14 +12,15 @@ import pytest
 from platform_study import GAIN, write_platform
 
 import pdssjax
-from pdssjax.best_point import BestPoint
-from pdssjax.cli import EXAMPLE, main
-from pdssjax.fitting import INTERRUPTED
-from pdssjax.signals import Terminated, exit_status, requests_to_end
+from pdssjax.cli.main import main
+from pdssjax.cli.signals import Terminated, exit_status, requests_to_end
+from pdssjax.files import EXAMPLE
+from pdssjax.inference.best_point import BestPoint
+from pdssjax.inference.least_squares import INTERRUPTED
 
 PROGRAM = """
 import contextlib, sys, time
-from pdssjax import cli, commands
+from pdssjax.cli import main as cli; from pdssjax.cli import identify as commands
 
 @contextlib.contextmanager
 def progress():
@@ -94,7 +95,7 @@ def test_before_the_first_iteration_there_is_nothing_to_keep(tmp_path, capsys, m
     with pytest.raises(pdssjax.FitInterrupted) as broken:
         pdssjax.identify(pdssjax.load_study(study), progress=interrupting("finding starts"))
     assert broken.value.estimate is None
-    monkeypatch.setattr("pdssjax.estimation.best_fit", lambda *given: interrupting("")("now"))
+    monkeypatch.setattr("pdssjax.inference.identification.best_fit", lambda *given: interrupting("")("now"))
     assert main(["identify", str(study), "--out", str(tmp_path / "out")]) == 130
     told = "pdssjax: nothing was fitted yet, and nothing is written\npdssjax: interrupted\n"
     assert capsys.readouterr().err.endswith(told)

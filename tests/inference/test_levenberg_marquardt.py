@@ -6,8 +6,7 @@ import numpy as np
 import optimistix as optx
 import pytest
 
-from pdssjax.levenberg_marquardt import BoundedLevenbergMarquardt
-from pdssjax.uncertainty import covariance
+from pdssjax.inference import BoundedLevenbergMarquardt, least_squares_covariance
 
 # Nonlinear regression of the Statistical Reference Datasets, NIST, public domain:
 # https://www.itl.nist.gov/div898/strd/nls/nls_main.shtml
@@ -140,7 +139,7 @@ def test_certified_problems_are_solved_to_seven_digits(name):
         np.testing.assert_allclose(solution.value, answer, rtol=1e-7)
         state = solution.stats["state"]
         np.testing.assert_allclose(np.sum(state.residual**2), squares, rtol=1e-9)
-        found = covariance(np.asarray(state.jacobian), np.zeros(len(answer), bool))
+        found = least_squares_covariance(np.asarray(state.jacobian), np.zeros(len(answer), bool))
         noise = squares / (x.size - len(answer))
         np.testing.assert_allclose(np.sqrt(np.diag(found.matrix) * noise), deviations, rtol=1e-6)
 

@@ -9,7 +9,7 @@ import pytest
 from beside_scipy import best_of_scipy
 from mgh_problems import PROBLEMS, posed, residual
 
-from pdssjax.levenberg_marquardt import SUCCESSES, BoundedLevenbergMarquardt, Ending
+from pdssjax.inference import SUCCESSES, BoundedLevenbergMarquardt, Ending
 
 _RESIDUAL = jax.jit(residual)
 _JACOBIAN = jax.jit(jax.jacfwd(residual))

@@ -9,8 +9,7 @@ import pytest
 from beside_scipy import best_of_scipy
 from nist_strd import DATA, MODELS, regression, residual, starts
 
-from pdssjax.levenberg_marquardt import SUCCESSES, BoundedLevenbergMarquardt, Ending
-from pdssjax.uncertainty import covariance
+from pdssjax.inference import SUCCESSES, BoundedLevenbergMarquardt, Ending, least_squares_covariance
 
 _RESIDUAL = jax.jit(residual)
 _JACOBIAN = jax.jit(jax.jacfwd(residual))
@@ -43,7 +42,7 @@ def test_certified_values_are_found(name, which):
     rounding = 4.0 * np.finfo(float).eps * np.linalg.norm(DATA[name]["y"]) * np.sqrt(squares)
     np.testing.assert_allclose(np.sum(state.residual**2), squares, rtol=1e-8, atol=rounding)
     deviations = DATA[name]["deviations"]
-    found = covariance(np.asarray(state.jacobian)[:, : len(certified)], np.zeros(len(certified), bool))
+    found = least_squares_covariance(np.asarray(state.jacobian)[:, : len(certified)], np.zeros(len(certified), bool))
     noise = squares / (len(DATA[name]["y"]) - len(certified))
     np.testing.assert_allclose(np.sqrt(np.diag(found.matrix) * noise), deviations, rtol=1e-4)
 

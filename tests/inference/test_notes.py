@@ -9,16 +9,15 @@ import numpy as np
 import pytest
 
 import pdssjax
-from pdssjax import fitting, summary
-from pdssjax.cli import main
+from pdssjax import Accuracy, Record
+from pdssjax.cli.main import main
 from pdssjax.drive.sawtooth import Sawtooth
-from pdssjax.estimate import FittedParameter, compare
-from pdssjax.goodness import exceeds_floor, exceeds_given_noise, highest_by_chance
-from pdssjax.integration import Accuracy
-from pdssjax.notes import about_information, about_models, about_records, about_resonances
-from pdssjax.prediction import Models
-from pdssjax.records import Record
-from pdssjax.report import format_report
+from pdssjax.inference import least_squares as fitting
+from pdssjax.inference import summary
+from pdssjax.inference.goodness import exceeds_floor, exceeds_given_noise, highest_by_chance
+from pdssjax.inference.notes import about_information, about_models, about_records, about_resonances
+from pdssjax.report.text import format_report
+from pdssjax.study import FittedParameter, Models, compare
 
 GAIN, RATE, DAMPING = 1.1e-7, 6000.0, 0.2
 NOISE = 1e-8

@@ -7,7 +7,7 @@ import numpy as np
 import optimistix as optx
 import pytest
 
-from pdssjax.levenberg_marquardt import BoundedLevenbergMarquardt, Ending
+from pdssjax.inference import BoundedLevenbergMarquardt, Ending
 
 X = jnp.linspace(0.0, 3.0, 60)
 NOISE = jnp.asarray(np.random.default_rng(7).normal(0.0, 1.0, 60))

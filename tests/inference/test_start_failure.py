@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import pdssjax
-from pdssjax import fitting
-from pdssjax.integration import Accuracy
-from pdssjax.start_failure import failed_start
+from pdssjax import Accuracy
+from pdssjax.inference import least_squares as fitting
+from pdssjax.inference.start_failure import failed_start
 
 STUDY = """\
 format = "pdssjax-study/1"

@@ -7,7 +7,8 @@ import pytest
 from independent import Rig
 from rigs import NAMES, SAMPLES, compiled, jacobian, models, trajectory, values, varied
 
-from pdssjax.integration import TIGHT, Accuracy
+from pdssjax import Accuracy
+from pdssjax.integration.accuracy import TIGHT
 from pdssjax.simulation import displacements
 
 TIMES = 0.00031 + np.arange(SAMPLES) * 0.005
@@ -75,7 +76,7 @@ BATCH = [Rig(voltage=voltage, cycle=1.0 / rate) for voltage in (20.0, 64.0, 150.
 def test_batches_of_voltages_and_frequencies_equal_single_runs():
     accuracy = Accuracy()
     numbers = np.stack([values(r) for r in BATCH])
-    batch = compiled("deflection", False, batch=True)(numbers, TIMES, accuracy.tolerance, accuracy.rest)
+    batch = compiled("deflection", False, batch=True)(numbers, TIMES, accuracy.tolerance, accuracy.settle_tolerance)
     for k, rig in enumerate(BATCH):
         alone = trajectory(rig, TIMES, Accuracy())
         np.testing.assert_allclose(batch.effector[k], alone.effector, rtol=0.0, atol=1e-12)

@@ -9,18 +9,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from pdssjax.actuator import Actuator
+from pdssjax import Accuracy, Actuator, Sensor, Stop
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.drive.triangle import Triangle
-from pdssjax.effector import Stop
 from pdssjax.friction.simplified_lugre import SimplifiedLuGre
-from pdssjax.integration import TIGHT, Accuracy
+from pdssjax.integration.accuracy import TIGHT
 from pdssjax.piezo.bouc_wen import BoucWen
 from pdssjax.piezo.second_order import SecondOrder
-from pdssjax.sensor import Sensor
-from pdssjax.simulation import measured
-from pdssjax.stick_slip import StickSlip
-from pdssjax.unloaded import Unloaded
+from pdssjax.simulation import PlatformOnly, StickSlip, measured
 
 TIMES = np.concatenate([np.linspace(1e-4, 0.02, 50), np.linspace(0.03, 0.4, 50)])
 WALK = Sawtooth(60.0, 2.0, 1e-3)
@@ -35,7 +31,9 @@ def push(bandwidth):
 
 
 def loop(frequency):
-    return Unloaded(Actuator(BoucWen(natural_frequency=frequency), SimplifiedLuGre()).stage, Triangle(60.0, 1.0))
+    return PlatformOnly(
+        Actuator(BoucWen(natural_frequency=frequency), SimplifiedLuGre()).driven_platform, Triangle(60.0, 1.0)
+    )
 
 
 @pytest.mark.parametrize(
@@ -50,7 +48,7 @@ def test_derivatives_stay_right_after_the_transient(system, value, resolution):
     shown = lambda factor, accuracy: measured(system(value * factor), jnp.asarray(TIMES), accuracy)
     usual = Accuracy(max_steps=20_000)
     slope = np.asarray(jax.jit(lambda f: jax.jvp(lambda f: shown(f, usual), (f,), (jnp.ones(()),))[1])(jnp.ones(())))
-    fine = Accuracy(tolerance=TIGHT.tolerance, rest=TIGHT.rest, max_steps=40_000)
+    fine = Accuracy(tolerance=TIGHT.tolerance, settle_tolerance=TIGHT.settle_tolerance, max_steps=40_000)
     values, step = jax.jit(lambda f: shown(f, fine)), 1e-4
     differences = (np.asarray(values(1.0 + step)) - np.asarray(values(1.0 - step))) / (2.0 * step)
     assert np.isfinite(differences).all()

@@ -8,10 +8,9 @@ import pytest
 from independent import Rig
 from rigs import NAMES, SAMPLES, models, trajectory, values
 
-from pdssjax.expansion import OneStep, Taylor
-from pdssjax.integration import TIGHT, Accuracy
-from pdssjax.series import solution
-from pdssjax.simulation import simulate
+from pdssjax import Accuracy, OneStep, Taylor, simulate
+from pdssjax.integration.accuracy import TIGHT
+from pdssjax.integration.taylor_series import taylor_coefficients
 
 TIMES = 0.00031 + np.arange(SAMPLES) * 0.0034
 """Two drops at 5 Hz."""
@@ -64,7 +63,9 @@ def test_the_error_of_a_taylor_step_falls_with_its_order(order):
     def field(_, x):  # x' = x^2, so x = 1/(1 - t)
         return [x[0] * x[0]]
 
-    coefficients = np.array([float(c) for c in solution(field, jnp.zeros(()), [jnp.ones(())], order, 1.0)[0]])
+    coefficients = np.array(
+        [float(c) for c in taylor_coefficients(field, jnp.zeros(()), [jnp.ones(())], order, 1.0)[0]]
+    )
     errors = [abs(np.polyval(coefficients[::-1], h) - 1.0 / (1.0 - h)) for h in (0.2, 0.1)]
     assert np.log2(errors[0] / errors[1]) == pytest.approx(order + 1, abs=0.6)
 

@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 
 import pdssjax
-from pdssjax import cli
-from pdssjax.characterise import characterise
-from pdssjax.errors import InputError, InputWarning
-from pdssjax.plot import cycle_figure
+from pdssjax import InputError, InputWarning, characterise
+from pdssjax.cli import main as cli
+from pdssjax.report.figures import cycle_figure
 
 EXAMPLE = Path(pdssjax.__file__).parent / "example"
-MEASURED = Path(__file__).parent.parent / "experiments" / "liu2015" / "endeffector_3to5s_500Hz.csv"
+MEASURED = Path(__file__).parents[2] / "experiments" / "liu2015" / "endeffector_3to5s_500Hz.csv"
 PER_CYCLE = 160
 
 

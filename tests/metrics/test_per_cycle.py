@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 import pdssjax
-from pdssjax.actuator import Actuator
-from pdssjax.columns import read_csv
+from pdssjax import Actuator
 from pdssjax.drive.sawtooth import Sawtooth
+from pdssjax.files.csv_columns import read_csv
 from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
-from pdssjax.metrics import cycle_metrics, force_metrics, turning_points
+from pdssjax.metrics import cycle_metrics, turning_points
+from pdssjax.metrics.per_cycle import force_metrics
 from pdssjax.piezo.second_order import SecondOrder
 
 EXAMPLE = Path(pdssjax.__file__).parent / "example"

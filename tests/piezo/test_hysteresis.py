@@ -23,7 +23,7 @@ def _passed(piezo, levels, signs):
 
     def jump(state, given):
         volts, sign = given
-        state = piezo.entered(state, Segment(jnp.ones(()), volts, sign))
+        state = piezo.on_segment_start(state, Segment(jnp.ones(()), volts, sign))
         pushed = piezo.acceleration((jnp.zeros(()), jnp.zeros(()), *state[2:]), Voltage(volts, 0.0, 0.0))
         return state, pushed / (piezo.natural_frequency**2 * piezo.gain)
 
@@ -97,10 +97,10 @@ def test_small_loops_between_the_same_voltages_are_congruent():
 def test_a_path_may_be_passed_in_one_jump_or_in_many(name):
     piezo = PIEZOS[name]()
     at = lambda volts: Segment(jnp.asarray(1.0), jnp.asarray(volts), jnp.asarray(0.0))
-    begun = piezo.entered(piezo.entered(piezo.initial(), at(47.0)), at(31.0))
-    once, many = piezo.entered(begun, at(-22.0)), begun
+    begun = piezo.on_segment_start(piezo.on_segment_start(piezo.initial(), at(47.0)), at(31.0))
+    once, many = piezo.on_segment_start(begun, at(-22.0)), begun
     for volts in np.linspace(31.0, -22.0, 54)[1:]:
-        many = piezo.entered(many, at(volts))
+        many = piezo.on_segment_start(many, at(volts))
     np.testing.assert_allclose(once, many, rtol=0.0, atol=1e-12)
     np.testing.assert_allclose(once[2], many[2], rtol=1e-12)
 
@@ -115,4 +115,4 @@ def test_bouc_and_wens_jump_follows_the_path(beta, gamma, change, h):
     at = Segment(jnp.asarray(1.0), jnp.asarray(20.0 + change), jnp.asarray(0.0))
     flow = lambda _, x: [0.3 * piezo.gain * change - beta * abs(change) * x[0] - gamma * change * abs(x[0])]
     path = solve_ivp(flow, (0.0, 1.0), [h], method="DOP853", rtol=1e-12, atol=1e-22, max_step=1e-3)
-    assert float(piezo.entered(begun, at)[2]) == pytest.approx(path.y[0, -1], rel=1e-5, abs=1e-13)
+    assert float(piezo.on_segment_start(begun, at)[2]) == pytest.approx(path.y[0, -1], rel=1e-5, abs=1e-13)

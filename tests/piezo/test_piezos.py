@@ -8,7 +8,9 @@ from paths import Bouc, Creeping, Plain, Stops, W, half_sines, integrated, line
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from pdssjax.actuator import Actuator
+from pdssjax import Accuracy, Actuator, Effector
+from pdssjax.actuator import DrivenPlatform, ZeroOrderHold
+from pdssjax.core import quantities
 from pdssjax.drive.base import Segment, Voltage, Wave
 from pdssjax.drive.cycloidal import Cycloidal
 from pdssjax.drive.sampled import Sampled
@@ -16,22 +18,16 @@ from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.drive.sine import Sine
 from pdssjax.drive.step import Step
 from pdssjax.drive.triangle import Triangle
-from pdssjax.effector import Effector
 from pdssjax.friction.simplified_lugre import SimplifiedLuGre
-from pdssjax.hold import Held
-from pdssjax.integration import TIGHT, Accuracy
-from pdssjax.oscillator import damped, underdamped
+from pdssjax.integration.accuracy import TIGHT
+from pdssjax.piezo import damped, mode_responses, underdamped
 from pdssjax.piezo.bouc_wen import BoucWen
 from pdssjax.piezo.creep import Creep
 from pdssjax.piezo.distributed_rod import DistributedRod
 from pdssjax.piezo.maxwell_slip import MaxwellSlip
 from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.piezo.static import Static
-from pdssjax.quantity import quantities
-from pdssjax.rod import mode_responses
-from pdssjax.simulation import displacements, measured, platform
-from pdssjax.stage import Stage
-from pdssjax.unloaded import Unloaded
+from pdssjax.simulation import PlatformOnly, displacements, measured, platform
 
 SHARES, THRESHOLDS = (0.08, 0.06, 0.05, 0.04), (4.0, 10.0, 18.0, 28.0)
 PIEZOS = {
@@ -63,7 +59,7 @@ DRIVES = {
     ),
     "jumping sawtooth": (Sawtooth(64.0, 25.0), [line(k * 0.04, (k + 1) * 0.04, 0, 64) for k in range(3)]),
     "sine": (Sine(64.0, 60.0), half_sines(64.0, 60.0, 0.05)),
-    "staircase": (Held(Sine(64.0, 60.0), 1e-3), held(64.0, 60.0, 1e-3, 0.04)),
+    "staircase": (ZeroOrderHold(Sine(64.0, 60.0), 1e-3), held(64.0, 60.0, 1e-3, 0.04)),
 }
 
 
@@ -75,7 +71,7 @@ def test_the_platform_moves_as_scipy_has_it(name, drive):
     piezo, stack = PIEZOS[name]
     voltage, pieces = DRIVES[drive]
     times = jnp.linspace(0.0, pieces[-1].end - 1e-4, 98)[1:]
-    run = jax.jit(lambda p, d: measured(Unloaded(Stage(p), d), times, Accuracy()))
+    run = jax.jit(lambda p, d: measured(PlatformOnly(DrivenPlatform(p), d), times, Accuracy()))
     np.testing.assert_allclose(run(piezo(), voltage), integrated(stack(), pieces, times)[:, 0], rtol=0.0, atol=1e-10)
 
 
@@ -83,7 +79,7 @@ def test_the_platform_moves_as_scipy_has_it(name, drive):
 def test_a_jump_is_the_limit_of_a_fast_ramp(name):
     piezo = PIEZOS[name][0]()
     times = jnp.linspace(1e-3, 0.1, 50)
-    run = jax.jit(lambda tf: measured(Unloaded(Stage(piezo), Sawtooth(64.0, 25.0, tf)), times, TIGHT))
+    run = jax.jit(lambda tf: measured(PlatformOnly(DrivenPlatform(piezo), Sawtooth(64.0, 25.0, tf)), times, TIGHT))
     jump, *ramps = (np.asarray(run(tf)) for tf in (0.0, 1e-9, 2e-9))
     differences = [np.abs(ramp - jump).max() for ramp in ramps]
     assert differences[0] < 2e-12
@@ -103,7 +99,9 @@ def test_the_platform_has_the_derivatives_of_central_differences_in_every_number
     nominal = numbers_of(model())
     times = jnp.linspace(1e-3, 0.05, 40)
     motion = lambda scale: measured(
-        Unloaded(Stage(model(**{f: x * scale[i] for i, (f, x) in enumerate(nominal.items())})), DRIVES[drive][0]),
+        PlatformOnly(
+            DrivenPlatform(model(**{f: x * scale[i] for i, (f, x) in enumerate(nominal.items())})), DRIVES[drive][0]
+        ),
         times,
         TIGHT,
     )
@@ -192,7 +190,7 @@ def test_a_rod_refuses_a_number_that_it_does_not_know():
 def test_creep_adds_as_much_in_every_decade():
     k, t1, volts = 0.015, 0.002, 64.0
     times = jnp.geomspace(0.004, 0.4, 60)
-    shown = jax.jit(lambda p: measured(Unloaded(Stage(p), Step(volts)), times, Accuracy()))(
+    shown = jax.jit(lambda p: measured(PlatformOnly(DrivenPlatform(p), Step(volts)), times, Accuracy()))(
         Creep(creep=k, creep_time=t1)
     )
     # The oscillator follows what has crept; behind it by its lag 2 xi / w.

@@ -11,9 +11,9 @@ from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
 from scipy.signal import TransferFunction, freqresp, lsim
 
-from pdssjax.errors import InputError
-from pdssjax.quantity import quantities
-from pdssjax.rod import (
+from pdssjax import InputError
+from pdssjax.core import quantities, to_si
+from pdssjax.piezo import (
     Modes,
     Rod,
     mode_responses,
@@ -25,7 +25,6 @@ from pdssjax.rod import (
     truncation_error,
     truncation_transfer,
 )
-from pdssjax.units import to_si
 
 RATIOS = [0.0, 1e-6, 0.01, 0.3, 1.0, 24.7, 138.8, 1e4, 1e8]
 

@@ -8,11 +8,10 @@ import pytest
 from independent import Rig, simulate
 from rigs import SAMPLES, trajectory
 
-from pdssjax.actuator import Actuator
+from pdssjax import Accuracy, Actuator, Effector
 from pdssjax.drive.sawtooth import Sawtooth
-from pdssjax.effector import Effector
 from pdssjax.friction.simplified_lugre import SimplifiedLuGre
-from pdssjax.integration import TIGHT, Accuracy
+from pdssjax.integration.accuracy import TIGHT
 from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.simulation import displacements
 

@@ -24,13 +24,12 @@ from independent_friction import (
 )
 from independent_laws import LawRig, simulate
 
-from pdssjax.actuator import Actuator
+from pdssjax import Accuracy, Actuator, Effector
+from pdssjax import simulate as simulated
+from pdssjax.core import member
 from pdssjax.drive.sawtooth import Sawtooth
-from pdssjax.effector import Effector
-from pdssjax.family import member
-from pdssjax.integration import TIGHT, Accuracy
+from pdssjax.integration.accuracy import TIGHT
 from pdssjax.piezo.second_order import SecondOrder
-from pdssjax.simulation import simulate as simulated
 
 SAMPLES = 150
 DEFAULT, FINE = Accuracy(), Accuracy(1e-12, 1e-13)
@@ -73,10 +72,10 @@ CASES = [pytest.param(law, rig, marks=marks(law, rig), id=f"{law}: {rig}") for l
 def compiled(name: str, feedback: bool):
     """The package's run of a law as a function of the law, the other numbers, and the times."""
 
-    def run(friction, numbers, times, tolerance, rest):
+    def run(friction, numbers, times, tolerance, settle_tolerance):
         gain, frequency, damping, stack, *effector = numbers[:7]
         actuator = Actuator(SecondOrder(gain, frequency, damping, stack), friction, Effector(*effector), feedback)
-        return simulated(actuator, Sawtooth(*numbers[7:]), times, Accuracy(tolerance, rest))
+        return simulated(actuator, Sawtooth(*numbers[7:]), times, Accuracy(tolerance, settle_tolerance))
 
     return jax.jit(run)
 
@@ -85,7 +84,9 @@ def packaged(rig: LawRig, name: str, times, accuracy: Accuracy = DEFAULT):
     numbers: list[float] = [rig.gain, rig.frequency, rig.damping, rig.stack, rig.mass, rig.load, rig.tilt]
     numbers += [rig.voltage, 1.0 / rig.cycle, rig.fall, 1.0 if rig.forward else -1.0]
     friction = member("friction", name)(**{key: jnp.asarray(x) for key, x in dataclasses.asdict(rig.law).items()})
-    return compiled(name, rig.feedback)(friction, np.array(numbers), times, accuracy.tolerance, accuracy.rest)
+    return compiled(name, rig.feedback)(
+        friction, np.array(numbers), times, accuracy.tolerance, accuracy.settle_tolerance
+    )
 
 
 def moments(rig: LawRig) -> np.ndarray:

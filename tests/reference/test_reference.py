@@ -8,9 +8,10 @@ import pytest
 from independent import Rig, simulate
 from rigs import NAMES, jacobian, trajectory, values, varied
 
-from pdssjax.integration import TIGHT, Accuracy
+from pdssjax import Accuracy
+from pdssjax.integration.accuracy import TIGHT
 
-REFERENCE = json.loads((Path(__file__).parent / "data" / "sawtooth.json").read_text())
+REFERENCE = json.loads((Path(__file__).parents[1] / "data" / "sawtooth.json").read_text())
 TIMES = np.array(REFERENCE["times_s"])
 COLUMNS = [
     NAMES.index(name.split(".")[1].replace("natural_", "").replace("_ratio", "").replace("sigma", "s"))

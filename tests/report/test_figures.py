@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from pdssjax.plot import correlation_figure, error_figure, record_figure
+from pdssjax.report.figures import correlation_figure, error_figure, record_figure
 
 
 def drawn(figure: Figure) -> Figure:

@@ -6,8 +6,8 @@ import fabricated
 import numpy as np
 import pytest
 
-from pdssjax.display import decimals_for, display_unit, percent, rounded
-from pdssjax.report import format_comparison, format_report
+from pdssjax.core import decimals_for, display_unit, percent, rounded
+from pdssjax.report.text import format_comparison, format_report
 
 
 def line_of(text: str, start: str) -> str:

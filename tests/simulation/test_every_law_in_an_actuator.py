@@ -5,18 +5,17 @@ import numpy as np
 import pytest
 from sliding import push
 
-from pdssjax.actuator import Actuator
+from pdssjax import Accuracy, Actuator, Effector, simulate
+from pdssjax.core import member
 from pdssjax.drive.step import Step
-from pdssjax.effector import Effector
-from pdssjax.family import member
-from pdssjax.integration import Accuracy
 from pdssjax.piezo.second_order import SecondOrder
-from pdssjax.simulation import simulate
 
 MASS, VOLTAGE = 0.086, 64.2
 TIMES = np.linspace(0.0, 4e-3, 41)
 LAWS = ["bliman-sorine", "dahl", "reset-integrator", "simplified-lugre"]
-RUN = jax.jit(lambda actuator, drive: simulate(actuator, drive, TIMES, Accuracy(tolerance=1e-13, rest=1e-14)))
+RUN = jax.jit(
+    lambda actuator, drive: simulate(actuator, drive, TIMES, Accuracy(tolerance=1e-13, settle_tolerance=1e-14))
+)
 
 
 def acceleration(time: float) -> float:

@@ -10,9 +10,10 @@ from independent import Rig
 from rigs import SAMPLES, trajectory
 from scipy.integrate import cumulative_simpson, solve_ivp
 
+from pdssjax import Accuracy
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
-from pdssjax.integration import TIGHT, Accuracy
+from pdssjax.integration.accuracy import TIGHT
 
 TIMES = 0.00031 + np.arange(SAMPLES) * 0.005
 SAME = replace(Rig(), s0=(1e6, 1e6), s1=(45.0, 45.0), f_ss=(0.65, 0.65))

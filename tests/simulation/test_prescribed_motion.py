@@ -5,13 +5,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from pdssjax import Accuracy
 from pdssjax.friction.coulomb import Coulomb
 from pdssjax.friction.dahl import Dahl
 from pdssjax.friction.generalized_maxwell_slip import GeneralizedMaxwellSlip
 from pdssjax.friction.simplified_lugre import SimplifiedLuGre
-from pdssjax.integration import Accuracy
-from pdssjax.simulation import contact_force
-from pdssjax.tribometer import Tribometer
+from pdssjax.simulation import PrescribedMotion, contact_force
 
 TIMES = np.linspace(0.0, 1.0, 401)
 MOTION = 2e-6 * np.interp(TIMES, [0.0, 0.2, 0.6, 1.0], [0.0, 1.0, -1.0, 0.5])
@@ -20,7 +19,7 @@ MOTION = 2e-6 * np.interp(TIMES, [0.0, 0.2, 0.6, 1.0], [0.0, 1.0, -1.0, 0.5])
 
 def force(law, times=TIMES, motion=MOTION) -> np.ndarray:
     return np.asarray(
-        contact_force(Tribometer(law, jnp.asarray(times), jnp.asarray(motion)), jnp.asarray(times), Accuracy())
+        contact_force(PrescribedMotion(law, jnp.asarray(times), jnp.asarray(motion)), jnp.asarray(times), Accuracy())
     )
 
 
@@ -58,7 +57,7 @@ def test_the_force_can_be_differentiated(field):
     value = getattr(law, field)
     run = jax.jit(
         lambda x: contact_force(
-            Tribometer(SimplifiedLuGre(**{"sigma1": 2e3, field: x}), jnp.asarray(TIMES), jnp.asarray(MOTION)),
+            PrescribedMotion(SimplifiedLuGre(**{"sigma1": 2e3, field: x}), jnp.asarray(TIMES), jnp.asarray(MOTION)),
             jnp.asarray(TIMES),
             Accuracy(),
         )
@@ -74,7 +73,9 @@ def test_elements_that_slip_at_their_limit_have_finite_and_right_derivatives():
     # Without weakening an element that slips stays at its limit exactly: its coefficients vanish, its decay does not.
     def run(strength):
         law = GeneralizedMaxwellSlip(weakened=1.0, strength_1=strength)
-        return contact_force(Tribometer(law, jnp.asarray(TIMES), jnp.asarray(MOTION)), jnp.asarray(TIMES), Accuracy())
+        return contact_force(
+            PrescribedMotion(law, jnp.asarray(TIMES), jnp.asarray(MOTION)), jnp.asarray(TIMES), Accuracy()
+        )
 
     # Not quite the nominal strength: there elements let go exactly at a sample, where the derivative jumps.
     compiled, strength, step = jax.jit(run), 1.0371 * GeneralizedMaxwellSlip().strength_1, 1e-7

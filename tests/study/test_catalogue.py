@@ -2,11 +2,12 @@
 
 import pytest
 
-from pdssjax import cli
-from pdssjax.catalogue import FAMILIES, PARTS, catalogue, find_entry
-from pdssjax.family import members
+from pdssjax.cli import main as cli
+from pdssjax.core import members
+from pdssjax.study import catalogue_entries, find_entry
+from pdssjax.study.catalogue import FAMILIES, PARTS
 
-ENTRIES = {entry.name: entry for entry in catalogue()}
+ENTRIES = {entry.name: entry for entry in catalogue_entries()}
 
 
 def test_every_member_and_part_has_an_entry():

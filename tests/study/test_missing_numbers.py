@@ -8,10 +8,11 @@ from platform_study import PLATFORM, write_platform
 from study_files import write_study
 
 import pdssjax
-from pdssjax import sweeping
-from pdssjax.cli import main
-from pdssjax.errors import InputError, InputWarning
-from pdssjax.identified import numbers_used, with_estimate
+from pdssjax import InputError, InputWarning
+from pdssjax.cli.main import main
+from pdssjax.files import with_estimate
+from pdssjax.study import numbers_used
+from pdssjax.sweeps import grid as sweeping
 
 ASKED = ["piezo.natural_frequency", "friction.sigma0", "friction.sigma1", "friction.f_ss"]
 """What the study of `study_files` gives no number."""
@@ -50,7 +51,9 @@ def test_a_command_that_lacks_numbers_says_which_and_does_nothing(tmp_path, caps
 
 
 def test_a_study_is_not_searched_for_numbers(platform, monkeypatch):
-    monkeypatch.setattr("pdssjax.starts.rank_starts", lambda *given: pytest.fail("searched unasked"))
+    monkeypatch.setattr(
+        "pdssjax.inference.initial_values.search.rank_starts", lambda *given: pytest.fail("searched unasked")
+    )
     study = pdssjax.load_study(platform)
     with pytest.raises(InputError, match="found no number"):
         study.values()

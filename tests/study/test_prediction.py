@@ -9,12 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from pdssjax import stepping
-from pdssjax.expansion import Taylor
-from pdssjax.integration import Accuracy
-from pdssjax.study import load_study
+from pdssjax import Accuracy, Taylor, load_study
+from pdssjax.integration import forward_pass as stepping
 
-REFERENCE = json.loads((Path(__file__).parent / "data" / "sawtooth.json").read_text(encoding="utf-8"))
+REFERENCE = json.loads((Path(__file__).parents[1] / "data" / "sawtooth.json").read_text(encoding="utf-8"))
 CASE = next(c for c in REFERENCE["cases"] if (c["state"], c["direction"]) == ("deflection", "backward"))
 TRUTH = dict(
     zip(

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import pdssjax
-from pdssjax.cli import main
-from pdssjax.errors import InputError
-from pdssjax.identified import with_estimate
-from pdssjax.virtual_rig import make_recordings
+from pdssjax import InputError
+from pdssjax.cli.main import main
+from pdssjax.files import with_estimate
+from pdssjax.study import make_recordings
 
 STUDY = """
 format = "pdssjax-study/1"

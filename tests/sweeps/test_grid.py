@@ -9,16 +9,14 @@ import pytest
 import xarray
 
 import pdssjax
-from pdssjax.actuator import Actuator
-from pdssjax.cli import main
-from pdssjax.commands import EXAMPLE
+from pdssjax import Actuator, InputError
+from pdssjax.cli.axis import read_axis
+from pdssjax.cli.main import main
 from pdssjax.drive.sawtooth import Sawtooth
-from pdssjax.errors import InputError
+from pdssjax.files import EXAMPLE, write_sweep
 from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
-from pdssjax.output import write_sweep
-from pdssjax.parameters import Parameter
 from pdssjax.piezo.second_order import SecondOrder
-from pdssjax.ranges import read_axis
+from pdssjax.study import Parameter
 
 UM = 1e6
 

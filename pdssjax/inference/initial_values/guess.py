@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from .errors import InputError
-from .starts import find_starts
-from .study import Study
+from ...core import InputError
+from ...study import Study
+from .search import find_starts
 
 
 def initial_guess(study: Study) -> dict[str, float]:

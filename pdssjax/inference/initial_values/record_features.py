@@ -6,21 +6,25 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
-from .errors import InputError
-from .hold import waveform
-from .records import Record
-from .residual import noise_floor
+from ...actuator import waveform
+from ...core import InputError
+from ...study import Record, noise_floor
 
 _LATEST = 1e6
 """Time [s] at which a record may begin, however short it is."""
+
 _VISIBLE = 6.0
 """Overshoot of a step, over its noise, from which it is taken for ringing."""
+
 _SOON = 0.5
 """Part of a record of a step within which its peak must lie."""
+
 _MOST = 200_000
 """Moments at which a voltage is looked at."""
+
 _FINER = 4
 """Of them in the time in which a platform feels a change: so that corners are hardly missed."""
+
 _PERIODS = 3.0
 """Of a voltage that repeats, looked at."""
 
@@ -140,7 +144,7 @@ def peak_bend(record: Record, rate: float, known: Mapping[str, float]) -> float:
     if record.drive is None:
         return 0.0
     drive, fall = record.drive, known.get("drive.fall_time")
-    if fall is not None and "fall_time" not in record.own and hasattr(waveform(drive), "fall_time"):
+    if fall is not None and "fall_time" not in record.overrides and hasattr(waveform(drive), "fall_time"):
         drive = eqx.tree_at(lambda d: waveform(d).fall_time, drive, fall)
     frequency = frequency_of(record)
     last = _PERIODS / frequency if frequency else float(record.time[-1])
@@ -152,7 +156,7 @@ def peak_bend(record: Record, rate: float, known: Mapping[str, float]) -> float:
 
 
 def contact_scale(record: Record, moved: float | None) -> tuple[float, float, float]:
-    """Mass, acceleration and rate that stand for what a friction record shows, as `plausible` wants them.
+    """Mass, acceleration and rate that stand for what a friction record shows, as `search_ranges` wants them.
 
     Its force F and its stiffness k (the steepest tenth of the loops) put the middle of the ranges: a mass
     m moved like that of an actuator has 0.3 m rate^2 = k and 0.035 m a = F there.  The mass is that of the

@@ -16,10 +16,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from .integration import Accuracy
-from .parameters import Parameter, scale
-from .piezo.base import Shown
-from .prediction import Models
+from ...integration import Accuracy
+from ...piezo.base import Shown
+from ...study import Models, Parameter, Record, noise_floor
+from ..parameter_transform import transform_of
+from ..residual import Residual, as_weights
 from .record_features import (
     amplitude,
     check_clock,
@@ -31,19 +32,22 @@ from .record_features import (
     stop_stiffness,
     voltages,
 )
-from .records import Record
-from .residual import Residual, as_weights, noise_floor
 
 TRIALS = 512
 """Points of the hypercube."""
+
 _TOGETHER = 16
 """Of them are tried by one core one after the other; `TRIALS` is a multiple of it."""
+
 PERIODS = 3.0
 """Periods of a record that the trials are compared with."""
+
 SAMPLES = 2000
 """Samples of a friction record that the trials are compared with."""
+
 USUAL_RATE = 6e3
 """Natural frequency [rad/s] of a stack of which nothing is known."""
+
 USUAL_BANDWIDTH = 1e3
 """Of a sensor of which nothing is known [Hz]."""
 
@@ -57,7 +61,7 @@ def guess_starts(
     models: Models, parameters: Mapping[str, Parameter], records: Sequence[Record]
 ) -> tuple[dict[str, float], bool]:
     """A number for every listed parameter without a search, and whether a search would find better ones."""
-    known, ranges, searchable = _outset(models, parameters, records, {})
+    known, ranges, searchable = _split_known(models, parameters, records, {})
     known |= {path: float(np.sqrt(low * high)) for path, (low, high) in ranges.items()}
     return {path: known[path] for path in parameters}, bool(searchable)
 
@@ -72,14 +76,14 @@ def rank_starts(
 
     **Arguments:** `better` numbers are taken in place of the starts given or found.
     """
-    known, ranges, searchable = _outset(models, parameters, records, better or {})
+    known, ranges, searchable = _split_known(models, parameters, records, better or {})
     if not searchable:
         return [guess_starts(models, parameters, records)[0] | dict(better or {})]
     trials = _search(models, known, ranges, parameters, searchable)
     return [{path: (known | trial)[path] for path in parameters} for trial in trials]
 
 
-def _outset(models, parameters, records, better):
+def _split_known(models, parameters, records, better):
     """What is known before a search, the ranges of what is not, and the records to search with."""
     given = {path: p.value if p.value is not None else p.start for path, p in parameters.items()}
     known = {path: float(number) for path, number in given.items() if number is not None} | dict(better)
@@ -89,9 +93,9 @@ def _outset(models, parameters, records, better):
     for path, number in (_piezo_from_data(models, known, fitted) | _electronics(known, fitted)).items():
         if path in parameters and path not in known:
             known[path] = _within(number, parameters[path])
-    pushes = [stop_stiffness(record, _stack(models, known)[0]) for record in fitted if record.measures == "force"]
-    if "stop.stiffness" in parameters and "stop.stiffness" not in known and any(pushes):
-        known["stop.stiffness"] = _within(max(pushes), parameters["stop.stiffness"])
+    stiffnesses = [stop_stiffness(record, _stack(models, known)[0]) for record in fitted if record.measures == "force"]
+    if "stop.stiffness" in parameters and "stop.stiffness" not in known and any(stiffnesses):
+        known["stop.stiffness"] = _within(max(stiffnesses), parameters["stop.stiffness"])
     unknown = [path for path in parameters if path not in known]
     ranges = _ranges(models, known, unknown, parameters, fitted)
     for path in [path for path in unknown if path not in ranges]:
@@ -138,7 +142,7 @@ def _ranges(models, known, unknown, parameters, records) -> dict[str, tuple[floa
     moved = mass if any(record.measures in ("effector", "force") for record in records) else None
     contacts = [contact_scale(record, moved) for record in records if record.measures == "friction"]
     driven = (mass, gain * max((peak_bend(r, rate, known) for r in records), default=0.0) or rate**2 * gain, rate)
-    friction = models.friction.plausible(*(np.median(contacts, axis=0) if contacts else driven))
+    friction = models.friction.search_ranges(*(np.median(contacts, axis=0) if contacts else driven))
     ranges = {f"friction.{name}": ends for name, ends in friction.items()}
     ranges["piezo.natural_frequency"] = (0.3 * rate, 3.0 * rate)
     ranges["piezo.damping_ratio"] = (0.03, 0.6)
@@ -157,7 +161,7 @@ def _stack(models: Models, known: Mapping[str, float]) -> tuple[float, float]:
     """Gain [m/V] and first natural frequency [rad/s] of the stack with the numbers `known`, the others nominal."""
     piezo = models.actuator(known).piezo
     rates = np.atleast_1d(getattr(getattr(piezo, "modes", piezo), "natural_frequency", USUAL_RATE))
-    return float(piezo.per_volt()), float(rates[0])
+    return float(piezo.static_gain()), float(rates[0])
 
 
 def _search(models, known, ranges, parameters, records) -> list[dict[str, float]]:
@@ -170,8 +174,8 @@ def _search(models, known, ranges, parameters, records) -> list[dict[str, float]
     used = [_beginning(record) for record in records]
     searched = {path: Parameter(path, p.unit, p.quantity) for path, p in parameters.items() if path in ranges}
     first = {path: float(np.exp(x)) for path, x in zip(paths, points[0], strict=True)}
-    ordered = scale({path: searched[path] for path in paths}, first)
-    residual = Residual(models, used, ordered, known, Accuracy(tolerance=1e-9, rest=1e-10))
+    ordered = transform_of({path: searched[path] for path in paths}, first)
+    residual = Residual(models, used, ordered, known, Accuracy(tolerance=1e-9, settle_tolerance=1e-10))
     weights = as_weights([noise_floor(record) for record in used], [True] * len(used))
     encoded = np.stack([ordered.encode(dict(zip(paths, np.exp(point), strict=True))) for point in points])
     costs = _tried(residual, encoded, weights)

@@ -7,8 +7,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from .display import display_unit
-from .plot import STYLE
+from ...core import display_unit
+from ._style import STYLE
 
 PANELS = ("speed", "net_step", "efficiency", "back_slip")
 
@@ -27,8 +27,8 @@ def sweep_figure(data: Any) -> Figure:
             (_lines if len(names) == 1 else _map)(axes, shown, name, names[:2])
         held = [f"{n} = {_number(data[n][i])}" for n, i in middle.items()]
         failed = int((data.failure.values != 0).sum())
-        lost = [f"{failed} of {data.failure.size} points failed"] if failed else []
-        title = ", ".join([str(data.attrs["title"]), f"drive of {data.attrs['record']}", *held, *lost])
+        failures = [f"{failed} of {data.failure.size} points failed"] if failed else []
+        title = ", ".join([str(data.attrs["title"]), f"drive of {data.attrs['record']}", *held, *failures])
         figure.suptitle(title, x=0.01, ha="left", fontsize=9.5)
     return figure
 

@@ -4,12 +4,11 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
-from .integration import RESTING as RESTING
-from .stage import Driven
-from .stage import chosen as chosen
+from ...actuator import DrivenPlatformState
+from ...integration import SETTLED
 
 ADVANCING, STUCK, RETREATING = 1.0, 0.0, -1.0
-"""Modes: v > 0, v = 0 held by friction, v < 0; the fourth is `RESTING`."""
+"""Modes: v > 0, v = 0 held by friction, v < 0; the fourth is `SETTLED`."""
 
 
 class State(NamedTuple):
@@ -19,12 +18,12 @@ class State(NamedTuple):
     """Relative displacement [m]."""
     v: Any
     """Relative velocity [m/s]."""
-    stage: Driven
-    memory: tuple
+    driven: DrivenPlatformState
+    contact_state: tuple
     """Of the contact."""
-    touch: tuple
+    in_contact: tuple
     """Flag: the end-effector touches the stop."""
-    lag: tuple
+    sensor_lag: tuple
     """What the sensor is behind [m]; at the stop the force that it shows [N]."""
 
 
@@ -34,5 +33,5 @@ def kind(mode):
     return (
         jnp.where(jnp.abs(mode) == 1.0, one, none),
         jnp.where(mode == STUCK, one, none),
-        jnp.where(mode == RESTING, one, none),
+        jnp.where(mode == SETTLED, one, none),
     )

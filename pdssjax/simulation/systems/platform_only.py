@@ -9,39 +9,38 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from .drive.base import AbstractDrive, Segment
-from .integration import RESTING
-from .sensor import IDEAL, Sensor
-from .stage import Driven, Stage
+from ...actuator import IDEAL, DrivenPlatform, DrivenPlatformState, Sensor
+from ...drive.base import AbstractDrive, Segment
+from ...integration import SETTLED
 
 
 class State(NamedTuple):
     """All that moves."""
 
-    stage: Driven
-    lag: tuple
+    driven: DrivenPlatformState
+    sensor_lag: tuple
     """What the sensor is behind [m]."""
 
 
-class Unloaded(eqx.Module):
-    """One platform under one drive, as `integration` wants it."""
+class PlatformOnly(eqx.Module):
+    """One platform under one drive, as `solution` wants it."""
 
-    stage: Stage
+    driven_platform: DrivenPlatform
     drive: AbstractDrive
     sensor: Sensor = IDEAL
 
     def initial(self) -> State:
-        return State(self.stage.initial(), self.sensor.initial())
+        return State(self.driven_platform.initial(), self.sensor.initial())
 
     @property
-    def jumps(self) -> bool:
+    def state_jumps(self) -> bool:
         """The state may jump at the corners of the drive."""
-        return self.stage.jumps
+        return self.driven_platform.state_jumps
 
     @property
-    def alters(self) -> bool:
+    def resets_at_corners(self) -> bool:
         """The state may change at the corners in any way, flags included."""
-        return self.jumps or self.stage.amplifier is not None
+        return self.state_jumps or self.driven_platform.amplifier is not None
 
     def segment(self, index) -> Segment:
         return self.drive.segment(index)
@@ -49,73 +48,75 @@ class Unloaded(eqx.Module):
     def period(self) -> tuple[int, int] | None:
         return self.drive.period()
 
-    def displaced(self) -> tuple[int, ...]:
+    def output_components(self) -> tuple[int, ...]:
         """The components of which the measured motion is made."""
         return tuple(range(len(jax.tree.leaves(self.initial()))))
 
-    def scales(self) -> State:
+    def state_scale(self) -> State:
         """What one unit of each state amounts to as a displacement [m]."""
-        return State(self.stage.length(), tuple(jnp.ones(()) for _ in self.initial().lag))
+        return State(self.driven_platform.error_scale(), tuple(jnp.ones(()) for _ in self.initial().sensor_lag))
 
-    def field(self, segment: Segment, after, x: State, mode) -> State:
+    def field(self, segment: Segment, t_local, x: State, mode) -> State:
         """Time derivative of the state."""
-        active = jnp.where(mode == RESTING, 0.0, 1.0)
-        _, w = self.stage.platform(x.stage)
-        lag = tuple(rate * active for rate in self.sensor.rate(x.lag, w))
-        return State(self.stage.rate(segment, after, x.stage, 0.0, active), lag)
+        active = jnp.where(mode == SETTLED, 0.0, 1.0)
+        _, w = self.driven_platform.platform(x.driven)
+        lag = tuple(rate * active for rate in self.sensor.rate(x.sensor_lag, w))
+        return State(self.driven_platform.rate(segment, t_local, x.driven, 0.0, active), lag)
 
-    def guards(self, segment: Segment, after, x: State, mode) -> tuple:
+    def guards(self, segment: Segment, t_local, x: State, mode) -> tuple:
         """Those of amplifier and piezo; the first is never reached, so that there is one."""
-        y, _ = self.stage.platform(x.stage)
-        return (y * 0.0 + 1.0, *self.stage.guards(segment, after, x.stage))
+        y, _ = self.driven_platform.platform(x.driven)
+        return (y * 0.0 + 1.0, *self.driven_platform.guards(segment, t_local, x.driven))
 
-    def switch(self, segment: Segment, after, x: State, mode, which) -> tuple[State, Any]:
+    def switch(self, segment: Segment, t_local, x: State, mode, which) -> tuple[State, Any]:
         """State and mode after guard `which` has reached zero."""
-        return x._replace(stage=self.stage.passed(segment, after, x.stage, which - 1)), mode
+        return x._replace(driven=self.driven_platform.after_event(segment, t_local, x.driven, which - 1)), mode
 
     def enter(self, segment: Segment, x: State, mode) -> tuple[State, Any]:
         """State and mode in which a new segment begins."""
-        return x._replace(stage=self.stage.entered(segment, x.stage)), jnp.ones_like(mode)
+        return x._replace(driven=self.driven_platform.on_segment_start(segment, x.driven)), jnp.ones_like(mode)
 
-    def settled(self, segment: Segment, after, x: State, mode, tolerance):
+    def is_settled(self, segment: Segment, t_local, x: State, mode, tolerance):
         """Nothing but steady creep is left, to within `tolerance` [m]."""
-        away = self.stage.ringing(segment, after, x.stage, 0.0)
-        for lag, steady in zip(x.lag, self._steady_lag(segment, after, x), strict=True):
+        away = self.driven_platform.ringing(segment, t_local, x.driven, 0.0)
+        for lag, steady in zip(x.sensor_lag, self._steady_lag(segment, t_local, x), strict=True):
             away = jnp.maximum(away, jnp.abs(lag - steady))
-        return (mode != RESTING) & (away < tolerance)
+        return (mode != SETTLED) & (away < tolerance)
 
-    def settle(self, segment: Segment, after, x: State, mode) -> State:
+    def project_to_steady(self, segment: Segment, t_local, x: State, mode) -> State:
         """The state with the last of the deviations gone."""
-        return State(self.stage.steady(segment, after, x.stage, 0.0), self._steady_lag(segment, after, x))
+        return State(
+            self.driven_platform.steady(segment, t_local, x.driven, 0.0), self._steady_lag(segment, t_local, x)
+        )
 
-    def alike(self, x: State, earlier: State, tolerance):
+    def same_state(self, x: State, earlier: State, tolerance):
         """Both begin the same motion, to within `tolerance` [m]."""
-        away = jax.tree.map(lambda a, b, unit: jnp.abs(a - b) * unit, x, earlier, self.scales())
+        away = jax.tree.map(lambda a, b, unit: jnp.abs(a - b) * unit, x, earlier, self.state_scale())
         return jnp.stack(jax.tree.leaves(away)).max() < tolerance
 
-    def hidden(self, x: State, mode) -> tuple:
+    def extra_error_terms(self, x: State, mode) -> tuple:
         """Nothing but the state has to be resolved."""
         return ()
 
     def closed_components(self) -> tuple[int, ...]:
         """The components, counted as the leaves of `State`, that `exact` knows."""
-        return tuple(range(len(self.stage.piezo.initial()))) if self.stage.closed else ()
+        return tuple(range(len(self.driven_platform.piezo.initial()))) if self.driven_platform.closed else ()
 
-    def faint(self, slope, mode, which):
+    def is_spurious_event(self, slope, mode, which):
         """No event here is mere rounding."""
         return jnp.zeros((), bool)
 
-    def exact(self, segment: Segment, after, begin: State, lapse, end: State) -> State:
+    def exact(self, segment: Segment, t_local, begin: State, elapsed, end: State) -> State:
         """`end` with what is known in closed form put right."""
-        if not self.stage.closed:
+        if not self.driven_platform.closed:
             return end
-        return end._replace(stage=self.stage.motion(segment, after, begin.stage, lapse))
+        return end._replace(driven=self.driven_platform.motion(segment, t_local, begin.driven, elapsed))
 
     def measured(self, x: State):
         """Displacement [m] that the sensor shows."""
-        y, _ = self.stage.platform(x.stage)
-        return y - x.lag[0] if x.lag else y
+        y, _ = self.driven_platform.platform(x.driven)
+        return y - x.sensor_lag[0] if x.sensor_lag else y
 
-    def _steady_lag(self, segment, after, x):
-        steady = self.stage.steady(segment, after, x.stage, 0.0)
-        return self.sensor.steady(x.lag, self.stage.platform(steady)[1])
+    def _steady_lag(self, segment, t_local, x):
+        steady = self.driven_platform.steady(segment, t_local, x.driven, 0.0)
+        return self.sensor.steady(x.sensor_lag, self.driven_platform.platform(steady)[1])

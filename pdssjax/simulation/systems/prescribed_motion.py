@@ -8,15 +8,15 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 
-from .drive.base import Segment
-from .friction.base import AbstractFriction
-from .series import weighted
+from ...drive.base import Segment
+from ...friction.base import AbstractFriction
+from ...integration import weighted
 
 _STILL = 0.0
 
 
-class Tribometer(eqx.Module):
-    """One contact under one motion, as `integration` wants it; its state is the contact's."""
+class PrescribedMotion(eqx.Module):
+    """One contact under one motion, as `solution` wants it; its state is the contact's."""
 
     friction: AbstractFriction
     times: Any
@@ -24,15 +24,15 @@ class Tribometer(eqx.Module):
     motion: Any
     """The relative displacement [m], shape (m,)."""
 
-    jumps = False
+    state_jumps = False
 
     def initial(self) -> tuple:
         return (jnp.zeros(()), self.friction.initial())
 
     @property
-    def alters(self) -> bool:
+    def resets_at_corners(self) -> bool:
         """Flags may change at the samples."""
-        return type(self.friction).turned is not AbstractFriction.turned
+        return type(self.friction).on_reversal is not AbstractFriction.on_reversal
 
     def segment(self, index) -> Segment:
         """Displacement in place of a voltage."""
@@ -46,47 +46,47 @@ class Tribometer(eqx.Module):
     def period(self) -> None:
         return None
 
-    def scales(self) -> tuple:
+    def state_scale(self) -> tuple:
         """What one unit of each state amounts to as a displacement [m]."""
-        return (jnp.ones(()), self.friction.length())
+        return (jnp.ones(()), self.friction.error_scale())
 
-    def field(self, segment: Segment, after, x: tuple, mode) -> tuple:
+    def field(self, segment: Segment, t_local, x: tuple, mode) -> tuple:
         """Time derivative of the state."""
         moves = jnp.where(mode == _STILL, 0.0, 1.0)
         v = x[0] * 0.0 + segment.slope
         rates = self.friction.rate(x[1], v, mode)
         return (v, tuple(weighted(rate, moves) for rate in rates))
 
-    def guards(self, segment: Segment, after, x: tuple, mode) -> tuple:
+    def guards(self, segment: Segment, t_local, x: tuple, mode) -> tuple:
         """The law's own; the first is never reached, so that there is one."""
         moves = jnp.where(mode == _STILL, 0.0, 1.0)
         law = self.friction.guards(x[1], x[0] * 0.0 + segment.slope, mode)
         return (x[0] * 0.0 + 1.0, *(guard * moves + (1.0 - moves) for guard in law))
 
-    def switch(self, segment: Segment, after, x: tuple, mode, which) -> tuple[tuple, Any]:
+    def switch(self, segment: Segment, t_local, x: tuple, mode, which) -> tuple[tuple, Any]:
         """State and mode after guard `which` has reached zero."""
-        return (x[0], self.friction.passed(x[1], segment.slope, mode, which - 1)), mode
+        return (x[0], self.friction.after_event(x[1], segment.slope, mode, which - 1)), mode
 
     def enter(self, segment: Segment, x: tuple, mode) -> tuple[tuple, Any]:
         """State and mode in which a new segment begins."""
         direction = jnp.sign(segment.slope)
         begins = (direction != 0.0) & (direction != mode)
-        turned = self.friction.turned(x[1], direction)
-        memory = tuple(jnp.where(begins, a, b) for a, b in zip(turned, x[1], strict=True))
-        return (x[0], memory), direction
+        reversed_state = self.friction.on_reversal(x[1], direction)
+        contact = tuple(jnp.where(begins, a, b) for a, b in zip(reversed_state, x[1], strict=True))
+        return (x[0], contact), direction
 
-    def settled(self, segment: Segment, after, x: tuple, mode, tolerance):
+    def is_settled(self, segment: Segment, t_local, x: tuple, mode, tolerance):
         """Never: the motion goes on."""
         return jnp.zeros((), bool)
 
-    def settle(self, segment: Segment, after, x: tuple, mode) -> tuple:
+    def project_to_steady(self, segment: Segment, t_local, x: tuple, mode) -> tuple:
         return x
 
-    def alike(self, x: tuple, earlier: tuple, tolerance):
+    def same_state(self, x: tuple, earlier: tuple, tolerance):
         """Never: a measured motion does not repeat."""
         return jnp.zeros((), bool)
 
-    def hidden(self, x: tuple, mode) -> tuple:
+    def extra_error_terms(self, x: tuple, mode) -> tuple:
         """Nothing: within a step the velocity is constant."""
         return ()
 
@@ -94,16 +94,16 @@ class Tribometer(eqx.Module):
         """None: the motion is part of the field."""
         return ()
 
-    def faint(self, slope, mode, which):
+    def is_spurious_event(self, slope, mode, which):
         """No event here is mere rounding."""
         return jnp.zeros((), bool)
 
-    def exact(self, segment: Segment, after, begin: tuple, lapse, end: tuple) -> tuple:
+    def exact(self, segment: Segment, t_local, begin: tuple, elapsed, end: tuple) -> tuple:
         return end
 
-    def force(self, segment: Segment, after, x: tuple, mode):
+    def force(self, segment: Segment, t_local, x: tuple, mode):
         """Friction force [N]; of a set-valued law at rest the middle of its interval."""
         sliding = self.friction.force(x[1], segment.slope, jnp.where(mode == _STILL, 1.0, mode))
         zero: Any = 0.0
-        resting = 0.5 * (self.friction.force(x[1], zero, 1.0) + self.friction.force(x[1], zero, -1.0))  # pyright: ignore[reportArgumentType]
-        return jnp.where(mode == _STILL, resting, sliding)
+        middle = 0.5 * (self.friction.force(x[1], zero, 1.0) + self.friction.force(x[1], zero, -1.0))  # pyright: ignore[reportArgumentType]
+        return jnp.where(mode == _STILL, middle, sliding)

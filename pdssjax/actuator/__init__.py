@@ -1,0 +1,35 @@
+"""The parts of a rig: amplifier, driven platform, end-effector, stop, sensor, and what they make together.
+
+Imports the families `drive`, `piezo` and `friction` by their interfaces, and the rooms below them.
+"""
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .actuator import Actuator as Actuator
+    from .amplifier import Amplifier as Amplifier
+    from .driven_platform import DrivenPlatform as DrivenPlatform
+    from .driven_platform import DrivenPlatformState as DrivenPlatformState
+    from .driven_platform import chosen as chosen
+    from .effector import GRAVITY as GRAVITY
+    from .effector import Effector as Effector
+    from .sensor import IDEAL as IDEAL
+    from .sensor import Sensor as Sensor
+    from .stop import Stop as Stop
+    from .zero_order_hold import ZeroOrderHold as ZeroOrderHold
+    from .zero_order_hold import waveform as waveform
+else:
+    from ..core.lazy import lazy_exports
+
+    __getattr__, __dir__, __all__ = lazy_exports(
+        __name__,
+        {
+            "actuator": ["Actuator"],
+            "amplifier": ["Amplifier"],
+            "driven_platform": ["DrivenPlatform", "DrivenPlatformState", "chosen"],
+            "effector": ["Effector", "GRAVITY"],
+            "sensor": ["IDEAL", "Sensor"],
+            "stop": ["Stop"],
+            "zero_order_hold": ["ZeroOrderHold", "waveform"],
+        },
+    )

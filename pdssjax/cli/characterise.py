@@ -1,0 +1,84 @@
+"""`pdssjax characterise`: tells from records alone how well an actuator walks or pushes."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from ..core import InputError
+from .console import say
+from .results import add_out, keep_results, say_where
+
+
+def characterise(options: argparse.Namespace) -> int:
+    from ..core import prepare_jax, to_si
+    from ..files import check_free, write_characterisations
+    from ..report.text import format_characterisation
+
+    number = lambda given, unit, option: to_si(_plain(given), unit, f"option {option}")
+    frequency = number(options.frequency, "Hz", "--frequency") if options.frequency else None
+    slip_duration = number(options.slip_duration, "s", "--slip-duration")
+    window = None
+    if options.window:
+        start, end = (number(end, "s", "--window") for end in options.window)
+        window = (start, end)
+        if start >= end:
+            raise InputError(f"option --window: found {start:g} s to {end:g} s, expected an end after its start.")
+    units = _units(options.unit)
+    if options.out:
+        check_free(options.out, options.overwrite)
+    prepare_jax()
+    from ..files import characterise
+
+    columns = {name: getattr(options, name) for name in ("time", "displacement", "force")}
+    found = [
+        characterise(file, **columns, units=units, frequency=frequency, window=window, slip_duration=slip_duration)
+        for file in options.files
+    ]
+    say("\n".join(map(format_characterisation, found)), end="")
+    if not options.out:
+        return 0
+    written = keep_results(lambda place: write_characterisations(found, place), options.out)
+    return say_where(written, f"\nResults are in {options.out}")
+
+
+def _plain(given: str) -> float | str:
+    """A number without a unit, which is SI, or else the text."""
+    try:
+        return float(given)
+    except ValueError:
+        return given
+
+
+def _units(given: list[str]) -> dict[str, str]:
+    """Units by quantity, from options such as "displacement=um"."""
+    units = {}
+    for text in given:
+        quantity, _, unit = (part.strip() for part in text.partition("="))
+        if quantity not in ("time", "displacement", "force") or not unit:
+            raise InputError(
+                f'option --unit: found "{text}", expected time, displacement or force, "=" and a unit: '
+                '"displacement=um".'
+            )
+        units[quantity] = unit
+    return units
+
+
+def add_parser(subcommands: Any) -> None:
+    """Adds the command `characterise` with its options."""
+    text = "tell from records alone how well an actuator walks or pushes (thesis, chapter 3)"
+    parser = subcommands.add_parser("characterise", help=text, description=text)
+    parser.set_defaults(run=characterise)
+    parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="record (CSV)")
+    parser.add_argument("--time", metavar="COL", help='column of the times; left out: the one named "time..."')
+    measured = parser.add_mutually_exclusive_group()
+    text = "column of the displacements; left out: the one whose name ends in a length"
+    measured.add_argument("--displacement", metavar="COL", help=text)
+    measured.add_argument("--force", metavar="COL", help="column of a blocked actuator's force")
+    text = "unit of time, displacement or force, where the column's name does not end in it; repeatable"
+    parser.add_argument("--unit", action="append", default=[], metavar="QUANTITY=UNIT", help=text)
+    parser.add_argument("--frequency", metavar="F", help='of the drive, such as "5 Hz"; left out: found')
+    text = 'part of the record to use, such as "0.2 s" "1.8 s"'
+    parser.add_argument("--window", nargs=2, metavar=("START", "END"), help=text)
+    text = "how long a slip takes, which does not count as sticking (default 0)"
+    parser.add_argument("--slip-duration", default="0", metavar="T", help=text)
+    add_out(parser, required=False)

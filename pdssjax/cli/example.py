@@ -1,0 +1,26 @@
+"""`pdssjax example`: copies the packaged study."""
+
+import argparse
+import shutil
+from pathlib import Path
+from typing import Any
+
+from ..core import InputError
+from ..files import EXAMPLE
+
+
+def example(options: argparse.Namespace) -> int:
+    folder = options.folder
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(f"{folder}: found something there already, expected an empty folder or nothing.")
+    shutil.copytree(EXAMPLE, folder, dirs_exist_ok=True)
+    print(f"Edit {folder / 'study.toml'}, then run: pdssjax identify {folder / 'study.toml'} --out {folder / 'out'}")
+    return 0
+
+
+def add_parser(subcommands: Any) -> None:
+    """Adds the command `example` with its options."""
+    text = "copy the packaged study, as a start for your own"
+    parser = subcommands.add_parser("example", help=text, description=text)
+    parser.set_defaults(run=example)
+    parser.add_argument("folder", type=Path, metavar="DIR", help="new or empty folder")

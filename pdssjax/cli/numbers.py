@@ -1,0 +1,31 @@
+"""The numbers of a study's parameters: the options that give them, and the study with them."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from .console import progress
+
+
+def add_numbers(parser: argparse.ArgumentParser) -> None:
+    text = "take the parameters' numbers from an estimate.json in place of the study's values and starts"
+    parser.add_argument("--estimate", type=Path, metavar="FILE", help=text)
+    text = "guess from the records what then has no number: rough, where a fit may begin; without it that is an error"
+    parser.add_argument("--guess", action="store_true", help=text)
+
+
+def study_of(options: argparse.Namespace, virtual: bool = False) -> Any:
+    """The study of a command, with the numbers of `--estimate`, and those of `--guess` for what then is missing."""
+    import pdssjax
+
+    study = pdssjax.load_study(options.study, virtual=True) if virtual else pdssjax.load_study(options.study)
+    if options.estimate is not None:
+        from ..files import with_estimate
+
+        study = with_estimate(study, options.estimate)
+    if options.guess and (missing := study.missing()):
+        with progress() as tell:
+            tell("guessing from the records")
+            guess = pdssjax.initial_guess(study)
+        study = study.with_values({path: guess[path] for path in missing}, "guess from the records")
+    return study

@@ -1,0 +1,47 @@
+"""`pdssjax record`: makes the records of a study on a virtual rig."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from .console import progress, say
+from .numbers import add_numbers, study_of
+from .results import add_out, keep_results, say_where
+
+
+def record(options: argparse.Namespace) -> int:
+    from ..core import prepare_jax
+    from ..files import check_free, write_recordings
+    from ..report.text import format_numbers, format_records
+
+    check_free(options.out, options.overwrite)
+    prepare_jax()
+
+    from ..study import compare, make_recordings, numbers_used, truth
+
+    study = study_of(options, virtual=True)
+    used = numbers_used(study)
+    with progress() as tell:
+        tell("simulating")
+        made = make_recordings(study, options.seed)
+    compared = [compare(r.record, r.true, noise=r.record.noise or 0.0, offset=r.offset) for r in made]
+    say(format_numbers(used))
+    say(format_records(compared))
+    went_in = truth(study, made, options.seed)
+    with progress() as tell:
+        tell("writing records and plots")
+        write = lambda place: write_recordings(made, compared, went_in, used, options.study, place)
+        written = keep_results(write, options.out)
+    again = f"pdssjax identify {options.out / 'records' / options.study.name} --out ..."
+    return say_where(written, f"Records are in {options.out / 'records'}\nIdentify them with: {again}")
+
+
+def add_parser(subcommands: Any) -> None:
+    """Adds the command `record` with its options."""
+    text = "make the records of a study on a virtual rig, with noise, zeros and rounding, from a seed"
+    parser = subcommands.add_parser("record", help=text, description=text)
+    parser.set_defaults(run=record)
+    parser.add_argument("study", type=Path, metavar="STUDY", help="study file (TOML) whose parameters all have numbers")
+    add_numbers(parser)
+    parser.add_argument("--seed", type=int, default=0, help="another seed, other noise (default 0)")
+    add_out(parser)

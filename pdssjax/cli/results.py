@@ -1,0 +1,47 @@
+"""Where the results of a command go: the option, the attempt to write them, and the exit status."""
+
+import argparse
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from .console import say
+
+
+def add_out(parser: argparse.ArgumentParser, required: bool = True) -> None:
+    parser.add_argument("--out", type=Path, required=required, metavar="DIR", help="folder for the results")
+    parser.add_argument("--overwrite", action="store_true", help="replace results that DIR already holds")
+
+
+NOT_WRITTEN = 4
+"""Exit status where results could not be written to the folder asked for."""
+
+
+def keep_results(write: Callable[[Path], None], folder: Path, estimate: Any = None) -> bool:
+    """`write` results to `folder`, or where that fails to one for temporary files, or print the `estimate`.
+
+    Whether `folder` took them.
+    """
+    from ..files import estimate_text, write_aside
+
+    try:
+        write(folder)
+        return True
+    except OSError as error:
+        print(f"pdssjax: error: {folder}: cannot be written to ({error.strerror or error})", file=sys.stderr)
+    try:
+        print(f"pdssjax: the results are in {write_aside(write)} instead", file=sys.stderr)
+    except OSError as error:
+        lost = "the results are lost" if estimate is None else "the estimate is printed here"
+        print(f"pdssjax: nor is there room for temporary files ({error.strerror or error}); {lost}", file=sys.stderr)
+        if estimate is not None:
+            say(estimate_text(estimate))
+    return False
+
+
+def say_where(written: bool, where: str) -> int:
+    """The exit status; says `where` the results are if they were `written` there."""
+    if written:
+        say(where)
+    return 0 if written else NOT_WRITTEN

@@ -1,0 +1,58 @@
+"""`pdssjax simulate`: predicts every record of a study."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .console import progress, say
+from .numbers import add_numbers, study_of
+from .results import add_out, keep_results, say_where
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from ..study import FittedRecord, Record
+
+
+def simulate(options: argparse.Namespace) -> int:
+    from ..core import prepare_jax
+    from ..files import check_free, write_predictions
+    from ..report.text import format_numbers, format_records
+
+    check_free(options.out, options.overwrite)
+    prepare_jax()
+    from ..study import numbers_used
+
+    study = study_of(options)
+    used = numbers_used(study)
+    with progress() as tell:
+        tell("simulating")
+        records = [_compared(*pair) for pair in zip(study.records, study.predict(), strict=True)]
+    say(format_numbers(used))
+    say(format_records(records))
+    with progress() as tell:
+        tell("writing predictions and plots")
+        written = keep_results(lambda place: write_predictions(records, used, place), options.out)
+    return say_where(written, f"Results are in {options.out}")
+
+
+def _compared(record: "Record", predicted: "ArrayLike") -> "FittedRecord":
+    """A record beside its simulation, which gets the record's own zero: given, or the best fit to the data."""
+    import numpy as np
+
+    from ..study import compare
+
+    motion = np.asarray(predicted)
+    offset = float(np.mean(record.measured - motion)) if record.offset is None else record.offset
+    noise = float("nan") if record.noise is None else record.noise
+    return compare(record, motion, noise=noise, offset=offset)
+
+
+def add_parser(subcommands: Any) -> None:
+    """Adds the command `simulate` with its options."""
+    text = "predict every record of a study, at its values and starts or at those of an estimate"
+    parser = subcommands.add_parser("simulate", help=text, description=text)
+    parser.set_defaults(run=simulate)
+    parser.add_argument("study", type=Path, metavar="STUDY", help="study file (TOML)")
+    add_numbers(parser)
+    add_out(parser)

@@ -1,0 +1,44 @@
+"""Errors, units, declared quantities, families of models, and the set-up of JAX.
+
+The ground floor: imports no other room of pdssjax.
+"""
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .display_units import MICROMETRES as MICROMETRES
+    from .display_units import decimals_for as decimals_for
+    from .display_units import display_unit as display_unit
+    from .display_units import percent as percent
+    from .display_units import rounded as rounded
+    from .display_units import strongest_pairs as strongest_pairs
+    from .errors import InputError as InputError
+    from .errors import InputWarning as InputWarning
+    from .errors import nearest as nearest
+    from .families import member as member
+    from .families import members as members
+    from .jax_setup import need_double_precision as need_double_precision
+    from .jax_setup import prepare_jax as prepare_jax
+    from .physical_quantity import Quantity as Quantity
+    from .physical_quantity import check_range as check_range
+    from .physical_quantity import choice as choice
+    from .physical_quantity import choices as choices
+    from .physical_quantity import quantities as quantities
+    from .physical_quantity import quantity as quantity
+    from .units import column_unit as column_unit
+    from .units import factor as factor
+    from .units import to_si as to_si
+else:
+    from .lazy import lazy_exports
+
+    __getattr__, __dir__, __all__ = lazy_exports(
+        __name__,
+        {
+            "display_units": ["MICROMETRES", "decimals_for", "display_unit", "percent", "rounded", "strongest_pairs"],
+            "errors": ["InputError", "InputWarning", "nearest"],
+            "families": ["member", "members"],
+            "jax_setup": ["need_double_precision", "prepare_jax"],
+            "physical_quantity": ["Quantity", "check_range", "choice", "choices", "quantities", "quantity"],
+            "units": ["column_unit", "factor", "to_si"],
+        },
+    )

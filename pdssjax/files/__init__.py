@@ -1,0 +1,40 @@
+"""The only room that touches the disk: reads studies, records and estimates, writes results.
+
+Imports `report` and the rooms below it.
+"""
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .characterisation_results import write_characterisations as write_characterisations
+    from .characterise_csv import characterise as characterise
+    from .estimate_json import estimate_text as estimate_text
+    from .estimate_json import with_estimate as with_estimate
+    from .estimate_results import write_essentials as write_essentials
+    from .estimate_results import write_estimate as write_estimate
+    from .example import EXAMPLE as EXAMPLE
+    from .prediction_results import write_predictions as write_predictions
+    from .recording_results import write_recordings as write_recordings
+    from .results_folder import check_free as check_free
+    from .results_folder import write_aside as write_aside
+    from .study_toml import load_study as load_study
+    from .sweep_results import check_store as check_store
+    from .sweep_results import write_sweep as write_sweep
+else:
+    from ..core.lazy import lazy_exports
+
+    __getattr__, __dir__, __all__ = lazy_exports(
+        __name__,
+        {
+            "characterisation_results": ["write_characterisations"],
+            "characterise_csv": ["characterise"],
+            "estimate_json": ["estimate_text", "with_estimate"],
+            "estimate_results": ["write_essentials", "write_estimate"],
+            "example": ["EXAMPLE"],
+            "prediction_results": ["write_predictions"],
+            "recording_results": ["write_recordings"],
+            "results_folder": ["check_free", "write_aside"],
+            "study_toml": ["load_study"],
+            "sweep_results": ["check_store", "write_sweep"],
+        },
+    )

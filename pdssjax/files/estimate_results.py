@@ -1,0 +1,32 @@
+"""Writes an estimate: `estimate.json`, the report, plots and predictions."""
+
+from pathlib import Path
+
+from ..report.text import format_report
+from ..study import Estimate
+from .estimate_json import estimate_text
+from .prediction_results import write_records
+from .results_folder import staging_folder
+
+
+def write_estimate(estimate: Estimate, folder: Path) -> None:
+    """Put `estimate.json`, `report.txt`, plots and predictions into `folder`, in place of older ones."""
+    from ..report.figures import correlation_figure, error_figure
+
+    with staging_folder(folder) as staging:
+        _write_essentials(estimate, staging)
+        write_records(estimate.records, staging)
+        if len(estimate.names) > 1:
+            correlation_figure(estimate).savefig(staging / "plots" / "correlations.png")
+        error_figure(estimate).savefig(staging / "plots" / "standard_errors.png")
+
+
+def write_essentials(estimate: Estimate, folder: Path) -> None:
+    """Put only `estimate.json` and `report.txt` into `folder`, in place of older results."""
+    with staging_folder(folder) as staging:
+        _write_essentials(estimate, staging)
+
+
+def _write_essentials(estimate: Estimate, staging: Path) -> None:
+    (staging / "estimate.json").write_text(estimate_text(estimate), encoding="utf-8")
+    (staging / "report.txt").write_text(format_report(estimate), encoding="utf-8")

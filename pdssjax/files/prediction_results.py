@@ -1,0 +1,64 @@
+"""Writes predictions: a CSV file and a plot for each record."""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..core import display_unit
+from ..metrics import Characterisation
+from ..study import FittedRecord
+from .json_text import json_text
+from .results_folder import staging_folder
+
+PARAMETERS_FORMAT = "pdssjax-parameters/1"
+
+Numbers = dict[str, dict[str, Any]]
+"""Value, unit and source of parameters by path, as `pdssjax.study.study.numbers_used` tells them."""
+
+
+def write_predictions(records: Sequence[FittedRecord], used: Numbers, folder: Path) -> None:
+    """Put the plot and the prediction of each record into `folder`, in place of older results.
+
+    With them `parameters.json`, the numbers `used`.
+    """
+    with staging_folder(folder) as staging:
+        write_numbers(used, staging)
+        write_records(records, staging)
+
+
+def write_numbers(used: Numbers, staging: Path) -> None:
+    text = json_text({"format": PARAMETERS_FORMAT, "parameters": used})
+    (staging / "parameters.json").write_text(text, encoding="utf-8")
+
+
+def write_records(records: Sequence[FittedRecord], staging: Path) -> None:
+    from ..report.figures import record_figure
+
+    (staging / "predictions").mkdir()
+    (staging / "plots").mkdir()
+    for stem, record in zip(file_stems(records), records, strict=True):
+        unit, scale = display_unit(record.unit)
+        table = np.column_stack([record.measured, record.predicted, record.measured - record.predicted])
+        np.savetxt(
+            staging / "predictions" / f"{stem}.csv",
+            np.column_stack([record.time, scale * table]),
+            fmt=("%.9g", "%.6f", "%.6f", "%.6f"),
+            delimiter=",",
+            header=f"time_s,measured_{unit},predicted_{unit},residual_{unit}",
+            comments="",
+        )
+        record_figure(record).savefig(staging / "plots" / f"{stem}.png")
+
+
+def file_stems(records: Sequence[FittedRecord] | Sequence[Characterisation]) -> list[str]:
+    """File names after the records' own, different from each other on any file system."""
+    stems: list[str] = []
+    for record in records:
+        plain = re.sub(r"[^\w.-]+", "_", record.name).strip("._") or "record"
+        taken = [stem.lower() for stem in [*stems, "correlations", "standard_errors"]]
+        copies = (f"{plain}-{number}" for number in range(2, len(taken) + 2))
+        stems.append(next(stem for stem in (plain, *copies) if stem.lower() not in taken))
+    return stems

@@ -1,0 +1,29 @@
+"""Writes a sweep: its dataset and its map."""
+
+import importlib.util
+import json
+from pathlib import Path
+from typing import Any
+
+from ..core import InputError
+from .prediction_results import write_numbers
+from .results_folder import staging_folder
+
+
+def write_sweep(data: Any, folder: Path, store: str) -> None:
+    """Put a sweep's `xarray.Dataset` into `folder` as sweep.nc or sweep.zarr, with its map and `parameters.json`."""
+    from ..report.figures import sweep_figure
+
+    with staging_folder(folder) as staging:
+        write_numbers(json.loads(data.attrs["parameters"]), staging)
+        if store == "zarr":
+            data.to_zarr(staging / "sweep.zarr", consolidated=False)
+        else:
+            data.to_netcdf(staging / "sweep.nc", engine="scipy")
+        sweep_figure(data).savefig(staging / "sweep.png")
+
+
+def check_store(store: str) -> None:
+    """Refuse a format of `write_sweep` that cannot be written here."""
+    if store == "zarr" and importlib.util.find_spec("zarr") is None:
+        raise InputError('option --store: found zarr, which is not installed; expected netcdf, or "pip install zarr".')

@@ -1,0 +1,35 @@
+"""From records to numbers: starts, residuals, least squares, covariance, and the verdict on a fit.
+
+Imports `study` and the rooms below it.
+"""
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .covariance import least_squares_covariance as least_squares_covariance
+    from .ending import SUCCESSES as SUCCESSES
+    from .ending import Ending as Ending
+    from .identification import FitInterrupted as FitInterrupted
+    from .identification import identify as identify
+    from .initial_values.guess import initial_guess as initial_guess
+    from .initial_values.search import guess_starts as guess_starts
+    from .levenberg_marquardt import BoundedLevenbergMarquardt as BoundedLevenbergMarquardt
+    from .parameter_transform import transform_of as transform_of
+    from .residual import Residual as Residual
+    from .residual import as_weights as as_weights
+else:
+    from ..core.lazy import lazy_exports
+
+    __getattr__, __dir__, __all__ = lazy_exports(
+        __name__,
+        {
+            "covariance": ["least_squares_covariance"],
+            "ending": ["Ending", "SUCCESSES"],
+            "identification": ["FitInterrupted", "identify"],
+            "initial_values.guess": ["initial_guess"],
+            "initial_values.search": ["guess_starts"],
+            "levenberg_marquardt": ["BoundedLevenbergMarquardt"],
+            "parameter_transform": ["transform_of"],
+            "residual": ["Residual", "as_weights"],
+        },
+    )

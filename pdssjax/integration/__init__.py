@@ -1,0 +1,40 @@
+"""Event-located integration of hybrid systems, with right derivatives.
+
+Knows no actuator: a system tells its field, its guards and its resets.  Imports only `core`.
+"""
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .accuracy import Accuracy as Accuracy
+    from .event_location import LOOK_AHEAD as LOOK_AHEAD
+    from .forward_pass import integrate_to_times as integrate_to_times
+    from .solution import FAILURES as FAILURES
+    from .solution import integrate as integrate
+    from .solution import states_at as states_at
+    from .step_methods.base import AbstractStepMethod as AbstractStepMethod
+    from .step_methods.diffrax_solver import OneStep as OneStep
+    from .step_methods.taylor import Taylor as Taylor
+    from .system import SETTLED as SETTLED
+    from .taylor_series import constant as constant
+    from .taylor_series import cosine_and_sine as cosine_and_sine
+    from .taylor_series import exp as exp
+    from .taylor_series import power as power
+    from .taylor_series import weighted as weighted
+else:
+    from ..core.lazy import lazy_exports
+
+    __getattr__, __dir__, __all__ = lazy_exports(
+        __name__,
+        {
+            "accuracy": ["Accuracy"],
+            "event_location": ["LOOK_AHEAD"],
+            "forward_pass": ["integrate_to_times"],
+            "solution": ["FAILURES", "integrate", "states_at"],
+            "step_methods.base": ["AbstractStepMethod"],
+            "step_methods.diffrax_solver": ["OneStep"],
+            "step_methods.taylor": ["Taylor"],
+            "system": ["SETTLED"],
+            "taylor_series": ["constant", "cosine_and_sine", "exp", "power", "weighted"],
+        },
+    )

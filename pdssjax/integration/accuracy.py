@@ -1,0 +1,29 @@
+"""How finely to integrate: tolerances, the step method, and room for steps."""
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from .step_methods.base import AbstractStepMethod
+from .step_methods.taylor import Taylor
+
+
+class Accuracy(eqx.Module):
+    """How finely to integrate."""
+
+    tolerance: float = 1e-13
+    """Local error allowed in one step, as a displacement [m]; hundreds of steps and reversals make 1e-10 m of it."""
+    settle_tolerance: float = 3e-13
+    """Deviation [m] from the steady solution below which the remainder of a segment is not stepped."""
+    method: AbstractStepMethod = Taylor(16)
+    """The one-step method for the smooth pieces."""
+    max_steps: int = eqx.field(static=True, default=8192)
+    """Room for this many steps; an integration that needs more ends there and says so."""
+
+    @property
+    def effective_settle_tolerance(self):
+        """`settle_tolerance`, but above the noise of the method."""
+        return jnp.maximum(self.settle_tolerance, self.method.noise * self.tolerance)
+
+
+TIGHT = Accuracy(tolerance=1e-14, settle_tolerance=1e-15)
+"""To rounding: trajectories to about 1e-7 um, derivatives to 1e-6, at twice the steps."""

@@ -1,0 +1,1 @@
+"""Step methods, one a file: how a smooth piece of a motion is advanced."""

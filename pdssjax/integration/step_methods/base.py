@@ -1,0 +1,90 @@
+"""The interface of every step method: one smooth step of a solver, as polynomials in time.
+
+Inside a mode the field is smooth.  A method advances it by one step and gives the step as a polynomial,
+in which events are located and samples are read off.
+"""
+
+import abc
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from ..taylor_series import Series
+
+Polynomials = list[list[Any]]
+"""For each component the coefficients in theta = lapse/reach, lowest first."""
+
+
+class Piece(NamedTuple):
+    """A step that was attempted."""
+
+    polynomials: Polynomials
+    step_radius: Any
+    """Length for which the polynomials hold [s]."""
+    accepted: Any
+    next_proposed_step: Any
+    """A length to try for the next step [s]."""
+
+
+class AbstractStepMethod(eqx.Module):
+    """How a smooth piece is advanced.
+
+    `units` turn each component into tolerances.  `one` is a 1 unknown to the compiler: see
+    `series.solution`.
+    """
+
+    noise: ClassVar[float]
+    """Tolerances below which the sign of a small velocity means nothing: its reversals are not events."""
+
+    @property
+    @abc.abstractmethod
+    def span(self) -> float:
+        """Time constants of the quickest transient that a step may span, so that derivatives do not grow over it."""
+
+    @abc.abstractmethod
+    def attempt(
+        self, field: Callable, t_local: Any, x: list, units: list, remaining: Any, proposed_step: Any, opaque_one: Any
+    ) -> Piece:
+        """A step from `x` at time `t_local`, over `remaining` [s] at most; `proposed_step` [s] is asked for."""
+
+    @abc.abstractmethod
+    def expand(
+        self, field: Callable, t_local: Any, x: list, units: list, step_radius: Any, opaque_one: Any
+    ) -> Polynomials:
+        """The same step again for a known `step_radius`, differentiable in all the rest."""
+
+
+def shortened(piece: Piece, extra: Sequence[Series], tolerance: Any, opaque_one: Any) -> Piece:
+    """As much of `piece` as also resolves the series `extra`, made of its polynomials, to `tolerance`."""
+    size = len(piece.polynomials[0])
+    rows = [[series[k] for k in range(size)] for series in extra]
+    part = jnp.minimum(resolved_radius(rows, [1.0 / tolerance] * len(rows)), 1.0) / opaque_one
+    return piece._replace(polynomials=rescaled(piece.polynomials, part), step_radius=piece.step_radius * part)
+
+
+def resolved_radius(series: list[list], units: list) -> Any:
+    """The length over which the last two of the coefficients stay below one unit."""
+    lengths = []
+    for k in (len(series[0]) - 2, len(series[0]) - 1):
+        largest = 1e-100
+        for coefficients, unit in zip(series, units, strict=True):
+            largest = jnp.maximum(largest, jnp.abs(coefficients[k]) * unit)
+        lengths.append(jnp.exp(jnp.log(largest) * (-1.0 / k)))
+    return 0.95 * jnp.minimum(*lengths)
+
+
+def horner(coefficients: list, theta: Any) -> Any:
+    """The polynomial with the given coefficients, lowest first, at `theta`."""
+    total = coefficients[-1]
+    for coefficient in coefficients[-2::-1]:
+        total = total * theta + coefficient
+    return total
+
+
+def rescaled(series: list[list], step_radius: Any) -> Polynomials:
+    powers = [jnp.ones_like(step_radius)]
+    for _ in range(len(series[0]) - 1):
+        powers.append(powers[-1] * step_radius)
+    return [[c * p for c, p in zip(row, powers, strict=True)] for row in series]

@@ -1,0 +1,29 @@
+"""What arrays of samples say: cycles, strokes, efficiencies, and how well a prediction matches.
+
+Works on arrays, never on files.  Imports only `core`.
+"""
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .characterisation import SI_UNITS as SI_UNITS
+    from .characterisation import Characterisation as Characterisation
+    from .characterisation import Summary as Summary
+    from .characterisation import characterisation_of as characterisation_of
+    from .goodness_of_fit import error_index as error_index
+    from .goodness_of_fit import r_squared as r_squared
+    from .goodness_of_fit import rmse as rmse
+    from .per_cycle import FLANK as FLANK
+    from .per_cycle import cycle_metrics as cycle_metrics
+    from .per_cycle import turning_points as turning_points
+else:
+    from ..core.lazy import lazy_exports
+
+    __getattr__, __dir__, __all__ = lazy_exports(
+        __name__,
+        {
+            "characterisation": ["Characterisation", "SI_UNITS", "Summary", "characterisation_of"],
+            "goodness_of_fit": ["error_index", "r_squared", "rmse"],
+            "per_cycle": ["FLANK", "cycle_metrics", "turning_points"],
+        },
+    )

@@ -1,0 +1,26 @@
+"""Results as figures, one kind of result a file.  The one home of matplotlib.
+
+Imports results from the rooms below, never files.
+"""
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .correlations import correlation_figure as correlation_figure
+    from .cycles import cycle_figure as cycle_figure
+    from .records import record_figure as record_figure
+    from .standard_errors import error_figure as error_figure
+    from .sweep import sweep_figure as sweep_figure
+else:
+    from ...core.lazy import lazy_exports
+
+    __getattr__, __dir__, __all__ = lazy_exports(
+        __name__,
+        {
+            "correlations": ["correlation_figure"],
+            "cycles": ["cycle_figure"],
+            "records": ["record_figure"],
+            "standard_errors": ["error_figure"],
+            "sweep": ["sweep_figure"],
+        },
+    )

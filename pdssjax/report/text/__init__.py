@@ -1,0 +1,30 @@
+"""Results as plain text, one kind of result a file.
+
+Imports results from the rooms below, never files.
+"""
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .catalogue import format_catalogue as format_catalogue
+    from .catalogue import format_entry as format_entry
+    from .characterisation import format_characterisation as format_characterisation
+    from .comparison import format_comparison as format_comparison
+    from .estimate import format_report as format_report
+    from .records import format_numbers as format_numbers
+    from .records import format_records as format_records
+    from .sweep import format_sweep as format_sweep
+else:
+    from ...core.lazy import lazy_exports
+
+    __getattr__, __dir__, __all__ = lazy_exports(
+        __name__,
+        {
+            "catalogue": ["format_catalogue", "format_entry"],
+            "characterisation": ["format_characterisation"],
+            "comparison": ["format_comparison"],
+            "estimate": ["format_report"],
+            "records": ["format_numbers", "format_records"],
+            "sweep": ["format_sweep"],
+        },
+    )

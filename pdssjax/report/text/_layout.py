@@ -1,0 +1,14 @@
+"""Headings and tables of every report."""
+
+from collections.abc import Sequence
+
+
+def heading(text: str) -> str:
+    return f"[[{text}]]\n"
+
+
+def aligned_table(align: str, rows: Sequence[Sequence[str]]) -> str:
+    """Rows with their columns lined up; `align` holds "<" or ">" for each column."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    layout = "    " + "  ".join(f"{{:{side}{width}}}" for side, width in zip(align, widths, strict=True))
+    return "".join(layout.format(*row).rstrip() + "\n" for row in rows)

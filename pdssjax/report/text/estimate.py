@@ -1,0 +1,109 @@
+"""An estimate as plain text.
+
+The order and the vocabulary follow lmfit's `fit_report`, which people in the field know.
+"""
+
+import textwrap
+
+from ...core import decimals_for, display_unit, percent, rounded, strongest_pairs
+from ...study import Estimate, FittedParameter
+from ._layout import aligned_table, heading
+from .records import format_records
+
+WORTH_KNOWING = 0.3
+"""Correlations smaller than this are left out of the report."""
+
+
+def format_report(estimate: Estimate) -> str:
+    """The whole report, in ASCII apart from what the study's own title and names contain."""
+    parts = [
+        heading(estimate.title) + _outcome(estimate) + _statistics(estimate),
+        heading("Parameters") + _parameters(estimate),
+        format_records(estimate.records),
+        heading(f"Correlations of size {WORTH_KNOWING:g} or more") + _correlations(estimate),
+    ]
+    if estimate.notes:
+        parts.append(heading("Notes") + "".join(map(_note, estimate.notes)))
+    return "\n".join(parts)
+
+
+def _outcome(estimate: Estimate) -> str:
+    verdict = "converged" if estimate.converged else "DID NOT CONVERGE"
+    return f"    {estimate.method} fit {verdict}: {estimate.message}\n"
+
+
+def _statistics(estimate: Estimate) -> str:
+    statistics = estimate.statistics
+    fitted = sum(record.role == "fit" for record in estimate.records)
+    lines = [
+        ("records fitted", f"{fitted} of {len(estimate.records)}"),
+        ("samples fitted", f"{statistics.samples}"),
+        ("free parameters", f"{len(estimate.names)}, with offsets {statistics.free}"),
+        ("iterations", f"{statistics.iterations} ({statistics.evaluations} evaluations, {estimate.seconds:.1f} s)"),
+        ("chi-square", f"{statistics.chi2:.6g}"),
+        ("reduced chi-square", _reduced_chi2(estimate)),
+        ("Akaike criterion", f"{statistics.aic:.6g}"),
+        ("Bayesian criterion", f"{statistics.bic:.6g}"),
+    ]
+    return "".join(f"    {name:<19}= {text}\n" for name, text in lines)
+
+
+def _reduced_chi2(estimate: Estimate) -> str:
+    """The number, unless it is 1 by construction."""
+    fitted = [record for record in estimate.records if record.role == "fit"]
+    silent = sum(record.noise_estimated for record in fitted)
+    if estimate.statistics.noise_estimated:
+        return "- (noise estimated from these residuals)"
+    mixed = f" (noise estimated from the residuals in {silent} of {len(fitted)} records)" if silent else ""
+    return f"{estimate.statistics.reduced_chi2:.6g}{mixed}"
+
+
+def _parameters(estimate: Estimate) -> str:
+    head = ["", "unit", "value", "+/-", "", "naive", "95 % interval", "start", ""]
+    rows = [head, *(_parameter(parameter) for parameter in estimate.parameters.values())]
+    if estimate.method == "sequential":
+        legend = "    naive: the error if the results of the piezo's own fit were exact; +/-: with their errors.\n"
+        return aligned_table("<<>>>>><<", rows) + legend
+    return aligned_table("<<>>>><<", [row[:5] + row[6:] for row in rows])
+
+
+def _parameter(parameter: FittedParameter) -> list[str]:
+    unit, factor = display_unit(parameter.unit)
+    places = decimals_for(parameter.standard_error * factor)
+    low, high = (rounded(end * factor, places) for end in parameter.interval)
+    start = None if parameter.start is None else f"{parameter.start * factor:.4g}"
+    return [
+        parameter.path,
+        unit,
+        rounded(parameter.value * factor, places),
+        rounded(parameter.standard_error * factor, places),
+        percent(parameter.standard_error, parameter.value),
+        _naive(parameter),
+        "-" if low == high == "-" else f"{low} .. {high}",
+        start or "-",
+        _remark(parameter),
+    ]
+
+
+def _naive(parameter: FittedParameter) -> str:
+    if parameter.naive_standard_error is None:
+        return "-"
+    return percent(parameter.naive_standard_error, parameter.value)
+
+
+def _remark(parameter: FittedParameter) -> str:
+    if not parameter.free:
+        return "fixed"
+    marks = ["at bound"] * parameter.at_bound + ["no information"] * (not parameter.identifiable)
+    return ", ".join(marks)
+
+
+def _correlations(estimate: Estimate) -> str:
+    pairs = strongest_pairs(estimate.names, estimate.correlation, WORTH_KNOWING)
+    if not pairs:
+        return "    none\n"
+    return aligned_table("<>", [[f"C({one}, {other})", f"{value:+.3f}"] for one, other, value in pairs])
+
+
+def _note(text: str) -> str:
+    return textwrap.fill(text, 100, initial_indent="    ", subsequent_indent="    ") + "\n"

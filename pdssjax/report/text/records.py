@@ -1,0 +1,65 @@
+"""How well each record is predicted, as plain text."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from ...core import display_unit, rounded
+from ...study import FittedRecord
+from ._layout import aligned_table, heading
+
+
+def format_records(records: Sequence[FittedRecord]) -> str:
+    """How well each record is predicted, lengths in micrometres and forces in newtons."""
+    head = [
+        "",
+        "role",
+        "samples",
+        "r2",
+        "error index",
+        "rmse",
+        "noise",
+        "",
+        "neighbours",
+        "chi2/n",
+        "offset",
+        "+/-",
+        "",
+    ]
+    units = {"m": "lengths in um", "N": "forces in N"}
+    shown = ", ".join(text for unit, text in units.items() if unit in {record.unit for record in records})
+    legend = (
+        "    neighbours: the noise seen between neighbouring samples, whatever the fit;\n"
+        "    chi2/n: chi-square per degree of freedom against the noise given, 1 where the record is explained.\n"
+    )
+    if any(record.noise_estimated for record in records):
+        legend += "    found: the noise was estimated from these residuals, so there is no chi2/n to judge them by.\n"
+    return heading(f"Records ({shown})") + aligned_table("<<>>>>><>>>><", [head, *map(_record, records)]) + legend
+
+
+def format_numbers(used: Mapping[str, Mapping[str, Any]]) -> str:
+    """The numbers with which records were predicted, as `numbers_used` tells them."""
+    head = ["", "unit", "value", "from"]
+    rows = []
+    for path, told in used.items():
+        unit, scale = display_unit(told["unit"])
+        rows.append([path, unit, f"{told['value'] * scale:.7g}", told["source"]])
+    return heading("Parameters used") + aligned_table("<<><", [head, *rows])
+
+
+def _record(record: FittedRecord) -> list[str]:
+    _, scale = display_unit(record.unit)
+    known = record.noise > 0
+    residual, zero = [record.error_index, record.rmse], [record.offset, record.offset_standard_error]
+    return [
+        record.name,
+        record.role,
+        str(record.samples),
+        rounded(record.r2, 7),
+        *(rounded(figure * scale, 4) for figure in residual),
+        rounded(record.noise * scale, 4) if known else "-",
+        ("found" if record.noise_estimated else "given") if known else "",
+        rounded(record.noise_floor * scale, 4),
+        rounded(record.reduced_chi2, 3),
+        *(rounded(figure * scale, 4) for figure in zero),
+        "" if record.simulated else "simulation failed",
+    ]

@@ -1,0 +1,54 @@
+"""What is known and what was measured: models, parameters, records, and the prediction of records.
+
+Describes and predicts, and never searches.  Imports `metrics`, `simulation` and the rooms below them.
+"""
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .catalogue import Entry as Entry
+    from .catalogue import catalogue_entries as catalogue_entries
+    from .catalogue import find_entry as find_entry
+    from .comparison import FittedRecord as FittedRecord
+    from .comparison import compare as compare
+    from .estimate import Estimate as Estimate
+    from .estimate import FittedParameter as FittedParameter
+    from .estimate import Statistics as Statistics
+    from .models import Models as Models
+    from .noise import noise_floor as noise_floor
+    from .numbers import numbers_used as numbers_used
+    from .parameter import Parameter as Parameter
+    from .prediction import Predictor as Predictor
+    from .prediction import failures as failures
+    from .prediction import predicted as predicted
+    from .record import COLUMNS as COLUMNS
+    from .record import Record as Record
+    from .resonances import SHOWN as SHOWN
+    from .resonances import Resonance as Resonance
+    from .resonances import depends_on as depends_on
+    from .resonances import hidden_from as hidden_from
+    from .study import Study as Study
+    from .study import legal_quantities as legal_quantities
+    from .virtual_rig import Recording as Recording
+    from .virtual_rig import make_recordings as make_recordings
+    from .virtual_rig import truth as truth
+else:
+    from ..core.lazy import lazy_exports
+
+    __getattr__, __dir__, __all__ = lazy_exports(
+        __name__,
+        {
+            "catalogue": ["Entry", "catalogue_entries", "find_entry"],
+            "comparison": ["FittedRecord", "compare"],
+            "estimate": ["Estimate", "FittedParameter", "Statistics"],
+            "models": ["Models"],
+            "noise": ["noise_floor"],
+            "numbers": ["numbers_used"],
+            "parameter": ["Parameter"],
+            "prediction": ["Predictor", "failures", "predicted"],
+            "record": ["COLUMNS", "Record"],
+            "resonances": ["Resonance", "SHOWN", "depends_on", "hidden_from"],
+            "study": ["Study", "legal_quantities"],
+            "virtual_rig": ["Recording", "make_recordings", "truth"],
+        },
+    )

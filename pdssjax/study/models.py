@@ -1,0 +1,57 @@
+"""The chosen family members, and the actuator that they make of numbers."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import equinox as eqx
+
+from ..actuator import Actuator, Amplifier, Effector, Sensor, Stop
+from ..core import quantities
+
+Values = Mapping[str, Any]
+"""Parameter paths to numbers in SI, Python's or arrays of shape ()."""
+
+
+class Models(eqx.Module):
+    """The chosen family members, without their parameters."""
+
+    piezo: type = eqx.field(static=True)
+    friction: type = eqx.field(static=True)
+    friction_state: str = eqx.field(static=True)
+    feedback: bool = eqx.field(static=True)
+    parts: frozenset[str] = eqx.field(static=True, default=frozenset())
+    """What the rig has besides: "amplifier", "low-pass" (of the sensor)."""
+
+    @property
+    def law(self) -> dict[str, Any]:
+        """The reading of a direction-dependent law."""
+        return {"state": self.friction_state} if hasattr(self.friction, "state") else {}
+
+    @property
+    def closed(self) -> bool:
+        """The platform's motion is known in closed form."""
+        return self.piezo.closed and not self.feedback and not self.parts
+
+    def contact(self, values: Values) -> Any:
+        """The friction law with the given `values`."""
+        return self.friction(**given_fields("friction", self.friction, values), **self.law)
+
+    def actuator(self, values: Values, blocked: bool = False) -> Actuator:
+        """The actuator with the given `values`; what is left out keeps its nominal value."""
+        return Actuator(
+            self.piezo(**given_fields("piezo", self.piezo, values)),
+            self.contact(values),
+            Effector(**given_fields("effector", Effector, values)),
+            self.feedback,
+            Amplifier(**given_fields("amplifier", Amplifier, values)) if "amplifier" in self.parts else None,
+            Stop(**given_fields("stop", Stop, values)) if blocked else None,
+        )
+
+    def sensor(self, values: Values) -> Sensor:
+        """The displacement sensor with the given `values`."""
+        return Sensor(**given_fields("sensor", Sensor, values), filters="low-pass" in self.parts)
+
+
+def given_fields(family: str, model: type, values: Values) -> dict[str, Any]:
+    named = {field: values.get(f"{family}.{field}") for field in quantities(model)}
+    return {field: value for field, value in named.items() if value is not None}

@@ -1,0 +1,42 @@
+"""One parameter of a study: free or fixed, its start and its bounds."""
+
+import dataclasses
+
+from ..core import Quantity
+
+
+@dataclasses.dataclass(frozen=True)
+class Parameter:
+    """One entry of a study's [parameters]; numbers are in the SI unit `unit`."""
+
+    path: str
+    """Model and field, such as "piezo.gain"."""
+    unit: str
+    """SI unit; "" for a pure number."""
+    quantity: Quantity
+    """What the model declares of it."""
+    value: float | None = None
+    """The value of a fixed parameter; None: it is free."""
+    start: float | None = None
+    """Where the fit of a free parameter starts; None: to be found from the data."""
+    low: float | None = None
+    """Lower bound given; None: the legal range alone bounds it."""
+    high: float | None = None
+    """Upper bound given; None: the legal range alone bounds it."""
+    source: str = ""
+    """Where its number comes from, if not from the study's file."""
+
+    @property
+    def number(self) -> float | None:
+        """Its value or its start; None where it has neither."""
+        return self.start if self.value is None else self.value
+
+    @property
+    def origin(self) -> str:
+        """Where its number comes from, in words."""
+        return self.source or ("value in the study" if self.start is None else "start in the study")
+
+    @property
+    def free(self) -> bool:
+        """Whether a fit may change it."""
+        return self.value is None

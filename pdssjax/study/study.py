@@ -1,0 +1,146 @@
+"""A study: the actuator's models, its parameters and the records to explain."""
+
+import dataclasses
+import functools
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..actuator import Amplifier, Effector, Sensor, Stop
+from ..core import InputError, Quantity, check_range, member, members, nearest, need_double_precision, quantities
+from ..integration import Accuracy
+from .estimate import Estimate
+from .models import Models
+from .parameter import Parameter
+from .prediction import Predictor, predicted
+from .record import Record
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Study:
+    """What a study file says, checked; all numbers in SI."""
+
+    title: str
+    """As reports call it."""
+    path: Path | None
+    """The file it comes from."""
+    piezo: type
+    """Model of stack and platform, a class of the family `pdssjax.piezo`."""
+    friction: type
+    """Contact law, a class of the family `pdssjax.friction`."""
+    friction_state: str
+    """Reading of a direction-dependent law, "deflection" or "force"; other laws ignore it."""
+    feedback: bool
+    """Whether friction acts back on the platform (5.25)."""
+    parameters: dict[str, Parameter]
+    """Listed parameters by path, in the order of the file."""
+    records: tuple[Record, ...]
+    """Records in the order of the file."""
+
+    def predict(
+        self, values: Mapping[str, Any] | Estimate | None = None, accuracy: Accuracy | None = None
+    ) -> list[Float[Array, " samples"]]:
+        """What every record measures at its sample times, displacement [m] or force [N], without offsets.
+
+        **Arguments:** `values` maps parameter paths to numbers in SI, or is an estimate, whose
+        parameters are taken; what is left out keeps the study's value or start.
+
+        **Returns:** one array of shape (samples,) a record, in the order of the records.
+        Differentiable in `values` (`jvp`, `jacfwd`, `grad`); works under `jit` and `vmap`.
+        A record whose simulation cannot finish is NaN.
+
+        **Raises:** `InputError` for a path that is no parameter of the study's models, and where
+        listed parameters are left with neither value nor start; `initial_guess` finds those.
+        """
+        return predicted(*self._asked(values, accuracy))
+
+    def lowered(self, values: Mapping[str, Any]) -> Any:
+        """`predict`, traced; its `compile` may go on in another thread."""
+        return predicted.lower(*self._asked(values, None))  # pyright: ignore[reportFunctionMemberAccess]
+
+    def _asked(self, values: Mapping[str, Any] | Estimate | None, accuracy: Accuracy | None) -> tuple[Any, ...]:
+        need_double_precision()
+        given = _numbers({} if values is None else values, legal_quantities(self))
+        full = {path: jnp.asarray(number, float) for path, number in (self.values(given) | given).items()}
+        return self.predictor, full, accuracy or Accuracy()
+
+    def legal(self) -> dict[str, Quantity]:
+        """What is declared of every parameter that the study may list, by path."""
+        return legal_quantities(self)
+
+    def values(self, but: Collection[str] = ()) -> dict[str, float]:
+        """The number [SI] of every listed parameter `but` those: its value or its start.
+
+        **Raises:** `InputError` that names all that have neither, and says what gives them.
+        """
+        if missing := [path for path in self.missing() if path not in but]:
+            raise InputError(
+                f"{self.path or self.title}: parameters: found no number for {', '.join(missing)}; expected "
+                "{ value = ... } or { start = ... } in the study, an estimate (--estimate FILE, or predict(estimate)), "
+                "or a guess from the records (--guess, or pdssjax.initial_guess(study))."
+            )
+        known = {path: parameter.number for path, parameter in self.parameters.items() if path not in but}
+        return {path: number for path, number in known.items() if number is not None}
+
+    def missing(self) -> list[str]:
+        """The listed parameters that have neither a value nor a start."""
+        return [path for path, parameter in self.parameters.items() if parameter.number is None]
+
+    def with_values(self, values: Mapping[str, float] | Estimate, source: str = "") -> "Study":
+        """The study with the parameters in `values` [SI], numbers by path or an estimate, fixed at them.
+
+        **Arguments:** `source` says in words where they come from, for what is written of them.
+
+        **Raises:** `InputError` for a path that is no parameter of the study's models, and for a
+        number outside its legal range.
+        """
+        source = source or ("estimate" if isinstance(values, Estimate) else "given")
+        legal = legal_quantities(self)
+        parameters = dict(self.parameters)
+        for path, number in _numbers(values, legal).items():
+            check_range(float(number), legal[path], f'values: "{path}"')
+            parameters[path] = Parameter(path, legal[path].unit, legal[path], value=float(number), source=source)
+        return dataclasses.replace(self, parameters=parameters)
+
+    @functools.cached_property
+    def models(self) -> Models:
+        """The chosen family members."""
+        parts = {"amplifier"} if any(path.startswith("amplifier.") for path in self.parameters) else set()
+        parts |= {"low-pass"} if "sensor.bandwidth" in self.parameters else set()
+        return Models(self.piezo, self.friction, self.friction_state, self.feedback, frozenset(parts))
+
+    @functools.cached_property
+    def predictor(self) -> Predictor:
+        """The prediction of all records, ready to be compiled."""
+        return Predictor(self.models, self.records)
+
+
+def _numbers(values: Mapping[str, Any] | Estimate, legal: Mapping[str, Quantity]) -> dict[str, Any]:
+    """`values` as numbers by path; **raises** `InputError` for a path that is not `legal`."""
+    if isinstance(values, Estimate):
+        values = {path: parameter.value for path, parameter in values.parameters.items()}
+    for path in values:
+        if path not in legal:
+            raise InputError(f'values: found the unknown parameter "{path}"; {nearest(path, legal)}')
+    return dict(values)
+
+
+def legal_quantities(study: Study) -> dict[str, Quantity]:
+    """All parameters that the study may list, by path."""
+    models = {
+        "piezo": study.piezo,
+        "friction": study.friction,
+        "effector": Effector,
+        "stop": Stop,
+        "amplifier": Amplifier,
+        "sensor": Sensor,
+    }
+    legal = {f"{name}.{f}": q for name, model in models.items() for f, q in quantities(model).items()}
+    # Also those of waveforms that no record uses: to list them does nothing, and no harm.
+    for drive in members("drive"):
+        optional = {f: q for f, q in quantities(member("drive", drive)).items() if q.optional}
+        legal |= {f"drive.{f}": q for f, q in optional.items()}
+    return legal
