@@ -37,7 +37,7 @@ def root(*roots: complex, scale: float = 1.0) -> float:
 @pytest.mark.parametrize("scale", [1.0, 1e-14])
 @pytest.mark.parametrize("at", [1e-7, 0.01, 0.3, 1 / 3, 0.5, 0.99, 1.0 - 1e-12])
 def test_a_simple_root(at, scale):
-    assert root(at, transform=scale) == pytest.approx(at, rel=1e-13, abs=1e-15)
+    assert root(at, scale=scale) == pytest.approx(at, rel=1e-13, abs=1e-15)
 
 
 @pytest.mark.parametrize("depth", [1e-1, 1e-2, 1e-3, 1e-4, 1e-6])
