@@ -17,7 +17,7 @@ LOOK_AHEAD = 1e-9
 _SAMPLES = 6
 """Points of a step at which the sign of the guard is looked at."""
 
-_ITERATIONS = 12
+_ITERATIONS = 14
 """Iterations that locate an event within its bracket, to rounding."""
 
 _REFINEMENTS = 4
