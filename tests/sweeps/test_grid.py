@@ -72,7 +72,7 @@ def test_a_point_that_fails_is_nan_and_says_why(study):
     assert not data.failure.sel(friction_f_ss_a=0.8).any() and data.failure.sel(friction_f_ss_a=1e-9).all()
     failed = data.failure.values != 0
     assert np.isnan(data.net_step.values[failed]).all() and np.isfinite(data.net_step.values[~failed]).all()
-    assert "ran out of room" in data.failure.attrs["meanings"]
+    assert "ran out of steps" in data.failure.attrs["meanings"]
 
 
 def test_progress_is_told_block_by_block(study):
