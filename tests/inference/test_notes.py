@@ -11,6 +11,7 @@ import pytest
 import pdssjax
 from pdssjax import Accuracy, Record
 from pdssjax.cli.main import main
+from pdssjax.core import member
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.inference import least_squares as fitting
 from pdssjax.inference import summary
@@ -222,9 +223,7 @@ RINGS = {
 
 
 def models(piezo="second-order", friction="simplified-lugre"):
-    return Models(
-        pdssjax.family.member("piezo", piezo), pdssjax.family.member("friction", friction), "deflection", False
-    )
+    return Models(member("piezo", piezo), member("friction", friction), "deflection", False)
 
 
 def test_a_contact_that_rings_above_what_its_records_show_is_warned_of():

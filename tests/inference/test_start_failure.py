@@ -44,7 +44,7 @@ def test_the_parameter_that_keeps_a_start_from_being_simulated_is_named(stalled)
     problem = fitting.pose(stalled, pdssjax.initial_guess(stalled), Accuracy())
     text = failed_start(problem, pdssjax.initial_guess(stalled))
     assert '"slow loop"' in text
-    assert "ran out of room" in text
+    assert "ran out of steps" in text
     assert "amplifier.bandwidth" in text and "instead of 1e+06 Hz" in text
 
 
