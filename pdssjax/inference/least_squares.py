@@ -25,22 +25,22 @@ INVISIBLE = 0.01
 LOST = "the actuator cannot be simulated at the start"
 
 MESSAGES = {
-    Ending.CONVERGED: "converged: the gradient is small, and no step would change chi-square visibly",
-    Ending.WITHIN_ROUNDING: "converged as far as the simulation's rounding allows: what the linear model still "
+    Ending.CONVERGED: "the gradient is small, and no step would change chi-square visibly",
+    Ending.WITHIN_ROUNDING: "as far as the simulation's rounding allows: what the linear model still "
     "promises is less than a tenth of a standard error",
-    Ending.SLOW_STEPS: "not converged: slow steps along an ill-conditioned valley, where chi-square hardly falls "
+    Ending.SLOW_STEPS: "slow steps along an ill-conditioned valley, where chi-square hardly falls "
     "although the linear model promises it",
-    Ending.STALLED: "not converged: stalled, the gradient is small but the Jacobian all but singular, and no step "
+    Ending.STALLED: "stalled, the gradient is small but the Jacobian all but singular, and no step "
     "lowers chi-square although the linear model promises it",
-    Ending.REJECTED: "not converged: no step lowers chi-square although its gradient is not small",
-    Ending.DISCONTINUITY: "not converged: chi-square has a discontinuity here, where an event of the contact "
+    Ending.REJECTED: "no step lowers chi-square although its gradient is not small",
+    Ending.DISCONTINUITY: "chi-square has a discontinuity here, where an event of the contact "
     "comes or goes",
-    Ending.WRONG_DERIVATIVE: "not converged: the Jacobian disagrees with differences of the residual",
+    Ending.WRONG_DERIVATIVE: "the Jacobian disagrees with differences of the residual",
     Ending.START_FAILED: LOST,
 }
 """What the user reads of each ending."""
 
-AT_BOUNDS = "converged at bounds: the gradient is small for all other parameters"
+AT_BOUNDS = "at bounds: the gradient is small for all other parameters"
 
 INTERRUPTED = "interrupted; this is the best point so far, not an optimum"
 
