@@ -33,8 +33,7 @@ MESSAGES = {
     Ending.STALLED: "stalled, the gradient is small but the Jacobian all but singular, and no step "
     "lowers chi-square although the linear model promises it",
     Ending.REJECTED: "no step lowers chi-square although its gradient is not small",
-    Ending.DISCONTINUITY: "chi-square has a discontinuity here, where an event of the contact "
-    "comes or goes",
+    Ending.DISCONTINUITY: "chi-square has a discontinuity here, where an event of the contact comes or goes",
     Ending.WRONG_DERIVATIVE: "the Jacobian disagrees with differences of the residual",
     Ending.START_FAILED: LOST,
 }
