@@ -59,7 +59,11 @@ _VISIBLE = 0.01
 """By how much chi-square must fall to make it another result."""
 
 _LONG = 60
-"""Iterations from which the way was long: then valleys are flat, and other starts may end in better ones."""
+"""Iterations from which the way was long: then valleys are flat, and other starts may end in better ones.
+
+This and `_OTHERS` were chosen on one record, that of Liu et al. with Coulomb's law; nothing shows yet that they
+suit others.
+"""
 
 _OTHERS = 4
 """Other starts tried then, each to its end."""

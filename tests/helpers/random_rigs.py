@@ -120,9 +120,9 @@ class Verdict(NamedTuple):
 class Judge:
     """The compiled functions of a structure."""
 
-    def __init__(self, structure: Structure, usual: Accuracy = Accuracy()):  # noqa: B008
+    def __init__(self, structure: Structure):
         self.structure = structure
-        usual = dataclasses.replace(usual, max_steps=ROOM)
+        usual = dataclasses.replace(Accuracy(), max_steps=ROOM)
         tight = dataclasses.replace(TIGHT, max_steps=ROOM)
         self._value: Callable = jax.jit(
             lambda p, tolerance, rest: structure.shown(

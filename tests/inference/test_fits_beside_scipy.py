@@ -44,7 +44,9 @@ def test_a_study_goes_into_scipy_in_three_lines(tmp_path):
 def test_liu_s_record_with_coulomb_s_law_is_not_left_half_way(tmp_path):
     fit, _, best = beside_scipy(liu("coulomb", tmp_path))
     assert fit.ending == Ending.CONVERGED, fit.message
-    assert fit.chi2 < 498.5  # two minima lie side by side, 498.065 and 498.123
+    # Two minima lie side by side, 498.065 and 498.123.  The limit was set after the second had been seen, and
+    # multistart's choice of other starts was made on this record: this holds a result, it does not test the choice.
+    assert fit.chi2 < 498.5
     assert is_not_beaten(fit, best)
 
 
