@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from .inference import FitInterrupted as FitInterrupted
     from .inference import identify as identify
     from .inference import initial_guess as initial_guess
+    from .integration import AbstractHybridSystem as AbstractHybridSystem
     from .integration import AbstractStepMethod as AbstractStepMethod
     from .integration import Accuracy as Accuracy
     from .integration import OneStep as OneStep
@@ -40,7 +41,7 @@ else:
             "files": ["characterise", "load_study"],
             "friction.base": ["AbstractFriction"],
             "inference": ["FitInterrupted", "identify", "initial_guess"],
-            "integration": ["AbstractStepMethod", "Accuracy", "OneStep", "Taylor"],
+            "integration": ["AbstractHybridSystem", "AbstractStepMethod", "Accuracy", "OneStep", "Taylor"],
             "piezo.base": ["AbstractPiezo"],
             "simulation": ["simulate"],
             "study": ["Estimate", "Record", "Study"],

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from .step_methods.diffrax_solver import OneStep as OneStep
     from .step_methods.taylor import Taylor as Taylor
     from .system import SETTLED as SETTLED
+    from .system import AbstractHybridSystem as AbstractHybridSystem
     from .taylor_series import constant as constant
     from .taylor_series import cosine_and_sine as cosine_and_sine
     from .taylor_series import exp as exp
@@ -34,7 +35,7 @@ else:
             "step_methods.base": ["AbstractStepMethod"],
             "step_methods.diffrax_solver": ["OneStep"],
             "step_methods.taylor": ["Taylor"],
-            "system": ["SETTLED"],
+            "system": ["SETTLED", "AbstractHybridSystem"],
             "taylor_series": ["constant", "cosine_and_sine", "exp", "power", "weighted"],
         },
     )

@@ -31,6 +31,8 @@ def first_crossing(guards: tuple[Series, ...], size: int, step_radius: Any) -> t
     which takes the root at the start away.  Where what is left falls short of zero by rounding,
     and is above it within `LOOK_AHEAD`, one more is.  An end point of exactly 1 is no crossing.
     """
+    if not guards:
+        return jnp.ones(()), jnp.zeros(())
     # Side by side: one kernel for all guards, and half the code to compile.
     sides = [jnp.stack([jnp.asarray(guard[k], float) for guard in guards]) for k in range(size)]
     crossings = _crossing(sides, LOOK_AHEAD / jnp.where(step_radius > 0, step_radius, 1.0))

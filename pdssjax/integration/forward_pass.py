@@ -15,7 +15,7 @@ from jax import lax
 from .accuracy import Accuracy
 from .event_location import first_crossing
 from .step_methods.base import AbstractStepMethod, horner, shortened
-from .system import SETTLED, field_of, initial_state_and_mode, unflattener
+from .system import SETTLED, AbstractHybridSystem, field_of, has_guards, initial_state_and_mode, unflattener
 from .taylor_series import polynomial
 
 _BLOCK = 5
@@ -53,7 +53,7 @@ class LoopState(NamedTuple):
     repeats: Any
 
 
-def find_steps(system: Any, horizon: Any, accuracy: Accuracy) -> tuple[Any, LoopState]:
+def find_steps(system: AbstractHybridSystem, horizon: Any, accuracy: Accuracy) -> tuple[Any, LoopState]:
     """Every step from t = 0 to the horizon: the table of steps, and the last carry."""
     finely = _accuracy_arrays(accuracy)
     loop = _initial_carry(system)
@@ -84,7 +84,7 @@ def find_steps(system: Any, horizon: Any, accuracy: Accuracy) -> tuple[Any, Loop
     return table, loop._replace(**whole, repeats=loop.repeats > 0)
 
 
-def integrate_to_times(system: Any, times: Any, accuracy: Accuracy) -> tuple[Any, Any, Any, Any]:
+def integrate_to_times(system: AbstractHybridSystem, times: Any, accuracy: Accuracy) -> tuple[Any, Any, Any, Any]:
     """The state at each of the ascending `times` [s], shape (m,), without keeping the steps between.
 
     For sweeps: little memory, no derivatives, no repetition of periods.
@@ -109,7 +109,7 @@ def integrate_to_times(system: Any, times: Any, accuracy: Accuracy) -> tuple[Any
     return unflattener(system)(states.T), loop.count.astype(int), loop.rejected.astype(int), failure
 
 
-def _initial_carry(system: Any) -> LoopState:
+def _initial_carry(system: AbstractHybridSystem) -> LoopState:
     """The carry before the first step."""
     zero = jnp.zeros(())
     first, mode = initial_state_and_mode(system)
@@ -157,7 +157,7 @@ def _one_step(system, horizon, method, tolerance, settle_tolerance, patience, lo
         corner * CORNER + becomes_settled * BECAME_SETTLED + event * (EVENT + WHICH * which),
     )
     ahead = loop.index + 1.0
-    started, opening = system.enter(system.segment(ahead), x, mode)
+    started, opening = system.on_segment_start(system.segment(ahead), x, mode)
     if system.resets_at_corners:
         x = jax.tree.map(lambda a, b: jnp.where(corner, a, b), started, x)
     opening = opening / opaque_one
@@ -222,9 +222,11 @@ def _until_event(system, segment, loop, piece, opaque_one):
 
 def _afterwards(system, segment, loop, t_local, x, event, which, ended, settle_tolerance, opaque_one):
     """State and mode after the event, if there was one, and 1 where what is left has settled."""
-    switched, mode = system.switch(segment, t_local, x, loop.mode, which)
-    x = jax.tree.map(lambda a, b: jnp.where(event, a, b), switched, x)
-    mode = jnp.where(event, mode, loop.mode) / opaque_one
+    mode = loop.mode
+    if has_guards(system, segment, t_local, x, mode):
+        switched, following = system.after_event(segment, t_local, x, mode, which)
+        x = jax.tree.map(lambda a, b: jnp.where(event, a, b), switched, x)
+        mode = jnp.where(event, following, mode) / opaque_one
     becomes_settled = ~ended & system.is_settled(segment, t_local, x, mode, settle_tolerance)
     becomes_settled = jnp.where(becomes_settled, 1.0, 0.0) / opaque_one
     projected = system.project_to_steady(segment, t_local, x, mode)

@@ -11,7 +11,7 @@ from jax.flatten_util import ravel_pytree
 
 from .forward_pass import BECAME_SETTLED, CORNER, EVENT, KNOWN_COLUMNS, WHICH, find_steps
 from .step_methods.base import horner
-from .system import field_of, initial_state_and_mode, unflattener
+from .system import field_of, has_guards, initial_state_and_mode, unflattener
 
 _TILE = 32
 """Steps expanded or linearised side by side."""
@@ -53,12 +53,10 @@ def _differentiable_steps_jvp(primals, tangents, *, horizon, accuracy, keep):
         moved = jnp.sum(inner[..., :size] * begins[:, None, None, :], axis=-1)
         return end, (begins, polynomials, moved + jnp.sum(inner[..., size:] * parameters_dot, axis=-1))
 
-    first_dot = jnp.zeros(size)
-    if system.state_jumps:
-        started = lambda parameters: jnp.stack(
-            jax.tree.leaves(initial_state_and_mode(eqx.combine(rebuilt(parameters), fixed))[0])
-        )
-        first_dot = first_dot.at[2:].set(jax.jvp(started, (parameters,), (parameters_dot,))[1])
+    started = lambda parameters: jnp.stack(
+        jax.tree.leaves(initial_state_and_mode(eqx.combine(rebuilt(parameters), fixed))[0])
+    )
+    first_dot = jnp.zeros(size).at[2:].set(jax.jvp(started, (parameters,), (parameters_dot,))[1])
     end_dot, (begins_dot, polynomials, polynomials_dot) = _tiled(tile, first_dot, table, loop.count)
     out = _step_arrays(table, loop, polynomials)
     nothing = jax.tree.map(lambda _: None, out[3])
@@ -132,19 +130,25 @@ def _advance(system, method, tolerance, keep, row):
         guards = [jnp.asarray(guard, float) for guard in system.guards(segment, at + event_shift, moved, mode)]
         return jnp.minimum(*guards) if len(guards) == 2 else jnp.stack(guards)[which]
 
-    gap, slope = jax.jvp(margin, (jnp.zeros_like(at),), (jnp.ones_like(at),))
-    located = event & (slope != 0) & ~system.is_spurious_event(slope, mode, which)
-    shift_of_event = jnp.where(located, -_tangent_only(gap) / lax.stop_gradient(jnp.where(located, slope, 1.0)), 0.0)
+    guarded, shift_of_event = has_guards(system, segment, at, end, mode), 0.0
+    if guarded:
+        gap, slope = jax.jvp(margin, (jnp.zeros_like(at),), (jnp.ones_like(at),))
+        located = event & (slope != 0) & ~system.is_spurious_event(slope, mode, which)
+        slope = lax.stop_gradient(jnp.where(located, slope, 1.0))
+        shift_of_event = jnp.where(located, -_tangent_only(gap) / slope, 0.0)
     shift_of_corner = _tangent_only(jnp.where(corner, segment.duration, 0.0) - at)
     event_shift = jnp.where(event, shift_of_event, jnp.where(corner, shift_of_corner, 0.0))
     rates = lax.stop_gradient(system.field(segment, at, end, mode))
     end = jax.tree.map(lambda a, b: a + event_shift * b, end, rates)
-    switched, following = system.switch(segment, at + event_shift, end, mode, which)
-    end = jax.tree.map(lambda a, b: jnp.where(event, a, b), switched, end)
-    projected = system.project_to_steady(segment, at + event_shift, end, jnp.where(event, following, mode))
+    following = mode
+    if guarded:
+        switched, following = system.after_event(segment, at + event_shift, end, mode, which)
+        end = jax.tree.map(lambda a, b: jnp.where(event, a, b), switched, end)
+        following = jnp.where(event, following, mode)
+    projected = system.project_to_steady(segment, at + event_shift, end, following)
     end = jax.tree.map(lambda a, b: jnp.where(becomes_settled, a, b), projected, end)
-    if system.state_jumps:
-        started, _ = system.enter(system.segment(index + 1.0), end, mode)
+    if system.resets_at_corners:
+        started, _ = system.on_segment_start(system.segment(index + 1.0), end, mode)
         end = jax.tree.map(lambda a, b: jnp.where(corner, a, b), started, end)
     origin = jnp.where(corner, origin + jnp.where(corner, segment.duration, 0.0), origin)
     t_local = jnp.where(corner, 0.0, at + event_shift)

@@ -23,7 +23,7 @@ from jax import lax
 from .accuracy import Accuracy
 from .sensitivities import differentiable_steps
 from .step_methods.base import horner
-from .system import unflattener
+from .system import AbstractHybridSystem, unflattener
 
 FAILURES = (
     "",
@@ -69,7 +69,9 @@ class Solution(NamedTuple):
     """Index into `FAILURES`; 0 where the integration finished."""
 
 
-def integrate(system: Any, horizon: Any, accuracy: Accuracy, keep: tuple[int, ...] | None = None) -> Solution:
+def integrate(
+    system: AbstractHybridSystem, horizon: Any, accuracy: Accuracy, keep: tuple[int, ...] | None = None
+) -> Solution:
     """Integrates `system` from its initial state at t = 0 to `horizon` [s].
 
     Differentiable in every floating-point leaf of `system`, but not in `horizon`.  `keep`
@@ -95,7 +97,9 @@ def integrate(system: Any, horizon: Any, accuracy: Accuracy, keep: tuple[int, ..
     )
 
 
-def states_at(system: Any, run: Solution, times: Any, keep: tuple[int, ...] | None = None) -> tuple[Any, Any, Any, Any]:
+def states_at(
+    system: AbstractHybridSystem, run: Solution, times: Any, keep: tuple[int, ...] | None = None
+) -> tuple[Any, Any, Any, Any]:
     """The state at `times` [s], shape (m,), each within the integrated time or its repetition.
 
     **Returns:** the state (one array (m,) a component), its segment, the local time and

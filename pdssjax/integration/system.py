@@ -1,27 +1,128 @@
-"""What the integrator asks of a hybrid system, and the mode that every one of them shares."""
+"""The contract of a hybrid system: what the integrator asks of whatever it integrates."""
 
+import abc
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Protocol
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 
 SETTLED = 2.0
 """The mode of a system that has settled until the next corner; no guard ends it."""
 
+State = Any
+"""A pytree of scalars, its displacements in m; a component that a time derivative leaves alone has the rate 0."""
 
-def initial_state_and_mode(system: Any) -> tuple[Any, Any]:
+
+class AnySegment(Protocol):
+    """A stretch of a system's input between two corners, within which the input is smooth."""
+
+    @property
+    def duration(self) -> Any:
+        """Length [s], a scalar; zero for a jump, infinite for the last one."""
+        ...
+
+
+class AbstractHybridSystem(eqx.Module):
+    """A motion that is smooth within each of its modes, and what ends a mode.
+
+    The state is a pytree of scalars, the same in every mode.  A mode is a float; `SETTLED` is one that
+    every system has.  Time runs from the last corner of the input on: `t_local` [s], inside a `segment`.
+    `field`, `guards`, `extra_error_terms` and what they call take state and time as scalars or as `Series`, so
+    they are built of + - * / and the functions that `pdssjax.integration` shows; the other methods take scalars.
+    Every floating-point leaf of the system can be differentiated by.
+
+    Only what is abstract has to be given.  The rest says what more is known of a system, and saves steps.
+    """
+
+    @abc.abstractmethod
+    def initial(self) -> State:
+        """The state at t = 0, before the first segment begins."""
+
+    @abc.abstractmethod
+    def segment(self, index: Any) -> AnySegment:
+        """The segment of number `index`, a float from 0 on that may be traced: a pytree with a `duration` [s]."""
+
+    @abc.abstractmethod
+    def field(self, segment: Any, t_local: Any, x: State, mode: Any) -> State:
+        """The time derivative of the state in `mode`, each component in its unit a second; in `SETTLED`, too."""
+
+    @abc.abstractmethod
+    def guards(self, segment: Any, t_local: Any, x: State, mode: Any) -> tuple:
+        """Positive inside the mode, which ends where the first of them falls through zero; their scale is free.
+
+        As many in every mode; may be none.
+        """
+
+    @abc.abstractmethod
+    def after_event(self, segment: Any, t_local: Any, x: State, mode: Any, which: Any) -> tuple[State, Any]:
+        """State and mode after guard number `which`, a float, has reached zero; not asked where there is no guard."""
+
+    @abc.abstractmethod
+    def state_scale(self) -> State:
+        """What one unit of each component amounts to as a displacement [m]: tolerances are displacements."""
+
+    def on_segment_start(self, segment: Any, x: State, mode: Any) -> tuple[State, Any]:
+        """State and mode in which a new segment begins; the state changes only where `resets_at_corners`."""
+        return x, mode
+
+    @property
+    def resets_at_corners(self) -> bool:
+        """Whether the state may change at a corner of the input: jump, or learn that the input has turned."""
+        return False
+
+    def period(self) -> tuple[int, int] | None:
+        """The first segment of the first period, and how many segments make one; None: the input never repeats."""
+        return None
+
+    def is_settled(self, segment: Any, t_local: Any, x: State, mode: Any, tolerance: Any) -> Any:
+        """Whether nothing but the steady solution is left of the segment, to within `tolerance` [m]; never in doubt."""
+        return jnp.zeros((), bool)
+
+    def project_to_steady(self, segment: Any, t_local: Any, x: State, mode: Any) -> State:
+        """The state with the last of the deviations from the steady solution gone."""
+        return x
+
+    def same_state(self, x: State, earlier: State, tolerance: Any) -> Any:
+        """Whether both begin the same motion but for a constant shift, to within `tolerance` [m]."""
+        away = jax.tree.map(lambda a, b, unit: jnp.abs(a - b) * unit, x, earlier, self.state_scale())
+        return jnp.stack(jax.tree.leaves(away)).max() < tolerance
+
+    def extra_error_terms(self, x: State, mode: Any) -> tuple:
+        """What a step has to resolve besides the state, as displacements [m]."""
+        return ()
+
+    def closed_components(self) -> tuple[int, ...]:
+        """The components, counted as the leaves of the state, that `exact` knows."""
+        return ()
+
+    def exact(self, segment: Any, t_local: Any, begin: State, elapsed: Any, end: State) -> State:
+        """`end`, `elapsed` [s] after `begin` at `t_local`, with what is known in closed form put right."""
+        return end
+
+    def is_spurious_event(self, slope: Any, mode: Any, which: Any) -> Any:
+        """Whether an event with this `slope` of its guard is rounding: then its time has no derivative."""
+        return jnp.zeros((), bool)
+
+
+def initial_state_and_mode(system: AbstractHybridSystem) -> tuple[State, Any]:
     """State and mode in which the first segment begins."""
     zero = jnp.zeros(())
-    return system.enter(system.segment(zero), system.initial(), zero)
+    return system.on_segment_start(system.segment(zero), system.initial(), zero)
 
 
-def field_of(system: Any, segment: Any, unflatten: Callable, mode: Any) -> Callable:
+def has_guards(system: AbstractHybridSystem, segment: Any, t_local: Any, x: State, mode: Any) -> bool:
+    """Whether events can end a mode."""
+    return len(system.guards(segment, t_local, x, mode)) > 0
+
+
+def field_of(system: AbstractHybridSystem, segment: Any, unflatten: Callable, mode: Any) -> Callable:
     """The field of one mode on lists of scalars, as the methods want it."""
     return lambda t_local, x: jax.tree.leaves(system.field(segment, t_local, unflatten(x), mode))
 
 
-def unflattener(system: Any) -> Callable:
+def unflattener(system: AbstractHybridSystem) -> Callable:
     """Makes a state of `system` from its components."""
     tree = jax.tree.structure(system.initial())
     return lambda leaves: jax.tree.unflatten(tree, list(leaves))

@@ -5,13 +5,12 @@ For what has no closed form: a stack with hysteresis, an amplifier, a slow senso
 
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 
 from ...actuator import IDEAL, DrivenPlatform, DrivenPlatformState, Sensor
 from ...drive.base import AbstractDrive, Segment
-from ...integration import SETTLED
+from ...integration import SETTLED, AbstractHybridSystem
 
 
 class State(NamedTuple):
@@ -22,8 +21,8 @@ class State(NamedTuple):
     """What the sensor is behind [m]."""
 
 
-class PlatformOnly(eqx.Module):
-    """One platform under one drive, as `solution` wants it."""
+class PlatformOnly(AbstractHybridSystem):
+    """One platform under one drive."""
 
     driven_platform: DrivenPlatform
     drive: AbstractDrive
@@ -33,14 +32,9 @@ class PlatformOnly(eqx.Module):
         return State(self.driven_platform.initial(), self.sensor.initial())
 
     @property
-    def state_jumps(self) -> bool:
-        """The state may jump at the corners of the drive."""
-        return self.driven_platform.state_jumps
-
-    @property
     def resets_at_corners(self) -> bool:
-        """The state may change at the corners in any way, flags included."""
-        return self.state_jumps or self.driven_platform.amplifier is not None
+        """The platform jumps, or the piezo learns that the amplifier's input turned."""
+        return self.driven_platform.state_jumps or self.driven_platform.amplifier is not None
 
     def segment(self, index) -> Segment:
         return self.drive.segment(index)
@@ -64,15 +58,14 @@ class PlatformOnly(eqx.Module):
         return State(self.driven_platform.rate(segment, t_local, x.driven, 0.0, active), lag)
 
     def guards(self, segment: Segment, t_local, x: State, mode) -> tuple:
-        """Those of amplifier and piezo; the first is never reached, so that there is one."""
-        y, _ = self.driven_platform.platform(x.driven)
-        return (y * 0.0 + 1.0, *self.driven_platform.guards(segment, t_local, x.driven))
+        """Those of amplifier and piezo."""
+        return self.driven_platform.guards(segment, t_local, x.driven)
 
-    def switch(self, segment: Segment, t_local, x: State, mode, which) -> tuple[State, Any]:
-        """State and mode after guard `which` has reached zero."""
-        return x._replace(driven=self.driven_platform.after_event(segment, t_local, x.driven, which - 1)), mode
+    def after_event(self, segment: Segment, t_local, x: State, mode, which) -> tuple[State, Any]:
+        """The event of amplifier or piezo, which go on in the same mode."""
+        return x._replace(driven=self.driven_platform.after_event(segment, t_local, x.driven, which)), mode
 
-    def enter(self, segment: Segment, x: State, mode) -> tuple[State, Any]:
+    def on_segment_start(self, segment: Segment, x: State, mode) -> tuple[State, Any]:
         """State and mode in which a new segment begins."""
         return x._replace(driven=self.driven_platform.on_segment_start(segment, x.driven)), jnp.ones_like(mode)
 
@@ -89,22 +82,9 @@ class PlatformOnly(eqx.Module):
             self.driven_platform.steady(segment, t_local, x.driven, 0.0), self._steady_lag(segment, t_local, x)
         )
 
-    def same_state(self, x: State, earlier: State, tolerance):
-        """Both begin the same motion, to within `tolerance` [m]."""
-        away = jax.tree.map(lambda a, b, unit: jnp.abs(a - b) * unit, x, earlier, self.state_scale())
-        return jnp.stack(jax.tree.leaves(away)).max() < tolerance
-
-    def extra_error_terms(self, x: State, mode) -> tuple:
-        """Nothing but the state has to be resolved."""
-        return ()
-
     def closed_components(self) -> tuple[int, ...]:
         """The components, counted as the leaves of `State`, that `exact` knows."""
         return tuple(range(len(self.driven_platform.piezo.initial()))) if self.driven_platform.closed else ()
-
-    def is_spurious_event(self, slope, mode, which):
-        """No event here is mere rounding."""
-        return jnp.zeros((), bool)
 
     def exact(self, segment: Segment, t_local, begin: State, elapsed, end: State) -> State:
         """`end` with what is known in closed form put right."""

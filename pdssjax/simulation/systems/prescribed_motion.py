@@ -5,26 +5,23 @@ Between two samples of the motion the velocity is constant.
 
 from typing import Any
 
-import equinox as eqx
 import jax.numpy as jnp
 
 from ...drive.base import Segment
 from ...friction.base import AbstractFriction
-from ...integration import weighted
+from ...integration import AbstractHybridSystem, weighted
 
 _STILL = 0.0
 
 
-class PrescribedMotion(eqx.Module):
-    """One contact under one motion, as `solution` wants it; its state is the contact's."""
+class PrescribedMotion(AbstractHybridSystem):
+    """One contact under one motion; its state is the contact's."""
 
     friction: AbstractFriction
     times: Any
     """When the relative displacement was measured [s], shape (m,), from 0 on."""
     motion: Any
     """The relative displacement [m], shape (m,)."""
-
-    state_jumps = False
 
     def initial(self) -> tuple:
         return (jnp.zeros(()), self.friction.initial())
@@ -43,9 +40,6 @@ class PrescribedMotion(eqx.Module):
         slope = (self.motion[i + 1] - self.motion[i]) / jnp.where(over, 1.0, duration)
         return Segment(jnp.where(over, jnp.inf, duration), self.motion[i], jnp.where(over, 0.0, slope))
 
-    def period(self) -> None:
-        return None
-
     def state_scale(self) -> tuple:
         """What one unit of each state amounts to as a displacement [m]."""
         return (jnp.ones(()), self.friction.error_scale())
@@ -58,48 +52,22 @@ class PrescribedMotion(eqx.Module):
         return (v, tuple(weighted(rate, moves) for rate in rates))
 
     def guards(self, segment: Segment, t_local, x: tuple, mode) -> tuple:
-        """The law's own; the first is never reached, so that there is one."""
+        """The law's own."""
         moves = jnp.where(mode == _STILL, 0.0, 1.0)
         law = self.friction.guards(x[1], x[0] * 0.0 + segment.slope, mode)
-        return (x[0] * 0.0 + 1.0, *(guard * moves + (1.0 - moves) for guard in law))
+        return tuple(guard * moves + (1.0 - moves) for guard in law)
 
-    def switch(self, segment: Segment, t_local, x: tuple, mode, which) -> tuple[tuple, Any]:
+    def after_event(self, segment: Segment, t_local, x: tuple, mode, which) -> tuple[tuple, Any]:
         """State and mode after guard `which` has reached zero."""
-        return (x[0], self.friction.after_event(x[1], segment.slope, mode, which - 1)), mode
+        return (x[0], self.friction.after_event(x[1], segment.slope, mode, which)), mode
 
-    def enter(self, segment: Segment, x: tuple, mode) -> tuple[tuple, Any]:
+    def on_segment_start(self, segment: Segment, x: tuple, mode) -> tuple[tuple, Any]:
         """State and mode in which a new segment begins."""
         direction = jnp.sign(segment.slope)
         begins = (direction != 0.0) & (direction != mode)
         reversed_state = self.friction.on_reversal(x[1], direction)
         contact = tuple(jnp.where(begins, a, b) for a, b in zip(reversed_state, x[1], strict=True))
         return (x[0], contact), direction
-
-    def is_settled(self, segment: Segment, t_local, x: tuple, mode, tolerance):
-        """Never: the motion goes on."""
-        return jnp.zeros((), bool)
-
-    def project_to_steady(self, segment: Segment, t_local, x: tuple, mode) -> tuple:
-        return x
-
-    def same_state(self, x: tuple, earlier: tuple, tolerance):
-        """Never: a measured motion does not repeat."""
-        return jnp.zeros((), bool)
-
-    def extra_error_terms(self, x: tuple, mode) -> tuple:
-        """Nothing: within a step the velocity is constant."""
-        return ()
-
-    def closed_components(self) -> tuple[int, ...]:
-        """None: the motion is part of the field."""
-        return ()
-
-    def is_spurious_event(self, slope, mode, which):
-        """No event here is mere rounding."""
-        return jnp.zeros((), bool)
-
-    def exact(self, segment: Segment, t_local, begin: tuple, elapsed, end: tuple) -> tuple:
-        return end
 
     def force(self, segment: Segment, t_local, x: tuple, mode):
         """Friction force [N]; of a set-valued law at rest the middle of its interval."""

@@ -17,22 +17,21 @@ Laws, piezos, amplifiers and the stop add guards of their own.
 
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 
 from ...actuator import IDEAL, Actuator, Sensor, chosen
 from ...drive.base import AbstractDrive, Segment
 from ...friction.base import AbstractFriction
-from ...integration import LOOK_AHEAD, SETTLED, constant, weighted
+from ...integration import LOOK_AHEAD, SETTLED, AbstractHybridSystem, constant, weighted
 from ._contact_state import ADVANCING, RETREATING, STUCK, State, kind
 
 _SPURIOUS_AMPLITUDE = 1e-17
 """Amplitude [m] of an oscillation that is rounding."""
 
 
-class StickSlip(eqx.Module):
-    """One actuator under one drive, as `solution` wants it."""
+class StickSlip(AbstractHybridSystem):
+    """One actuator under one drive."""
 
     actuator: Actuator
     drive: AbstractDrive
@@ -53,15 +52,11 @@ class StickSlip(eqx.Module):
         return self.drive.period()
 
     @property
-    def state_jumps(self) -> bool:
-        """The state may jump at the corners of the drive."""
-        return self.actuator.driven_platform.state_jumps
-
-    @property
     def resets_at_corners(self) -> bool:
-        """The state may change at the corners in any way, flags included."""
-        flagged = type(self.actuator.friction).on_reversal is not AbstractFriction.on_reversal
-        return self.state_jumps or flagged or self.actuator.amplifier is not None
+        """The platform jumps, the law remembers reversals, or the piezo learns that the amplifier's input turned."""
+        driven_platform = self.actuator.driven_platform
+        remembers = type(self.actuator.friction).on_reversal is not AbstractFriction.on_reversal
+        return driven_platform.state_jumps or remembers or self.actuator.amplifier is not None
 
     def output_components(self) -> tuple[int, ...]:
         """The components, counted as the leaves of `State`, of which the measured motion is made."""
@@ -119,7 +114,7 @@ class StickSlip(eqx.Module):
             *self._stop_guards(x),
         )
 
-    def switch(self, segment: Segment, t_local, x: State, mode, which) -> tuple[State, Any]:
+    def after_event(self, segment: Segment, t_local, x: State, mode, which) -> tuple[State, Any]:
         """State and mode after guard `which` has reached zero."""
         friction, driven_platform = self.actuator.friction, self.actuator.driven_platform
         laws = len(friction.guards(x.contact_state, x.v, mode))
@@ -146,16 +141,16 @@ class StickSlip(eqx.Module):
             turns, reversed_mode, mode
         )
 
-    def enter(self, segment: Segment, x: State, mode) -> tuple[State, Any]:
+    def on_segment_start(self, segment: Segment, x: State, mode) -> tuple[State, Any]:
         """State and mode in which a new segment begins: the end-effector goes on as it was."""
-        if self.state_jumps:
-            driven_platform = self.actuator.driven_platform
+        driven_platform = self.actuator.driven_platform
+        if driven_platform.state_jumps:
             y = driven_platform.on_segment_start(segment, x.driven)
             before, after = driven_platform.platform(x.driven), driven_platform.platform(y)
             x = x._replace(d=x.d + (after[0] - before[0]), v=x.v + (after[1] - before[1]), driven=y)
             mode = jnp.where(after[1] == before[1], mode, jnp.sign(x.v))
         elif self.actuator.amplifier is not None:
-            x = x._replace(driven=self.actuator.driven_platform.on_segment_start(segment, x.driven))
+            x = x._replace(driven=driven_platform.on_segment_start(segment, x.driven))
         standing = (jnp.abs(mode) != 1.0) | (x.v == 0.0)
         begun = self._mode_at_rest(segment, 0.0, x, came=0.0)
         contact = chosen(

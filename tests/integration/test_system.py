@@ -1,0 +1,141 @@
+"""Systems that are no actuators, with the motion, the event times and all derivatives in closed form."""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from pdssjax import Accuracy, Taylor
+from pdssjax.integration import SETTLED, AbstractHybridSystem, integrate, states_at
+
+USUAL = Accuracy(method=Taylor(6), max_steps=64)
+
+
+class Stretch(NamedTuple):
+    duration: Any
+    number: Any = 0.0
+
+
+class Ball(AbstractHybridSystem):
+    """A ball that falls from a height [m] and bounces: only what the contract demands."""
+
+    height: Any
+    gravity: Any
+    restitution: Any
+
+    def initial(self):
+        return (jnp.asarray(self.height, float), jnp.zeros(()))
+
+    def segment(self, index):
+        return Stretch(jnp.asarray(jnp.inf))
+
+    def field(self, segment, t_local, x, mode):
+        return (x[1], -self.gravity)
+
+    def guards(self, segment, t_local, x, mode):
+        return (x[0],)
+
+    def after_event(self, segment, t_local, x, mode, which):
+        return (x[0], -self.restitution * x[1]), mode
+
+    def state_scale(self):
+        return (jnp.ones(()), jnp.ones(()))
+
+
+class Ramp(AbstractHybridSystem):
+    """x' = slope until a corner at `turn` [s], where x jumps, then x' = 2 slope; no guards."""
+
+    slope: Any
+    turn: Any
+    jump: Any
+
+    @property
+    def resets_at_corners(self):
+        return True
+
+    def initial(self):
+        return (jnp.zeros(()),)
+
+    def segment(self, index):
+        return Stretch(jnp.where(index == 0, self.turn, jnp.inf), index)
+
+    def field(self, segment, t_local, x, mode):
+        return (self.slope * (1.0 + segment.number),)
+
+    def guards(self, segment, t_local, x, mode):
+        return ()
+
+    def after_event(self, segment, t_local, x, mode, which):
+        raise AssertionError("there is no event")
+
+    def on_segment_start(self, segment, x, mode):
+        return (x[0] + self.jump * segment.number,), mode
+
+    def state_scale(self):
+        return (jnp.ones(()),)
+
+
+def ball(parameters, times):
+    """Height and speed, up to the third impact, from the law of free fall."""
+    height, gravity, restitution = parameters
+    first = jnp.sqrt(2.0 * height / gravity)
+    flights = 2.0 * first * restitution ** jnp.arange(1, 4)
+    impacts = first + jnp.concatenate([jnp.zeros(1), jnp.cumsum(flights)])
+    number = jnp.searchsorted(jax.lax.stop_gradient(impacts), times, side="right")
+    risen = jnp.where(number == 0, first, impacts[number - 1])
+    speed = jnp.where(number == 0, 0.0, gravity * first * restitution**number)
+    since = jnp.where(number == 0, times, times - risen)
+    start = jnp.where(number == 0, height, 0.0)
+    return jnp.stack([start + speed * since - 0.5 * gravity * since**2, speed - gravity * since])
+
+
+def shown(system, times):
+    run = integrate(system, times[-1], USUAL)
+    return jnp.stack(states_at(system, run, times)[0]), run
+
+
+def test_a_ball_bounces_as_the_law_of_free_fall_has_it_with_every_derivative():
+    parameters, times = jnp.array([0.8, 9.81, 0.7]), jnp.linspace(0.01, 1.5, 40)
+    simulated = lambda p: shown(Ball(*p), times)[0]
+    np.testing.assert_allclose(jax.jit(simulated)(parameters), ball(parameters, times), rtol=0.0, atol=1e-12)
+    expected = jax.jit(jax.jacfwd(ball))(parameters, times)
+    np.testing.assert_allclose(jax.jit(jax.jacfwd(simulated))(parameters), expected, rtol=1e-10, atol=1e-10)
+    assert np.abs(expected).max() > 1.0
+
+
+def test_the_time_of_an_impact_moves_with_height_and_gravity():
+    def second_impact(parameters):
+        run = integrate(Ball(*parameters), jnp.asarray(1.3), USUAL)
+        begins = run.steps.origin + run.steps.t_local
+        return begins[jnp.argmax(jnp.cumsum(jnp.abs(run.steps.x[:, 0]) < 1e-9) == 2)]
+
+    height, gravity, restitution = parameters = jnp.array([0.8, 9.81, 0.7])
+    time = (1.0 + 2.0 * restitution) * jnp.sqrt(2.0 * height / gravity)
+    assert jax.jit(second_impact)(parameters) == pytest.approx(float(time), rel=1e-13)
+    expected = time * jnp.array([0.5 / height, -0.5 / gravity, 2.0 / (1.0 + 2.0 * restitution)])
+    np.testing.assert_allclose(jax.jit(jax.jacfwd(second_impact))(parameters), expected, rtol=1e-11)
+
+
+def test_a_corner_that_moves_moves_the_jump_and_the_slope_behind_it():
+    times = jnp.array([0.1, 0.29, 0.31, 0.6])
+    ramp = lambda p: shown(Ramp(*p), times)[0][0]
+    slope, turn, jump = parameters = jnp.array([2.0, 0.3, 0.05])
+    late = times > turn
+    closed = jnp.where(late, slope * turn + jump + 2.0 * slope * (times - turn), slope * times)
+    np.testing.assert_allclose(jax.jit(ramp)(parameters), closed, rtol=1e-14)
+    expected = jnp.stack([closed / slope - late * jump / slope, -slope * late, 1.0 * late], axis=-1)
+    np.testing.assert_allclose(jax.jit(jax.jacfwd(ramp))(parameters), expected, rtol=1e-12, atol=1e-13)
+
+
+def test_what_a_system_does_not_tell_is_never_used_against_it():
+    system = Ball(0.8, 9.81, 0.7)
+    x, later = (jnp.asarray(0.3), jnp.asarray(-1.0)), (jnp.asarray(0.3), jnp.asarray(-1.0 + 1e-6))
+    assert system.period() is None
+    assert not system.is_settled(system.segment(0.0), 0.0, x, 1.0, np.inf)
+    assert system.same_state(x, later, 2e-6)
+    assert not system.same_state(x, later, 5e-7)
+    run = jax.jit(lambda times: shown(system, times)[1])(jnp.array([0.2]))
+    assert not (run.steps.mode == SETTLED).any()
+    assert not run.repeats

@@ -1,0 +1,14 @@
+"""A stack of elastoplastic elements behind an amplifier that limits its slew rate."""
+
+from pdssjax import Amplifier
+from pdssjax.actuator import DrivenPlatform
+from pdssjax.drive.sawtooth import Sawtooth
+from pdssjax.piezo.maxwell_slip import MaxwellSlip
+from pdssjax.simulation import PlatformOnly
+
+HORIZON = 0.045
+
+
+def system(factor):
+    amplifier = Amplifier(bandwidth=2000.0, slew=2e4 * factor)
+    return PlatformOnly(DrivenPlatform(MaxwellSlip(), amplifier), Sawtooth(64.0, 50.0, 9e-4))

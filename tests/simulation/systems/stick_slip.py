@@ -1,0 +1,14 @@
+"""An actuator that walks: the contact of (5.22) in its first reading, which jumps at reversals, with feedback."""
+
+from pdssjax import Actuator, Effector
+from pdssjax.drive.sawtooth import Sawtooth
+from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
+from pdssjax.piezo.second_order import SecondOrder
+from pdssjax.simulation import StickSlip
+
+HORIZON = 0.045
+
+
+def system(factor):
+    law = AnisotropicLuGre(f_ss_b=0.5458 * factor)
+    return StickSlip(Actuator(SecondOrder(mass=0.5), law, Effector(0.086), feedback=True), Sawtooth(64.0, 50.0, 9e-4))
