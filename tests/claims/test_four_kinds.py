@@ -70,6 +70,7 @@ def rig(tmp_path_factory):
     return made(tmp_path_factory.mktemp("rig"))
 
 
+@pytest.mark.slow
 def test_every_start_guessed_from_four_kinds_is_within_a_factor_of_four(rig):
     study, true = rig
     starts, searched = guess_starts(study.models, study.parameters, study.records)
@@ -78,6 +79,7 @@ def test_every_start_guessed_from_four_kinds_is_within_a_factor_of_four(rig):
         assert 0.25 < starts[path] / true[path] < 4.0, path
 
 
+@pytest.mark.slow
 def test_four_kinds_fitted_together_give_the_truth_within_its_errors(rig):
     study, true = rig
     rough = {path: true[path] * (0.9, 1.1)[i % 2] for i, path in enumerate(sorted(free(study)))}

@@ -40,16 +40,20 @@ def loop(frequency):
     ("system", "value", "resolution"),
     [
         pytest.param(walk, 2e4, 1e-9, id="a quick sensor of a slow walk"),
-        pytest.param(push, 2e3, 1e-6, id="a force sensor that is leant on"),
+        pytest.param(push, 2e3, 1e-6, id="a force sensor that is leant on", marks=pytest.mark.slow),
         pytest.param(loop, 6736.0, 1e-9, id="a stack with hysteresis on a slow triangle"),
     ],
 )
 def test_derivatives_stay_right_after_the_transient(system, value, resolution):
-    shown = lambda factor, accuracy: measured(system(value * factor), jnp.asarray(TIMES), accuracy)
-    usual = Accuracy(max_steps=20_000)
-    slope = np.asarray(jax.jit(lambda f: jax.jvp(lambda f: shown(f, usual), (f,), (jnp.ones(()),))[1])(jnp.ones(())))
-    fine = Accuracy(tolerance=TIGHT.tolerance, settle_tolerance=TIGHT.settle_tolerance, max_steps=40_000)
-    values, step = jax.jit(lambda f: shown(f, fine)), 1e-4
-    differences = (np.asarray(values(1.0 + step)) - np.asarray(values(1.0 - step))) / (2.0 * step)
+    @jax.jit
+    def shown(factor, tolerance, settle_tolerance):
+        accuracy = Accuracy(tolerance, settle_tolerance, max_steps=40_000)
+        motion = lambda factor: measured(system(value * factor), jnp.asarray(TIMES), accuracy)
+        return jax.jvp(motion, (factor,), (jnp.ones(()),))
+
+    usual, step = Accuracy(), 1e-4
+    slope = np.asarray(shown(1.0, usual.tolerance, usual.settle_tolerance)[1])
+    values = lambda factor: np.asarray(shown(factor, TIGHT.tolerance, TIGHT.settle_tolerance)[0])
+    differences = (values(1.0 + step) - values(1.0 - step)) / (2.0 * step)
     assert np.isfinite(differences).all()
     assert np.abs(slope - differences).max() < 1e-3 * np.abs(differences).max() + 0.1 * resolution
