@@ -32,7 +32,7 @@ def as_text(head: dict[str, Any], outcomes: dict[str, Outcome]) -> str:
 
 
 def as_markdown(head: dict[str, Any], outcomes: dict[str, Outcome], picture: str | None) -> str:
-    """For the README and the results folder."""
+    """For the documentation and the results folder."""
     parts = [_headline(head)]
     for job, rows in _tables(outcomes).items():
         lines = [f"| {' | '.join(row)} |" for row in rows]

@@ -7,7 +7,7 @@
         save(draw(), NAME)
 
 A table goes to the screen and to out/experiments/NAME.md, a figure to out/experiments/NAME.png.
-With `PDSSJAX_FIGURES=1` in the environment a small copy is also put in experiments/figures, for the README.
+With `PDSSJAX_FIGURES=1` in the environment a small copy is also put in experiments/figures, for the documentation.
 """
 
 import contextlib
@@ -23,7 +23,7 @@ from matplotlib.figure import Figure
 OUT = Path("out/experiments")
 """Where tables and figures go, below the current folder."""
 SMALL = Path(__file__).parent / "figures"
-"""Where the README's small copies go."""
+"""Where the small copies for the documentation go."""
 
 BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"
 """From the palette of Okabe and Ito, told apart by the colour-blind."""
