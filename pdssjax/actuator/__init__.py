@@ -13,11 +13,11 @@ if TYPE_CHECKING:
     from .driven_platform import chosen as chosen
     from .effector import GRAVITY as GRAVITY
     from .effector import Effector as Effector
+    from .parts import PARTS as PARTS
     from .sensor import IDEAL as IDEAL
     from .sensor import Sensor as Sensor
     from .stop import Stop as Stop
     from .zero_order_hold import ZeroOrderHold as ZeroOrderHold
-    from .zero_order_hold import waveform as waveform
 else:
     from ..core.lazy import lazy_exports
 
@@ -28,8 +28,9 @@ else:
             "amplifier": ["Amplifier"],
             "driven_platform": ["DrivenPlatform", "DrivenPlatformState", "chosen"],
             "effector": ["Effector", "GRAVITY"],
+            "parts": ["PARTS"],
             "sensor": ["IDEAL", "Sensor"],
             "stop": ["Stop"],
-            "zero_order_hold": ["ZeroOrderHold", "waveform"],
+            "zero_order_hold": ["ZeroOrderHold"],
         },
     )

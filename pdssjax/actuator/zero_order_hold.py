@@ -1,6 +1,6 @@
 """The staircase that a digital-to-analogue converter makes of a voltage: zero-order hold."""
 
-from typing import Any
+import dataclasses
 
 import jax.numpy as jnp
 
@@ -30,13 +30,32 @@ class ZeroOrderHold(AbstractDrive):
         # The period of the drive need not be a whole number of intervals.
         return None
 
+    def cycle_frequency(self):
+        """That of the drive it holds [Hz]: the staircase repeats but for where the intervals fall."""
+        return self.drive.cycle_frequency()
+
+    def has_jumps(self):
+        return True
+
+    def peak(self):
+        """That of the drive it holds [V]: the staircase stays below by what the voltage changes in an interval."""
+        return self.drive.peak()
+
+    def flanks(self):
+        return self.drive.flanks()
+
+    def declared(self):
+        """What is declared of the drive it holds: the interval is a record's own."""
+        return self.drive.declared()
+
+    def numbers(self):
+        return self.drive.numbers()
+
+    def with_numbers(self, numbers):
+        return dataclasses.replace(self, drive=self.drive.with_numbers(numbers))
+
     def segments(self, until):
         return int(max(until, 0.0) / float(self.interval)) + 2
 
     def _read(self, index):
         return self.drive.at((index + _LATE) * self.interval)
-
-
-def waveform(drive: Any) -> Any:
-    """The drive itself, or what a `ZeroOrderHold` holds."""
-    return drive.drive if isinstance(drive, ZeroOrderHold) else drive

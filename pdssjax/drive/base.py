@@ -1,7 +1,8 @@
 """The interface of every voltage waveform: a chain of smooth segments."""
 
 import abc
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple, Self
 
 import equinox as eqx
 import jax
@@ -9,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from ..core import Quantity, quantities
 from ..integration import cosine_and_sine
 
 
@@ -65,6 +67,15 @@ class Segment(NamedTuple):
         )
 
 
+class Flanks(NamedTuple):
+    """The two flanks of a cycle: a slow one, on which the end-effector is to stick, and a fast one."""
+
+    slope: Any
+    """Mean rate of the slow flank [V/s], positive where it rises."""
+    fast: Any
+    """Duration of the fast flank [s]; zero where it is ideal."""
+
+
 class AbstractDrive(eqx.Module):
     """A voltage against time, from t = 0 on; before that the piezo is at 0 V and at rest."""
 
@@ -82,6 +93,35 @@ class AbstractDrive(eqx.Module):
 
         None where it never does.
         """
+
+    @abc.abstractmethod
+    def cycle_frequency(self) -> Any:
+        """Cycles a second [Hz], a number; None where the waveform has no cycle."""
+
+    @abc.abstractmethod
+    def has_jumps(self) -> bool:
+        """Whether the voltage jumps, at t = 0 or later; not traced."""
+
+    @abc.abstractmethod
+    def peak(self) -> Any:
+        """Largest magnitude that the voltage takes or tends to [V], a number."""
+
+    def flanks(self) -> Flanks | None:
+        """Of a waveform whose cycle is a slow and a fast flank; None, the default, of all others."""
+        return None
+
+    def declared(self) -> dict[str, Quantity]:
+        """What is declared of the numbers that describe it, by field; nothing where samples do."""
+        return quantities(type(self))
+
+    def numbers(self) -> dict[str, Any]:
+        """Its number [SI] for every field that is `declared`."""
+        return {field: getattr(self, field) for field in self.declared()}
+
+    def with_numbers(self, numbers: Mapping[str, Any]) -> Self:
+        """The drive with other numbers [SI] in some of the `declared` fields; may be traced."""
+        pick = lambda drive: [getattr(drive, field) for field in numbers]
+        return eqx.tree_at(pick, self, list(numbers.values())) if numbers else self
 
     def segments(self, until: float) -> int:
         """How many segments begin by the time `until` [s], or a few more; not traced."""

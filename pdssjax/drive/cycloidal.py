@@ -12,7 +12,7 @@ cam: velocity and acceleration vanish at its begin, acceleration at its end.
 import jax.numpy as jnp
 
 from ..core import choice, quantity
-from .base import AbstractDrive, Segment, Wave, flank, progress
+from .base import AbstractDrive, Flanks, Segment, Wave, flank, progress
 
 
 class Cycloidal(AbstractDrive):
@@ -44,3 +44,16 @@ class Cycloidal(AbstractDrive):
 
     def period(self):
         return (2, 2)
+
+    def cycle_frequency(self):
+        return self.frequency
+
+    def has_jumps(self):
+        return bool(self.fall_time == 0)
+
+    def peak(self):
+        return abs(self.voltage)
+
+    def flanks(self):
+        fast = self.fall_time
+        return Flanks(self.direction * self.voltage / (1.0 / self.frequency - fast), fast)

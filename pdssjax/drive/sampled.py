@@ -52,5 +52,16 @@ class Sampled(AbstractDrive):
     def period(self):
         return None
 
+    def cycle_frequency(self):
+        return None
+
+    def has_jumps(self):
+        # From the first sample on, or at t = 0, where the drive sets in.
+        held = float(self.interpolation) == 0.0
+        return bool(self.voltages[0] != 0 or (held and np.any(np.diff(self.voltages) != 0)))
+
+    def peak(self):
+        return jnp.max(jnp.abs(jnp.asarray(self.voltages, float)))
+
     def segments(self, until):
         return int(np.searchsorted(np.asarray(self.times), until)) + 2

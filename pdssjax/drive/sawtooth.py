@@ -13,7 +13,7 @@ import math
 import jax.numpy as jnp
 
 from ..core import choice, quantity
-from .base import AbstractDrive, Segment, flank, progress
+from .base import AbstractDrive, Flanks, Segment, flank, progress
 
 
 class Sawtooth(AbstractDrive):
@@ -45,3 +45,16 @@ class Sawtooth(AbstractDrive):
 
     def period(self):
         return (2, 2)
+
+    def cycle_frequency(self):
+        return self.frequency
+
+    def has_jumps(self):
+        return bool(self._fall() == 0)
+
+    def peak(self):
+        return abs(self.voltage)
+
+    def flanks(self):
+        fast = self._fall()
+        return Flanks(self.direction * self.voltage / (1.0 / self.frequency - fast), fast)

@@ -34,3 +34,12 @@ class Sine(AbstractDrive):
 
     def period(self):
         return (0, 1)
+
+    def cycle_frequency(self):
+        return self.frequency
+
+    def has_jumps(self):
+        return bool(self.at(jnp.zeros(())) != 0)
+
+    def peak(self):
+        return jnp.maximum(abs(self.bias), abs(self.bias + self.voltage))

@@ -31,3 +31,12 @@ class Step(AbstractDrive):
 
     def period(self):
         return None
+
+    def cycle_frequency(self):
+        return None
+
+    def has_jumps(self):
+        return bool(self.rise_time == 0)
+
+    def peak(self):
+        return abs(self.voltage)

@@ -34,3 +34,12 @@ class Triangle(AbstractDrive):
 
     def period(self):
         return (0, 2)
+
+    def cycle_frequency(self):
+        return self.frequency
+
+    def has_jumps(self):
+        return False
+
+    def peak(self):
+        return abs(self.voltage)

@@ -88,10 +88,10 @@ def _voltages(table: Table, record: Table, folder: Path) -> dict[str, Any]:
 def _hold_interval(table: Table, drive: AbstractDrive) -> float:
     """The interval [s] of `zero_order_hold`, checked against the drive."""
     interval = table.number("hold", "s")
-    frequency = getattr(drive, "frequency", None)
-    period = 1.0 / frequency if frequency else np.inf
+    frequency = drive.cycle_frequency()
+    period = np.inf if frequency is None else 1.0 / frequency
     if not 0 < interval < period:
-        below = f" and below the period, {period:g} s" if frequency else ""
+        below = f" and below the period, {period:g} s" if frequency is not None else ""
         raise InputError(f"{table.at('hold')}: found {interval:g} s, expected a time above 0{below}.")
     return interval
 

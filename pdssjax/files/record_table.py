@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ..actuator import waveform
 from ..core import InputError, InputWarning, to_si
 from ..drive.base import AbstractDrive
 from ..study import COLUMNS, Record
@@ -99,8 +98,8 @@ def _check_clock(where: str, begin: float, time: np.ndarray, drive: AbstractDriv
     on = f"on this clock the drive starts at {start:.12g} s, which the record's key start tells (0 if left out)"
     if time[-1] <= start:
         raise InputError(f"{found}, expected some after the drive has started; {on}.")
-    frequency = getattr(waveform(drive), "frequency", None)
-    if frequency:
+    frequency = drive.cycle_frequency()
+    if frequency is not None:
         latest, what = _LATE_PERIODS / float(frequency), f"{_LATE_PERIODS} periods of the drive"
     else:
         latest = _LATE_LENGTHS * max(float(time[-1]) - begin, _STEP_TIME)
@@ -196,10 +195,10 @@ def _positive(table: Table, key: str, unit: str) -> float | None:
 def _warn(where: str, time: np.ndarray, drive: AbstractDrive | None) -> None:
     if drive is None:
         return
-    frequency = getattr(waveform(drive), "frequency", None)
-    period = 1.0 / frequency if frequency else _STEP_TIME
-    if hasattr(waveform(drive), "times"):
+    if not drive.declared():
         return  # samples say nothing of how long they should be
+    frequency = drive.cycle_frequency()
+    period = _STEP_TIME if frequency is None else 1.0 / frequency
     interval = float(np.median(np.diff(time)))
     length = float(time[-1] - time[0])
     # A thousand times too long, a record has too few samples or too many periods to be true.
@@ -210,7 +209,7 @@ def _warn(where: str, time: np.ndarray, drive: AbstractDrive | None) -> None:
             InputWarning,
             stacklevel=2,
         )
-    elif frequency and length + interval < period * (1 - 1e-6):
+    elif frequency is not None and length + interval < period * (1 - 1e-6):
         warnings.warn(
             f"{where}: found {length:g} s of samples, expected at least one period of the drive, {period:g} s.",
             InputWarning,

@@ -1,16 +1,14 @@
 """Reads and checks a study file: the actuator's models, its parameters and the records to explain."""
 
 import dataclasses
+import sys
 import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-import jax.numpy as jnp
-
-from ..actuator import ZeroOrderHold, waveform
 from ..core import InputError, Quantity, member, members, nearest
-from ..study import Parameter, Record, Study, legal_quantities
+from ..study import Parameter, Record, Study, drive_with, legal_quantities, shared_fields
 from .parameter_table import read_parameter
 from .record_table import read_record
 from .toml_table import Table
@@ -133,9 +131,8 @@ def _check_durations(top: Table, study: Study) -> None:
         if family != "drive" or parameter.unit != "s" or given is None:
             continue
         for record in study.records:
-            frequency = getattr(waveform(record.drive), "frequency", None)
-            follows = hasattr(waveform(record.drive), field) and field not in record.overrides
-            if frequency and follows and given >= 1.0 / frequency:
+            frequency = None if record.drive is None else record.drive.cycle_frequency()
+            if frequency is not None and field in shared_fields(record) and given >= 1.0 / frequency:
                 raise InputError(
                     f'{top.where}: parameters: key "{path}": found {given:g} s, '
                     f'expected less than the period {1.0 / frequency:g} s of record "{record.name}".'
@@ -163,18 +160,9 @@ def _check_jumps(top: Table, study: Study) -> None:
 
 
 def _jumps(record: Record, parameters: Mapping[str, Parameter]) -> bool:
-    """Whether the voltage of a record has jumps."""
-    drive = record.drive
-    if isinstance(drive, ZeroOrderHold):
-        return True
-    for field in ("fall_time", "rise_time"):
-        if hasattr(drive, field):
-            shared = parameters.get(f"drive.{field}")
-            if shared is None or field in record.overrides:
-                return float(getattr(drive, field)) == 0.0 and getattr(drive, "duty", 1.0) == 1.0
-            return not shared.free and shared.value == 0.0
-    sets_in = abs(float(drive.at(jnp.zeros(())))) > 0.0
-    return sets_in or float(getattr(drive, "interpolation", 1.0)) == 0.0
+    """Whether the voltage of a record has jumps; a time that is free is not zero."""
+    numbers = {path: sys.float_info.min if p.value is None else p.value for path, p in parameters.items()}
+    return drive_with(record, numbers).has_jumps()
 
 
 def _check_samples(top: Table, study: Study) -> None:

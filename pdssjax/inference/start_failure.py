@@ -6,14 +6,16 @@ from typing import Any
 import jax
 import numpy as np
 
-from ..actuator import Amplifier, Effector, Sensor, Stop
-from ..core import Quantity, display_unit, quantities
+from ..core import Quantity, display_unit
 from ..integration import FAILURES
 from ..study import failures, predicted
 from .least_squares import Problem
 
 FACTORS = (0.3, 3.0, 0.1, 10.0, 0.01, 100.0, 0.001, 1000.0)
 """By which a parameter is changed to see whether it is the cause, the least change first."""
+
+ELECTRONICS = ("amplifier", "sensor")
+"""Parts of the rig whose parameters are changed first."""
 
 
 def failed_start(problem: Problem, starts: Mapping[str, Any]) -> str:
@@ -50,11 +52,8 @@ def _codes(problem: Problem, values: Mapping[str, float]) -> list[int]:
 
 def _changes(problem: Problem, at: Mapping[str, float]) -> Iterator[tuple[str, Quantity, float]]:
     """Other numbers for each parameter by itself, within its legal range."""
-    models = problem.residual.predictor.models
-    parts = {"amplifier": Amplifier, "sensor": Sensor, "stop": Stop}
-    parts |= {"piezo": models.piezo, "friction": models.friction, "effector": Effector}
-    declared = {f"{part}.{name}": q for part, model in parts.items() for name, q in quantities(model).items()}
-    paths = [path for path in declared if path in at]
+    declared = problem.residual.predictor.models.declared()
+    paths = sorted((path for path in declared if path in at), key=lambda path: path.split(".")[0] not in ELECTRONICS)
     for factor in (None, *FACTORS):
         for path in paths:
             quantity = declared[path]

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from .resonances import Resonance as Resonance
     from .resonances import depends_on as depends_on
     from .resonances import hidden_from as hidden_from
+    from .shared_drive import drive_with as drive_with
+    from .shared_drive import shared_fields as shared_fields
     from .study import Study as Study
     from .study import legal_quantities as legal_quantities
     from .virtual_rig import Recording as Recording
@@ -48,6 +50,7 @@ else:
             "prediction": ["Predictor", "failures", "predicted"],
             "record": ["COLUMNS", "Record"],
             "resonances": ["Resonance", "SHOWN", "depends_on", "hidden_from"],
+            "shared_drive": ["drive_with", "shared_fields"],
             "study": ["Study", "legal_quantities"],
             "virtual_rig": ["Recording", "make_recordings", "truth"],
         },

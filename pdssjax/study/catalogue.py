@@ -9,14 +9,11 @@ import inspect
 import sys
 import textwrap
 
-from ..actuator import Amplifier, Effector, Sensor, Stop
+from ..actuator import PARTS
 from ..core import InputError, Quantity, choices, member, members, nearest, quantities
 
 FAMILIES = ("drive", "piezo", "friction")
 """Of these a study chooses a member: drives by `waveform`, the others in [actuator]."""
-
-PARTS = {"effector": Effector, "stop": Stop, "amplifier": Amplifier, "sensor": Sensor}
-"""What a rig has besides; their parameters may be listed."""
 
 
 @dataclasses.dataclass(frozen=True)

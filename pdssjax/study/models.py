@@ -5,8 +5,8 @@ from typing import Any
 
 import equinox as eqx
 
-from ..actuator import Actuator, Amplifier, Effector, Sensor, Stop
-from ..core import quantities
+from ..actuator import PARTS, Actuator, Sensor
+from ..core import Quantity, quantities
 
 Values = Mapping[str, Any]
 """Parameter paths to numbers in SI, Python's or arrays of shape ()."""
@@ -32,6 +32,11 @@ class Models(eqx.Module):
         """The platform's motion is known in closed form."""
         return self.piezo.closed and not self.feedback and not self.parts
 
+    def declared(self) -> dict[str, Quantity]:
+        """What is declared of every parameter of the members and of the parts of a rig, by path."""
+        chosen = {"piezo": self.piezo, "friction": self.friction, **PARTS}
+        return {f"{name}.{field}": q for name, model in chosen.items() for field, q in quantities(model).items()}
+
     def contact(self, values: Values) -> Any:
         """The friction law with the given `values`."""
         return self.friction(**given_fields("friction", self.friction, values), **self.law)
@@ -41,15 +46,20 @@ class Models(eqx.Module):
         return Actuator(
             self.piezo(**given_fields("piezo", self.piezo, values)),
             self.contact(values),
-            Effector(**given_fields("effector", Effector, values)),
+            _part("effector", values),
             self.feedback,
-            Amplifier(**given_fields("amplifier", Amplifier, values)) if "amplifier" in self.parts else None,
-            Stop(**given_fields("stop", Stop, values)) if blocked else None,
+            _part("amplifier", values) if "amplifier" in self.parts else None,
+            _part("stop", values) if blocked else None,
         )
 
     def sensor(self, values: Values) -> Sensor:
         """The displacement sensor with the given `values`."""
-        return Sensor(**given_fields("sensor", Sensor, values), filters="low-pass" in self.parts)
+        return _part("sensor", values, filters="low-pass" in self.parts)
+
+
+def _part(name: str, values: Values, **more: Any) -> Any:
+    """The part `name` of a rig with the given `values`."""
+    return PARTS[name](**given_fields(name, PARTS[name], values), **more)
 
 
 def given_fields(family: str, model: type, values: Values) -> dict[str, Any]:

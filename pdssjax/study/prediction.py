@@ -16,13 +16,12 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float
 
-from ..actuator import waveform
-from ..core import quantities
 from ..drive.base import AbstractDrive
 from ..integration import Accuracy, integrate
 from ..simulation import PlatformOnly, PrescribedMotion, StickSlip, contact_force, measured, platform
 from .models import Models, Values
 from .record import Record
+from .shared_drive import shared_fields
 
 _STEPS_PER_SEGMENT = 200
 
@@ -161,11 +160,9 @@ def _prescribed(group: _Group) -> tuple[Any, Any]:
 
 def _shared(drive: Any, overrides: dict[str, Any], values: Values) -> Any:
     """`drive` with the study's numbers in place of those that the record does not set itself."""
-    for field, declared in overrides.items():
-        if (path := f"drive.{field}") in values:
-            shared = jnp.where(declared, getattr(waveform(drive), field), values[path])
-            drive = eqx.tree_at(lambda d, field=field: getattr(waveform(d), field), drive, shared)
-    return drive
+    own = drive.numbers()
+    paths = {field: path for field in overrides if (path := f"drive.{field}") in values}
+    return drive.with_numbers({f: jnp.where(overrides[f], own[f], values[path]) for f, path in paths.items()})
 
 
 def _system(group: _Group, models: Models, values: Values, drive: Any, on_platform: Any) -> Any:
@@ -181,13 +178,11 @@ def _group(records: Sequence[Record], places: Sequence[int], kind: str) -> _Grou
     padded = lambda a: np.pad(a, (0, longest - a.size), mode="edge")
     drives = [jax.tree.map(lambda leaf: np.asarray(leaf, float), record.drive) for record in records]
     first = records[0].drive
-    fields = {} if first is None else quantities(type(waveform(first)))
+    fields = {} if first is None else first.declared()
     motions = [record.motion for record in records if record.motion is not None]
     return _Group(
         drives=None if first is None else jax.tree.map(lambda *leaves: np.stack(leaves), *drives),
-        overrides={
-            field: np.array([field in r.overrides or not fields[field].optional for r in records]) for field in fields
-        },
+        overrides={field: np.array([field not in shared_fields(r) for r in records]) for field in fields},
         times=np.stack([padded(record.time) for record in records]),
         motion=np.stack([padded(motion) for motion in motions]) if motions else None,
         on_platform=np.array([1.0 * (record.measures == "platform") for record in records]),

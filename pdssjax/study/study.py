@@ -9,7 +9,6 @@ from typing import Any
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..actuator import Amplifier, Effector, Sensor, Stop
 from ..core import InputError, Quantity, check_range, member, members, nearest, need_double_precision, quantities
 from ..integration import Accuracy
 from .estimate import Estimate
@@ -130,15 +129,7 @@ def _numbers(values: Mapping[str, Any] | Estimate, legal: Mapping[str, Quantity]
 
 def legal_quantities(study: Study) -> dict[str, Quantity]:
     """All parameters that the study may list, by path."""
-    models = {
-        "piezo": study.piezo,
-        "friction": study.friction,
-        "effector": Effector,
-        "stop": Stop,
-        "amplifier": Amplifier,
-        "sensor": Sensor,
-    }
-    legal = {f"{name}.{f}": q for name, model in models.items() for f, q in quantities(model).items()}
+    legal = study.models.declared()
     # Also those of waveforms that no record uses: to list them does nothing, and no harm.
     for drive in members("drive"):
         optional = {f: q for f, q in quantities(member("drive", drive)).items() if q.optional}

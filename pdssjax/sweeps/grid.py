@@ -19,8 +19,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..actuator import waveform
-from ..core import InputError, Quantity, check_range, nearest, quantities
+from ..core import InputError, Quantity, check_range, nearest
 from ..integration import FAILURES, Accuracy, Taylor, integrate_to_times
 from ..metrics import FLANK, cycle_metrics
 from ..simulation import StickSlip
@@ -110,19 +109,19 @@ class _Block(eqx.Module):
 
     def _point(self, values):
         given = dict(zip(self.paths, values, strict=True))
-        drive, fields = self.drive, quantities(type(self.drive))
-        for path, value in {**self.numbers, **given}.items():
-            family, _, field = path.partition(".")
-            if family == "drive" and field in fields:
-                drive = eqx.tree_at(lambda d, field=field: getattr(d, field), drive, jnp.asarray(value, float))
-        actuator = self.models.actuator({**self.numbers, **given})
-        period = 1.0 / jnp.asarray(drive.frequency, float)
-        fall = jnp.asarray(getattr(drive, "fall_time", 0.0), float)
+        numbers = {**self.numbers, **given}
+        fields = {field: f"drive.{field}" for field in self.drive.declared()}
+        changed = {field: jnp.asarray(numbers[path], float) for field, path in fields.items() if path in numbers}
+        drive = self.drive.with_numbers(changed)
+        actuator = self.models.actuator(numbers)
+        frequency, flanks = jnp.asarray(drive.cycle_frequency(), float), drive.flanks()
+        period = 1.0 / frequency
+        fall = jnp.zeros(()) if flanks is None else jnp.asarray(flanks.fast, float)
         phases = fall + (period - fall) * jnp.linspace(FLANK[0] + _INSIDE, FLANK[1] - _INSIDE, _LINE)
         times = jnp.concatenate([(self.cycles - 1) * period + phases, self.cycles * period + phases])
         state, _, _, failure = integrate_to_times(StickSlip(actuator, drive), times, self.accuracy)
         y, _ = jax.vmap(actuator.driven_platform.platform)(state.driven)
-        walk = cycle_metrics(times, y - state.d, drive.frequency, (self.cycles - 1) * period, 1, fall)
+        walk = cycle_metrics(times, y - state.d, frequency, (self.cycles - 1) * period, 1, fall)
         metrics = jnp.stack([getattr(walk, name)[0] for name in METRICS])
         return jnp.where(failure > 0, jnp.nan, metrics), jnp.where(jnp.isfinite(metrics).all(), failure, 2)
 
@@ -157,22 +156,22 @@ def _run(block: _Block, points: np.ndarray, progress: Callable[[int, int], None]
 
 def _base(study: Study, name: str | None) -> Record:
     where = study.path or study.title
-    walks = [r for r in study.records if r.measures == "effector" and getattr(r.drive, "frequency", None)]
-    if not walks:
+    driven = [r for r in study.records if r.measures == "effector" and r.drive.period() is not None]
+    if not driven:
         raise InputError(f"{where}: found no effector record under a periodic drive, expected one whose drive to vary.")
     if name is None:
-        return walks[0]
-    for record in walks:
+        return driven[0]
+    for record in driven:
         if record.name == name:
             return record
-    raise InputError(f'{where}: found no record "{name}" to sweep; {nearest(name, [r.name for r in walks])}')
+    raise InputError(f'{where}: found no record "{name}" to sweep; {nearest(name, [r.name for r in driven])}')
 
 
 def _check(study: Study, base: Record, axes: Mapping[str, np.ndarray], cycles: int) -> dict[str, Quantity]:
     """What is declared of each axis."""
     if cycles < 1:
         raise InputError(f"sweep: found {cycles} cycles, expected at least 1.")
-    legal = {f"drive.{field}": q for field, q in quantities(type(waveform(base.drive))).items()}
+    legal = {f"drive.{field}": q for field, q in base.drive.declared().items()}
     legal |= {path: q for path, q in study.legal().items() if not path.startswith("drive.")}
     for path, values in axes.items():
         if path not in legal:

@@ -1,14 +1,13 @@
 """What records say of a rig before any fit: gain, ringing and contact, read off by simple means."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import equinox as eqx
 import numpy as np
 
-from ...actuator import waveform
 from ...core import InputError
-from ...study import Record, noise_floor
+from ...drive.base import AbstractDrive
+from ...study import Record, drive_with, noise_floor
 
 _LATEST = 1e6
 """Time [s] at which a record may begin, however short it is."""
@@ -49,7 +48,7 @@ def oscillator(records: Sequence[Record]) -> dict[str, float]:
         names = {name for one in found for name in one}
         return {name: float(np.median([one[name] for one in found if name in one])) for name in sorted(names)}
     moves = [r for r in records if r.measures != "force"]
-    flanks = [_flank_gain(r) for r in moves if frequency_of(r) and hasattr(waveform(r.drive), "fall_time")]
+    flanks = [_flank_gain(r) for r in moves if r.drive is not None and r.drive.flanks() is not None]
     gains = flanks or [_range_gain(r) for r in records if r.measures == "platform"]
     gains = gains or [gain for gain in map(_following_gain, moves) if gain > 0.0]
     return {"gain": float(np.median(gains))} if gains else {}
@@ -111,11 +110,13 @@ def _flank_gain(record: Record) -> float:
     Taken over a quarter of a period, so that noise and rounding matter little, and most of
     the spans hold no slip.
     """
-    drive: Any = waveform(record.drive)
-    span = int(np.clip(0.25 / float(drive.frequency) / interval_of(record), 1, record.time.size - 1))
+    drive: AbstractDrive = record.drive
+    span = int(np.clip(0.25 / float(drive.cycle_frequency()) / interval_of(record), 1, record.time.size - 1))
     rise = record.measured[span:] - record.measured[:-span]
     slope = float(np.median(rise / (record.time[span:] - record.time[:-span])))
-    return abs(slope) / abs(float(drive.voltage) * float(drive.frequency))
+    flanks = drive.flanks()
+    assert flanks is not None
+    return abs(slope) / abs(float(flanks.slope))
 
 
 def stop_stiffness(record: Record, gain: float) -> float:
@@ -143,9 +144,7 @@ def peak_bend(record: Record, rate: float, known: Mapping[str, float]) -> float:
     """
     if record.drive is None:
         return 0.0
-    drive, fall = record.drive, known.get("drive.fall_time")
-    if fall is not None and "fall_time" not in record.overrides and hasattr(waveform(drive), "fall_time"):
-        drive = eqx.tree_at(lambda d: waveform(d).fall_time, drive, fall)
+    drive = drive_with(record, known)
     frequency = frequency_of(record)
     last = _PERIODS / frequency if frequency else float(record.time[-1])
     finer = rate * _FINER
@@ -177,19 +176,13 @@ def contact_scale(record: Record, moved: float | None) -> tuple[float, float, fl
 
 def frequency_of(record: Record) -> float | None:
     """Of a drive that repeats, held or not [Hz]."""
-    frequency = getattr(waveform(record.drive), "frequency", None)
-    return float(frequency) if frequency else None
+    frequency = None if record.drive is None else record.drive.cycle_frequency()
+    return None if frequency is None else float(frequency)
 
 
 def interval_of(record: Record) -> float:
     """From one sample to the next [s]."""
     return float(np.median(np.diff(record.time)))
-
-
-def amplitude(record: Record) -> float:
-    """Largest voltage [V]."""
-    given = getattr(waveform(record.drive), "voltage", None)
-    return float(np.max(np.abs(voltages(record)))) if given is None else abs(float(given))
 
 
 def voltages(record: Record) -> np.ndarray:

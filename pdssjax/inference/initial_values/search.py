@@ -22,7 +22,6 @@ from ...study import Models, Parameter, Record, noise_floor
 from ..parameter_transform import transform_of
 from ..residual import Residual, as_weights
 from .record_features import (
-    amplitude,
     check_clock,
     contact_scale,
     frequency_of,
@@ -128,7 +127,7 @@ def _electronics(known: Mapping[str, float], records: Sequence[Record]) -> dict[
     driven = [record for record in records if record.drive is not None]
     if not driven:
         return {}
-    volts = max(map(amplitude, driven)) or 1.0
+    volts = max(float(record.drive.peak()) for record in driven) or 1.0
     rate = known.get("piezo.natural_frequency", USUAL_RATE)
     finest = min(map(interval_of, driven))
     return {"amplifier.slew": 0.1 * volts * rate, "sensor.bandwidth": min(USUAL_BANDWIDTH, 0.25 / finest)}

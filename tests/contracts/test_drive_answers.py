@@ -1,0 +1,106 @@
+"""What every waveform says of itself is what its segments do: frequency, jumps, peak, flanks."""
+
+import itertools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from pdssjax import AbstractDrive
+from pdssjax.actuator import ZeroOrderHold
+from pdssjax.core import member, members
+from pdssjax.drive.base import Segment
+from pdssjax.drive.cycloidal import Cycloidal
+from pdssjax.drive.sampled import Sampled
+from pdssjax.drive.sawtooth import Sawtooth
+from pdssjax.drive.sine import Sine
+from pdssjax.drive.step import Step
+from pdssjax.drive.triangle import Triangle
+
+NOMINAL = [member("drive", name)() for name in members("drive")]
+DRIVES = [
+    *NOMINAL,
+    *(Sawtooth(-30.0, 20.0, fall, direction) for fall in (0.0, 1.3e-3) for direction in ("forward", "backward")),
+    *(Sawtooth(30.0, 20.0, duty=0.8), Cycloidal(30.0, 20.0, 1e-3, "backward")),
+    *(Step(-48.2), Step(48.2, 2e-3), Triangle(30.0, 20.0, 0.3)),
+    *(Sine(30.0, 20.0, -20.0), Sine(30.0, 20.0, phase=1.0), Sine(-30.0, 20.0)),
+    *(Sampled([0.0, 0.1], [4.0, -6.0]), Sampled([0.0, 0.1], [0.0, -6.0], "held"), Sampled([0.01, 0.02], [0.0, 4.0])),
+]
+EVERY = pytest.mark.parametrize("drive", DRIVES, ids=str)
+END = 0.45
+
+
+def pieces(drive: AbstractDrive) -> list[tuple[float, Segment]]:
+    """(begin, segment) of every segment of some length that begins before `END`."""
+    segments = [drive.segment(jnp.asarray(float(k))) for k in range(drive.segments(END))]
+    begins = itertools.accumulate((float(s.duration) for s in segments), initial=0.0)
+    return [(b, s) for b, s in zip(begins, segments, strict=False) if s.duration > 0 and b < END]
+
+
+def corner_steps(drive: AbstractDrive) -> list[float]:
+    """By how much [V] the voltage differs on both sides of every corner, that at t = 0 included."""
+    before, steps = 0.0, []
+    for _, segment in pieces(drive):
+        steps.append(float(segment.voltage(0.0).level) - before)
+        before = float(segment.voltage(min(float(segment.duration), 1.0)).level)
+    return steps
+
+
+@EVERY
+def test_the_frequency_is_one_over_the_durations_of_a_period(drive):
+    frequency = drive.cycle_frequency()
+    assert (frequency is None) == (drive.period() is None)
+    if frequency is not None:
+        first, count = drive.period()
+        durations = [float(drive.segment(jnp.asarray(float(k))).duration) for k in range(first, first + count)]
+        assert float(frequency) == pytest.approx(1.0 / sum(durations), rel=1e-12)
+
+
+@EVERY
+def test_a_drive_has_jumps_where_its_voltage_differs_on_both_sides_of_a_corner(drive):
+    assert drive.has_jumps() == any(abs(step) > 1e-9 * drive.peak() for step in corner_steps(drive))
+
+
+@EVERY
+def test_the_peak_is_the_largest_voltage_of_two_periods(drive):
+    frequency = drive.cycle_frequency()
+    until = 0.25 if frequency is None else 2.0 / frequency
+    # Also just inside every piece, since a jump hides its ends from an even grid.
+    ends = [begin + part * min(float(s.duration), 1.0) for begin, s in pieces(drive) for part in (1e-9, 1.0 - 1e-9)]
+    times = np.concatenate([np.linspace(0.0, until, 20001), [t for t in ends if t <= until]])
+    assert float(np.max(np.abs(drive.at(jnp.asarray(times))))) == pytest.approx(float(drive.peak()), rel=1e-6)
+
+
+@EVERY
+def test_flanks_are_the_pieces_of_a_cycle(drive):
+    flanks = drive.flanks()
+    if flanks is None:
+        return
+    first, count = drive.period()
+    cycle = [drive.segment(jnp.asarray(float(k))) for k in range(first, first + count)]
+    fast, slow = sorted(cycle, key=lambda segment: float(segment.duration))
+    assert float(flanks.fast) == pytest.approx(float(fast.duration), abs=1e-15)
+    rise = float(slow.voltage(slow.duration).level - slow.voltage(0.0).level)
+    assert float(flanks.slope) == pytest.approx(rise / float(slow.duration), rel=1e-12)
+
+
+@pytest.mark.parametrize("drive", NOMINAL, ids=str)
+def test_numbers_are_taken_and_given_back(drive):
+    other = {field: 0.9 * number + 1e-3 for field, number in drive.numbers().items()}
+    changed = drive.with_numbers(other)
+    assert changed.numbers() == other and type(changed) is type(drive)
+    assert set(other) == set(drive.declared())
+    traced = jax.jit(lambda numbers: drive.with_numbers(numbers).at(jnp.asarray([0.07])))(other)
+    np.testing.assert_allclose(traced, changed.at(jnp.asarray([0.07])), rtol=1e-12)
+
+
+def test_a_staircase_answers_for_what_it_holds():
+    drive = Sawtooth(30.0, 20.0, 1e-3)
+    held = ZeroOrderHold(drive, 1e-4)
+    answers = lambda d: (d.cycle_frequency(), d.peak(), d.flanks(), d.numbers(), d.declared())
+    assert answers(held) == answers(drive) and held.has_jumps()
+    assert any(abs(step) > 0.0 for step in corner_steps(held))
+    highest = max(float(segment.start) for _, segment in pieces(held))
+    assert drive.peak() * (1.0 - 1.1 * 1e-4 * 20.0) < highest <= drive.peak()
+    assert held.with_numbers({"voltage": 40.0}) == ZeroOrderHold(drive.with_numbers({"voltage": 40.0}), 1e-4)
