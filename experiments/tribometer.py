@@ -208,8 +208,8 @@ def main(arguments: list[str]) -> None:
             "The parameters, with one standard error",
             parameters(results, by_eye(parts["fitted"])),
             notes=[
-                "Stiffness is that of contact and tester together. Neighbouring residuals are alike (the loops are "
-                "not quite of any law's shape), so that true errors are larger.",
+                "Stiffness is that of contact and tester together. Neighbouring residuals are correlated (the loops "
+                "are not quite of any law's shape), so that true errors are larger.",
                 '"not told": the data do not say, or the parameter is at a bound.',
             ],
         ),

@@ -23,16 +23,16 @@ class Sensor(eqx.Module):
     """False: only late."""
 
     def initial(self) -> tuple:
-        """The lag of a sensor at rest; none without a filter."""
+        """The lag of a sensor while nothing moves; none without a filter."""
         return (jnp.zeros(()),) if self.filters else ()
 
-    def rate(self, lag: tuple, speed) -> tuple:
+    def rate(self, sensor_lag: tuple, speed) -> tuple:
         """Time derivative of the lag where what is measured changes with `speed`."""
-        return tuple(speed - e * self.pole() for e in lag)
+        return tuple(speed - e * self.pole() for e in sensor_lag)
 
-    def steady(self, lag: tuple, speed) -> tuple:
+    def steady(self, sensor_lag: tuple, speed) -> tuple:
         """The lag behind what has long changed with `speed`."""
-        return tuple(speed / self.pole() for _ in lag)
+        return tuple(speed / self.pole() for _ in sensor_lag)
 
     def pole(self):
         """Angular corner frequency w_s [rad/s]."""

@@ -1,4 +1,4 @@
-"""`pdssjax characterise`: tells from records alone how well an actuator walks or pushes."""
+"""`pdssjax characterise`: step efficiency, speed and output force from records alone."""
 
 import argparse
 from pathlib import Path
@@ -65,7 +65,7 @@ def _units(given: list[str]) -> dict[str, str]:
 
 def add_parser(subcommands: Any) -> None:
     """Adds the command `characterise` with its options."""
-    text = "tell from records alone how well an actuator walks or pushes (thesis, chapter 3)"
+    text = "step efficiency, speed and output force from records alone (thesis, chapter 3)"
     parser = subcommands.add_parser("characterise", help=text, description=text)
     parser.set_defaults(run=characterise)
     parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="record (CSV)")

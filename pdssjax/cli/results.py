@@ -33,8 +33,8 @@ def keep_results(write: Callable[[Path], None], folder: Path, estimate: Any = No
     try:
         print(f"pdssjax: the results are in {write_aside(write)} instead", file=sys.stderr)
     except OSError as error:
-        lost = "the results are lost" if estimate is None else "the estimate is printed here"
-        print(f"pdssjax: nor is there room for temporary files ({error.strerror or error}); {lost}", file=sys.stderr)
+        instead = "the results are lost" if estimate is None else "the estimate is printed here"
+        print(f"pdssjax: nor is there room for temporary files ({error.strerror or error}); {instead}", file=sys.stderr)
         if estimate is not None:
             say(estimate_text(estimate))
     return False

@@ -1,4 +1,4 @@
-"""`pdssjax sweep`: walks over a grid of drive quantities and parameters."""
+"""`pdssjax sweep`: net step, speed and step efficiency over a grid of drive quantities and parameters."""
 
 import argparse
 import json

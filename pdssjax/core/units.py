@@ -46,15 +46,15 @@ def factor(name: str, unit: str, where: str) -> float:
     """
     registry = _registry()
     try:
-        one = registry.Quantity(1.0, registry.parse_units(name))
-        given = one.to_root_units()
+        unit_amount = registry.Quantity(1.0, registry.parse_units(name))
+        given = unit_amount.to_root_units()
     except Exception:  # pint's parser lets errors of many types through
         raise InputError(f'{where}: found the unknown unit "{name}", expected {_of(unit)}.') from None
     expected = registry.Quantity(1.0, registry.parse_units(unit))
     if given.units != expected.to_root_units().units:
         found = f'the unit "{name}"' if name else "no unit"
         raise InputError(f"{where}: found {found}, expected {_of(unit)}.")
-    return float(one.to(expected.units).magnitude)
+    return float(unit_amount.to(expected.units).magnitude)
 
 
 def column_unit(column: str) -> str:

@@ -26,7 +26,7 @@ class Voltage(NamedTuple):
 
 
 class Wave(NamedTuple):
-    """A harmonic part of a segment: amplitude * cos(rate * after + phase)."""
+    """A harmonic part of a segment: amplitude * cos(rate * t_local + phase)."""
 
     amplitude: Any
     """[V]"""

@@ -1,4 +1,4 @@
-"""The sawtooth that makes the actuator walk: a slow flank and a fast one (thesis, section 3.3).
+"""The sawtooth of stick-slip locomotion: a slow flank and a fast one (thesis, section 3.3).
 
 With T = 1/frequency, amplitude V, fall time tf and duty d the fast flank lasts
 t_fast = tf + (1 - d) T, and

@@ -21,44 +21,44 @@ def write_characterisations(found: Sequence[Characterisation], folder: Path) -> 
     stems = file_stems(found)
     with staging_folder(folder) as staging:
         (staging / "plots").mkdir()
-        for stem, one in zip(stems, found, strict=True):
-            cycle_figure(one).savefig(staging / "plots" / f"{stem}.png")
+        for stem, record in zip(stems, found, strict=True):
+            cycle_figure(record).savefig(staging / "plots" / f"{stem}.png")
         _write_cycles(dict(zip(stems, found, strict=True)), staging / "cycles.csv")
-        document = {"format": CHARACTERISATION_FORMAT, "records": [_record_document(one) for one in found]}
+        document = {"format": CHARACTERISATION_FORMAT, "records": [_record_document(record) for record in found]}
         (staging / "characterise.json").write_text(json_text(document), encoding="utf-8")
 
 
 def _write_cycles(found: dict[str, Characterisation], file: Path) -> None:
     """A row a cycle, in display units; cells stay empty where a record has no such figure."""
-    units = {name: summary.unit for one in found.values() for name, summary in one.summary.items()}
-    names = list(dict.fromkeys(name for one in found.values() for name in one.metrics))
+    units = {name: summary.unit for record in found.values() for name, summary in record.summary.items()}
+    names = list(dict.fromkeys(name for record in found.values() for name in record.metrics))
     shown = {name: display_unit(units[name]) for name in names}
     titles = [f"{name}_{unit}" if unit else name for name, (unit, _) in shown.items()]
     with file.open("w", newline="", encoding="utf-8") as stream:
         table = csv.writer(stream, lineterminator="\n")
         table.writerow(["record", "cycle", "start_s", *titles])
-        for stem, one in found.items():
-            for index in range(one.cycles.count):
-                start = one.cycles.start + index / one.cycles.frequency
-                cells = [one.metrics[n][index] * shown[n][1] if n in one.metrics else None for n in names]
+        for stem, record in found.items():
+            for index in range(record.cycles.count):
+                start = record.cycles.start + index / record.cycles.frequency
+                cells = [record.metrics[n][index] * shown[n][1] if n in record.metrics else None for n in names]
                 written = ["" if cell is None else f"{cell:.6g}" for cell in cells]
                 table.writerow([stem, index + 1, f"{start:.9g}", *written])
 
 
-def _record_document(one: Characterisation) -> dict[str, Any]:
+def _record_document(record: Characterisation) -> dict[str, Any]:
     """One record of `characterise.json`, in SI."""
-    cycles = one.cycles
+    cycles = record.cycles
     return {
-        "file": str(one.file),
-        "measures": one.measures,
-        "column": one.column,
-        "samples": len(one.time),
-        "from": float(one.time[0]),
-        "to": float(one.time[-1]),
+        "file": str(record.file),
+        "measures": record.measures,
+        "column": record.column,
+        "samples": len(record.time),
+        "from": float(record.time[0]),
+        "to": float(record.time[-1]),
         "direction": "backward" if cycles.falls else "forward",
-        "frequency": {"used": cycles.frequency, "given": one.given, "seen": cycles.seen, "error": cycles.seen_error},
+        "frequency": {"used": cycles.frequency, "given": record.given, "seen": cycles.seen, "error": cycles.seen_error},
         "cycles": {"complete": cycles.count, "left_out": cycles.rejected, "start": cycles.start},
         "sawtooth_fit": cycles.fit,
-        "slip_duration": one.slip_duration,
-        "figures": {name: vars(summary) for name, summary in one.summary.items()},
+        "slip_duration": record.slip_duration,
+        "figures": {name: vars(summary) for name, summary in record.summary.items()},
     }

@@ -27,17 +27,18 @@ def write_recordings(
 
     **Raises:** `InputError` where the study's records are to lie outside its folder.
     """
-    places = [one.record.file.relative_to(study.parent) if _beside(one.record.file, study) else None for one in made]
-    for place, one in zip(places, made, strict=True):
+    files = [recording.record.file for recording in made]
+    places = [file.relative_to(study.parent) if _beside(file, study) else None for file in files]
+    for place, recording in zip(places, made, strict=True):
         if place is None:
             raise InputError(
-                f'{study}: record "{one.record.name}": found {one.record.file}, expected a file beside it.'
+                f'{study}: record "{recording.record.name}": found {recording.record.file}, expected a file beside it.'
             )
     with staging_folder(folder) as staging:
         write_numbers(used, staging)
         write_records(compared, staging)
-        for place, one in zip(places, made, strict=True):
-            write_csv(one, staging / "records" / str(place))
+        for place, recording in zip(places, made, strict=True):
+            write_csv(recording, staging / "records" / str(place))
         shutil.copyfile(study, staging / "records" / study.name)
         (staging / "records" / "truth.json").write_text(json_text(truth), encoding="utf-8")
 

@@ -45,7 +45,7 @@ class AnisotropicLuGre(AbstractFriction):
     f_ss_b: float = quantity(0.5458, "N")
     """Breakaway force F_SSb for v < 0 [N]."""
     state: Literal["deflection", "force"] = eqx.field(static=True, default="deflection")
-    """Which quantity the memory holds: the deflection z [m] or the elastic force f [N]."""
+    """Which quantity the contact state holds: the deflection z [m] or the elastic force f [N]."""
 
     def _branch(self, sign):
         forward = sign > 0
@@ -60,15 +60,15 @@ class AnisotropicLuGre(AbstractFriction):
 
     def rate(self, state, v, sign):
         s0, _, f_ss = self._branch(sign)
-        (memory,) = state
+        (carried,) = state
         if self.state == "deflection":
-            return (v - s0 * sign / f_ss * (v * memory),)
-        return (s0 * (v - sign / f_ss * (v * memory)),)
+            return (v - s0 * sign / f_ss * (v * carried),)
+        return (s0 * (v - sign / f_ss * (v * carried)),)
 
     def force(self, state, v, sign):
         s0, s1, f_ss = self._branch(sign)
-        (memory,) = state
-        elastic = s0 * memory if self.state == "deflection" else memory
+        (carried,) = state
+        elastic = s0 * carried if self.state == "deflection" else carried
         return elastic + s1 * (v - sign / f_ss * (v * elastic))
 
     def error_scale(self):

@@ -64,7 +64,7 @@ class AbstractFriction(eqx.Module):
         """Ranges in which to look for the law's parameters when nothing is known of them.
 
         **Arguments:** end-effector `mass` [kg], the peak `acceleration` of the platform
-        [m/s2] and its natural frequency `rate` [rad/s]: an actuator that walks slips at a
+        [m/s2] and its natural frequency `rate` [rad/s]: an actuator in stick-slip motion slips at a
         fraction of that acceleration, on a contact not much faster or slower than that.
         """
 

@@ -128,9 +128,9 @@ class GeneralizedMaxwellSlip(AbstractFriction):
         ranges = {"sigma2": damping}
         for i in range(1, _COUNT + 1):
             # Early elements stiff and weak, late ones soft and strong: one order out of many.
-            part, rest = 0.1 * i, 0.1 * (_COUNT + 1 - i)
-            ranges[f"stiffness_{i}"] = stiffness[0] * rest, stiffness[1] * rest
-            ranges[f"strength_{i}"] = force[0] * part, force[1] * part
+            rising, falling = 0.1 * i, 0.1 * (_COUNT + 1 - i)
+            ranges[f"stiffness_{i}"] = stiffness[0] * falling, stiffness[1] * falling
+            ranges[f"strength_{i}"] = force[0] * rising, force[1] * rising
         ranges["weakened"] = (0.4, 1.0)
         ranges["v_s"] = stribeck_range(acceleration, rate)
         ranges["attraction"] = (0.1 * rate * force[0], 10.0 * rate * force[1])

@@ -1,6 +1,6 @@
 """Where in a step a guard first falls through zero.
 
-The guard is a polynomial in theta = lapse/reach, one kernel of plain arithmetic: no loop,
+The guard is a polynomial in theta = elapsed/step_radius, one kernel of plain arithmetic: no loop,
 no branch.
 """
 

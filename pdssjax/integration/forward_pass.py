@@ -237,7 +237,7 @@ def _afterwards(system, segment, loop, t_local, x, event, which, ended, settle_t
 def _quickest_rate(field, t_local, x, closed):
     """About the largest modulus [1/s] of the eigenvalues of the field's Jacobian at `x`; see `span` of the methods.
 
-    A transient that has died out has coefficients that vanish and allow any step.  What the same step
+    A transient that has decayed has coefficients that vanish and allow any step.  What the same step
     does to derivatives is not seen there: beyond the method's region of stability they grow, and with them
     what is left of rounding, from step to step.  Two components a, b that feel each other turn or decay at
     the rate sqrt|J_ab J_ba|, whatever their units; what only one of them feels changes no eigenvalue.

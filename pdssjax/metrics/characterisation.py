@@ -1,7 +1,7 @@
-"""Characterises an actuator from a record alone, as chapter 3 of the thesis does: how well does it walk or push?
+"""Step efficiency, speed and output force of an actuator from a record alone, as in chapter 3 of the thesis.
 
 The cycles are found in the record itself (`cycles`), the metrics are those of `metrics`.  Lengths
-and forces are turned so that they are positive along the slow flank: a backward walk is reported
+and forces are turned so that they are positive along the slow flank: a backward motion is reported
 like a forward one, as the thesis does from its figure 3.8 on.
 
 Each figure comes with its mean over the cycles, their standard deviation s and the standard error
@@ -60,7 +60,7 @@ class Characterisation:
     time: Float[np.ndarray, " m"]
     """Sample times [s]."""
     values: Float[np.ndarray, " m"]
-    """The samples as they were measured, not turned [m or N]."""
+    """The samples as they were measured, their sign kept [m or N]."""
     given: bool
     """The frequency was given and not found."""
     slip_duration: float
@@ -72,7 +72,7 @@ class Characterisation:
     """By the same names; of a displacement also "efficiency_by_extremes", from the turning points."""
     before: Float[np.ndarray, " slips"]
     """The extreme sample before each slip, from the one that starts the first cycle to the one that ends the last;
-    turned like the metrics, and NaN where the record begins with the slip."""
+    with the sign of the metrics, and NaN where the record begins with the slip."""
     after: Float[np.ndarray, " slips"]
     """The extreme sample after each slip."""
 
@@ -83,7 +83,7 @@ class Characterisation:
 
     @property
     def sign(self) -> float:
-        """-1 where the metrics are turned against `values`, else 1."""
+        """-1 where the metrics have the opposite sign of `values`, else 1."""
         return -1.0 if self.cycles.falls else 1.0
 
 
@@ -192,6 +192,6 @@ def _sharpness(found: Characterisation) -> float:
     if np.mean(back) < 0.1 * np.mean(stroke):
         return 1.0
     slips = cycles.start + np.arange(1, cycles.count) / cycles.frequency
-    turned = found.sign * found.values
-    early, late = (np.interp(slips + s * 0.05 / cycles.frequency, found.time, turned) for s in (-1, 1))
+    signed = found.sign * found.values
+    early, late = (np.interp(slips + s * 0.05 / cycles.frequency, found.time, signed) for s in (-1, 1))
     return float(np.mean(early - late + 0.1 * stroke) / np.mean(back))

@@ -1,6 +1,6 @@
 """Finds the cycles of a sawtooth drive in a record of what it moved.
 
-1.  A straight line is taken off, so that walking leaves a sawtooth; where none is clear, a curved trend.
+1.  A straight line is taken off, so that a net motion leaves a sawtooth; where none is clear, a curved trend.
 2.  The frequency is where the record agrees best with an ideal sawtooth: first on the grid of a
     spectrum, whose amplitudes at f, 2f, 3f, ... are summed with the weights 1, 1/2, 1/3, ... that a
     sawtooth gives them (so that neither f/2 nor 2f can win), then in ever finer steps by least
@@ -215,8 +215,8 @@ def _sawtooth(time, detrended, frequency) -> tuple[float, float, float]:
 
 def _slips(time, values, frequency, expected, sign) -> np.ndarray:
     """When the record moves fastest against the slow flank near each `expected` slip; NaN where it has no samples."""
-    lag = max(1, round(0.01 / frequency / np.median(np.diff(time))))
-    middle, change = 0.5 * (time[lag:] + time[:-lag]), -sign * (values[lag:] - values[:-lag])
+    span = max(1, round(0.01 / frequency / np.median(np.diff(time))))
+    middle, change = 0.5 * (time[span:] + time[:-span]), -sign * (values[span:] - values[:-span])
     found = np.full(len(expected), np.nan)
     for index, moment in enumerate(expected):
         near = np.flatnonzero(np.abs(middle - moment) <= 0.15 / frequency)
@@ -224,7 +224,7 @@ def _slips(time, values, frequency, expected, sign) -> np.ndarray:
         if len(near) and abs(moment - time[0]) * frequency > 0.02 and abs(moment - time[-1]) * frequency > 0.02:
             # Several spans hold the same jump; its time is their mean.
             most = near[np.argmax(change[near])]
-            beside = slice(max(most - lag, 0), most + lag + 1)
+            beside = slice(max(most - span, 0), most + span + 1)
             weight = np.maximum(change[beside] - 0.5 * change[most], 0.0)
             found[index] = weight @ middle[beside] / weight.sum() if change[most] > 0 else np.nan
     return found

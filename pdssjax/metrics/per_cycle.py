@@ -1,4 +1,4 @@
-"""How well a prediction matches a record, and how well an actuator walks (thesis, sections 3.4 and 3.5).
+"""How well a prediction matches a record, and how well an actuator moves (thesis, sections 3.4 and 3.5).
 
 In every cycle of a sawtooth drive the end-effector rides forward with the platform (stick) and
 slides back when the platform does (slip).  With the stroke S of the stick phase, the back-slip S_0
@@ -9,7 +9,7 @@ of the slip phase and the frequency f,
     average speed     v = f dS
 
 (3.1) leaves open where the stick phase begins.  Here a line is fitted to the middle of every slow
-flank, where the ring-down of the slip has died:
+flank, where the ring-down of the slip has decayed:
 
 - dS is the distance from the middle of one flank to the middle of the next;
 - S is the flank's slope times the time it sticks: the period less the slip's duration.  With none
@@ -94,7 +94,7 @@ def cycle_metrics(
     cycles: int,
     slip_duration: Number = 0.0,
 ) -> CycleMetrics:
-    """Stroke, back-slip, step efficiency (3.1) and speed of each cycle of a walk.
+    """Stroke, back-slip, step efficiency (3.1) and speed of each cycle of a stick-slip motion.
 
     **Arguments:** `time` [s] ascends; `displacement` [m] is the end-effector's; `frequency` [Hz];
     `start` [s] is when a slip begins, from which on `cycles` cycles are counted, each a slow
@@ -103,7 +103,7 @@ def cycle_metrics(
     `slip_duration` [s] is how long a slip takes: the fall time of the drive, or more if the
     ring-down is not to count as sticking.
 
-    A drift of the zero adds to S and to dS alike, and cannot be told from walking.
+    A drift of the zero adds to S and to dS alike, and cannot be told from a net motion.
     """
     time, displacement = jnp.asarray(time), jnp.asarray(displacement)
     period = 1.0 / frequency

@@ -15,8 +15,8 @@ from ..drive.base import Segment
 
 def tends_to(gain: Any, frequency: Any, damping: Any, segment: Segment, t_local: Any) -> tuple[Any, Any]:
     """Displacement [m] and velocity [m/s] to which the system tends, `t_local` [s] into a straight segment."""
-    lag = 2.0 * damping / frequency
-    return gain * (segment.start + segment.slope * (t_local - lag)), gain * segment.slope
+    delay = 2.0 * damping / frequency
+    return gain * (segment.start + segment.slope * (t_local - delay)), gain * segment.slope
 
 
 def forced(gain: Any, frequency: Any, damping: Any, segment: Segment, t_local: Any) -> tuple[Any, Any]:

@@ -107,14 +107,14 @@ class BoucWen(AbstractPiezo):
         far = jnp.where((growth > -1.0) & (slope > 0.0), -behind / jnp.where(slope > 0.0, slope, 1.0), jnp.inf)
         way = jnp.where(jnp.isfinite(far), jnp.where(jnp.isfinite(far), far, 0.0) * _log_ratio(growth), jnp.inf)
         first = jnp.minimum(way, path)
-        rest = path - first
+        remainder = path - first
         unloaded = jnp.where(first < way, _branch(behind, slope, unloads, first), 0.0)
         begun = jnp.where(ahead < 0.0, unloaded, ahead)
-        return side * _branch(begun, slope, loads, rest)
+        return side * _branch(begun, slope, loads, remainder)
 
     def error_scale(self):
-        one = jnp.ones(())
-        return one, 1.0 / self.frequency_scale(), one, self.static_gain(), one, one
+        metre = jnp.ones(())
+        return metre, 1.0 / self.frequency_scale(), metre, self.static_gain(), metre, metre
 
     def static_gain(self):
         return jnp.asarray(self.gain, float)

@@ -1,4 +1,4 @@
-"""Sweeps: how an actuator walks over a grid of drive quantities and parameters.
+"""Sweeps: how an actuator moves over a grid of drive quantities and parameters.
 
 Every point of the grid is its own simulation from rest; the last of its cycles is measured
 (`cycle_metrics`).  Points are run side by side in blocks, blocks on every core, so that memory
@@ -121,8 +121,8 @@ class _Block(eqx.Module):
         times = jnp.concatenate([(self.cycles - 1) * period + phases, self.cycles * period + phases])
         state, _, _, failure = integrate_to_times(StickSlip(actuator, drive), times, self.accuracy)
         y, _ = jax.vmap(actuator.driven_platform.platform)(state.driven)
-        walk = cycle_metrics(times, y - state.d, frequency, (self.cycles - 1) * period, 1, fall)
-        metrics = jnp.stack([getattr(walk, name)[0] for name in METRICS])
+        measured = cycle_metrics(times, y - state.d, frequency, (self.cycles - 1) * period, 1, fall)
+        metrics = jnp.stack([getattr(measured, name)[0] for name in METRICS])
         return jnp.where(failure > 0, jnp.nan, metrics), jnp.where(jnp.isfinite(metrics).all(), failure, 2)
 
 
@@ -138,7 +138,7 @@ def _run(block: _Block, points: np.ndarray, progress: Callable[[int, int], None]
     blocks = padded.reshape(-1, LANES, points.shape[1])
     found = np.empty((len(padded), len(METRICS) + 1))
 
-    def one(number: int) -> None:
+    def run_block(number: int) -> None:
         metrics, failure = _compiled(block, jnp.asarray(blocks[number]))
         place = slice(number * LANES, (number + 1) * LANES)
         found[place, :-1], found[place, -1] = metrics, failure
@@ -146,7 +146,7 @@ def _run(block: _Block, points: np.ndarray, progress: Callable[[int, int], None]
     done = 0
     with ThreadPoolExecutor(workers) as pool:
         # The first block alone: it compiles what the others share.
-        order = itertools.chain(map(one, range(1)), pool.map(one, range(1, len(blocks))))
+        order = itertools.chain(map(run_block, range(1)), pool.map(run_block, range(1, len(blocks))))
         for _ in order:
             done = min(done + LANES, count)
             if progress is not None:

@@ -63,9 +63,9 @@ def test_segments_of_a_drive_join_up_to_its_voltage(drive):
     for begin, segment in corners(drive, 9):
         if not np.isfinite(begin) or segment.duration == 0.0:
             continue
-        lapse = np.linspace(0.01, 0.99, 7) * min(float(segment.duration), 1.0)
-        expected = [float(segment.voltage(t).level) for t in lapse]
-        np.testing.assert_allclose(drive.at(jnp.asarray(begin + lapse)), expected, rtol=0.0, atol=1e-9)
+        elapsed = np.linspace(0.01, 0.99, 7) * min(float(segment.duration), 1.0)
+        expected = [float(segment.voltage(t).level) for t in elapsed]
+        np.testing.assert_allclose(drive.at(jnp.asarray(begin + elapsed)), expected, rtol=0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("drive", DRIVES, ids=str)
@@ -98,11 +98,11 @@ def test_the_fall_time_can_be_differentiated_at_zero(direction):
     assert [float(x) for x in slopes] == pytest.approx([1.0, -1.0])
 
 
-def moved(piezo: AbstractPiezo, segment: Segment, after: float, lapse: float, begin) -> np.ndarray:
-    """The state a time `lapse` later, by an integrator that knows only the rate."""
+def moved(piezo: AbstractPiezo, segment: Segment, after: float, elapsed: float, begin) -> np.ndarray:
+    """The state a time `elapsed` later, by an integrator that knows only the rate."""
     rates = lambda time, state: piezo.rate(tuple(state), segment.voltage(after + time), 0.0)
     rate = jax.jit(lambda time, state: jnp.stack([jnp.asarray(x, float) for x in rates(time, state)]))
-    return solve_ivp(rate, (0.0, lapse), begin, method="DOP853", rtol=1e-12, atol=1e-16).y[:, -1]
+    return solve_ivp(rate, (0.0, elapsed), begin, method="DOP853", rtol=1e-12, atol=1e-16).y[:, -1]
 
 
 SEGMENTS = {

@@ -48,9 +48,9 @@ def pieces(drive, until):
 def test_segments_join_up_to_the_voltage_and_reach_as_far_as_they_say(drive):
     found = pieces(drive, 0.17)
     for begin, segment in found:
-        lapse = np.linspace(0.01, 0.99, 9) * min(float(segment.duration), 1.0)
-        shown = [float(segment.voltage(x).level) for x in lapse]
-        np.testing.assert_allclose(shown, drive.at(jnp.asarray(begin + lapse)), rtol=0.0, atol=1e-9)
+        elapsed = np.linspace(0.01, 0.99, 9) * min(float(segment.duration), 1.0)
+        shown = [float(segment.voltage(x).level) for x in elapsed]
+        np.testing.assert_allclose(shown, drive.at(jnp.asarray(begin + elapsed)), rtol=0.0, atol=1e-9)
     last, segment = found[-1]
     assert last + float(segment.duration) >= 0.17
     np.testing.assert_array_equal(drive.at(jnp.asarray([-1.0, -1e-9])), 0.0)

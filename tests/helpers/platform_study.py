@@ -36,8 +36,8 @@ def write_platform(folder, text=PLATFORM):
     """The study and its record, with noise; the study's path."""
     time = np.arange(-0.005, 0.035, 5e-5)
     ring = RATE * math.sqrt(1.0 - DAMPING**2)
-    lapse = np.maximum(time, 0.0)
-    fade = np.exp(-DAMPING * RATE * lapse) * (np.cos(ring * lapse) + DAMPING * RATE / ring * np.sin(ring * lapse))
+    elapsed = np.maximum(time, 0.0)
+    fade = np.exp(-DAMPING * RATE * elapsed) * (np.cos(ring * elapsed) + DAMPING * RATE / ring * np.sin(ring * elapsed))
     motion = 50.0 * GAIN * (1.0 - fade) + ZERO + np.random.default_rng(3).normal(0.0, NOISE, time.size)
     rows = np.stack([time, 1e6 * motion], axis=1)
     np.savetxt(folder / "step.csv", rows, "%.7f", ",", header="time_s,displacement_um", comments="")

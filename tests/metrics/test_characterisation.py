@@ -1,4 +1,4 @@
-"""`pdssjax characterise` finds the cycles of a record by itself and says how the actuator walks or pushes."""
+"""`pdssjax characterise` finds the cycles of a record by itself and says how the actuator moves or pushes."""
 
 import csv
 import json
@@ -17,8 +17,8 @@ MEASURED = Path(__file__).parents[2] / "experiments" / "liu2015" / "endeffector_
 PER_CYCLE = 160
 
 
-def walk(cycles, frequency, phase=0.0, stroke=6.5, back=3.2):
-    """Times [s] and an ideal walk [um] that begins `phase` of a cycle after a slip."""
+def stick_slip(cycles, frequency, phase=0.0, stroke=6.5, back=3.2):
+    """Times [s] and an ideal stick-slip motion [um] that begins `phase` of a cycle after a slip."""
     turn = phase + (np.arange(round(cycles * PER_CYCLE)) + 0.5) / PER_CYCLE
     cycle, part = np.divmod(turn, 1.0)
     return 7.0 + (turn - phase) / frequency, cycle * (stroke - back) + stroke * part
@@ -40,8 +40,8 @@ def written(path: Path, time, values, header="time_s,displacement_um") -> Path:
 def test_cycles_are_found_wherever_the_record_begins_and_whichever_way_it_walks(
     tmp_path, frequency, phase, sign, complete
 ):
-    time, motion = walk(12.3, frequency, phase)
-    found = characterise(written(tmp_path / "walk.csv", time, sign * noisy(motion)))
+    time, motion = stick_slip(12.3, frequency, phase)
+    found = characterise(written(tmp_path / "motion.csv", time, sign * noisy(motion)))
     assert found.cycles.falls == (sign < 0)
     assert found.cycles.count == complete
     assert found.cycles.start == pytest.approx(time[0] + (phase > 0.1) * (1 - phase) / frequency, abs=0.03 / frequency)
@@ -54,25 +54,25 @@ def test_cycles_are_found_wherever_the_record_begins_and_whichever_way_it_walks(
 
 
 def test_a_slow_drift_larger_than_the_slip_does_not_hide_it(tmp_path):
-    time, motion = walk(20, 5.0, back=0.65)
+    time, motion = stick_slip(20, 5.0, back=0.65)
     drift = 1.5 * np.sin(4.0 * (time - time[0]) / (time[-1] - time[0]))
-    found = characterise(written(tmp_path / "walk.csv", time, noisy(motion + drift)))
+    found = characterise(written(tmp_path / "motion.csv", time, noisy(motion + drift)))
     assert found.cycles.seen == pytest.approx(5.0, rel=1e-3)
     assert found.summary["back_slip"].mean == pytest.approx(0.65e-6, rel=0.05)
 
 
 def test_rest_before_and_after_the_drive_is_left_out(tmp_path):
-    time, motion = walk(14, 5.0)
+    time, motion = stick_slip(14, 5.0)
     motion = np.concatenate([np.zeros(3 * PER_CYCLE), motion[: 8 * PER_CYCLE], np.full(3 * PER_CYCLE, 26.4)])
-    found = characterise(written(tmp_path / "walk.csv", time, noisy(motion)))
+    found = characterise(written(tmp_path / "motion.csv", time, noisy(motion)))
     assert found.cycles.count == 7
     assert found.cycles.start == pytest.approx(time[0] + 0.6, abs=2e-3)
     assert found.summary["net_step"].mean == pytest.approx(3.3e-6, rel=2e-3)
 
 
 def test_the_found_frequency_costs_precision_and_a_given_one_does_not(tmp_path):
-    time, motion = walk(9.5, 5.0)
-    file = written(tmp_path / "walk.csv", time, noisy(motion))
+    time, motion = stick_slip(9.5, 5.0)
+    file = written(tmp_path / "motion.csv", time, noisy(motion))
     found, given = characterise(file), characterise(file, frequency=5.0)
     assert found.summary["net_step"].standard_error > given.summary["net_step"].standard_error
     assert given.cycles.frequency == 5.0
@@ -105,15 +105,15 @@ def test_a_measured_record_gives_what_was_read_off_its_plot():
 
 
 def test_a_window_keeps_part_of_the_record(tmp_path):
-    time, motion = walk(12, 5.0)
-    found = characterise(written(tmp_path / "walk.csv", time, motion), window=(7.5, 8.7))
+    time, motion = stick_slip(12, 5.0)
+    found = characterise(written(tmp_path / "motion.csv", time, motion), window=(7.5, 8.7))
     assert found.time[0] >= 7.5
     assert found.cycles.count == 4
 
 
 def test_a_slip_that_takes_time_shortens_the_stroke(tmp_path):
-    time, motion = walk(8, 5.0)
-    file = written(tmp_path / "walk.csv", time, noisy(motion))
+    time, motion = stick_slip(8, 5.0)
+    file = written(tmp_path / "motion.csv", time, noisy(motion))
     whole, part = characterise(file, frequency=5.0), characterise(file, frequency=5.0, slip_duration=0.02)
     assert part.summary["stroke"].mean == pytest.approx(0.9 * whole.summary["stroke"].mean, rel=2e-3)
     assert part.summary["net_step"].mean == pytest.approx(whole.summary["net_step"].mean, rel=1e-3)
@@ -139,24 +139,24 @@ def test_a_sine_is_no_stick_and_slip(tmp_path):
 
 
 def test_a_frequency_beside_the_slips_own_is_mentioned(tmp_path):
-    time, motion = walk(9.5, 5.0)
-    file = written(tmp_path / "walk.csv", time, noisy(motion))
+    time, motion = stick_slip(9.5, 5.0)
+    file = written(tmp_path / "motion.csv", time, noisy(motion))
     with pytest.warns(InputWarning, match=r"the slips come at (5|4\.999|5\.000).* Hz, while 4\.98 Hz was given"):
         characterise(file, frequency=4.98)
 
 
 def test_one_cycle_has_no_scatter_and_says_so(tmp_path):
-    time, motion = walk(1.9, 5.0)
+    time, motion = stick_slip(1.9, 5.0)
     with pytest.warns(InputWarning, match="one complete cycle only"):
-        found = characterise(written(tmp_path / "walk.csv", time, noisy(motion)), frequency=5.0)
+        found = characterise(written(tmp_path / "motion.csv", time, noisy(motion)), frequency=5.0)
     assert np.isnan(found.summary["stroke"].standard_error)
     assert found.summary["stroke"].mean == pytest.approx(6.5e-6, rel=0.01)
 
 
 @pytest.mark.parametrize("sign", [1, -1])
 def test_the_figure_marks_the_turning_points_beside_their_slips(sign, tmp_path):
-    time, motion = walk(6.5, 5.0, back=0.7)
-    found = characterise(written(tmp_path / "walk.csv", time, sign * noisy(motion)))
+    time, motion = stick_slip(6.5, 5.0, back=0.7)
+    found = characterise(written(tmp_path / "motion.csv", time, sign * noisy(motion)))
     slips = found.cycles.start + np.arange(found.cycles.count + 1) / 5.0
     figure = cycle_figure(found)
     figure.canvas.draw()
@@ -167,7 +167,7 @@ def test_the_figure_marks_the_turning_points_beside_their_slips(sign, tmp_path):
     np.testing.assert_allclose(np.asarray(before.get_ydata()), 1e6 * sign * found.before[np.isfinite(found.before)])
 
 
-TIME, MOTION = walk(6, 5.0)
+TIME, MOTION = stick_slip(6, 5.0)
 STEP = np.where(TIME > 7.3, 5.0, 0.0)
 
 # name: (header, columns beside the time, options, what the message must contain)
@@ -208,7 +208,7 @@ FAULTS = {
 @pytest.mark.parametrize("name", FAULTS)
 def test_input_at_fault_is_refused_by_name(name, tmp_path):
     header, columns, options, expected = FAULTS[name]
-    file = written(tmp_path / "walk.csv", TIME, np.column_stack(columns), header)
+    file = written(tmp_path / "motion.csv", TIME, np.column_stack(columns), header)
     with pytest.raises(InputError) as caught:
         characterise(file, **options)
     message = str(caught.value)
@@ -222,13 +222,13 @@ def test_time_that_goes_back_is_refused_with_its_line(tmp_path):
     time = TIME.copy()
     time[10] = time[8]
     with pytest.raises(InputError, match=r'line 12, column "time_s".*expected times that increase'):
-        characterise(written(tmp_path / "walk.csv", time, MOTION))
+        characterise(written(tmp_path / "motion.csv", time, MOTION))
 
 
 def test_a_single_slip_tells_no_frequency(tmp_path):
-    time, motion = walk(1.6, 5.0, phase=0.2)
+    time, motion = stick_slip(1.6, 5.0, phase=0.2)
     with pytest.raises(InputError, match="found"):
-        characterise(written(tmp_path / "walk.csv", time, noisy(motion)))
+        characterise(written(tmp_path / "motion.csv", time, noisy(motion)))
 
 
 def test_noise_alone_has_no_cycles(tmp_path):
@@ -237,8 +237,8 @@ def test_noise_alone_has_no_cycles(tmp_path):
 
 
 def test_the_command_prints_a_table_and_writes_json_cycles_and_figures(tmp_path, capsys):
-    time, motion = walk(5, 5.0)
-    walking = written(tmp_path / "walk.csv", 1e3 * time, motion, "Time_ms,position")
+    time, motion = stick_slip(5, 5.0)
+    walking = written(tmp_path / "motion.csv", 1e3 * time, motion, "Time_ms,position")
     out = tmp_path / "out"
     arguments = ["characterise", str(walking), str(EXAMPLE / "sawtooth_5Hz_B.csv"), "--unit", "displacement=um"]
     assert cli.main([*arguments[:2], *arguments[3:], "--displacement", "position", "--frequency", "5 Hz"]) == 0
@@ -267,10 +267,10 @@ def test_the_command_prints_a_table_and_writes_json_cycles_and_figures(tmp_path,
     [
         (["nowhere.csv"], "nowhere.csv: there is no such file"),
         ([], "FILE"),
-        (["walk.csv", "--frequency", "5 um"], "--frequency"),
-        (["walk.csv", "--window", "2 s", "1 s"], "2 s to 1 s"),
-        (["walk.csv", "--unit", "um"], "--unit"),
-        (["walk.csv", "--displacement", "a", "--force", "b"], "not allowed with"),
+        (["motion.csv", "--frequency", "5 um"], "--frequency"),
+        (["motion.csv", "--window", "2 s", "1 s"], "2 s to 1 s"),
+        (["motion.csv", "--unit", "um"], "--unit"),
+        (["motion.csv", "--displacement", "a", "--force", "b"], "not allowed with"),
     ],
 )
 def test_a_wrong_command_line_gives_status_2_and_one_line(options, expected, capsys):

@@ -21,7 +21,7 @@ STROKE, BACK, FREQUENCY = 6.5e-6, 3.2e-6, 5.0
 NOISE, QUANTUM = 1e-8, 1e-8
 
 
-def walk(time, fall=0.0, bend=0.0, stroke=STROKE, back=BACK, frequency=FREQUENCY):
+def stick_slip(time, fall=0.0, bend=0.0, stroke=STROKE, back=BACK, frequency=FREQUENCY):
     """An end-effector that slips at t = 0, 1/f, ...: back by `back` within `fall`, then forth by `stroke` [m].
 
     `bend` lifts the middle of the slow flank off its chord, as hysteresis does.
@@ -36,7 +36,7 @@ def walk(time, fall=0.0, bend=0.0, stroke=STROKE, back=BACK, frequency=FREQUENCY
 def measured(time, seed=0, **made):
     """The same with noise, rounded to the sensor's resolution."""
     noise = np.random.default_rng(seed).normal(0.0, NOISE, len(time))
-    return np.round((walk(time, **made) + noise) / QUANTUM) * QUANTUM
+    return np.round((stick_slip(time, **made) + noise) / QUANTUM) * QUANTUM
 
 
 def samples(cycles, interval=1e-3):
@@ -46,7 +46,7 @@ def samples(cycles, interval=1e-3):
 
 def test_an_ideal_sawtooth_gives_its_stroke_back_slip_efficiency_and_speed():
     time = samples(8)
-    found = cycle_metrics(time, walk(time), FREQUENCY, 0.0, 7)
+    found = cycle_metrics(time, stick_slip(time), FREQUENCY, 0.0, 7)
     np.testing.assert_allclose(found.stroke, STROKE, rtol=1e-12)
     np.testing.assert_allclose(found.back_slip, BACK, rtol=1e-12)
     np.testing.assert_allclose(found.net_step, STROKE - BACK, rtol=1e-12)
@@ -57,7 +57,7 @@ def test_an_ideal_sawtooth_gives_its_stroke_back_slip_efficiency_and_speed():
 
 def test_backward_motion_is_the_mirror_image():
     time = samples(4)
-    forward, backward = (cycle_metrics(time, sign * walk(time), FREQUENCY, 0.0, 3) for sign in (1, -1))
+    forward, backward = (cycle_metrics(time, sign * stick_slip(time), FREQUENCY, 0.0, 3) for sign in (1, -1))
     np.testing.assert_allclose(backward.stroke, -forward.stroke)
     np.testing.assert_allclose(backward.speed, -forward.speed)
     np.testing.assert_allclose(backward.efficiency, forward.efficiency)
@@ -65,14 +65,14 @@ def test_backward_motion_is_the_mirror_image():
 
 def test_a_slip_that_takes_time_is_not_counted_as_sticking():
     time, fall = samples(6), 0.015
-    found = cycle_metrics(time, walk(time, fall), FREQUENCY, 0.0, 5, fall)
+    found = cycle_metrics(time, stick_slip(time, fall), FREQUENCY, 0.0, 5, fall)
     np.testing.assert_allclose(found.stroke, STROKE, rtol=1e-12)
     np.testing.assert_allclose(found.back_slip, BACK, rtol=1e-12)
 
 
 def test_a_flank_bent_by_hysteresis_keeps_its_stroke():
     time = samples(5)
-    found = cycle_metrics(time, walk(time, bend=0.3e-6), FREQUENCY, 0.0, 4)
+    found = cycle_metrics(time, stick_slip(time, bend=0.3e-6), FREQUENCY, 0.0, 4)
     np.testing.assert_allclose(found.stroke, STROKE, rtol=1e-12)
     np.testing.assert_allclose(found.net_step, STROKE - BACK, rtol=1e-12)
 
@@ -102,12 +102,12 @@ def test_turning_points_are_exact_without_noise_and_widened_by_it():
     time = samples(50)
     corners = np.arange(50) / FREQUENCY
     time = np.sort(np.concatenate([time, corners - 1e-9, corners + 4e-3 + 1e-9]))
-    exact = turning_points(time, walk(time, 4e-3), FREQUENCY, 0.0, 50, 4e-3)
+    exact = turning_points(time, stick_slip(time, 4e-3), FREQUENCY, 0.0, 50, 4e-3)
     steps = np.arange(50) * (STROKE - BACK)
     np.testing.assert_allclose(exact.before, steps, atol=1e-12)
     np.testing.assert_allclose(exact.after, steps - BACK, atol=1e-12)
     noise = 0.1e-6  # some samples' worth of the flank, so that several compete for the extreme
-    loud = walk(time, 4e-3) + np.random.default_rng(2).normal(0.0, noise, len(time))
+    loud = stick_slip(time, 4e-3) + np.random.default_rng(2).normal(0.0, noise, len(time))
     noisy = turning_points(time, loud, FREQUENCY, 0.0, 50, 4e-3)
     assert np.mean(noisy.before - noisy.after) - BACK > noise
     lines = cycle_metrics(time, loud, FREQUENCY, 0.0, 49, 4e-3).back_slip
@@ -116,36 +116,38 @@ def test_turning_points_are_exact_without_noise_and_widened_by_it():
 
 def test_a_drift_of_the_zero_adds_to_stroke_and_net_step_alike():
     time, drift = samples(5), 1e-6
-    still, moving = (cycle_metrics(time, walk(time) + d * time, FREQUENCY, 0.0, 4) for d in (0.0, drift))
+    still, moving = (cycle_metrics(time, stick_slip(time) + d * time, FREQUENCY, 0.0, 4) for d in (0.0, drift))
     np.testing.assert_allclose(moving.stroke - still.stroke, drift / FREQUENCY, rtol=1e-9)
     np.testing.assert_allclose(moving.net_step - still.net_step, drift / FREQUENCY, rtol=1e-9)
 
 
 def test_cycles_that_are_not_there_are_nan():
     time = samples(3)
-    found = cycle_metrics(time, walk(time), FREQUENCY, 0.0, 5)
+    found = cycle_metrics(time, stick_slip(time), FREQUENCY, 0.0, 5)
     np.testing.assert_array_equal(np.isnan(found.net_step), [False, False, True, True, True])
-    few = cycle_metrics(time[::50], walk(time[::50]), FREQUENCY, 0.0, 2)
+    few = cycle_metrics(time[::50], stick_slip(time[::50]), FREQUENCY, 0.0, 2)
     assert np.isnan(few.stroke).all()
 
 
 def test_metrics_work_under_jit_and_vmap_and_have_the_analytic_gradient():
     time = samples(4)
     efficiency = jax.jit(
-        lambda stroke, back: cycle_metrics(time, walk(time, stroke=stroke, back=back), FREQUENCY, 0.0, 3).efficiency[1]
+        lambda stroke, back: cycle_metrics(
+            time, stick_slip(time, stroke=stroke, back=back), FREQUENCY, 0.0, 3
+        ).efficiency[1]
     )
     backs = jnp.array([1e-6, 2e-6, 7e-6])
     np.testing.assert_allclose(jax.vmap(efficiency, (None, 0))(STROKE, backs), 1 - backs / STROKE, rtol=1e-12)
     slope = jax.grad(efficiency, (0, 1))(STROKE, BACK)
     np.testing.assert_allclose(slope, (BACK / STROKE**2, -1 / STROKE), rtol=1e-10)
-    speed = lambda frequency: cycle_metrics(time, walk(time, frequency=frequency), frequency, 0.0, 2).speed[0]
+    speed = lambda frequency: cycle_metrics(time, stick_slip(time, frequency=frequency), frequency, 0.0, 2).speed[0]
     # 4.9 Hz, so that no sample lies on the end of a fitted part.
     assert jax.grad(speed)(4.9) == pytest.approx(STROKE - BACK, rel=1e-9)
 
 
 def test_the_gradient_of_a_noiseless_record_is_finite():
     time = samples(4)
-    total = lambda shift: sum(jnp.sum(entry) for entry in cycle_metrics(time, walk(time) + shift, 5.0, 0.0, 3))
+    total = lambda shift: sum(jnp.sum(entry) for entry in cycle_metrics(time, stick_slip(time) + shift, 5.0, 0.0, 3))
     assert np.isfinite(jax.grad(total)(jnp.zeros_like(time))).all()
 
 

@@ -118,16 +118,16 @@ def test_the_platform_has_the_derivatives_of_central_differences_in_every_number
 
 
 @pytest.mark.parametrize("damping", [0.2, 0.99999, 1.0, 1.00001, 1.4, 8.0])
-@pytest.mark.parametrize("lapse", [1e-8, 1e-5, 3e-4, 0.004])
-def test_a_free_oscillation_of_any_damping_is_that_of_the_matrix_exponential(damping, lapse):
+@pytest.mark.parametrize("elapsed", [1e-8, 1e-5, 3e-4, 0.004])
+def test_a_free_oscillation_of_any_damping_is_that_of_the_matrix_exponential(damping, elapsed):
     matrix = np.array([[0.0, 1.0], [-(W**2), -2 * damping * W]])
     scale = np.diag([W, 1.0])  # the exponential is as precise as its norm is small
-    expected = np.linalg.inv(scale) @ expm(lapse * scale @ matrix @ np.linalg.inv(scale)) @ scale @ [2e-6, -0.01]
-    for value, wanted, unit in zip(damped(2e-6, -0.01, W, damping, lapse), expected, (2e-6, 0.01), strict=True):
+    expected = np.linalg.inv(scale) @ expm(elapsed * scale @ matrix @ np.linalg.inv(scale)) @ scale @ [2e-6, -0.01]
+    for value, wanted, unit in zip(damped(2e-6, -0.01, W, damping, elapsed), expected, (2e-6, 0.01), strict=True):
         assert float(value) == pytest.approx(wanted, rel=1e-8, abs=1e-12 * unit)
     if damping < 0.9:
-        again = underdamped(2e-6, -0.01, W, damping, lapse)
-        np.testing.assert_allclose(again, damped(2e-6, -0.01, W, damping, lapse), rtol=1e-12)
+        again = underdamped(2e-6, -0.01, W, damping, elapsed)
+        np.testing.assert_allclose(again, damped(2e-6, -0.01, W, damping, elapsed), rtol=1e-12)
 
 
 @pytest.mark.parametrize("piezo", [SecondOrder, DistributedRod, Static])
@@ -135,15 +135,15 @@ def test_a_free_oscillation_of_any_damping_is_that_of_the_matrix_exponential(dam
 def test_the_closed_form_moves_as_the_rates_say(piezo, wave):
     piezo = piezo()
     segment = Segment(jnp.asarray(jnp.inf), jnp.asarray(20.0), jnp.asarray(3e3), wave)
-    after, lapse = 7e-4, 2.3e-3
+    after, elapsed = 7e-4, 2.3e-3
     voltage = segment.voltage(after)
     follows = (
         (float(piezo.gain * voltage.level), float(piezo.gain * voltage.slope)) if isinstance(piezo, Static) else None
     )
     begin = follows or (3e-6, -0.02)
     rate = jax.jit(lambda t, x: jnp.stack(piezo.rate(tuple(x), segment.voltage(after + t), 0.0)))
-    solved = solve_ivp(rate, (0.0, lapse), begin, method="DOP853", rtol=1e-12, atol=1e-18)
-    moved = piezo.motion(tuple(map(jnp.asarray, begin)), segment, after, lapse)
+    solved = solve_ivp(rate, (0.0, elapsed), begin, method="DOP853", rtol=1e-12, atol=1e-18)
+    moved = piezo.motion(tuple(map(jnp.asarray, begin)), segment, after, elapsed)
     np.testing.assert_allclose(moved, solved.y[:, -1], rtol=1e-9)
 
 

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from ..taylor_series import Series
 
 Polynomials = list[list[Any]]
-"""For each component the coefficients in theta = lapse/reach, lowest first."""
+"""For each component the coefficients in theta = elapsed/step_radius, lowest first."""
 
 
 class Piece(NamedTuple):

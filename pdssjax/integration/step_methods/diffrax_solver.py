@@ -25,7 +25,7 @@ class OneStep(AbstractStepMethod):
 
     @property
     def span(self):
-        # Explicit Runge-Kutta methods are stable up to 2.5 and more; implicit ones damp whatever dies out.
+        # Explicit Runge-Kutta methods are stable up to 2.5 and more; implicit ones damp every decaying component.
         return np.inf if isinstance(self._inner(), diffrax.AbstractImplicitSolver) else 2.5
 
     def __check_init__(self):
@@ -61,10 +61,10 @@ class OneStep(AbstractStepMethod):
 
         term, solver = diffrax.ODETerm(scaled), self._ready()
         start = jnp.stack(x) * scale
-        zero, one = jnp.zeros_like(t_local), jnp.ones_like(t_local)
-        solver_state = solver.init(term, zero, one, start, None)
-        _, error, dense, _, result = solver.step(term, zero, one, start, None, solver_state, False)
-        inner = solver.interpolation_cls(t0=zero, t1=one, **dense)
+        begin, end = jnp.zeros_like(t_local), jnp.ones_like(t_local)
+        solver_state = solver.init(term, begin, end, start, None)
+        _, error, dense, _, result = solver.step(term, begin, end, start, None, solver_state, False)
+        inner = solver.interpolation_cls(t0=begin, t1=end, **dense)
         nodes, fit = _fit(self.degree)
         values = jax.vmap(inner.evaluate)(jnp.asarray(nodes) + 0.0 * t_local)
         coefficients = (jnp.asarray(fit) @ values) / scale

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-# From the palette of Okabe and Ito, told apart by the colour-blind and in grey print.
+# From the palette of Okabe and Ito, distinct also with a colour vision deficiency and in grey print.
 GREY, VERMILION, BLUE, YELLOW = "0.5", "#D55E00", "#0072B2", "#F0E442"
 
 STYLE: dict[Any, Any] = {

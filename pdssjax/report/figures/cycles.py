@@ -17,8 +17,8 @@ def cycle_figure(found: Characterisation) -> Figure:
         figure = Figure(figsize=(7.4, 4.8), layout="constrained")
         panels = figure.subplot_mosaic("RRRCC;RRRSS")
         _draw_cycles(panels["R"], found, scale)
-        for name, reach in [("C", 0.75), ("S", 0.05)]:
-            _draw_overlaid(panels[name], found, scale, reach)
+        for name, periods in [("C", 0.75), ("S", 0.05)]:
+            _draw_overlaid(panels[name], found, scale, periods)
         panels["R"].set_ylabel(f"{found.measures} ({unit})")
         for name in "CS":
             panels[name].set_ylabel(
@@ -56,23 +56,23 @@ def _draw_cycles(axes: Axes, found: Characterisation, scale: float) -> None:
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=2, handletextpad=0.2)
 
 
-def _draw_overlaid(axes: Axes, found: Characterisation, scale: float, reach: float) -> None:
-    """What lies within `reach` periods of each slip, turned so that slow flanks rise."""
-    cycles, turned = found.cycles, found.sign * found.values
+def _draw_overlaid(axes: Axes, found: Characterisation, scale: float, periods: float) -> None:
+    """What lies within `periods` periods of each slip, signed so that slow flanks rise."""
+    cycles, signed = found.cycles, found.sign * found.values
     period = 1.0 / cycles.frequency
     shades = matplotlib.colormaps["cividis"](np.linspace(0.0, 0.9, cycles.count))
-    walks = found.measures == "displacement"
+    moves = found.measures == "displacement"
     for index in range(cycles.count):
         since = found.time - cycles.start - (index + 1) * period
-        near = np.abs(since) <= reach * period
-        zero = np.mean(turned[(since > -0.8 * period) & (since < -0.2 * period)]) if walks else 0.0
-        axes.plot(1e3 * since[near], scale * (turned[near] - zero), color=shades[index], linewidth=0.8)
-    if walks:
+        near = np.abs(since) <= periods * period
+        zero = np.mean(signed[(since > -0.8 * period) & (since < -0.2 * period)]) if moves else 0.0
+        axes.plot(1e3 * since[near], scale * (signed[near] - zero), color=shades[index], linewidth=0.8)
+    if moves:
         stroke, back = (scale * found.summary[name].mean for name in ("stroke", "back_slip"))
-        ends = np.array([-reach, 0.0, 0.0, reach])
+        ends = np.array([-periods, 0.0, 0.0, periods])
         lines = (0.5 + ends) * stroke - back * np.array([0, 0, 1, 1])
         axes.plot(1e3 * period * ends, lines, "--", color=VERMILION, linewidth=1.2)
-    axes.set_xlim(-1e3 * reach * period, 1e3 * reach * period)
+    axes.set_xlim(-1e3 * periods * period, 1e3 * periods * period)
 
 
 def _cycle_caption(found: Characterisation) -> str:

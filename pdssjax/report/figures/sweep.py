@@ -45,7 +45,7 @@ def _lines(axes: Axes, data: Any, name: str, over: list[str]) -> None:
 def _map(axes: Axes, data: Any, name: str, over: list[str]) -> None:
     (y, rows), (x, columns) = ((_shown(data[n])) for n in over)
     values, label = _shown(data[name].transpose(*over))
-    # Where a load wins it walks backward: there zero is the middle of the colours.
+    # Where a load wins the net step is backward: there zero is the middle of the colours.
     known = values[np.isfinite(values)]
     top = float(np.abs(known).max(initial=0.0))
     signed = known.min(initial=0.0) < 0 < known.max(initial=0.0)

@@ -29,9 +29,9 @@ class State(NamedTuple):
 
 def kind(mode):
     """Weights 1 and 0 that say whether the contact slides, sticks or rests."""
-    one, none = jnp.ones_like(mode), jnp.zeros_like(mode)
+    unity, none = jnp.ones_like(mode), jnp.zeros_like(mode)
     return (
-        jnp.where(jnp.abs(mode) == 1.0, one, none),
-        jnp.where(mode == STUCK, one, none),
-        jnp.where(mode == SETTLED, one, none),
+        jnp.where(jnp.abs(mode) == 1.0, unity, none),
+        jnp.where(mode == STUCK, unity, none),
+        jnp.where(mode == SETTLED, unity, none),
     )

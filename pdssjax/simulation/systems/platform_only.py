@@ -54,8 +54,8 @@ class PlatformOnly(AbstractHybridSystem):
         """Time derivative of the state."""
         active = jnp.where(mode == SETTLED, 0.0, 1.0)
         _, w = self.driven_platform.platform(x.driven)
-        lag = tuple(rate * active for rate in self.sensor.rate(x.sensor_lag, w))
-        return State(self.driven_platform.rate(segment, t_local, x.driven, 0.0, active), lag)
+        sensor_lag = tuple(rate * active for rate in self.sensor.rate(x.sensor_lag, w))
+        return State(self.driven_platform.rate(segment, t_local, x.driven, 0.0, active), sensor_lag)
 
     def guards(self, segment: Segment, t_local, x: State, mode) -> tuple:
         """Those of amplifier and piezo."""
@@ -72,8 +72,8 @@ class PlatformOnly(AbstractHybridSystem):
     def is_settled(self, segment: Segment, t_local, x: State, mode, tolerance):
         """Nothing but steady creep is left, to within `tolerance` [m]."""
         away = self.driven_platform.ringing(segment, t_local, x.driven, 0.0)
-        for lag, steady in zip(x.sensor_lag, self._steady_lag(segment, t_local, x), strict=True):
-            away = jnp.maximum(away, jnp.abs(lag - steady))
+        for value, steady in zip(x.sensor_lag, self._steady_lag(segment, t_local, x), strict=True):
+            away = jnp.maximum(away, jnp.abs(value - steady))
         return (mode != SETTLED) & (away < tolerance)
 
     def project_to_steady(self, segment: Segment, t_local, x: State, mode) -> State:
