@@ -1,19 +1,16 @@
-"""The sweep that every simulator does: walks over a grid of voltages and frequencies, and its tight reference.
+"""The sweep that every simulator does: a grid of voltages and frequencies.
 
 Each point is its own run from rest.  It is looked at where `pdssjax.sweep` looks: six samples on
 the slow flank of the last of its cycles and six on the flank that follows.
 """
 
 import dataclasses
-import functools
 import itertools
 
 import numpy as np
 
 from pdssjax.metrics import FLANK
 from pdssjax.sweeps import LANES
-
-from .problem import PARAMETERS
 
 _LINE = 6
 
@@ -59,11 +56,3 @@ def in_blocks(rows: np.ndarray) -> np.ndarray:
     """Rows in the blocks of `pdssjax.sweep`, shape (blocks, lanes, ...); the last row fills the last block."""
     rows = np.concatenate([rows, np.repeat(rows[-1:], -len(rows) % LANES, axis=0)])
     return rows.reshape(-1, LANES, rows.shape[1])
-
-
-@functools.cache
-def right(what: Grid) -> np.ndarray:
-    """The end-effector at every sample [um], by pdssjax at a tolerance of 1e-9 um."""
-    from .peers.pdssjax_taylor import SWEEPING
-
-    return SWEEPING[-1].sweep(what).run(PARAMETERS, 1e-9)

@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from pdssjax import Accuracy, Study
-from pdssjax.inference import SUCCESSES, BoundedLevenbergMarquardt, Ending, least_squares_covariance, transform_of
+from pdssjax.inference import SUCCESSES, BoundedLevenbergMarquardt, iterates, least_squares_covariance, transform_of
 
 _AT_BOUND = 1e-6
 """So near to a bound, on the fit's scale, a parameter is at it."""
@@ -87,12 +87,7 @@ class Curves:
         visible = 1.0 / sum(sizes)
         solver = BoundedLevenbergMarquardt(rtol=1e-4 * visible, slow=0.05 * visible, invisible=0.01 * visible)
 
-        @jax.jit
-        def iterate(point, state, used, options):
-            point, state, _ = solver.step(residual, point, used, options, state, frozenset())
-            return point, state, solver.terminate(residual, point, used, options, state, frozenset())[0]
-
-        self._iterate = iterate
+        self._solver, self._residual = solver, residual
         self._begin = lambda point: solver.init(residual, point, None, {}, blank, shapes, frozenset())
 
     def predict(self, point: Float[np.ndarray, " p"]) -> tuple[list[np.ndarray], list[np.ndarray]]:
@@ -125,9 +120,8 @@ class Curves:
         low, high = (np.where(fitted, end, point) for end in (self.transform.low, self.transform.high))
         options = {"lower": low, "upper": high}
         point = jnp.clip(point, low, high)
-        point, state, over = self._iterate(point, self._begin(point), used, options)
-        while not over and (int(state.iterations) < limit or int(state.ending) != Ending.RUNNING):
-            point, state, over = self._iterate(point, state, used, options)
+        run = iterates(self._solver, self._residual, point, used, options, self._begin(point), limit)
+        *_, (point, state) = run
         return np.asarray(point), state
 
     def _found(self, point, state, inside, free, used) -> Found:

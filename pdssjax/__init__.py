@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from .inference import FitInterrupted as FitInterrupted
     from .inference import identify as identify
     from .inference import initial_guess as initial_guess
+    from .inference import pose_problem as pose_problem
     from .integration import AbstractHybridSystem as AbstractHybridSystem
     from .integration import AbstractStepMethod as AbstractStepMethod
     from .integration import Accuracy as Accuracy
@@ -40,7 +41,7 @@ else:
             "drive.base": ["AbstractDrive"],
             "files": ["characterise", "load_study"],
             "friction.base": ["AbstractFriction"],
-            "inference": ["FitInterrupted", "identify", "initial_guess"],
+            "inference": ["FitInterrupted", "identify", "initial_guess", "pose_problem"],
             "integration": ["AbstractHybridSystem", "AbstractStepMethod", "Accuracy", "OneStep", "Taylor"],
             "piezo.base": ["AbstractPiezo"],
             "simulation": ["simulate"],

@@ -16,6 +16,9 @@ core integration drive piezo friction actuator simulation metrics study inferenc
 """.split()
 """Rooms, lowest first; each imports only rooms before it."""
 
+FAMILIES = "drive", "piezo", "friction"
+"""Rooms whose members are known by their file."""
+
 FACELESS = {"cli": set(), "core": {"lazy"}}
 """Modules that other rooms may import although no face shows them."""
 
@@ -24,7 +27,7 @@ HOMES = {
     "optimistix": {
         "integration.step_methods.diffrax_solver",
         "inference.levenberg_marquardt",
-        "inference.least_squares",
+        "inference.iterations",
     },
     "matplotlib": {"report.figures"},
     "pint": {"core.units"},
@@ -46,7 +49,7 @@ def dotted(path: Path) -> str:
 
 def imported(path: Path) -> list[tuple[str, list[str]]]:
     """What a file imports, at its top or within a function, in absolute terms: (module, names)."""
-    package = ("pdssjax", *path.relative_to(PACKAGE).parts[:-1])
+    package = path.relative_to(ROOT).parts[:-1]
     found = []
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
@@ -126,11 +129,55 @@ def test_modules_do_not_import_each_other_in_a_circle():
                     for m in {module, *wholes}
                     if m in needs and (PACKAGE / m.replace(".", "/")).with_suffix(".py").exists()
                 }
+    left = in_a_circle(needs)
+    assert not left, f"in a circle, or above one: {sorted(left)}"
+
+
+def in_a_circle(needs: dict[str, set[str]]) -> set[str]:
+    """The modules that import each other in a circle, and those above one; `needs` tells what each imports."""
     left = dict(needs)
     while ready := [module for module, below in left.items() if not below & set(left)]:
         for module in ready:
             del left[module]
+    return set(left)
+
+
+def test_a_circle_is_found():
+    assert in_a_circle({"a": {"b"}, "b": {"c"}, "c": {"b"}, "d": set()}) == {"a", "b", "c"}
+
+
+def of_folder(name: str) -> dict[str, Path]:
+    """The modules of a folder beside the package, by name; a package by the folder's."""
+    paths = sorted((ROOT / name).rglob("*.py"))
+    return {".".join(p.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): p for p in paths}
+
+
+@pytest.mark.parametrize("folder", ["benchmarks", "experiments"])
+def test_scripts_do_not_import_each_other_in_a_circle(folder):
+    modules = of_folder(folder)
+    needs: dict[str, set[str]] = {}
+    for name, path in modules.items():
+        found = imported(path)
+        needs[name] = {
+            m for module, names in found for m in (module, *(f"{module}.{n}" for n in names)) if m in modules
+        }
+    left = in_a_circle(needs)
     assert not left, f"in a circle, or above one: {sorted(left)}"
+
+
+@pytest.mark.parametrize("folder", ["benchmarks", "experiments"])
+def test_scripts_know_the_package_by_its_faces_and_its_members(folder):
+    for name, path in of_folder(folder).items():
+        for module, names in inside(path):
+            room, *below = module.split(".")
+            if not module:
+                known = set(importlib.import_module("pdssjax").__all__)
+            elif room in FAMILIES and below:
+                known = {member for member in names if not below[0].startswith("_")}
+            else:
+                assert not below, f"{name} imports pdssjax.{module}"
+                known = shown(room)
+            assert set(names) <= known, f"{name} imports {sorted(set(names) - known)} of pdssjax.{module}"
 
 
 @pytest.mark.parametrize("dependency", HOMES)

@@ -13,8 +13,11 @@ if TYPE_CHECKING:
     from .identification import identify as identify
     from .initial_values.guess import initial_guess as initial_guess
     from .initial_values.search import guess_starts as guess_starts
+    from .iterations import iterates as iterates
     from .levenberg_marquardt import BoundedLevenbergMarquardt as BoundedLevenbergMarquardt
     from .parameter_transform import transform_of as transform_of
+    from .problem import Problem as Problem
+    from .problem import pose_problem as pose_problem
     from .residual import Residual as Residual
     from .residual import as_weights as as_weights
 else:
@@ -28,8 +31,10 @@ else:
             "identification": ["FitInterrupted", "identify"],
             "initial_values.guess": ["initial_guess"],
             "initial_values.search": ["guess_starts"],
+            "iterations": ["iterates"],
             "levenberg_marquardt": ["BoundedLevenbergMarquardt"],
             "parameter_transform": ["transform_of"],
+            "problem": ["Problem", "pose_problem"],
             "residual": ["Residual", "as_weights"],
         },
     )

@@ -4,7 +4,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .least_squares import MAX_ITERATIONS, Fit, Problem, Progress, Run, evaluated, unwatched
+from .least_squares import MAX_ITERATIONS, Fit, Progress, Run, evaluated
+from .problem import Problem, unwatched
 
 
 class Point(NamedTuple):

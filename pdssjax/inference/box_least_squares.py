@@ -7,7 +7,7 @@ the objective, so that no set comes twice and the method ends.  R is the triangl
 of the Jacobian; forming J'J would square its condition number.
 
 The damping that keeps the solution within a radius is found by Newton's method on the reciprocal of its
-length (J. J. Moré, Lecture Notes in Mathematics 630, 1978); the length falls as the damping grows, with
+norm (J. J. Moré, Lecture Notes in Mathematics 630, 1978); the norm falls as the damping grows, with
 bounds too, because the set is convex.
 """
 
@@ -70,24 +70,24 @@ def solve_in_ball_and_box(upper: Array, projected: Array, radius: Array, low: Ar
 
     def go_on(carry):
         damping, _, _, found, count = carry
-        length = jnp.linalg.norm(found.x)
-        enough = (length <= radius * (1.0 + _NEAR)) & ((length >= radius * (1.0 - _NEAR)) | (damping <= least))
+        norm = jnp.linalg.norm(found.x)
+        enough = (norm <= radius * (1.0 + _NEAR)) & ((norm >= radius * (1.0 - _NEAR)) | (damping <= least))
         return ~enough & (count < _DAMPINGS)
 
     def try_another(carry):
         damping, low_end, high_end, found, count = carry
-        length = jnp.linalg.norm(found.x)
-        low_end = jnp.where(length > radius, jnp.maximum(low_end, damping), low_end)
-        high_end = jnp.where(length < radius, jnp.minimum(high_end, damping), high_end)
+        norm = jnp.linalg.norm(found.x)
+        low_end = jnp.where(norm > radius, jnp.maximum(low_end, damping), low_end)
+        high_end = jnp.where(norm < radius, jnp.minimum(high_end, damping), high_end)
         inside = found.x * ~(found.at_low | found.at_high)
-        turned = jnp.linalg.norm(solve_triangular(found.factor, inside, trans=1))
-        newton = damping + (length - radius) / radius * (length / jnp.maximum(turned, 1e-300)) ** 2
+        weighted = jnp.linalg.norm(solve_triangular(found.factor, inside, trans=1))
+        newton = damping + (norm - radius) / radius * (norm / jnp.maximum(weighted, 1e-300)) ** 2
         safe = (newton > low_end) & (newton < high_end)
         damping = jnp.where(safe, newton, jnp.sqrt(low_end * high_end))
         return damping, low_end, high_end, solve_in_box(upper, projected, damping, low, high), count + 1
 
     first = solve_in_box(upper, projected, least, low, high)
-    # The length is at most the gradient's over the damping.
+    # The norm is at most the gradient's over the damping.
     begin = (least, least, jnp.maximum(2.0 * steepest / radius, 4.0 * least), first, jnp.zeros((), int))
     return lax.while_loop(go_on, try_another, begin)[3]
 

@@ -65,5 +65,5 @@ def exceeds_floor(record: FittedRecord) -> bool:
 
 def neighbour_correlation(record: FittedRecord) -> float:
     """Correlation of neighbouring residuals: 0 for white noise, towards 1 for a misfit that is smooth."""
-    rest = record.measured - record.predicted
-    return float(np.sum(rest[1:] * rest[:-1]) / max(np.sum(rest**2), 1e-300))
+    residual = record.measured - record.predicted
+    return float(np.sum(residual[1:] * residual[:-1]) / max(np.sum(residual**2), 1e-300))

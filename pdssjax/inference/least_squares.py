@@ -7,13 +7,12 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from ..integration import Accuracy
-from ..study import Record, Study, noise_floor
 from .ending import SUCCESSES, Ending
-from .initial_values.guess import initial_guess
+from .iterations import iterate, iterates
 from .levenberg_marquardt import BoundedLevenbergMarquardt, LMState
-from .parameter_transform import ParameterTransform, transform_of
-from .residual import Residual, as_weights
+from .parameter_transform import ParameterTransform
+from .problem import Problem
+from .residual import as_weights
 
 Progress = Callable[[str], None]
 
@@ -22,82 +21,26 @@ MAX_ITERATIONS = 200
 INVISIBLE = 0.01
 """Decrease of chi-square, in units of the reduced chi-square, that is a tenth of a standard error: not to be seen."""
 
-LOST = "the actuator cannot be simulated at the start"
+START_FAILED = "the actuator cannot be simulated at the start"
 
 MESSAGES = {
     Ending.CONVERGED: "the gradient is small, and no step would change chi-square visibly",
     Ending.WITHIN_ROUNDING: "as far as the simulation's rounding allows: what the linear model still "
-    "promises is less than a tenth of a standard error",
+    "predicts is less than a tenth of a standard error",
     Ending.SLOW_STEPS: "slow steps along an ill-conditioned valley, where chi-square hardly falls "
-    "although the linear model promises it",
+    "although the linear model predicts it",
     Ending.STALLED: "stalled, the gradient is small but the Jacobian all but singular, and no step "
-    "lowers chi-square although the linear model promises it",
+    "lowers chi-square although the linear model predicts it",
     Ending.REJECTED: "no step lowers chi-square although its gradient is not small",
     Ending.DISCONTINUITY: "chi-square has a discontinuity here, where an event of the contact comes or goes",
     Ending.WRONG_DERIVATIVE: "the Jacobian disagrees with differences of the residual",
-    Ending.START_FAILED: LOST,
+    Ending.START_FAILED: START_FAILED,
 }
 """What the user reads of each ending."""
 
 AT_BOUNDS = "at bounds: the gradient is small for all other parameters"
 
 INTERRUPTED = "interrupted; this is the best point so far, not an optimum"
-
-
-Watch = Callable[["Problem", np.ndarray, "Fit"], None]
-"""Told after every iteration: the problem, which records are used, and where the run is."""
-
-
-def unwatched(problem: "Problem", used: np.ndarray, fit: "Fit") -> None:
-    """Takes no notice."""
-
-
-class Problem(NamedTuple):
-    """What a fit needs, made once for all its steps."""
-
-    residual: Residual
-    records: tuple[Record, ...]
-    """The records fitted."""
-    noise: np.ndarray
-    """Standard deviation of each [m]."""
-    watch: Watch = unwatched
-
-    @property
-    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper, on the fit's scale."""
-        return self.residual.transform.low, self.residual.transform.high
-
-    def encode(self, values: dict[str, Any]) -> np.ndarray:
-        """Values by path [SI] on the fit's scale, shape (parameters,)."""
-        return self.residual.transform.encode(values)
-
-    def decode(self, free: Any) -> dict[str, Any]:
-        """Values by path [SI] from the fit's scale."""
-        return self.residual.transform.decode(free)
-
-    def whitened(self, free: Any) -> Any:
-        """Residuals of all records divided by their noise, shape (samples,); compiled, differentiable.
-
-        NaN where the simulation cannot finish.
-        """
-        return _whitened(self.residual, free, self._weights())
-
-    def jacobian(self, free: Any) -> Any:
-        """Of `whitened`, shape (samples, parameters); compiled."""
-        return _whitened_jacobian(self.residual, free, self._weights())
-
-    def _weights(self) -> Any:
-        return 1.0 / np.asarray(self.noise)
-
-
-@eqx.filter_jit
-def _whitened(residual, free, weights):
-    return residual(free, weights)[0]
-
-
-@eqx.filter_jit
-def _whitened_jacobian(residual, free, weights):
-    return jax.jacfwd(lambda free: residual(free, weights)[0])(free)
 
 
 class Run(Protocol):
@@ -122,29 +65,6 @@ class Fit(NamedTuple):
     def chi2(self) -> float:
         value = float(np.sum(np.asarray(self.state.residual) ** 2))
         return value if self.iterations and np.isfinite(value) else np.inf
-
-
-def pose(study: Study, starts: dict[str, float], accuracy: Accuracy) -> Problem:
-    """The fit of a study's records with role "fit", parameters scaled after their `search`."""
-    records = tuple(record for record in study.records if record.role == "fit")
-    fixed = {path: starts[path] for path, parameter in study.parameters.items() if not parameter.free}
-    residual = Residual(study.models, records, transform_of(study.parameters, starts), fixed, accuracy)
-    noise = np.array([noise_floor(r) if r.noise is None else r.noise for r in records])
-    return Problem(residual, records, noise)
-
-
-def posed(study: Study, accuracy: Accuracy | None = None) -> tuple[Problem, np.ndarray]:
-    """The least-squares problem of a study, and where a fit starts, for a solver of your own.
-
-        problem, start = posed(study)
-        found = scipy.optimize.least_squares(problem.whitened, start, problem.jacobian, problem.bounds, x_scale="jac")
-        values = problem.decode(found.x)
-
-    With optimistix, `lambda free, args: problem.whitened(free)` is the function.
-    """
-    starts = initial_guess(study)
-    problem = pose(study, starts, accuracy or Accuracy())
-    return problem, np.clip(problem.encode(starts), *problem.bounds)
 
 
 def reduced_chi2(fit: Fit, problem: Problem) -> float:
@@ -206,7 +126,7 @@ def lowered(problem: Problem, starts: dict[str, Any]) -> Any:
     """What every iteration runs, traced; its `compile` may go on in another thread."""
     free = problem.residual.transform.encode(starts)
     everything = np.ones(len(problem.records), bool), np.ones(free.size, bool)
-    return _iterate.lower(*_solver_arguments(problem, free, *everything))  # pyright: ignore[reportFunctionMemberAccess]
+    return iterate.lower(*_solver_arguments(problem, free, *everything))  # pyright: ignore[reportFunctionMemberAccess]
 
 
 def of_piezo(transform: ParameterTransform) -> np.ndarray:
@@ -234,11 +154,10 @@ def summed(last: Fit, earlier: Sequence[Fit]) -> Fit:
 
 def _least_squares(problem, free, used, fitted, name, report, limit=MAX_ITERATIONS) -> Fit:
     """One Levenberg-Marquardt run over the `fitted` parameters and the `used` records."""
-    solver, residual, y, weights, options, state = _solver_arguments(problem, free, used, fitted)
-    over = False
+    arguments = _solver_arguments(problem, free, used, fitted)
+    *_, y, _, options, state = arguments
     limit = min(limit, MAX_ITERATIONS)
-    while not over and (int(state.iterations) < limit or int(state.ending) != Ending.RUNNING):
-        y, state, over = _iterate(solver, residual, y, weights, options, state)
+    for y, state in iterates(*arguments, limit):
         chi2 = float(np.sum(np.asarray(state.residual) ** 2))
         taken = max(int(state.iterations), 1 - int(state.unevaluated))
         problem.watch(problem, used, Fit(np.asarray(y), state, False, INTERRUPTED, taken, int(state.evaluations)))
@@ -257,7 +176,7 @@ def _message(ending: Ending, free: np.ndarray, options: dict[str, np.ndarray], f
 
 
 def _solver_arguments(problem, free, used, fitted):
-    """What the first iteration starts from: the arguments of `_iterate`."""
+    """What the first iteration starts from: the arguments of `iterate`."""
     bounds = problem.residual.transform
     low, high = (np.where(fitted, end, free) for end in (bounds.low, bounds.high))
     options = {"lower": low, "upper": high}
@@ -278,10 +197,3 @@ def _begin(solver, residual, y, weights, options):
     # Known without tracing the residual, which takes long.
     out, aux = (jax.ShapeDtypeStruct((size,), y.dtype) for size in (residual.samples, weights.size))
     return solver.init(residual, y, weights, options, out, aux, frozenset())
-
-
-@eqx.filter_jit
-def _iterate(solver, residual, y, weights, options, state):
-    y, state, _ = solver.step(residual, y, weights, options, state, frozenset())
-    over, _ = solver.terminate(residual, y, weights, options, state, frozenset())
-    return y, state, over

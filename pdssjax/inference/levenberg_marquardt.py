@@ -5,9 +5,9 @@ whose radius follows the ratio of the decrease found to the decrease predicted a
 Lecture Notes in Mathematics 630, 1978).  As the radius shrinks the step turns into a short projected
 gradient step, so that every limit is a point where the projected gradient vanishes (A. R. Conn, N. I. M.
 Gould and P. L. Toint, Trust-Region Methods, SIAM 2000, chapter 12).  Columns are scaled to unit norm and
-factored by QR.  A trial that is not finite is an ordinary rejection, and nothing is linearised again on
-one; the next trial is bent along the curvature that a probe finds (geodesic acceleration: M. K. Transtrum
-and J. P. Sethna, arXiv:1201.5885).
+factored by QR.  A step to where the residual is not finite is an ordinary rejection, and nothing is linearised
+again on a rejection; the next step is bent along the curvature that a probe finds (geodesic acceleration:
+M. K. Transtrum and J. P. Sethna, arXiv:1201.5885).
 
 It has converged where two things are small, and only there: the cosine between the residual and every
 column that is free to move (MINPACK's test of the gradient), and the decrease that the linear model
@@ -84,7 +84,7 @@ class LMState(NamedTuple):
     evaluations: Any
     """Of the function, without those for Jacobians."""
     rejected: Any
-    """Trials rejected in a row."""
+    """Proposed steps rejected in a row."""
     slow_steps: Any
     """Accepted steps in a row that hardly lowered the sum of squares."""
     ending: Any
@@ -98,7 +98,7 @@ class LMState(NamedTuple):
 class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     """`options = {"lower": ..., "upper": ...}`; a parameter with equal bounds is held.
 
-    The first step only evaluates the start, so that one compiled function does it all: trials, the
+    The first step only evaluates the start, so that one compiled function does it all: proposed steps, the
     Jacobian, and the differences that it is compared with at the end.
     """
 
@@ -121,7 +121,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     def init(self, fn, y, args, options, f_struct, aux_struct, tags) -> LMState:
         blank = lambda s: jnp.zeros(s.shape, s.dtype)
         columns = lambda s: jnp.zeros((*s.shape, y.size), s.dtype)
-        one, none = jnp.ones(()), jnp.zeros((), int)
+        unity, none = jnp.ones(()), jnp.zeros((), int)
         return LMState(
             residual=blank(f_struct),
             jacobian=columns(f_struct),
@@ -130,11 +130,11 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
             upper=jnp.zeros((y.size, y.size)),
             projected=jnp.zeros_like(y),
             size=jnp.zeros_like(y),
-            radius=jnp.inf * one,
+            radius=jnp.inf * unity,
             proposed_step=jnp.zeros_like(y),
-            predicted_reduction=jnp.inf * one,
-            cosine=one,
-            rounding=0.0 * one,
+            predicted_reduction=jnp.inf * unity,
+            cosine=unity,
+            rounding=0.0 * unity,
             unevaluated=jnp.array(True),
             accepted=jnp.array(False),
             iterations=none,
@@ -154,7 +154,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         bending = ~checking & ~state.unevaluated & (state.rejected > 0)
 
         def evaluate(carry, second):
-            """A probe along the step, then the trial, bent as the probe says; or the ends of a difference."""
+            """A probe along the step, then the proposed point, bent as the probe says; or the ends of a difference."""
             step, _ = carry
             at = jnp.where(second, trial_point(y, step, proposal, options), y + PROBE * proposal.step)
             at = jnp.where(checking, jnp.where(second, apart[1], apart[0]), at)
@@ -165,26 +165,26 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
 
         begin = (proposal.step, state.residual)
         (step, residual), ends = lax.scan(evaluate, begin, jnp.array([False, True]))
-        trial = jnp.where(state.unevaluated, y, trial_point(y, step, proposal, options))
-        after, predicted = jnp.sum(residual**2), proposal.predicted
+        proposed = jnp.where(state.unevaluated, y, trial_point(y, step, proposal, options))
+        squares, predicted = jnp.sum(residual**2), proposal.predicted
         # As a difference of two sums of squares it would be lost in rounding near the end.
         gained = jnp.sum((state.residual - residual) * (state.residual + residual))
         ratio = jnp.where(state.unevaluated, 0.5, gained / jnp.where(predicted > 0, predicted, 1.0))
-        accepted = ~checking & jnp.isfinite(after) & (state.unevaluated | ((predicted > 0) & (ratio > 1e-4)))
+        accepted = ~checking & jnp.isfinite(squares) & (state.unevaluated | ((predicted > 0) & (ratio > 1e-4)))
 
-        radius = next_radius(state, proposal, gained, after, ratio)
+        radius = next_radius(state, proposal, gained, squares, ratio)
 
         def move(state):
-            moved = _linearised(fn, trial, args, state)
-            slow = ~state.unevaluated & (gained < self.slow * after)
+            moved = _linearised(fn, proposed, args, state)
+            slow = ~state.unevaluated & (gained < self.slow * squares)
             moved = moved._replace(
-                radius=jnp.where(state.unevaluated, first_radius(moved, trial), radius),
+                radius=jnp.where(state.unevaluated, first_radius(moved, proposed), radius),
                 rejected=jnp.zeros_like(state.rejected),
                 slow_steps=jnp.where(slow, state.slow_steps + 1, 0),
                 iterations=state.iterations + ~state.unevaluated,
                 unevaluated=jnp.array(False),
             )
-            return _promising(moved, trial, options)
+            return _with_prediction(moved, proposed, options)
 
         def stay(state):
             # A start that cannot be evaluated stays so: there is nothing to go on from.
@@ -197,17 +197,17 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         state = lax.cond(checking, compare, iterate, state)
         evaluations = state.evaluations + jnp.where(checking | bending, 2, 1)
         state = state._replace(accepted=accepted, evaluations=evaluations)
-        return jnp.where(accepted, trial, y), state, state.aux
+        return jnp.where(accepted, proposed, y), state, state.aux
 
     def _ended(self, state: LMState) -> LMState:
         """`state` with its ending, if this is one."""
         squares = jnp.sum(state.residual**2)
         enough = jnp.maximum(self.rtol * squares, self.atol)
         flat = (state.predicted_reduction <= enough) & (state.cosine**2 * squares <= enough)
-        hidden = jnp.maximum(self.invisible, _ROUNDING) * squares
-        hidden = jnp.maximum(jnp.maximum(hidden, enough), state.rounding)
-        steep = state.cosine**2 * squares > hidden
-        invisible = (state.predicted_reduction <= hidden) & ~steep
+        insignificant = jnp.maximum(self.invisible, _ROUNDING) * squares
+        insignificant = jnp.maximum(jnp.maximum(insignificant, enough), state.rounding)
+        steep = state.cosine**2 * squares > insignificant
+        invisible = (state.predicted_reduction <= insignificant) & ~steep
         rejected = state.rejected >= self.most_rejections
         slow = state.slow_steps >= self.most_slow_steps
         ending = jnp.where(slow, Ending.SLOW_STEPS, Ending.RUNNING)
@@ -254,21 +254,21 @@ def _linearised(fn, y, args, state):
     )
 
 
-def _promising(state, y, options):
-    """`state` with the best step within the bounds, what it promises, and the cosines."""
+def _with_prediction(state, y, options):
+    """`state` with the best step within the bounds, its predicted reduction, and the cosines."""
     norms = jnp.linalg.norm(state.jacobian, axis=0)
     best = best_step(state, y, options, norms, jnp.inf * jnp.ones(()))
-    length = jnp.linalg.norm(state.residual)
+    norm = jnp.linalg.norm(state.residual)
     gradient = state.upper.T @ state.projected
-    cosines = jnp.abs(gradient) / jnp.maximum(norms * length, 1e-300)
-    near = _AT_BOUND * length / jnp.maximum(norms, 1e-300)
+    cosines = jnp.abs(gradient) / jnp.maximum(norms * norm, 1e-300)
+    near = _AT_BOUND * norm / jnp.maximum(norms, 1e-300)
     blocked = (y - options["lower"] <= near) & (gradient > 0) | (options["upper"] - y <= near) & (gradient < 0)
     blocked |= options["lower"] >= options["upper"]
     return state._replace(
         proposed_step=best.step,
         predicted_reduction=jnp.maximum(best.predicted, 0.0),
         cosine=jnp.max(jnp.where(blocked, 0.0, cosines), initial=0.0),
-        rounding=_EPSILONS * jnp.finfo(y.dtype).eps * length * jnp.linalg.norm(norms * y),
+        rounding=_EPSILONS * jnp.finfo(y.dtype).eps * norm * jnp.linalg.norm(norms * y),
     )
 
 

@@ -18,21 +18,20 @@ from .ending import Ending
 from .initial_values.search import guess_starts, rank_starts
 from .least_squares import (
     Fit,
-    Problem,
     Progress,
     Run,
     lowered,
     piezo_alone,
-    pose,
     reduced_chi2,
     shown_by_platform,
     summed,
 )
+from .problem import Problem, pose
 
 _HALVING_ROUNDS = ((10, 5), (4, 7))
 """Successive halving while the fit is poor: how many starts, and the iterations of each; the best go on."""
 
-_TRIAL = 12
+_FIRST = 12
 """Iterations after which a fit from a start that was searched for must look promising."""
 
 _PROMISING = 2.0
@@ -48,9 +47,9 @@ _POOR = 1.15
 """Reduced chi-square above which a fit is poor, where the noise is only guessed from the samples."""
 
 _DISCONTINUOUS = 2.2
-"""Evaluations per iteration from which the way was rugged; a smooth one takes one, a rejected step two."""
+"""Evaluations per iteration above which the residual counts as discontinuous; smooth: 1, after a rejection: 2."""
 
-_RUGGED_ENDINGS = (Ending.SLOW_STEPS, Ending.STALLED, Ending.REJECTED, Ending.DISCONTINUITY)
+_DISCONTINUOUS_ENDINGS = (Ending.SLOW_STEPS, Ending.STALLED, Ending.REJECTED, Ending.DISCONTINUITY)
 
 _MOST_RESTARTS = 4
 """Perturbed restarts in a row that may fail to lower chi-square."""
@@ -121,11 +120,11 @@ def _shown(begun: dict[str, float], earlier: dict[str, float], platform_unobserv
 
 def _first(problem: Problem, starts: dict[str, float], run: Run, report: Progress) -> Fit:
     """The fit from the most promising start, broken off where it leads nowhere."""
-    trial = run(problem, starts, report, _TRIAL)
-    if trial.success or not reduced_chi2(trial, problem) < _PROMISING:
-        return trial
-    fit = run(problem, problem.residual.transform.decode(trial.free), report)
-    return summed(fit, [trial])
+    first = run(problem, starts, report, _FIRST)
+    if first.success or not reduced_chi2(first, problem) < _PROMISING:
+        return first
+    fit = run(problem, problem.residual.transform.decode(first.free), report)
+    return summed(fit, [first])
 
 
 def _without_start(parameter: Parameter) -> Parameter:
@@ -218,7 +217,7 @@ def _at_new_bound(fit: Fit, problem: Problem, starts: dict[str, float]) -> bool:
 
 def _is_discontinuous(fit: Fit) -> bool:
     """Many steps were rejected on the way, or the last ones: chi-square is not what its gradient predicts."""
-    return fit.ending in _RUGGED_ENDINGS or fit.evaluations - 5 > _DISCONTINUOUS * fit.iterations
+    return fit.ending in _DISCONTINUOUS_ENDINGS or fit.evaluations - 5 > _DISCONTINUOUS * fit.iterations
 
 
 def _perturbed_point(fit: Fit, problem: Problem, factor: float, random: np.random.Generator) -> np.ndarray:

@@ -31,7 +31,7 @@ from .parameter_transform import REACH, ParameterTransform
 FAR = 10.0
 """Factor by which a parameter must have moved from its start to be worth a word."""
 
-ALIKE = 0.3
+CORRELATED = 0.3
 """Correlation of neighbouring residuals from which they are no noise."""
 
 UNDAMPED = 0.005
@@ -93,12 +93,12 @@ def _start(parameter: FittedParameter) -> float:
     return parameter.value if parameter.start is None else parameter.start
 
 
-def about_vagueness(vague: Sequence[str]) -> list[str]:
+def about_weak_determination(paths: Sequence[str]) -> list[str]:
     """Parameters whose errors are wider than a factor of ten."""
-    if not vague:
+    if not paths:
         return []
     return [
-        f"The data hardly tell {listed(vague)}: one standard error is a factor of ten or more. Fix what is known "
+        f"The data hardly tell {listed(paths)}: one standard error is a factor of ten or more. Fix what is known "
         "otherwise, or add a record that shows it."
     ]
 
@@ -113,36 +113,36 @@ def about_bounds(
     notes = []
     for side, ends in (("lower", found <= scale.low), ("upper", found >= scale.high)):
         at = [int(i) for i in np.flatnonzero(ends)]
-        lost = [i for i in at if _out_of_reach(declared[scale.paths[i]], scale, i, side)]
-        if lost:
-            names, it = listed(scale.paths[i] for i in lost), "it" if len(lost) == 1 else "them"
+        unreachable = [i for i in at if _out_of_reach(declared[scale.paths[i]], scale, i, side)]
+        if unreachable:
+            names, it = listed(scale.paths[i] for i in unreachable), "it" if len(unreachable) == 1 else "them"
             what = "zero" if side == "lower" else "one without limit"
             notes.append(
                 f"The data cannot tell {names} from {what}: the fit stopped a factor of {REACH:g} from the start, and "
                 f"holds {it} there for the errors of the others. Fix {it}, or add a record that shows {it}."
             )
-        others = [scale.paths[i] for i in at if i not in lost]
+        others = [scale.paths[i] for i in at if i not in unreachable]
         notes += [_at_bound(declared[path], parameters[path].value, side) for path in others]
     return notes
 
 
 def _out_of_reach(declared: Parameter, scale: ParameterTransform, i: int, side: str) -> bool:
     """The end is that of a fit's reach: neither the study's nor that of the legal range."""
-    own, legal, ends = (
+    given, legal, ends = (
         (declared.low, declared.quantity.low, scale.low)
         if side == "lower"
         else (declared.high, declared.quantity.high, scale.high)
     )
-    if own is not None or not scale.logarithmic[i]:
+    if given is not None or not scale.logarithmic[i]:
         return False
     return not np.isclose(np.exp(ends[i]), legal, rtol=1e-5)
 
 
 def _at_bound(declared: Parameter, value: float, side: str) -> str:
-    own = declared.low if side == "lower" else declared.high
+    given = declared.low if side == "lower" else declared.high
     key = "min" if side == "lower" else "max"
     head = f"{declared.path} is at its {side} bound, {shown(value, declared.unit)}"
-    if own is not None:
+    if given is not None:
         return (
             f"{head}, the {key} that the study gives, and held there for the errors of the others. Move the bound, "
             "unless there is a reason for it: the best fit lies beyond."
@@ -188,8 +188,8 @@ def about_resonances(models: Models, values: dict[str, float], paths: Sequence[s
         seen = [record for record in records if record.measures in mode.kinds]
         if not involved or not seen:
             continue
-        if hidden := hidden_from(mode, records):
-            notes.append(_alias(mode, involved, hidden))
+        if aliased := hidden_from(mode, records):
+            notes.append(_alias(mode, involved, aliased))
         if 0.0 < mode.damping_ratio < UNDAMPED:
             notes.append(
                 f"The {mode.what} is found to ring at {mode.frequency:.4g} Hz with a damping ratio of "
@@ -203,13 +203,13 @@ def about_resonances(models: Models, values: dict[str, float], paths: Sequence[s
 def _alias(mode: Resonance, involved: Sequence[str], records: Sequence[Record]) -> str:
     rates = [1.0 / float(np.percentile(np.diff(record.time), 10.0)) for record in records]
     names = listed(f'"{record.name}" ({rate:.4g} Hz)' for record, rate in zip(records, rates, strict=True))
-    fastest, enough = max(rates), float(f"{mode.frequency / SHOWN:.2g}")
-    image = abs(mode.frequency - round(mode.frequency / fastest) * fastest)
+    highest_rate, enough = max(rates), float(f"{mode.frequency / SHOWN:.2g}")
+    image = abs(mode.frequency - round(mode.frequency / highest_rate) * highest_rate)
     return (
         f"The {mode.what} is found to ring at {mode.frequency:.4g} Hz (damping ratio {mode.damping_ratio:.2g}), above "
-        f"the {SHOWN * fastest:.4g} Hz that samples at {fastest:.4g} Hz show; no record that it acts on is sampled "
-        f"more finely: {names}. It may be an alias, since its samples are like those of {image:.4g} Hz. Do not trust "
-        f"{listed(involved)} before a record sampled at {enough:g} Hz or more has confirmed "
+        f"the {SHOWN * highest_rate:.4g} Hz that samples at {highest_rate:.4g} Hz show; no record that it acts on is "
+        f"sampled more finely: {names}. It may be an alias, since its samples are like those of {image:.4g} Hz. Do not "
+        f"trust {listed(involved)} before a record sampled at {enough:g} Hz or more has confirmed "
         f"{'them' if len(involved) > 1 else 'it'}."
     )
 
@@ -272,12 +272,12 @@ def _about_validation(records: Sequence[FittedRecord]) -> list[str]:
 
 
 def _about_correlation(fitted: Sequence[FittedRecord]) -> list[str]:
-    alike = [record for record in fitted if neighbour_correlation(record) > ALIKE]
-    if not alike:
+    correlated = [record for record in fitted if neighbour_correlation(record) > CORRELATED]
+    if not correlated:
         return []
     return [
-        f"Neighbouring residuals are alike, as the model's own errors are and noise is not, in {_quoted(alike)}. The "
-        "true errors are larger than the standard errors given."
+        f"Neighbouring residuals are correlated, as the model's errors are and noise is not, in {_quoted(correlated)}. "
+        "The true errors are larger than the standard errors given."
     ]
 
 

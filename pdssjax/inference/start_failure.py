@@ -9,7 +9,7 @@ import numpy as np
 from ..core import Quantity, display_unit
 from ..integration import FAILURES
 from ..study import failures, predicted
-from .least_squares import Problem
+from .problem import Problem
 
 FACTORS = (0.3, 3.0, 0.1, 10.0, 0.01, 100.0, 0.001, 1000.0)
 """By which a parameter is changed to see whether it is the cause, the least change first."""
@@ -26,10 +26,10 @@ def failed_start(problem: Problem, starts: Mapping[str, Any]) -> str:
     """
     at = {path: float(number) for path, number in (problem.residual.fixed | dict(starts)).items()}
     codes = _codes(problem, at)
-    lost = [record.name for record, code in zip(problem.records, codes, strict=True) if code]
-    if not lost:
+    failed = [record.name for record, code in zip(problem.records, codes, strict=True) if code]
+    if not failed:
         return "its residuals are not finite"
-    names = ", ".join(f'"{name}"' for name in lost)
+    names = ", ".join(f'"{name}"' for name in failed)
     reason = f"in {names} {FAILURES[max(codes)]}"
     for path, declared, number in _changes(problem, at):
         if not any(_codes(problem, at | {path: number})):

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..study import Estimate, FittedParameter, FittedRecord, Statistics, compare
 from .covariance import Covariance, correlation, least_squares_covariance, propagated
-from .least_squares import LOST, Fit, Problem, of_piezo, reduced_chi2
+from .least_squares import START_FAILED, Fit, of_piezo, reduced_chi2
 from .notes import (
     about_bounds,
     about_distance,
@@ -14,9 +14,10 @@ from .notes import (
     about_models,
     about_records,
     about_resonances,
-    about_vagueness,
+    about_weak_determination,
 )
 from .parameter_transform import ParameterTransform
+from .problem import Problem
 from .residual import free_offset
 from .start_failure import failed_start
 
@@ -58,7 +59,7 @@ def summarise(study, method, problem, fit, starts) -> Estimate:
         title=study.title,
         method=method,
         converged=fit.success,
-        message=f"{LOST}: {failed_start(problem, starts)}" if fit.message == LOST else fit.message,
+        message=f"{START_FAILED}: {failed_start(problem, starts)}" if fit.message == START_FAILED else fit.message,
         parameters=parameters,
         names=free.paths,
         correlation=correlation(known.matrix),
@@ -165,18 +166,20 @@ def _compared(study, problem, fit, matrix, values) -> tuple[FittedRecord, ...]:
 
 
 def _notes(study, problem, fit, known, weakly_determined, statistics, parameters, records) -> list[str]:
-    if fit.message == LOST:
+    if fit.message == START_FAILED:
         return []
     free = problem.residual.transform
     held = [path for path, end in zip(free.paths, _at_bound(fit, free), strict=True) if end]
     unknown = {path for direction in known.null for path, share in zip(free.paths, direction, strict=True) if share}
-    unsure = {path for path, is_vague in zip(free.paths, weakly_determined, strict=True) if is_vague}
+    unsure = {path for path, is_weak in zip(free.paths, weakly_determined, strict=True) if is_weak}
     told = [parameters[path] for path in free.paths if path not in {*unknown, *unsure, *held}]
     seen = [path for path in free.paths if path not in unknown]
     values = {path: parameter.value for path, parameter in parameters.items()}
     return [
         *about_information(known.null, free.paths, parameters),
-        *about_vagueness([path for path, is_vague in zip(free.paths, weakly_determined, strict=True) if is_vague]),
+        *about_weak_determination(
+            [path for path, is_weak in zip(free.paths, weakly_determined, strict=True) if is_weak]
+        ),
         *about_bounds(study.parameters, fit.free, free, parameters),
         *about_distance(told, free),
         *about_models(study.models, values),

@@ -24,7 +24,7 @@ class Proposal(NamedTuple):
     step: Float[Array, " p"]
     predicted: Float[Array, ""]
     """Decrease of the sum of squares that the linear model predicts for it."""
-    length: Float[Array, ""]
+    norm: Float[Array, ""]
     """In columns of unit norm."""
     slope: Float[Array, ""]
     """Derivative of the sum of squares along it."""
@@ -46,19 +46,19 @@ def best_step(state, y, options, size, radius) -> Proposal:
 
 def first_radius(state, y):
     """Steps no longer than the parameters themselves to begin with."""
-    length = jnp.linalg.norm(state.size * y)
-    return jnp.where(length > 0, length, jnp.maximum(jnp.linalg.norm(state.size), 1e-300))
+    norm = jnp.linalg.norm(state.size * y)
+    return jnp.where(norm > 0, norm, jnp.maximum(jnp.linalg.norm(state.size), 1e-300))
 
 
-def next_radius(state, proposal, gained, after, ratio):
+def next_radius(state, proposal, gained, squares, ratio):
     """MINPACK's rule: twice the step after a good one, a tenth to a half of it after a bad one."""
     before = jnp.sum(state.residual**2)
     # Where the parabola through both values and the slope at the start has its minimum.
     turning = 0.5 * proposal.slope / jnp.where(proposal.slope + gained < 0, proposal.slope + gained, -jnp.inf)
     shorter = jnp.where(gained >= 0.0, 0.5, jnp.clip(turning, 0.1, 0.5))
-    shorter = jnp.where(jnp.isfinite(after) & (after < 100.0 * before), shorter, 0.1)
-    reduced = shorter * jnp.minimum(state.radius, 10.0 * proposal.length)
-    grown = jnp.where(ratio >= 0.75, jnp.maximum(state.radius, 2.0 * proposal.length), state.radius)
+    shorter = jnp.where(jnp.isfinite(squares) & (squares < 100.0 * before), shorter, 0.1)
+    reduced = shorter * jnp.minimum(state.radius, 10.0 * proposal.norm)
+    grown = jnp.where(ratio >= 0.75, jnp.maximum(state.radius, 2.0 * proposal.norm), state.radius)
     return jnp.where(ratio > 0.25, grown, reduced)
 
 
@@ -68,9 +68,9 @@ def bend(state, proposal, probed):
     turn = (probed - state.residual) / PROBE - state.jacobian @ proposal.step
     turn = jnp.where(jnp.isfinite(turn), turn, 0.0) / PROBE
     right = (state.jacobian.T @ turn) / size * ~(solution.at_low | solution.at_high)
-    turned = -solve_triangular(solution.factor, solve_triangular(solution.factor, right, trans=1)) / size
-    length = lambda step: jnp.linalg.norm(step * state.size)
-    return jnp.where(length(turned) <= _LONGEST_BEND * length(proposal.step), turned, 0.0)
+    bent = -solve_triangular(solution.factor, solve_triangular(solution.factor, right, trans=1)) / size
+    norm = lambda step: jnp.linalg.norm(step * state.size)
+    return jnp.where(norm(bent) <= _LONGEST_BEND * norm(proposal.step), bent, 0.0)
 
 
 def trial_point(y, step, proposal, options):

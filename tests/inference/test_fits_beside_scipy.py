@@ -2,18 +2,16 @@
 
 import dataclasses
 
-import numpy as np
 import pytest
 from beside_scipy import best_of_scipy
 from four_kinds import plan, startless
 from liu_record import LAWS, liu
-from platform_study import write_platform
 
 import pdssjax
 from pdssjax import Accuracy
 from pdssjax.files import EXAMPLE
 from pdssjax.inference import Ending
-from pdssjax.inference.least_squares import joint, posed
+from pdssjax.inference.least_squares import joint
 from pdssjax.inference.multistart import best_fit
 from pdssjax.study import make_recordings
 
@@ -28,16 +26,6 @@ def beside_scipy(study):
 def is_not_beaten(fit, best):
     """Within 0.5 % and 4 units."""
     return fit.chi2 <= 1.005 * best + 4.0
-
-
-def test_a_study_goes_into_scipy_in_three_lines(tmp_path):
-    from scipy.optimize import least_squares
-
-    problem, start = posed(pdssjax.load_study(write_platform(tmp_path)))
-    found = least_squares(problem.whitened, start, problem.jacobian, problem.bounds, x_scale="jac", max_nfev=3)
-    values = problem.decode(found.x)
-    assert 2.0 * found.cost < float(np.sum(np.asarray(problem.whitened(start)) ** 2))
-    assert set(values) == set(problem.residual.transform.paths)
 
 
 @pytest.mark.slow

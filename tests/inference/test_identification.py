@@ -16,6 +16,7 @@ from pdssjax import Accuracy
 from pdssjax.cli.main import main
 from pdssjax.files import EXAMPLE
 from pdssjax.inference import least_squares as fitting
+from pdssjax.inference.problem import pose
 
 TRUTH = {
     path: entry["value"]
@@ -88,7 +89,7 @@ def test_the_zeros_of_the_records_fitted_are_found_too(joint):
 
 
 def test_the_fisher_information_at_the_truth_is_the_known_one(example):
-    problem = fitting.pose(example, TRUTH, Accuracy())
+    problem = pose(example, TRUTH, Accuracy())
     at_truth = problem.residual.transform.encode(TRUTH)
     everything = np.ones(len(problem.records), bool)
     fit = fitting._least_squares(problem, at_truth, everything, np.zeros(9, bool), "truth", lambda message: None)

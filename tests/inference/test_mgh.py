@@ -41,7 +41,7 @@ or all but singular beside the curvature that the linear model leaves out (penal
 
 
 def may_end(name):
-    """How a run may end; where the Jacobian is singular, the linear model promises what no step gives."""
+    """How a run may end; where the Jacobian is singular, the linear model predicts what no step gives."""
     return (*SUCCESSES, Ending.STALLED, Ending.REJECTED) if name in SINGULAR else SUCCESSES
 
 

@@ -17,6 +17,7 @@ from pdssjax.inference import least_squares as fitting
 from pdssjax.inference import summary
 from pdssjax.inference.goodness import exceeds_floor, exceeds_given_noise, highest_by_chance
 from pdssjax.inference.notes import about_information, about_models, about_records, about_resonances
+from pdssjax.inference.problem import pose
 from pdssjax.report.text import format_report
 from pdssjax.study import FittedParameter, Models, compare
 
@@ -196,11 +197,13 @@ def test_a_parameter_far_from_its_start_is_told(tmp_path):
 
 def test_a_fit_that_is_lost_says_the_cause_and_nothing_that_would_mean_nothing(tmp_path, monkeypatch):
     study = write(tmp_path, {"step": (TIME, rung(TIME), 3.0 * NOISE, "fit", GIVEN)})
-    problem = fitting.pose(study, pdssjax.initial_guess(study), Accuracy())
-    lost = fitting.joint(problem, pdssjax.initial_guess(study), print)._replace(success=False, message=fitting.LOST)
+    problem = pose(study, pdssjax.initial_guess(study), Accuracy())
+    lost = fitting.joint(problem, pdssjax.initial_guess(study), print)._replace(
+        success=False, message=fitting.START_FAILED
+    )
     monkeypatch.setattr(summary, "failed_start", lambda posed, starts: "the cause")
     estimate = summary.summarise(study, "joint", problem, lost, pdssjax.initial_guess(study))
-    assert estimate.message == f"{fitting.LOST}: the cause"
+    assert estimate.message == f"{fitting.START_FAILED}: the cause"
     assert estimate.notes == ()
 
 

@@ -6,6 +6,7 @@ import pytest
 import pdssjax
 from pdssjax import Accuracy
 from pdssjax.inference import least_squares as fitting
+from pdssjax.inference.problem import pose
 from pdssjax.inference.start_failure import failed_start
 
 STUDY = """\
@@ -41,7 +42,7 @@ def stalled(tmp_path_factory):
 
 
 def test_the_parameter_that_keeps_a_start_from_being_simulated_is_named(stalled):
-    problem = fitting.pose(stalled, pdssjax.initial_guess(stalled), Accuracy())
+    problem = pose(stalled, pdssjax.initial_guess(stalled), Accuracy())
     text = failed_start(problem, pdssjax.initial_guess(stalled))
     assert '"slow loop"' in text
     assert "ran out of steps" in text
@@ -50,7 +51,7 @@ def test_the_parameter_that_keeps_a_start_from_being_simulated_is_named(stalled)
 
 def test_a_start_that_no_single_parameter_spoils_says_so(stalled):
     numbers = pdssjax.initial_guess(stalled) | {"piezo.gain": np.nan, "piezo.creep": np.nan}
-    problem = fitting.pose(stalled, pdssjax.initial_guess(stalled), Accuracy())
+    problem = pose(stalled, pdssjax.initial_guess(stalled), Accuracy())
     assert "No parameter changed by itself" in failed_start(problem, numbers)
 
 
@@ -58,6 +59,6 @@ def test_a_start_that_no_single_parameter_spoils_says_so(stalled):
 def test_the_message_of_a_fit_that_is_lost_says_why(stalled):
     estimate = pdssjax.identify(stalled)
     assert not estimate.converged
-    assert estimate.message.startswith(fitting.LOST)
+    assert estimate.message.startswith(fitting.START_FAILED)
     assert "amplifier.bandwidth" in estimate.message
     assert estimate.notes == ()

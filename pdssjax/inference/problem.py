@@ -1,0 +1,108 @@
+"""The least-squares problem of a study, apart from loop and method: residuals, Jacobian, bounds, scale.
+
+Any solver can take it; `pose_problem` makes it of a study.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from ..core import need_double_precision
+from ..integration import Accuracy
+from ..study import Record, Study, noise_floor
+from .initial_values.guess import initial_guess
+from .parameter_transform import transform_of
+from .residual import Residual
+
+Watch = Callable[["Problem", np.ndarray, Any], None]
+"""Told after every iteration: the problem, which records are used, and where the run is."""
+
+
+def unwatched(problem: "Problem", used: np.ndarray, fit: Any) -> None:
+    """Takes no notice."""
+
+
+class Problem(NamedTuple):
+    """What a fit needs, made once for all its steps.
+
+    Parameters are numbers on the scale of the fit (`parameter_transform`), shape (parameters,); `encode` and
+    `decode` lead from and to numbers in SI by path.
+    """
+
+    residual: Residual
+    records: tuple[Record, ...]
+    """The records fitted."""
+    noise: np.ndarray
+    """Standard deviation of each [m]."""
+    watch: Watch = unwatched
+
+    @property
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper, on the fit's scale."""
+        return self.residual.transform.low, self.residual.transform.high
+
+    def encode(self, values: dict[str, Any]) -> np.ndarray:
+        """Values by path [SI] on the fit's scale, shape (parameters,)."""
+        return self.residual.transform.encode(values)
+
+    def decode(self, free: Any) -> dict[str, Any]:
+        """Values by path [SI] from the fit's scale."""
+        return self.residual.transform.decode(free)
+
+    def whitened(self, free: Any) -> Any:
+        """Residuals of all records divided by their noise, shape (samples,); compiled, differentiable.
+
+        NaN where the simulation cannot finish.
+        """
+        return _whitened(self.residual, free, self._weights())
+
+    def jacobian(self, free: Any) -> Any:
+        """Of `whitened`, shape (samples, parameters); compiled."""
+        return _whitened_jacobian(self.residual, free, self._weights())
+
+    def _weights(self) -> Any:
+        return 1.0 / np.asarray(self.noise)
+
+
+@eqx.filter_jit
+def _whitened(residual, free, weights):
+    return residual(free, weights)[0]
+
+
+@eqx.filter_jit
+def _whitened_jacobian(residual, free, weights):
+    return jax.jacfwd(lambda free: residual(free, weights)[0])(free)
+
+
+def pose(study: Study, starts: dict[str, float], accuracy: Accuracy) -> Problem:
+    """The fit of a study's records with role "fit", parameters scaled after their `search`."""
+    records = tuple(record for record in study.records if record.role == "fit")
+    fixed = {path: starts[path] for path, parameter in study.parameters.items() if not parameter.free}
+    residual = Residual(study.models, records, transform_of(study.parameters, starts), fixed, accuracy)
+    noise = np.array([noise_floor(r) if r.noise is None else r.noise for r in records])
+    return Problem(residual, records, noise)
+
+
+def pose_problem(study: Study, accuracy: Accuracy | None = None) -> tuple[Problem, Float[np.ndarray, " p"]]:
+    """The least-squares problem of a study's records, and where a fit starts, for a solver of your own.
+
+        problem, start = pdssjax.pose_problem(study)
+        found = scipy.optimize.least_squares(problem.whitened, start, problem.jacobian, problem.bounds, x_scale="jac")
+        values = problem.decode(found.x)
+
+    **Arguments:** a `study` whose records with role "fit" are explained.  What has neither value nor
+    start is guessed from the records; noise that is not given is that of each record's floor.
+
+    **Returns:** the problem, and the starts on the scale of the fit, shape (parameters,), within the bounds.
+
+    **Raises:** `InputError` where the clock of a record cannot be that of its drive, and where JAX works in
+    single precision.
+    """
+    need_double_precision()
+    starts = initial_guess(study)
+    problem = pose(study, starts, accuracy or Accuracy())
+    return problem, np.clip(problem.encode(starts), *problem.bounds)
