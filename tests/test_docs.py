@@ -98,3 +98,11 @@ def test_code_compiles_and_names_what_is_there(page, block):
 def test_the_readme_names_the_targets_of_the_makefile(target):
     assert f"make {target}" in (ROOT / "README.md").read_text(encoding="utf-8")
     assert f"\n{target}:" in (ROOT / "Makefile").read_text(encoding="utf-8")
+
+
+@EVERY_PAGE
+def test_files_that_are_named_exist(page):
+    named = re.findall(r"`([\w/]+\.(?:py|md))`", page.read_text(encoding="utf-8"))
+    for path in [path for path in named if "NAME" not in path]:  # which stands for a name of your choice
+        places = [ROOT / path, ROOT / "pdssjax" / path, *(ROOT / "pdssjax").rglob(Path(path).name)]
+        assert any(place.is_file() for place in places[: 2 if "/" in path else None]), f"{page.name} names {path}"
