@@ -9,7 +9,7 @@ import pytest
 import xarray
 
 import pdssjax
-from pdssjax import Actuator, InputError
+from pdssjax import Accuracy, Actuator, InputError, Taylor
 from pdssjax.cli.axis import read_axis
 from pdssjax.cli.main import main
 from pdssjax.drive.sawtooth import Sawtooth
@@ -73,6 +73,16 @@ def test_a_point_that_fails_is_nan_and_says_why(study):
     failed = data.failure.values != 0
     assert np.isnan(data.net_step.values[failed]).all() and np.isfinite(data.net_step.values[~failed]).all()
     assert "ran out of steps" in data.failure.attrs["meanings"]
+
+
+@pytest.mark.slow
+def test_a_fast_flank_counts_the_same_whether_duty_or_fall_time_makes_it(study):
+    over = {"drive.duty": [0.8, 1.0], "drive.fall_time": [0.0, 0.04]}
+    coarse = Accuracy(tolerance=1e-9, method=Taylor(4))
+    data = pdssjax.sweep(study, over, cycles=2, accuracy=coarse)
+    by_duty, by_fall = data.sel(drive_duty=0.8, drive_fall_time=0.0), data.sel(drive_duty=1.0, drive_fall_time=0.04)
+    for name in ("stroke", "net_step", "back_slip"):
+        assert float(by_duty[name]) == pytest.approx(float(by_fall[name]), rel=1e-9, abs=1e-15)
 
 
 def test_progress_is_told_block_by_block(study):
