@@ -38,6 +38,15 @@ HOMES = {
 MOST_LINES = 60
 """Lines of a function at most, its docstring included."""
 
+DIALECT = set(
+    """
+    march walk outset Stage Unloaded Tribometer RESTING relaxed holding plausible fading faint alike alters displaced
+    yields per_volt lapse heats rugged blind cliff crawls promised lost hidden loose informed vague waviness inflation
+    torn
+    """.split()
+)
+"""Names that the package once gave to what has a name in the field: docs/glossary.md holds those in use."""
+
 MODULES = sorted(PACKAGE.rglob("*.py"))
 SCRIPTS = [p for name in ("pdssjax", "tests", "experiments", "benchmarks") for p in sorted((ROOT / name).rglob("*.py"))]
 
@@ -194,6 +203,18 @@ def test_files_and_functions_stay_short(path):
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.FunctionDef) and PACKAGE in path.parents:
             assert node.end_lineno - node.lineno < MOST_LINES, f"{node.name} is too long"
+
+
+def names_of(node: ast.AST) -> list[str]:
+    """The names that a node of a syntax tree gives or uses."""
+    keys = {ast.Name: "id", ast.arg: "arg", ast.Attribute: "attr", ast.FunctionDef: "name", ast.ClassDef: "name"}
+    return [getattr(node, keys[type(node)])] if type(node) in keys else []
+
+
+@pytest.mark.parametrize("path", MODULES, ids=dotted)
+def test_nothing_has_a_name_of_the_old_dialect(path):
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    assert not {name for node in ast.walk(tree) for name in names_of(node)} & DIALECT
 
 
 def run(program: str) -> str:

@@ -28,12 +28,12 @@ def requests_to_end() -> Iterator[list[int]]:
     main = threading.current_thread() is threading.main_thread()
     ours = [s for s in signals if signal.getsignal(s) is signal.SIG_DFL] if main else []
     try:
-        for one in ours:
-            signal.signal(one, end)
+        for number in ours:
+            signal.signal(number, end)
         yield received
     finally:
-        for one in ours:
-            signal.signal(one, signal.SIG_DFL)
+        for number in ours:
+            signal.signal(number, signal.SIG_DFL)
 
 
 def exit_status(received: Sequence[int]) -> int:

@@ -125,12 +125,12 @@ class MaxwellSlip(AbstractPiezo):
         return (y, w, voltage.level, *moved, rises, *slips)
 
     def error_scale(self):
-        one, volt = jnp.ones(()), self.static_gain()
+        metre, volt = jnp.ones(()), self.static_gain()
         return (
-            one,
+            metre,
             1.0 / self.frequency_scale(),
             *(volt for _ in range(1 + _COUNT)),
-            *(one for _ in range(1 + _COUNT)),
+            *(metre for _ in range(1 + _COUNT)),
         )
 
     def static_gain(self):

@@ -160,9 +160,9 @@ def _prescribed(group: _Group) -> tuple[Any, Any]:
 
 def _shared(drive: Any, overrides: dict[str, Any], values: Values) -> Any:
     """`drive` with the study's numbers in place of those that the record does not set itself."""
-    own = drive.numbers()
+    numbers = drive.numbers()
     paths = {field: path for field in overrides if (path := f"drive.{field}") in values}
-    return drive.with_numbers({f: jnp.where(overrides[f], own[f], values[path]) for f, path in paths.items()})
+    return drive.with_numbers({f: jnp.where(overrides[f], numbers[f], values[path]) for f, path in paths.items()})
 
 
 def _system(group: _Group, models: Models, values: Values, drive: Any, on_platform: Any) -> Any:
