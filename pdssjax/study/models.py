@@ -27,11 +27,6 @@ class Models(eqx.Module):
         """The reading of a direction-dependent law."""
         return {"state": self.friction_state} if hasattr(self.friction, "state") else {}
 
-    @property
-    def closed(self) -> bool:
-        """The platform's motion is known in closed form."""
-        return self.piezo.closed and not self.feedback and not self.parts
-
     def contact(self, values: Values) -> Any:
         """The friction law with the given `values`."""
         return self.friction(**given_fields("friction", self.friction, values), **self.law)
