@@ -1,7 +1,7 @@
 """Simulates one actuator under one drive."""
 
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp

@@ -5,6 +5,7 @@ differ in nothing else share one compiled function.
 """
 
 import abc
+
 import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
