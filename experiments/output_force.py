@@ -34,7 +34,7 @@ from pdssjax import Accuracy, Actuator, Stop
 from pdssjax.core import prepare_jax
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.piezo.second_order import SecondOrder
-from pdssjax.simulation import StickSlip, measured
+from pdssjax.simulation import STOP_FORCE, StickSlip, measured
 
 NAME = "output_force"
 STIFFNESSES = np.geomspace(6e3, 3e6, 12)
@@ -67,7 +67,7 @@ def pushing(push: Push, stiffness: float, fall_time: float, reading: Reading) ->
 def flank_ends(system: StickSlip, cycles: int, accuracy: Accuracy = ROOM) -> Float[Array, " cycles"]:
     """Force [N] on the sensor at the end of every slow flank, the highest of its cycle but for an impact."""
     frequency = system.drive.frequency  # pyright: ignore[reportAttributeAccessIssue]
-    return measured(system, (jnp.arange(cycles) + 1.0) / frequency * (1.0 - 1e-9), accuracy)
+    return measured(system, (jnp.arange(cycles) + 1.0) / frequency * (1.0 - 1e-9), accuracy, STOP_FORCE)
 
 
 def calculate(

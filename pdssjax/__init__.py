@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from .integration import Taylor as Taylor
     from .piezo.base import AbstractPiezo as AbstractPiezo
     from .simulation import simulate as simulate
+    from .study import AbstractMeasurement as AbstractMeasurement
     from .study import Estimate as Estimate
     from .study import Record as Record
     from .study import Study as Study
@@ -45,7 +46,7 @@ else:
             "integration": ["AbstractHybridSystem", "AbstractStepMethod", "Accuracy", "OneStep", "Taylor"],
             "piezo.base": ["AbstractPiezo"],
             "simulation": ["simulate"],
-            "study": ["Estimate", "Record", "Study"],
+            "study": ["AbstractMeasurement", "Estimate", "Record", "Study"],
             "sweeps": ["sweep"],
         },
     )

@@ -3,7 +3,7 @@
     s' = w_s (x - s),   seen at t: s(t - delay).
 
 The state is the lag e = x - s, which does not depend on how far the end-effector has moved:
-e' = x' - w_s e.
+e' = x' - w_s e.  A sensor of velocity with the same low-pass shows s' = w_s e.
 """
 
 import equinox as eqx
@@ -13,7 +13,7 @@ from ..core import quantity
 
 
 class Sensor(eqx.Module):
-    """A displacement or force sensor with its filter."""
+    """A displacement, velocity or force sensor with its filter."""
 
     bandwidth: float = quantity(1e3, "Hz", optional=True)
     """Frequency at which the signal is down by 3 dB [Hz]."""
@@ -33,6 +33,14 @@ class Sensor(eqx.Module):
     def steady(self, sensor_lag: tuple, speed) -> tuple:
         """The lag behind what has long changed with `speed`."""
         return tuple(speed / self.pole() for _ in sensor_lag)
+
+    def shown_displacement(self, lag: tuple, true):
+        """What it shows of a displacement [m], or of whatever it follows, `lag` behind."""
+        return true - lag[0] if lag else true
+
+    def shown_velocity(self, lag: tuple, true):
+        """What it shows of a velocity [m/s]: the rate of what it shows of the displacement, x' - e' = w_s e."""
+        return lag[0] * self.pole() if lag else true
 
     def pole(self):
         """Angular corner frequency w_s [rad/s]."""

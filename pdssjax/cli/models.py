@@ -14,7 +14,9 @@ def models(options: argparse.Namespace) -> int:
 
 def add_parser(subcommands: Any) -> None:
     """Adds the command `models` with its options."""
-    text = "list the drives, piezos, friction laws and parts of a rig that a study may name, or explain one"
+    text = (
+        "list the drives, piezos, friction laws, measurements and parts of a rig that a study may name, or explain one"
+    )
     parser = subcommands.add_parser("models", help=text, description=text)
     parser.set_defaults(run=models)
     parser.add_argument(

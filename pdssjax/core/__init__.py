@@ -6,7 +6,9 @@ The ground floor: imports no other room of pdssjax.
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from .display_units import LENGTH as LENGTH
     from .display_units import MICROMETRES as MICROMETRES
+    from .display_units import Display as Display
     from .display_units import decimals_for as decimals_for
     from .display_units import display_unit as display_unit
     from .display_units import percent as percent
@@ -34,7 +36,10 @@ else:
     __getattr__, __dir__, __all__ = lazy_exports(
         __name__,
         {
-            "display_units": ["MICROMETRES", "decimals_for", "display_unit", "percent", "rounded", "strongest_pairs"],
+            "display_units": [
+                *("Display", "LENGTH", "MICROMETRES", "decimals_for", "display_unit"),
+                *("percent", "rounded", "strongest_pairs"),
+            ],
             "errors": ["InputError", "InputWarning", "nearest"],
             "families": ["member", "members"],
             "jax_setup": ["need_double_precision", "prepare_jax"],

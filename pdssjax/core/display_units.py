@@ -1,6 +1,7 @@
 """SI values as people read them: display units, and digits that match the standard error."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,6 +16,27 @@ _UNITS = {
     "kg": ("g", 1e3),
     "N/m": ("N/um", 1e-6),
 }
+
+
+class Display(NamedTuple):
+    """How a report or a plot shows what a record measures."""
+
+    quantity: str
+    """What an axis says: "displacement"."""
+    plural: str
+    """What a heading says: "lengths"."""
+    unit: str
+    """Shown in place of the SI unit, such as "um"."""
+    scale: float
+    """From SI to `unit`."""
+
+    def text(self, number: float) -> str:
+        """A number [SI] as people read it, with its unit."""
+        return f"{number * self.scale:.4g} {self.unit}"
+
+
+LENGTH = Display("displacement", "lengths", *_UNITS["m"])
+"""Of most records."""
 
 
 def display_unit(unit: str) -> tuple[str, float]:

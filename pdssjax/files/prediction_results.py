@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from ..core import display_unit
 from ..metrics import Characterisation
 from ..study import FittedRecord
 from .json_text import json_text
@@ -40,7 +39,7 @@ def write_records(records: Sequence[FittedRecord], staging: Path) -> None:
     (staging / "predictions").mkdir()
     (staging / "plots").mkdir()
     for stem, record in zip(file_stems(records), records, strict=True):
-        unit, scale = display_unit(record.unit)
+        unit, scale = record.display.unit, record.display.scale
         table = np.column_stack([record.measured, record.predicted, record.measured - record.predicted])
         np.savetxt(
             staging / "predictions" / f"{stem}.csv",

@@ -1,16 +1,19 @@
 """A record, as a study's [[record]] table and its CSV file tell it."""
 
 import warnings
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
-from ..core import InputError, InputWarning, to_si
+from ..core import InputError, InputWarning, choices, member, members, to_si
 from ..drive.base import AbstractDrive
-from ..study import COLUMNS, Record
+from ..study import AbstractMeasurement, Record
 from .csv_columns import read_csv
 from .drive_table import check_times, read_drive
 from .toml_table import Table
+
+_FAMILY = "study.measurement"
 
 _KEYS = [
     *("name", "file", "columns", "units", "measures", "role", "noise", "offset"),
@@ -37,26 +40,28 @@ def read_record(table: Table, folder: Path, virtual: bool = False) -> Record:
     meet its drive.  Warns with `InputWarning` if the times look like milliseconds or end before
     the first period.
     """
-    table.only(_KEYS)
+    kinds = [member(_FAMILY, kind) for kind in members(_FAMILY)]
+    table.only([*_KEYS, *dict.fromkeys(key for kind in kinds for key in choices(kind))])
     file = folder / table.text("file", "the path of a CSV file")
     name = table.text("name", "a name", file.stem)
-    measures = table.option("measures", COLUMNS)
-    unit = list(COLUMNS[measures].values())[-1]
+    measurement = _measurement(table)
+    unit = measurement.unit
     drive, overrides = None, frozenset()
-    if measures != "friction":
+    if measurement.driven:
         described = table.table("drive", 'a table such as { waveform = "step", voltage = "48.2 V" }')
         drive, overrides = read_drive(described, table, folder)
     elif "drive" in table.entries:
         raise InputError(
-            f'{table.at("drive")}: found a drive, expected none: the "motion" of a friction record is prescribed.'
+            f'{table.at("drive")}: found a drive, expected none: the "motion" of a {measurement.name} record is '
+            "prescribed."
         )
-    columns = _columns(table, COLUMNS[measures])
-    start = _start(table, measures)
+    columns = _columns(table, measurement.columns)
+    start = _start(table, measurement)
     if virtual and "sampling" in table.entries:
-        data = _planned(table, measures)
+        data = _planned(table, measurement)
         begin = float(data["time"][0])
     else:
-        data, begin = _samples(table, file, COLUMNS[measures], columns)
+        data, begin = _samples(table, file, measurement.columns, columns)
     where = f'{file}: record "{name}"'
     _check_clock(where, begin, data["time"], drive, start)
     data["time"] = data["time"] - start
@@ -65,11 +70,11 @@ def read_record(table: Table, folder: Path, virtual: bool = False) -> Record:
         name=name,
         file=file,
         role=table.option("role", ["fit", "validate"], "fit"),
-        measures=measures,
+        measurement=measurement,
         drive=drive,
         overrides=overrides,
         time=data["time"],
-        measured=data[list(COLUMNS[measures])[-1]],
+        measured=data[measurement.quantity],
         noise=_positive(table, "noise", unit),
         offset=None if table.entries.get("offset", "free") == "free" else table.number("offset", unit),
         motion=data.get("motion"),
@@ -79,10 +84,20 @@ def read_record(table: Table, folder: Path, virtual: bool = False) -> Record:
     )
 
 
-def _start(table: Table, measures: str) -> float:
+def _measurement(table: Table) -> AbstractMeasurement:
+    """What the record measures, with the keys that only a record of it has."""
+    kind = member(_FAMILY, table.option("measures", members(_FAMILY)))
+    named = choices(kind)
+    table.only([*_KEYS, *named])
+    return kind(**{key: table.option(key, options, next(iter(options))) for key, options in named.items()})
+
+
+def _start(table: Table, measurement: AbstractMeasurement) -> float:
     """When the drive starts on the clock of the record's file [s]."""
-    if measures == "friction" and "start" in table.entries:
-        raise InputError(f"{table.at('start')}: found a start, expected none: a friction record has no drive.")
+    if not measurement.driven and "start" in table.entries:
+        raise InputError(
+            f"{table.at('start')}: found a start, expected none: a {measurement.name} record has no drive."
+        )
     return table.number("start", "s", 0.0)
 
 
@@ -108,7 +123,7 @@ def _check_clock(where: str, begin: float, time: np.ndarray, drive: AbstractDriv
         raise InputError(f"{found}, expected the first within {what}, {latest:g} s, of the drive's start; {on}.")
 
 
-def _columns(table: Table, si_units: dict[str, str]) -> dict[str, tuple[str, str]]:
+def _columns(table: Table, si_units: Mapping[str, str]) -> dict[str, tuple[str, str]]:
     """By quantity, the name of its column, and its unit as [record.units] says; "" where the name says it."""
     *_, explained = si_units
     columns = table.table("columns", f'a table such as {{ time = "time_s", {explained} = "..." }}')
@@ -120,27 +135,24 @@ def _columns(table: Table, si_units: dict[str, str]) -> dict[str, tuple[str, str
     return {quantity: (name, written.get(quantity, "")) for quantity, name in names.items()}
 
 
-def _planned(table: Table, measures: str) -> dict[str, np.ndarray]:
-    """Sample times, and the motion of a friction record, as the record's `sampling` plans them."""
+def _planned(table: Table, measurement: AbstractMeasurement) -> dict[str, np.ndarray]:
+    """Sample times, and the motion where that is prescribed, as the record's `sampling` plans them."""
     example = 'a table such as { start = "0.2 s", end = "2 s", interval = "1 ms" }'
     plan = table.table("sampling", example)
-    sine = ["amplitude", "frequency"] if measures == "friction" else []
-    plan.only(["start", "end", "interval", *sine])
+    plan.only(["start", "end", "interval", *measurement.plan])
     start, end, interval = plan.number("start", "s", 0.0), plan.number("end", "s"), plan.number("interval", "s")
     if not 0.0 < interval < end - start:
         raise InputError(
             f"{plan.at('interval')}: found {interval:g} s for samples from {start:g} s to {end:g} s, "
             "expected an interval above 0 that fits in between."
         )
-    data = {"time": start + interval * np.arange(int((end - start) / interval * (1 + 1e-12)) + 1)}
-    if sine:
-        amplitude, frequency = plan.number("amplitude", "m"), plan.number("frequency", "Hz")
-        data["motion"] = amplitude * np.sin(2 * np.pi * frequency * (data["time"] - start))
-    return data | {list(COLUMNS[measures])[-1]: np.zeros(data["time"].shape)}
+    time = start + interval * np.arange(int((end - start) / interval * (1 + 1e-12)) + 1)
+    planned = measurement.planned(time - start, {key: plan.number(key, unit) for key, unit in measurement.plan.items()})
+    return {"time": time, **planned, measurement.quantity: np.zeros(time.shape)}
 
 
 def _samples(
-    table: Table, file: Path, si_units: dict[str, str], columns: dict[str, tuple[str, str]]
+    table: Table, file: Path, si_units: Mapping[str, str], columns: dict[str, tuple[str, str]]
 ) -> tuple[dict[str, np.ndarray], float]:
     """The columns of the samples kept, by quantity, checked, and the first time in the file [s]."""
     names = {quantity: name for quantity, (name, _) in columns.items()}

@@ -14,13 +14,13 @@ def write_csv(recording: Recording, file: Path) -> None:
     **Raises:** `InputError` where the name of a column does not tell its unit.
     """
     record = recording.record
-    data = {"time": (record.time + record.start, "s"), "motion": (record.motion, "m"), "force": (record.measured, "N")}
-    data["displacement"] = (record.measured, "m")
+    si_units = record.measurement.columns
+    data = {"time": record.time + record.start, "motion": record.motion, record.measurement.quantity: record.measured}
     names, columns, formats = [], [], []
     for quantity, (name, unit) in record.columns.items():
-        values, si = data[quantity]
         where = f'record "{record.name}": column "{name}"'
-        columns.append(np.asarray(values) / factor(unit or column_unit(name), si, where))
+        scale = factor(unit or column_unit(name), si_units[quantity], where)
+        columns.append(np.asarray(data[quantity]) / scale)
         names.append(name)
         # A clock that began long ago needs more digits to tell its samples apart.
         formats.append("%.15g" if quantity == "time" and record.start else "%.9g")

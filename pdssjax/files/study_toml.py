@@ -86,16 +86,11 @@ def _read_records(top: Table, folder: Path, virtual: bool) -> tuple[Record, ...]
 
 def _required(study: Study, legal: dict[str, Quantity], listed: Iterable[str]) -> list[str]:
     """The parameters that the study must list."""
-    kinds = {record.measures for record in study.records}
-    needed = set()
-    if study.feedback or not kinds or kinds - {"platform"}:
-        needed |= {"friction"}
-    if not kinds or kinds - {"friction"}:
-        needed |= {"piezo"}
-    if study.feedback or not kinds or kinds & {"effector", "force"}:
-        needed |= {"effector"}
-    if "force" in kinds:
-        needed |= {"stop"}
+    needed: set[str] = set().union(*(record.measurement.parts() for record in study.records))
+    if not study.records:
+        needed |= {"piezo", "friction", "effector"}
+    if study.feedback:
+        needed |= {"friction", "effector"}
     paths = [path for path, declared in legal.items() if not declared.optional and path.split(".")[0] in needed]
     slews = "amplifier.slew" in listed
     carries = study.feedback and "piezo.mass" in legal
@@ -140,7 +135,7 @@ def _check_durations(top: Table, study: Study) -> None:
 
 
 def _check_jumps(top: Table, study: Study) -> None:
-    """A platform that follows the voltage at once can carry no end-effector through a jump, nor feel it."""
+    """Where a platform follows the voltage at once, not every measurement is told through a jump, nor a force felt."""
     if study.piezo.is_compliant:
         return
     if study.feedback:
@@ -151,11 +146,11 @@ def _check_jumps(top: Table, study: Study) -> None:
     if any(path.startswith("amplifier.") for path in study.parameters):
         return
     for record in study.records:
-        if record.measures in ("effector", "force") and _jumps(record, study.parameters):
+        wrong = record.measurement.at_a_jump()
+        if wrong and _jumps(record, study.parameters):
             raise InputError(
                 f'{top.where}: record "{record.name}": drive: found a voltage that jumps, expected a fall or rise time '
-                "above 0 or an amplifier: the platform of this piezo would jump, too, and what the end-effector then "
-                "does is not told."
+                f"above 0 or an amplifier: the platform of this piezo would jump, too, and {wrong}."
             )
 
 

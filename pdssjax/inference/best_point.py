@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .least_squares import MAX_ITERATIONS, Fit, Progress, Run, evaluated
+from .least_squares import MAX_ITERATIONS, Fit, Progress, Run, evaluated, of_platform_alone
 from .problem import Problem, unwatched
 
 
@@ -43,7 +43,7 @@ class BestPoint:
         """
         if not np.isfinite(fit.chi2):
             return
-        platform = np.array([record.measures == "platform" for record in problem.records])
+        platform = of_platform_alone(problem.records)
         covers = 2 if used.all() else 1 if (used & ~platform).any() else 0
         best = self.point
         if best is not None and covers <= best.covers:

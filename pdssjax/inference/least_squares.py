@@ -7,6 +7,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from ..study import Record
 from .ending import SUCCESSES, Ending
 from .iterations import iterate, iterates
 from .levenberg_marquardt import BoundedLevenbergMarquardt, LMState
@@ -79,25 +80,25 @@ def joint(problem: Problem, starts: dict[str, Any], report: Progress, limit: int
     The first phase is cheap and only brings the piezo near: with it far off, the slips
     come at the wrong moments, and the friction parameters would diverge.
     """
-    measures = np.array([record.measures for record in problem.records])
+    platform = of_platform_alone(problem.records)
     free = problem.residual.transform.encode(starts)
     piezo = of_platform(problem.residual.transform)
     spent = []
-    driven = np.isin(measures, ("effector", "force")).any()
-    if (measures == "platform").any() and driven and piezo.any() and not piezo.all():
-        first = _least_squares(problem, free, measures == "platform", piezo, "piezo", report, limit)
+    carries = any(record.measurement.effector_moves for record in problem.records)
+    if platform.any() and carries and piezo.any() and not piezo.all():
+        first = _least_squares(problem, free, platform, piezo, "piezo", report, limit)
         free, spent = first.free, [first]
-    last = _least_squares(problem, free, np.ones(len(measures), bool), np.ones(free.size, bool), "all", report, limit)
+    last = _least_squares(problem, free, np.ones(platform.size, bool), np.ones(free.size, bool), "all", report, limit)
     return summed(last, spent)
 
 
 def sequential(problem: Problem, starts: dict[str, Any], report: Progress, limit: int = MAX_ITERATIONS) -> Fit:
     """The piezo from the platform records; then, with the piezo held, the others from the rest."""
-    measures = np.array([record.measures for record in problem.records])
+    platform = of_platform_alone(problem.records)
     free = problem.residual.transform.encode(starts)
     piezo = of_piezo(problem.residual.transform)
-    first = _least_squares(problem, free, measures == "platform", piezo, "piezo", report, limit)
-    second = _least_squares(problem, first.free, measures == "effector", ~piezo, "friction", report, limit)
+    first = _least_squares(problem, free, platform, piezo, "piezo", report, limit)
+    second = _least_squares(problem, first.free, ~platform, ~piezo, "friction", report, limit)
     # Both steps' residuals, for the statistics and the errors.
     whole = evaluated(problem, second.free, report)
     whole = whole._replace(success=first.success and second.success, message=second.message)
@@ -114,7 +115,7 @@ def piezo_alone(problem: Problem, starts: dict[str, Any], report: Progress) -> d
     """The free parameters that the platform alone shows, from its records, the others held at their starts."""
     names = problem.residual.transform
     piezo = of_platform(names)
-    used = np.array([record.measures == "platform" for record in problem.records])
+    used = of_platform_alone(problem.records)
     if not (piezo.any() and used.any()):
         return {}
     fit = _least_squares(problem, names.encode(starts), used, piezo, "piezo", report)
@@ -137,6 +138,11 @@ def of_piezo(transform: ParameterTransform) -> np.ndarray:
 def of_platform(transform: ParameterTransform) -> np.ndarray:
     """Which free parameters the platform shows without the end-effector, shape (parameters,)."""
     return np.array([shown_by_platform(path) for path in transform.paths])
+
+
+def of_platform_alone(records: Sequence[Record]) -> np.ndarray:
+    """Which of the records show the platform without the end-effector, shape (records,)."""
+    return np.array([record.measurement.platform_alone for record in records])
 
 
 def shown_by_platform(path: str) -> bool:

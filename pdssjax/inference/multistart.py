@@ -21,6 +21,7 @@ from .least_squares import (
     Progress,
     Run,
     lowered,
+    of_platform_alone,
     piezo_alone,
     reduced_chi2,
     shown_by_platform,
@@ -108,8 +109,8 @@ def _compile(problem: Problem, study: Study, starts: dict[str, float]) -> None:
 def _platform_unobserved(study: Study, problem: Problem) -> bool:
     """Records depend on the platform, none shows it alone, and the study does not say where its parameters start."""
     piezo = [p for path, p in study.parameters.items() if path.startswith("piezo.") and p.free and p.start is None]
-    measured = {record.measures for record in problem.records}
-    return bool(piezo) and "platform" not in measured and bool(measured & {"effector", "force"})
+    depends = any(record.measurement.effector_moves for record in problem.records)
+    return bool(piezo) and depends and not of_platform_alone(problem.records).any()
 
 
 def _shown(begun: dict[str, float], earlier: dict[str, float], platform_unobserved: bool) -> dict[str, float]:
@@ -250,7 +251,7 @@ def _with_noise(fit: Fit, problem: Problem, run: Run, report: Progress) -> tuple
 
 
 def _noise_left(problem: Problem, fit: Fit) -> np.ndarray:
-    """Standard deviation of each record's residuals [m or N], degrees of freedom shared by samples."""
+    """Standard deviation of each record's residuals, in its unit, degrees of freedom shared by samples."""
     sizes = np.array([record.time.size for record in problem.records])
     parts = np.split(np.asarray(fit.state.residual), np.cumsum(sizes)[:-1])
     degrees_taken = fit.free.size * sizes / sizes.sum() + [record.offset is None for record in problem.records]

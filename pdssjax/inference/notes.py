@@ -185,7 +185,7 @@ def about_resonances(models: Models, values: dict[str, float], paths: Sequence[s
     """Modes that no record is sampled finely enough for, and modes without damping; of free `paths` only."""
     notes = []
     for mode, involved in depends_on(models, values, paths).items():
-        seen = [record for record in records if record.measures in mode.kinds]
+        seen = [record for record in records if mode.acts_on(record.measurement)]
         if not involved or not seen:
             continue
         if aliased := hidden_from(mode, records):
@@ -224,8 +224,8 @@ def about_records(records: Sequence[FittedRecord], statistics: Statistics) -> li
     if noisy:
         notes.append(
             f"The noise given is too small for {_quoted(noisy)}: neighbouring samples alone scatter by "
-            f"{listed(shown(r.noise_floor, r.unit) for r in noisy)}, where "
-            f"{listed(shown(r.noise, r.unit) for r in noisy)} is given. Correct it, or leave it out. "
+            f"{listed(r.display.text(r.noise_floor) for r in noisy)}, where "
+            f"{listed(r.display.text(r.noise) for r in noisy)} is given. Correct it, or leave it out. "
             f"{_enlarged(statistics)}"
         )
     if misfits := [record for record in excess if record not in noisy]:
@@ -243,7 +243,7 @@ def about_records(records: Sequence[FittedRecord], statistics: Statistics) -> li
             "fit is in a wrong optimum. Look at the residuals in the plots, try other starts, or give the noise."
         )
     if less := [record for record in fitted if stays_below_given_noise(record)]:
-        figures = (f"{_quoted([r])} ({shown(r.rmse, r.unit)} where {shown(r.noise, r.unit)} is given)" for r in less)
+        figures = (f"{_quoted([r])} ({r.display.text(r.rmse)} where {r.display.text(r.noise)} is given)" for r in less)
         notes.append(
             f"The residuals are smaller than the noise given in {listed(figures)}: the standard errors are larger "
             "than they need be. Give the noise as it is, or leave it out."

@@ -25,7 +25,7 @@ class Residual(eqx.Module):
     predictor: Predictor
     measured: tuple[np.ndarray, ...]
     offsets: tuple[float | None, ...]
-    """Given zeros of the sensor [m or N]; None where free."""
+    """Given zeros of the sensors, each in its unit; None where free."""
     transform: ParameterTransform
     fixed: dict[str, Any]
     accuracy: Accuracy
@@ -53,7 +53,7 @@ class Residual(eqx.Module):
     def __call__(
         self, free: Float[Array, " p"], weights: Float[Array, " records"]
     ) -> tuple[Float[Array, " n"], Float[Array, " records"]]:
-        """Stacked residuals, and the offset of every record [m or N].
+        """Stacked residuals, and the offset of every record, in its unit.
 
         `weights` are 1/noise [1/m] of the records, 0 to leave one out.
         """
@@ -69,7 +69,7 @@ class Residual(eqx.Module):
 
 
 def free_offset(measured: np.ndarray, predicted: np.ndarray, given: float | None) -> float:
-    """The record's zero [m or N]: given, or the mean of what the prediction leaves."""
+    """The record's zero, in its unit: given, or the mean of what the prediction leaves."""
     return float(np.mean(measured - predicted)) if given is None else given
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..study import Estimate, FittedParameter, FittedRecord, Statistics, compare
 from .covariance import Covariance, correlation, least_squares_covariance, propagated
-from .least_squares import START_FAILED, Fit, of_piezo, reduced_chi2
+from .least_squares import START_FAILED, Fit, of_piezo, of_platform_alone, reduced_chi2
 from .notes import (
     about_bounds,
     about_distance,
@@ -84,7 +84,7 @@ def _covariances(method, problem, fit) -> tuple[Covariance, np.ndarray | None]:
     if method == "joint":
         return whole, None
     sizes = [record.time.size for record in problem.records]
-    platform = np.repeat([record.measures == "platform" for record in problem.records], sizes)
+    platform = np.repeat(of_platform_alone(problem.records), sizes)
     piezo = of_piezo(free) & whole.identifiable
     earlier, later = np.flatnonzero(piezo), np.flatnonzero(~of_piezo(free) & whole.identifiable)
     first = least_squares_covariance(jacobian[platform][:, earlier], np.zeros(earlier.size, bool)).matrix

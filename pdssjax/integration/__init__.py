@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from .accuracy import Accuracy as Accuracy
+    from .closed_form import exact_states_at as exact_states_at
+    from .closed_form import is_closed as is_closed
     from .event_location import LOOK_AHEAD as LOOK_AHEAD
     from .forward_pass import integrate_to_times as integrate_to_times
     from .solution import FAILURES as FAILURES
@@ -29,6 +31,7 @@ else:
         __name__,
         {
             "accuracy": ["Accuracy"],
+            "closed_form": ["exact_states_at", "is_closed"],
             "event_location": ["LOOK_AHEAD"],
             "forward_pass": ["integrate_to_times"],
             "solution": ["FAILURES", "integrate", "states_at"],

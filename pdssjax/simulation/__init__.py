@@ -6,23 +6,29 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from .outputs import DISPLACEMENT as DISPLACEMENT
+    from .outputs import FRICTION_FORCE as FRICTION_FORCE
+    from .outputs import STOP_FORCE as STOP_FORCE
+    from .outputs import VELOCITY as VELOCITY
+    from .outputs import Output as Output
     from .systems.platform_only import PlatformOnly as PlatformOnly
     from .systems.prescribed_motion import PrescribedMotion as PrescribedMotion
     from .systems.stick_slip import StickSlip as StickSlip
-    from .trajectory import contact_force as contact_force
     from .trajectory import displacements as displacements
     from .trajectory import measured as measured
     from .trajectory import platform as platform
     from .trajectory import simulate as simulate
+    from .trajectory import why_failed as why_failed
 else:
     from ..core.lazy import lazy_exports
 
     __getattr__, __dir__, __all__ = lazy_exports(
         __name__,
         {
+            "outputs": ["DISPLACEMENT", "FRICTION_FORCE", "Output", "STOP_FORCE", "VELOCITY"],
             "systems.platform_only": ["PlatformOnly"],
             "systems.prescribed_motion": ["PrescribedMotion"],
             "systems.stick_slip": ["StickSlip"],
-            "trajectory": ["contact_force", "displacements", "measured", "platform", "simulate"],
+            "trajectory": ["displacements", "measured", "platform", "simulate", "why_failed"],
         },
     )

@@ -1,17 +1,19 @@
 """Simulates one actuator under one drive."""
 
-from typing import Any, NamedTuple
+from functools import partial
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from ..actuator import Actuator
+from ..actuator import Actuator, DrivenPlatform
 from ..core import need_double_precision
 from ..drive.base import AbstractDrive
-from ..integration import FAILURES, Accuracy, integrate, states_at
+from ..integration import FAILURES, AbstractHybridSystem, Accuracy, exact_states_at, integrate, is_closed, states_at
 from ..piezo.base import AbstractPiezo
+from .outputs import DISPLACEMENT, Output
+from .systems.platform_only import PlatformOnly
 from .systems.stick_slip import StickSlip
 
 
@@ -77,16 +79,43 @@ def simulate(
     )
 
 
-def measured(system: Any, times: Float[Array, " m"], accuracy: Accuracy) -> Float[Array, " m"]:
+def measured(
+    system: AbstractHybridSystem,
+    times: Float[Array, " m"],
+    accuracy: Accuracy,
+    output: Output = DISPLACEMENT,
+    segments: int | None = None,
+) -> Float[Array, " m"]:
     """What the sensor of a `system` shows at `times` [s]: what a fit needs, at less cost than `simulate`.
 
-    The system is a `StickSlip` or an `PlatformOnly`; the sensor's delay shifts the times.
+    **Arguments:** `output` says what of the system is shown, in SI, and by how much it is
+    late.  `segments` is how many segments of the drive the times may reach into: where it is given, a
+    system known in closed form is not integrated.
+
+    NaN where the motion cannot be integrated; `why_failed` says why.
     """
-    keep = system.output_components()
-    run = integrate(system, times[-1], accuracy, keep)
-    seen = times - system.sensor.delay
-    x, *_ = states_at(system, run, seen, keep)
-    return _from_rest(seen, run.failure)(jax.vmap(system.measured)(x))
+    keep = output.components(system)
+    seen = times - output.delay(system)
+    if segments is not None and is_closed(system):
+        states, failure = exact_states_at(system, jnp.maximum(seen, 0.0), segments), jnp.zeros((), int)
+    else:
+        run = integrate(system, times[-1], accuracy, keep)
+        states, failure = states_at(system, run, seen, keep), run.failure
+    x, segment, t_local, mode = states
+    return _from_rest(seen, failure)(jax.vmap(partial(output.shown, system))(segment, t_local, x, mode))
+
+
+def why_failed(
+    system: AbstractHybridSystem,
+    times: Float[Array, " m"],
+    accuracy: Accuracy,
+    output: Output = DISPLACEMENT,
+    segments: int | None = None,
+) -> Int[Array, ""]:
+    """An index into `pdssjax.integration.solution.FAILURES` for `measured` of the same; 0 where it works."""
+    if segments is not None and is_closed(system):
+        return jnp.zeros((), int)
+    return integrate(system, times[-1], accuracy, output.components(system)).failure
 
 
 def displacements(
@@ -102,13 +131,6 @@ def displacements(
     return shown(y), shown(y - x.d)
 
 
-def contact_force(system: Any, times: Float[Array, " m"], accuracy: Accuracy) -> Float[Array, " m"]:
-    """The force [N] of a `PrescribedMotion` at `times` [s]."""
-    run = integrate(system, times[-1], accuracy)
-    x, segment, t_local, mode = states_at(system, run, times)
-    return _from_rest(times, run.failure)(jax.vmap(system.force)(segment, t_local, x, mode))
-
-
 def platform(
     piezo: AbstractPiezo, drive: AbstractDrive, times: Float[Array, " m"], segments: int
 ) -> Float[Array, " m"]:
@@ -116,25 +138,7 @@ def platform(
 
     **Arguments:** `segments` is how many segments of the drive the times may reach into.
     """
-
-    def pass_segment(carry, index):
-        origin, state = carry
-        segment = drive.segment(index)
-        state = piezo.on_segment_start(state, segment)
-        lasts = jnp.isfinite(segment.duration)
-        duration = jnp.where(lasts, segment.duration, 0.0)
-        ahead = piezo.motion(state, segment, 0.0, duration)
-        return (jnp.where(lasts, origin + duration, jnp.inf), ahead), (origin, state)
-
-    first = tuple(jnp.asarray(x, float) for x in piezo.initial())
-    _, (origins, states) = lax.scan(pass_segment, (jnp.zeros(()), first), jnp.arange(segments) * 1.0)
-    j = jnp.clip(jnp.searchsorted(lax.stop_gradient(origins), times, side="right") - 1, 0)
-
-    def inside(j, time):
-        state = tuple(x[j] for x in states)
-        return piezo.platform(piezo.motion(state, drive.segment(j * 1.0), 0.0, time - origins[j]))[0]
-
-    return jnp.where(times >= 0, jax.vmap(inside)(j, jnp.maximum(times, 0.0)), 0.0)
+    return measured(PlatformOnly(DrivenPlatform(piezo), drive), times, Accuracy(), segments=segments)
 
 
 def _from_rest(times, failure):

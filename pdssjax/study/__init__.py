@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from .estimate import Estimate as Estimate
     from .estimate import FittedParameter as FittedParameter
     from .estimate import Statistics as Statistics
+    from .measurement.base import MOVING as MOVING
+    from .measurement.base import AbstractMeasurement as AbstractMeasurement
+    from .measurement.base import Samples as Samples
     from .models import Models as Models
     from .noise import noise_floor as noise_floor
     from .numbers import numbers_used as numbers_used
@@ -21,7 +24,6 @@ if TYPE_CHECKING:
     from .prediction import Predictor as Predictor
     from .prediction import failures as failures
     from .prediction import predicted as predicted
-    from .record import COLUMNS as COLUMNS
     from .record import Record as Record
     from .resonances import SHOWN as SHOWN
     from .resonances import Resonance as Resonance
@@ -43,12 +45,13 @@ else:
             "catalogue": ["Entry", "catalogue_entries", "find_entry"],
             "comparison": ["FittedRecord", "compare"],
             "estimate": ["Estimate", "FittedParameter", "Statistics"],
+            "measurement.base": ["AbstractMeasurement", "MOVING", "Samples"],
             "models": ["Models"],
             "noise": ["noise_floor"],
             "numbers": ["numbers_used"],
             "parameter": ["Parameter"],
             "prediction": ["Predictor", "failures", "predicted"],
-            "record": ["COLUMNS", "Record"],
+            "record": ["Record"],
             "resonances": ["Resonance", "SHOWN", "depends_on", "hidden_from"],
             "shared_drive": ["drive_with", "shared_fields"],
             "study": ["Study", "legal_quantities"],

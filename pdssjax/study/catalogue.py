@@ -12,8 +12,8 @@ import textwrap
 from ..actuator import PARTS
 from ..core import InputError, Quantity, choices, member, members, nearest, quantities
 
-FAMILIES = ("drive", "piezo", "friction")
-"""Of these a study chooses a member: drives by `waveform`, the others in [actuator]."""
+FAMILIES = {"drive": "drive", "piezo": "piezo", "friction": "friction", "measurement": "study.measurement"}
+"""Of these a study chooses a member: drives by `waveform`, measurements by `measures`, the others in [actuator]."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -21,7 +21,7 @@ class Entry:
     """A member, or a part of the rig."""
 
     name: str
-    """As a study writes it, with its family: "friction/lugre"; a part: "sensor"."""
+    """As a study writes it, with its family: "friction/lugre"; a part: "sensor", which goes before members."""
     summary: str
     """Its first sentence."""
     text: str
@@ -34,7 +34,7 @@ class Entry:
 
 def catalogue_entries() -> list[Entry]:
     """All members and parts, family by family."""
-    chosen = [(f"{family}/{name}", member(family, name)) for family in FAMILIES for name in members(family)]
+    chosen = [(f"{said}/{name}", member(family, name)) for said, family in FAMILIES.items() for name in members(family)]
     return [_entry(name, model) for name, model in (*chosen, *PARTS.items())]
 
 
@@ -48,7 +48,7 @@ def find_entry(name: str) -> Entry:
     if not found:
         known = [entry.name.rpartition("/")[2] for entry in entries]
         raise InputError(f'models: found the unknown name "{name}"; {nearest(name, known)}')
-    return found[0]
+    return next((entry for entry in found if entry.name == name), found[0])
 
 
 def _entry(name: str, model: type) -> Entry:

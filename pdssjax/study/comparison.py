@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from ..core import LENGTH, Display
 from ..metrics import error_index, r_squared, rmse
 from .noise import noise_floor
 from .record import Record
@@ -19,7 +20,7 @@ class FittedRecord:
     role: str
     """"fit" or "validate"."""
     measures: str
-    """"platform", "effector", "friction" or "force", as in `pdssjax.study.record.Record`."""
+    """"platform", "effector", ...: a member of `pdssjax.study.measurement`, as a study writes it."""
     samples: int
     r2: float
     """Share of the measured variance that is explained."""
@@ -42,8 +43,10 @@ class FittedRecord:
     """False where the simulation failed."""
     unit: str = "m"
     """SI unit of what was measured."""
+    display: Display = LENGTH
+    """How it is shown."""
     motion: Float[np.ndarray, " n"] | None = None
-    """Of a friction record: the relative displacement prescribed [m]."""
+    """The relative displacement [m], where that is prescribed."""
     noise_estimated: bool = False
     """The study gives no noise: `noise` is that of these residuals, or NaN."""
     noise_floor: float = math.nan
@@ -88,7 +91,8 @@ def compare(
         measured=measured,
         predicted=predicted,
         simulated=bool(np.isfinite(predicted).all()),
-        unit=record.unit,
+        unit=record.measurement.unit,
+        display=record.measurement.display,
         motion=record.motion,
         noise_estimated=record.noise is None,
         noise_floor=noise_floor(record) if len(measured) >= 8 else math.nan,

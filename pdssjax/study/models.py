@@ -27,11 +27,6 @@ class Models(eqx.Module):
         """The reading of a direction-dependent law."""
         return {"state": self.friction_state} if hasattr(self.friction, "state") else {}
 
-    @property
-    def closed(self) -> bool:
-        """The platform's motion is known in closed form."""
-        return self.piezo.closed and not self.feedback and not self.parts
-
     def declared(self) -> dict[str, Quantity]:
         """What is declared of every parameter of the members and of the parts of a rig, by path."""
         chosen = {"piezo": self.piezo, "friction": self.friction, **PARTS}

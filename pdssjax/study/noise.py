@@ -12,7 +12,7 @@ _KEPT = 0.98658
 
 
 def noise_floor(record: Record) -> float:
-    """A first guess of the noise [m or N] of a record from the scatter of its second differences.
+    """A first guess of the noise of a record from the scatter of its second differences, in its unit.
 
     Robust against the fast motion of a slip, which fills few samples: what lies far out is
     left out again and again.  A smooth motion between samples hardly enters, and rounding

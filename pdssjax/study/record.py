@@ -6,13 +6,7 @@ from typing import Any
 
 import numpy as np
 
-COLUMNS = {
-    "platform": {"time": "s", "displacement": "m"},
-    "effector": {"time": "s", "displacement": "m"},
-    "friction": {"time": "s", "motion": "m", "force": "N"},
-    "force": {"time": "s", "force": "N"},
-}
-"""What may be measured, and the columns that a record of it has, with their SI units; what is explained comes last."""
+from .measurement.base import AbstractMeasurement
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -25,31 +19,30 @@ class Record:
     """The CSV file it comes from."""
     role: str
     """"fit": fitted; "validate": only predicted and compared."""
-    measures: str
-    """What: displacement of "platform" or "effector", "friction" force of the contact alone under
-    a prescribed motion, or "force" of the blocked end-effector on a sensor."""
+    measurement: AbstractMeasurement
+    """What was measured: a member of the family `pdssjax.study.measurement`."""
     drive: Any
-    """The voltage, from t = 0 on; fields in SI.  None for "friction"."""
+    """The voltage, from t = 0 on; fields in SI.  None where a motion is prescribed."""
     overrides: frozenset[str]
     """The drive's fields that the record itself sets; they do not follow the study's "drive.…"."""
     time: np.ndarray
     """Sample times [s], strictly increasing, shape (samples,); the drive starts at 0."""
     measured: np.ndarray
-    """Displacement [m] or force [N], shape (samples,)."""
+    """In the unit of the measurement: displacement [m], velocity [m/s] or force [N]; shape (samples,)."""
     noise: float | None
-    """Standard deviation of the noise [m or N]; None: estimate it."""
+    """Standard deviation of the noise, in the same unit; None: estimate it."""
     offset: float | None
-    """Zero of the sensor [m or N]; None: free."""
+    """Zero of the sensor, in the same unit; None: free."""
     motion: np.ndarray | None = None
-    """Of "friction": the relative displacement of platform against end-effector [m], shape (samples,)."""
+    """The relative displacement of platform against end-effector [m] where that is prescribed, shape (samples,)."""
     resolution: float = 0.0
-    """Step [m or N] in which the sensor counts: for a virtual rig; a fit needs it within the noise."""
+    """Step in which the sensor counts, in the same unit: for a virtual rig; a fit needs it within the noise."""
     columns: dict[str, tuple[str, str]] = dataclasses.field(default_factory=dict)
     """By quantity, the name of the column, and its unit; "" where the name says it."""
     start: float = 0.0
     """When the drive starts on the clock of the file [s]; `time` counts from there."""
 
     @property
-    def unit(self) -> str:
-        """SI unit of what was measured."""
-        return list(COLUMNS[self.measures].values())[-1]
+    def measures(self) -> str:
+        """What was measured, as a study file writes it: "platform", "effector", ..."""
+        return self.measurement.name

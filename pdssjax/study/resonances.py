@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .measurement.base import AbstractMeasurement
 from .models import Models
 from .record import Record
 
@@ -34,8 +35,14 @@ class Resonance(NamedTuple):
     frequency: float
     """Undamped natural frequency [Hz]."""
     damping_ratio: float
-    kinds: tuple[str, ...]
-    """What a record must measure to show it."""
+    blocked: bool | None = None
+    """Of the contact: whether a stop adds its stiffness."""
+
+    def acts_on(self, measurement: AbstractMeasurement) -> bool:
+        """Whether what is measured has this mode in it."""
+        if self.blocked is None:
+            return measurement.driven
+        return measurement.effector_moves and measurement.blocked == self.blocked
 
 
 def resonances(models: Models, values: dict[str, float]) -> list[Resonance]:
@@ -44,15 +51,14 @@ def resonances(models: Models, values: dict[str, float]) -> list[Resonance]:
     stacked = getattr(actuator.piezo, "modes", actuator.piezo)
     rates = np.atleast_1d(getattr(stacked, "natural_frequency", ()))
     damping = np.atleast_1d(getattr(stacked, "damping_ratio", ()))
-    seen = ("platform", "effector", "force")
-    found = [Resonance("platform", w / (2 * np.pi), xi, seen) for w, xi in zip(rates, damping, strict=True)]
+    found = [Resonance("platform", w / (2 * np.pi), xi) for w, xi in zip(rates, damping, strict=True)]
     mass, stop = float(actuator.effector.mass), float(values.get("stop.stiffness", 0.0))
     for sign in (1.0, -1.0):
         stiffness, damper = linearised(actuator.friction, sign)
-        for kind, spring in (("effector", stiffness), ("force", stiffness + stop)):
+        for blocked, spring in ((False, stiffness), (True, stiffness + stop)):
             if spring > 0.0:
                 w = np.sqrt(spring / mass)
-                found.append(Resonance("contact", float(w / (2 * np.pi)), float(damper / (2 * mass * w)), (kind,)))
+                found.append(Resonance("contact", float(w / (2 * np.pi)), float(damper / (2 * mass * w)), blocked))
     return [mode for mode in dict.fromkeys(found) if mode.damping_ratio < 1.0]
 
 
@@ -90,5 +96,5 @@ def shown_up_to(record: Record) -> float:
 
 def hidden_from(mode: Resonance, records: Sequence[Record]) -> list[Record]:
     """The `records` that have the `mode` in them, where not one is sampled finely enough for it; else none."""
-    seen = [record for record in records if record.measures in mode.kinds]
+    seen = [record for record in records if mode.acts_on(record.measurement)]
     return [] if any(mode.frequency <= shown_up_to(record) for record in seen) else seen

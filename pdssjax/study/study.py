@@ -42,7 +42,7 @@ class Study:
     def predict(
         self, values: Mapping[str, Any] | Estimate | None = None, accuracy: Accuracy | None = None
     ) -> list[Float[Array, " samples"]]:
-        """What every record measures at its sample times, displacement [m] or force [N], without offsets.
+        """What every record measures at its sample times, in SI, without offsets.
 
         **Arguments:** `values` maps parameter paths to numbers in SI, or is an estimate, whose
         parameters are taken; what is left out keeps the study's value or start.

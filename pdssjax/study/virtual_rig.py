@@ -26,7 +26,7 @@ class Recording:
     record: Record
     """With what was measured filled in."""
     true: Float[np.ndarray, " samples"]
-    """The motion or force without zero, noise and rounding."""
+    """What there is to be seen, in SI, without zero, noise and rounding."""
     offset: float
     """The zero that went in."""
 

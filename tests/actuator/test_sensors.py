@@ -12,7 +12,7 @@ from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
 from pdssjax.friction.simplified_lugre import SimplifiedLuGre
 from pdssjax.piezo.second_order import SecondOrder
-from pdssjax.simulation import PlatformOnly, StickSlip, measured
+from pdssjax.simulation import STOP_FORCE, PlatformOnly, StickSlip, measured
 
 UM = 1e6
 DRIVE = Sawtooth(64.0, 50.0, 5e-4)
@@ -89,7 +89,7 @@ def test_a_tilt_is_a_load():
 @jax.jit
 def pushing(stop, sensor_bandwidth):
     actuator = Actuator(SecondOrder(), SimplifiedLuGre(), stop=stop)
-    force = measured(StickSlip(actuator, DRIVE, Sensor(sensor_bandwidth, filters=False)), TIMES, Accuracy())
+    force = measured(StickSlip(actuator, DRIVE, Sensor(sensor_bandwidth, filters=False)), TIMES, Accuracy(), STOP_FORCE)
     return force, simulate(actuator, DRIVE, TIMES)
 
 
@@ -132,7 +132,8 @@ def test_a_contact_that_rests_before_it_touches_wakes_and_is_differentiated(stif
     def force(k):
         drive = Sawtooth(64.0, 5.0, 5e-4)
         actuator = Actuator(SecondOrder(), AnisotropicLuGre(), stop=Stop(stiffness=k))
-        return measured(StickSlip(actuator, drive, Sensor(filters=False)), times, Accuracy(max_steps=16000))
+        system = StickSlip(actuator, drive, Sensor(filters=False))
+        return measured(system, times, Accuracy(max_steps=16000), STOP_FORCE)
 
     step = 3e-5 * stiffness
     differences = (np.asarray(force(stiffness + step)) - np.asarray(force(stiffness - step))) / (2 * step)

@@ -10,6 +10,7 @@ import pdssjax
 from pdssjax import InputError, InputWarning
 from pdssjax.cli import main as cli
 from pdssjax.files import EXAMPLE
+from pdssjax.study.measurement.effector import Effector
 
 
 def test_identify_reports_and_writes(calls, tmp_path, capsys):
@@ -101,11 +102,11 @@ def recorded(name: str, offset: float | None, noise: float | None) -> SimpleName
         name=name,
         role="fit",
         measures="effector",
+        measurement=Effector(),
         time=time,
         measured=1e-5 * time + 3e-6,
         offset=offset,
         noise=noise,
-        unit="m",
         motion=None,
     )
 

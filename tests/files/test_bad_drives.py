@@ -149,7 +149,7 @@ def test_any_drive_may_be_held_and_still_follows_the_shared_fall_time(tmp_path):
     drive = study.records[1].drive
     assert isinstance(drive, ZeroOrderHold)
     assert drive.interval == pytest.approx(50e-6)
-    group = next(g for g in study.predictor.groups if isinstance(g.drives, ZeroOrderHold))
+    group = next(g for g in study.predictor.groups if isinstance(g.runs.drive, ZeroOrderHold))
     assert not bool(group.overrides["fall_time"][0])
 
 

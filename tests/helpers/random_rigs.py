@@ -20,7 +20,15 @@ from pdssjax.core import member, quantities
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.drive.step import Step
 from pdssjax.integration.accuracy import TIGHT
-from pdssjax.simulation import PlatformOnly, PrescribedMotion, StickSlip, contact_force, measured
+from pdssjax.simulation import (
+    DISPLACEMENT,
+    FRICTION_FORCE,
+    STOP_FORCE,
+    PlatformOnly,
+    PrescribedMotion,
+    StickSlip,
+    measured,
+)
 
 SAMPLES = 100
 ROOM = 30_000
@@ -86,7 +94,8 @@ class Structure:
         times = jnp.asarray(self.times)
         if self.shows == "friction":
             moved = 4e-6 * np.sin(2 * np.pi * 15.0 * self.times) + 2e-6 * np.sin(2 * np.pi * 47.0 * self.times)
-            return contact_force(PrescribedMotion(built["friction"], times, jnp.asarray(moved)), times, accuracy)
+            contact = PrescribedMotion(built["friction"], times, jnp.asarray(moved))
+            return measured(contact, times, accuracy, FRICTION_FORCE)
         sensor = built.get("sensor", IDEAL)
         effector, law = built.get("effector", Effector()), built.get("friction", member("friction", "coulomb")())
         actuator = Actuator(
@@ -94,7 +103,8 @@ class Structure:
         )
         if self.shows == "unloaded":
             return measured(PlatformOnly(actuator.driven_platform, self.drive, sensor), times, accuracy)
-        return measured(StickSlip(actuator, self.drive, sensor, 1.0 * (self.shows == "platform")), times, accuracy)
+        system = StickSlip(actuator, self.drive, sensor, 1.0 * (self.shows == "platform"))
+        return measured(system, times, accuracy, STOP_FORCE if "stop" in built else DISPLACEMENT)
 
     def _own(self, part: str, numbers: dict[str, Any]) -> dict[str, Any]:
         own = {path.split(".")[1]: number for path, number in numbers.items() if path.startswith(f"{part}.")}

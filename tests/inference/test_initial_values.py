@@ -23,7 +23,8 @@ PIEZOS = members("piezo")
 
 
 def record(name, drive, time, measured, measures="platform"):
-    return Record(name, None, "fit", measures, drive, frozenset(), time, measured, None, None)  # pyright: ignore[reportArgumentType]
+    measurement = member("study.measurement", measures)()
+    return Record(name, None, "fit", measurement, drive, frozenset(), time, measured, None, None)  # pyright: ignore[reportArgumentType]
 
 
 def stretched(volts, stroke, samples=250, until=0.25):

@@ -17,6 +17,8 @@ from pdssjax.cli.signals import Terminated, exit_status, requests_to_end
 from pdssjax.files import EXAMPLE
 from pdssjax.inference.best_point import BestPoint
 from pdssjax.inference.least_squares import INTERRUPTED
+from pdssjax.study.measurement.effector import Effector
+from pdssjax.study.measurement.platform import Platform
 
 PROGRAM = """
 import contextlib, sys, time
@@ -127,7 +129,7 @@ class Posed:
     """As much of a problem as is looked at."""
 
     noise: np.ndarray
-    records: tuple = (SimpleNamespace(measures="platform"), SimpleNamespace(measures="effector"))
+    records: tuple = (SimpleNamespace(measurement=Platform()), SimpleNamespace(measurement=Effector()))
 
     def _replace(self, watch):
         return self

@@ -20,6 +20,7 @@ from pdssjax.inference.notes import about_information, about_models, about_recor
 from pdssjax.inference.problem import pose
 from pdssjax.report.text import format_report
 from pdssjax.study import FittedParameter, Models, compare
+from pdssjax.study.measurement.platform import Platform
 
 GAIN, RATE, DAMPING = 1.1e-7, 6000.0, 0.2
 NOISE = 1e-8
@@ -148,7 +149,7 @@ def made_record(samples, noise, seed, given=NOISE):
     time = np.arange(samples) * 1e-3
     motion = 1e-5 * time
     measured = motion + np.random.default_rng(seed).normal(0.0, noise, samples)
-    posed = Record("r", None, "fit", "platform", Sawtooth(), frozenset(), time, measured, given, 0.0)  # pyright: ignore[reportArgumentType]
+    posed = Record("r", None, "fit", Platform(), Sawtooth(), frozenset(), time, measured, given, 0.0)  # pyright: ignore[reportArgumentType]
     return compare(posed, motion, noise=given or float(np.std(measured - motion)), offset=0.0)
 
 
@@ -209,7 +210,8 @@ def test_a_fit_that_is_lost_says_the_cause_and_nothing_that_would_mean_nothing(t
 
 def sampled(name, interval, measures="effector"):
     time = np.arange(0.0, 1.0, interval)
-    return Record(name, None, "fit", measures, Sawtooth(), frozenset(), time, 1e-6 * time, NOISE, None)  # pyright: ignore[reportArgumentType]
+    measurement = member("study.measurement", measures)()
+    return Record(name, None, "fit", measurement, Sawtooth(), frozenset(), time, 1e-6 * time, NOISE, None)  # pyright: ignore[reportArgumentType]
 
 
 MASS = 0.1

@@ -16,7 +16,7 @@ from pdssjax.friction.simplified_lugre import SimplifiedLuGre
 from pdssjax.integration.accuracy import TIGHT
 from pdssjax.piezo.bouc_wen import BoucWen
 from pdssjax.piezo.second_order import SecondOrder
-from pdssjax.simulation import PlatformOnly, StickSlip, measured
+from pdssjax.simulation import DISPLACEMENT, STOP_FORCE, PlatformOnly, StickSlip, measured
 
 TIMES = np.concatenate([np.linspace(1e-4, 0.02, 50), np.linspace(0.03, 0.4, 50)])
 WALK = Sawtooth(60.0, 2.0, 1e-3)
@@ -37,18 +37,18 @@ def loop(frequency):
 
 
 @pytest.mark.parametrize(
-    ("system", "value", "resolution"),
+    ("system", "value", "output", "resolution"),
     [
-        pytest.param(walk, 2e4, 1e-9, id="a quick sensor of a slow walk"),
-        pytest.param(push, 2e3, 1e-6, id="a force sensor that is leant on", marks=pytest.mark.slow),
-        pytest.param(loop, 6736.0, 1e-9, id="a stack with hysteresis on a slow triangle"),
+        pytest.param(walk, 2e4, DISPLACEMENT, 1e-9, id="a quick sensor of a slow walk"),
+        pytest.param(push, 2e3, STOP_FORCE, 1e-6, id="a force sensor that is leant on", marks=pytest.mark.slow),
+        pytest.param(loop, 6736.0, DISPLACEMENT, 1e-9, id="a stack with hysteresis on a slow triangle"),
     ],
 )
-def test_derivatives_stay_right_after_the_transient(system, value, resolution):
+def test_derivatives_stay_right_after_the_transient(system, value, output, resolution):
     @jax.jit
     def shown(factor, tolerance, settle_tolerance):
         accuracy = Accuracy(tolerance, settle_tolerance, max_steps=40_000)
-        motion = lambda factor: measured(system(value * factor), jnp.asarray(TIMES), accuracy)
+        motion = lambda factor: measured(system(value * factor), jnp.asarray(TIMES), accuracy, output)
         return jax.jvp(motion, (factor,), (jnp.ones(()),))
 
     usual, step = Accuracy(), 1e-4

@@ -10,7 +10,7 @@ from pdssjax.friction.coulomb import Coulomb
 from pdssjax.friction.dahl import Dahl
 from pdssjax.friction.generalized_maxwell_slip import GeneralizedMaxwellSlip
 from pdssjax.friction.simplified_lugre import SimplifiedLuGre
-from pdssjax.simulation import PrescribedMotion, contact_force
+from pdssjax.simulation import FRICTION_FORCE, PrescribedMotion, measured
 
 TIMES = np.linspace(0.0, 1.0, 401)
 MOTION = 2e-6 * np.interp(TIMES, [0.0, 0.2, 0.6, 1.0], [0.0, 1.0, -1.0, 0.5])
@@ -19,7 +19,12 @@ MOTION = 2e-6 * np.interp(TIMES, [0.0, 0.2, 0.6, 1.0], [0.0, 1.0, -1.0, 0.5])
 
 def force(law, times=TIMES, motion=MOTION) -> np.ndarray:
     return np.asarray(
-        contact_force(PrescribedMotion(law, jnp.asarray(times), jnp.asarray(motion)), jnp.asarray(times), Accuracy())
+        measured(
+            PrescribedMotion(law, jnp.asarray(times), jnp.asarray(motion)),
+            jnp.asarray(times),
+            Accuracy(),
+            FRICTION_FORCE,
+        )
     )
 
 
@@ -56,10 +61,11 @@ def test_the_force_can_be_differentiated(field):
     law = SimplifiedLuGre(sigma1=2e3)
     value = getattr(law, field)
     run = jax.jit(
-        lambda x: contact_force(
+        lambda x: measured(
             PrescribedMotion(SimplifiedLuGre(**{"sigma1": 2e3, field: x}), jnp.asarray(TIMES), jnp.asarray(MOTION)),
             jnp.asarray(TIMES),
             Accuracy(),
+            FRICTION_FORCE,
         )
     )
     step = 1e-5 * value
@@ -73,9 +79,8 @@ def test_elements_that_slip_at_their_limit_have_finite_and_right_derivatives():
     # Without weakening an element that slips stays at its limit exactly: its coefficients vanish, its decay does not.
     def run(strength):
         law = GeneralizedMaxwellSlip(weakened=1.0, strength_1=strength)
-        return contact_force(
-            PrescribedMotion(law, jnp.asarray(TIMES), jnp.asarray(MOTION)), jnp.asarray(TIMES), Accuracy()
-        )
+        contact = PrescribedMotion(law, jnp.asarray(TIMES), jnp.asarray(MOTION))
+        return measured(contact, jnp.asarray(TIMES), Accuracy(), FRICTION_FORCE)
 
     # Not quite the nominal strength: there elements let go exactly at a sample, where the derivative jumps.
     compiled, strength, step = jax.jit(run), 1.0371 * GeneralizedMaxwellSlip().strength_1, 1e-7

@@ -11,7 +11,7 @@ ENTRIES = {entry.name: entry for entry in catalogue_entries()}
 
 
 def test_every_member_and_part_has_an_entry():
-    named = {f"{family}/{name}" for family in FAMILIES for name in members(family)}
+    named = {f"{said}/{name}" for said, family in FAMILIES.items() for name in members(family)}
     assert set(ENTRIES) == named | set(PARTS)
 
 
@@ -29,6 +29,11 @@ def test_every_model_cites_its_equation_or_its_paper(name):
 
 def test_an_entry_is_found_with_and_without_its_family():
     assert find_entry("friction/dahl") == find_entry("dahl")
+
+
+def test_a_part_goes_before_a_member_of_the_same_name():
+    assert find_entry("effector").name == "effector"
+    assert find_entry("measurement/effector").name == "measurement/effector"
 
 
 def test_the_command_lists_all_and_explains_one(capsys):

@@ -1,5 +1,6 @@
 """What records say of a rig before any fit: gain, ringing and contact, read off by simple means."""
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 
 import equinox as eqx
@@ -7,7 +8,7 @@ import numpy as np
 
 from ...core import InputError
 from ...drive.base import AbstractDrive
-from ...study import Record, drive_with, noise_floor
+from ...study import Record, Samples, drive_with, noise_floor
 
 _LATEST = 1e6
 """Time [s] at which a record may begin, however short it is."""
@@ -38,18 +39,38 @@ def check_clock(record: Record) -> None:
         )
 
 
-def oscillator(records: Sequence[Record]) -> dict[str, float]:
-    """Gain, natural frequency and damping ratio, as far as the records tell them."""
-    steps = [r for r in records if r.measures == "platform" and _is_step(r)]
+def as_displacements(records: Sequence[Record]) -> list[Record]:
+    """The records that tell a displacement, with that [m], up to a constant, in place of what was measured."""
+    return _as_told(records, [record.measurement.displacement(_samples(record)) for record in records])
+
+
+def as_forces(records: Sequence[Record]) -> list[Record]:
+    """The records that tell a force, with that [N], up to a constant, in place of what was measured."""
+    return _as_told(records, [record.measurement.force(_samples(record)) for record in records])
+
+
+def _samples(record: Record) -> Samples:
+    volts = np.broadcast_to(voltages(record), record.time.shape)
+    return Samples(record.time, record.measured, volts, record.offset)
+
+
+def _as_told(records: Sequence[Record], told: Sequence[np.ndarray | None]) -> list[Record]:
+    pairs = zip(records, told, strict=True)
+    return [dataclasses.replace(record, measured=values) for record, values in pairs if values is not None]
+
+
+def oscillator(driven: Sequence[Record]) -> dict[str, float]:
+    """Gain, natural frequency and damping ratio, as far as records with a drive tell them."""
+    moves = as_displacements(driven)
+    steps = [r for r in moves if r.measurement.platform_alone and _is_step(r)]
     if steps:
         # A slow record of creep does not show how the platform rings.
         finest = min(map(interval_of, steps))
         found = [_from_step(record) for record in steps if interval_of(record) < 2.0 * finest]
         names = {name for one in found for name in one}
         return {name: float(np.median([one[name] for one in found if name in one])) for name in sorted(names)}
-    moves = [r for r in records if r.measures != "force"]
     flanks = [_flank_gain(r) for r in moves if r.drive is not None and r.drive.flanks() is not None]
-    gains = flanks or [_range_gain(r) for r in records if r.measures == "platform"]
+    gains = flanks or [_range_gain(r) for r in moves if r.measurement.platform_alone]
     gains = gains or [gain for gain in map(_following_gain, moves) if gain > 0.0]
     return {"gain": float(np.median(gains))} if gains else {}
 

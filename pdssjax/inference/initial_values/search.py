@@ -22,6 +22,7 @@ from ...study import Models, Parameter, Record, noise_floor
 from ..parameter_transform import transform_of
 from ..residual import Residual, as_weights
 from .record_features import (
+    as_forces,
     check_clock,
     contact_scale,
     frequency_of,
@@ -92,14 +93,15 @@ def _split_known(models, parameters, records, better):
     for path, number in (_piezo_from_data(models, known, fitted) | _electronics(known, fitted)).items():
         if path in parameters and path not in known:
             known[path] = _within(number, parameters[path])
-    stiffnesses = [stop_stiffness(record, _stack(models, known)[0]) for record in fitted if record.measures == "force"]
+    pushes = [record for record in as_forces(fitted) if record.measurement.blocked]
+    stiffnesses = [stop_stiffness(record, _stack(models, known)[0]) for record in pushes]
     if "stop.stiffness" in parameters and "stop.stiffness" not in known and any(stiffnesses):
         known["stop.stiffness"] = _within(max(stiffnesses), parameters["stop.stiffness"])
     unknown = [path for path in parameters if path not in known]
     ranges = _ranges(models, known, unknown, parameters, fitted)
     for path in [path for path in unknown if path not in ranges]:
         known[path] = _within(parameters[path].quantity.nominal, parameters[path])
-    return known, ranges, [record for record in fitted if record.measures != "platform"] if ranges else []
+    return known, ranges, [record for record in fitted if not record.measurement.platform_alone] if ranges else []
 
 
 def _within(number: float, parameter: Parameter) -> float:
@@ -138,8 +140,8 @@ def _ranges(models, known, unknown, parameters, records) -> dict[str, tuple[floa
     value = lambda path, otherwise: known.get(path, otherwise)
     gain, rate = _stack(models, known)
     mass = value("effector.mass", 0.1)
-    moved = mass if any(record.measures in ("effector", "force") for record in records) else None
-    contacts = [contact_scale(record, moved) for record in records if record.measures == "friction"]
+    moved = mass if any(record.measurement.effector_moves for record in records) else None
+    contacts = [contact_scale(record, moved) for record in as_forces(records) if not record.measurement.driven]
     driven = (mass, gain * max((peak_bend(r, rate, known) for r in records), default=0.0) or rate**2 * gain, rate)
     friction = models.friction.search_ranges(*(np.median(contacts, axis=0) if contacts else driven))
     ranges = {f"friction.{name}": ends for name, ends in friction.items()}

@@ -11,13 +11,13 @@ from jaxtyping import Bool, Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...core import MICROMETRES, display_unit
+from ...core import MICROMETRES
 from ...study import FittedRecord
 from ._style import BLUE, GREY, STYLE, VERMILION, YELLOW
 
 
 def record_figure(record: FittedRecord) -> Figure:
-    """Measured against predicted [um] over residuals; to the right, the liveliest moment enlarged."""
+    """Measured against predicted over residuals; to the right, the liveliest moment enlarged."""
     moment = _liveliest_moment(record)
     span = record.time[moment][[0, -1]]
     with matplotlib.rc_context(STYLE):
@@ -55,7 +55,7 @@ def _draw_overview(motion: Axes, residual: Axes, record: FittedRecord) -> None:
     scale, unit = _shown(record)
     motion.plot(record.time, scale * record.measured, color=GREY, linewidth=2.4, label="measured")
     motion.plot(record.time, scale * record.predicted, color=VERMILION, linewidth=0.9, label="predicted")
-    motion.set_ylabel(f"{'force' if record.unit == 'N' else 'displacement'} ({unit})")
+    motion.set_ylabel(f"{record.display.quantity} ({unit})")
     motion.legend(loc="best")
     residual.plot(record.time, _residual(record), color=BLUE, linewidth=0.6)
     residual.set_ylabel(f"residual ({unit})")
@@ -92,8 +92,7 @@ def _draw_noise(panels: Sequence[Axes], record: FittedRecord) -> None:
 
 def _shown(record: FittedRecord) -> tuple[float, str]:
     """The factor from SI to the unit shown, and its name."""
-    unit, scale = display_unit(record.unit)
-    return scale, unit.replace("um", "µm")
+    return record.display.scale, record.display.unit.replace("um", "µm")
 
 
 def _residual(record: FittedRecord) -> Float[np.ndarray, " n"]:

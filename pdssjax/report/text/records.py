@@ -9,7 +9,7 @@ from ._layout import aligned_table, heading
 
 
 def format_records(records: Sequence[FittedRecord]) -> str:
-    """How well each record is predicted, lengths in micrometres and forces in newtons."""
+    """How well each record is predicted, each in the unit that its measurement is shown in."""
     head = [
         "",
         "role",
@@ -25,8 +25,7 @@ def format_records(records: Sequence[FittedRecord]) -> str:
         "+/-",
         "",
     ]
-    units = {"m": "lengths in um", "N": "forces in N"}
-    shown = ", ".join(text for unit, text in units.items() if unit in {record.unit for record in records})
+    shown = ", ".join(dict.fromkeys(f"{record.display.plural} in {record.display.unit}" for record in records))
     legend = (
         "    neighbours: the noise seen between neighbouring samples, whatever the fit;\n"
         "    chi2/n: chi-square per degree of freedom against the noise given, 1 where the record is explained.\n"
@@ -47,7 +46,7 @@ def format_numbers(used: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def _record(record: FittedRecord) -> list[str]:
-    _, scale = display_unit(record.unit)
+    scale = record.display.scale
     known = record.noise > 0
     residual, zero = [record.error_index, record.rmse], [record.offset, record.offset_standard_error]
     return [

@@ -92,10 +92,17 @@ class PlatformOnly(AbstractHybridSystem):
             return end
         return end._replace(driven=self.driven_platform.motion(segment, t_local, begin.driven, elapsed))
 
-    def measured(self, x: State):
+    def shown_displacement(self, x: State):
         """Displacement [m] that the sensor shows."""
-        y, _ = self.driven_platform.platform(x.driven)
-        return y - x.sensor_lag[0] if x.sensor_lag else y
+        return self.sensor.shown_displacement(x.sensor_lag, self.driven_platform.platform(x.driven)[0])
+
+    def shown_velocity(self, x: State):
+        """Velocity [m/s] that a sensor of velocity shows."""
+        return self.sensor.shown_velocity(x.sensor_lag, self.driven_platform.platform(x.driven)[1])
+
+    def velocity_components(self) -> tuple[int, ...]:
+        """The components of which the velocity shown is made."""
+        return self.output_components()
 
     def _steady_lag(self, segment, t_local, x):
         steady = self.driven_platform.steady(segment, t_local, x.driven, 0.0)

@@ -37,7 +37,7 @@ class StickSlip(AbstractHybridSystem):
     drive: AbstractDrive
     sensor: Sensor = IDEAL
     on_platform: Any = 0.0
-    """1 where the sensor looks at the platform, 0 at the end-effector; with a stop it measures the force."""
+    """1 where the sensor looks at the platform, 0 at the end-effector; with a stop it shows the force."""
 
     def initial(self) -> State:
         zero = jnp.zeros(())
@@ -65,6 +65,13 @@ class StickSlip(AbstractHybridSystem):
             return tuple(range(count))
         stack = () if self._exact() else range(2, 2 + len(self.actuator.piezo.initial()))
         return (0, *stack, count - 1) if self.initial().sensor_lag else (0, *stack)
+
+    def velocity_components(self) -> tuple[int, ...]:
+        """The components of which the velocity shown is made."""
+        count = len(jax.tree.leaves(self.initial()))
+        if self.initial().sensor_lag:
+            return (count - 1,)
+        return (1,) if self._exact() else (1, *range(2, 2 + len(self.actuator.piezo.initial())))
 
     def state_scale(self) -> State:
         """What one unit of each state amounts to as a displacement [m]."""
@@ -245,13 +252,18 @@ class StickSlip(AbstractHybridSystem):
         sliding = self.actuator.friction.force(x.contact_state, x.v, mode)
         return jnp.where(jnp.abs(mode) == 1.0, sliding, self._sticking_force(free, x))
 
-    def measured(self, x: State):
-        """What the sensor shows: displacement of platform or end-effector [m]; with a stop the force [N]."""
+    def shown_displacement(self, x: State):
+        """Displacement [m] of platform or end-effector that the sensor shows."""
         y, _ = self.actuator.driven_platform.platform(x.driven)
-        if self.actuator.stop is not None:
-            return x.sensor_lag[0] if x.sensor_lag else self._push(x)
-        true = y - x.d * (1.0 - self.on_platform)
-        return true - x.sensor_lag[0] if x.sensor_lag else true
+        return self.sensor.shown_displacement(self._motion_lag(x), y - x.d * (1.0 - self.on_platform))
+
+    def shown_velocity(self, x: State):
+        """Velocity [m/s] of platform or end-effector that a sensor of velocity shows."""
+        return self.sensor.shown_velocity(self._motion_lag(x), self._seen_speed(x))
+
+    def shown_force(self, x: State):
+        """Force [N] that the sensor in the way, the stop, shows."""
+        return x.sensor_lag[0] if x.sensor_lag else self._push(x)
 
     def _slowest(self):
         """The slowest of the platform's and the contact's frequencies [rad/s]: velocity times 1/it is displacement."""
@@ -275,6 +287,11 @@ class StickSlip(AbstractHybridSystem):
             # The force does not drift: the state is what the sensor shows of it.
             return tuple((self._push(x) - shown) * self.sensor.pole() for shown in x.sensor_lag)
         return tuple(rate * active for rate in self.sensor.rate(x.sensor_lag, self._seen_speed(x)))
+
+    def _motion_lag(self, x):
+        if self.actuator.stop is not None and x.sensor_lag:
+            raise ValueError("Expected a sensor without a filter beside a stop, whose force it filters, but got one.")
+        return x.sensor_lag
 
     def _seen_speed(self, x):
         _, w = self.actuator.driven_platform.platform(x.driven)

@@ -1,0 +1,55 @@
+"""What a sensor shows of a hybrid system: a function of its state, and the components that this takes.
+
+A measurement names one of these, or makes its own.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+
+def _delay_of_sensor(system: Any) -> Any:
+    return system.sensor.delay
+
+
+def _at_once(system: Any) -> Any:
+    return 0.0
+
+
+class Output(NamedTuple):
+    """What is shown of a system; static, since records that share it share one compiled function."""
+
+    shown: Callable[..., Any]
+    """(system, segment, t_local, x, mode) to what is shown [SI], shape ()."""
+    components: Callable[[Any], tuple[int, ...] | None]
+    """Of a system, the components of its state of which that is made, counted as leaves; None for all."""
+    delay: Callable[[Any], Any] = _delay_of_sensor
+    """Of a system, by how much later it is shown [s]."""
+
+
+def _displacement(system: Any, segment: Any, t_local: Any, x: Any, mode: Any) -> Any:
+    return system.shown_displacement(x)
+
+
+def _velocity(system: Any, segment: Any, t_local: Any, x: Any, mode: Any) -> Any:
+    return system.shown_velocity(x)
+
+
+def _stop_force(system: Any, segment: Any, t_local: Any, x: Any, mode: Any) -> Any:
+    return system.shown_force(x)
+
+
+def _friction_force(system: Any, segment: Any, t_local: Any, x: Any, mode: Any) -> Any:
+    return system.force(segment, t_local, x, mode)
+
+
+DISPLACEMENT = Output(_displacement, lambda system: system.output_components())
+"""Of platform or end-effector [m], behind the sensor's low-pass."""
+
+VELOCITY = Output(_velocity, lambda system: system.velocity_components())
+"""The same of a sensor of velocity [m/s]."""
+
+STOP_FORCE = Output(_stop_force, lambda system: system.output_components())
+"""The push on the stop [N], behind the sensor's low-pass."""
+
+FRICTION_FORCE = Output(_friction_force, lambda system: None, _at_once)
+"""Of the contact on the end-effector [N], as it is."""

@@ -1,0 +1,1 @@
+"""What a record may measure, one kind a file: `measures` in a study."""

@@ -1,0 +1,27 @@
+"""Displacement of the end-effector: x_e(t) = y - d, from a sensor that looks at it while it walks.
+
+Behind the sensor's low-pass and delay, with a zero of its own.
+"""
+
+from typing import ClassVar
+
+from ...core import LENGTH
+from ...simulation import DISPLACEMENT
+from ..setups import sensor_on
+from .base import AbstractMeasurement
+
+
+class Effector(AbstractMeasurement):
+    """The end-effector, by a displacement sensor."""
+
+    columns: ClassVar = {"time": "s", "displacement": "m"}
+    display: ClassVar = LENGTH
+
+    def parts(self):
+        return frozenset({"piezo", "friction", "effector"})
+
+    def setup(self, models):
+        return sensor_on(0.0, DISPLACEMENT, models)
+
+    def displacement(self, samples):
+        return samples.measured

@@ -1,0 +1,26 @@
+"""Force of the blocked end-effector: P(t) on a force sensor in its way, the stop.
+
+Behind the sensor's low-pass and delay, with a zero of its own; `pdssjax.actuator.stop` has the law of the stop.
+"""
+
+from typing import ClassVar
+
+from ...core import Display
+from ..setups import BlockedActuator
+from .base import AbstractMeasurement
+
+
+class Force(AbstractMeasurement):
+    """The push on a force sensor in the way of the end-effector."""
+
+    columns: ClassVar = {"time": "s", "force": "N"}
+    display: ClassVar = Display("force", "forces", "N", 1.0)
+
+    def parts(self):
+        return frozenset({"piezo", "friction", "effector", "stop"})
+
+    def setup(self, models):
+        return BlockedActuator()
+
+    def force(self, samples):
+        return samples.measured
