@@ -97,10 +97,10 @@ def test_numbers_are_taken_and_given_back(drive):
 
 def test_a_staircase_answers_for_what_it_holds():
     drive = Sawtooth(30.0, 20.0, 1e-3)
-    held = ZeroOrderHold(drive, 1e-4)
+    held = ZeroOrderHold(drive, 2e-3)
     answers = lambda d: (d.cycle_frequency(), d.peak(), d.flanks(), d.numbers(), d.declared())
     assert answers(held) == answers(drive) and held.has_jumps()
     assert any(abs(step) > 0.0 for step in corner_steps(held))
     highest = max(float(segment.start) for _, segment in pieces(held))
-    assert drive.peak() * (1.0 - 1.1 * 1e-4 * 20.0) < highest <= drive.peak()
-    assert held.with_numbers({"voltage": 40.0}) == ZeroOrderHold(drive.with_numbers({"voltage": 40.0}), 1e-4)
+    assert drive.peak() * (1.0 - 1.1 * 2e-3 * 20.0) < highest <= drive.peak()
+    assert held.with_numbers({"voltage": 40.0}) == ZeroOrderHold(drive.with_numbers({"voltage": 40.0}), 2e-3)
