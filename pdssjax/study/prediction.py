@@ -62,16 +62,16 @@ class Predictor(eqx.Module):
     def __init__(self, models: Models, records: Sequence[Record]):
         self.models = models
         setups = [record.measurement.setup(models) for record in records]
-        together: dict[Any, list[int]] = {}
+        grouped: dict[Any, list[int]] = {}
         for place, (record, setup) in enumerate(zip(records, setups, strict=True)):
             # Leaves of different sizes (sampled drives) cannot be stacked.
             shapes = tuple(np.shape(leaf) for leaf in jax.tree.leaves(record.drive))
             key = (type(record.drive), jax.tree.structure(setup), jax.tree.structure(record.drive), shapes)
-            together.setdefault(key, []).append(place)
+            grouped.setdefault(key, []).append(place)
         # What is known of the records is numbers, also where a prediction that is being traced needs them first.
         with jax.ensure_compile_time_eval():
             self.groups = tuple(
-                _group([records[i] for i in places], [setups[i] for i in places], places) for places in together.values()
+                _group([records[i] for i in places], [setups[i] for i in places], places) for places in grouped.values()
             )
 
     def __call__(self, values: Values, accuracy: Accuracy) -> list[Float[Array, " samples"]]:
