@@ -130,6 +130,8 @@ def _roomy(group: _Group, models: Models, accuracy: Accuracy) -> Accuracy:
 
 def _shared(drive: Any, overrides: dict[str, Any], values: Values) -> Any:
     """`drive` with the study's numbers in place of those that the record does not set itself."""
+    if drive is None:
+        return None
     numbers = drive.numbers()
     paths = {field: path for field in overrides if (path := f"drive.{field}") in values}
     return drive.with_numbers({f: jnp.where(overrides[f], numbers[f], values[path]) for f, path in paths.items()})
