@@ -157,7 +157,7 @@ def _run(block: _Block, points: np.ndarray, progress: Callable[[int, int], None]
 
 def _base(study: Study, name: str | None) -> Record:
     where = study.path or study.title
-    walks = [r for r in study.records if r.measurement.walks and getattr(r.drive, "frequency", None)]
+    walks = [r for r in study.records if r.measurement.effector_free and getattr(r.drive, "frequency", None)]
     if not walks:
         raise InputError(f"{where}: found no effector record under a periodic drive, expected one whose drive to vary.")
     if name is None:
