@@ -78,7 +78,7 @@ def _check(study: Study, method: str) -> None:
     free = [path for path, parameter in study.parameters.items() if parameter.free]
     if not free:
         raise InputError(f"{where}: parameters: found none that is free, expected at least one to fit.")
-    steps = {(record.measurement.platform_alone, record.measurement.walks) for record in fitted}
+    steps = {(record.measurement.platform_alone, record.measurement.effector_free) for record in fitted}
     if method == "sequential" and steps != {(True, False), (False, True)}:
         raise InputError(
             f"{where}: found fitted records of the {' and the '.join(sorted({r.measures for r in fitted}))} only; "

@@ -156,7 +156,7 @@ def _run(block: _Block, points: np.ndarray, progress: Callable[[int, int], None]
 
 def _base(study: Study, name: str | None) -> Record:
     where = study.path or study.title
-    driven = [r for r in study.records if r.measurement.walks and r.drive.period() is not None]
+    driven = [r for r in study.records if r.measurement.effector_free and r.drive.period() is not None]
     if not driven:
         raise InputError(f"{where}: found no effector record under a periodic drive, expected one whose drive to vary.")
     if name is None:

@@ -91,7 +91,7 @@ class AbstractMeasurement(eqx.Module):
         return "stop" in self.parts()
 
     @property
-    def walks(self) -> bool:
+    def effector_free(self) -> bool:
         """The end-effector moves, and freely."""
         return self.effector_moves and not self.blocked
 
