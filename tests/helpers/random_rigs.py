@@ -202,7 +202,7 @@ PARTS = {
     "friction record, anisotropic": Structure(state="deflection", shows="friction"),
 }
 RINGING = {
-    "coulomb, corners while it rings": Structure(friction="coulomb", drive=Sawtooth(30.0, 5.0, 2e-3)),
+    "coulomb, corners while it rings": Structure(friction="coulomb", drive=Sawtooth(64.0, 20.0, 2e-3)),
 }
 """A contact that sticks for good while the platform still rings at the next corner."""
 ALL = WALKS | LAWS | PARTS | RINGING
