@@ -20,6 +20,12 @@ Number = Float[Array, ""]
 
 State = tuple[Number, ...]
 
+CURVE = 1e-8
+"""The Stribeck curve, from 1 at rest to 0 far out, as a displacement [m]: how well a step resolves it.
+
+The motion hardly feels how the curve bends within a step; its derivatives by the curve's parameters do.
+"""
+
 
 class AbstractFriction(eqx.Module):
     """A contact force as a function of the relative velocity v = y' - x_e' [m/s].
@@ -113,6 +119,9 @@ class AbstractStribeckBristle(AbstractFriction):
 
     def force(self, state, v, sign):
         return self.sigma0 * state[0] + self.sigma1 * self.rate(state, v, sign)[0] + self.sigma2 * v
+
+    def extra_error_terms(self, state, v, sign):
+        return (stribeck_curve(v, 0.0, CURVE, self.v_s),)
 
     def equilibrium_state(self, state, force):
         target = force / self.sigma0

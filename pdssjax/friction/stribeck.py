@@ -15,7 +15,7 @@ import jax.numpy as jnp
 
 from ..core import quantity
 from ..integration import exp, power
-from .base import AbstractFriction, lugre_ranges, stribeck_guard, stribeck_range
+from .base import CURVE, AbstractFriction, lugre_ranges, stribeck_guard, stribeck_range
 
 _ROUNDING = 1e-3
 """e: the part of v_s below which the tip of the curve is rounded."""
@@ -54,12 +54,19 @@ class Stribeck(AbstractFriction):
     def rate(self, state, v, sign):
         return 0, 0
 
-    def force(self, state, v, sign):
+    def _weakening(self, v):
+        """exp(-|v/v_s|^delta), 1 at rest and 0 far out."""
         x = v * (1.0 / self.v_s)
         square = x * x
         exponent = square * power(square + _ROUNDING**2, 0.5 * self.delta - 1.0)
-        level = exp(exponent * (-1.0)) * (self.f_s - self.f_c) + self.f_c
+        return exp(exponent * (-1.0))
+
+    def force(self, state, v, sign):
+        level = self._weakening(v) * (self.f_s - self.f_c) + self.f_c
         return level * sign + v * self.sigma2
+
+    def extra_error_terms(self, state, v, sign):
+        return (self._weakening(v) * CURVE,)
 
     def error_scale(self):
         return jnp.ones(()), jnp.ones(())

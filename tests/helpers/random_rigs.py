@@ -211,4 +211,8 @@ PARTS = {
     "friction record": Structure(friction="lugre", shows="friction"),
     "friction record, anisotropic": Structure(state="deflection", shows="friction"),
 }
-ALL = WALKS | LAWS | PARTS
+RINGING = {
+    "coulomb, corners while it rings": Structure(friction="coulomb", drive=Sawtooth(64.0, 20.0, 2e-3)),
+}
+"""A contact that sticks for good while the platform still rings at the next corner."""
+ALL = WALKS | LAWS | PARTS | RINGING

@@ -12,7 +12,9 @@ import pytest
 from pdssjax import Accuracy, Actuator, Sensor, Stop
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.drive.triangle import Triangle
+from pdssjax.friction.coulomb import Coulomb
 from pdssjax.friction.simplified_lugre import SimplifiedLuGre
+from pdssjax.integration import SETTLED, sensitivities
 from pdssjax.integration.accuracy import TIGHT
 from pdssjax.piezo.bouc_wen import BoucWen
 from pdssjax.piezo.second_order import SecondOrder
@@ -57,3 +59,21 @@ def test_derivatives_stay_right_after_the_transient(system, value, output, resol
     differences = (values(1.0 + step) - values(1.0 - step)) / (2.0 * step)
     assert np.isfinite(differences).all()
     assert np.abs(slope - differences).max() < 1e-3 * np.abs(differences).max() + 0.1 * resolution
+
+
+def test_a_platform_that_rings_under_a_settled_contact_moves_at_its_own_rate():
+    """The contact sticks for good while the platform rings: at the corner after it the derivatives need y''."""
+    actuator = Actuator(SecondOrder(), Coulomb())
+    system, mode = StickSlip(actuator, WALK), jnp.asarray(SETTLED, float)
+    segment, begin, at, duration = (
+        WALK.segment(jnp.asarray(2.0)),
+        system.initial(),
+        jnp.asarray(2e-4),
+        jnp.asarray(3e-4),
+    )
+    end = system.exact(segment, at, begin, duration, begin)
+    rates = sensitivities._rates(system, segment, at, begin, duration, end, mode)
+    expected = system.field(segment, at + duration, end, jnp.ones(())).driven
+    assert abs(expected.stack[1]) > 0.1, "it rings"
+    np.testing.assert_allclose(rates.driven.stack, expected.stack, rtol=1e-9)
+    assert float(rates.d) == 0.0 and float(rates.v) == 0.0
