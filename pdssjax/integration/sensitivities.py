@@ -10,8 +10,9 @@ from jax import lax
 from jax.flatten_util import ravel_pytree
 
 from .forward_pass import BECAME_SETTLED, CORNER, EVENT, KNOWN_COLUMNS, WHICH, find_steps
-from .step_methods.base import horner
+from .step_methods.base import KnownStep, horner
 from .system import field_of, has_guards, initial_state_and_mode, unflattener
+from .taylor_loop import computed_once
 
 _TILE = 32
 """Steps expanded or linearised side by side."""
@@ -75,8 +76,9 @@ def _step_arrays(table, loop, polynomials):
 # transformations look at them.
 @eqx.filter_jit
 def _expanded(system, method, tolerance, keep, rows):
-    """The polynomials of the steps `rows`."""
-    return jax.vmap(lambda row: _advance(system, method, tolerance, keep, row)[1])(rows)
+    """The polynomials of the steps `rows`, shape (rows, components kept, degree + 1)."""
+    polynomials = method.expand(lambda row: _known_step(system, tolerance, row), rows)
+    return _kept(polynomials, keep)
 
 
 @eqx.filter_jit
@@ -89,40 +91,74 @@ def _linearised(moving, fixed, method, tolerance, keep, rows):
     size = rows.shape[1] - KNOWN_COLUMNS
     parameters, rebuilt = ravel_pytree(moving)
 
-    def linearise(row):
-        def flow(inputs):
-            begin, known = inputs[:size], row[size:]
-            system = eqx.combine(rebuilt(inputs[size:]), fixed)
-            end, polynomials = _advance(system, method, tolerance, keep, jnp.concatenate([begin, known]))
-            return (end, polynomials), polynomials
+    def again(inputs, known):
+        system = eqx.combine(rebuilt(inputs[size:]), fixed)
+        return system, jnp.concatenate([inputs[:size], known])
 
-        slopes, polynomials = jax.jacfwd(flow, has_aux=True)(jnp.concatenate([row[:size], parameters]))
-        return polynomials, slopes
+    def step(inputs, known):
+        system, row = again(inputs, known)
+        return _known_step(system, tolerance, row)
 
-    return jax.vmap(linearise)(rows)
+    def flow(inputs):
+        known = rows[:, size:]
+        polynomials = method.expand(step, inputs, known)
+        shown = _kept(polynomials, keep)
+        step_radius, duration = known[:, 2], known[:, 3]
+        theta = duration / jnp.where(step_radius > 0, step_radius, 1.0)
+        # Always true, also where a number is not finite.
+        true = ~(step_radius[0] < 0.0)
+        side_by_side = lambda f: (
+            lambda *args: jax.vmap(lambda i, k, *found: f(*again(i, k), *found))(inputs, known, *args)
+        )
+        x = computed_once(true, lambda polynomials: [horner(list(c), theta) for c in polynomials], polynomials)
+        x = computed_once(true, side_by_side(_exact_end), x)
+        shift = computed_once(true, side_by_side(_event_shift), x)
+        return (side_by_side(_end)(x, shift), shown), shown
+
+    # The rows do not know of each other: one direction serves them all.
+    inputs = jnp.concatenate([rows[:, :size], jnp.broadcast_to(parameters, (len(rows), parameters.size))], axis=1)
+    along = lambda direction: jax.jvp(flow, (inputs,), (jnp.broadcast_to(direction, inputs.shape),), has_aux=True)
+    _, slopes, polynomials = jax.vmap(along, out_axes=(None, -1, None))(jnp.eye(inputs.shape[1]))
+    return polynomials, slopes
 
 
-def _advance(system, method, tolerance, keep, row):
-    """A step of the table again: (origin, after, x) at its end, and its polynomials.
+def _kept(polynomials, keep):
+    """The components `keep` of the polynomials of many rows, shape (rows, components kept, degree + 1)."""
+    return jnp.stack([polynomials[i].T for i in keep], axis=1)
 
-    The value is that of the forward pass; the derivatives are those of the true flow, with the
-    end of the step moving as the event or the corner does.
-    """
+
+def _known_step(system, tolerance, row):
+    """A step of the table, as methods want it."""
+    size = row.shape[0] - KNOWN_COLUMNS
+    _, t_local, *x = row[:size]
+    index, mode, step_radius, _, _ = lax.stop_gradient(row[size:])
+    field = field_of(system, system.segment(index), unflattener(system), mode)
+    units = [scale / tolerance for scale in jax.tree.leaves(lax.stop_gradient(system.state_scale()))]
+    return KnownStep(field, t_local, x, units, step_radius)
+
+
+def _exact_end(system, row, x):
+    """Where the polynomials of a step lead, with what is known in closed form put right."""
     unflatten = unflattener(system)
     size = row.shape[0] - KNOWN_COLUMNS
-    origin, t_local, *x = row[:size]
-    index, mode, step_radius, duration, code = lax.stop_gradient(row[size:])
+    _, t_local, *begin = row[:size]
+    index, _, _, duration, _ = lax.stop_gradient(row[size:])
+    return jax.tree.leaves(system.exact(system.segment(index), t_local, unflatten(begin), duration, unflatten(x)))
+
+
+def _row(row):
+    """A row of the table: where it begins, mode and duration, how it ended."""
+    size = row.shape[0] - KNOWN_COLUMNS
+    index, mode, _, duration, code = lax.stop_gradient(row[size:])
     code = code.astype(int)
     corner, becomes_settled, event = (code & bit > 0 for bit in (CORNER, BECAME_SETTLED, EVENT))
-    which = code // WHICH
-    segment = system.segment(index)
-    units = [scale / tolerance for scale in jax.tree.leaves(lax.stop_gradient(system.state_scale()))]
-    field = field_of(system, segment, unflatten, mode)
-    polynomials = method.expand(field, t_local, x, units, step_radius, 1.0 + 0.0 * step_radius)
-    theta = duration / jnp.where(step_radius > 0, step_radius, 1.0)
-    end = unflatten([horner(c, theta) for c in polynomials])
-    end = system.exact(segment, t_local, unflatten(x), duration, end)
-    at = t_local + duration
+    return row[0], row[1] + duration, index, mode, corner, becomes_settled, event, code // WHICH
+
+
+def _event_shift(system, row, x):
+    """By how much the end of a step moves: zero in value, the derivative of the event's or of the corner's time."""
+    _, at, index, mode, corner, _, event, which = _row(row)
+    end, segment = unflattener(system)(x), system.segment(index)
 
     def margin(event_shift):
         rates = system.field(segment, at + event_shift, end, mode)
@@ -130,18 +166,30 @@ def _advance(system, method, tolerance, keep, row):
         guards = [jnp.asarray(guard, float) for guard in system.guards(segment, at + event_shift, moved, mode)]
         return jnp.minimum(*guards) if len(guards) == 2 else jnp.stack(guards)[which]
 
-    guarded, shift_of_event = has_guards(system, segment, at, end, mode), 0.0
-    if guarded:
+    shift_of_event = 0.0
+    if has_guards(system, segment, at, end, mode):
         gap, slope = jax.jvp(margin, (jnp.zeros_like(at),), (jnp.ones_like(at),))
         located = event & (slope != 0) & ~system.is_spurious_event(slope, mode, which)
         slope = lax.stop_gradient(jnp.where(located, slope, 1.0))
         shift_of_event = jnp.where(located, -_tangent_only(gap) / slope, 0.0)
     shift_of_corner = _tangent_only(jnp.where(corner, segment.duration, 0.0) - at)
-    event_shift = jnp.where(event, shift_of_event, jnp.where(corner, shift_of_corner, 0.0))
-    rates = lax.stop_gradient(_rates(system, segment, t_local, unflatten(x), duration, end, mode))
+    return jnp.where(event, shift_of_event, jnp.where(corner, shift_of_corner, 0.0))
+
+
+def _end(system, row, x, event_shift):
+    """The end (origin, after, x) of a step of the table, given where it leads and how its end moves.
+
+    The value is that of the forward pass; the derivatives are those of the true flow, with the
+    end of the step moving as the event or the corner does.
+    """
+    origin, at, index, mode, corner, becomes_settled, event, which = _row(row)
+    end, segment = unflattener(system)(x), system.segment(index)
+    size = row.shape[0] - KNOWN_COLUMNS
+    begin, duration = unflattener(system)(row[2:size]), lax.stop_gradient(row[size + 3])
+    rates = lax.stop_gradient(_rates(system, segment, row[1], begin, duration, end, mode))
     end = jax.tree.map(lambda a, b: a + event_shift * b, end, rates)
     following = mode
-    if guarded:
+    if has_guards(system, segment, at, end, mode):
         switched, following = system.after_event(segment, at + event_shift, end, mode, which)
         end = jax.tree.map(lambda a, b: jnp.where(event, a, b), switched, end)
         following = jnp.where(event, following, mode)
@@ -152,7 +200,7 @@ def _advance(system, method, tolerance, keep, row):
         end = jax.tree.map(lambda a, b: jnp.where(corner, a, b), started, end)
     origin = jnp.where(corner, origin + jnp.where(corner, segment.duration, 0.0), origin)
     t_local = jnp.where(corner, 0.0, at + event_shift)
-    return jnp.stack([origin, t_local, *jax.tree.leaves(end)]), jnp.stack([jnp.stack(polynomials[i]) for i in keep])
+    return jnp.stack([origin, t_local, *jax.tree.leaves(end)])
 
 
 def _rates(system, segment, t_local, begin, duration, end, mode):

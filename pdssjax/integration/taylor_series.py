@@ -5,6 +5,10 @@ is first asked for.  Sums, products, quotients and the elementary functions belo
 the usual recurrences (R. E. Moore, Interval Analysis, 1966, chapter 11), and with them the
 Taylor series of the solution of x' = f(t, x), one coefficient after the other.  A coefficient that is known to
 vanish is the integer 0, and costs nothing.
+
+Every rule `(k, own, operands, numbers)` gives coefficient k of the series `own` from its operands, which are
+series, and its numbers.  It is written so that `taylor_loop` can use it for a traced k, too: it asks for
+coefficients 0 and k, and for the sum of the products between them.
 """
 
 from collections.abc import Callable, Sequence
@@ -18,26 +22,31 @@ class Series:
 
     __array_ufunc__ = None  # let numpy scalars on the left defer to the methods below
 
-    def __init__(self, rule: Callable[[int], Any], opaque_one: Any = None, costly: bool = False):
-        self._rule = rule
+    def __init__(self, rule: Callable[..., Any], operands: tuple = (), numbers: tuple = ()):
+        self.rule = rule
+        self.operands: tuple[Any, ...] = operands
+        self.numbers = numbers
         self._known: list[Any] = []
-        self.opaque_one = opaque_one
-        """1 in a way that the compiler cannot know, or None; goes on to whatever is made of the series."""
-        self._costly = costly and opaque_one is not None
+        self._products: dict[int, Series] = {}
 
     def __getitem__(self, k: int) -> Any:
         while len(self._known) <= k:
-            coefficient = self._rule(len(self._known))
-            # A division is done once; without it XLA repeats the whole recurrence in every place that needs it.
-            self._known.append(
-                coefficient / self.opaque_one if self._costly and not is_zero(coefficient) else coefficient
-            )
+            self._known.append(self.rule(len(self._known), self, self.operands, self.numbers))
         return self._known[k]
 
+    def append(self, coefficient: Any) -> None:
+        """The next coefficient, from outside."""
+        self._known.append(coefficient)
+
+    def inner_products(self, other: "Series", k: int, weight: Callable[[Any], Any] | None = None) -> Any:
+        """The sum of weight(i) self[i] other[k - i] over 0 < i < k."""
+        terms = (_times(self[i], other[k - i]) for i in range(1, k))
+        if weight is not None:
+            terms = (_times(term, weight(i)) for i, term in enumerate(terms, start=1))
+        return total(terms)
+
     def __add__(self, other):
-        if isinstance(other, Series):
-            return Series(lambda k: _plus(self[k], other[k]), _opaque_one(self, other))
-        return Series(lambda k: _plus(self[0], other) if k == 0 else self[k], self.opaque_one)
+        return Series(sum_rule, (self, other)) if isinstance(other, Series) else Series(shift_rule, (self,), (other,))
 
     def __neg__(self):
         return self * (-1.0)
@@ -49,21 +58,19 @@ class Series:
         return self * (-1.0) + other
 
     def __mul__(self, other):
-        if isinstance(other, Series):
-            rule = lambda k: _total(_times(self[i], other[k - i]) for i in range(k + 1))
-            return Series(rule, _opaque_one(self, other), costly=True)
-        return Series(lambda k: _times(self[k], other), self.opaque_one)
+        if not isinstance(other, Series):
+            return Series(scale_rule, (self,), (other,))
+        # Products of the same two series, whatever their factors, are computed once.
+        for x, y in ((self, other), (other, self)):
+            if x.rule is scale_rule:
+                return (x.operands[0] * y) * x.numbers[0]
+            if id(y) in x._products:
+                return x._products[id(y)]
+        self._products[id(other)] = product = Series(product_rule, (self, other))
+        return product
 
     def __truediv__(self, other):
-        if not isinstance(other, Series):
-            return self * (1.0 / other)
-
-        def rule(k):
-            known = _total(_times(quotient[i], other[k - i]) for i in range(k))
-            return _times(_plus(self[k], _times(known, -1.0)), 1.0 / other[0])
-
-        quotient = Series(rule, _opaque_one(self, other), costly=True)
-        return quotient
+        return Series(quotient_rule, (self, other)) if isinstance(other, Series) else self * (1.0 / other)
 
     def __rtruediv__(self, other):
         return polynomial([other]) / self
@@ -72,13 +79,16 @@ class Series:
     __rmul__ = __mul__
 
 
-def _opaque_one(x: Series, y: Series) -> Any:
-    return y.opaque_one if x.opaque_one is None else x.opaque_one
+def polynomial(coefficients: Sequence[Any]) -> Series:
+    """The series that ends with the last of `coefficients`, lowest first."""
+    return Series(polynomial_rule, (), tuple(coefficients))
 
 
-def polynomial(coefficients: Sequence[Any], opaque_one: Any = None) -> Series:
-    """The series that ends with the last of `coefficients`, lowest first; may still grow."""
-    return Series(lambda k: coefficients[k] if k < len(coefficients) else 0, opaque_one)
+def unknown(start: Any) -> Series:
+    """A series of which the first coefficient is known; the others are appended."""
+    series = Series(unknown_rule)
+    series.append(start)
+    return series
 
 
 def is_zero(x: Any) -> bool:
@@ -93,54 +103,25 @@ def constant(x: Any) -> Any:
 
 def exp(x: Any) -> Any:
     """e to the power x, of a series or of a number: y' = x' y."""
-    if not isinstance(x, Series):
-        return jnp.exp(x)
-
-    def rule(k):
-        if k == 0:
-            return jnp.exp(jnp.asarray(x[0], float))
-        return _times(_total(_times(_times(x[i], y[k - i]), float(i)) for i in range(1, k + 1)), 1.0 / k)
-
-    y = Series(rule, x.opaque_one, costly=True)
-    return y
+    return Series(exp_rule, (x,)) if isinstance(x, Series) else jnp.exp(x)
 
 
 def power(x: Any, exponent: Any) -> Any:
     """x to a real power, of a series or of a number, for x > 0: x y' = exponent x' y."""
-    if not isinstance(x, Series):
-        return jnp.exp(exponent * jnp.log(x))
-
-    def rule(k):
-        if k == 0:
-            return jnp.exp(exponent * jnp.log(jnp.asarray(x[0], float)))
-        terms = (_times(_times(x[i], y[k - i]), i * (exponent + 1.0) - k) for i in range(1, k + 1))
-        return _times(_total(terms), 1.0 / (k * x[0]))
-
-    y = Series(rule, x.opaque_one, costly=True)
-    return y
+    return Series(power_rule, (x,), (exponent,)) if isinstance(x, Series) else jnp.exp(exponent * jnp.log(x))
 
 
 def cosine_and_sine(x: Any) -> tuple[Any, Any]:
     """The cosine and the sine of a series or of a number, which need each other: c' = -x' s, s' = x' c."""
     if not isinstance(x, Series):
         return jnp.cos(x), jnp.sin(x)
-
-    def rule(start, other, sign):
-        def coefficient(k):
-            if k == 0:
-                return start(jnp.asarray(x[0], float))
-            total = _total(_times(_times(x[i], other()[k - i]), float(i)) for i in range(1, k + 1))
-            return _times(total, sign / k)
-
-        return coefficient
-
-    cosine = Series(rule(jnp.cos, lambda: sine, -1.0), x.opaque_one, costly=True)
-    sine = Series(rule(jnp.sin, lambda: cosine, 1.0), x.opaque_one, costly=True)
+    cosine, sine = Series(cosine_rule), Series(sine_rule)
+    cosine.operands, sine.operands = (x, sine), (x, cosine)
     return cosine, sine
 
 
 def taylor_coefficients(
-    field: Callable, time: Any, state: Sequence[Any], order: int, opaque_one: Any, divide: bool = False
+    field: Callable, time: Any, state: Sequence[Any], order: int, opaque_one: Any
 ) -> list[list[Any]]:
     """Taylor coefficients of the solution of x' = field(t, x) through `state` at `time`.
 
@@ -150,25 +131,79 @@ def taylor_coefficients(
     way that the compiler cannot know: dividing by it makes each order a vector computed
     once, where XLA would otherwise repeat cheap scalars in every place that needs them.
 
-    With `divide` the products within an order are computed once, too: that is compiled faster, and
-    runs faster side by side, but slower alone.
-
     **Returns:** for each component a list of `order + 1` coefficients.
     """
-    known = [[x] for x in state]
-    inner = opaque_one if divide else None
-    rates = field(polynomial([time, 1.0], inner), [polynomial(c, inner) for c in known])
+    known = [unknown(x) for x in state]
+    rates = field(polynomial([time, 1.0]), known)
     for k in range(order):
         orders = [rate[k] if isinstance(rate, Series) else (rate if k == 0 else 0) for rate in rates]
         moving = [i for i, c in enumerate(orders) if not is_zero(c)]
-        for i, coefficients in enumerate(known):
-            if i not in moving:
-                coefficients.append(0)
-        if moving:
-            vector = jnp.stack([jnp.asarray(orders[i], float) for i in moving]) / ((k + 1) * opaque_one)
-            for place, i in enumerate(moving):
-                known[i].append(vector[place])
-    return known
+        vector = jnp.stack([jnp.asarray(orders[i], float) for i in moving]) / ((k + 1) * opaque_one) if moving else None
+        for i, series in enumerate(known):
+            series.append(vector[moving.index(i)] if vector is not None and i in moving else 0)
+    return [[series[k] for k in range(order + 1)] for series in known]
+
+
+def polynomial_rule(k, own, operands, numbers):
+    return numbers[k] if k < len(numbers) else 0
+
+
+def unknown_rule(k, own, operands, numbers):
+    raise IndexError(f"found no coefficient {k} of the solution yet, expected one below it")
+
+
+def sum_rule(k, own, operands, numbers):
+    x, y = operands
+    return _plus(x[k], y[k])
+
+
+def shift_rule(k, own, operands, numbers):
+    return _plus(operands[0][k], numbers[0] if is_zero(k) else 0)
+
+
+def scale_rule(k, own, operands, numbers):
+    return _times(operands[0][k], numbers[0])
+
+
+def product_rule(k, own, operands, numbers):
+    x, y = operands
+    if is_zero(k):
+        return _times(x[0], y[0])
+    return total((_times(x[0], y[k]), x.inner_products(y, k), _times(x[k], y[0])))
+
+
+def quotient_rule(k, own, operands, numbers):
+    x, y = operands
+    known = 0 if is_zero(k) else _plus(_times(own[0], y[k]), own.inner_products(y, k))
+    return _times(_plus(x[k], _times(known, -1.0)), 1.0 / y[0])
+
+
+def exp_rule(k, own, operands, numbers):
+    (x,) = operands
+    return jnp.exp(jnp.asarray(x[0], float)) if is_zero(k) else _times(_slopes(k, x, own), 1.0 / k)
+
+
+def power_rule(k, own, operands, numbers):
+    (x,), (exponent,) = operands, numbers
+    if is_zero(k):
+        return jnp.exp(exponent * jnp.log(jnp.asarray(x[0], float)))
+    past = x.inner_products(own, k, lambda i: i * (exponent + 1.0) - k)
+    return _times(_plus(past, _times(_times(x[k], own[0]), k * exponent)), 1.0 / (k * x[0]))
+
+
+def cosine_rule(k, own, operands, numbers):
+    x, sine = operands
+    return jnp.cos(jnp.asarray(x[0], float)) if is_zero(k) else _times(_slopes(k, x, sine), -1.0 / k)
+
+
+def sine_rule(k, own, operands, numbers):
+    x, cosine = operands
+    return jnp.sin(jnp.asarray(x[0], float)) if is_zero(k) else _times(_slopes(k, x, cosine), 1.0 / k)
+
+
+def _slopes(k, x, y):
+    """The sum of i x[i] y[k - i] over 0 < i <= k."""
+    return _plus(x.inner_products(y, k, lambda i: i * 1.0), _times(_times(x[k], y[0]), k * 1.0))
 
 
 def weighted(x: Any, weight: Any) -> Any:
@@ -184,8 +219,9 @@ def _times(x: Any, y: Any) -> Any:
     return 0 if is_zero(x) or is_zero(y) else x * y
 
 
-def _total(terms) -> Any:
-    total = 0
+def total(terms) -> Any:
+    """The sum of terms of which some are known to vanish."""
+    found = 0
     for term in terms:
-        total = _plus(total, term)
-    return total
+        found = _plus(found, term)
+    return found

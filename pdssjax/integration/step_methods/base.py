@@ -28,6 +28,19 @@ class Piece(NamedTuple):
     """A length to try for the next step [s]."""
 
 
+class KnownStep(NamedTuple):
+    """A step of which the length is known, but no polynomial."""
+
+    field: Callable
+    t_local: Any
+    """Local time at its start [s]."""
+    x: list
+    """State at its start."""
+    units: list
+    step_radius: Any
+    """Length for which the polynomials hold [s]."""
+
+
 class AbstractStepMethod(eqx.Module):
     """How a smooth piece is advanced.
 
@@ -50,10 +63,13 @@ class AbstractStepMethod(eqx.Module):
         """A step from `x` at time `t_local`, over `remaining` [s] at most; `proposed_step` [s] is asked for."""
 
     @abc.abstractmethod
-    def expand(
-        self, field: Callable, t_local: Any, x: list, units: list, step_radius: Any, opaque_one: Any
-    ) -> Polynomials:
-        """The same step again for a known `step_radius`, differentiable in all the rest."""
+    def expand(self, step: Callable[..., KnownStep], *rows: Any) -> list[Any]:
+        """Many steps again, side by side and differentiable.
+
+        `step` says from one row of each of `rows` which step it is.
+
+        **Returns:** for each component the coefficients in theta, lowest first, shape (degree + 1, rows).
+        """
 
 
 def shortened(piece: Piece, extra: Sequence[Series], tolerance: Any, opaque_one: Any) -> Piece:

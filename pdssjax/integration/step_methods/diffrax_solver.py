@@ -50,8 +50,9 @@ class OneStep(AbstractStepMethod):
         )
         return Piece(polynomials, step_radius, accepted, grown)
 
-    def expand(self, field, t_local, x, units, step_radius, opaque_one):
-        return self._step(field, t_local, x, units, step_radius)[0]
+    def expand(self, step, *rows):
+        polynomials = jax.vmap(lambda *row: self._step(*step(*row))[0])(*rows)
+        return [jnp.stack(coefficients) for coefficients in polynomials]
 
     def _step(self, field, t_local, x, units, step_radius) -> tuple[Polynomials, Any, Any]:
         scale = jnp.stack(units)

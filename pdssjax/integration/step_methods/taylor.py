@@ -3,8 +3,10 @@
 from typing import ClassVar
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 
+from ..taylor_loop import looped_coefficients, recorded
 from ..taylor_series import taylor_coefficients
 from .base import AbstractStepMethod, Piece, rescaled, resolved_radius
 
@@ -28,5 +30,10 @@ class Taylor(AbstractStepMethod):
         # Always accepted: a series that is not finite would not be so the next time either.
         return Piece(rescaled(series, step_radius), step_radius, jnp.ones((), bool), step_radius)
 
-    def expand(self, field, t_local, x, units, step_radius, opaque_one):
-        return rescaled(taylor_coefficients(field, t_local, x, self.order, opaque_one, divide=True), step_radius)
+    def expand(self, step, *rows):
+        def opened(*row):
+            start = step(*row)
+            return recorded(start.field, start.t_local, start.x, start.step_radius)
+
+        record = jax.vmap(opened)(*rows)
+        return looped_coefficients(record, self.order, 1.0 + 0.0 * record.step_radius)

@@ -1,0 +1,205 @@
+"""The recurrence of `taylor_series` as a loop over the order, for many expansions side by side.
+
+Unrolled, the code of a recurrence grows with the square of the order, and most of a prediction's
+time to compile went into it.  Here a field is evaluated once, on series, and what it did to them
+is recorded; a loop over the order then follows the record.  Arrays have the expansions along their
+last axis, and the order along their first, so that every operation runs along the expansions.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from . import taylor_series as series
+from .taylor_series import Series, is_zero
+
+_CONVOLVED = {
+    series.product_rule: (0, 1),
+    series.quotient_rule: (None, 1),
+    series.exp_rule: (0, None),
+    series.power_rule: (0, None),
+    series.cosine_rule: (0, 1),
+    series.sine_rule: (0, 1),
+}
+"""Rules that look back at all lower coefficients, and at which two series: of their operands or, None, their own."""
+
+
+class Node(NamedTuple):
+    """A series that was recorded."""
+
+    rule: Callable
+    operands: tuple[int, ...]
+    """Where they stand in the record."""
+    literals: tuple[Any, ...]
+    """Its numbers, None for those that are arrays."""
+
+
+class Record(eqx.Module):
+    """What a field did to the series of a state: first the state, then the rest, operands first."""
+
+    nodes: tuple[Node, ...] = eqx.field(static=True)
+    rates: tuple[int | None, ...] = eqx.field(static=True)
+    """Where the rate of each component stands; None for the integer 0."""
+    step_radius: Any
+    """The unit of time [s]."""
+    numbers: list[list[Any]]
+    """Of each node those that are arrays."""
+    starts: list[Any]
+    """Of each node coefficient 0; None for what is known to vanish."""
+
+
+def recorded(field: Callable, time: Any, state: Sequence[Any], step_radius: Any) -> Record:
+    """What `field(t, x)` does to the series of `time` and `state` in the time over `step_radius`, all of them scalars.
+
+    The other arguments are those of `taylor_series.taylor_coefficients`.
+    """
+    unknowns = [series.unknown(jnp.asarray(x, float)) for x in state]
+    rates = field(series.polynomial([time, step_radius]), list(unknowns))
+    rates = [x if isinstance(x, Series) or is_zero(x) else series.polynomial([x]) for x in rates]
+    order: dict[int, Series] = {}
+    seen: set[int] = set()
+
+    def visit(node):
+        if id(node) not in seen:
+            seen.add(id(node))
+            for operand in node.operands:
+                visit(operand)
+            order[id(node)] = node
+
+    for node in [*unknowns, *(rate for rate in rates if isinstance(rate, Series))]:
+        visit(node)
+    place = {identity: i for i, identity in enumerate(order)}
+    is_literal = lambda number: isinstance(number, int | float)
+    nodes = tuple(
+        Node(
+            node.rule,
+            tuple(place[id(x)] for x in node.operands),
+            tuple(number if is_literal(number) else None for number in node.numbers),
+        )
+        for node in order.values()
+    )
+    return Record(
+        nodes,
+        tuple(None if is_zero(rate) else place[id(rate)] for rate in rates),
+        step_radius,
+        [[jnp.asarray(n, float) for n in node.numbers if not is_literal(n)] for node in order.values()],
+        [None if is_zero(node[0]) else jnp.asarray(node[0], float) for node in order.values()],
+    )
+
+
+def looped_coefficients(record: Record, order: int, opaque_one: Any) -> list[Any]:
+    """Taylor coefficients of many solutions side by side, those of `taylor_series.taylor_coefficients` rescaled.
+
+    **Arguments:** the arrays of `record` and `opaque_one` have shape (m,).
+
+    **Returns:** for each component the coefficients in the time over the step radius, shape (order + 1, m).
+    """
+    constant = _constants(record)
+    components = range(len(record.rates))
+    start = lambda i: 0 if record.starts[i] is None else record.starts[i]
+    row = lambda x: jnp.broadcast_to(jnp.asarray(x, float), opaque_one.shape)
+    rate_of = lambda i, rates, k: rates(record.rates[i]) * (record.step_radius / (k * opaque_one))
+    moving = [i for i in components if not constant[i]]
+    kept = sorted(_looking_back(record, constant) | set(moving))
+    # Coefficient i stands at order - i; behind it zeros, so that a shifted stretch never ends.
+    blank = jnp.zeros((2 * order, *opaque_one.shape))
+
+    def next_order(k, carry):
+        buffers, before, now = carry
+        # Written first and only read afterwards, the buffers are not copied.
+        buffers = {i: lax.dynamic_update_index_in_dim(buffers[i], before[i], order - k + 1, 0) for i in kept}
+        tracks = [_Track(start(i), constant[i], buffers.get(i), order, now.get(i, 0)) for i in range(len(record.nodes))]
+        for i in range(len(components), len(record.nodes)):
+            tracks[i].find(record, i, tracks, k, opaque_one)
+        after = {i: row(rate_of(i, lambda j: tracks[j][k], k + 1)) for i in moving}
+        return buffers, {i: row(tracks[i][k]) for i in kept}, after
+
+    first = {i: row(rate_of(i, start, 1)) for i in moving}
+    carry = dict.fromkeys(kept, blank), {i: row(start(i)) for i in kept}, first
+    buffers, before, last = lax.fori_loop(1, order, next_order, carry)
+    return [
+        jnp.concatenate([row(start(i))[None], jnp.zeros((order, *opaque_one.shape))])
+        if constant[i]
+        else jnp.concatenate([buffers[i][order:1:-1], before[i][None], last[i][None]])
+        for i in components
+    ]
+
+
+class _Track:
+    """A series within the loop: its coefficients 0 and k, and those before k if anything looks back at them."""
+
+    def __init__(self, start, constant, buffer, order, now):
+        self._start, self._constant, self._buffer, self._order, self._now = start, constant, buffer, order, now
+
+    def find(self, record, i, tracks, k, opaque_one):
+        """Coefficient k, once those of the operands are known."""
+        node = record.nodes[i]
+        if self._constant:
+            return
+        arrays = iter(record.numbers[i])
+        numbers = tuple(next(arrays) if literal is None else literal for literal in node.literals)
+        if node.rule is series.polynomial_rule:
+            self._now = series.total(jnp.where(k == j, c, 0.0) for j, c in enumerate(numbers) if j > 0)
+            return
+        now = node.rule(k, self, tuple(tracks[j] for j in node.operands), numbers)
+        # A division is done once; without it XLA repeats the whole sum in every place that needs it.
+        self._now = now / opaque_one if node.rule in _CONVOLVED and not is_zero(now) else now
+
+    def __getitem__(self, k):
+        return self._start if is_zero(k) else self._now
+
+    def inner_products(self, other, k, weight=None):
+        """The sum of weight(i) self[i] other[k - i] over 0 < i < k; self[i] is still zero from k on."""
+        if self._constant or other._constant:
+            return 0
+        run = k > 0
+        before = computed_once(
+            run, lambda b: lax.dynamic_slice_in_dim(b, self._order - k + 1, self._order - 1, 0), other._buffer
+        )
+
+        def inner(x, y):
+            terms = (x[self._order - i] * y[i - 1] for i in range(1, self._order))
+            if weight is not None:
+                terms = (term * weight(i) for i, term in enumerate(terms, start=1))
+            return series.total(terms)
+
+        return computed_once(run, inner, self._buffer, before)
+
+
+def _constants(record: Record) -> list[bool]:
+    """Of which nodes nothing but coefficient 0 can differ from zero."""
+    constant: list[bool] = []
+    for i, node in enumerate(record.nodes):
+        if node.rule is series.unknown_rule:
+            constant.append(record.rates[i] is None)
+        elif node.rule is series.polynomial_rule:
+            constant.append(all(is_zero(number) for number in node.literals[1:]))
+        else:
+            # Cosine and sine are each other's operands: the one that comes later goes by the one before.
+            constant.append(all(constant[j] for j in node.operands if j < i))
+    return constant
+
+
+def _looking_back(record: Record, constant: list[bool]) -> set[int]:
+    """The nodes of which lower coefficients are needed."""
+    needed: set[int] = set()
+    for i, node in enumerate(record.nodes):
+        if node.rule in _CONVOLVED:
+            pair = [i if which is None else node.operands[which] for which in _CONVOLVED[node.rule]]
+            if not any(constant[j] for j in pair):
+                needed |= set(pair)
+    return needed
+
+
+def computed_once(true: Any, function: Callable, *args: Any) -> Any:
+    """`function(*args)`, kept apart where XLA would fuse it into, and so repeat it in, every place that needs it.
+
+    `true` holds in a way that the compiler cannot know: a branch is compiled as a whole.
+    """
+    shapes = jax.eval_shape(function, *args)
+    blank = lambda *args: jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shapes)
+    return lax.cond(true, function, blank, *args)

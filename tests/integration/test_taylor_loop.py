@@ -1,0 +1,116 @@
+"""The recurrence as a loop over the order against the unrolled one, side by side and with derivatives."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from pdssjax.core import member, members
+from pdssjax.drive.base import Segment, Wave
+from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
+from pdssjax.friction.dahl import Dahl
+from pdssjax.friction.stribeck import Stribeck
+from pdssjax.integration import constant, cosine_and_sine, exp, power
+from pdssjax.integration.step_methods.base import KnownStep
+from pdssjax.integration.step_methods.taylor import Taylor
+from pdssjax.integration.taylor_series import taylor_coefficients
+
+ORDER = 6
+"""Of every series: high enough for all terms to show, low enough to compile fast."""
+
+LAWS = {name: member("friction", name)() for name in members("friction")} | {
+    "anisotropic lugre, force": AnisotropicLuGre(state="force"),
+    "dahl, brittle": Dahl(exponent=0.4),
+    "stribeck, exponential": Stribeck(delta=1.0, sigma2=2.0),
+}
+PIEZOS = {name: member("piezo", name)() for name in members("piezo")}
+
+FIELDS = {
+    "product": lambda t, x: [x[0] * x[1] * 0.3, x[1] * x[1] - x[0] * (t * 0.5), 0],
+    "product with the same": lambda t, x: [x[0] * x[0] + (x[0] * 2.0) * (x[1] * 3.0), x[1] * x[0], 0],
+    "quotient": lambda t, x: [x[1] / x[0], 1.5 / (x[0] + t), x[1] / x[2]],
+    "exp": lambda t, x: [exp(x[1] * (-0.7)), exp(x[0] - x[1]) * 0.2, exp(x[2])],
+    "power": lambda t, x: [power(x[0], 0.3), power(x[1], -1.6) * x[0], power(x[2], 2.5)],
+    "cosine and sine": lambda t, x: [*cosine_and_sine(x[0] + 2.0 * t), cosine_and_sine(x[2])[0]],
+    "constants": lambda t, x: [x[2] * x[2] + constant(x[0]), 0.4, 0],
+    "a component at rest": lambda t, x: [x[0] * x[2], x[2] / x[0], 0],
+}
+STATES = jnp.array([[0.8, 1.1, 0.6], [1.7, 0.4, 2.0], [1.0, 1.0, 1.0]])
+"""Three solutions side by side, each with its three components."""
+
+
+def both(field, states, radii):
+    """By the loop, and unrolled."""
+    return jax.jit(lambda states: (looped(field, states, radii), unrolled(field, states, radii)))(states)
+
+
+def unrolled(field, states, radii):
+    """Coefficients in the time over the step radius, shape (solutions, components, ORDER + 1)."""
+
+    def one(state, radius):
+        known = taylor_coefficients(field, jnp.asarray(0.3), list(state), ORDER, 1.0)
+        powers = radius ** jnp.arange(ORDER + 1)
+        return jnp.stack([jnp.stack([jnp.asarray(c, float) for c in row]) * powers for row in known])
+
+    return jax.vmap(one)(states, radii)
+
+
+def looped(field, states, radii):
+    """The same by the loop."""
+    step = lambda state, radius: KnownStep(field, jnp.asarray(0.3), list(state), [], radius)
+    return jnp.stack(Taylor(ORDER).expand(step, states, radii)).transpose(2, 0, 1)
+
+
+def assert_same(found, expected, rounding=1e-13):
+    """Equal to rounding, each coefficient measured by the largest one of its component and order."""
+    found, expected = np.asarray(found), np.asarray(expected)
+    assert np.isfinite(expected).all()
+    size = np.max(np.abs(expected), axis=0, keepdims=True)
+    assert np.max(np.abs(found - expected) / (size + 1e-300)) < rounding
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_every_operation_gives_the_unrolled_coefficients(name):
+    radii = jnp.array([0.5, 0.3, 1.2])
+    assert_same(*both(FIELDS[name], STATES, radii))
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_every_operation_gives_the_unrolled_derivatives(name):
+    radii = jnp.array([0.5, 0.3, 1.2])
+    rate = jnp.asarray(0.9)
+
+    def slopes(expand):
+        scaled = lambda p, s: expand(
+            lambda t, x: [0 if isinstance(r, int) else r * p for r in FIELDS[name](t, x)], s, radii
+        )
+        directions = jnp.eye(1 + STATES.shape[1])
+        along = lambda d: jax.jvp(scaled, (rate, STATES), (d[0], jnp.broadcast_to(d[1:], STATES.shape)))[1]
+        return jax.vmap(along)(directions)
+
+    found, expected = jax.jit(lambda: (slopes(looped), slopes(unrolled)))()
+    for one, other in zip(found, expected, strict=True):
+        assert_same(one, other, 1e-12)
+
+
+@pytest.mark.parametrize("name", [name for name, law in LAWS.items() if law.initial()])
+def test_every_law_gives_the_unrolled_coefficients(name):
+    law = LAWS[name]
+    stretches = jnp.array([1e-9, 4e-8, -2e-8])
+    flags = law.initial()[1:]
+    states = [jnp.stack(law.on_reversal((law.initial()[0] + z, *flags), 1.0)) for z in stretches]
+    field = lambda t, x: [*law.rate(tuple(x), 4e-4 + 4.0 * t, 1.0)]
+    moved = lambda t, x: field(t - 0.3, x)
+    radii = jnp.array([1e-5, 2e-5, 5e-6])
+    assert_same(*both(moved, jnp.stack(states), radii))
+
+
+@pytest.mark.parametrize("name", PIEZOS)
+def test_every_piezo_gives_the_unrolled_coefficients(name):
+    piezo = PIEZOS[name]
+    segment = Segment(jnp.asarray(1.0), jnp.asarray(3.0), jnp.asarray(50.0), Wave(2.0, 700.0, 0.4))
+    first = jnp.stack([jnp.asarray(x, float) for x in piezo.initial()])
+    states = first + jnp.array([[1e-8], [3e-8], [-1e-8]])
+    field = lambda t, x: [*piezo.rate(tuple(x), segment.voltage(t), 0.5)]
+    radii = jnp.array([1e-5, 2e-5, 5e-6])
+    assert_same(*both(field, states, radii))
