@@ -34,6 +34,10 @@ class Sensor(eqx.Module):
         """The lag behind what has long changed with `speed`."""
         return tuple(speed / self.pole() for _ in sensor_lag)
 
+    def after_jump(self, sensor_lag: tuple, jump) -> tuple:
+        """The lag after what is measured has jumped: what is shown has not."""
+        return tuple(e + jump for e in sensor_lag)
+
     def shown_displacement(self, lag: tuple, true):
         """What it shows of a displacement [m], or of whatever it follows, `lag` behind."""
         return true - lag[0] if lag else true

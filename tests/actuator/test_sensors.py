@@ -7,11 +7,13 @@ import pytest
 from scipy.integrate import cumulative_simpson
 
 from pdssjax import Accuracy, Actuator, Effector, Sensor, Stop, simulate
-from pdssjax.actuator import GRAVITY
+from pdssjax.actuator import GRAVITY, DrivenPlatform
 from pdssjax.drive.sawtooth import Sawtooth
+from pdssjax.drive.step import Step
 from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
 from pdssjax.friction.simplified_lugre import SimplifiedLuGre
 from pdssjax.piezo.second_order import SecondOrder
+from pdssjax.piezo.static import Static
 from pdssjax.simulation import STOP_FORCE, PlatformOnly, StickSlip, measured
 
 UM = 1e6
@@ -66,6 +68,14 @@ def test_the_delay_shifts_the_record():
     late, now = np.asarray(seen(300.0, 2.5e-3, 0.0)), np.asarray(seen(300.0, 0.0, 0.0))
     np.testing.assert_allclose(late[1000:] * UM, now[:-1000] * UM, atol=1e-7)
     assert (late[:1000] == 0.0).all()
+
+
+def test_a_jump_of_the_platform_is_shown_low_passed():
+    volts, bandwidth, times = 60.0, 100.0, np.linspace(0.0, 0.01, 101)
+    platform = PlatformOnly(DrivenPlatform(Static()), Step(volts), Sensor(bandwidth))
+    shown = jax.jit(lambda times: measured(platform, times, Accuracy()))(jnp.asarray(times))
+    expected = Static().gain * volts * (1.0 - np.exp(-2.0 * np.pi * bandwidth * times))
+    np.testing.assert_allclose(shown, expected, rtol=0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("parameter", [0, 1])

@@ -67,7 +67,9 @@ class PlatformOnly(AbstractHybridSystem):
 
     def on_segment_start(self, segment: Segment, x: State, mode) -> tuple[State, Any]:
         """State and mode in which a new segment begins."""
-        return x._replace(driven=self.driven_platform.on_segment_start(segment, x.driven)), jnp.ones_like(mode)
+        driven = self.driven_platform.on_segment_start(segment, x.driven)
+        jump = self.driven_platform.platform(driven)[0] - self.driven_platform.platform(x.driven)[0]
+        return State(driven, self.sensor.after_jump(x.sensor_lag, jump)), jnp.ones_like(mode)
 
     def is_settled(self, segment: Segment, t_local, x: State, mode, tolerance):
         """Nothing but steady creep is left, to within `tolerance` [m]."""

@@ -154,7 +154,11 @@ class StickSlip(AbstractHybridSystem):
         if driven_platform.state_jumps:
             y = driven_platform.on_segment_start(segment, x.driven)
             before, after = driven_platform.platform(x.driven), driven_platform.platform(y)
-            x = x._replace(d=x.d + (after[0] - before[0]), v=x.v + (after[1] - before[1]), driven=y)
+            jump = after[0] - before[0]
+            lag = x.sensor_lag  # of a force that does not jump, where there is a stop
+            if self.actuator.stop is None:
+                lag = self.sensor.after_jump(lag, jump * self.on_platform)
+            x = x._replace(d=x.d + jump, v=x.v + (after[1] - before[1]), driven=y, sensor_lag=lag)
             mode = jnp.where(after[1] == before[1], mode, jnp.sign(x.v))
         elif self.actuator.amplifier is not None:
             x = x._replace(driven=driven_platform.on_segment_start(segment, x.driven))
