@@ -44,8 +44,8 @@ class KnownStep(NamedTuple):
 class AbstractStepMethod(eqx.Module):
     """How a smooth piece is advanced.
 
-    `units` turn each component into tolerances.  `one` is a 1 unknown to the compiler: see
-    `series.solution`.
+    `units` turn each component into tolerances.  `opaque_one` is a 1 unknown to the compiler: see
+    `taylor_series`.
     """
 
     noise: ClassVar[float]
