@@ -61,8 +61,8 @@ _VISIBLE = 0.01
 _LONG = 60
 """Iterations from which the way was long: then valleys are flat, and other starts may end in better ones.
 
-This and `_OTHERS` were chosen on one record, that of Liu et al. with Coulomb's law; nothing shows yet that they
-suit others.
+This and `_OTHERS` were chosen on one record, that of Liu et al. with Coulomb's law; nothing shows that they suit
+others, and there, too, small changes of the numerics undid what they had found (550 for 498).
 """
 
 _OTHERS = 4
