@@ -7,7 +7,7 @@ make up for a wrong law.
 
 The record is not part of this repository: examples/test_data_2.txt of github.com/jchristopherson/FrictionModels.jl
 (MIT licence, "experimental data"; contact and instrument are not stated).  Put it at
-../shared/data/tribometer/reciprocating.tsv, or name its place.
+experiments/reciprocating.tsv, or name its place.
 
 What is done to it: means over 10 samples (50 ms, at most 13 um of motion), of motion and force alike; while it
 rests, only the first and the last mean are kept; the force's sign is turned, so that it has
@@ -44,7 +44,7 @@ from pdssjax.inference import guess_starts
 from pdssjax.metrics import error_index
 
 NAME = "tribometer"
-PLACE = Path(__file__).parents[2] / "shared" / "data" / "tribometer" / "reciprocating.tsv"
+PLACE = Path(__file__).with_name("reciprocating.tsv")
 SOURCE = "github.com/jchristopherson/FrictionModels.jl, examples/test_data_2.txt (MIT)"
 LAWS = {
     "generalized-maxwell-slip": ("generalized-maxwell-slip", "deflection"),

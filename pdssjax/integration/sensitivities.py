@@ -3,6 +3,8 @@
 Every step is linearised about its own start, and a linear recurrence joins them.
 """
 
+from typing import Any, NamedTuple
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -127,38 +129,58 @@ def _kept(polynomials, keep):
     return jnp.stack([polynomials[i].T for i in keep], axis=1)
 
 
+class _Row(NamedTuple):
+    """A row of the table: what can be differentiated by, then what is known."""
+
+    origin: Any
+    t_local: Any
+    begin: tuple
+    """The components of the state."""
+    index: Any
+    mode: Any
+    step_radius: Any
+    duration: Any
+    corner: Any
+    becomes_settled: Any
+    event: Any
+    which: Any
+
+    @property
+    def at(self):
+        """Local time at the end, before it moves [s]."""
+        return self.t_local + self.duration
+
+
+def _read(row):
+    size = row.shape[0] - KNOWN_COLUMNS
+    origin, t_local, *begin = row[:size]
+    index, mode, step_radius, duration, code = lax.stop_gradient(row[size:])
+    code = code.astype(int)
+    corner, settled, event = (code & bit > 0 for bit in (CORNER, BECAME_SETTLED, EVENT))
+    known = (index, mode, step_radius, duration, corner, settled, event, code // WHICH)
+    return _Row(origin, t_local, tuple(begin), *known)
+
+
 def _known_step(system, tolerance, row):
     """A step of the table, as methods want it."""
-    size = row.shape[0] - KNOWN_COLUMNS
-    _, t_local, *x = row[:size]
-    index, mode, step_radius, _, _ = lax.stop_gradient(row[size:])
-    field = field_of(system, system.segment(index), unflattener(system), mode)
+    step = _read(row)
+    field = field_of(system, system.segment(step.index), unflattener(system), step.mode)
     units = [scale / tolerance for scale in jax.tree.leaves(lax.stop_gradient(system.state_scale()))]
-    return KnownStep(field, t_local, x, units, step_radius)
+    return KnownStep(field, step.t_local, list(step.begin), units, step.step_radius)
 
 
 def _exact_end(system, row, x):
     """Where the polynomials of a step lead, with what is known in closed form put right."""
-    unflatten = unflattener(system)
-    size = row.shape[0] - KNOWN_COLUMNS
-    _, t_local, *begin = row[:size]
-    index, _, _, duration, _ = lax.stop_gradient(row[size:])
-    return jax.tree.leaves(system.exact(system.segment(index), t_local, unflatten(begin), duration, unflatten(x)))
-
-
-def _row(row):
-    """A row of the table: where it begins, mode and duration, how it ended."""
-    size = row.shape[0] - KNOWN_COLUMNS
-    index, mode, _, duration, code = lax.stop_gradient(row[size:])
-    code = code.astype(int)
-    corner, becomes_settled, event = (code & bit > 0 for bit in (CORNER, BECAME_SETTLED, EVENT))
-    return row[0], row[1] + duration, index, mode, corner, becomes_settled, event, code // WHICH
+    step, unflatten = _read(row), unflattener(system)
+    segment, begin = system.segment(step.index), unflatten(step.begin)
+    return jax.tree.leaves(system.exact(segment, step.t_local, begin, step.duration, unflatten(x)))
 
 
 def _event_shift(system, row, x):
     """By how much the end of a step moves: zero in value, the derivative of the event's or of the corner's time."""
-    _, at, index, mode, corner, _, event, which = _row(row)
-    end, segment = unflattener(system)(x), system.segment(index)
+    step = _read(row)
+    at, mode, which = step.at, step.mode, step.which
+    end, segment = unflattener(system)(x), system.segment(step.index)
 
     def margin(event_shift):
         rates = system.field(segment, at + event_shift, end, mode)
@@ -169,11 +191,11 @@ def _event_shift(system, row, x):
     shift_of_event = 0.0
     if has_guards(system, segment, at, end, mode):
         gap, slope = jax.jvp(margin, (jnp.zeros_like(at),), (jnp.ones_like(at),))
-        located = event & (slope != 0) & ~system.is_spurious_event(slope, mode, which)
+        located = step.event & (slope != 0) & ~system.is_spurious_event(slope, mode, which)
         slope = lax.stop_gradient(jnp.where(located, slope, 1.0))
         shift_of_event = jnp.where(located, -_tangent_only(gap) / slope, 0.0)
-    shift_of_corner = _tangent_only(jnp.where(corner, segment.duration, 0.0) - at)
-    return jnp.where(event, shift_of_event, jnp.where(corner, shift_of_corner, 0.0))
+    shift_of_corner = _tangent_only(jnp.where(step.corner, segment.duration, 0.0) - at)
+    return jnp.where(step.event, shift_of_event, jnp.where(step.corner, shift_of_corner, 0.0))
 
 
 def _end(system, row, x, event_shift):
@@ -182,24 +204,23 @@ def _end(system, row, x, event_shift):
     The value is that of the forward pass; the derivatives are those of the true flow, with the
     end of the step moving as the event or the corner does.
     """
-    origin, at, index, mode, corner, becomes_settled, event, which = _row(row)
-    end, segment = unflattener(system)(x), system.segment(index)
-    size = row.shape[0] - KNOWN_COLUMNS
-    begin, duration = unflattener(system)(row[2:size]), lax.stop_gradient(row[size + 3])
-    rates = lax.stop_gradient(_rates(system, segment, row[1], begin, duration, end, mode))
+    step, unflatten = _read(row), unflattener(system)
+    at, mode = step.at, step.mode
+    end, segment = unflatten(x), system.segment(step.index)
+    rates = lax.stop_gradient(_rates(system, segment, step.t_local, unflatten(step.begin), step.duration, end, mode))
     end = jax.tree.map(lambda a, b: a + event_shift * b, end, rates)
     following = mode
     if has_guards(system, segment, at, end, mode):
-        switched, following = system.after_event(segment, at + event_shift, end, mode, which)
-        end = jax.tree.map(lambda a, b: jnp.where(event, a, b), switched, end)
-        following = jnp.where(event, following, mode)
+        switched, following = system.after_event(segment, at + event_shift, end, mode, step.which)
+        end = jax.tree.map(lambda a, b: jnp.where(step.event, a, b), switched, end)
+        following = jnp.where(step.event, following, mode)
     projected = system.project_to_steady(segment, at + event_shift, end, following)
-    end = jax.tree.map(lambda a, b: jnp.where(becomes_settled, a, b), projected, end)
+    end = jax.tree.map(lambda a, b: jnp.where(step.becomes_settled, a, b), projected, end)
     if system.resets_at_corners:
-        started, _ = system.on_segment_start(system.segment(index + 1.0), end, mode)
-        end = jax.tree.map(lambda a, b: jnp.where(corner, a, b), started, end)
-    origin = jnp.where(corner, origin + jnp.where(corner, segment.duration, 0.0), origin)
-    t_local = jnp.where(corner, 0.0, at + event_shift)
+        started, _ = system.on_segment_start(system.segment(step.index + 1.0), end, mode)
+        end = jax.tree.map(lambda a, b: jnp.where(step.corner, a, b), started, end)
+    origin = step.origin + jnp.where(step.corner, segment.duration, 0.0)
+    t_local = jnp.where(step.corner, 0.0, at + event_shift)
     return jnp.stack([origin, t_local, *jax.tree.leaves(end)])
 
 

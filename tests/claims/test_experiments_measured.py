@@ -2,6 +2,7 @@
 
 import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +13,9 @@ from pdssjax import Accuracy, Taylor
 from pdssjax.files import EXAMPLE
 from pdssjax.inference import guess_starts
 from pdssjax.metrics import r_squared
+
+TRIBOMETER = Path(__file__).parents[3] / "shared" / "data" / "tribometer" / "reciprocating.tsv"
+"""Beside the repository where it was developed; not part of it."""
 
 
 @pytest.fixture
@@ -154,9 +158,9 @@ def test_a_measured_motion_is_explained_to_its_noise_with_possible_parameters():
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not tribometer.PLACE.exists(), reason="the record is not part of the repository")
+@pytest.mark.skipif(not TRIBOMETER.exists(), reason="the record is not part of the repository")
 def test_measured_presliding_loops_are_nearly_elastic_and_plastic():
-    parts = tribometer.prepared(tribometer.PLACE)
+    parts = tribometer.prepared(TRIBOMETER)
     stiffness, level = tribometer.by_eye(parts["fitted"])
     assert stiffness == pytest.approx(4.3e4, rel=0.05) and level == pytest.approx(2.35, rel=0.02)
     dahl = tribometer.fit("dahl, n free", parts)

@@ -7,6 +7,7 @@ from typing import Any
 
 import jax.numpy as jnp
 
+from ...actuator import chosen
 from ...drive.base import Segment
 from ...friction.base import AbstractFriction
 from ...integration import AbstractHybridSystem, weighted
@@ -65,9 +66,7 @@ class PrescribedMotion(AbstractHybridSystem):
         """State and mode in which a new segment begins."""
         direction = jnp.sign(segment.slope)
         begins = (direction != 0.0) & (direction != mode)
-        reversed_state = self.friction.on_reversal(x[1], direction)
-        contact = tuple(jnp.where(begins, a, b) for a, b in zip(reversed_state, x[1], strict=True))
-        return (x[0], contact), direction
+        return (x[0], chosen(begins, self.friction.on_reversal(x[1], direction), x[1])), direction
 
     def force(self, segment: Segment, t_local, x: tuple, mode):
         """Friction force [N]; of a set-valued law at rest the middle of its interval."""
