@@ -1,17 +1,24 @@
 """Compares a Jacobian with differences of the residual, and tells a wrong derivative from a discontinuity.
 
-Central differences r(y + h d) - r(y - h d) are taken at two sizes h and compared with what J predicts.
+Central differences r(y + h d) - r(y - h d) are taken at sizes h and compared with what J predicts.
 The discrepancy left grows with h where the derivative is wrong, with its square or cube where the residual
 is only curved, and stays where the residual has a jump.  Sizes are measured in residual noise, so that
-h is a part of a standard error and what cannot be seen in the data does not count.
+h is a part of a standard error and what cannot be seen in the data does not count.  Two of them may both be too
+large to tell a wrong derivative from a residual that bends within them; then smaller ones decide.
 """
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-SIZES = (4.0, 0.5)
+SIZES = (4.0, 0.5, 0.06, 0.008)
 """Change of the residual by each half of a difference, in standard deviations of the residual."""
+
+DIRECTIONS = 2
+"""In which differences are taken: a random and the proposed one."""
+
+CHECKS = DIRECTIONS * len(SIZES)
+"""Differences at most."""
 
 TOLERANCE = 0.1
 """Discrepancy that is let pass, relative to the difference; and absolutely, in standard deviations."""
@@ -55,16 +62,34 @@ def _sized(direction, jacobian, y, scale):
     return direction * jnp.where(jnp.isfinite(factor), factor, 0.0)
 
 
-def discrepancy(difference: Float[Array, " n"], predicted: Float[Array, " n"], scale: Array) -> tuple[Array, Array]:
-    """How far a difference of the residual is from the one `predicted`, and whether that is too far."""
+def next_check(
+    checked: Array,
+    earlier: Float[Array, " sizes"],
+    difference: Float[Array, " n"],
+    predicted: Float[Array, " n"],
+    scale: Array,
+) -> tuple[Array, Array, Array]:
+    """What one more difference of the residual says of the derivative.
+
+    **Arguments:** `checked`, the number of this check, along direction `checked // len(SIZES)` with size
+    `checked % len(SIZES)`; the discrepancies found `earlier` along that direction; the difference and the one
+    `predicted` by the Jacobian; the `scale` of the residual's noise.
+
+    **Returns:** the discrepancy, the verdict so far, and the number of the next check.
+    """
     error = jnp.linalg.norm(difference - predicted)
     error = jnp.where(jnp.isfinite(error), error, jnp.inf)
-    far = (error > TOLERANCE * jnp.linalg.norm(predicted)) & (error > TOLERANCE * scale)
-    return error, far
-
-
-def verdict(large: Array, small: Array) -> Array:
-    """AGREES, DISCONTINUOUS or WRONG from two discrepancies that were both too far."""
-    growth = jnp.log(large / small) / jnp.log(SIZES[0] / SIZES[1])
+    size = checked % len(SIZES)
+    # The smallest differences cannot be seen in the data at all; they are compared for what they are.
+    visible = (error > TOLERANCE * scale) | (size >= 2)
+    far = visible & (error > TOLERANCE * jnp.linalg.norm(predicted))
+    sizes = jnp.asarray(SIZES)
+    growth = jnp.log(earlier[size - 1] / error) / jnp.log(sizes[size - 1] / sizes[size])
     growth = jnp.where(jnp.isfinite(growth), growth, 0.0)
-    return jnp.where(growth < 0.5, DISCONTINUOUS, jnp.where(growth < 1.6, WRONG, AGREES))
+    jumps, wrong = growth < 0.5, (growth >= 0.5) & (growth < 1.6)
+    decisive = (size == 1) & jumps | (size == len(SIZES) - 1)
+    verdict = jnp.where(jumps, DISCONTINUOUS, jnp.where(wrong, WRONG, AGREES))
+    verdict = jnp.where(far & decisive, verdict, AGREES)
+    undecided = far & ((size == 0) | (size == 1) & wrong | (size == 2))
+    following = jnp.where(undecided, checked + 1, (checked // len(SIZES) + 1) * len(SIZES))
+    return error, verdict, following

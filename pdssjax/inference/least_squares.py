@@ -158,6 +158,10 @@ def summed(last: Fit, earlier: Sequence[Fit]) -> Fit:
     )
 
 
+def quiet(message: str) -> None:
+    """Reports no progress."""
+
+
 def _least_squares(problem, free, used, fitted, name, report, limit=MAX_ITERATIONS) -> Fit:
     """One Levenberg-Marquardt run over the `fitted` parameters and the `used` records."""
     arguments = _solver_arguments(problem, free, used, fitted)

@@ -28,13 +28,14 @@ from jaxtyping import Array, Float
 from .box_least_squares import triangle
 from .derivative_check import (
     AGREES,
+    CHECKS,
+    DIRECTIONS,
     DISCONTINUOUS,
     SIZES,
-    discrepancy,
+    next_check,
     noise_scale,
     proposed_direction,
     random_direction,
-    verdict,
 )
 from .ending import Ending
 from .trust_region import PROBE, bend, best_step, first_radius, next_radius, trial_point
@@ -47,9 +48,6 @@ _ROUNDING = 1e-13
 
 _EPSILONS = 4.0
 """Relative rounding errors that parameters and residual gather."""
-
-CHECKS = 4
-"""Differences compared with the Jacobian at the end: two directions, two sizes each."""
 
 
 class LMState(NamedTuple):
@@ -143,7 +141,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
             slow_steps=none,
             ending=none,
             checked=none,
-            discrepancies=jnp.zeros((CHECKS // 2, 2)),
+            discrepancies=jnp.full((DIRECTIONS, len(SIZES)), jnp.inf),
         )
 
     def step(self, fn, y, args, options, state, tags):
@@ -278,21 +276,22 @@ def _apart(state, y, options):
     free = (options["lower"] < options["upper"]) & (y > options["lower"]) & (y < options["upper"])
     random = random_direction(state.jacobian, y, free, scale)
     proposed = proposed_direction(state.jacobian, y, state.proposed_step, scale)
-    size = jnp.where(state.checked % 2 == 0, SIZES[0], SIZES[1])
-    move = size * jnp.where(state.checked < 2, random, proposed)
+    size = jnp.asarray(SIZES)[state.checked % len(SIZES)]
+    move = size * jnp.where(state.checked < len(SIZES), random, proposed)
     return [jnp.clip(y + way * move, options["lower"], options["upper"]) for way in (1.0, -1.0)]
 
 
 def _compared(state, ends, predicted, y):
     """`state` after one more comparison of the Jacobian with a difference; agreement skips the smaller size."""
     scale = noise_scale(state.residual, state.jacobian, y)
-    error, far = discrepancy(ends[0] - ends[1], predicted, scale)
-    which, small = state.checked // 2, state.checked % 2 == 1
-    found = verdict(state.discrepancies[which, 0], error)
-    said = jnp.where(found == DISCONTINUOUS, Ending.DISCONTINUITY, Ending.WRONG_DERIVATIVE)
-    worse = small & far & (found != AGREES) & (state.ending < Ending.DISCONTINUITY)
+    at = state.checked // len(SIZES), state.checked % len(SIZES)
+    error, verdict, following = next_check(
+        state.checked, state.discrepancies[at[0]], ends[0] - ends[1], predicted, scale
+    )
+    said = jnp.where(verdict == DISCONTINUOUS, Ending.DISCONTINUITY, Ending.WRONG_DERIVATIVE)
+    worse = (verdict != AGREES) & (state.ending < Ending.DISCONTINUITY)
     return state._replace(
-        discrepancies=state.discrepancies.at[which, state.checked % 2].set(error),
-        checked=state.checked + jnp.where(small | far, 1, 2),
+        discrepancies=state.discrepancies.at[at].set(error),
+        checked=following,
         ending=jnp.where(worse, said, state.ending).astype(state.ending.dtype),
     )

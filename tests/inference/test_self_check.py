@@ -8,6 +8,7 @@ import optimistix as optx
 import pytest
 
 from pdssjax.inference import BoundedLevenbergMarquardt, Ending
+from pdssjax.inference.derivative_check import CHECKS
 
 X = jnp.linspace(0.0, 3.0, 60)
 NOISE = jnp.asarray(np.random.default_rng(7).normal(0.0, 1.0, 60))
@@ -61,7 +62,7 @@ def test_a_right_jacobian_is_let_pass():
     state = solution.stats["state"]
     assert float(state.cosine) ** 2 * float(jnp.sum(state.residual**2)) < 1e-4
     assert 0.0 <= float(state.predicted_reduction) < 1e-4
-    assert int(state.checked) == 4
+    assert int(state.checked) == CHECKS
 
 
 @pytest.mark.parametrize("columns", [[1.0, 1.0, 0.0], [1.0, 0.5, 1.0], [1.0, 1.0, -1.0], [1e9, 1.0, 1.0]], ids=str)
@@ -83,3 +84,19 @@ def test_a_jump_that_the_data_cannot_show_is_let_pass():
     smooth = solve(stepped, {"at": jnp.zeros(3), "jump": jnp.asarray(0.0)})
     ripple = solve(stepped, {"at": smooth.value - 1e-9, "jump": jnp.asarray(1e-4)})
     assert ending(ripple) in (Ending.CONVERGED, Ending.WITHIN_ROUNDING)
+
+
+def kinked(y, args):
+    """Slopes that change a part of a standard error beside the minimum, at `args`; the derivative is right."""
+    beside = y - args["at"]
+    beyond = jnp.sign(beside) * jnp.maximum(jnp.abs(beside) - args["within"], 0.0)
+    return decay(y) + 50.0 * jnp.sum(beyond) * jnp.sin(7.0 * X), None
+
+
+def test_slopes_that_change_beside_the_minimum_are_not_a_wrong_jacobian():
+    # Both larger differences reach beyond the kinks, and the discrepancy grows with their size as that of a wrong
+    # derivative does; only the small ones tell.
+    end = solve(kinked, {"at": jnp.zeros(3), "within": jnp.asarray(10.0)}).value
+    solution = solve(kinked, {"at": end, "within": jnp.asarray(2e-4)}, start=end)
+    assert ending(solution) == Ending.CONVERGED
+    assert np.isfinite(np.asarray(solution.stats["state"].discrepancies)[:, 2]).any()

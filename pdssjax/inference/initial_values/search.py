@@ -8,7 +8,7 @@ looked for by trying a Latin hypercube of plausible values against the records.
 
 import dataclasses
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import equinox as eqx
@@ -45,6 +45,9 @@ PERIODS = 3.0
 SAMPLES = 2000
 """Samples of a friction record that the trials are compared with."""
 
+NEAR = 1.5
+"""Factor either way within which a start is scattered of which no better range is known."""
+
 USUAL_RATE = 6e3
 """Natural frequency [rad/s] of a stack of which nothing is known."""
 
@@ -80,6 +83,37 @@ def rank_starts(
     if not searchable:
         return [guess_starts(models, parameters, records)[0] | dict(better or {})]
     trials = _search(models, known, ranges, parameters, searchable)
+    return [{path: (known | trial)[path] for path in parameters} for trial in trials]
+
+
+def scatter_starts(
+    models: Models,
+    parameters: Mapping[str, Parameter],
+    records: Sequence[Record],
+    around: Mapping[str, float],
+    held: Collection[str] = (),
+) -> list[dict[str, float]]:
+    """Starts that differ in every free parameter, the most promising first, whether or not the study gives a start.
+
+    For fits that are compared with others: a search of what is unknown alone leaves them all near one minimum.
+
+    **Arguments:** numbers [SI] `around` which to search those that have no range of their own, within a
+    factor `NEAR`; the paths `held` there, as are signed parameters.
+    """
+    fitted = [record for record in records if record.role == "fit"] or list(records)
+    free = [path for path, p in parameters.items() if p.free and path not in held]
+    near = {
+        path: tuple(_within(end, parameters[path]) for end in (around[path] / NEAR, around[path] * NEAR))
+        for path in free
+        if parameters[path].quantity.positive
+    }
+    ranges = {path: (low, high) for path, (low, high) in near.items() if low < high}
+    ranges |= _ranges(models, around, free, parameters, fitted)
+    used = [record for record in fitted if not record.measurement.platform_alone]
+    if not (ranges and used):
+        return []
+    known = {path: number for path, number in around.items() if path not in ranges}
+    trials = _search(models, known, ranges, parameters, used)
     return [{path: (known | trial)[path] for path in parameters} for trial in trials]
 
 
