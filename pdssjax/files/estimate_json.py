@@ -88,6 +88,7 @@ def estimate_document(estimate: Estimate) -> dict[str, Any]:
         "parameters": parameters,
         "correlation": {"names": estimate.names, "matrix": estimate.correlation},
         "covariance": {"names": estimate.names, "matrix": estimate.covariance},
+        "amplification": None if estimate.amplification is None else vars(estimate.amplification),
         "records": [{key: getattr(record, key) for key in keys} for record in estimate.records],
         "statistics": vars(estimate.statistics),
         "notes": estimate.notes,

@@ -11,7 +11,7 @@ from .results_folder import staging_folder
 
 def write_estimate(estimate: Estimate, folder: Path) -> None:
     """Put `estimate.json`, `report.txt`, plots and predictions into `folder`, in place of older ones."""
-    from ..report.figures import correlation_figure, error_figure
+    from ..report.figures import amplification_figure, correlation_figure, error_figure
 
     with staging_folder(folder) as staging:
         _write_essentials(estimate, staging)
@@ -19,6 +19,8 @@ def write_estimate(estimate: Estimate, folder: Path) -> None:
         if len(estimate.names) > 1:
             correlation_figure(estimate).savefig(staging / "plots" / "correlations.png")
         error_figure(estimate).savefig(staging / "plots" / "standard_errors.png")
+        if estimate.amplification is not None:
+            amplification_figure(estimate.amplification).savefig(staging / "plots" / "amplification.png")
 
 
 def write_essentials(estimate: Estimate, folder: Path) -> None:

@@ -62,6 +62,21 @@ def correlation(matrix: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
         return matrix / np.outer(deviation, deviation)
 
 
+def moved_by(later: Float[np.ndarray, "n l"], earlier: Float[np.ndarray, "n e"]) -> Float[np.ndarray, "l e"]:
+    """d later / d earlier: how the least-squares estimate of some parameters follows others that are held.
+
+    With residuals r(a, b) and a held, the estimate of b is where J_b' r = 0, so that an error da moves it by
+    -(J_b' J_b)^-1 J_b' J_a da, to first order (K. M. Murphy and R. H. Topel, Journal of Business and Economic
+    Statistics 3(4), 1985).
+
+    **Arguments:** the columns of the residuals' Jacobian in the parameters fitted `later`, which determine them
+    all, and in those fitted `earlier`.
+    """
+    norms = np.linalg.norm(later, axis=0)
+    norms = np.where(norms > 0, norms, 1.0)
+    return -np.linalg.lstsq(later / norms, earlier, rcond=None)[0] / norms[:, None]
+
+
 def propagated(
     jacobian: Float[np.ndarray, "n p"], first: Float[np.ndarray, "q q"], later: np.ndarray, earlier: np.ndarray
 ) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, "p p"]]:
@@ -73,7 +88,7 @@ def propagated(
     -(J2' J2)^-1 J2' J1 e (first order).
     """
     naive = least_squares_covariance(jacobian[:, later], np.zeros(later.size, bool)).matrix
-    shift = -np.nan_to_num(naive) @ jacobian[:, later].T @ jacobian[:, earlier]
+    shift = moved_by(jacobian[:, later], jacobian[:, earlier])
     p = jacobian.shape[1]
     plain, whole = np.zeros((p, p)), np.zeros((p, p))
     for matrix, block in ((plain, naive), (whole, naive + shift @ first @ shift.T)):

@@ -44,7 +44,8 @@ def beyond_discontinuity(fit: Fit, problem: Problem, run: Run, report: Progress)
 def restarts(fit: Fit, problem: Problem, run: Run, most: int, needed: Callable[[Fit], bool] = lambda fit: True) -> Fit:
     """`fit`, or a better one from points perturbed more and more, as long as that is `needed`.
 
-    The first `MOST_RESTARTS` are perturbed along what the records hardly show, further ones in all parameters by as much.
+    The first `MOST_RESTARTS` are perturbed along what the records hardly show, further ones as much in every
+    parameter.
 
     **Returns:** the best, once so many in a row as `most` found no better one, with the evaluations of all.
     """

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 
 from ..study import Estimate, FittedParameter, FittedRecord, Statistics, compare
+from .amplification import amplification_of
 from .covariance import Covariance, correlation, least_squares_covariance, propagated
 from .least_squares import START_FAILED, Fit, of_piezo, of_platform_alone, reduced_chi2
 from .notes import (
@@ -68,6 +69,7 @@ def summarise(study, method, problem, fit, starts) -> Estimate:
         statistics=statistics,
         notes=tuple(_notes(study, problem, fit, known, weakly_determined, statistics, parameters, records)),
         seconds=0.0,
+        amplification=amplification_of(problem, fit, known.identifiable),
     )
 
 

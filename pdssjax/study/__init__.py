@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from .catalogue import find_entry as find_entry
     from .comparison import FittedRecord as FittedRecord
     from .comparison import compare as compare
+    from .estimate import Amplification as Amplification
     from .estimate import Estimate as Estimate
     from .estimate import FittedParameter as FittedParameter
     from .estimate import Statistics as Statistics
@@ -44,7 +45,7 @@ else:
         {
             "catalogue": ["Entry", "catalogue_entries", "find_entry"],
             "comparison": ["FittedRecord", "compare"],
-            "estimate": ["Estimate", "FittedParameter", "Statistics"],
+            "estimate": ["Amplification", "Estimate", "FittedParameter", "Statistics"],
             "measurement.base": ["AbstractMeasurement", "MOVING", "Samples"],
             "models": ["Models"],
             "noise": ["noise_floor"],

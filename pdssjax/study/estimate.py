@@ -60,6 +60,23 @@ class Statistics:
 
 
 @dataclass(frozen=True)
+class Amplification:
+    """How errors of the parameters fitted first move those fitted after them, to first order."""
+
+    later: tuple[str, ...]
+    """Paths of those fitted after the others, as rows."""
+    earlier: tuple[str, ...]
+    """Paths of those fitted first and then held, as columns: the stack's."""
+    matrix: Float[np.ndarray, "later earlier"]
+    """Relative change of the row's parameter per relative change of the column's."""
+
+    def strongest(self) -> tuple[str, str, float]:
+        """The largest entry: which parameter is moved, by which, and by how much."""
+        i, j = np.unravel_index(np.argmax(np.abs(self.matrix)), self.matrix.shape)
+        return self.later[i], self.earlier[j], float(self.matrix[i, j])
+
+
+@dataclass(frozen=True)
 class Estimate:
     """The whole result of one identification."""
 
@@ -83,3 +100,5 @@ class Estimate:
     """Sentences the user must read, such as which parameters have no information."""
     seconds: float
     """Wall time of the fit [s]."""
+    amplification: Amplification | None = None
+    """What an error of the stack does to all else; None where nothing is fitted after it."""

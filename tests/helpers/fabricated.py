@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from pdssjax import Estimate
-from pdssjax.study import FittedParameter, FittedRecord, Statistics
+from pdssjax.study import Amplification, FittedParameter, FittedRecord, Statistics
 
 NAN = math.nan
 
@@ -91,4 +91,14 @@ def estimate(method: Literal["joint", "sequential"] = "joint", converged: bool =
         statistics=Statistics(5590.1, 0.9987, -47920.3, -47841.1, 14, 9, 5605, 13),
         notes=("The data say nothing about effector.load; it stays at its start.",),
         seconds=4.81,
+        amplification=amplification(),
+    )
+
+
+def amplification() -> Amplification:
+    """A gain to which two friction parameters are sensitive; one entry far above the others."""
+    return Amplification(
+        ("friction.sigma0_a", "friction.sigma1_a", "friction.f_ss_a"),
+        ("piezo.gain", "piezo.natural_frequency", "piezo.damping_ratio"),
+        np.array([[-12.5, 0.31, 0.02], [98.7, -2.2, 0.4], [1.02, 0.0, -0.001]]),
     )

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from pdssjax.report.figures import correlation_figure, error_figure, record_figure
+from pdssjax.report.figures import amplification_figure, correlation_figure, error_figure, record_figure
 
 
 def drawn(figure: Figure) -> Figure:
@@ -64,3 +64,9 @@ def test_correlations_are_written_into_their_cells():
 
 def test_a_fit_without_any_known_error_can_be_drawn():
     drawn(error_figure(dataclasses.replace(fabricated.estimate(), parameters={})))
+
+
+def test_the_amplification_is_written_into_its_cells():
+    axes = drawn(amplification_figure(fabricated.amplification())).axes[0]
+    assert [text.get_text() for text in axes.texts][:4] == ["-12", "0.31", "0.02", "99"]
+    assert [label.get_text() for label in axes.get_yticklabels()][1] == "friction.sigma1_a"

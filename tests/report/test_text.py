@@ -68,7 +68,7 @@ def test_a_fit_that_failed_says_so_at_the_top():
 
 
 def test_a_sequential_fit_shows_the_naive_error_beside_the_corrected_one():
-    line = line_of(format_report(fabricated.estimate("sequential")), "friction.sigma1_a")
+    line = line_of(format_report(fabricated.estimate("sequential")).split("[[Amplification")[0], "friction.sigma1_a")
     assert "11.4 % 0.735 %" in line
     assert "naive" not in format_report(fabricated.estimate("joint"))
 
@@ -85,3 +85,11 @@ def test_a_fit_of_one_parameter_has_no_correlations():
     estimate = fabricated.estimate()
     alone = dataclasses.replace(estimate, names=estimate.names[:1], correlation=np.ones((1, 1)))
     assert format_report(alone).split("[[Correlations")[1].splitlines()[1].strip() == "none"
+
+
+def test_what_the_stack_s_errors_do_to_the_friction_is_said_in_words():
+    report = format_report(fabricated.estimate("sequential"))
+    assert "1 % in piezo.gain moves friction.sigma1_a by 99 %." in report
+    rows = [" ".join(line.split()) for line in report.splitlines()]
+    assert "friction.sigma0_a -12.50 0.31 0.02" in rows
+    assert "Amplification" not in format_report(fabricated.estimate("joint"))

@@ -6,6 +6,7 @@ Imports results from the rooms below, never files.
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from .amplification import amplification_figure as amplification_figure
     from .correlations import correlation_figure as correlation_figure
     from .cycles import cycle_figure as cycle_figure
     from .records import record_figure as record_figure
@@ -17,6 +18,7 @@ else:
     __getattr__, __dir__, __all__ = lazy_exports(
         __name__,
         {
+            "amplification": ["amplification_figure"],
             "correlations": ["correlation_figure"],
             "cycles": ["cycle_figure"],
             "records": ["record_figure"],

@@ -8,6 +8,7 @@ import textwrap
 from ...core import decimals_for, display_unit, percent, rounded, strongest_pairs
 from ...study import Estimate, FittedParameter
 from ._layout import aligned_table, heading
+from .amplification import format_amplification
 from .records import format_records
 
 WORTH_KNOWING = 0.3
@@ -22,6 +23,8 @@ def format_report(estimate: Estimate) -> str:
         format_records(estimate.records),
         heading(f"Correlations of size {WORTH_KNOWING:g} or more") + _correlations(estimate),
     ]
+    if estimate.method == "sequential" and estimate.amplification is not None:
+        parts.append(format_amplification(estimate.amplification))
     if estimate.notes:
         parts.append(heading("Notes") + "".join(map(_note, estimate.notes)))
     return "\n".join(parts)
