@@ -3,7 +3,6 @@
 from ...core import decimals_for, display_unit, percent, rounded
 from ...study import Estimate, FittedParameter
 from ._layout import aligned_table, heading
-from .amplification import format_amplification
 
 
 def format_comparison(joint: Estimate, sequential: Estimate) -> str:
@@ -14,8 +13,7 @@ def format_comparison(joint: Estimate, sequential: Estimate) -> str:
         "    naive: the results of the earlier step taken for exact; corrected: their errors carried on.\n"
         "    shift/sigma: difference of the two values, in corrected standard errors.\n"
     )
-    table = heading("Sequential against joint") + aligned_table("<<>>>>>>", [head, *rows]) + legend
-    return table if joint.amplification is None else f"{table}\n{format_amplification(joint.amplification)}"
+    return heading("Sequential against joint") + aligned_table("<<>>>>>>", [head, *rows]) + legend
 
 
 def _compared(joint: FittedParameter, sequential: FittedParameter) -> list[str]:
