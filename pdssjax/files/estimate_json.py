@@ -89,7 +89,11 @@ def estimate_document(estimate: Estimate) -> dict[str, Any]:
         "correlation": {"names": estimate.names, "matrix": estimate.correlation},
         "covariance": {"names": estimate.names, "matrix": estimate.covariance},
         "amplification": None if estimate.amplification is None else vars(estimate.amplification),
-        "records": [{key: getattr(record, key) for key in keys} for record in estimate.records],
+        "records": [
+            {key: getattr(record, key) for key in keys}
+            | {"lack_of_fit": None if record.lack_of_fit is None else record.lack_of_fit._asdict()}
+            for record in estimate.records
+        ],
         "statistics": vars(estimate.statistics),
         "notes": estimate.notes,
         "seconds": estimate.seconds,

@@ -67,3 +67,8 @@ def neighbour_correlation(record: FittedRecord) -> float:
     """Correlation of neighbouring residuals: 0 for white noise, towards 1 for a misfit that is smooth."""
     residual = record.measured - record.predicted
     return float(np.sum(residual[1:] * residual[:-1]) / max(np.sum(residual**2), 1e-300))
+
+
+def repeats(record: FittedRecord) -> bool:
+    """Residuals repeat from cycle to cycle beyond chance: the model's misfit, whatever noise is given."""
+    return record.lack_of_fit is not None and record.lack_of_fit.sigmas > SIGMAS

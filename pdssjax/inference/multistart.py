@@ -13,7 +13,8 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from ..integration import Accuracy
-from ..study import Parameter, Study
+from ..study import Parameter, Study, repeated_residuals
+from .goodness import SIGMAS
 from .initial_values.search import guess_starts, rank_starts, scatter_starts
 from .least_squares import (
     Fit,
@@ -34,7 +35,7 @@ _HALVING_ROUNDS = ((10, 5), (4, 7))
 """Successive halving while the fit is poor: how many starts, and the iterations of each; the best go on."""
 
 _COMPARING_ROUNDS = ((32, 6), (12, 12))
-"""The same where a fit is not poor but ran into a bound; starts are scattered in every parameter then."""
+"""The same where a fit ran into a bound, or stays poor from the starts given; the others differ in every parameter."""
 
 _FIRST = 12
 """Iterations after which a fit from a start that was searched for must look promising."""
@@ -66,20 +67,32 @@ def best_fit(study: Study, accuracy: Accuracy, run: Run, report: Progress) -> tu
     starts = _shown(ranked[0], starts, platform_unobserved)
     raced = platform_unobserved or _is_poor(fit, problem)
     if raced:
-        free = {path: _without_start(p) for path, p in study.parameters.items()}
-        others = ranked[1:] if missing else _ranked(study, free, problem, starts, report)
-        rounds = [(admitted * (_MORE if platform_unobserved else 1), limit) for admitted, limit in _HALVING_ROUNDS]
-        good = lambda fit: not (platform_unobserved or _is_poor(fit, problem))
-        fit, begun = successive_halving(fit, problem, starts, others, rounds, good, run, report)
+        others = ranked[1:] if missing else _ranked(study, _without_starts(study), problem, starts, report)
+        fit, begun = _race(fit, problem, starts, others, platform_unobserved, run, report)
         starts = _shown(begun, starts, platform_unobserved)
     fit = beyond_discontinuity(fit, problem, run, report)
-    if not raced and _at_new_bound(fit, problem, starts):
+    if _may_lie_elsewhere(fit, problem, starts, study, raced):
         fit, starts = _compared_with_others(fit, problem, starts, study, run, report)
     elif fit.iterations > _LONG:
         report("that was a long way: restarting from perturbed points")
         fit = restarts(fit, problem, run, MOST_RESTARTS)
     fit, problem = _with_noise(fit, problem, run, report)
     return fit, problem, starts
+
+
+def _race(fit, problem, starts, others, platform_unobserved, run, report) -> tuple[Fit, dict[str, float]]:
+    """The best of a poor `fit` and of fits from the `others`, and its starts; it ends where one is good."""
+    rounds = [(admitted * (_MORE if platform_unobserved else 1), limit) for admitted, limit in _HALVING_ROUNDS]
+    good = lambda fit: not (platform_unobserved or _is_poor(fit, problem))
+    return successive_halving(fit, problem, starts, others, rounds, good, run, report)
+
+
+def _may_lie_elsewhere(fit: Fit, problem: Problem, starts: dict[str, float], study: Study, raced: bool) -> bool:
+    """The best optimum may be where the starts given, or a bound, have not let the fit go."""
+    if not raced:
+        return _at_new_bound(fit, problem, starts)
+    given = any(p.free and p.start is not None and not shown_by_platform(path) for path, p in study.parameters.items())
+    return given and _is_poor(fit, problem)
 
 
 def _compile(problem: Problem, study: Study, starts: dict[str, float]) -> None:
@@ -111,10 +124,10 @@ def _first(problem: Problem, starts: dict[str, float], run: Run, report: Progres
     return summed(fit, [first])
 
 
-def _without_start(parameter: Parameter) -> Parameter:
-    """`parameter` as the search may start it anywhere; the starts of what the platform shows are better."""
-    keep = not parameter.free or shown_by_platform(parameter.path)
-    return parameter if keep else dataclasses.replace(parameter, start=None)
+def _without_starts(study: Study) -> dict[str, Parameter]:
+    """The parameters as a search may start them anywhere; the starts of what the platform shows are better."""
+    keep = lambda path, parameter: not parameter.free or shown_by_platform(path)
+    return {path: p if keep(path, p) else dataclasses.replace(p, start=None) for path, p in study.parameters.items()}
 
 
 def _ranked(study, parameters, problem, starts, report) -> list[dict[str, float]]:
@@ -125,19 +138,32 @@ def _ranked(study, parameters, problem, starts, report) -> list[dict[str, float]
 
 
 def _is_poor(fit: Fit, problem: Problem) -> bool:
-    """Chi-square is larger than the noise allows: four standard deviations of its own, where that is given."""
+    """Residuals are more than noise: in their size, in what repeats every cycle, or in how neighbours are correlated.
+
+    The size shows little where no noise is given, and a slip at a wrong moment hides in it.
+    """
     known = all(record.noise is not None for record in problem.records)
-    spread = np.sqrt(2.0 / np.size(fit.state.residual))
-    return not reduced_chi2(fit, problem) < (1.0 + 4.0 * spread if known else _POOR)
+    samples = np.size(fit.state.residual)
+    small = reduced_chi2(fit, problem) < (1.0 + SIGMAS * np.sqrt(2.0 / samples) if known else _POOR)
+    if not small:
+        return True
+    sizes = [record.time.size for record in problem.records]
+    parts = np.split(np.asarray(fit.state.residual), np.cumsum(sizes)[:-1])
+    correlation = sum(part[1:] @ part[:-1] for part in parts) / max(sum(part @ part for part in parts), 1e-300)
+    found = [repeated_residuals(record, part) for record, part in zip(problem.records, parts, strict=True)]
+    sigmas = [repeated.sigmas for repeated in found if repeated is not None]
+    return bool(correlation > SIGMAS / np.sqrt(samples) or sum(sigmas) > SIGMAS * np.sqrt(len(sigmas)))
 
 
 def _compared_with_others(fit, problem, starts, study, run, report) -> tuple[Fit, dict[str, float]]:
     """The best of `fit` and of fits from starts scattered in every parameter, and its starts."""
-    report("a parameter ran into a bound: searching for other starts")
+    report("searching for starts that differ in every parameter")
     platform = of_platform_alone(problem.records).any()
     held = [path for path in problem.residual.transform.paths if platform and shown_by_platform(path)]
     around = starts | {path: float(number) for path, number in problem.decode(fit.free).items() if path in held}
     others = scatter_starts(study.models, study.parameters, study.records, around, held)
+    if not others:
+        return fit, starts
     best, begun = successive_halving(fit, problem, starts, others, _COMPARING_ROUNDS, lambda fit: False, run, report)
     report("restarting the best from perturbed points")
     return restarts(best, problem, run, 2 * MOST_RESTARTS), begun

@@ -24,6 +24,7 @@ from .goodness import (
     exceeds_given_noise,
     highest_by_chance,
     neighbour_correlation,
+    repeats,
     stays_below_given_noise,
 )
 from .parameter_transform import REACH, ParameterTransform
@@ -248,7 +249,26 @@ def about_records(records: Sequence[FittedRecord], statistics: Statistics) -> li
             f"The residuals are smaller than the noise given in {listed(figures)}: the standard errors are larger "
             "than they need be. Give the noise as it is, or leave it out."
         )
-    return notes + _about_validation(known) + _about_correlation(fitted) + _about_failures(records)
+    return (
+        notes
+        + _about_repeating(fitted)
+        + _about_validation(known)
+        + _about_correlation(fitted)
+        + _about_failures(records)
+    )
+
+
+def _about_repeating(fitted: Sequence[FittedRecord]) -> list[str]:
+    found = [(record, record.lack_of_fit) for record in fitted if record.lack_of_fit and repeats(record)]
+    if not found:
+        return []
+    figures = (
+        f"{r.display.text(f.misfit)} beside noise of {r.display.text(f.noise)} in {_quoted([r])}" for r, f in found
+    )
+    return [
+        f"A part of the residuals repeats every cycle, {listed(figures)}: that is the model's misfit and not noise, "
+        "and more cycles do not average it away. The true errors are larger than the standard errors given."
+    ]
 
 
 def _about_validation(records: Sequence[FittedRecord]) -> list[str]:

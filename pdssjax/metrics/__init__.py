@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from .per_cycle import FLANK as FLANK
     from .per_cycle import cycle_metrics as cycle_metrics
     from .per_cycle import turning_points as turning_points
+    from .pure_error import LackOfFit as LackOfFit
+    from .pure_error import lack_of_fit as lack_of_fit
 else:
     from ..core.lazy import lazy_exports
 
@@ -24,6 +26,7 @@ else:
         {
             "characterisation": ["Characterisation", "SI_UNITS", "Summary", "characterisation_of"],
             "goodness_of_fit": ["error_index", "r_squared", "rmse"],
+            "pure_error": ["LackOfFit", "lack_of_fit"],
             "per_cycle": ["FLANK", "cycle_metrics", "turning_points"],
         },
     )

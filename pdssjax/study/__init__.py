@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from .catalogue import find_entry as find_entry
     from .comparison import FittedRecord as FittedRecord
     from .comparison import compare as compare
+    from .comparison import repeated_residuals as repeated_residuals
     from .estimate import Amplification as Amplification
     from .estimate import Estimate as Estimate
     from .estimate import FittedParameter as FittedParameter
@@ -44,7 +45,7 @@ else:
         __name__,
         {
             "catalogue": ["Entry", "catalogue_entries", "find_entry"],
-            "comparison": ["FittedRecord", "compare"],
+            "comparison": ["FittedRecord", "compare", "repeated_residuals"],
             "estimate": ["Amplification", "Estimate", "FittedParameter", "Statistics"],
             "measurement.base": ["AbstractMeasurement", "MOVING", "Samples"],
             "models": ["Models"],

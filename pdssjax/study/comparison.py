@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core import LENGTH, Display
-from ..metrics import error_index, r_squared, rmse
+from ..metrics import LackOfFit, error_index, lack_of_fit, r_squared, rmse
 from .noise import noise_floor
 from .record import Record
 
@@ -55,6 +55,8 @@ class FittedRecord:
     """Sum of squared residuals, each divided by `noise`."""
     reduced_chi2: float = math.nan
     """chi2 per degree of freedom; NaN where the noise was estimated from these residuals, which makes it 1."""
+    lack_of_fit: LackOfFit | None = None
+    """What of the residuals repeats every cycle; None where the drive does not repeat within the record."""
 
 
 def compare(
@@ -98,4 +100,11 @@ def compare(
         noise_floor=noise_floor(record) if len(measured) >= 8 else math.nan,
         chi2=chi2,
         reduced_chi2=math.nan if record.noise is None else chi2 / freedom,
+        lack_of_fit=repeated_residuals(record, measured - predicted),
     )
+
+
+def repeated_residuals(record: Record, residual: Float[np.ndarray, " n"]) -> LackOfFit | None:
+    """What of a record's `residual` repeats every cycle of its drive; None where the drive does not repeat."""
+    frequency = None if record.drive is None else record.drive.cycle_frequency()
+    return None if frequency is None else lack_of_fit(residual, record.time, float(frequency))

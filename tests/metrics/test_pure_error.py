@@ -1,0 +1,60 @@
+"""What repeats every cycle is told from noise: by the F test, whose own distribution SciPy knows."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from pdssjax.metrics import lack_of_fit
+from pdssjax.metrics.pure_error import _sigmas
+
+FREQUENCY, CYCLES = 5.0, 6
+RANDOM = np.random.default_rng(3)
+
+
+def sampled(interval):
+    return np.arange(round(CYCLES / FREQUENCY / interval)) * interval
+
+
+def bump(time, size):
+    """Misfit for a twentieth of each cycle, right after it begins."""
+    return size * (np.mod(time * FREQUENCY + 1e-9, 1.0) < 0.05)
+
+
+@pytest.mark.parametrize("above, below", [(20, 60), (199, 600), (50, 50)])
+@pytest.mark.parametrize("chance", [1e-4, 0.1, 0.5, 0.9, 0.9999])
+def test_its_sigmas_are_those_of_the_f_distribution(above, below, chance):
+    ratio = stats.f.ppf(chance, above, below)
+    assert _sigmas(ratio, 1.0, above, below) == pytest.approx(stats.norm.ppf(chance), abs=0.06)
+
+
+@pytest.mark.parametrize("interval", [1e-3, 1.0317e-3], ids=["whole number a cycle", "any"])
+def test_white_noise_is_none_and_its_size_is_found(interval):
+    time = sampled(interval)
+    found = [lack_of_fit(RANDOM.normal(0.0, 2e-8, time.size), time, FREQUENCY) for _ in range(400)]
+    sigmas = np.array([f.sigmas for f in found])
+    assert abs(sigmas.mean()) < 0.2 and 0.9 < sigmas.std() < 1.1
+    assert np.mean([f.noise for f in found]) == pytest.approx(2e-8, rel=0.01)
+
+
+@pytest.mark.parametrize("interval", [1e-3, 1.0317e-3], ids=["whole number a cycle", "any"])
+def test_what_repeats_is_seen_better_than_by_a_sum_of_squares_whose_noise_is_known(interval):
+    time, share = sampled(interval), 0.15
+    misfit = bump(time, 1e-8 * np.sqrt(share / 0.05))
+    found = [lack_of_fit(RANDOM.normal(0.0, 1e-8, time.size) + misfit, time, FREQUENCY) for _ in range(100)]
+    chi_square = share / np.sqrt(2.0 / time.size)
+    assert np.median([f.sigmas for f in found]) > 1.4 * chi_square > 5.0
+    assert np.median([f.misfit for f in found]) == pytest.approx(1e-8 * np.sqrt(share), rel=0.15)
+    assert np.median([f.noise for f in found]) == pytest.approx(1e-8, rel=0.06)
+
+
+def test_what_comes_once_is_noise_as_far_as_it_can_tell():
+    time = sampled(1e-3)
+    once = np.where(np.abs(time - 0.33) < 0.02, 3e-8, 0.0)
+    assert lack_of_fit(RANDOM.normal(0.0, 1e-8, time.size) + once, time, FREQUENCY).sigmas < 4.0
+
+
+def test_a_record_that_hardly_repeats_says_nothing():
+    time = sampled(1e-3)
+    assert lack_of_fit(np.zeros(250), time[:250], FREQUENCY) is None
+    assert lack_of_fit(np.zeros(30), time[:30], 500.0) is None
+    assert lack_of_fit(np.zeros(time.size), time, FREQUENCY).sigmas == 0.0
