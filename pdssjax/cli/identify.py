@@ -26,7 +26,8 @@ def identify(options: argparse.Namespace) -> int:
     estimates: dict[str, Any] = {}
     written = True
     for method, folder in folders.items():
-        estimates[method] = _identified(study, method, folder)
+        intervals = options.intervals if method == "joint" else "linear"
+        estimates[method] = _identified(study, method, intervals, folder)
         written &= _report_and_keep(estimates[method], folder)
     if len(methods) > 1:
         say(format_comparison(estimates["joint"], estimates["sequential"]))
@@ -38,7 +39,7 @@ def identify(options: argparse.Namespace) -> int:
     return NOT_WRITTEN if not written else 3 if unconverged else 0
 
 
-def _identified(study: Any, method: Any, folder: Path) -> Any:
+def _identified(study: Any, method: Any, intervals: Any, folder: Path) -> Any:
     """The estimate of a study; of a fit that is broken off the best point so far is kept in `folder`."""
     import pdssjax
 
@@ -47,7 +48,7 @@ def _identified(study: Any, method: Any, folder: Path) -> Any:
 
     try:
         with progress() as tell:
-            return pdssjax.identify(study, method=method, progress=tell)
+            return pdssjax.identify(study, method=method, intervals=intervals, progress=tell)
     except pdssjax.FitInterrupted as interrupt:
         kept = interrupt.estimate
         if kept is None:
@@ -94,5 +95,12 @@ def add_parser(subcommands: Any) -> None:
         choices=["joint", "sequential", "both"],
         default="joint",
         help="all parameters at once (default), the piezo first as in the thesis, or both side by side",
+    )
+    parser.add_argument(
+        "--intervals",
+        choices=["linear", "profile"],
+        default="linear",
+        help="of the joint fit: symmetric ones from the standard errors (default), or by profile likelihood, which "
+        "hold where chi-square is no parabola and say which end is open",
     )
     add_out(parser)

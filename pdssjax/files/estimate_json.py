@@ -75,6 +75,8 @@ def estimate_document(estimate: Estimate) -> dict[str, Any]:
             "at_bound": parameter.at_bound,
             "informed": parameter.identifiable,
         }
+        if parameter.verdicts is not None:
+            parameters[path]["interval_verdicts"] = parameter.verdicts
         if estimate.method == "sequential":
             parameters[path]["naive_standard_error"] = parameter.naive_standard_error
     keys = "name role samples r2 error_index rmse noise offset offset_standard_error simulated measures".split()

@@ -4,15 +4,19 @@ import dataclasses
 import time
 from typing import Literal
 
+import numpy as np
+
 from ..core import InputError, need_double_precision
 from ..integration import Accuracy
 from ..study import Estimate, Study
 from .best_point import BestPoint, Point, completed
 from .least_squares import Progress, joint, sequential
 from .multistart import best_fit
+from .profile_intervals import with_profile_intervals
 from .summary import summarise
 
 Method = Literal["joint", "sequential"]
+Intervals = Literal["linear", "profile"]
 
 
 class FitInterrupted(KeyboardInterrupt):
@@ -30,6 +34,7 @@ def identify(
     study: Study,
     method: Method = "joint",
     *,
+    intervals: Intervals = "linear",
     progress: Progress | None = None,
     accuracy: Accuracy | None = None,
 ) -> Estimate:
@@ -37,8 +42,10 @@ def identify(
 
     **Arguments:** `method` is "joint", all parameters from all records at once, or
     "sequential": the piezo from the platform records, then the others with the piezo held,
-    as in the thesis, the first step's errors carried on into the second.  `progress` is
-    called with a line of text now and then.
+    as in the thesis, the first step's errors carried on into the second.  `intervals` are
+    "linear", symmetric on the scale of the fit, or of a joint fit those by "profile" likelihood, which hold where
+    chi-square is no parabola and take some ten evaluations with derivatives an end.  `progress` is called with a
+    line of text now and then.
 
     **Raises:** `InputError` if there is nothing to fit.  A fit that does not converge is
     returned all the same, with `converged` False and the reason in `message`.  `FitInterrupted`,
@@ -48,6 +55,10 @@ def identify(
     begun = time.perf_counter()
     report = progress or (lambda message: None)
     _check(study, method)
+    if intervals not in ("linear", "profile") or (intervals == "profile" and method != "joint"):
+        raise InputError(
+            f'intervals: found "{intervals}" with method "{method}", expected "linear", or "profile" with "joint".'
+        )
     run = joint if method == "joint" else sequential
     best, done = BestPoint(), None
     try:
@@ -55,6 +66,9 @@ def identify(
         fit, problem, starts = best_fit(study, accuracy or Accuracy(), best.watched(run), report)
         done = Point(fit, problem, starts, 2)
         estimate = _summarised(study, method, done, begun, report)
+        if intervals == "profile" and np.isfinite(fit.chi2):
+            estimate = with_profile_intervals(estimate, problem, fit, report)
+            estimate = dataclasses.replace(estimate, seconds=time.perf_counter() - begun)
     except KeyboardInterrupt as interrupt:
         point = done or best.point
         kept = _summarised(study, method, point, begun, report) if point else None

@@ -64,6 +64,10 @@ class Problem(NamedTuple):
         """Of `whitened`, shape (samples, parameters); compiled."""
         return _whitened_jacobian(self.residual, free, self._weights())
 
+    def linearised(self, free: Any) -> tuple[Any, Any]:
+        """`whitened` and `jacobian` at once, for the price of the second; compiled."""
+        return _linearised(self.residual, free, self._weights())
+
     def _weights(self) -> Any:
         return 1.0 / np.asarray(self.noise)
 
@@ -76,6 +80,16 @@ def _whitened(residual, free, weights):
 @eqx.filter_jit
 def _whitened_jacobian(residual, free, weights):
     return jax.jacfwd(lambda free: residual(free, weights)[0])(free)
+
+
+@eqx.filter_jit
+def _linearised(residual, free, weights):
+    def twice(free):
+        whitened = residual(free, weights)[0]
+        return whitened, whitened
+
+    jacobian, whitened = jax.jacfwd(twice, has_aux=True)(free)
+    return whitened, jacobian
 
 
 def pose(study: Study, starts: dict[str, float], accuracy: Accuracy) -> Problem:

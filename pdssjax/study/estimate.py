@@ -33,6 +33,9 @@ class FittedParameter:
     """False where the data say nothing about a free parameter."""
     naive_standard_error: float | None = None
     """Standard error of a sequential fit that takes the earlier step's results for exact; else None."""
+    verdicts: tuple[str, str] | None = None
+    """How either end of an interval by profile likelihood was found (`inference.profile_likelihood.Verdict`); None
+    where the interval is linear: symmetric on the scale of the fit."""
 
 
 @dataclass(frozen=True)

@@ -203,3 +203,15 @@ def test_predictions_can_be_differentiated_mapped_and_compiled(tmp_path):
         assert float(slope[path]) == pytest.approx(float(jnp.sum(jacobian[path] * plain)), rel=1e-9)
     many = eqx.filter_vmap(lambda gain: predict(at | {"piezo.gain": gain}))(GAIN * jnp.array([1.0, 2.0]))
     np.testing.assert_allclose(many, jnp.stack([plain, 2.0 * plain]), rtol=1e-9, atol=1e-18)
+
+
+def test_profile_intervals_of_a_platform_are_the_linear_ones_and_an_open_end_is_said(tmp_path):
+    study = pdssjax.load_study(write_platform(tmp_path))
+    linear, profile = pdssjax.identify(study), pdssjax.identify(study, intervals="profile")
+    for path in ("piezo.gain", "piezo.natural_frequency", "piezo.damping_ratio"):
+        one, other = linear.parameters[path], profile.parameters[path]
+        np.testing.assert_allclose(other.interval, one.interval, rtol=0.0, atol=0.05 * one.standard_error)
+        assert (one.verdicts, other.verdicts) == (None, ("bounded", "bounded"))
+    assert profile.parameters["friction.sigma0"].verdicts is None
+    with pytest.raises(pdssjax.InputError, match='intervals: found "profil" with method "joint"'):
+        pdssjax.identify(study, intervals="profil")  # pyright: ignore[reportArgumentType]
