@@ -4,7 +4,8 @@ The 95 % interval of a parameter holds the values at which chi-square, minimised
 below its minimum plus a threshold.  Each end is found without a curve (D. J. Venzon and S. H. Moolgavkar, Applied
 Statistics 37(1), 1988): with residual r, Jacobian J and C = (J'J)^-1 at the current point, the linear model's own
 end is the next point.  Where steps vanish the gradient has no component but the parameter's own, and chi-square is
-the threshold's, whatever the model left out: only the rate depends on it.
+the threshold's, whatever the model left out: only the rate depends on it, and is mended by mixing in the steps
+before (D. G. Anderson, Journal of the ACM 12(4), 1965).
 """
 
 import enum
@@ -20,11 +21,17 @@ Evaluate = Callable[[Float[np.ndarray, " p"]], tuple[Float[np.ndarray, " n"], Fl
 MOST_EVALUATIONS = 100
 """For one end."""
 
-_LEVEL = 1e-6
+_LEVEL = 5e-5
 """Share of the threshold by which chi-square may miss it at an end, and by which the others may still lower it."""
 
 _TRUSTED = 1.0
 """First radius of trust, in standard errors."""
+
+_MIXED = 6
+"""Steps before that are mixed in near an end."""
+
+_NEAR = 0.1
+"""Length of a step, in standard errors, and share of the threshold by which chi-square misses it, near an end."""
 
 _SMALLEST = 1e-3
 """Radius below which chi-square does not follow its model: it has a discontinuity there."""
@@ -103,10 +110,10 @@ class _Search:
 
     def run(self) -> End:
         """Follow the linear models' ends until they stay where they are."""
-        at, radius = self.optimum.copy(), _TRUSTED
+        at, radius, past = self.optimum.copy(), _TRUSTED, []
         while self.evaluations < MOST_EVALUATIONS:
             model = self._model(at, radius)
-            moved = np.clip(at + model.step, self.low, self.high)
+            moved = self._mixed(at, model.step, past)
             length = float(np.max(np.abs((moved - at) / self.sizes)))
             chi2 = float(self.residual @ self.residual)
             if self._is_stationary(at, chi2):
@@ -121,6 +128,7 @@ class _Search:
             # Off the valley by less than the threshold: the next step comes back to it.
             if not abs(found - model.chi2) < 0.5 * (abs(model.chi2 - chi2) + self.threshold):
                 radius = 0.25 * min(radius, max(length, _SMALLEST))
+                past.clear()
                 if radius < _SMALLEST:
                     return self._end(at, Verdict.LOST)._replace(value=np.nan)
                 continue
@@ -130,6 +138,23 @@ class _Search:
             if found < self.least - 0.01 * self.threshold:
                 return self._end(at, Verdict.LOWER)
         return self._end(at, Verdict.LOST)._replace(value=np.nan)
+
+    def _mixed(self, at, step, past) -> np.ndarray:
+        """Where to go from `at`: its `step`, mixed with those of the points in `past`, to which both are added.
+
+        The linear combination of the points whose steps, combined alike, are shortest, and its step from there.
+        """
+        missed = abs(float(self.residual @ self.residual) - self.target)
+        if np.max(np.abs(step / self.sizes)) > _NEAR or missed > _NEAR * self.threshold:
+            past.clear()
+        past.append((at / self.sizes, step / self.sizes))
+        del past[: -_MIXED - 1]
+        if len(past) < 2:
+            return np.clip(at + step, self.low, self.high)
+        points, steps = (np.diff(np.stack(column, axis=1)) for column in zip(*past, strict=True))
+        shares = np.linalg.lstsq(steps, past[-1][1], rcond=1e-6)[0]
+        mixed = step - self.sizes * ((points + steps) @ shares)
+        return np.clip(at + mixed, self.low, self.high)
 
     def _model(self, at, radius) -> _Model:
         """The linear model's end within the bounds and the radius of trust."""
