@@ -43,3 +43,7 @@ class Sine(AbstractDrive):
 
     def peak(self):
         return jnp.maximum(abs(self.bias), abs(self.bias + self.voltage))
+
+    @classmethod
+    def examples(cls):
+        return cls(), cls(30.0, 20.0, -20.0), cls(30.0, 20.0, 5.0, 1.0), cls(-30.0, 20.0)

@@ -94,7 +94,7 @@ class AbstractFriction(eqx.Module):
         return state
 
     def extra_error_terms(self, state: State, v: Number, sign: Number) -> tuple[Number, ...]:
-        """What rate, force or guards make of v that the state hardly shows, as displacements [m]; steps resolve it, too.
+        """What the law makes of v and the state hardly shows, as displacements [m]; steps resolve it, too.
 
         A curve in v, such as Stribeck's: times `CURVE`.  Without it a step may run past the curve, and the
         derivatives by its parameters are wrong.

@@ -15,7 +15,6 @@ from pdssjax import AbstractDrive, AbstractFriction, AbstractPiezo
 from pdssjax.core import member, members, quantities
 from pdssjax.drive.base import Segment, Wave
 from pdssjax.drive.sawtooth import Sawtooth
-from pdssjax.drive.step import Step
 from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
 from pdssjax.friction.bristle import Bristle
 from pdssjax.friction.lugre import LuGre
@@ -24,10 +23,7 @@ from pdssjax.friction.simplified_lugre import SimplifiedLuGre
 INTERFACES = {"drive": AbstractDrive, "piezo": AbstractPiezo, "friction": AbstractFriction}
 EVERYONE = [(family, name) for family in INTERFACES for name in members(family)]
 
-DRIVES = [member("drive", name)() for name in members("drive")] + [
-    *(Sawtooth(30.0, 20.0, fall, direction) for fall in (0.0, 1.3e-3) for direction in ("forward", "backward")),
-    *(Step(48.2, rise) for rise in (0.0, 2e-3)),
-]
+DRIVES = [drive for name in members("drive") for drive in member("drive", name).examples()]
 PIEZOS = [member("piezo", name)() for name in members("piezo")]
 LAWS = [member("friction", name)() for name in members("friction")] + [AnisotropicLuGre(state="force")]
 SIGNS = (1.0, -1.0)

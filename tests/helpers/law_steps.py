@@ -1,8 +1,8 @@
 """Steps along a friction law alone, many side by side: how far its power series are from the law where they end.
 
 The velocity changes steadily, and nothing but the law limits a step: the series of its state and of its
-`extra_error_terms` have to be resolved as the integrator asks, and its guards end the step.  A law that depends on v by a
-curve which neither of them sees lets a step run past the curve; derivatives by its parameters are wrong then.
+`extra_error_terms` have to be resolved as the integrator asks, and its guards end the step.  A law with a curve
+in v that neither of them sees lets a step run past the curve; derivatives by its parameters are wrong then.
 """
 
 from typing import NamedTuple
