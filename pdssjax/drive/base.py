@@ -102,6 +102,10 @@ class AbstractDrive(eqx.Module):
     def has_jumps(self) -> bool:
         """Whether the voltage jumps, at t = 0 or later; not traced."""
 
+    def has_corners(self) -> bool:
+        """Whether the voltage or its rate jumps, at t = 0 or later; not traced."""
+        return True
+
     @abc.abstractmethod
     def peak(self) -> Any:
         """Largest magnitude that the voltage takes or tends to [V], a number."""

@@ -53,6 +53,16 @@ def test_a_drive_has_jumps_where_its_voltage_differs_on_both_sides_of_a_corner(d
 
 
 @EVERY
+def test_a_drive_has_corners_where_its_voltage_or_its_rate_differs_on_both_sides(drive):
+    before, bends = 0.0, any(abs(step) > 1e-9 * drive.peak() for step in corner_steps(drive))
+    for _, segment in pieces(drive):
+        lasts = min(float(segment.duration), 1.0)
+        bends |= abs(float(segment.voltage(0.0).slope) - before) > 1e-6 * drive.peak()
+        before = float(segment.voltage(lasts).slope)
+    assert drive.has_corners() == bends
+
+
+@EVERY
 def test_the_peak_is_the_largest_voltage_of_two_periods(drive):
     frequency = drive.cycle_frequency()
     until = 0.25 if frequency is None else 2.0 / frequency

@@ -98,6 +98,21 @@ def test_a_record_is_predicted_with_right_derivatives(measurement, planned):
     assert np.mean(wrong > 1e-4 * np.abs(differences).max()) < 0.02
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("measurement", [m for m in VARIANTS if m.effector_free and m.driven], ids=measured_study.label)
+def test_a_contact_that_sticks_below_a_ringing_platform_is_seen_as_if_every_moment_were_stepped(measurement, tmp_path):
+    """A platform so heavy that it feels no friction moves as one without feedback, but no closed form is used."""
+    record = measured_study.record(measurement, measured_study.SLOW_FALL)
+    seen = []
+    for place, kind in enumerate(({}, {"feedback": True, "mass": "1e9 kg"})):
+        file = tmp_path / f"{place}.toml"
+        file.write_text(measured_study.study(record, sticks=True, **kind))
+        seen.append(np.asarray(load_study(file, virtual=True).predict()[0]))
+    assert np.ptp(seen[0]) > 0.0
+    # Where the acceleration jumps, a sample may fall between the two instants.
+    assert np.mean(np.abs(seen[0] - seen[1]) > 1e-5 * np.ptp(seen[0])) < 0.01
+
+
 @every
 def test_a_virtual_rig_makes_the_record_and_it_is_read_back(measurement, planned, tmp_path):
     study = planned(measurement)
