@@ -8,6 +8,7 @@ import numpy as np
 from ..actuator import ZeroOrderHold
 from ..core import InputError, choices, member, members, quantities
 from ..drive.base import AbstractDrive
+from ..study import check_increasing
 from .csv_columns import read_csv
 from .toml_table import Table
 
@@ -58,7 +59,7 @@ def _voltages(table: Table, record: Table, folder: Path) -> dict[str, Any]:
     written = {quantity: t.text(key, "a unit") for quantity, (t, key) in written.items() if key in t.entries}
     data, lines = read_csv(file, {"time": clock, "voltage": column}, {"time": "s", "voltage": "V"}, written)
     time, voltage = data["time"], data["voltage"]
-    check_times(file, clock, time, lines)
+    check_increasing(file, clock, time, lines)
     if file == overrides:
         time = time - record.number("start", "s", 0.0)
     where = f'{file}: column "{column}"'
@@ -95,14 +96,3 @@ def _hold_interval(table: Table, drive: AbstractDrive) -> float:
         below = f" and below the period, {period:g} s" if frequency is not None else ""
         raise InputError(f"{table.at('hold')}: found {interval:g} s, expected a time above 0{below}.")
     return interval
-
-
-def check_times(file: Path, column: str, time: np.ndarray, lines: np.ndarray) -> None:
-    """**Raises** `InputError` that names the first line of `lines` at which the `time` [s] does not increase."""
-    late = np.flatnonzero(np.diff(time) <= 0)
-    if late.size:
-        before, here = time[late[0]], time[late[0] + 1]
-        raise InputError(
-            f'{file}: line {lines[late[0] + 1]}, column "{column}": found {here:.9g} s after {before:.9g} s, '
-            "expected times that increase."
-        )

@@ -126,12 +126,11 @@ def _check_durations(top: Table, study: Study) -> None:
         if family != "drive" or parameter.unit != "s" or given is None:
             continue
         for record in study.records:
-            frequency = None if record.drive is None else record.drive.cycle_frequency()
-            if frequency is not None and field in shared_fields(record) and given >= 1.0 / frequency:
-                raise InputError(
-                    f'{top.where}: parameters: key "{path}": found {given:g} s, '
-                    f'expected less than the period {1.0 / frequency:g} s of record "{record.name}".'
-                )
+            if record.drive is None or field not in shared_fields(record):
+                continue
+            clause = drive_with(record, {path: given}).broken_conditions().get(field)
+            if clause:
+                raise InputError(f'{top.where}: parameters: key "{path}": found {clause}, in record "{record.name}".')
 
 
 def _check_jumps(top: Table, study: Study) -> None:
