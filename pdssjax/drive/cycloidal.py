@@ -65,4 +65,4 @@ class Cycloidal(AbstractDrive):
 
     @classmethod
     def examples(cls):
-        return cls(), cls(30.0, 20.0), *(cls(30.0, 20.0, 1e-3, direction) for direction in ("forward", "backward"))
+        return cls(), cls(30.0, 20.0), cls(30.0, 20.0, 1e-3), cls(30.0, 20.0, 1e-3, -1.0)

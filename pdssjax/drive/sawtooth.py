@@ -67,5 +67,5 @@ class Sawtooth(AbstractDrive):
 
     @classmethod
     def examples(cls):
-        falls = [cls(-30.0, 20.0, fall, way) for fall in (0.0, 1.3e-3) for way in ("forward", "backward")]
-        return cls(), *falls, cls(30.0, 20.0, duty=0.8), cls(30.0, 20.0, 1e-3, "backward", 0.8)
+        falls = [cls(-30.0, 20.0, fall, way) for fall in (0.0, 1.3e-3) for way in (1.0, -1.0)]
+        return cls(), *falls, cls(30.0, 20.0, duty=0.8), cls(30.0, 20.0, 1e-3, -1.0, 0.8)

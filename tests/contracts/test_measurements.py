@@ -80,7 +80,13 @@ def test_what_is_told_before_a_fit_has_a_number_for_every_sample_or_is_not_told(
         assert told is None or (told.shape == time.shape and np.isfinite(told).all())
 
 
-@every
+def dear(measurement):
+    """Slow where another signal of the same system is judged in the default tests: that of the displacement."""
+    marks = pytest.mark.slow if measurement.effector_free and measurement.unit != "m" else ()
+    return pytest.param(measurement, marks=marks, id=measured_study.label(measurement))
+
+
+@pytest.mark.parametrize("measurement", [dear(one) for one in VARIANTS])
 def test_a_record_is_predicted_with_right_derivatives(measurement, planned):
     study = planned(measurement)
     values = {path: jnp.asarray(number) for path, number in study.values().items()}

@@ -16,7 +16,7 @@ RINGS = {"sticks": True, "drive": measured_study.SLOW_FALL}
 """A contact that sticks for good while the platform rings."""
 KINDS = [
     pytest.param("platform", {}, id="platform"),
-    pytest.param("effector", RINGS, id="sticks while it rings"),
+    pytest.param("effector", RINGS, id="sticks while it rings", marks=pytest.mark.slow),
     pytest.param("effector", {}, id="effector", marks=pytest.mark.slow),
     pytest.param("effector", {"more": SENSOR}, id="effector, slow sensor", marks=pytest.mark.slow),
     pytest.param("platform", {"more": SENSOR}, id="platform, slow sensor", marks=pytest.mark.slow),
