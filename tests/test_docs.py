@@ -9,6 +9,7 @@ import pytest
 
 import pdssjax
 from pdssjax.cli.main import _parser
+from pdssjax.study import catalogue_entries
 from pdssjax.study.study import Study
 
 ROOT = Path(__file__).parents[1]
@@ -92,6 +93,14 @@ def test_code_compiles_and_names_what_is_there(page, block):
         assert hasattr(Study, name)
     for module, names in re.findall(r"^from (pdssjax[\w.]*) import (.+)$", block, re.M):
         exec(f"from {module} import {names}", {})
+
+
+@pytest.mark.parametrize("name", [entry.name for entry in catalogue_entries() if "/" in entry.name])
+def test_what_a_study_may_name_stands_on_its_page(name):
+    """What `pdssjax models` lists stands in docs/study-file.md, as a study writes it."""
+    family, _, member = name.partition("/")
+    written = f'`"{member}"`' if family == "measurement" else f"`{member}`"
+    assert written in (ROOT / "docs/study-file.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("target", ["demo", "test"])

@@ -14,6 +14,8 @@ from .errors import InputError
 
 _NUMBER_AND_UNIT = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 
+_GRAM = ', a gram (standard gravity is written "g_0", of a column in [record.units])'
+
 _NOT_FINITE = re.compile(r"\s*[+-]?(nan|inf(inity)?)\b", re.IGNORECASE)
 
 
@@ -53,7 +55,8 @@ def factor(name: str, unit: str, where: str) -> float:
     expected = registry.Quantity(1.0, registry.parse_units(unit))
     if given.units != expected.to_root_units().units:
         found = f'the unit "{name}"' if name else "no unit"
-        raise InputError(f"{where}: found {found}, expected {_of(unit)}.")
+        hint = _GRAM if name == "g" and expected.check("[acceleration]") else ""
+        raise InputError(f"{where}: found {found}{hint}, expected {_of(unit)}.")
     return float(unit_amount.to(expected.units).magnitude)
 
 

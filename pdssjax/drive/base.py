@@ -102,6 +102,10 @@ class AbstractDrive(eqx.Module):
     def has_jumps(self) -> bool:
         """Whether the voltage jumps, at t = 0 or later; not traced."""
 
+    def has_corners(self) -> bool:
+        """Whether the voltage or its rate jumps, at t = 0 or later; not traced."""
+        return True
+
     @abc.abstractmethod
     def peak(self) -> Any:
         """Largest magnitude that the voltage takes or tends to [V], a number."""
@@ -109,6 +113,19 @@ class AbstractDrive(eqx.Module):
     def flanks(self) -> Flanks | None:
         """Of a waveform whose cycle is a slow and a fast flank; None, the default, of all others."""
         return None
+
+    def broken_conditions(self) -> dict[str, str]:
+        """By field, what its numbers must obey together and do not: "0.6 s, expected less than the period, 0.5 s".
+
+        Not under `jit`: it reads the numbers.
+        """
+        idle = self.numbers().get("voltage") == 0
+        return {"voltage": "0 V, expected the voltage that moves the actuator"} if idle else {}
+
+    @classmethod
+    def examples(cls) -> tuple[Self, ...]:
+        """Waveforms of this kind that differ in more than their numbers; `tests/contracts` checks each of them."""
+        return (cls(),)
 
     def declared(self) -> dict[str, Quantity]:
         """What is declared of the numbers that describe it, by field; nothing where samples do."""
@@ -132,6 +149,11 @@ class AbstractDrive(eqx.Module):
         numbers = jax.tree.map(lambda leaf: np.asarray(leaf, float), self)
         duration = float(np.sum(_durations(numbers, np.arange(first, first + every))))
         return first + every * (int(max(until, 0.0) / duration) + 2)
+
+
+def too_long(flank: float, room: float, whole: str) -> str:
+    """Of a flank [s] that has to be shorter than its `room` [s], called `whole`."""
+    return f"{flank:g} s, expected less than {whole}, {room:g} s"
 
 
 @eqx.filter_jit

@@ -12,7 +12,7 @@ cam: velocity and acceleration vanish at its begin, acceleration at its end.
 import jax.numpy as jnp
 
 from ..core import choice, quantity
-from .base import AbstractDrive, Flanks, Segment, Wave, flank, progress
+from .base import AbstractDrive, Flanks, Segment, Wave, flank, progress, too_long
 
 
 class Cycloidal(AbstractDrive):
@@ -57,3 +57,12 @@ class Cycloidal(AbstractDrive):
     def flanks(self):
         fast = self.fall_time
         return Flanks(self.direction * self.voltage / (1.0 / self.frequency - fast), fast)
+
+    def broken_conditions(self):
+        room = 1.0 / self.frequency
+        broken = {} if self.fall_time < room else {"fall_time": too_long(self.fall_time, room, "the period")}
+        return super().broken_conditions() | broken
+
+    @classmethod
+    def examples(cls):
+        return cls(), cls(30.0, 20.0), cls(30.0, 20.0, 1e-3), cls(30.0, 20.0, 1e-3, -1.0)

@@ -65,3 +65,10 @@ class Sampled(AbstractDrive):
 
     def segments(self, until):
         return int(np.searchsorted(np.asarray(self.times), until)) + 2
+
+    @classmethod
+    def examples(cls):
+        times, voltages = (0.0, 0.01, 0.03, 0.04, 0.1), (0.0, 12.0, -5.0, -5.0, 40.0)
+        late = cls([0.005, 0.015, 0.105], [3.0, 15.0, -2.0])
+        held = [cls(times, v, "held") for v in (voltages, (4.0, *voltages[1:]))]
+        return cls(), cls(times, voltages), cls([0.0, 0.1], [4.0, -6.0]), late, cls([0.01, 0.02], [0.0, 4.0]), *held

@@ -13,7 +13,7 @@ import math
 import jax.numpy as jnp
 
 from ..core import choice, quantity
-from .base import AbstractDrive, Flanks, Segment, flank, progress
+from .base import AbstractDrive, Flanks, Segment, flank, progress, too_long
 
 
 class Sawtooth(AbstractDrive):
@@ -58,3 +58,14 @@ class Sawtooth(AbstractDrive):
     def flanks(self):
         fast = self._fall()
         return Flanks(self.direction * self.voltage / (1.0 / self.frequency - fast), fast)
+
+    def broken_conditions(self):
+        room = self.duty / self.frequency
+        whole = "the slow flank" if self.duty < 1.0 else "the period"
+        broken = {} if self.fall_time < room else {"fall_time": too_long(self.fall_time, room, whole)}
+        return super().broken_conditions() | broken
+
+    @classmethod
+    def examples(cls):
+        falls = [cls(-30.0, 20.0, fall, way) for fall in (0.0, 1.3e-3) for way in (1.0, -1.0)]
+        return cls(), *falls, cls(30.0, 20.0, duty=0.8), cls(30.0, 20.0, 1e-3, -1.0, 0.8)

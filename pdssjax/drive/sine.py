@@ -41,5 +41,13 @@ class Sine(AbstractDrive):
     def has_jumps(self):
         return bool(self.at(jnp.zeros(())) != 0)
 
+    def has_corners(self):
+        # At t = 0 it sets in from a constant 0 V.
+        return bool(self.has_jumps() or jnp.sin(self.phase) != 0.0)
+
     def peak(self):
         return jnp.maximum(abs(self.bias), abs(self.bias + self.voltage))
+
+    @classmethod
+    def examples(cls):
+        return cls(), cls(30.0, 20.0, -20.0), cls(30.0, 20.0, 5.0, 1.0), cls(-30.0, 20.0)

@@ -40,3 +40,7 @@ class Step(AbstractDrive):
 
     def peak(self):
         return abs(self.voltage)
+
+    @classmethod
+    def examples(cls):
+        return cls(), cls(-48.2), cls(48.2, 2e-3)

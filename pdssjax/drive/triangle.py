@@ -43,3 +43,7 @@ class Triangle(AbstractDrive):
 
     def peak(self):
         return abs(self.voltage)
+
+    @classmethod
+    def examples(cls):
+        return cls(), cls(30.0, 20.0, 0.3)

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 
 from ..actuator import ZeroOrderHold
-from ..core import InputError, Quantity, choices, member, members, quantities
+from ..core import InputError, choices, member, members, quantities
 from ..drive.base import AbstractDrive
+from ..study import check_increasing
 from .csv_columns import read_csv
 from .toml_table import Table
 
@@ -34,11 +35,12 @@ def read_drive(table: Table, record: Table, folder: Path) -> tuple[AbstractDrive
     for key, declared in numbers.items():
         if key in table.entries or not declared.optional:
             fields[key] = table.quantity(key, declared)
-    _check_drive(fields, numbers, table)
     overrides = frozenset(fields) & frozenset(table.entries)
     if sampled:
         fields |= _voltages(table, record, folder)
     made = drive(**fields)
+    for key, clause in made.broken_conditions().items():
+        raise InputError(f"{table.at(key)}: found {clause}.")
     return (ZeroOrderHold(made, _hold_interval(table, made)) if "hold" in table.entries else made), overrides
 
 
@@ -57,7 +59,7 @@ def _voltages(table: Table, record: Table, folder: Path) -> dict[str, Any]:
     written = {quantity: t.text(key, "a unit") for quantity, (t, key) in written.items() if key in t.entries}
     data, lines = read_csv(file, {"time": clock, "voltage": column}, {"time": "s", "voltage": "V"}, written)
     time, voltage = data["time"], data["voltage"]
-    check_times(file, clock, time, lines)
+    check_increasing(file, clock, time, lines)
     if file == overrides:
         time = time - record.number("start", "s", 0.0)
     where = f'{file}: column "{column}"'
@@ -94,25 +96,3 @@ def _hold_interval(table: Table, drive: AbstractDrive) -> float:
         below = f" and below the period, {period:g} s" if frequency is not None else ""
         raise InputError(f"{table.at('hold')}: found {interval:g} s, expected a time above 0{below}.")
     return interval
-
-
-def _check_drive(fields: dict[str, Any], numbers: dict[str, Quantity], table: Table) -> None:
-    if fields.get("voltage") == 0:
-        raise InputError(f"{table.at('voltage')}: found 0 V, expected the voltage that moves the actuator.")
-    # What the duty leaves of the period to the slow flank, the fall must not take.
-    period = fields.get("duty", 1.0) / fields["frequency"] if "frequency" in fields else np.inf
-    whole = "the slow flank" if fields.get("duty", 1.0) < 1.0 else "the period"
-    for key, declared in numbers.items():
-        if declared.unit == "s" and fields.get(key, 0.0) >= period:
-            raise InputError(f"{table.at(key)}: found {fields[key]:g} s, expected less than {whole}, {period:g} s.")
-
-
-def check_times(file: Path, column: str, time: np.ndarray, lines: np.ndarray) -> None:
-    """**Raises** `InputError` that names the first line of `lines` at which the `time` [s] does not increase."""
-    late = np.flatnonzero(np.diff(time) <= 0)
-    if late.size:
-        before, here = time[late[0]], time[late[0] + 1]
-        raise InputError(
-            f'{file}: line {lines[late[0] + 1]}, column "{column}": found {here:.9g} s after {before:.9g} s, '
-            "expected times that increase."
-        )

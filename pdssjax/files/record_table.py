@@ -8,9 +8,9 @@ import numpy as np
 
 from ..core import InputError, InputWarning, choices, member, members, to_si
 from ..drive.base import AbstractDrive
-from ..study import AbstractMeasurement, Record
+from ..study import STEP_TIME, AbstractMeasurement, Record, check_increasing, check_meets_drive
 from .csv_columns import read_csv
-from .drive_table import check_times, read_drive
+from .drive_table import read_drive
 from .toml_table import Table
 
 _FAMILY = "study.measurement"
@@ -19,15 +19,6 @@ _KEYS = [
     *("name", "file", "columns", "units", "measures", "role", "noise", "offset"),
     *("window", "exclude", "start", "drive", "resolution", "sampling"),
 ]
-
-# Within this time a platform under a step comes to rest; for the check of units only.
-_STEP_TIME = 0.01
-
-_LATE_PERIODS = 1000
-"""Periods of the drive after which a record that only then begins is taken for one on another clock."""
-
-_LATE_LENGTHS = 10
-"""The same for a drive without a period, in lengths of the record."""
 
 
 def read_record(table: Table, folder: Path, virtual: bool = False) -> Record:
@@ -63,7 +54,7 @@ def read_record(table: Table, folder: Path, virtual: bool = False) -> Record:
     else:
         data, begin = _samples(table, file, measurement.columns, columns)
     where = f'{file}: record "{name}"'
-    _check_clock(where, begin, data["time"], drive, start)
+    check_meets_drive(where, begin, data["time"], drive, start)
     data["time"] = data["time"] - start
     _warn(where, data["time"], drive)
     return Record(
@@ -101,28 +92,6 @@ def _start(table: Table, measurement: AbstractMeasurement) -> float:
     return table.number("start", "s", 0.0)
 
 
-def _check_clock(where: str, begin: float, time: np.ndarray, drive: AbstractDrive | None, start: float) -> None:
-    """Refuse a record whose samples cannot be of its drive.
-
-    **Arguments:** `begin` is the first time in the file, `time` those of the samples kept, and
-    `start` when the drive starts, all on the clock of the file [s].
-    """
-    if drive is None:
-        return
-    found = f"{where}: found times from {begin:.12g} s to {time[-1]:.12g} s"
-    on = f"on this clock the drive starts at {start:.12g} s, which the record's key start tells (0 if left out)"
-    if time[-1] <= start:
-        raise InputError(f"{found}, expected some after the drive has started; {on}.")
-    frequency = drive.cycle_frequency()
-    if frequency is not None:
-        latest, what = _LATE_PERIODS / float(frequency), f"{_LATE_PERIODS} periods of the drive"
-    else:
-        latest = _LATE_LENGTHS * max(float(time[-1]) - begin, _STEP_TIME)
-        what = f"{_LATE_LENGTHS} times the record's length"
-    if begin - start > latest:
-        raise InputError(f"{found}, expected the first within {what}, {latest:g} s, of the drive's start; {on}.")
-
-
 def _columns(table: Table, si_units: Mapping[str, str]) -> dict[str, tuple[str, str]]:
     """By quantity, the name of its column, and its unit as [record.units] says; "" where the name says it."""
     *_, explained = si_units
@@ -158,7 +127,7 @@ def _samples(
     names = {quantity: name for quantity, (name, _) in columns.items()}
     data, lines = read_csv(file, names, si_units, {quantity: unit for quantity, (_, unit) in columns.items()})
     time = data["time"]
-    check_times(file, names["time"], time, lines)
+    check_increasing(file, names["time"], time, lines)
     keep = _kept(table, time)
     for quantity in list(si_units)[1:]:
         if np.all(data[quantity][keep] == data[quantity][keep][0]):
@@ -210,7 +179,7 @@ def _warn(where: str, time: np.ndarray, drive: AbstractDrive | None) -> None:
     if not drive.declared():
         return  # samples say nothing of how long they should be
     frequency = drive.cycle_frequency()
-    period = _STEP_TIME if frequency is None else 1.0 / frequency
+    period = STEP_TIME if frequency is None else 1.0 / frequency
     interval = float(np.median(np.diff(time)))
     length = float(time[-1] - time[0])
     # A thousand times too long, a record has too few samples or too many periods to be true.

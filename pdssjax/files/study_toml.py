@@ -126,12 +126,11 @@ def _check_durations(top: Table, study: Study) -> None:
         if family != "drive" or parameter.unit != "s" or given is None:
             continue
         for record in study.records:
-            frequency = None if record.drive is None else record.drive.cycle_frequency()
-            if frequency is not None and field in shared_fields(record) and given >= 1.0 / frequency:
-                raise InputError(
-                    f'{top.where}: parameters: key "{path}": found {given:g} s, '
-                    f'expected less than the period {1.0 / frequency:g} s of record "{record.name}".'
-                )
+            if record.drive is None or field not in shared_fields(record):
+                continue
+            clause = drive_with(record, {path: given}).broken_conditions().get(field)
+            if clause:
+                raise InputError(f'{top.where}: parameters: key "{path}": found {clause}, in record "{record.name}".')
 
 
 def _check_jumps(top: Table, study: Study) -> None:
@@ -143,14 +142,22 @@ def _check_jumps(top: Table, study: Study) -> None:
             f'{top.where}: actuator: key "feedback": found true, expected false: no force moves the platform of '
             "this piezo."
         )
-    if any(path.startswith("amplifier.") for path in study.parameters):
-        return
+    amplified = any(path.startswith("amplifier.") for path in study.parameters)
     for record in study.records:
-        wrong = record.measurement.at_a_jump()
-        if wrong and _jumps(record, study.parameters):
+        where, measurement = f'{top.where}: record "{record.name}": drive', record.measurement
+        jumps = _jumps(record, study.parameters)
+        if jumps and not amplified and measurement.at_a_jump():
             raise InputError(
-                f'{top.where}: record "{record.name}": drive: found a voltage that jumps, expected a fall or rise time '
-                f"above 0 or an amplifier: the platform of this piezo would jump, too, and {wrong}."
+                f"{where}: found a voltage that jumps, expected a fall or rise time above 0 or an amplifier: "
+                f"the platform of this piezo would jump, too, and {measurement.at_a_jump()}."
+            )
+        # Behind an amplifier a jump is a corner.
+        corners = jumps if amplified else record.drive is not None and record.drive.has_corners()
+        if corners and measurement.at_a_corner():
+            expected = "a fall or rise time above 0" if amplified else "a smooth one or an amplifier"
+            raise InputError(
+                f"{where}: found a voltage with {'jumps' if amplified else 'corners'}, expected {expected}: "
+                f"the velocity of the platform of this piezo would jump there, and {measurement.at_a_corner()}."
             )
 
 

@@ -7,7 +7,7 @@ rate zero, and says by `guards` where a form ends, by `after_event` what follows
 """
 
 import abc
-from typing import Any
+from typing import Any, ClassVar, Literal
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -37,6 +37,13 @@ class AbstractFriction(eqx.Module):
     + - * / and the functions of `pdssjax.integration.taylor_series`: then the Taylor integrator can expand them.
     """
 
+    at_rest: ClassVar[Literal["elastic", "set-valued", "viscous"]] = "elastic"
+    """What carries a load at v = 0.
+
+    Elastic: a displacement of the contact, in `equilibrium_state`.  Set-valued: the contact sticks, and takes
+    whatever lies between its breakaway forces.  Viscous: nothing; under any load the contact creeps.
+    """
+
     @abc.abstractmethod
     def initial(self) -> State:
         """The internal state of the undisturbed contact."""
@@ -58,7 +65,7 @@ class AbstractFriction(eqx.Module):
 
     @abc.abstractmethod
     def equilibrium_state(self, state: State, force: Number) -> tuple[State, Number]:
-        """The state in which the contact at rest carries `force` [N], near `state`.
+        """The state in which the contact at rest carries `force` [N], near `state`; `state` unless it is elastic.
 
         The second value is the relative displacement [m] by which the contact yields on
         the way there, to first order in the distance.
@@ -87,7 +94,11 @@ class AbstractFriction(eqx.Module):
         return state
 
     def extra_error_terms(self, state: State, v: Number, sign: Number) -> tuple[Number, ...]:
-        """What the guards feel of v and the state does not, as displacements [m]; steps resolve these, too."""
+        """What the law makes of v and the state hardly shows, as displacements [m]; steps resolve it, too.
+
+        A curve in v, such as Stribeck's: times `CURVE`.  Without it a step may run past the curve, and the
+        derivatives by its parameters are wrong.
+        """
         return ()
 
     def breakaway_force(self, state: State, sign: Number) -> Number:
@@ -98,7 +109,8 @@ class AbstractFriction(eqx.Module):
 class AbstractStribeckBristle(AbstractFriction):
     """A mean bristle that yields at the Stribeck curve: the parameters that LuGre and its relatives share.
 
-    The deflection z [m] is the first of the state; F = s0 z + s1 z' + s2 v.
+    The deflection z [m] is the first of the state; F = s0 z + s1 z' + s2 v.  That a step resolves the curve is
+    said here; the flag of fast sliding, with its `stribeck_guard`, is the member's.
     """
 
     sigma0: float = quantity(1.0e6, "N/m")
@@ -120,7 +132,7 @@ class AbstractStribeckBristle(AbstractFriction):
     def force(self, state, v, sign):
         return self.sigma0 * state[0] + self.sigma1 * self.rate(state, v, sign)[0] + self.sigma2 * v
 
-    def extra_error_terms(self, state, v, sign):
+    def extra_error_terms(self, state: State, v: Number, sign: Number) -> tuple[Number, ...]:
         return (stribeck_curve(v, 0.0, CURVE, self.v_s),)
 
     def equilibrium_state(self, state, force):

@@ -9,6 +9,8 @@ that are long compared with the presliding displacement.
 H. Olsson et al., European Journal of Control 4(3), 1998, section 3.1.
 """
 
+from typing import ClassVar
+
 import jax.numpy as jnp
 
 from ..core import quantity
@@ -17,6 +19,8 @@ from .base import AbstractFriction, lugre_ranges
 
 class Coulomb(AbstractFriction):
     """A constant force against the motion; sticks at rest."""
+
+    at_rest: ClassVar = "set-valued"
 
     f_c: float = quantity(0.65, "N")
     """Coulomb force f_c [N]."""

@@ -11,6 +11,8 @@ H. Olsson et al., European Journal of Control 4(3), 1998, section 3.1; B. Armstr
 P. Dupont and C. Canudas de Wit, Automatica 30(7), 1994.
 """
 
+from typing import ClassVar
+
 import jax.numpy as jnp
 
 from ..core import quantity
@@ -36,6 +38,8 @@ class Stribeck(AbstractFriction):
 
     Its state is two flags: of fast sliding, and of a beginning on the rounded tip, for which delta = 2 has no need.
     """
+
+    at_rest: ClassVar = "set-valued"
 
     f_c: float = quantity(0.55, "N")
     """Coulomb force f_c, of fast sliding without its viscous part [N]."""

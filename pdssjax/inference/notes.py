@@ -6,6 +6,7 @@ import numpy as np
 
 from ..core import display_unit
 from ..study import (
+    REACH,
     SHOWN,
     FittedParameter,
     FittedRecord,
@@ -27,7 +28,7 @@ from .goodness import (
     repeats,
     stays_below_given_noise,
 )
-from .parameter_transform import REACH, ParameterTransform
+from .parameter_transform import ParameterTransform
 
 FAR = 10.0
 """Factor by which a parameter must have moved from its start to be worth a word."""

@@ -9,9 +9,6 @@ import numpy as np
 
 from ..study import Parameter
 
-REACH = 1e3
-"""Factor by which a positive parameter may leave its start where the study sets no bound."""
-
 
 class ParameterTransform(eqx.Module):
     """The free parameters as the fit sees them: one number each, of order one, unbounded below.
@@ -50,19 +47,10 @@ def transform_of(parameters: Mapping[str, Parameter], starts: Mapping[str, float
     logarithmic = np.array([p.quantity.positive for p in free], bool)
     sizes = [abs(starts[p.path]) or _typical(p) for p in free]
     unit = np.where(logarithmic, 1.0, sizes)
-    low, high = (np.array(ends) for ends in zip(*(_ends(p, starts[p.path]) for p in free), strict=True))
+    low, high = (np.array(ends) for ends in zip(*(p.bounds(starts[p.path]) for p in free), strict=True))
     with np.errstate(divide="ignore"):
         bounds = [np.where(logarithmic, np.log(np.where(logarithmic, end, 1.0)), end / unit) for end in (low, high)]
     return ParameterTransform(tuple(p.path for p in free), logarithmic, unit, *bounds)
-
-
-def _ends(parameter: Parameter, start: float) -> tuple[float, float]:
-    """The bounds given, or else the legal range; a positive quantity stays within reach of its start."""
-    declared = parameter.quantity
-    low, high = declared.low, declared.high
-    if declared.positive:
-        low, high = max(low, start / REACH), min(high * (1.0 - 1e-6), start * REACH)
-    return low if parameter.low is None else parameter.low, high if parameter.high is None else parameter.high
 
 
 def _typical(parameter: Parameter) -> float:

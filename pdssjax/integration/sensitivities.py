@@ -1,6 +1,7 @@
 """The steps of the forward pass again, side by side, with their derivatives.
 
-Every step is linearised about its own start, and a linear recurrence joins them.
+Every step is linearised about its own start, and a linear recurrence joins them.  Where an event ends a step its
+end moves with the parameters; that shift is the saltation (docs/numerics.md), here without a matrix of its own.
 """
 
 from typing import Any, NamedTuple

@@ -6,6 +6,7 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from .outputs import ACCELERATION as ACCELERATION
     from .outputs import DISPLACEMENT as DISPLACEMENT
     from .outputs import FRICTION_FORCE as FRICTION_FORCE
     from .outputs import STOP_FORCE as STOP_FORCE
@@ -25,7 +26,7 @@ else:
     __getattr__, __dir__, __all__ = lazy_exports(
         __name__,
         {
-            "outputs": ["DISPLACEMENT", "FRICTION_FORCE", "Output", "STOP_FORCE", "VELOCITY"],
+            "outputs": ["ACCELERATION", "DISPLACEMENT", "FRICTION_FORCE", "Output", "STOP_FORCE", "VELOCITY"],
             "systems.platform_only": ["PlatformOnly"],
             "systems.prescribed_motion": ["PrescribedMotion"],
             "systems.stick_slip": ["StickSlip"],

@@ -6,9 +6,12 @@ A measurement names one of these, or makes its own.
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import jax
+
 
 def _delay_of_sensor(system: Any) -> Any:
-    return system.sensor.delay
+    # A system need not have a sensor.
+    return system.sensor.delay if hasattr(system, "sensor") else 0.0
 
 
 def _at_once(system: Any) -> Any:
@@ -23,7 +26,7 @@ class Output(NamedTuple):
     components: Callable[[Any], tuple[int, ...] | None]
     """Of a system, the components of its state of which that is made, counted as leaves; None for all."""
     delay: Callable[[Any], Any] = _delay_of_sensor
-    """Of a system, by how much later it is shown [s]."""
+    """Of a system, by how much later it is shown [s]; its sensor's delay by default, 0 where it has none."""
 
 
 def _displacement(system: Any, segment: Any, t_local: Any, x: Any, mode: Any) -> Any:
@@ -32,6 +35,10 @@ def _displacement(system: Any, segment: Any, t_local: Any, x: Any, mode: Any) ->
 
 def _velocity(system: Any, segment: Any, t_local: Any, x: Any, mode: Any) -> Any:
     return system.shown_velocity(x)
+
+
+def _acceleration(system: Any, segment: Any, t_local: Any, x: Any, mode: Any) -> Any:
+    return jax.jvp(system.shown_velocity, (x,), (system.rates(segment, t_local, x, mode),))[1]
 
 
 def _stop_force(system: Any, segment: Any, t_local: Any, x: Any, mode: Any) -> Any:
@@ -47,6 +54,9 @@ DISPLACEMENT = Output(_displacement, lambda system: system.output_components())
 
 VELOCITY = Output(_velocity, lambda system: system.velocity_components())
 """The same of a sensor of velocity [m/s]."""
+
+ACCELERATION = Output(_acceleration, lambda system: None)
+"""The rate of that velocity [m/s2]."""
 
 STOP_FORCE = Output(_stop_force, lambda system: system.output_components())
 """The push on the stop [N], behind the sensor's low-pass."""

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from .models import Models as Models
     from .noise import noise_floor as noise_floor
     from .numbers import numbers_used as numbers_used
+    from .parameter import REACH as REACH
     from .parameter import Parameter as Parameter
     from .prediction import Predictor as Predictor
     from .prediction import failures as failures
@@ -31,6 +32,10 @@ if TYPE_CHECKING:
     from .resonances import Resonance as Resonance
     from .resonances import depends_on as depends_on
     from .resonances import hidden_from as hidden_from
+    from .sample_times import STEP_TIME as STEP_TIME
+    from .sample_times import check_begins_early as check_begins_early
+    from .sample_times import check_increasing as check_increasing
+    from .sample_times import check_meets_drive as check_meets_drive
     from .shared_drive import drive_with as drive_with
     from .shared_drive import shared_fields as shared_fields
     from .study import Study as Study
@@ -51,10 +56,11 @@ else:
             "models": ["Models"],
             "noise": ["noise_floor"],
             "numbers": ["numbers_used"],
-            "parameter": ["Parameter"],
+            "parameter": ["Parameter", "REACH"],
             "prediction": ["Predictor", "failures", "predicted"],
             "record": ["Record"],
             "resonances": ["Resonance", "SHOWN", "depends_on", "hidden_from"],
+            "sample_times": ["STEP_TIME", "check_begins_early", "check_increasing", "check_meets_drive"],
             "shared_drive": ["drive_with", "shared_fields"],
             "study": ["Study", "legal_quantities"],
             "virtual_rig": ["Recording", "make_recordings", "truth"],

@@ -4,6 +4,9 @@ import dataclasses
 
 from ..core import Quantity
 
+REACH = 1e3
+"""Factor by which a positive parameter may leave its start where the study sets no bound."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Parameter:
@@ -35,6 +38,16 @@ class Parameter:
     def origin(self) -> str:
         """Where its number comes from, in words."""
         return self.source or ("value in the study" if self.start is None else "start in the study")
+
+    def bounds(self, start: float | None = None) -> tuple[float, float]:
+        """Where it may lie, [low, high] in `unit`: the bounds given, or else those of the legal range.
+
+        With a `start` a positive quantity keeps within `REACH` of it, where no bound is given.
+        """
+        low, high = self.quantity.low, self.quantity.high
+        if start is not None and self.quantity.positive:
+            low, high = max(low, start / REACH), min(high * (1.0 - 1e-6), start * REACH)
+        return low if self.low is None else self.low, high if self.high is None else self.high
 
     @property
     def free(self) -> bool:

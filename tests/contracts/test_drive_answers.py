@@ -9,24 +9,14 @@ import pytest
 
 from pdssjax import AbstractDrive
 from pdssjax.actuator import ZeroOrderHold
-from pdssjax.core import member, members
+from pdssjax.core import member, members, quantities
 from pdssjax.drive.base import Segment
-from pdssjax.drive.cycloidal import Cycloidal
-from pdssjax.drive.sampled import Sampled
 from pdssjax.drive.sawtooth import Sawtooth
-from pdssjax.drive.sine import Sine
-from pdssjax.drive.step import Step
-from pdssjax.drive.triangle import Triangle
+from pdssjax.piezo.second_order import SecondOrder
+from pdssjax.simulation import platform
 
 NOMINAL = [member("drive", name)() for name in members("drive")]
-DRIVES = [
-    *NOMINAL,
-    *(Sawtooth(-30.0, 20.0, fall, direction) for fall in (0.0, 1.3e-3) for direction in ("forward", "backward")),
-    *(Sawtooth(30.0, 20.0, duty=0.8), Cycloidal(30.0, 20.0, 1e-3, "backward")),
-    *(Step(-48.2), Step(48.2, 2e-3), Triangle(30.0, 20.0, 0.3)),
-    *(Sine(30.0, 20.0, -20.0), Sine(30.0, 20.0, phase=1.0), Sine(-30.0, 20.0)),
-    *(Sampled([0.0, 0.1], [4.0, -6.0]), Sampled([0.0, 0.1], [0.0, -6.0], "held"), Sampled([0.01, 0.02], [0.0, 4.0])),
-]
+DRIVES = [drive for name in members("drive") for drive in member("drive", name).examples()]
 EVERY = pytest.mark.parametrize("drive", DRIVES, ids=str)
 END = 0.45
 
@@ -63,6 +53,16 @@ def test_a_drive_has_jumps_where_its_voltage_differs_on_both_sides_of_a_corner(d
 
 
 @EVERY
+def test_a_drive_has_corners_where_its_voltage_or_its_rate_differs_on_both_sides(drive):
+    before, bends = 0.0, any(abs(step) > 1e-9 * drive.peak() for step in corner_steps(drive))
+    for _, segment in pieces(drive):
+        lasts = min(float(segment.duration), 1.0)
+        bends |= abs(float(segment.voltage(0.0).slope) - before) > 1e-6 * drive.peak()
+        before = float(segment.voltage(lasts).slope)
+    assert drive.has_corners() == bends
+
+
+@EVERY
 def test_the_peak_is_the_largest_voltage_of_two_periods(drive):
     frequency = drive.cycle_frequency()
     until = 0.25 if frequency is None else 2.0 / frequency
@@ -93,6 +93,50 @@ def test_numbers_are_taken_and_given_back(drive):
     assert set(other) == set(drive.declared())
     traced = jax.jit(lambda numbers: drive.with_numbers(numbers).at(jnp.asarray([0.07])))(other)
     np.testing.assert_allclose(traced, changed.at(jnp.asarray([0.07])), rtol=1e-12)
+
+
+LENGTHS = [
+    (name, field)
+    for name in members("drive")
+    for field, declared in quantities(member("drive", name)).items()
+    if declared.unit == "s" and not declared.positive
+]
+"""Every length of a waveform that may be zero."""
+
+
+@pytest.mark.parametrize(("name", "field"), LENGTHS)
+def test_a_motion_is_differentiated_by_a_length_that_is_zero_or_nearly_so(name, field):
+    nominal = member("drive", name)()
+    drive = nominal.with_numbers({f: 200.0 for f in nominal.numbers() if f == "frequency"})
+    times, count = jnp.linspace(1e-4, 8e-3, 60), drive.segments(8e-3)
+    moved = lambda length: platform(SecondOrder(), drive.with_numbers({field: length}), times, count)
+    run = jax.jit(lambda length: jax.jvp(moved, (length,), (1.0,)))
+    h = 1e-7
+    at = lambda length: run(jnp.asarray(length))[0]
+    # At zero only one side is there: the three-point formula of second order.
+    expected = {
+        0.0: (-3.0 * at(0.0) + 4.0 * at(h) - at(2.0 * h)) / (2.0 * h),
+        3e-6: (at(3e-6 + h) - at(3e-6 - h)) / (2.0 * h),
+    }
+    for length, differences in expected.items():
+        slope = run(jnp.asarray(length))[1]
+        assert float(jnp.abs(differences).max()) > 0.0
+        np.testing.assert_allclose(slope, differences, rtol=0.0, atol=2e-4 * float(jnp.abs(differences).max()))
+
+
+@EVERY
+def test_examples_keep_their_conditions_and_a_drive_without_voltage_does_not(drive):
+    assert drive.broken_conditions() == {}
+    if "voltage" in drive.numbers():
+        assert "0 V" in drive.with_numbers({"voltage": 0.0}).broken_conditions()["voltage"]
+
+
+@pytest.mark.parametrize(("name", "field"), LENGTHS)
+def test_a_flank_longer_than_its_cycle_breaks_a_condition(name, field):
+    drive = member("drive", name)()
+    if drive.cycle_frequency() is not None:
+        long = 1.0 / float(drive.cycle_frequency())
+        assert set(drive.with_numbers({field: long}).broken_conditions()) == {field}
 
 
 def test_a_staircase_answers_for_what_it_holds():

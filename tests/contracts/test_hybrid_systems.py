@@ -1,7 +1,7 @@
 """What every hybrid system keeps, along a run of its own.
 
 A system in `pdssjax/simulation/systems/NAME.py` is found by its file; `tests/simulation/systems/NAME.py` makes one
-of it, as a function of a factor near 1 with which its events move.
+of it, as a function of a factor near 1 with which its events move, and where it settles one that does, `settling`.
 """
 
 import functools
@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from pdssjax import Accuracy, Taylor
-from pdssjax.integration import SETTLED, AbstractHybridSystem, integrate
+from pdssjax.integration import SETTLED, AbstractHybridSystem, integrate, states_at
 from pdssjax.simulation import systems
 
 NAMES = [found.name for found in pkgutil.iter_modules(systems.__path__) if not found.name.startswith("_")]
@@ -110,6 +110,35 @@ def test_inside_a_mode_the_field_is_smooth_and_guards_are_positive(name):
     assert off.max() < 100.0 * TOLERANCE
     size = np.abs(guards).max(axis=(0, 1))
     assert (guards[:, :-1] > -1e-9 * size).all()
+
+
+def settling(name: str):
+    """The example of a system that settles, if its file has one: system and run."""
+    system = example(name).settling()
+    return system, jax.jit(lambda: integrate(system, jnp.asarray(example(name).HORIZON), USUAL))()
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if hasattr(example(name), "settling")])
+def test_rates_are_the_derivative_of_the_state_while_it_is_settled_too(name):
+    system, run = settling(name)
+    assert int(run.failure) == 0
+    times, h = example(name).HORIZON * np.linspace(0.01, 0.99, 301), 1e-7
+
+    @jax.jit
+    def look():
+        (before, _, _, earlier), (after, *_), (x, segment, t_local, mode) = (
+            states_at(system, run, jnp.asarray(times + shift)) for shift in (-h, h, 0.0)
+        )
+        rates = jax.vmap(system.rates)(segment, t_local, x, mode)
+        differences = jax.tree.map(lambda a, b: (b - a) / (2.0 * h), before, after)
+        return jax.tree.leaves(rates), jax.tree.leaves(differences), mode, earlier
+
+    rates, differences, mode, earlier = look()
+    assert (mode == SETTLED).any()
+    for rate, difference in zip(rates, differences, strict=True):
+        wrong = np.abs(rate - difference) > 1e-5 * np.abs(difference).max()
+        assert not wrong[(mode == SETTLED) & (earlier == SETTLED)].any()
+        assert wrong.mean() < 0.02  # an event or a corner may fall between
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -80,7 +80,13 @@ def test_what_is_told_before_a_fit_has_a_number_for_every_sample_or_is_not_told(
         assert told is None or (told.shape == time.shape and np.isfinite(told).all())
 
 
-@every
+def dear(measurement):
+    """Slow where another signal of the same system is judged in the default tests: that of the displacement."""
+    marks = pytest.mark.slow if measurement.effector_free and measurement.unit != "m" else ()
+    return pytest.param(measurement, marks=marks, id=measured_study.label(measurement))
+
+
+@pytest.mark.parametrize("measurement", [dear(one) for one in VARIANTS])
 def test_a_record_is_predicted_with_right_derivatives(measurement, planned):
     study = planned(measurement)
     values = {path: jnp.asarray(number) for path, number in study.values().items()}
@@ -96,6 +102,21 @@ def test_a_record_is_predicted_with_right_derivatives(measurement, planned):
     wrong = np.abs(np.asarray(slope) - differences)
     # Where an event falls between the two, a difference straddles it.
     assert np.mean(wrong > 1e-4 * np.abs(differences).max()) < 0.02
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("measurement", [m for m in VARIANTS if m.effector_free and m.driven], ids=measured_study.label)
+def test_a_contact_that_sticks_below_a_ringing_platform_is_seen_as_if_every_moment_were_stepped(measurement, tmp_path):
+    """A platform so heavy that it feels no friction moves as one without feedback, but no closed form is used."""
+    record = measured_study.record(measurement, measured_study.SLOW_FALL)
+    seen = []
+    for place, kind in enumerate(({}, {"feedback": True, "mass": "1e9 kg"})):
+        file = tmp_path / f"{place}.toml"
+        file.write_text(measured_study.study(record, sticks=True, **kind))
+        seen.append(np.asarray(load_study(file, virtual=True).predict()[0]))
+    assert np.ptp(seen[0]) > 0.0
+    # Where the acceleration jumps, a sample may fall between the two instants.
+    assert np.mean(np.abs(seen[0] - seen[1]) > 1e-5 * np.ptp(seen[0])) < 0.01
 
 
 @every

@@ -73,6 +73,12 @@ def test_hertz_and_radians_are_not_mixed_up(given, unit):
         to_si(given, unit, "here")
 
 
+def test_a_gram_is_told_from_the_standard_gravity():
+    with pytest.raises(InputError, match=r'found the unit "g", a gram \(standard gravity is written "g_0"'):
+        factor("g", "m/s^2", "here")
+    assert factor("g_0", "m/s^2", "here") == pytest.approx(9.80665)
+
+
 def test_column_name_ends_in_its_unit():
     assert [column_unit(name) for name in ("time_s", "end_effector_um", "voltage_V", "time")] == ["s", "um", "V", ""]
     assert factor("um", "m", "here") == 1e-6

@@ -73,6 +73,12 @@ FAULTS = {
         RAMP,
         ['"fall_time"', "0.0006 s", "slow flank", "0.0005 s"],
     ),
+    "rise beyond its plateau": (
+        '{ waveform = "trapezoid", voltage = "9 V", frequency = "1 kHz", rise_time = "0.5 ms" }',
+        RAMP,
+        ['"rise_time"', "0.0005 s", "rise and plateau", "0.0005 s"],
+    ),
+    "no voltage": ('{ waveform = "step", voltage = 0 }', RAMP, ['"voltage"', "0 V", "moves the actuator"]),
     "hold beyond the period": (
         '{ waveform = "sine", voltage = "9 V", frequency = "1 kHz", hold = "1 ms" }',
         RAMP,

@@ -20,7 +20,12 @@ PARAMETERS = {
 }
 """Of every part that may move, as a study writes their numbers."""
 
-NOISE = {"m": "0.01 um", "m/s": "5 um/s", "N": "2 mN"}
+STICKS = {
+    "friction.f_c": '"0.65 N"',
+}
+"""Of a contact that sticks, Coulomb's, in place of those of the friction."""
+
+NOISE = {"m": "0.01 um", "m/s": "5 um/s", "N": "2 mN", "m/s^2": "0.5 m/s^2"}
 """By the unit of a measurement; others have none."""
 
 PLAN = {"m": "3 um", "Hz": "100 Hz", "s": "1 ms", "V": "10 V"}
@@ -28,6 +33,8 @@ PLAN = {"m": "3 um", "Hz": "100 Hz", "s": "1 ms", "V": "10 V"}
 
 STEP = 'drive = { waveform = "step", voltage = "60 V" }'
 WALK = 'drive = { waveform = "sawtooth", direction = "forward", voltage = "60 V", frequency = "100 Hz" }'
+SLOW_FALL = WALK.replace("100 Hz", "50 Hz").replace(" }", ', fall_time = "0.8 ms" }')
+"""A contact that sticks holds on while the platform rings."""
 
 
 def variants() -> list[AbstractMeasurement]:
@@ -71,17 +78,26 @@ def record(measurement: AbstractMeasurement, drive: str = "", end: str = "25 ms"
     return "\n".join(lines) + "\n"
 
 
-def study(records: str, feedback: bool = False, more: str = "", starts: bool = True) -> str:
+def study(
+    records: str,
+    feedback: bool = False,
+    more: str = "",
+    starts: bool = True,
+    sticks: bool = False,
+    mass: str = "0.5 kg",
+) -> str:
     """The text of a study with these records; every parameter has a start, or none has but the mass."""
-    free = {path: f"{{ start = {number} }}" if starts else "{}" for path, number in PARAMETERS.items()}
+    numbers = {path: n for path, n in PARAMETERS.items() if not (sticks and path.startswith("friction."))}
+    numbers |= STICKS if sticks else {}
+    free = {path: f"{{ start = {number} }}" if starts else "{}" for path, number in numbers.items()}
     free["effector.mass"] = f"{{ value = {PARAMETERS['effector.mass']} }}"
-    free |= {"piezo.mass": '{ value = "0.5 kg" }'} if feedback else {}
+    free |= {"piezo.mass": f'{{ value = "{mass}" }}'} if feedback else {}
     listed = "\n".join(f'"{path}" = {text}' for path, text in free.items())
     return f"""format = "pdssjax-study/1"
 title = "Any measurement"
 [actuator]
 piezo = "second-order"
-friction = "simplified-lugre"
+friction = "{"coulomb" if sticks else "simplified-lugre"}"
 feedback = {str(feedback).lower()}
 [parameters]
 {listed}

@@ -16,7 +16,7 @@ import numpy as np
 
 from pdssjax import AbstractDrive, Accuracy, Actuator, Amplifier, Effector, Sensor, Stop
 from pdssjax.actuator import IDEAL
-from pdssjax.core import member, quantities
+from pdssjax.core import member, members, quantities
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.drive.step import Step
 from pdssjax.integration.accuracy import TIGHT
@@ -188,13 +188,25 @@ WALKS = {
     "anisotropic, deflection, backward, 5 Hz": Structure(state="deflection", drive=Sawtooth(64.0, 5.0, 0.0, -1.0)),
     "anisotropic, force, 5 Hz": Structure(state="force", drive=Sawtooth(64.0, 5.0, 0.0)),
 }
-LAWS = {
-    law: Structure(friction=law)
-    for law in (
-        "simplified-lugre lugre coulomb stribeck dahl elastoplastic bliman-sorine reset-integrator "
-        "generalized-maxwell-slip"
-    ).split()
+ASIDE = {
+    "anisotropic-lugre": "among the WALKS, in both readings",
+    "bristle": "every tooth of its force is an event, thousands a cycle",
 }
+"""Laws that LAWS leaves out, and why."""
+LAWS = {law: Structure(friction=law) for law in members("friction") if law not in ASIDE}
+"""Every law, found by its file."""
+STACKS = {
+    f"{piezo}, unloaded": Structure(piezo=piezo, shows="unloaded")
+    for piezo in members("piezo")
+    if piezo != "static"  # which jumps as the voltage does: nothing is stepped
+}
+"""Every piezo, found by its file."""
+WAVEFORMS = {
+    f"under a {name}": Structure(friction="simplified-lugre", drive=member("drive", name)(), cycles=2.0)
+    for name in members("drive")
+    if name != "sawtooth"  # that of every other structure
+}
+"""Every waveform at its nominal numbers, found by its file."""
 PARTS = {
     "feedback": Structure(friction="simplified-lugre", feedback=True),
     "platform with feedback": Structure(friction="simplified-lugre", feedback=True, shows="platform"),
@@ -203,8 +215,6 @@ PARTS = {
     "stop": Structure(friction="simplified-lugre", parts=("stop",), cycles=2.0),
     "stop and sensor": Structure(friction="simplified-lugre", parts=("stop", "sensor"), cycles=2.0),
     "creep": Structure(friction="simplified-lugre", piezo="creep", cycles=2.0),
-    "bouc-wen": Structure(piezo="bouc-wen", shows="unloaded"),
-    "maxwell-slip": Structure(piezo="maxwell-slip", shows="unloaded"),
     "platform behind amplifier and sensor": Structure(
         parts=("amplifier", "sensor"), shows="unloaded", drive=Step(64.0), cycles=1.0
     ),
@@ -215,4 +225,4 @@ RINGING = {
     "coulomb, corners while it rings": Structure(friction="coulomb", drive=Sawtooth(64.0, 20.0, 2e-3)),
 }
 """A contact that sticks for good while the platform still rings at the next corner."""
-ALL = WALKS | LAWS | PARTS | RINGING
+ALL = WALKS | LAWS | STACKS | WAVEFORMS | PARTS | RINGING

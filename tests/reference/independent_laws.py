@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 from independent import REST, STILL, Piece, Rig, corners
-from independent_friction import LuGre
+from laws.lugre import LuGre
 from scipy.integrate import solve_ivp
 
 AHEAD = 1e-8

@@ -4,53 +4,49 @@ Required of the default accuracy are 1e-3 um and 1e-4 N; what differs more would
 """
 
 import dataclasses
+import importlib
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from independent_friction import (
-    BlimanSorine,
-    Coulomb,
-    Dahl,
-    Elastoplastic,
-    GeneralizedMaxwellSlip,
-    Law,
-    LuGre,
-    ResetIntegrator,
-    Stribeck,
-)
+from independent_friction import Law
 from independent_laws import LawRig, simulate
+from laws.coulomb import Coulomb
 
 from pdssjax import Accuracy, Actuator, Effector
 from pdssjax import simulate as simulated
-from pdssjax.core import member
+from pdssjax.core import member, members
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.integration.accuracy import TIGHT
 from pdssjax.piezo.second_order import SecondOrder
 
 SAMPLES = 150
 DEFAULT, FINE = Accuracy(), Accuracy(1e-12, 1e-13)
-LAWS: dict[str, tuple[str, Law]] = {
-    "coulomb": ("coulomb", Coulomb()),
-    "lugre": ("lugre", LuGre()),
-    "lugre, wide curve": ("lugre", LuGre(v_s=5e-3, f_s=0.75, sigma2=0.0)),
-    "elastoplastic": ("elastoplastic", Elastoplastic()),
-    "stribeck": ("stribeck", Stribeck()),
-    "stribeck, tustin": ("stribeck", Stribeck(delta=1.0)),
-    "dahl": ("dahl", Dahl()),
-    "dahl, brittle": ("dahl", Dahl(exponent=0.5)),
-    "dahl, more brittle": ("dahl", Dahl(exponent=0.3)),
-    "dahl, ductile": ("dahl", Dahl(exponent=2.0)),
-    "bliman-sorine": ("bliman-sorine", BlimanSorine()),
-    "reset-integrator": ("reset-integrator", ResetIntegrator()),
-    "maxwell slip": ("generalized-maxwell-slip", GeneralizedMaxwellSlip()),
+SIMULATED = sorted(path.stem.replace("_", "-") for path in (Path(__file__).parent / "laws").glob("*.py"))
+"""The laws that have a simulator, found by its file."""
+ASIDE = {
+    "simplified-lugre": "`independent` simulates it",
+    "anisotropic-lugre": "`independent` simulates it, in both readings",
+    "bristle": "has none yet",
 }
-UNDAMPED = ("dahl", "bliman-sorine")
-"""They ring on for hundreds of reversals a cycle, and the default accuracy leaves 1.3e-4 N after 500 of them."""
-QUICK = ("coulomb", "lugre")
+"""Laws without a simulator here, and why."""
+
+
+def cases(name: str) -> dict[str, Law]:
+    """The cases of a law, by what is special of each."""
+    return importlib.import_module(f"laws.{name.replace('-', '_')}").CASES
+
+
+LAWS = {f"{name}, {kind}".rstrip(", "): (name, law) for name in SIMULATED for kind, law in cases(name).items()}
+QUICK = {
+    "coulomb": ("20 Hz, ideal", "20 Hz, fall time, backward, downhill"),
+    "lugre": ("20 Hz, ideal", "20 Hz, fall time, backward, downhill"),
+}
+"""Rigs that take less than a few seconds, by law; of others it is the first, if any."""
 RIGS: dict[str, dict[str, Any]] = {
     "20 Hz, ideal": dict(cycle=0.05),
     "20 Hz, fall time, backward, downhill": dict(cycle=0.05, fall=8e-4, forward=False, load=-0.1),
@@ -62,7 +58,7 @@ RIGS: dict[str, dict[str, Any]] = {
 
 
 def marks(law, rig):
-    return () if law in QUICK and rig in list(RIGS)[:2] else pytest.mark.slow
+    return () if rig in QUICK.get(law, ()) else pytest.mark.slow
 
 
 CASES = [pytest.param(law, rig, marks=marks(law, rig), id=f"{law}: {rig}") for law in LAWS for rig in RIGS]
@@ -99,13 +95,18 @@ def moments(rig: LawRig) -> np.ndarray:
     return np.sort(np.concatenate([k * rig.cycle + cycle for k in range(cycles)]))
 
 
+def test_every_law_has_a_simulator_or_a_reason_to_have_none():
+    assert set(members("friction")) == set(SIMULATED) | set(ASIDE)
+    assert not set(SIMULATED) & set(ASIDE)
+
+
 @pytest.mark.parametrize(("law", "rig"), CASES)
 def test_the_end_effector_walks_as_the_independent_simulator_has_it(law, rig):
     """The required tolerances; what the default accuracy reaches is 5e-10 m at the worst, mostly below 1e-10 m."""
     name, contact = LAWS[law]
     given = LawRig(law=contact, **RIGS[rig])
     times = moments(given)
-    expected, run = simulate(given, times), packaged(given, name, times, FINE if name in UNDAMPED else DEFAULT)
+    expected, run = simulate(given, times), packaged(given, name, times, FINE if contact.undamped else DEFAULT)
     assert int(run.failure) == 0
     np.testing.assert_allclose(run.platform, expected[:, 0], rtol=0.0, atol=1e-9)
     np.testing.assert_allclose(run.effector, expected[:, 1], rtol=0.0, atol=1e-9)

@@ -6,12 +6,8 @@ from collections.abc import Mapping, Sequence
 import equinox as eqx
 import numpy as np
 
-from ...core import InputError
 from ...drive.base import AbstractDrive
 from ...study import Record, Samples, drive_with, noise_floor
-
-_LATEST = 1e6
-"""Time [s] at which a record may begin, however short it is."""
 
 _VISIBLE = 6.0
 """Overshoot of a step, over its noise, from which it is taken for ringing."""
@@ -27,16 +23,6 @@ _FINER = 4
 
 _PERIODS = 3.0
 """Of a voltage that repeats, looked at."""
-
-
-def check_clock(record: Record) -> None:
-    """**Raises** `InputError` where a record begins so late that its clock cannot be that of its drive."""
-    first, length = float(record.time[0]), float(np.ptp(record.time))
-    if record.drive is not None and abs(first) > max(_LATEST, 10.0 * length):
-        raise InputError(
-            f'{record.file}: record "{record.name}": found a first sample at {first:g} s, and samples over '
-            f"{length:g} s, expected times from the start of the drive on, which is t = 0."
-        )
 
 
 def as_displacements(records: Sequence[Record]) -> list[Record]:

@@ -18,12 +18,11 @@ from jax import lax
 
 from ...integration import Accuracy
 from ...piezo.base import Shown
-from ...study import Models, Parameter, Record, noise_floor
+from ...study import Models, Parameter, Record, check_begins_early, noise_floor
 from ..parameter_transform import transform_of
 from ..residual import Residual, as_weights
 from .record_features import (
     as_forces,
-    check_clock,
     contact_scale,
     frequency_of,
     interval_of,
@@ -123,7 +122,7 @@ def _split_known(models, parameters, records, better):
     known = {path: float(number) for path, number in given.items() if number is not None} | dict(better)
     fitted = [record for record in records if record.role == "fit"] or list(records)
     for record in fitted:
-        check_clock(record)
+        check_begins_early(record)
     for path, number in (_piezo_from_data(models, known, fitted) | _electronics(known, fitted)).items():
         if path in parameters and path not in known:
             known[path] = _within(number, parameters[path])
@@ -140,8 +139,7 @@ def _split_known(models, parameters, records, better):
 
 def _within(number: float, parameter: Parameter) -> float:
     """`number`, moved inside the bounds that the study gives."""
-    low = parameter.quantity.low if parameter.low is None else parameter.low
-    high = parameter.quantity.high if parameter.high is None else parameter.high
+    low, high = parameter.bounds()
     return float(np.clip(number, low, high))
 
 

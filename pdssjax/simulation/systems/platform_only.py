@@ -57,6 +57,10 @@ class PlatformOnly(AbstractHybridSystem):
         sensor_lag = tuple(rate * active for rate in self.sensor.rate(x.sensor_lag, w))
         return State(self.driven_platform.rate(segment, t_local, x.driven, 0.0, active), sensor_lag)
 
+    def rates(self, segment: Segment, t_local, x: State, mode) -> State:
+        """The true time derivative in any mode."""
+        return super().rates(segment, t_local, x, jnp.ones_like(mode))
+
     def guards(self, segment: Segment, t_local, x: State, mode) -> tuple:
         """Those of amplifier and piezo."""
         return self.driven_platform.guards(segment, t_local, x.driven)

@@ -107,6 +107,10 @@ class StickSlip(AbstractHybridSystem):
             self._sensor_rate(x, moves + held),
         )
 
+    def rates(self, segment: Segment, t_local, x: State, mode) -> State:
+        """The true time derivative in any mode: a contact that has settled sticks, on a platform that may ring on."""
+        return super().rates(segment, t_local, x, jnp.where(mode == SETTLED, STUCK, mode))
+
     def guards(self, segment: Segment, t_local, x: State, mode) -> tuple:
         """Positive inside the mode, which ends where the first of them falls through zero."""
         moves, held, settled = kind(mode)

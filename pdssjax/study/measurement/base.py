@@ -99,6 +99,10 @@ class AbstractMeasurement(eqx.Module):
         """What is wrong where the platform jumps, as a clause such as "it has no velocity there"; "" for nothing."""
         return "what the end-effector then does is not told" if self.effector_moves else ""
 
+    def at_a_corner(self) -> str:
+        """What is wrong where the velocity of the platform jumps, as a clause; "", the default, for nothing."""
+        return ""
+
     def planned(
         self, time: Float[np.ndarray, " samples"], numbers: Mapping[str, float]
     ) -> dict[str, Float[np.ndarray, " samples"]]:

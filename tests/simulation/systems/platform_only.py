@@ -1,9 +1,10 @@
 """A stack of elastoplastic elements behind an amplifier that limits its slew rate."""
 
-from pdssjax import Amplifier
+from pdssjax import Amplifier, Sensor
 from pdssjax.actuator import DrivenPlatform
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.piezo.maxwell_slip import MaxwellSlip
+from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.simulation import PlatformOnly
 
 HORIZON = 0.045
@@ -12,3 +13,8 @@ HORIZON = 0.045
 def system(factor):
     amplifier = Amplifier(bandwidth=2000.0, slew=2e4 * factor)
     return PlatformOnly(DrivenPlatform(MaxwellSlip(), amplifier), Sawtooth(64.0, 50.0, 9e-4))
+
+
+def settling():
+    """A platform that comes to its steady creep behind a slow sensor."""
+    return PlatformOnly(DrivenPlatform(SecondOrder()), Sawtooth(64.0, 50.0, 1e-3), Sensor())

@@ -1,0 +1,74 @@
+"""Whether the times of a record can be right: they increase, its clock meets its drive, and it does not begin too late.
+
+Times are in seconds; what is at fault is said with its file.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ..core import InputError
+from ..drive.base import AbstractDrive
+from .record import Record
+
+STEP_TIME = 0.01
+"""Within this time [s] a platform under a step comes to rest; for checks of units and clocks only."""
+
+_LATE_PERIODS = 1000
+"""Periods of the drive after which a record that only then begins is taken for one on another clock."""
+
+_LATE_LENGTHS = 10
+"""The same for a drive without a period, in lengths of the record."""
+
+_LATEST = 1e6
+"""Time [s] at which a record may begin, however short it is."""
+
+
+def check_increasing(
+    file: Path, column: str, time: Float[np.ndarray, " samples"], lines: Int[np.ndarray, " samples"]
+) -> None:
+    """**Raises** `InputError` that names the first line of `lines` at which the `time` [s] does not increase."""
+    late = np.flatnonzero(np.diff(time) <= 0)
+    if late.size:
+        before, here = time[late[0]], time[late[0] + 1]
+        raise InputError(
+            f'{file}: line {lines[late[0] + 1]}, column "{column}": found {here:.9g} s after {before:.9g} s, '
+            "expected times that increase."
+        )
+
+
+def check_meets_drive(
+    where: str, begin: float, time: Float[np.ndarray, " samples"], drive: AbstractDrive | None, start: float
+) -> None:
+    """Refuse a record whose samples cannot be of its drive.
+
+    **Arguments:** `begin` is the first time in the file, `time` those of the samples kept, and
+    `start` when the drive starts, all on the clock of the file [s].
+
+    **Raises:** `InputError` that begins with `where`.
+    """
+    if drive is None:
+        return
+    found = f"{where}: found times from {begin:.12g} s to {time[-1]:.12g} s"
+    on = f"on this clock the drive starts at {start:.12g} s, which the record's key start tells (0 if left out)"
+    if time[-1] <= start:
+        raise InputError(f"{found}, expected some after the drive has started; {on}.")
+    frequency = drive.cycle_frequency()
+    if frequency is not None:
+        latest, what = _LATE_PERIODS / float(frequency), f"{_LATE_PERIODS} periods of the drive"
+    else:
+        latest = _LATE_LENGTHS * max(float(time[-1]) - begin, STEP_TIME)
+        what = f"{_LATE_LENGTHS} times the record's length"
+    if begin - start > latest:
+        raise InputError(f"{found}, expected the first within {what}, {latest:g} s, of the drive's start; {on}.")
+
+
+def check_begins_early(record: Record) -> None:
+    """**Raises** `InputError` where a record, of a file or made in Python, begins too late to be of its drive."""
+    first, length = float(record.time[0]), float(np.ptp(record.time))
+    if record.drive is not None and abs(first) > max(_LATEST, 10.0 * length):
+        raise InputError(
+            f'{record.file}: record "{record.name}": found a first sample at {first:g} s, and samples over '
+            f"{length:g} s, expected times from the start of the drive on, which is t = 0."
+        )

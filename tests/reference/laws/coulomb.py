@@ -1,0 +1,16 @@
+"""Coulomb friction, from its equations alone."""
+
+import dataclasses
+
+from independent_friction import Law
+
+
+@dataclasses.dataclass(frozen=True)
+class Coulomb(Law):
+    f_c: float = 0.65
+
+    def force(self, z, form, d, v, way):
+        return self.f_c * way
+
+
+CASES = {"": Coulomb()}
