@@ -6,6 +6,10 @@ The ground floor: imports no other room of pdssjax.
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from .arrays import Count as Count
+    from .arrays import Scalar as Scalar
+    from .arrays import ScalarLike as ScalarLike
+    from .arrays import Truth as Truth
     from .display_units import LENGTH as LENGTH
     from .display_units import MICROMETRES as MICROMETRES
     from .display_units import Display as Display
@@ -36,6 +40,7 @@ else:
     __getattr__, __dir__, __all__ = lazy_exports(
         __name__,
         {
+            "arrays": ["Count", "Scalar", "ScalarLike", "Truth"],
             "display_units": [
                 *("Display", "LENGTH", "MICROMETRES", "decimals_for", "display_unit"),
                 *("percent", "rounded", "strongest_pairs"),

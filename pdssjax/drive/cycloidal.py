@@ -10,8 +10,9 @@ cam: velocity and acceleration vanish at its begin, acceleration at its end.
 """
 
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
-from ..core import choice, quantity
+from ..core import Scalar, ScalarLike, choice, quantity
 from .base import AbstractDrive, Flanks, Segment, Wave, flank, progress
 
 
@@ -27,7 +28,7 @@ class Cycloidal(AbstractDrive):
     direction: float = choice({"forward": 1.0, "backward": -1.0})
     """Forward: slow rise and fast fall; backward: fast rise and slow fall."""
 
-    def segment(self, index):
+    def segment(self, index: Scalar) -> Segment:
         period = 1.0 / self.frequency
         duration, start, change, fast = flank(index, period, self.fall_time, self.voltage, self.direction)
         moves = duration > 0
@@ -36,24 +37,24 @@ class Cycloidal(AbstractDrive):
         wave = Wave(jnp.where(fast, 0.0, change / (2.0 * jnp.pi)), 2.0 * jnp.pi / lasts, 0.5 * jnp.pi)
         return Segment(duration, start, jnp.where(moves, change / lasts, 0.0), wave)
 
-    def at(self, time):
+    def at(self, time: Float[Array, " n"]) -> Float[Array, " n"]:
         part, fast = progress(time, 1.0 / self.frequency, self.fall_time, self.direction)
         part = jnp.where(fast, part, part - jnp.sin(2.0 * jnp.pi * part) / (2.0 * jnp.pi))
         level = jnp.where(fast == (self.direction > 0), 1.0 - part, part)
         return jnp.where(time < 0, 0.0, self.voltage * level)
 
-    def period(self):
+    def period(self) -> tuple[int, int] | None:
         return (2, 2)
 
-    def cycle_frequency(self):
+    def cycle_frequency(self) -> ScalarLike | None:
         return self.frequency
 
-    def has_jumps(self):
+    def has_jumps(self) -> bool:
         return bool(self.fall_time == 0)
 
-    def peak(self):
+    def peak(self) -> ScalarLike:
         return abs(self.voltage)
 
-    def flanks(self):
+    def flanks(self) -> Flanks | None:
         fast = self.fall_time
         return Flanks(self.direction * self.voltage / (1.0 / self.frequency - fast), fast)

@@ -10,8 +10,9 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
-from ..core import choice
+from ..core import Scalar, ScalarLike, choice
 from .base import AbstractDrive, Segment
 
 
@@ -23,14 +24,14 @@ def _array(given: Any) -> Any:
 class Sampled(AbstractDrive):
     """One segment a sample, the wait for the first one before them."""
 
-    times: Any = eqx.field(default=(0.0, 0.1, 0.2), converter=_array)
+    times: Float[Array | np.ndarray, " n"] = eqx.field(default=(0.0, 0.1, 0.2), converter=_array)
     """Sample times [s], ascending, from 0 on; shape (n,)."""
-    voltages: Any = eqx.field(default=(0.0, 64.2, 0.0), converter=_array)
+    voltages: Float[Array | np.ndarray, " n"] = eqx.field(default=(0.0, 64.2, 0.0), converter=_array)
     """Voltages [V], shape (n,)."""
-    interpolation: Any = choice({"linear": 1.0, "held": 0.0})
+    interpolation: float = choice({"linear": 1.0, "held": 0.0})
     """Linear: straight lines from sample to sample; held: each voltage until the next sample."""
 
-    def segment(self, index):
+    def segment(self, index: Scalar) -> Segment:
         times, voltages = jnp.asarray(self.times, float), jnp.asarray(self.voltages, float)
         last = times.shape[0]
         here = jnp.clip(jnp.asarray(index, float).astype(int), 0, last)
@@ -43,25 +44,25 @@ class Sampled(AbstractDrive):
         rise = self.interpolation * (voltages[closes] - voltages[opens])
         return Segment(duration, start, jnp.where(sloped, rise / jnp.where(sloped, duration, 1.0), 0.0))
 
-    def at(self, time):
+    def at(self, time: Float[Array, " n"]) -> Float[Array, " n"]:
         times, voltages = jnp.asarray(self.times, float), jnp.asarray(self.voltages, float)
         held = voltages[jnp.clip(jnp.searchsorted(times, time, side="right") - 1, 0)]
         level = jnp.where(jnp.asarray(self.interpolation) > 0.5, jnp.interp(time, times, voltages), held)
         return jnp.where(time < 0, 0.0, level)
 
-    def period(self):
+    def period(self) -> tuple[int, int] | None:
         return None
 
-    def cycle_frequency(self):
+    def cycle_frequency(self) -> ScalarLike | None:
         return None
 
-    def has_jumps(self):
+    def has_jumps(self) -> bool:
         # From the first sample on, or at t = 0, where the drive sets in.
         held = float(self.interpolation) == 0.0
         return bool(self.voltages[0] != 0 or (held and np.any(np.diff(self.voltages) != 0)))
 
-    def peak(self):
+    def peak(self) -> ScalarLike:
         return jnp.max(jnp.abs(jnp.asarray(self.voltages, float)))
 
-    def segments(self, until):
+    def segments(self, until: float) -> int:
         return int(np.searchsorted(np.asarray(self.times), until)) + 2

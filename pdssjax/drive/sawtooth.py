@@ -11,8 +11,9 @@ t_fast = tf + (1 - d) T, and
 import math
 
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
-from ..core import choice, quantity
+from ..core import Scalar, ScalarLike, choice, quantity
 from .base import AbstractDrive, Flanks, Segment, flank, progress
 
 
@@ -30,31 +31,31 @@ class Sawtooth(AbstractDrive):
     duty: float = quantity(1.0, "", high=math.nextafter(1.0, 2.0), optional=True)
     """Share d of the period that the slow flank takes, but for the fall time [1]; up to 1."""
 
-    def _fall(self):
+    def _fall(self) -> ScalarLike:
         return self.fall_time + (1.0 - self.duty) / self.frequency
 
-    def segment(self, index):
+    def segment(self, index: Scalar) -> Segment:
         duration, start, change, _ = flank(index, 1.0 / self.frequency, self._fall(), self.voltage, self.direction)
         moves = duration > 0
         return Segment(duration, start, jnp.where(moves, change / jnp.where(moves, duration, 1.0), 0.0))
 
-    def at(self, time):
+    def at(self, time: Float[Array, " n"]) -> Float[Array, " n"]:
         part, fast = progress(time, 1.0 / self.frequency, self._fall(), self.direction)
         level = jnp.where(fast == (self.direction > 0), 1.0 - part, part)
         return jnp.where(time < 0, 0.0, self.voltage * level)
 
-    def period(self):
+    def period(self) -> tuple[int, int] | None:
         return (2, 2)
 
-    def cycle_frequency(self):
+    def cycle_frequency(self) -> ScalarLike | None:
         return self.frequency
 
-    def has_jumps(self):
+    def has_jumps(self) -> bool:
         return bool(self._fall() == 0)
 
-    def peak(self):
+    def peak(self) -> ScalarLike:
         return abs(self.voltage)
 
-    def flanks(self):
+    def flanks(self) -> Flanks | None:
         fast = self._fall()
         return Flanks(self.direction * self.voltage / (1.0 / self.frequency - fast), fast)

@@ -26,10 +26,10 @@ def sticking_force(actuator: Actuator, free_acceleration, x: State):
 
 def sticking_margins(actuator: Actuator, segment: Segment, t_local, x: State):
     """How far F* is below F(+) and above F(-) [N]: both positive while the contact sticks."""
-    holding = sticking_force(actuator, actuator.driven_platform.acceleration(segment, t_local, x.driven), x)
+    sticking = sticking_force(actuator, actuator.driven_platform.acceleration(segment, t_local, x.driven), x)
     contact = tuple(constant(m) for m in x.contact_state)  # as it is while v = 0
-    upper = actuator.friction.breakaway_force(contact, ADVANCING) - holding  # pyright: ignore[reportArgumentType]
-    return upper, holding - actuator.friction.breakaway_force(contact, RETREATING)  # pyright: ignore[reportArgumentType]
+    upper = actuator.friction.breakaway_force(contact, ADVANCING) - sticking  # pyright: ignore[reportArgumentType]
+    return upper, sticking - actuator.friction.breakaway_force(contact, RETREATING)  # pyright: ignore[reportArgumentType]
 
 
 def mode_from_rest(actuator: Actuator, segment: Segment, t_local, x: State, came):
@@ -37,8 +37,8 @@ def mode_from_rest(actuator: Actuator, segment: Segment, t_local, x: State, came
     driven_platform = actuator.driven_platform
 
     def margins(elapsed):
-        holding = sticking_force(actuator, driven_platform.acceleration(segment, t_local, x.driven), x)
-        reaction = -holding if actuator.feedback else 0.0
+        sticking = sticking_force(actuator, driven_platform.acceleration(segment, t_local, x.driven), x)
+        reaction = -sticking if actuator.feedback else 0.0
         rates = driven_platform.rate(segment, t_local, x.driven, reaction, 1.0)
         moved = x._replace(driven=jax.tree.map(lambda a, b: a + elapsed * b, x.driven, rates))
         return jnp.stack(sticking_margins(actuator, segment, t_local + elapsed, moved))
