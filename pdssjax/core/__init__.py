@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from .families import members as members
     from .jax_setup import need_double_precision as need_double_precision
     from .jax_setup import prepare_jax as prepare_jax
+    from .physical_quantity import Declared as Declared
     from .physical_quantity import Quantity as Quantity
     from .physical_quantity import check_range as check_range
     from .physical_quantity import choice as choice
@@ -48,7 +49,7 @@ else:
             "errors": ["InputError", "InputWarning", "nearest"],
             "families": ["member", "members"],
             "jax_setup": ["need_double_precision", "prepare_jax"],
-            "physical_quantity": ["Quantity", "check_range", "choice", "choices", "quantities", "quantity"],
+            "physical_quantity": ["Declared", "Quantity", "check_range", "choice", "choices", "quantities", "quantity"],
             "units": ["column_unit", "factor", "to_si"],
         },
     )

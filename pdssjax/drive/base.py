@@ -2,7 +2,7 @@
 
 import abc
 from collections.abc import Mapping
-from typing import Generic, NamedTuple, Self, TypeVar, overload
+from typing import Generic, NamedTuple, Self, overload
 
 import equinox as eqx
 import jax
@@ -11,10 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Num
 
 from ..core import Quantity, Scalar, ScalarLike, Truth, quantities
-from ..integration import Term, cosine_and_sine
-
-N_co = TypeVar("N_co", covariant=True)
-"""Numbers, or what a field is made of."""
+from ..integration import N_co, Term, cosine_and_sine
 
 
 class Voltage(NamedTuple, Generic[N_co]):
@@ -58,7 +55,7 @@ class Segment(NamedTuple):
     wave: Wave | None = None
 
     @overload
-    def voltage(self, t_local: ScalarLike) -> Voltage[ScalarLike]: ...
+    def voltage(self, t_local: ScalarLike) -> Voltage[Scalar]: ...
     @overload
     def voltage(self, t_local: Term) -> Voltage[Term]: ...
     def voltage(self, t_local: Term) -> Voltage[Term]:

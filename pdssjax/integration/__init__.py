@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from .system import SETTLED as SETTLED
     from .system import AbstractHybridSystem as AbstractHybridSystem
     from .system import Visited as Visited
+    from .taylor_series import N as N
+    from .taylor_series import N_co as N_co
     from .taylor_series import Term as Term
     from .taylor_series import constant as constant
     from .taylor_series import cosine_and_sine as cosine_and_sine
@@ -41,6 +43,6 @@ else:
             "step_methods.diffrax_solver": ["OneStep"],
             "step_methods.taylor": ["Taylor"],
             "system": ["AbstractHybridSystem", "SETTLED", "Visited"],
-            "taylor_series": ["Term", "constant", "cosine_and_sine", "exp", "power", "weighted"],
+            "taylor_series": ["N", "N_co", "Term", "constant", "cosine_and_sine", "exp", "power", "weighted"],
         },
     )

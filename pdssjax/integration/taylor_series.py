@@ -12,7 +12,7 @@ coefficients 0 and k, and for the sum of the products between them.
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import Protocol, Self, TypeAlias, overload
+from typing import Protocol, Self, TypeAlias, TypeVar, overload
 
 import jax.numpy as jnp
 
@@ -101,6 +101,12 @@ class Series:
 
 Term: TypeAlias = Series | ScalarLike
 """What a field is made of: a power series in the time, or a number; the integer 0 is known to vanish."""
+
+N = TypeVar("N", Scalar, Term)
+"""Numbers where numbers are given, else what a field is made of."""
+
+N_co = TypeVar("N_co", covariant=True)
+"""What a state is made of: numbers, or what a field is made of."""
 
 Field: TypeAlias = Callable[[Term, Sequence[Term]], Sequence[Term]]
 """(t, x) to the time derivative of x, component by component."""

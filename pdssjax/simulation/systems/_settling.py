@@ -4,13 +4,17 @@ import jax
 import jax.numpy as jnp
 
 from ...actuator import Actuator, DrivenPlatformState, chosen
+from ...core import Scalar, ScalarLike, Truth
 from ...drive.base import Segment
+from ...integration import constant
 from ._contact_state import ADVANCING, RETREATING, STUCK, State
 from ._sensed_motion import SensedMotion
 from ._sticking import sticking_margins
 
 
-def is_settled(sensed: SensedMotion, segment: Segment, t_local, x: State, mode, tolerance):
+def is_settled(
+    sensed: SensedMotion, segment: Segment, t_local: ScalarLike, x: State[Scalar], mode: Scalar, tolerance: ScalarLike
+) -> Truth:
     """Whether every deviation from the steady solution is below `tolerance` [m].
 
     A sliding contact has settled once that holds; a stuck one already when the ringing that is
@@ -29,7 +33,7 @@ def is_settled(sensed: SensedMotion, segment: Segment, t_local, x: State, mode, 
     for distance in [*of_contact, *of_sensor]:
         still &= distance < tolerance
     still &= ringing < tolerance
-    upper, lower = sticking_margins(actuator, segment, t_local, x)
+    upper, lower = (constant(margin) for margin in sticking_margins(actuator, segment, t_local, x))
     shake = 4.0 * actuator.effector.mass * actuator.piezo.frequency_scale() ** 2 * ringing
     safe = jnp.minimum(upper, lower) > shake
     if x.sensor_lag or not actuator.platform_closed:
@@ -42,7 +46,9 @@ def is_settled(sensed: SensedMotion, segment: Segment, t_local, x: State, mode, 
     return jnp.where(jnp.abs(mode) == 1.0, still, (mode == STUCK) & safe)
 
 
-def project_to_steady(sensed: SensedMotion, segment: Segment, t_local, x: State, mode) -> State:
+def project_to_steady(
+    sensed: SensedMotion, segment: Segment, t_local: ScalarLike, x: State[Scalar], mode: Scalar
+) -> State[Scalar]:
     """The state with the last of the deviations gone; a contact that slid recovers its elastic displacement."""
     actuator, slid = sensed.actuator, jnp.abs(mode) == 1.0
     contact, displacement = _equilibrium_state(actuator, x)
@@ -55,7 +61,7 @@ def project_to_steady(sensed: SensedMotion, segment: Segment, t_local, x: State,
     )
 
 
-def slowest_frequency(actuator: Actuator):
+def slowest_frequency(actuator: Actuator) -> Scalar:
     """The slowest of the platform's and the contact's frequencies [rad/s]: velocity times 1/it is displacement."""
     law, mass = actuator.friction, actuator.effector.mass
     state, still = law.initial(), jnp.zeros(())
@@ -70,11 +76,13 @@ def slowest_frequency(actuator: Actuator):
     return slowest
 
 
-def _steady_platform(actuator: Actuator, segment: Segment, t_local, x: State) -> DrivenPlatformState:
+def _steady_platform(
+    actuator: Actuator, segment: Segment, t_local: ScalarLike, x: State[Scalar]
+) -> DrivenPlatformState[Scalar]:
     return actuator.driven_platform.steady(segment, t_local, x.driven, _settled_friction(actuator))
 
 
-def _steady_lag(sensed: SensedMotion, segment: Segment, t_local, x: State) -> tuple:
+def _steady_lag(sensed: SensedMotion, segment: Segment, t_local: ScalarLike, x: State[Scalar]) -> tuple[Scalar, ...]:
     # At a stop the sensor's state is the force that it shows, which has no steady value.
     if not x.sensor_lag or sensed.actuator.stop is not None:
         return x.sensor_lag
@@ -82,11 +90,11 @@ def _steady_lag(sensed: SensedMotion, segment: Segment, t_local, x: State) -> tu
     return sensed.sensor.steady(x.sensor_lag, sensed.actuator.driven_platform.platform(steady)[1])
 
 
-def _settled_friction(actuator: Actuator):
+def _settled_friction(actuator: Actuator) -> ScalarLike:
     """The friction force [N] on the platform once all is settled, with feedback."""
     return actuator.effector.pull() if actuator.feedback else 0.0
 
 
-def _equilibrium_state(actuator: Actuator, x: State):
+def _equilibrium_state(actuator: Actuator, x: State[Scalar]) -> tuple[tuple[Scalar, ...], Scalar]:
     """The state in which the contact at rest carries the constant force, and the displacement [m] on the way there."""
     return actuator.friction.equilibrium_state(x.contact_state, -1.0 * jnp.asarray(actuator.effector.pull(), float))

@@ -11,15 +11,14 @@ a sign (`_sticking`).  Laws, piezos, amplifiers and the stop (`_stop_contact`) a
 `_sensed_motion` has the sensor, `_settling` what is left where nothing moves but the creeping platform.
 """
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 
 from ...actuator import IDEAL, Actuator, Sensor, chosen
+from ...core import Scalar, ScalarLike, Truth
 from ...drive.base import AbstractDrive, Segment
 from ...friction.base import AbstractFriction
-from ...integration import SETTLED, AbstractHybridSystem, weighted
+from ...integration import SETTLED, AbstractHybridSystem, Term, constant, weighted
 from ._contact_state import ADVANCING, RETREATING, STUCK, State, kind
 from ._sensed_motion import SensedMotion
 from ._settling import is_settled, project_to_steady, slowest_frequency
@@ -36,19 +35,19 @@ class StickSlip(AbstractHybridSystem):
     actuator: Actuator
     drive: AbstractDrive
     sensor: Sensor = IDEAL
-    on_platform: Any = 0.0
+    on_platform: ScalarLike = 0.0
     """1 where the sensor looks at the platform, 0 at the end-effector; with a stop it shows the force."""
 
-    def initial(self) -> State:
+    def initial(self) -> State[Scalar]:
         zero = jnp.zeros(())
         in_contact = () if self.actuator.stop is None else (zero,)
         driven, contact = self.actuator.driven_platform.initial(), self.actuator.friction.initial()
         return State(zero, zero, driven, contact, in_contact, self.sensor.initial())
 
-    def segment(self, index) -> Segment:
+    def segment(self, index: Scalar) -> Segment:
         return self.drive.segment(index)
 
-    def field(self, segment: Segment, t_local, x: State, mode) -> State:
+    def field(self, segment: Segment, t_local: Term, x: State[Term], mode: Scalar) -> State[Term]:
         """Time derivative of the state in `mode`, `t_local` [s] into a segment."""
         moves, sticks, _ = kind(mode)
         driven_platform = self.actuator.driven_platform
@@ -56,7 +55,7 @@ class StickSlip(AbstractHybridSystem):
         force = self.actuator.friction.force(x.contact_state, x.v, mode)
         platform = free - force * (1.0 / self.actuator.piezo.mass) if self.actuator.feedback else free
         relative = platform - (force + external_force(self.actuator, x)) * (1.0 / self.actuator.effector.mass)
-        reaction: Any = 0.0
+        reaction: Term = 0.0
         if self.actuator.feedback:
             reaction = (force * moves + sticking_force(self.actuator, free, x) * sticks) * (-1.0)
         rates = self.actuator.friction.rate(x.contact_state, x.v, mode)
@@ -69,7 +68,7 @@ class StickSlip(AbstractHybridSystem):
             self._sensed.rate(x, moves + sticks),
         )
 
-    def guards(self, segment: Segment, t_local, x: State, mode) -> tuple:
+    def guards(self, segment: Segment, t_local: Term, x: State[Term], mode: Scalar) -> tuple[Term, ...]:
         """Positive inside the mode: two of the contact, then those of law, platform and stop."""
         moves, sticks, settled = kind(mode)
         upper, lower = sticking_margins(self.actuator, segment, t_local, x)
@@ -82,7 +81,9 @@ class StickSlip(AbstractHybridSystem):
             *stop_guards(self.actuator, x),
         )
 
-    def after_event(self, segment: Segment, t_local, x: State, mode, which) -> tuple[State, Any]:
+    def after_event(
+        self, segment: Segment, t_local: ScalarLike, x: State[Scalar], mode: Scalar, which: Scalar
+    ) -> tuple[State[Scalar], Scalar]:
         """State and mode after guard `which` has reached zero."""
         friction, driven_platform = self.actuator.friction, self.actuator.driven_platform
         laws = len(friction.guards(x.contact_state, x.v, mode))
@@ -107,7 +108,7 @@ class StickSlip(AbstractHybridSystem):
         following = jnp.where(turns, following, mode)
         return x._replace(v=v, contact_state=contact, driven=driven, in_contact=in_contact), following
 
-    def state_scale(self) -> State:
+    def state_scale(self) -> State[Scalar]:
         """What one unit of each state amounts to as a displacement [m]."""
         metre, stop = jnp.ones(()), self.actuator.stop
         of_sensor = metre if stop is None else 1.0 / jnp.asarray(stop.stiffness, float)
@@ -121,7 +122,7 @@ class StickSlip(AbstractHybridSystem):
             tuple(of_sensor for _ in first.sensor_lag),
         )
 
-    def on_segment_start(self, segment: Segment, x: State, mode) -> tuple[State, Any]:
+    def on_segment_start(self, segment: Segment, x: State[Scalar], mode: Scalar) -> tuple[State[Scalar], Scalar]:
         """State and mode in which a new segment begins: the end-effector goes on as it was."""
         driven_platform = self.actuator.driven_platform
         if driven_platform.state_jumps:
@@ -149,13 +150,15 @@ class StickSlip(AbstractHybridSystem):
     def period(self) -> tuple[int, int] | None:
         return self.drive.period()
 
-    def is_settled(self, segment: Segment, t_local, x: State, mode, tolerance):
+    def is_settled(
+        self, segment: Segment, t_local: ScalarLike, x: State[Scalar], mode: Scalar, tolerance: ScalarLike
+    ) -> Truth:
         return is_settled(self._sensed, segment, t_local, x, mode, tolerance)
 
-    def project_to_steady(self, segment: Segment, t_local, x: State, mode) -> State:
+    def project_to_steady(self, segment: Segment, t_local: ScalarLike, x: State[Scalar], mode: Scalar) -> State[Scalar]:
         return project_to_steady(self._sensed, segment, t_local, x, mode)
 
-    def same_state(self, x: State, earlier: State, tolerance):
+    def same_state(self, x: State[Scalar], earlier: State[Scalar], tolerance: ScalarLike) -> Truth:
         """Both begin the same motion, to within `tolerance` [m], but for where the end-effector is.
 
         With a stop that matters, too.
@@ -164,7 +167,7 @@ class StickSlip(AbstractHybridSystem):
         away = away if x.in_contact else away._replace(d=jnp.zeros_like(x.d))
         return jnp.stack(jax.tree.leaves(away)).max() < tolerance
 
-    def extra_error_terms(self, x: State, mode) -> tuple:
+    def extra_error_terms(self, x: State[Term], mode: Scalar) -> tuple[Term, ...]:
         """What a step has to resolve besides the state, as displacements [m]."""
         return self.actuator.friction.extra_error_terms(x.contact_state, x.v, mode)
 
@@ -172,13 +175,15 @@ class StickSlip(AbstractHybridSystem):
         """The components, counted as the leaves of `State`, that `exact` knows: a platform that feels nothing."""
         return self._stack_components() if self.actuator.platform_closed else ()
 
-    def exact(self, segment: Segment, t_local, begin: State, elapsed, end: State) -> State:
+    def exact(
+        self, segment: Segment, t_local: ScalarLike, begin: State[Scalar], elapsed: ScalarLike, end: State[Scalar]
+    ) -> State[Scalar]:
         """`end` with what is known in closed form put right: the platform without feedback."""
         if not self.actuator.platform_closed:
             return end
         return end._replace(driven=self.actuator.driven_platform.motion(segment, t_local, begin.driven, elapsed))
 
-    def is_spurious_event(self, slope, mode, which):
+    def is_spurious_event(self, slope: Scalar, mode: Scalar, which: Scalar) -> Truth:
         """Whether a reversal is nothing but the rounding of a contact that is at rest.
 
         Its time means nothing then, and the field does not change there.
@@ -186,21 +191,22 @@ class StickSlip(AbstractHybridSystem):
         reverses = (jnp.abs(mode) == 1.0) & (which < 2)
         return reverses & (jnp.abs(slope) < _SPURIOUS_AMPLITUDE * self.actuator.piezo.frequency_scale() ** 2)
 
-    def force(self, segment: Segment, t_local, x: State, mode):
+    def force(self, segment: Segment, t_local: Scalar, x: State[Scalar], mode: Scalar) -> Scalar:
         """Friction force [N] in any mode; settled and stuck it is F*, the force that keeps v = 0."""
         free = self.actuator.driven_platform.acceleration(segment, t_local, x.driven)
         sliding = self.actuator.friction.force(x.contact_state, x.v, mode)
-        return jnp.where(jnp.abs(mode) == 1.0, sliding, sticking_force(self.actuator, free, x))
+        sticking = sticking_force(self.actuator, free, x)
+        return jnp.where(jnp.abs(mode) == 1.0, constant(sliding), constant(sticking))
 
-    def shown_displacement(self, x: State):
+    def shown_displacement(self, x: State[Scalar]) -> Scalar:
         """Displacement [m] of platform or end-effector that the sensor shows."""
         return self._sensed.displacement(x)
 
-    def shown_velocity(self, x: State):
+    def shown_velocity(self, x: State[Scalar]) -> Scalar:
         """Velocity [m/s] of platform or end-effector that a sensor of velocity shows."""
         return self._sensed.velocity(x)
 
-    def shown_force(self, x: State):
+    def shown_force(self, x: State[Scalar]) -> ScalarLike:
         """Force [N] that the sensor in the way, the stop, shows."""
         return self._sensed.force(x)
 
