@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from .arrays import Count as Count
+    from .arrays import Document as Document
     from .arrays import Scalar as Scalar
     from .arrays import ScalarLike as ScalarLike
     from .arrays import Truth as Truth
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from .families import members as members
     from .jax_setup import need_double_precision as need_double_precision
     from .jax_setup import prepare_jax as prepare_jax
+    from .physical_quantity import Choice as Choice
     from .physical_quantity import Declared as Declared
     from .physical_quantity import Quantity as Quantity
     from .physical_quantity import check_range as check_range
@@ -41,7 +43,7 @@ else:
     __getattr__, __dir__, __all__ = lazy_exports(
         __name__,
         {
-            "arrays": ["Count", "Scalar", "ScalarLike", "Truth"],
+            "arrays": ["Count", "Document", "Scalar", "ScalarLike", "Truth"],
             "display_units": [
                 *("Display", "LENGTH", "MICROMETRES", "decimals_for", "display_unit"),
                 *("percent", "rounded", "strongest_pairs"),
@@ -49,7 +51,16 @@ else:
             "errors": ["InputError", "InputWarning", "nearest"],
             "families": ["member", "members"],
             "jax_setup": ["need_double_precision", "prepare_jax"],
-            "physical_quantity": ["Declared", "Quantity", "check_range", "choice", "choices", "quantities", "quantity"],
+            "physical_quantity": [
+                "Choice",
+                "Declared",
+                "Quantity",
+                "check_range",
+                "choice",
+                "choices",
+                "quantities",
+                "quantity",
+            ],
             "units": ["column_unit", "factor", "to_si"],
         },
     )

@@ -3,7 +3,7 @@
 A type checker sees what a number is (JAX's, NumPy's or Python's), a reader also its shape.
 """
 
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from jaxtyping import Array, Bool, Float, Int
 
@@ -18,3 +18,6 @@ Truth: TypeAlias = Bool[Array, ""]
 
 ScalarLike: TypeAlias = float | Scalar
 """One number, Python's or JAX's: what a field of a model holds."""
+
+Document: TypeAlias = dict[str, Any]
+"""Plain data as a JSON or TOML file holds it: what is in it is said where it is made."""

@@ -18,6 +18,10 @@ Declared: TypeAlias = Any
 """What declares a field of a model; its type is that of the field, as a dataclass has it."""
 
 
+Choice: TypeAlias = Any
+"""A field declared with `choice`: given one of its words, or that number, it holds the number."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Quantity:
     """What is known of a parameter before any data: one entry per field of a model."""
@@ -64,7 +68,7 @@ def quantities(model: type) -> dict[str, Quantity]:
     return {f.name: f.metadata["quantity"] for f in fields if "quantity" in f.metadata}
 
 
-def choice(options: dict[str, float]) -> Declared:
+def choice(options: dict[str, float]) -> Choice:
     """A model field that takes one of the named `options`, the first by default.
 
     The field holds the option's number, an array leaf rather than a static string, so

@@ -12,7 +12,7 @@ cam: velocity and acceleration vanish at its begin, acceleration at its end.
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..core import Scalar, ScalarLike, choice, quantity
+from ..core import Choice, Scalar, ScalarLike, choice, quantity
 from .base import AbstractDrive, Flanks, Segment, Wave, flank, progress
 
 
@@ -25,7 +25,7 @@ class Cycloidal(AbstractDrive):
     """Cycles a second [Hz]."""
     fall_time: float = quantity(0.0, "s", positive=False, low=0.0, optional=True)
     """Duration of the fast flank tf [s]; 0 is a jump."""
-    direction: float = choice({"forward": 1.0, "backward": -1.0})
+    direction: Choice = choice({"forward": 1.0, "backward": -1.0})
     """Forward: slow rise and fast fall; backward: fast rise and slow fall."""
 
     def segment(self, index: Scalar) -> Segment:

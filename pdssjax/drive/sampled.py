@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..core import Scalar, ScalarLike, choice
+from ..core import Choice, Scalar, ScalarLike, choice
 from .base import AbstractDrive, Segment
 
 
@@ -28,7 +28,7 @@ class Sampled(AbstractDrive):
     """Sample times [s], ascending, from 0 on; shape (n,)."""
     voltages: Float[Array | np.ndarray, " n"] = eqx.field(default=(0.0, 64.2, 0.0), converter=_array)
     """Voltages [V], shape (n,)."""
-    interpolation: float = choice({"linear": 1.0, "held": 0.0})
+    interpolation: Choice = choice({"linear": 1.0, "held": 0.0})
     """Linear: straight lines from sample to sample; held: each voltage until the next sample."""
 
     def segment(self, index: Scalar) -> Segment:

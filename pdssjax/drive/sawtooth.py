@@ -13,7 +13,7 @@ import math
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..core import Scalar, ScalarLike, choice, quantity
+from ..core import Choice, Scalar, ScalarLike, choice, quantity
 from .base import AbstractDrive, Flanks, Segment, flank, progress
 
 
@@ -26,7 +26,7 @@ class Sawtooth(AbstractDrive):
     """Cycles a second [Hz]."""
     fall_time: float = quantity(0.0, "s", positive=False, low=0.0, optional=True)
     """Duration of the fast flank tf [s], beyond what the duty leaves it; 0 is a jump."""
-    direction: float = choice({"forward": 1.0, "backward": -1.0})
+    direction: Choice = choice({"forward": 1.0, "backward": -1.0})
     """Forward: slow rise and fast fall; backward: fast rise and slow fall."""
     duty: float = quantity(1.0, "", high=math.nextafter(1.0, 2.0), optional=True)
     """Share d of the period that the slow flank takes, but for the fall time [1]; up to 1."""

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from ..actuator import ZeroOrderHold
 from ..core import InputError, Quantity, choices, member, members, quantities
@@ -107,7 +108,9 @@ def _check_drive(fields: dict[str, Any], numbers: dict[str, Quantity], table: Ta
             raise InputError(f"{table.at(key)}: found {fields[key]:g} s, expected less than {whole}, {period:g} s.")
 
 
-def check_times(file: Path, column: str, time: np.ndarray, lines: np.ndarray) -> None:
+def check_times(
+    file: Path, column: str, time: Float[np.ndarray, " samples"], lines: Int[np.ndarray, " samples"]
+) -> None:
     """**Raises** `InputError` that names the first line of `lines` at which the `time` [s] does not increase."""
     late = np.flatnonzero(np.diff(time) <= 0)
     if late.size:

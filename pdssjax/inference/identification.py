@@ -2,7 +2,6 @@
 
 import dataclasses
 import time
-from typing import Literal
 
 import numpy as np
 
@@ -10,7 +9,7 @@ from ..core import InputError, need_double_precision
 from ..integration import Accuracy
 from ..study import Estimate, Study
 from .best_point import BestPoint, Point, completed
-from .least_squares import Progress, joint, sequential
+from .least_squares import Method, Progress, joint, sequential
 from .multistart import best_fit
 from .profile_intervals import with_profile_intervals
 from .summary import summarise

@@ -1,13 +1,14 @@
 """The free parameters as a fit sees them: one number each, of order one."""
 
 from collections.abc import Mapping
-from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Bool, Float
 
-from ..study import Parameter
+from ..core import Scalar
+from ..study import Parameter, Values
 
 REACH = 1e3
 """Factor by which a positive parameter may leave its start where the study sets no bound."""
@@ -21,26 +22,26 @@ class ParameterTransform(eqx.Module):
     """
 
     paths: tuple[str, ...] = eqx.field(static=True)
-    logarithmic: np.ndarray
-    unit: np.ndarray
+    logarithmic: Bool[np.ndarray, " p"]
+    unit: Float[np.ndarray, " p"]
     """Size of one unit of a linear parameter; 1 for a logarithmic one."""
-    low: np.ndarray
-    high: np.ndarray
+    low: Float[np.ndarray, " p"]
+    high: Float[np.ndarray, " p"]
     """Bounds, on the fit's scale."""
 
-    def encode(self, values: Mapping[str, Any]) -> np.ndarray:
-        """Values in SI to the fit's scale, shape (parameters,)."""
+    def encode(self, values: Values) -> Float[np.ndarray, " p"]:
+        """Values in SI to the fit's scale."""
         given = np.array([float(values[path]) for path in self.paths])
         return np.where(self.logarithmic, np.log(np.where(self.logarithmic, given, 1.0)), given / self.unit)
 
     @eqx.filter_jit
-    def decode(self, free: Any) -> dict[str, Any]:
-        """The fit's numbers, shape (parameters,), to values in SI; differentiable."""
+    def decode(self, free: Float[Array | np.ndarray, " p"]) -> dict[str, Scalar]:
+        """The fit's numbers to values in SI; differentiable."""
         number = jnp.where(self.logarithmic, jnp.exp(jnp.where(self.logarithmic, free, 0.0)), free * self.unit)
         return {path: number[i] for i, path in enumerate(self.paths)}
 
-    def slope(self, free: Any) -> np.ndarray:
-        """d value / d free, shape (parameters,)."""
+    def slope(self, free: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
+        """d value / d free."""
         return np.where(self.logarithmic, np.exp(np.where(self.logarithmic, free, 0.0)), self.unit)
 
 

@@ -7,7 +7,7 @@ last axis, and the order along their first, so that every operation runs along t
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, TypeAlias, TypeVar
+from typing import NamedTuple, TypeAlias, TypeVar, TypeVarTuple
 
 import equinox as eqx
 import jax
@@ -31,6 +31,7 @@ _CONVOLVED: dict[Rule, tuple[int | None, int | None]] = {
 
 
 Result = TypeVar("Result")
+Arguments = TypeVarTuple("Arguments")
 
 Carry: TypeAlias = tuple[
     dict[int, Float[Array, "orders m"]], dict[int, Float[Array, " m"]], dict[int, Float[Array, " m"]]
@@ -170,7 +171,7 @@ class _Track:
 
     def inner_products(self, other: "_Track", k: Order, weight: Weight | None = None) -> ScalarLike:
         """The sum of weight(i) self[i] other[k - i] over 0 < i < k; self[i] is still zero from k on."""
-        if self._constant or other._constant:
+        if self._constant or other._constant or self._buffer is None or other._buffer is None:
             return 0
         run = k > 0
         before = computed_once(
@@ -211,7 +212,7 @@ def _looking_back(record: Record, constant: list[bool]) -> set[int]:
     return needed
 
 
-def computed_once(true: Truth | bool, function: Callable[..., Result], *args: Any) -> Result:
+def computed_once(true: Truth | bool, function: Callable[[*Arguments], Result], *args: *Arguments) -> Result:
     """`function(*args)`, kept apart where XLA would fuse it into, and so repeat it in, every place that needs it.
 
     `true` holds in a way that the compiler cannot know: a branch is compiled as a whole.

@@ -42,7 +42,7 @@ from jax import lax
 from jax.typing import ArrayLike
 from jaxtyping import Array, Complex, Float
 
-from ..core import Count, InputError, Scalar, ScalarLike, Truth, choice, quantity
+from ..core import Choice, Count, InputError, Scalar, ScalarLike, Truth, choice, quantity
 
 
 class Rod(eqx.Module):
@@ -67,7 +67,7 @@ class Rod(eqx.Module):
     """Strain per volt s [1/V] of the unloaded stack; negative if it contracts."""
     platform_mass: float = quantity(0.5552, "kg", positive=False, low=0.0)
     """Mass M [kg] that the tip carries; may be 0."""
-    excitation: float = choice({"strain": 0.0, "equal": 1.0})
+    excitation: Choice = choice({"strain": 0.0, "equal": 1.0})
     """How the voltage drives the modes: `strain` (the default) or `equal`, see above."""
 
     @property

@@ -73,7 +73,7 @@ class AbstractPiezo(eqx.Module):
     """A force moves the platform: friction can act back on it."""
 
     mass: eqx.AbstractVar[Declared]
-    """Moving mass that a force on the platform accelerates at first [kg], a number; only friction feedback (5.25) uses it."""
+    """Moving mass that a force on the platform accelerates at first, a number [kg]; only feedback (5.25) uses it."""
 
     @abc.abstractmethod
     def initial(self) -> State:

@@ -16,11 +16,11 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 
-from ..core import Scalar, ScalarLike, choice, quantities, quantity
+from ..core import Choice, Declared, Scalar, ScalarLike, choice, quantities, quantity
 from ..drive.base import Segment, Voltage
 from ..integration import N, Term
 from ._oscillator import accelerated, damped, forced, tends_to
-from ._rod import Rod, modes
+from ._rod import Modes, Rod, modes
 from .base import AbstractPiezo, Shown, State, Terms
 
 
@@ -43,14 +43,14 @@ class DistributedRod(AbstractPiezo):
     """Strain per volt s [1/V] of the unloaded stack."""
     platform_mass: float = quantity(0.5552, "kg")
     """Mass M [kg] that the tip carries."""
-    excitation: Any = choice({"strain": 0.0, "equal": 1.0})
+    excitation: Choice = choice({"strain": 0.0, "equal": 1.0})
     """How the voltage drives the modes: `strain` (the default) or `equal`, see `pdssjax.piezo._rod`."""
     count: int = eqx.field(static=True, default=1)
     """How many modes n are kept."""
-    modes: Any = None
+    modes: Modes = eqx.field(default=None)
     """What they are, as `pdssjax.piezo._rod` makes them of the numbers above."""
 
-    def __init__(self, count: int = 1, **numbers: Any):
+    def __init__(self, count: int = 1, **numbers: Declared):
         self.count = count
         for name, declared in quantities(type(self)).items():
             setattr(self, name, numbers.pop(name, declared.nominal))

@@ -47,8 +47,8 @@ class KnownStep(NamedTuple):
 class AbstractStepMethod(eqx.Module):
     """How a smooth piece is advanced.
 
-    `units` turn each component into tolerances; the state `x` and they are scalars, one a component.  `opaque_one` is a 1 unknown to the compiler: see
-    `taylor_series`.
+    The state `x` is a scalar a component, and so are the `units` that turn each component into tolerances.
+    `opaque_one` is a 1 unknown to the compiler: see `taylor_series`.
     """
 
     noise: ClassVar[float]

@@ -1,7 +1,7 @@
 """Any adaptive one-step solver of diffrax as a step method."""
 
 from collections.abc import Callable, Sequence
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeAlias
 
 import diffrax
 import equinox as eqx
@@ -15,6 +15,9 @@ from ...core import Scalar, Truth
 from ..taylor_series import Field, constant
 from .base import AbstractStepMethod, KnownStep, Piece, Polynomials
 
+Solver: TypeAlias = diffrax.AbstractSolver[Any]
+"""Whatever its own state is."""
+
 
 class OneStep(AbstractStepMethod):
     """Any diffrax solver with an error estimate, for example `OneStep(diffrax.Kvaerno5())`.
@@ -23,7 +26,7 @@ class OneStep(AbstractStepMethod):
     at least its own.  The root finder of an implicit solver works to a hundredth of the tolerance.
     """
 
-    solver: diffrax.AbstractSolver[Any] = diffrax.Tsit5()
+    solver: Solver = diffrax.Tsit5()
     degree: int = eqx.field(static=True, default=8)
     noise: ClassVar[float] = 10.0
 
