@@ -39,13 +39,13 @@ class Sensor(eqx.Module):
         """The lag after what is measured has jumped: what is shown has not."""
         return tuple(e + jump for e in sensor_lag)
 
-    def shown_displacement(self, lag: tuple[Scalar, ...], true: Scalar) -> Scalar:
-        """What it shows of a displacement [m], or of whatever it follows, `lag` behind."""
-        return true - lag[0] if lag else true
+    def shown_displacement(self, sensor_lag: tuple[Scalar, ...], true: Scalar) -> Scalar:
+        """What it shows of a displacement [m], or of whatever it follows, `sensor_lag` behind."""
+        return true - sensor_lag[0] if sensor_lag else true
 
-    def shown_velocity(self, lag: tuple[Scalar, ...], true: Scalar) -> Scalar:
+    def shown_velocity(self, sensor_lag: tuple[Scalar, ...], true: Scalar) -> Scalar:
         """What it shows of a velocity [m/s]: the rate of what it shows of the displacement, x' - e' = w_s e."""
-        return lag[0] * self.pole() if lag else true
+        return sensor_lag[0] * self.pole() if sensor_lag else true
 
     def pole(self) -> ScalarLike:
         """Angular corner frequency w_s [rad/s]."""

@@ -221,9 +221,7 @@ def _solver_arguments(
     problem: Problem, free: Float[np.ndarray, " p"], used: Bool[np.ndarray, " records"], fitted: Bool[np.ndarray, " p"]
 ) -> Iteration:
     """What the first iteration starts from: the arguments of `iterate`."""
-    bounds = problem.residual.transform
-    low, high = (np.where(fitted, end, free) for end in (bounds.low, bounds.high))
-    options = {"lower": low, "upper": high}
+    options = problem.residual.transform.bounds_where(fitted, free)
     weights = as_weights(problem.noise, used)
     samples = sum(record.time.size for record, use in zip(problem.records, used, strict=True) if use)
     # A step that lowers chi-square by 1e-4 is a hundredth of a standard error, one by 0.05 a quarter.
@@ -231,7 +229,7 @@ def _solver_arguments(
     solver = BoundedLevenbergMarquardt(
         rtol=1e-4 * visible, atol=1e-4, slow=0.05 * visible, invisible=INVISIBLE * visible
     )
-    y = np.clip(np.asarray(free, float), low, high)
+    y = np.clip(np.asarray(free, float), options["lower"], options["upper"])
     state = _begin(solver, problem.residual, y, weights, options)
     return Iteration(solver, problem.residual, y, weights, options, state)
 

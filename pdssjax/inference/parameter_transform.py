@@ -1,6 +1,6 @@
 """The free parameters as a fit sees them: one number each, of order one."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -43,6 +43,17 @@ class ParameterTransform(eqx.Module):
     def slope(self, free: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
         """d value / d free."""
         return np.where(self.logarithmic, np.exp(np.where(self.logarithmic, free, 0.0)), self.unit)
+
+    def among(self, paths: Collection[str]) -> Bool[np.ndarray, " p"]:
+        """Which of the free parameters are among the `paths`."""
+        return np.array([path in paths for path in self.paths])
+
+    def bounds_where(
+        self, fitted: Bool[np.ndarray, " p"], free: Float[np.ndarray, " p"]
+    ) -> dict[str, Float[np.ndarray, " p"]]:
+        """ "lower" and "upper" for a solver that moves what is `fitted` and holds the others at `free`."""
+        low, high = (np.where(fitted, end, free) for end in (self.low, self.high))
+        return {"lower": low, "upper": high}
 
 
 def transform_of(parameters: Mapping[str, Parameter], starts: Mapping[str, float]) -> ParameterTransform:

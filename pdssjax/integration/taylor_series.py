@@ -6,7 +6,7 @@ the usual recurrences (R. E. Moore, Interval Analysis, 1966, chapter 11), and wi
 Taylor series of the solution of x' = f(t, x), one coefficient after the other.  A coefficient that is known to
 vanish is the integer 0, and costs nothing.
 
-Every rule `(k, own, operands, numbers)` gives coefficient k of the series `own` from its operands, which are
+Every rule `(k, itself, operands, numbers)` gives coefficient k of the series `itself` from its operands, which are
 series, and its numbers.  It is written so that `taylor_loop` can use it for a traced k, too: it asks for
 coefficients 0 and k, and for the sum of the products between them.
 """
@@ -34,7 +34,7 @@ class Coefficients(Protocol):
 
 
 Rule: TypeAlias = Callable[[Order, Coefficients, tuple[Coefficients, ...], tuple[ScalarLike, ...]], ScalarLike]
-"""(k, own, operands, numbers) to coefficient k of the series `own`; the integer 0 is known to vanish."""
+"""(k, itself, operands, numbers) to coefficient k of the series `itself`; the integer 0 is known to vanish."""
 
 
 class Series:
@@ -186,38 +186,38 @@ def taylor_coefficients(
 
 
 def polynomial_rule(
-    k: Order, own: Coefficients, operands: tuple[Coefficients, ...], numbers: tuple[ScalarLike, ...]
+    k: Order, itself: Coefficients, operands: tuple[Coefficients, ...], numbers: tuple[ScalarLike, ...]
 ) -> ScalarLike:
     return numbers[k] if k < len(numbers) else 0
 
 
 def unknown_rule(
-    k: Order, own: Coefficients, operands: tuple[Coefficients, ...], numbers: tuple[ScalarLike, ...]
+    k: Order, itself: Coefficients, operands: tuple[Coefficients, ...], numbers: tuple[ScalarLike, ...]
 ) -> ScalarLike:
     raise IndexError(f"found no coefficient {k} of the solution yet, expected one below it")
 
 
 def sum_rule(
-    k: Order, own: Coefficients, operands: tuple[Coefficients, ...], numbers: tuple[ScalarLike, ...]
+    k: Order, itself: Coefficients, operands: tuple[Coefficients, ...], numbers: tuple[ScalarLike, ...]
 ) -> ScalarLike:
     x, y = operands
     return _plus(x[k], y[k])
 
 
 def shift_rule(
-    k: Order, own: Coefficients, operands: tuple[Coefficients, ...], numbers: tuple[ScalarLike, ...]
+    k: Order, itself: Coefficients, operands: tuple[Coefficients, ...], numbers: tuple[ScalarLike, ...]
 ) -> ScalarLike:
     return _plus(operands[0][k], numbers[0] if is_zero(k) else 0)
 
 
 def scale_rule(
-    k: Order, own: Coefficients, operands: tuple[Coefficients, ...], numbers: tuple[ScalarLike, ...]
+    k: Order, itself: Coefficients, operands: tuple[Coefficients, ...], numbers: tuple[ScalarLike, ...]
 ) -> ScalarLike:
     return _times(operands[0][k], numbers[0])
 
 
 def product_rule(
-    k: Order, own: Coefficients, operands: tuple[Coefficients, ...], numbers: tuple[ScalarLike, ...]
+    k: Order, itself: Coefficients, operands: tuple[Coefficients, ...], numbers: tuple[ScalarLike, ...]
 ) -> ScalarLike:
     x, y = operands
     if is_zero(k):
@@ -226,39 +226,39 @@ def product_rule(
 
 
 def quotient_rule(
-    k: Order, own: Coefficients, operands: tuple[Coefficients, ...], numbers: tuple[ScalarLike, ...]
+    k: Order, itself: Coefficients, operands: tuple[Coefficients, ...], numbers: tuple[ScalarLike, ...]
 ) -> ScalarLike:
     x, y = operands
-    known = 0 if is_zero(k) else _plus(_times(own[0], y[k]), own.inner_products(y, k))
+    known = 0 if is_zero(k) else _plus(_times(itself[0], y[k]), own.inner_products(y, k))
     return _times(_plus(x[k], _times(known, -1.0)), 1.0 / y[0])
 
 
 def exp_rule(
-    k: Order, own: Coefficients, operands: tuple[Coefficients, ...], numbers: tuple[ScalarLike, ...]
+    k: Order, itself: Coefficients, operands: tuple[Coefficients, ...], numbers: tuple[ScalarLike, ...]
 ) -> ScalarLike:
     (x,) = operands
-    return jnp.exp(jnp.asarray(x[0], float)) if is_zero(k) else _times(_slopes(k, x, own), 1.0 / k)
+    return jnp.exp(jnp.asarray(x[0], float)) if is_zero(k) else _times(_slopes(k, x, itself), 1.0 / k)
 
 
 def power_rule(
-    k: Order, own: Coefficients, operands: tuple[Coefficients, ...], numbers: tuple[ScalarLike, ...]
+    k: Order, itself: Coefficients, operands: tuple[Coefficients, ...], numbers: tuple[ScalarLike, ...]
 ) -> ScalarLike:
     (x,), (exponent,) = operands, numbers
     if is_zero(k):
         return jnp.exp(exponent * jnp.log(jnp.asarray(x[0], float)))
-    past = x.inner_products(own, k, lambda i: i * (exponent + 1.0) - k)
-    return _times(_plus(past, _times(_times(x[k], own[0]), k * exponent)), 1.0 / (k * x[0]))
+    past = x.inner_products(itself, k, lambda i: i * (exponent + 1.0) - k)
+    return _times(_plus(past, _times(_times(x[k], itself[0]), k * exponent)), 1.0 / (k * x[0]))
 
 
 def cosine_rule(
-    k: Order, own: Coefficients, operands: tuple[Coefficients, ...], numbers: tuple[ScalarLike, ...]
+    k: Order, itself: Coefficients, operands: tuple[Coefficients, ...], numbers: tuple[ScalarLike, ...]
 ) -> ScalarLike:
     x, sine = operands
     return jnp.cos(jnp.asarray(x[0], float)) if is_zero(k) else _times(_slopes(k, x, sine), -1.0 / k)
 
 
 def sine_rule(
-    k: Order, own: Coefficients, operands: tuple[Coefficients, ...], numbers: tuple[ScalarLike, ...]
+    k: Order, itself: Coefficients, operands: tuple[Coefficients, ...], numbers: tuple[ScalarLike, ...]
 ) -> ScalarLike:
     x, cosine = operands
     return jnp.sin(jnp.asarray(x[0], float)) if is_zero(k) else _times(_slopes(k, x, cosine), 1.0 / k)

@@ -121,12 +121,12 @@ def _each(ask: Callable[..., Array], group: _Group, models: Models, values: Valu
     """`ask`, `measured` or `why_failed`, for each record of the group, one after the other."""
     roomy = _roomy(group, models, accuracy)
 
-    def one(setup: AbstractSetup, run: Run, overrides: dict[str, Truth]) -> Array:
+    def of_record(setup: AbstractSetup, run: Run, overrides: dict[str, Truth]) -> Array:
         run = dataclasses.replace(run, drive=_shared(run.drive, overrides, values))
         system = setup.system(models, values, run)
         return ask(system, setup.times(run), roomy, setup.output, group.segments)
 
-    return lax.map(lambda args: one(*args), (group.setups, group.runs, group.overrides))
+    return lax.map(lambda args: of_record(*args), (group.setups, group.runs, group.overrides))
 
 
 def _roomy(group: _Group, models: Models, accuracy: Accuracy) -> Accuracy:

@@ -69,8 +69,10 @@ def oscillator(driven: Sequence[Record]) -> dict[str, float]:
         # A slow record of creep does not show how the platform rings.
         finest = min(map(interval_of, steps))
         found = [_from_step(record) for record in steps if interval_of(record) < 2.0 * finest]
-        names = {name for one in found for name in one}
-        return {name: float(np.median([one[name] for one in found if name in one])) for name in sorted(names)}
+        names = {name for features in found for name in features}
+        return {
+            name: float(np.median([features[name] for features in found if name in features])) for name in sorted(names)
+        }
     flanks = [_flank_gain(r) for r in moves if r.drive is not None and r.drive.flanks() is not None]
     gains = flanks or [_range_gain(r) for r in moves if r.measurement.platform_alone]
     gains = gains or [gain for gain in map(_following_gain, moves) if gain > 0.0]

@@ -130,8 +130,8 @@ def _split_known(
     for path, number in (_piezo_from_data(models, known, fitted) | _electronics(known, fitted)).items():
         if path in parameters and path not in known:
             known[path] = _within(number, parameters[path])
-    pushes = [record for record in as_forces(fitted) if record.measurement.blocked]
-    stiffnesses = [stop_stiffness(record, _stack(models, known)[0]) for record in pushes]
+    blocked = [record for record in as_forces(fitted) if record.measurement.blocked]
+    stiffnesses = [stop_stiffness(record, _stack(models, known)[0]) for record in blocked]
     if "stop.stiffness" in parameters and "stop.stiffness" not in known and any(stiffnesses):
         known["stop.stiffness"] = _within(max(stiffnesses), parameters["stop.stiffness"])
     unknown = [path for path in parameters if path not in known]
@@ -157,8 +157,8 @@ def _piezo_from_data(models: Models, known: Mapping[str, float], records: Sequen
         swing=max(swings, default=0.0) or None,
         duration=max((float(record.time[-1]) for record in driven), default=0.0) or None,
     )
-    own = {path.removeprefix("piezo."): number for path, number in known.items() if path.startswith("piezo.")}
-    return {f"piezo.{name}": number for name, number in models.piezo.first_guess(shown, own).items()}
+    given = {path.removeprefix("piezo."): number for path, number in known.items() if path.startswith("piezo.")}
+    return {f"piezo.{name}": number for name, number in models.piezo.first_guess(shown, given).items()}
 
 
 def _electronics(known: Mapping[str, float], records: Sequence[Record]) -> dict[str, float]:
@@ -249,10 +249,10 @@ def _tried(
 ) -> Float[np.ndarray, " trials"]:
     """Chi-square at each of the `points`, shape (trials, parameters), side by side on all cores."""
     parts = points.reshape(-1, _TOGETHER, points.shape[1])
-    one = lambda part: np.asarray(_costs(residual, part, weights))
+    costs_of = lambda part: np.asarray(_costs(residual, part, weights))
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         # The first part alone: it compiles what the others share.
-        return np.concatenate([one(parts[0]), *pool.map(one, parts[1:])])
+        return np.concatenate([costs_of(parts[0]), *pool.map(costs_of, parts[1:])])
 
 
 @eqx.filter_jit

@@ -37,9 +37,9 @@ def sticking_margins(actuator: Actuator, segment: Segment, t_local: Term, x: Sta
 
 
 def mode_from_rest(
-    actuator: Actuator, segment: Segment, t_local: ScalarLike, x: State[Scalar], came: ScalarLike
+    actuator: Actuator, segment: Segment, t_local: ScalarLike, x: State[Scalar], ended: ScalarLike
 ) -> Scalar:
-    """The mode that begins at v = 0, ties broken by looking ahead; `came` is the one that ended there, 0 for none."""
+    """The mode that begins at v = 0, ties broken by looking ahead; `ended` is the one that ended there, 0 for none."""
     driven_platform = actuator.driven_platform
 
     def margins(elapsed: Scalar) -> Float[Array, " 2"]:
@@ -51,7 +51,7 @@ def mode_from_rest(
 
     now, rate = jax.jvp(margins, (jnp.zeros_like(x.v),), (jnp.ones_like(x.v),))
     upper, lower = now + LOOK_AHEAD * rate
-    unstable_branch = jnp.where(came == 0.0, ADVANCING, -came)
+    unstable_branch = jnp.where(ended == 0.0, ADVANCING, -ended)
     freed = jnp.where(upper < 0, ADVANCING, RETREATING)
     sticks = (upper >= 0) & (lower >= 0)
     return jnp.where(sticks, STUCK, jnp.where((upper < 0) & (lower < 0), unstable_branch, freed))

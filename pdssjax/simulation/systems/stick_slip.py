@@ -89,7 +89,7 @@ class StickSlip(AbstractHybridSystem):
         laws = len(friction.guards(x.contact_state, x.v, mode))
         others = len(driven_platform.guards(segment, t_local, x.driven))
         stopped = x._replace(v=jnp.zeros_like(x.v))
-        following = mode_from_rest(self.actuator, segment, t_local, stopped, came=mode)
+        following = mode_from_rest(self.actuator, segment, t_local, stopped, ended=mode)
         # A contact that stuck tells by its margin which way it goes, however slowly that begins.
         freed = jnp.where(which == 0, ADVANCING, RETREATING)
         following = jnp.where(mode == STUCK, freed, following)
@@ -129,13 +129,13 @@ class StickSlip(AbstractHybridSystem):
             driven = driven_platform.on_segment_start(segment, x.driven)
             before, after = driven_platform.platform(x.driven), driven_platform.platform(driven)
             jump = after[0] - before[0]
-            lag = self._sensed.after_platform_jump(x, jump)
-            x = x._replace(d=x.d + jump, v=x.v + (after[1] - before[1]), driven=driven, sensor_lag=lag)
+            sensor_lag = self._sensed.after_platform_jump(x, jump)
+            x = x._replace(d=x.d + jump, v=x.v + (after[1] - before[1]), driven=driven, sensor_lag=sensor_lag)
             mode = jnp.where(after[1] == before[1], mode, jnp.sign(x.v))
         elif self.actuator.amplifier is not None:
             x = x._replace(driven=driven_platform.on_segment_start(segment, x.driven))
         at_rest = (jnp.abs(mode) != 1.0) | (x.v == 0.0)
-        begun = mode_from_rest(self.actuator, segment, 0.0, x, came=0.0)
+        begun = mode_from_rest(self.actuator, segment, 0.0, x, ended=0.0)
         reversed_state = self.actuator.friction.on_reversal(x.contact_state, begun)
         contact = chosen(at_rest & (jnp.abs(begun) == 1.0), reversed_state, x.contact_state)
         return x._replace(contact_state=contact), jnp.where(at_rest, begun, mode)
