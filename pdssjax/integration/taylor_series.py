@@ -229,7 +229,7 @@ def quotient_rule(
     k: Order, itself: Coefficients, operands: tuple[Coefficients, ...], numbers: tuple[ScalarLike, ...]
 ) -> ScalarLike:
     x, y = operands
-    known = 0 if is_zero(k) else _plus(_times(itself[0], y[k]), own.inner_products(y, k))
+    known = 0 if is_zero(k) else _plus(_times(itself[0], y[k]), itself.inner_products(y, k))
     return _times(_plus(x[k], _times(known, -1.0)), 1.0 / y[0])
 
 
