@@ -92,6 +92,7 @@ def estimate_document(estimate: Estimate) -> Document:
         "amplification": None if estimate.amplification is None else vars(estimate.amplification),
         "records": [
             {key: getattr(record, key) for key in keys}
+            | record.words
             | {"lack_of_fit": None if record.lack_of_fit is None else record.lack_of_fit._asdict()}
             for record in estimate.records
         ],

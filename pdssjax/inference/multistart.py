@@ -8,14 +8,14 @@ best go on, and a fit that ends at a discontinuity or after a long way is restar
 """
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from jaxtyping import Float
 
 from ..integration import Accuracy
-from ..study import Parameter, Study, repeated_residuals
+from ..study import Parameter, Study, Values, repeated_residuals
 from .goodness import SIGMAS
 from .initial_values.search import guess_starts, rank_starts, scatter_starts
 from .least_squares import (
@@ -84,7 +84,15 @@ def best_fit(
     return fit, problem, starts
 
 
-def _race(fit, problem, starts, others, platform_unobserved, run, report) -> tuple[Fit, dict[str, float]]:
+def _race(
+    fit: Fit,
+    problem: Problem,
+    starts: dict[str, float],
+    others: Sequence[dict[str, float]],
+    platform_unobserved: bool,
+    run: FitMethod,
+    report: Progress,
+) -> tuple[Fit, dict[str, float]]:
     """The best of a poor `fit` and of fits from the `others`, and its starts; it ends where one is good."""
     rounds = [(admitted * (_MORE if platform_unobserved else 1), limit) for admitted, limit in _HALVING_ROUNDS]
     good = lambda fit: not (platform_unobserved or _is_poor(fit, problem))

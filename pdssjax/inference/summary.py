@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..study import Estimate, FittedParameter, FittedRecord, Statistics, compare
+from ..study import Estimate, FittedParameter, FittedRecord, Parameter, Statistics, Study, compare
 from .amplification import amplification_of
 from .covariance import Covariance, correlation, least_squares_covariance, propagated
 from .least_squares import START_FAILED, Fit, Method, of_piezo, of_platform_alone, reduced_chi2

@@ -94,7 +94,7 @@ Filled: TypeAlias = tuple[Float[Array, " scalars"], Table, Count]
 
 def find_steps(system: AbstractHybridSystem, horizon: Scalar, accuracy: Accuracy) -> tuple[Table, LoopState]:
     """Every step from t = 0 to the horizon: the table of steps, and the last carry."""
-    finely = _accuracy_arrays(accuracy)
+    finely = _fineness(accuracy)
     loop = _initial_carry(system)
     start, unpack = _packed(loop)
     width = 2 + len(loop.x) + KNOWN_COLUMNS
@@ -103,7 +103,7 @@ def find_steps(system: AbstractHybridSystem, horizon: Scalar, accuracy: Accuracy
 
     def step(carry: Filling) -> Filling:
         packed, filled, block = carry
-        moved, row, accepted = _one_step(system, horizon, *finely, unpack(packed), True)
+        moved, row, accepted = _one_step(system, horizon, finely, unpack(packed), True)
         block = lax.dynamic_update_index_in_dim(block, row, filled, 0)
         return _packed(moved)[0], filled + accepted, block
 
@@ -128,7 +128,7 @@ def integrate_to_times(system: AbstractHybridSystem, times: Float[Array, " m"], 
 
     For sweeps: little memory, no derivatives, no repetition of periods.
     """
-    finely = _accuracy_arrays(accuracy)
+    finely = _fineness(accuracy)
     start, unpack = _packed(_initial_carry(system))
 
     def go(
@@ -137,7 +137,7 @@ def integrate_to_times(system: AbstractHybridSystem, times: Float[Array, " m"], 
         loop = unpack(packed)
         packed = _packed(loop._replace(done=jnp.where(loop.failure > 0, 1.0, 0.0)))[0]
         running = lambda packed: (unpack(packed).done == 0) & (unpack(packed).count < accuracy.max_steps)
-        step = lambda packed: _packed(_one_step(system, time, *finely, unpack(packed), False)[0])[0]
+        step = lambda packed: _packed(_one_step(system, time, finely, unpack(packed), False)[0])[0]
         packed = lax.while_loop(running, step, packed)
         return packed, jnp.stack(unpack(packed).x)
 
@@ -157,10 +157,19 @@ def _initial_carry(system: AbstractHybridSystem) -> LoopState:
     return blank._replace(x=leaves, period_start=leaves, mode=mode, proposed_step=zero + 1e-6)
 
 
-def _accuracy_arrays(accuracy: Accuracy) -> tuple[AbstractStepMethod, Scalar, Scalar, Scalar]:
-    """What a step needs to know of the accuracy: method, tolerance, rest, and how many rejections are too many."""
+class Fineness(NamedTuple):
+    """What a step needs to know of the accuracy."""
+
+    method: AbstractStepMethod
+    tolerance: Scalar
+    settle_tolerance: Scalar
+    patience: Scalar
+    """So many rejections are too many."""
+
+
+def _fineness(accuracy: Accuracy) -> Fineness:
     array = lambda number: jnp.asarray(number, float)
-    return (
+    return Fineness(
         accuracy.method,
         array(accuracy.tolerance),
         array(accuracy.effective_settle_tolerance),
@@ -171,14 +180,7 @@ def _accuracy_arrays(accuracy: Accuracy) -> tuple[AbstractStepMethod, Scalar, Sc
 # Traced once for values and once for derivatives: search, fit and prediction differ in numbers only.
 @eqx.filter_jit
 def _one_step(
-    system: AbstractHybridSystem,
-    horizon: Scalar,
-    method: AbstractStepMethod,
-    tolerance: Scalar,
-    settle_tolerance: Scalar,
-    patience: Scalar,
-    loop: LoopState,
-    repeating: bool,
+    system: AbstractHybridSystem, horizon: Scalar, finely: Fineness, loop: LoopState, repeating: bool
 ) -> tuple[LoopState, Float[Array, " columns"], Truth]:
     """One attempt: the new carry, its row for the table, and whether it was accepted."""
     unflatten = unflattener(system)
@@ -187,15 +189,14 @@ def _one_step(
     last = loop.origin + segment.duration >= horizon
     finish = jnp.where(last, horizon - loop.origin, segment.duration)
     remaining = jnp.maximum(finish - loop.t_local, 0.0)
-    piece = _attempt(system, segment, loop, method, tolerance, remaining, opaque_one)
+    piece = _attempt(system, segment, loop, finely.method, finely.tolerance, remaining, opaque_one)
     duration, event, which, x = _until_event(system, segment, loop, piece, opaque_one)
     t_local = loop.t_local + duration
     ended = ~event & (piece.step_radius >= remaining)
     corner = ended & ~last
     x, mode, becomes_settled = _afterwards(
-        system, segment, loop, t_local, x, event, which, ended, settle_tolerance, opaque_one
+        system, segment, loop, t_local, x, event, which, ended, finely.settle_tolerance, opaque_one
     )
-
     x = _kept(x, opaque_one)
     row = _row(
         loop,
@@ -209,9 +210,9 @@ def _one_step(
         x = jax.tree.map(lambda a, b: jnp.where(corner, a, b), started, x)
     opening = opening / opaque_one
     cycle = system.period() if repeating else None
-    opens, repeats = _new_period(cycle, system, settle_tolerance, unflatten, loop, ahead, x, mode, corner)
+    opens, repeats = _new_period(cycle, system, finely.settle_tolerance, unflatten, loop, ahead, x, mode, corner)
     finite = jnp.isfinite(sum(jax.tree.leaves(x))) & (duration >= 0)
-    hopeless = ~piece.accepted & (loop.rejected > patience)
+    hopeless = ~piece.accepted & (loop.rejected > finely.patience)
     failure = jnp.where((piece.accepted & ~finite) | hopeless, 2.0, 0.0)
     moved = LoopState(
         index=loop.index + corner,
