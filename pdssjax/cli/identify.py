@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 from ..files import EXAMPLE
 from .console import progress, say
 from .results import NOT_WRITTEN, add_out, keep_results
+from .subcommands import Subcommands
 
 if TYPE_CHECKING:
-    from ..inference import Method
+    from ..inference import Intervals, Method
     from ..study import Estimate, Study
-from .subcommands import Subcommands
 
 
 def identify(options: argparse.Namespace) -> int:
@@ -33,7 +33,7 @@ def identify(options: argparse.Namespace) -> int:
     estimates: dict[Method, Estimate] = {}
     written = True
     for method, folder in folders.items():
-        intervals = options.intervals if method == "joint" else "linear"
+        intervals: Intervals = options.intervals if method == "joint" else "linear"
         estimates[method] = _identified(study, method, intervals, folder)
         written &= _report_and_keep(estimates[method], folder)
     if len(methods) > 1:
@@ -46,7 +46,7 @@ def identify(options: argparse.Namespace) -> int:
     return NOT_WRITTEN if not written else 3 if unconverged else 0
 
 
-def _identified(study: Any, method: Any, intervals: Any, folder: Path) -> Any:
+def _identified(study: "Study", method: "Method", intervals: "Intervals", folder: Path) -> "Estimate":
     """The estimate of a study; of a fit that is broken off the best point so far is kept in `folder`."""
     import pdssjax
 

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from .ending import SUCCESSES as SUCCESSES
     from .ending import Ending as Ending
     from .identification import FitInterrupted as FitInterrupted
+    from .identification import Intervals as Intervals
     from .identification import identify as identify
     from .initial_values.guess import initial_guess as initial_guess
     from .initial_values.search import guess_starts as guess_starts
@@ -29,7 +30,7 @@ else:
         {
             "covariance": ["least_squares_covariance"],
             "ending": ["Ending", "SUCCESSES"],
-            "identification": ["FitInterrupted", "identify"],
+            "identification": ["FitInterrupted", "Intervals", "identify"],
             "initial_values.guess": ["initial_guess"],
             "initial_values.search": ["guess_starts"],
             "iterations": ["iterates"],

@@ -2,6 +2,7 @@
 
 import dataclasses
 import time
+from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -14,8 +15,8 @@ from .multistart import best_fit
 from .profile_intervals import with_profile_intervals
 from .summary import summarise
 
-Method = Literal["joint", "sequential"]
-Intervals = Literal["linear", "profile"]
+Intervals: TypeAlias = Literal["linear", "profile"]
+"""By the covariance, or by profile likelihood."""
 
 
 class FitInterrupted(KeyboardInterrupt):

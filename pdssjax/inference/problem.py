@@ -70,11 +70,11 @@ class Problem(NamedTuple):
         """Of `whitened`; compiled."""
         return _whitened_jacobian(self.residual, free, self._weights())
 
-    def linearised(self, free: Any) -> tuple[Any, Any]:
+    def linearised(self, free: Float[Array | np.ndarray, " p"]) -> tuple[Float[Array, " n"], Float[Array, "n p"]]:
         """`whitened` and `jacobian` at once, for the price of the second; compiled."""
         return _linearised(self.residual, free, self._weights())
 
-    def _weights(self) -> Any:
+    def _weights(self) -> Float[np.ndarray, " records"]:
         return 1.0 / np.asarray(self.noise)
 
 
@@ -93,8 +93,10 @@ def _whitened_jacobian(
 
 
 @eqx.filter_jit
-def _linearised(residual, free, weights):
-    def twice(free):
+def _linearised(
+    residual: Residual, free: Float[Array | np.ndarray, " p"], weights: Float[Array | np.ndarray, " records"]
+) -> tuple[Float[Array, " n"], Float[Array, "n p"]]:
+    def twice(free: Float[Array, " p"]) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
         whitened = residual(free, weights)[0]
         return whitened, whitened
 
@@ -102,7 +104,7 @@ def _linearised(residual, free, weights):
     return whitened, jacobian
 
 
-def pose(study: Study, starts: dict[str, float], accuracy: Accuracy) -> Problem:
+def pose(study: Study, starts: Mapping[str, float], accuracy: Accuracy) -> Problem:
     """The fit of a study's records with role "fit", parameters scaled after their `search`."""
     records = tuple(record for record in study.records if record.role == "fit")
     fixed = {path: starts[path] for path, parameter in study.parameters.items() if not parameter.free}
