@@ -20,6 +20,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from pdssjax import Record, Study
+from pdssjax.drive.step import Step
 
 from .peers.base import AbstractPeer, not_installed
 from .problem import UM
@@ -204,4 +205,5 @@ def step_response(parameters: np.ndarray, record: Record) -> np.ndarray:
     time, ring = np.maximum(record.time, 0.0), rate * np.sqrt(1.0 - damping**2)
     fade = np.exp(-damping * rate * time)
     rise = 1.0 - fade * (np.cos(ring * time) + damping * rate / ring * np.sin(ring * time))
+    assert isinstance(record.drive, Step)
     return UM * gain * float(record.drive.voltage) * rise

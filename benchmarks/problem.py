@@ -61,7 +61,7 @@ class Problem:
 class EveryCycle(Sawtooth):
     """A sawtooth that does not say that it repeats: every cycle is stepped."""
 
-    def period(self):  # pyright: ignore[reportIncompatibleMethodOverride]
+    def period(self):
         return None
 
 

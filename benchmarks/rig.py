@@ -5,6 +5,7 @@ import functools
 import json
 
 from pdssjax import Study, load_study
+from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.files import EXAMPLE
 
 from .problem import EveryCycle
@@ -20,9 +21,10 @@ def stepped(study: Study) -> Study:
     """The study with drives that do not say that they repeat."""
     records = []
     for record in study.records:
-        fields = {field.name: getattr(record.drive, field.name) for field in dataclasses.fields(record.drive)}
-        sawtooth = type(record.drive).__name__ == "Sawtooth"
-        records.append(dataclasses.replace(record, drive=EveryCycle(**fields)) if sawtooth else record)
+        drive = record.drive
+        if isinstance(drive, Sawtooth):
+            drive = EveryCycle(**{field.name: getattr(drive, field.name) for field in dataclasses.fields(drive)})
+        records.append(dataclasses.replace(record, drive=drive))
     return dataclasses.replace(study, records=tuple(records))
 
 

@@ -109,7 +109,7 @@ class Curves:
         A record of which no sample is used gets its offset all the same, for the comparison.
         """
         point = self.transform.encode(starts)
-        fitted = np.array([path in free for path in self.transform.paths])
+        fitted = self.transform.among(free)
         point, state = self._run(point, fitted, used, limit)
         low, high = self.transform.low, self.transform.high
         inside = fitted & (point > low + _AT_BOUND) & (point < high - _AT_BOUND)
@@ -117,9 +117,8 @@ class Curves:
 
     def _run(self, point, fitted, used, limit):
         """Where a run of at most `limit` iterations ends."""
-        low, high = (np.where(fitted, end, point) for end in (self.transform.low, self.transform.high))
-        options = {"lower": low, "upper": high}
-        point = jnp.clip(point, low, high)
+        options = self.transform.bounds_where(fitted, point)
+        point = jnp.clip(point, options["lower"], options["upper"])
         run = iterates(self._solver, self._residual, point, used, options, self._begin(point), limit)
         *_, (point, state) = run
         return np.asarray(point), state

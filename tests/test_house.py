@@ -42,7 +42,7 @@ DIALECT = set(
     """
     march walk outset Stage Unloaded Tribometer RESTING relaxed holding plausible fading faint alike alters displaced
     yields per_volt lapse heats rugged blind cliff crawls promised lost hidden loose informed vague waviness inflation
-    torn
+    torn one own memory touch came lag
     """.split()
 )
 """Names that the package once gave to what has a name in the field: docs/glossary.md holds those in use."""

@@ -73,6 +73,7 @@ class SciPyLSODA(AbstractPeer):
         return warmed(lambda p, tolerance: self._follow(p, drive_pieces, times, tolerance), 1e-3)
 
     def record(self, parameters: np.ndarray, record: Record, tolerance: float) -> np.ndarray:
+        assert record.drive is not None
         drive_pieces = pieces(record.drive, record.time[-1])
         return persist(lambda t: self._follow(parameters, drive_pieces, record.time, t, BLEND), tolerance)
 

@@ -27,3 +27,8 @@ class Actuator(eqx.Module):
     def driven_platform(self) -> DrivenPlatform:
         """Amplifier and piezo."""
         return DrivenPlatform(self.piezo, self.amplifier)
+
+    @property
+    def platform_closed(self) -> bool:
+        """The motion of the platform is known in closed form, and friction leaves it alone."""
+        return self.driven_platform.closed and not self.feedback

@@ -1,21 +1,22 @@
 """Amplifier and piezo together: the command to the motion of the platform."""
 
-from typing import Any, NamedTuple
+from typing import Generic, NamedTuple, overload
 
 import equinox as eqx
 import jax.numpy as jnp
 
+from ..core import Scalar, ScalarLike, Truth
 from ..drive.base import Segment, Voltage
-from ..integration import weighted
+from ..integration import N, N_co, Term, weighted
 from ..piezo.base import AbstractPiezo
 from .amplifier import Amplifier
 
 
-class DrivenPlatformState(NamedTuple):
+class DrivenPlatformState(NamedTuple, Generic[N_co]):
     """State of the driven platform: that of the piezo, and of the amplifier if there is one."""
 
-    stack: tuple
-    supply: tuple
+    stack: tuple[N_co, ...]
+    supply: tuple[N_co, ...]
 
 
 class DrivenPlatform(eqx.Module):
@@ -34,21 +35,27 @@ class DrivenPlatform(eqx.Module):
         """The state of the piezo may jump at the corners of the drive."""
         return type(self.piezo).on_segment_start is not AbstractPiezo.on_segment_start
 
-    def initial(self) -> DrivenPlatformState:
+    def initial(self) -> DrivenPlatformState[Scalar]:
         supply = () if self.amplifier is None else self.amplifier.initial()
         return DrivenPlatformState(self.piezo.initial(), supply)
 
-    def error_scale(self) -> DrivenPlatformState:
+    def error_scale(self) -> DrivenPlatformState[Scalar]:
         """Displacement [m] that one unit of each state stands for."""
         supply = () if self.amplifier is None else (self.piezo.static_gain(), jnp.ones(()))
         return DrivenPlatformState(self.piezo.error_scale(), supply)
 
-    def voltage(self, segment: Segment, t_local, x: DrivenPlatformState) -> Voltage:
+    @overload
+    def voltage(self, segment: Segment, t_local: ScalarLike, x: DrivenPlatformState[Scalar]) -> Voltage[Scalar]: ...
+    @overload
+    def voltage(self, segment: Segment, t_local: Term, x: DrivenPlatformState[Term]) -> Voltage[Term]: ...
+    def voltage(self, segment: Segment, t_local: Term, x: DrivenPlatformState[Term]) -> Voltage[Term]:
         """The voltage on the piezo; numbers or series."""
         command = segment.voltage(t_local)
         return command if self.amplifier is None else self.amplifier.output(x.supply, command)
 
-    def rate(self, segment: Segment, t_local, x: DrivenPlatformState, force, active) -> DrivenPlatformState:
+    def rate(
+        self, segment: Segment, t_local: Term, x: DrivenPlatformState[Term], force: Term, active: ScalarLike
+    ) -> DrivenPlatformState[Term]:
         """Time derivative under `force` [N] on the platform; the steady creep where `active` is 0."""
         stack = self.piezo.rate(x.stack, self.voltage(segment, t_local, x), force)
         if self.piezo.has_steady_state:
@@ -58,15 +65,15 @@ class DrivenPlatform(eqx.Module):
         slope, none = self.amplifier.rate(x.supply, segment.voltage(t_local))
         return DrivenPlatformState(stack, (slope * active + segment.slope * (1.0 - active), none))
 
-    def platform(self, x: DrivenPlatformState) -> tuple[Any, Any]:
+    def platform(self, x: DrivenPlatformState[N]) -> tuple[N, N]:
         """Displacement [m] and velocity [m/s]."""
         return self.piezo.platform(x.stack)
 
-    def acceleration(self, segment: Segment, t_local, x: DrivenPlatformState):
+    def acceleration(self, segment: Segment, t_local: Term, x: DrivenPlatformState[Term]) -> Term:
         """y'' [m/s2] without a force on the platform."""
         return self.piezo.acceleration(x.stack, self.voltage(segment, t_local, x))
 
-    def on_segment_start(self, segment: Segment, x: DrivenPlatformState) -> DrivenPlatformState:
+    def on_segment_start(self, segment: Segment, x: DrivenPlatformState[Scalar]) -> DrivenPlatformState[Scalar]:
         """The state just after the corner that opens `segment`."""
         if self.amplifier is None:
             return x._replace(stack=self.piezo.on_segment_start(x.stack, segment))
@@ -75,7 +82,7 @@ class DrivenPlatform(eqx.Module):
         fed = self.voltage(segment, 0.0, x)
         return x._replace(stack=self.piezo.on_segment_start(x.stack, Segment(segment.duration, fed.level, fed.slope)))
 
-    def guards(self, segment: Segment, t_local, x: DrivenPlatformState) -> tuple:
+    def guards(self, segment: Segment, t_local: Term, x: DrivenPlatformState[Term]) -> tuple[Term, ...]:
         """Positive while piezo and amplifier keep their form: first the piezo's guards."""
         piezo_guards = self.piezo.guards(x.stack, self.voltage(segment, t_local, x))
         return (
@@ -84,7 +91,9 @@ class DrivenPlatform(eqx.Module):
             else (*piezo_guards, *self.amplifier.guards(x.supply, segment.voltage(t_local)))
         )
 
-    def after_event(self, segment: Segment, t_local, x: DrivenPlatformState, which) -> DrivenPlatformState:
+    def after_event(
+        self, segment: Segment, t_local: ScalarLike, x: DrivenPlatformState[Scalar], which: Scalar
+    ) -> DrivenPlatformState[Scalar]:
         """The state just after `guards(...)[which]` has fallen through zero; `x` for others."""
         voltage = self.voltage(segment, t_local, x)
         piezo_guards = len(self.piezo.guards(x.stack, voltage))
@@ -95,7 +104,9 @@ class DrivenPlatform(eqx.Module):
             supply = chosen(which >= piezo_guards, self.amplifier.after_event(supply, which - piezo_guards), supply)
         return DrivenPlatformState(stack, supply)
 
-    def steady(self, segment: Segment, t_local, x: DrivenPlatformState, force) -> DrivenPlatformState:
+    def steady(
+        self, segment: Segment, t_local: ScalarLike, x: DrivenPlatformState[Scalar], force: ScalarLike
+    ) -> DrivenPlatformState[Scalar]:
         """What the state tends to on a straight segment."""
         if self.amplifier is None:
             return DrivenPlatformState(self.piezo.steady(x.stack, segment, t_local, force), ())
@@ -103,7 +114,9 @@ class DrivenPlatform(eqx.Module):
         stack = self.piezo.steady(x.stack, fed, t_local, force)
         return DrivenPlatformState(stack, (fed.start + fed.slope * t_local, jnp.zeros(())))
 
-    def ringing(self, segment: Segment, t_local, x: DrivenPlatformState, force):
+    def ringing(
+        self, segment: Segment, t_local: ScalarLike, x: DrivenPlatformState[Scalar], force: ScalarLike
+    ) -> Scalar:
         """How far [m] the platform is from its steady motion; infinite where there is none."""
         if segment.wave is not None or not self.piezo.has_steady_state:
             return jnp.asarray(jnp.inf)
@@ -114,11 +127,13 @@ class DrivenPlatform(eqx.Module):
         ]
         return jnp.stack(away).max()
 
-    def motion(self, segment: Segment, t_local, x: DrivenPlatformState, elapsed) -> DrivenPlatformState:
+    def motion(
+        self, segment: Segment, t_local: ScalarLike, x: DrivenPlatformState[Scalar], elapsed: ScalarLike
+    ) -> DrivenPlatformState[Scalar]:
         """Where `closed`: the exact state `elapsed` [s] later."""
         return DrivenPlatformState(self.piezo.motion(x.stack, segment, t_local, elapsed), x.supply)
 
 
-def chosen(condition, new: tuple, old: tuple) -> tuple:
+def chosen(condition: Truth, new: tuple[Scalar, ...], old: tuple[Scalar, ...]) -> tuple[Scalar, ...]:
     """`new` where the condition holds, else `old`."""
     return tuple(jnp.where(condition, a, b) for a, b in zip(new, old, strict=True))

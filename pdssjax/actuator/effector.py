@@ -6,7 +6,7 @@ m_e x_e'' = F + load + m_e g sin(tilt) [ - what it meets in front of it ]
 import equinox as eqx
 import jax.numpy as jnp
 
-from ..core import quantity
+from ..core import Scalar, quantity
 
 GRAVITY = 9.80665
 """Standard gravity g [m/s2]."""
@@ -22,6 +22,6 @@ class Effector(eqx.Module):
     tilt: float = quantity(0.0, "rad", positive=False, low=-1.5, high=1.5, optional=True)
     """Angle by which the forward direction points downhill [rad]."""
 
-    def pull(self):
+    def pull(self) -> Scalar:
         """All constant force on the end-effector, positive forward [N]."""
         return self.load + self.mass * GRAVITY * jnp.sin(jnp.asarray(self.tilt, float))

@@ -9,7 +9,8 @@ e' = x' - w_s e.  A sensor of velocity with the same low-pass shows s' = w_s e.
 import equinox as eqx
 import jax.numpy as jnp
 
-from ..core import quantity
+from ..core import Scalar, ScalarLike, quantity
+from ..integration import Term
 
 
 class Sensor(eqx.Module):
@@ -22,31 +23,31 @@ class Sensor(eqx.Module):
     filters: bool = eqx.field(static=True, default=True)
     """False: only late."""
 
-    def initial(self) -> tuple:
+    def initial(self) -> tuple[Scalar, ...]:
         """The lag of a sensor while nothing moves; none without a filter."""
         return (jnp.zeros(()),) if self.filters else ()
 
-    def rate(self, sensor_lag: tuple, speed) -> tuple:
+    def rate(self, sensor_lag: tuple[Term, ...], speed: Term) -> tuple[Term, ...]:
         """Time derivative of the lag where what is measured changes with `speed`."""
         return tuple(speed - e * self.pole() for e in sensor_lag)
 
-    def steady(self, sensor_lag: tuple, speed) -> tuple:
+    def steady(self, sensor_lag: tuple[Scalar, ...], speed: Scalar) -> tuple[Scalar, ...]:
         """The lag behind what has long changed with `speed`."""
         return tuple(speed / self.pole() for _ in sensor_lag)
 
-    def after_jump(self, sensor_lag: tuple, jump) -> tuple:
+    def after_jump(self, sensor_lag: tuple[Scalar, ...], jump: Scalar) -> tuple[Scalar, ...]:
         """The lag after what is measured has jumped: what is shown has not."""
         return tuple(e + jump for e in sensor_lag)
 
-    def shown_displacement(self, lag: tuple, true):
-        """What it shows of a displacement [m], or of whatever it follows, `lag` behind."""
-        return true - lag[0] if lag else true
+    def shown_displacement(self, sensor_lag: tuple[Scalar, ...], true: Scalar) -> Scalar:
+        """What it shows of a displacement [m], or of whatever it follows, `sensor_lag` behind."""
+        return true - sensor_lag[0] if sensor_lag else true
 
-    def shown_velocity(self, lag: tuple, true):
+    def shown_velocity(self, sensor_lag: tuple[Scalar, ...], true: Scalar) -> Scalar:
         """What it shows of a velocity [m/s]: the rate of what it shows of the displacement, x' - e' = w_s e."""
-        return lag[0] * self.pole() if lag else true
+        return sensor_lag[0] * self.pole() if sensor_lag else true
 
-    def pole(self):
+    def pole(self) -> ScalarLike:
         """Angular corner frequency w_s [rad/s]."""
         return 2.0 * jnp.pi * self.bandwidth
 

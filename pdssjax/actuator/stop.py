@@ -3,6 +3,7 @@
 import equinox as eqx
 
 from ..core import quantity
+from ..integration import Term
 
 
 class Stop(eqx.Module):
@@ -19,10 +20,10 @@ class Stop(eqx.Module):
     gap: float = quantity(0.0, "m", positive=False, low=0.0, optional=True)
     """How far the end-effector goes before it meets the sensor [m]."""
 
-    def push(self, x, speed):
+    def push(self, x: Term, speed: Term) -> Term:
         """Force [N] on the sensor where the end-effector touches it, at `x` [m] and `speed` [m/s]."""
         return self.depth(x) * self.stiffness * (speed * self.dissipation + 1.0)
 
-    def depth(self, x):
+    def depth(self, x: Term) -> Term:
         """How far [m] the end-effector at `x` [m] has pushed the sensor; negative before it touches."""
         return x - self.gap

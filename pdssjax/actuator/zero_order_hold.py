@@ -1,11 +1,14 @@
 """The staircase that a digital-to-analogue converter makes of a voltage: zero-order hold."""
 
 import dataclasses
+from collections.abc import Mapping
+from typing import Self
 
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
-from ..core import quantity
-from ..drive.base import AbstractDrive, Segment
+from ..core import Quantity, Scalar, ScalarLike, quantity
+from ..drive.base import AbstractDrive, Flanks, Segment
 
 _LATE = 1e-6
 """Part of an interval after its begin at which the voltage is read: a jump that falls on the begin is over then."""
@@ -18,44 +21,44 @@ class ZeroOrderHold(AbstractDrive):
     interval: float = quantity(50e-6, "s")
     """Time between two values [s]."""
 
-    def segment(self, index):
+    def segment(self, index: Scalar) -> Segment:
         index = jnp.asarray(index, float)
         return Segment(jnp.asarray(self.interval, float), self._read(index), jnp.zeros(()))
 
-    def at(self, time):
+    def at(self, time: Float[Array, " n"]) -> Float[Array, " n"]:
         # Rounding must not put the begin of an interval into the one before.
         return jnp.where(time < 0, 0.0, self._read(jnp.floor(time / self.interval + 1e-9)))
 
-    def period(self):
+    def period(self) -> tuple[int, int] | None:
         # The period of the drive need not be a whole number of intervals.
         return None
 
-    def cycle_frequency(self):
+    def cycle_frequency(self) -> ScalarLike | None:
         """That of the drive it holds [Hz]: the staircase repeats but for where the intervals fall."""
         return self.drive.cycle_frequency()
 
-    def has_jumps(self):
+    def has_jumps(self) -> bool:
         return True
 
-    def peak(self):
+    def peak(self) -> ScalarLike:
         """That of the drive it holds [V]: the staircase stays below by what the voltage changes in an interval."""
         return self.drive.peak()
 
-    def flanks(self):
+    def flanks(self) -> Flanks | None:
         return self.drive.flanks()
 
-    def declared(self):
+    def declared(self) -> dict[str, Quantity]:
         """What is declared of the drive it holds: the interval is a record's own."""
         return self.drive.declared()
 
-    def numbers(self):
+    def numbers(self) -> dict[str, ScalarLike]:
         return self.drive.numbers()
 
-    def with_numbers(self, numbers):
+    def with_numbers(self, numbers: Mapping[str, ScalarLike]) -> Self:
         return dataclasses.replace(self, drive=self.drive.with_numbers(numbers))
 
-    def segments(self, until):
+    def segments(self, until: float) -> int:
         return int(max(until, 0.0) / float(self.interval)) + 2
 
-    def _read(self, index):
+    def _read(self, index: Float[Array, "*n"]) -> Float[Array, "*n"]:
         return self.drive.at((index + _LATE) * self.interval)

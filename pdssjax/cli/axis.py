@@ -3,13 +3,14 @@
 from collections.abc import Mapping
 
 import numpy as np
+from jaxtyping import Float
 
 from ..core import InputError, Quantity, nearest, to_si
 
 _EXPECTED = 'expected FROM:TO:COUNT such as "20:80:40", FROM:TO:COUNT:log for equal ratios, or one value'
 
 
-def read_axis(path: str, text: str, legal: Mapping[str, Quantity]) -> np.ndarray:
+def read_axis(path: str, text: str, legal: Mapping[str, Quantity]) -> Float[np.ndarray, " values"]:
     """The values [SI] of the axis `path`, as `text` says: "20 V:80 V:40", or a single value.
 
     **Raises:** `InputError` for an unknown path, a text that is no range, or a unit that does not fit.

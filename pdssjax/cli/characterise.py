@@ -2,11 +2,11 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 from ..core import InputError
 from .console import say
 from .results import add_out, keep_results, say_where
+from .subcommands import Subcommands
 
 
 def characterise(options: argparse.Namespace) -> int:
@@ -63,7 +63,7 @@ def _units(given: list[str]) -> dict[str, str]:
     return units
 
 
-def add_parser(subcommands: Any) -> None:
+def add_parser(subcommands: Subcommands) -> None:
     """Adds the command `characterise` with its options."""
     text = "step efficiency, speed and output force from records alone (thesis, chapter 3)"
     parser = subcommands.add_parser("characterise", help=text, description=text)

@@ -14,7 +14,7 @@ from ..core import InputWarning
 def announce_warnings(show: Callable[..., None]) -> Callable[..., None]:
     """In place of `warnings.showwarning`: plain lines for the user's own warnings, `show` for others."""
 
-    def announce(message, category, *where) -> None:
+    def announce(message: Warning | str, category: type[Warning], *where: object) -> None:
         if issubclass(category, InputWarning):
             print(f"pdssjax: warning: {message}", file=sys.stderr)
         else:

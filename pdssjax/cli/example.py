@@ -3,10 +3,10 @@
 import argparse
 import shutil
 from pathlib import Path
-from typing import Any
 
 from ..core import InputError
 from ..files import EXAMPLE
+from .subcommands import Subcommands
 
 
 def example(options: argparse.Namespace) -> int:
@@ -18,7 +18,7 @@ def example(options: argparse.Namespace) -> int:
     return 0
 
 
-def add_parser(subcommands: Any) -> None:
+def add_parser(subcommands: Subcommands) -> None:
     """Adds the command `example` with its options."""
     text = "copy the packaged study, as a start for your own"
     parser = subcommands.add_parser("example", help=text, description=text)

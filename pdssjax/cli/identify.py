@@ -3,11 +3,16 @@
 import argparse
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from ..files import EXAMPLE
 from .console import progress, say
 from .results import NOT_WRITTEN, add_out, keep_results
+from .subcommands import Subcommands
+
+if TYPE_CHECKING:
+    from ..inference import Intervals, Method
+    from ..study import Estimate, Study
 
 
 def identify(options: argparse.Namespace) -> int:
@@ -15,31 +20,33 @@ def identify(options: argparse.Namespace) -> int:
     from ..files import check_free
     from ..report.text import format_comparison
 
-    methods: list[Any] = ["joint", "sequential"] if options.method == "both" else [options.method]
-    folders = {method: options.out / method if len(methods) > 1 else options.out for method in methods}
+    methods: list[Method] = ["joint", "sequential"] if options.method == "both" else [options.method]
+    folders: dict[Method, Path] = {
+        method: options.out / method if len(methods) > 1 else options.out for method in methods
+    }
     for folder in folders.values():
         check_free(folder, options.overwrite)
     prepare_jax()
     import pdssjax
 
     study = pdssjax.load_study(options.study)
-    estimates: dict[str, Any] = {}
+    estimates: dict[Method, Estimate] = {}
     written = True
     for method, folder in folders.items():
-        intervals = options.intervals if method == "joint" else "linear"
+        intervals: Intervals = options.intervals if method == "joint" else "linear"
         estimates[method] = _identified(study, method, intervals, folder)
         written &= _report_and_keep(estimates[method], folder)
     if len(methods) > 1:
         say(format_comparison(estimates["joint"], estimates["sequential"]))
     if written:
         say(f"Results are in {options.out}")
-    unconverged = [method for method, estimate in estimates.items() if not estimate.converged]
-    for method in unconverged:
-        print(f"pdssjax: warning: the {method} fit did not converge: {estimates[method].message}", file=sys.stderr)
+    unconverged: list[Method] = [method for method, estimate in estimates.items() if not estimate.converged]
+    for name in unconverged:
+        print(f"pdssjax: warning: the {name} fit did not converge: {estimates[name].message}", file=sys.stderr)
     return NOT_WRITTEN if not written else 3 if unconverged else 0
 
 
-def _identified(study: Any, method: Any, intervals: Any, folder: Path) -> Any:
+def _identified(study: "Study", method: "Method", intervals: "Intervals", folder: Path) -> "Estimate":
     """The estimate of a study; of a fit that is broken off the best point so far is kept in `folder`."""
     import pdssjax
 
@@ -61,7 +68,7 @@ def _identified(study: Any, method: Any, intervals: Any, folder: Path) -> Any:
         raise
 
 
-def _report_and_keep(estimate: Any, folder: Path) -> bool:
+def _report_and_keep(estimate: "Estimate", folder: Path) -> bool:
     """Print the report of an `estimate`, then write all that belongs to it; whether `folder` took it."""
     from ..files import write_essentials, write_estimate
     from ..report.text import format_report
@@ -77,7 +84,7 @@ def _report_and_keep(estimate: Any, folder: Path) -> bool:
         raise
 
 
-def add_parser(subcommands: Any) -> None:
+def add_parser(subcommands: Subcommands) -> None:
     """Adds the command `identify` with its options."""
     text = "estimate an actuator's parameters, with uncertainties, from the records of a study"
     parser = subcommands.add_parser("identify", help=text, description=text)

@@ -1,7 +1,8 @@
 """`pdssjax models`: lists what a study may name, or explains one of them."""
 
 import argparse
-from typing import Any
+
+from .subcommands import Subcommands
 
 
 def models(options: argparse.Namespace) -> int:
@@ -12,7 +13,7 @@ def models(options: argparse.Namespace) -> int:
     return 0
 
 
-def add_parser(subcommands: Any) -> None:
+def add_parser(subcommands: Subcommands) -> None:
     """Adds the command `models` with its options."""
     text = (
         "list the drives, piezos, friction laws, measurements and parts of a rig that a study may name, or explain one"

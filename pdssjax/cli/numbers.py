@@ -2,9 +2,12 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from .console import progress
+
+if TYPE_CHECKING:
+    from ..study import Study
 
 
 def add_numbers(parser: argparse.ArgumentParser) -> None:
@@ -14,7 +17,7 @@ def add_numbers(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--guess", action="store_true", help=text)
 
 
-def study_of(options: argparse.Namespace, virtual: bool = False) -> Any:
+def study_of(options: argparse.Namespace, virtual: bool = False) -> "Study":
     """The study of a command, with the numbers of `--estimate`, and those of `--guess` for what then is missing."""
     import pdssjax
 

@@ -4,9 +4,12 @@ import argparse
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from .console import say
+
+if TYPE_CHECKING:
+    from ..study import Estimate
 
 
 def add_out(parser: argparse.ArgumentParser, required: bool = True) -> None:
@@ -18,7 +21,7 @@ NOT_WRITTEN = 4
 """Exit status where results could not be written to the folder asked for."""
 
 
-def keep_results(write: Callable[[Path], None], folder: Path, estimate: Any = None) -> bool:
+def keep_results(write: Callable[[Path], None], folder: Path, estimate: "Estimate | None" = None) -> bool:
     """`write` results to `folder`, or where that fails to one for temporary files, or print the `estimate`.
 
     Whether `folder` took them.

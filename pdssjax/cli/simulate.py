@@ -2,11 +2,12 @@
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from .console import progress, say
 from .numbers import add_numbers, study_of
 from .results import add_out, keep_results, say_where
+from .subcommands import Subcommands
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -48,7 +49,7 @@ def _compared(record: "Record", predicted: "ArrayLike") -> "FittedRecord":
     return compare(record, motion, noise=noise, offset=offset)
 
 
-def add_parser(subcommands: Any) -> None:
+def add_parser(subcommands: Subcommands) -> None:
     """Adds the command `simulate` with its options."""
     text = "predict every record of a study, at its values and starts or at those of an estimate"
     parser = subcommands.add_parser("simulate", help=text, description=text)

@@ -3,12 +3,12 @@
 import argparse
 import json
 from pathlib import Path
-from typing import Any
 
 from ..core import InputError
 from .console import counter, say
 from .numbers import add_numbers, study_of
 from .results import add_out, keep_results, say_where
+from .subcommands import Subcommands
 
 
 def sweep(options: argparse.Namespace) -> int:
@@ -45,7 +45,7 @@ def _axis(text: str) -> tuple[str, str]:
     return path.strip(), values
 
 
-def add_parser(subcommands: Any) -> None:
+def add_parser(subcommands: Subcommands) -> None:
     """Adds the command `sweep` with its options."""
     text = "net step, speed and step efficiency over a grid of drive quantities and parameters"
     parser = subcommands.add_parser("sweep", help=text, description=text)

@@ -6,6 +6,11 @@ The ground floor: imports no other room of pdssjax.
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from .arrays import Count as Count
+    from .arrays import Document as Document
+    from .arrays import Scalar as Scalar
+    from .arrays import ScalarLike as ScalarLike
+    from .arrays import Truth as Truth
     from .display_units import LENGTH as LENGTH
     from .display_units import MICROMETRES as MICROMETRES
     from .display_units import Display as Display
@@ -21,6 +26,8 @@ if TYPE_CHECKING:
     from .families import members as members
     from .jax_setup import need_double_precision as need_double_precision
     from .jax_setup import prepare_jax as prepare_jax
+    from .physical_quantity import Choice as Choice
+    from .physical_quantity import Declared as Declared
     from .physical_quantity import Quantity as Quantity
     from .physical_quantity import check_range as check_range
     from .physical_quantity import choice as choice
@@ -36,6 +43,7 @@ else:
     __getattr__, __dir__, __all__ = lazy_exports(
         __name__,
         {
+            "arrays": ["Count", "Document", "Scalar", "ScalarLike", "Truth"],
             "display_units": [
                 *("Display", "LENGTH", "MICROMETRES", "decimals_for", "display_unit"),
                 *("percent", "rounded", "strongest_pairs"),
@@ -43,7 +51,16 @@ else:
             "errors": ["InputError", "InputWarning", "nearest"],
             "families": ["member", "members"],
             "jax_setup": ["need_double_precision", "prepare_jax"],
-            "physical_quantity": ["Quantity", "check_range", "choice", "choices", "quantities", "quantity"],
+            "physical_quantity": [
+                "Choice",
+                "Declared",
+                "Quantity",
+                "check_range",
+                "choice",
+                "choices",
+                "quantities",
+                "quantity",
+            ],
             "units": ["column_unit", "factor", "to_si"],
         },
     )

@@ -4,6 +4,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 MICROMETRES = 1e6
 """Micrometres in a metre; every length in reports, plots and predictions is in micrometres."""
@@ -68,7 +69,9 @@ def percent(part: float, whole: float) -> str:
     return f"{share:.3g} %" if share < 1000.0 else f"{share:.0f} %"
 
 
-def strongest_pairs(names: tuple[str, ...], correlation: np.ndarray, least: float) -> list[tuple[str, str, float]]:
+def strongest_pairs(
+    names: tuple[str, ...], correlation: Float[np.ndarray, "p p"], least: float
+) -> list[tuple[str, str, float]]:
     """Pairs of parameters correlated by at least `least` in size, the strongest first."""
     pairs = [
         (names[i], names[j], float(correlation[i, j])) for i in range(len(names)) for j in range(i + 1, len(names))

@@ -7,11 +7,19 @@ of a parameter from the one place where it is defined.
 
 import dataclasses
 import math
-from typing import Any
+from typing import Any, TypeAlias
 
 import equinox as eqx
 
+from .arrays import ScalarLike
 from .errors import InputError
+
+Declared: TypeAlias = Any
+"""What declares a field of a model; its type is that of the field, as a dataclass has it."""
+
+
+Choice: TypeAlias = Any
+"""A field declared with `choice`: given one of its words, or that number, it holds the number."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,7 +48,7 @@ def quantity(
     low: float | None = None,
     high: float = math.inf,
     optional: bool = False,
-) -> Any:
+) -> Declared:
     """A model field holding a number in `unit`.
 
     **Arguments:** `nominal` is the cited value, used when the field is left out.  With
@@ -60,14 +68,14 @@ def quantities(model: type) -> dict[str, Quantity]:
     return {f.name: f.metadata["quantity"] for f in fields if "quantity" in f.metadata}
 
 
-def choice(options: dict[str, float]) -> Any:
+def choice(options: dict[str, float]) -> Choice:
     """A model field that takes one of the named `options`, the first by default.
 
     The field holds the option's number, an array leaf rather than a static string, so
     that records which differ only in a choice share one compiled function.
     """
 
-    def number(given: Any) -> Any:
+    def number(given: str | ScalarLike) -> ScalarLike:
         if not isinstance(given, str):
             return given
         if given not in options:

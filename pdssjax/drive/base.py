@@ -2,37 +2,37 @@
 
 import abc
 from collections.abc import Mapping
-from typing import Any, NamedTuple, Self
+from typing import Generic, NamedTuple, Self, overload
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int, Num
 
-from ..core import Quantity, quantities
-from ..integration import cosine_and_sine
+from ..core import Quantity, Scalar, ScalarLike, Truth, quantities
+from ..integration import N_co, Term, cosine_and_sine
 
 
-class Voltage(NamedTuple):
+class Voltage(NamedTuple, Generic[N_co]):
     """The voltage on the piezo at a time; numbers or series."""
 
-    level: Any
+    level: N_co
     """[V]"""
-    slope: Any
+    slope: N_co
     """Its rate [V/s]."""
-    bend: Any
+    bend: N_co
     """The rate of its rate [V/s2]."""
 
 
 class Wave(NamedTuple):
     """A harmonic part of a segment: amplitude * cos(rate * t_local + phase)."""
 
-    amplitude: Any
+    amplitude: ScalarLike
     """[V]"""
-    rate: Any
+    rate: ScalarLike
     """[rad/s]"""
-    phase: Any
+    phase: ScalarLike
     """At the beginning of the segment [rad]."""
 
 
@@ -54,7 +54,11 @@ class Segment(NamedTuple):
     """Rate of the voltage, without the wave [V/s]."""
     wave: Wave | None = None
 
-    def voltage(self, t_local) -> Voltage:
+    @overload
+    def voltage(self, t_local: ScalarLike) -> Voltage[Scalar]: ...
+    @overload
+    def voltage(self, t_local: Term) -> Voltage[Term]: ...
+    def voltage(self, t_local: Term) -> Voltage[Term]:
         """The voltage `t_local` [s] into the segment, a number or a series."""
         if self.wave is None:
             return Voltage(self.start + self.slope * t_local, self.slope, 0.0)
@@ -70,9 +74,9 @@ class Segment(NamedTuple):
 class Flanks(NamedTuple):
     """The two flanks of a cycle: a slow one, on which the end-effector is to stick, and a fast one."""
 
-    slope: Any
+    slope: ScalarLike
     """Mean rate of the slow flank [V/s], positive where it rises."""
-    fast: Any
+    fast: ScalarLike
     """Duration of the fast flank [s]; zero where it is ideal."""
 
 
@@ -80,7 +84,7 @@ class AbstractDrive(eqx.Module):
     """A voltage against time, from t = 0 on; before that the piezo is at 0 V and at rest."""
 
     @abc.abstractmethod
-    def segment(self, index: Int[Array, ""]) -> Segment:
+    def segment(self, index: Scalar) -> Segment:
         """The segment `index` = 0, 1, 2, …; may be traced and differentiated."""
 
     @abc.abstractmethod
@@ -95,7 +99,7 @@ class AbstractDrive(eqx.Module):
         """
 
     @abc.abstractmethod
-    def cycle_frequency(self) -> Any:
+    def cycle_frequency(self) -> ScalarLike | None:
         """Cycles a second [Hz], a number; None where the waveform has no cycle."""
 
     @abc.abstractmethod
@@ -107,7 +111,7 @@ class AbstractDrive(eqx.Module):
         return True
 
     @abc.abstractmethod
-    def peak(self) -> Any:
+    def peak(self) -> ScalarLike:
         """Largest magnitude that the voltage takes or tends to [V], a number."""
 
     def flanks(self) -> Flanks | None:
@@ -131,11 +135,11 @@ class AbstractDrive(eqx.Module):
         """What is declared of the numbers that describe it, by field; nothing where samples do."""
         return quantities(type(self))
 
-    def numbers(self) -> dict[str, Any]:
+    def numbers(self) -> dict[str, ScalarLike]:
         """Its number [SI] for every field that is `declared`."""
         return {field: getattr(self, field) for field in self.declared()}
 
-    def with_numbers(self, numbers: Mapping[str, Any]) -> Self:
+    def with_numbers(self, numbers: Mapping[str, ScalarLike]) -> Self:
         """The drive with other numbers [SI] in some of the `declared` fields; may be traced."""
         pick = lambda drive: [getattr(drive, field) for field in numbers]
         return eqx.tree_at(pick, self, list(numbers.values())) if numbers else self
@@ -157,21 +161,31 @@ def too_long(flank: float, room: float, whole: str) -> str:
 
 
 @eqx.filter_jit
-def _durations(drive: AbstractDrive, indices: Any) -> Any:
+def _durations(drive: AbstractDrive, indices: Int[np.ndarray, " n"]) -> Float[Array, " n"]:
     """Of some segments [s], compiled as one: each operation by itself costs as much."""
     return jax.vmap(lambda index: drive.segment(index).duration)(indices)
 
 
+class FlankPiece(NamedTuple):
+    """A piece of a drive of two flanks a cycle."""
+
+    duration: Scalar
+    """[s]"""
+    start: Scalar
+    """Voltage just after the corner that opens it [V]."""
+    change: Scalar
+    """Of the voltage, over it [V]."""
+    fast: Truth
+    """It is the fast flank."""
+
+
 def flank(
-    index: Any, period: Any, fall: Any, voltage: Any, direction: Any
-) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""], Any]:
+    index: Scalar, period: ScalarLike, fall: ScalarLike, voltage: ScalarLike, direction: ScalarLike
+) -> FlankPiece:
     """The piece `index` of a drive of two flanks a cycle: a fast one, over `fall` [s], then a slow one.
 
     Forward (`direction` 1) the slow flank rises, and the first cycle has no fast one, since it
     starts at 0 V; backward (-1) the fast flank rises, from the first cycle on.
-
-    **Returns:** its duration [s], its voltage just after the corner that opens it [V], the change
-    [V] over it, and whether it is the fast one.
     """
     fast = index % 2 == 0
     fall = first_fall(index, period, fall, direction)
@@ -181,17 +195,21 @@ def flank(
     # There is no jump before the first forward cycle: a piezo that remembers must not see one.
     jump = jnp.where((index == 0) & (direction > 0), 0.0, 0.5) * voltage
     start = jnp.where(duration > 0, jnp.where(falls, voltage, 0.0), jump)
-    return duration, start, change, fast
+    return FlankPiece(duration, start, change, fast)
 
 
-def first_fall(index: Any, period: Any, fall: Any, direction: Any) -> Float[Array, ""]:
+def first_fall(
+    index: Num[Array, "*n"], period: ScalarLike, fall: ScalarLike, direction: ScalarLike
+) -> Float[Array, "*n"]:
     """Duration [s] of the fast flank of the cycle that holds the piece `index`."""
     # A fit may try a fall longer than the cycle; time must not run backwards then.
     fall = jnp.minimum(jnp.asarray(fall, float), period)
     return jnp.where((index < 2) & (direction > 0), 0.0, fall)
 
 
-def progress(time: Any, period: Any, fall: Any, direction: Any) -> tuple[Any, Any]:
+def progress(
+    time: Float[Array, " n"], period: ScalarLike, fall: ScalarLike, direction: ScalarLike
+) -> tuple[Float[Array, " n"], Bool[Array, " n"]]:
     """How far `time` [s] is into its flank, from 0 to 1, and whether that is the fast one."""
     phase = jnp.mod(time, period)
     fall = first_fall(jnp.where(time < period, 0, 2), period, fall, direction)

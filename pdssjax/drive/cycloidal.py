@@ -9,9 +9,12 @@ forward cycle rises over T, as those of the sawtooth.  The cycloid is the rise o
 cam: velocity and acceleration vanish at its begin, acceleration at its end.
 """
 
-import jax.numpy as jnp
+from typing import Self
 
-from ..core import choice, quantity
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..core import Choice, Scalar, ScalarLike, choice, quantity
 from .base import AbstractDrive, Flanks, Segment, Wave, flank, progress, too_long
 
 
@@ -24,10 +27,10 @@ class Cycloidal(AbstractDrive):
     """Cycles a second [Hz]."""
     fall_time: float = quantity(0.0, "s", positive=False, low=0.0, optional=True)
     """Duration of the fast flank tf [s]; 0 is a jump."""
-    direction: float = choice({"forward": 1.0, "backward": -1.0})
+    direction: Choice = choice({"forward": 1.0, "backward": -1.0})
     """Forward: slow rise and fast fall; backward: fast rise and slow fall."""
 
-    def segment(self, index):
+    def segment(self, index: Scalar) -> Segment:
         period = 1.0 / self.frequency
         duration, start, change, fast = flank(index, period, self.fall_time, self.voltage, self.direction)
         moves = duration > 0
@@ -36,33 +39,33 @@ class Cycloidal(AbstractDrive):
         wave = Wave(jnp.where(fast, 0.0, change / (2.0 * jnp.pi)), 2.0 * jnp.pi / lasts, 0.5 * jnp.pi)
         return Segment(duration, start, jnp.where(moves, change / lasts, 0.0), wave)
 
-    def at(self, time):
+    def at(self, time: Float[Array, " n"]) -> Float[Array, " n"]:
         part, fast = progress(time, 1.0 / self.frequency, self.fall_time, self.direction)
         part = jnp.where(fast, part, part - jnp.sin(2.0 * jnp.pi * part) / (2.0 * jnp.pi))
         level = jnp.where(fast == (self.direction > 0), 1.0 - part, part)
         return jnp.where(time < 0, 0.0, self.voltage * level)
 
-    def period(self):
+    def period(self) -> tuple[int, int] | None:
         return (2, 2)
 
-    def cycle_frequency(self):
+    def cycle_frequency(self) -> ScalarLike | None:
         return self.frequency
 
-    def has_jumps(self):
+    def has_jumps(self) -> bool:
         return bool(self.fall_time == 0)
 
-    def peak(self):
+    def peak(self) -> ScalarLike:
         return abs(self.voltage)
 
-    def flanks(self):
+    def flanks(self) -> Flanks | None:
         fast = self.fall_time
         return Flanks(self.direction * self.voltage / (1.0 / self.frequency - fast), fast)
 
-    def broken_conditions(self):
+    def broken_conditions(self) -> dict[str, str]:
         room = 1.0 / self.frequency
         broken = {} if self.fall_time < room else {"fall_time": too_long(self.fall_time, room, "the period")}
         return super().broken_conditions() | broken
 
     @classmethod
-    def examples(cls):
+    def examples(cls) -> tuple[Self, ...]:
         return cls(), cls(30.0, 20.0), cls(30.0, 20.0, 1e-3), cls(30.0, 20.0, 1e-3, -1.0)

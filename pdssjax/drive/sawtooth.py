@@ -9,10 +9,12 @@ t_fast = tf + (1 - d) T, and
 """
 
 import math
+from typing import Self
 
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
-from ..core import choice, quantity
+from ..core import Choice, Scalar, ScalarLike, choice, quantity
 from .base import AbstractDrive, Flanks, Segment, flank, progress, too_long
 
 
@@ -25,47 +27,47 @@ class Sawtooth(AbstractDrive):
     """Cycles a second [Hz]."""
     fall_time: float = quantity(0.0, "s", positive=False, low=0.0, optional=True)
     """Duration of the fast flank tf [s], beyond what the duty leaves it; 0 is a jump."""
-    direction: float = choice({"forward": 1.0, "backward": -1.0})
+    direction: Choice = choice({"forward": 1.0, "backward": -1.0})
     """Forward: slow rise and fast fall; backward: fast rise and slow fall."""
     duty: float = quantity(1.0, "", high=math.nextafter(1.0, 2.0), optional=True)
     """Share d of the period that the slow flank takes, but for the fall time [1]; up to 1."""
 
-    def _fall(self):
+    def _fall(self) -> ScalarLike:
         return self.fall_time + (1.0 - self.duty) / self.frequency
 
-    def segment(self, index):
+    def segment(self, index: Scalar) -> Segment:
         duration, start, change, _ = flank(index, 1.0 / self.frequency, self._fall(), self.voltage, self.direction)
         moves = duration > 0
         return Segment(duration, start, jnp.where(moves, change / jnp.where(moves, duration, 1.0), 0.0))
 
-    def at(self, time):
+    def at(self, time: Float[Array, " n"]) -> Float[Array, " n"]:
         part, fast = progress(time, 1.0 / self.frequency, self._fall(), self.direction)
         level = jnp.where(fast == (self.direction > 0), 1.0 - part, part)
         return jnp.where(time < 0, 0.0, self.voltage * level)
 
-    def period(self):
+    def period(self) -> tuple[int, int] | None:
         return (2, 2)
 
-    def cycle_frequency(self):
+    def cycle_frequency(self) -> ScalarLike | None:
         return self.frequency
 
-    def has_jumps(self):
+    def has_jumps(self) -> bool:
         return bool(self._fall() == 0)
 
-    def peak(self):
+    def peak(self) -> ScalarLike:
         return abs(self.voltage)
 
-    def flanks(self):
+    def flanks(self) -> Flanks | None:
         fast = self._fall()
         return Flanks(self.direction * self.voltage / (1.0 / self.frequency - fast), fast)
 
-    def broken_conditions(self):
+    def broken_conditions(self) -> dict[str, str]:
         room = self.duty / self.frequency
         whole = "the slow flank" if self.duty < 1.0 else "the period"
         broken = {} if self.fall_time < room else {"fall_time": too_long(self.fall_time, room, whole)}
         return super().broken_conditions() | broken
 
     @classmethod
-    def examples(cls):
+    def examples(cls) -> tuple[Self, ...]:
         falls = [cls(-30.0, 20.0, fall, way) for fall in (0.0, 1.3e-3) for way in (1.0, -1.0)]
         return cls(), *falls, cls(30.0, 20.0, duty=0.8), cls(30.0, 20.0, 1e-3, -1.0, 0.8)

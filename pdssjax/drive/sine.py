@@ -5,9 +5,12 @@
 With bias b or phase phi the voltage jumps at t = 0, where the drive sets in.
 """
 
-import jax.numpy as jnp
+from typing import Self
 
-from ..core import quantity
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..core import Scalar, ScalarLike, quantity
 from .base import AbstractDrive, Segment, Wave
 
 
@@ -23,31 +26,31 @@ class Sine(AbstractDrive):
     phase: float = quantity(0.0, "rad", positive=False, optional=True)
     """Phase phi at t = 0 [rad]; pi starts at the highest point."""
 
-    def segment(self, index):
+    def segment(self, index: Scalar) -> Segment:
         wave = Wave(-0.5 * self.voltage, 2.0 * jnp.pi * self.frequency, jnp.asarray(self.phase, float))
         middle = jnp.asarray(self.bias + 0.5 * self.voltage, float)
         return Segment(1.0 / jnp.asarray(self.frequency, float), middle, jnp.zeros(()), wave)
 
-    def at(self, time):
+    def at(self, time: Float[Array, " n"]) -> Float[Array, " n"]:
         turn = 2.0 * jnp.pi * self.frequency * time + self.phase
         return jnp.where(time < 0, 0.0, self.bias + 0.5 * self.voltage * (1.0 - jnp.cos(turn)))
 
-    def period(self):
+    def period(self) -> tuple[int, int] | None:
         return (0, 1)
 
-    def cycle_frequency(self):
+    def cycle_frequency(self) -> ScalarLike | None:
         return self.frequency
 
-    def has_jumps(self):
+    def has_jumps(self) -> bool:
         return bool(self.at(jnp.zeros(())) != 0)
 
-    def has_corners(self):
+    def has_corners(self) -> bool:
         # At t = 0 it sets in from a constant 0 V.
         return bool(self.has_jumps() or jnp.sin(self.phase) != 0.0)
 
-    def peak(self):
+    def peak(self) -> ScalarLike:
         return jnp.maximum(abs(self.bias), abs(self.bias + self.voltage))
 
     @classmethod
-    def examples(cls):
+    def examples(cls) -> tuple[Self, ...]:
         return cls(), cls(30.0, 20.0, -20.0), cls(30.0, 20.0, 5.0, 1.0), cls(-30.0, 20.0)

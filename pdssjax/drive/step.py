@@ -1,8 +1,11 @@
 """A step of voltage, ideal or with a linear rise: the drive of the thesis's section 4.4."""
 
-import jax.numpy as jnp
+from typing import Self
 
-from ..core import quantity
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..core import Scalar, ScalarLike, quantity
 from .base import AbstractDrive, Segment
 
 
@@ -14,7 +17,7 @@ class Step(AbstractDrive):
     rise_time: float = quantity(0.0, "s", positive=False, low=0.0, optional=True)
     """Duration of the linear rise [s]; 0 is a jump."""
 
-    def segment(self, index):
+    def segment(self, index: Scalar) -> Segment:
         rises = index == 0
         rise = jnp.asarray(self.rise_time, float)
         slope = jnp.where(rise > 0, self.voltage / jnp.where(rise > 0, rise, 1.0), 0.0)
@@ -24,23 +27,23 @@ class Step(AbstractDrive):
             jnp.where(rises, slope, 0.0),
         )
 
-    def at(self, time):
+    def at(self, time: Float[Array, " n"]) -> Float[Array, " n"]:
         rise = jnp.asarray(self.rise_time, float)
         ramp = jnp.where(rise > 0, time / jnp.where(rise > 0, rise, 1.0), 1.0)
         return jnp.where(time < 0, 0.0, self.voltage * jnp.minimum(ramp, 1.0))
 
-    def period(self):
+    def period(self) -> tuple[int, int] | None:
         return None
 
-    def cycle_frequency(self):
+    def cycle_frequency(self) -> ScalarLike | None:
         return None
 
-    def has_jumps(self):
+    def has_jumps(self) -> bool:
         return bool(self.rise_time == 0)
 
-    def peak(self):
+    def peak(self) -> ScalarLike:
         return abs(self.voltage)
 
     @classmethod
-    def examples(cls):
+    def examples(cls) -> tuple[Self, ...]:
         return cls(), cls(-48.2), cls(48.2, 2e-3)

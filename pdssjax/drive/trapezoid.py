@@ -8,9 +8,12 @@ With T = 1/frequency, width w, rise time tr and fall time tf:
 With tr = tf = 0 it is a square wave that begins with a jump.
 """
 
-import jax.numpy as jnp
+from typing import Self
 
-from ..core import quantity
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..core import Scalar, ScalarLike, quantity
 from .base import AbstractDrive, Segment, too_long
 
 
@@ -28,13 +31,13 @@ class Trapezoid(AbstractDrive):
     fall_time: float = quantity(0.0, "s", positive=False, low=0.0, optional=True)
     """Duration of the fall tf [s], below (1 - w) T; 0 is a jump."""
 
-    def _lengths(self):
+    def _lengths(self) -> tuple[ScalarLike, ScalarLike, Scalar, Scalar]:
         """Of rise and plateau together, of fall and rest together, of rise and of fall [s]."""
         high, low = self.width / self.frequency, (1.0 - self.width) / self.frequency
         # A fit may try a flank that is too long; time must not run backwards then.
         return high, low, jnp.minimum(self.rise_time, high), jnp.minimum(self.fall_time, low)
 
-    def segment(self, index):
+    def segment(self, index: Scalar) -> Segment:
         piece = index % 4
         high, low, rise, fall = self._lengths()
         flank = jnp.where(piece < 2, rise, fall)
@@ -45,7 +48,7 @@ class Trapezoid(AbstractDrive):
         start = jnp.where((piece % 2 == 0) & ~moves, 0.5, level) * self.voltage
         return Segment(duration, start, jnp.where(moves, change / jnp.where(moves, duration, 1.0), 0.0))
 
-    def at(self, time):
+    def at(self, time: Float[Array, " n"]) -> Float[Array, " n"]:
         high, _, rise, fall = self._lengths()
         phase = jnp.mod(time, 1.0 / self.frequency)
         risen = jnp.where(phase < rise, phase / jnp.where(rise > 0, rise, 1.0), 1.0)
@@ -53,19 +56,19 @@ class Trapezoid(AbstractDrive):
         fallen = jnp.where(after < fall, after / jnp.where(fall > 0, fall, 1.0), 1.0)
         return jnp.where(time < 0, 0.0, self.voltage * jnp.where(after < 0, risen, 1.0 - fallen))
 
-    def period(self):
+    def period(self) -> tuple[int, int] | None:
         return (0, 4)
 
-    def cycle_frequency(self):
+    def cycle_frequency(self) -> ScalarLike | None:
         return self.frequency
 
-    def has_jumps(self):
+    def has_jumps(self) -> bool:
         return bool((self.rise_time == 0) | (self.fall_time == 0))
 
-    def peak(self):
+    def peak(self) -> ScalarLike:
         return abs(self.voltage)
 
-    def broken_conditions(self):
+    def broken_conditions(self) -> dict[str, str]:
         period = 1.0 / self.frequency
         rooms = {
             "rise_time": (self.width * period, "the part of the period that its width leaves to rise and plateau"),
@@ -76,5 +79,5 @@ class Trapezoid(AbstractDrive):
         return super().broken_conditions() | broken
 
     @classmethod
-    def examples(cls):
+    def examples(cls) -> tuple[Self, ...]:
         return cls(), cls(30.0, 20.0, 0.4), cls(-30.0, 20.0, 0.4, 5e-3, 1e-2), cls(30.0, 20.0, 0.7, fall_time=1e-3)

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from ..core import InputError, column_unit, factor, nearest
 
@@ -22,14 +23,14 @@ Row = tuple[int, list[str]]
 
 def read_csv(
     file: Path, columns: Mapping[str, str], si_units: Mapping[str, str], units: Mapping[str, str]
-) -> tuple[dict[str, np.ndarray], np.ndarray]:
+) -> tuple[dict[str, Float[np.ndarray, " samples"]], Int[np.ndarray, " samples"]]:
     """Columns of `file` in SI, and the line on which each sample stands.
 
     **Arguments:** `columns` maps a quantity, such as "time", to the name of its column;
     `si_units` maps it to the SI unit wanted; `units` to the unit in the file, and where it
     says nothing, the column's name ends in it ("time_s").
 
-    **Returns:** arrays of shape (samples,), by quantity, and the line numbers, from 1.
+    **Returns:** the numbers by quantity, and those of their lines, from 1.
 
     **Raises:** `InputError` if the file or a column is missing, if there are no samples,
     or if a row has another number of cells than the header or a cell that is no finite

@@ -4,9 +4,8 @@ import json
 import math
 import warnings
 from pathlib import Path
-from typing import Any
 
-from ..core import InputError, InputWarning, nearest
+from ..core import Document, InputError, InputWarning, nearest
 from ..study import Estimate, Study
 from .json_text import json_text
 
@@ -35,7 +34,7 @@ def with_estimate(study: Study, file: Path) -> Study:
 def _read(file: Path) -> tuple[dict[str, float], bool]:
     """The value of every parameter, and whether the fit converged."""
     try:
-        document: Any = json.loads(file.read_text(encoding="utf-8"))
+        document: object = json.loads(file.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise InputError(f"{file}: there is no such file, expected an estimate.json.") from None
     except (OSError, UnicodeDecodeError) as error:
@@ -45,7 +44,7 @@ def _read(file: Path) -> tuple[dict[str, float], bool]:
             f"{file}: line {error.lineno}, column {error.colno}: found no valid JSON: {error.msg}."
         ) from None
     found = document.get("format") if isinstance(document, dict) else None
-    if found != FORMAT:
+    if not isinstance(document, dict) or found != FORMAT:
         raise InputError(f'{file}: key "format": found {json.dumps(found)}, expected "{FORMAT}".')
     values = {}
     for path, entry in document["parameters"].items():
@@ -61,9 +60,9 @@ def estimate_text(estimate: Estimate) -> str:
     return json_text(estimate_document(estimate))
 
 
-def estimate_document(estimate: Estimate) -> dict[str, Any]:
+def estimate_document(estimate: Estimate) -> Document:
     """What `estimate.json` holds, in SI."""
-    parameters: dict[str, Any] = {}
+    parameters: Document = {}
     for path, parameter in estimate.parameters.items():
         parameters[path] = {
             "value": parameter.value,
@@ -93,6 +92,7 @@ def estimate_document(estimate: Estimate) -> dict[str, Any]:
         "amplification": None if estimate.amplification is None else vars(estimate.amplification),
         "records": [
             {key: getattr(record, key) for key in keys}
+            | record.words
             | {"lack_of_fit": None if record.lack_of_fit is None else record.lack_of_fit._asdict()}
             for record in estimate.records
         ],

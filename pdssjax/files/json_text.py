@@ -2,14 +2,18 @@
 
 import json
 import math
-from typing import Any
+from typing import Any, TypeAlias
+
+Plain: TypeAlias = Any
+"""What JSON can hold, arrays and numbers that are not finite besides until they are replaced."""
 
 
-def json_text(document: Any) -> str:
+def json_text(document: object) -> str:
+    """A `document` as the text of a file."""
     return json.dumps(finite_numbers(document), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def finite_numbers(value: Any) -> Any:
+def finite_numbers(value: Plain) -> Plain:
     """`value` with arrays as lists and with None for what JSON has no number for."""
     if isinstance(value, dict):
         return {key: finite_numbers(entry) for key, entry in value.items()}

@@ -1,21 +1,21 @@
 """Writes predictions: a CSV file and a plot for each record."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TypeAlias
 
 import numpy as np
 
 from ..metrics import Characterisation
-from ..study import FittedRecord
+from ..study import FittedRecord, UsedNumber
 from .json_text import json_text
 from .results_folder import staging_folder
 
 PARAMETERS_FORMAT = "pdssjax-parameters/1"
 
-Numbers = dict[str, dict[str, Any]]
-"""Value, unit and source of parameters by path, as `pdssjax.study.study.numbers_used` tells them."""
+Numbers: TypeAlias = Mapping[str, UsedNumber]
+"""Of parameters by path, as `pdssjax.study.numbers_used` tells them."""
 
 
 def write_predictions(records: Sequence[FittedRecord], used: Numbers, folder: Path) -> None:

@@ -3,9 +3,8 @@
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-from ..core import InputError
+from ..core import Document, InputError
 from ..study import FittedRecord, Recording
 from .json_text import json_text
 from .prediction_results import Numbers, write_numbers, write_records
@@ -16,7 +15,7 @@ from .signal_csv import write_csv
 def write_recordings(
     made: Sequence[Recording],
     compared: Sequence[FittedRecord],
-    truth: dict[str, Any],
+    truth: Document,
     used: Numbers,
     study: Path,
     folder: Path,

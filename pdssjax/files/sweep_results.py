@@ -3,14 +3,17 @@
 import importlib.util
 import json
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from ..core import InputError
 from .prediction_results import write_numbers
 from .results_folder import staging_folder
 
+if TYPE_CHECKING:
+    import xarray
 
-def write_sweep(data: Any, folder: Path, store: str) -> None:
+
+def write_sweep(data: "xarray.Dataset", folder: Path, store: str) -> None:
     """Put a sweep's `xarray.Dataset` into `folder` as sweep.nc or sweep.zarr, with its map and `parameters.json`."""
     from ..report.figures import sweep_figure
 

@@ -2,18 +2,22 @@
 
 import dataclasses
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, TypeVar, overload
 
-from ..core import InputError, Quantity, check_range, nearest, to_si
+from ..core import Document, InputError, Quantity, check_range, nearest, to_si
 
-_REQUIRED = object()
+Kind = TypeVar("Kind")
+
+Default = TypeVar("Default")
+
+_REQUIRED: Any = object()
 
 
 @dataclasses.dataclass(frozen=True)
 class Table:
     """A table of a TOML file.  Every method raises `InputError` where its claim fails."""
 
-    entries: dict[str, Any]
+    entries: Document
     """Keys and values as read."""
     where: str
     """File and table, as messages name them."""
@@ -29,7 +33,11 @@ class Table:
             if key not in known:
                 raise InputError(f'{self.where}: found the unknown key "{key}"; {nearest(key, known)}')
 
-    def get(self, key: str, kind: type, expected: str, default: Any = _REQUIRED) -> Any:
+    @overload
+    def get(self, key: str, kind: type[Kind], expected: str) -> Kind: ...
+    @overload
+    def get(self, key: str, kind: type[Kind], expected: str, default: Default) -> Kind | Default: ...
+    def get(self, key: str, kind: type[Kind], expected: str, default: Default = _REQUIRED) -> Kind | Default:
         """The value of `key`, of the type `kind`; `expected` says so in words."""
         if key not in self.entries:
             if default is not _REQUIRED:
@@ -40,14 +48,14 @@ class Table:
             raise InputError(f"{self.at(key)}: found {_shown(value)}, expected {expected}.")
         return value
 
-    def text(self, key: str, expected: str, default: Any = _REQUIRED) -> str:
+    def text(self, key: str, expected: str, default: str = _REQUIRED) -> str:
         """A text that is not empty."""
         value = self.get(key, str, expected, default)
         if not value:
             raise InputError(f"{self.at(key)}: found an empty text, expected {expected}.")
         return value
 
-    def option(self, key: str, options: Iterable[str], default: Any = _REQUIRED) -> str:
+    def option(self, key: str, options: Iterable[str], default: str = _REQUIRED) -> str:
         """One of the `options`."""
         options = list(options)
         value = self.get(key, str, f"one of {', '.join(options)}", default)
@@ -55,11 +63,15 @@ class Table:
             raise InputError(f'{self.at(key)}: found "{value}"; {nearest(value, options)}')
         return value
 
-    def number(self, key: str, unit: str, default: Any = _REQUIRED) -> Any:
+    @overload
+    def number(self, key: str, unit: str) -> float: ...
+    @overload
+    def number(self, key: str, unit: str, default: Default) -> float | Default: ...
+    def number(self, key: str, unit: str, default: Default = _REQUIRED) -> float | Default:
         """A quantity, as a float in the SI unit `unit`."""
         expected = f"a value in {unit}" if unit else "a pure number"
         value = self.get(key, object, expected, default)
-        return value if value is default else to_si(value, unit, self.at(key))
+        return default if value is default else to_si(value, unit, self.at(key))
 
     def quantity(self, key: str, declared: Quantity) -> float:
         """A legal value of a `declared` quantity, in its SI unit."""
@@ -67,12 +79,12 @@ class Table:
         check_range(value, declared, self.at(key))
         return value
 
-    def table(self, key: str, expected: str, default: Any = _REQUIRED) -> "Table":
+    def table(self, key: str, expected: str, default: Document = _REQUIRED) -> "Table":
         """A table inside this one."""
         return Table(self.get(key, dict, expected, default), f"{self.where}: {key}")
 
 
-def _shown(value: Any) -> str:
+def _shown(value: object) -> str:
     if isinstance(value, dict):
         return "a table"
     return f'"{value}"' if isinstance(value, str) else str(value)

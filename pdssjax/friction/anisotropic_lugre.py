@@ -25,8 +25,9 @@ from typing import Literal
 import equinox as eqx
 import jax.numpy as jnp
 
-from ..core import quantity
-from .base import AbstractFriction, lugre_ranges
+from ..core import Scalar, ScalarLike, quantity
+from ..integration import Term
+from .base import AbstractFriction, State, Terms, lugre_ranges
 
 
 class AnisotropicLuGre(AbstractFriction):
@@ -47,7 +48,7 @@ class AnisotropicLuGre(AbstractFriction):
     state: Literal["deflection", "force"] = eqx.field(static=True, default="deflection")
     """Which quantity the contact state holds: the deflection z [m] or the elastic force f [N]."""
 
-    def _branch(self, sign):
+    def _branch(self, sign: ScalarLike) -> tuple[Scalar, Scalar, Scalar]:
         forward = sign > 0
         return (
             jnp.where(forward, self.sigma0_a, self.sigma0_b),
@@ -55,35 +56,35 @@ class AnisotropicLuGre(AbstractFriction):
             jnp.where(forward, self.f_ss_a, self.f_ss_b),
         )
 
-    def initial(self):
+    def initial(self) -> State:
         return (jnp.zeros(()),)
 
-    def rate(self, state, v, sign):
+    def rate(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:
         s0, _, f_ss = self._branch(sign)
         (carried,) = state
         if self.state == "deflection":
             return (v - s0 * sign / f_ss * (v * carried),)
         return (s0 * (v - sign / f_ss * (v * carried)),)
 
-    def force(self, state, v, sign):
+    def force(self, state: Terms, v: Term, sign: ScalarLike) -> Term:
         s0, s1, f_ss = self._branch(sign)
         (carried,) = state
         elastic = s0 * carried if self.state == "deflection" else carried
         return elastic + s1 * (v - sign / f_ss * (v * elastic))
 
-    def error_scale(self):
+    def error_scale(self) -> State:
         # An error of the force displaces the most where the contact is softer.
         softest = jnp.minimum(jnp.asarray(self.sigma0_a, float), self.sigma0_b)
         return (jnp.ones(()) if self.state == "deflection" else 1.0 / softest,)
 
-    def equilibrium_state(self, state, force):
+    def equilibrium_state(self, state: State, force: Scalar) -> tuple[State, Scalar]:
         (unit,) = self.error_scale()
         s0, _, _ = self._branch(force)
         target = force / s0 if self.state == "deflection" else force
         return (target,), (target - state[0]) * unit
 
     @classmethod
-    def search_ranges(cls, mass, acceleration, rate):
+    def search_ranges(cls, mass: float, acceleration: float, rate: float) -> dict[str, tuple[float, float]]:
         stiffness, damping, force = lugre_ranges(mass, acceleration, rate)
         return {
             "sigma0_a": stiffness,

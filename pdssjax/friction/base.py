@@ -7,18 +7,19 @@ rate zero, and says by `guards` where a form ends, by `after_event` what follows
 """
 
 import abc
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal, TypeAlias
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
 
-from ..core import quantity
-from ..integration import exp
+from ..core import Scalar, ScalarLike, quantity
+from ..integration import Term, constant, exp
 
-Number = Float[Array, ""]
+State: TypeAlias = tuple[Scalar, ...]
+"""Of a contact: one scalar a component, none for a law without memory."""
 
-State = tuple[Number, ...]
+Terms: TypeAlias = tuple[Term, ...]
+"""What a field is made of, one a component."""
 
 CURVE = 1e-8
 """The Stribeck curve, from 1 at rest to 0 far out, as a displacement [m]: how well a step resolves it.
@@ -49,11 +50,11 @@ class AbstractFriction(eqx.Module):
         """The internal state of the undisturbed contact."""
 
     @abc.abstractmethod
-    def rate(self, state: State, v: Number, sign: Number) -> tuple[Any, ...]:
+    def rate(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:
         """Time derivative of the state on the branch `sign`; the integer 0 for flags."""
 
     @abc.abstractmethod
-    def force(self, state: State, v: Number, sign: Number) -> Number:
+    def force(self, state: Terms, v: Term, sign: ScalarLike) -> Term:
         """Friction force on the end-effector [N] on the branch `sign`."""
 
     @abc.abstractmethod
@@ -64,7 +65,7 @@ class AbstractFriction(eqx.Module):
         """
 
     @abc.abstractmethod
-    def equilibrium_state(self, state: State, force: Number) -> tuple[State, Number]:
+    def equilibrium_state(self, state: State, force: Scalar) -> tuple[State, Scalar]:
         """The state in which the contact at rest carries `force` [N], near `state`; `state` unless it is elastic.
 
         The second value is the relative displacement [m] by which the contact yields on
@@ -81,19 +82,19 @@ class AbstractFriction(eqx.Module):
         fraction of that acceleration, on a contact not much faster or slower than that.
         """
 
-    def guards(self, state: State, v: Number, sign: Number) -> tuple[Number, ...]:
+    def guards(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:
         """Positive while the law keeps its form; always as many, in the same order."""
         return ()
 
-    def after_event(self, state: State, v: Number, sign: Number, which: Number) -> State:
+    def after_event(self, state: State, v: Scalar, sign: ScalarLike, which: Scalar) -> State:
         """The state just after `guards(...)[which]` has fallen through zero."""
         return state
 
-    def on_reversal(self, state: State, sign: Number) -> State:
+    def on_reversal(self, state: State, sign: ScalarLike) -> State:
         """The state with which a motion in the direction `sign` begins, from v = 0."""
         return state
 
-    def extra_error_terms(self, state: State, v: Number, sign: Number) -> tuple[Number, ...]:
+    def extra_error_terms(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:
         """What the law makes of v and the state hardly shows, as displacements [m]; steps resolve it, too.
 
         A curve in v, such as Stribeck's: times `CURVE`.  Without it a step may run past the curve, and the
@@ -101,9 +102,9 @@ class AbstractFriction(eqx.Module):
         """
         return ()
 
-    def breakaway_force(self, state: State, sign: Number) -> Number:
+    def breakaway_force(self, state: State, sign: ScalarLike) -> ScalarLike:
         """The force [N] beyond which the contact at rest lets go in the direction `sign`."""
-        return self.force(self.on_reversal(state, sign), 0.0, sign)  # pyright: ignore[reportArgumentType]
+        return constant(self.force(self.on_reversal(state, sign), 0.0, sign))
 
 
 class AbstractStribeckBristle(AbstractFriction):
@@ -126,21 +127,21 @@ class AbstractStribeckBristle(AbstractFriction):
     v_s: float = quantity(1e-3, "m/s")
     """Stribeck velocity v_s [m/s]."""
 
-    def initial(self):
+    def initial(self) -> State:
         return tuple(jnp.zeros(()) for _ in self.error_scale())
 
-    def force(self, state, v, sign):
+    def force(self, state: Terms, v: Term, sign: ScalarLike) -> Term:
         return self.sigma0 * state[0] + self.sigma1 * self.rate(state, v, sign)[0] + self.sigma2 * v
 
-    def extra_error_terms(self, state: State, v: Number, sign: Number) -> tuple[Number, ...]:
+    def extra_error_terms(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:
         return (stribeck_curve(v, 0.0, CURVE, self.v_s),)
 
-    def equilibrium_state(self, state, force):
+    def equilibrium_state(self, state: State, force: Scalar) -> tuple[State, Scalar]:
         target = force / self.sigma0
         return (target, *state[1:]), target - state[0]
 
     @classmethod
-    def search_ranges(cls, mass, acceleration, rate):
+    def search_ranges(cls, mass: float, acceleration: float, rate: float) -> dict[str, tuple[float, float]]:
         stiffness, damping, force = lugre_ranges(mass, acceleration, rate)
         return {
             "sigma0": stiffness,
@@ -159,7 +160,7 @@ def lugre_ranges(mass: float, acceleration: float, rate: float) -> tuple[tuple[f
     return stiff, (0.02 * critical, critical), (0.004 * mass * acceleration, 0.3 * mass * acceleration)
 
 
-def stribeck_curve(v: Any, f_c: Any, f_s: Any, v_s: Any) -> Any:
+def stribeck_curve(v: Term, f_c: ScalarLike, f_s: ScalarLike, v_s: ScalarLike) -> Term:
     """f_c + (f_s - f_c) exp(-(v/v_s)^2) (5.10) [N], of a series or of a number.
 
     Between f_c and f_s whichever is larger: with f_s < f_c friction grows with the velocity.
@@ -168,7 +169,7 @@ def stribeck_curve(v: Any, f_c: Any, f_s: Any, v_s: Any) -> Any:
     return exp(x * x * (-1.0)) * (f_s - f_c) + f_c
 
 
-def stribeck_guard(fast: Any, v: Any, sign: Any, v_s: Any, far: Any = 4.0) -> Any:
+def stribeck_guard(fast: Term, v: Term, sign: ScalarLike, v_s: ScalarLike, far: ScalarLike = 4.0) -> Term:
     """The guard of a flag that tells `fast` sliding, far out where the Stribeck curve is flat.
 
     The Taylor coefficients of e^(-x^2) about x grow up to the order 2 x^2 or so before they fall.  Far

@@ -19,8 +19,9 @@ P.-A. Bliman and M. Sorine, Easy-to-use realistic dry friction models for automa
 
 import jax.numpy as jnp
 
-from ..core import quantity
-from .base import AbstractFriction, lugre_ranges
+from ..core import Scalar, ScalarLike, quantity
+from ..integration import Term
+from .base import AbstractFriction, State, Terms, lugre_ranges
 
 
 class BlimanSorine(AbstractFriction):
@@ -35,32 +36,32 @@ class BlimanSorine(AbstractFriction):
     eta: float = quantity(0.2, "", high=1.0)
     """Ratio eta of the fast element's path to the slow one's."""
 
-    def initial(self):
+    def initial(self) -> State:
         return jnp.zeros(()), jnp.zeros(())
 
-    def _stiffnesses(self):
+    def _stiffnesses(self) -> tuple[float, float]:
         return (self.f_c + self.f_2) / (self.eta * self.epsilon), self.f_2 / self.epsilon
 
-    def rate(self, state, v, sign):
+    def rate(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:
         fast, slow = state
         path = v * (sign / self.epsilon)
         return v - path * fast * (1.0 / self.eta), v - path * slow
 
-    def force(self, state, v, sign):
+    def force(self, state: Terms, v: Term, sign: ScalarLike) -> Term:
         k_1, k_2 = self._stiffnesses()
         return k_1 * state[0] - k_2 * state[1]
 
-    def error_scale(self):
+    def error_scale(self) -> State:
         return jnp.ones(()), jnp.ones(())
 
-    def equilibrium_state(self, state, force):
+    def equilibrium_state(self, state: State, force: Scalar) -> tuple[State, Scalar]:
         k_1, k_2 = self._stiffnesses()
         fast, slow = state
         displacement = (force - k_1 * fast + k_2 * slow) / (k_1 - k_2)
         return (fast + displacement, slow + displacement), displacement
 
     @classmethod
-    def search_ranges(cls, mass, acceleration, rate):
+    def search_ranges(cls, mass: float, acceleration: float, rate: float) -> dict[str, tuple[float, float]]:
         stiffness, _, force = lugre_ranges(mass, acceleration, rate)
         return {
             "f_c": force,

@@ -21,8 +21,9 @@ D. A. Haessig and B. Friedland, ASME Journal of Dynamic Systems, Measurement, an
 import equinox as eqx
 import jax.numpy as jnp
 
-from ..core import quantity
-from .base import AbstractFriction, lugre_ranges
+from ..core import Scalar, ScalarLike, quantity
+from ..integration import Term
+from .base import AbstractFriction, State, Terms, lugre_ranges
 
 _GOLDEN = 0.5 * (5.0**0.5 - 1.0)
 
@@ -39,38 +40,38 @@ class Bristle(AbstractFriction):
     bristles: int = eqx.field(static=True, default=20)
     """Number of bonds N."""
 
-    def longest(self):
+    def longest(self) -> ScalarLike:
         """delta_s: the stretch at which a bond snaps [m]."""
         return 1.5 * self.f_c / self.sigma0
 
-    def initial(self):
+    def initial(self) -> State:
         spread = (jnp.arange(self.bristles) + 0.5) / self.bristles - 0.5
         stretches = self.longest() * spread
         return (*(stretches[i] for i in range(self.bristles)), jnp.zeros(()))
 
-    def rate(self, state, v, sign):
+    def rate(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:
         return (*(v for _ in state[:-1]), 0)
 
-    def force(self, state, v, sign):
+    def force(self, state: Terms, v: Term, sign: ScalarLike) -> Term:
         return sum(state[1:-1], state[0]) * (self.sigma0 / self.bristles) + self.sigma2 * v
 
-    def error_scale(self):
+    def error_scale(self) -> State:
         return tuple(jnp.ones(()) for _ in range(self.bristles + 1))
 
-    def equilibrium_state(self, state, force):
+    def equilibrium_state(self, state: State, force: Scalar) -> tuple[State, Scalar]:
         displacement = force / self.sigma0 - sum(state[1:-1], state[0]) / self.bristles
         return (*(z + displacement for z in state[:-1]), state[-1]), displacement
 
-    def guards(self, state, v, sign):
+    def guards(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:
         return tuple(self.longest() - z * sign for z in state[:-1])
 
-    def after_event(self, state, v, sign, which):
+    def after_event(self, state: State, v: Scalar, sign: ScalarLike, which: Scalar) -> State:
         count = state[-1] + 1.0
         formed = sign * self.longest() * jnp.mod(count * _GOLDEN, 1.0)
         stretches = (jnp.where(which == i, formed, z) for i, z in enumerate(state[:-1]))
         return (*stretches, count)
 
     @classmethod
-    def search_ranges(cls, mass, acceleration, rate):
+    def search_ranges(cls, mass: float, acceleration: float, rate: float) -> dict[str, tuple[float, float]]:
         stiffness, damping, force = lugre_ranges(mass, acceleration, rate)
         return {"sigma0": stiffness, "f_c": force, "sigma2": damping}

@@ -13,8 +13,9 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 
-from ..core import quantity
-from .base import AbstractFriction, lugre_ranges
+from ..core import Scalar, ScalarLike, quantity
+from ..integration import Term
+from .base import AbstractFriction, State, Terms, lugre_ranges
 
 
 class Coulomb(AbstractFriction):
@@ -25,22 +26,22 @@ class Coulomb(AbstractFriction):
     f_c: float = quantity(0.65, "N")
     """Coulomb force f_c [N]."""
 
-    def initial(self):
+    def initial(self) -> State:
         return ()
 
-    def rate(self, state, v, sign):
+    def rate(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:
         return ()
 
-    def force(self, state, v, sign):
+    def force(self, state: Terms, v: Term, sign: ScalarLike) -> Term:
         return self.f_c * sign
 
-    def error_scale(self):
+    def error_scale(self) -> State:
         return ()
 
-    def equilibrium_state(self, state, force):
+    def equilibrium_state(self, state: State, force: Scalar) -> tuple[State, Scalar]:
         return (), jnp.zeros(())
 
     @classmethod
-    def search_ranges(cls, mass, acceleration, rate):
+    def search_ranges(cls, mass: float, acceleration: float, rate: float) -> dict[str, tuple[float, float]]:
         _, _, force = lugre_ranges(mass, acceleration, rate)
         return {"f_c": force}

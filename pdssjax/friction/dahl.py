@@ -13,9 +13,9 @@ P. R. Dahl, A solid friction model, Aerospace Corporation TOR-0158(3107-18)-1, 1
 
 import jax.numpy as jnp
 
-from ..core import quantity
-from ..integration import constant, power
-from .base import AbstractFriction, lugre_ranges
+from ..core import Scalar, ScalarLike, quantity
+from ..integration import Term, constant, power
+from .base import AbstractFriction, State, Terms, lugre_ranges
 
 _SATURATED = 1e-8
 """The p at which F counts as f_c."""
@@ -34,31 +34,31 @@ class Dahl(AbstractFriction):
     exponent: float = quantity(1.0, "", positive=False, low=0.0, optional=True)
     """Exponent n of the stress-strain curve."""
 
-    def initial(self):
+    def initial(self) -> State:
         return jnp.zeros(()), jnp.zeros(())
 
-    def _room(self, z, sign):
+    def _room(self, z: Term, sign: ScalarLike) -> Term:
         """p: the part of the force that is left until saturation, between 0 and 2."""
         return z * (-sign * self.sigma0 / self.f_c) + 1.0
 
-    def rate(self, state, v, sign):
+    def rate(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:
         z, saturated = state
         room = self._room(z, sign) * (1.0 - saturated) + saturated
         # A square, because the actuator asks for the rate (times 0) at rest, too, where p may be anything.
         stretching = power(room * room + _TINY, 0.5 * self.exponent) * (1.0 - saturated)
         return v * stretching, 0
 
-    def force(self, state, v, sign):
+    def force(self, state: Terms, v: Term, sign: ScalarLike) -> Term:
         return self.sigma0 * state[0]
 
-    def error_scale(self):
+    def error_scale(self) -> State:
         return jnp.ones(()), jnp.ones(())
 
-    def equilibrium_state(self, state, force):
+    def equilibrium_state(self, state: State, force: Scalar) -> tuple[State, Scalar]:
         target = force / self.sigma0
         return (target, state[1]), target - state[0]
 
-    def guards(self, state, v, sign):
+    def guards(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:
         z, saturated = state
         room = self._room(z, sign) * (1.0 - saturated) + saturated
         # Along the path p^(1 - n) falls in a straight line, where p itself would only touch zero.
@@ -68,14 +68,14 @@ class Dahl(AbstractFriction):
         left = power(room * room + _TINY, 0.5 * straight) * short - _SATURATED**straight
         return (left * (1.0 - saturated) + saturated,)
 
-    def after_event(self, state, v, sign, which):
+    def after_event(self, state: State, v: Scalar, sign: ScalarLike, which: Scalar) -> State:
         return sign * self.f_c / self.sigma0 + 0.0 * state[0], jnp.ones_like(state[1])
 
-    def on_reversal(self, state, sign):
+    def on_reversal(self, state: State, sign: ScalarLike) -> State:
         z, _ = state
-        return z, jnp.where(self._room(z, sign) > _SATURATED, 0.0, 1.0)
+        return z, jnp.where(constant(self._room(z, sign)) > _SATURATED, 0.0, 1.0)
 
     @classmethod
-    def search_ranges(cls, mass, acceleration, rate):
+    def search_ranges(cls, mass: float, acceleration: float, rate: float) -> dict[str, tuple[float, float]]:
         stiffness, _, force = lugre_ranges(mass, acceleration, rate)
         return {"sigma0": stiffness, "f_c": force, "exponent": (0.3, 3.0)}

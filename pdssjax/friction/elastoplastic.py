@@ -20,9 +20,9 @@ P. Dupont, V. Hayward, B. Armstrong and F. Altpeter, IEEE Trans. Automatic Contr
 
 import jax.numpy as jnp
 
-from ..core import quantity
-from ..integration import cosine_and_sine
-from .base import AbstractStribeckBristle, stribeck_curve, stribeck_guard
+from ..core import Scalar, ScalarLike, quantity
+from ..integration import Term, constant, cosine_and_sine
+from .base import AbstractStribeckBristle, State, Terms, stribeck_curve, stribeck_guard
 
 _HYSTERESIS = 1e-5
 """Part of z_ss - z_ba by which z has to pass z_ss before the region changes."""
@@ -34,15 +34,15 @@ class Elastoplastic(AbstractStribeckBristle):
     elastic_part: float = quantity(0.6, "", positive=False, low=0.0, high=1.0)
     """Breakaway displacement z_ba as a part of the smallest z_ss: s0 z_ba / min(f_c, f_s)."""
 
-    def breakaway(self):
+    def breakaway(self) -> ScalarLike:
         """Breakaway displacement z_ba [m]."""
         least = jnp.where(jnp.asarray(self.f_s) < self.f_c, self.f_s, self.f_c)
         return self.elastic_part * least / self.sigma0
 
-    def _steady(self, v):
+    def _steady(self, v: Term) -> Term:
         return stribeck_curve(v, self.f_c, self.f_s, self.v_s) * (1.0 / self.sigma0)
 
-    def rate(self, state, v, sign):
+    def rate(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:
         z, mixed, plastic, _ = state
         u, begin, end = z * sign, self.breakaway(), self._steady(v)
         angle = (u - (end + begin) * 0.5) * jnp.pi / (end - begin)
@@ -50,10 +50,10 @@ class Elastoplastic(AbstractStribeckBristle):
         alpha = mixed * (sine * 0.5 + 0.5) + plastic
         return v - alpha * (v * u) / end, 0, 0, 0
 
-    def error_scale(self):
+    def error_scale(self) -> State:
         return jnp.ones(()), jnp.ones(()), jnp.ones(()), jnp.ones(())
 
-    def guards(self, state, v, sign):
+    def guards(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:
         z, mixed, plastic, fast = state
         u, begin, end = z * sign, self.breakaway(), self._steady(v)
         margin = (end - begin) * _HYSTERESIS
@@ -61,7 +61,7 @@ class Elastoplastic(AbstractStribeckBristle):
         recovers = (u - end + margin) * plastic + (1.0 - plastic)
         return is_yielding, recovers, stribeck_guard(fast, v, sign, self.v_s)
 
-    def after_event(self, state, v, sign, which):
+    def after_event(self, state: State, v: Scalar, sign: ScalarLike, which: Scalar) -> State:
         z, mixed, plastic, fast = state
         is_yielding = jnp.where(which == 0, 1.0, 0.0)
         region = which < 2
@@ -73,12 +73,12 @@ class Elastoplastic(AbstractStribeckBristle):
             jnp.where(region, fast, 1.0 - fast),
         )
 
-    def on_reversal(self, state, sign):
+    def on_reversal(self, state: State, sign: ScalarLike) -> State:
         u = state[0] * sign
-        plastic = jnp.where(u >= self._steady(0.0), 1.0, 0.0)
+        plastic = jnp.where(u >= constant(self._steady(0.0)), 1.0, 0.0)
         mixed = jnp.where(u >= self.breakaway(), 1.0, 0.0) * (1.0 - plastic)
         return state[0], mixed, plastic, jnp.zeros_like(state[3])
 
     @classmethod
-    def search_ranges(cls, mass, acceleration, rate):
+    def search_ranges(cls, mass: float, acceleration: float, rate: float) -> dict[str, tuple[float, float]]:
         return super().search_ranges(mass, acceleration, rate) | {"elastic_part": (0.2, 0.95)}

@@ -21,8 +21,9 @@ F. Al-Bender, V. Lampaert and J. Swevers, IEEE Trans. Automatic Control 50(11), 
 
 import jax.numpy as jnp
 
-from ..core import quantity
-from .base import AbstractFriction, lugre_ranges, stribeck_curve, stribeck_guard, stribeck_range
+from ..core import Scalar, ScalarLike, quantity
+from ..integration import Term, constant
+from .base import AbstractFriction, State, Terms, lugre_ranges, stribeck_curve, stribeck_guard, stribeck_range
 
 _COUNT = 4
 
@@ -61,20 +62,20 @@ class GeneralizedMaxwellSlip(AbstractFriction):
     sigma2: float = quantity(0.0, "N s/m", positive=False, low=0.0, optional=True)
     """Viscous friction s2 [N s/m]."""
 
-    def initial(self):
+    def initial(self) -> State:
         return tuple(jnp.zeros(()) for _ in range(2 * _COUNT + 1))
 
-    def _stiffnesses(self):
+    def _stiffnesses(self) -> tuple[float, float, float, float]:
         return self.stiffness_1, self.stiffness_2, self.stiffness_3, self.stiffness_4
 
-    def _strengths(self):
+    def _strengths(self) -> tuple[float, float, float, float]:
         return self.strength_1, self.strength_2, self.strength_3, self.strength_4
 
-    def _remaining(self, v):
+    def _remaining(self, v: Term) -> Term:
         """s(v) / W."""
         return stribeck_curve(v, self.weakened, 1.0, self.v_s)
 
-    def rate(self, state, v, sign):
+    def rate(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:
         total = sum(self._strengths())
         level = self._remaining(v) * total
         rates = []
@@ -85,24 +86,24 @@ class GeneralizedMaxwellSlip(AbstractFriction):
             rates.append(v * (1.0 - slips) + attracted * slips)
         return (*rates, *(0 for _ in range(_COUNT + 1)))
 
-    def extra_error_terms(self, state, v, sign):
+    def extra_error_terms(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:
         return (self._remaining(v) * _SEEN,)
 
-    def _elastic(self, state):
+    def _elastic(self, state: Terms) -> Term:
         forces = [z * k for z, k in zip(state[:_COUNT], self._stiffnesses(), strict=True)]
         return sum(forces[1:], forces[0])
 
-    def force(self, state, v, sign):
+    def force(self, state: Terms, v: Term, sign: ScalarLike) -> Term:
         return self._elastic(state) + self.sigma2 * v
 
-    def error_scale(self):
+    def error_scale(self) -> State:
         return tuple(jnp.ones(()) for _ in range(2 * _COUNT + 1))
 
-    def equilibrium_state(self, state, force):
-        displacement = (force - self._elastic(state)) / sum(self._stiffnesses())
+    def equilibrium_state(self, state: State, force: Scalar) -> tuple[State, Scalar]:
+        displacement = (force - constant(self._elastic(state))) / sum(self._stiffnesses())
         return (*(z + displacement for z in state[:_COUNT]), *state[_COUNT:]), displacement
 
-    def guards(self, state, v, sign):
+    def guards(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:
         remaining = self._remaining(v)
         elements = (
             (remaining * w - z * (sign * k)) * (1.0 - slips) + slips
@@ -112,18 +113,18 @@ class GeneralizedMaxwellSlip(AbstractFriction):
         )
         return (*elements, stribeck_guard(state[-1], v, sign, self.v_s))
 
-    def after_event(self, state, v, sign, which):
+    def after_event(self, state: State, v: Scalar, sign: ScalarLike, which: Scalar) -> State:
         slips = (jnp.where(which == i, 1.0, flag) for i, flag in enumerate(state[_COUNT:-1]))
         fast = jnp.where(which == _COUNT, 1.0 - state[-1], state[-1])
         return (*state[:_COUNT], *slips, fast)
 
-    def on_reversal(self, state, sign):
+    def on_reversal(self, state: State, sign: ScalarLike) -> State:
         springs = zip(state[:_COUNT], self._stiffnesses(), self._strengths(), strict=True)
         slips = [jnp.where(sign * k * z < w * (1.0 - _ROUNDING), 0.0, 1.0) for z, k, w in springs]
         return (*state[:_COUNT], *slips, jnp.zeros_like(state[-1]))
 
     @classmethod
-    def search_ranges(cls, mass, acceleration, rate):
+    def search_ranges(cls, mass: float, acceleration: float, rate: float) -> dict[str, tuple[float, float]]:
         stiffness, damping, force = lugre_ranges(mass, acceleration, rate)
         ranges = {"sigma2": damping}
         for i in range(1, _COUNT + 1):

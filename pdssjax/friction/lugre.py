@@ -14,24 +14,26 @@ N. Barabanov and R. Ortega, IEEE Trans. Automatic Control 45(4), 2000.
 
 import jax.numpy as jnp
 
-from .base import AbstractStribeckBristle, stribeck_curve, stribeck_guard
+from ..core import Scalar, ScalarLike
+from ..integration import Term
+from .base import AbstractStribeckBristle, State, Terms, stribeck_curve, stribeck_guard
 
 
 class LuGre(AbstractStribeckBristle):
     """One mean bristle deflection z [m], whose limit depends on the velocity; a flag tells fast sliding."""
 
-    def rate(self, state, v, sign):
+    def rate(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:
         level = stribeck_curve(v, self.f_c, self.f_s, self.v_s)
         return v - v * state[0] * (self.sigma0 * sign) / level, 0
 
-    def error_scale(self):
+    def error_scale(self) -> State:
         return jnp.ones(()), jnp.ones(())
 
-    def guards(self, state, v, sign):
+    def guards(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:
         return (stribeck_guard(state[1], v, sign, self.v_s),)
 
-    def after_event(self, state, v, sign, which):
+    def after_event(self, state: State, v: Scalar, sign: ScalarLike, which: Scalar) -> State:
         return state[0], 1.0 - state[1]
 
-    def on_reversal(self, state, sign):
+    def on_reversal(self, state: State, sign: ScalarLike) -> State:
         return state[0], jnp.zeros_like(state[1])

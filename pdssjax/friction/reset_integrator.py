@@ -14,8 +14,9 @@ D. A. Haessig and B. Friedland, ASME Journal of Dynamic Systems, Measurement, an
 
 import jax.numpy as jnp
 
-from ..core import quantity
-from .base import AbstractFriction, lugre_ranges
+from ..core import Scalar, ScalarLike, quantity
+from ..integration import Term
+from .base import AbstractFriction, State, Terms, lugre_ranges
 
 _ROUNDING = 1e-12
 """Part of p0 by which a bond at its limit may seem short of it."""
@@ -33,39 +34,39 @@ class ResetIntegrator(AbstractFriction):
     beta: float = quantity(45.0, "N s/m", positive=False, low=0.0)
     """Damping beta of the stretching bond [N s/m]."""
 
-    def initial(self):
+    def initial(self) -> State:
         return jnp.zeros(()), jnp.zeros(())
 
-    def rate(self, state, v, sign):
+    def rate(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:
         _, dragged = state
         return v * (1.0 - dragged), 0
 
-    def force(self, state, v, sign):
+    def force(self, state: Terms, v: Term, sign: ScalarLike) -> Term:
         p, dragged = state
         stiction = (1.0 - dragged) * self.a
         return self.sigma0 * p * (stiction + 1.0) + self.beta * self.rate(state, v, sign)[0]
 
-    def error_scale(self):
+    def error_scale(self) -> State:
         return jnp.ones(()), jnp.ones(())
 
-    def equilibrium_state(self, state, force):
+    def equilibrium_state(self, state: State, force: Scalar) -> tuple[State, Scalar]:
         p, dragged = state
         target = force / (self.sigma0 * (1.0 + (1.0 - dragged) * self.a))
         return (target, dragged), target - p
 
-    def guards(self, state, v, sign):
+    def guards(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:
         p, dragged = state
         return ((self.f_c / self.sigma0 - p * sign) * (1.0 - dragged) + dragged,)
 
-    def after_event(self, state, v, sign, which):
+    def after_event(self, state: State, v: Scalar, sign: ScalarLike, which: Scalar) -> State:
         return sign * self.f_c / self.sigma0 + 0.0 * state[0], jnp.ones_like(state[1])
 
-    def on_reversal(self, state, sign):
+    def on_reversal(self, state: State, sign: ScalarLike) -> State:
         p, _ = state
         limit = self.f_c / self.sigma0
         return p, jnp.where(p * sign < limit * (1.0 - _ROUNDING), 0.0, 1.0)
 
     @classmethod
-    def search_ranges(cls, mass, acceleration, rate):
+    def search_ranges(cls, mass: float, acceleration: float, rate: float) -> dict[str, tuple[float, float]]:
         stiffness, damping, force = lugre_ranges(mass, acceleration, rate)
         return {"sigma0": stiffness, "f_c": force, "a": (0.01, 1.0), "beta": damping}

@@ -8,8 +8,9 @@ Thesis, section 5.2.7, after C. Canudas de Wit et al., IEEE Trans. Automatic Con
 
 import jax.numpy as jnp
 
-from ..core import quantity
-from .base import AbstractFriction, lugre_ranges
+from ..core import Scalar, ScalarLike, quantity
+from ..integration import Term
+from .base import AbstractFriction, State, Terms, lugre_ranges
 
 
 class SimplifiedLuGre(AbstractFriction):
@@ -22,24 +23,24 @@ class SimplifiedLuGre(AbstractFriction):
     f_ss: float = quantity(0.65, "N")
     """Breakaway force F_SS [N]."""
 
-    def initial(self):
+    def initial(self) -> State:
         return (jnp.zeros(()),)
 
-    def rate(self, state, v, sign):
+    def rate(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:
         return (v - self.sigma0 * sign / self.f_ss * (v * state[0]),)
 
-    def force(self, state, v, sign):
+    def force(self, state: Terms, v: Term, sign: ScalarLike) -> Term:
         return self.sigma0 * state[0] + self.sigma1 * self.rate(state, v, sign)[0]
 
-    def error_scale(self):
+    def error_scale(self) -> State:
         return (jnp.ones(()),)
 
-    def equilibrium_state(self, state, force):
+    def equilibrium_state(self, state: State, force: Scalar) -> tuple[State, Scalar]:
         target = force / self.sigma0
         return (target,), target - state[0]
 
     @classmethod
-    def search_ranges(cls, mass, acceleration, rate):
+    def search_ranges(cls, mass: float, acceleration: float, rate: float) -> dict[str, tuple[float, float]]:
         stiffness, damping, force = lugre_ranges(mass, acceleration, rate)
         return {
             "sigma0": stiffness,

@@ -15,9 +15,9 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 
-from ..core import quantity
-from ..integration import exp, power
-from .base import CURVE, AbstractFriction, lugre_ranges, stribeck_guard, stribeck_range
+from ..core import Scalar, ScalarLike, quantity
+from ..integration import Term, exp, power
+from .base import CURVE, AbstractFriction, State, Terms, lugre_ranges, stribeck_guard, stribeck_range
 
 _ROUNDING = 1e-3
 """e: the part of v_s below which the tip of the curve is rounded."""
@@ -52,47 +52,47 @@ class Stribeck(AbstractFriction):
     delta: float = quantity(2.0, "", optional=True)
     """Exponent delta of the Stribeck curve."""
 
-    def initial(self):
+    def initial(self) -> State:
         return jnp.zeros(()), jnp.zeros(())
 
-    def rate(self, state, v, sign):
+    def rate(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:
         return 0, 0
 
-    def _weakening(self, v):
+    def _weakening(self, v: Term) -> Term:
         """exp(-|v/v_s|^delta), 1 at rest and 0 far out."""
         x = v * (1.0 / self.v_s)
         square = x * x
         exponent = square * power(square + _ROUNDING**2, 0.5 * self.delta - 1.0)
         return exp(exponent * (-1.0))
 
-    def force(self, state, v, sign):
+    def force(self, state: Terms, v: Term, sign: ScalarLike) -> Term:
         level = self._weakening(v) * (self.f_s - self.f_c) + self.f_c
         return level * sign + v * self.sigma2
 
-    def extra_error_terms(self, state, v, sign):
+    def extra_error_terms(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:
         return (self._weakening(v) * CURVE,)
 
-    def error_scale(self):
+    def error_scale(self) -> State:
         return jnp.ones(()), jnp.ones(())
 
-    def equilibrium_state(self, state, force):
+    def equilibrium_state(self, state: State, force: Scalar) -> tuple[State, Scalar]:
         return state, jnp.zeros(())
 
-    def guards(self, state, v, sign):
+    def guards(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:
         fast, tip = state
         far = power(_FLAT, 1.0 / self.delta)
         ends = (v * (-sign / self.v_s) + _BEYOND * _ROUNDING) * tip + (1.0 - tip)
         return stribeck_guard(fast, v, sign, self.v_s, far), ends
 
-    def after_event(self, state, v, sign, which):
+    def after_event(self, state: State, v: Scalar, sign: ScalarLike, which: Scalar) -> State:
         fast, tip = state
         return jnp.where(which == 0, 1.0 - fast, fast), jnp.where(which == 1, 0.0, tip)
 
-    def on_reversal(self, state, sign):
+    def on_reversal(self, state: State, sign: ScalarLike) -> State:
         return jnp.zeros(()), jnp.where(self.delta == 2.0, 0.0, 1.0)
 
     @classmethod
-    def search_ranges(cls, mass, acceleration, rate):
+    def search_ranges(cls, mass: float, acceleration: float, rate: float) -> dict[str, tuple[float, float]]:
         _, damping, force = lugre_ranges(mass, acceleration, rate)
         return {
             "f_c": force,

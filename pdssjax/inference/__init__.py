@@ -10,10 +10,12 @@ if TYPE_CHECKING:
     from .ending import SUCCESSES as SUCCESSES
     from .ending import Ending as Ending
     from .identification import FitInterrupted as FitInterrupted
+    from .identification import Intervals as Intervals
     from .identification import identify as identify
     from .initial_values.guess import initial_guess as initial_guess
     from .initial_values.search import guess_starts as guess_starts
     from .iterations import iterates as iterates
+    from .least_squares import Method as Method
     from .levenberg_marquardt import BoundedLevenbergMarquardt as BoundedLevenbergMarquardt
     from .parameter_transform import transform_of as transform_of
     from .problem import Problem as Problem
@@ -28,10 +30,11 @@ else:
         {
             "covariance": ["least_squares_covariance"],
             "ending": ["Ending", "SUCCESSES"],
-            "identification": ["FitInterrupted", "identify"],
+            "identification": ["FitInterrupted", "Intervals", "identify"],
             "initial_values.guess": ["initial_guess"],
             "initial_values.search": ["guess_starts"],
             "iterations": ["iterates"],
+            "least_squares": ["Method"],
             "levenberg_marquardt": ["BoundedLevenbergMarquardt"],
             "parameter_transform": ["transform_of"],
             "problem": ["Problem", "pose_problem"],

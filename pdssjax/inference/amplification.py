@@ -4,6 +4,7 @@ The thesis identifies the stack first and then takes it for exact (6.2 asks what
 """
 
 import numpy as np
+from jaxtyping import Bool
 
 from ..study import Amplification
 from .covariance import moved_by
@@ -11,7 +12,7 @@ from .least_squares import Fit, of_piezo, of_platform_alone
 from .problem import Problem
 
 
-def amplification_of(problem: Problem, fit: Fit, identifiable: np.ndarray) -> Amplification | None:
+def amplification_of(problem: Problem, fit: Fit, identifiable: Bool[np.ndarray, " p"]) -> Amplification | None:
     """What an error of the stack does to everything else in the records that do not show the platform alone.
 
     **Arguments:** which of the free parameters are `identifiable`, shape (parameters,); the others are left out.

@@ -1,10 +1,12 @@
 """The best point that a fit has come to, for when it is broken off."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Bool
 
-from .least_squares import MAX_ITERATIONS, Fit, Progress, Run, evaluated, of_platform_alone
+from ..study import Values
+from .least_squares import MAX_ITERATIONS, Fit, FitMethod, Progress, evaluated, of_platform_alone
 from .problem import Problem, unwatched
 
 
@@ -26,16 +28,17 @@ class BestPoint:
         self.point: Point | None = None
         self._starts: dict[str, float] = {}
 
-    def watched(self, run: Run) -> Run:
+    def watched(self, run: FitMethod) -> FitMethod:
         """`run`, which tells of every iteration."""
 
-        def told(problem: Problem, starts: dict[str, Any], report: Progress, limit: int = MAX_ITERATIONS) -> Fit:
-            self._starts = dict(problem.residual.fixed) | {path: float(number) for path, number in starts.items()}
+        def told(problem: Problem, starts: Values, report: Progress, limit: int = MAX_ITERATIONS) -> Fit:
+            given = {**problem.residual.fixed, **starts}
+            self._starts = {path: float(number) for path, number in given.items()}
             return run(problem._replace(watch=self.note), starts, report, limit)
 
         return told
 
-    def note(self, problem: Problem, used: np.ndarray, fit: Fit) -> None:
+    def note(self, problem: Problem, used: Bool[np.ndarray, " records"], fit: Fit) -> None:
         """Keep the point of `fit`, of the records `used`, if it is the best so far.
 
         A run over more of the records is better, whatever its chi-square; among runs over the

@@ -11,12 +11,14 @@ norm (J. J. Moré, Lecture Notes in Mathematics 630, 1978); the norm falls as th
 bounds too, because the set is convex.
 """
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import jax.numpy as jnp
 from jax import lax
 from jax.scipy.linalg import solve_triangular
 from jaxtyping import Array, Bool, Float
+
+from ..core import Count, Scalar, Truth
 
 _MULTIPLIER = 1e-12
 """Size of a multiplier, relative to the residual, from which it counts; columns have unit norm."""
@@ -46,16 +48,22 @@ class BoxSolution(NamedTuple):
     """Upper triangle F, F'F = R'R + damping for the unknowns inside, unit rows for those held."""
 
 
+Search: TypeAlias = tuple[Scalar, Scalar, Scalar, BoxSolution, Count]
+"""The damping, the ends between which it lies, what it gives, and how many were tried."""
+
+
 class _Pass(NamedTuple):
     x: Float[Array, " p"]
     at_low: Bool[Array, " p"]
     at_high: Bool[Array, " p"]
     factor: Float[Array, "p p"]
-    done: Bool[Array, ""]
-    passes: Array
+    done: Truth
+    passes: Count
 
 
-def triangle(jacobian: Float[Array, "n p"], residual: Float[Array, " n"]) -> tuple[Array, Array]:
+def triangle(
+    jacobian: Float[Array, "n p"], residual: Float[Array, " n"]
+) -> tuple[Float[Array, "p p"], Float[Array, " p"]]:
     """R, shape (p, p), and q = Q'r, shape (p,), of a Jacobian's QR factorisation; fewer rows will do."""
     n, p = jacobian.shape
     missing = max(p - n, 0)
@@ -63,18 +71,24 @@ def triangle(jacobian: Float[Array, "n p"], residual: Float[Array, " n"]) -> tup
     return upper, factor.T @ jnp.pad(residual, (0, missing))
 
 
-def solve_in_ball_and_box(upper: Array, projected: Array, radius: Array, low: Array, high: Array) -> BoxSolution:
+def solve_in_ball_and_box(
+    upper: Float[Array, "p p"],
+    projected: Float[Array, " p"],
+    radius: Scalar,
+    low: Float[Array, " p"],
+    high: Float[Array, " p"],
+) -> BoxSolution:
     """As `solve_in_box`, with the damping, least or larger, that keeps ||x|| to within a tenth of `radius`."""
     steepest = jnp.linalg.norm(upper.T @ projected)
     least = _LEAST_DAMPING * jnp.ones(())
 
-    def go_on(carry):
+    def go_on(carry: Search) -> Truth:
         damping, _, _, found, count = carry
         norm = jnp.linalg.norm(found.x)
         enough = (norm <= radius * (1.0 + _NEAR)) & ((norm >= radius * (1.0 - _NEAR)) | (damping <= least))
         return ~enough & (count < _DAMPINGS)
 
-    def try_another(carry):
+    def try_another(carry: Search) -> Search:
         damping, low_end, high_end, found, count = carry
         norm = jnp.linalg.norm(found.x)
         low_end = jnp.where(norm > radius, jnp.maximum(low_end, damping), low_end)
@@ -117,7 +131,7 @@ def solve_in_box(
     )
     tolerance = _MULTIPLIER * jnp.linalg.norm(projected)
 
-    def go_on(state: _Pass):
+    def go_on(state: _Pass) -> Truth:
         return ~state.done & (state.passes < _PASSES * projected.size + 4)
 
     def one_pass(state: _Pass) -> _Pass:
@@ -142,7 +156,13 @@ def solve_in_box(
     return BoxSolution(end.x, end.at_low, end.at_high, end.factor)
 
 
-def _solved_inside(upper, projected, damping, x, inside):
+def _solved_inside(
+    upper: Float[Array, "p p"],
+    projected: Float[Array, " p"],
+    damping: Scalar,
+    x: Float[Array, " p"],
+    inside: Bool[Array, " p"],
+) -> tuple[Float[Array, " p"], Float[Array, "p p"]]:
     """The minimum over the unknowns inside, the others staying where they are, and its triangular factor."""
     weight = jnp.where(inside, 1.0, 0.0)
     fixed = jnp.where(inside, 0.0, x)
@@ -153,7 +173,13 @@ def _solved_inside(upper, projected, damping, x, inside):
     return jnp.where(inside & jnp.isfinite(found), found, x), triangular
 
 
-def _as_far_as_bounds_let(x, aim, low, high, inside):
+def _as_far_as_bounds_let(
+    x: Float[Array, " p"],
+    aim: Float[Array, " p"],
+    low: Float[Array, " p"],
+    high: Float[Array, " p"],
+    inside: Bool[Array, " p"],
+) -> tuple[Scalar, Bool[Array, " p"], Bool[Array, " p"]]:
     """The share of the way to `aim` that stays between the bounds, and which unknowns stop there at a bound."""
     way = aim - x
     below, above = inside & (aim < low), inside & (aim > high)

@@ -8,7 +8,7 @@ that value vanishes, is left out, and the parameters that take part in it have n
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 NO_INFORMATION = 1e-8
 """Relative singular value below which a direction of the parameters leaves the residuals alone."""
@@ -78,7 +78,10 @@ def moved_by(later: Float[np.ndarray, "n l"], earlier: Float[np.ndarray, "n e"])
 
 
 def propagated(
-    jacobian: Float[np.ndarray, "n p"], first: Float[np.ndarray, "q q"], later: np.ndarray, earlier: np.ndarray
+    jacobian: Float[np.ndarray, "n p"],
+    first: Float[np.ndarray, "q q"],
+    later: Int[np.ndarray, " r"],
+    earlier: Int[np.ndarray, " q"],
 ) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, "p p"]]:
     """Covariance of a fit in two steps: naive, and with the first step's errors carried on.
 

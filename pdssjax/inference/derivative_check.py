@@ -9,7 +9,9 @@ large to tell a wrong derivative from a residual that bends within them; then sm
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
+
+from ..core import Count, Scalar
 
 SIZES = (4.0, 0.5, 0.06, 0.008)
 """Change of the residual by each half of a difference, in standard deviations of the residual."""
@@ -32,7 +34,7 @@ _SMALLEST = 1e-6
 AGREES, DISCONTINUOUS, WRONG = 0, 1, 2
 
 
-def noise_scale(residual: Float[Array, " n"], jacobian: Float[Array, "n p"], y: Float[Array, " p"]) -> Array:
+def noise_scale(residual: Float[Array, " n"], jacobian: Float[Array, "n p"], y: Float[Array, " p"]) -> Scalar:
     """Standard deviation of the residual, or where it vanishes what rounding lets one see."""
     spread = jnp.linalg.norm(residual) / jnp.sqrt(max(residual.size - y.size, 1))
     norms = jnp.linalg.norm(jacobian, axis=0)
@@ -40,7 +42,9 @@ def noise_scale(residual: Float[Array, " n"], jacobian: Float[Array, "n p"], y: 
     return jnp.maximum(spread, _SMALLEST * jnp.median(norms * jnp.maximum(jnp.abs(y), 1e-3)) + 1e-300)
 
 
-def random_direction(jacobian: Float[Array, "n p"], y: Float[Array, " p"], free: Array, scale: Array) -> Array:
+def random_direction(
+    jacobian: Float[Array, "n p"], y: Float[Array, " p"], free: Bool[Array, " p"], scale: Scalar
+) -> Float[Array, " p"]:
     """A direction in which each free parameter moves the residual alike; a parameter without effect moves a little."""
     norms = jnp.linalg.norm(jacobian, axis=0)
     limit = _FARTHEST * jnp.maximum(jnp.abs(y), 1.0)
@@ -49,12 +53,16 @@ def random_direction(jacobian: Float[Array, "n p"], y: Float[Array, " p"], free:
     return _sized(direction, jacobian, y, scale)
 
 
-def proposed_direction(jacobian: Float[Array, "n p"], y: Float[Array, " p"], step: Array, scale: Array) -> Array:
+def proposed_direction(
+    jacobian: Float[Array, "n p"], y: Float[Array, " p"], step: Float[Array, " p"], scale: Scalar
+) -> Float[Array, " p"]:
     """Along a proposed `step`."""
     return _sized(step, jacobian, y, scale)
 
 
-def _sized(direction, jacobian, y, scale):
+def _sized(
+    direction: Float[Array, " p"], jacobian: Float[Array, "n p"], y: Float[Array, " p"], scale: Scalar
+) -> Float[Array, " p"]:
     """Scaled to change the residual by `scale`, but to move no parameter far."""
     change = jnp.linalg.norm(jacobian @ direction)
     longest = jnp.max(jnp.abs(direction) / (_FARTHEST * jnp.maximum(jnp.abs(y), 1.0)))
@@ -63,12 +71,12 @@ def _sized(direction, jacobian, y, scale):
 
 
 def next_check(
-    checked: Array,
+    checked: Count,
     earlier: Float[Array, " sizes"],
     difference: Float[Array, " n"],
     predicted: Float[Array, " n"],
-    scale: Array,
-) -> tuple[Array, Array, Array]:
+    scale: Scalar,
+) -> tuple[Scalar, Count, Count]:
     """What one more difference of the residual says of the derivative.
 
     **Arguments:** `checked`, the number of this check, along direction `checked // len(SIZES)` with size

@@ -2,7 +2,7 @@
 
 import dataclasses
 import time
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -10,13 +10,13 @@ from ..core import InputError, need_double_precision
 from ..integration import Accuracy
 from ..study import Estimate, Study
 from .best_point import BestPoint, Point, completed
-from .least_squares import Progress, joint, sequential
+from .least_squares import Method, Progress, joint, sequential
 from .multistart import best_fit
 from .profile_intervals import with_profile_intervals
 from .summary import summarise
 
-Method = Literal["joint", "sequential"]
-Intervals = Literal["linear", "profile"]
+Intervals: TypeAlias = Literal["linear", "profile"]
+"""By the covariance, or by profile likelihood."""
 
 
 class FitInterrupted(KeyboardInterrupt):

@@ -1,24 +1,35 @@
 """The loop of a least-squares solver: one compiled iteration after the other, apart from problem and method."""
 
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, TypeAlias
 
 import equinox as eqx
+import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float
 
+from ..core import Truth
 from .ending import Ending
+
+Solver: TypeAlias = optx.AbstractLeastSquaresSolver[Any, Any, Any, Any]
+"""Whatever its own point and state are."""
+
+SolverState: TypeAlias = Any
+"""That of the solver, which has an `ending` and a count of `iterations`."""
+
+ResidualFunction: TypeAlias = Callable[[Any, Any], Any]
+"""(point, args) to the residuals and what goes with them."""
 
 
 @eqx.filter_jit
 def iterate(
-    solver: optx.AbstractLeastSquaresSolver,
-    residual: Callable,
-    point: Float[Array, " p"],
-    args: Any,
-    options: Any,
-    state,
-) -> tuple[Float[Array, " p"], Any, Any]:
+    solver: Solver,
+    residual: ResidualFunction,
+    point: Float[Array | np.ndarray, " p"],
+    args: Float[Array | np.ndarray, " records"],
+    options: dict[str, Float[np.ndarray, " p"]],
+    state: SolverState,
+) -> tuple[Float[Array | np.ndarray, " p"], SolverState, Truth]:
     """One iteration of `solver` on `residual(point, args)`: point and state after it, and whether it was the last."""
     point, state, _ = solver.step(residual, point, args, options, state, frozenset())
     over, _ = solver.terminate(residual, point, args, options, state, frozenset())
@@ -26,8 +37,14 @@ def iterate(
 
 
 def iterates(
-    solver: optx.AbstractLeastSquaresSolver, residual: Callable, point: Any, args: Any, options: Any, state, limit: int
-) -> Iterator[tuple[Float[Array, " p"], Any]]:
+    solver: Solver,
+    residual: ResidualFunction,
+    point: Float[Array | np.ndarray, " p"],
+    args: Float[Array | np.ndarray, " records"],
+    options: dict[str, Float[np.ndarray, " p"]],
+    state: SolverState,
+    limit: int,
+) -> Iterator[tuple[Float[Array | np.ndarray, " p"], SolverState]]:
     """Point and state after every iteration, until the solver ends or has linearised `limit` times.
 
     At least one iteration is made.  An ending that the solver has begun to check is checked to its end.

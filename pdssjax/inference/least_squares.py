@@ -1,21 +1,28 @@
 """Fits by least squares: Levenberg-Marquardt runs, one after the other, from given starts."""
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Literal, NamedTuple, Protocol, TypeAlias
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Bool, Float
 
-from ..study import Record
+from ..study import Lowered, Record, Values
 from .ending import SUCCESSES, Ending
 from .iterations import iterate, iterates
-from .levenberg_marquardt import BoundedLevenbergMarquardt, LMState
+from .levenberg_marquardt import BoundedLevenbergMarquardt
+from .lm_state import LMState
 from .parameter_transform import ParameterTransform
 from .problem import Problem
-from .residual import as_weights
+from .residual import Residual, as_weights
 
-Progress = Callable[[str], None]
+Progress: TypeAlias = Callable[[str], None]
+"""Told what is being done."""
+
+Method: TypeAlias = Literal["joint", "sequential"]
+"""All parameters at once, or the piezo first."""
 
 MAX_ITERATIONS = 200
 
@@ -44,16 +51,27 @@ AT_BOUNDS = "at bounds: the gradient is small for all other parameters"
 INTERRUPTED = "interrupted; this is the best point so far, not an optimum"
 
 
-class Run(Protocol):
+class Iteration(NamedTuple):
+    """The arguments of `iterate`."""
+
+    solver: BoundedLevenbergMarquardt
+    residual: Residual
+    point: Float[np.ndarray, " p"]
+    args: Float[np.ndarray, " records"]
+    options: dict[str, Float[np.ndarray, " p"]]
+    state: LMState
+
+
+class FitMethod(Protocol):
     """A way to fit: from a problem and starts to where it ended, after `limit` iterations a phase at most."""
 
-    def __call__(self, problem: Problem, starts: dict[str, Any], report: Progress, limit: int = ...) -> "Fit": ...
+    def __call__(self, problem: Problem, starts: Values, report: Progress, limit: int = ...) -> "Fit": ...
 
 
 class Fit(NamedTuple):
     """Where a Levenberg-Marquardt run ended."""
 
-    free: np.ndarray
+    free: Float[np.ndarray, " p"]
     state: LMState
     success: bool
     message: str
@@ -74,7 +92,7 @@ def reduced_chi2(fit: Fit, problem: Problem) -> float:
     return fit.chi2 / max(np.size(fit.state.residual) - fit.free.size - offsets, 1)
 
 
-def joint(problem: Problem, starts: dict[str, Any], report: Progress, limit: int = MAX_ITERATIONS) -> Fit:
+def joint(problem: Problem, starts: Values, report: Progress, limit: int = MAX_ITERATIONS) -> Fit:
     """What the platform alone shows first, from its records, then everything from everything.
 
     The first phase is cheap and only brings the piezo near: with it far off, the slips
@@ -92,7 +110,7 @@ def joint(problem: Problem, starts: dict[str, Any], report: Progress, limit: int
     return summed(last, spent)
 
 
-def sequential(problem: Problem, starts: dict[str, Any], report: Progress, limit: int = MAX_ITERATIONS) -> Fit:
+def sequential(problem: Problem, starts: Values, report: Progress, limit: int = MAX_ITERATIONS) -> Fit:
     """The piezo from the platform records; then, with the piezo held, the others from the rest."""
     platform = of_platform_alone(problem.records)
     free = problem.residual.transform.encode(starts)
@@ -105,13 +123,13 @@ def sequential(problem: Problem, starts: dict[str, Any], report: Progress, limit
     return summed(whole, [first, second])
 
 
-def evaluated(problem: Problem, free: np.ndarray, report: Progress) -> Fit:
-    """All records at the point `free`, shape (parameters,), where nothing is fitted."""
+def evaluated(problem: Problem, free: Float[np.ndarray, " p"], report: Progress) -> Fit:
+    """All records at the point `free`, where nothing is fitted."""
     everything = np.ones(len(problem.records), bool)
     return _least_squares(problem, free, everything, np.zeros(free.size, bool), "all", report)
 
 
-def piezo_alone(problem: Problem, starts: dict[str, Any], report: Progress) -> dict[str, float]:
+def piezo_alone(problem: Problem, starts: Values, report: Progress) -> dict[str, float]:
     """The free parameters that the platform alone shows, from its records, the others held at their starts."""
     names = problem.residual.transform
     piezo = of_platform(names)
@@ -123,25 +141,25 @@ def piezo_alone(problem: Problem, starts: dict[str, Any], report: Progress) -> d
     return {path: float(found[path]) for path, wanted in zip(names.paths, piezo, strict=True) if wanted}
 
 
-def lowered(problem: Problem, starts: dict[str, Any]) -> Any:
+def lowered(problem: Problem, starts: Values) -> Lowered:
     """What every iteration runs, traced; its `compile` may go on in another thread."""
     free = problem.residual.transform.encode(starts)
     everything = np.ones(len(problem.records), bool), np.ones(free.size, bool)
     return iterate.lower(*_solver_arguments(problem, free, *everything))  # pyright: ignore[reportFunctionMemberAccess]
 
 
-def of_piezo(transform: ParameterTransform) -> np.ndarray:
-    """Which free parameters belong to the piezo, shape (parameters,)."""
+def of_piezo(transform: ParameterTransform) -> Bool[np.ndarray, " p"]:
+    """Which free parameters belong to the piezo."""
     return np.array([path.startswith("piezo.") for path in transform.paths])
 
 
-def of_platform(transform: ParameterTransform) -> np.ndarray:
-    """Which free parameters the platform shows without the end-effector, shape (parameters,)."""
+def of_platform(transform: ParameterTransform) -> Bool[np.ndarray, " p"]:
+    """Which free parameters the platform shows without the end-effector."""
     return np.array([shown_by_platform(path) for path in transform.paths])
 
 
-def of_platform_alone(records: Sequence[Record]) -> np.ndarray:
-    """Which of the records show the platform without the end-effector, shape (records,)."""
+def of_platform_alone(records: Sequence[Record]) -> Bool[np.ndarray, " records"]:
+    """Which of the records show the platform without the end-effector."""
     return np.array([record.measurement.platform_alone for record in records])
 
 
@@ -162,10 +180,18 @@ def quiet(message: str) -> None:
     """Reports no progress."""
 
 
-def _least_squares(problem, free, used, fitted, name, report, limit=MAX_ITERATIONS) -> Fit:
+def _least_squares(
+    problem: Problem,
+    free: Float[np.ndarray, " p"],
+    used: Bool[np.ndarray, " records"],
+    fitted: Bool[np.ndarray, " p"],
+    name: str,
+    report: Progress,
+    limit: int = MAX_ITERATIONS,
+) -> Fit:
     """One Levenberg-Marquardt run over the `fitted` parameters and the `used` records."""
     arguments = _solver_arguments(problem, free, used, fitted)
-    *_, y, _, options, state = arguments
+    y, options, state = arguments.point, arguments.options, arguments.state
     limit = min(limit, MAX_ITERATIONS)
     for y, state in iterates(*arguments, limit):
         chi2 = float(np.sum(np.asarray(state.residual) ** 2))
@@ -178,32 +204,45 @@ def _least_squares(problem, free, used, fitted, name, report, limit=MAX_ITERATIO
     return Fit(np.asarray(y), state, ending in SUCCESSES, message, iterations, int(state.evaluations), ending)
 
 
-def _message(ending: Ending, free: np.ndarray, options: dict[str, np.ndarray], fitted: np.ndarray, limit: int) -> str:
+def _message(
+    ending: Ending,
+    free: Float[np.ndarray, " p"],
+    options: dict[str, Float[np.ndarray, " p"]],
+    fitted: Bool[np.ndarray, " p"],
+    limit: int,
+) -> str:
     if ending == Ending.RUNNING:
         return f"no convergence within {limit} iterations"
     at_bound = fitted & ((free <= options["lower"]) | (free >= options["upper"]))
     return AT_BOUNDS if ending == Ending.CONVERGED and at_bound.any() else MESSAGES[ending]
 
 
-def _solver_arguments(problem, free, used, fitted):
+def _solver_arguments(
+    problem: Problem, free: Float[np.ndarray, " p"], used: Bool[np.ndarray, " records"], fitted: Bool[np.ndarray, " p"]
+) -> Iteration:
     """What the first iteration starts from: the arguments of `iterate`."""
-    bounds = problem.residual.transform
-    low, high = (np.where(fitted, end, free) for end in (bounds.low, bounds.high))
-    options = {"lower": low, "upper": high}
+    options = problem.residual.transform.bounds_where(fitted, free)
     weights = as_weights(problem.noise, used)
     samples = sum(record.time.size for record, use in zip(problem.records, used, strict=True) if use)
     # A step that lowers chi-square by 1e-4 is a hundredth of a standard error, one by 0.05 a quarter.
-    visible: Any = np.float64(1.0 / samples)  # an array: a new Python float would compile anew
+    visible: float = np.float64(1.0 / samples)  # an array: a new Python float would compile anew
     solver = BoundedLevenbergMarquardt(
         rtol=1e-4 * visible, atol=1e-4, slow=0.05 * visible, invisible=INVISIBLE * visible
     )
-    y: Any = np.clip(np.asarray(free, float), low, high)
+    y = np.clip(np.asarray(free, float), options["lower"], options["upper"])
     state = _begin(solver, problem.residual, y, weights, options)
-    return solver, problem.residual, y, weights, options, state
+    return Iteration(solver, problem.residual, y, weights, options, state)
 
 
 @eqx.filter_jit
-def _begin(solver, residual, y, weights, options):
+def _begin(
+    solver: BoundedLevenbergMarquardt,
+    residual: Residual,
+    y: Float[Array | np.ndarray, " p"],
+    weights: Float[Array | np.ndarray, " records"],
+    options: dict[str, Float[np.ndarray, " p"]],
+) -> LMState:
     # Known without tracing the residual, which takes long.
     out, aux = (jax.ShapeDtypeStruct((size,), y.dtype) for size in (residual.samples, weights.size))
-    return solver.init(residual, y, weights, options, out, aux, frozenset())
+    bounds = {end: jnp.asarray(at) for end, at in options.items()}
+    return solver.init(residual, jnp.asarray(y), weights, bounds, out, aux, frozenset())

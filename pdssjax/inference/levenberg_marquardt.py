@@ -16,7 +16,8 @@ best step in that one parameter would gain, so one threshold serves both.  At th
 compared with differences of the residual (`derivative_check`).  Every way to end has its own `Ending`.
 """
 
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import Any, TypeAlias
 
 import equinox as eqx
 import jax
@@ -25,6 +26,7 @@ import optimistix as optx
 from jax import lax
 from jaxtyping import Array, Float
 
+from ..core import Scalar, Truth
 from .box_least_squares import triangle
 from .derivative_check import (
     AGREES,
@@ -38,7 +40,8 @@ from .derivative_check import (
     random_direction,
 )
 from .ending import Ending
-from .trust_region import PROBE, bend, best_step, first_radius, next_radius, trial_point
+from .lm_state import Auxiliary, LMState
+from .trust_region import PROBE, Bounds, bend, best_step, first_radius, next_radius, trial_point
 
 _AT_BOUND = 1e-9
 """So near to a bound, by the effect on the residual relative to that, a parameter counts as on it."""
@@ -50,50 +53,19 @@ _EPSILONS = 4.0
 """Relative rounding errors that parameters and residual gather."""
 
 
-class LMState(NamedTuple):
-    """The carry between iterations."""
+Point: TypeAlias = Float[Array, " p"]
+"""The parameters."""
 
-    residual: Float[Array, " n"]
-    jacobian: Float[Array, "n p"]
-    aux: Any
-    aux_jacobian: Any
-    """Of the function's auxiliary output, which costs nothing extra."""
-    upper: Float[Array, "p p"]
-    """Triangle R of the Jacobian's QR factorisation."""
-    projected: Float[Array, " p"]
-    """Q' times the residual."""
-    size: Float[Array, " p"]
-    """Largest norm seen of each column."""
-    radius: Float[Array, ""]
-    """Of the trust region, in columns of unit norm."""
-    proposed_step: Float[Array, " p"]
-    """The linear model's best step within the bounds, undamped."""
-    predicted_reduction: Float[Array, ""]
-    """Decrease of the sum of squares that the linear model predicts for it; never negative."""
-    cosine: Float[Array, ""]
-    """Largest cosine between the residual and a column that is free to move."""
-    rounding: Float[Array, ""]
-    """What the rounding of parameters and residual makes of the sum of squares."""
-    unevaluated: Any
-    """Nothing has been evaluated yet: the first step takes the start as it is."""
-    accepted: Any
-    iterations: Any
-    """Linearisations after the first."""
-    evaluations: Any
-    """Of the function, without those for Jacobians."""
-    rejected: Any
-    """Proposed steps rejected in a row."""
-    slow_steps: Any
-    """Accepted steps in a row that hardly lowered the sum of squares."""
-    ending: Any
-    """An `Ending`; RUNNING until the run is over."""
-    checked: Any
-    """Differences compared with the Jacobian so far."""
-    discrepancies: Float[Array, "directions sizes"]
-    """What the Jacobian leaves of each difference, as a norm; infinite where it could not be taken."""
+ResidualFunction: TypeAlias = Callable[[Float[Array, " p"], Any], tuple[Float[Array, " n"], Auxiliary]]
+"""(y, args) to the residuals and what goes with them."""
+
+Arguments: TypeAlias = Any
+"""Handed on to the function, a pytree; of a fit the weights of the records."""
 
 
-class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
+class BoundedLevenbergMarquardt(
+    optx.AbstractLeastSquaresSolver[Float[Array, " p"], Float[Array, " n"], Auxiliary, LMState]
+):
     """`options = {"lower": ..., "upper": ...}`; a parameter with equal bounds is held.
 
     The first step only evaluates the start, so that one compiled function does it all: proposed steps, the
@@ -104,7 +76,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     """Converged where cosine squared and predicted reduction, relative to the sum of squares, are below this."""
     atol: float = 0.0
     """Converged also where what they stand for, a decrease of the sum of squares, is below this."""
-    norm: Any = eqx.field(static=True, default=optx.max_norm)
+    norm: Callable[[Float[Array, " p"]], Scalar] = eqx.field(static=True, default=optx.max_norm)
     slow: float = 0.0
     """A step that lowers the sum of squares by less than this share is slow."""
     invisible: float = 0.0
@@ -116,7 +88,16 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     self_check: bool = eqx.field(static=True, default=True)
     """Compare the Jacobian with differences at the end."""
 
-    def init(self, fn, y, args, options, f_struct, aux_struct, tags) -> LMState:
+    def init(
+        self,
+        fn: ResidualFunction,
+        y: Float[Array, " p"],
+        args: Arguments,
+        options: Bounds,
+        f_struct: jax.ShapeDtypeStruct,
+        aux_struct: Auxiliary,
+        tags: frozenset[object],
+    ) -> LMState:
         blank = lambda s: jnp.zeros(s.shape, s.dtype)
         columns = lambda s: jnp.zeros((*s.shape, y.size), s.dtype)
         unity, none = jnp.ones(()), jnp.zeros((), int)
@@ -144,14 +125,18 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
             discrepancies=jnp.full((DIRECTIONS, len(SIZES)), jnp.inf),
         )
 
-    def step(self, fn, y, args, options, state, tags):
+    def step(
+        self, fn: ResidualFunction, y: Point, args: Arguments, options: Bounds, state: LMState, tags: frozenset[object]
+    ) -> tuple[Point, LMState, Auxiliary]:
         checking = state.ending != Ending.RUNNING
         proposal = best_step(state, y, options, state.size, state.radius)
         apart = _apart(state, y, options)
         # A straight step costs one evaluation; where one was rejected, a bent one may be worth two.
         bending = ~checking & ~state.unevaluated & (state.rejected > 0)
 
-        def evaluate(carry, second):
+        def evaluate(
+            carry: tuple[Point, Float[Array, " n"]], second: Truth
+        ) -> tuple[tuple[Point, Float[Array, " n"]], Float[Array, " n"]]:
             """A probe along the step, then the proposed point, bent as the probe says; or the ends of a difference."""
             step, _ = carry
             at = jnp.where(second, trial_point(y, step, proposal, options), y + PROBE * proposal.step)
@@ -172,7 +157,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
 
         radius = next_radius(state, proposal, gained, squares, ratio)
 
-        def move(state):
+        def move(state: LMState) -> LMState:
             moved = _linearised(fn, proposed, args, state)
             slow = ~state.unevaluated & (gained < self.slow * squares)
             moved = moved._replace(
@@ -184,11 +169,11 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
             )
             return _with_prediction(moved, proposed, options)
 
-        def stay(state):
+        def stay(state: LMState) -> LMState:
             # A start that cannot be evaluated stays so: there is nothing to go on from.
             return state._replace(radius=radius, rejected=state.rejected + 1)
 
-        def compare(state):
+        def compare(state: LMState) -> LMState:
             return _compared(state, ends, state.jacobian @ (apart[0] - apart[1]), y)
 
         iterate = lambda state: self._ended(lax.cond(accepted, move, stay, state))
@@ -218,7 +203,15 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
             ending=ending.astype(state.ending.dtype), checked=jnp.where(uncheckable, CHECKS, state.checked)
         )
 
-    def terminate(self, fn, y, args, options, state, tags):
+    def terminate(
+        self,
+        fn: ResidualFunction,
+        y: Float[Array, " p"],
+        args: Arguments,
+        options: Bounds,
+        state: LMState,
+        tags: frozenset[object],
+    ) -> tuple[Truth, optx.RESULTS]:
         over = (state.ending != Ending.RUNNING) & (state.checked >= CHECKS)
         success = (state.ending == Ending.CONVERGED) | (state.ending == Ending.WITHIN_ROUNDING)
         start_failed = state.ending == Ending.START_FAILED
@@ -227,12 +220,22 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         )
         return over, optx.RESULTS.where(over & ~success, failed, optx.RESULTS.successful)
 
-    def postprocess(self, fn, y, aux, args, options, state, tags, result):
+    def postprocess(
+        self,
+        fn: ResidualFunction,
+        y: Float[Array, " p"],
+        aux: Auxiliary,
+        args: Arguments,
+        options: Bounds,
+        state: LMState,
+        tags: frozenset[object],
+        result: optx.RESULTS,
+    ) -> tuple[Float[Array, " p"], Auxiliary, dict[str, LMState]]:
         return y, aux, {"state": state}
 
 
-def _linearised(fn, y, args, state):
-    def both(y):
+def _linearised(fn: ResidualFunction, y: Float[Array, " p"], args: Arguments, state: LMState) -> LMState:
+    def both(y: Float[Array, " p"]) -> tuple[Any, Any]:
         out = fn(y, args)
         return out, out
 
@@ -252,7 +255,7 @@ def _linearised(fn, y, args, state):
     )
 
 
-def _with_prediction(state, y, options):
+def _with_prediction(state: LMState, y: Float[Array, " p"], options: Bounds) -> LMState:
     """`state` with the best step within the bounds, its predicted reduction, and the cosines."""
     norms = jnp.linalg.norm(state.jacobian, axis=0)
     best = best_step(state, y, options, norms, jnp.inf * jnp.ones(()))
@@ -270,7 +273,7 @@ def _with_prediction(state, y, options):
     )
 
 
-def _apart(state, y, options):
+def _apart(state: LMState, y: Float[Array, " p"], options: Bounds) -> list[Float[Array, " p"]]:
     """The two ends of the next difference."""
     scale = noise_scale(state.residual, state.jacobian, y)
     free = (options["lower"] < options["upper"]) & (y > options["lower"]) & (y < options["upper"])
@@ -281,7 +284,9 @@ def _apart(state, y, options):
     return [jnp.clip(y + way * move, options["lower"], options["upper"]) for way in (1.0, -1.0)]
 
 
-def _compared(state, ends, predicted, y):
+def _compared(
+    state: LMState, ends: Float[Array, "2 n"], predicted: Float[Array, " n"], y: Float[Array, " p"]
+) -> LMState:
     """`state` after one more comparison of the Jacobian with a difference; agreement skips the smaller size."""
     scale = noise_scale(state.residual, state.jacobian, y)
     at = state.checked // len(SIZES), state.checked % len(SIZES)

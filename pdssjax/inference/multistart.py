@@ -8,18 +8,20 @@ best go on, and a fit that ends at a discontinuity or after a long way is restar
 """
 
 import dataclasses
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
+from jaxtyping import Float
 
 from ..integration import Accuracy
-from ..study import Parameter, Study, repeated_residuals
+from ..study import Parameter, Study, Values, repeated_residuals
 from .goodness import SIGMAS
 from .initial_values.search import guess_starts, rank_starts, scatter_starts
 from .least_squares import (
     Fit,
+    FitMethod,
     Progress,
-    Run,
     lowered,
     of_platform_alone,
     piezo_alone,
@@ -53,7 +55,9 @@ _LONG = 60
 """Iterations from which the way was long: then valleys are flat, and another may lie beside the one found."""
 
 
-def best_fit(study: Study, accuracy: Accuracy, run: Run, report: Progress) -> tuple[Fit, Problem, dict[str, float]]:
+def best_fit(
+    study: Study, accuracy: Accuracy, run: FitMethod, report: Progress
+) -> tuple[Fit, Problem, dict[str, float]]:
     """The fit from the study's starts; where it is poor, the best from several starts found from the data.
 
     **Returns:** the fit, its problem with the noise found, and the starts it came from.
@@ -80,7 +84,15 @@ def best_fit(study: Study, accuracy: Accuracy, run: Run, report: Progress) -> tu
     return fit, problem, starts
 
 
-def _race(fit, problem, starts, others, platform_unobserved, run, report) -> tuple[Fit, dict[str, float]]:
+def _race(
+    fit: Fit,
+    problem: Problem,
+    starts: dict[str, float],
+    others: Sequence[dict[str, float]],
+    platform_unobserved: bool,
+    run: FitMethod,
+    report: Progress,
+) -> tuple[Fit, dict[str, float]]:
     """The best of a poor `fit` and of fits from the `others`, and its starts; it ends where one is good."""
     rounds = [(admitted * (_MORE if platform_unobserved else 1), limit) for admitted, limit in _HALVING_ROUNDS]
     good = lambda fit: not (platform_unobserved or _is_poor(fit, problem))
@@ -115,7 +127,7 @@ def _shown(begun: dict[str, float], earlier: dict[str, float], platform_unobserv
     return begun | piezo
 
 
-def _first(problem: Problem, starts: dict[str, float], run: Run, report: Progress) -> Fit:
+def _first(problem: Problem, starts: dict[str, float], run: FitMethod, report: Progress) -> Fit:
     """The fit from the most promising start, broken off where it leads nowhere."""
     first = run(problem, starts, report, _FIRST)
     if first.success or not reduced_chi2(first, problem) < _PROMISING:
@@ -130,7 +142,9 @@ def _without_starts(study: Study) -> dict[str, Parameter]:
     return {path: p if keep(path, p) else dataclasses.replace(p, start=None) for path, p in study.parameters.items()}
 
 
-def _ranked(study, parameters, problem, starts, report) -> list[dict[str, float]]:
+def _ranked(
+    study: Study, parameters: Mapping[str, Parameter], problem: Problem, starts: Values, report: Progress
+) -> list[dict[str, float]]:
     """Starts from the search, the most promising first, with the piezo from the platform records alone."""
     piezo = piezo_alone(problem, starts, report)
     report("searching for starts")
@@ -155,7 +169,9 @@ def _is_poor(fit: Fit, problem: Problem) -> bool:
     return bool(correlation > SIGMAS / np.sqrt(samples) or sum(sigmas) > SIGMAS * np.sqrt(len(sigmas)))
 
 
-def _compared_with_others(fit, problem, starts, study, run, report) -> tuple[Fit, dict[str, float]]:
+def _compared_with_others(
+    fit: Fit, problem: Problem, starts: dict[str, float], study: Study, run: FitMethod, report: Progress
+) -> tuple[Fit, dict[str, float]]:
     """The best of `fit` and of fits from starts scattered in every parameter, and its starts."""
     report("searching for starts that differ in every parameter")
     platform = of_platform_alone(problem.records).any()
@@ -176,7 +192,7 @@ def _at_new_bound(fit: Fit, problem: Problem, starts: dict[str, float]) -> bool:
     return bool(np.any(((fit.free <= low) & (begun > low)) | ((fit.free >= high) & (begun < high))))
 
 
-def _with_noise(fit: Fit, problem: Problem, run: Run, report: Progress) -> tuple[Fit, Problem]:
+def _with_noise(fit: Fit, problem: Problem, run: FitMethod, report: Progress) -> tuple[Fit, Problem]:
     """Estimates the noise of the records that do not give it, and fits again with that."""
     unknown = [record.noise is None for record in problem.records]
     for _ in range(2):
@@ -188,7 +204,7 @@ def _with_noise(fit: Fit, problem: Problem, run: Run, report: Progress) -> tuple
     return fit, problem
 
 
-def _noise_left(problem: Problem, fit: Fit) -> np.ndarray:
+def _noise_left(problem: Problem, fit: Fit) -> Float[np.ndarray, " records"]:
     """Standard deviation of each record's residuals, in its unit, degrees of freedom shared by samples."""
     sizes = np.array([record.time.size for record in problem.records])
     parts = np.split(np.asarray(fit.state.residual), np.cumsum(sizes)[:-1])

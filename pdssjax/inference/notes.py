@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from ..core import display_unit
 from ..study import (
@@ -53,7 +54,7 @@ def listed(texts: Iterable[str]) -> str:
 
 
 def about_information(
-    null: Sequence[np.ndarray], paths: Sequence[str], parameters: Mapping[str, FittedParameter]
+    null: Sequence[Float[np.ndarray, " p"]], paths: Sequence[str], parameters: Mapping[str, FittedParameter]
 ) -> list[str]:
     """What the data do not tell, by the directions that leave the residuals alone."""
     notes = []
@@ -107,7 +108,7 @@ def about_weak_determination(paths: Sequence[str]) -> list[str]:
 
 def about_bounds(
     declared: Mapping[str, Parameter],
-    found: np.ndarray,
+    found: Float[np.ndarray, " p"],
     scale: ParameterTransform,
     parameters: Mapping[str, FittedParameter],
 ) -> list[str]:
@@ -183,7 +184,9 @@ def about_models(models: Models, values: Mapping[str, float]) -> list[str]:
     ]
 
 
-def about_resonances(models: Models, values: dict[str, float], paths: Sequence[str], records: Sequence[Record]):
+def about_resonances(
+    models: Models, values: dict[str, float], paths: Sequence[str], records: Sequence[Record]
+) -> list[str]:
     """Modes that no record is sampled finely enough for, and modes without damping; of free `paths` only."""
     notes = []
     for mode, involved in depends_on(models, values, paths).items():

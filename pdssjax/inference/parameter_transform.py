@@ -1,13 +1,14 @@
 """The free parameters as a fit sees them: one number each, of order one."""
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Collection, Mapping
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Bool, Float
 
-from ..study import Parameter
+from ..core import Scalar
+from ..study import Parameter, Values
 
 
 class ParameterTransform(eqx.Module):
@@ -18,27 +19,38 @@ class ParameterTransform(eqx.Module):
     """
 
     paths: tuple[str, ...] = eqx.field(static=True)
-    logarithmic: np.ndarray
-    unit: np.ndarray
+    logarithmic: Bool[np.ndarray, " p"]
+    unit: Float[np.ndarray, " p"]
     """Size of one unit of a linear parameter; 1 for a logarithmic one."""
-    low: np.ndarray
-    high: np.ndarray
+    low: Float[np.ndarray, " p"]
+    high: Float[np.ndarray, " p"]
     """Bounds, on the fit's scale."""
 
-    def encode(self, values: Mapping[str, Any]) -> np.ndarray:
-        """Values in SI to the fit's scale, shape (parameters,)."""
+    def encode(self, values: Values) -> Float[np.ndarray, " p"]:
+        """Values in SI to the fit's scale."""
         given = np.array([float(values[path]) for path in self.paths])
         return np.where(self.logarithmic, np.log(np.where(self.logarithmic, given, 1.0)), given / self.unit)
 
     @eqx.filter_jit
-    def decode(self, free: Any) -> dict[str, Any]:
-        """The fit's numbers, shape (parameters,), to values in SI; differentiable."""
+    def decode(self, free: Float[Array | np.ndarray, " p"]) -> dict[str, Scalar]:
+        """The fit's numbers to values in SI; differentiable."""
         number = jnp.where(self.logarithmic, jnp.exp(jnp.where(self.logarithmic, free, 0.0)), free * self.unit)
         return {path: number[i] for i, path in enumerate(self.paths)}
 
-    def slope(self, free: Any) -> np.ndarray:
-        """d value / d free, shape (parameters,)."""
+    def slope(self, free: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
+        """d value / d free."""
         return np.where(self.logarithmic, np.exp(np.where(self.logarithmic, free, 0.0)), self.unit)
+
+    def among(self, paths: Collection[str]) -> Bool[np.ndarray, " p"]:
+        """Which of the free parameters are among the `paths`."""
+        return np.array([path in paths for path in self.paths])
+
+    def bounds_where(
+        self, fitted: Bool[np.ndarray, " p"], free: Float[np.ndarray, " p"]
+    ) -> dict[str, Float[np.ndarray, " p"]]:
+        """ "lower" and "upper" for a solver that moves what is `fitted` and holds the others at `free`."""
+        low, high = (np.where(fitted, end, free) for end in (self.low, self.high))
+        return {"lower": low, "upper": high}
 
 
 def transform_of(parameters: Mapping[str, Parameter], starts: Mapping[str, float]) -> ParameterTransform:

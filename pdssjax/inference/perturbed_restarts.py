@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 from .ending import Ending
-from .least_squares import Fit, Progress, Run, quiet
+from .least_squares import Fit, FitMethod, Progress, quiet
 from .problem import Problem
 
 _DISCONTINUOUS = 2.2
@@ -33,7 +33,7 @@ _LARGEST_PERTURBATION = 0.3
 """Largest change of one parameter by a perturbation, on the fit's scale."""
 
 
-def beyond_discontinuity(fit: Fit, problem: Problem, run: Run, report: Progress) -> Fit:
+def beyond_discontinuity(fit: Fit, problem: Problem, run: FitMethod, report: Progress) -> Fit:
     """`fit`, or a better one beyond a discontinuity at which it may have ended."""
     if _is_discontinuous(fit):
         report("chi-square is discontinuous here: restarting from perturbed points")
@@ -41,7 +41,9 @@ def beyond_discontinuity(fit: Fit, problem: Problem, run: Run, report: Progress)
     return fit
 
 
-def restarts(fit: Fit, problem: Problem, run: Run, most: int, needed: Callable[[Fit], bool] = lambda fit: True) -> Fit:
+def restarts(
+    fit: Fit, problem: Problem, run: FitMethod, most: int, needed: Callable[[Fit], bool] = lambda fit: True
+) -> Fit:
     """`fit`, or a better one from points perturbed more and more, as long as that is `needed`.
 
     The first `MOST_RESTARTS` are perturbed along what the records hardly show, further ones as much in every

@@ -3,88 +3,100 @@
 Any solver can take it; `pose_problem` makes it of a study.
 """
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Bool, Float
 
-from ..core import need_double_precision
+from ..core import Scalar, need_double_precision
 from ..integration import Accuracy
-from ..study import Record, Study, noise_floor
+from ..study import Record, Study, Values, noise_floor
 from .initial_values.guess import initial_guess
 from .parameter_transform import transform_of
 from .residual import Residual
 
-Watch = Callable[["Problem", np.ndarray, Any], None]
-"""Told after every iteration: the problem, which records are used, and where the run is."""
+FitSoFar: TypeAlias = Any
+"""A `least_squares.Fit`, which stands above this module."""
 
 
-def unwatched(problem: "Problem", used: np.ndarray, fit: Any) -> None:
+class Watch(Protocol):
+    """Told after every iteration: the problem, which records are used, and where the run is."""
+
+    def __call__(self, problem: "Problem", used: Bool[np.ndarray, " records"], fit: FitSoFar, /) -> None: ...
+
+
+def unwatched(problem: "Problem", used: Bool[np.ndarray, " records"], fit: object) -> None:
     """Takes no notice."""
 
 
 class Problem(NamedTuple):
     """What a fit needs, made once for all its steps.
 
-    Parameters are numbers on the scale of the fit (`parameter_transform`), shape (parameters,); `encode` and
+    Parameters are p numbers on the scale of the fit (`parameter_transform`), and there are n samples; `encode` and
     `decode` lead from and to numbers in SI by path.
     """
 
     residual: Residual
     records: tuple[Record, ...]
     """The records fitted."""
-    noise: np.ndarray
-    """Standard deviation of each [m]."""
+    noise: Float[np.ndarray, " records"]
+    """Standard deviation of each, in its unit."""
     watch: Watch = unwatched
 
     @property
-    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+    def bounds(self) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]]:
         """Lower and upper, on the fit's scale."""
         return self.residual.transform.low, self.residual.transform.high
 
-    def encode(self, values: dict[str, Any]) -> np.ndarray:
-        """Values by path [SI] on the fit's scale, shape (parameters,)."""
+    def encode(self, values: Values) -> Float[np.ndarray, " p"]:
+        """Values by path [SI] on the fit's scale."""
         return self.residual.transform.encode(values)
 
-    def decode(self, free: Any) -> dict[str, Any]:
+    def decode(self, free: Float[Array | np.ndarray, " p"]) -> dict[str, Scalar]:
         """Values by path [SI] from the fit's scale."""
         return self.residual.transform.decode(free)
 
-    def whitened(self, free: Any) -> Any:
-        """Residuals of all records divided by their noise, shape (samples,); compiled, differentiable.
+    def whitened(self, free: Float[Array | np.ndarray, " p"]) -> Float[Array, " n"]:
+        """Residuals of all records divided by their noise; compiled, differentiable.
 
         NaN where the simulation cannot finish.
         """
         return _whitened(self.residual, free, self._weights())
 
-    def jacobian(self, free: Any) -> Any:
-        """Of `whitened`, shape (samples, parameters); compiled."""
+    def jacobian(self, free: Float[Array | np.ndarray, " p"]) -> Float[Array, "n p"]:
+        """Of `whitened`; compiled."""
         return _whitened_jacobian(self.residual, free, self._weights())
 
-    def linearised(self, free: Any) -> tuple[Any, Any]:
+    def linearised(self, free: Float[Array | np.ndarray, " p"]) -> tuple[Float[Array, " n"], Float[Array, "n p"]]:
         """`whitened` and `jacobian` at once, for the price of the second; compiled."""
         return _linearised(self.residual, free, self._weights())
 
-    def _weights(self) -> Any:
+    def _weights(self) -> Float[np.ndarray, " records"]:
         return 1.0 / np.asarray(self.noise)
 
 
 @eqx.filter_jit
-def _whitened(residual, free, weights):
+def _whitened(
+    residual: Residual, free: Float[Array | np.ndarray, " p"], weights: Float[Array | np.ndarray, " records"]
+) -> Float[Array, " n"]:
     return residual(free, weights)[0]
 
 
 @eqx.filter_jit
-def _whitened_jacobian(residual, free, weights):
+def _whitened_jacobian(
+    residual: Residual, free: Float[Array | np.ndarray, " p"], weights: Float[Array | np.ndarray, " records"]
+) -> Float[Array, "n p"]:
     return jax.jacfwd(lambda free: residual(free, weights)[0])(free)
 
 
 @eqx.filter_jit
-def _linearised(residual, free, weights):
-    def twice(free):
+def _linearised(
+    residual: Residual, free: Float[Array | np.ndarray, " p"], weights: Float[Array | np.ndarray, " records"]
+) -> tuple[Float[Array, " n"], Float[Array, "n p"]]:
+    def twice(free: Float[Array, " p"]) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
         whitened = residual(free, weights)[0]
         return whitened, whitened
 
@@ -92,7 +104,7 @@ def _linearised(residual, free, weights):
     return whitened, jacobian
 
 
-def pose(study: Study, starts: dict[str, float], accuracy: Accuracy) -> Problem:
+def pose(study: Study, starts: Mapping[str, float], accuracy: Accuracy) -> Problem:
     """The fit of a study's records with role "fit", parameters scaled after their `search`."""
     records = tuple(record for record in study.records if record.role == "fit")
     fixed = {path: starts[path] for path, parameter in study.parameters.items() if not parameter.free}

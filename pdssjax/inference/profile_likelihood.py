@@ -13,9 +13,11 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Bool, Float, Int
 
-Evaluate = Callable[[Float[np.ndarray, " p"]], tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n p"]]]
+Evaluate = Callable[[Float[np.ndarray, " p"]], tuple[Float[Array | np.ndarray, " n"], Float[Array | np.ndarray, "n p"]]]
+
+Solve = Callable[[Bool[np.ndarray, " p"], Float[np.ndarray, " p"]], Float[np.ndarray, " p"]]
 """Whitened residual and its Jacobian at a point; not finite where the model cannot be evaluated."""
 
 MOST_EVALUATIONS = 100
@@ -95,7 +97,16 @@ class _Model(NamedTuple):
 
 
 class _Search:
-    def __init__(self, evaluate, optimum, index, side, threshold, bounds, reach):
+    def __init__(
+        self,
+        evaluate: Evaluate,
+        optimum: Float[np.ndarray, " p"],
+        index: int,
+        side: float,
+        threshold: float,
+        bounds: tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]],
+        reach: float,
+    ):
         self.evaluate, self.index, self.side, self.reach = evaluate, index, side, reach
         self.low, self.high = (np.asarray(end, float) for end in bounds)
         self.bound = float((self.high if side > 0 else self.low)[index])
@@ -139,7 +150,9 @@ class _Search:
                 return self._end(at, Verdict.LOWER)
         return self._end(at, Verdict.LOST)._replace(value=np.nan)
 
-    def _mixed(self, at, step, past) -> np.ndarray:
+    def _mixed(
+        self, at: Float[np.ndarray, " p"], step: Float[np.ndarray, " p"], past: list[tuple[np.ndarray, np.ndarray]]
+    ) -> Float[np.ndarray, " p"]:
         """Where to go from `at`: its `step`, mixed with those of the points in `past`, to which both are added.
 
         The linear combination of the points whose steps, combined alike, are shortest, and its step from there.
@@ -151,19 +164,19 @@ class _Search:
         del past[: -_MIXED - 1]
         if len(past) < 2:
             return np.clip(at + step, self.low, self.high)
-        points, steps = (np.diff(np.stack(column, axis=1)) for column in zip(*past, strict=True))
+        points, steps = (np.diff(np.stack(column, axis=1).astype(float)) for column in zip(*past, strict=True))
         shares = np.linalg.lstsq(steps, past[-1][1], rcond=1e-6)[0]
         mixed = step - self.sizes * ((points + steps) @ shares)
         return np.clip(at + mixed, self.low, self.high)
 
-    def _model(self, at, radius) -> _Model:
+    def _model(self, at: Float[np.ndarray, " p"], radius: float) -> _Model:
         """The linear model's end within the bounds and the radius of trust."""
         step = self._within(at, self._outwards)
         step = step * min(1.0, radius / max(float(np.max(np.abs(step / self.sizes))), 1e-300))
         step = np.clip(at + step, self.low, self.high) - at
         return _Model(step, float(np.sum((self.residual + self.jacobian @ step) ** 2)))
 
-    def _within(self, at, solve) -> np.ndarray:
+    def _within(self, at: Float[np.ndarray, " p"], solve: Solve) -> np.ndarray:
         """What `solve` makes of the linear model, where what would leave the bounds moves to them and no further."""
         low, high = self.low - at, self.high - at
         held, step = low >= high, np.zeros(at.size)
@@ -178,7 +191,7 @@ class _Search:
             step, held = np.where(beyond, np.clip(step, low, high), step), held | beyond
         return np.clip(step, low, high)
 
-    def _outwards(self, held, step) -> np.ndarray:
+    def _outwards(self, held: Bool[np.ndarray, " p"], step: Float[np.ndarray, " p"]) -> np.ndarray:
         """delta0 + side sqrt((target - m) / C_ii) C e_i, where delta0 minimises the linear model and m is its least.
 
         What is `held` keeps its `step`; with the parameter itself held, that is delta0.
@@ -191,23 +204,23 @@ class _Search:
         if held[self.index]:
             return step
         least = float(np.sum((self.residual + self.jacobian @ step) ** 2))
-        own = int(np.flatnonzero(free == self.index)[0])
-        unit = rows[:, own] / singular / norms[own]  # e_i in the singular directions; unit' unit is C_ii
+        profiled = int(np.flatnonzero(free == self.index)[0])
+        unit = rows[:, profiled] / singular / norms[profiled]  # e_i in the singular directions; unit' unit is C_ii
         length = np.sqrt(max(self.target - least, 0.0) / max(float(unit @ unit), 1e-300))
         step[free] += self.side * length * (rows.T @ (unit / singular)) / norms
         return step
 
-    def _factors(self, free):
+    def _factors(self, free: Int[np.ndarray, " free"]):
         """Singular values and vectors of the Jacobian's `free` columns, of unit norm."""
         norms = np.linalg.norm(self.jacobian[:, free], axis=0)
         norms = np.where(norms > 0, norms, 1.0)
         left, singular, rows = np.linalg.svd(self.jacobian[:, free] / norms, full_matrices=False)
         return left, np.maximum(singular, _NULL * np.max(singular, initial=1e-300)), rows, norms
 
-    def _is_stationary(self, at, chi2) -> bool:
+    def _is_stationary(self, at: Float[np.ndarray, " p"], chi2: float) -> bool:
         """The other parameters cannot lower chi-square any more, by the linear model and within the bounds."""
-        own = np.arange(at.size) == self.index
-        step = self._within(at, lambda held, step: self._outwards(held | own, np.where(own, 0.0, step)))
+        profiled = np.arange(at.size) == self.index
+        step = self._within(at, lambda held, step: self._outwards(held | profiled, np.where(profiled, 0.0, step)))
         best = self.residual + self.jacobian @ step
         return chi2 - float(best @ best) < _LEVEL * self.threshold
 
@@ -217,11 +230,11 @@ class _Search:
         errors = np.linalg.norm(rows / singular[:, None], axis=0) / norms
         return np.minimum(errors * np.sqrt(self.threshold), self.reach)
 
-    def _evaluated(self, at):
+    def _evaluated(self, at: Float[np.ndarray, " p"]):
         self.evaluations += 1
         residual, jacobian = self.evaluate(at)
         return np.asarray(residual), np.asarray(jacobian)
 
-    def _end(self, at, verdict) -> End:
+    def _end(self, at: Float[np.ndarray, " p"], verdict: Verdict) -> End:
         chi2 = float(self.residual @ self.residual)
         return End(float(at[self.index]), verdict, at.copy(), chi2, self.evaluations)

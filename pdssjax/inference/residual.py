@@ -6,8 +6,7 @@ taken out here (variable projection: G. H. Golub and V. Pereyra, SIAM J. Numeric
 the other parameters, is that of the fit with the offsets free.
 """
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -23,11 +22,11 @@ class Residual(eqx.Module):
     """The residual vector as a function of the free numbers."""
 
     predictor: Predictor
-    measured: tuple[np.ndarray, ...]
+    measured: tuple[Float[np.ndarray, " samples"], ...]
     offsets: tuple[float | None, ...]
     """Given zeros of the sensors, each in its unit; None where free."""
     transform: ParameterTransform
-    fixed: dict[str, Any]
+    fixed: dict[str, Float[np.ndarray, ""]]
     accuracy: Accuracy
 
     def __init__(
@@ -51,7 +50,7 @@ class Residual(eqx.Module):
         return sum(measured.size for measured in self.measured)
 
     def __call__(
-        self, free: Float[Array, " p"], weights: Float[Array, " records"]
+        self, free: Float[Array | np.ndarray, " p"], weights: Float[Array | np.ndarray, " records"]
     ) -> tuple[Float[Array, " n"], Float[Array, " records"]]:
         """Stacked residuals, and the offset of every record, in its unit.
 
@@ -68,11 +67,13 @@ class Residual(eqx.Module):
         return jnp.concatenate(parts), jnp.stack(zeros)
 
 
-def free_offset(measured: np.ndarray, predicted: np.ndarray, given: float | None) -> float:
+def free_offset(
+    measured: Float[np.ndarray, " samples"], predicted: Float[np.ndarray, " samples"], given: float | None
+) -> float:
     """The record's zero, in its unit: given, or the mean of what the prediction leaves."""
     return float(np.mean(measured - predicted)) if given is None else given
 
 
-def as_weights(noise: Sequence[float], used: Sequence[bool]) -> Any:
-    """1/noise of the records used, 0 of the others, shape (records,)."""
+def as_weights(noise: Iterable[float], used: Iterable[bool]) -> Float[np.ndarray, " records"]:
+    """1/noise of the records used, 0 of the others."""
     return np.array([1.0 / sigma if use else 0.0 for sigma, use in zip(noise, used, strict=True)])

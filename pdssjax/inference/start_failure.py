@@ -1,14 +1,13 @@
 """Why an actuator cannot be simulated where a fit starts, and which parameter is to blame."""
 
 from collections.abc import Iterator, Mapping
-from typing import Any
 
 import jax
 import numpy as np
 
 from ..core import Quantity, display_unit
 from ..integration import FAILURES
-from ..study import failures, predicted
+from ..study import Values, failures, predicted
 from .problem import Problem
 
 FACTORS = (0.3, 3.0, 0.1, 10.0, 0.01, 100.0, 0.001, 1000.0)
@@ -18,7 +17,7 @@ ELECTRONICS = ("amplifier", "sensor")
 """Parts of the rig whose parameters are changed first."""
 
 
-def failed_start(problem: Problem, starts: Mapping[str, Any]) -> str:
+def failed_start(problem: Problem, starts: Values) -> str:
     """One or two sentences: what fails, and the parameter with which it would not.
 
     **Arguments:** `problem` of a fit, and the `search` [SI] of all parameters, at which some of its records cannot

@@ -6,7 +6,7 @@ K. Jamieson and A. Talwalkar, Non-stochastic best arm identification and hyperpa
 from collections.abc import Callable, Sequence
 
 from .ending import Ending
-from .least_squares import Fit, Progress, Run, quiet
+from .least_squares import Fit, FitMethod, Progress, quiet
 from .problem import Problem
 
 PATIENCE = 3
@@ -20,7 +20,7 @@ def successive_halving(
     others: Sequence[dict[str, float]],
     rounds: Sequence[tuple[int, int]],
     good: Callable[[Fit], bool],
-    run: Run,
+    run: FitMethod,
     report: Progress,
 ) -> tuple[Fit, dict[str, float]]:
     """The best of `fit` and of the fits from the `others`, with the evaluations of all, and its starts."""

@@ -1,13 +1,15 @@
 """Turns a fit into an estimate: errors, correlations, statistics, records, and what the user must read."""
 
 import dataclasses
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+from jaxtyping import Bool, Float
 
-from ..study import Estimate, FittedParameter, FittedRecord, Statistics, compare
+from ..study import Estimate, FittedParameter, FittedRecord, Parameter, Statistics, Study, compare
 from .amplification import amplification_of
 from .covariance import Covariance, correlation, least_squares_covariance, propagated
-from .least_squares import START_FAILED, Fit, of_piezo, of_platform_alone, reduced_chi2
+from .least_squares import START_FAILED, Fit, Method, of_piezo, of_platform_alone, reduced_chi2
 from .notes import (
     about_bounds,
     about_distance,
@@ -29,7 +31,7 @@ WEAKLY_DETERMINED = float(np.log(10.0))
 """Standard error on the fit's scale from which a parameter counts as one without information."""
 
 
-def summarise(study, method, problem, fit, starts) -> Estimate:
+def summarise(study: Study, method: Method, problem: Problem, fit: Fit, starts: Mapping[str, float]) -> Estimate:
     """The estimate that a `fit` of a `study` amounts to; `seconds` is left at 0."""
     free, fitted = problem.residual.transform, {**starts, **problem.residual.transform.decode(fit.free)}
     values = {path: float(value) for path, value in fitted.items()}
@@ -73,11 +75,11 @@ def summarise(study, method, problem, fit, starts) -> Estimate:
     )
 
 
-def _at_bound(fit: Fit, free: ParameterTransform) -> np.ndarray:
+def _at_bound(fit: Fit, free: ParameterTransform) -> Bool[np.ndarray, " p"]:
     return (fit.free <= free.low) | (fit.free >= free.high)
 
 
-def _covariances(method, problem, fit) -> tuple[Covariance, np.ndarray | None]:
+def _covariances(method: Method, problem: Problem, fit: Fit) -> tuple[Covariance, Float[np.ndarray, "p p"] | None]:
     """On the fit's scale; for a sequential fit also what takes its first step for exact."""
     jacobian = np.asarray(fit.state.jacobian)
     free = problem.residual.transform
@@ -98,18 +100,35 @@ def _covariances(method, problem, fit) -> tuple[Covariance, np.ndarray | None]:
     return Covariance(full, whole.identifiable, whole.null), plain
 
 
-def _parameter(declared, value, start, i, fit, free, deviation, known) -> FittedParameter:
+def _parameter(
+    declared: Parameter,
+    value: float,
+    start: float,
+    i: int | None,
+    fit: Fit,
+    free: ParameterTransform,
+    deviation: Float[np.ndarray, " p"],
+    known: Covariance,
+) -> FittedParameter:
     nan = float("nan")
-    common = dict(path=declared.path, value=value, unit=declared.unit)
+    held = FittedParameter(
+        path=declared.path,
+        value=value,
+        standard_error=nan,
+        interval=(nan, nan),
+        unit=declared.unit,
+        free=False,
+        start=None,
+        at_bound=False,
+        identifiable=True,
+    )
     if i is None:
-        return FittedParameter(
-            **common, standard_error=nan, interval=(nan, nan), free=False, start=None, at_bound=False, identifiable=True
-        )
+        return held
     at_bound = bool(_at_bound(fit, free)[i])
     half = NORMAL_95 * deviation[i]
     ends = [float(free.decode(fit.free + side * half)[declared.path]) for side in (-1.0, 1.0)]
-    return FittedParameter(
-        **common,
+    return dataclasses.replace(
+        held,
         standard_error=float(deviation[i] * abs(free.slope(fit.free)[i])),
         interval=(ends[0], ends[1]) if np.isfinite(half) else (nan, nan),
         free=True,
@@ -138,7 +157,9 @@ def _statistics(problem: Problem, fit: Fit) -> Statistics:
     )
 
 
-def _compared(study, problem, fit, matrix, values) -> tuple[FittedRecord, ...]:
+def _compared(
+    study: Study, problem: Problem, fit: Fit, matrix: Float[np.ndarray, "p p"], values: dict[str, float]
+) -> tuple[FittedRecord, ...]:
     """Every record beside its prediction, each with its own zero."""
     at = {id(record): i for i, record in enumerate(problem.records)}
     slopes = np.asarray(fit.state.aux_jacobian)
@@ -167,7 +188,16 @@ def _compared(study, problem, fit, matrix, values) -> tuple[FittedRecord, ...]:
     return tuple(out)
 
 
-def _notes(study, problem, fit, known, weakly_determined, statistics, parameters, records) -> list[str]:
+def _notes(
+    study: Study,
+    problem: Problem,
+    fit: Fit,
+    known: Covariance,
+    weakly_determined: Bool[np.ndarray, " p"],
+    statistics: Statistics,
+    parameters: Mapping[str, FittedParameter],
+    records: Sequence[FittedRecord],
+) -> list[str]:
     if fit.message == START_FAILED:
         return []
     free = problem.residual.transform

@@ -1,21 +1,28 @@
 """Steps of a bounded Levenberg-Marquardt run: the best one within bounds and a radius, its bend, the next radius.
 
-`state` is the run's `levenberg_marquardt.LMState`.
+`state` is the run's carry.
 """
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import NamedTuple, TypeAlias
 
 import jax.numpy as jnp
 from jax.scipy.linalg import solve_triangular
 from jaxtyping import Array, Float
 
+from ..core import Scalar
 from .box_least_squares import BoxSolution, solve_in_ball_and_box
+from .lm_state import LMState
 
 PROBE = 0.1
 """Share of the step at which the curvature of the residuals is probed."""
 
 _LONGEST_BEND = 0.75
 """Longest bend of a step relative to the step itself; a larger one means the step is too long."""
+
+
+Bounds: TypeAlias = Mapping[str, Float[Array, " p"]]
+"""Of the parameters: "lower" and "upper"."""
 
 
 class Proposal(NamedTuple):
@@ -32,7 +39,9 @@ class Proposal(NamedTuple):
     """What it comes from."""
 
 
-def best_step(state, y, options, size, radius) -> Proposal:
+def best_step(
+    state: LMState, y: Float[Array, " p"], options: Bounds, size: Float[Array, " p"], radius: Scalar
+) -> Proposal:
     """The best step of the linear model within the bounds and a trust region, columns divided by `size`."""
     held = (options["lower"] >= options["upper"]) | (size == 0)
     size = jnp.where(size > 0, size, 1.0)
@@ -44,13 +53,13 @@ def best_step(state, y, options, size, radius) -> Proposal:
     return Proposal(found.x / size, -slope - change @ change, jnp.linalg.norm(found.x), slope, found)
 
 
-def first_radius(state, y):
+def first_radius(state: LMState, y: Float[Array, " p"]) -> Scalar:
     """Steps no longer than the parameters themselves to begin with."""
     norm = jnp.linalg.norm(state.size * y)
     return jnp.where(norm > 0, norm, jnp.maximum(jnp.linalg.norm(state.size), 1e-300))
 
 
-def next_radius(state, proposal, gained, squares, ratio):
+def next_radius(state: LMState, proposal: Proposal, gained: Scalar, squares: Scalar, ratio: Scalar) -> Scalar:
     """MINPACK's rule: twice the step after a good one, a tenth to a half of it after a bad one."""
     before = jnp.sum(state.residual**2)
     # Where the parabola through both values and the slope at the start has its minimum.
@@ -62,7 +71,7 @@ def next_radius(state, proposal, gained, squares, ratio):
     return jnp.where(ratio > 0.25, grown, reduced)
 
 
-def bend(state, proposal, probed):
+def bend(state: LMState, proposal: Proposal, probed: Float[Array, " n"]) -> Float[Array, " p"]:
     """The second-order correction of a step, by the curvature that a probe along it shows."""
     size, solution = jnp.where(state.size > 0, state.size, 1.0), proposal.solution
     turn = (probed - state.residual) / PROBE - state.jacobian @ proposal.step
@@ -73,7 +82,9 @@ def bend(state, proposal, probed):
     return jnp.where(norm(bent) <= _LONGEST_BEND * norm(proposal.step), bent, 0.0)
 
 
-def trial_point(y, step, proposal, options):
+def trial_point(
+    y: Float[Array, " p"], step: Float[Array, " p"], proposal: Proposal, options: Bounds
+) -> Float[Array, " p"]:
     """Where a step leads, exactly on the bounds that it keeps to."""
     lower, upper = options["lower"], options["upper"]
     to = jnp.clip(y + step, lower, upper)

@@ -19,6 +19,10 @@ if TYPE_CHECKING:
     from .step_methods.taylor import Taylor as Taylor
     from .system import SETTLED as SETTLED
     from .system import AbstractHybridSystem as AbstractHybridSystem
+    from .system import Visited as Visited
+    from .taylor_series import N as N
+    from .taylor_series import N_co as N_co
+    from .taylor_series import Term as Term
     from .taylor_series import constant as constant
     from .taylor_series import cosine_and_sine as cosine_and_sine
     from .taylor_series import exp as exp
@@ -38,7 +42,7 @@ else:
             "step_methods.base": ["AbstractStepMethod"],
             "step_methods.diffrax_solver": ["OneStep"],
             "step_methods.taylor": ["Taylor"],
-            "system": ["SETTLED", "AbstractHybridSystem"],
-            "taylor_series": ["constant", "cosine_and_sine", "exp", "power", "weighted"],
+            "system": ["AbstractHybridSystem", "SETTLED", "Visited"],
+            "taylor_series": ["N", "N_co", "Term", "constant", "cosine_and_sine", "exp", "power", "weighted"],
         },
     )

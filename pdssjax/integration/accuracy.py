@@ -3,6 +3,7 @@
 import equinox as eqx
 import jax.numpy as jnp
 
+from ..core import Scalar
 from .step_methods.base import AbstractStepMethod
 from .step_methods.taylor import Taylor
 
@@ -20,7 +21,7 @@ class Accuracy(eqx.Module):
     """Room for this many steps; an integration that needs more ends there and says so."""
 
     @property
-    def effective_settle_tolerance(self):
+    def effective_settle_tolerance(self) -> Scalar:
         """`settle_tolerance`, but above the noise of the method."""
         return jnp.maximum(self.settle_tolerance, self.method.noise * self.tolerance)
 

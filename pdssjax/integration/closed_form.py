@@ -1,12 +1,12 @@
 """Systems known in closed form between two corners: the state at any time, without a step."""
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jaxtyping import Array, Float
 
-from .system import AbstractHybridSystem
+from ..core import Count, Scalar
+from .system import AbstractHybridSystem, State, Visited
 
 
 def is_closed(system: AbstractHybridSystem) -> bool:
@@ -14,15 +14,17 @@ def is_closed(system: AbstractHybridSystem) -> bool:
     return len(system.closed_components()) == len(jax.tree.leaves(system.initial()))
 
 
-def exact_states_at(system: AbstractHybridSystem, times: Any, segments: int) -> tuple[Any, Any, Any, Any]:
+def exact_states_at(system: AbstractHybridSystem, times: Float[Array, " m"], segments: int) -> Visited:
     """The state of a closed `system` at `times` [s], shape (m,), none before 0.
 
     **Arguments:** `segments` is how many segments of the drive the times may reach into.
 
-    **Returns:** the state, its segment, the local time and the mode, vectorised over the times, as `states_at` does.
+    **Returns:** as `states_at` does.
     """
 
-    def pass_segment(carry, index):
+    def pass_segment(
+        carry: tuple[Scalar, State, Scalar], index: Scalar
+    ) -> tuple[tuple[Scalar, State, Scalar], tuple[Scalar, State, Scalar]]:
         origin, state, mode = carry
         segment = system.segment(index)
         state, mode = system.on_segment_start(segment, state, mode)
@@ -36,9 +38,9 @@ def exact_states_at(system: AbstractHybridSystem, times: Any, segments: int) -> 
     _, (origins, states, modes) = lax.scan(pass_segment, (zero, first, zero), jnp.arange(segments) * 1.0)
     j = jnp.clip(jnp.searchsorted(lax.stop_gradient(origins), times, side="right") - 1, 0)
 
-    def inside(j, time):
+    def inside(j: Count, time: Scalar) -> Visited:
         begin, t_local = jax.tree.map(lambda x: x[j], states), time - origins[j]
         segment = system.segment(j * 1.0)
-        return system.exact(segment, 0.0, begin, t_local, begin), segment, t_local, modes[j]
+        return Visited(system.exact(segment, 0.0, begin, t_local, begin), segment, t_local, modes[j])
 
     return jax.vmap(inside)(j, times)

@@ -4,12 +4,20 @@ The guard is a polynomial in theta = elapsed/step_radius, one kernel of plain ar
 no branch.
 """
 
-from typing import Any
+from typing import TypeAlias
 
 import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
 
+from ..core import Scalar, ScalarLike
 from .step_methods.base import horner
 from .taylor_series import Series
+
+Guards: TypeAlias = Float[Array, " guards"]
+"""One number a guard: the guards are looked at side by side."""
+
+Place: TypeAlias = tuple[ScalarLike | Guards, Guards]
+"""A theta and the value, or the slope, that each guard has there."""
 
 LOOK_AHEAD = 1e-9
 """Time [s] by which a tie is broken: far below every time constant.  What a guard does within it is rounding."""
@@ -24,7 +32,7 @@ _REFINEMENTS = 4
 """Iterations that locate the bottom of a dip: an error e there hides a dip no deeper than e^2 times the bend."""
 
 
-def first_crossing(guards: tuple[Series, ...], size: int, step_radius: Any) -> tuple[Any, Any]:
+def first_crossing(guards: tuple[Series, ...], size: int, step_radius: Scalar) -> tuple[Scalar, Scalar]:
     """The first theta in (0, 1] at which one of the guards has fallen through zero, else 1; and which.
 
     Right after an event a guard starts from zero; one power of theta is then divided out,
@@ -40,7 +48,7 @@ def first_crossing(guards: tuple[Series, ...], size: int, step_radius: Any) -> t
     return jnp.where(first > 1.0, 1.0, jnp.minimum(first, 1.0 - 1e-15)), jnp.argmin(crossings) * 1.0
 
 
-def _crossing(coefficients: list, ahead: Any) -> Any:
+def _crossing(coefficients: list[Guards], ahead: Scalar) -> Guards:
     """The first root in (0, 1], or 2: bracketed by samples, then Newton's method, kept within the bracket.
 
     A guard may also dip below zero between two samples and come back.  It then has a minimum there,
@@ -75,7 +83,9 @@ def _crossing(coefficients: list, ahead: Any) -> Any:
     return jnp.where(found | falls, jnp.where(at_once, 0.0, root), 2.0)
 
 
-def _bracket(g: list, slope: list) -> tuple[Any, tuple, tuple, Any, tuple]:
+def _bracket(
+    g: list[Guards], slope: list[Guards]
+) -> tuple[Bool[Array, " guards"], Place, Place, Bool[Array, " guards"], tuple[Place, Place]]:
     """The first of the samples at which `g` is negative, and the one before, each with its value.
 
     And the first interval before it at whose ends `g` is positive but which may hide a dip below zero:
@@ -97,7 +107,7 @@ def _bracket(g: list, slope: list) -> tuple[Any, tuple, tuple, Any, tuple]:
     return found, low, high, dips, (dip_low, dip_high)
 
 
-def _minimum(slope: list, low: tuple, high: tuple) -> Any:
+def _minimum(slope: list[Guards], low: Place, high: Place) -> Guards:
     """Where the slope rises through zero between the ends (theta, slope)."""
     bend = _slope(slope)
     (begin, s_begin), (end, s_end) = low, high
@@ -109,9 +119,9 @@ def _minimum(slope: list, low: tuple, high: tuple) -> Any:
     return bottom
 
 
-def _slope(coefficients: list) -> list:
+def _slope(coefficients: list[Guards]) -> list[Guards]:
     return [k * c for k, c in enumerate(coefficients)][1:]
 
 
-def _either(condition: Any, new: tuple, old: tuple) -> tuple:
-    return tuple(jnp.where(condition, a, b) for a, b in zip(new, old, strict=True))
+def _either(condition: Bool[Array, " guards"], new: Place, old: Place) -> Place:
+    return jnp.where(condition, new[0], old[0]), jnp.where(condition, new[1], old[1])

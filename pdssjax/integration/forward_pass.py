@@ -4,19 +4,32 @@ A bare `while_loop` on a handful of scalars.  It writes one row a step to a tabl
 expands the rows again, in value and in derivative.
 """
 
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, TypeAlias, TypeVar, cast
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jaxtyping import Array, Float
 
+from ..core import Count, Scalar, Truth
 from .accuracy import Accuracy
 from .event_location import first_crossing
-from .step_methods.base import AbstractStepMethod, horner, shortened
-from .system import SETTLED, AbstractHybridSystem, field_of, has_guards, initial_state_and_mode, unflattener
-from .taylor_series import polynomial
+from .step_methods.base import AbstractStepMethod, Piece, horner, shortened
+from .system import (
+    SETTLED,
+    AbstractHybridSystem,
+    InputSegment,
+    State,
+    Unflatten,
+    field_of,
+    has_guards,
+    initial_state_and_mode,
+    unflattener,
+)
+from .taylor_series import Field, Series, constant, polynomial
 
 _BLOCK = 5
 """Steps written to memory at a time: XLA runs a loop on small buffers two to three times faster."""
@@ -31,51 +44,77 @@ KNOWN_COLUMNS = 5
 """Columns of the table behind the time and the state: index, mode, reach, length, code."""
 
 
+Table: TypeAlias = Float[Array, "room columns"]
+"""A row a step: time and state at its begin, then the `KNOWN_COLUMNS`; room to spare."""
+
+
 class LoopState(NamedTuple):
     """The carry of the loop, scalars only, so that the loop is fast; at the end its result."""
 
-    index: Any
-    origin: Any
-    t_local: Any
-    x: tuple
-    mode: Any
-    proposed_step: Any
-    count: Any
-    rejected: Any
-    events: Any
-    failure: Any
-    done: Any
-    period_start: tuple
+    index: Scalar  # pyright: ignore[reportIncompatibleMethodOverride]
+    origin: Scalar
+    t_local: Scalar
+    x: tuple[Scalar, ...]
+    mode: Scalar
+    proposed_step: Scalar
+    count: Scalar  # pyright: ignore[reportIncompatibleMethodOverride]
+    rejected: Scalar
+    events: Scalar
+    failure: Scalar
+    done: Scalar
+    period_start: tuple[Scalar, ...]
     """State at the start of the drive's last period."""
-    period_start_settled: Any
+    period_start_settled: Scalar
     """That state was settled."""
-    period: Any
-    repeats: Any
+    period: Scalar
+    repeats: Scalar
 
 
-def find_steps(system: AbstractHybridSystem, horizon: Any, accuracy: Accuracy) -> tuple[Any, LoopState]:
+class Reached(NamedTuple):
+    """What is left of an integration that kept no steps."""
+
+    x: State
+    """At the times asked for; every leaf of shape (m,)."""
+    steps: Count
+    """Accepted."""
+    rejected: Count
+    failure: Count
+    """Index into `solution.FAILURES`; 0 where the integration finished."""
+
+
+Scalars = TypeVar("Scalars")
+"""A pytree of scalars."""
+
+Filling: TypeAlias = tuple[Float[Array, " scalars"], Count, Float[Array, "block columns"]]
+"""Carry, rows of the block that are filled, the block."""
+
+Filled: TypeAlias = tuple[Float[Array, " scalars"], Table, Count]
+"""Carry, table, blocks of the table that are filled."""
+
+
+def find_steps(system: AbstractHybridSystem, horizon: Scalar, accuracy: Accuracy) -> tuple[Table, LoopState]:
     """Every step from t = 0 to the horizon: the table of steps, and the last carry."""
-    finely = _accuracy_arrays(accuracy)
+    finely = _fineness(accuracy)
     loop = _initial_carry(system)
     start, unpack = _packed(loop)
     width = 2 + len(loop.x) + KNOWN_COLUMNS
     blocks = -(-accuracy.max_steps // _BLOCK)
     done = lambda packed: unpack(packed).done > 0
 
-    def step(carry):
+    def step(carry: Filling) -> Filling:
         packed, filled, block = carry
-        moved, row, accepted = _one_step(system, horizon, *finely, unpack(packed), True)
+        moved, row, accepted = _one_step(system, horizon, finely, unpack(packed), True)
         block = lax.dynamic_update_index_in_dim(block, row, filled, 0)
         return _packed(moved)[0], filled + accepted, block
 
-    def steps(carry):
+    def steps(carry: Filled) -> Filled:
         packed, table, used = carry
         empty = (packed, jnp.zeros((), int), jnp.zeros((_BLOCK, width)))
         packed, _, block = lax.while_loop(lambda c: (c[1] < _BLOCK) & ~done(c[0]), step, empty)
         return packed, lax.dynamic_update_slice_in_dim(table, block, used * _BLOCK, 0), used + 1
 
     packed, table, _ = lax.while_loop(
-        lambda c: (c[2] < blocks) & ~done(c[0]), steps, (start, jnp.zeros((blocks * _BLOCK, width)), 0)
+        lambda c: (c[2] < blocks) & ~done(c[0]), steps, (start, jnp.zeros((blocks * _BLOCK, width)), jnp.zeros((), int))
     )
     loop = unpack(packed)
     counts = ("count", "rejected", "events", "period", "failure")
@@ -84,29 +123,28 @@ def find_steps(system: AbstractHybridSystem, horizon: Any, accuracy: Accuracy) -
     return table, loop._replace(**whole, repeats=loop.repeats > 0)
 
 
-def integrate_to_times(system: AbstractHybridSystem, times: Any, accuracy: Accuracy) -> tuple[Any, Any, Any, Any]:
+def integrate_to_times(system: AbstractHybridSystem, times: Float[Array, " m"], accuracy: Accuracy) -> Reached:
     """The state at each of the ascending `times` [s], shape (m,), without keeping the steps between.
 
     For sweeps: little memory, no derivatives, no repetition of periods.
-
-    **Returns:** the state, every leaf of shape (m,); steps accepted, rejected, and the failure
-    as in `LoopState`.
     """
-    finely = _accuracy_arrays(accuracy)
+    finely = _fineness(accuracy)
     start, unpack = _packed(_initial_carry(system))
 
-    def go(packed, time):
+    def go(
+        packed: Float[Array, " scalars"], time: Scalar
+    ) -> tuple[Float[Array, " scalars"], Float[Array, " components"]]:
         loop = unpack(packed)
         packed = _packed(loop._replace(done=jnp.where(loop.failure > 0, 1.0, 0.0)))[0]
         running = lambda packed: (unpack(packed).done == 0) & (unpack(packed).count < accuracy.max_steps)
-        step = lambda packed: _packed(_one_step(system, time, *finely, unpack(packed), False)[0])[0]
+        step = lambda packed: _packed(_one_step(system, time, finely, unpack(packed), False)[0])[0]
         packed = lax.while_loop(running, step, packed)
         return packed, jnp.stack(unpack(packed).x)
 
     packed, states = lax.scan(go, start, times)
     loop = unpack(packed)
     failure = jnp.where((loop.done == 0) & (loop.failure == 0), 1.0, loop.failure).astype(int)
-    return unflattener(system)(states.T), loop.count.astype(int), loop.rejected.astype(int), failure
+    return Reached(unflattener(system)(states.T), loop.count.astype(int), loop.rejected.astype(int), failure)
 
 
 def _initial_carry(system: AbstractHybridSystem) -> LoopState:
@@ -119,10 +157,19 @@ def _initial_carry(system: AbstractHybridSystem) -> LoopState:
     return blank._replace(x=leaves, period_start=leaves, mode=mode, proposed_step=zero + 1e-6)
 
 
-def _accuracy_arrays(accuracy: Accuracy) -> tuple[AbstractStepMethod, Any, Any, Any]:
-    """What a step needs to know of the accuracy: method, tolerance, rest, and how many rejections are too many."""
+class Fineness(NamedTuple):
+    """What a step needs to know of the accuracy."""
+
+    method: AbstractStepMethod
+    tolerance: Scalar
+    settle_tolerance: Scalar
+    patience: Scalar
+    """So many rejections are too many."""
+
+
+def _fineness(accuracy: Accuracy) -> Fineness:
     array = lambda number: jnp.asarray(number, float)
-    return (
+    return Fineness(
         accuracy.method,
         array(accuracy.tolerance),
         array(accuracy.effective_settle_tolerance),
@@ -132,7 +179,9 @@ def _accuracy_arrays(accuracy: Accuracy) -> tuple[AbstractStepMethod, Any, Any, 
 
 # Traced once for values and once for derivatives: search, fit and prediction differ in numbers only.
 @eqx.filter_jit
-def _one_step(system, horizon, method, tolerance, settle_tolerance, patience, loop, repeating):
+def _one_step(
+    system: AbstractHybridSystem, horizon: Scalar, finely: Fineness, loop: LoopState, repeating: bool
+) -> tuple[LoopState, Float[Array, " columns"], Truth]:
     """One attempt: the new carry, its row for the table, and whether it was accepted."""
     unflatten = unflattener(system)
     opaque_one = 1.0 + 0.0 * loop.count
@@ -140,15 +189,14 @@ def _one_step(system, horizon, method, tolerance, settle_tolerance, patience, lo
     last = loop.origin + segment.duration >= horizon
     finish = jnp.where(last, horizon - loop.origin, segment.duration)
     remaining = jnp.maximum(finish - loop.t_local, 0.0)
-    piece = _attempt(system, segment, loop, method, tolerance, remaining, opaque_one)
+    piece = _attempt(system, segment, loop, finely.method, finely.tolerance, remaining, opaque_one)
     duration, event, which, x = _until_event(system, segment, loop, piece, opaque_one)
     t_local = loop.t_local + duration
     ended = ~event & (piece.step_radius >= remaining)
     corner = ended & ~last
     x, mode, becomes_settled = _afterwards(
-        system, segment, loop, t_local, x, event, which, ended, settle_tolerance, opaque_one
+        system, segment, loop, t_local, x, event, which, ended, finely.settle_tolerance, opaque_one
     )
-
     x = _kept(x, opaque_one)
     row = _row(
         loop,
@@ -162,9 +210,9 @@ def _one_step(system, horizon, method, tolerance, settle_tolerance, patience, lo
         x = jax.tree.map(lambda a, b: jnp.where(corner, a, b), started, x)
     opening = opening / opaque_one
     cycle = system.period() if repeating else None
-    opens, repeats = _new_period(cycle, system, settle_tolerance, unflatten, loop, ahead, x, mode, corner)
+    opens, repeats = _new_period(cycle, system, finely.settle_tolerance, unflatten, loop, ahead, x, mode, corner)
     finite = jnp.isfinite(sum(jax.tree.leaves(x))) & (duration >= 0)
-    hopeless = ~piece.accepted & (loop.rejected > patience)
+    hopeless = ~piece.accepted & (loop.rejected > finely.patience)
     failure = jnp.where((piece.accepted & ~finite) | hopeless, 2.0, 0.0)
     moved = LoopState(
         index=loop.index + corner,
@@ -193,7 +241,15 @@ def _one_step(system, horizon, method, tolerance, settle_tolerance, patience, lo
     return loop, row, piece.accepted
 
 
-def _attempt(system, segment, loop, method, tolerance, remaining, opaque_one):
+def _attempt(
+    system: AbstractHybridSystem,
+    segment: InputSegment,
+    loop: LoopState,
+    method: AbstractStepMethod,
+    tolerance: Scalar,
+    remaining: Scalar,
+    opaque_one: Scalar,
+) -> Piece:
     """A smooth piece that resolves the state and what only the guards feel, and over which no derivative grows."""
     unflatten = unflattener(system)
     units = [scale / tolerance for scale in jax.tree.leaves(system.state_scale())]
@@ -202,16 +258,19 @@ def _attempt(system, segment, loop, method, tolerance, remaining, opaque_one):
     too_far = (loop.mode != SETTLED) & (remaining * rate > method.span)
     allowed = jnp.where(too_far, method.span / rate, remaining)
     piece = method.attempt(field, loop.t_local, list(loop.x), units, allowed, loop.proposed_step, opaque_one)
-    extra = system.extra_error_terms(unflatten([polynomial(c) for c in piece.polynomials]), loop.mode)
+    motion = unflatten([polynomial(c) for c in piece.polynomials])
+    extra = cast("tuple[Series, ...]", system.extra_error_terms(motion, loop.mode))
     return shortened(piece, extra, tolerance, opaque_one) if extra else piece
 
 
-def _until_event(system, segment, loop, piece, opaque_one):
+def _until_event(
+    system: AbstractHybridSystem, segment: InputSegment, loop: LoopState, piece: Piece, opaque_one: Scalar
+) -> tuple[Scalar, Truth, Scalar, State]:
     """How long the piece is used [s], whether an event ends it, of which guard, and the state there."""
     unflatten = unflattener(system)
     clock = polynomial([loop.t_local, piece.step_radius])
     motion = unflatten([polynomial(c) for c in piece.polynomials])
-    guards = system.guards(segment, clock, motion, loop.mode)
+    guards = cast("tuple[Series, ...]", system.guards(segment, clock, motion, loop.mode))  # of series, series
     crossing, which = first_crossing(guards, len(piece.polynomials[0]), piece.step_radius)
     crossing = crossing / opaque_one
     duration = piece.step_radius * crossing
@@ -220,7 +279,18 @@ def _until_event(system, segment, loop, piece, opaque_one):
     return duration, crossing < 1.0, which, _kept(x, opaque_one)
 
 
-def _afterwards(system, segment, loop, t_local, x, event, which, ended, settle_tolerance, opaque_one):
+def _afterwards(
+    system: AbstractHybridSystem,
+    segment: InputSegment,
+    loop: LoopState,
+    t_local: Scalar,
+    x: State,
+    event: Truth,
+    which: Scalar,
+    ended: Truth,
+    settle_tolerance: Scalar,
+    opaque_one: Scalar,
+) -> tuple[State, Scalar, Scalar]:
     """State and mode after the event, if there was one, and 1 where what is left has settled."""
     mode = loop.mode
     if has_guards(system, segment, t_local, x, mode):
@@ -234,7 +304,7 @@ def _afterwards(system, segment, loop, t_local, x, event, which, ended, settle_t
     return x, jnp.where(becomes_settled > 0, SETTLED, mode), becomes_settled
 
 
-def _quickest_rate(field, t_local, x, closed):
+def _quickest_rate(field: Field, t_local: Scalar, x: Sequence[Scalar], closed: Sequence[int]) -> Scalar:
     """About the largest modulus [1/s] of the eigenvalues of the field's Jacobian at `x`; see `span` of the methods.
 
     A transient that has decayed has coefficients that vanish and allow any step.  What the same step
@@ -243,8 +313,8 @@ def _quickest_rate(field, t_local, x, closed):
     the rate sqrt|J_ab J_ba|, whatever their units; what only one of them feels changes no eigenvalue.
     """
 
-    def flow(x):
-        return jnp.stack([jnp.asarray(rate, float) for rate in field(t_local, list(x))])
+    def flow(x: Float[Array, " components"]) -> Float[Array, " components"]:
+        return jnp.stack([jnp.asarray(constant(rate), float) for rate in field(t_local, list(x))])
 
     jacobian = jax.jacfwd(flow)(jnp.stack(x))
     known = np.isin(np.arange(len(x)), closed)
@@ -253,7 +323,7 @@ def _quickest_rate(field, t_local, x, closed):
     return jnp.sqrt(jnp.max(jnp.sum(jnp.where(jnp.isfinite(mutual), mutual, 0.0), axis=1)))
 
 
-def _kept(tree, opaque_one):
+def _kept(tree: Scalars, opaque_one: Scalar) -> Scalars:
     """`tree` as computed once: XLA repeats cheap scalars in every consumer, but no division.
 
     `opaque_one` is 1 in a way that the compiler cannot know.
@@ -262,17 +332,27 @@ def _kept(tree, opaque_one):
     return unpack(packed / opaque_one)
 
 
-def _packed(tree):
+def _packed(tree: Scalars) -> tuple[Float[Array, " scalars"], Callable[[Float[Array, " scalars"]], Scalars]]:
     """The scalars of `tree` as one vector, and the way back."""
     leaves, structure = jax.tree.flatten(tree)
     return jnp.stack(leaves), lambda packed: jax.tree.unflatten(structure, [packed[i] for i in range(len(leaves))])
 
 
-def _row(loop, step_radius, duration, code):
+def _row(loop: LoopState, step_radius: Scalar, duration: Scalar, code: Scalar) -> Float[Array, " columns"]:
     return jnp.stack([loop.origin, loop.t_local, *loop.x, loop.index, loop.mode, step_radius, duration, code])
 
 
-def _new_period(cycle, system, settle_tolerance, unflatten, loop, ahead, x, mode, corner):
+def _new_period(
+    cycle: tuple[int, int] | None,
+    system: AbstractHybridSystem,
+    settle_tolerance: Scalar,
+    unflatten: Unflatten,
+    loop: LoopState,
+    ahead: Scalar,
+    x: State,
+    mode: Scalar,
+    corner: Truth,
+) -> tuple[Truth | bool, Truth]:
     """Whether a period of the drive opens here, and whether it repeats the last one.
 
     It does where both began at rest and in the same state but for a shift: a contact may

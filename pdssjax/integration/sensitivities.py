@@ -4,28 +4,45 @@ Every step is linearised about its own start, and a linear recurrence joins them
 end moves with the parameters; that shift is the saltation (docs/numerics.md), here without a matrix of its own.
 """
 
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, TypeAlias
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
 from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, Bool, Float
 
-from .forward_pass import BECAME_SETTLED, CORNER, EVENT, KNOWN_COLUMNS, WHICH, find_steps
-from .step_methods.base import KnownStep, horner
-from .system import field_of, has_guards, initial_state_and_mode, unflattener
+from ..core import Count, Scalar, Truth
+from .accuracy import Accuracy
+from .forward_pass import BECAME_SETTLED, CORNER, EVENT, KNOWN_COLUMNS, WHICH, LoopState, Table, find_steps
+from .step_methods.base import AbstractStepMethod, KnownStep, horner
+from .system import AbstractHybridSystem, InputSegment, State, field_of, has_guards, initial_state_and_mode, unflattener
 from .taylor_loop import computed_once
+
+Keep: TypeAlias = tuple[int, ...]
+"""Components of the state of which the polynomials are kept."""
+
+Known: TypeAlias = tuple[dict[str, Float[Array, " room"]], LoopState]
+"""Of every step what cannot be differentiated by, and the last carry."""
+
+StepArrays: TypeAlias = tuple[
+    Float[Array, "room begin"], Float[Array, " begin"], Float[Array, "room kept coefficients"], Known
+]
+"""(begins, end, polynomials, known): a begin or end is origin, local time and state of a step."""
 
 _TILE = 32
 """Steps expanded or linearised side by side."""
 
 
 @eqx.filter_custom_jvp
-def differentiable_steps(system, *, horizon, accuracy, keep):
+def differentiable_steps(
+    system: AbstractHybridSystem, *, horizon: Scalar, accuracy: Accuracy, keep: Keep
+) -> StepArrays:
     table, loop = find_steps(system, horizon, accuracy)
 
-    def tile(carry, rows, real):
+    def tile(carry: Any, rows: Float[Array, "rows columns"], real: Bool[Array, " rows"]) -> tuple[Any, Any]:
         return carry, _expanded(system, accuracy.method, jnp.asarray(accuracy.tolerance, float), keep, rows)
 
     # The loop itself keeps no polynomials: a carry that large would slow it down.
@@ -33,7 +50,9 @@ def differentiable_steps(system, *, horizon, accuracy, keep):
 
 
 @differentiable_steps.def_jvp
-def _differentiable_steps_jvp(primals, tangents, *, horizon, accuracy, keep):
+def _differentiable_steps_jvp(
+    primals: tuple[AbstractHybridSystem], tangents: tuple[Any], *, horizon: Scalar, accuracy: Accuracy, keep: Keep
+) -> tuple[StepArrays, tuple[Any, ...]]:
     (system,), (system_dot,) = primals, tangents
     table, loop = find_steps(system, horizon, accuracy)
     size = table.shape[1] - KNOWN_COLUMNS
@@ -43,12 +62,16 @@ def _differentiable_steps_jvp(primals, tangents, *, horizon, accuracy, keep):
     parameters, rebuilt = ravel_pytree(moving)
     parameters_dot, _ = ravel_pytree(system_dot)
 
-    def join(tangent, step):
+    def join(
+        tangent: Float[Array, " begin"], step: tuple[Truth, Float[Array, "begin begin"], Float[Array, " begin"]]
+    ) -> tuple[Float[Array, " begin"], Float[Array, " begin"]]:
         real, matrix, vector = step
         moved = jnp.sum(matrix * tangent, axis=-1) + vector
         return jnp.where(real, moved, tangent), tangent
 
-    def tile(tangent, rows, real):
+    def tile(
+        tangent: Float[Array, " begin"], rows: Float[Array, "rows columns"], real: Bool[Array, " rows"]
+    ) -> tuple[Any, Any]:
         polynomials, (ends, inner) = _linearised(
             moving, fixed, accuracy.method, jnp.asarray(accuracy.tolerance, float), keep, rows
         )
@@ -67,7 +90,7 @@ def _differentiable_steps_jvp(primals, tangents, *, horizon, accuracy, keep):
     return out, (begins_dot, end_dot, polynomials_dot, nothing)
 
 
-def _step_arrays(table, loop, polynomials):
+def _step_arrays(table: Table, loop: LoopState, polynomials: Float[Array, "room kept coefficients"]) -> StepArrays:
     size = table.shape[1] - KNOWN_COLUMNS
     index, mode, step_radius, duration, _ = table[:, size:].T
     known = dict(index=index, mode=mode, step_radius=step_radius, duration=duration)
@@ -78,14 +101,27 @@ def _step_arrays(table, loop, polynomials):
 # These two are compiled functions of their own so that they are traced once, however often loops and
 # transformations look at them.
 @eqx.filter_jit
-def _expanded(system, method, tolerance, keep, rows):
+def _expanded(
+    system: AbstractHybridSystem,
+    method: AbstractStepMethod,
+    tolerance: Scalar,
+    keep: Keep,
+    rows: Float[Array, "rows columns"],
+) -> Float[Array, "rows kept coefficients"]:
     """The polynomials of the steps `rows`, shape (rows, components kept, degree + 1)."""
     polynomials = method.expand(lambda row: _known_step(system, tolerance, row), rows)
     return _kept(polynomials, keep)
 
 
 @eqx.filter_jit
-def _linearised(moving, fixed, method, tolerance, keep, rows):
+def _linearised(
+    moving: AbstractHybridSystem,
+    fixed: AbstractHybridSystem,
+    method: AbstractStepMethod,
+    tolerance: Scalar,
+    keep: Keep,
+    rows: Float[Array, "rows columns"],
+) -> tuple[Float[Array, "rows kept coefficients"], Any]:
     """The polynomials of the steps `rows`, and the Jacobians of their ends and polynomials.
 
     With respect to the begin and every `moving` parameter of the system, whatever the tangents
@@ -94,15 +130,17 @@ def _linearised(moving, fixed, method, tolerance, keep, rows):
     size = rows.shape[1] - KNOWN_COLUMNS
     parameters, rebuilt = ravel_pytree(moving)
 
-    def again(inputs, known):
+    def again(
+        inputs: Float[Array, " inputs"], known: Float[Array, " known"]
+    ) -> tuple[AbstractHybridSystem, Float[Array, " columns"]]:
         system = eqx.combine(rebuilt(inputs[size:]), fixed)
         return system, jnp.concatenate([inputs[:size], known])
 
-    def step(inputs, known):
+    def step(inputs: Float[Array, " inputs"], known: Float[Array, " known"]) -> KnownStep:
         system, row = again(inputs, known)
         return _known_step(system, tolerance, row)
 
-    def flow(inputs):
+    def flow(inputs: Float[Array, "rows inputs"]) -> tuple[Any, Any]:
         known = rows[:, size:]
         polynomials = method.expand(step, inputs, known)
         shown = _kept(polynomials, keep)
@@ -125,7 +163,9 @@ def _linearised(moving, fixed, method, tolerance, keep, rows):
     return polynomials, slopes
 
 
-def _kept(polynomials, keep):
+def _kept(
+    polynomials: Sequence[Float[Array, "coefficients rows"]], keep: Keep
+) -> Float[Array, "rows kept coefficients"]:
     """The components `keep` of the polynomials of many rows, shape (rows, components kept, degree + 1)."""
     return jnp.stack([polynomials[i].T for i in keep], axis=1)
 
@@ -133,26 +173,26 @@ def _kept(polynomials, keep):
 class _Row(NamedTuple):
     """A row of the table: what can be differentiated by, then what is known."""
 
-    origin: Any
-    t_local: Any
-    begin: tuple
+    origin: Scalar
+    t_local: Scalar
+    begin: tuple[Scalar, ...]
     """The components of the state."""
-    index: Any
-    mode: Any
-    step_radius: Any
-    duration: Any
-    corner: Any
-    becomes_settled: Any
-    event: Any
-    which: Any
+    index: Scalar  # pyright: ignore[reportIncompatibleMethodOverride]
+    mode: Scalar
+    step_radius: Scalar
+    duration: Scalar
+    corner: Truth
+    becomes_settled: Truth
+    event: Truth
+    which: Count
 
     @property
-    def at(self):
+    def at(self) -> Scalar:
         """Local time at the end, before it moves [s]."""
         return self.t_local + self.duration
 
 
-def _read(row):
+def _read(row: Float[Array, " columns"]) -> _Row:
     size = row.shape[0] - KNOWN_COLUMNS
     origin, t_local, *begin = row[:size]
     index, mode, step_radius, duration, code = lax.stop_gradient(row[size:])
@@ -162,7 +202,7 @@ def _read(row):
     return _Row(origin, t_local, tuple(begin), *known)
 
 
-def _known_step(system, tolerance, row):
+def _known_step(system: AbstractHybridSystem, tolerance: Scalar, row: Float[Array, " columns"]) -> KnownStep:
     """A step of the table, as methods want it."""
     step = _read(row)
     field = field_of(system, system.segment(step.index), unflattener(system), step.mode)
@@ -170,20 +210,20 @@ def _known_step(system, tolerance, row):
     return KnownStep(field, step.t_local, list(step.begin), units, step.step_radius)
 
 
-def _exact_end(system, row, x):
+def _exact_end(system: AbstractHybridSystem, row: Float[Array, " columns"], x: list[Scalar]) -> list[Scalar]:
     """Where the polynomials of a step lead, with what is known in closed form put right."""
     step, unflatten = _read(row), unflattener(system)
     segment, begin = system.segment(step.index), unflatten(step.begin)
     return jax.tree.leaves(system.exact(segment, step.t_local, begin, step.duration, unflatten(x)))
 
 
-def _event_shift(system, row, x):
+def _event_shift(system: AbstractHybridSystem, row: Float[Array, " columns"], x: list[Scalar]) -> Scalar:
     """By how much the end of a step moves: zero in value, the derivative of the event's or of the corner's time."""
     step = _read(row)
     at, mode, which = step.at, step.mode, step.which
     end, segment = unflattener(system)(x), system.segment(step.index)
 
-    def margin(event_shift):
+    def margin(event_shift: Scalar) -> Scalar:
         rates = system.field(segment, at + event_shift, end, mode)
         moved = jax.tree.map(lambda a, b: a + event_shift * b, end, rates)
         guards = [jnp.asarray(guard, float) for guard in system.guards(segment, at + event_shift, moved, mode)]
@@ -199,7 +239,9 @@ def _event_shift(system, row, x):
     return jnp.where(step.event, shift_of_event, jnp.where(step.corner, shift_of_corner, 0.0))
 
 
-def _end(system, row, x, event_shift):
+def _end(
+    system: AbstractHybridSystem, row: Float[Array, " columns"], x: list[Scalar], event_shift: Scalar
+) -> Float[Array, " begin"]:
     """The end (origin, after, x) of a step of the table, given where it leads and how its end moves.
 
     The value is that of the forward pass; the derivatives are those of the true flow, with the
@@ -225,7 +267,15 @@ def _end(system, row, x, event_shift):
     return jnp.stack([origin, t_local, *jax.tree.leaves(end)])
 
 
-def _rates(system, segment, t_local, begin, duration, end, mode):
+def _rates(
+    system: AbstractHybridSystem,
+    segment: InputSegment,
+    t_local: Scalar,
+    begin: State,
+    duration: Scalar,
+    end: State,
+    mode: Scalar,
+) -> State:
     """How the state changes with time at the end of a step.
 
     What is known in closed form goes on moving where all else has settled (a platform that still rings under a
@@ -233,19 +283,19 @@ def _rates(system, segment, t_local, begin, duration, end, mode):
     """
     rates = system.field(segment, t_local + duration, end, mode)
 
-    def later(shift):
+    def later(shift: Scalar) -> State:
         moved = jax.tree.map(lambda a, b: a + shift * b, end, rates)
         return system.exact(segment, t_local, begin, duration + shift, moved)
 
     return jax.jvp(later, (jnp.zeros_like(duration),), (jnp.ones_like(duration),))[1]
 
 
-def _tangent_only(x):
+def _tangent_only(x: Scalar) -> Scalar:
     """Zero in value, `x` in derivative."""
     return x - lax.stop_gradient(x)
 
 
-def _tiled(function, carry, table, count):
+def _tiled(function: Callable[..., tuple[Any, Any]], carry: Any, table: Table, count: Count) -> tuple[Any, Any]:
     """`function(carry, rows, real)` over the real rows, a tile at a time; zeros for the rest."""
     room, width = table.shape
     tiles = -(-room // _TILE)
@@ -256,10 +306,10 @@ def _tiled(function, carry, table, count):
     tiled = (real.reshape(tiles, _TILE), rows.reshape(tiles, _TILE, width))
     shapes = jax.eval_shape(function, carry, tiled[1][0], tiled[0][0])[1]
 
-    def blank(carry, rows, real):
+    def blank(carry: Any, rows: Float[Array, "rows columns"], real: Bool[Array, " rows"]) -> tuple[Any, Any]:
         return carry, jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shapes)
 
-    def tile(carry, args):
+    def tile(carry: Any, args: tuple[Any, Any]) -> tuple[Any, Any]:
         real, rows = args
         return lax.cond(real[0], function, blank, carry, rows, real)
 

@@ -14,16 +14,18 @@ Solitons & Fractals 5(9), 1995).  The recurrence is an ordinary linear scan, so 
 and reverse mode both work.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jaxtyping import Array, Float
 
+from ..core import Count, Scalar, ScalarLike, Truth
 from .accuracy import Accuracy
 from .sensitivities import differentiable_steps
 from .step_methods.base import horner
-from .system import AbstractHybridSystem, unflattener
+from .system import AbstractHybridSystem, State, Visited, unflattener
 
 FAILURES = (
     "",
@@ -35,42 +37,52 @@ FAILURES = (
 class Steps(NamedTuple):
     """The steps of a run, in order; the first axis has room to spare."""
 
-    index: Any
+    index: Float[Array, " room"]  # pyright: ignore[reportIncompatibleMethodOverride]
     """Segment of the drive, counted from 0."""
-    mode: Any
-    step_radius: Any
+    mode: Float[Array, " room"]
+    step_radius: Float[Array, " room"]
     """Length for which the polynomials were made [s]."""
-    duration: Any
+    duration: Float[Array, " room"]
     """Length for which they are used: up to an event, a corner or the reach [s]."""
-    origin: Any
+    origin: Float[Array, " room"]
     """Time at which the segment begins [s]."""
-    t_local: Any
+    t_local: Float[Array, " room"]
     """Local time at which the step begins, from the corner on [s]."""
-    x: Any
-    """State at the beginning, shape (room, n)."""
-    polynomials: Any
-    """Coefficients in (time - begin)/reach, shape (room, components kept, degree + 1)."""
+    x: Float[Array, "room components"]
+    """State at the beginning."""
+    polynomials: Float[Array, "room kept coefficients"]
+    """Of the components kept, in (time - begin)/step_radius, lowest first."""
+
+
+class End(NamedTuple):
+    """Where the integration stopped."""
+
+    time: Scalar
+    """[s]"""
+    x: Float[Array, " components"]
+    """State."""
 
 
 class Solution(NamedTuple):
     """All that a run leaves behind."""
 
     steps: Steps
-    end: Any
-    """(time [s], state) where the integration stopped."""
-    period: Any
+    end: End
+    period: Count
     """Step with which the last period of the drive began."""
-    repeats: Any
+    repeats: Truth
     """From `end` on the motion repeats that period."""
-    count: Any
-    rejected: Any
-    events: Any
-    failure: Any
+    count: Count  # pyright: ignore[reportIncompatibleMethodOverride]
+    """Steps accepted."""
+    rejected: Count
+    events: Count
+    """Switches of the mode that were located."""
+    failure: Count
     """Index into `FAILURES`; 0 where the integration finished."""
 
 
 def integrate(
-    system: AbstractHybridSystem, horizon: Any, accuracy: Accuracy, keep: tuple[int, ...] | None = None
+    system: AbstractHybridSystem, horizon: ScalarLike, accuracy: Accuracy, keep: tuple[int, ...] | None = None
 ) -> Solution:
     """Integrates `system` from its initial state at t = 0 to `horizon` [s].
 
@@ -87,7 +99,7 @@ def integrate(
     steps = Steps(**known, origin=begins[:, 0], t_local=begins[:, 1], x=begins[:, 2:], polynomials=polynomials)
     return Solution(
         steps,
-        (end[0] + end[1], end[2:]),
+        End(end[0] + end[1], end[2:]),
         loop.period,
         loop.repeats,
         loop.count,
@@ -98,13 +110,12 @@ def integrate(
 
 
 def states_at(
-    system: AbstractHybridSystem, run: Solution, times: Any, keep: tuple[int, ...] | None = None
-) -> tuple[Any, Any, Any, Any]:
+    system: AbstractHybridSystem, run: Solution, times: Float[Array, " m"], keep: tuple[int, ...] | None = None
+) -> Visited:
     """The state at `times` [s], shape (m,), each within the integrated time or its repetition.
 
-    **Returns:** the state (one array (m,) a component), its segment, the local time and
-    the mode, vectorised over the times.  Components outside `keep`, as given to `integrate`,
-    are those of the step's beginning unless the system knows them in closed form.
+    Components outside `keep`, as given to `integrate`, are those of the step's beginning unless the
+    system knows them in closed form.
     """
     steps = run.steps
     start = steps.origin[run.period]
@@ -127,10 +138,16 @@ def states_at(
     values = shown if keep is None else steps.x[j].at[:, jnp.array(keep)].set(shown)
     gained = (x_stop - steps.x[run.period]) * laps[:, None]
 
-    def finish(index, t_local, begin, elapsed, end):
+    def finish(
+        index: Scalar,
+        t_local: Scalar,
+        begin: Float[Array, " components"],
+        elapsed: Scalar,
+        end: Float[Array, " components"],
+    ) -> State:
         return system.exact(system.segment(index), t_local, unflatten(begin), elapsed, unflatten(end))
 
     x = jax.vmap(finish)(steps.index[j], steps.t_local[j], steps.x[j], elapsed, values)
     x = jax.tree.map(jnp.add, x, jax.vmap(unflatten)(gained))
     segment = jax.vmap(system.segment)(steps.index[j])
-    return x, segment, steps.t_local[j] + elapsed, steps.mode[j]
+    return Visited(x, segment, steps.t_local[j] + elapsed, steps.mode[j])

@@ -1,27 +1,51 @@
 """The contract of a hybrid system: what the integrator asks of whatever it integrates."""
 
 import abc
-from collections.abc import Callable
-from typing import Any, Protocol
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..core import Scalar, ScalarLike, Truth
+from .taylor_series import Field, Term
 
 SETTLED = 2.0
 """The mode of a system that has settled until the next corner; no guard ends it."""
 
-State = Any
-"""A pytree of scalars, its displacements in m; a component that a time derivative leaves alone has the rate 0."""
+State: TypeAlias = Any
+"""A pytree of scalars, its displacements in m; a component that a time derivative leaves alone has the rate 0.
+
+Each system has its own, which no type can say for all: a `Term` each in `field` and `guards`, else a `Scalar` each.
+"""
+
+InputSegment: TypeAlias = Any
+"""An `AnySegment`: what the system's own `segment` gives, with what the system keeps in it besides."""
+
+Unflatten: TypeAlias = Callable[[Iterable[Any]], State]
+"""Makes a state of its components."""
 
 
 class AnySegment(Protocol):
     """A stretch of a system's input between two corners, within which the input is smooth."""
 
     @property
-    def duration(self) -> Any:
+    def duration(self) -> Scalar:
         """Length [s], a scalar; zero for a jump, infinite for the last one."""
         ...
+
+
+class Visited(NamedTuple):
+    """The states that a motion goes through, at many times; every leaf has their axis first."""
+
+    x: State
+    """One array, shape (m,), a component."""
+    segment: InputSegment
+    t_local: Float[Array, " m"]
+    """Local time [s]."""
+    mode: Float[Array, " m"]
 
 
 class AbstractHybridSystem(eqx.Module):
@@ -41,29 +65,31 @@ class AbstractHybridSystem(eqx.Module):
         """The state at t = 0, before the first segment begins."""
 
     @abc.abstractmethod
-    def segment(self, index: Any) -> AnySegment:
+    def segment(self, index: Scalar) -> AnySegment:
         """The segment of number `index`, a float from 0 on that may be traced: a pytree with a `duration` [s]."""
 
     @abc.abstractmethod
-    def field(self, segment: Any, t_local: Any, x: State, mode: Any) -> State:
+    def field(self, segment: InputSegment, t_local: Term, x: State, mode: Scalar) -> State:
         """The time derivative of the state in `mode`, each component in its unit a second; in `SETTLED`, too."""
 
     @abc.abstractmethod
-    def guards(self, segment: Any, t_local: Any, x: State, mode: Any) -> tuple:
+    def guards(self, segment: InputSegment, t_local: Term, x: State, mode: Scalar) -> tuple[Term, ...]:
         """Positive inside the mode, which ends where the first of them falls through zero; their scale is free.
 
         As many in every mode; may be none.
         """
 
     @abc.abstractmethod
-    def after_event(self, segment: Any, t_local: Any, x: State, mode: Any, which: Any) -> tuple[State, Any]:
+    def after_event(
+        self, segment: InputSegment, t_local: ScalarLike, x: State, mode: Scalar, which: Scalar
+    ) -> tuple[State, Scalar]:
         """State and mode after guard number `which`, a float, has reached zero; not asked where there is no guard."""
 
     @abc.abstractmethod
     def state_scale(self) -> State:
         """What one unit of each component amounts to as a displacement [m]: tolerances are displacements."""
 
-    def rates(self, segment: Any, t_local: Any, x: State, mode: Any) -> State:
+    def rates(self, segment: InputSegment, t_local: Scalar, x: State, mode: Scalar) -> State:
         """The true time derivative of the state, scalars, in every mode: for what is shown of a system.
 
         In `SETTLED` the `field` leaves out what `exact` knows, such as a platform that rings on below a contact
@@ -72,7 +98,7 @@ class AbstractHybridSystem(eqx.Module):
         rates = self.field(segment, t_local, x, mode)
         return jax.tree.map(lambda value, rate: jnp.asarray(rate, float) + 0.0 * value, x, rates)
 
-    def on_segment_start(self, segment: Any, x: State, mode: Any) -> tuple[State, Any]:
+    def on_segment_start(self, segment: InputSegment, x: State, mode: Scalar) -> tuple[State, Scalar]:
         """State and mode in which a new segment begins; the state changes only where `resets_at_corners`."""
         return x, mode
 
@@ -85,20 +111,22 @@ class AbstractHybridSystem(eqx.Module):
         """The first segment of the first period, and how many segments make one; None: the input never repeats."""
         return None
 
-    def is_settled(self, segment: Any, t_local: Any, x: State, mode: Any, tolerance: Any) -> Any:
+    def is_settled(
+        self, segment: InputSegment, t_local: ScalarLike, x: State, mode: Scalar, tolerance: ScalarLike
+    ) -> Truth:
         """Whether nothing but the steady solution is left of the segment, to within `tolerance` [m]; never in doubt."""
         return jnp.zeros((), bool)
 
-    def project_to_steady(self, segment: Any, t_local: Any, x: State, mode: Any) -> State:
+    def project_to_steady(self, segment: InputSegment, t_local: ScalarLike, x: State, mode: Scalar) -> State:
         """The state with the last of the deviations from the steady solution gone."""
         return x
 
-    def same_state(self, x: State, earlier: State, tolerance: Any) -> Any:
+    def same_state(self, x: State, earlier: State, tolerance: ScalarLike) -> Truth:
         """Whether both begin the same motion but for a constant shift, to within `tolerance` [m]."""
         away = jax.tree.map(lambda a, b, unit: jnp.abs(a - b) * unit, x, earlier, self.state_scale())
         return jnp.stack(jax.tree.leaves(away)).max() < tolerance
 
-    def extra_error_terms(self, x: State, mode: Any) -> tuple:
+    def extra_error_terms(self, x: State, mode: Scalar) -> tuple[Term, ...]:
         """What a step has to resolve besides the state, as displacements [m]."""
         return ()
 
@@ -106,32 +134,32 @@ class AbstractHybridSystem(eqx.Module):
         """The components, counted as the leaves of the state, that `exact` knows."""
         return ()
 
-    def exact(self, segment: Any, t_local: Any, begin: State, elapsed: Any, end: State) -> State:
+    def exact(self, segment: InputSegment, t_local: ScalarLike, begin: State, elapsed: Scalar, end: State) -> State:
         """`end`, `elapsed` [s] after `begin` at `t_local`, with what is known in closed form put right."""
         return end
 
-    def is_spurious_event(self, slope: Any, mode: Any, which: Any) -> Any:
+    def is_spurious_event(self, slope: Scalar, mode: Scalar, which: Scalar) -> Truth:
         """Whether an event with this `slope` of its guard is rounding: then its time has no derivative."""
         return jnp.zeros((), bool)
 
 
-def initial_state_and_mode(system: AbstractHybridSystem) -> tuple[State, Any]:
+def initial_state_and_mode(system: AbstractHybridSystem) -> tuple[State, Scalar]:
     """State and mode in which the first segment begins."""
     zero = jnp.zeros(())
     return system.on_segment_start(system.segment(zero), system.initial(), zero)
 
 
-def has_guards(system: AbstractHybridSystem, segment: Any, t_local: Any, x: State, mode: Any) -> bool:
+def has_guards(system: AbstractHybridSystem, segment: InputSegment, t_local: Term, x: State, mode: Scalar) -> bool:
     """Whether events can end a mode."""
     return len(system.guards(segment, t_local, x, mode)) > 0
 
 
-def field_of(system: AbstractHybridSystem, segment: Any, unflatten: Callable, mode: Any) -> Callable:
+def field_of(system: AbstractHybridSystem, segment: InputSegment, unflatten: Unflatten, mode: Scalar) -> Field:
     """The field of one mode on lists of scalars, as the methods want it."""
     return lambda t_local, x: jax.tree.leaves(system.field(segment, t_local, unflatten(x), mode))
 
 
-def unflattener(system: AbstractHybridSystem) -> Callable:
+def unflattener(system: AbstractHybridSystem) -> Unflatten:
     """Makes a state of `system` from its components."""
     tree = jax.tree.structure(system.initial())
     return lambda leaves: jax.tree.unflatten(tree, list(leaves))

@@ -7,17 +7,19 @@ last axis, and the order along their first, so that every operation runs along t
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypeAlias, TypeVar, TypeVarTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jaxtyping import Array, Float
 
+from ..core import Count, Scalar, ScalarLike, Truth
 from . import taylor_series as series
-from .taylor_series import Series, is_zero
+from .taylor_series import Field, Order, Rule, Series, Weight, is_zero
 
-_CONVOLVED = {
+_CONVOLVED: dict[Rule, tuple[int | None, int | None]] = {
     series.product_rule: (0, 1),
     series.quotient_rule: (None, 1),
     series.exp_rule: (0, None),
@@ -28,13 +30,22 @@ _CONVOLVED = {
 """Rules that look back at all lower coefficients, and at which two series: of their operands or, None, their own."""
 
 
+Result = TypeVar("Result")
+Arguments = TypeVarTuple("Arguments")
+
+Carry: TypeAlias = tuple[
+    dict[int, Float[Array, "orders m"]], dict[int, Float[Array, " m"]], dict[int, Float[Array, " m"]]
+]
+"""Of the nodes kept the coefficients before the last two, the last but one; and the last of the moving ones."""
+
+
 class Node(NamedTuple):
     """A series that was recorded."""
 
-    rule: Callable
+    rule: Rule
     operands: tuple[int, ...]
     """Where they stand in the record."""
-    literals: tuple[Any, ...]
+    literals: tuple[ScalarLike | None, ...]
     """Its numbers, None for those that are arrays."""
 
 
@@ -44,15 +55,15 @@ class Record(eqx.Module):
     nodes: tuple[Node, ...] = eqx.field(static=True)
     rates: tuple[int | None, ...] = eqx.field(static=True)
     """Where the rate of each component stands; None for the integer 0."""
-    step_radius: Any
+    step_radius: Float[Array, " m"]
     """The unit of time [s]."""
-    numbers: list[list[Any]]
+    numbers: list[list[Float[Array, " m"]]]
     """Of each node those that are arrays."""
-    starts: list[Any]
+    starts: list[Float[Array, " m"] | None]
     """Of each node coefficient 0; None for what is known to vanish."""
 
 
-def recorded(field: Callable, time: Any, state: Sequence[Any], step_radius: Any) -> Record:
+def recorded(field: Field, time: ScalarLike, state: Sequence[ScalarLike], step_radius: Scalar) -> Record:
     """What `field(t, x)` does to the series of `time` and `state` in the time over `step_radius`, all of them scalars.
 
     The other arguments are those of `taylor_series.taylor_coefficients`.
@@ -63,7 +74,7 @@ def recorded(field: Callable, time: Any, state: Sequence[Any], step_radius: Any)
     order: dict[int, Series] = {}
     seen: set[int] = set()
 
-    def visit(node):
+    def visit(node: Series) -> None:
         if id(node) not in seen:
             seen.add(id(node))
             for operand in node.operands:
@@ -91,7 +102,9 @@ def recorded(field: Callable, time: Any, state: Sequence[Any], step_radius: Any)
     )
 
 
-def looped_coefficients(record: Record, order: int, opaque_one: Any) -> list[Any]:
+def looped_coefficients(
+    record: Record, order: int, opaque_one: Float[Array, " m"]
+) -> list[Float[Array, "coefficients m"]]:
     """Taylor coefficients of many solutions side by side, those of `taylor_series.taylor_coefficients` rescaled.
 
     **Arguments:** the arrays of `record` and `opaque_one` have shape (m,).
@@ -108,7 +121,7 @@ def looped_coefficients(record: Record, order: int, opaque_one: Any) -> list[Any
     # Coefficient i stands at order - i; behind it zeros, so that a shifted stretch never ends.
     blank = jnp.zeros((2 * order, *opaque_one.shape))
 
-    def next_order(k, carry):
+    def next_order(k: Count, carry: Carry) -> Carry:
         buffers, before, now = carry
         # Written first and only read afterwards, the buffers are not copied.
         buffers = {i: lax.dynamic_update_index_in_dim(buffers[i], before[i], order - k + 1, 0) for i in kept}
@@ -132,10 +145,14 @@ def looped_coefficients(record: Record, order: int, opaque_one: Any) -> list[Any
 class _Track:
     """A series within the loop: its coefficients 0 and k, and those before k if anything looks back at them."""
 
-    def __init__(self, start, constant, buffer, order, now):
+    def __init__(
+        self, start: ScalarLike, constant: bool, buffer: Float[Array, "orders m"] | None, order: int, now: ScalarLike
+    ):
         self._start, self._constant, self._buffer, self._order, self._now = start, constant, buffer, order, now
 
-    def find(self, record, i, tracks, k, opaque_one):
+    def find(
+        self, record: Record, i: int, tracks: Sequence["_Track"], k: Count, opaque_one: Float[Array, " m"]
+    ) -> None:
         """Coefficient k, once those of the operands are known."""
         node = record.nodes[i]
         if self._constant:
@@ -149,19 +166,19 @@ class _Track:
         # A division is done once; without it XLA repeats the whole sum in every place that needs it.
         self._now = now / opaque_one if node.rule in _CONVOLVED and not is_zero(now) else now
 
-    def __getitem__(self, k):
+    def __getitem__(self, k: Order) -> ScalarLike:
         return self._start if is_zero(k) else self._now
 
-    def inner_products(self, other, k, weight=None):
+    def inner_products(self, other: "_Track", k: Order, weight: Weight | None = None) -> ScalarLike:
         """The sum of weight(i) self[i] other[k - i] over 0 < i < k; self[i] is still zero from k on."""
-        if self._constant or other._constant:
+        if self._constant or other._constant or self._buffer is None or other._buffer is None:
             return 0
         run = k > 0
         before = computed_once(
             run, lambda b: lax.dynamic_slice_in_dim(b, self._order - k + 1, self._order - 1, 0), other._buffer
         )
 
-        def inner(x, y):
+        def inner(x: Float[Array, "orders m"], y: Float[Array, "orders m"]) -> ScalarLike:
             terms = (x[self._order - i] * y[i - 1] for i in range(1, self._order))
             if weight is not None:
                 terms = (term * weight(i) for i, term in enumerate(terms, start=1))
@@ -195,7 +212,7 @@ def _looking_back(record: Record, constant: list[bool]) -> set[int]:
     return needed
 
 
-def computed_once(true: Any, function: Callable, *args: Any) -> Any:
+def computed_once(true: Truth | bool, function: Callable[[*Arguments], Result], *args: *Arguments) -> Result:
     """`function(*args)`, kept apart where XLA would fuse it into, and so repeat it in, every place that needs it.
 
     `true` holds in a way that the compiler cannot know: a branch is compiled as a whole.

@@ -137,11 +137,20 @@ def characterisation_of(
     return result
 
 
-def _summaries(measures, metrics, before, after, cycles, given) -> dict[str, Summary]:
+def _summaries(
+    measures: str,
+    metrics: dict[str, Float[np.ndarray, " cycles"]],
+    before: Float[np.ndarray, " slips"],
+    after: Float[np.ndarray, " slips"],
+    cycles: Cycles,
+    given: bool,
+) -> dict[str, Summary]:
     e = 0.0 if given else cycles.seen_error / cycles.seen
     shared = dict.fromkeys(metrics, 0.0)
     if measures == "displacement":
-        stroke, back, efficiency = (abs(np.mean(metrics[name])) for name in ("stroke", "back_slip", "efficiency"))
+        stroke, back, efficiency = (
+            abs(float(np.mean(metrics[name]))) for name in ("stroke", "back_slip", "efficiency")
+        )
         shared |= {"stroke": stroke * e, "net_step": stroke * e, "efficiency": abs(1 - efficiency) * e}
         shared["speed"] = back * cycles.frequency * e
         metrics = metrics | {"efficiency_by_extremes": 1 - (before[1:] - after[1:]) / (before[1:] - after[:-1])}
@@ -149,14 +158,16 @@ def _summaries(measures, metrics, before, after, cycles, given) -> dict[str, Sum
     return {n: _summary(v, units.get(n, ""), shared.get(n, 0.0)) for n, v in metrics.items()}
 
 
-def _summary(values: np.ndarray, unit: str, shared: float) -> Summary:
+def _summary(values: Float[np.ndarray, " cycles"], unit: str, shared: float) -> Summary:
     several = len(values) > 1
     deviation = float(np.std(values, ddof=1)) if several else math.nan
     error = math.hypot(deviation / math.sqrt(len(values)), shared)
     return Summary(float(np.mean(values)), deviation, error if several else math.nan, unit)
 
 
-def _turning_points(time, values, cycles: Cycles, slip_duration) -> tuple[np.ndarray, np.ndarray]:
+def _turning_points(
+    time: Float[np.ndarray, " m"], values: Float[np.ndarray, " m"], cycles: Cycles, slip_duration: float
+) -> tuple[Float[np.ndarray, " slips"], Float[np.ndarray, " slips"]]:
     """Extremes on both sides of the slips, whose time is not known to a sample, nor how long they take."""
     slack = slip_duration + 2 * max(float(np.median(np.diff(time))), 0.005 / cycles.frequency)
     found = turning_points(time, values, cycles.frequency, cycles.start - 0.5 * slack, cycles.count + 1, slack)

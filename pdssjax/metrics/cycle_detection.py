@@ -13,7 +13,7 @@
 import dataclasses
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from ..core import InputError
 from .per_cycle import FLANK, cycle_metrics
@@ -87,7 +87,15 @@ def find_cycles(
     return _counted(time, values, about, time[0] + phase / about, sign, frequency, where)
 
 
-def _counted(time, values, frequency, start, sign, given, where) -> Cycles:
+def _counted(
+    time: Float[np.ndarray, " m"],
+    values: Float[np.ndarray, " m"],
+    frequency: float,
+    start: float,
+    sign: float,
+    given: float | None,
+    where: str,
+) -> Cycles:
     """The complete cycles, once frequency and start are known to a part of a period."""
     seen, error = frequency, np.inf
     for _ in range(2):
@@ -121,14 +129,16 @@ def _counted(time, values, frequency, start, sign, given, where) -> Cycles:
     return Cycles(frequency, seen, error, begins, count, begun - count, falls, fit)
 
 
-def _begun(time, frequency, start) -> tuple[float, int]:
+def _begun(time: Float[np.ndarray, " m"], frequency: float, start: float) -> tuple[float, int]:
     """The first slip that belongs to a cycle with samples, and how many such cycles there are."""
     # A fiftieth of a cycle is no more than a slip takes, or than its time is uncertain by.
     before = np.floor((time[0] - start) * frequency + 0.02)
     return start + before / frequency, int(np.ceil((time[-1] - start) * frequency - before - 0.02))
 
 
-def _similar_flanks(time, values, frequency, first, begun) -> np.ndarray:
+def _similar_flanks(
+    time: Float[np.ndarray, " m"], values: Float[np.ndarray, " m"], frequency: float, first: float, begun: int
+) -> Int[np.ndarray, " flanks"]:
     """Numbers of the slow flanks in the longest run of such as are complete and alike."""
     slow = first + np.arange(begun) / frequency
     edge = 1e-9 / frequency + 0.5 * np.median(np.diff(time))
@@ -142,7 +152,13 @@ def _similar_flanks(time, values, frequency, first, begun) -> np.ndarray:
     return max(runs, key=len)
 
 
-def _best_sawtooth(time, values, frequency, lowest, highest) -> tuple[float, float, float, float]:
+def _best_sawtooth(
+    time: Float[np.ndarray, " m"],
+    values: Float[np.ndarray, " m"],
+    frequency: float | None,
+    lowest: float,
+    highest: float,
+) -> tuple[float, float, float, float]:
     """Fit, frequency, phase and sign of the sawtooth that explains the most of the motion about its trend."""
     found = []
     for degree in TRENDS:
@@ -161,7 +177,9 @@ def _best_sawtooth(time, values, frequency, lowest, highest) -> tuple[float, flo
     return max(found)
 
 
-def _coarse_frequency(time, detrended, lowest, highest) -> float:
+def _coarse_frequency(
+    time: Float[np.ndarray, " m"], detrended: Float[np.ndarray, " m"], lowest: float, highest: float
+) -> float:
     """The frequency of the greatest sum of amplitudes, weighted as a sawtooth has them."""
     interval = np.median(np.diff(time))
     even = np.arange(time[0], time[-1] + 0.5 * interval, interval)
@@ -176,7 +194,9 @@ def _coarse_frequency(time, detrended, lowest, highest) -> float:
     return float(bins[np.argmax(score)] / (padded * interval))
 
 
-def _finer_frequency(time, detrended, about, lowest, highest) -> float:
+def _finer_frequency(
+    time: Float[np.ndarray, " m"], detrended: Float[np.ndarray, " m"], about: float, lowest: float, highest: float
+) -> float:
     """The best fit of a sawtooth near `about`, or near simple multiples of it."""
     # Fifty samples a cycle are enough here.
     thin = max(1, int(1.0 / (50 * about * np.median(np.diff(time)))))
@@ -193,7 +213,9 @@ def _finer_frequency(time, detrended, about, lowest, highest) -> float:
     return float(about)
 
 
-def _sawtooth(time, detrended, frequency) -> tuple[float, float, float]:
+def _sawtooth(
+    time: Float[np.ndarray, " m"], detrended: Float[np.ndarray, " m"], frequency: float
+) -> tuple[float, float, float]:
     """The sawtooth that fits best: its share of the variance, the phase of its first drop, its sign.
 
     A sawtooth that rises by 1 in a period and drops at phase p is
@@ -213,7 +235,13 @@ def _sawtooth(time, detrended, frequency) -> tuple[float, float, float]:
     return float(overlap[best] ** 2 / norm / (detrended @ detrended)), float(phase[best]), float(np.sign(overlap[best]))
 
 
-def _slips(time, values, frequency, expected, sign) -> np.ndarray:
+def _slips(
+    time: Float[np.ndarray, " m"],
+    values: Float[np.ndarray, " m"],
+    frequency: float,
+    expected: Float[np.ndarray, " slips"],
+    sign: float,
+) -> np.ndarray:
     """When the record moves fastest against the slow flank near each `expected` slip; NaN where it has no samples."""
     span = max(1, round(0.01 / frequency / np.median(np.diff(time))))
     middle, change = 0.5 * (time[span:] + time[:-span]), -sign * (values[span:] - values[:-span])
@@ -230,7 +258,9 @@ def _slips(time, values, frequency, expected, sign) -> np.ndarray:
     return found
 
 
-def _line_of_slips(slips, expected, frequency, interval) -> tuple[float, float, float]:
+def _line_of_slips(
+    slips: Float[np.ndarray, " slips"], expected: Float[np.ndarray, " slips"], frequency: float, interval: float
+) -> tuple[float, float, float]:
     """Frequency, first slip and standard error of the frequency, by a line through the times of the slips."""
     number = np.round((expected - expected[0]) * frequency)
     late = slips - expected

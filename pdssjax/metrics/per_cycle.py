@@ -32,7 +32,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.ops import segment_max, segment_min, segment_sum
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 Samples = Float[Array, " m"] | Float[np.ndarray, " m"]
 
@@ -172,14 +172,24 @@ def force_metrics(
     return ForceMetrics(end, highest[:-1], lowest[:-1], mean[:-1])
 
 
-def _groups(time, period, start, count):
+def _groups(
+    time: Float[Array, " m"], period: Number, start: Number, count: int
+) -> tuple[Int[Array, " m"], Float[Array, " m"]]:
     """The cycle of each sample, `count` for those outside, and the time since it began."""
     turn = jnp.floor((time - start) / period)
     inside = (turn >= 0) & (turn < count)
     return jnp.where(inside, turn, count).astype(int), time - start - turn * period
 
 
-def _lines(time, values, period, start, duration, count, part):
+def _lines(
+    time: Float[Array, " m"],
+    values: Float[Array, " m"],
+    period: Number,
+    start: Number,
+    duration: Number,
+    count: int,
+    part: tuple[float, float],
+) -> tuple[Float[Array, " cycles"], Float[Array, " cycles"], Float[Array, " cycles"]]:
     """Lines by least squares through `part` of each slow flank, which lasts `duration` from `start` on.
 
     Returns their values in the middle of `part`, their slopes, and the standard deviation about
@@ -202,4 +212,5 @@ def _lines(time, values, period, start, duration, count, part):
     # The square root has no derivative at 0, which a noiseless record reaches.
     noise = jnp.sqrt(jnp.where(variance > 0, variance, 1.0)) * (variance > 0)
     level = mean_value + slope * (0.5 * (part[0] + part[1]) * duration - mean_time)
-    return tuple(jnp.where(enough, lines, jnp.nan) for lines in (level, slope, noise))
+    clear = lambda lines: jnp.where(enough, lines, jnp.nan)
+    return clear(level), clear(slope), clear(noise)

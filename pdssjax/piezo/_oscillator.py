@@ -6,20 +6,24 @@ On a straight piece u = u0 + k s it tends to y = C (u - 2 xi k / w); a harmonic 
 voltage adds its own response; what is left of the initial state decays as the free oscillation does.
 """
 
-from typing import Any
-
 import jax.numpy as jnp
 
+from ..core import Scalar, ScalarLike
 from ..drive.base import Segment
+from ..integration import Term
 
 
-def tends_to(gain: Any, frequency: Any, damping: Any, segment: Segment, t_local: Any) -> tuple[Any, Any]:
+def tends_to(
+    gain: ScalarLike, frequency: ScalarLike, damping: ScalarLike, segment: Segment, t_local: ScalarLike
+) -> tuple[Scalar, Scalar]:
     """Displacement [m] and velocity [m/s] to which the system tends, `t_local` [s] into a straight segment."""
     delay = 2.0 * damping / frequency
     return gain * (segment.start + segment.slope * (t_local - delay)), gain * segment.slope
 
 
-def forced(gain: Any, frequency: Any, damping: Any, segment: Segment, t_local: Any) -> tuple[Any, Any]:
+def forced(
+    gain: ScalarLike, frequency: ScalarLike, damping: ScalarLike, segment: Segment, t_local: ScalarLike
+) -> tuple[Scalar, Scalar]:
     """Displacement [m] and velocity [m/s] that a segment forces, its harmonic included, without the transient."""
     y, w = tends_to(gain, frequency, damping, segment, t_local)
     if segment.wave is None:
@@ -35,7 +39,9 @@ def forced(gain: Any, frequency: Any, damping: Any, segment: Segment, t_local: A
     )
 
 
-def underdamped(y: Any, w: Any, frequency: Any, damping: Any, elapsed: Any) -> tuple[Any, Any]:
+def underdamped(
+    y: Scalar, w: Scalar, frequency: ScalarLike, damping: ScalarLike, elapsed: ScalarLike
+) -> tuple[Scalar, Scalar]:
     """The free motion `elapsed` [s] after displacement y [m] and velocity w [m/s]; damping ratio below 1."""
     decay = damping * frequency
     ring = frequency * jnp.sqrt(1.0 - damping**2)
@@ -46,7 +52,9 @@ def underdamped(y: Any, w: Any, frequency: Any, damping: Any, elapsed: Any) -> t
     return oscillation, -decay * oscillation + ring * (b * c - y * s)
 
 
-def damped(y: Any, w: Any, frequency: Any, damping: Any, elapsed: Any) -> tuple[Any, Any]:
+def damped(
+    y: Scalar, w: Scalar, frequency: ScalarLike, damping: ScalarLike, elapsed: ScalarLike
+) -> tuple[Scalar, Scalar]:
     """The free motion as above, for any damping ratio.
 
     With z = (xi^2 - 1)(w t)^2 the fundamental solutions are e^(-xi w t) times C = cos or cosh and
@@ -73,6 +81,6 @@ def damped(y: Any, w: Any, frequency: Any, damping: Any, elapsed: Any) -> tuple[
     return moved, push * c + y * square * elapsed * s - decay * moved
 
 
-def accelerated(y: Any, w: Any, drives: Any, frequency: Any, damping: Any) -> Any:
+def accelerated(y: Term, w: Term, drives: Term, frequency: ScalarLike, damping: ScalarLike) -> Term:
     """y'' [m/s2] at displacement y and velocity w where `drives` is C u [m]; numbers or series."""
     return frequency * (frequency * (drives - y) - 2.0 * damping * w)

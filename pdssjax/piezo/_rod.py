@@ -33,16 +33,16 @@ Keeping the first n modes leaves out the rest of the sum: (4.13), `truncation_er
 
 import math
 from functools import partial
-from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jax.typing import ArrayLike
 from jaxtyping import Array, Complex, Float
 
-from ..core import InputError, choice, quantity
+from ..core import Choice, Count, InputError, Scalar, ScalarLike, Truth, choice, quantity
 
 
 class Rod(eqx.Module):
@@ -67,7 +67,7 @@ class Rod(eqx.Module):
     """Strain per volt s [1/V] of the unloaded stack; negative if it contracts."""
     platform_mass: float = quantity(0.5552, "kg", positive=False, low=0.0)
     """Mass M [kg] that the tip carries; may be 0."""
-    excitation: Any = choice({"strain": 0.0, "equal": 1.0})
+    excitation: Choice = choice({"strain": 0.0, "equal": 1.0})
     """How the voltage drives the modes: `strain` (the default) or `equal`, see above."""
 
     @property
@@ -122,7 +122,7 @@ def modes(rod: Rod, count: int) -> Modes:
     )
 
 
-def roots(mass_ratio, count: int) -> Float[Array, " count"]:
+def roots(mass_ratio: ScalarLike, count: int) -> Float[Array, " count"]:
     """The first `count` roots x = p L of r x tan x = 1 (4.10), to rounding; differentiable in `mass_ratio` >= 0.
 
     A negative ratio gives NaN.
@@ -136,31 +136,31 @@ def roots(mass_ratio, count: int) -> Float[Array, " count"]:
 
 
 @jax.custom_jvp
-def _root(start, ratio):
+def _root(start: Scalar, ratio: Scalar) -> Scalar:
     """The root in [start, start + pi/2], by Newton's method kept within that bracket.
 
     (4.10) reads x - start = arctan(1 / (r x)) there.  The difference of its sides rises and is
     concave, so that Newton's method climbs to the root from the left, whatever the start.
     """
 
-    def improve(state):
+    def improve(state: tuple[Scalar, Scalar, Count]) -> tuple[Scalar, Scalar, Count]:
         x, _, step = state
         slope = 1.0 + ratio / (1.0 + (ratio * x) ** 2)
         new = jnp.clip(x - (x - start - jnp.arctan2(1.0, ratio * x)) / slope, start, start + math.pi / 2)
         return new, jnp.abs(new - x), step + 1
 
-    def unfinished(state):
+    def unfinished(state: tuple[Scalar, Scalar, Count]) -> Truth:
         x, change, step = state
         return (change > 2.0 * jnp.finfo(x.dtype).eps * x) & (step < 100)
 
     guess = jnp.where(start > 0.0, start, 0.0) + jnp.where(
         start > 0.0, jnp.arctan2(1.0, ratio * (start + 0.5)), 1.0 / jnp.sqrt(ratio + 4.0 / math.pi**2)
     )
-    return lax.while_loop(unfinished, improve, (guess, jnp.full_like(guess, jnp.inf), 0))[0]
+    return lax.while_loop(unfinished, improve, (guess, jnp.full_like(guess, jnp.inf), jnp.zeros((), int)))[0]
 
 
 @_root.defjvp
-def _root_tangent(primals, tangents):
+def _root_tangent(primals: tuple[Scalar, Scalar], tangents: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
     """The implicit function theorem on x - start - arctan(1 / (r x)) = 0."""
     start, ratio = primals
     x = _root(start, ratio)
@@ -169,35 +169,37 @@ def _root_tangent(primals, tangents):
 
 
 @partial(jax.jit, static_argnums=0)
-def _roots(count: int, ratio):
+def _roots(count: int, ratio: Scalar) -> Float[Array, " count"]:
     return jax.vmap(_root, in_axes=(0, None))(math.pi * jnp.arange(count, dtype=ratio.dtype), ratio)
 
 
-def _tip(ratio, root):
+def _tip(ratio: Scalar, root: Float[Array, " n"]) -> Float[Array, " n"]:
     """sin x_j at the roots of (4.10), free of the cancellation in sin(x) near a multiple of pi."""
     sign = jnp.where(jnp.arange(len(root)) % 2 == 0, 1.0, -1.0)
     return sign / jnp.sqrt(1.0 + (ratio * root) ** 2)
 
 
-def shapes(rod: Rod, count: int, positions) -> Float[Array, "count points"]:
+def shapes(rod: Rod, count: int, positions: Float[ArrayLike, " points"]) -> Float[Array, "count points"]:
     """The modes sin(p_j y) at the `positions` y [m] from the clamped end, scaled to 1 at the tip."""
     root = roots(rod.mass_ratio, count)
     return jnp.sin(root[:, None] * jnp.asarray(positions) / rod.length) / _tip(rod.mass_ratio, root)[:, None]
 
 
 @jax.jit
-def mode_responses(modes: Modes, voltage, times) -> Float[Array, "n times"]:
+def mode_responses(modes: Modes, voltage: ScalarLike, times: Float[ArrayLike, " times"]) -> Float[Array, "n times"]:
     """Each mode's share [m] of the tip's displacement after a step of `voltage` [V] at t = 0, at `times` [s]."""
     step = jax.vmap(_unit_step, in_axes=(0, 0, None))
     return modes.gain[:, None] * voltage * step(modes.natural_frequency, modes.damping_ratio, jnp.asarray(times))
 
 
-def step_response(modes: Modes, voltage, times) -> Float[Array, " times"]:
+def step_response(modes: Modes, voltage: ScalarLike, times: Float[ArrayLike, " times"]) -> Float[Array, " times"]:
     """Displacement of the tip [m] after a step of `voltage` [V] at t = 0, at `times` [s]; 0 before it."""
     return mode_responses(modes, voltage, times).sum(axis=0)
 
 
-def truncation_error(rod: Rod, kept: int, voltage, times, among: int = 200) -> Float[Array, " times"]:
+def truncation_error(
+    rod: Rod, kept: int, voltage: ScalarLike, times: Float[ArrayLike, " times"], among: int = 200
+) -> Float[Array, " times"]:
     """What keeping the first `kept` modes leaves out [m] (4.13), for a step of `voltage` [V] at t = 0, at `times` [s].
 
     It is the sum of the modes kept + 1 to `among`.  With `strain` the modes beyond hold 0.007 /
@@ -209,7 +211,9 @@ def truncation_error(rod: Rod, kept: int, voltage, times, among: int = 200) -> F
     return mode_responses(_left_out(rod, kept, among), voltage, times).sum(axis=0)
 
 
-def truncation_transfer(rod: Rod, kept: int, frequency, among: int = 200) -> Complex[Array, " frequencies"]:
+def truncation_transfer(
+    rod: Rod, kept: int, frequency: Float[ArrayLike, " frequencies"], among: int = 200
+) -> Complex[Array, " frequencies"]:
     """E(s) / U(s) [m/V] of (4.13) on the imaginary axis: s = i `frequency`, in rad/s.
 
     **Raises:** as `truncation_error`.
@@ -219,7 +223,9 @@ def truncation_transfer(rod: Rod, kept: int, frequency, among: int = 200) -> Com
     return (left.gain[:, None] / (1.0 - turn**2 + 2j * left.damping_ratio[:, None] * turn)).sum(axis=0)
 
 
-def modes_needed(rod: Rod, error: float, voltage: float, times=None, among: int = 200) -> int:
+def modes_needed(
+    rod: Rod, error: float, voltage: float, times: Float[ArrayLike, " times"] | None = None, among: int = 200
+) -> int:
     """The smallest number of modes whose truncation error stays within `error` [m] at all `times`.
 
     **Arguments:** the drive is a step of `voltage` [V] at t = 0.  Without `times` [s], 2000 of
@@ -249,7 +255,7 @@ def _left_out(rod: Rod, kept: int, among: int) -> Modes:
     return jax.tree.map(lambda array: array[kept:], modes(rod, among))
 
 
-def _moments(modes: Modes) -> np.ndarray:
+def _moments(modes: Modes) -> Float[np.ndarray, " times"]:
     """Times [s] that show every mode's rise and the slowest one's end."""
     frequency, damping = np.asarray(modes.natural_frequency), np.asarray(modes.damping_ratio)
     # The slow root of an overdamped mode is near w / (2 xi).
@@ -257,7 +263,7 @@ def _moments(modes: Modes) -> np.ndarray:
     return np.geomspace(0.1 / frequency[-1], 10.0 / slowest, 2000)
 
 
-def _unit_step(frequency, damping, time):
+def _unit_step(frequency: Scalar, damping: Scalar, time: Float[Array, " times"]) -> Float[Array, " times"]:
     """Response of w^2 / (s^2 + 2 xi w s + w^2) to a unit step at t = 0, for any damping ratio xi > 0.
 
     With z = (xi^2 - 1) (w t)^2 and a = xi w t it is 1 - e^-a (C(z) + a S(z)), where C is cosh of
@@ -278,7 +284,7 @@ def _unit_step(frequency, damping, time):
     return 1.0 - jnp.where(z > 0.05, creeping, jnp.exp(-a) * jnp.where(near, series, oscillating))
 
 
-def _even_series(z, first: int):
+def _even_series(z: Float[Array, " times"], first: int) -> Float[Array, " times"]:
     """Sum of z^k / (2 k + first)!, to rounding for |z| < 0.05."""
     total = jnp.zeros_like(z)
     for k in reversed(range(7)):

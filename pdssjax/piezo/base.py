@@ -8,16 +8,20 @@ does so by flags, guards and `after_event`, as a friction law does.
 
 import abc
 from collections.abc import Mapping
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple, TypeAlias
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
 
-from ..core import quantities
+from ..core import Declared, Scalar, ScalarLike, quantities
 from ..drive.base import Segment, Voltage
+from ..integration import N, Term
 
-State = tuple[Any, ...]
+State: TypeAlias = tuple[Scalar, ...]
+"""Of a stack: one scalar a component."""
+
+Terms: TypeAlias = tuple[Term, ...]
+"""What a field is made of, one a component."""
 
 USUAL_SWING = 80.0
 """Voltage [V] over which a stack is driven that has the nominal parameters of a hysteresis."""
@@ -42,7 +46,7 @@ _LOOK_AHEAD = 1e-9
 """Time [s] by which the direction of a voltage at its turning point is told."""
 
 
-def slew_sign(voltage: Voltage, before: Any) -> Any:
+def slew_sign(voltage: Voltage[Scalar], before: ScalarLike) -> Scalar:
     """1 where a voltage rises or is about to, -1 where it falls; `before` where it stays."""
     slope = voltage.slope + _LOOK_AHEAD * voltage.bend
     return jnp.where(slope > 0.0, 1.0, jnp.where(slope < 0.0, -1.0, before))
@@ -68,27 +72,27 @@ class AbstractPiezo(eqx.Module):
     is_compliant: ClassVar[bool] = True
     """A force moves the platform: friction can act back on it."""
 
-    mass: eqx.AbstractVar[Any]
-    """Moving mass that a force on the platform accelerates at first [kg]; only friction feedback (5.25) uses it."""
+    mass: eqx.AbstractVar[Declared]
+    """Moving mass that a force on the platform accelerates at first, a number [kg]; only feedback (5.25) uses it."""
 
     @abc.abstractmethod
     def initial(self) -> State:
         """The state at 0 V and at rest."""
 
     @abc.abstractmethod
-    def rate(self, state: State, voltage: Voltage, force) -> State:
+    def rate(self, state: Terms, voltage: Voltage[Term], force: Term) -> Terms:
         """Time derivative of the state with `force` [N] on the platform; the integer 0 for flags."""
 
     @abc.abstractmethod
-    def platform(self, state: State) -> tuple[Any, Any]:
+    def platform(self, state: tuple[N, ...]) -> tuple[N, N]:
         """Displacement y [m] and velocity y' [m/s] of the platform."""
 
     @abc.abstractmethod
-    def acceleration(self, state: State, voltage: Voltage) -> Float[Array, ""]:
+    def acceleration(self, state: Terms, voltage: Voltage[Term]) -> Term:
         """y'' [m/s2] without friction; a force F on the platform adds F / `mass`."""
 
     @abc.abstractmethod
-    def steady(self, state: State, segment: Segment, t_local, force) -> State:
+    def steady(self, state: State, segment: Segment, t_local: ScalarLike, force: ScalarLike) -> State:
         """The state to which the platform tends, `t_local` [s] into a straight segment.
 
         `force` [N] acts on the platform constantly.  May be `state` where `has_steady_state` is False.
@@ -99,11 +103,11 @@ class AbstractPiezo(eqx.Module):
         """Displacement [m] that one unit of each state stands for: the scale of its error."""
 
     @abc.abstractmethod
-    def static_gain(self) -> Float[Array, ""]:
+    def static_gain(self) -> Scalar:
         """Displacement [m/V] that a slow volt gives: the scale of the voltage's error."""
 
     @abc.abstractmethod
-    def frequency_scale(self) -> Float[Array, ""]:
+    def frequency_scale(self) -> Scalar:
         """The fastest angular frequency [rad/s]: the scale between velocity and displacement."""
 
     def broken_conditions(self) -> tuple[str, ...]:
@@ -127,7 +131,7 @@ class AbstractPiezo(eqx.Module):
         }
         return {name: number for name, number in guess.items() if number is not None and name in quantities(cls)}
 
-    def motion(self, state: State, segment: Segment, t_local, elapsed) -> State:
+    def motion(self, state: State, segment: Segment, t_local: ScalarLike, elapsed: ScalarLike) -> State:
         """Where `closed`: the exact state `elapsed` [s] later, `t_local` [s] into a segment; no force."""
         raise NotImplementedError(f"{type(self).__name__} knows no closed form")
 
@@ -135,10 +139,10 @@ class AbstractPiezo(eqx.Module):
         """The state just after the corner that opens `segment`, where the voltage may jump."""
         return state
 
-    def guards(self, state: State, voltage: Voltage) -> tuple[Any, ...]:
+    def guards(self, state: Terms, voltage: Voltage[Term]) -> Terms:
         """Positive while the model keeps its form; always as many, in the same order."""
         return ()
 
-    def after_event(self, state: State, voltage: Voltage, which) -> State:
+    def after_event(self, state: State, voltage: Voltage[Scalar], which: Scalar) -> State:
         """The state just after `guards(...)[which]` has fallen through zero."""
         return state

@@ -16,11 +16,15 @@ Flags tell the signs of u' and h; within one set of them all is smooth.
 T. S. Low and W. Guo, Journal of Microelectromechanical Systems 4(4), 1995.
 """
 
+from collections.abc import Mapping
+
 import jax.numpy as jnp
 
-from ..core import quantities, quantity
+from ..core import Scalar, ScalarLike, quantities, quantity
+from ..drive.base import Segment, Voltage
+from ..integration import N, Term
 from ._oscillator import accelerated
-from .base import USUAL_SWING, AbstractPiezo, slew_sign
+from .base import USUAL_SWING, AbstractPiezo, Shown, State, Terms, slew_sign
 
 
 class BoucWen(AbstractPiezo):
@@ -43,7 +47,7 @@ class BoucWen(AbstractPiezo):
     mass: float = quantity(0.56, "kg", optional=True)
     """Moving mass of stack and platform m_g [kg]; only friction feedback (5.25) uses it."""
 
-    def broken_conditions(self):
+    def broken_conditions(self) -> tuple[str, ...]:
         if abs(float(self.gamma)) <= float(self.beta):
             return ()
         return (
@@ -52,7 +56,7 @@ class BoucWen(AbstractPiezo):
         )
 
     @classmethod
-    def first_guess(cls, shown, known):
+    def first_guess(cls, shown: Shown, known: Mapping[str, float]) -> dict[str, float]:
         guess = super().first_guess(shown, known)
         if shown.swing:
             # As many times as over the usual swing h forgets over this one.
@@ -60,42 +64,42 @@ class BoucWen(AbstractPiezo):
             guess |= {"beta": beta, "gamma": beta / 3.0}
         return guess
 
-    def initial(self):
+    def initial(self) -> State:
         zero = jnp.zeros(())
         return zero, zero, zero, zero, zero + 1.0, zero + 1.0
 
-    def rate(self, state, voltage, force):
+    def rate(self, state: Terms, voltage: Voltage[Term], force: Term) -> Terms:
         _, w, h, _, rises, sign = state
         slope = voltage.slope
         lags = slope * (self.alpha * self.gain) - slope * h * (rises * self.beta + sign * self.gamma)
         return w, self.acceleration(state, voltage) + force * (1.0 / self.mass), lags, slope, 0, 0
 
-    def platform(self, state):
+    def platform(self, state: tuple[N, ...]) -> tuple[N, N]:
         return state[0], state[1]
 
-    def acceleration(self, state, voltage):
+    def acceleration(self, state: Terms, voltage: Voltage[Term]) -> Term:
         y, w, h, *_ = state
         return accelerated(y, w, voltage.level * self.gain - h, self.natural_frequency, self.damping_ratio)
 
-    def steady(self, state, segment, t_local, force):
+    def steady(self, state: State, segment: Segment, t_local: ScalarLike, force: ScalarLike) -> State:
         return state
 
-    def guards(self, state, voltage):
+    def guards(self, state: Terms, voltage: Voltage[Term]) -> Terms:
         _, _, h, _, rises, sign = state
         return h * 0.0 + voltage.slope * rises, h * (sign * (1.0 / self.gain))
 
-    def after_event(self, state, voltage, which):
+    def after_event(self, state: State, voltage: Voltage[Scalar], which: Scalar) -> State:
         y, w, h, seen, rises, sign = state
         return y, w, h, seen, jnp.where(which == 0, -rises, rises), jnp.where(which == 1, -sign, sign)
 
-    def on_segment_start(self, state, segment):
+    def on_segment_start(self, state: State, segment: Segment) -> State:
         y, w, h, seen, rises, _ = state
         voltage = segment.voltage(0.0)
         h = self._jumped(h, voltage.level - seen)
         rises = slew_sign(voltage, rises)
         return y, w, h, voltage.level, rises, jnp.where(h == 0.0, rises, jnp.where(h > 0.0, 1.0, -1.0))
 
-    def _jumped(self, h, change):
+    def _jumped(self, h: Scalar, change: ScalarLike) -> Scalar:
         """h after the voltage has run a way of `change` [V]: unloading until h vanishes, loading then."""
         path, side = jnp.abs(change), jnp.where(change < 0.0, -1.0, 1.0)
         ahead = side * h
@@ -112,18 +116,18 @@ class BoucWen(AbstractPiezo):
         begun = jnp.where(ahead < 0.0, unloaded, ahead)
         return side * _branch(begun, slope, loads, remainder)
 
-    def error_scale(self):
+    def error_scale(self) -> State:
         metre = jnp.ones(())
         return metre, 1.0 / self.frequency_scale(), metre, self.static_gain(), metre, metre
 
-    def static_gain(self):
+    def static_gain(self) -> Scalar:
         return jnp.asarray(self.gain, float)
 
-    def frequency_scale(self):
+    def frequency_scale(self) -> Scalar:
         return jnp.asarray(self.natural_frequency, float)
 
 
-def _branch(h, slope, rate, path):
+def _branch(h: Scalar, slope: ScalarLike, rate: ScalarLike, path: Scalar) -> Scalar:
     """h after a way of `path` [V] with dh = (slope - rate h) du."""
     x = rate * path
     safe = jnp.where(jnp.abs(x) < 1e-5, 1.0, x)
@@ -131,7 +135,7 @@ def _branch(h, slope, rate, path):
     return h + (slope - rate * h) * path * part
 
 
-def _log_ratio(x):
+def _log_ratio(x: Scalar) -> Scalar:
     """log(1 + x) / x; for x > -1."""
     near = jnp.abs(x) < 1e-5
     safe = jnp.where(near | (x <= -1.0), 1.0, x)

@@ -11,11 +11,15 @@ Instruments 71(4), 2000; the linear elements: D. Croft, G. Shed and S. Devasia, 
 Dynamic Systems, Measurement, and Control 123(1), 2001.
 """
 
+from collections.abc import Mapping
+
 import jax.numpy as jnp
 
-from ..core import quantity
+from ..core import Scalar, ScalarLike, quantity
+from ..drive.base import Segment, Voltage
+from ..integration import N, Term
 from ._oscillator import accelerated
-from .base import AbstractPiezo
+from .base import AbstractPiezo, Shown, State, Terms
 
 _DECADES = (1.0, 10.0, 100.0)
 
@@ -42,14 +46,14 @@ class Creep(AbstractPiezo):
     """Moving mass of stack and platform m_g [kg]; only friction feedback (5.25) uses it."""
 
     @classmethod
-    def first_guess(cls, shown, known):
+    def first_guess(cls, shown: Shown, known: Mapping[str, float]) -> dict[str, float]:
         guess = super().first_guess(shown, known)
         return guess | ({"creep_time": shown.duration / _PARTS} if shown.duration else {})
 
-    def initial(self):
+    def initial(self) -> State:
         return tuple(jnp.zeros(()) for _ in range(2 + len(_DECADES)))
 
-    def rate(self, state, voltage, force):
+    def rate(self, state: Terms, voltage: Voltage[Term], force: Term) -> Terms:
         _, w, *crept = state
         creeps = (
             (voltage.level * self.creep - c) * (1.0 / (self.creep_time * decade))
@@ -57,23 +61,23 @@ class Creep(AbstractPiezo):
         )
         return (w, self.acceleration(state, voltage) + force * (1.0 / self.mass), *creeps)
 
-    def platform(self, state):
+    def platform(self, state: tuple[N, ...]) -> tuple[N, N]:
         return state[0], state[1]
 
-    def acceleration(self, state, voltage):
+    def acceleration(self, state: Terms, voltage: Voltage[Term]) -> Term:
         y, w, *crept = state
         drives = sum(crept, voltage.level)
         return accelerated(y, w, drives * self.gain, self.natural_frequency, self.damping_ratio)
 
-    def steady(self, state, segment, t_local, force):
+    def steady(self, state: State, segment: Segment, t_local: ScalarLike, force: ScalarLike) -> State:
         return state
 
-    def error_scale(self):
+    def error_scale(self) -> State:
         volt = self.static_gain()
         return (jnp.ones(()), 1.0 / self.frequency_scale(), *(volt for _ in _DECADES))
 
-    def static_gain(self):
+    def static_gain(self) -> Scalar:
         return jnp.asarray(self.gain, float)
 
-    def frequency_scale(self):
+    def frequency_scale(self) -> Scalar:
         return jnp.asarray(self.natural_frequency, float)

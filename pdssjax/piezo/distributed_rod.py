@@ -10,15 +10,18 @@ second mode moves the platform by a millionth of what the first does, and its fa
 would have to be shorter than its time.  So one mode is kept unless `count` says otherwise.
 """
 
+from collections.abc import Mapping
 from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 
-from ..core import choice, quantities, quantity
+from ..core import Choice, Declared, Scalar, ScalarLike, choice, quantities, quantity
+from ..drive.base import Segment, Voltage
+from ..integration import N, Term
 from ._oscillator import accelerated, damped, forced, tends_to
-from ._rod import Rod, modes
-from .base import AbstractPiezo
+from ._rod import Modes, Rod, modes
+from .base import AbstractPiezo, Shown, State, Terms
 
 
 class DistributedRod(AbstractPiezo):
@@ -40,14 +43,14 @@ class DistributedRod(AbstractPiezo):
     """Strain per volt s [1/V] of the unloaded stack."""
     platform_mass: float = quantity(0.5552, "kg")
     """Mass M [kg] that the tip carries."""
-    excitation: Any = choice({"strain": 0.0, "equal": 1.0})
+    excitation: Choice = choice({"strain": 0.0, "equal": 1.0})
     """How the voltage drives the modes: `strain` (the default) or `equal`, see `pdssjax.piezo._rod`."""
     count: int = eqx.field(static=True, default=1)
     """How many modes n are kept."""
-    modes: Any = None
+    modes: Modes = eqx.field(default=None)
     """What they are, as `pdssjax.piezo._rod` makes them of the numbers above."""
 
-    def __init__(self, count: int = 1, **numbers: Any):
+    def __init__(self, count: int = 1, **numbers: Declared):
         self.count = count
         for name, declared in quantities(type(self)).items():
             setattr(self, name, numbers.pop(name, declared.nominal))
@@ -57,7 +60,7 @@ class DistributedRod(AbstractPiezo):
         self.modes = modes(self.rod, count)
 
     @classmethod
-    def first_guess(cls, shown, known):
+    def first_guess(cls, shown: Shown, known: Mapping[str, float]) -> dict[str, float]:
         """Modulus, viscosity and strain that give the first mode the gain, frequency and damping ratio shown."""
         numbers: dict[str, Any] = {
             name: known.get(name, declared.nominal) for name, declared in quantities(cls).items()
@@ -89,37 +92,37 @@ class DistributedRod(AbstractPiezo):
         )
 
     @property
-    def mass(self):
+    def mass(self) -> Scalar:
         """Mass [kg] that a force at the tip accelerates at first, in all the modes kept."""
         return 1.0 / jnp.sum(1.0 / self.modes.mass)
 
-    def initial(self):
+    def initial(self) -> State:
         return tuple(jnp.zeros(()) for _ in range(2 * self.count))
 
-    def rate(self, state, voltage, force):
+    def rate(self, state: Terms, voltage: Voltage[Term], force: Term) -> Terms:
         rates = []
         for (y, w), (gain, frequency, damping), mass in self._pairs(state):
             pushed = accelerated(y, w, voltage.level * gain, frequency, damping) + force * (1.0 / mass)
             rates += [w, pushed]
         return tuple(rates)
 
-    def platform(self, state):
+    def platform(self, state: tuple[N, ...]) -> tuple[N, N]:
         return sum(state[2::2], state[0]), sum(state[3::2], state[1])
 
-    def acceleration(self, state, voltage):
+    def acceleration(self, state: Terms, voltage: Voltage[Term]) -> Term:
         total: Any = 0.0
         for (y, w), (gain, frequency, damping), _ in self._pairs(state):
             total = accelerated(y, w, voltage.level * gain, frequency, damping) + total
         return total
 
-    def steady(self, state, segment, t_local, force):
+    def steady(self, state: State, segment: Segment, t_local: ScalarLike, force: ScalarLike) -> State:
         found = []
         for _, mode, mass in self._pairs(self.initial()):
             y, w = tends_to(*mode, segment, t_local)
             found += [y + force / (mass * mode[1] ** 2), w]
         return tuple(found)
 
-    def motion(self, state, segment, t_local, elapsed):
+    def motion(self, state: State, segment: Segment, t_local: ScalarLike, elapsed: ScalarLike) -> State:
         moved = []
         for (y, w), mode, _ in self._pairs(state):
             y0, w0 = forced(*mode, segment, t_local)
@@ -128,20 +131,20 @@ class DistributedRod(AbstractPiezo):
             moved += [y1 + free, w1 + speed]
         return tuple(moved)
 
-    def error_scale(self):
+    def error_scale(self) -> State:
         lengths = []
         for frequency in self.modes.natural_frequency:
             lengths += [jnp.ones(()), 1.0 / frequency]
         return tuple(lengths)
 
-    def static_gain(self):
+    def static_gain(self) -> Scalar:
         return jnp.sum(self.modes.gain)
 
-    def frequency_scale(self):
+    def frequency_scale(self) -> Scalar:
         # That of the mode that moves the platform: the others are over before it has begun to.
         return self.modes.natural_frequency[0]
 
-    def _pairs(self, state):
+    def _pairs(self, state: tuple[N, ...]) -> list[tuple[tuple[N, N], tuple[Scalar, Scalar, Scalar], Scalar]]:
         """For each mode its (y, w), its (gain, frequency, damping), and its mass."""
         kept = self.modes
         return [

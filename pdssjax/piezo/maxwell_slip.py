@@ -18,11 +18,15 @@ M. Goldfarb and N. Celanovic, Journal of Dynamic Systems, Measurement, and Contr
 whose elements stand between charge and voltage.
 """
 
+from collections.abc import Mapping
+
 import jax.numpy as jnp
 
-from ..core import quantities, quantity
+from ..core import Scalar, ScalarLike, quantities, quantity
+from ..drive.base import Segment, Voltage
+from ..integration import N, Term
 from ._oscillator import accelerated
-from .base import USUAL_SWING, AbstractPiezo, slew_sign
+from .base import USUAL_SWING, AbstractPiezo, Shown, State, Terms, slew_sign
 
 _COUNT = 4
 
@@ -60,14 +64,14 @@ class MaxwellSlip(AbstractPiezo):
     mass: float = quantity(0.56, "kg", optional=True)
     """Moving mass of stack and platform m_g [kg]; only friction feedback (5.25) uses it."""
 
-    def broken_conditions(self):
+    def broken_conditions(self) -> tuple[str, ...]:
         together = float(sum(self._shares()))
         if together < 1.0:
             return ()
         return (f"piezo.share_1 to piezo.share_{_COUNT} together are {together:.4g}, not below 1",)
 
     @classmethod
-    def first_guess(cls, shown, known):
+    def first_guess(cls, shown: Shown, known: Mapping[str, float]) -> dict[str, float]:
         guess = super().first_guess(shown, known)
         if shown.swing:
             # An element slips only where its threshold is below the swing of the voltage, or half of it between turns.
@@ -75,43 +79,43 @@ class MaxwellSlip(AbstractPiezo):
             guess |= {name: nominal * shown.swing / USUAL_SWING for name, nominal in thresholds.items()}
         return guess
 
-    def initial(self):
+    def initial(self) -> State:
         zero = jnp.zeros(())
         return (*(zero for _ in range(3 + _COUNT)), zero + 1.0, *(zero for _ in range(_COUNT)))
 
-    def rate(self, state, voltage, force):
+    def rate(self, state: Terms, voltage: Voltage[Term], force: Term) -> Terms:
         _, w, _, _, _, slips = _parts(state)
         slope = voltage.slope
         stretches = (slope * (1.0 - slip) for slip in slips)
         pushed = self.acceleration(state, voltage) + force * (1.0 / self.mass)
         return (w, pushed, slope, *stretches, 0, *(0 for _ in range(_COUNT)))
 
-    def platform(self, state):
+    def platform(self, state: tuple[N, ...]) -> tuple[N, N]:
         return state[0], state[1]
 
-    def acceleration(self, state, voltage):
+    def acceleration(self, state: Terms, voltage: Voltage[Term]) -> Term:
         y, w, _, stops, _, _ = _parts(state)
         drives = voltage.level
         for s, share in zip(stops, self._shares(), strict=True):
             drives = drives - s * share
         return accelerated(y, w, drives * self.gain, self.natural_frequency, self.damping_ratio)
 
-    def steady(self, state, segment, t_local, force):
+    def steady(self, state: State, segment: Segment, t_local: ScalarLike, force: ScalarLike) -> State:
         return state
 
-    def guards(self, state, voltage):
+    def guards(self, state: Terms, voltage: Voltage[Term]) -> Terms:
         _, _, seen, stops, rises, slips = _parts(state)
         elements = zip(stops, slips, self._thresholds(), strict=True)
         held = ((r - s * rises) * (1.0 - slip) + slip for s, slip, r in elements)
         return (seen * 0.0 + voltage.slope * rises, *held)
 
-    def after_event(self, state, voltage, which):
+    def after_event(self, state: State, voltage: Voltage[Scalar], which: Scalar) -> State:
         y, w, seen, stops, rises, slips = _parts(state)
         turns = which == 0
         slips = (jnp.where(turns, 0.0, jnp.where(which == i, 1.0, slip)) for i, slip in enumerate(slips, start=1))
         return (y, w, seen, *stops, jnp.where(turns, -rises, rises), *slips)
 
-    def on_segment_start(self, state, segment):
+    def on_segment_start(self, state: State, segment: Segment) -> State:
         y, w, seen, stops, rises, _ = _parts(state)
         voltage = segment.voltage(0.0)
         change = voltage.level - seen
@@ -124,7 +128,7 @@ class MaxwellSlip(AbstractPiezo):
         slips = (jnp.where(rises * s >= r * (1.0 - _ROUNDING), 1.0, 0.0) for s, r in elements)
         return (y, w, voltage.level, *moved, rises, *slips)
 
-    def error_scale(self):
+    def error_scale(self) -> State:
         metre, volt = jnp.ones(()), self.static_gain()
         return (
             metre,
@@ -133,20 +137,20 @@ class MaxwellSlip(AbstractPiezo):
             *(metre for _ in range(1 + _COUNT)),
         )
 
-    def static_gain(self):
+    def static_gain(self) -> Scalar:
         return jnp.asarray(self.gain, float)
 
-    def frequency_scale(self):
+    def frequency_scale(self) -> Scalar:
         return jnp.asarray(self.natural_frequency, float)
 
-    def _shares(self):
+    def _shares(self) -> tuple[float, float, float, float]:
         return self.share_1, self.share_2, self.share_3, self.share_4
 
-    def _thresholds(self):
+    def _thresholds(self) -> tuple[float, float, float, float]:
         return self.threshold_1, self.threshold_2, self.threshold_3, self.threshold_4
 
 
-def _parts(state):
+def _parts(state: tuple[N, ...]) -> tuple[N, N, N, list[N], N, list[N]]:
     """y, w, voltage seen, the stops, the sign of u', the flags of the elements."""
     y, w, seen, *flags = state
     return y, w, seen, flags[:_COUNT], flags[_COUNT], flags[_COUNT + 1 :]

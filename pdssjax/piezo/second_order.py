@@ -7,9 +7,11 @@ Its motion is known in closed form on every segment of a drive (`pdssjax.piezo._
 
 import jax.numpy as jnp
 
-from ..core import quantity
+from ..core import Scalar, ScalarLike, quantity
+from ..drive.base import Segment, Voltage
+from ..integration import N, Term
 from ._oscillator import accelerated, forced, tends_to, underdamped
-from .base import AbstractPiezo
+from .base import AbstractPiezo, State, Terms
 
 
 class SecondOrder(AbstractPiezo):
@@ -26,37 +28,37 @@ class SecondOrder(AbstractPiezo):
     mass: float = quantity(0.56, "kg", optional=True)
     """Moving mass of stack and platform m_g [kg]; only friction feedback (5.25) uses it."""
 
-    def initial(self):
+    def initial(self) -> State:
         return (jnp.zeros(()), jnp.zeros(()))
 
-    def rate(self, state, voltage, force):
+    def rate(self, state: Terms, voltage: Voltage[Term], force: Term) -> Terms:
         return state[1], self.acceleration(state, voltage) + force * (1.0 / self.mass)
 
-    def platform(self, state):
-        return state
+    def platform(self, state: tuple[N, ...]) -> tuple[N, N]:
+        return state[0], state[1]
 
-    def acceleration(self, state, voltage):
+    def acceleration(self, state: Terms, voltage: Voltage[Term]) -> Term:
         y, w = state
         return accelerated(y, w, self.gain * voltage.level, self.natural_frequency, self.damping_ratio)
 
-    def steady(self, state, segment, t_local, force):
+    def steady(self, state: State, segment: Segment, t_local: ScalarLike, force: ScalarLike) -> State:
         y, w = tends_to(*self._system(), segment, t_local)
         return y + force / (self.mass * self.natural_frequency**2), w
 
-    def motion(self, state, segment, t_local, elapsed):
+    def motion(self, state: State, segment: Segment, t_local: ScalarLike, elapsed: ScalarLike) -> State:
         y0, w0 = forced(*self._system(), segment, t_local)
         y1, w1 = forced(*self._system(), segment, t_local + elapsed)
         y, w = underdamped(state[0] - y0, state[1] - w0, self.natural_frequency, self.damping_ratio, elapsed)
         return y1 + y, w1 + w
 
-    def _system(self):
+    def _system(self) -> tuple[float, float, float]:
         return self.gain, self.natural_frequency, self.damping_ratio
 
-    def error_scale(self):
+    def error_scale(self) -> State:
         return jnp.ones(()), 1.0 / self.frequency_scale()
 
-    def static_gain(self):
+    def static_gain(self) -> Scalar:
         return jnp.asarray(self.gain, float)
 
-    def frequency_scale(self):
+    def frequency_scale(self) -> Scalar:
         return jnp.asarray(self.natural_frequency, float)

@@ -11,8 +11,10 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 
-from ..core import quantity
-from .base import AbstractPiezo
+from ..core import Scalar, ScalarLike, quantity
+from ..drive.base import Segment, Voltage
+from ..integration import N, Term
+from .base import AbstractPiezo, State, Terms
 
 _FAST = 1e4
 """Angular frequency [rad/s] that sets the scale between velocity and displacement: that of common stacks."""
@@ -28,40 +30,40 @@ class Static(AbstractPiezo):
     """Displacement per volt C [m/V]."""
 
     @property
-    def mass(self):
+    def mass(self) -> Scalar:
         """Infinite [kg]: no force moves the platform."""
         return jnp.asarray(jnp.inf)
 
-    def initial(self):
+    def initial(self) -> State:
         return (jnp.zeros(()), jnp.zeros(()))
 
-    def rate(self, state, voltage, force):
+    def rate(self, state: Terms, voltage: Voltage[Term], force: Term) -> Terms:
         return state[1], self.acceleration(state, voltage)
 
-    def platform(self, state):
-        return state
+    def platform(self, state: tuple[N, ...]) -> tuple[N, N]:
+        return state[0], state[1]
 
-    def acceleration(self, state, voltage):
+    def acceleration(self, state: Terms, voltage: Voltage[Term]) -> Term:
         return state[0] * 0.0 + voltage.bend * self.gain
 
-    def steady(self, state, segment, t_local, force):
+    def steady(self, state: State, segment: Segment, t_local: ScalarLike, force: ScalarLike) -> State:
         return self._at(segment, t_local)
 
-    def motion(self, state, segment, t_local, elapsed):
+    def motion(self, state: State, segment: Segment, t_local: ScalarLike, elapsed: ScalarLike) -> State:
         return self._at(segment, t_local + elapsed)
 
-    def on_segment_start(self, state, segment):
+    def on_segment_start(self, state: State, segment: Segment) -> State:
         return self._at(segment, 0.0)
 
-    def _at(self, segment, t_local):
+    def _at(self, segment: Segment, t_local: ScalarLike) -> State:
         voltage = segment.voltage(t_local)
         return self.gain * voltage.level, self.gain * voltage.slope
 
-    def error_scale(self):
+    def error_scale(self) -> State:
         return jnp.ones(()), 1.0 / self.frequency_scale()
 
-    def static_gain(self):
+    def static_gain(self) -> Scalar:
         return jnp.asarray(self.gain, float)
 
-    def frequency_scale(self):
+    def frequency_scale(self) -> Scalar:
         return jnp.asarray(_FAST)

@@ -4,48 +4,57 @@ A measurement names one of these, or makes its own.
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import jax
 
+from ..core import Scalar, ScalarLike
+from ..drive.base import Segment
 
-def _delay_of_sensor(system: Any) -> Any:
+System: TypeAlias = Any
+"""The system of a record: one that has what is asked of it, such as `shown_displacement`."""
+
+State: TypeAlias = Any
+"""Of that system."""
+
+
+def _delay_of_sensor(system: System) -> ScalarLike:
     # A system need not have a sensor.
     return system.sensor.delay if hasattr(system, "sensor") else 0.0
 
 
-def _at_once(system: Any) -> Any:
+def _at_once(system: System) -> ScalarLike:
     return 0.0
 
 
 class Output(NamedTuple):
     """What is shown of a system; static, since records that share it share one compiled function."""
 
-    shown: Callable[..., Any]
+    shown: Callable[[System, Segment, Scalar, State, Scalar], Scalar]
     """(system, segment, t_local, x, mode) to what is shown [SI], shape ()."""
-    components: Callable[[Any], tuple[int, ...] | None]
+    components: Callable[[System], tuple[int, ...] | None]
     """Of a system, the components of its state of which that is made, counted as leaves; None for all."""
-    delay: Callable[[Any], Any] = _delay_of_sensor
+    delay: Callable[[System], ScalarLike] = _delay_of_sensor
     """Of a system, by how much later it is shown [s]; its sensor's delay by default, 0 where it has none."""
 
 
-def _displacement(system: Any, segment: Any, t_local: Any, x: Any, mode: Any) -> Any:
+def _displacement(system: System, segment: Segment, t_local: Scalar, x: State, mode: Scalar) -> Scalar:
     return system.shown_displacement(x)
 
 
-def _velocity(system: Any, segment: Any, t_local: Any, x: Any, mode: Any) -> Any:
+def _velocity(system: System, segment: Segment, t_local: Scalar, x: State, mode: Scalar) -> Scalar:
     return system.shown_velocity(x)
 
 
-def _acceleration(system: Any, segment: Any, t_local: Any, x: Any, mode: Any) -> Any:
+def _acceleration(system: System, segment: Segment, t_local: Scalar, x: State, mode: Scalar) -> Scalar:
     return jax.jvp(system.shown_velocity, (x,), (system.rates(segment, t_local, x, mode),))[1]
 
 
-def _stop_force(system: Any, segment: Any, t_local: Any, x: Any, mode: Any) -> Any:
+def _stop_force(system: System, segment: Segment, t_local: Scalar, x: State, mode: Scalar) -> Scalar:
     return system.shown_force(x)
 
 
-def _friction_force(system: Any, segment: Any, t_local: Any, x: Any, mode: Any) -> Any:
+def _friction_force(system: System, segment: Segment, t_local: Scalar, x: State, mode: Scalar) -> Scalar:
     return system.force(segment, t_local, x, mode)
 
 

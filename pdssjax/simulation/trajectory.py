@@ -1,5 +1,6 @@
 """Simulates one actuator under one drive."""
 
+from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
@@ -8,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..actuator import Actuator, DrivenPlatform
-from ..core import need_double_precision
+from ..core import Count, need_double_precision
 from ..drive.base import AbstractDrive
 from ..integration import FAILURES, AbstractHybridSystem, Accuracy, exact_states_at, integrate, is_closed, states_at
 from ..piezo.base import AbstractPiezo
@@ -141,6 +142,6 @@ def platform(
     return measured(PlatformOnly(DrivenPlatform(piezo), drive), times, Accuracy(), segments=segments)
 
 
-def _from_rest(times, failure):
+def _from_rest(times: Float[Array, " m"], failure: Count) -> Callable[[Float[Array, " m"]], Float[Array, " m"]]:
     """Zero before the start; NaN where the run failed."""
     return lambda value: jnp.where(failure > 0, jnp.nan, jnp.where(times >= 0, value, 0.0))

@@ -20,10 +20,13 @@ if TYPE_CHECKING:
     from .measurement.base import AbstractMeasurement as AbstractMeasurement
     from .measurement.base import Samples as Samples
     from .models import Models as Models
+    from .models import Values as Values
     from .noise import noise_floor as noise_floor
+    from .numbers import UsedNumber as UsedNumber
     from .numbers import numbers_used as numbers_used
     from .parameter import REACH as REACH
     from .parameter import Parameter as Parameter
+    from .prediction import Lowered as Lowered
     from .prediction import Predictor as Predictor
     from .prediction import failures as failures
     from .prediction import predicted as predicted
@@ -53,11 +56,11 @@ else:
             "comparison": ["FittedRecord", "compare", "repeated_residuals"],
             "estimate": ["Amplification", "Estimate", "FittedParameter", "Statistics"],
             "measurement.base": ["AbstractMeasurement", "MOVING", "Samples"],
-            "models": ["Models"],
+            "models": ["Models", "Values"],
             "noise": ["noise_floor"],
-            "numbers": ["numbers_used"],
+            "numbers": ["UsedNumber", "numbers_used"],
             "parameter": ["Parameter", "REACH"],
-            "prediction": ["Predictor", "failures", "predicted"],
+            "prediction": ["Lowered", "Predictor", "failures", "predicted"],
             "record": ["Record"],
             "resonances": ["Resonance", "SHOWN", "depends_on", "hidden_from"],
             "sample_times": ["STEP_TIME", "check_begins_early", "check_increasing", "check_meets_drive"],

@@ -1,7 +1,7 @@
 """A record beside its prediction."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
@@ -53,6 +53,8 @@ class FittedRecord:
     """The noise seen between neighbouring samples, whatever the fit; NaN for fewer than eight samples."""
     chi2: float = math.nan
     """Sum of squared residuals, each divided by `noise`."""
+    words: dict[str, str] = field(default_factory=dict)
+    """Which of its kind was measured, by key of the study: {"of": "platform"} of a velocity."""
     reduced_chi2: float = math.nan
     """chi2 per degree of freedom; NaN where the noise was estimated from these residuals, which makes it 1."""
     lack_of_fit: LackOfFit | None = None
@@ -96,6 +98,7 @@ def compare(
         unit=record.measurement.unit,
         display=record.measurement.display,
         motion=record.motion,
+        words=record.measurement.words,
         noise_estimated=record.noise is None,
         noise_floor=noise_floor(record) if len(measured) >= 8 else math.nan,
         chi2=chi2,

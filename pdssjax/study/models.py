@@ -1,29 +1,36 @@
 """The chosen family members, and the actuator that they make of numbers."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypeAlias
 
 import equinox as eqx
+import numpy as np
+from jaxtyping import Float
 
 from ..actuator import PARTS, Actuator, Sensor
-from ..core import Quantity, quantities
+from ..core import Quantity, ScalarLike, quantities
+from ..friction.base import AbstractFriction
+from ..piezo.base import AbstractPiezo
 
-Values = Mapping[str, Any]
-"""Parameter paths to numbers in SI, Python's or arrays of shape ()."""
+Values: TypeAlias = Mapping[str, ScalarLike | Float[np.ndarray, ""]]
+"""Parameter paths to numbers in SI."""
+
+Fields: TypeAlias = dict[str, Any]
+"""Numbers and words by the fields of a model, which say what they are."""
 
 
 class Models(eqx.Module):
     """The chosen family members, without their parameters."""
 
-    piezo: type = eqx.field(static=True)
-    friction: type = eqx.field(static=True)
+    piezo: type[AbstractPiezo] = eqx.field(static=True)
+    friction: type[AbstractFriction] = eqx.field(static=True)
     friction_state: str = eqx.field(static=True)
     feedback: bool = eqx.field(static=True)
     parts: frozenset[str] = eqx.field(static=True, default=frozenset())
     """What the rig has besides: "amplifier", "low-pass" (of the sensor)."""
 
     @property
-    def law(self) -> dict[str, Any]:
+    def law(self) -> Fields:
         """The reading of a direction-dependent law."""
         return {"state": self.friction_state} if hasattr(self.friction, "state") else {}
 
@@ -32,7 +39,7 @@ class Models(eqx.Module):
         chosen = {"piezo": self.piezo, "friction": self.friction, **PARTS}
         return {f"{name}.{field}": q for name, model in chosen.items() for field, q in quantities(model).items()}
 
-    def contact(self, values: Values) -> Any:
+    def contact(self, values: Values) -> AbstractFriction:
         """The friction law with the given `values`."""
         return self.friction(**given_fields("friction", self.friction, values), **self.law)
 
@@ -57,6 +64,6 @@ def _part(name: str, values: Values, **more: Any) -> Any:
     return PARTS[name](**given_fields(name, PARTS[name], values), **more)
 
 
-def given_fields(family: str, model: type, values: Values) -> dict[str, Any]:
+def given_fields(family: str, model: type, values: Values) -> Fields:
     named = {field: values.get(f"{family}.{field}") for field in quantities(model)}
     return {field: value for field, value in named.items() if value is not None}

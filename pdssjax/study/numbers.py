@@ -1,13 +1,23 @@
 """Which numbers of a study's parameters are used, and where they come from."""
 
 from collections.abc import Collection
-from typing import Any
+from typing import TypedDict
 
 from .study import Study
 
 
-def numbers_used(study: Study, but: Collection[str] = ()) -> dict[str, dict[str, Any]]:
-    """By path, `value` [SI], `unit` and, in words, `source` of every listed parameter `but` those.
+class UsedNumber(TypedDict):
+    """The number of a parameter, as plain data."""
+
+    value: float
+    """In SI."""
+    unit: str
+    source: str
+    """Where it comes from, in words."""
+
+
+def numbers_used(study: Study, but: Collection[str] = ()) -> dict[str, UsedNumber]:
+    """By path, the number of every listed parameter `but` those.
 
     **Raises:** `InputError` for parameters without a number.
     """

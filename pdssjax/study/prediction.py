@@ -6,15 +6,17 @@ stacked and run one after the other, so that the compiler sees the integration o
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float, Int
 
+from ..core import Count, Truth
+from ..drive.base import AbstractDrive
 from ..integration import Accuracy
 from ..simulation import measured, why_failed
 from .models import Models, Values
@@ -42,7 +44,7 @@ class _Group(eqx.Module):
     """Stacked: every leaf has one entry a record."""
     runs: Run
     """Stacked in the same way; times are filled up with the last of each record."""
-    overrides: dict[str, np.ndarray]
+    overrides: dict[str, Bool[np.ndarray, " records"]]
     """For each quantity of the drive, whether the record sets it itself."""
     places: tuple[int, ...] = eqx.field(static=True)
     """Where the records stand in the study."""
@@ -51,6 +53,14 @@ class _Group(eqx.Module):
     """When the last sample is taken [s]."""
     segments: int = eqx.field(static=True)
     """How many segments of the drive the longest record reaches into."""
+
+
+class Lowered(Protocol):
+    """A function that has been traced."""
+
+    def compile(self) -> object:
+        """Compiles it, for all that call it afterwards."""
+        ...
 
 
 class Predictor(eqx.Module):
@@ -76,7 +86,7 @@ class Predictor(eqx.Module):
 
     def __call__(self, values: Values, accuracy: Accuracy) -> list[Float[Array, " samples"]]:
         """One array a record, in the order of the records, without offsets, in its unit."""
-        found: dict[int, Array] = {}
+        found: dict[int, Float[Array, " samples"]] = {}
         for group in self.groups:
             rows = _predict(group, self.models, values, accuracy)
             for row, place, samples in zip(rows, group.places, group.samples, strict=True):
@@ -85,25 +95,25 @@ class Predictor(eqx.Module):
 
 
 @eqx.filter_jit
-def predicted(predictor: Predictor, values: Values, accuracy: Accuracy) -> list[Array]:
+def predicted(predictor: Predictor, values: Values, accuracy: Accuracy) -> list[Float[Array, " samples"]]:
     """What `predictor` gives, compiled."""
     return predictor(values, accuracy)
 
 
-def _predict(group: _Group, models: Models, values: Values, accuracy: Accuracy) -> Array:
+def _predict(group: _Group, models: Models, values: Values, accuracy: Accuracy) -> Float[Array, "records longest"]:
     return _each(measured, group, models, values, accuracy)
 
 
 @eqx.filter_jit
-def failures(predictor: Predictor, values: Values, accuracy: Accuracy) -> list[Array]:
+def failures(predictor: Predictor, values: Values, accuracy: Accuracy) -> list[Count]:
     """For each record an index into `solution.FAILURES`: why it cannot be predicted; 0 where it can."""
-    found: dict[int, Array] = {}
+    found: dict[int, Count] = {}
     for group in predictor.groups:
         found |= dict(zip(group.places, _failures(group, predictor.models, values, accuracy), strict=True))
     return [found[place] for place in sorted(found)]
 
 
-def _failures(group: _Group, models: Models, values: Values, accuracy: Accuracy) -> Array:
+def _failures(group: _Group, models: Models, values: Values, accuracy: Accuracy) -> Int[Array, " records"]:
     return _each(why_failed, group, models, values, accuracy)
 
 
@@ -111,12 +121,12 @@ def _each(ask: Callable[..., Array], group: _Group, models: Models, values: Valu
     """`ask`, `measured` or `why_failed`, for each record of the group, one after the other."""
     roomy = _roomy(group, models, accuracy)
 
-    def one(setup: AbstractSetup, run: Run, overrides: dict[str, Any]) -> Array:
+    def of_record(setup: AbstractSetup, run: Run, overrides: dict[str, Truth]) -> Array:
         run = dataclasses.replace(run, drive=_shared(run.drive, overrides, values))
         system = setup.system(models, values, run)
         return ask(system, setup.times(run), roomy, setup.output, group.segments)
 
-    return lax.map(lambda args: one(*args), (group.setups, group.runs, group.overrides))
+    return lax.map(lambda args: of_record(*args), (group.setups, group.runs, group.overrides))
 
 
 def _roomy(group: _Group, models: Models, accuracy: Accuracy) -> Accuracy:
@@ -128,7 +138,7 @@ def _roomy(group: _Group, models: Models, accuracy: Accuracy) -> Accuracy:
     return dataclasses.replace(accuracy, max_steps=max(room, accuracy.max_steps))
 
 
-def _shared(drive: Any, overrides: dict[str, Any], values: Values) -> Any:
+def _shared(drive: AbstractDrive | None, overrides: dict[str, Truth], values: Values) -> AbstractDrive | None:
     """`drive` with the study's numbers in place of those that the record does not set itself."""
     if drive is None:
         return None
@@ -140,7 +150,7 @@ def _shared(drive: Any, overrides: dict[str, Any], values: Values) -> Any:
 def _group(records: Sequence[Record], setups: Sequence[AbstractSetup], places: Sequence[int]) -> _Group:
     longest = max(record.time.size for record in records)
 
-    def padded(values: Any) -> Any:
+    def padded(values: Float[np.ndarray, " samples"] | None) -> Any:
         return None if values is None else np.pad(values, (0, longest - values.size), mode="edge")
 
     stacked = lambda trees: jax.tree.map(lambda *leaves: np.stack([np.asarray(leaf, float) for leaf in leaves]), *trees)

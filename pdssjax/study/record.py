@@ -2,10 +2,11 @@
 
 import dataclasses
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
+from ..drive.base import AbstractDrive
 from .measurement.base import AbstractMeasurement
 
 
@@ -21,20 +22,20 @@ class Record:
     """"fit": fitted; "validate": only predicted and compared."""
     measurement: AbstractMeasurement
     """What was measured: a member of the family `pdssjax.study.measurement`."""
-    drive: Any
+    drive: AbstractDrive | None
     """The voltage, from t = 0 on; fields in SI.  None where a motion is prescribed."""
     overrides: frozenset[str]
     """The drive's fields that the record itself sets; they do not follow the study's "drive.…"."""
-    time: np.ndarray
-    """Sample times [s], strictly increasing, shape (samples,); the drive starts at 0."""
-    measured: np.ndarray
-    """In the unit of the measurement: displacement [m], velocity [m/s] or force [N]; shape (samples,)."""
+    time: Float[np.ndarray, " samples"]
+    """Sample times [s], strictly increasing; the drive starts at 0."""
+    measured: Float[np.ndarray, " samples"]
+    """In the unit of the measurement: displacement [m], velocity [m/s] or force [N]."""
     noise: float | None
     """Standard deviation of the noise, in the same unit; None: estimate it."""
     offset: float | None
     """Zero of the sensor, in the same unit; None: free."""
-    motion: np.ndarray | None = None
-    """The relative displacement of platform against end-effector [m] where that is prescribed, shape (samples,)."""
+    motion: Float[np.ndarray, " samples"] | None = None
+    """The relative displacement of platform against end-effector [m] where that is prescribed."""
     resolution: float = 0.0
     """Step in which the sensor counts, in the same unit: for a virtual rig; a fit needs it within the noise."""
     columns: dict[str, tuple[str, str]] = dataclasses.field(default_factory=dict)

@@ -10,12 +10,14 @@ of the sampling rate may be the image of another.
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..core import Scalar
+from ..friction.base import AbstractFriction
 from .measurement.base import AbstractMeasurement
 from .models import Models
 from .record import Record
@@ -62,12 +64,12 @@ def resonances(models: Models, values: dict[str, float]) -> list[Resonance]:
     return [mode for mode in dict.fromkeys(found) if mode.damping_ratio < 1.0]
 
 
-def linearised(contact: Any, sign: float) -> tuple[float, float]:
+def linearised(contact: AbstractFriction, sign: float) -> tuple[float, float]:
     """Stiffness [N/m] and damping [N s/m] of an undisturbed `contact` that begins to move in the direction `sign`."""
     state, still = contact.initial(), jnp.zeros(())
     numbers = lambda rates: tuple(jnp.asarray(rate, float) for rate in rates)
 
-    def force_rate(v):
+    def force_rate(v: Scalar) -> Scalar:
         moves = numbers(contact.rate(state, v, sign))
         return jax.jvp(lambda s: jnp.asarray(contact.force(s, still, sign), float), (state,), (moves,))[1]
 

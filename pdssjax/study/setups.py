@@ -41,7 +41,7 @@ class AbstractSetup(eqx.Module):
         """The sample times [s] on the clock of the system, which starts at 0."""
         return run.times
 
-    def segments(self, drive: AbstractDrive | None, times: np.ndarray) -> int:
+    def segments(self, drive: AbstractDrive | None, times: Float[np.ndarray, " samples"]) -> int:
         """How many segments of the drive, or of the motion prescribed, the `times` [s] reach into; not traced."""
         return times.size if drive is None else drive.segments(float(times[-1]))
 
@@ -55,7 +55,7 @@ class PlatformAlone(AbstractSetup):
 
     output: Output = eqx.field(static=True, default=DISPLACEMENT)
 
-    def system(self, models, values, run):
+    def system(self, models: Models, values: Values, run: Run) -> AbstractHybridSystem:
         return PlatformOnly(models.actuator(values).driven_platform, _driven(run), models.sensor(values))
 
 
@@ -66,7 +66,7 @@ class FreeActuator(AbstractSetup):
     on_platform: float = 0.0
     """1 where the sensor looks at the platform, 0 at the end-effector."""
 
-    def system(self, models, values, run):
+    def system(self, models: Models, values: Values, run: Run) -> AbstractHybridSystem:
         return StickSlip(models.actuator(values), _driven(run), models.sensor(values), self.on_platform)
 
 
@@ -75,10 +75,10 @@ class BlockedActuator(AbstractSetup):
 
     output: Output = eqx.field(static=True, default=STOP_FORCE)
 
-    def system(self, models, values, run):
+    def system(self, models: Models, values: Values, run: Run) -> AbstractHybridSystem:
         return StickSlip(models.actuator(values, blocked=True), _driven(run), models.sensor(values))
 
-    def goes_on_moving(self, models):
+    def goes_on_moving(self, models: Models) -> bool:
         # Pressed by a platform that creeps on, the stop's force keeps rising.
         return True
 
@@ -88,15 +88,15 @@ class ContactAlone(AbstractSetup):
 
     output: Output = eqx.field(static=True, default=FRICTION_FORCE)
 
-    def system(self, models, values, run):
+    def system(self, models: Models, values: Values, run: Run) -> AbstractHybridSystem:
         if run.motion is None:
             raise ValueError("Expected a prescribed motion, but the run has none.")
         return PrescribedMotion(models.contact(values), self.times(run), run.motion)
 
-    def times(self, run):
+    def times(self, run: Run) -> Float[Array, " samples"]:
         return run.times - run.times[0]
 
-    def goes_on_moving(self, models):
+    def goes_on_moving(self, models: Models) -> bool:
         return False
 
 

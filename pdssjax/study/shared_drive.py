@@ -1,8 +1,8 @@
 """Which numbers of a record's drive come from the study's "drive.…" parameters, and which are the record's own."""
 
 from collections.abc import Mapping
-from typing import Any
 
+from ..core import ScalarLike
 from ..drive.base import AbstractDrive
 from .record import Record
 
@@ -18,7 +18,8 @@ def shared_fields(record: Record) -> dict[str, str]:
     return {field: f"drive.{field}" for field, q in declared.items() if q.optional and field not in record.overrides}
 
 
-def drive_with(record: Record, values: Mapping[str, Any]) -> AbstractDrive:
-    """The record's drive with those `values` [SI], by path, that it shares with the study."""
+def drive_with(record: Record, values: Mapping[str, ScalarLike]) -> AbstractDrive:
+    """The drive of a record that has one, with those `values` [SI], by path, that it shares with the study."""
+    assert record.drive is not None
     shared = shared_fields(record)
     return record.drive.with_numbers({field: values[path] for field, path in shared.items() if path in values})

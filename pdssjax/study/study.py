@@ -4,17 +4,30 @@ import dataclasses
 import functools
 from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import Any
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
-from ..core import InputError, Quantity, check_range, member, members, nearest, need_double_precision, quantities
+from ..core import (
+    InputError,
+    Quantity,
+    Scalar,
+    ScalarLike,
+    check_range,
+    member,
+    members,
+    nearest,
+    need_double_precision,
+    quantities,
+)
+from ..friction.base import AbstractFriction
 from ..integration import Accuracy
+from ..piezo.base import AbstractPiezo
 from .estimate import Estimate
-from .models import Models
+from .models import Models, Values
 from .parameter import Parameter
-from .prediction import Predictor, predicted
+from .prediction import Lowered, Predictor, predicted
 from .record import Record
 
 
@@ -26,9 +39,9 @@ class Study:
     """As reports call it."""
     path: Path | None
     """The file it comes from."""
-    piezo: type
+    piezo: type[AbstractPiezo]
     """Model of stack and platform, a class of the family `pdssjax.piezo`."""
-    friction: type
+    friction: type[AbstractFriction]
     """Contact law, a class of the family `pdssjax.friction`."""
     friction_state: str
     """Reading of a direction-dependent law, "deflection" or "force"; other laws ignore it."""
@@ -40,7 +53,7 @@ class Study:
     """Records in the order of the file."""
 
     def predict(
-        self, values: Mapping[str, Any] | Estimate | None = None, accuracy: Accuracy | None = None
+        self, values: Values | Estimate | None = None, accuracy: Accuracy | None = None
     ) -> list[Float[Array, " samples"]]:
         """What every record measures at its sample times, in SI, without offsets.
 
@@ -56,11 +69,13 @@ class Study:
         """
         return predicted(*self._asked(values, accuracy))
 
-    def lowered(self, values: Mapping[str, Any]) -> Any:
+    def lowered(self, values: Values) -> Lowered:
         """`predict`, traced; its `compile` may go on in another thread."""
         return predicted.lower(*self._asked(values, None))  # pyright: ignore[reportFunctionMemberAccess]
 
-    def _asked(self, values: Mapping[str, Any] | Estimate | None, accuracy: Accuracy | None) -> tuple[Any, ...]:
+    def _asked(
+        self, values: Values | Estimate | None, accuracy: Accuracy | None
+    ) -> tuple[Predictor, dict[str, Scalar], Accuracy]:
         need_double_precision()
         given = _numbers({} if values is None else values, legal_quantities(self))
         full = {path: jnp.asarray(number, float) for path, number in (self.values(given) | given).items()}
@@ -117,7 +132,7 @@ class Study:
         return Predictor(self.models, self.records)
 
 
-def _numbers(values: Mapping[str, Any] | Estimate, legal: Mapping[str, Quantity]) -> dict[str, Any]:
+def _numbers(values: Values | Estimate, legal: Mapping[str, Quantity]) -> dict[str, ScalarLike | Float[np.ndarray, ""]]:
     """`values` as numbers by path; **raises** `InputError` for a path that is not `legal`."""
     if isinstance(values, Estimate):
         values = {path: parameter.value for path, parameter in values.parameters.items()}

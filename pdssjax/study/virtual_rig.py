@@ -6,12 +6,11 @@ steps of the sensor's resolution.
 """
 
 import dataclasses
-from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
-from ..core import InputError
+from ..core import Document, InputError
 from .record import Record
 from .study import Study
 
@@ -44,7 +43,7 @@ def make_recordings(study: Study, seed: int = 0) -> list[Recording]:
     return [_recorded(*pair, seed, str(where)) for pair in zip(study.records, motions, strict=True)]
 
 
-def _recorded(record: Record, motion: Any, seed: int, where: str) -> Recording:
+def _recorded(record: Record, motion: Float[Array, " samples"], seed: int, where: str) -> Recording:
     true = np.asarray(motion)
     if not np.isfinite(true).all():
         raise InputError(f'{where}: record "{record.name}": found a simulation that fails, expected numbers that work.')
@@ -58,7 +57,7 @@ def _recorded(record: Record, motion: Any, seed: int, where: str) -> Recording:
     return Recording(dataclasses.replace(record, measured=shown), true, offset)
 
 
-def truth(study: Study, recordings: list[Recording], seed: int) -> dict[str, Any]:
+def truth(study: Study, recordings: list[Recording], seed: int) -> Document:
     """What went in, as plain data for a file."""
     return {
         "format": "pdssjax-truth/1",

@@ -12,18 +12,24 @@ import math
 import os
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import TYPE_CHECKING
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
+from jaxtyping import Array, Float, Int
 
-from ..core import InputError, Quantity, check_range, nearest
+from ..core import Count, InputError, Quantity, check_range, nearest
+from ..drive.base import AbstractDrive
 from ..integration import FAILURES, Accuracy, Taylor, integrate_to_times
 from ..metrics import FLANK, cycle_metrics
 from ..simulation import StickSlip
-from ..study import Record, Study, numbers_used
+from ..study import Models, Record, Study, UsedNumber, numbers_used
+
+if TYPE_CHECKING:
+    import xarray
 
 LANES = 64
 """Points run side by side: measured, the fastest from 16 to 128."""
@@ -51,14 +57,14 @@ SAYS = {
 
 def sweep(
     study: Study,
-    over: Mapping[str, Any],
+    over: Mapping[str, Float[ArrayLike, " values"]],
     *,
     record: str | None = None,
     cycles: int = 4,
     accuracy: Accuracy | None = None,
     progress: Callable[[int, int], None] | None = None,
     workers: int | None = None,
-) -> Any:
+) -> "xarray.Dataset":
     """Net step, speed, step efficiency, stroke and back-slip over a grid.
 
     **Arguments:** the study's parameters keep their values or starts; `study.with_values(estimate)`
@@ -84,7 +90,7 @@ def sweep(
     points = np.array(list(itertools.product(*axes.values()))) if axes else np.zeros((1, 0))
     used = numbers_used(study, [*axes, *(f"drive.{field}" for field in base.overrides)])
     numbers = {path: told["value"] for path, told in used.items()}
-    run = _Block(study.models, base.drive, tuple(axes), numbers, cycles, accuracy or ACCURACY)
+    run = _Block(study.models, _drive_of(base), tuple(axes), numbers, cycles, accuracy or ACCURACY)
     # Neighbours in a block wait for the slowest of them, and what sets the pace is the frequency.
     pace = points[:, list(axes).index("drive.frequency")] if "drive.frequency" in axes else np.zeros(len(points))
     order = np.argsort(pace, kind="stable")
@@ -96,18 +102,20 @@ def sweep(
 class _Block(eqx.Module):
     """A block of points as one compiled function."""
 
-    models: Any
-    drive: Any
+    models: Models
+    drive: AbstractDrive
     paths: tuple[str, ...] = eqx.field(static=True)
     numbers: dict[str, float]
     cycles: int = eqx.field(static=True)
     accuracy: Accuracy
 
-    def __call__(self, points):
+    def __call__(
+        self, points: Float[Array, "lanes axes"]
+    ) -> tuple[Float[Array, "lanes metrics"], Int[Array, " lanes"]]:
         """Metrics and failure of each point, shape (lanes, metrics) and (lanes,)."""
         return jax.vmap(self._point)(points)
 
-    def _point(self, values):
+    def _point(self, values: Float[Array, " axes"]) -> tuple[Float[Array, " metrics"], Count]:
         given = dict(zip(self.paths, values, strict=True))
         numbers = {**self.numbers, **given}
         fields = {field: f"drive.{field}" for field in self.drive.declared()}
@@ -127,11 +135,15 @@ class _Block(eqx.Module):
 
 
 @eqx.filter_jit
-def _compiled(block: _Block, points):
+def _compiled(
+    block: _Block, points: Float[Array, "lanes axes"]
+) -> tuple[Float[Array, "lanes metrics"], Int[Array, " lanes"]]:
     return block(points)
 
 
-def _run(block: _Block, points: np.ndarray, progress: Callable[[int, int], None] | None, workers: int) -> np.ndarray:
+def _run(
+    block: _Block, points: Float[np.ndarray, "points axes"], progress: Callable[[int, int], None] | None, workers: int
+) -> Float[np.ndarray, "points found"]:
     """Metrics and failure of all points, shape (points, metrics + 1)."""
     count = len(points)
     padded = np.concatenate([points, np.repeat(points[-1:], -count % LANES, axis=0)])
@@ -154,9 +166,15 @@ def _run(block: _Block, points: np.ndarray, progress: Callable[[int, int], None]
     return found[:count]
 
 
+def _drive_of(record: Record) -> AbstractDrive:
+    """That of a record whose end-effector moves."""
+    assert record.drive is not None
+    return record.drive
+
+
 def _base(study: Study, name: str | None) -> Record:
     where = study.path or study.title
-    driven = [r for r in study.records if r.measurement.effector_free and r.drive.period() is not None]
+    driven = [r for r in study.records if r.measurement.effector_free and _drive_of(r).period() is not None]
     if not driven:
         raise InputError(f"{where}: found no effector record under a periodic drive, expected one whose drive to vary.")
     if name is None:
@@ -167,11 +185,13 @@ def _base(study: Study, name: str | None) -> Record:
     raise InputError(f'{where}: found no record "{name}" to sweep; {nearest(name, [r.name for r in driven])}')
 
 
-def _check(study: Study, base: Record, axes: Mapping[str, np.ndarray], cycles: int) -> dict[str, Quantity]:
+def _check(
+    study: Study, base: Record, axes: Mapping[str, Float[np.ndarray, " values"]], cycles: int
+) -> dict[str, Quantity]:
     """What is declared of each axis."""
     if cycles < 1:
         raise InputError(f"sweep: found {cycles} cycles, expected at least 1.")
-    legal = {f"drive.{field}": q for field, q in base.drive.declared().items()}
+    legal = {f"drive.{field}": q for field, q in _drive_of(base).declared().items()}
     legal |= {path: q for path, q in study.legal().items() if not path.startswith("drive.")}
     for path, values in axes.items():
         if path not in legal:
@@ -185,7 +205,15 @@ def _check(study: Study, base: Record, axes: Mapping[str, np.ndarray], cycles: i
     return {path: legal[path] for path in axes}
 
 
-def _dataset(study, base, axes, declared, found, cycles, used):
+def _dataset(
+    study: Study,
+    base: Record,
+    axes: Mapping[str, Float[np.ndarray, " values"]],
+    declared: Mapping[str, Quantity],
+    found: Float[np.ndarray, "points found"],
+    cycles: int,
+    used: Mapping[str, UsedNumber],
+) -> "xarray.Dataset":
     import xarray
 
     shape = tuple(values.size for values in axes.values())
@@ -205,7 +233,7 @@ def _dataset(study, base, axes, declared, found, cycles, used):
     attributes["parameters"] = json.dumps(used)
     of_drive = {
         f"drive.{field.name}": float(getattr(base.drive, field.name))
-        for field in dataclasses.fields(base.drive)
+        for field in dataclasses.fields(_drive_of(base))
         if f"drive.{field.name}" not in axes and isinstance(getattr(base.drive, field.name), float | int)
     }
     # What the study says of its drives is what was run with, not the record's own defaults.

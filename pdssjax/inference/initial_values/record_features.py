@@ -4,7 +4,9 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from ...drive.base import AbstractDrive
 from ...study import Record, Samples, drive_with, noise_floor
@@ -40,7 +42,7 @@ def _samples(record: Record) -> Samples:
     return Samples(record.time, record.measured, volts, record.offset)
 
 
-def _as_told(records: Sequence[Record], told: Sequence[np.ndarray | None]) -> list[Record]:
+def _as_told(records: Sequence[Record], told: Sequence[Float[np.ndarray, " samples"] | None]) -> list[Record]:
     pairs = zip(records, told, strict=True)
     return [dataclasses.replace(record, measured=values) for record, values in pairs if values is not None]
 
@@ -53,8 +55,10 @@ def oscillator(driven: Sequence[Record]) -> dict[str, float]:
         # A slow record of creep does not show how the platform rings.
         finest = min(map(interval_of, steps))
         found = [_from_step(record) for record in steps if interval_of(record) < 2.0 * finest]
-        names = {name for one in found for name in one}
-        return {name: float(np.median([one[name] for one in found if name in one])) for name in sorted(names)}
+        names = {name for features in found for name in features}
+        return {
+            name: float(np.median([features[name] for features in found if name in features])) for name in sorted(names)
+        }
     flanks = [_flank_gain(r) for r in moves if r.drive is not None and r.drive.flanks() is not None]
     gains = flanks or [_range_gain(r) for r in moves if r.measurement.platform_alone]
     gains = gains or [gain for gain in map(_following_gain, moves) if gain > 0.0]
@@ -117,11 +121,12 @@ def _flank_gain(record: Record) -> float:
     Taken over a quarter of a period, so that noise and rounding matter little, and most of
     the spans hold no slip.
     """
-    drive: AbstractDrive = record.drive
-    span = int(np.clip(0.25 / float(drive.cycle_frequency()) / interval_of(record), 1, record.time.size - 1))
+    frequency = frequency_of(record)
+    assert record.drive is not None and frequency is not None
+    span = int(np.clip(0.25 / frequency / interval_of(record), 1, record.time.size - 1))
     rise = record.measured[span:] - record.measured[:-span]
     slope = float(np.median(rise / (record.time[span:] - record.time[:-span])))
-    flanks = drive.flanks()
+    flanks = record.drive.flanks()
     assert flanks is not None
     return abs(slope) / abs(float(flanks.slope))
 
@@ -192,11 +197,11 @@ def interval_of(record: Record) -> float:
     return float(np.median(np.diff(record.time)))
 
 
-def voltages(record: Record) -> np.ndarray:
-    """The voltage at the samples [V]; 0 where none is applied."""
+def voltages(record: Record) -> Float[np.ndarray, " n"]:
+    """The voltage at the samples [V]; a single 0 where none is applied."""
     return np.zeros(1) if record.drive is None else np.asarray(_voltage(record.drive, record.time))
 
 
 @eqx.filter_jit
-def _voltage(drive, time):
-    return drive.at(time)
+def _voltage(drive: AbstractDrive, time: Float[Array | np.ndarray, " n"]) -> Float[Array, " n"]:
+    return drive.at(jnp.asarray(time))

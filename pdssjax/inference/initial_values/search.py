@@ -15,6 +15,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jaxtyping import Array, Float
 
 from ...integration import Accuracy
 from ...piezo.base import Shown
@@ -116,7 +117,9 @@ def scatter_starts(
     return [{path: (known | trial)[path] for path in parameters} for trial in trials]
 
 
-def _split_known(models, parameters, records, better):
+def _split_known(
+    models: Models, parameters: Mapping[str, Parameter], records: Sequence[Record], better: Mapping[str, float]
+) -> tuple[dict[str, float], dict[str, tuple[float, float]], list[Record]]:
     """What is known before a search, the ranges of what is not, and the records to search with."""
     given = {path: p.value if p.value is not None else p.start for path, p in parameters.items()}
     known = {path: float(number) for path, number in given.items() if number is not None} | dict(better)
@@ -126,8 +129,8 @@ def _split_known(models, parameters, records, better):
     for path, number in (_piezo_from_data(models, known, fitted) | _electronics(known, fitted)).items():
         if path in parameters and path not in known:
             known[path] = _within(number, parameters[path])
-    pushes = [record for record in as_forces(fitted) if record.measurement.blocked]
-    stiffnesses = [stop_stiffness(record, _stack(models, known)[0]) for record in pushes]
+    blocked = [record for record in as_forces(fitted) if record.measurement.blocked]
+    stiffnesses = [stop_stiffness(record, _stack(models, known)[0]) for record in blocked]
     if "stop.stiffness" in parameters and "stop.stiffness" not in known and any(stiffnesses):
         known["stop.stiffness"] = _within(max(stiffnesses), parameters["stop.stiffness"])
     unknown = [path for path in parameters if path not in known]
@@ -152,8 +155,8 @@ def _piezo_from_data(models: Models, known: Mapping[str, float], records: Sequen
         swing=max(swings, default=0.0) or None,
         duration=max((float(record.time[-1]) for record in driven), default=0.0) or None,
     )
-    own = {path.removeprefix("piezo."): number for path, number in known.items() if path.startswith("piezo.")}
-    return {f"piezo.{name}": number for name, number in models.piezo.first_guess(shown, own).items()}
+    given = {path.removeprefix("piezo."): number for path, number in known.items() if path.startswith("piezo.")}
+    return {f"piezo.{name}": number for name, number in models.piezo.first_guess(shown, given).items()}
 
 
 def _electronics(known: Mapping[str, float], records: Sequence[Record]) -> dict[str, float]:
@@ -161,17 +164,22 @@ def _electronics(known: Mapping[str, float], records: Sequence[Record]) -> dict[
     driven = [record for record in records if record.drive is not None]
     if not driven:
         return {}
-    volts = max(float(record.drive.peak()) for record in driven) or 1.0
+    volts = max(float(record.drive.peak()) for record in driven if record.drive is not None) or 1.0
     rate = known.get("piezo.natural_frequency", USUAL_RATE)
     finest = min(map(interval_of, driven))
     return {"amplifier.slew": 0.1 * volts * rate, "sensor.bandwidth": min(USUAL_BANDWIDTH, 0.25 / finest)}
 
 
-def _ranges(models, known, unknown, parameters, records) -> dict[str, tuple[float, float]]:
+def _ranges(
+    models: Models,
+    known: Mapping[str, float],
+    unknown: Sequence[str],
+    parameters: Mapping[str, Parameter],
+    records: Sequence[Record],
+) -> dict[str, tuple[float, float]]:
     """Where to look for what is unknown, on logarithmic scales."""
-    value = lambda path, otherwise: known.get(path, otherwise)
     gain, rate = _stack(models, known)
-    mass = value("effector.mass", 0.1)
+    mass = known.get("effector.mass", 0.1)
     moved = mass if any(record.measurement.effector_moves for record in records) else None
     contacts = [contact_scale(record, moved) for record in as_forces(records) if not record.measurement.driven]
     driven = (mass, gain * max((peak_bend(r, rate, known) for r in records), default=0.0) or rate**2 * gain, rate)
@@ -197,7 +205,13 @@ def _stack(models: Models, known: Mapping[str, float]) -> tuple[float, float]:
     return float(piezo.static_gain()), float(rates[0])
 
 
-def _search(models, known, ranges, parameters, records) -> list[dict[str, float]]:
+def _search(
+    models: Models,
+    known: dict[str, float],
+    ranges: Mapping[str, tuple[float, float]],
+    parameters: Mapping[str, Parameter],
+    records: Sequence[Record],
+) -> list[dict[str, float]]:
     """The trials against the first periods of the `records`, the best first."""
     paths = list(ranges)
     low, high = (np.log([ranges[path][end] for path in paths]) for end in (0, 1))
@@ -228,15 +242,19 @@ def _beginning(record: Record) -> Record:
     return dataclasses.replace(record, time=record.time[kept], measured=record.measured[kept])
 
 
-def _tried(residual, points, weights) -> np.ndarray:
+def _tried(
+    residual: Residual, points: Float[np.ndarray, "trials p"], weights: Float[np.ndarray, " records"]
+) -> Float[np.ndarray, " trials"]:
     """Chi-square at each of the `points`, shape (trials, parameters), side by side on all cores."""
     parts = points.reshape(-1, _TOGETHER, points.shape[1])
-    one = lambda part: np.asarray(_costs(residual, part, weights))
+    costs_of = lambda part: np.asarray(_costs(residual, part, weights))
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         # The first part alone: it compiles what the others share.
-        return np.concatenate([one(parts[0]), *pool.map(one, parts[1:])])
+        return np.concatenate([costs_of(parts[0]), *pool.map(costs_of, parts[1:])])
 
 
 @eqx.filter_jit
-def _costs(residual, points, weights):
+def _costs(
+    residual: Residual, points: Float[Array | np.ndarray, "trials p"], weights: Float[Array | np.ndarray, " records"]
+) -> Float[Array, " trials"]:
     return lax.map(lambda point: jnp.sum(residual(point, weights)[0] ** 2), points)

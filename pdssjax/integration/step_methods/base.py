@@ -6,14 +6,17 @@ in which events are located and samples are read off.
 
 import abc
 from collections.abc import Callable, Sequence
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple, TypeAlias
 
 import equinox as eqx
 import jax.numpy as jnp
+from jax.typing import ArrayLike
+from jaxtyping import Array, Float
 
-from ..taylor_series import Series
+from ...core import Scalar, ScalarLike, Truth
+from ..taylor_series import Field, Series
 
-Polynomials = list[list[Any]]
+Polynomials: TypeAlias = list[list[Scalar]]
 """For each component the coefficients in theta = elapsed/step_radius, lowest first."""
 
 
@@ -21,31 +24,31 @@ class Piece(NamedTuple):
     """A step that was attempted."""
 
     polynomials: Polynomials
-    step_radius: Any
+    step_radius: Scalar
     """Length for which the polynomials hold [s]."""
-    accepted: Any
-    next_proposed_step: Any
+    accepted: Truth
+    next_proposed_step: Scalar
     """A length to try for the next step [s]."""
 
 
 class KnownStep(NamedTuple):
     """A step of which the length is known, but no polynomial."""
 
-    field: Callable
-    t_local: Any
+    field: Field
+    t_local: Scalar
     """Local time at its start [s]."""
-    x: list
+    x: list[Scalar]
     """State at its start."""
-    units: list
-    step_radius: Any
+    units: list[Scalar]
+    step_radius: Scalar
     """Length for which the polynomials hold [s]."""
 
 
 class AbstractStepMethod(eqx.Module):
     """How a smooth piece is advanced.
 
-    `units` turn each component into tolerances.  `opaque_one` is a 1 unknown to the compiler: see
-    `taylor_series`.
+    The state `x` is a scalar a component, and so are the `units` that turn each component into tolerances.
+    `opaque_one` is a 1 unknown to the compiler: see `taylor_series`.
     """
 
     noise: ClassVar[float]
@@ -58,12 +61,21 @@ class AbstractStepMethod(eqx.Module):
 
     @abc.abstractmethod
     def attempt(
-        self, field: Callable, t_local: Any, x: list, units: list, remaining: Any, proposed_step: Any, opaque_one: Any
+        self,
+        field: Field,
+        t_local: Scalar,
+        x: Sequence[Scalar],
+        units: Sequence[Scalar],
+        remaining: Scalar,
+        proposed_step: Scalar,
+        opaque_one: Scalar,
     ) -> Piece:
         """A step from `x` at time `t_local`, over `remaining` [s] at most; `proposed_step` [s] is asked for."""
 
     @abc.abstractmethod
-    def expand(self, step: Callable[..., KnownStep], *rows: Any) -> list[Any]:
+    def expand(
+        self, step: Callable[..., KnownStep], *rows: Float[Array, "rows ..."]
+    ) -> list[Float[Array, "coefficients rows"]]:
         """Many steps again, side by side and differentiable.
 
         `step` says from one row of each of `rows` which step it is.
@@ -72,7 +84,7 @@ class AbstractStepMethod(eqx.Module):
         """
 
 
-def shortened(piece: Piece, extra: Sequence[Series], tolerance: Any, opaque_one: Any) -> Piece:
+def shortened(piece: Piece, extra: Sequence[Series], tolerance: Scalar, opaque_one: Scalar) -> Piece:
     """As much of `piece` as also resolves the series `extra`, made of its polynomials, to `tolerance`."""
     size = len(piece.polynomials[0])
     rows = [[series[k] for k in range(size)] for series in extra]
@@ -80,7 +92,7 @@ def shortened(piece: Piece, extra: Sequence[Series], tolerance: Any, opaque_one:
     return piece._replace(polynomials=rescaled(piece.polynomials, part), step_radius=piece.step_radius * part)
 
 
-def resolved_radius(series: list[list], units: list) -> Any:
+def resolved_radius(series: Sequence[Sequence[ScalarLike]], units: Sequence[ScalarLike]) -> Scalar:
     """The length over which the last two of the coefficients stay below one unit."""
     lengths = []
     for k in (len(series[0]) - 2, len(series[0]) - 1):
@@ -91,7 +103,7 @@ def resolved_radius(series: list[list], units: list) -> Any:
     return 0.95 * jnp.minimum(*lengths)
 
 
-def horner(coefficients: list, theta: Any) -> Any:
+def horner(coefficients: Sequence[Float[Array, "*shape"]], theta: Float[ArrayLike, "*shape"]) -> Float[Array, "*shape"]:
     """The polynomial with the given coefficients, lowest first, at `theta`."""
     total = coefficients[-1]
     for coefficient in coefficients[-2::-1]:
@@ -99,7 +111,7 @@ def horner(coefficients: list, theta: Any) -> Any:
     return total
 
 
-def rescaled(series: list[list], step_radius: Any) -> Polynomials:
+def rescaled(series: Sequence[Sequence[ScalarLike]], step_radius: Scalar) -> Polynomials:
     powers = [jnp.ones_like(step_radius)]
     for _ in range(len(series[0]) - 1):
         powers.append(powers[-1] * step_radius)

@@ -1,6 +1,7 @@
 """Any adaptive one-step solver of diffrax as a step method."""
 
-from typing import Any, ClassVar
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar, TypeAlias
 
 import diffrax
 import equinox as eqx
@@ -8,8 +9,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
+from jaxtyping import Array, Float
 
-from .base import AbstractStepMethod, Piece, Polynomials
+from ...core import Scalar, Truth
+from ..taylor_series import Field, constant
+from .base import AbstractStepMethod, KnownStep, Piece, Polynomials
+
+Solver: TypeAlias = diffrax.AbstractSolver[Any]
+"""Whatever its own state is."""
 
 
 class OneStep(AbstractStepMethod):
@@ -19,12 +26,12 @@ class OneStep(AbstractStepMethod):
     at least its own.  The root finder of an implicit solver works to a hundredth of the tolerance.
     """
 
-    solver: diffrax.AbstractSolver = diffrax.Tsit5()
+    solver: Solver = diffrax.Tsit5()
     degree: int = eqx.field(static=True, default=8)
     noise: ClassVar[float] = 10.0
 
     @property
-    def span(self):
+    def span(self) -> float:
         # Explicit Runge-Kutta methods are stable up to 2.5 and more; implicit ones damp every decaying component.
         return np.inf if isinstance(self._inner(), diffrax.AbstractImplicitSolver) else 2.5
 
@@ -35,7 +42,16 @@ class OneStep(AbstractStepMethod):
                 "Try diffrax.HalfSolver around it."
             )
 
-    def attempt(self, field, t_local, x, units, remaining, proposed_step, opaque_one):
+    def attempt(
+        self,
+        field: Field,
+        t_local: Scalar,
+        x: Sequence[Scalar],
+        units: Sequence[Scalar],
+        remaining: Scalar,
+        proposed_step: Scalar,
+        opaque_one: Scalar,
+    ) -> Piece:
         step_radius = jnp.minimum(proposed_step, remaining)
         polynomials, error, ok = self._step(field, t_local, x, units, step_radius)
         size = jnp.max(jnp.abs(error))
@@ -50,15 +66,20 @@ class OneStep(AbstractStepMethod):
         )
         return Piece(polynomials, step_radius, accepted, grown)
 
-    def expand(self, step, *rows):
+    def expand(
+        self, step: Callable[..., KnownStep], *rows: Float[Array, "rows ..."]
+    ) -> list[Float[Array, "coefficients rows"]]:
         polynomials = jax.vmap(lambda *row: self._step(*step(*row))[0])(*rows)
         return [jnp.stack(coefficients) for coefficients in polynomials]
 
-    def _step(self, field, t_local, x, units, step_radius) -> tuple[Polynomials, Any, Any]:
+    def _step(
+        self, field: Field, t_local: Scalar, x: Sequence[Scalar], units: Sequence[Scalar], step_radius: Scalar
+    ) -> tuple[Polynomials, Float[Array, " components"], Truth]:
         scale = jnp.stack(units)
 
-        def scaled(time, state, args):
-            return jnp.stack(field(t_local + time * step_radius, tuple(state / scale))) * scale * step_radius
+        def scaled(time: Any, state: Float[Array, " components"], args: object) -> Float[Array, " components"]:
+            rates = field(t_local + time * step_radius, tuple(state / scale))
+            return jnp.stack([constant(rate) for rate in rates]) * scale * step_radius
 
         term, solver = diffrax.ODETerm(scaled), self._ready()
         start = jnp.stack(x) * scale
@@ -75,7 +96,7 @@ class OneStep(AbstractStepMethod):
     def _inner(self) -> Any:
         return self.solver.solver if isinstance(self.solver, diffrax.HalfSolver) else self.solver
 
-    def _ready(self):
+    def _ready(self) -> Any:
         solver: Any = _differentiable(self.solver)
         if isinstance(solver, diffrax.HalfSolver):
             solver = eqx.tree_at(lambda s: s.solver, solver, _differentiable(solver.solver))
@@ -98,7 +119,7 @@ def _differentiable(solver: Any) -> Any:
     return eqx.tree_at(lambda s: s.scan_kind, solver, "bounded", is_leaf=lambda leaf: leaf is None)
 
 
-def _fit(degree: int) -> tuple[np.ndarray, np.ndarray]:
+def _fit(degree: int) -> tuple[Float[np.ndarray, " nodes"], Float[np.ndarray, "nodes nodes"]]:
     """Chebyshev points of [0, 1] and the matrix from values there to coefficients."""
     nodes = 0.5 - 0.5 * np.cos(np.pi * np.arange(degree + 1) / degree)
     return nodes, np.linalg.inv(np.vander(nodes, increasing=True))

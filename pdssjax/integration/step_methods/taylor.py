@@ -1,14 +1,17 @@
 """Taylor series of the solution: no step is ever rejected."""
 
+from collections.abc import Callable, Sequence
 from typing import ClassVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
-from ..taylor_loop import looped_coefficients, recorded
-from ..taylor_series import taylor_coefficients
-from .base import AbstractStepMethod, Piece, rescaled, resolved_radius
+from ...core import Scalar
+from ..taylor_loop import Record, looped_coefficients, recorded
+from ..taylor_series import Field, taylor_coefficients
+from .base import AbstractStepMethod, KnownStep, Piece, rescaled, resolved_radius
 
 
 class Taylor(AbstractStepMethod):
@@ -19,19 +22,30 @@ class Taylor(AbstractStepMethod):
     noise: ClassVar[float] = 0.0
 
     @property
-    def span(self):
+    def span(self) -> float:
         # Inside the circle of this radius in the left half-plane the series of e^z is at most 1: radius 4.1 at order
         # 12, 5.5 at order 16, 8.6 at order 20.
         return self.order / 3.0
 
-    def attempt(self, field, t_local, x, units, remaining, proposed_step, opaque_one):
+    def attempt(
+        self,
+        field: Field,
+        t_local: Scalar,
+        x: Sequence[Scalar],
+        units: Sequence[Scalar],
+        remaining: Scalar,
+        proposed_step: Scalar,
+        opaque_one: Scalar,
+    ) -> Piece:
         series = taylor_coefficients(field, t_local, x, self.order, opaque_one)
         step_radius = jnp.minimum(resolved_radius(series, units), remaining) / opaque_one
         # Always accepted: a series that is not finite would not be so the next time either.
         return Piece(rescaled(series, step_radius), step_radius, jnp.ones((), bool), step_radius)
 
-    def expand(self, step, *rows):
-        def opened(*row):
+    def expand(
+        self, step: Callable[..., KnownStep], *rows: Float[Array, "rows ..."]
+    ) -> list[Float[Array, "coefficients rows"]]:
+        def opened(*row: Float[Array, "..."]) -> Record:
             start = step(*row)
             return recorded(start.field, start.t_local, start.x, start.step_radius)
 

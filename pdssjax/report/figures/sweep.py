@@ -1,24 +1,28 @@
 """Maps of a sweep: one panel a metric, over one or two axes."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import matplotlib
 import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...core import display_unit
 from ._style import STYLE
 
+if TYPE_CHECKING:
+    import xarray
+
 PANELS = ("speed", "net_step", "efficiency", "back_slip")
 
 
-def sweep_figure(data: Any) -> Figure:
+def sweep_figure(data: "xarray.Dataset") -> Figure:
     """Speed, net step, efficiency and back-slip of a `sweep`: lines over one axis, maps over the first two.
 
     Further axes are held at their middle, as the title says.  Points that failed are left white.
     """
-    names = list(data.sizes)
+    names = [str(name) for name in data.sizes]
     middle = {name: data.sizes[name] // 2 for name in names[2:]}
     shown = data.isel(middle)
     with matplotlib.rc_context(STYLE):
@@ -33,7 +37,7 @@ def sweep_figure(data: Any) -> Figure:
     return figure
 
 
-def _lines(axes: Axes, data: Any, name: str, over: list[str]) -> None:
+def _lines(axes: Axes, data: "xarray.Dataset", name: str, over: list[str]) -> None:
     (x,) = over
     values, label = _shown(data[name])
     places, place = _shown(data[x])
@@ -42,7 +46,7 @@ def _lines(axes: Axes, data: Any, name: str, over: list[str]) -> None:
     axes.set_ylabel(label)
 
 
-def _map(axes: Axes, data: Any, name: str, over: list[str]) -> None:
+def _map(axes: Axes, data: "xarray.Dataset", name: str, over: list[str]) -> None:
     (y, rows), (x, columns) = ((_shown(data[n])) for n in over)
     values, label = _shown(data[name].transpose(*over))
     # Where a load wins the net step is backward: there zero is the middle of the colours.
@@ -57,7 +61,7 @@ def _map(axes: Axes, data: Any, name: str, over: list[str]) -> None:
     axes.set_ylabel(rows)
 
 
-def _shown(values: Any) -> tuple[np.ndarray, str]:
+def _shown(values: "xarray.DataArray") -> tuple[Float[np.ndarray, "..."], str]:
     """Numbers in display units, and what they are called."""
     unit, scale = display_unit(values.attrs["units"])
     if values.name == "efficiency":
@@ -66,6 +70,6 @@ def _shown(values: Any) -> tuple[np.ndarray, str]:
     return scale * values.values, name if unit in ("", "1") else f"{name} ({unit.replace('um', 'µm')})"
 
 
-def _number(value: Any) -> str:
+def _number(value: "xarray.DataArray") -> str:
     unit, scale = display_unit(value.attrs["units"])
     return f"{float(value) * scale:.4g} {'' if unit == '1' else unit}".rstrip()

@@ -105,7 +105,7 @@ def _correlations(estimate: Estimate) -> str:
     pairs = strongest_pairs(estimate.names, estimate.correlation, WORTH_KNOWING)
     if not pairs:
         return "    none\n"
-    return aligned_table("<>", [[f"C({one}, {other})", f"{value:+.3f}"] for one, other, value in pairs])
+    return aligned_table("<>", [[f"C({path}, {other})", f"{value:+.3f}"] for path, other, value in pairs])
 
 
 def _note(text: str) -> str:

@@ -1,10 +1,9 @@
 """How well each record is predicted, as plain text."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 from ...core import display_unit, rounded
-from ...study import FittedRecord
+from ...study import FittedRecord, UsedNumber
 from ._layout import aligned_table, heading
 
 
@@ -35,7 +34,7 @@ def format_records(records: Sequence[FittedRecord]) -> str:
     return heading(f"Records ({shown})") + aligned_table("<<>>>>><>>>><", [head, *map(_record, records)]) + legend
 
 
-def format_numbers(used: Mapping[str, Mapping[str, Any]]) -> str:
+def format_numbers(used: Mapping[str, UsedNumber]) -> str:
     """The numbers with which records were predicted, as `numbers_used` tells them."""
     head = ["", "unit", "value", "from"]
     rows = []

@@ -1,12 +1,15 @@
 """The extremes of a sweep, as plain text."""
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 from ...core import display_unit
 from ._layout import aligned_table, heading
 
+if TYPE_CHECKING:
+    import xarray
 
-def format_sweep(data: Any) -> str:
+
+def format_sweep(data: "xarray.Dataset") -> str:
     """The extremes of a sweep, and where they lie."""
     head = ["", "unit", "least", "most", "where it is most"]
     rows = []
@@ -25,6 +28,6 @@ def format_sweep(data: Any) -> str:
     return text + (f"    {failed} points failed: {data.failure.attrs['meanings']}\n" if failed else "")
 
 
-def _where(coordinate: Any) -> str:
+def _where(coordinate: "xarray.DataArray") -> str:
     unit, scale = display_unit(coordinate.attrs["units"])
     return f"{coordinate.attrs['long_name']} = {float(coordinate) * scale:.5g} {'' if unit == '1' else unit}".rstrip()

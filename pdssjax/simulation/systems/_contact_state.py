@@ -1,36 +1,45 @@
 """The state of an actuator, and the modes of its contact."""
 
-from typing import Any, NamedTuple
+from typing import Generic, NamedTuple
 
 import jax.numpy as jnp
 
 from ...actuator import DrivenPlatformState
-from ...integration import SETTLED
+from ...core import Scalar
+from ...integration import SETTLED, N_co
 
 ADVANCING, STUCK, RETREATING = 1.0, 0.0, -1.0
 """Modes: v > 0, v = 0 held by friction, v < 0; the fourth is `SETTLED`."""
 
 
-class State(NamedTuple):
+class State(NamedTuple, Generic[N_co]):
     """All that moves; the parts that an actuator has not are empty."""
 
-    d: Any
+    d: N_co
     """Relative displacement [m]."""
-    v: Any
+    v: N_co
     """Relative velocity [m/s]."""
-    driven: DrivenPlatformState
-    contact_state: tuple
+    driven: DrivenPlatformState[N_co]
+    contact_state: tuple[N_co, ...]
     """Of the contact."""
-    in_contact: tuple
+    in_contact: tuple[N_co, ...]
     """Flag: the end-effector touches the stop."""
-    sensor_lag: tuple
+    sensor_lag: tuple[N_co, ...]
     """What the sensor is behind [m]; at the stop the force that it shows [N]."""
 
 
-def kind(mode):
-    """Weights 1 and 0 that say whether the contact slides, sticks or rests."""
+class Kind(NamedTuple):
+    """Weights 1 and 0 that say what the contact does in a mode."""
+
+    moves: Scalar
+    sticks: Scalar
+    settled: Scalar
+
+
+def kind(mode: Scalar) -> Kind:
+    """What the contact does in `mode`."""
     unity, none = jnp.ones_like(mode), jnp.zeros_like(mode)
-    return (
+    return Kind(
         jnp.where(jnp.abs(mode) == 1.0, unity, none),
         jnp.where(mode == STUCK, unity, none),
         jnp.where(mode == SETTLED, unity, none),

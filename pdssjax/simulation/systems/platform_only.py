@@ -3,21 +3,22 @@
 For what has no closed form: a stack with hysteresis, an amplifier, a slow sensor.
 """
 
-from typing import Any, NamedTuple
+from typing import Generic, NamedTuple
 
 import jax
 import jax.numpy as jnp
 
 from ...actuator import IDEAL, DrivenPlatform, DrivenPlatformState, Sensor
+from ...core import Scalar, ScalarLike, Truth
 from ...drive.base import AbstractDrive, Segment
-from ...integration import SETTLED, AbstractHybridSystem
+from ...integration import SETTLED, AbstractHybridSystem, N_co, Term
 
 
-class State(NamedTuple):
+class State(NamedTuple, Generic[N_co]):
     """All that moves."""
 
-    driven: DrivenPlatformState
-    sensor_lag: tuple
+    driven: DrivenPlatformState[N_co]
+    sensor_lag: tuple[N_co, ...]
     """What the sensor is behind [m]."""
 
 
@@ -28,7 +29,7 @@ class PlatformOnly(AbstractHybridSystem):
     drive: AbstractDrive
     sensor: Sensor = IDEAL
 
-    def initial(self) -> State:
+    def initial(self) -> State[Scalar]:
         return State(self.driven_platform.initial(), self.sensor.initial())
 
     @property
@@ -36,7 +37,7 @@ class PlatformOnly(AbstractHybridSystem):
         """The platform jumps, or the piezo learns that the amplifier's input turned."""
         return self.driven_platform.state_jumps or self.driven_platform.amplifier is not None
 
-    def segment(self, index) -> Segment:
+    def segment(self, index: Scalar) -> Segment:
         return self.drive.segment(index)
 
     def period(self) -> tuple[int, int] | None:
@@ -46,43 +47,47 @@ class PlatformOnly(AbstractHybridSystem):
         """The components of which the measured motion is made."""
         return tuple(range(len(jax.tree.leaves(self.initial()))))
 
-    def state_scale(self) -> State:
+    def state_scale(self) -> State[Scalar]:
         """What one unit of each state amounts to as a displacement [m]."""
         return State(self.driven_platform.error_scale(), tuple(jnp.ones(()) for _ in self.initial().sensor_lag))
 
-    def field(self, segment: Segment, t_local, x: State, mode) -> State:
+    def field(self, segment: Segment, t_local: Term, x: State[Term], mode: Scalar) -> State[Term]:
         """Time derivative of the state."""
         active = jnp.where(mode == SETTLED, 0.0, 1.0)
         _, w = self.driven_platform.platform(x.driven)
         sensor_lag = tuple(rate * active for rate in self.sensor.rate(x.sensor_lag, w))
         return State(self.driven_platform.rate(segment, t_local, x.driven, 0.0, active), sensor_lag)
 
-    def rates(self, segment: Segment, t_local, x: State, mode) -> State:
+    def rates(self, segment: Segment, t_local: Scalar, x: State[Scalar], mode: Scalar) -> State[Scalar]:
         """The true time derivative in any mode."""
         return super().rates(segment, t_local, x, jnp.ones_like(mode))
 
-    def guards(self, segment: Segment, t_local, x: State, mode) -> tuple:
+    def guards(self, segment: Segment, t_local: Term, x: State[Term], mode: Scalar) -> tuple[Term, ...]:
         """Those of amplifier and piezo."""
         return self.driven_platform.guards(segment, t_local, x.driven)
 
-    def after_event(self, segment: Segment, t_local, x: State, mode, which) -> tuple[State, Any]:
+    def after_event(
+        self, segment: Segment, t_local: ScalarLike, x: State[Scalar], mode: Scalar, which: Scalar
+    ) -> tuple[State[Scalar], Scalar]:
         """The event of amplifier or piezo, which go on in the same mode."""
         return x._replace(driven=self.driven_platform.after_event(segment, t_local, x.driven, which)), mode
 
-    def on_segment_start(self, segment: Segment, x: State, mode) -> tuple[State, Any]:
+    def on_segment_start(self, segment: Segment, x: State[Scalar], mode: Scalar) -> tuple[State[Scalar], Scalar]:
         """State and mode in which a new segment begins."""
         driven = self.driven_platform.on_segment_start(segment, x.driven)
         jump = self.driven_platform.platform(driven)[0] - self.driven_platform.platform(x.driven)[0]
         return State(driven, self.sensor.after_jump(x.sensor_lag, jump)), jnp.ones_like(mode)
 
-    def is_settled(self, segment: Segment, t_local, x: State, mode, tolerance):
+    def is_settled(
+        self, segment: Segment, t_local: ScalarLike, x: State[Scalar], mode: Scalar, tolerance: ScalarLike
+    ) -> Truth:
         """Nothing but steady creep is left, to within `tolerance` [m]."""
         away = self.driven_platform.ringing(segment, t_local, x.driven, 0.0)
         for value, steady in zip(x.sensor_lag, self._steady_lag(segment, t_local, x), strict=True):
             away = jnp.maximum(away, jnp.abs(value - steady))
         return (mode != SETTLED) & (away < tolerance)
 
-    def project_to_steady(self, segment: Segment, t_local, x: State, mode) -> State:
+    def project_to_steady(self, segment: Segment, t_local: ScalarLike, x: State[Scalar], mode: Scalar) -> State[Scalar]:
         """The state with the last of the deviations gone."""
         return State(
             self.driven_platform.steady(segment, t_local, x.driven, 0.0), self._steady_lag(segment, t_local, x)
@@ -92,17 +97,19 @@ class PlatformOnly(AbstractHybridSystem):
         """The components, counted as the leaves of `State`, that `exact` knows."""
         return tuple(range(len(self.driven_platform.piezo.initial()))) if self.driven_platform.closed else ()
 
-    def exact(self, segment: Segment, t_local, begin: State, elapsed, end: State) -> State:
+    def exact(
+        self, segment: Segment, t_local: ScalarLike, begin: State[Scalar], elapsed: ScalarLike, end: State[Scalar]
+    ) -> State[Scalar]:
         """`end` with what is known in closed form put right."""
         if not self.driven_platform.closed:
             return end
         return end._replace(driven=self.driven_platform.motion(segment, t_local, begin.driven, elapsed))
 
-    def shown_displacement(self, x: State):
+    def shown_displacement(self, x: State[Scalar]) -> Scalar:
         """Displacement [m] that the sensor shows."""
         return self.sensor.shown_displacement(x.sensor_lag, self.driven_platform.platform(x.driven)[0])
 
-    def shown_velocity(self, x: State):
+    def shown_velocity(self, x: State[Scalar]) -> Scalar:
         """Velocity [m/s] that a sensor of velocity shows."""
         return self.sensor.shown_velocity(x.sensor_lag, self.driven_platform.platform(x.driven)[1])
 
@@ -110,6 +117,6 @@ class PlatformOnly(AbstractHybridSystem):
         """The components of which the velocity shown is made."""
         return self.output_components()
 
-    def _steady_lag(self, segment, t_local, x):
+    def _steady_lag(self, segment: Segment, t_local: ScalarLike, x: State[Scalar]) -> tuple[Scalar, ...]:
         steady = self.driven_platform.steady(segment, t_local, x.driven, 0.0)
         return self.sensor.steady(x.sensor_lag, self.driven_platform.platform(steady)[1])

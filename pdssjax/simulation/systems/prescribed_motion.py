@@ -3,14 +3,19 @@
 Between two samples of the motion the velocity is constant.
 """
 
-from typing import Any
+from typing import TypeAlias
 
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
 from ...actuator import chosen
+from ...core import Scalar, ScalarLike
 from ...drive.base import Segment
 from ...friction.base import AbstractFriction
-from ...integration import AbstractHybridSystem, weighted
+from ...integration import AbstractHybridSystem, N, Term, constant, weighted
+
+State: TypeAlias = tuple[N, tuple[N, ...]]
+"""The relative displacement [m], and the state of the contact."""
 
 _STILL = 0.0
 
@@ -19,12 +24,12 @@ class PrescribedMotion(AbstractHybridSystem):
     """One contact under one motion; its state is the contact's."""
 
     friction: AbstractFriction
-    times: Any
+    times: Float[Array, " m"]
     """When the relative displacement was measured [s], shape (m,), from 0 on."""
-    motion: Any
+    motion: Float[Array, " m"]
     """The relative displacement [m], shape (m,)."""
 
-    def initial(self) -> tuple:
+    def initial(self) -> State[Scalar]:
         return (jnp.zeros(()), self.friction.initial())
 
     @property
@@ -32,7 +37,7 @@ class PrescribedMotion(AbstractHybridSystem):
         """Flags may change at the samples."""
         return type(self.friction).on_reversal is not AbstractFriction.on_reversal
 
-    def segment(self, index) -> Segment:
+    def segment(self, index: Scalar) -> Segment:
         """Displacement in place of a voltage."""
         i = jnp.clip(jnp.asarray(index).astype(int), 0, self.times.shape[0] - 2)
         duration = self.times[i + 1] - self.times[i]
@@ -41,36 +46,37 @@ class PrescribedMotion(AbstractHybridSystem):
         slope = (self.motion[i + 1] - self.motion[i]) / jnp.where(over, 1.0, duration)
         return Segment(jnp.where(over, jnp.inf, duration), self.motion[i], jnp.where(over, 0.0, slope))
 
-    def state_scale(self) -> tuple:
+    def state_scale(self) -> State[Scalar]:
         """What one unit of each state amounts to as a displacement [m]."""
         return (jnp.ones(()), self.friction.error_scale())
 
-    def field(self, segment: Segment, t_local, x: tuple, mode) -> tuple:
+    def field(self, segment: Segment, t_local: Term, x: State[Term], mode: Scalar) -> State[Term]:
         """Time derivative of the state."""
         moves = jnp.where(mode == _STILL, 0.0, 1.0)
         v = x[0] * 0.0 + segment.slope
         rates = self.friction.rate(x[1], v, mode)
         return (v, tuple(weighted(rate, moves) for rate in rates))
 
-    def guards(self, segment: Segment, t_local, x: tuple, mode) -> tuple:
+    def guards(self, segment: Segment, t_local: Term, x: State[Term], mode: Scalar) -> tuple[Term, ...]:
         """The law's own."""
         moves = jnp.where(mode == _STILL, 0.0, 1.0)
         law = self.friction.guards(x[1], x[0] * 0.0 + segment.slope, mode)
         return tuple(guard * moves + (1.0 - moves) for guard in law)
 
-    def after_event(self, segment: Segment, t_local, x: tuple, mode, which) -> tuple[tuple, Any]:
+    def after_event(
+        self, segment: Segment, t_local: ScalarLike, x: State[Scalar], mode: Scalar, which: Scalar
+    ) -> tuple[State[Scalar], Scalar]:
         """State and mode after guard `which` has reached zero."""
         return (x[0], self.friction.after_event(x[1], segment.slope, mode, which)), mode
 
-    def on_segment_start(self, segment: Segment, x: tuple, mode) -> tuple[tuple, Any]:
+    def on_segment_start(self, segment: Segment, x: State[Scalar], mode: Scalar) -> tuple[State[Scalar], Scalar]:
         """State and mode in which a new segment begins."""
         direction = jnp.sign(segment.slope)
         begins = (direction != 0.0) & (direction != mode)
         return (x[0], chosen(begins, self.friction.on_reversal(x[1], direction), x[1])), direction
 
-    def force(self, segment: Segment, t_local, x: tuple, mode):
+    def force(self, segment: Segment, t_local: ScalarLike, x: State[Scalar], mode: Scalar) -> Scalar:
         """Friction force [N]; of a set-valued law at rest the middle of its interval."""
         sliding = self.friction.force(x[1], segment.slope, jnp.where(mode == _STILL, 1.0, mode))
-        zero: Any = 0.0
-        middle = 0.5 * (self.friction.force(x[1], zero, 1.0) + self.friction.force(x[1], zero, -1.0))  # pyright: ignore[reportArgumentType]
-        return jnp.where(mode == _STILL, middle, sliding)
+        middle = 0.5 * (self.friction.force(x[1], 0.0, 1.0) + self.friction.force(x[1], 0.0, -1.0))
+        return jnp.where(mode == _STILL, constant(middle), constant(sliding))

@@ -7,9 +7,10 @@ a corner of the voltage, where the velocity jumps.
 
 from typing import ClassVar
 
-from ...core import Display, choice
+from ...core import Choice, Display, choice
 from ...simulation import ACCELERATION
-from ..setups import sensor_on
+from ..models import Models
+from ..setups import AbstractSetup, sensor_on
 from .base import AbstractMeasurement
 
 
@@ -19,17 +20,17 @@ class Acceleration(AbstractMeasurement):
     columns: ClassVar = {"time": "s", "acceleration": "m/s^2"}
     display: ClassVar = Display("acceleration", "accelerations", "m/s^2", 1.0)
 
-    of: float = choice({"effector": 0.0, "platform": 1.0})
+    of: Choice = choice({"effector": 0.0, "platform": 1.0})
     """What the sensor rides on."""
 
-    def parts(self):
+    def parts(self) -> frozenset[str]:
         return frozenset({"piezo"} if self.of == 1.0 else {"piezo", "friction", "effector"})
 
-    def setup(self, models):
+    def setup(self, models: Models) -> AbstractSetup:
         return sensor_on(self.of, ACCELERATION, models)
 
-    def at_a_jump(self):
+    def at_a_jump(self) -> str:
         return "its acceleration has no bound there"
 
-    def at_a_corner(self):
+    def at_a_corner(self) -> str:
         return "its acceleration has no bound there"

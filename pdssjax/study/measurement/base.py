@@ -12,7 +12,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
-from ...core import Display
+from ...core import Display, choices
 from ..models import Models
 from ..setups import AbstractSetup
 
@@ -59,6 +59,12 @@ class AbstractMeasurement(eqx.Module):
     def name(self) -> str:
         """As a study writes it: the name of the member's file."""
         return type(self).__module__.rpartition(".")[2].replace("_", "-")
+
+    @property
+    def words(self) -> dict[str, str]:
+        """What its fields are set to, in the study's words, such as "platform" for `of`."""
+        options = choices(type(self))
+        return {field: next(w for w in words if words[w] == getattr(self, field)) for field, words in options.items()}
 
     @property
     def quantity(self) -> str:

@@ -5,10 +5,14 @@ Behind the sensor's low-pass and delay, with a zero of its own.
 
 from typing import ClassVar
 
+import numpy as np
+from jaxtyping import Float
+
 from ...core import LENGTH
 from ...simulation import DISPLACEMENT
-from ..setups import sensor_on
-from .base import AbstractMeasurement
+from ..models import Models
+from ..setups import AbstractSetup, sensor_on
+from .base import AbstractMeasurement, Samples
 
 
 class Effector(AbstractMeasurement):
@@ -17,11 +21,11 @@ class Effector(AbstractMeasurement):
     columns: ClassVar = {"time": "s", "displacement": "m"}
     display: ClassVar = LENGTH
 
-    def parts(self):
+    def parts(self) -> frozenset[str]:
         return frozenset({"piezo", "friction", "effector"})
 
-    def setup(self, models):
+    def setup(self, models: Models) -> AbstractSetup:
         return sensor_on(0.0, DISPLACEMENT, models)
 
-    def displacement(self, samples):
+    def displacement(self, samples: Samples) -> Float[np.ndarray, " samples"] | None:
         return samples.measured

@@ -5,9 +5,13 @@ Behind the sensor's low-pass and delay, with a zero of its own; `pdssjax.actuato
 
 from typing import ClassVar
 
+import numpy as np
+from jaxtyping import Float
+
 from ...core import Display
-from ..setups import BlockedActuator
-from .base import AbstractMeasurement
+from ..models import Models
+from ..setups import AbstractSetup, BlockedActuator
+from .base import AbstractMeasurement, Samples
 
 
 class Force(AbstractMeasurement):
@@ -16,11 +20,11 @@ class Force(AbstractMeasurement):
     columns: ClassVar = {"time": "s", "force": "N"}
     display: ClassVar = Display("force", "forces", "N", 1.0)
 
-    def parts(self):
+    def parts(self) -> frozenset[str]:
         return frozenset({"piezo", "friction", "effector", "stop"})
 
-    def setup(self, models):
+    def setup(self, models: Models) -> AbstractSetup:
         return BlockedActuator()
 
-    def force(self, samples):
+    def force(self, samples: Samples) -> Float[np.ndarray, " samples"] | None:
         return samples.measured

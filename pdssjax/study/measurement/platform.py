@@ -6,10 +6,14 @@ does not matter, and where the piezo is known in closed form nothing is integrat
 
 from typing import ClassVar
 
+import numpy as np
+from jaxtyping import Float
+
 from ...core import LENGTH
 from ...simulation import DISPLACEMENT
-from ..setups import sensor_on
-from .base import AbstractMeasurement
+from ..models import Models
+from ..setups import AbstractSetup, sensor_on
+from .base import AbstractMeasurement, Samples
 
 
 class Platform(AbstractMeasurement):
@@ -18,11 +22,11 @@ class Platform(AbstractMeasurement):
     columns: ClassVar = {"time": "s", "displacement": "m"}
     display: ClassVar = LENGTH
 
-    def parts(self):
+    def parts(self) -> frozenset[str]:
         return frozenset({"piezo"})
 
-    def setup(self, models):
+    def setup(self, models: Models) -> AbstractSetup:
         return sensor_on(1.0, DISPLACEMENT, models)
 
-    def displacement(self, samples):
+    def displacement(self, samples: Samples) -> Float[np.ndarray, " samples"] | None:
         return samples.measured

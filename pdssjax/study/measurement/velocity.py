@@ -9,11 +9,13 @@ is left, a steady speed of walking included.
 from typing import ClassVar
 
 import numpy as np
+from jaxtyping import Float
 
-from ...core import Display, choice
+from ...core import Choice, Display, choice
 from ...simulation import VELOCITY
-from ..setups import sensor_on
-from .base import AbstractMeasurement
+from ..models import Models
+from ..setups import AbstractSetup, sensor_on
+from .base import AbstractMeasurement, Samples
 
 _FEWEST = 8
 """Samples whose mean is taken for a zero."""
@@ -28,19 +30,19 @@ class Velocity(AbstractMeasurement):
     columns: ClassVar = {"time": "s", "velocity": "m/s"}
     display: ClassVar = Display("velocity", "velocities", "mm/s", 1e3)
 
-    of: float = choice({"effector": 0.0, "platform": 1.0})
+    of: Choice = choice({"effector": 0.0, "platform": 1.0})
     """What moves past the sensor."""
 
-    def parts(self):
+    def parts(self) -> frozenset[str]:
         return frozenset({"piezo"} if self.of == 1.0 else {"piezo", "friction", "effector"})
 
-    def setup(self, models):
+    def setup(self, models: Models) -> AbstractSetup:
         return sensor_on(self.of, VELOCITY, models)
 
-    def at_a_jump(self):
+    def at_a_jump(self) -> str:
         return "its velocity has no bound there"
 
-    def displacement(self, samples):
+    def displacement(self, samples: Samples) -> Float[np.ndarray, " samples"] | None:
         zero = self._zero(samples)
         if zero is None:
             return None
@@ -48,7 +50,7 @@ class Velocity(AbstractMeasurement):
         steps = 0.5 * (speed[1:] + speed[:-1]) * np.diff(samples.time)
         return np.concatenate([np.zeros(1), np.cumsum(steps)])
 
-    def _zero(self, samples):
+    def _zero(self, samples: Samples) -> float | None:
         """What the sensor shows of a thing at rest [m/s]; None where no part of the record tells it."""
         if samples.offset is not None:
             return samples.offset

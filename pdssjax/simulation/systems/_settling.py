@@ -1,0 +1,100 @@
+"""When an actuator has settled: nothing is left but the steady creep of the platform, and the contact rides along."""
+
+import jax
+import jax.numpy as jnp
+
+from ...actuator import Actuator, DrivenPlatformState, chosen
+from ...core import Scalar, ScalarLike, Truth
+from ...drive.base import Segment
+from ...integration import constant
+from ._contact_state import ADVANCING, RETREATING, STUCK, State
+from ._sensed_motion import SensedMotion
+from ._sticking import sticking_margins
+
+
+def is_settled(
+    sensed: SensedMotion, segment: Segment, t_local: ScalarLike, x: State[Scalar], mode: Scalar, tolerance: ScalarLike
+) -> Truth:
+    """Whether every deviation from the steady solution is below `tolerance` [m].
+
+    A sliding contact has settled once that holds; a stuck one already when the ringing that is
+    left in the platform can no longer free it.
+    """
+    actuator = sensed.actuator
+    if segment.wave is not None or not actuator.piezo.has_steady_state:
+        return jnp.zeros((), bool)
+    ringing = actuator.driven_platform.ringing(segment, t_local, x.driven, _settled_friction(actuator))
+    contact, _ = _equilibrium_state(actuator, x)
+    lengths = actuator.friction.error_scale()
+    of_contact = [jnp.abs(a - b) * c for a, b, c in zip(x.contact_state, contact, lengths, strict=True)]
+    steady_lag = _steady_lag(sensed, segment, t_local, x)
+    of_sensor = [jnp.abs(a - b) for a, b in zip(x.sensor_lag, steady_lag, strict=True)]
+    still = 2.0 * jnp.abs(x.v) / slowest_frequency(actuator) < tolerance
+    for distance in [*of_contact, *of_sensor]:
+        still &= distance < tolerance
+    still &= ringing < tolerance
+    upper, lower = (constant(margin) for margin in sticking_margins(actuator, segment, t_local, x))
+    shake = 4.0 * actuator.effector.mass * actuator.piezo.frequency_scale() ** 2 * ringing
+    safe = jnp.minimum(upper, lower) > shake
+    if x.sensor_lag or not actuator.platform_closed:
+        safe &= ringing < tolerance
+    for distance in of_sensor:
+        safe &= distance < tolerance
+    # While in contact with a platform that creeps on, the stop's force keeps rising: never settled.
+    for in_contact in x.in_contact:
+        still, safe = still & (in_contact == 0.0), safe & (in_contact == 0.0)
+    return jnp.where(jnp.abs(mode) == 1.0, still, (mode == STUCK) & safe)
+
+
+def project_to_steady(
+    sensed: SensedMotion, segment: Segment, t_local: ScalarLike, x: State[Scalar], mode: Scalar
+) -> State[Scalar]:
+    """The state with the last of the deviations gone; a contact that slid recovers its elastic displacement."""
+    actuator, slid = sensed.actuator, jnp.abs(mode) == 1.0
+    contact, displacement = _equilibrium_state(actuator, x)
+    return x._replace(
+        d=jnp.where(slid, x.d + displacement, x.d),
+        v=jnp.zeros_like(x.v),
+        driven=x.driven if actuator.platform_closed else _steady_platform(actuator, segment, t_local, x),
+        contact_state=chosen(slid, contact, x.contact_state),
+        sensor_lag=_steady_lag(sensed, segment, t_local, x),
+    )
+
+
+def slowest_frequency(actuator: Actuator) -> Scalar:
+    """The slowest of the platform's and the contact's frequencies [rad/s]: velocity times 1/it is displacement."""
+    law, mass = actuator.friction, actuator.effector.mass
+    state, still = law.initial(), jnp.zeros(())
+    slowest = jnp.asarray(actuator.piezo.frequency_scale(), float)
+    for sign in jnp.array([ADVANCING, RETREATING]):
+        stretched = lambda v, sign=sign: tuple(jnp.asarray(rate, float) for rate in law.rate(state, v, sign))
+        _, rates = jax.jvp(stretched, (still,), (jnp.ones(()),))
+        elastic = lambda contact_state, sign=sign: jnp.asarray(law.force(contact_state, still, sign), float)
+        stiffness = jnp.abs(jax.jvp(elastic, (state,), (rates,))[1]) if state else still
+        of_contact = jnp.sqrt(stiffness / mass)
+        slowest = jnp.where(of_contact > 0.0, jnp.minimum(slowest, of_contact), slowest)
+    return slowest
+
+
+def _steady_platform(
+    actuator: Actuator, segment: Segment, t_local: ScalarLike, x: State[Scalar]
+) -> DrivenPlatformState[Scalar]:
+    return actuator.driven_platform.steady(segment, t_local, x.driven, _settled_friction(actuator))
+
+
+def _steady_lag(sensed: SensedMotion, segment: Segment, t_local: ScalarLike, x: State[Scalar]) -> tuple[Scalar, ...]:
+    # At a stop the sensor's state is the force that it shows, which has no steady value.
+    if not x.sensor_lag or sensed.actuator.stop is not None:
+        return x.sensor_lag
+    steady = _steady_platform(sensed.actuator, segment, t_local, x)
+    return sensed.sensor.steady(x.sensor_lag, sensed.actuator.driven_platform.platform(steady)[1])
+
+
+def _settled_friction(actuator: Actuator) -> ScalarLike:
+    """The friction force [N] on the platform once all is settled, with feedback."""
+    return actuator.effector.pull() if actuator.feedback else 0.0
+
+
+def _equilibrium_state(actuator: Actuator, x: State[Scalar]) -> tuple[tuple[Scalar, ...], Scalar]:
+    """The state in which the contact at rest carries the constant force, and the displacement [m] on the way there."""
+    return actuator.friction.equilibrium_state(x.contact_state, -1.0 * jnp.asarray(actuator.effector.pull(), float))

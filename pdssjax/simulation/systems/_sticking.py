@@ -1,0 +1,57 @@
+"""A contact at v = 0: the force that would keep it there, and the mode in which it goes on.
+
+F* is the friction force that keeps v = 0, and F(-), F(+) are the forces beyond which the contact lets go.
+While F(-) <= F* <= F(+) it sticks, else v takes the sign that its acceleration has on the side it moves to
+(A. F. Filippov, Differential Equations with Discontinuous Righthand Sides, Kluwer 1988).
+"""
+
+from typing import cast
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ...actuator import Actuator
+from ...core import Scalar, ScalarLike
+from ...drive.base import Segment
+from ...integration import LOOK_AHEAD, Term, constant
+from ._contact_state import ADVANCING, RETREATING, STUCK, State
+from ._stop_contact import external_force
+
+
+def sticking_force(actuator: Actuator, free_acceleration: Term, x: State[Term]) -> Term:
+    """F* [N] where the platform would accelerate by `free_acceleration` [m/s2] without friction."""
+    inertial = free_acceleration * actuator.effector.mass - external_force(actuator, x)
+    if not actuator.feedback:
+        return inertial
+    mass = actuator.piezo.mass
+    return inertial * (mass / (mass + actuator.effector.mass))
+
+
+def sticking_margins(actuator: Actuator, segment: Segment, t_local: Term, x: State[Term]) -> tuple[Term, Term]:
+    """How far F* is below F(+) and above F(-) [N]: both positive while the contact sticks."""
+    sticking = sticking_force(actuator, actuator.driven_platform.acceleration(segment, t_local, x.driven), x)
+    contact = tuple(cast("Scalar", constant(m)) for m in x.contact_state)  # as it is while v = 0
+    upper = actuator.friction.breakaway_force(contact, ADVANCING) - sticking
+    return upper, sticking - actuator.friction.breakaway_force(contact, RETREATING)
+
+
+def mode_from_rest(
+    actuator: Actuator, segment: Segment, t_local: ScalarLike, x: State[Scalar], ended: ScalarLike
+) -> Scalar:
+    """The mode that begins at v = 0, ties broken by looking ahead; `ended` is the one that ended there, 0 for none."""
+    driven_platform = actuator.driven_platform
+
+    def margins(elapsed: Scalar) -> Float[Array, " 2"]:
+        sticking = sticking_force(actuator, driven_platform.acceleration(segment, t_local, x.driven), x)
+        reaction = -sticking if actuator.feedback else 0.0
+        rates = driven_platform.rate(segment, t_local, x.driven, reaction, 1.0)
+        moved = x._replace(driven=jax.tree.map(lambda a, b: a + elapsed * b, x.driven, rates))
+        return jnp.stack([constant(m) for m in sticking_margins(actuator, segment, t_local + elapsed, moved)])
+
+    now, rate = jax.jvp(margins, (jnp.zeros_like(x.v),), (jnp.ones_like(x.v),))
+    upper, lower = now + LOOK_AHEAD * rate
+    unstable_branch = jnp.where(ended == 0.0, ADVANCING, -ended)
+    freed = jnp.where(upper < 0, ADVANCING, RETREATING)
+    sticks = (upper >= 0) & (lower >= 0)
+    return jnp.where(sticks, STUCK, jnp.where((upper < 0) & (lower < 0), unstable_branch, freed))
