@@ -29,7 +29,7 @@ SAMPLES = 100
 
 @jax.jit
 def behind(piezo, amplifier, drive, times):
-    """The voltage that reaches the piezo [V], the platform [m], and the run; compiled once for a piezo and a waveform."""
+    """The voltage that reaches the piezo [V], the platform [m], and the run: one program a piezo and a waveform."""
     assert times.shape == (SAMPLES,)
     system = PlatformOnly(DrivenPlatform(piezo, amplifier), drive)
     run = integrate(system, times[-1], TIGHT)
