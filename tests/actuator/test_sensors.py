@@ -1,5 +1,7 @@
 """The sensor's low-pass and delay, tilt, the force sensor in the way: each against another route."""
 
+import math
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -29,7 +31,7 @@ def run(effector):
 
 
 @jax.jit
-def seen_and_slope(bandwidth, delay, on_platform, direction=(0.0, 0.0)):
+def seen_and_slope(bandwidth, delay, on_platform, direction):
     """What is shown, and its derivative along a direction of bandwidth and delay: one program for both."""
     actuator = Actuator(SecondOrder(), SimplifiedLuGre())
 
@@ -40,7 +42,7 @@ def seen_and_slope(bandwidth, delay, on_platform, direction=(0.0, 0.0)):
 
 
 def seen(bandwidth, delay, on_platform):
-    return seen_and_slope(bandwidth, delay, on_platform)[0]
+    return seen_and_slope(bandwidth, delay, on_platform, (0.0, 0.0))[0]
 
 
 @jax.jit
@@ -99,7 +101,7 @@ def test_bandwidth_and_delay_can_be_differentiated(parameter):
 
 def test_a_tilt_is_a_load():
     angle = 0.02
-    tilted, loaded = run(Effector(tilt=angle)), run(Effector(load=0.086 * GRAVITY * np.sin(angle)))
+    tilted, loaded = run(Effector(tilt=angle)), run(Effector(load=0.086 * GRAVITY * math.sin(angle)))
     level = run(Effector())
     np.testing.assert_allclose(tilted.effector * UM, loaded.effector * UM, atol=1e-6)
     assert (tilted.effector[-1] - level.effector[-1]) * UM > 0.01
