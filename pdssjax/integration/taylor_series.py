@@ -16,6 +16,8 @@ from typing import Any
 
 import jax.numpy as jnp
 
+from .traced_arithmetic import plus, times
+
 
 class Series:
     """A power series; combines with series and with scalars by + - * /."""
@@ -212,11 +214,11 @@ def weighted(x: Any, weight: Any) -> Any:
 
 
 def _plus(x: Any, y: Any) -> Any:
-    return y if is_zero(x) else x if is_zero(y) else x + y
+    return y if is_zero(x) else x if is_zero(y) else plus(x, y)
 
 
 def _times(x: Any, y: Any) -> Any:
-    return 0 if is_zero(x) or is_zero(y) else x * y
+    return 0 if is_zero(x) or is_zero(y) else times(x, y)
 
 
 def total(terms) -> Any:

@@ -70,6 +70,12 @@ def rig(tmp_path_factory):
     return made(tmp_path_factory.mktemp("rig"))
 
 
+@pytest.fixture(scope="module")
+def step(tmp_path_factory):
+    """The rig with its step of the platform alone, which is quick to predict."""
+    return made(tmp_path_factory.mktemp("step"), records=("step",))
+
+
 @pytest.mark.slow
 def test_every_start_guessed_from_four_kinds_is_within_a_factor_of_four(rig):
     study, true = rig
@@ -91,17 +97,17 @@ def test_four_kinds_fitted_together_give_the_truth_within_its_errors(rig):
     assert max(map(abs, told.values())) < 3.0
 
 
-def test_steps_of_the_platform_alone_tell_its_piezo_and_say_that_they_tell_nothing_else(rig):
-    study, true = rig
-    estimate = pdssjax.identify(alone(study, "step"))
+def test_steps_of_the_platform_alone_tell_its_piezo_and_say_that_they_tell_nothing_else(step):
+    study, true = step
+    estimate = pdssjax.identify(study)
     assert estimate.converged and likely(estimate)
     assert unknown(estimate) == free(study, "friction", "stop")
     assert max(map(abs, pulls(estimate, true).values())) < 3.0
 
 
-def test_a_study_that_has_never_predicted_can_be_predicted_under_jit(rig):
-    study, true = rig
-    study = alone(study, "step")
+def test_a_study_that_has_never_predicted_can_be_predicted_under_jit(step):
+    study, true = step
+    study = alone(study, "step")  # another study
     compiled = jax.jit(study.predict)(true)
     for now, later in zip(compiled, study.predict(true), strict=True):
         np.testing.assert_allclose(now, later, rtol=1e-9, atol=1e-15)

@@ -12,6 +12,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from ..taylor_series import Series
+from ..traced_arithmetic import plus, times
 
 Polynomials = list[list[Any]]
 """For each component the coefficients in theta = elapsed/step_radius, lowest first."""
@@ -95,12 +96,12 @@ def horner(coefficients: list, theta: Any) -> Any:
     """The polynomial with the given coefficients, lowest first, at `theta`."""
     total = coefficients[-1]
     for coefficient in coefficients[-2::-1]:
-        total = total * theta + coefficient
+        total = plus(times(total, theta), coefficient)
     return total
 
 
 def rescaled(series: list[list], step_radius: Any) -> Polynomials:
     powers = [jnp.ones_like(step_radius)]
     for _ in range(len(series[0]) - 1):
-        powers.append(powers[-1] * step_radius)
-    return [[c * p for c, p in zip(row, powers, strict=True)] for row in series]
+        powers.append(times(powers[-1], step_radius))
+    return [[times(c, p) for c, p in zip(row, powers, strict=True)] for row in series]
