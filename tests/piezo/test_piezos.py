@@ -89,7 +89,7 @@ def test_the_platform_moves_as_scipy_has_it(name, drive):
 @pytest.mark.parametrize("name", HYSTERETIC)
 def test_a_jump_is_the_limit_of_a_fast_ramp(name):
     piezo = PIEZOS[name][0]()
-    times = jnp.linspace(1e-3, 0.1, 97)
+    times = np.pad(np.linspace(1e-3, 0.1, 50), (0, 47), mode="edge")
     jump, *ramps = (np.asarray(moved(piezo, Sawtooth(64.0, 25.0, tf), times, *FINE)) for tf in (0.0, 1e-9, 2e-9))
     differences = [np.abs(ramp - jump).max() for ramp in ramps]
     assert differences[0] < 2e-12

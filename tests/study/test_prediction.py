@@ -53,6 +53,8 @@ def test_predict_gives_the_reference_trajectory(study):
     assert np.max(np.abs(np.asarray(motion) * 1e6 - CASE["effector_um"])) < 1e-3
 
 
+# By default `test_measurements` has the derivatives of a prediction, `test_reference` every column of these.
+@pytest.mark.slow
 def test_jacfwd_of_predict_gives_every_column_of_the_reference(study):
     values = {path: jnp.asarray(value) for path, value in TRUTH.items()}
     (slopes,) = jax.jit(jax.jacfwd(study.predict))(values)
@@ -62,7 +64,7 @@ def test_jacfwd_of_predict_gives_every_column_of_the_reference(study):
         assert np.linalg.norm(wrong) < 1e-3 * np.linalg.norm(right), path
 
 
-# By default `test_identification` maps a prediction over values, `test_sensitivities` a walk over parameters.
+# By default `test_platform_fits` maps a prediction over values, `test_sensitivities` a walk over parameters.
 @pytest.mark.slow
 def test_predict_maps_over_values(study):
     masses = jnp.array([0.08, 0.086, 0.1])
