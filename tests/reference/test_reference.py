@@ -17,8 +17,8 @@ COLUMNS = [
     NAMES.index(name.split(".")[1].replace("natural_", "").replace("_ratio", "").replace("sigma", "s"))
     for name in REFERENCE["parameters"]
 ]
-name = lambda case: f"{case['state']}-{case['direction']}"
-CASES = pytest.mark.parametrize("case", REFERENCE["cases"], ids=name)
+label = lambda case: f"{case['state']}-{case['direction']}"
+CASES = pytest.mark.parametrize("case", REFERENCE["cases"], ids=label)
 
 
 def rig(case: dict) -> Rig:
@@ -39,7 +39,7 @@ def test_trajectories(case, accuracy, micrometres):
 @pytest.mark.parametrize(
     "case",
     [pytest.param(c, marks=pytest.mark.slow if c["state"] == "force" else ()) for c in REFERENCE["cases"]],
-    ids=name,
+    ids=label,
 )
 @pytest.mark.parametrize(("accuracy", "relative"), [(Accuracy(), 1e-3), (TIGHT, 3e-5)], ids=["default", "tight"])
 def test_jacobians(case, accuracy, relative):
