@@ -7,10 +7,10 @@ the usual way.  The operations that come out are the same.
 
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jax.core import Tracer
 
 
 def plus(x: Any, y: Any) -> Any:
@@ -28,18 +28,18 @@ def times(x: Any, y: Any) -> Any:
 def choose(condition: Any, x: Any, y: Any) -> Any:
     """x where the condition holds, else y; both and the condition of one shape, or numbers."""
     pair = _alike(x, y)
-    if pair is None or not isinstance(condition, jax.core.Tracer) or condition.shape != np.shape(pair[0]):
+    if pair is None or not isinstance(condition, Tracer) or condition.shape != np.shape(pair[0]):
         return jnp.where(condition, x, y)
     return lax.select(condition, *pair)
 
 
 def _alike(x: Any, y: Any) -> tuple[Any, Any] | None:
     """Both with one shape and type, at least one of them traced; None where that takes more than a look."""
-    if isinstance(x, jax.core.Tracer):
-        if isinstance(y, jax.core.Tracer):
+    if isinstance(x, Tracer):
+        if isinstance(y, Tracer):
             return (x, y) if x.shape == y.shape and x.dtype == y.dtype else None
         return (x, _like(x, y)) if type(y) is float else None
-    return (_like(y, x), y) if type(x) is float and isinstance(y, jax.core.Tracer) else None
+    return (_like(y, x), y) if type(x) is float and isinstance(y, Tracer) else None
 
 
 def _like(traced: Any, number: float) -> Any:
