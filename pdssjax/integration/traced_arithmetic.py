@@ -38,8 +38,9 @@ def _alike(x: Any, y: Any) -> tuple[Any, Any] | None:
     if isinstance(x, Tracer):
         if isinstance(y, Tracer):
             return (x, y) if x.shape == y.shape and x.dtype == y.dtype else None
-        return (x, _like(x, y)) if type(y) is float else None
-    return (_like(y, x), y) if type(x) is float and isinstance(y, Tracer) else None
+        return (x, _like(x, y)) if type(y) is float and x.dtype.kind == "f" else None
+    other = _alike(y, x) if isinstance(y, Tracer) else None
+    return None if other is None else other[::-1]
 
 
 def _like(traced: Any, number: float) -> Any:
