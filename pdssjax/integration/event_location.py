@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Float
 from ..core import Scalar, ScalarLike
 from .step_methods.base import horner
 from .taylor_series import Series
+from .traced_arithmetic import choose, times
 
 Guards: TypeAlias = Float[Array, " guards"]
 """One number a guard: the guards are looked at side by side."""
@@ -43,9 +44,9 @@ def first_crossing(guards: tuple[Series, ...], size: int, step_radius: Scalar) -
         return jnp.ones(()), jnp.zeros(())
     # Side by side: one kernel for all guards, and half the code to compile.
     sides = [jnp.stack([jnp.asarray(guard[k], float) for guard in guards]) for k in range(size)]
-    crossings = _crossing(sides, LOOK_AHEAD / jnp.where(step_radius > 0, step_radius, 1.0))
+    crossings = _crossing(sides, LOOK_AHEAD / choose(step_radius > 0, step_radius, 1.0))
     first = crossings.min()
-    return jnp.where(first > 1.0, 1.0, jnp.minimum(first, 1.0 - 1e-15)), jnp.argmin(crossings) * 1.0
+    return choose(first > 1.0, 1.0, jnp.minimum(first, 1.0 - 1e-15)), jnp.argmin(crossings) * 1.0
 
 
 def _crossing(coefficients: list[Guards], ahead: Scalar) -> Guards:
@@ -59,7 +60,7 @@ def _crossing(coefficients: list[Guards], ahead: Scalar) -> Guards:
     twice = [*once[1:], once[-1]]
     slack = starts_at_zero & (once[0] <= 0.0) & (-once[0] <= 2.0 * ahead * once[1])
     g = [
-        jnp.where(slack & (once[1] > 0.0), c, jnp.where(starts_at_zero, b, a))
+        choose(slack & (once[1] > 0.0), c, choose(starts_at_zero, b, a))
         for a, b, c in zip(coefficients, once, twice, strict=True)
     ]
     slope = _slope(g)
@@ -69,18 +70,18 @@ def _crossing(coefficients: list[Guards], ahead: Scalar) -> Guards:
     bottom = _minimum(slope, *dip)
     g_bottom = horner(g, bottom)
     falls = dips & (g_bottom < 0.0)
-    secant = low + g_low * (high - low) / jnp.where(g_low > g_high, g_low - g_high, 1.0)
-    low, high = jnp.where(falls, dip[0][0], low), jnp.where(falls, bottom, high)
+    secant = low + g_low * (high - low) / choose(g_low > g_high, g_low - g_high, 1.0)
+    low, high = choose(falls, dip[0][0], low), choose(falls, bottom, high)
     bend = horner(_slope(slope), bottom)
-    parabola = bottom - jnp.sqrt(2.0 * jnp.maximum(-g_bottom, 0.0) / jnp.where(bend > 0.0, bend, jnp.inf))
-    root = jnp.where(falls, jnp.clip(parabola, low, high), secant)
+    parabola = bottom - jnp.sqrt(2.0 * jnp.maximum(-g_bottom, 0.0) / choose(bend > 0.0, bend, jnp.inf))
+    root = choose(falls, jnp.clip(parabola, low, high), secant)
     for _ in range(_ITERATIONS):
         value = horner(g, root)
-        low, high = jnp.where(value > 0.0, root, low), jnp.where(value > 0.0, high, root)
+        low, high = choose(value > 0.0, root, low), choose(value > 0.0, high, root)
         rate = horner(slope, root)
-        newton = root - value / jnp.where(rate < 0.0, rate, -1.0)
-        root = jnp.where((rate < 0.0) & (newton >= low) & (newton <= high), newton, 0.5 * (low + high))
-    return jnp.where(found | falls, jnp.where(at_once, 0.0, root), 2.0)
+        newton = root - value / choose(rate < 0.0, rate, -1.0)
+        root = choose((rate < 0.0) & (newton >= low) & (newton <= high), newton, 0.5 * (low + high))
+    return choose(found | falls, choose(at_once, 0.0, root), 2.0)
 
 
 def _bracket(
@@ -111,7 +112,7 @@ def _minimum(slope: list[Guards], low: Place, high: Place) -> Guards:
     """Where the slope rises through zero between the ends (theta, slope)."""
     bend = _slope(slope)
     (begin, s_begin), (end, s_end) = low, high
-    inverse = (end - begin) / jnp.where(s_end > s_begin, s_end - s_begin, 1.0)
+    inverse = (end - begin) / choose(s_end > s_begin, s_end - s_begin, 1.0)
     bottom = begin - s_begin * inverse
     for _ in range(_REFINEMENTS):
         inverse = inverse * (2.0 - horner(bend, bottom) * inverse)
@@ -120,8 +121,8 @@ def _minimum(slope: list[Guards], low: Place, high: Place) -> Guards:
 
 
 def _slope(coefficients: list[Guards]) -> list[Guards]:
-    return [k * c for k, c in enumerate(coefficients)][1:]
+    return [times(float(k), c) for k, c in enumerate(coefficients)][1:]
 
 
 def _either(condition: Bool[Array, " guards"], new: Place, old: Place) -> Place:
-    return jnp.where(condition, new[0], old[0]), jnp.where(condition, new[1], old[1])
+    return choose(condition, new[0], old[0]), choose(condition, new[1], old[1])

@@ -304,6 +304,7 @@ def _tiled(function: Callable[..., tuple[Any, Any]], carry: Any, table: Table, c
     rows = jnp.concatenate([table, jnp.zeros((tiles * _TILE - room, width))])
     rows = jnp.where(real[:, None], rows, table[0])
     tiled = (real.reshape(tiles, _TILE), rows.reshape(tiles, _TILE, width))
+    function = jax.jit(function, inline=True)  # traced once, for its shapes and for the branch
     shapes = jax.eval_shape(function, carry, tiled[1][0], tiled[0][0])[1]
 
     def blank(carry: Any, rows: Float[Array, "rows columns"], real: Bool[Array, " rows"]) -> tuple[Any, Any]:

@@ -217,6 +217,7 @@ def computed_once(true: Truth | bool, function: Callable[[*Arguments], Result], 
 
     `true` holds in a way that the compiler cannot know: a branch is compiled as a whole.
     """
+    function = jax.jit(function, inline=True)  # traced once, for its shapes and for the branch
     shapes = jax.eval_shape(function, *args)
     blank = lambda *args: jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shapes)
     return lax.cond(true, function, blank, *args)

@@ -17,6 +17,7 @@ from typing import Protocol, Self, TypeAlias, TypeVar, overload
 import jax.numpy as jnp
 
 from ..core import Count, Scalar, ScalarLike
+from .traced_arithmetic import plus, times
 
 Order: TypeAlias = int | Count
 """Of a coefficient; traced within the loop of `taylor_loop`."""
@@ -275,11 +276,11 @@ def weighted(x: Term, weight: ScalarLike) -> Term:
 
 
 def _plus(x: ScalarLike, y: ScalarLike) -> ScalarLike:
-    return y if is_zero(x) else x if is_zero(y) else x + y
+    return y if is_zero(x) else x if is_zero(y) else plus(x, y)
 
 
 def _times(x: ScalarLike, y: ScalarLike) -> ScalarLike:
-    return 0 if is_zero(x) or is_zero(y) else x * y
+    return 0 if is_zero(x) or is_zero(y) else times(x, y)
 
 
 def total(terms: Iterable[ScalarLike]) -> ScalarLike:

@@ -23,17 +23,29 @@ from pdssjax.simulation import PlatformOnly, measured
 W, XI, C = 6736.0, 0.1772, 1.007e-7
 
 
-def output(amplifier, drive, times):
-    """The voltage that reaches the piezo [V], and how many events there were."""
-    system = PlatformOnly(DrivenPlatform(SecondOrder(), amplifier), drive)
+SAMPLES = 100
+"""Of every record: another number would be compiled anew."""
+
+
+@jax.jit
+def behind(piezo, amplifier, drive, times):
+    """The voltage that reaches the piezo [V], the platform [m], and the run: one program a piezo and a waveform."""
+    assert times.shape == (SAMPLES,)
+    system = PlatformOnly(DrivenPlatform(piezo, amplifier), drive)
     run = integrate(system, times[-1], TIGHT)
-    x, *_ = states_at(system, run, jnp.asarray(times))
-    return np.asarray(x.driven.supply[0]), run
+    x, *_ = states_at(system, run, times)
+    return x.driven.supply[0], jax.vmap(system.shown_displacement)(x), run
+
+
+def output(amplifier, drive, times):
+    """The voltage that reaches the piezo [V], and the run."""
+    supply, _, run = behind(SecondOrder(), amplifier, drive, jnp.asarray(times))
+    return np.asarray(supply), run
 
 
 def test_a_small_sine_follows_the_transfer_function_of_first_order():
     frequency, bandwidth = 800.0, 1200.0
-    times = np.linspace(0.02, 0.03, 300)
+    times = np.linspace(0.02, 0.03, SAMPLES)
     shown, run = output(Amplifier(bandwidth, 1e9), Sine(2.0, frequency), times)
     w = 2 * np.pi * frequency
     transfer = 1.0 / (1.0 + 1j * frequency / bandwidth)
@@ -45,7 +57,7 @@ def test_a_large_step_rises_at_the_slew_rate_and_ends_exponentially():
     slew, bandwidth, volts = 2e5, 5e3, 60.0
     pole = 2 * np.pi * bandwidth
     turns = (volts - slew / pole) / slew
-    times = np.linspace(0.0, 6e-4, 200)[1:]
+    times = np.linspace(0.0, 6e-4, SAMPLES + 1)[1:]
     shown, run = output(Amplifier(bandwidth, slew), Step(volts), times)
     expected = np.where(times < turns, slew * times, volts - slew / pole * np.exp(-pole * (times - turns)))
     # A local error of 1e-14 m, as `TIGHT` allows, is 1e-7 V here.
@@ -88,9 +100,8 @@ CASES = {
 @pytest.mark.parametrize(("bandwidth", "slew"), [(3e3, 1e9), (3e3, 1.2e5)])
 def test_the_platform_behind_it_moves_as_scipy_has_it(name, bandwidth, slew):
     drive, pieces = CASES[name]
-    times = jnp.linspace(0.0, pieces[-1][1], 101)[1:]
-    run = jax.jit(lambda a, d: measured(PlatformOnly(DrivenPlatform(SecondOrder(), a), d), times, TIGHT))
-    shown = run(Amplifier(bandwidth, slew), drive)
+    times = jnp.linspace(0.0, pieces[-1][1], SAMPLES + 1)[1:]
+    _, shown, _ = behind(SecondOrder(), Amplifier(bandwidth, slew), drive, times)
     np.testing.assert_allclose(shown, followed(bandwidth, slew, pieces, times), rtol=0.0, atol=2e-11)
 
 
@@ -100,11 +111,11 @@ def test_the_platform_behind_it_moves_as_scipy_has_it(name, bandwidth, slew):
 )
 def test_the_platform_has_the_derivatives_of_central_differences_in_bandwidth_and_slew(drive):
     times = jnp.linspace(1e-4, 0.012, 60)
-    motion = jax.jit(
-        lambda q: measured(PlatformOnly(DrivenPlatform(SecondOrder(), Amplifier(q[0], q[1])), drive), times, TIGHT)
-    )
+    shown = lambda q: measured(PlatformOnly(DrivenPlatform(SecondOrder(), Amplifier(q[0], q[1])), drive), times, TIGHT)
+    both = jax.jit(jax.jacfwd(lambda q: (shown(q), shown(q)), has_aux=True))
+    motion = lambda q: both(q)[1]
     nominal = jnp.asarray([3e3, 4e5])
-    slopes = jax.jit(jax.jacfwd(motion))(nominal)
+    slopes = both(nominal)[0]
     for i in range(2):
         step = 1e-5 * nominal * jnp.eye(2)[i]
         expected = (motion(nominal + step) - motion(nominal - step)) / (2e-5 * nominal[i])
@@ -113,24 +124,18 @@ def test_the_platform_has_the_derivatives_of_central_differences_in_bandwidth_an
 
 
 def test_a_static_platform_shows_what_the_amplifier_gives():
-    times = np.linspace(0.0, 0.012, 60)[1:]
+    times = jnp.linspace(0.0, 0.012, SAMPLES + 1)[1:]
     amplifier = Amplifier(3e3, 4e5)
     static: Any = Static
-    shown = measured(
-        PlatformOnly(DrivenPlatform(static(), amplifier), Sawtooth(64.0, 200.0)), jnp.asarray(times), TIGHT
-    )
+    _, shown, _ = behind(static(), amplifier, Sawtooth(64.0, 200.0), times)
     volts, _ = output(amplifier, Sawtooth(64.0, 200.0), times)
     np.testing.assert_allclose(shown, C * volts, rtol=0.0, atol=1e-14)
 
 
 def test_hysteresis_behind_it_learns_that_the_voltage_turns_at_a_corner_of_the_command():
-    times = np.linspace(0.0, 0.012, 80)[1:]
+    times = np.linspace(0.0, 0.012, SAMPLES + 1)[1:]
     a, b, g, bandwidth = 0.3, 0.03, 0.01, 3e3
-    shown = measured(
-        PlatformOnly(DrivenPlatform(BoucWen(), Amplifier(bandwidth, 1e9)), Sawtooth(64.0, 200.0)),
-        jnp.asarray(times),
-        TIGHT,
-    )
+    _, shown, _ = behind(BoucWen(), Amplifier(bandwidth, 1e9), Sawtooth(64.0, 200.0), jnp.asarray(times))
 
     def field(t, x, k):
         slope = 2 * np.pi * bandwidth * (64.0 * (t / 0.005 - k) - x[2])

@@ -1,5 +1,7 @@
 """The sensor's low-pass and delay, tilt, the force sensor in the way: each against another route."""
 
+import math
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,6 +14,7 @@ from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.drive.step import Step
 from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
 from pdssjax.friction.simplified_lugre import SimplifiedLuGre
+from pdssjax.integration import integrate, states_at
 from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.piezo.static import Static
 from pdssjax.simulation import STOP_FORCE, PlatformOnly, StickSlip, measured
@@ -28,9 +31,18 @@ def run(effector):
 
 
 @jax.jit
-def seen(bandwidth, delay, on_platform):
+def seen_and_slope(bandwidth, delay, on_platform, direction):
+    """What is shown, and its derivative along a direction of bandwidth and delay: one program for both."""
     actuator = Actuator(SecondOrder(), SimplifiedLuGre())
-    return measured(StickSlip(actuator, DRIVE, Sensor(bandwidth, delay), on_platform), TIMES, Accuracy())
+
+    def shown(bandwidth, delay):
+        return measured(StickSlip(actuator, DRIVE, Sensor(bandwidth, delay), on_platform), TIMES, Accuracy())
+
+    return jax.jvp(shown, (bandwidth, delay), direction)
+
+
+def seen(bandwidth, delay, on_platform):
+    return seen_and_slope(bandwidth, delay, on_platform, (0.0, 0.0))[0]
 
 
 @jax.jit
@@ -81,16 +93,15 @@ def test_a_jump_of_the_platform_is_shown_low_passed():
 @pytest.mark.parametrize("parameter", [0, 1])
 def test_bandwidth_and_delay_can_be_differentiated(parameter):
     given, step = np.array([300.0, 1.013e-4]), (0.03, 1e-8)[parameter]
-    moved = lambda by: np.asarray(seen(*(given + by * np.eye(2)[parameter]), 0.0))
+    moved = lambda by: np.asarray(seen(*map(float, given + by * np.eye(2)[parameter]), 0.0))
     differences = (moved(step) - moved(-step)) / (2.0 * step)
-    direction = tuple(jnp.asarray(x) for x in np.eye(2)[parameter])
-    _, slope = jax.jvp(lambda b, d: seen(b, d, 0.0), tuple(jnp.asarray(x) for x in given), direction)
+    _, slope = seen_and_slope(*map(float, given), 0.0, tuple(map(float, np.eye(2)[parameter])))
     assert np.abs(slope - differences).max() < 1e-4 * np.abs(differences).max()
 
 
 def test_a_tilt_is_a_load():
     angle = 0.02
-    tilted, loaded = run(Effector(tilt=angle)), run(Effector(load=0.086 * GRAVITY * np.sin(angle)))
+    tilted, loaded = run(Effector(tilt=angle)), run(Effector(load=0.086 * GRAVITY * math.sin(angle)))
     level = run(Effector())
     np.testing.assert_allclose(tilted.effector * UM, loaded.effector * UM, atol=1e-6)
     assert (tilted.effector[-1] - level.effector[-1]) * UM > 0.01
@@ -98,21 +109,23 @@ def test_a_tilt_is_a_load():
 
 @jax.jit
 def pushing(stop, sensor_bandwidth):
+    """The force on the stop, the end-effector, its velocity and the friction, all of one run."""
     actuator = Actuator(SecondOrder(), SimplifiedLuGre(), stop=stop)
-    force = measured(StickSlip(actuator, DRIVE, Sensor(sensor_bandwidth, filters=False)), TIMES, Accuracy(), STOP_FORCE)
-    return force, simulate(actuator, DRIVE, TIMES)
+    system = StickSlip(actuator, DRIVE, Sensor(sensor_bandwidth, filters=False))
+    x, segment, t_local, mode = states_at(system, integrate(system, TIMES[-1], Accuracy()), TIMES)
+    y, w = jax.vmap(actuator.driven_platform.platform)(x.driven)
+    return jax.vmap(system.shown_force)(x), y - x.d, w - x.v, jax.vmap(system.force)(segment, t_local, x, mode)
 
 
 def test_the_force_sensor_is_pushed_by_what_the_balance_of_forces_leaves():
     stop = Stop(stiffness=2e5, dissipation=20.0, gap=1e-6)
-    force, trajectory = pushing(stop, 1e3)
-    force, x, w = (np.asarray(a) for a in (force, trajectory.effector, trajectory.effector_velocity))
+    force, x, w, friction = (np.asarray(a) for a in pushing(stop, 1e3))
     touching = x > 1e-6
     assert 0.2 < touching.mean() < 0.9
     assert (force[~touching] == 0.0).all() and (force >= -1e-9).all()
     np.testing.assert_allclose(force[force > 0], (2e5 * (x - 1e-6) * (1.0 + 20.0 * w))[force > 0], atol=1e-9)
     # Newton's law over the whole record: impulse of friction less that of the sensor is the momentum.
-    impulse = cumulative_simpson(np.asarray(trajectory.friction) - force, x=np.asarray(TIMES), initial=0.0)
+    impulse = cumulative_simpson(friction - force, x=np.asarray(TIMES), initial=0.0)
     assert np.abs(impulse - 0.086 * w).max() < 2e-3 * np.abs(0.086 * w).max()
 
 

@@ -32,7 +32,7 @@ def check(name: str, seeds: range, reverse: int) -> None:
 
 @pytest.mark.parametrize("name", QUICK)
 def test_some_actuators(name):
-    # Reverse mode is another compilation; `tests/integration/test_sensitivities.py` has it.
+    # Reverse mode is another compilation; `tests/integration/test_system.py` has it.
     check(name, range(QUICK[name]), reverse=0)
 
 

@@ -78,6 +78,7 @@ def test_rates_and_scales_have_the_shape_of_the_state(name):
     assert (scales > 0.0).all()
 
 
+@functools.cache
 def inside_states(name: str):
     """Along the run: state, rate by the polynomial, rate by the field, guards, length of the step and mode."""
     system, _, steps = steps_of(name)

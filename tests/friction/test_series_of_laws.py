@@ -1,6 +1,7 @@
 """Within a branch: power series of a law against SciPy, derivatives of a force against differences."""
 
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -22,7 +23,7 @@ LAWS = {name: member("friction", name)() for name in members("friction")} | {
     "stribeck, exponential": Stribeck(delta=1.0, sigma2=2.0),
 }
 ORDER, COARSE = 12, 5
-"""Orders of the series for values, and for derivatives, which take long to compile."""
+"""Orders of the series for values, and for derivatives."""
 CHANGE, PACE = 4.0, 4e-4
 """Rate of the velocity [m/s2] and the velocity at first [m/s], in the direction of motion."""
 
@@ -30,9 +31,10 @@ BRANCHES = [("early", 0.02e-6, 1e-5), ("elements slip", 0.3e-6, 1e-5), ("late", 
 """How far the contact has slid before [m], and for how long it is expanded [s]; a fifth of that for derivatives."""
 
 
-def begun(law, path: float, sign: float) -> np.ndarray:
-    """The state after `path` at the steady velocity, with every flag where it should be."""
-    contact = Contact(law)
+@functools.cache
+def begun(name: str, path: float, sign: float) -> np.ndarray:
+    """The state of a law after `path` at the steady velocity, with every flag where it should be."""
+    contact = Contact(LAWS[name])
     m = contact.on_reversal(contact.initial, sign)
     v = sign * PACE
     for part in np.full(40, path / 40.0):
@@ -43,7 +45,11 @@ def begun(law, path: float, sign: float) -> np.ndarray:
 
 
 def expanded(law, m, sign, lapse, one, order=ORDER):
-    """State and force after `lapse` [s] while the velocity grows steadily, by one power series."""
+    """State and force after `lapse` [s] while the velocity grows steadily, by one power series.
+
+    Run as it stands: to compile it for every law would take most of the time of the suite.  That the same series
+    are right compiled, too, `tests/integration/test_taylor_loop.py` tells.
+    """
 
     def field(time, x):
         velocity = sign * (PACE + CHANGE * time)
@@ -57,8 +63,7 @@ def expanded(law, m, sign, lapse, one, order=ORDER):
     return [values(s) for s in memory], values(law.force(memory, velocity, sign)), guards
 
 
-EXPANDED = jax.jit(expanded)
-SLOPES = jax.jit(jax.jacfwd(lambda *given: expanded(*given, order=COARSE)[1]))
+SLOPES = jax.jacfwd(lambda *given: expanded(*given, order=COARSE)[1])
 
 
 def integrated(law, m, sign, lapse) -> tuple[np.ndarray, float]:
@@ -75,8 +80,8 @@ def integrated(law, m, sign, lapse) -> tuple[np.ndarray, float]:
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_the_power_series_of_a_law_is_its_solution(name, branch, sign):
     law, (_, path, lapse) = LAWS[name], branch
-    m = begun(law, path, sign)
-    state, force, guards = EXPANDED(law, tuple(m), sign, lapse, 1.0)
+    m = begun(name, path, sign)
+    state, force, guards = expanded(law, tuple(m), sign, lapse, 1.0)
     expected, expected_force = integrated(law, m, sign, lapse)
     np.testing.assert_allclose(np.array(state, float), expected, rtol=1e-9, atol=1e-17)
     assert float(force) == pytest.approx(expected_force, rel=1e-9)
@@ -90,7 +95,7 @@ def test_the_power_series_of_a_law_is_its_solution(name, branch, sign):
 @pytest.mark.parametrize("branch", BRANCHES, ids=lambda b: b[0])
 def test_a_force_can_be_differentiated_by_every_parameter_of_its_law(name, branch):
     law, path, lapse = LAWS[name], branch[1], 0.2 * branch[2]
-    m = begun(law, path, 1.0)
+    m = begun(name, path, 1.0)
     slopes = SLOPES(law, tuple(m), 1.0, lapse, 1.0)
     size = abs(float(integrated(law, m, 1.0, lapse)[1]))
     for parameter in quantities(type(law)):
@@ -111,7 +116,7 @@ def test_a_force_can_be_differentiated_by_every_parameter_of_its_law(name, branc
 def test_laws_can_be_compiled_and_mapped_over_their_parameters(name):
     law = LAWS[name]
     many = jax.tree.map(lambda leaf: leaf * jnp.linspace(0.9, 1.1, 3), law)
-    state = tuple(jnp.asarray(x) for x in begun(law, 0.3e-6, 1.0))
+    state = tuple(jnp.asarray(x) for x in begun(name, 0.3e-6, 1.0))
     force = lambda law: law.force(law.after_event(law.on_reversal(state, 1.0), 1e-3, 1.0, 0), 1e-3, 1.0)
     mapped = jax.jit(jax.vmap(force))(many)
     alone = [float(force(jax.tree.map(lambda leaf, i=i: leaf[i], many))) for i in range(3)]

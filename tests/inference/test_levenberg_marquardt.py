@@ -1,147 +1,105 @@
-"""The solver finds certified answers, keeps bounds, shrugs off scales and trials that cannot be evaluated."""
+"""The solver keeps bounds, shrugs off scales and trials that cannot be evaluated; `test_nist` has certified answers."""
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 import pytest
+from jax import lax
 
-from pdssjax.inference import BoundedLevenbergMarquardt, least_squares_covariance
+from pdssjax.inference import BoundedLevenbergMarquardt
 
-# Nonlinear regression of the Statistical Reference Datasets, NIST, public domain:
-# https://www.itl.nist.gov/div898/strd/nls/nls_main.shtml
-MISRA = (
-    "77.6 114.9 141.1 190.8 239.9 289.0 332.8 378.4 434.8 477.3 536.8 593.1 689.1 760.0",
-    "10.07 14.73 17.94 23.93 29.61 35.18 40.02 44.82 50.76 55.05 61.01 66.40 75.47 81.78",
-)
-THURBER = (
-    "-3.067 -2.981 -2.921 -2.912 -2.840 -2.797 -2.702 -2.699 -2.633 -2.481 -2.363 -2.322 -1.501 -1.460 -1.274 -1.212 "
-    "-1.100 -1.046 -0.915 -0.714 -0.566 -0.545 -0.400 -0.309 -0.109 -0.103 0.010 0.119 0.377 0.790 0.963 1.006 1.115 "
-    "1.572 1.841 2.047 2.200",
-    "80.574 84.248 87.264 87.195 89.076 89.608 89.868 90.101 92.405 95.854 100.696 101.060 401.672 390.724 567.534 "
-    "635.316 733.054 759.087 894.206 990.785 1090.109 1080.914 1122.643 1178.351 1260.531 1273.514 1288.339 1327.543 "
-    "1353.863 1414.509 1425.208 1421.384 1442.962 1464.350 1468.705 1447.894 1457.628",
-)
-MGH09 = (
-    "4 2 1 0.5 0.25 0.167 0.125 0.1 0.0833 0.0714 0.0625",
-    "0.1957 0.1947 0.1735 0.16 0.0844 0.0627 0.0456 0.0342 0.0323 0.0235 0.0246",
-)
-
-
-def misra(b, x):
-    return b[0] * (1.0 - jnp.exp(-b[1] * x))
-
-
-def thurber(b, x):
-    return (b[0] + x * (b[1] + x * (b[2] + x * b[3]))) / (1.0 + x * (b[4] + x * (b[5] + x * b[6])))
-
-
-def mgh09(b, x):
-    return b[0] * (x**2 + x * b[1]) / (x**2 + x * b[2] + b[3])
-
-
-CERTIFIED = {
-    "Misra1a": (
-        misra,
-        MISRA,
-        [[500, 1e-4], [250, 5e-4]],
-        [2.3894212918e02, 5.5015643181e-04],
-        [2.7070075241e00, 7.2668688436e-06],
-        1.2455138894e-01,
-    ),
-    "Thurber": (
-        thurber,
-        THURBER,
-        [[1000, 1000, 400, 40, 0.7, 0.3, 0.03], [1300, 1500, 500, 75, 1, 0.4, 0.05]],
-        [
-            1.2881396800e03,
-            1.4910792535e03,
-            5.8323836877e02,
-            7.5416644291e01,
-            9.6629502864e-01,
-            3.9797285797e-01,
-            4.9727297349e-02,
-        ],
-        [
-            4.6647963344e00,
-            3.9571156086e01,
-            2.8698696102e01,
-            5.5675370270e00,
-            3.1333340687e-02,
-            1.4984928198e-02,
-            6.5842344623e-03,
-        ],
-        5.6427082397e03,
-    ),
-    "MGH09": (
-        mgh09,
-        MGH09,
-        [[25, 39, 41.5, 39], [0.25, 0.39, 0.415, 0.39]],
-        [1.9280693458e-01, 1.9128232873e-01, 1.2305650693e-01, 1.3606233068e-01],
-        [1.1435312227e-02, 1.9633220911e-01, 8.0842031232e-02, 9.0025542308e-02],
-        3.0750560385e-04,
-    ),
-}
 LINES = jnp.array([[1.0, 2.0], [3.0, -1.0], [0.5, 1.0], [2.0, 2.0]])
 """Rows of a small linear problem."""
 
 
-def line(y, args):
+def line(y):
     """Four equations in two unknowns with the exact answer (2, -3)."""
-    return LINES @ (y - jnp.array([2.0, -3.0])), None
+    return LINES @ (y - jnp.array([2.0, -3.0]))
 
 
-def steep(y, args):
+def steep(y):
     """Rosenbrock's valley, its minimum at (1, 1)."""
-    return jnp.stack([10.0 * (y[1] - y[0] ** 2), 1.0 - y[0]]), None
+    return _padded(10.0 * (y[1] - y[0] ** 2), 1.0 - y[0])
 
 
-def solve(fn, start, low=None, high=None, max_steps=300, rtol=1e-8, atol=1e-12):
+def logarithm(y):
+    """Not a number up to 100 in the first."""
+    return _padded(jnp.log(y[0] - 100.0) + 4.0, 0.1 * (y[1] - 1.0))
+
+
+def root(y):
+    """Not a number below zero."""
+    return _padded(*jnp.sqrt(y))
+
+
+def lying(y):
+    """The gradient is always wrong: no step ever lowers the sum of squares."""
+    return _padded(1.0 + jnp.abs(jnp.sin(1e6 * y[0])) + 1e-3 * y[0], y[1])
+
+
+def summed(y):
+    """Knows both by their sum alone."""
+    return _padded(*(jnp.exp(y[0] + y[1]) - jnp.array([2.0, 2.2])))
+
+
+def _padded(first, second):
+    return jnp.stack([first, second, 0.0 * first, 0.0 * first])
+
+
+PROBLEMS = (line, steep, logarithm, root, lying, summed)
+"""Of two parameters and four residuals each, so that one compiled function solves them all."""
+
+
+def residual(y, args):
+    """Of problem number `which`, in parameters of `units`; further parameters have no influence."""
+    which, units = args
+    return lax.switch(which, PROBLEMS, y[:2] * units), None
+
+
+def posed(problem, units):
+    return jnp.asarray(PROBLEMS.index(problem)), jnp.asarray(units, float)
+
+
+def solve(problem, start, low=None, high=None, max_steps=300, rtol=1e-8, atol=1e-12):
     """Through optimistix; bounds default to none."""
     y = jnp.asarray(start, float)
     low = jnp.full(y.shape, -jnp.inf) if low is None else jnp.asarray(low, float)
     high = jnp.full(y.shape, jnp.inf) if high is None else jnp.asarray(high, float)
-    return _solved(fn, y, {"lower": low, "upper": high}, max_steps, jnp.asarray(rtol), jnp.asarray(atol))
+    options = {"lower": low, "upper": high}
+    return _solved(y, posed(problem, (1.0, 1.0)), options, max_steps, jnp.asarray(rtol), jnp.asarray(atol))
 
 
 @eqx.filter_jit
-def _solved(fn, y, options, max_steps, rtol, atol):
+def _solved(y, args, options, max_steps, rtol, atol):
     solver = BoundedLevenbergMarquardt(rtol=rtol, atol=atol)
-    return optx.least_squares(fn, solver, y, has_aux=True, options=options, max_steps=max_steps, throw=False)
+    return optx.least_squares(
+        residual, solver, y, args, has_aux=True, options=options, max_steps=max_steps, throw=False
+    )
 
 
-def steps(fn, start, low, high, count):
+def steps(problem, start, low, high, count, units=(1.0, 1.0)):
     """The points visited and the states, one step after the other."""
     y, options = jnp.asarray(start, float), {"lower": jnp.asarray(low, float), "upper": jnp.asarray(high, float)}
-    out, aux = fn(y, None)
-    state = BoundedLevenbergMarquardt(rtol=1e-16).init(fn, y, None, options, out, aux, frozenset())
+    args = posed(problem, units)
+    state = _begun(y, args, options)
     visited = []
     for _ in range(count):
-        y, state = _stepped(fn, y, options, state)
+        y, state = _stepped(y, args, options, state)
         visited.append((np.asarray(y), state))
     return visited
 
 
 @eqx.filter_jit
-def _stepped(fn, y, options, state):
-    y, state, _ = BoundedLevenbergMarquardt(rtol=1e-16).step(fn, y, None, options, state, frozenset())
+def _begun(y, args, options):
+    out, aux = residual(y, args)
+    return BoundedLevenbergMarquardt(rtol=1e-16).init(residual, y, args, options, out, aux, frozenset())
+
+
+@eqx.filter_jit
+def _stepped(y, args, options, state):
+    y, state, _ = BoundedLevenbergMarquardt(rtol=1e-16).step(residual, y, args, options, state, frozenset())
     return y, state
-
-
-@pytest.mark.parametrize("name", CERTIFIED)
-def test_certified_problems_are_solved_to_seven_digits(name):
-    model, data, starts, answer, deviations, squares = CERTIFIED[name]
-    x, measured = (jnp.array([float(word) for word in words.split()]) for words in data)
-    residual = lambda b, _: (model(b, x) - measured, None)
-    for start in starts:
-        solution = solve(residual, start, rtol=1e-15, atol=0.0)
-        assert solution.result == optx.RESULTS.successful
-        np.testing.assert_allclose(solution.value, answer, rtol=1e-7)
-        state = solution.stats["state"]
-        np.testing.assert_allclose(np.sum(state.residual**2), squares, rtol=1e-9)
-        found = least_squares_covariance(np.asarray(state.jacobian), np.zeros(len(answer), bool))
-        noise = squares / (x.size - len(answer))
-        np.testing.assert_allclose(np.sqrt(np.diag(found.matrix) * noise), deviations, rtol=1e-6)
 
 
 def test_a_linear_problem_takes_one_step_and_one_damping():
@@ -156,7 +114,7 @@ def test_a_linear_problem_takes_one_step_and_one_damping():
 
 def test_the_jacobian_left_behind_is_that_at_the_answer():
     state = solve(steep, [-1.2, 1.0], atol=1e-24).stats["state"]
-    np.testing.assert_allclose(state.jacobian, [[-20.0, 10.0], [-1.0, 0.0]], atol=1e-6)
+    np.testing.assert_allclose(state.jacobian[:2], [[-20.0, 10.0], [-1.0, 0.0]], atol=1e-6)
 
 
 def test_a_bound_that_keeps_the_answer_out_is_reached_exactly():
@@ -221,18 +179,13 @@ def test_the_scale_of_the_columns_changes_nothing():
     # As far as rounding lets the two go alike: the valley ends in an exact zero.
     units = jnp.array([1e-8, 1e8])
     plain = steps(steep, [-1.2, 1.0], [-jnp.inf] * 2, [jnp.inf] * 2, 7)
-    scaled = steps(
-        lambda y, args: steep(y * units, args), jnp.array([-1.2, 1.0]) / units, [-jnp.inf] * 2, [jnp.inf] * 2, 7
-    )
+    scaled = steps(steep, jnp.array([-1.2, 1.0]) / units, [-jnp.inf] * 2, [jnp.inf] * 2, 7, units)
     for (y, state), (other, same) in zip(plain, scaled, strict=True):
         assert int(state.iterations) == int(same.iterations)
         np.testing.assert_allclose(other * np.asarray(units), y, rtol=1e-5, atol=1e-7)
 
 
 def test_trials_that_cannot_be_evaluated_are_rejected():
-    def logarithm(y, args):
-        return jnp.stack([jnp.log(y[0] - 100.0) + 4.0, 0.1 * (y[1] - 1.0)]), None
-
     solution = solve(logarithm, [105.0, 0.0], rtol=1e-16)
     assert solution.result == optx.RESULTS.successful
     np.testing.assert_allclose(solution.value, [100.0 + np.exp(-4.0), 1.0], rtol=1e-8)
@@ -242,7 +195,7 @@ def test_trials_that_cannot_be_evaluated_are_rejected():
 
 
 def test_a_start_that_cannot_be_evaluated_is_said_to_be_one():
-    solution = solve(lambda y, args: (jnp.sqrt(y), None), [-1.0, 2.0])
+    solution = solve(root, [-1.0, 2.0])
     assert solution.result == optx.RESULTS.nonlinear_divergence
     np.testing.assert_array_equal(solution.value, [-1.0, 2.0])
 
@@ -252,25 +205,18 @@ def test_running_out_of_steps_is_not_success():
 
 
 def test_a_fall_without_a_floor_ends_as_a_stall_not_as_success():
-    # The gradient is always wrong: no step ever lowers the sum of squares.
-    def lying(y, args):
-        return jnp.stack([1.0 + jnp.abs(jnp.sin(1e6 * y[0])) + 1e-3 * y[0], y[1]]), None
-
     solution = solve(lying, [0.7, 0.0], rtol=1e-12)
     assert solution.result != optx.RESULTS.successful
 
 
 def test_a_parameter_without_influence_stays_where_it_is():
-    solution = solve(lambda y, args: (steep(y[:2], args)[0], None), [-1.2, 1.0, 7.0])
+    solution = solve(steep, [-1.2, 1.0, 7.0])
     assert solution.result == optx.RESULTS.successful
     np.testing.assert_allclose(solution.value[:2], [1.0, 1.0], rtol=1e-4)
     assert float(solution.value[2]) == 7.0
 
 
 def test_two_parameters_known_by_their_sum_alone_still_converge():
-    def summed(y, args):
-        return jnp.exp(y[0] + y[1]) - jnp.array([2.0, 2.2]), None
-
     solution = solve(summed, [0.0, 0.0])
     assert solution.result == optx.RESULTS.successful
     assert float(solution.value[0] + solution.value[1]) == pytest.approx(np.log(2.1), rel=1e-4)

@@ -11,6 +11,9 @@ from nist_strd import DATA, MODELS, regression, residual, starts
 
 from pdssjax.inference import SUCCESSES, BoundedLevenbergMarquardt, Ending, least_squares_covariance
 
+SEVEN_DIGITS = ("Misra1a", "Thurber", "MGH09")
+"""Of the easy, the middling and the hard problems, the ones of which more is asked."""
+
 _RESIDUAL = jax.jit(residual)
 _JACOBIAN = jax.jit(jax.jacfwd(residual))
 
@@ -36,15 +39,16 @@ def test_certified_values_are_found(name, which):
     solution = solve(name, starts(name)[which])
     state, certified = solution.stats["state"], DATA[name]["certified"]
     assert Ending(int(state.ending)) in SUCCESSES, Ending(int(state.ending)).name
-    np.testing.assert_allclose(solution.value[: len(certified)], certified, rtol=1e-6)
+    strict = 0.1 if name in SEVEN_DIGITS else 1.0
+    np.testing.assert_allclose(solution.value[: len(certified)], certified, rtol=1e-6 * strict)
     squares = DATA[name]["squares"]
     # Lanczos1 was made up without noise: its residuals are what the rounding of 14 digits left.
     rounding = 4.0 * np.finfo(float).eps * np.linalg.norm(DATA[name]["y"]) * np.sqrt(squares)
-    np.testing.assert_allclose(np.sum(state.residual**2), squares, rtol=1e-8, atol=rounding)
+    np.testing.assert_allclose(np.sum(state.residual**2), squares, rtol=1e-8 * strict, atol=rounding)
     deviations = DATA[name]["deviations"]
     found = least_squares_covariance(np.asarray(state.jacobian)[:, : len(certified)], np.zeros(len(certified), bool))
     noise = squares / (len(DATA[name]["y"]) - len(certified))
-    np.testing.assert_allclose(np.sqrt(np.diag(found.matrix) * noise), deviations, rtol=1e-4)
+    np.testing.assert_allclose(np.sqrt(np.diag(found.matrix) * noise), deviations, rtol=1e-4 if strict == 1.0 else 1e-6)
 
 
 @pytest.mark.parametrize("name", MODELS)

@@ -58,6 +58,8 @@ def test_every_parameter_against_differences(name):
         assert np.linalg.norm(default[:, :, column] * SIZES[parameter] - expected) < 2e-3 * size, parameter
 
 
+# By default `test_system` has both modes of a ball that bounces.
+@pytest.mark.slow
 def test_reverse_mode_agrees_with_forward_mode():
     rig = RIGS["downhill, sticks, fall time"]
     weights = np.cos(np.arange(SAMPLES))

@@ -63,6 +63,17 @@ DRIVES = {
 }
 
 
+@jax.jit
+def moved(piezo, drive, times, tolerance, settle_tolerance):
+    """The platform alone [m]; compiled once for a piezo and a waveform, whatever the numbers."""
+    assert times.shape == (97,)
+    system = PlatformOnly(DrivenPlatform(piezo), drive)
+    return measured(system, times, Accuracy(tolerance, settle_tolerance))
+
+
+USUAL, FINE = ((a.tolerance, a.settle_tolerance) for a in (Accuracy(), TIGHT))
+
+
 @pytest.mark.parametrize("name", PIEZOS)
 @pytest.mark.parametrize(
     "drive", [*list(DRIVES)[:1], *(pytest.param(d, marks=pytest.mark.slow) for d in list(DRIVES)[1:])]
@@ -71,16 +82,15 @@ def test_the_platform_moves_as_scipy_has_it(name, drive):
     piezo, stack = PIEZOS[name]
     voltage, pieces = DRIVES[drive]
     times = jnp.linspace(0.0, pieces[-1].end - 1e-4, 98)[1:]
-    run = jax.jit(lambda p, d: measured(PlatformOnly(DrivenPlatform(p), d), times, Accuracy()))
-    np.testing.assert_allclose(run(piezo(), voltage), integrated(stack(), pieces, times)[:, 0], rtol=0.0, atol=1e-10)
+    shown = moved(piezo(), voltage, times, *USUAL)
+    np.testing.assert_allclose(shown, integrated(stack(), pieces, times)[:, 0], rtol=0.0, atol=1e-10)
 
 
 @pytest.mark.parametrize("name", HYSTERETIC)
 def test_a_jump_is_the_limit_of_a_fast_ramp(name):
     piezo = PIEZOS[name][0]()
-    times = jnp.linspace(1e-3, 0.1, 50)
-    run = jax.jit(lambda tf: measured(PlatformOnly(DrivenPlatform(piezo), Sawtooth(64.0, 25.0, tf)), times, TIGHT))
-    jump, *ramps = (np.asarray(run(tf)) for tf in (0.0, 1e-9, 2e-9))
+    times = np.pad(np.linspace(1e-3, 0.1, 50), (0, 47), mode="edge")
+    jump, *ramps = (np.asarray(moved(piezo, Sawtooth(64.0, 25.0, tf), times, *FINE)) for tf in (0.0, 1e-9, 2e-9))
     differences = [np.abs(ramp - jump).max() for ramp in ramps]
     assert differences[0] < 2e-12
     assert differences[1] == pytest.approx(2 * differences[0], rel=0.05)
@@ -189,10 +199,8 @@ def test_a_rod_refuses_a_number_that_it_does_not_know():
 
 def test_creep_adds_as_much_in_every_decade():
     k, t1, volts = 0.015, 0.002, 64.0
-    times = jnp.geomspace(0.004, 0.4, 60)
-    shown = jax.jit(lambda p: measured(PlatformOnly(DrivenPlatform(p), Step(volts)), times, Accuracy()))(
-        Creep(creep=k, creep_time=t1)
-    )
+    times = jnp.geomspace(0.004, 0.4, 97)
+    shown = moved(Creep(creep=k, creep_time=t1), Step(volts), times, *USUAL)
     # The oscillator follows what has crept; behind it by its lag 2 xi / w.
     lag = 2 * 0.1772 / 6736.0
     crept = jnp.sum(1 - jnp.exp(-(times - lag) / (t1 * jnp.array([[1.0], [10.0], [100.0]]))), axis=0)

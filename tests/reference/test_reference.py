@@ -17,7 +17,8 @@ COLUMNS = [
     NAMES.index(name.split(".")[1].replace("natural_", "").replace("_ratio", "").replace("sigma", "s"))
     for name in REFERENCE["parameters"]
 ]
-CASES = pytest.mark.parametrize("case", REFERENCE["cases"], ids=lambda c: f"{c['state']}-{c['direction']}")
+label = lambda case: f"{case['state']}-{case['direction']}"
+CASES = pytest.mark.parametrize("case", REFERENCE["cases"], ids=label)
 
 
 def rig(case: dict) -> Rig:
@@ -34,7 +35,12 @@ def test_trajectories(case, accuracy, micrometres):
     np.testing.assert_allclose(run.effector * 1e6, case["effector_um"], rtol=0.0, atol=micrometres)
 
 
-@CASES
+# By default `test_sensitivities` has the derivatives of the force state, with feedback.
+@pytest.mark.parametrize(
+    "case",
+    [pytest.param(c, marks=pytest.mark.slow if c["state"] == "force" else ()) for c in REFERENCE["cases"]],
+    ids=label,
+)
 @pytest.mark.parametrize(("accuracy", "relative"), [(Accuracy(), 1e-3), (TIGHT, 3e-5)], ids=["default", "tight"])
 def test_jacobians(case, accuracy, relative):
     expected = np.array(case["jacobian"])

@@ -3,12 +3,12 @@
 import itertools
 from dataclasses import replace
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from independent import Rig
 from rigs import SAMPLES, trajectory
 from scipy.integrate import cumulative_simpson, solve_ivp
+from sliding import Contact
 
 from pdssjax import Accuracy
 from pdssjax.drive.sawtooth import Sawtooth
@@ -135,13 +135,14 @@ def test_a_trial_far_off_ends_finite_or_says_why(base, field, factor):
 def work_of_a_loop(law: AnisotropicLuGre, side: float) -> float:
     """Energy [J] that a bristle swallows when pulled slowly to one side and let back."""
     stiff = law.sigma0_a if side > 0 else law.sigma0_b
+    contact = Contact(law)
     pulled = 0.02 * 0.5 / stiff  # far below breakaway
     creep = 1e-7
 
     def rates(v):
         def field(_, x):
-            state, sign = (jnp.asarray(x[0]),), np.sign(v)
-            return [float(law.rate(state, v, sign)[0]), float(law.force(state, v, sign)) * v]
+            state, sign = x[:1], np.sign(v)
+            return [contact.rate(state, v, sign)[0], contact.force(state, v, sign) * v]
 
         return field
 

@@ -15,6 +15,7 @@ from jaxtyping import Array, Float
 
 from ...core import Scalar, ScalarLike, Truth
 from ..taylor_series import Field, Series
+from ..traced_arithmetic import plus, times
 
 Polynomials: TypeAlias = list[list[Scalar]]
 """For each component the coefficients in theta = elapsed/step_radius, lowest first."""
@@ -107,12 +108,12 @@ def horner(coefficients: Sequence[Float[Array, "*shape"]], theta: Float[ArrayLik
     """The polynomial with the given coefficients, lowest first, at `theta`."""
     total = coefficients[-1]
     for coefficient in coefficients[-2::-1]:
-        total = total * theta + coefficient
+        total = plus(times(total, theta), coefficient)
     return total
 
 
 def rescaled(series: Sequence[Sequence[ScalarLike]], step_radius: Scalar) -> Polynomials:
     powers = [jnp.ones_like(step_radius)]
     for _ in range(len(series[0]) - 1):
-        powers.append(powers[-1] * step_radius)
-    return [[c * p for c, p in zip(row, powers, strict=True)] for row in series]
+        powers.append(times(powers[-1], step_radius))
+    return [[times(c, p) for c, p in zip(row, powers, strict=True)] for row in series]

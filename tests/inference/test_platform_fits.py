@@ -1,0 +1,86 @@
+"""The fit of a platform alone, known in closed form and quick to compile: what is said, kept and written."""
+
+import json
+import math
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from platform_study import DAMPING, GAIN, PLATFORM, RATE, ZERO, write_platform
+
+import pdssjax
+from pdssjax.cli.main import main
+from pdssjax.inference import least_squares as fitting
+
+
+def test_a_parameter_without_data_is_named_and_the_others_stand(tmp_path):
+    found = pdssjax.identify(pdssjax.load_study(write_platform(tmp_path)))
+    assert found.converged
+    assert not found.parameters["friction.sigma0"].identifiable
+    assert math.isnan(found.parameters["friction.sigma0"].standard_error)
+    assert any("say nothing about friction.sigma0" in note for note in found.notes)
+    for path, truth in {
+        "piezo.gain": GAIN,
+        "piezo.natural_frequency": RATE,
+        "piezo.damping_ratio": DAMPING,
+    }.items():
+        assert abs(found.parameters[path].value - truth) < 3.0 * found.parameters[path].standard_error
+
+
+def test_a_zero_that_is_given_is_kept(tmp_path):
+    text = PLATFORM.replace('noise = "0.01 um"', 'noise = "0.01 um"\noffset = "0.3 um"')
+    found = pdssjax.identify(pdssjax.load_study(write_platform(tmp_path, text)))
+    (record,) = found.records
+    assert record.offset == pytest.approx(ZERO)
+    assert math.isnan(record.offset_standard_error)
+    assert found.statistics.free == 4
+    assert 0.8 < found.statistics.reduced_chi2 < 1.2
+
+
+def test_the_command_says_by_its_status_whether_it_worked(tmp_path, monkeypatch, capsys):
+    study = write_platform(tmp_path)
+    assert main(["identify", str(study), "--out", str(tmp_path / "a")]) == 0
+    assert json.loads((tmp_path / "a" / "estimate.json").read_text())["converged"]
+    assert main(["identify", str(study), "--out", str(tmp_path / "a")]) == 2
+    monkeypatch.setattr(fitting, "MAX_ITERATIONS", 1)
+    capsys.readouterr()
+    assert main(["identify", str(study), "--out", str(tmp_path / "b")]) == 3
+    assert "did not converge" in capsys.readouterr().err
+    written = json.loads((tmp_path / "b" / "estimate.json").read_text())
+    assert not written["converged"]
+    assert "no convergence within 1 iterations" in written["message"]
+
+
+def test_predictions_can_be_differentiated_mapped_and_compiled(tmp_path):
+    study = pdssjax.load_study(write_platform(tmp_path))
+    at = {"piezo.gain": jnp.asarray(GAIN), "piezo.natural_frequency": jnp.asarray(RATE)}
+    whole = study.with_values({"piezo.damping_ratio": DAMPING, "friction.sigma0": 1e6})
+    predict = lambda values: whole.predict(values)[0]
+    plain = predict(at)
+    np.testing.assert_allclose(jax.jit(predict)(at), plain, rtol=1e-12, atol=1e-18)
+    jacobian = jax.jacfwd(predict)(at)
+    np.testing.assert_allclose(GAIN * jacobian["piezo.gain"], plain, rtol=1e-9, atol=1e-16)
+    h = 1e-3
+    higher, lower = (predict(at | {"piezo.natural_frequency": jnp.asarray(RATE + s * h)}) for s in (1.0, -1.0))
+    np.testing.assert_allclose(jacobian["piezo.natural_frequency"], (higher - lower) / (2 * h), atol=1e-14)
+    along = {"piezo.gain": jnp.asarray(0.0), "piezo.natural_frequency": jnp.asarray(1.0)}
+    np.testing.assert_allclose(jax.jvp(predict, (at,), (along,))[1], jacobian["piezo.natural_frequency"], rtol=1e-9)
+    slope = jax.grad(lambda values: jnp.sum(predict(values) * plain))(at)
+    for path in at:
+        assert float(slope[path]) == pytest.approx(float(jnp.sum(jacobian[path] * plain)), rel=1e-9)
+    many = eqx.filter_vmap(lambda gain: predict(at | {"piezo.gain": gain}))(GAIN * jnp.array([1.0, 2.0]))
+    np.testing.assert_allclose(many, jnp.stack([plain, 2.0 * plain]), rtol=1e-9, atol=1e-18)
+
+
+def test_profile_intervals_of_a_platform_are_the_linear_ones_and_an_open_end_is_said(tmp_path):
+    study = pdssjax.load_study(write_platform(tmp_path))
+    linear, profile = pdssjax.identify(study), pdssjax.identify(study, intervals="profile")
+    for path in ("piezo.gain", "piezo.natural_frequency", "piezo.damping_ratio"):
+        one, other = linear.parameters[path], profile.parameters[path]
+        np.testing.assert_allclose(other.interval, one.interval, rtol=0.0, atol=0.05 * one.standard_error)
+        assert (one.verdicts, other.verdicts) == (None, ("bounded", "bounded"))
+    assert profile.parameters["friction.sigma0"].verdicts is None
+    with pytest.raises(pdssjax.InputError, match='intervals: found "profil" with method "joint"'):
+        pdssjax.identify(study, intervals="profil")  # pyright: ignore[reportArgumentType]
