@@ -28,7 +28,8 @@ def test_the_folder_holds_report_estimate_plots_and_predictions(results):
     stems = {"step_48.2_V", "5_Hz_A", "20_Hz_A", "lost_run"}
     assert {path.name for path in results.iterdir()} == {"report.txt", "estimate.json", "plots", "predictions"}
     assert {path.stem for path in (results / "predictions").iterdir()} == stems
-    assert {path.stem for path in (results / "plots").iterdir()} == stems | {"correlations", "standard_errors"}
+    drawn = {path.stem for path in (results / "plots").iterdir()}
+    assert drawn == stems | {"amplification", "correlations", "standard_errors"}
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in (results / "plots").iterdir())
     assert "DID NOT" not in (results / "report.txt").read_text(encoding="utf-8")
 
