@@ -5,27 +5,30 @@ layers of jax.numpy that sort out types and shapes, which here are nearly always
 the usual way.  The operations that come out are the same.
 """
 
-from typing import Any
+from typing import Any, TypeAlias
 
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 from jax.core import Tracer
 
+Operand: TypeAlias = Any
+"""A number or an array of any shape, traced or not: the result is of the kind that jax.numpy would give."""
 
-def plus(x: Any, y: Any) -> Any:
+
+def plus(x: Operand, y: Operand) -> Operand:
     """x + y."""
     pair = _alike(x, y)
     return x + y if pair is None else lax.add(*pair)
 
 
-def times(x: Any, y: Any) -> Any:
+def times(x: Operand, y: Operand) -> Operand:
     """x y."""
     pair = _alike(x, y)
     return x * y if pair is None else lax.mul(*pair)
 
 
-def choose(condition: Any, x: Any, y: Any) -> Any:
+def choose(condition: Operand, x: Operand, y: Operand) -> Operand:
     """x where the condition holds, else y; both and the condition of one shape, or numbers."""
     pair = _alike(x, y)
     if pair is None or not isinstance(condition, Tracer) or condition.shape != np.shape(pair[0]):
