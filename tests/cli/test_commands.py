@@ -99,6 +99,7 @@ def recorded(name: str, offset: float | None, noise: float | None) -> SimpleName
     """A measured record of a ramp, shifted by 3 um."""
     time = np.linspace(0.0, 1.0, 101)
     return SimpleNamespace(
+        drive=None,
         name=name,
         role="fit",
         measures="effector",

@@ -7,8 +7,7 @@ import pytest
 
 from pdssjax.core import Quantity
 from pdssjax.inference import transform_of
-from pdssjax.inference.parameter_transform import REACH
-from pdssjax.study import Parameter
+from pdssjax.study import REACH, Parameter
 
 POSITIVE = Quantity(1.0e6, "N/m", True, 0.0, np.inf, False)
 BELOW_ONE = Quantity(0.18, "", True, 0.0, 1.0, False)
