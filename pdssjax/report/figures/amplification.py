@@ -25,7 +25,7 @@ def amplification_figure(amplification: Amplification) -> Figure:
         for i in range(rows):
             for j in range(columns):
                 dark = abs(float(scale(matrix[i, j])) - 0.5) > 0.3
-                label = f"{matrix[i, j]:.2g}"
+                label = f"{float(f'{matrix[i, j]:.2g}'):g}"  # 110, not 1.1e+02
                 axes.text(j, i, label, ha="center", va="center", fontsize=7.5, color="white" if dark else "black")
         axes.set_title("Per cent in the row for 1 % in the column", loc="left")
         figure.colorbar(image, ax=axes, label="% for 1 %", shrink=0.9)

@@ -12,7 +12,7 @@ def format_amplification(amplification: Amplification) -> str:
         for path, row in zip(amplification.later, amplification.matrix, strict=True)
     ]
     moved, mover, factor = amplification.strongest()
-    sentence = f"    1 % in {mover} moves {moved} by {abs(factor):.2g} %.\n"
+    sentence = f"    1 % in {mover} moves {moved} by {float(f'{abs(factor):.2g}'):g} %.\n"
     head = ["", *amplification.earlier]
     title = heading("Amplification: per cent in the row for 1 % in the column, where that is held")
     return title + aligned_table("<" + ">" * len(amplification.earlier), [head, *rows]) + sentence
