@@ -163,8 +163,7 @@ def _is_poor(fit: Fit, problem: Problem) -> bool:
     small = reduced_chi2(fit, problem) < (1.0 + SIGMAS * np.sqrt(2.0 / samples) if known else _POOR)
     if not small:
         return True
-    sizes = [record.time.size for record in problem.records]
-    parts = np.split(np.asarray(fit.state.residual), np.cumsum(sizes)[:-1])
+    parts = _by_record(problem, fit)
     correlation = sum(part[1:] @ part[:-1] for part in parts) / max(sum(part @ part for part in parts), 1e-300)
     found = [repeated_residuals(record, part) for record, part in zip(problem.records, parts, strict=True)]
     sigmas = [repeated.sigmas for repeated in found if repeated is not None]
@@ -209,7 +208,12 @@ def _with_noise(fit: Fit, problem: Problem, run: FitMethod, report: Progress) ->
 def _noise_left(problem: Problem, fit: Fit) -> Float[np.ndarray, " records"]:
     """Standard deviation of each record's residuals, in its unit, degrees of freedom shared by samples."""
     sizes = np.array([record.time.size for record in problem.records])
-    parts = np.split(np.asarray(fit.state.residual), np.cumsum(sizes)[:-1])
     degrees_taken = fit.free.size * sizes / sizes.sum() + [record.offset is None for record in problem.records]
-    squares = np.array([np.sum(part**2) for part in parts])
+    squares = np.array([np.sum(part**2) for part in _by_record(problem, fit)])
     return problem.noise * np.sqrt(squares / np.maximum(sizes - degrees_taken, 1.0))
+
+
+def _by_record(problem: Problem, fit: Fit) -> list[Float[np.ndarray, " samples"]]:
+    """The whitened residuals of each record."""
+    sizes = [record.time.size for record in problem.records]
+    return np.split(np.asarray(fit.state.residual), np.cumsum(sizes)[:-1])

@@ -8,9 +8,7 @@ from ..study import Estimate, FittedParameter
 from .least_squares import Fit, Progress
 from .problem import Problem
 from .profile_likelihood import End, Verdict, interval_end
-
-THRESHOLD = 3.841459
-"""Chi-square with one degree of freedom, 95 %."""
+from .summary import NORMAL_95, variance_factor
 
 
 def with_profile_intervals(estimate: Estimate, problem: Problem, fit: Fit, report: Progress) -> Estimate:
@@ -19,8 +17,7 @@ def with_profile_intervals(estimate: Estimate, problem: Problem, fit: Fit, repor
     The threshold grows with a reduced chi-square above one, as the standard errors do.  Parameters at a bound and
     those about which the data say nothing keep what they have.  A note names every end that is no ordinary one.
     """
-    statistics = estimate.statistics
-    factor = max(1.0, statistics.reduced_chi2) if np.isfinite(statistics.reduced_chi2) else 1.0
+    threshold = NORMAL_95**2 * variance_factor(estimate.statistics)
     paths = problem.residual.transform.paths
     parameters, notes = dict(estimate.parameters), list(estimate.notes)
     for index, path in enumerate(paths):
@@ -30,7 +27,7 @@ def with_profile_intervals(estimate: Estimate, problem: Problem, fit: Fit, repor
         ends = []
         for side in (-1.0, 1.0):
             report(f"interval of {path} ({index + 1} of {len(paths)}), {'lower' if side < 0 else 'upper'} end")
-            ends.append(interval_end(problem.linearised, fit.free, index, side, factor * THRESHOLD, problem.bounds))
+            ends.append(interval_end(problem.linearised, fit.free, index, side, threshold, problem.bounds))
         parameters[path] = _with_ends(parameter, problem, index, ends)
         notes += _notes(parameter, problem, ends)
     return dataclasses.replace(estimate, parameters=parameters, notes=tuple(notes))

@@ -16,9 +16,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 Evaluate = Callable[[Float[np.ndarray, " p"]], tuple[Float[Array | np.ndarray, " n"], Float[Array | np.ndarray, "n p"]]]
+"""Whitened residual and its Jacobian at a point; not finite where the model cannot be evaluated."""
 
 Solve = Callable[[Bool[np.ndarray, " p"], Float[np.ndarray, " p"]], Float[np.ndarray, " p"]]
-"""Whitened residual and its Jacobian at a point; not finite where the model cannot be evaluated."""
+"""From what is held, and the step that it keeps, to the step of all."""
 
 MOST_EVALUATIONS = 100
 """For one end."""

@@ -31,15 +31,19 @@ WEAKLY_DETERMINED = float(np.log(10.0))
 """Standard error on the fit's scale from which a parameter counts as one without information."""
 
 
+def variance_factor(statistics: Statistics) -> float:
+    """By how much variances grow with residuals that are larger than the noise given; they never shrink."""
+    return max(1.0, statistics.reduced_chi2) if statistics.reduced_chi2 < np.inf else 1.0
+
+
 def summarise(study: Study, method: Method, problem: Problem, fit: Fit, starts: Mapping[str, float]) -> Estimate:
     """The estimate that a `fit` of a `study` amounts to; `seconds` is left at 0."""
     free, fitted = problem.residual.transform, {**starts, **problem.residual.transform.decode(fit.free)}
     values = {path: float(value) for path, value in fitted.items()}
     statistics = _statistics(problem, fit)
     known, naive = _covariances(method, problem, fit)
-    # Residuals larger than the noise given make the errors larger, never smaller.
-    variance_factor = max(1.0, statistics.reduced_chi2) if statistics.reduced_chi2 < np.inf else 1.0
-    deviation = np.sqrt(np.diag(known.matrix) * variance_factor)
+    enlarged = variance_factor(statistics)
+    deviation = np.sqrt(np.diag(known.matrix) * enlarged)
     weakly_determined = known.identifiable & (deviation > WEAKLY_DETERMINED)
     known = known._replace(identifiable=known.identifiable & ~weakly_determined)
     deviation = np.where(weakly_determined, np.nan, deviation)
@@ -49,15 +53,15 @@ def summarise(study: Study, method: Method, problem: Problem, fit: Fit, starts: 
         i = free.paths.index(path) if declared.free else None
         parameters[path] = _parameter(declared, values[path], starts[path], i, fit, free, deviation, known)
     if naive is not None:
-        naive_errors = np.sqrt(np.diag(naive) * variance_factor) * slopes
+        naive_errors = np.sqrt(np.diag(naive) * enlarged) * slopes
         parameters = {
             path: dataclasses.replace(p, naive_standard_error=float(naive_errors[free.paths.index(path)]))
             if p.free and p.identifiable
             else p
             for path, p in parameters.items()
         }
-    matrix = known.matrix * variance_factor * np.outer(slopes, slopes)
-    records = _compared(study, problem, fit, known.matrix * variance_factor, values)
+    matrix = known.matrix * enlarged * np.outer(slopes, slopes)
+    records = _compared(study, problem, fit, known.matrix * enlarged, values)
     return Estimate(
         title=study.title,
         method=method,
