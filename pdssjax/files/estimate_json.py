@@ -1,5 +1,6 @@
 """Takes a study's numbers from an earlier estimate, and tells which numbers are used and where they come from."""
 
+import dataclasses
 import json
 import math
 import warnings
@@ -90,6 +91,7 @@ def estimate_document(estimate: Estimate) -> Document:
         "correlation": {"names": estimate.names, "matrix": estimate.correlation},
         "covariance": {"names": estimate.names, "matrix": estimate.covariance},
         "amplification": None if estimate.amplification is None else vars(estimate.amplification),
+        "diagnosis": None if estimate.diagnosis is None else dataclasses.asdict(estimate.diagnosis),
         "records": [
             {key: getattr(record, key) for key in keys}
             | record.words

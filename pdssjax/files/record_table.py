@@ -8,7 +8,7 @@ import numpy as np
 
 from ..core import InputError, InputWarning, choices, member, members, to_si
 from ..drive.base import AbstractDrive
-from ..study import STEP_TIME, AbstractMeasurement, Record, check_increasing, check_meets_drive
+from ..study import MARK, STEP_TIME, AbstractMeasurement, Record, check_increasing, check_meets_drive
 from .csv_columns import read_csv
 from .drive_table import read_drive
 from .toml_table import Table
@@ -17,7 +17,7 @@ _FAMILY = "study.measurement"
 
 _KEYS = [
     *("name", "file", "columns", "units", "measures", "role", "noise", "offset"),
-    *("window", "exclude", "start", "drive", "resolution", "sampling"),
+    *("window", "exclude", "start", "drive", "resolution", "sampling", "conditions"),
 ]
 
 
@@ -71,8 +71,19 @@ def read_record(table: Table, folder: Path, virtual: bool = False) -> Record:
         motion=data.get("motion"),
         resolution=_positive(table, "resolution", unit) or 0.0,
         columns=columns,
+        conditions=_conditions(table),
         start=start,
     )
+
+
+def _conditions(table: Table) -> frozenset[str]:
+    """What parameters such as "friction.f_ss_a@wet" refer to."""
+    expected = 'a list of names such as ["wet"]'
+    found = table.get("conditions", list, expected, [])
+    for name in found:
+        if not isinstance(name, str) or not name or MARK in name:
+            raise InputError(f"{table.at('conditions')}: found {name!r}, expected {expected}, without {MARK}.")
+    return frozenset(found)
 
 
 def _measurement(table: Table) -> AbstractMeasurement:

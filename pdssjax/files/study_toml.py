@@ -3,12 +3,22 @@
 import dataclasses
 import sys
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from ..core import InputError, Quantity, member, members, nearest
-from ..study import Parameter, Record, Study, drive_with, legal_quantities, shared_fields
+from ..study import (
+    MARK,
+    Parameter,
+    Record,
+    Study,
+    drive_with,
+    legal_quantities,
+    shared_fields,
+    split_path,
+    under_conditions,
+)
 from .parameter_table import read_parameter
 from .record_table import read_record
 from .toml_table import Table
@@ -103,8 +113,11 @@ def _read_parameters(top: Table, study: Study) -> dict[str, Parameter]:
     for path in table.entries:
         if any(known.startswith(f"{path}.") for known in legal):
             raise InputError(f'{table.where}: found {path} without quotes, expected the whole path as in "{path}....".')
-        if path not in legal:
-            raise InputError(f'{table.where}: found the unknown parameter "{path}"; {nearest(path, legal)}')
+        base, condition = split_path(path)
+        if base not in legal:
+            raise InputError(f'{table.where}: found the unknown parameter "{base}"; {nearest(base, legal)}')
+        if MARK in path:
+            _check_condition(table, base, condition, study.records)
     for path in _required(study, legal, table.entries):
         if path not in table.entries:
             raise InputError(
@@ -113,22 +126,46 @@ def _read_parameters(top: Table, study: Study) -> dict[str, Parameter]:
             )
     expected = "a table such as { start = ... }, { value = ... } or {}"
     return {
-        path: read_parameter(path, dataclasses.replace(table.table(path, expected), where=table.at(path)), legal[path])
+        path: read_parameter(
+            path, dataclasses.replace(table.table(path, expected), where=table.at(path)), legal[split_path(path)[0]]
+        )
         for path in table.entries
     }
+
+
+def _check_condition(table: Table, base: str, condition: str, records: Sequence[Record]) -> None:
+    """A parameter that holds under a condition needs records with and its usual number without that."""
+    where, known = f'{table.where}: "{base}{MARK}{condition}"', sorted({c for r in records for c in r.conditions})
+    if condition not in known:
+        told = nearest(condition, known) if known else 'no record has any, as in conditions = ["wet"].'
+        raise InputError(f'{where}: found the condition "{condition}" that no record has; {told}')
+    if base not in table.entries:
+        raise InputError(
+            f'{where}: the parameter "{base}" is missing, expected it, too, for records without the condition.'
+        )
+    for record in records:
+        rivals = [c for c in record.conditions if c != condition and f"{base}{MARK}{c}" in table.entries]
+        if condition in record.conditions and rivals:
+            raise InputError(
+                f'{where}: record "{record.name}" also has the condition "{rivals[0]}" with a "{base}" of its own, '
+                "expected one of them."
+            )
 
 
 def _check_durations(top: Table, study: Study) -> None:
     """A duration shared by the drives must fit into the period of each that follows it."""
     for path, parameter in study.parameters.items():
-        family, _, field = path.partition(".")
+        base, condition = split_path(path)
+        family, _, field = base.partition(".")
         given = parameter.start if parameter.free else parameter.value
         if family != "drive" or parameter.unit != "s" or given is None:
             continue
         for record in study.records:
             if record.drive is None or field not in shared_fields(record):
                 continue
-            clause = drive_with(record, {path: given}).broken_conditions().get(field)
+            if condition and condition not in record.conditions:
+                continue
+            clause = drive_with(record, {base: given}).broken_conditions().get(field)
             if clause:
                 raise InputError(f'{top.where}: parameters: key "{path}": found {clause}, in record "{record.name}".')
 
@@ -164,7 +201,8 @@ def _check_jumps(top: Table, study: Study) -> None:
 def _jumps(record: Record, parameters: Mapping[str, Parameter]) -> bool:
     """Whether the voltage of a record has jumps; a time that is free is not zero."""
     numbers = {path: sys.float_info.min if p.value is None else p.value for path, p in parameters.items()}
-    return drive_with(record, numbers).has_jumps()
+    here = under_conditions(numbers, dict.fromkeys(record.conditions, True))
+    return drive_with(record, {path: float(number) for path, number in here.items()}).has_jumps()
 
 
 def _check_samples(top: Table, study: Study) -> None:

@@ -9,6 +9,7 @@ from ..core import display_unit
 from ..study import (
     REACH,
     SHOWN,
+    Diagnosis,
     FittedParameter,
     FittedRecord,
     Models,
@@ -21,6 +22,7 @@ from ..study import (
 )
 from .goodness import (
     EXCESS,
+    SIGMAS,
     above_floor,
     exceeds_floor,
     exceeds_given_noise,
@@ -36,6 +38,9 @@ FAR = 10.0
 
 CORRELATED = 0.3
 """Correlation of neighbouring residuals from which they are no noise."""
+
+NOTICEABLE = 2.0
+"""Standard errors by which records must move a parameter for their disagreement to be worth a word."""
 
 UNDAMPED = 0.005
 """Damping ratio below which a contact or a platform is not to be believed: it would ring for thirty periods."""
@@ -171,6 +176,41 @@ def about_distance(parameters: Iterable[FittedParameter], scale: ParameterTransf
     return [
         f"Far from where the fit began: {'; '.join(parts)}. If that is not what is known of the rig, another optimum "
         "may be the true one: give a start near what is known, or min and max, and fit again."
+    ]
+
+
+def about_agreement(diagnosis: Diagnosis | None) -> list[str]:
+    """Records, or all of one direction or kind, that ask for other parameters than the rest."""
+    found = [] if diagnosis is None else [i for i in diagnosis.influence if i.sigmas > SIGMAS]
+    found = [i for i in found if abs(i.largest()[1]) > NOTICEABLE]
+    if not found:
+        return []
+    worst = max(found, key=lambda influence: influence.sigmas)
+    path, shift = worst.largest()
+    names = listed(f'"{name}"' for name in worst.records)
+    alone = len(worst.records) == 1
+    others = "the other records" if alone else f"those of another {worst.what}"
+    others_too = {name for influence in found for name in influence.records} - set(worst.records)
+    also = f" So do {listed(chr(34) + name + chr(34) for name in sorted(others_too))}, less." if others_too else ""
+    return [
+        f"{names} {'contradicts' if alone else 'contradict'} {others} ({worst.sigmas:.3g} standard deviations beyond "
+        f"chance): without {'it' if alone else 'them'} {path} would be {abs(shift):.2g} standard errors "
+        f"{'larger' if shift > 0 else 'smaller'}.{also} No one set of parameters explains all: look for a wrong "
+        "voltage, direction, unit or sign, a surface that differs, or a law that lacks something."
+    ]
+
+
+def about_remedy(diagnosis: Diagnosis | None) -> list[str]:
+    """The one parameter that, known from elsewhere, would make others much better known."""
+    remedy = None if diagnosis is None else diagnosis.remedy
+    if remedy is None:
+        return []
+    gains = (
+        f"{path} from {100 * before:.2g} to {100 * after:.2g} %" for path, (before, after) in remedy.errors.items()
+    )
+    return [
+        f"If {remedy.path} were known from elsewhere, errors would fall: {listed(gains)}. Measure it by itself and "
+        "fix it, or add a record that shows it."
     ]
 
 

@@ -9,13 +9,16 @@ from jaxtyping import Bool, Float
 from ..study import Estimate, FittedParameter, FittedRecord, Parameter, Statistics, Study, compare
 from .amplification import amplification_of
 from .covariance import Covariance, correlation, least_squares_covariance, propagated
+from .diagnostics.diagnose import diagnose
 from .least_squares import START_FAILED, Fit, Method, of_piezo, of_platform_alone, reduced_chi2
 from .notes import (
+    about_agreement,
     about_bounds,
     about_distance,
     about_information,
     about_models,
     about_records,
+    about_remedy,
     about_resonances,
     about_weak_determination,
 )
@@ -62,6 +65,7 @@ def summarise(study: Study, method: Method, problem: Problem, fit: Fit, starts: 
         }
     matrix = known.matrix * enlarged * np.outer(slopes, slopes)
     records = _compared(study, problem, fit, known.matrix * enlarged, values)
+    diagnosis = diagnose(problem, fit, known.matrix * enlarged) if np.isfinite(fit.chi2) else None
     return Estimate(
         title=study.title,
         method=method,
@@ -73,9 +77,14 @@ def summarise(study: Study, method: Method, problem: Problem, fit: Fit, starts: 
         covariance=matrix,
         records=records,
         statistics=statistics,
-        notes=tuple(_notes(study, problem, fit, known, weakly_determined, statistics, parameters, records)),
+        notes=(
+            *_notes(study, problem, fit, known, weakly_determined, statistics, parameters, records),
+            *about_agreement(diagnosis),
+            *about_remedy(diagnosis),
+        ),
         seconds=0.0,
         amplification=amplification_of(problem, fit, known.identifiable),
+        diagnosis=diagnosis,
     )
 
 

@@ -13,7 +13,7 @@ class Accuracy(eqx.Module):
 
     tolerance: float = 5e-14
     """Local error allowed in one step, as a displacement [m]; hundreds of steps and reversals make 1e-10 m of it."""
-    settle_tolerance: float = 1e-13
+    settle_tolerance: float = 3e-14
     """Deviation [m] from the steady solution below which the remainder of a segment is not stepped."""
     method: AbstractStepMethod = Taylor(16)
     """The one-step method for the smooth pieces."""

@@ -12,6 +12,14 @@ if TYPE_CHECKING:
     from .comparison import FittedRecord as FittedRecord
     from .comparison import compare as compare
     from .comparison import repeated_residuals as repeated_residuals
+    from .conditions import MARK as MARK
+    from .conditions import conditions_of as conditions_of
+    from .conditions import split_path as split_path
+    from .conditions import under_conditions as under_conditions
+    from .diagnosis import Combination as Combination
+    from .diagnosis import Diagnosis as Diagnosis
+    from .diagnosis import Influence as Influence
+    from .diagnosis import Remedy as Remedy
     from .estimate import Amplification as Amplification
     from .estimate import Estimate as Estimate
     from .estimate import FittedParameter as FittedParameter
@@ -54,6 +62,8 @@ else:
         {
             "catalogue": ["Entry", "catalogue_entries", "find_entry"],
             "comparison": ["FittedRecord", "compare", "repeated_residuals"],
+            "conditions": ["MARK", "conditions_of", "split_path", "under_conditions"],
+            "diagnosis": ["Combination", "Diagnosis", "Influence", "Remedy"],
             "estimate": ["Amplification", "Estimate", "FittedParameter", "Statistics"],
             "measurement.base": ["AbstractMeasurement", "MOVING", "Samples"],
             "models": ["Models", "Values"],

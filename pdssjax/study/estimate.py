@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .comparison import FittedRecord
+from .diagnosis import Diagnosis
 
 
 @dataclass(frozen=True)
@@ -105,3 +106,5 @@ class Estimate:
     """Wall time of the fit [s]."""
     amplification: Amplification | None = None
     """What an error of the stack does to all else; None where nothing is fitted after it."""
+    diagnosis: Diagnosis | None = None
+    """Which combinations the data determine, and whether the records agree; None where nothing could be simulated."""

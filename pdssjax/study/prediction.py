@@ -19,6 +19,7 @@ from ..core import Count, Truth
 from ..drive.base import AbstractDrive
 from ..integration import Accuracy
 from ..simulation import measured, why_failed
+from .conditions import under_conditions
 from .models import Models, Values
 from .record import Record
 from .setups import AbstractSetup, Run
@@ -46,6 +47,8 @@ class _Group(eqx.Module):
     """Stacked in the same way; times are filled up with the last of each record."""
     overrides: dict[str, Bool[np.ndarray, " records"]]
     """For each quantity of the drive, whether the record sets it itself."""
+    conditions: dict[str, Bool[np.ndarray, " records"]]
+    """For each condition, whether the record was made under it."""
     places: tuple[int, ...] = eqx.field(static=True)
     """Where the records stand in the study."""
     samples: tuple[int, ...] = eqx.field(static=True)
@@ -121,12 +124,13 @@ def _each(ask: Callable[..., Array], group: _Group, models: Models, values: Valu
     """`ask`, `measured` or `why_failed`, for each record of the group, one after the other."""
     roomy = _roomy(group, models, accuracy)
 
-    def of_record(setup: AbstractSetup, run: Run, overrides: dict[str, Truth]) -> Array:
-        run = dataclasses.replace(run, drive=_shared(run.drive, overrides, values))
-        system = setup.system(models, values, run)
+    def of_record(setup: AbstractSetup, run: Run, overrides: dict[str, Truth], conditions: dict[str, Truth]) -> Array:
+        numbers = under_conditions(values, conditions)
+        run = dataclasses.replace(run, drive=_shared(run.drive, overrides, numbers))
+        system = setup.system(models, numbers, run)
         return ask(system, setup.times(run), roomy, setup.output, group.segments)
 
-    return lax.map(lambda args: of_record(*args), (group.setups, group.runs, group.overrides))
+    return lax.map(lambda args: of_record(*args), (group.setups, group.runs, group.overrides, group.conditions))
 
 
 def _roomy(group: _Group, models: Models, accuracy: Accuracy) -> Accuracy:
@@ -160,6 +164,10 @@ def _group(records: Sequence[Record], setups: Sequence[AbstractSetup], places: S
         setups=stacked(setups),
         runs=stacked([Run(record.drive, padded(record.time), padded(record.motion)) for record in records]),
         overrides={field: np.array([field not in shared_fields(r) for r in records]) for field in fields},
+        conditions={
+            name: np.array([name in record.conditions for record in records])
+            for name in sorted(set().union(*(record.conditions for record in records)))
+        },
         places=tuple(places),
         samples=tuple(record.time.size for record in records),
         duration=float(max(record.time[-1] for record in records)),

@@ -40,6 +40,8 @@ class Record:
     """Step in which the sensor counts, in the same unit: for a virtual rig; a fit needs it within the noise."""
     columns: dict[str, tuple[str, str]] = dataclasses.field(default_factory=dict)
     """By quantity, the name of the column, and its unit; "" where the name says it."""
+    conditions: frozenset[str] = frozenset()
+    """Under which it was made: where a parameter is listed for one of them, that one holds."""
     start: float = 0.0
     """When the drive starts on the clock of the file [s]; `time` counts from there."""
 

@@ -24,6 +24,7 @@ from ..core import (
 from ..friction.base import AbstractFriction
 from ..integration import Accuracy
 from ..piezo.base import AbstractPiezo
+from .conditions import split_path
 from .estimate import Estimate
 from .models import Models, Values
 from .parameter import Parameter
@@ -149,4 +150,4 @@ def legal_quantities(study: Study) -> dict[str, Quantity]:
     for drive in members("drive"):
         optional = {f: q for f, q in quantities(member("drive", drive)).items() if q.optional}
         legal |= {f"drive.{f}": q for f, q in optional.items()}
-    return legal
+    return legal | {path: legal[split_path(path)[0]] for path in study.parameters}

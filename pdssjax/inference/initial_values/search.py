@@ -19,7 +19,7 @@ from jaxtyping import Array, Float
 
 from ...integration import Accuracy
 from ...piezo.base import Shown
-from ...study import Models, Parameter, Record, check_begins_early, noise_floor
+from ...study import MARK, Models, Parameter, Record, check_begins_early, noise_floor, split_path
 from ..parameter_transform import transform_of
 from ..residual import Residual, as_weights
 from .record_features import (
@@ -66,7 +66,7 @@ def guess_starts(
     """A number for every listed parameter without a search, and whether a search would find better ones."""
     known, ranges, searchable = _split_known(models, parameters, records, {})
     known |= {path: float(np.sqrt(low * high)) for path, (low, high) in ranges.items()}
-    return {path: known[path] for path in parameters}, bool(searchable)
+    return _every(known, parameters), bool(searchable)
 
 
 def rank_starts(
@@ -83,7 +83,12 @@ def rank_starts(
     if not searchable:
         return [guess_starts(models, parameters, records)[0] | dict(better or {})]
     trials = _search(models, known, ranges, parameters, searchable)
-    return [{path: (known | trial)[path] for path in parameters} for trial in trials]
+    return [_every(known | trial, parameters) for trial in trials]
+
+
+def _every(known: Mapping[str, float], parameters: Mapping[str, Parameter]) -> dict[str, float]:
+    """A number for every parameter; one that holds under a condition begins where the usual one does."""
+    return {path: known[path] if path in known else known[split_path(path)[0]] for path in parameters}
 
 
 def scatter_starts(
@@ -133,7 +138,7 @@ def _split_known(
     stiffnesses = [stop_stiffness(record, _stack(models, known)[0]) for record in blocked]
     if "stop.stiffness" in parameters and "stop.stiffness" not in known and any(stiffnesses):
         known["stop.stiffness"] = _within(max(stiffnesses), parameters["stop.stiffness"])
-    unknown = [path for path in parameters if path not in known]
+    unknown = [path for path in parameters if path not in known and MARK not in path]
     ranges = _ranges(models, known, unknown, parameters, fitted)
     for path in [path for path in unknown if path not in ranges]:
         known[path] = _within(parameters[path].quantity.nominal, parameters[path])
@@ -155,7 +160,8 @@ def _piezo_from_data(models: Models, known: Mapping[str, float], records: Sequen
         swing=max(swings, default=0.0) or None,
         duration=max((float(record.time[-1]) for record in driven), default=0.0) or None,
     )
-    given = {path.removeprefix("piezo."): number for path, number in known.items() if path.startswith("piezo.")}
+    usual = {path: number for path, number in known.items() if MARK not in path}
+    given = {path.removeprefix("piezo."): number for path, number in usual.items() if path.startswith("piezo.")}
     return {f"piezo.{name}": number for name, number in models.piezo.first_guess(shown, given).items()}
 
 

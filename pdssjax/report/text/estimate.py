@@ -9,6 +9,7 @@ from ...core import decimals_for, display_unit, percent, rounded, strongest_pair
 from ...study import Estimate, FittedParameter
 from ._layout import aligned_table, heading
 from .amplification import format_amplification
+from .diagnosis import format_diagnosis
 from .records import format_records
 
 WORTH_KNOWING = 0.3
@@ -23,6 +24,8 @@ def format_report(estimate: Estimate) -> str:
         format_records(estimate.records),
         heading(f"Correlations of size {WORTH_KNOWING:g} or more") + _correlations(estimate),
     ]
+    if estimate.diagnosis is not None and len(estimate.diagnosis.combinations) > 1:
+        parts.append(format_diagnosis(estimate.diagnosis))
     if estimate.method == "sequential" and estimate.amplification is not None:
         parts.append(format_amplification(estimate.amplification))
     if estimate.notes:

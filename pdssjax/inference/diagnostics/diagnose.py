@@ -1,0 +1,57 @@
+"""What a fit tells beside its numbers, in one result."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ...study import Diagnosis, Record
+from ..least_squares import Fit
+from ..problem import Problem
+from .combinations import best_remedy, combinations
+from .influence import influence, score_of
+
+
+def diagnose(problem: Problem, fit: Fit, covariance: Float[np.ndarray, "p p"]) -> Diagnosis:
+    """Combinations that the data determine, what would help, and records that disagree.
+
+    **Arguments:** the `covariance` on the fit's scale, NaN where a parameter has no information or is held.
+    """
+    transform = problem.residual.transform
+    found = problem.decode(fit.free)
+    values = np.array([abs(float(found[path])) for path in transform.paths])
+    relative = np.where(values > 0.0, np.abs(transform.slope(fit.free)) / np.where(values > 0.0, values, 1.0), np.nan)
+    changes = covariance * np.outer(relative, relative)
+    known = np.flatnonzero(np.isfinite(np.diag(covariance)))
+    groups = record_groups(problem.records)
+    parts = []
+    if groups and known.size:
+        ends = np.cumsum([record.time.size for record in problem.records])[:-1]
+        residuals = np.split(np.asarray(fit.state.residual), ends)
+        jacobians = np.split(np.asarray(fit.state.jacobian)[:, known], ends)
+        scores = [score_of(residual, jacobian) for residual, jacobian in zip(residuals, jacobians, strict=True)]
+        errors = np.sqrt(np.diag(covariance))[known]
+        parts = influence(scores, groups, errors, [transform.paths[i] for i in known])
+    return Diagnosis(combinations(changes, transform.paths), best_remedy(changes, transform.paths), tuple(parts))
+
+
+def record_groups(records: Sequence[Record]) -> dict[tuple[str, tuple[str, ...]], Bool[np.ndarray, " records"]]:
+    """Every record by itself, and those that have their direction or kind in common; by what, and their names."""
+    count = len(records)
+    gathered = {("record", str(i)): [i] for i in range(count)}
+    for i, record in enumerate(records):
+        gathered.setdefault(("kind", record.measures), []).append(i)
+        if direction := _direction(record):
+            gathered.setdefault(("direction", direction), []).append(i)
+    groups = {}
+    for (what, _), members in gathered.items():
+        if len(members) < count and (what == "record" or len(members) > 1):
+            names = tuple(records[i].name for i in members)
+            groups[what, names] = np.isin(np.arange(count), members)
+    return groups
+
+
+def _direction(record: Record) -> str:
+    """Where the slow flank of its drive leads; "" where it has none."""
+    flanks = None if record.drive is None else record.drive.flanks()
+    return "" if flanks is None else "forward" if float(flanks.slope) > 0.0 else "backward"
