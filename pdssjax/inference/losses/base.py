@@ -1,0 +1,70 @@
+"""The interface of a loss: the cost rho(r) of a residual r that is divided by its noise.
+
+A fit minimises the sum of rho as a sum of squares of root(r) = sign(r) sqrt(rho(r)), so that any least-squares solver
+does it.  All losses are r^2 for small residuals; robust ones grow slower (P. J. Huber, Robust Statistics, Wiley 1981).
+"""
+
+import abc
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Float
+
+from ...core import Scalar
+
+_ROUNDS = 30
+"""Of reweighting; each leaves a twentieth of the error."""
+
+
+class AbstractLoss(eqx.Module):
+    """What a residual costs."""
+
+    is_robust: ClassVar[bool] = True
+    """Large residuals pull less than their size."""
+
+    @abc.abstractmethod
+    def root(self, r: Float[Array, "*n"]) -> Float[Array, "*n"]:
+        """sign(r) sqrt(rho(r)): what is squared and summed; differentiable, with slope 1 at 0."""
+
+    @abc.abstractmethod
+    def original(self, root: Float[Array, "*n"]) -> Float[Array, "*n"]:
+        """The residual with that root."""
+
+    @abc.abstractmethod
+    def influence(self, r: Float[Array, "*n"]) -> Float[Array, "*n"]:
+        """rho'(r) / 2: how much a residual pulls; r for a sum of squares."""
+
+    @abc.abstractmethod
+    def curvature(self, r: Float[Array, "*n"]) -> Float[Array, "*n"]:
+        """rho''(r) / 2: 1 for a sum of squares."""
+
+    def location(self, difference: Float[Array, " n"], weight: Scalar) -> Scalar:
+        """The z at which the loss of (difference - z) weight is least; differentiable in `difference`.
+
+        By iterative reweighting from the median, then one step of Newton, which carries the derivative (implicit
+        function theorem).  With a `weight` of 0, of a record that is left out, any z is; it is finite.
+        """
+        inside = lax.stop_gradient(difference)
+
+        def reweighted(_: int, z: Scalar) -> Scalar:
+            r = (inside - z) * weight
+            pull = jnp.where(jnp.abs(r) > 1e-12, self.influence(r) / jnp.where(r == 0.0, 1.0, r), 1.0)
+            return jnp.sum(pull * inside) / jnp.sum(pull)
+
+        z = lax.stop_gradient(lax.fori_loop(0, _ROUNDS, reweighted, jnp.median(inside)))
+        curvature = lax.stop_gradient(self.curvature((inside - z) * weight))
+        total = jnp.sum(curvature)
+        # To first order in a change of `difference`; of zero value but for what reweighting has left.
+        step = jnp.sum(self._with_slope(difference, z, weight, curvature)) / jnp.where(total > 0.0, total, 1.0)
+        return z + step
+
+    def _with_slope(
+        self, difference: Float[Array, " n"], z: Scalar, weight: Scalar, curvature: Float[Array, " n"]
+    ) -> Float[Array, " n"]:
+        """influence / weight in value, `curvature` in derivative."""
+        safe = jnp.where(weight > 0.0, weight, 1.0)
+        still = lax.stop_gradient(difference)
+        value = jnp.where(weight > 0.0, self.influence((still - z) * weight) / safe, still - z)
+        return lax.stop_gradient(value) + curvature * (difference - still)
