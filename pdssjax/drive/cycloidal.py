@@ -15,7 +15,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..core import Choice, Scalar, ScalarLike, choice, quantity
-from .base import AbstractDrive, Flanks, Segment, Wave, flank, progress, too_long
+from ._flanks import flank, progress, too_long
+from .base import AbstractDrive, Flanks, Segment, Wave
 
 
 class Cycloidal(AbstractDrive):

@@ -14,7 +14,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..core import Scalar, ScalarLike, quantity
-from .base import AbstractDrive, Segment, too_long
+from ._flanks import too_long
+from .base import AbstractDrive, Segment
 
 
 class Trapezoid(AbstractDrive):

@@ -10,22 +10,15 @@ import abc
 from typing import ClassVar, Literal, TypeAlias
 
 import equinox as eqx
-import jax.numpy as jnp
 
-from ..core import Scalar, ScalarLike, quantity
-from ..integration import Term, constant, exp
+from ..core import Scalar, ScalarLike
+from ..integration import Term, constant
 
 State: TypeAlias = tuple[Scalar, ...]
 """Of a contact: one scalar a component, none for a law without memory."""
 
 Terms: TypeAlias = tuple[Term, ...]
 """What a field is made of, one a component."""
-
-CURVE = 1e-8
-"""The Stribeck curve, from 1 at rest to 0 far out, as a displacement [m]: how well a step resolves it.
-
-The motion hardly feels how the curve bends within a step; its derivatives by the curve's parameters do.
-"""
 
 
 class AbstractFriction(eqx.Module):
@@ -97,7 +90,7 @@ class AbstractFriction(eqx.Module):
     def extra_error_terms(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:
         """What the law makes of v and the state hardly shows, as displacements [m]; steps resolve it, too.
 
-        A curve in v, such as Stribeck's: times `CURVE`.  Without it a step may run past the curve, and the
+        A curve in v, such as Stribeck's (`_stribeck_curve`).  Without it a step may run past the curve, and the
         derivatives by its parameters are wrong.
         """
         return ()
@@ -105,82 +98,3 @@ class AbstractFriction(eqx.Module):
     def breakaway_force(self, state: State, sign: ScalarLike) -> ScalarLike:
         """The force [N] beyond which the contact at rest lets go in the direction `sign`."""
         return constant(self.force(self.on_reversal(state, sign), 0.0, sign))
-
-
-class AbstractStribeckBristle(AbstractFriction):
-    """A mean bristle that yields at the Stribeck curve: the parameters that LuGre and its relatives share.
-
-    The deflection z [m] is the first of the state; F = s0 z + s1 z' + s2 v.  That a step resolves the curve is
-    said here; the flag of fast sliding, with its `stribeck_guard`, is the member's.
-    """
-
-    sigma0: float = quantity(1.0e6, "N/m")
-    """Bristle stiffness s0 [N/m]."""
-    sigma1: float = quantity(45.0, "N s/m")
-    """Bristle damping s1 [N s/m]."""
-    sigma2: float = quantity(0.0, "N s/m", positive=False, low=0.0, optional=True)
-    """Viscous friction s2 [N s/m]."""
-    f_c: float = quantity(0.55, "N")
-    """Coulomb force f_c, of fast sliding without its viscous part [N]."""
-    f_s: float = quantity(0.65, "N")
-    """Static force f_s, of infinitely slow sliding [N]; below f_c, friction grows with the velocity."""
-    v_s: float = quantity(1e-3, "m/s")
-    """Stribeck velocity v_s [m/s]."""
-
-    def initial(self) -> State:
-        return tuple(jnp.zeros(()) for _ in self.error_scale())
-
-    def force(self, state: Terms, v: Term, sign: ScalarLike) -> Term:
-        return self.sigma0 * state[0] + self.sigma1 * self.rate(state, v, sign)[0] + self.sigma2 * v
-
-    def extra_error_terms(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:
-        return (stribeck_curve(v, 0.0, CURVE, self.v_s),)
-
-    def equilibrium_state(self, state: State, force: Scalar) -> tuple[State, Scalar]:
-        target = force / self.sigma0
-        return (target, *state[1:]), target - state[0]
-
-    @classmethod
-    def search_ranges(cls, mass: float, acceleration: float, rate: float) -> dict[str, tuple[float, float]]:
-        stiffness, damping, force = lugre_ranges(mass, acceleration, rate)
-        return {
-            "sigma0": stiffness,
-            "sigma1": damping,
-            "sigma2": damping,
-            "f_c": force,
-            "f_s": force,
-            "v_s": stribeck_range(acceleration, rate),
-        }
-
-
-def lugre_ranges(mass: float, acceleration: float, rate: float) -> tuple[tuple[float, float], ...]:
-    """Ranges for stiffness [N/m], damping [N s/m] and breakaway force [N] of a bristle contact."""
-    stiff = mass * (0.2 * rate) ** 2, mass * (1.5 * rate) ** 2
-    critical = 2.0 * mass * 0.5 * rate
-    return stiff, (0.02 * critical, critical), (0.004 * mass * acceleration, 0.3 * mass * acceleration)
-
-
-def stribeck_curve(v: Term, f_c: ScalarLike, f_s: ScalarLike, v_s: ScalarLike) -> Term:
-    """f_c + (f_s - f_c) exp(-(v/v_s)^2) (5.10) [N], of a series or of a number.
-
-    Between f_c and f_s whichever is larger: with f_s < f_c friction grows with the velocity.
-    """
-    x = v * (1.0 / v_s)
-    return exp(x * x * (-1.0)) * (f_s - f_c) + f_c
-
-
-def stribeck_guard(fast: Term, v: Term, sign: ScalarLike, v_s: ScalarLike, far: ScalarLike = 4.0) -> Term:
-    """The guard of a flag that tells `fast` sliding, far out where the Stribeck curve is flat.
-
-    The Taylor coefficients of e^(-x^2) about x grow up to the order 2 x^2 or so before they fall.  Far
-    out the first dozen is small and says nothing of the others: a step that brakes would run past
-    the curve unseen.  At x = 4, where e^-16 is left, it is seen.  So steps end at `far` times
-    v_s when braking, and past 1.1 times that when speeding up.
-    """
-    speed = v * (sign / v_s)
-    return (speed - far) * fast + (1.1 * far - speed) * (1.0 - fast)
-
-
-def stribeck_range(acceleration: float, rate: float) -> tuple[float, float]:
-    """Range for the Stribeck velocity [m/s]: fractions of the peak velocity of the platform."""
-    return 1e-3 * acceleration / rate, 0.3 * acceleration / rate

@@ -21,7 +21,8 @@ import jax.numpy as jnp
 
 from ..core import Scalar, ScalarLike, quantity
 from ..integration import Term
-from .base import AbstractFriction, State, Terms, lugre_ranges
+from ._search_ranges import lugre_ranges
+from .base import AbstractFriction, State, Terms
 
 
 class BlimanSorine(AbstractFriction):

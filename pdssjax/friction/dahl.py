@@ -15,7 +15,8 @@ import jax.numpy as jnp
 
 from ..core import Scalar, ScalarLike, quantity
 from ..integration import Term, constant, power
-from .base import AbstractFriction, State, Terms, lugre_ranges
+from ._search_ranges import lugre_ranges
+from .base import AbstractFriction, State, Terms
 
 _SATURATED = 1e-8
 """The p at which F counts as f_c."""

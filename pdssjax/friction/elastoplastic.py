@@ -22,7 +22,9 @@ import jax.numpy as jnp
 
 from ..core import Scalar, ScalarLike, quantity
 from ..integration import Term, constant, cosine_and_sine
-from .base import AbstractStribeckBristle, State, Terms, stribeck_curve, stribeck_guard
+from ._stribeck_bristle import AbstractStribeckBristle
+from ._stribeck_curve import stribeck_curve, stribeck_guard
+from .base import State, Terms
 
 _HYSTERESIS = 1e-5
 """Part of z_ss - z_ba by which z has to pass z_ss before the region changes."""

@@ -23,7 +23,9 @@ import jax.numpy as jnp
 
 from ..core import Scalar, ScalarLike, quantity
 from ..integration import Term, constant
-from .base import AbstractFriction, State, Terms, lugre_ranges, stribeck_curve, stribeck_guard, stribeck_range
+from ._search_ranges import lugre_ranges, stribeck_range
+from ._stribeck_curve import stribeck_curve, stribeck_guard
+from .base import AbstractFriction, State, Terms
 
 _COUNT = 4
 

@@ -16,7 +16,9 @@ import jax.numpy as jnp
 
 from ..core import Scalar, ScalarLike
 from ..integration import Term
-from .base import AbstractStribeckBristle, State, Terms, stribeck_curve, stribeck_guard
+from ._stribeck_bristle import AbstractStribeckBristle
+from ._stribeck_curve import stribeck_curve, stribeck_guard
+from .base import State, Terms
 
 
 class LuGre(AbstractStribeckBristle):

@@ -16,7 +16,8 @@ import jax.numpy as jnp
 
 from ..core import Scalar, ScalarLike, quantity
 from ..integration import Term
-from .base import AbstractFriction, State, Terms, lugre_ranges
+from ._search_ranges import lugre_ranges
+from .base import AbstractFriction, State, Terms
 
 _ROUNDING = 1e-12
 """Part of p0 by which a bond at its limit may seem short of it."""

@@ -17,7 +17,9 @@ import jax.numpy as jnp
 
 from ..core import Scalar, ScalarLike, quantity
 from ..integration import Term, exp, power
-from .base import CURVE, AbstractFriction, State, Terms, lugre_ranges, stribeck_guard, stribeck_range
+from ._search_ranges import lugre_ranges, stribeck_range
+from ._stribeck_curve import CURVE, stribeck_guard
+from .base import AbstractFriction, State, Terms
 
 _ROUNDING = 1e-3
 """e: the part of v_s below which the tip of the curve is rounded."""

@@ -92,6 +92,12 @@ def reduced_chi2(fit: Fit, problem: Problem) -> float:
     return fit.chi2 / max(np.size(fit.state.residual) - fit.free.size - offsets, 1)
 
 
+def by_record(problem: Problem, fit: Fit) -> list[Float[np.ndarray, " samples"]]:
+    """The whitened residuals of each record."""
+    sizes = [record.time.size for record in problem.records]
+    return np.split(np.asarray(fit.state.residual), np.cumsum(sizes)[:-1])
+
+
 def joint(problem: Problem, starts: Values, report: Progress, limit: int = MAX_ITERATIONS) -> Fit:
     """What the platform alone shows first, from its records, then everything from everything.
 

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ..core import Scalar, ScalarLike
-from .step_methods.base import horner
+from .polynomials import horner
 from .taylor_series import Series
 from .traced_arithmetic import choose, times
 

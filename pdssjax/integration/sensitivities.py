@@ -5,7 +5,7 @@ end moves with the parameters; that shift is the saltation (docs/numerics.md), h
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, TypeAlias
 
 import equinox as eqx
 import jax
@@ -16,8 +16,11 @@ from jaxtyping import Array, Bool, Float
 
 from ..core import Count, Scalar, Truth
 from .accuracy import Accuracy
-from .forward_pass import BECAME_SETTLED, CORNER, EVENT, KNOWN_COLUMNS, WHICH, LoopState, Table, find_steps
-from .step_methods.base import AbstractStepMethod, KnownStep, horner
+from .forward_pass import find_steps
+from .loop_state import LoopState
+from .polynomials import horner
+from .step_methods.base import AbstractStepMethod, KnownStep
+from .step_table import KNOWN_COLUMNS, Table, read
 from .system import AbstractHybridSystem, InputSegment, State, field_of, has_guards, initial_state_and_mode, unflattener
 from .taylor_loop import computed_once
 
@@ -170,41 +173,9 @@ def _kept(
     return jnp.stack([polynomials[i].T for i in keep], axis=1)
 
 
-class _Row(NamedTuple):
-    """A row of the table: what can be differentiated by, then what is known."""
-
-    origin: Scalar
-    t_local: Scalar
-    begin: tuple[Scalar, ...]
-    """The components of the state."""
-    index: Scalar  # pyright: ignore[reportIncompatibleMethodOverride]
-    mode: Scalar
-    step_radius: Scalar
-    duration: Scalar
-    corner: Truth
-    becomes_settled: Truth
-    event: Truth
-    which: Count
-
-    @property
-    def at(self) -> Scalar:
-        """Local time at the end, before it moves [s]."""
-        return self.t_local + self.duration
-
-
-def _read(row: Float[Array, " columns"]) -> _Row:
-    size = row.shape[0] - KNOWN_COLUMNS
-    origin, t_local, *begin = row[:size]
-    index, mode, step_radius, duration, code = lax.stop_gradient(row[size:])
-    code = code.astype(int)
-    corner, settled, event = (code & bit > 0 for bit in (CORNER, BECAME_SETTLED, EVENT))
-    known = (index, mode, step_radius, duration, corner, settled, event, code // WHICH)
-    return _Row(origin, t_local, tuple(begin), *known)
-
-
 def _known_step(system: AbstractHybridSystem, tolerance: Scalar, row: Float[Array, " columns"]) -> KnownStep:
     """A step of the table, as methods want it."""
-    step = _read(row)
+    step = read(row)
     field = field_of(system, system.segment(step.index), unflattener(system), step.mode)
     units = [scale / tolerance for scale in jax.tree.leaves(lax.stop_gradient(system.state_scale()))]
     return KnownStep(field, step.t_local, list(step.begin), units, step.step_radius)
@@ -212,14 +183,14 @@ def _known_step(system: AbstractHybridSystem, tolerance: Scalar, row: Float[Arra
 
 def _exact_end(system: AbstractHybridSystem, row: Float[Array, " columns"], x: list[Scalar]) -> list[Scalar]:
     """Where the polynomials of a step lead, with what is known in closed form put right."""
-    step, unflatten = _read(row), unflattener(system)
+    step, unflatten = read(row), unflattener(system)
     segment, begin = system.segment(step.index), unflatten(step.begin)
     return jax.tree.leaves(system.exact(segment, step.t_local, begin, step.duration, unflatten(x)))
 
 
 def _event_shift(system: AbstractHybridSystem, row: Float[Array, " columns"], x: list[Scalar]) -> Scalar:
     """By how much the end of a step moves: zero in value, the derivative of the event's or of the corner's time."""
-    step = _read(row)
+    step = read(row)
     at, mode, which = step.at, step.mode, step.which
     end, segment = unflattener(system)(x), system.segment(step.index)
 
@@ -247,7 +218,7 @@ def _end(
     The value is that of the forward pass; the derivatives are those of the true flow, with the
     end of the step moving as the event or the corner does.
     """
-    step, unflatten = _read(row), unflattener(system)
+    step, unflatten = read(row), unflattener(system)
     at, mode = step.at, step.mode
     end, segment = unflatten(x), system.segment(step.index)
     rates = lax.stop_gradient(_rates(system, segment, step.t_local, unflatten(step.begin), step.duration, end, mode))

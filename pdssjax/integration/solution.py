@@ -23,8 +23,8 @@ from jaxtyping import Array, Float
 
 from ..core import Count, Scalar, ScalarLike, Truth
 from .accuracy import Accuracy
+from .polynomials import horner
 from .sensitivities import differentiable_steps
-from .step_methods.base import horner
 from .system import AbstractHybridSystem, State, Visited, unflattener
 
 FAILURES = (

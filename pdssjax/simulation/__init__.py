@@ -12,24 +12,33 @@ if TYPE_CHECKING:
     from .outputs import STOP_FORCE as STOP_FORCE
     from .outputs import VELOCITY as VELOCITY
     from .outputs import Output as Output
+    from .outputs import measured as measured
+    from .outputs import why_failed as why_failed
     from .systems.platform_only import PlatformOnly as PlatformOnly
     from .systems.prescribed_motion import PrescribedMotion as PrescribedMotion
     from .systems.stick_slip import StickSlip as StickSlip
     from .trajectory import displacements as displacements
-    from .trajectory import measured as measured
     from .trajectory import platform as platform
     from .trajectory import simulate as simulate
-    from .trajectory import why_failed as why_failed
 else:
     from ..core.lazy import lazy_exports
 
     __getattr__, __dir__, __all__ = lazy_exports(
         __name__,
         {
-            "outputs": ["ACCELERATION", "DISPLACEMENT", "FRICTION_FORCE", "Output", "STOP_FORCE", "VELOCITY"],
+            "outputs": [
+                "ACCELERATION",
+                "DISPLACEMENT",
+                "FRICTION_FORCE",
+                "Output",
+                "STOP_FORCE",
+                "VELOCITY",
+                "measured",
+                "why_failed",
+            ],
             "systems.platform_only": ["PlatformOnly"],
             "systems.prescribed_motion": ["PrescribedMotion"],
             "systems.stick_slip": ["StickSlip"],
-            "trajectory": ["displacements", "measured", "platform", "simulate", "why_failed"],
+            "trajectory": ["displacements", "platform", "simulate"],
         },
     )

@@ -1,15 +1,19 @@
 """What a sensor shows of a hybrid system: a function of its state, and the components that this takes.
 
-A measurement names one of these, or makes its own.
+A measurement names one of these, or makes its own; `measured` integrates the system and shows it at sample times.
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple, TypeAlias
 
 import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
 
-from ..core import Scalar, ScalarLike
+from ..core import Count, Scalar, ScalarLike
 from ..drive.base import Segment
+from ..integration import AbstractHybridSystem, Accuracy, exact_states_at, integrate, is_closed, states_at
 
 System: TypeAlias = Any
 """The system of a record: one that has what is asked of it, such as `shown_displacement`."""
@@ -72,3 +76,47 @@ STOP_FORCE = Output(_stop_force, lambda system: system.output_components())
 
 FRICTION_FORCE = Output(_friction_force, lambda system: None, _at_once)
 """Of the contact on the end-effector [N], as it is."""
+
+
+def measured(
+    system: AbstractHybridSystem,
+    times: Float[Array, " m"],
+    accuracy: Accuracy,
+    output: Output = DISPLACEMENT,
+    segments: int | None = None,
+) -> Float[Array, " m"]:
+    """What the sensor of a `system` shows at `times` [s]: what a fit needs, at less cost than `simulate`.
+
+    **Arguments:** `output` says what of the system is shown, in SI, and by how much it is
+    late.  `segments` is how many segments of the drive the times may reach into: where it is given, a
+    system known in closed form is not integrated.
+
+    NaN where the motion cannot be integrated; `why_failed` says why.
+    """
+    keep = output.components(system)
+    seen = times - output.delay(system)
+    if segments is not None and is_closed(system):
+        states, failure = exact_states_at(system, jnp.maximum(seen, 0.0), segments), jnp.zeros((), int)
+    else:
+        run = integrate(system, times[-1], accuracy, keep)
+        states, failure = states_at(system, run, seen, keep), run.failure
+    x, segment, t_local, mode = states
+    return from_rest(seen, failure)(jax.vmap(partial(output.shown, system))(segment, t_local, x, mode))
+
+
+def why_failed(
+    system: AbstractHybridSystem,
+    times: Float[Array, " m"],
+    accuracy: Accuracy,
+    output: Output = DISPLACEMENT,
+    segments: int | None = None,
+) -> Int[Array, ""]:
+    """An index into `pdssjax.integration.solution.FAILURES` for `measured` of the same; 0 where it works."""
+    if segments is not None and is_closed(system):
+        return jnp.zeros((), int)
+    return integrate(system, times[-1], accuracy, output.components(system)).failure
+
+
+def from_rest(times: Float[Array, " m"], failure: Count) -> Callable[[Float[Array, " m"]], Float[Array, " m"]]:
+    """Zero before the start; NaN where the run failed."""
+    return lambda value: jnp.where(failure > 0, jnp.nan, jnp.where(times >= 0, value, 0.0))

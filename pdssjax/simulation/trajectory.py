@@ -1,7 +1,5 @@
 """Simulates one actuator under one drive."""
 
-from collections.abc import Callable
-from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -9,11 +7,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..actuator import Actuator, DrivenPlatform
-from ..core import Count, need_double_precision
+from ..core import need_double_precision
 from ..drive.base import AbstractDrive
-from ..integration import FAILURES, AbstractHybridSystem, Accuracy, exact_states_at, integrate, is_closed, states_at
+from ..integration import FAILURES, Accuracy, integrate, states_at
 from ..piezo.base import AbstractPiezo
-from .outputs import DISPLACEMENT, Output
+from .outputs import from_rest, measured
 from .systems.platform_only import PlatformOnly
 from .systems.stick_slip import StickSlip
 
@@ -61,7 +59,7 @@ def simulate(
     times = jnp.asarray(times, float)
     run = integrate(system, times[-1], accuracy or Accuracy())
     x, segment, t_local, mode = states_at(system, run, times)
-    shown = _from_rest(times, run.failure)
+    shown = from_rest(times, run.failure)
     friction = jax.vmap(system.force)(segment, t_local, x, mode)
     y, w = jax.vmap(actuator.driven_platform.platform)(x.driven)
     return Trajectory(
@@ -80,45 +78,6 @@ def simulate(
     )
 
 
-def measured(
-    system: AbstractHybridSystem,
-    times: Float[Array, " m"],
-    accuracy: Accuracy,
-    output: Output = DISPLACEMENT,
-    segments: int | None = None,
-) -> Float[Array, " m"]:
-    """What the sensor of a `system` shows at `times` [s]: what a fit needs, at less cost than `simulate`.
-
-    **Arguments:** `output` says what of the system is shown, in SI, and by how much it is
-    late.  `segments` is how many segments of the drive the times may reach into: where it is given, a
-    system known in closed form is not integrated.
-
-    NaN where the motion cannot be integrated; `why_failed` says why.
-    """
-    keep = output.components(system)
-    seen = times - output.delay(system)
-    if segments is not None and is_closed(system):
-        states, failure = exact_states_at(system, jnp.maximum(seen, 0.0), segments), jnp.zeros((), int)
-    else:
-        run = integrate(system, times[-1], accuracy, keep)
-        states, failure = states_at(system, run, seen, keep), run.failure
-    x, segment, t_local, mode = states
-    return _from_rest(seen, failure)(jax.vmap(partial(output.shown, system))(segment, t_local, x, mode))
-
-
-def why_failed(
-    system: AbstractHybridSystem,
-    times: Float[Array, " m"],
-    accuracy: Accuracy,
-    output: Output = DISPLACEMENT,
-    segments: int | None = None,
-) -> Int[Array, ""]:
-    """An index into `pdssjax.integration.solution.FAILURES` for `measured` of the same; 0 where it works."""
-    if segments is not None and is_closed(system):
-        return jnp.zeros((), int)
-    return integrate(system, times[-1], accuracy, output.components(system)).failure
-
-
 def displacements(
     actuator: Actuator, drive: AbstractDrive, times: Float[Array, " m"], accuracy: Accuracy
 ) -> tuple[Float[Array, " m"], Float[Array, " m"]]:
@@ -128,7 +87,7 @@ def displacements(
     run = integrate(system, times[-1], accuracy, keep)
     x, *_ = states_at(system, run, times, keep)
     y, _ = jax.vmap(actuator.driven_platform.platform)(x.driven)
-    shown = _from_rest(times, run.failure)
+    shown = from_rest(times, run.failure)
     return shown(y), shown(y - x.d)
 
 
@@ -140,8 +99,3 @@ def platform(
     **Arguments:** `segments` is how many segments of the drive the times may reach into.
     """
     return measured(PlatformOnly(DrivenPlatform(piezo), drive), times, Accuracy(), segments=segments)
-
-
-def _from_rest(times: Float[Array, " m"], failure: Count) -> Callable[[Float[Array, " m"]], Float[Array, " m"]]:
-    """Zero before the start; NaN where the run failed."""
-    return lambda value: jnp.where(failure > 0, jnp.nan, jnp.where(times >= 0, value, 0.0))

@@ -7,8 +7,9 @@ import pytest
 from pdssjax import Accuracy, Actuator
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.friction.stribeck import Stribeck
-from pdssjax.integration import forward_pass
-from pdssjax.integration.step_methods.base import horner
+from pdssjax.integration.loop_state import initial_loop_state
+from pdssjax.integration.one_step import attempt, until_event
+from pdssjax.integration.polynomials import horner
 from pdssjax.integration.taylor_series import polynomial
 from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.simulation import StickSlip
@@ -21,15 +22,15 @@ def left_over():
     def compared(v, delta):
         law = Stribeck(delta=delta)
         system = StickSlip(Actuator(SecondOrder(), law), Sawtooth(64.0, 20.0, 2e-4))
-        loop = forward_pass._initial_carry(system)
+        loop = initial_loop_state(system)
         leaves = list(loop.x)
         leaves[1] = v
         loop = loop._replace(x=tuple(leaves), mode=jnp.ones(()))
         accuracy = Accuracy()
-        piece = forward_pass._attempt(
+        piece = attempt(
             system, system.segment(0.0), loop, accuracy.method, accuracy.tolerance, jnp.asarray(0.01), jnp.ones(())
         )
-        duration, *_ = forward_pass._until_event(system, system.segment(0.0), loop, piece, jnp.ones(()))
+        duration, *_ = until_event(system, system.segment(0.0), loop, piece, jnp.ones(()))
         theta = 0.999 * duration / piece.step_radius  # where it ends at v = 0, just before
         coefficients = piece.polynomials[1]
         series = law._weakening(polynomial(coefficients))

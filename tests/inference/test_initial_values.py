@@ -13,6 +13,7 @@ from pdssjax.drive.sine import Sine
 from pdssjax.drive.step import Step
 from pdssjax.drive.triangle import Triangle
 from pdssjax.inference import guess_starts
+from pdssjax.inference.initial_values import search
 from pdssjax.study import Models, Parameter, Predictor, predicted
 
 VOLTS = [3.6, 64.0, 1000.0]
@@ -198,3 +199,64 @@ def test_a_clock_in_unix_time_is_refused(drive):
     late = dataclasses.replace(good, drive=drive, time=good.time + 1.7e9)
     with pytest.raises(InputError, match=r"1\.7e\+09 s"):
         guess_starts(choose(), free(choose(), "piezo"), [late])
+
+
+def scattered(monkeypatch, models, parameters, records, around, held=()):
+    """What `scatter_starts` finds where chi-square is the distance from `around`, on logarithmic scales."""
+
+    def tried(residual, points, weights):
+        tried.paths = residual.transform.paths
+        beside = np.array([residual.transform.encode({path: around[path] for path in tried.paths})])
+        return np.sum((points - beside) ** 2, axis=1)
+
+    tried.paths = ()
+    monkeypatch.setattr(search, "_tried", tried)
+    return search.scatter_starts(models, parameters, records, around, held), tried.paths
+
+
+def test_scattered_starts_differ_in_all_that_is_free_and_positive_and_the_best_come_first(monkeypatch):
+    models = choose(friction="simplified-lugre")
+    parameters = free(models, "piezo", "friction")
+    gain, bound = parameters["piezo.gain"], parameters["friction.f_ss"]
+    parameters["piezo.gain"] = dataclasses.replace(gain, low=0.9e-7)  # above a factor of 1.5 below
+    parameters["friction.f_ss"] = dataclasses.replace(bound, start=0.5, high=0.6)
+    parameters["piezo.damping_ratio"] = dataclasses.replace(parameters["piezo.damping_ratio"], value=0.2)
+    around = {path: p.value or p.start or p.quantity.nominal for path, p in parameters.items()}
+    around["piezo.gain"] = 1e-7
+    posed = [walk(64.0, 6e-6)]
+    starts, searched = scattered(monkeypatch, models, parameters, posed, around, ["piezo.natural_frequency"])
+    assert len(starts) == search.TRIALS and set(searched) == set(parameters) - {
+        "piezo.damping_ratio",
+        "piezo.natural_frequency",
+    }
+    values = {path: np.array([begun[path] for begun in starts]) for path in parameters}
+    for path in parameters:
+        if path in searched:
+            assert len(np.unique(values[path])) == search.TRIALS, path
+        else:
+            assert (values[path] == around[path]).all(), path
+    # No range of its own: a factor either way, within the bounds.
+    assert 0.9e-7 <= values["piezo.gain"].min() < 0.905e-7 and 1.49e-7 < values["piezo.gain"].max() <= 1.5e-7
+    # A range of the law's, whatever the start given, within the bounds.
+    law = guess_starts(models, parameters, posed)[0]["friction.sigma0"]
+    assert values["friction.sigma0"].min() < 0.5 * law and values["friction.sigma0"].max() > 2.0 * law
+    assert values["friction.f_ss"].max() <= 0.6
+    costs = sum(np.log(values[path] / around[path]) ** 2 for path in searched)
+    assert (np.diff(costs) > -1e-9).all()
+
+
+def test_nothing_is_scattered_without_a_record_of_the_contact_or_anything_free(monkeypatch):
+    models = choose()
+    parameters = free(models, "piezo", "friction")
+    around = {path: p.quantity.nominal for path, p in parameters.items()}
+    for records, held in [([stretched(64.0, 6e-6)], []), ([walk(64.0, 6e-6)], list(parameters))]:
+        assert scattered(monkeypatch, models, parameters, records, around, held)[0] == []
+
+
+def test_only_records_to_be_fitted_are_searched_with_where_there_are_some(monkeypatch):
+    models = choose()
+    parameters = free(models, "piezo", "friction")
+    around = {path: p.quantity.nominal for path, p in parameters.items()}
+    kept = dataclasses.replace(walk(64.0, 6e-6), role="validate")
+    assert len(scattered(monkeypatch, models, parameters, [kept], around)[0]) == search.TRIALS
+    assert scattered(monkeypatch, models, parameters, [kept, stretched(64.0, 6e-6)], around)[0] == []

@@ -4,50 +4,17 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.optimize import least_squares
+from waves import Waves, at, run
 
 from pdssjax.inference.ending import Ending
 from pdssjax.inference.least_squares import Fit
-from pdssjax.inference.multistart import _at_new_bound
 from pdssjax.inference.perturbed_restarts import MOST_RESTARTS, beyond_discontinuity, restarts
+from pdssjax.inference.races import _at_new_bound
 from pdssjax.inference.successive_halving import PATIENCE, successive_halving
-
-PATHS = ("a", "b")
-
-
-class Waves:
-    """Residuals x - 1 and a ripple of them: minima every 2 pi / frequency, the lowest at (1, 1)."""
-
-    bounds = np.full(2, -10.0), np.full(2, 10.0)
-
-    def __init__(self, frequency: float, ripple: float):
-        self.frequency, self.ripple = frequency, ripple
-
-    def whitened(self, free):
-        beside = np.asarray(free) - 1.0
-        return np.concatenate([beside, self.ripple * np.sin(0.5 * self.frequency * beside)])
-
-    def encode(self, values):
-        return np.array([values[path] for path in PATHS])
-
-    def decode(self, free):
-        return dict(zip(PATHS, map(float, free), strict=True))
-
-
-def run(problem, starts, report, limit=200):
-    """Its evaluations are its iterations: nothing was rejected."""
-    found = least_squares(problem.whitened, problem.encode(starts), bounds=problem.bounds, max_nfev=limit)
-    ended = Ending.CONVERGED if found.success else Ending.RUNNING
-    state = SimpleNamespace(residual=found.fun, jacobian=found.jac)
-    return Fit(found.x, state, found.success, found.message, found.nfev, found.nfev, ended)  # pyright: ignore
 
 
 def told(messages):
     return lambda message: messages.append(message)
-
-
-def at(a, b):
-    return dict(a=a, b=b)
 
 
 def test_the_best_of_many_starts_goes_on_and_all_evaluations_are_counted():

@@ -13,7 +13,7 @@ from platform_study import DAMPING, GAIN, PLATFORM, RATE, ZERO, write_platform
 import pdssjax
 from pdssjax.cli.main import main
 from pdssjax.inference import least_squares as fitting
-from pdssjax.inference import multistart
+from pdssjax.inference import races
 
 
 def test_a_parameter_without_data_is_named_and_the_others_stand(tmp_path):
@@ -46,7 +46,7 @@ def test_the_command_says_by_its_status_whether_it_worked(tmp_path, monkeypatch,
     assert json.loads((tmp_path / "a" / "estimate.json").read_text())["converged"]
     assert main(["identify", str(study), "--out", str(tmp_path / "a")]) == 2
     monkeypatch.setattr(fitting, "MAX_ITERATIONS", 1)
-    monkeypatch.setattr(multistart, "_is_poor", lambda *_: False)  # other starts, an iteration each, would do it
+    monkeypatch.setattr(races, "_is_poor", lambda *_: False)  # other starts, an iteration each, would do it
     capsys.readouterr()
     assert main(["identify", str(study), "--out", str(tmp_path / "b")]) == 3
     assert "did not converge" in capsys.readouterr().err

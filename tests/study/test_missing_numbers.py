@@ -11,6 +11,7 @@ import pdssjax
 from pdssjax import InputError, InputWarning
 from pdssjax.cli.main import main
 from pdssjax.files import with_estimate
+from pdssjax.inference.initial_values import search
 from pdssjax.study import numbers_used
 from pdssjax.sweeps import grid as sweeping
 
@@ -51,9 +52,7 @@ def test_a_command_that_lacks_numbers_says_which_and_does_nothing(tmp_path, caps
 
 
 def test_a_study_is_not_searched_for_numbers(platform, monkeypatch):
-    monkeypatch.setattr(
-        "pdssjax.inference.initial_values.search.rank_starts", lambda *given: pytest.fail("searched unasked")
-    )
+    monkeypatch.setattr(search, "_split_known", lambda *given: pytest.fail("searched unasked"))
     study = pdssjax.load_study(platform)
     with pytest.raises(InputError, match="found no number"):
         study.values()

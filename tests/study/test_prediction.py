@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pdssjax import Accuracy, Taylor, load_study
-from pdssjax.integration import forward_pass as stepping
+from pdssjax.integration import one_step as stepping
 from pdssjax.study.measurement.platform import Platform
 
 REFERENCE = json.loads((Path(__file__).parents[1] / "data" / "sawtooth.json").read_text(encoding="utf-8"))

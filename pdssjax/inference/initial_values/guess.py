@@ -4,7 +4,7 @@ import numpy as np
 
 from ...core import InputError
 from ...study import Study
-from .search import find_starts
+from .search import rank_starts
 
 
 def initial_guess(study: Study) -> dict[str, float]:
@@ -23,4 +23,4 @@ def initial_guess(study: Study) -> dict[str, float]:
             f"{study.path or study.title}: parameters: found no number for {', '.join(missing)}; expected one for "
             f'each, since the record "{unmade[0]}" is still to be made and has no data to guess from.'
         )
-    return find_starts(study.models, study.parameters, study.records)
+    return rank_starts(study.models, study.parameters, study.records)[0]

@@ -55,11 +55,6 @@ USUAL_BANDWIDTH = 1e3
 """Of a sensor of which nothing is known [Hz]."""
 
 
-def find_starts(models: Models, parameters: Mapping[str, Parameter], records: Sequence[Record]) -> dict[str, float]:
-    """A number for every listed parameter [SI]: its value, its start, or the best one found from the data."""
-    return rank_starts(models, parameters, records)[0]
-
-
 def guess_starts(
     models: Models, parameters: Mapping[str, Parameter], records: Sequence[Record]
 ) -> tuple[dict[str, float], bool]:

@@ -6,19 +6,14 @@ in which events are located and samples are read off.
 
 import abc
 from collections.abc import Callable, Sequence
-from typing import ClassVar, NamedTuple, TypeAlias
+from typing import ClassVar, NamedTuple
 
 import equinox as eqx
-import jax.numpy as jnp
-from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from ...core import Scalar, ScalarLike, Truth
-from ..taylor_series import Field, Series
-from ..traced_arithmetic import plus, times
-
-Polynomials: TypeAlias = list[list[Scalar]]
-"""For each component the coefficients in theta = elapsed/step_radius, lowest first."""
+from ...core import Scalar, Truth
+from ..polynomials import Polynomials
+from ..taylor_series import Field
 
 
 class Piece(NamedTuple):
@@ -83,37 +78,3 @@ class AbstractStepMethod(eqx.Module):
 
         **Returns:** for each component the coefficients in theta, lowest first, shape (degree + 1, rows).
         """
-
-
-def shortened(piece: Piece, extra: Sequence[Series], tolerance: Scalar, opaque_one: Scalar) -> Piece:
-    """As much of `piece` as also resolves the series `extra`, made of its polynomials, to `tolerance`."""
-    size = len(piece.polynomials[0])
-    rows = [[series[k] for k in range(size)] for series in extra]
-    part = jnp.minimum(resolved_radius(rows, [1.0 / tolerance] * len(rows)), 1.0) / opaque_one
-    return piece._replace(polynomials=rescaled(piece.polynomials, part), step_radius=piece.step_radius * part)
-
-
-def resolved_radius(series: Sequence[Sequence[ScalarLike]], units: Sequence[ScalarLike]) -> Scalar:
-    """The length over which the last two of the coefficients stay below one unit."""
-    lengths = []
-    for k in (len(series[0]) - 2, len(series[0]) - 1):
-        largest = 1e-100
-        for coefficients, unit in zip(series, units, strict=True):
-            largest = jnp.maximum(largest, jnp.abs(coefficients[k]) * unit)
-        lengths.append(jnp.exp(jnp.log(largest) * (-1.0 / k)))
-    return 0.95 * jnp.minimum(*lengths)
-
-
-def horner(coefficients: Sequence[Float[Array, "*shape"]], theta: Float[ArrayLike, "*shape"]) -> Float[Array, "*shape"]:
-    """The polynomial with the given coefficients, lowest first, at `theta`."""
-    total = coefficients[-1]
-    for coefficient in coefficients[-2::-1]:
-        total = plus(times(total, theta), coefficient)
-    return total
-
-
-def rescaled(series: Sequence[Sequence[ScalarLike]], step_radius: Scalar) -> Polynomials:
-    powers = [jnp.ones_like(step_radius)]
-    for _ in range(len(series[0]) - 1):
-        powers.append(times(powers[-1], step_radius))
-    return [[times(c, p) for c, p in zip(row, powers, strict=True)] for row in series]

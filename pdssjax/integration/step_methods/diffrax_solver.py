@@ -12,8 +12,9 @@ import optimistix as optx
 from jaxtyping import Array, Float
 
 from ...core import Scalar, Truth
+from ..polynomials import Polynomials
 from ..taylor_series import Field, constant
-from .base import AbstractStepMethod, KnownStep, Piece, Polynomials
+from .base import AbstractStepMethod, KnownStep, Piece
 
 Solver: TypeAlias = diffrax.AbstractSolver[Any]
 """Whatever its own state is."""

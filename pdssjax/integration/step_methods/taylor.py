@@ -9,9 +9,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ...core import Scalar
+from ..polynomials import rescaled
+from ..step_length import resolved_radius
 from ..taylor_loop import Record, looped_coefficients, recorded
 from ..taylor_series import Field, taylor_coefficients
-from .base import AbstractStepMethod, KnownStep, Piece, rescaled, resolved_radius
+from .base import AbstractStepMethod, KnownStep, Piece
 
 
 class Taylor(AbstractStepMethod):

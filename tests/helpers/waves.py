@@ -1,0 +1,50 @@
+"""A sum of squares with many minima, fitted by SciPy: what races of starts and restarts are tried on."""
+
+from types import SimpleNamespace
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from pdssjax.inference.ending import Ending
+from pdssjax.inference.least_squares import Fit
+
+PATHS = ("piezo.gain", "friction.f_c")
+
+
+def at(a, b):
+    """Values of the two parameters, by path."""
+    return dict(zip(PATHS, (float(a), float(b)), strict=True))
+
+
+class Waves:
+    """Residuals x - 1 and a ripple of them: minima every 4 pi / frequency, the lowest at (1, 1)."""
+
+    bounds = np.full(2, -10.0), np.full(2, 10.0)
+    noise = np.ones(1)
+    residual = SimpleNamespace(transform=SimpleNamespace(paths=PATHS))
+
+    def __init__(self, frequency: float, ripple: float, platform_alone: bool = False):
+        self.frequency, self.ripple = frequency, ripple
+        shows = SimpleNamespace(platform_alone=platform_alone, effector_moves=not platform_alone)
+        self.records = (SimpleNamespace(measurement=shows, noise=1.0, offset=0.0, drive=None, time=np.arange(4.0)),)
+
+    def whitened(self, free):
+        beside = np.asarray(free) - 1.0
+        return np.concatenate([beside, self.ripple * np.sin(0.5 * self.frequency * beside)])
+
+    def encode(self, values):
+        return np.array([values[path] for path in PATHS])
+
+    def decode(self, free):
+        return at(*free)
+
+
+def run(problem, starts, report, limit=200):
+    """A fit by SciPy; its evaluations are its iterations: nothing was rejected."""
+    begun = np.clip(problem.encode(starts), *problem.bounds)
+    found = least_squares(problem.whitened, begun, bounds=problem.bounds, max_nfev=limit)
+    ended = Ending.CONVERGED if found.success else Ending.RUNNING
+    state = SimpleNamespace(residual=found.fun, jacobian=found.jac)
+    # SciPy stays within the bounds by a hair.
+    free = np.select([found.active_mask < 0, found.active_mask > 0], problem.bounds, found.x)
+    return Fit(free, state, found.success, found.message, found.nfev, found.nfev, ended)  # pyright: ignore
