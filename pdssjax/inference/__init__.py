@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from .least_squares import Method as Method
     from .levenberg_marquardt import BoundedLevenbergMarquardt as BoundedLevenbergMarquardt
     from .parameter_transform import transform_of as transform_of
+    from .peak_picking import PickedStack as PickedStack
+    from .peak_picking import pick_peaks as pick_peaks
     from .problem import Problem as Problem
     from .problem import pose_problem as pose_problem
     from .residual import Residual as Residual
@@ -37,6 +39,7 @@ else:
             "least_squares": ["Method"],
             "levenberg_marquardt": ["BoundedLevenbergMarquardt"],
             "parameter_transform": ["transform_of"],
+            "peak_picking": ["PickedStack", "pick_peaks"],
             "problem": ["Problem", "pose_problem"],
             "residual": ["Residual", "as_weights"],
         },
