@@ -21,12 +21,12 @@ def format_amplification(amplification: Amplification) -> str:
 
 
 def format_effects(amplification: Amplification) -> str:
-    """Of each parameter identified first, in words, the two that an error of it moves most."""
-    lines = []
+    """Of each parameter identified first, in words, the two that an error of it moves most where it is held."""
+    lines = ["    Where the stack is held, its errors are carried on:\n"]
     for j, mover in enumerate(amplification.earlier):
         column = np.abs(amplification.matrix[:, j])
         moved = [f"{amplification.later[i]} by {_digits(column[i])} %" for i in np.argsort(-column)[:2]]
-        lines.append(f"    1 % in {mover}, where that is held, moves {' and '.join(moved)}.\n")
+        lines.append(f"    1 % in {mover} moves {' and '.join(moved)}.\n")
     return "".join(lines)
 
 
