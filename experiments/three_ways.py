@@ -18,6 +18,7 @@ from jaxtyping import Float
 
 import pdssjax
 from pdssjax import Accuracy, Record, Study, Taylor
+from pdssjax.core import prepare_jax
 from pdssjax.files import EXAMPLE
 from pdssjax.inference import (
     Fit,
@@ -122,6 +123,7 @@ def rig_of(scenario: Scenario) -> Rig:
 
 @functools.cache
 def _made(scenario: Scenario) -> Rig:
+    prepare_jax()  # in another process, too
     study = started(pdssjax.load_study(EXAMPLE / "study.toml"), known_truth())
     records = tuple(_sampled(record, scenario) for record in study.records if record.role == "fit")
     study = dataclasses.replace(study, records=records)
