@@ -60,8 +60,8 @@ def main(draws: int = DRAWS, scenarios: Sequence[Scenario] = SCENARIOS) -> None:
     with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as executor:
         cells = monte_carlo(draws, scenarios, executor)
     names = [str(path) for path in paths]
-    tables.insert(0, three_ways_report.table(cells, names))
-    print(tables[0])
+    tables = [three_ways_report.table(cells, names), three_ways_report.bias_table(cells, names), *tables]
+    print("\n\n".join(tables[:2]))
     tables.append(moved_stack.show_thesis(moved_stack.thesis()))
     tables.append(moved_stack.show_liu(*moved_stack.liu()))
     write("\n\n".join(tables), NAME)
@@ -85,8 +85,8 @@ def monte_carlo(draws: int, scenarios: Sequence[Scenario], executor: concurrent.
 
 
 def _cell(scenario: str, way: str, results: list[Any]) -> Cell:
-    error, said, naive = (np.array([result[key] for result in results]) for key in ("error", "said", "naive"))
-    return Cell(scenario, way, error, said, naive, np.array([result["converged"] for result in results]))
+    numbers = {key: np.array([result[key] for result in results]) for key in ("error", "carried", "said", "naive")}
+    return Cell(scenario, way, **numbers, converged=np.array([result["converged"] for result in results]))
 
 
 def _slug(text: str) -> str:

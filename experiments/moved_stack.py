@@ -18,9 +18,9 @@ import pdssjax
 from experiments.common import Row, print_table
 from experiments.measured_fits import EARLIER, FOLDER
 from experiments.step_responses import CHAPTER_4, CHAPTER_5
-from experiments.three_ways import ACCURACY, SCENARIOS, known_truth, rig_of, started, with_measured
+from experiments.three_ways import ACCURACY, SCENARIOS, amplification, known_truth, rig_of, started, with_measured
 from pdssjax import Study
-from pdssjax.inference import Problem, propagated, with_piezo_held
+from pdssjax.inference import Problem, with_piezo_held
 
 STEPS = 8
 """Refits on the way."""
@@ -93,14 +93,6 @@ def _whole(piezo: np.ndarray, later: Float[np.ndarray, " later"]) -> Float[np.nd
     out = np.zeros(piezo.size)
     out[~piezo] = later
     return out
-
-
-def amplification(problem: Problem, jacobian: Float[np.ndarray, "n p"], piezo: np.ndarray) -> Float[np.ndarray, "l e"]:
-    """Relative change of the others per relative change of the stack's, in records that show more than the platform."""
-    walks = np.repeat(_walks(problem), [record.time.size for record in problem.records])
-    earlier, later = np.flatnonzero(piezo), np.flatnonzero(~piezo)
-    _, whole = propagated(jacobian[walks], np.eye(earlier.size), later, earlier)
-    return whole[np.ix_(later, earlier)]
 
 
 def _walks(problem: Problem) -> np.ndarray:

@@ -14,7 +14,7 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 import pdssjax
 from pdssjax import Accuracy, Record, Study, Taylor
@@ -191,12 +191,32 @@ def draw(scenario: Scenario, number: int) -> dict[str, Any]:
 
 
 def outcome(way: str, fit: Fit, problem: Problem, rig: Rig) -> dict[str, Any]:
-    """Relative errors, and the relative standard errors that the way gives: `said`, and `naive`; for JSON."""
+    """Relative errors, those that the stack's carry on, and the standard errors `said`, and `naive`; for JSON."""
     truth = np.array([known_truth()[path] for path in problem.residual.transform.paths])
     found = np.array([float(number) for number in problem.decode(fit.free).values()])
+    error = found / truth - 1.0
     said, naive = standard_errors(way, fit, problem, rig)
-    numbers = {"error": found / truth - 1.0, "said": said, "naive": naive}
+    numbers = {"error": error, "carried": carried(fit, problem, error), "said": said, "naive": naive}
     return {name: [float(x) for x in values] for name, values in numbers.items()} | {"converged": bool(fit.success)}
+
+
+def carried(fit: Fit, problem: Problem, error: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
+    """The amplification matrix times the relative `error` of the stack; that itself in the stack's places."""
+    piezo = np.array([path.startswith("piezo.") for path in problem.residual.transform.paths])
+    moved = amplification(problem, np.asarray(fit.state.jacobian), piezo) @ error[piezo]
+    out = error.copy()
+    out[~piezo] = moved
+    return out
+
+
+def amplification(
+    problem: Problem, jacobian: Float[np.ndarray, "n p"], piezo: Bool[np.ndarray, " p"]
+) -> Float[np.ndarray, "later earlier"]:
+    """Relative change of the others per relative change of the stack's, in records that show more than the platform."""
+    walks = np.repeat([not is_step(r) for r in problem.records], [r.time.size for r in problem.records])
+    earlier, later = np.flatnonzero(piezo), np.flatnonzero(~piezo)
+    _, whole = propagated(jacobian[walks], np.eye(earlier.size), later, earlier)
+    return whole[np.ix_(later, earlier)]
 
 
 def standard_errors(

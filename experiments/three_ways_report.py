@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 from experiments.common import BLUE, GREEN, VERMILION
 from experiments.three_ways import WAYS
@@ -23,6 +24,8 @@ class Cell:
     scenario: str
     way: str
     error: Float[np.ndarray, "draws p"]
+    carried: Float[np.ndarray, "draws p"]
+    """What the amplification matrix makes of the stack's errors; those themselves in the stack's places."""
     said: Float[np.ndarray, "draws p"]
     """Standard errors that the way gives, the earlier step's errors carried on."""
     naive: Float[np.ndarray, "draws p"]
@@ -77,6 +80,23 @@ def table(cells: Sequence[Cell], paths: Sequence[str]) -> str:
     return "\n".join(lines)
 
 
+def bias_table(cells: Sequence[Cell], paths: Sequence[str]) -> str:
+    """Markdown: the bias of the fits in two steps, in per cent, beside that which the stack's errors explain."""
+    friction = _friction(paths)
+    lines = [
+        "## Bias in per cent: found (amplification matrix times the stack's error)",
+        "",
+        "| step tests | way | " + " | ".join(_name(paths[i]) for i in friction) + " |",
+        "|---|---|" + "--:|" * len(friction),
+    ]
+    for cell in cells:
+        if cell.way != "joint":
+            carried = np.median(cell.carried, axis=0)
+            row = [f"{100 * cell.bias[i]:+.1f} ({100 * carried[i]:+.1f})" for i in friction]
+            lines.append(f"| {cell.scenario} | {cell.way} | " + " | ".join(row) + " |")
+    return "\n".join(lines)
+
+
 def _shown(cell: Cell, i: int) -> str:
     said, naive = (100.0 * float(np.median(errors[:, i])) for errors in (cell.said, cell.naive))
     second = f" ({said:.2g})" if cell.way == "joint" else f" ({said:.2g} \\| {naive:.2g})"
@@ -100,6 +120,7 @@ def draw(cells: Sequence[Cell], paths: Sequence[str]) -> Figure:
         for cell in cells:
             _mark(axes, cell, i, scenarios.index(cell.scenario) + 0.25 * (WAYS.index(cell.way) - 1))
         axes.set_xscale("log")
+        axes.xaxis.set_minor_formatter(NullFormatter())
         axes.set_title(_name(paths[i]), loc="left")
         axes.set_yticks(range(len(scenarios)), scenarios)
         for line in range(1, len(scenarios)):

@@ -100,11 +100,13 @@ def test_bias_spread_and_coverage_are_those_of_known_errors():
     random = np.random.default_rng(1)
     error = np.expm1(0.02 + 0.1 * random.standard_normal((4000, 1)))
     said = np.full((4000, 1), 0.1)
-    cell = three_ways_report.Cell("x", "peaks", error, said, said / 2, np.ones(4000, bool))
+    cell = three_ways_report.Cell("x", "peaks", error, error / 2, said, said / 2, np.ones(4000, bool))
     assert cell.bias[0] == pytest.approx(0.02, abs=0.005)
     assert cell.spread[0] == pytest.approx(0.1, rel=0.06)
     assert cell.covered(said, [0]) == pytest.approx(0.95, abs=0.01)
     assert cell.covered(said / 2, [0]) == pytest.approx(0.67, abs=0.02)
+    row = three_ways_report.bias_table([cell], ["friction.sigma0"]).splitlines()[-1]
+    assert row == f"| x | peaks | {100 * cell.bias[0]:+.1f} ({50 * cell.bias[0]:+.1f}) |"
 
 
 def test_the_scenarios_differ_in_what_they_say_and_share_their_noise():
@@ -128,6 +130,8 @@ def test_the_monte_carlo_at_a_small_size_gives_its_table_and_figure_and_resumes(
     rate = paths.index("piezo.natural_frequency")
     assert np.all(np.abs(by[chosen[0].name, "sequential"].error[:, rate]) < 1e-3)
     assert np.all(by[chosen[1].name, "peaks"].error[:, rate] < -0.03), "a sample late is 4 % of the frequency"
+    late = by[chosen[1].name, "sequential"]
+    assert np.all(np.sign(late.carried[:, 3:]) == np.sign(late.carried[:1, 3:])), "the same in every draw"
     assert np.all(by[chosen[0].name, "peaks"].said[:, 3:] > by[chosen[0].name, "peaks"].naive[:, 3:])
     with common.styled():
         assert common.save(three_ways_report.draw(cells, paths), "small").exists()

@@ -87,6 +87,14 @@ def test_ways_are_compared_by_their_distance_from_the_joint_fit():
     panel = next(axes for axes in figure.axes if axes.get_title("left") == path)
     dots = [line.get_xdata()[0] for line in panel.lines if line.get_marker() == "o"]
     np.testing.assert_allclose(dots, [0.0, 0.0, 10.0], atol=1e-9)
-    assert [label.get_text() for label in panel.get_yticklabels()] == ["joint", "sequential", "peaks"]
+    assert [label.get_text() for label in figure.axes[0].get_yticklabels()] == ["joint", "sequential", "peaks"]
     shown = {axes.get_title("left") for axes in figure.axes} - {""}
-    assert shown == {p for p in ways[0].names if ways[0].parameters[p].value}, "what is zero has no per cent"
+    assert shown == {"piezo.gain", "piezo.natural_frequency", "piezo.damping_ratio", path} | {
+        "friction.sigma0_a",
+        "friction.f_ss_a",
+    }, "neither what is zero nor what has no error"
+
+
+def test_ways_of_which_nothing_is_known_can_be_drawn():
+    nothing = dataclasses.replace(fabricated.estimate(), names=())
+    drawn(comparison_figure([nothing, nothing]))

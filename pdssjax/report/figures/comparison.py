@@ -23,11 +23,12 @@ def comparison_figure(estimates: Sequence[Estimate]) -> Figure:
     The first of the `estimates` is the joint fit.  Thick: the interval with the errors of the earlier step; thin, with
     ends: that which takes them for exact.
     """
-    shown = [path for path in estimates[0].names if estimates[0].parameters[path].value]
+    first = estimates[0].parameters
+    shown = [path for path in estimates[0].names if first[path].value and np.isfinite(first[path].standard_error)]
     rows = -(-len(shown) // _COLUMNS)
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(7.4, 0.9 + 1.15 * rows), layout="constrained")
-        panels = figure.subplots(rows, _COLUMNS, squeeze=False).ravel()
+        figure = Figure(figsize=(7.4, 0.9 + 1.15 * max(rows, 1)), layout="constrained")
+        panels = figure.subplots(max(rows, 1), _COLUMNS, squeeze=False, sharey=True).ravel()
         for axes, path in zip(panels, shown, strict=False):
             _draw(axes, path, estimates)
         for axes in panels[len(shown) :]:
@@ -57,6 +58,4 @@ def _draw(axes: Axes, path: str, estimates: Sequence[Estimate]) -> None:
     axes.axvline(0.0, color="0.6", linewidth=0.7, zorder=0)
     axes.set_yticks(range(len(estimates)), [estimate.method for estimate in estimates])
     axes.set_ylim(len(estimates) - 0.4, -0.6)
-    if not np.isfinite([axes.dataLim.x0, axes.dataLim.x1]).all():
-        axes.set_xlim(-1.0, 1.0)
     axes.set_title(path, loc="left")
