@@ -19,7 +19,7 @@ from jaxtyping import Float
 
 from ..core import InputError
 from ..piezo.second_order import SecondOrder
-from ..study import Record, Study, noise_floor
+from ..study import MARK, Record, Study, noise_floor
 from .initial_values.record_features import is_step, voltages
 from .step_peaks import APART, Extremes, OneMode, extremes, one_mode, rest_before, step_response
 
@@ -118,6 +118,11 @@ def _check_models(study: Study, where: str) -> None:
             "which takes the step for ideal and sees the platform directly."
         )
     listed = study.parameters
+    local = [path for path in listed if path.startswith("piezo.") and MARK in path]
+    if local:
+        raise InputError(
+            f'{where}: parameters: found "{local[0]}", expected one stack in all records for method "peaks".'
+        )
     if not any(path in listed and listed[path].free for path in PATHS):
         raise InputError(
             f'{where}: parameters: found none of {", ".join(PATHS)} free, expected one for method "peaks".'

@@ -173,6 +173,7 @@ def test_a_record_that_begins_late_has_no_zero(platform):
         ('voltage = "50 V"', 'voltage = "50 V", rise_time = "1 ms"', "ideal step"),
         ('measures = "platform"', 'measures = "platform"\nrole = "validate"', "no fitted record"),
         ('"friction.sigma0"', '"sensor.bandwidth" = {}\n"friction.sigma0"', 'found "sensor.bandwidth"'),
+        ('"piezo.gain" = {}', '"piezo.gain" = {}\n"piezo.gain@warm" = {}', 'found "piezo.gain@warm"'),
         ('"piezo.gain" = {}', '"piezo.gain" = { start = 1e-8, max = 2e-8 }', "within its bounds, 0 to 2e-08"),
         ('piezo = "second-order"', 'piezo = "second-order"\nfeedback = true', "found feedback = true"),
     ],
@@ -180,6 +181,8 @@ def test_a_record_that_begins_late_has_no_zero(platform):
 def test_what_peaks_cannot_be_picked_from_is_said_in_a_line(tmp_path, old, new, said):
     text = SEEN.replace(old, new)
     assert text != SEEN
+    if "warm" in new:
+        text = text.replace('noise = "0.01 um"', 'noise = "0.01 um"\nconditions = ["warm"]')
     if "feedback" in new:
         text = text.replace(
             "[parameters]", '[parameters]\n"piezo.mass" = { value = 0.5 }\n"effector.mass" = { value = 0.1 }'
