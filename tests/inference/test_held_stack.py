@@ -77,3 +77,17 @@ def test_by_peaks_the_friction_is_far_less_sure_than_it_looks_and_says_so(exampl
     assert weakest.standard_error > 1.5 * weakest.naive_standard_error
     assert all(p.interval[0] < TRUTH[p.path] < p.interval[1] for p in friction)
     assert [record.name for record in found.records] == [record.name for record in example.records]
+
+
+@pytest.mark.slow
+def test_a_fit_by_peaks_that_is_broken_off_leaves_its_best_point(example):
+    def at_the_third_iteration(message):
+        if "iteration 2" in message:
+            raise KeyboardInterrupt
+
+    with pytest.raises(pdssjax.FitInterrupted) as broken:
+        pdssjax.identify(started(example), "peaks", progress=at_the_third_iteration, accuracy=ACCURACY)
+    found = broken.value.estimate
+    assert found is not None and not found.converged and found.method == "peaks"
+    assert found.parameters["piezo.gain"].value == pytest.approx(pick_peaks(example).values["piezo.gain"])
+    assert found.parameters["piezo.gain"].free and len(found.records) == len(example.records)
