@@ -5,11 +5,19 @@ If the piezo's parameters are wrong by a little, the friction's move to make up 
 first order the shift is -(J2' J2)^-1 J2' J1, with the Jacobians of the sawtooth records
 in the friction's and in the piezo's parameters, at the true values of the packaged example.
 
-    python -m experiments.error_propagation
+A Monte Carlo with real fits tells what that comes to: three ways of identification (`three_ways`), step tests good
+and bad.  Then what the thesis's own two identifications of its stack imply, and a measured record (`moved_stack`).
+
+    python -m experiments.error_propagation        # resumes where it was left
+    python -m experiments.error_propagation 4      # so many draws a scenario, from scratch or a larger run's first
 """
 
+import concurrent.futures
 import dataclasses
-import json
+import os
+import sys
+from collections.abc import Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -17,13 +25,19 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import pdssjax
+from experiments import common, moved_stack, three_ways_report
 from experiments.common import BLUE, GREEN, VERMILION, save, styled, write
+from experiments.draws import read_tasks, run_tasks
+from experiments.three_ways import SCENARIOS, WAYS, Scenario, draw, known_truth
+from experiments.three_ways_report import Cell
 from pdssjax import Accuracy
 from pdssjax.core import prepare_jax
 from pdssjax.files import EXAMPLE
 from pdssjax.inference import Residual, as_weights, least_squares_covariance, transform_of
 
 NAME = "error_propagation"
+DRAWS = 24
+"""Of each scenario: some 600 fits."""
 MEASURED_SPREAD = {"piezo.gain": 0.02, "piezo.natural_frequency": 0.03, "piezo.damping_ratio": 0.17}
 """Relative spread between the thesis's own two identifications of the piezo (chapters 4 and 5).
 
@@ -34,19 +48,49 @@ Natural frequency 6527 and 6736 rad/s, damping ratio 0.2083 and 0.1772, gain (re
 LEGEND = "* first order, all three piezo parameters off by the spread of the thesis's own two identifications"
 
 
-def main() -> None:
-    """Print the table and draw the figure."""
+def main(draws: int = DRAWS, scenarios: Sequence[Scenario] = SCENARIOS) -> None:
+    """Print the tables and draw the figures."""
     prepare_jax()
-    study = pdssjax.load_study(EXAMPLE / "study.toml")
-    known = json.loads((EXAMPLE / "truth.json").read_text())["parameters"]
-    truth = {path: known[path]["value"] for path in study.parameters}
+    study, truth = pdssjax.load_study(EXAMPLE / "study.toml"), known_truth()
     shifts, tables = {}, []
+    paths = np.array([])
     for reading in ("deflection", "force"):
         paths, shifts[reading] = shift(dataclasses.replace(study, friction_state=reading), truth)
         tables.append(show(reading, paths, shifts[reading]))
+    with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as executor:
+        cells = monte_carlo(draws, scenarios, executor)
+    names = [str(path) for path in paths]
+    tables = [three_ways_report.table(cells, names), three_ways_report.bias_table(cells, names), *tables]
+    print("\n\n".join(tables[:2]))
+    tables.append(moved_stack.show_thesis(moved_stack.thesis()))
+    tables.append(moved_stack.show_liu(*moved_stack.liu()))
     write("\n\n".join(tables), NAME)
     with styled():
-        save(draw(paths, shifts), NAME)
+        save(three_ways_report.draw(cells, names), NAME)
+        save(draw_shifts(paths, shifts), f"{NAME}_amplification")
+
+
+def monte_carlo(draws: int, scenarios: Sequence[Scenario], executor: concurrent.futures.Executor) -> list[Cell]:
+    """Every way in every scenario; the draws are kept in out/experiments/error_propagation, done once."""
+    folder = common.OUT / NAME
+    # Scenarios in turn, so that what is there after a while says something of all of them.
+    tasks = {f"{_slug(s.name)}-{n:04d}": (s, n) for n in range(draws) for s in scenarios}
+    run_tasks(tasks, draw, folder, executor, report=lambda text: print(f"\r{text}", end="", flush=True))
+    print()
+    found: dict[tuple[str, str], list[Any]] = {(s.name, way): [] for s in scenarios for way in WAYS}
+    for name, result in read_tasks(tasks, folder):
+        for way in WAYS:
+            found[tasks[name][0].name, way].append(result[way])
+    return [_cell(*key, results) for key, results in found.items()]
+
+
+def _cell(scenario: str, way: str, results: list[Any]) -> Cell:
+    numbers = {key: np.array([result[key] for result in results]) for key in ("error", "carried", "said", "naive")}
+    return Cell(scenario, way, **numbers, converged=np.array([result["converged"] for result in results]))
+
+
+def _slug(text: str) -> str:
+    return "".join(c if c.isalnum() else "-" for c in text)
 
 
 def shift(study, truth):
@@ -81,7 +125,7 @@ def show(reading: str, paths: np.ndarray, shift: np.ndarray) -> str:
     return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in rows), "", LEGEND])
 
 
-def draw(paths: np.ndarray, shifts: dict[str, np.ndarray]) -> Figure:
+def draw_shifts(paths: np.ndarray, shifts: dict[str, np.ndarray]) -> Figure:
     """Size of every shift, one panel a reading."""
     figure = Figure(figsize=(9, 3.6), layout="constrained")
     friction = [path.split(".")[1] for path in paths if not path.startswith("piezo.")]
@@ -102,4 +146,4 @@ def draw(paths: np.ndarray, shifts: dict[str, np.ndarray]) -> Figure:
 
 
 if __name__ == "__main__":
-    main()
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else DRAWS)

@@ -18,18 +18,19 @@ if TYPE_CHECKING:
 def identify(options: argparse.Namespace) -> int:
     from ..core import prepare_jax
     from ..files import check_free
-    from ..report.text import format_comparison
 
-    methods: list[Method] = ["joint", "sequential"] if options.method == "both" else [options.method]
-    folders: dict[Method, Path] = {
-        method: options.out / method if len(methods) > 1 else options.out for method in methods
-    }
-    for folder in folders.values():
-        check_free(folder, options.overwrite)
+    check_free(options.out, options.overwrite)
+    if options.method == "both":
+        for method in _SIDE_BY_SIDE:
+            check_free(options.out / method, options.overwrite)
     prepare_jax()
     import pdssjax
 
     study = pdssjax.load_study(options.study)
+    methods = _possible(study) if options.method == "both" else [options.method]
+    folders: dict[Method, Path] = {
+        method: options.out / method if len(methods) > 1 else options.out for method in methods
+    }
     estimates: dict[Method, Estimate] = {}
     written = True
     for method, folder in folders.items():
@@ -37,13 +38,39 @@ def identify(options: argparse.Namespace) -> int:
         estimates[method] = _identified(study, method, intervals, folder)
         written &= _report_and_keep(estimates[method], folder)
     if len(methods) > 1:
-        say(format_comparison(estimates["joint"], estimates["sequential"]))
+        written &= _compared(list(estimates.values()), options.out)
     if written:
         say(f"Results are in {options.out}")
     unconverged: list[Method] = [method for method, estimate in estimates.items() if not estimate.converged]
     for name in unconverged:
         print(f"pdssjax: warning: the {name} fit did not converge: {estimates[name].message}", file=sys.stderr)
     return NOT_WRITTEN if not written else 3 if unconverged else 0
+
+
+_SIDE_BY_SIDE: "list[Method]" = ["joint", "sequential", "peaks"]
+"""What --method both compares."""
+
+
+def _possible(study: "Study") -> "list[Method]":
+    """The ways to identify a study; says why without the peaks, where its records do not show them."""
+    from ..core import InputError
+    from ..inference import pick_peaks
+
+    try:
+        pick_peaks(study)
+    except InputError as error:
+        print(f"pdssjax: without peaks: {error}", file=sys.stderr)
+        return _SIDE_BY_SIDE[:2]
+    return _SIDE_BY_SIDE
+
+
+def _compared(estimates: "list[Estimate]", folder: Path) -> bool:
+    """Print the fits side by side and write the comparison; whether `folder` took it."""
+    from ..files import write_comparison
+    from ..report.text import format_comparison
+
+    say(format_comparison(*estimates))
+    return keep_results(lambda place: write_comparison(estimates, place), folder)
 
 
 def _identified(study: "Study", method: "Method", intervals: "Intervals", folder: Path) -> "Estimate":
@@ -99,9 +126,10 @@ def add_parser(subcommands: Subcommands) -> None:
     )
     parser.add_argument(
         "--method",
-        choices=["joint", "sequential", "both"],
+        choices=["joint", "sequential", "peaks", "both"],
         default="joint",
-        help="all parameters at once (default), the piezo first as in the thesis, or both side by side",
+        help="all parameters at once (default); the piezo first, by least squares or, as in the thesis, from the peaks "
+        "of its step responses; or both: joint and sequential side by side, and peaks where the records show them",
     )
     parser.add_argument(
         "--intervals",

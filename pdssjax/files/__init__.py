@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from .characterisation_results import write_characterisations as write_characterisations
     from .characterise_csv import characterise as characterise
+    from .comparison_results import write_comparison as write_comparison
     from .estimate_json import estimate_text as estimate_text
     from .estimate_json import with_estimate as with_estimate
     from .estimate_results import write_essentials as write_essentials
@@ -28,6 +29,7 @@ else:
         {
             "characterisation_results": ["write_characterisations"],
             "characterise_csv": ["characterise"],
+            "comparison_results": ["write_comparison"],
             "estimate_json": ["estimate_text", "with_estimate"],
             "estimate_results": ["write_essentials", "write_estimate"],
             "example": ["EXAMPLE"],

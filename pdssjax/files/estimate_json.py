@@ -77,7 +77,7 @@ def estimate_document(estimate: Estimate) -> Document:
         }
         if parameter.verdicts is not None:
             parameters[path]["interval_verdicts"] = parameter.verdicts
-        if estimate.method == "sequential":
+        if estimate.method != "joint":
             parameters[path]["naive_standard_error"] = parameter.naive_standard_error
     keys = "name role samples r2 error_index rmse noise offset offset_standard_error simulated measures".split()
     keys += ["noise_estimated", "noise_floor", "chi2", "reduced_chi2"]

@@ -10,6 +10,8 @@ from pathlib import Path
 from ..core import InputError
 
 _RESULTS = (
+    "comparison.txt",
+    "comparison.png",
     "report.txt",
     "records",
     "predictions",

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from .covariance import least_squares_covariance as least_squares_covariance
+    from .covariance import propagated as propagated
     from .ending import SUCCESSES as SUCCESSES
     from .ending import Ending as Ending
     from .identification import FitInterrupted as FitInterrupted
@@ -15,9 +16,15 @@ if TYPE_CHECKING:
     from .initial_values.guess import initial_guess as initial_guess
     from .initial_values.search import guess_starts as guess_starts
     from .iterations import iterates as iterates
+    from .least_squares import Fit as Fit
     from .least_squares import Method as Method
+    from .least_squares import joint as joint
+    from .least_squares import sequential as sequential
+    from .least_squares import with_piezo_held as with_piezo_held
     from .levenberg_marquardt import BoundedLevenbergMarquardt as BoundedLevenbergMarquardt
     from .parameter_transform import transform_of as transform_of
+    from .peak_picking import PickedStack as PickedStack
+    from .peak_picking import pick_peaks as pick_peaks
     from .problem import Problem as Problem
     from .problem import pose_problem as pose_problem
     from .residual import Residual as Residual
@@ -28,15 +35,16 @@ else:
     __getattr__, __dir__, __all__ = lazy_exports(
         __name__,
         {
-            "covariance": ["least_squares_covariance"],
+            "covariance": ["least_squares_covariance", "propagated"],
             "ending": ["Ending", "SUCCESSES"],
             "identification": ["FitInterrupted", "Intervals", "identify"],
             "initial_values.guess": ["initial_guess"],
             "initial_values.search": ["guess_starts"],
             "iterations": ["iterates"],
-            "least_squares": ["Method"],
+            "least_squares": ["Fit", "Method", "joint", "sequential", "with_piezo_held"],
             "levenberg_marquardt": ["BoundedLevenbergMarquardt"],
             "parameter_transform": ["transform_of"],
+            "peak_picking": ["PickedStack", "pick_peaks"],
             "problem": ["Problem", "pose_problem"],
             "residual": ["Residual", "as_weights"],
         },

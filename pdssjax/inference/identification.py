@@ -10,8 +10,10 @@ from ..core import InputError, need_double_precision
 from ..integration import Accuracy
 from ..study import Estimate, Study
 from .best_point import BestPoint, Point, completed
+from .held_stack import rejoined, with_stack_held
 from .least_squares import Method, Progress, joint, sequential
 from .multistart import best_fit
+from .peak_picking import PickedStack, pick_peaks
 from .profile_intervals import with_profile_intervals
 from .summary import summarise
 
@@ -42,13 +44,15 @@ def identify(
 
     **Arguments:** `method` is "joint", all parameters from all records at once, or
     "sequential": the piezo from the platform records, then the others with the piezo held,
-    as in the thesis, the first step's errors carried on into the second.  `intervals` are
+    the first step's errors carried on into the second; or "peaks", the thesis's way: the same with the
+    piezo from the peaks of step responses (`peak_picking`).  `intervals` are
     "linear", symmetric on the scale of the fit, or of a joint fit those by "profile" likelihood, which hold where
     chi-square is no parabola and take some ten evaluations with derivatives an end.  `progress` is called with a
     line of text now and then.
 
-    **Raises:** `InputError` if there is nothing to fit.  A fit that does not converge is
-    returned all the same, with `converged` False and the reason in `message`.  `FitInterrupted`,
+    **Raises:** `InputError` if there is nothing to fit, or for "peaks" no record to pick them
+    from.  A fit that does not converge is returned all the same, with `converged` False and the
+    reason in `message`.  `FitInterrupted`,
     a `KeyboardInterrupt` whose `estimate` is that at the best point so far, if it is broken off.
     """
     need_double_precision()
@@ -59,33 +63,40 @@ def identify(
         raise InputError(
             f'intervals: found "{intervals}" with method "{method}", expected "linear", or "profile" with "joint".'
         )
-    run = joint if method == "joint" else sequential
+    stack = pick_peaks(study) if method == "peaks" else None
+    asked = with_stack_held(study, stack.values) if stack else study
+    run = sequential if method == "sequential" else joint
     best, done = BestPoint(), None
     try:
         report("finding starts")
-        fit, problem, starts = best_fit(study, accuracy or Accuracy(), best.watched(run), report)
+        fit, problem, starts = best_fit(asked, accuracy or Accuracy(), best.watched(run), report)
         done = Point(fit, problem, starts, 2)
-        estimate = _summarised(study, method, done, begun, report)
+        estimate = _summarised(study, method, done, begun, report, stack)
         if intervals == "profile" and np.isfinite(fit.chi2):
             estimate = with_profile_intervals(estimate, problem, fit, report)
             estimate = dataclasses.replace(estimate, seconds=time.perf_counter() - begun)
     except KeyboardInterrupt as interrupt:
         point = done or best.point
-        kept = _summarised(study, method, point, begun, report) if point else None
+        kept = _summarised(study, method, point, begun, report, stack) if point else None
         raise FitInterrupted(kept) from interrupt
     return estimate
 
 
-def _summarised(study: Study, method: Method, point: Point, begun: float, report: Progress) -> Estimate:
+def _summarised(
+    study: Study, method: Method, point: Point, begun: float, report: Progress, stack: PickedStack | None
+) -> Estimate:
     report("predicting every record")
-    estimate = summarise(study, method, point.problem, completed(point, report), point.starts)
+    point = point._replace(fit=completed(point, report), covers=2)
+    if stack is not None:
+        point = rejoined(study, point, point.problem.residual.accuracy, report)
+    estimate = summarise(study, method, point.problem, point.fit, point.starts, stack)
     return dataclasses.replace(estimate, seconds=time.perf_counter() - begun)
 
 
 def _check(study: Study, method: str) -> None:
     where = study.path or study.title
-    if method not in ("joint", "sequential"):
-        raise InputError(f'method: found "{method}", expected "joint" or "sequential".')
+    if method not in ("joint", "sequential", "peaks"):
+        raise InputError(f'method: found "{method}", expected "joint", "sequential" or "peaks".')
     fitted = [record for record in study.records if record.role == "fit"]
     if not fitted:
         raise InputError(f'{where}: found no record with role "fit", expected at least one.')
@@ -93,8 +104,8 @@ def _check(study: Study, method: str) -> None:
     if not free:
         raise InputError(f"{where}: parameters: found none that is free, expected at least one to fit.")
     steps = {(record.measurement.platform_alone, record.measurement.effector_free) for record in fitted}
-    if method == "sequential" and steps != {(True, False), (False, True)}:
+    if method != "joint" and steps != {(True, False), (False, True)}:
         raise InputError(
             f"{where}: found fitted records of the {' and the '.join(sorted({r.measures for r in fitted}))} only; "
-            "the sequential method expects some of the platform, for the piezo, and some of the end-effector."
+            f"the {method} method expects some of the platform, for the piezo, and some of the end-effector."
         )

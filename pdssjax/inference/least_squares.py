@@ -21,8 +21,8 @@ from .residual import Residual, as_weights
 Progress: TypeAlias = Callable[[str], None]
 """Told what is being done."""
 
-Method: TypeAlias = Literal["joint", "sequential"]
-"""All parameters at once, or the piezo first."""
+Method: TypeAlias = Literal["joint", "sequential", "peaks"]
+"""All parameters at once, or the piezo first: by least squares, or from the peaks of step responses."""
 
 MAX_ITERATIONS = 200
 
@@ -122,11 +122,20 @@ def sequential(problem: Problem, starts: Values, report: Progress, limit: int = 
     free = problem.residual.transform.encode(starts)
     piezo = of_piezo(problem.residual.transform)
     first = _least_squares(problem, free, platform, piezo, "piezo", report, limit)
-    second = _least_squares(problem, first.free, ~platform, ~piezo, "friction", report, limit)
+    last = with_piezo_held(problem, first.free, report, limit)
+    return summed(last._replace(success=first.success and last.success), [first])
+
+
+def with_piezo_held(
+    problem: Problem, free: Float[np.ndarray, " p"], report: Progress, limit: int = MAX_ITERATIONS
+) -> Fit:
+    """The other parameters from the records that do not show the platform alone, from the point `free`."""
+    platform = of_platform_alone(problem.records)
+    piezo = of_piezo(problem.residual.transform)
+    second = _least_squares(problem, free, ~platform, ~piezo, "friction", report, limit)
     # Both steps' residuals, for the statistics and the errors.
     whole = evaluated(problem, second.free, report)
-    whole = whole._replace(success=first.success and second.success, message=second.message)
-    return summed(whole, [first, second])
+    return summed(whole._replace(success=second.success, message=second.message), [second])
 
 
 def evaluated(problem: Problem, free: Float[np.ndarray, " p"], report: Progress) -> Fit:

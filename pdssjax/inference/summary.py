@@ -23,6 +23,7 @@ from .notes import (
     about_weak_determination,
 )
 from .parameter_transform import ParameterTransform
+from .peak_picking import PATHS, PickedStack
 from .problem import Problem
 from .residual import free_offset
 from .start_failure import failed_start
@@ -39,13 +40,35 @@ def variance_factor(statistics: Statistics) -> float:
     return max(1.0, statistics.reduced_chi2) if statistics.reduced_chi2 < np.inf else 1.0
 
 
-def summarise(study: Study, method: Method, problem: Problem, fit: Fit, starts: Mapping[str, float]) -> Estimate:
-    """The estimate that a `fit` of a `study` amounts to; `seconds` is left at 0."""
+def second_step_factor(problem: Problem, fit: Fit) -> float:
+    """The variance factor by the records that do not show the platform alone, where that was not fitted to."""
+    used = ~of_platform_alone(problem.records)
+    samples = np.repeat(used, [record.time.size for record in problem.records])
+    offsets = sum(record.offset is None for record, use in zip(problem.records, used, strict=True) if use)
+    fitted = int(np.sum(~of_piezo(problem.residual.transform)))
+    chi2 = float(np.sum(np.asarray(fit.state.residual)[samples] ** 2))
+    factor = chi2 / max(int(samples.sum()) - fitted - offsets, 1)
+    return max(1.0, factor) if np.isfinite(factor) else 1.0
+
+
+def summarise(
+    study: Study,
+    method: Method,
+    problem: Problem,
+    fit: Fit,
+    starts: Mapping[str, float],
+    stack: PickedStack | None = None,
+) -> Estimate:
+    """The estimate that a `fit` of a `study` amounts to; `seconds` is left at 0.
+
+    With a `stack` from peaks its covariance is the first step's, in place of that of the platform's records.
+    """
     free, fitted = problem.residual.transform, {**starts, **problem.residual.transform.decode(fit.free)}
     values = {path: float(value) for path, value in fitted.items()}
     statistics = _statistics(problem, fit)
-    known, naive = _covariances(method, problem, fit)
-    enlarged = variance_factor(statistics)
+    enlarged = variance_factor(statistics) if stack is None else second_step_factor(problem, fit)
+    picked = None if stack is None else stack.covariance / enlarged
+    known, naive = _covariances(method, problem, fit, picked)
     deviation = np.sqrt(np.diag(known.matrix) * enlarged)
     weakly_determined = known.identifiable & (deviation > WEAKLY_DETERMINED)
     known = known._replace(identifiable=known.identifiable & ~weakly_determined)
@@ -92,8 +115,13 @@ def _at_bound(fit: Fit, free: ParameterTransform) -> Bool[np.ndarray, " p"]:
     return (fit.free <= free.low) | (fit.free >= free.high)
 
 
-def _covariances(method: Method, problem: Problem, fit: Fit) -> tuple[Covariance, Float[np.ndarray, "p p"] | None]:
-    """On the fit's scale; for a sequential fit also what takes its first step for exact."""
+def _covariances(
+    method: Method, problem: Problem, fit: Fit, picked: Float[np.ndarray, "3 3"] | None
+) -> tuple[Covariance, Float[np.ndarray, "p p"] | None]:
+    """On the fit's scale; for a fit in two steps also what takes its first step for exact.
+
+    `picked` is the covariance of what peaks tell, in the order of `PATHS`.
+    """
     jacobian = np.asarray(fit.state.jacobian)
     free = problem.residual.transform
     held = _at_bound(fit, free)
@@ -104,7 +132,11 @@ def _covariances(method: Method, problem: Problem, fit: Fit) -> tuple[Covariance
     platform = np.repeat(of_platform_alone(problem.records), sizes)
     piezo = of_piezo(free) & whole.identifiable
     earlier, later = np.flatnonzero(piezo), np.flatnonzero(~of_piezo(free) & whole.identifiable)
-    first = least_squares_covariance(jacobian[platform][:, earlier], np.zeros(earlier.size, bool)).matrix
+    if picked is None:
+        first = least_squares_covariance(jacobian[platform][:, earlier], np.zeros(earlier.size, bool)).matrix
+    else:
+        places = [PATHS.index(free.paths[i]) for i in earlier]
+        first = picked[np.ix_(places, places)]
     plain, full = propagated(jacobian[~platform], first, later, earlier)
     unknown = ~whole.identifiable
     for matrix in (plain, full):

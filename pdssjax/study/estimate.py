@@ -85,7 +85,7 @@ class Estimate:
     """The whole result of one identification."""
 
     title: str
-    method: Literal["joint", "sequential"]
+    method: Literal["joint", "sequential", "peaks"]
     converged: bool
     message: str
     """One sentence on how the fit ended."""

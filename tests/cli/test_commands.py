@@ -36,7 +36,31 @@ def test_both_methods_are_compared_side_by_side(calls, tmp_path, capsys):
     assert calls.methods == ["joint", "sequential"]
     assert (tmp_path / "joint" / "estimate.json").exists()
     assert (tmp_path / "sequential" / "estimate.json").exists()
-    assert "[[Sequential against joint]]" in capsys.readouterr().out
+    shown = capsys.readouterr()
+    assert "[[Sequential against joint]]" in shown.out
+    assert "pdssjax: without peaks: rig.toml: found no step, expected one.\n" in shown.err
+    assert (tmp_path / "comparison.txt").read_text() in shown.out
+    assert (tmp_path / "comparison.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_where_the_records_show_peaks_three_ways_are_compared(calls, tmp_path, capsys):
+    calls.peaks = True
+    arguments = ["identify", "--out", str(tmp_path), "--method", "both"]
+    assert cli.main(arguments) == 0
+    assert calls.methods == ["joint", "sequential", "peaks"]
+    assert all((tmp_path / method / "estimate.json").exists() for method in calls.methods)
+    shown = capsys.readouterr()
+    assert "[[Joint, sequential and peaks side by side]]" in shown.out
+    assert "without peaks" not in shown.err
+    assert cli.main(arguments) == 2
+    assert len(calls.methods) == 3, "nothing is fitted again"
+
+
+def test_peaks_alone_are_a_method_of_their_own(calls, tmp_path, capsys):
+    assert cli.main(["identify", "--out", str(tmp_path), "--method", "peaks"]) == 0
+    assert calls.methods == ["peaks"]
+    assert "peaks fit converged" in capsys.readouterr().out
+    assert '"naive_standard_error": 0.4' in (tmp_path / "estimate.json").read_text()
 
 
 def test_a_fit_that_did_not_converge_is_written_and_gives_status_3(calls, tmp_path, capsys):

@@ -52,9 +52,9 @@ def walk_motion(time, frequency=5.0, stroke=6.5e-6, back=2e-6):
     return stroke * (cycle + phase) - back * cycle + slip
 
 
-def estimate(method: Literal["joint", "sequential"] = "joint", converged: bool = True) -> Estimate:
+def estimate(method: Literal["joint", "sequential", "peaks"] = "joint", converged: bool = True) -> Estimate:
     """Nine parameters, four records; one parameter without information, one at its bound."""
-    naive = {"naive_standard_error": 0.4} if method == "sequential" else {}
+    naive = {} if method == "joint" else {"naive_standard_error": 0.4}
     parameters = [
         parameter("piezo.gain", 1.00702e-7, 7.0e-12, "m/V"),
         parameter("piezo.natural_frequency", 6736.21, 0.77, "rad/s"),

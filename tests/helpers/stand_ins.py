@@ -7,12 +7,14 @@ import fabricated
 import pytest
 
 import pdssjax
+import pdssjax.inference
+from pdssjax import InputError
 
 
 @pytest.fixture
 def calls(monkeypatch) -> SimpleNamespace:
     """Notes what was asked and returns a made-up estimate."""
-    noted = SimpleNamespace(studies=[], methods=[], converged=True, study=SimpleNamespace(parameters={}))
+    noted = SimpleNamespace(studies=[], methods=[], converged=True, study=SimpleNamespace(parameters={}), peaks=False)
 
     def load_study(path):
         noted.studies.append(path)
@@ -25,7 +27,12 @@ def calls(monkeypatch) -> SimpleNamespace:
         whole = fabricated.estimate(method, noted.converged)
         return dataclasses.replace(whole, records=whole.records[:1])
 
+    def pick_peaks(study):
+        if not noted.peaks:
+            raise InputError("rig.toml: found no step, expected one.")
+
     # Set past the module's own look-up, which would load the real ones first.
     monkeypatch.setitem(vars(pdssjax), "load_study", load_study)
     monkeypatch.setitem(vars(pdssjax), "identify", identify)
+    monkeypatch.setitem(vars(pdssjax.inference), "pick_peaks", pick_peaks)
     return noted

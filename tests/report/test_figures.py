@@ -7,7 +7,13 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from pdssjax.report.figures import amplification_figure, correlation_figure, error_figure, record_figure
+from pdssjax.report.figures import (
+    amplification_figure,
+    comparison_figure,
+    correlation_figure,
+    error_figure,
+    record_figure,
+)
 
 
 def drawn(figure: Figure) -> Figure:
@@ -70,3 +76,25 @@ def test_the_amplification_is_written_into_its_cells():
     axes = drawn(amplification_figure(fabricated.amplification())).axes[0]
     assert [text.get_text() for text in axes.texts][:4] == ["-12", "0.31", "0.02", "99"]
     assert [label.get_text() for label in axes.get_yticklabels()][1] == "friction.sigma1_a"
+
+
+def test_ways_are_compared_by_their_distance_from_the_joint_fit():
+    ways = [fabricated.estimate(method) for method in ("joint", "sequential", "peaks")]
+    path = "friction.sigma1_a"
+    moved = dataclasses.replace(ways[2].parameters[path], value=1.1 * 54.4)
+    ways[2] = dataclasses.replace(ways[2], parameters=ways[2].parameters | {path: moved})
+    figure = drawn(comparison_figure(ways))
+    panel = next(axes for axes in figure.axes if axes.get_title("left") == path)
+    dots = [line.get_xdata()[0] for line in panel.lines if line.get_marker() == "o"]
+    np.testing.assert_allclose(dots, [0.0, 0.0, 10.0], atol=1e-9)
+    assert [label.get_text() for label in figure.axes[0].get_yticklabels()] == ["joint", "sequential", "peaks"]
+    shown = {axes.get_title("left") for axes in figure.axes} - {""}
+    assert shown == {"piezo.gain", "piezo.natural_frequency", "piezo.damping_ratio", path} | {
+        "friction.sigma0_a",
+        "friction.f_ss_a",
+    }, "neither what is zero nor what has no error"
+
+
+def test_ways_of_which_nothing_is_known_can_be_drawn():
+    nothing = dataclasses.replace(fabricated.estimate(), names=())
+    drawn(comparison_figure([nothing, nothing]))

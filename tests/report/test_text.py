@@ -93,3 +93,15 @@ def test_what_the_stack_s_errors_do_to_the_friction_is_said_in_words():
     rows = [" ".join(line.split()) for line in report.splitlines()]
     assert "friction.sigma0_a -12.50 0.31 0.02" in rows
     assert "Amplification" not in format_report(fabricated.estimate("joint"))
+
+
+def test_three_ways_stand_below_one_another_with_both_errors():
+    ways = [fabricated.estimate(method) for method in ("joint", "sequential", "peaks")]
+    text = format_comparison(*ways)
+    rows = [" ".join(line.split()) for line in text.splitlines()]
+    assert rows[0] == "[[Joint, sequential and peaks side by side]]"
+    at = rows.index("friction.sigma1_a joint N s/m 54.4 11.4 %")
+    assert rows[at + 1] == "sequential 54.4 0.735 % 11.4 % 0.00"
+    assert rows[at + 2] == "peaks 54.4 0.735 % 11.4 % 0.00"
+    assert "1 % in piezo.gain moves friction.sigma1_a by 99 % and friction.sigma0_a by 12 %." in rows
+    assert max(map(len, text.splitlines())) < 120

@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 
 from ...drive.base import AbstractDrive
 from ...study import Record, Samples, drive_with, noise_floor
+from ..step_peaks import half_period_to_frequency, overshoot_to_damping, rest_before
 
 _VISIBLE = 6.0
 """Overshoot of a step, over its noise, from which it is taken for ringing."""
@@ -50,7 +51,7 @@ def _as_told(records: Sequence[Record], told: Sequence[Float[np.ndarray, " sampl
 def oscillator(driven: Sequence[Record]) -> dict[str, float]:
     """Gain, natural frequency and damping ratio, as far as records with a drive tell them."""
     moves = as_displacements(driven)
-    steps = [r for r in moves if r.measurement.platform_alone and _is_step(r)]
+    steps = [r for r in moves if r.measurement.platform_alone and is_step(r)]
     if steps:
         # A slow record of creep does not show how the platform rings.
         finest = min(map(interval_of, steps))
@@ -65,7 +66,7 @@ def oscillator(driven: Sequence[Record]) -> dict[str, float]:
     return {"gain": float(np.median(gains))} if gains else {}
 
 
-def _is_step(record: Record) -> bool:
+def is_step(record: Record) -> bool:
     """The voltage goes to one level within the first tenth of the record, and stays there."""
     volts, last = voltages(record), record.time[-1]
     late = volts[record.time > 0.1 * last]
@@ -95,10 +96,9 @@ def _from_step(record: Record) -> dict[str, float]:
     Only the gain where no peak stands out of the noise soon enough: then the samples do not show the ringing.
     """
     time, y = record.time, record.measured
-    before = time < 0
     after = time >= 0
     end = float(np.mean(y[-max(y.size // 5, 1) :]))
-    zero = float(np.mean(y[before])) if before.any() else float(y[after][0])
+    zero, _ = rest_before(time, y)
     found = {"gain": abs(end - zero) / (abs(float(voltages(record)[-1])) or 1.0)}
     rise = (y[after] - zero) / ((end - zero) or 1e-12)
     peak = int(np.argmax(rise))
@@ -107,11 +107,10 @@ def _from_step(record: Record) -> dict[str, float]:
     if not (visible and delay < _SOON * max(float(time[-1]), interval_of(record))):
         return found
     overshoot = float(np.clip(rise[peak] - 1.0, 1e-3, 0.98))
-    logarithm = np.log(overshoot)
-    damping = -logarithm / np.hypot(np.pi, logarithm)
+    damping = overshoot_to_damping(np.log(overshoot))
     return found | {
         "damping_ratio": float(damping),
-        "natural_frequency": float(np.pi / delay / np.sqrt(1.0 - damping**2)),
+        "natural_frequency": float(half_period_to_frequency(delay, damping)),
     }
 
 

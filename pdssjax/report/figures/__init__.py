@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from .amplification import amplification_figure as amplification_figure
+    from .comparison import comparison_figure as comparison_figure
     from .correlations import correlation_figure as correlation_figure
     from .cycles import cycle_figure as cycle_figure
     from .records import record_figure as record_figure
@@ -19,6 +20,7 @@ else:
         __name__,
         {
             "amplification": ["amplification_figure"],
+            "comparison": ["comparison_figure"],
             "correlations": ["correlation_figure"],
             "cycles": ["cycle_figure"],
             "records": ["record_figure"],

@@ -26,7 +26,7 @@ def format_report(estimate: Estimate) -> str:
     ]
     if estimate.diagnosis is not None and len(estimate.diagnosis.combinations) > 1:
         parts.append(format_diagnosis(estimate.diagnosis))
-    if estimate.method == "sequential" and estimate.amplification is not None:
+    if estimate.method != "joint" and estimate.amplification is not None:
         parts.append(format_amplification(estimate.amplification))
     if estimate.notes:
         parts.append(heading("Notes") + "".join(map(_note, estimate.notes)))
@@ -67,7 +67,7 @@ def _reduced_chi2(estimate: Estimate) -> str:
 def _parameters(estimate: Estimate) -> str:
     head = ["", "unit", "value", "+/-", "", "naive", "95 % interval", "start", ""]
     rows = [head, *(_parameter(parameter) for parameter in estimate.parameters.values())]
-    if estimate.method == "sequential":
+    if estimate.method != "joint":
         legend = "    naive: the error if the results of the piezo's own fit were exact; +/-: with their errors.\n"
         return aligned_table("<<>>>>><<", rows) + legend
     return aligned_table("<<>>>><<", [row[:5] + row[6:] for row in rows])

@@ -1,0 +1,61 @@
+"""Figure of ways of identification side by side: every parameter's estimates and intervals."""
+
+from collections.abc import Sequence
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ...study import Estimate
+from ._style import BLUE, GREEN, STYLE, VERMILION
+
+_COLUMNS = 3
+"""Panels side by side."""
+
+_COLOURS = (BLUE, GREEN, VERMILION)
+"""Of the ways, in their order."""
+
+
+def comparison_figure(estimates: Sequence[Estimate]) -> Figure:
+    """One panel a free parameter: each way's estimate and 95 % interval, in per cent off the joint fit's value.
+
+    The first of the `estimates` is the joint fit.  Thick: the interval with the errors of the earlier step; thin, with
+    ends: that which takes them for exact.
+    """
+    first = estimates[0].parameters
+    shown = [path for path in estimates[0].names if first[path].value and np.isfinite(first[path].standard_error)]
+    rows = -(-len(shown) // _COLUMNS)
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(7.4, 0.9 + 1.15 * max(rows, 1)), layout="constrained")
+        panels = figure.subplots(max(rows, 1), _COLUMNS, squeeze=False, sharey=True).ravel()
+        for axes, path in zip(panels, shown, strict=False):
+            _draw(axes, path, estimates)
+        for axes in panels[len(shown) :]:
+            axes.set_axis_off()
+        for axes in panels[len(shown) - min(_COLUMNS, len(shown)) : len(shown)]:
+            axes.set_xlabel("off the joint fit (%)")
+        figure.suptitle(
+            f"{estimates[0].title}\n95 % intervals: thick with the earlier step's errors, thin without (naive)",
+            x=0.01,
+            ha="left",
+            fontsize=9.5,
+        )
+    return figure
+
+
+def _draw(axes: Axes, path: str, estimates: Sequence[Estimate]) -> None:
+    joint = estimates[0].parameters[path].value
+    for place, (estimate, colour) in enumerate(zip(estimates, _COLOURS, strict=False)):
+        found = estimate.parameters[path]
+        off = 100.0 * (found.value / joint - 1.0)
+        low, high = (100.0 * (end / joint - 1.0) for end in found.interval)
+        axes.plot([low, high], [place, place], color=colour, alpha=0.35, linewidth=5.0, solid_capstyle="butt")
+        if found.naive_standard_error is not None:
+            half = 196.0 * found.naive_standard_error / abs(joint)
+            axes.errorbar(off, place, xerr=half, color=colour, linewidth=1.0, capsize=2.5)
+        axes.plot(off, place, "o", color=colour, markersize=4.0)
+    axes.axvline(0.0, color="0.6", linewidth=0.7, zorder=0)
+    axes.set_yticks(range(len(estimates)), [estimate.method for estimate in estimates])
+    axes.set_ylim(len(estimates) - 0.4, -0.6)
+    axes.set_title(path, loc="left")
