@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..core import members
 from ..files import EXAMPLE
 from .console import progress, say
 from .results import NOT_WRITTEN, add_out, keep_results
@@ -35,7 +36,8 @@ def identify(options: argparse.Namespace) -> int:
     written = True
     for method, folder in folders.items():
         intervals: Intervals = options.intervals if method == "joint" else "linear"
-        estimates[method] = _identified(study, method, intervals, folder)
+        loss: str = options.loss if method == "joint" or len(methods) == 1 else "squares"
+        estimates[method] = _identified(study, method, intervals, loss, folder)
         written &= _report_and_keep(estimates[method], folder)
     if len(methods) > 1:
         written &= _compared(list(estimates.values()), options.out)
@@ -73,7 +75,7 @@ def _compared(estimates: "list[Estimate]", folder: Path) -> bool:
     return keep_results(lambda place: write_comparison(estimates, place), folder)
 
 
-def _identified(study: "Study", method: "Method", intervals: "Intervals", folder: Path) -> "Estimate":
+def _identified(study: "Study", method: "Method", intervals: "Intervals", loss: str, folder: Path) -> "Estimate":
     """The estimate of a study; of a fit that is broken off the best point so far is kept in `folder`."""
     import pdssjax
 
@@ -82,7 +84,7 @@ def _identified(study: "Study", method: "Method", intervals: "Intervals", folder
 
     try:
         with progress() as tell:
-            return pdssjax.identify(study, method=method, intervals=intervals, progress=tell)
+            return pdssjax.identify(study, method=method, intervals=intervals, loss=loss, progress=tell)
     except pdssjax.FitInterrupted as interrupt:
         kept = interrupt.estimate
         if kept is None:
@@ -137,5 +139,11 @@ def add_parser(subcommands: Subcommands) -> None:
         default="linear",
         help="of the joint fit: symmetric ones from the standard errors (default), or by profile likelihood, which "
         "hold where chi-square is no parabola and say which end is open",
+    )
+    parser.add_argument(
+        "--loss",
+        choices=members("inference.losses"),
+        default="squares",
+        help="of the joint fit: the sum of squares (default), or a robust one, under which glitches pull little",
     )
     add_out(parser)

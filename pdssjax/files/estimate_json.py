@@ -85,6 +85,7 @@ def estimate_document(estimate: Estimate) -> Document:
         "format": FORMAT,
         "title": estimate.title,
         "method": estimate.method,
+        "loss": estimate.loss,
         "converged": estimate.converged,
         "message": estimate.message,
         "parameters": parameters,

@@ -6,12 +6,13 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from ..core import InputError, need_double_precision
+from ..core import InputError, member, members, nearest, need_double_precision
 from ..integration import Accuracy
 from ..study import Estimate, Study
 from .best_point import BestPoint, Point, completed
 from .held_stack import rejoined, with_stack_held
 from .least_squares import Method, Progress, joint, sequential
+from .losses.base import AbstractLoss
 from .multistart import best_fit
 from .peak_picking import PickedStack, pick_peaks
 from .profile_intervals import with_profile_intervals
@@ -37,6 +38,7 @@ def identify(
     method: Method = "joint",
     *,
     intervals: Intervals = "linear",
+    loss: str = "squares",
     progress: Progress | None = None,
     accuracy: Accuracy | None = None,
 ) -> Estimate:
@@ -47,7 +49,9 @@ def identify(
     the first step's errors carried on into the second; or "peaks", the thesis's way: the same with the
     piezo from the peaks of step responses (`peak_picking`).  `intervals` are
     "linear", symmetric on the scale of the fit, or of a joint fit those by "profile" likelihood, which hold where
-    chi-square is no parabola and take some ten evaluations with derivatives an end.  `progress` is called with a
+    chi-square is no parabola and take some ten evaluations with derivatives an end.  `loss` is "squares",
+    or of a joint fit "huber" or "cauchy", under which glitches pull little; its errors are those of a
+    sandwich covariance.  `progress` is called with a
     line of text now and then.
 
     **Raises:** `InputError` if there is nothing to fit, or for "peaks" no record to pick them
@@ -63,13 +67,14 @@ def identify(
         raise InputError(
             f'intervals: found "{intervals}" with method "{method}", expected "linear", or "profile" with "joint".'
         )
+    cost = _loss(loss, method, intervals)
     stack = pick_peaks(study) if method == "peaks" else None
     asked = with_stack_held(study, stack.values) if stack else study
     run = sequential if method == "sequential" else joint
     best, done = BestPoint(), None
     try:
         report("finding starts")
-        fit, problem, starts = best_fit(asked, accuracy or Accuracy(), best.watched(run), report)
+        fit, problem, starts = best_fit(asked, accuracy or Accuracy(), best.watched(run), report, cost)
         done = Point(fit, problem, starts, 2)
         estimate = _summarised(study, method, done, begun, report, stack)
         if intervals == "profile" and np.isfinite(fit.chi2):
@@ -80,6 +85,18 @@ def identify(
         kept = _summarised(study, method, point, begun, report, stack) if point else None
         raise FitInterrupted(kept) from interrupt
     return estimate
+
+
+def _loss(name: str, method: str, intervals: str) -> AbstractLoss:
+    known = members("inference.losses")
+    if name not in known:
+        raise InputError(f'loss: found "{name}"; {nearest(name, known)}')
+    loss = member("inference.losses", name)()
+    if loss.is_robust and (method != "joint" or intervals != "linear"):
+        raise InputError(
+            f'loss: found "{name}" with method "{method}" and intervals "{intervals}", expected "joint" and "linear".'
+        )
+    return loss
 
 
 def _summarised(

@@ -9,6 +9,7 @@ that ends at a discontinuity is restarted from perturbed points.
 
 from concurrent.futures import ThreadPoolExecutor
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -16,6 +17,7 @@ from ..integration import Accuracy
 from ..study import Study
 from .initial_values.search import guess_starts
 from .least_squares import Fit, FitMethod, Progress, by_record, lowered, reduced_chi2, summed
+from .losses.base import AbstractLoss
 from .perturbed_restarts import beyond_discontinuity
 from .problem import Problem, pose
 from .races import Contest, platform_unobserved, race, ranked, reason_at_first, reason_in_the_end, shown
@@ -26,16 +28,19 @@ _FIRST = 12
 _PROMISING = 2.0
 """Reduced chi-square at that moment."""
 
+_NORMAL_MEDIAN = 1.4826
+"""Standard deviation of normal noise, over the median of its absolute values."""
+
 
 def best_fit(
-    study: Study, accuracy: Accuracy, run: FitMethod, report: Progress
+    study: Study, accuracy: Accuracy, run: FitMethod, report: Progress, loss: AbstractLoss | None = None
 ) -> tuple[Fit, Problem, dict[str, float]]:
     """The fit from the study's starts; where it is poor, the best from several starts found from the data.
 
     **Returns:** the fit, its problem with the noise found, and the starts it came from.
     """
     starts, missing = guess_starts(study.models, study.parameters, study.records)
-    problem = pose(study, starts, accuracy)
+    problem = pose(study, starts, accuracy, loss)
     _compile(problem, study, starts)
     found = ranked(study, study.parameters, problem, starts, report) if missing else []
     contest = Contest(study, problem, found, missing and platform_unobserved(study, problem), run, report)
@@ -81,8 +86,14 @@ def _with_noise(fit: Fit, problem: Problem, run: FitMethod, report: Progress) ->
 
 
 def _noise_left(problem: Problem, fit: Fit) -> Float[np.ndarray, " records"]:
-    """Standard deviation of each record's residuals, in its unit, degrees of freedom shared by samples."""
+    """Standard deviation of each record's residuals, in its unit, degrees of freedom shared by samples.
+
+    Under a robust loss, by the median of absolute residuals, which glitches hardly move.
+    """
+    loss, parts = problem.residual.loss, by_record(problem, fit)
+    if loss.is_robust:
+        return problem.noise * [_NORMAL_MEDIAN * np.median(np.abs(loss.original(jnp.asarray(p)))) for p in parts]
     sizes = np.array([record.time.size for record in problem.records])
     degrees_taken = fit.free.size * sizes / sizes.sum() + [record.offset is None for record in problem.records]
-    squares = np.array([np.sum(part**2) for part in by_record(problem, fit)])
+    squares = np.array([np.sum(part**2) for part in parts])
     return problem.noise * np.sqrt(squares / np.maximum(sizes - degrees_taken, 1.0))

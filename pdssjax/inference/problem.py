@@ -15,6 +15,7 @@ from ..core import Scalar, need_double_precision
 from ..integration import Accuracy
 from ..study import Record, Study, Values, noise_floor
 from .initial_values.guess import initial_guess
+from .losses.base import AbstractLoss
 from .parameter_transform import transform_of
 from .residual import Residual
 
@@ -104,11 +105,11 @@ def _linearised(
     return whitened, jacobian
 
 
-def pose(study: Study, starts: Mapping[str, float], accuracy: Accuracy) -> Problem:
+def pose(study: Study, starts: Mapping[str, float], accuracy: Accuracy, loss: AbstractLoss | None = None) -> Problem:
     """The fit of a study's records with role "fit", parameters scaled after their `search`."""
     records = tuple(record for record in study.records if record.role == "fit")
     fixed = {path: starts[path] for path, parameter in study.parameters.items() if not parameter.free}
-    residual = Residual(study.models, records, transform_of(study.parameters, starts), fixed, accuracy)
+    residual = Residual(study.models, records, transform_of(study.parameters, starts), fixed, accuracy, loss)
     noise = np.array([noise_floor(r) if r.noise is None else r.noise for r in records])
     return Problem(residual, records, noise)
 

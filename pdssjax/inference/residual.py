@@ -15,6 +15,8 @@ from jaxtyping import Array, Float
 
 from ..integration import Accuracy
 from ..study import Models, Predictor, Record
+from .losses.base import AbstractLoss
+from .losses.squares import Squares
 from .parameter_transform import ParameterTransform
 
 
@@ -28,6 +30,7 @@ class Residual(eqx.Module):
     transform: ParameterTransform
     fixed: dict[str, Float[np.ndarray, ""]]
     accuracy: Accuracy
+    loss: AbstractLoss
 
     def __init__(
         self,
@@ -36,6 +39,7 @@ class Residual(eqx.Module):
         transform: ParameterTransform,
         fixed: dict[str, float],
         accuracy: Accuracy,
+        loss: AbstractLoss | None = None,
     ):
         self.predictor = Predictor(models, records)
         self.measured = tuple(record.measured for record in records)
@@ -43,6 +47,7 @@ class Residual(eqx.Module):
         self.transform = transform
         self.fixed = {path: np.asarray(value, float) for path, value in fixed.items()}
         self.accuracy = accuracy
+        self.loss = Squares() if loss is None else loss
 
     @property
     def samples(self) -> int:
@@ -52,7 +57,7 @@ class Residual(eqx.Module):
     def __call__(
         self, free: Float[Array | np.ndarray, " p"], weights: Float[Array | np.ndarray, " records"]
     ) -> tuple[Float[Array, " n"], Float[Array, " records"]]:
-        """Stacked residuals, and the offset of every record, in its unit.
+        """Stacked residuals, under a robust loss their roots (`losses.base`), and each record's offset, in its unit.
 
         `weights` are 1/noise [1/m] of the records, 0 to leave one out.
         """
@@ -60,18 +65,27 @@ class Residual(eqx.Module):
         predicted = self.predictor(values, self.accuracy)
         parts, zeros = [], []
         for i, (measured, motion, offset) in enumerate(zip(self.measured, predicted, self.offsets, strict=True)):
-            difference = measured - motion
-            zero = jnp.mean(difference) if offset is None else jnp.asarray(offset, float)
-            parts.append(jnp.where(weights[i] > 0, (difference - zero) * weights[i], 0.0))
+            difference = jnp.asarray(measured - motion)
+            weight = jnp.asarray(weights[i])
+            zero = self.loss.location(difference, weight) if offset is None else jnp.asarray(offset, float)
+            parts.append(jnp.where(weight > 0, self.loss.root((difference - zero) * weight), 0.0))
             zeros.append(zero)
         return jnp.concatenate(parts), jnp.stack(zeros)
 
 
 def free_offset(
-    measured: Float[np.ndarray, " samples"], predicted: Float[np.ndarray, " samples"], given: float | None
+    measured: Float[np.ndarray, " samples"],
+    predicted: Float[np.ndarray, " samples"],
+    given: float | None,
+    loss: AbstractLoss,
+    noise: float,
 ) -> float:
-    """The record's zero, in its unit: given, or the mean of what the prediction leaves."""
-    return float(np.mean(measured - predicted)) if given is None else given
+    """The record's zero, in its unit: given, or where the `loss` of what the prediction leaves is least."""
+    if given is not None:
+        return given
+    difference = measured - predicted
+    scale = noise if noise > 0 else float(np.std(difference)) or 1.0
+    return float(loss.location(jnp.asarray(difference), jnp.asarray(1.0 / scale)))
 
 
 def as_weights(noise: Iterable[float], used: Iterable[bool]) -> Float[np.ndarray, " records"]:

@@ -1,5 +1,6 @@
 """Covariance of an estimate under a robust loss: the sandwich of its score and its curvature."""
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -21,8 +22,8 @@ def robust_covariance(
     kept = np.flatnonzero(whole.identifiable)
     if not kept.size:
         return whole
-    r = np.asarray(loss.original(root))
-    influence, curvature = np.asarray(loss.influence(r)), np.asarray(loss.curvature(r))
+    original = loss.original(jnp.asarray(root))
+    r, influence, curvature = map(np.asarray, (original, loss.influence(original), loss.curvature(original)))
     slope = np.where(np.abs(root) > 1e-12, influence / np.where(root == 0.0, 1.0, root), 1.0)
     columns = jacobian[:, kept] / slope[:, None]
     norms = np.linalg.norm(columns, axis=0)

@@ -26,6 +26,7 @@ from .parameter_transform import ParameterTransform
 from .peak_picking import PATHS, PickedStack
 from .problem import Problem
 from .residual import free_offset
+from .robust_covariance import robust_covariance
 from .start_failure import failed_start
 
 NORMAL_95 = 1.959964
@@ -66,7 +67,9 @@ def summarise(
     free, fitted = problem.residual.transform, {**starts, **problem.residual.transform.decode(fit.free)}
     values = {path: float(value) for path, value in fitted.items()}
     statistics = _statistics(problem, fit)
+    loss = problem.residual.loss
     enlarged = variance_factor(statistics) if stack is None else second_step_factor(problem, fit)
+    enlarged = 1.0 if loss.is_robust else enlarged  # its covariance takes the scatter from the residuals
     picked = None if stack is None else stack.covariance / enlarged
     known, naive = _covariances(method, problem, fit, picked)
     deviation = np.sqrt(np.diag(known.matrix) * enlarged)
@@ -108,6 +111,7 @@ def summarise(
         seconds=0.0,
         amplification=amplification_of(problem, fit, known.identifiable),
         diagnosis=diagnosis,
+        loss=type(loss).__name__.lower(),
     )
 
 
@@ -125,6 +129,9 @@ def _covariances(
     jacobian = np.asarray(fit.state.jacobian)
     free = problem.residual.transform
     held = _at_bound(fit, free)
+    loss = problem.residual.loss
+    if loss.is_robust:
+        return robust_covariance(np.asarray(fit.state.residual), jacobian, held, loss), None
     whole = least_squares_covariance(jacobian, held)
     if method == "joint":
         return whole, None
@@ -211,9 +218,9 @@ def _compared(
     out = []
     for record, motion in zip(study.records, study.predict(values, problem.residual.accuracy), strict=True):
         motion = np.asarray(motion)
-        offset = free_offset(record.measured, motion, record.offset)
         i = at.get(id(record))
         noise = problem.noise[i] if i is not None else record.noise
+        offset = free_offset(record.measured, motion, record.offset, problem.residual.loss, float(noise or 0.0))
         if noise is None:
             noise = float(np.std(record.measured - motion))
         error = float("nan")

@@ -106,5 +106,8 @@ class Estimate:
     """Wall time of the fit [s]."""
     amplification: Amplification | None = None
     """What an error of the stack does to all else; None where nothing is fitted after it."""
+    loss: str = "squares"
+    """What was minimised, a member of `pdssjax.inference.losses`; of a robust one the standard errors are those of a
+    sandwich covariance."""
     diagnosis: Diagnosis | None = None
     """Which combinations the data determine, and whether the records agree; None where nothing could be simulated."""

@@ -35,7 +35,8 @@ def format_report(estimate: Estimate) -> str:
 
 def _outcome(estimate: Estimate) -> str:
     verdict = "converged" if estimate.converged else "DID NOT CONVERGE"
-    return f"    {estimate.method} fit {verdict}: {estimate.message}\n"
+    loss = "" if estimate.loss == "squares" else f" with {estimate.loss.capitalize()}'s loss"
+    return f"    {estimate.method} fit{loss} {verdict}: {estimate.message}\n"
 
 
 def _statistics(estimate: Estimate) -> str:
