@@ -28,9 +28,8 @@ import pdssjax
 from experiments import common, moved_stack, three_ways_report
 from experiments.common import BLUE, GREEN, VERMILION, save, styled, write
 from experiments.draws import read_tasks, run_tasks
-from experiments.three_ways import SCENARIOS, WAYS, Scenario, draw, known_truth
+from experiments.three_ways import ACCURACY, SCENARIOS, WAYS, Scenario, draw, known_truth
 from experiments.three_ways_report import Cell
-from pdssjax import Accuracy
 from pdssjax.core import prepare_jax
 from pdssjax.files import EXAMPLE
 from pdssjax.inference import Residual, as_weights, least_squares_covariance, transform_of
@@ -98,7 +97,7 @@ def shift(study, truth):
     records = [record for record in study.records if record.role == "fit" and record.measures == "effector"]
     free = transform_of(study.parameters, truth)
     fixed = {path: truth[path] for path, parameter in study.parameters.items() if not parameter.free}
-    residual = Residual(study.models, records, free, fixed, Accuracy())
+    residual = Residual(study.models, records, free, fixed, ACCURACY)
     weights = as_weights([record.noise for record in records], [True] * len(records))
     jacobian = np.asarray(jax.jit(jax.jacfwd(lambda u: residual(u, weights)[0]))(jnp.asarray(free.encode(truth))))
     piezo = np.array([path.startswith("piezo.") for path in free.paths])
