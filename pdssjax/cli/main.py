@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 from ..core import InputError, InputWarning
-from . import characterise, example, identify, models, record, simulate, sweep
+from . import channels, characterise, example, identify, models, record, simulate, sweep
 from .console import announce_warnings
 from .signals import exit_status, requests_to_end
 
@@ -48,6 +48,6 @@ def _parser() -> argparse.ArgumentParser:
         "best point so far in estimate.json.",
     )
     subcommands = parser.add_subparsers(required=True, metavar="COMMAND")
-    for command in (identify, simulate, characterise, record, sweep, models, example):
+    for command in (identify, simulate, channels, characterise, record, sweep, models, example):
         command.add_parser(subcommands)
     return parser

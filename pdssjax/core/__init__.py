@@ -36,7 +36,9 @@ if TYPE_CHECKING:
     from .physical_quantity import quantity as quantity
     from .units import column_unit as column_unit
     from .units import factor as factor
+    from .units import split_text as split_text
     from .units import to_si as to_si
+    from .units import unit_named as unit_named
 else:
     from .lazy import lazy_exports
 
@@ -61,6 +63,6 @@ else:
                 "quantities",
                 "quantity",
             ],
-            "units": ["column_unit", "factor", "to_si"],
+            "units": ["column_unit", "factor", "split_text", "to_si", "unit_named"],
         },
     )

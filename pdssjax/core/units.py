@@ -60,6 +60,32 @@ def factor(name: str, unit: str, where: str) -> float:
     return float(unit_amount.to(expected.units).magnitude)
 
 
+def split_text(given: str, where: str) -> tuple[float, str]:
+    """The number and the unit of a text such as "0.5 um/V"; the unit is "" where there is none.
+
+    **Raises:** `InputError` that begins with `where` if it does not begin with a number.
+    """
+    split = _NUMBER_AND_UNIT.fullmatch(given)
+    if split is None:
+        raise InputError(f"{where}: found {_shown(given)}, expected a number and a unit.")
+    return float(split[1]), split[2]
+
+
+@functools.cache
+def unit_named(text: str) -> str:
+    """The unit that an instrument writes as `text` ("Volt", "[um]", "(ms)"), for `factor`; "" where it is none."""
+    name = text.strip().strip("()[]{}<>").strip().replace("\u03bc", "\u00b5")
+    if not name or name[0].isdigit():
+        return ""
+    for spelled in (name, name.lower()) if len(name) > 3 else (name,):
+        try:
+            if _registry().parse_units(spelled).dimensionality:
+                return spelled
+        except Exception:  # pint's parser lets errors of many types through
+            continue
+    return ""
+
+
 def column_unit(column: str) -> str:
     """The unit at the end of a column's name: "um" of "displacement_um"; "" if none is there."""
     return column.rpartition("_")[2] if "_" in column else ""

@@ -6,8 +6,9 @@ Imports `report` and the rooms below it.
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from .channel_list import list_channels as list_channels
     from .characterisation_results import write_characterisations as write_characterisations
-    from .characterise_csv import characterise as characterise
+    from .characterise_record import characterise as characterise
     from .estimate_json import estimate_text as estimate_text
     from .estimate_json import with_estimate as with_estimate
     from .estimate_results import write_essentials as write_essentials
@@ -26,8 +27,9 @@ else:
     __getattr__, __dir__, __all__ = lazy_exports(
         __name__,
         {
+            "channel_list": ["list_channels"],
             "characterisation_results": ["write_characterisations"],
-            "characterise_csv": ["characterise"],
+            "characterise_record": ["characterise"],
             "estimate_json": ["estimate_text", "with_estimate"],
             "estimate_results": ["write_essentials", "write_estimate"],
             "example": ["EXAMPLE"],

@@ -6,10 +6,12 @@ Works on arrays, never on files.  Imports only `core`.
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from .channel_summary import ChannelSummary as ChannelSummary
     from .characterisation import SI_UNITS as SI_UNITS
     from .characterisation import Characterisation as Characterisation
     from .characterisation import Summary as Summary
     from .characterisation import characterisation_of as characterisation_of
+    from .decimation import decimated as decimated
     from .goodness_of_fit import error_index as error_index
     from .goodness_of_fit import r_squared as r_squared
     from .goodness_of_fit import rmse as rmse
@@ -24,7 +26,9 @@ else:
     __getattr__, __dir__, __all__ = lazy_exports(
         __name__,
         {
+            "channel_summary": ["ChannelSummary"],
             "characterisation": ["Characterisation", "SI_UNITS", "Summary", "characterisation_of"],
+            "decimation": ["decimated"],
             "goodness_of_fit": ["error_index", "r_squared", "rmse"],
             "pure_error": ["LackOfFit", "lack_of_fit"],
             "per_cycle": ["FLANK", "cycle_metrics", "turning_points"],

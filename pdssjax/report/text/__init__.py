@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from .catalogue import format_catalogue as format_catalogue
     from .catalogue import format_entry as format_entry
+    from .channels import format_channels as format_channels
     from .characterisation import format_characterisation as format_characterisation
     from .comparison import format_comparison as format_comparison
     from .estimate import format_report as format_report
@@ -21,6 +22,7 @@ else:
         __name__,
         {
             "catalogue": ["format_catalogue", "format_entry"],
+            "channels": ["format_channels"],
             "characterisation": ["format_characterisation"],
             "comparison": ["format_comparison"],
             "estimate": ["format_report"],
