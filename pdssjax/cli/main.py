@@ -39,6 +39,16 @@ class _Parser(argparse.ArgumentParser):
         raise InputError(f"{message} (see {self.prog} --help)")
 
 
+class _Version(argparse.Action):
+    """Prints the version; what tells it is imported only then."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *rest: object) -> None:
+        from importlib.metadata import version
+
+        print(f"pdssjax {version('pdssjax')}")
+        parser.exit()
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="pdssjax",
@@ -47,6 +57,7 @@ def _parser() -> argparse.ArgumentParser:
         "written; 4 results could not be written where asked; 130 or 143 interrupted or terminated, a fit leaves its "
         "best point so far in estimate.json.",
     )
+    parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     subcommands = parser.add_subparsers(required=True, metavar="COMMAND")
     for command in (identify, simulate, channels, characterise, record, sweep, models, example):
         command.add_parser(subcommands)

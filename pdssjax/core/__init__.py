@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from .physical_quantity import check_range as check_range
     from .physical_quantity import choice as choice
     from .physical_quantity import choices as choices
+    from .physical_quantity import described as described
     from .physical_quantity import quantities as quantities
     from .physical_quantity import quantity as quantity
     from .units import column_unit as column_unit
@@ -60,6 +61,7 @@ else:
                 "check_range",
                 "choice",
                 "choices",
+                "described",
                 "quantities",
                 "quantity",
             ],

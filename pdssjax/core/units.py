@@ -14,6 +14,8 @@ from .errors import InputError
 
 _NUMBER_AND_UNIT = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 
+_HERTZ = re.compile(r"hz\b|hertz\b", re.IGNORECASE)
+
 _GRAM = ', a gram (standard gravity is written "g_0", of a column in [record.units])'
 
 _NOT_FINITE = re.compile(r"\s*[+-]?(nan|inf(inity)?)\b", re.IGNORECASE)
@@ -21,6 +23,8 @@ _NOT_FINITE = re.compile(r"\s*[+-]?(nan|inf(inity)?)\b", re.IGNORECASE)
 
 def to_si(given: object, unit: str, where: str) -> float:
     """`given`, a number in SI or a text "number unit", as a float in the SI unit `unit`.
+
+    Of an angular frequency [rad/s] cycles a second are understood, too: "200 Hz" is 200 * 2 pi rad/s.
 
     **Raises:** `InputError` that begins with `where` if `given` is neither, if its unit is
     unknown or of another dimension than `unit` ("" for a pure number), or if it is not
@@ -40,8 +44,8 @@ def to_si(given: object, unit: str, where: str) -> float:
 def factor(name: str, unit: str, where: str) -> float:
     """How many of the SI unit `unit` make one of the unit called `name`.
 
-    Radians count as a dimension here, though not in SI: a frequency in Hz, given where an
-    angular one in rad/s is expected, is refused instead of being wrong by 2 pi.
+    Radians count as a dimension here, though not in SI: Hz and rad/s do not convert to each other, instead of
+    being wrong by 2 pi.
 
     **Raises:** `InputError` that begins with `where` if `name` is not a unit or is one of
     another dimension.
@@ -104,6 +108,8 @@ def _text_to_si(given: str, unit: str, where: str) -> float:
         expected = "a finite number" if _NOT_FINITE.match(given) else _example(unit)
         raise InputError(f"{where}: found {_shown(given)}, expected {expected}.")
     number, name = split.groups()
+    if unit == "rad/s" and _HERTZ.search(name):
+        return float(number) * factor(name, "Hz", where) * 2.0 * math.pi
     # In decimals, since "86 g" is to be 0.086 kg and not 0.08600000000000001 kg.
     return float(Decimal(number) * Decimal(repr(factor(name, unit, where))))
 

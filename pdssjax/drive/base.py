@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Num
 
-from ..core import Quantity, Scalar, ScalarLike, Truth, quantities
+from ..core import Quantity, Scalar, ScalarLike, Truth, described, quantities
 from ..integration import N_co, Term, cosine_and_sine
 
 
@@ -82,6 +82,9 @@ class Flanks(NamedTuple):
 
 class AbstractDrive(eqx.Module):
     """A voltage against time, from t = 0 on; before that the piezo is at 0 V and at rest."""
+
+    def __repr__(self) -> str:
+        return described(self)
 
     @abc.abstractmethod
     def segment(self, index: Scalar) -> Segment:

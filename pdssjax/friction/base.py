@@ -12,7 +12,7 @@ from typing import ClassVar, Literal, TypeAlias
 import equinox as eqx
 import jax.numpy as jnp
 
-from ..core import Scalar, ScalarLike, quantity
+from ..core import Scalar, ScalarLike, described, quantity
 from ..integration import Term, constant, exp
 
 State: TypeAlias = tuple[Scalar, ...]
@@ -44,6 +44,9 @@ class AbstractFriction(eqx.Module):
     Elastic: a displacement of the contact, in `equilibrium_state`.  Set-valued: the contact sticks, and takes
     whatever lies between its breakaway forces.  Viscous: nothing; under any load the contact creeps.
     """
+
+    def __repr__(self) -> str:
+        return described(self)
 
     @abc.abstractmethod
     def initial(self) -> State:

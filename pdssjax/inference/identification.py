@@ -13,6 +13,7 @@ from .best_point import BestPoint, Point, completed
 from .least_squares import Method, Progress, joint, sequential
 from .multistart import best_fit
 from .profile_intervals import with_profile_intervals
+from .sensor_signs import question_signs
 from .summary import summarise
 
 Intervals: TypeAlias = Literal["linear", "profile"]
@@ -50,6 +51,7 @@ def identify(
     **Raises:** `InputError` if there is nothing to fit.  A fit that does not converge is
     returned all the same, with `converged` False and the reason in `message`.  `FitInterrupted`,
     a `KeyboardInterrupt` whose `estimate` is that at the best point so far, if it is broken off.
+    Warns with `InputWarning` where a record moves against its drive.
     """
     need_double_precision()
     begun = time.perf_counter()
@@ -59,6 +61,7 @@ def identify(
         raise InputError(
             f'intervals: found "{intervals}" with method "{method}", expected "linear", or "profile" with "joint".'
         )
+    question_signs([record for record in study.records if record.role == "fit"])
     run = joint if method == "joint" else sequential
     best, done = BestPoint(), None
     try:
