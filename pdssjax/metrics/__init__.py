@@ -20,6 +20,12 @@ if TYPE_CHECKING:
     from .per_cycle import turning_points as turning_points
     from .pure_error import LackOfFit as LackOfFit
     from .pure_error import lack_of_fit as lack_of_fit
+    from .record_guess import RecordGuess as RecordGuess
+    from .record_guess import guess_record as guess_record
+    from .scatter import resolution_of as resolution_of
+    from .scatter import scatter_floor as scatter_floor
+    from .waveform_detection import Waveform as Waveform
+    from .waveform_detection import detect_waveform as detect_waveform
 else:
     from ..core.lazy import lazy_exports
 
@@ -31,6 +37,9 @@ else:
             "decimation": ["decimated"],
             "goodness_of_fit": ["error_index", "r_squared", "rmse"],
             "pure_error": ["LackOfFit", "lack_of_fit"],
+            "record_guess": ["RecordGuess", "guess_record"],
+            "scatter": ["resolution_of", "scatter_floor"],
+            "waveform_detection": ["Waveform", "detect_waveform"],
             "per_cycle": ["FLANK", "cycle_metrics", "turning_points"],
         },
     )

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from .amplification import amplification_figure as amplification_figure
     from .correlations import correlation_figure as correlation_figure
     from .cycles import cycle_figure as cycle_figure
+    from .record_guess import guess_figure as guess_figure
     from .records import record_figure as record_figure
     from .standard_errors import error_figure as error_figure
     from .sweep import sweep_figure as sweep_figure
@@ -21,6 +22,7 @@ else:
             "amplification": ["amplification_figure"],
             "correlations": ["correlation_figure"],
             "cycles": ["cycle_figure"],
+            "record_guess": ["guess_figure"],
             "records": ["record_figure"],
             "standard_errors": ["error_figure"],
             "sweep": ["sweep_figure"],
