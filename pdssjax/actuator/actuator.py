@@ -2,6 +2,7 @@
 
 import equinox as eqx
 
+from ..core import described
 from ..friction.base import AbstractFriction
 from ..piezo.base import AbstractPiezo
 from .amplifier import Amplifier
@@ -22,6 +23,9 @@ class Actuator(eqx.Module):
     """None: the command reaches the piezo as it is."""
     stop: Stop | None = None
     """What the end-effector runs against; None: it moves freely."""
+
+    def __repr__(self) -> str:
+        return described(self)
 
     @property
     def driven_platform(self) -> DrivenPlatform:

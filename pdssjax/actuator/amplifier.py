@@ -8,7 +8,7 @@ Its state is the voltage u and a flag: 0 while it follows, +1 or -1 while it sle
 import equinox as eqx
 import jax.numpy as jnp
 
-from ..core import Scalar, ScalarLike, quantity
+from ..core import Scalar, ScalarLike, described, quantity
 from ..drive.base import Segment, Voltage
 from ..integration import Term
 
@@ -20,6 +20,9 @@ class Amplifier(eqx.Module):
     """Frequency at which a small signal is down by 3 dB [Hz]."""
     slew: float = quantity(1e9, "V/s", optional=True)
     """Largest rate of the output [V/s]."""
+
+    def __repr__(self) -> str:
+        return described(self)
 
     def initial(self) -> tuple[Scalar, ...]:
         return jnp.zeros(()), jnp.zeros(())

@@ -6,7 +6,7 @@ m_e x_e'' = F + load + m_e g sin(tilt) [ - what it meets in front of it ]
 import equinox as eqx
 import jax.numpy as jnp
 
-from ..core import Scalar, quantity
+from ..core import Scalar, described, quantity
 
 GRAVITY = 9.80665
 """Standard gravity g [m/s2]."""
@@ -21,6 +21,9 @@ class Effector(eqx.Module):
     """Constant force on the end-effector, positive forward [N]."""
     tilt: float = quantity(0.0, "rad", positive=False, low=-1.5, high=1.5, optional=True)
     """Angle by which the forward direction points downhill [rad]."""
+
+    def __repr__(self) -> str:
+        return described(self)
 
     def pull(self) -> Scalar:
         """All constant force on the end-effector, positive forward [N]."""

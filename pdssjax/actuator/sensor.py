@@ -9,7 +9,7 @@ e' = x' - w_s e.  A sensor of velocity with the same low-pass shows s' = w_s e.
 import equinox as eqx
 import jax.numpy as jnp
 
-from ..core import Scalar, ScalarLike, quantity
+from ..core import Scalar, ScalarLike, described, quantity
 from ..integration import Term
 
 
@@ -22,6 +22,9 @@ class Sensor(eqx.Module):
     """Time by which the record is late [s]."""
     filters: bool = eqx.field(static=True, default=True)
     """False: only late."""
+
+    def __repr__(self) -> str:
+        return described(self)
 
     def initial(self) -> tuple[Scalar, ...]:
         """The lag of a sensor while nothing moves; none without a filter."""

@@ -2,7 +2,7 @@
 
 import equinox as eqx
 
-from ..core import quantity
+from ..core import described, quantity
 from ..integration import Term
 
 
@@ -19,6 +19,9 @@ class Stop(eqx.Module):
     """Share d of the force that a unit of speed adds [s/m]; below the reciprocal of the fastest withdrawal."""
     gap: float = quantity(0.0, "m", positive=False, low=0.0, optional=True)
     """How far the end-effector goes before it meets the sensor [m]."""
+
+    def __repr__(self) -> str:
+        return described(self)
 
     def push(self, x: Term, speed: Term) -> Term:
         """Force [N] on the sensor where the end-effector touches it, at `x` [m] and `speed` [m/s]."""

@@ -1,6 +1,7 @@
 """`pdssjax characterise`: step efficiency, speed and output force from records alone."""
 
 import argparse
+import sys
 from pathlib import Path
 
 from ..core import InputError
@@ -30,15 +31,23 @@ def characterise(options: argparse.Namespace) -> int:
     from ..files import characterise
 
     columns = {name: getattr(options, name) for name in ("time", "displacement", "force")}
-    found = [
-        characterise(file, **columns, units=units, frequency=frequency, window=window, slip_duration=slip_duration)
-        for file in options.files
-    ]
+    found, status = [], 0
+    for file in options.files:
+        try:
+            found.append(
+                characterise(
+                    file, **columns, units=units, frequency=frequency, window=window, slip_duration=slip_duration
+                )
+            )
+        except InputError as error:
+            # The other files are characterised all the same.
+            print(f"pdssjax: error: {error}", file=sys.stderr)
+            status = 2
     say("\n".join(map(format_characterisation, found)), end="")
-    if not options.out:
-        return 0
+    if not options.out or not found:
+        return status
     written = keep_results(lambda place: write_characterisations(found, place), options.out)
-    return say_where(written, f"\nResults are in {options.out}")
+    return say_where(written, f"\nResults are in {options.out}") or status
 
 
 def _plain(given: str) -> float | str:
@@ -68,7 +77,9 @@ def add_parser(subcommands: Subcommands) -> None:
     text = "step efficiency, speed and output force from records alone (thesis, chapter 3)"
     parser = subcommands.add_parser("characterise", help=text, description=text)
     parser.set_defaults(run=characterise)
-    parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="record (CSV)")
+    parser.add_argument(
+        "files", nargs="+", type=Path, metavar="FILE", help="record (CSV, MATLAB, TDMS, HDF5, oscilloscope)"
+    )
     parser.add_argument("--time", metavar="COL", help='column of the times; left out: the one named "time..."')
     measured = parser.add_mutually_exclusive_group()
     text = "column of the displacements; left out: the one whose name ends in a length"

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 from ..core import InputError, InputWarning
-from . import characterise, example, identify, models, record, simulate, sweep
+from . import channels, characterise, example, identify, models, new, record, simulate, sweep
 from .console import announce_warnings
 from .signals import exit_status, requests_to_end
 
@@ -39,6 +39,16 @@ class _Parser(argparse.ArgumentParser):
         raise InputError(f"{message} (see {self.prog} --help)")
 
 
+class _Version(argparse.Action):
+    """Prints the version; what tells it is imported only then."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *rest: object) -> None:
+        from importlib.metadata import version
+
+        print(f"pdssjax {version('pdssjax')}")
+        parser.exit()
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="pdssjax",
@@ -47,7 +57,8 @@ def _parser() -> argparse.ArgumentParser:
         "written; 4 results could not be written where asked; 130 or 143 interrupted or terminated, a fit leaves its "
         "best point so far in estimate.json.",
     )
+    parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     subcommands = parser.add_subparsers(required=True, metavar="COMMAND")
-    for command in (identify, simulate, characterise, record, sweep, models, example):
+    for command in (identify, new, simulate, channels, characterise, record, sweep, models, example):
         command.add_parser(subcommands)
     return parser

@@ -32,11 +32,14 @@ if TYPE_CHECKING:
     from .physical_quantity import check_range as check_range
     from .physical_quantity import choice as choice
     from .physical_quantity import choices as choices
+    from .physical_quantity import described as described
     from .physical_quantity import quantities as quantities
     from .physical_quantity import quantity as quantity
     from .units import column_unit as column_unit
     from .units import factor as factor
+    from .units import split_text as split_text
     from .units import to_si as to_si
+    from .units import unit_named as unit_named
 else:
     from .lazy import lazy_exports
 
@@ -58,9 +61,10 @@ else:
                 "check_range",
                 "choice",
                 "choices",
+                "described",
                 "quantities",
                 "quantity",
             ],
-            "units": ["column_unit", "factor", "to_si"],
+            "units": ["column_unit", "factor", "split_text", "to_si", "unit_named"],
         },
     )

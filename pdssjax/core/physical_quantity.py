@@ -91,6 +91,24 @@ def choices(model: type) -> dict[str, dict[str, float]]:
     return {f.name: f.metadata["choice"] for f in fields if "choice" in f.metadata}
 
 
+def described(model: eqx.Module) -> str:
+    """A model as text, its numbers with their units: `Effector(mass=0.086 kg, load=0 N, tilt=0 rad)`."""
+    told = []
+    for field in dataclasses.fields(model):
+        value, declared = getattr(model, field.name), field.metadata.get("quantity")
+        words = {number: word for word, number in field.metadata.get("choice", {}).items()}
+        try:
+            number = float(value)
+        except Exception:  # an array, a traced number, another model
+            shown = repr(value) if isinstance(value, eqx.Module) or value is None else eqx.tree_pformat(value)
+        else:
+            known = isinstance(value, bool) or (declared is None and number not in words)
+            shown = repr(value) if known else words.get(number, f"{number:.6g}")
+            shown += f" {declared.unit}" if declared is not None and declared.unit else ""
+        told.append(f"{field.name}={shown}")
+    return f"{type(model).__name__}({', '.join(told)})"
+
+
 def check_range(value: float, declared: Quantity, where: str) -> None:
     """Raises `InputError` that begins with `where` if `value` is outside the legal range."""
     low_ok = value > declared.low if declared.positive else value >= declared.low

@@ -14,6 +14,8 @@ from .errors import InputError
 
 _NUMBER_AND_UNIT = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 
+_HERTZ = re.compile(r"hz\b|hertz\b", re.IGNORECASE)
+
 _GRAM = ', a gram (standard gravity is written "g_0", of a column in [record.units])'
 
 _NOT_FINITE = re.compile(r"\s*[+-]?(nan|inf(inity)?)\b", re.IGNORECASE)
@@ -21,6 +23,8 @@ _NOT_FINITE = re.compile(r"\s*[+-]?(nan|inf(inity)?)\b", re.IGNORECASE)
 
 def to_si(given: object, unit: str, where: str) -> float:
     """`given`, a number in SI or a text "number unit", as a float in the SI unit `unit`.
+
+    Of an angular frequency [rad/s] cycles a second are understood, too: "200 Hz" is 200 * 2 pi rad/s.
 
     **Raises:** `InputError` that begins with `where` if `given` is neither, if its unit is
     unknown or of another dimension than `unit` ("" for a pure number), or if it is not
@@ -40,8 +44,8 @@ def to_si(given: object, unit: str, where: str) -> float:
 def factor(name: str, unit: str, where: str) -> float:
     """How many of the SI unit `unit` make one of the unit called `name`.
 
-    Radians count as a dimension here, though not in SI: a frequency in Hz, given where an
-    angular one in rad/s is expected, is refused instead of being wrong by 2 pi.
+    Radians count as a dimension here, though not in SI: Hz and rad/s do not convert to each other, instead of
+    being wrong by 2 pi.
 
     **Raises:** `InputError` that begins with `where` if `name` is not a unit or is one of
     another dimension.
@@ -58,6 +62,32 @@ def factor(name: str, unit: str, where: str) -> float:
         hint = _GRAM if name == "g" and expected.check("[acceleration]") else ""
         raise InputError(f"{where}: found {found}{hint}, expected {_of(unit)}.")
     return float(unit_amount.to(expected.units).magnitude)
+
+
+def split_text(given: str, where: str) -> tuple[float, str]:
+    """The number and the unit of a text such as "0.5 um/V"; the unit is "" where there is none.
+
+    **Raises:** `InputError` that begins with `where` if it does not begin with a number.
+    """
+    split = _NUMBER_AND_UNIT.fullmatch(given)
+    if split is None:
+        raise InputError(f"{where}: found {_shown(given)}, expected a number and a unit.")
+    return float(split[1]), split[2]
+
+
+@functools.cache
+def unit_named(text: str) -> str:
+    """The unit that an instrument writes as `text` ("Volt", "[um]", "(ms)"), for `factor`; "" where it is none."""
+    name = text.strip().strip("()[]{}<>").strip().replace("\u03bc", "\u00b5")
+    if not name or name[0].isdigit():
+        return ""
+    for spelled in (name, name.lower()) if len(name) > 3 else (name,):
+        try:
+            if _registry().parse_units(spelled).dimensionality:
+                return spelled
+        except Exception:  # pint's parser lets errors of many types through
+            continue
+    return ""
 
 
 def column_unit(column: str) -> str:
@@ -78,6 +108,8 @@ def _text_to_si(given: str, unit: str, where: str) -> float:
         expected = "a finite number" if _NOT_FINITE.match(given) else _example(unit)
         raise InputError(f"{where}: found {_shown(given)}, expected {expected}.")
     number, name = split.groups()
+    if unit == "rad/s" and _HERTZ.search(name):
+        return float(number) * factor(name, "Hz", where) * 2.0 * math.pi
     # In decimals, since "86 g" is to be 0.086 kg and not 0.08600000000000001 kg.
     return float(Decimal(number) * Decimal(repr(factor(name, unit, where))))
 

@@ -9,7 +9,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..core import Quantity, Scalar, ScalarLike, quantities
+from ..core import Quantity, Scalar, ScalarLike, described, quantities
 from ..integration import N_co, Term, cosine_and_sine
 
 
@@ -81,6 +81,9 @@ class Flanks(NamedTuple):
 
 class AbstractDrive(eqx.Module):
     """A voltage against time, from t = 0 on; before that the piezo is at 0 V and at rest."""
+
+    def __repr__(self) -> str:
+        return described(self)
 
     @abc.abstractmethod
     def segment(self, index: Scalar) -> Segment:

@@ -6,14 +6,19 @@ Imports `report` and the rooms below it.
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from .channel_list import list_channels as list_channels
+    from .channel_roles import Hints as Hints
     from .characterisation_results import write_characterisations as write_characterisations
-    from .characterise_csv import characterise as characterise
+    from .characterise_record import characterise as characterise
     from .comparison_results import write_comparison as write_comparison
     from .estimate_json import estimate_text as estimate_text
     from .estimate_json import with_estimate as with_estimate
     from .estimate_results import write_essentials as write_essentials
     from .estimate_results import write_estimate as write_estimate
     from .example import EXAMPLE as EXAMPLE
+    from .new_study import Told as Told
+    from .new_study import guess_file as guess_file
+    from .new_study import write_study as write_study
     from .prediction_results import write_predictions as write_predictions
     from .recording_results import write_recordings as write_recordings
     from .results_folder import check_free as check_free
@@ -27,12 +32,15 @@ else:
     __getattr__, __dir__, __all__ = lazy_exports(
         __name__,
         {
+            "channel_list": ["list_channels"],
+            "channel_roles": ["Hints"],
             "characterisation_results": ["write_characterisations"],
-            "characterise_csv": ["characterise"],
+            "characterise_record": ["characterise"],
             "comparison_results": ["write_comparison"],
             "estimate_json": ["estimate_text", "with_estimate"],
             "estimate_results": ["write_essentials", "write_estimate"],
             "example": ["EXAMPLE"],
+            "new_study": ["Told", "guess_file", "write_study"],
             "prediction_results": ["write_predictions"],
             "recording_results": ["write_recordings"],
             "results_folder": ["check_free", "write_aside"],

@@ -8,11 +8,11 @@ import numpy as np
 from ..actuator import ZeroOrderHold
 from ..core import InputError, choices, member, members, quantities
 from ..drive.base import AbstractDrive
-from ..study import check_increasing
-from .csv_columns import read_csv
+from .layout_table import decimal_at, interval_at, name_at
+from .record_columns import Layout, read_columns
 from .toml_table import Table
 
-_SAMPLED_KEYS = ["column", "file", "time", "unit"]
+_SAMPLED_KEYS = ["column", "file", "time", "unit", "scale", "decimal"]
 """What a sampled drive needs besides its choices: where its voltages are."""
 
 _QUIET = 0.02
@@ -49,20 +49,15 @@ def _voltages(table: Table, record: Table, folder: Path) -> dict[str, Any]:
 
     What comes from the record's own file is on its clock, which the record's `start` shifts.
     """
-    column = table.text("column", "the name of a column of voltages")
-    overrides = folder / record.text("file", "the path of a CSV file")
-    file = folder / table.text("file", "the path of a CSV file") if "file" in table.entries else overrides
-    columns = record.table("columns", "a table of columns")
-    clock = (table if "time" in table.entries else columns).text("time", "the name of a column")
-    elsewhere = record.table("units", "a table of units", {})
-    written = {"voltage": (table, "unit"), "time": (elsewhere, "time")}
-    written = {quantity: t.text(key, "a unit") for quantity, (t, key) in written.items() if key in t.entries}
-    data, lines = read_csv(file, {"time": clock, "voltage": column}, {"time": "s", "voltage": "V"}, written)
-    time, voltage = data["time"], data["voltage"]
-    check_increasing(file, clock, time, lines)
-    if file == overrides:
+    column = name_at(table, "column", "the name or the number of a column of voltages")
+    beside = folder / record.text("file", "the path of a file")
+    file = folder / table.text("file", "the path of a file") if "file" in table.entries else beside
+    found = read_columns(file, _layout(table, record, column))
+    found.check_numbers()
+    time, voltage = found.data["time"], found.data["voltage"]
+    if file == beside:
         time = time - record.number("start", "s", 0.0)
-    where = f'{file}: column "{column}"'
+    where = f'{file}: column "{found.channels["voltage"].name}"'
     peak = float(np.max(np.abs(voltage)))
     if peak == 0:
         raise InputError(
@@ -74,8 +69,8 @@ def _voltages(table: Table, record: Table, folder: Path) -> dict[str, Any]:
     if early.size:
         first = early[0]
         raise InputError(
-            f"{where}, line {lines[first]}: found {voltage[first]:g} V at {time[first]:g} s, expected 0 V before "
-            "t = 0, where the drive starts from rest; the record's key start shifts its clock."
+            f"{where}, {found.reader.place} {found.places[first]}: found {voltage[first]:g} V at {time[first]:g} s, "
+            "expected 0 V before t = 0, where the drive starts from rest; the record's key start shifts its clock."
         )
     if time[-1] <= 0:
         raise InputError(f"{where}: found {time[-1]:g} s as the last time, expected samples after t = 0.")
@@ -85,6 +80,24 @@ def _voltages(table: Table, record: Table, folder: Path) -> dict[str, Any]:
     held = table.entries.get("interpolation") == "held"
     begin = voltage[~kept][-1] if held else np.interp(0.0, time, voltage)
     return {"times": np.append(0.0, time[kept]), "voltages": np.append(begin, voltage[kept])}
+
+
+def _layout(table: Table, record: Table, column: str | int) -> Layout:
+    """Where the voltages are: the drive's table says it, and what it leaves out the record's."""
+    elsewhere = record.table("units", "a table of units", {})
+    written = {"voltage": (elsewhere, "voltage"), "time": (elsewhere, "time")}
+    if "unit" in table.entries:
+        written["voltage"] = (table, "unit")
+    units = {quantity: t.text(key, "a unit") for quantity, (t, key) in written.items() if key in t.entries}
+    columns = record.table("columns", "a table of columns", {})
+    source = next((t for t in (table, record, columns) if "time" in t.entries), None)
+    names: dict[str, str | int] = {"voltage": column}
+    if source is not None and not isinstance(source.entries["time"], dict):
+        names["time"] = name_at(source, "time")
+    interval, begin = (None, 0.0) if source is None else interval_at(source)
+    scales: dict[str, float | str] = {"voltage": table.entries["scale"]} if "scale" in table.entries else {}
+    decimal = decimal_at(table) or decimal_at(record)
+    return Layout(names, {"time": "s", "voltage": "V"}, units, scales, interval, begin, decimal)
 
 
 def _hold_interval(table: Table, drive: AbstractDrive) -> float:

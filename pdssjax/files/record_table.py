@@ -1,23 +1,24 @@
-"""A record, as a study's [[record]] table and its CSV file tell it."""
+"""A record, as a study's [[record]] table and its file tell it."""
 
 import warnings
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
-from ..core import InputError, InputWarning, choices, member, members, to_si
+from ..core import InputError, InputWarning, choices, member, members
 from ..drive.base import AbstractDrive
-from ..study import MARK, STEP_TIME, AbstractMeasurement, Record, check_increasing, check_meets_drive
-from .csv_columns import read_csv
+from ..study import MARK, STEP_TIME, AbstractMeasurement, Record, check_meets_drive
 from .drive_table import read_drive
+from .layout_table import record_layout
+from .record_columns import Layout
+from .record_samples import record_samples
 from .toml_table import Table
 
 _FAMILY = "study.measurement"
 
 _KEYS = [
-    *("name", "file", "columns", "units", "measures", "role", "noise", "offset"),
-    *("window", "exclude", "start", "drive", "resolution", "sampling", "conditions"),
+    *("name", "file", "columns", "channel", "time", "units", "scale", "decimal", "measures", "role", "noise"),
+    *("offset", "window", "exclude", "decimate", "start", "drive", "resolution", "sampling", "conditions"),
 ]
 
 
@@ -33,7 +34,7 @@ def read_record(table: Table, folder: Path, virtual: bool = False) -> Record:
     """
     kinds = [member(_FAMILY, kind) for kind in members(_FAMILY)]
     table.only([*_KEYS, *dict.fromkeys(key for kind in kinds for key in choices(kind))])
-    file = folder / table.text("file", "the path of a CSV file")
+    file = folder / table.text("file", "the path of a file")
     name = table.text("name", "a name", file.stem)
     measurement = _measurement(table)
     unit = measurement.unit
@@ -46,17 +47,20 @@ def read_record(table: Table, folder: Path, virtual: bool = False) -> Record:
             f'{table.at("drive")}: found a drive, expected none: the "motion" of a {measurement.name} record is '
             "prescribed."
         )
-    columns = _columns(table, measurement.columns)
+    layout = record_layout(table, measurement.columns)
     start = _start(table, measurement)
     if virtual and "sampling" in table.entries:
+        _check_writable(table, layout)
         data = _planned(table, measurement)
         begin = float(data["time"][0])
     else:
-        data, begin = _samples(table, file, measurement.columns, columns)
+        data, begin = record_samples(table, file, layout)
     where = f'{file}: record "{name}"'
     check_meets_drive(where, begin, data["time"], drive, start)
     data["time"] = data["time"] - start
     _warn(where, data["time"], drive)
+    noise = _positive(table, "noise", unit)
+    _question_noise(table, noise, data[measurement.quantity], measurement)
     return Record(
         name=name,
         file=file,
@@ -66,11 +70,11 @@ def read_record(table: Table, folder: Path, virtual: bool = False) -> Record:
         overrides=overrides,
         time=data["time"],
         measured=data[measurement.quantity],
-        noise=_positive(table, "noise", unit),
+        noise=noise,
         offset=None if table.entries.get("offset", "free") == "free" else table.number("offset", unit),
         motion=data.get("motion"),
         resolution=_positive(table, "resolution", unit) or 0.0,
-        columns=columns,
+        columns={q: (str(name), layout.units.get(q, "")) for q, name in layout.columns.items()},
         conditions=_conditions(table),
         start=start,
     )
@@ -103,16 +107,14 @@ def _start(table: Table, measurement: AbstractMeasurement) -> float:
     return table.number("start", "s", 0.0)
 
 
-def _columns(table: Table, si_units: Mapping[str, str]) -> dict[str, tuple[str, str]]:
-    """By quantity, the name of its column, and its unit as [record.units] says; "" where the name says it."""
-    *_, explained = si_units
-    columns = table.table("columns", f'a table such as {{ time = "time_s", {explained} = "..." }}')
-    columns.only(si_units)
-    units = table.table("units", f'a table such as {{ {explained} = "..." }}', {})
-    units.only(si_units)
-    names = {quantity: columns.text(quantity, "the name of a column") for quantity in si_units}
-    written = {quantity: units.text(quantity, "a unit") for quantity in units.entries}
-    return {quantity: (name, written.get(quantity, "")) for quantity, name in names.items()}
+def _check_writable(table: Table, layout: Layout) -> None:
+    """A record that is to be made is written as a CSV file with named columns."""
+    named = all(isinstance(name, str) for name in layout.columns.values()) and "time" in layout.columns
+    if not named or layout.scales or "decimate" in table.entries:
+        raise InputError(
+            f"{table.at('sampling')}: found a record to be made whose columns are numbered, scaled or decimated, "
+            'expected their names, as in columns = { time = "time_s", displacement = "displacement_um" }.'
+        )
 
 
 def _planned(table: Table, measurement: AbstractMeasurement) -> dict[str, np.ndarray]:
@@ -131,57 +133,25 @@ def _planned(table: Table, measurement: AbstractMeasurement) -> dict[str, np.nda
     return {"time": time, **planned, measurement.quantity: np.zeros(time.shape)}
 
 
-def _samples(
-    table: Table, file: Path, si_units: Mapping[str, str], columns: dict[str, tuple[str, str]]
-) -> tuple[dict[str, np.ndarray], float]:
-    """The columns of the samples kept, by quantity, checked, and the first time in the file [s]."""
-    names = {quantity: name for quantity, (name, _) in columns.items()}
-    data, lines = read_csv(file, names, si_units, {quantity: unit for quantity, (_, unit) in columns.items()})
-    time = data["time"]
-    check_increasing(file, names["time"], time, lines)
-    keep = _kept(table, time)
-    for quantity in list(si_units)[1:]:
-        if np.all(data[quantity][keep] == data[quantity][keep][0]):
-            raise InputError(
-                f'{file}: column "{names[quantity]}": found the same {quantity} in all {np.sum(keep)} samples, '
-                "expected a record that moves."
-            )
-    return {quantity: column[keep] for quantity, column in data.items()}, float(time[0])
-
-
-def _kept(table: Table, time: np.ndarray) -> np.ndarray:
-    """Which samples the record's `window` and `exclude`, on the clock of its file, leave, shape (samples,)."""
-    keep = np.ones(time.shape, bool)
-    if "window" in table.entries:
-        start, end = _interval(table.entries["window"], table.at("window"))
-        keep &= (time >= start) & (time <= end)
-    excluded = table.get("exclude", list, "a list of pairs of times", [])
-    for index, pair in enumerate(excluded, start=1):
-        start, end = _interval(pair, f"{table.at('exclude')}: pair {index}")
-        keep &= (time < start) | (time > end)
-    if not keep.any():
-        raise InputError(
-            f'{table.where}: found no sample left by "window" and "exclude", '
-            f"expected some of the record's {time[0]:g} s to {time[-1]:g} s."
-        )
-    return keep
-
-
-def _interval(given: object, where: str) -> tuple[float, float]:
-    if not isinstance(given, list) or len(given) != 2:
-        raise InputError(f'{where}: found {given}, expected a pair of times such as ["3 s", "5 s"].')
-    start, end = (to_si(time, "s", where) for time in given)
-    if start >= end:
-        raise InputError(f"{where}: found {start:g} s to {end:g} s, expected an end after its start.")
-    return start, end
-
-
 def _positive(table: Table, key: str, unit: str) -> float | None:
     value = table.number(key, unit, None)
     if value is not None and value <= 0:
         what = "a standard deviation" if key == "noise" else "a step"
         raise InputError(f"{table.at(key)}: found {value:g} {unit}, expected {what} above 0.")
     return value
+
+
+def _question_noise(table: Table, noise: float | None, measured: np.ndarray, measurement: AbstractMeasurement) -> None:
+    """Noise as large as all that moves is more likely a slip of the unit."""
+    extent = float(np.ptp(measured))
+    if noise is not None and 0 < extent < noise:
+        show = measurement.display.text
+        warnings.warn(
+            f"{table.at('noise')}: found {show(noise)} for a record that moves over {show(extent)} in all, "
+            "expected less: is its unit right?",
+            InputWarning,
+            stacklevel=3,
+        )
 
 
 def _warn(where: str, time: np.ndarray, drive: AbstractDrive | None) -> None:

@@ -11,7 +11,7 @@ from typing import ClassVar, Literal, TypeAlias
 
 import equinox as eqx
 
-from ..core import Scalar, ScalarLike
+from ..core import Scalar, ScalarLike, described
 from ..integration import Term, constant
 
 State: TypeAlias = tuple[Scalar, ...]
@@ -37,6 +37,9 @@ class AbstractFriction(eqx.Module):
     Elastic: a displacement of the contact, in `equilibrium_state`.  Set-valued: the contact sticks, and takes
     whatever lies between its breakaway forces.  Viscous: nothing; under any load the contact creeps.
     """
+
+    def __repr__(self) -> str:
+        return described(self)
 
     @abc.abstractmethod
     def initial(self) -> State:

@@ -16,6 +16,7 @@ from .losses.base import AbstractLoss
 from .multistart import best_fit
 from .peak_picking import PickedStack, pick_peaks
 from .profile_intervals import with_profile_intervals
+from .sensor_signs import question_signs
 from .summary import summarise
 
 Intervals: TypeAlias = Literal["linear", "profile"]
@@ -58,6 +59,7 @@ def identify(
     from.  A fit that does not converge is returned all the same, with `converged` False and the
     reason in `message`.  `FitInterrupted`,
     a `KeyboardInterrupt` whose `estimate` is that at the best point so far, if it is broken off.
+    Warns with `InputWarning` where a record moves against its drive.
     """
     need_double_precision()
     begun = time.perf_counter()
@@ -68,6 +70,7 @@ def identify(
             f'intervals: found "{intervals}" with method "{method}", expected "linear", or "profile" with "joint".'
         )
     cost = _loss(loss, method, intervals)
+    question_signs([record for record in study.records if record.role == "fit"])
     stack = pick_peaks(study) if method == "peaks" else None
     asked = with_stack_held(study, stack.values) if stack else study
     run = sequential if method == "sequential" else joint

@@ -13,7 +13,7 @@ from typing import ClassVar, NamedTuple, TypeAlias
 import equinox as eqx
 import jax.numpy as jnp
 
-from ..core import Declared, Scalar, ScalarLike, quantities
+from ..core import Declared, Scalar, ScalarLike, described, quantities
 from ..drive.base import Segment, Voltage
 from ..integration import N, Term
 
@@ -74,6 +74,9 @@ class AbstractPiezo(eqx.Module):
 
     mass: eqx.AbstractVar[Declared]
     """Moving mass that a force on the platform accelerates at first, a number [kg]; only feedback (5.25) uses it."""
+
+    def __repr__(self) -> str:
+        return described(self)
 
     @abc.abstractmethod
     def initial(self) -> State:

@@ -26,14 +26,18 @@ _LATEST = 1e6
 
 
 def check_increasing(
-    file: Path, column: str, time: Float[np.ndarray, " samples"], lines: Int[np.ndarray, " samples"]
+    file: Path,
+    column: str,
+    time: Float[np.ndarray, " samples"],
+    places: Int[np.ndarray, " samples"],
+    place: str = "line",
 ) -> None:
-    """**Raises** `InputError` that names the first line of `lines` at which the `time` [s] does not increase."""
+    """**Raises** `InputError` that names the first of `places` at which the `time` [s] does not increase."""
     late = np.flatnonzero(np.diff(time) <= 0)
     if late.size:
         before, here = time[late[0]], time[late[0] + 1]
         raise InputError(
-            f'{file}: line {lines[late[0] + 1]}, column "{column}": found {here:.9g} s after {before:.9g} s, '
+            f'{file}: {place} {places[late[0] + 1]}, column "{column}": found {here:.9g} s after {before:.9g} s, '
             "expected times that increase."
         )
 

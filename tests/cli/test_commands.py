@@ -160,3 +160,38 @@ def test_the_example_is_copied_for_the_user_to_edit(tmp_path, capsys):
     assert f"pdssjax identify {folder / 'study.toml'}" in capsys.readouterr().out
     assert cli.main(["example", str(folder)]) == 2
     assert "expected an empty folder" in capsys.readouterr().err
+
+
+def test_channels_lists_every_file_that_can_be_read(tmp_path, capsys):
+    (tmp_path / "a.csv").write_text(
+        "Zeit;Weg;Bemerkung\ns;µm;\n0,0;1,5;\n0,1;x;\n0,2;-2,5;\n0,3;1,5;\n0,4;1,5;\n", encoding="cp1252"
+    )
+    (tmp_path / "b.tdms").write_bytes(b"TDSm")
+    files = [str(tmp_path / name) for name in ("b.tdms", "a.csv", "none.csv")]
+    assert cli.main(["channels", *files]) == 2
+    printed = capsys.readouterr()
+    rows = [line.split() for line in printed.out.splitlines()]
+    assert rows[0] == [f"[[{files[1]},", "delimited", "text]]"]
+    assert rows[2] == ["1", "Zeit", "s", "5", "0", "0.4", "0.1", "s", "increases"]
+    assert rows[3] == ["2", "Weg", "µm", "5", "-2.5", "1.5", "1", "without", "a", "number"]
+    errors = printed.err.splitlines()
+    assert [line.partition(".")[0] for line in errors] == [
+        f"pdssjax: error: {tmp_path}/{name}" for name in ("b", "none")
+    ]
+
+
+def test_version_is_told(capsys):
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["--version"])
+    assert ended.value.code == 0
+    assert capsys.readouterr().out.startswith("pdssjax 0.")
+
+
+def test_a_file_at_fault_does_not_silence_characterise_for_the_others(tmp_path, capsys):
+    (tmp_path / "bad.csv").write_text("time_s,displacement_um\n0,1\n0,2\n")
+    files = [str(tmp_path / "bad.csv"), str(EXAMPLE / "sawtooth_5Hz_A.csv"), str(tmp_path / "none.csv")]
+    assert cli.main(["characterise", *files, "--out", str(tmp_path / "out")]) == 2
+    printed = capsys.readouterr()
+    assert "average speed" in printed.out and f"Results are in {tmp_path / 'out'}" in printed.out
+    assert [line.split(":")[2].strip() for line in printed.err.splitlines()] == [files[0], files[2]]
+    assert (tmp_path / "out" / "characterise.json").exists()

@@ -10,7 +10,7 @@ import pytest
 import pdssjax
 from pdssjax import Actuator
 from pdssjax.drive.sawtooth import Sawtooth
-from pdssjax.files.csv_columns import read_csv
+from pdssjax.files.record_columns import Layout, read_columns
 from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
 from pdssjax.metrics import cycle_metrics, turning_points
 from pdssjax.metrics.per_cycle import force_metrics
@@ -155,7 +155,7 @@ def test_the_gradient_of_a_noiseless_record_is_finite():
 def test_the_model_walks_as_the_independent_simulator_does(direction, name):
     """The packaged record comes from another simulator, with noise; its parameters are the nominal ones."""
     columns = {"time": "time_s", "displacement": "displacement_um"}
-    data, _ = read_csv(EXAMPLE / name, columns, {"time": "s", "displacement": "m"}, {})
+    data = read_columns(EXAMPLE / name, Layout(columns, {"time": "s", "displacement": "m"}, {})).data
     drive = Sawtooth(direction=direction)
     motion = pdssjax.simulate(Actuator(SecondOrder(), AnisotropicLuGre()), drive, jnp.asarray(data["time"]))
     simulated = cycle_metrics(data["time"], motion.effector, 5.0, 0.2, 7)

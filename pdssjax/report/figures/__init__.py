@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from .comparison import comparison_figure as comparison_figure
     from .correlations import correlation_figure as correlation_figure
     from .cycles import cycle_figure as cycle_figure
+    from .record_guess import guess_figure as guess_figure
     from .records import record_figure as record_figure
     from .standard_errors import error_figure as error_figure
     from .sweep import sweep_figure as sweep_figure
@@ -23,6 +24,7 @@ else:
             "comparison": ["comparison_figure"],
             "correlations": ["correlation_figure"],
             "cycles": ["cycle_figure"],
+            "record_guess": ["guess_figure"],
             "records": ["record_figure"],
             "standard_errors": ["error_figure"],
             "sweep": ["sweep_figure"],

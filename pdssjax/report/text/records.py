@@ -26,6 +26,7 @@ def format_records(records: Sequence[FittedRecord]) -> str:
     ]
     shown = ", ".join(dict.fromkeys(f"{record.display.plural} in {record.display.unit}" for record in records))
     legend = (
+        "    error index: root of the sum of squared residuals over n - 1, the thesis's (4.14); rmse: over n;\n"
         "    neighbours: the noise seen between neighbouring samples, whatever the fit;\n"
         "    chi2/n: chi-square per degree of freedom against the noise given, 1 where the record is explained.\n"
     )

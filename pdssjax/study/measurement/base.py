@@ -12,7 +12,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
-from ...core import Display, choices
+from ...core import Display, choices, described
 from ..models import Models
 from ..setups import AbstractSetup
 
@@ -46,6 +46,9 @@ class AbstractMeasurement(eqx.Module):
     """How reports and plots show what is explained."""
     plan: ClassVar[Mapping[str, str]] = {}
     """Numbers that a planned record's `sampling` has besides start, end and interval, with their SI units."""
+
+    def __repr__(self) -> str:
+        return described(self)
 
     @abc.abstractmethod
     def parts(self) -> frozenset[str]:

@@ -1,0 +1,32 @@
+"""`pdssjax channels`: lists what is inside files of instruments."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from ..core import InputError
+from .console import say
+from .subcommands import Subcommands
+
+
+def channels(options: argparse.Namespace) -> int:
+    from ..files import list_channels
+    from ..report.text import format_channels
+
+    status = 0
+    for file in options.files:
+        try:
+            say(format_channels(str(file), *list_channels(file, options.decimal or "")), end="")
+        except InputError as error:
+            print(f"pdssjax: error: {error}", file=sys.stderr)
+            status = 2
+    return status
+
+
+def add_parser(subcommands: Subcommands) -> None:
+    """Adds the command `channels` with its options."""
+    text = "list the channels of files: CSV, MATLAB, TDMS, HDF5, oscilloscopes"
+    parser = subcommands.add_parser("channels", help=text, description=text)
+    parser.set_defaults(run=channels)
+    parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="file of an instrument")
+    parser.add_argument("--decimal", choices=[",", "."], help="decimal sign of a text; left out: told by the file")

@@ -1,0 +1,125 @@
+"""`pdssjax new`: makes a study of files, with what their samples suggest."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..core import InputError
+from .console import say
+from .subcommands import Subcommands
+
+if TYPE_CHECKING:
+    from ..files import Hints, Told
+
+
+MANY = 100_000
+"""Samples of a record from which the user is told how to keep fewer."""
+
+
+def new(options: argparse.Namespace) -> int:
+    from ..core import prepare_jax
+    from ..files import guess_file, load_study, write_study
+    from ..report.text import format_guesses
+
+    hints, told = _hints(options), _told(options)
+    if options.folder.exists() and (not options.folder.is_dir() or any(options.folder.iterdir())):
+        raise InputError(f"{options.folder}: found something there already, expected an empty folder or nothing.")
+    records, status = [], 0
+    for file in options.files:
+        try:
+            records.append(guess_file(file, hints, told))
+        except InputError as error:
+            # All questions at once.
+            print(f"pdssjax: error: {error}", file=sys.stderr)
+            status = 2
+    if status:
+        return status
+    prepare_jax()
+    path = write_study(records, told, options.folder, options.title or options.folder.resolve().name)
+    say(format_guesses([(record.name, record.guess) for record in records]), end="")
+    if told.mass is None and any(record.guess.measures == "effector" for record in records):
+        print('pdssjax: warning: the mass of the end-effector is a guess, 100 g: give --mass "86 g"', file=sys.stderr)
+    for record in records:
+        if (count := record.guess.time.size) > MANY:
+            told = f"{record.roles.file}: {count} samples make a slow fit; the keys window and decimate keep fewer"
+            print(f"pdssjax: warning: {told}", file=sys.stderr)
+    load_study(path)
+    say(f"Look at {options.folder / 'check'}, edit {path} where a guess is wrong, then run:")
+    say(f"pdssjax identify {path} --out {options.folder / 'out'}")
+    return 0
+
+
+def _hints(options: argparse.Namespace) -> "Hints":
+    from ..files import Hints
+
+    columns = {q: getattr(options, q) for q in ("time", "voltage", "displacement") if getattr(options, q)}
+    scales: dict[str, float | str] = {
+        quantity: _plain(text) for quantity, text in _pairs(options.scale, "--scale").items()
+    }
+    interval = _number(options.interval, "s", "--interval")
+    if interval is not None and interval <= 0:
+        raise InputError(f"option --interval: found {interval:g} s, expected a time above 0.")
+    return Hints(columns, _pairs(options.unit, "--unit"), scales, interval, options.decimal or "")
+
+
+def _told(options: argparse.Namespace) -> "Told":
+    from ..files import Told
+
+    number = lambda key, unit: _number(getattr(options, key), unit, f"--{key}")
+    return Told(options.measures or "", number("peak", "V"), number("frequency", "Hz"), number("mass", "kg"))
+
+
+def _number(given: str | None, unit: str, option: str) -> float | None:
+    from ..core import to_si
+
+    return None if given is None else to_si(_plain(given), unit, f"option {option}")
+
+
+def _plain(given: str) -> float | str:
+    """A number without a unit, which is SI, or else the text."""
+    try:
+        return float(given)
+    except ValueError:
+        return given
+
+
+def _pairs(given: list[str], option: str) -> dict[str, str]:
+    """Texts by quantity, from options such as "displacement=um"."""
+    pairs = {}
+    for text in given:
+        quantity, _, value = (part.strip() for part in text.partition("="))
+        if quantity not in ("time", "voltage", "displacement") or not value:
+            raise InputError(
+                f'option {option}: found "{text}", expected time, voltage or displacement, "=" and what it has: '
+                f'"displacement={"um" if option == "--unit" else "0.5 um/V"}".'
+            )
+        pairs[quantity] = value
+    return pairs
+
+
+def add_parser(subcommands: Subcommands) -> None:
+    """Adds the command `new` with its options."""
+    text = "make a study of files: channels, waveforms, noise and laws guessed, marked and drawn to be checked"
+    parser = subcommands.add_parser("new", help=text, description=text)
+    parser.set_defaults(run=new)
+    parser.add_argument("folder", type=Path, metavar="DIR", help="new or empty folder for the study")
+    text = "records (CSV, MATLAB, TDMS, HDF5, oscilloscope); one of each run of the rig"
+    parser.add_argument("--files", nargs="+", type=Path, required=True, metavar="FILE", help=text)
+    for quantity, unit in (("time", "s"), ("voltage", "V"), ("displacement", "m")):
+        text = f"channel of the {quantity}, by name or number; left out: told by unit [{unit}], name or shape"
+        text += '; "none" where none was recorded' if quantity == "voltage" else ""
+        parser.add_argument(f"--{quantity}", metavar="COL", help=text)
+    text = "unit of time, voltage or displacement, where the file does not tell it; repeatable"
+    parser.add_argument("--unit", action="append", default=[], metavar="QUANTITY=UNIT", help=text)
+    text = 'factor of voltage or displacement, such as "displacement=0.5 um/V"; repeatable'
+    parser.add_argument("--scale", action="append", default=[], metavar="QUANTITY=FACTOR", help=text)
+    parser.add_argument("--interval", metavar="T", help='between samples where no clock was stored, such as "50 us"')
+    parser.add_argument("--decimal", choices=[",", "."], help="decimal sign of texts; left out: told by the file")
+    text = "what was measured in all files; left out: guessed for each"
+    parser.add_argument("--measures", choices=["platform", "effector"], help=text)
+    parser.add_argument("--peak", metavar="V", help='voltage of the drive where it was not recorded, such as "30 V"')
+    text = "of the drive where its voltage was not recorded; left out: found in the motion"
+    parser.add_argument("--frequency", metavar="F", help=text)
+    parser.add_argument("--mass", metavar="M", help='of the end-effector, such as "86 g"')
+    parser.add_argument("--title", help="of the study; left out: the folder's name")

@@ -1,0 +1,168 @@
+"""Which channel of a file is the time, which the voltage, and which the motion: by options, names, units, shapes.
+
+What cannot be told for sure is asked for: an error that lists the channels and names the option.
+"""
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from ..core import InputError, factor
+from ..metrics import detect_waveform
+from .channel_samples import Clock, find_channel, open_file, read_samples
+from .readers.base import AbstractReader, Channel
+from .record_columns import Layout
+
+SI = {"time": "s", "voltage": "V", "displacement": "m"}
+"""What is looked for, and its unit."""
+
+_NAMES = {
+    "time": ("time", "zeit", "t_"),
+    "voltage": ("voltage", "volt", "spannung", "u_", "drive", "piezo"),
+    "displacement": ("displacement", "position", "weg", "x_", "motion"),
+}
+"""How names begin that are preferred to others of the same unit."""
+
+_MOST = 4_000_000
+"""Samples of a file that are looked at."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Hints:
+    """What the user says of all files."""
+
+    columns: Mapping[str, str]
+    """By quantity, the name or the number of its channel; "none" of a voltage that was not recorded."""
+    units: Mapping[str, str]
+    scales: Mapping[str, float | str]
+    interval: float | None = None
+    """Between samples [s], where no clock was stored."""
+    decimal: str = ""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Roles:
+    """The channels of a file that make a record."""
+
+    file: Path
+    channels: Mapping[str, Channel]
+    """By quantity; no "time" where the file or an option keeps the clock, no "voltage" where none was recorded."""
+    by_shape: frozenset[str]
+    """Quantities that were told from their samples alone: guesses."""
+    layout: Layout
+    """How a study reads them."""
+
+
+def roles_of(file: Path, hints: Hints) -> Roles:
+    """Which channels of `file` are what.
+
+    **Raises:** `InputError` if that is not clear, with the option that tells it, or if the file is at fault.
+    """
+    reader = open_file(file, hints.decimal)
+    channels = reader.channels()
+    look = _Look(file, reader, channels, hints)
+    chosen: dict[str, Channel] = {}
+    guessed: set[str] = set()
+    clocked = hints.interval is not None or any(channel.interval for channel in channels)
+    if not clocked or "time" in hints.columns:
+        look.choose("time", chosen, guessed, look.increases)
+    if hints.columns.get("voltage") != "none":
+        look.choose("voltage", chosen, guessed, look.is_a_drive)
+    look.choose("displacement", chosen, guessed, lambda channel: True)
+    look.check_units(chosen)
+    columns = {quantity: name_for_study(channel, channels) for quantity, channel in chosen.items()}
+    layout = Layout(columns, SI, hints.units, hints.scales, hints.interval, 0.0, hints.decimal)
+    return Roles(file, chosen, frozenset(guessed), layout)
+
+
+def name_for_study(channel: Channel, channels: Sequence[Channel]) -> str | int:
+    """The name of a channel where it has one of its own, else its number."""
+    for name in (channel.name, channel.written):
+        if name and [c.name for c in channels].count(name) + [c.written for c in channels].count(name) <= 2:
+            same = [c for c in channels if name in (c.name, c.written)]
+            if same == [channel] and name != str(channel.number):
+                return name
+    return channel.number
+
+
+@dataclasses.dataclass
+class _Look:
+    """Looks at the channels of a file."""
+
+    file: Path
+    reader: AbstractReader
+    channels: Sequence[Channel]
+    hints: Hints
+
+    def choose(
+        self, quantity: str, chosen: dict[str, Channel], guessed: set[str], shaped: Callable[[Channel], bool]
+    ) -> None:
+        """Puts the channel of a `quantity` into `chosen`, and where only its shape told it, into `guessed`."""
+        if given := self.hints.columns.get(quantity):
+            chosen[quantity] = find_channel(
+                self.reader, self.file, self.channels, int(given) if given.isdigit() else given
+            )
+            return
+        left = [channel for channel in self.channels if channel not in chosen.values()]
+        fitting = [channel for channel in left if self._measures(channel, SI[quantity])]
+        named = [c for c in fitting if c.name.rpartition("/")[2].lower().startswith(_NAMES[quantity])]
+        for candidates in (fitting, named):
+            if len(candidates) == 1:
+                chosen[quantity] = candidates[0]
+                return
+        # Without units, or with several that fit, the shapes decide.
+        told = {channel for channel in left if channel.unit} - set(fitting)
+        shapes = [channel for channel in named or fitting or [c for c in left if c not in told] if shaped(channel)]
+        if len(shapes) == 1:
+            chosen[quantity] = shapes[0]
+            guessed.add(quantity)
+            return
+        self._ask(quantity, shapes or left)
+
+    def _ask(self, quantity: str, candidates: Sequence[Channel]) -> None:
+        listed = ", ".join(f'{c.number}: "{c.name}"' + (f" [{c.unit}]" if c.unit else "") for c in candidates[:8])
+        none = ' (or "none": then --peak tells the voltage)' if quantity == "voltage" else ""
+        none = none or (', or --interval "50 us"' if quantity == "time" else "")
+        found = "several channels" if len(candidates) > 1 else "no channel"
+        raise InputError(
+            f"{self.file}: found {found} that may be the {quantity} ({listed or 'none is left'}), "
+            f"expected --{quantity} with a name or a number{none}."
+        )
+
+    def check_units(self, chosen: Mapping[str, Channel]) -> None:
+        """Asks for the units that neither the file nor an option tells."""
+        missing = [
+            quantity
+            for quantity, channel in chosen.items()
+            if not (channel.unit or quantity in self.hints.units or quantity in self.hints.scales)
+        ]
+        if missing:
+            told = ", ".join(f'the {q} in channel {chosen[q].number} ("{chosen[q].name}")' for q in missing)
+            options = " ".join(f"--unit {q}={'um' if q == 'displacement' else SI[q]}" for q in missing)
+            raise InputError(f"{self.file}: found no unit of {told}, expected options such as {options}.")
+
+    def _measures(self, channel: Channel, unit: str) -> bool:
+        try:
+            return bool(channel.unit) and factor(channel.unit, unit, "") > 0
+        except InputError:
+            return False
+
+    def _values(self, channel: Channel) -> Float[np.ndarray, " n"]:
+        read = read_samples(self.reader, self.file, [channel.number], Clock(None, interval=1.0), (0.0, float(_MOST)))
+        values = read.values[:, 0]
+        return values[np.isfinite(values)]
+
+    def increases(self, channel: Channel) -> bool:
+        """Whether a channel may be a clock: its steps are even."""
+        steps = np.diff(self._values(channel))
+        return bool(steps.size > 2 and np.all(steps > 0) and np.ptp(steps) < 0.5 * np.median(steps))
+
+    def is_a_drive(self, channel: Channel) -> bool:
+        """Whether a channel has one of the waveforms, which a motion has not."""
+        values = self._values(channel)
+        if values.size < 16 or np.ptp(values) == 0 or self.increases(channel):
+            return False
+        return detect_waveform(np.arange(values.size, dtype=float), values).name != "sampled"

@@ -1,0 +1,158 @@
+"""Opens a file of any format that is known, finds channels in it, and reads their samples, a window at a time."""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ..core import InputError, member, members, nearest
+from ..study import check_increasing
+from .readers.base import AbstractReader, Channel
+
+_FAMILY = "files.readers"
+
+_LAST = "delimited-text"
+"""Anything may be text, so it is asked last."""
+
+
+class Clock(NamedTuple):
+    """What tells the times of samples: a channel, or an interval that none was stored for."""
+
+    number: int | None
+    """The channel's; None: the interval tells."""
+    factor: float = 1.0
+    """From the channel's unit to seconds."""
+    start: float = 0.0
+    """Time of the first sample of the file [s]."""
+    interval: float = math.nan
+    """Between samples [s]."""
+
+
+class Samples(NamedTuple):
+    """Samples of a file, or of a window in it."""
+
+    time: Float[np.ndarray, " samples"]
+    """[s]; NaN where the file has no number."""
+    values: Float[np.ndarray, "samples channels"]
+    """In the units of the file; NaN where it has no number."""
+    places: Int[np.ndarray, " samples"]
+    """Line or number of each sample in the file, from 1."""
+    begin: float
+    """Time of the first sample of the file [s]."""
+    end: float
+    """Time of the last sample that was looked at [s]."""
+
+
+def open_file(file: Path, decimal: str = "") -> AbstractReader:
+    """A reader of `file`, by what it holds and what it ends in; `decimal` is that of its text, "" where to be told.
+
+    **Raises:** `InputError` if the file is missing or of no format that is known.
+    """
+    try:
+        with file.open("rb") as stream:
+            head = stream.read(1024)
+    except FileNotFoundError:
+        raise InputError(f"{file}: there is no such file, expected a file of samples.") from None
+    except OSError as error:
+        raise InputError(f"{file}: cannot be read ({error.strerror}), expected a file of samples.") from None
+    if head.startswith(b"PK\x03\x04"):
+        raise InputError(f"{file}: found a workbook or a ZIP archive, expected the sheet saved as CSV.")
+    kinds = [member(_FAMILY, name) for name in sorted(members(_FAMILY), key=lambda name: name == _LAST)]
+    for kind in kinds:
+        if kind.recognises(file, head):
+            return kind(file, decimal)
+    known = ", ".join(kind.ending for kind in kinds)
+    raise InputError(
+        f"{file}: found a format that is not known (it begins with {head[:8]!r}), expected one of {known}."
+    )
+
+
+def find_channel(reader: AbstractReader, file: Path, channels: Sequence[Channel], given: str | int) -> Channel:
+    """The channel that is `given` by its name or its number.
+
+    **Raises:** `InputError` if there is none, or several.
+    """
+    what = "column" if reader.place == "line" else "channel"
+    if isinstance(given, int):
+        found = [channel for channel in channels if channel.number == given]
+        if found:
+            return found[0]
+        listed = ", ".join(str(channel.number) for channel in channels[:20])
+        raise InputError(f"{file}: there is no {what} {given} of numbers, expected one of {listed}.")
+    for name_of in (lambda c: c.written, lambda c: c.name, lambda c: c.name.replace(".", "/").rpartition("/")[2]):
+        found = [channel for channel in channels if name_of(channel) == given]
+        if len(found) == 1:
+            return found[0]
+        if found:
+            raise InputError(f'{file}: found {len(found)} {what}s named "{given}", expected one.')
+    named = [channel.name for channel in channels if channel.name != str(channel.number)]
+    if not named:
+        line = next(reader.blocks([channels[0].number])).places[0]
+        raise InputError(
+            f"{file}: {reader.place} {line}: found numbers, expected a header that names the {what}s "
+            f'("{given}"); or name it by its number: 1, 2, ...'
+        )
+    raise InputError(f'{file}: there is no {what} "{given}"; {nearest(given, named)}')
+
+
+def read_samples(
+    reader: AbstractReader, file: Path, numbers: Sequence[int], clock: Clock, window: tuple[float, float] | None = None
+) -> Samples:
+    """Samples of the channels with these `numbers`, those within the `window` [s] where one is given.
+
+    Memory is needed for what is kept, and for one block.
+
+    **Raises:** `InputError` if the file is broken or its times do not increase.
+    """
+    low, high = window or (-math.inf, math.inf)
+    first = 0
+    if clock.number is None and low > clock.start:
+        first = max(int((low - clock.start) / clock.interval) - 1, 0)
+    wanted = list(dict.fromkeys([*([] if clock.number is None else [clock.number]), *numbers]))
+    kept: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    begin, before, done = clock.start, -math.inf, first
+    for block in reader.blocks(wanted, first):
+        if clock.number is None:
+            time = clock.start + clock.interval * np.arange(done, done + len(block.places))
+        else:
+            time = clock.factor * block.values[:, wanted.index(clock.number)]
+            _check_times(reader, file, clock.number, before, time, block.places)
+            begin = float(time[0]) if done == 0 else begin
+        done += len(block.places)
+        filled = _filled(time, before)
+        keep = (filled >= low) & (filled <= high) if window else slice(None)
+        columns = [wanted.index(number) for number in numbers]
+        kept.append((time[keep], block.values[keep][:, columns], block.places[keep]))
+        before = filled[-1]
+        if before > high:
+            break
+    if not kept:
+        within = f" from {low:g} s to {high:g} s" if window else ""
+        raise InputError(f"{file}: found no samples{within}, expected some.")
+    time, values, places = (np.concatenate(parts) for parts in zip(*kept, strict=True))
+    return Samples(time, values, places, begin, float(before))
+
+
+def _filled(time: Float[np.ndarray, " samples"], before: float) -> Float[np.ndarray, " samples"]:
+    """The times, where there is none with the last one there was."""
+    known = np.isfinite(time)
+    if known.all():
+        return time
+    last = np.maximum.accumulate(np.where(known, np.arange(time.size), -1))
+    return np.where(last >= 0, time[np.maximum(last, 0)], before)
+
+
+def _check_times(
+    reader: AbstractReader, file: Path, number: int, before: float, time: np.ndarray, places: np.ndarray
+) -> None:
+    known = np.isfinite(time)
+    here, where = time[known], places[known]
+    if math.isfinite(before):
+        here, where = np.append(before, here), np.append(where[:1] - 1, where)
+    if np.all(np.diff(here) > 0):
+        return
+    name = next(channel.name for channel in reader.channels() if channel.number == number)
+    check_increasing(file, name, here, where, reader.place)

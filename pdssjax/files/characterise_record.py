@@ -1,0 +1,136 @@
+"""Characterises the record in a file: which columns to read, and the checks of what was read."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from ..core import InputError, factor
+from ..metrics import SI_UNITS, Characterisation, characterisation_of
+from .channel_samples import open_file
+from .readers.base import Channel
+from .record_columns import Layout, read_columns
+
+_CLOCKS = ("t", "s", "in s", "second", "seconds", "x-axis", "zeit", "source")
+"""What instruments call the column of the times, if not time."""
+
+_SIGNS = {"displacement": ("displacement", "position"), "force": ("force",)}
+"""What the name of a column contains that is to be preferred to others of the same dimension."""
+
+
+def characterise(
+    file: Path,
+    *,
+    time: str | None = None,
+    displacement: str | None = None,
+    force: str | None = None,
+    units: Mapping[str, str] | None = None,
+    frequency: float | None = None,
+    window: tuple[float, float] | None = None,
+    slip_duration: float = 0.0,
+) -> Characterisation:
+    """Walking or pushing of the actuator that the `file` records, of any format that is known.
+
+    **Arguments:** `time`, `displacement` and `force` name columns; left out, they are told by
+    their names and units.  `units` gives the units of "time", "displacement" or "force" where the
+    name of the column does not end in one.  `frequency` [Hz] of the drive; left out, it is found.
+    `window` [s] keeps part of the record.  `slip_duration` [s] as for `per_cycle.cycle_metrics`.
+
+    **Raises:** `InputError` if the file or an option is at fault or no cycle is found.  Warns with
+    `InputWarning` where the cycles are doubtful.
+    """
+    measures, columns = _choose(file, {"time": time, "displacement": displacement, "force": force}, units or {})
+    times, values, column = _read(file, measures, columns, units or {}, window)
+    return characterisation_of(
+        times, values, measures, file=file, column=column, frequency=frequency, slip_duration=slip_duration
+    )
+
+
+def _choose(file: Path, named: Mapping[str, str | None], units: Mapping[str, str]) -> tuple[str, dict[str, str | int]]:
+    """What is measured, and the columns to read; without "time" where the file keeps a clock instead."""
+    if named["displacement"] and named["force"]:
+        raise InputError(f"{file}: found both a displacement and a force to read, expected one of them.")
+    channels = open_file(file).channels()
+    clock = _clock(file, named["time"], channels)
+    for measures in SI_UNITS:
+        if name := named[measures]:
+            return measures, {**clock, measures: _plain(name)}
+    others = [channel for channel in channels if channel.number not in clock.values()]
+    for measures, unit in SI_UNITS.items():
+        fitting = [channel for channel in others if _measures(channel, unit)]
+        preferred = [channel for channel in fitting if any(sign in channel.name.lower() for sign in _SIGNS[measures])]
+        if fitting:
+            column = fitting[0] if len(fitting) == 1 else _only(file, preferred or fitting, measures, channels)
+            return measures, {**clock, measures: column.number}
+    return "displacement", {**clock, "displacement": _only(file, [], "displacement", channels).number}
+
+
+def _clock(file: Path, named: str | None, channels: Sequence[Channel]) -> dict[str, str | int]:
+    """The column of the times; none where the file keeps a clock."""
+    if named:
+        return {"time": _plain(named)}
+    if any(channel.interval is not None for channel in channels):
+        return {}
+    fitting = [c for c in channels if c.name.rpartition("/")[2].lower().startswith(("time", "t_"))]
+    fitting = fitting or [c for c in channels if _measures(c, "s") and c.name.lower() in _CLOCKS]
+    return {"time": _only(file, fitting, "time", channels).number}
+
+
+def _plain(name: str) -> str | int:
+    """A column's number where a name is one."""
+    return int(name) if name.isdigit() else name
+
+
+def _only(file: Path, fitting: Sequence[Channel], quantity: str, channels: Sequence[Channel]) -> Channel:
+    if len(fitting) == 1:
+        return fitting[0]
+    found = f"{len(fitting)} columns that may be the {quantity}" if fitting else f"no column that tells the {quantity}"
+    listed = ", ".join(f'"{channel.name}"' for channel in fitting or channels)
+    raise InputError(
+        f"{file}: found {found} ({listed}), expected the option --{quantity} with a column's name or number."
+    )
+
+
+def _measures(channel: Channel, unit: str) -> bool:
+    """Whether a column's unit converts to `unit`."""
+    try:
+        return bool(channel.unit) and factor(channel.unit, unit, "") > 0
+    except InputError:
+        return False
+
+
+def _read(
+    file: Path,
+    measures: str,
+    columns: Mapping[str, str | int],
+    units: Mapping[str, str],
+    window: tuple[float, float] | None,
+) -> tuple[Float[np.ndarray, " samples"], Float[np.ndarray, " samples"], str]:
+    """Checked times [s] and values [m or N], and the name of the column."""
+    si = {"time": "s", measures: SI_UNITS[measures]}
+    try:
+        read = read_columns(file, Layout(columns, si, units), window)
+    except InputError as error:
+        # Here no study tells the unit, an option does.
+        option = f'the option --unit "{measures}={si[measures]}"'
+        raise InputError(
+            str(error)
+            .replace(f'the key "{measures}" in [record.units]', option)
+            .replace('the key "time" in [record.units]', 'the option --unit "time=s"')
+        ) from None
+    read.check_numbers()
+    time, values = read.data["time"], read.data[measures]
+    if not time.size:
+        raise InputError(
+            f"{file}: found no sample in the window {window[0] if window else 0:g} s to "
+            f"{window[1] if window else 0:g} s, "
+            f"expected some of the record's {read.begin:g} s to {read.end:g} s."
+        )
+    name = read.channels[measures].name
+    if np.all(values == values[0]):
+        raise InputError(
+            f'{file}: column "{name}": found the same {measures} in all {len(time)} samples, '
+            "expected a record that moves."
+        )
+    return time, values, name

@@ -1,0 +1,273 @@
+"""Makes a study of files: what their samples suggest, as a study file whose guesses are marked, and figures of them."""
+
+import dataclasses
+import os
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from ..core import InputError, member, quantities
+from ..metrics import RecordGuess, guess_record
+from .channel_roles import Hints, Roles, roles_of
+from .record_columns import Columns, read_columns
+
+_HYSTERESIS = 0.01
+"""Root mean square that a line of the voltage leaves of a platform, in parts of its motion, from which it is told."""
+
+_SLOW_TICKS = 2e-3
+"""Interval [s] from which samples do not show how a platform rings."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Told:
+    """What the user says of the rig and of all records."""
+
+    measures: str = ""
+    """"platform" or "effector"; "": to be guessed."""
+    peak: float | None = None
+    """Of the drive [V], where no voltage was recorded."""
+    frequency: float | None = None
+    """Of the drive [Hz], where no voltage was recorded; None: found in the motion."""
+    mass: float | None = None
+    """Of the end-effector [kg]."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class NewRecord:
+    """A file, and what it suggests."""
+
+    name: str
+    roles: Roles
+    guess: RecordGuess
+
+
+def guess_file(file: Path, hints: Hints, told: Told) -> NewRecord:
+    """What `file` suggests for a record of a study.
+
+    **Raises:** `InputError` where a channel, a unit or the drive is not clear, with the option that tells it.
+    """
+    roles = roles_of(file, hints)
+    if "voltage" not in roles.channels and told.peak is None:
+        raise InputError(f'{file}: found no voltage, expected --peak with that of the drive, such as --peak "30 V".')
+    columns = read_columns(file, roles.layout)
+    columns.check_numbers()
+    if columns.data["time"].size < 16:
+        raise InputError(f"{file}: found {columns.data['time'].size} samples, expected a record of 16 at least.")
+    return NewRecord(file.stem, roles, _guessed(file, columns, told))
+
+
+def _guessed(file: Path, columns: Columns, told: Told) -> RecordGuess:
+    data = columns.data
+    try:
+        return guess_record(
+            data["time"],
+            data["displacement"],
+            data.get("voltage"),
+            measures=told.measures,
+            peak=told.peak,
+            frequency=told.frequency,
+            where=str(file),
+        )
+    except ValueError as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{file}: {error}.") from None
+
+
+def write_study(records: Sequence[NewRecord], told: Told, folder: Path, title: str) -> Path:
+    """Write `study.toml` and a figure of each record into `folder`, which must be new or empty; the study's path.
+
+    **Raises:** `InputError` if the folder holds something already.
+    """
+    from ..report.figures import guess_figure
+
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(f"{folder}: found something there already, expected an empty folder or nothing.")
+    named = _named(records)
+    (folder / "check").mkdir(parents=True)
+    for record in named:
+        stem = re.sub(r"[^\w.-]+", "_", record.name)
+        guess_figure(record.name, record.guess).savefig(folder / "check" / f"{stem}.png")
+    path = folder / "study.toml"
+    path.write_text(study_text(named, told, folder, title), encoding="utf-8")
+    return path
+
+
+def _named(records: Sequence[NewRecord]) -> list[NewRecord]:
+    """The records with names that differ."""
+    made: list[NewRecord] = []
+    for record in records:
+        name, number = record.name, 2
+        while name.casefold() in [other.name.casefold() for other in made]:
+            name, number = f"{record.name} {number}", number + 1
+        made.append(dataclasses.replace(record, name=name))
+    return made
+
+
+def study_text(records: Sequence[NewRecord], told: Told, folder: Path, title: str) -> str:
+    """The study file of the `records`, as it stands in `folder`; every guess has a comment that says so."""
+    piezo, friction = _laws(records)
+    parts = [
+        "# Made by pdssjax new: what is marked as a guess was read off the samples; check/ shows it.",
+        'format = "pdssjax-study/1"',
+        f"title = {_quoted(title)}",
+        "",
+        "[actuator]",
+        f'piezo = "{piezo}"  # guess: {_WHY_PIEZO[piezo]}',
+        f'friction = "{friction}"  # guess: {_WHY_FRICTION[friction]}',
+        "",
+        "[parameters]",
+        *_parameters(records, told, piezo, friction),
+    ]
+    for record in records:
+        parts += ["", *_record(record, told, folder)]
+    return "\n".join(parts) + "\n"
+
+
+_WHY_PIEZO = {
+    "second-order": "the usual one; pdssjax models lists others",
+    "static": "the records are too slow to show how the platform rings",
+    "bouc-wen": "the platform's motion is a loop of the voltage: hysteresis; creep and maxwell-slip are others",
+}
+
+_WHY_FRICTION = {
+    "anisotropic-lugre": "there are records of both directions; pdssjax models lists others",
+    "simplified-lugre": "the simplest one that shows a slip; pdssjax models lists others",
+}
+
+
+def _laws(records: Sequence[NewRecord]) -> tuple[str, str]:
+    guesses = [record.guess for record in records]
+    walks = [guess for guess in guesses if guess.measures == "effector"]
+    fast = any(
+        guess.waveform.name in ("step", "sawtooth", "trapezoid") and _interval(guess) < _SLOW_TICKS for guess in guesses
+    )
+    loops = any(
+        guess.hysteresis > _HYSTERESIS for guess in guesses if guess.waveform.name in ("sine", "triangle", "sampled")
+    )
+    piezo = "bouc-wen" if loops and not fast else "second-order" if fast or walks else "static"
+    both = {guess.waveform.direction for guess in walks} >= {"forward", "backward"}
+    return piezo, "anisotropic-lugre" if both else "simplified-lugre"
+
+
+def _interval(guess: RecordGuess) -> float:
+    return float((guess.time[-1] - guess.time[0]) / (guess.time.size - 1))
+
+
+def _parameters(records: Sequence[NewRecord], told: Told, piezo: str, friction: str) -> list[str]:
+    lines: list[str] = []
+    walks = any(record.guess.measures == "effector" for record in records)
+    if walks:
+        mass = f"{1e3 * told.mass:.6g} g" if told.mass is not None else "100 g"
+        why = (
+            ""
+            if told.mass is not None
+            else "  # guess: WEIGH IT; with another, stiffness, damping and force scale alike"
+        )
+        lines.append(f'"effector.mass" = {{ value = "{mass}" }}{why}')
+    for field, declared in quantities(member("piezo", piezo)).items():
+        if declared.optional:
+            continue
+        slow = piezo == "bouc-wen" and field in ("natural_frequency", "damping_ratio")
+        given = {"natural_frequency": '{ value = "1 kHz" }', "damping_ratio": '{ value = "20 %" }'}.get(field, "{}")
+        why = "  # guess: the records are too slow to show it" if slow else ""
+        lines.append(f'"piezo.{field}" = {given if slow else "{}"}{why}')
+    if walks:
+        lines += [
+            f'"friction.{f}" = {{}}' for f, d in quantities(member("friction", friction)).items() if not d.optional
+        ]
+        unseen = any(record.guess.volts is None for record in records)
+        fitted = '{ start = "1 ms", min = 0, max = "10 ms" }  # guess: no voltage was recorded, so it is fitted'
+        ideal = "{ value = 0 }  # guess: shorter than what the samples tell; free it where the amplifier is slow"
+        lines.append(f'"drive.fall_time" = {fitted if unseen else ideal}')
+    return lines
+
+
+def _record(record: NewRecord, told: Told, folder: Path) -> list[str]:
+    guess, layout = record.guess, record.roles.layout
+    told_by = "" if told.measures else f"  # guess: {_WHY_MEASURES[guess.measures]}"
+    columns = {q: name for q, name in layout.columns.items() if q != "voltage"}
+    listed = ", ".join(f"{quantity} = {_value(name)}" for quantity, name in columns.items())
+    shape = [q for q in ("time", "voltage", "displacement") if q in record.roles.by_shape]
+    by_shape = f"  # guess: {' and '.join(shape)} told by the shape of the samples" if shape else ""
+    lines = [
+        "[[record]]",
+        f"name = {_quoted(record.name)}",
+        f"file = {_quoted(Path(os.path.relpath(record.roles.file, folder)).as_posix())}",
+        f"columns = {{ {listed} }}{by_shape}",
+    ]
+    if layout.interval is not None:
+        lines.append(f'time = {{ interval = "{layout.interval:.9g} s" }}')
+    units = {q: unit for q, unit in layout.units.items() if q in record.roles.channels}
+    if units:
+        lines.append("units = { " + ", ".join(f"{q} = {_quoted(unit)}" for q, unit in units.items()) + " }")
+    if layout.decimal:
+        lines.append(f"decimal = {_quoted(layout.decimal)}")
+    lines += _scale(guess, layout.scales)
+    lines.append(f'measures = "{guess.measures}"{told_by}')
+    lines.append(f'noise = "{1e6 * guess.noise:.3g} um"  # guess: {_why_noise(guess)}')
+    lines += [f'start = "{guess.start:.9g} s"  # guess: {_WHY_START[guess.waveform.begins]}'] * (guess.start != 0)
+    return [*lines, *_drive(record)]
+
+
+_WHY_MEASURES = {
+    "platform": "the motion follows the voltage",
+    "effector": "the motion walks, or goes another way than the voltage",
+}
+
+_WHY_START = {
+    "seen": "the voltage leaves 0 V there",
+    "clock": "the clock counts from the drive's start",
+    "running": "the drive ran before the record; since when is not known, two cycles are taken",
+}
+
+
+def _why_noise(guess: RecordGuess) -> str:
+    counted = f"; counted in steps of {1e6 * guess.resolution:.3g} um" if guess.resolution else ""
+    return f"the scatter of neighbouring samples{counted}"
+
+
+def _scale(guess: RecordGuess, scales: Mapping[str, float | str]) -> list[str]:
+    """The scale of the motion, with the sign that turns it."""
+    given = scales.get("displacement")
+    if not guess.turned:
+        return [] if given is None else [f"scale = {_value(given)}"]
+    turned: float | str = -1
+    if isinstance(given, str):
+        turned = given.strip()[1:] if given.strip().startswith("-") else f"-{given.strip().lstrip('+')}"
+    elif given is not None:
+        turned = -given
+    return [f"scale = {_value(turned)}  # guess: the motion goes against the voltage"]
+
+
+def _drive(record: NewRecord) -> list[str]:
+    wave = record.guess.waveform
+    if wave.name == "sampled":
+        layout = record.roles.layout
+        scale = f", scale = {_value(layout.scales['voltage'])}" if "voltage" in layout.scales else ""
+        column = _value(layout.columns["voltage"])
+        return [
+            f'drive = {{ waveform = "sampled", column = {column}{scale} }}  # guess: no waveform explains it, '
+            "so its samples are the drive"
+        ]
+    units = {"voltage": "V", "bias": "V", "frequency": "Hz", "fall_time": "s", "rise_time": "s"}
+    keys = [f'waveform = "{wave.name}"'] + [f'direction = "{wave.direction}"'] * bool(wave.direction)
+    for field, number in wave.numbers.items():
+        keys.append(f'{field} = "{number:.7g} {units[field]}"' if field in units else f"{field} = {number:.6g}")
+    left = (
+        f"it leaves {100 * max(wave.misfit, 1e-4):.2g} % of the voltage"
+        if record.guess.volts is not None
+        else "by the slips"
+    )
+    bounds = "".join(f"; {bound}" for bound in wave.uncertain)
+    return [f"drive = {{ {', '.join(keys)} }}  # guess: {left}{bounds}"]
+
+
+def _value(given: float | str) -> str:
+    return _quoted(given) if isinstance(given, str) else f"{given:g}"
+
+
+def _quoted(text: str) -> str:
+    """A text as TOML writes it."""
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
+    return '"' + re.sub(r"[\x00-\x1f\x7f]", " ", escaped) + '"'

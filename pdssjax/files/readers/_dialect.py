@@ -1,0 +1,271 @@
+"""The dialect of a table of text: encoding, separator, decimal sign, where its samples begin, names and units.
+
+Told from the first lines: of all separators and decimal signs those under which most cells are numbers, in rows of
+one width.  What stands above the first row of numbers is a preamble; a row of words of the same width right above
+them holds the names, or the units, with the names above.  Lines that begin with "#" are remarks; where there is no
+other header, the last of them above the numbers is it.
+"""
+
+import csv
+import re
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from ...core import InputError, unit_named
+
+HEAD = 1 << 18
+"""Bytes that are looked at."""
+
+_LINES = 400
+
+_BESIDE = 30
+"""Lines beside which a preamble may stand (Tektronix)."""
+
+_KINDS = [(";", ","), (";", "."), ("\t", "."), ("\t", ","), (",", "."), (" ", "."), (" ", ","), (",", ",")]
+"""Separators with decimal signs; of equals the first is taken, a comma's before all, as most files have it."""
+
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf(inity)?)", re.IGNORECASE)
+
+_BRACKETS = re.compile(r"\s*(\([^)]*\)|\[[^\]]*\])")
+
+_SCOPE_CLOCK = re.compile(r"(start|increment)\s*[=,;]\s*([-+\d.eE]+)", re.IGNORECASE)
+
+_UNITS_ALONE = set("s ms us µs μs ns v mv kv m mm um µm μm nm n mn a ma second seconds sec volt volts".split())
+"""What a column is called where its name is but its unit."""
+
+
+class Column(NamedTuple):
+    """One column that holds numbers."""
+
+    position: int
+    """From 0."""
+    name: str
+    """Without what stands in brackets; "" where there is none."""
+    written: str
+    """As it stands."""
+    unit: str
+
+
+class Dialect(NamedTuple):
+    """How to read a table of text."""
+
+    encoding: str
+    separator: str
+    """ "," ";" or a tab; " " stands for any blanks."""
+    decimal: str
+    skipped: int
+    """Lines above the first sample."""
+    width: int
+    """Cells of a row."""
+    columns: tuple[Column, ...]
+    named: bool
+    """There are names."""
+    above: tuple[str, ...]
+    """Cells of the line right above the samples, whatever they are."""
+    clock: tuple[float, float] | None
+    """Start and interval [s] that the preamble tells (Rigol)."""
+
+
+def encoding_of(file: Path, head: bytes) -> str:
+    """The encoding of text that begins with `head`.
+
+    **Raises:** `InputError` where it is no text.
+    """
+    for mark, name in ((b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16")):
+        if head.startswith(mark):
+            return name
+    nulls = head[:4096].count(0), len(head[:4096])
+    if nulls[0] > 0.3 * nulls[1]:
+        return "utf-16-le" if head[1:2] == b"\0" else "utf-16-be"
+    if re.search(rb"[\x00-\x08\x0e-\x1f]", head):
+        at = re.search(rb"[\x00-\x08\x0e-\x1f]", head)
+        raise InputError(
+            f"{file}: found the byte {head[at.start()] if at else 0} at byte {at.start() if at else 0}, "
+            "expected text, or a file of a format that is known."
+        )
+    try:
+        # The last character may be cut.
+        head[: max(len(head) - 4, 0)].decode("utf-8") if len(head) >= HEAD else head.decode("utf-8")
+    except UnicodeDecodeError as error:
+        return "utf-8" if len(head) >= HEAD and error.start > len(head) - 8 else "cp1252"
+    return "utf-8"
+
+
+def dialect_of(file: Path, head: bytes, decimal: str = "") -> Dialect:
+    """The dialect of a table that begins with `head`; `decimal` where it is known.
+
+    **Raises:** `InputError` if there is no table of numbers.
+    """
+    encoding = encoding_of(file, head)
+    text = head.decode(encoding, errors="replace")
+    lines = text.splitlines()[:_LINES]
+    if len(head) >= HEAD and len(lines) < _LINES:
+        lines = lines[:-1] or lines  # the last one is cut
+    if not any(line.strip() for line in lines):
+        raise InputError(f"{file}: the file is empty, expected a header line and numbers.")
+    kinds = [kind for kind in _KINDS if decimal in ("", kind[1])]
+    scored = [(_score(lines, *kind), -rank, kind) for rank, kind in enumerate(kinds)]
+    best, _, (separator, sign) = max(scored)
+    if best <= 0:
+        raise InputError(f"{file}: found a header but no samples below it, expected a row of numbers for each.")
+    if (separator, sign) == (",", ".") and _is_one_column(lines):
+        separator, sign = ";", ","
+    return _table(lines, encoding, separator, sign)
+
+
+def cells_of(line: str, separator: str, header: bool = False) -> list[str]:
+    """The cells of a line; in a header a separator within brackets is none."""
+    if separator == " ":
+        return line.split()
+    if '"' in line:
+        return [cell.strip().strip('"').strip() for cell in next(csv.reader([line], delimiter=separator), [])]
+    parts = re.split(rf"{separator}(?![^(]*\))", line) if header else line.split(separator)
+    return [part.strip() for part in parts]
+
+
+def is_number(cell: str, decimal: str) -> bool:
+    # A point beside decimal commas may divide thousands.
+    return bool(_NUMBER.fullmatch(with_points(cell) if decimal == "," else cell))
+
+
+def with_points(text: str) -> str:
+    """Text with decimal commas, with points in their place; with what is no number where a point stood."""
+    return text.replace(".", "?").replace(",", ".")
+
+
+def _plain(lines: Sequence[str]) -> list[str]:
+    return [line for line in lines if line.strip() and not line.lstrip().startswith("#")]
+
+
+def _score(lines: Sequence[str], separator: str, decimal: str) -> float:
+    """How well a separator and a decimal sign explain the lines: numbers in rows of the usual width."""
+    rows = [cells_of(line, separator) for line in _plain(lines)]
+    rows = [row for row in rows if any(is_number(cell, decimal) for cell in row)]
+    if not rows:
+        return 0.0
+    width = Counter(map(len, rows)).most_common(1)[0][0]
+    usual = [row for row in rows if len(row) == width]
+    if (separator, decimal) == (",", ",") and not any('"' in line for line in lines):
+        return 0.0
+    numbers = sum(is_number(cell, decimal) for row in usual for cell in row)
+    words = sum(bool(cell) and not is_number(cell, decimal) for row in usual for cell in row)
+    # A decimal comma that no number has explains nothing that a point does not.
+    needless = decimal == "," and not any("," in cell for row in usual for cell in row)
+    # Blanks also stand beside tabs and within words.
+    return (0.9 if separator == " " else 1.0) * (numbers - 1.5 * words - 0.5 * needless)
+
+
+def _is_one_column(lines: Sequence[str]) -> bool:
+    """Whether "0,5" is one number: two cells a row, all whole, below a header of one."""
+    plain = _plain(lines)
+    rows = [line.split(",") for line in plain if is_number(line.strip(), ",") and "," in line]
+    heads = [line for line in plain if not any(is_number(cell.strip(), ".") for cell in line.split(","))]
+    whole = all(len(row) == 2 and "." not in "".join(row) for row in rows)
+    return bool(rows) and whole and bool(heads) and "," not in _BRACKETS.sub("", heads[-1])
+
+
+def _table(lines: Sequence[str], encoding: str, separator: str, decimal: str) -> Dialect:
+    rows = [cells_of(line, separator) for line in lines]
+    sampled = [k for k, row in enumerate(rows) if _holds_numbers(lines[k], row, decimal)]
+    width = Counter(len(rows[k]) for k in sampled).most_common(1)[0][0]
+    usual = [k for k in sampled if len(rows[k]) == width]
+    late = usual[len(usual) // 2 :]
+    share = [sum(is_number(rows[k][j], decimal) for k in late) / len(late) for j in range(width)]
+    numeric = [j for j in range(width) if share[j] > 0.5] or list(range(width))
+    first = _first(rows, usual, numeric, decimal)
+    names, units, above = _header(lines[:first], separator, width, decimal)
+    preamble = " ".join(lines[:first])
+    told = {key.lower(): float(value) for key, value in _SCOPE_CLOCK.findall(_aligned(names, units, preamble))}
+    clock = (told.get("start", 0.0), told["increment"]) if told.get("increment", 0.0) > 0 else None
+    names, units = _from_preamble(lines[: max(first, _BESIDE)], separator, names, units, numeric, width)
+    columns = tuple(_column(j, names[j] if names else "", units[j] if units else "") for j in numeric)
+    return Dialect(encoding, separator, decimal, first, width, columns, bool(names), tuple(above), clock)
+
+
+def _holds_numbers(line: str, row: list[str], decimal: str) -> bool:
+    return not line.lstrip().startswith("#") and any(is_number(cell, decimal) for cell in row)
+
+
+def _first(rows: list[list[str]], usual: list[int], numeric: list[int], decimal: str) -> int:
+    """The line of the first sample: no words where the numbers stand."""
+    words = lambda row: [j for j in numeric if row[j] and not is_number(row[j], decimal)]
+    first = next((k for k in usual if not words(rows[k]) and any(row for row in rows[k])), usual[0])
+    # A first sample with a word in it is still a sample, where a header stands above it.
+    while first > 1 and len(rows[first - 1]) == len(rows[first]):
+        above, header = rows[first - 1], rows[first - 2]
+        heads = len(header) == len(above) and not any(is_number(cell, decimal) for cell in header)
+        if not heads or not any(is_number(above[j], decimal) for j in numeric):
+            break
+        if any(unit_named(cell) for cell in above if cell):
+            break
+        first -= 1
+    return first
+
+
+def _header(above: Sequence[str], separator: str, width: int, decimal: str) -> tuple[list[str], list[str], list[str]]:
+    """Names, units and the cells right above the samples."""
+    plain = [line for line in above if line.strip() and not line.lstrip().startswith("#")]
+    remarks = [line.lstrip("# ") for line in above if line.lstrip().startswith("#")]
+    split = lambda line: cells_of(line, separator, header=True)
+    rows = [split(line) for line in plain[-2:]]
+    fits = lambda row: len(_ended(row)) <= width and len(_ended(row)) >= min(width, 2) and len(row) >= width - 1
+    nearest = rows[-1] if rows else []
+    if not rows or not fits(nearest):
+        rows = rows if rows else [split(line) for line in remarks[-2:]]
+        if not rows or len(_ended(rows[-1])) != width:
+            return [], [], nearest
+    rows = [[*row, *[""] * width][:width] if fits(row) else [] for row in rows]
+    last, before = rows[-1], rows[0] if len(rows) > 1 else []
+    if before and _are_units(last, decimal) and not all(unit_named(cell) for cell in before if cell):
+        return before, last, last
+    return last, [], last
+
+
+def _are_units(row: list[str], decimal: str) -> bool:
+    """Whether a row above the samples tells units; with the clock beside them (Rigol) a word may be among them."""
+    numbers = sum(is_number(cell, decimal) for cell in row)
+    units = sum(unit_named(cell) != "" for cell in row)
+    words = sum(cell != "" for cell in row) - numbers - units
+    return units > 0 and words <= (1 if numbers else 0)
+
+
+def _ended(row: list[str]) -> list[str]:
+    """A row without the empty cells at its end."""
+    while row and not row[-1]:
+        row = row[:-1]
+    return row
+
+
+def _aligned(names: list[str], units: list[str], preamble: str) -> str:
+    """The preamble, with the numbers that stand below "Start" and "Increment" beside them (Rigol)."""
+    pairs = [f"{name}={unit}" for name, unit in zip(names, units, strict=False)]
+    return " ".join([*pairs, preamble])
+
+
+def _from_preamble(
+    above: Sequence[str], separator: str, names: list[str], units: list[str], numeric: list[int], width: int
+) -> tuple[list[str], list[str]]:
+    """Names and units, where an oscilloscope's preamble tells what no header does (Tektronix)."""
+    told = {row[0].lower(): row[1] for row in (cells_of(line, separator) for line in above) if len(row) > 1}
+    across, up = told.get("horizontal units", ""), told.get("vertical units", "")
+    if len(numeric) < 2 or unit_named(across) == "":
+        return names, units
+    if not names:
+        names = [""] * width
+        names[numeric[0]], names[numeric[1]] = "time", told.get("source", "") or "CH1"
+    if not units:
+        units = [up if unit_named(up) else ""] * width
+        units[numeric[0]] = across
+    return names, units
+
+
+def _column(position: int, written: str, below: str) -> Column:
+    bare = _BRACKETS.sub("", written).strip()
+    inside = [part.strip()[1:-1] for part in _BRACKETS.findall(written)]
+    tails = re.findall(r"(?:\s/\s*|\s+in\s+|^in\s+|,\s*)(\S+)$", bare)
+    alone = [bare] if bare.lower() in _UNITS_ALONE else []
+    suffix = [bare.rpartition("_")[2]] if "_" in bare else []
+    unit = next((unit_named(text) for text in [below, *suffix, *inside, *tails, *alone] if unit_named(text)), "")
+    return Column(position, bare or written, written, unit)

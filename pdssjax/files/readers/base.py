@@ -1,0 +1,81 @@
+"""The interface of everything that samples are read from: a file of an instrument as a list of channels.
+
+A member knows one format.  It opens the file anew for every question, so that nothing stays open, and gives
+samples in blocks, so that a file need not fit into memory.
+"""
+
+import abc
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+
+class Channel(NamedTuple):
+    """One channel of a file."""
+
+    name: str
+    """As the file calls it; its number in the file where it has no name."""
+    number: int
+    """By which it may be named, from 1: the column of a table, else the place in the list."""
+    unit: str
+    """As the file writes it, not checked; "" where it says none."""
+    samples: int | None
+    """How many; None where only reading tells."""
+    interval: float | None = None
+    """Between samples [s], where the file keeps a clock instead of times."""
+    start: float = 0.0
+    """Time of the first sample [s] on that clock."""
+    written: str = ""
+    """The name with the remarks in brackets that stand beside it."""
+
+
+class Block(NamedTuple):
+    """Consecutive samples of some channels."""
+
+    values: Float[np.ndarray, "samples channels"]
+    """In the units of the file; NaN where there is no number."""
+    places: Int[np.ndarray, " samples"]
+    """The line or the number of each sample, from 1."""
+
+
+BLOCK = 200_000
+"""Samples of a block."""
+
+
+class AbstractReader(abc.ABC):
+    """A format of files; final members are made from the path of a file and what the user says of its decimals."""
+
+    ending: ClassVar[str]
+    """What files of this format end in, for messages: "`.tdms`"."""
+    place: ClassVar[str] = "sample"
+    """What `Block.places` counts, as messages call it."""
+
+    @abc.abstractmethod
+    def __init__(self, file: Path, decimal: str = "") -> None:
+        """A reader of `file`; nothing is read yet.  `decimal` is "," or ".", or "" where it is to be told."""
+
+    @classmethod
+    @abc.abstractmethod
+    def recognises(cls, file: Path, head: bytes) -> bool:
+        """Whether the `file`, which begins with the bytes `head`, has this format."""
+
+    @abc.abstractmethod
+    def channels(self) -> list[Channel]:
+        """What is inside, in the order of the file.
+
+        **Raises:** `InputError` if the file is broken, holds no samples, or a library to read it is missing.
+        """
+
+    @abc.abstractmethod
+    def blocks(self, numbers: Sequence[int], first: int = 0) -> Iterator[Block]:
+        """The samples of the channels with these `numbers`, from the sample `first` (from 0) on.
+
+        **Raises:** `InputError` if the file is broken, or the channels have different lengths.
+        """
+
+    def written(self, place: int, number: int) -> str:
+        """What stands at a `place` of the channel `number` as the file has it; "" where it holds no text."""
+        return ""

@@ -1,0 +1,114 @@
+"""Tables of text in the dialects of instruments and spreadsheets (CSV, TSV): `_dialect` tells which.
+
+Semicolons, commas, tabs or blanks, decimal point or comma, UTF-8, UTF-16 or Latin-1, preambles, a row of units, a
+header or none, the layouts of oscilloscopes.  A file is read a part at a time.
+"""
+
+import csv
+import functools
+from collections.abc import Iterator, Sequence
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+
+from ...core import InputError
+from ._dialect import HEAD, Dialect, cells_of, dialect_of, with_points
+from ._errors import refusing
+from .base import BLOCK, AbstractReader, Block, Channel
+
+
+class DelimitedText(AbstractReader):
+    """A table of text."""
+
+    ending = ".csv"
+    place = "line"
+
+    def __init__(self, file: Path, decimal: str = "") -> None:
+        self.file = file
+        self.decimal = decimal
+
+    @classmethod
+    def recognises(cls, file: Path, head: bytes) -> bool:
+        return file.suffix.lower() in (".csv", ".txt", ".tsv", ".dat", ".asc", ".prn") or b"\0" not in head[:512]
+
+    @functools.cached_property
+    def dialect(self) -> Dialect:
+        """How the file is written."""
+        with refusing(self.file, "a table of text"), self.file.open("rb") as stream:
+            return dialect_of(self.file, stream.read(HEAD), self.decimal)
+
+    def channels(self) -> list[Channel]:
+        start, interval = self.dialect.clock or (0.0, None)
+        return [
+            Channel(c.name or str(c.position + 1), c.position + 1, c.unit, None, interval, start, c.written)
+            for c in self.dialect.columns
+        ]
+
+    def blocks(self, numbers: Sequence[int], first: int = 0) -> Iterator[Block]:
+        dialect = self.dialect
+        with self.file.open(encoding=dialect.encoding, errors="replace", newline=None) as stream:
+            done = sum(1 for _ in islice(stream, dialect.skipped))
+            while lines := list(islice(stream, BLOCK)):
+                places, kept = _samples_of(lines, done)
+                done += len(lines)
+                if first >= len(kept):
+                    first -= len(kept)
+                    continue
+                places, kept, first = places[first:], kept[first:], 0
+                if kept:
+                    yield Block(self._numbers(places, kept, [number - 1 for number in numbers]), places)
+
+    def written(self, place: int, number: int) -> str:
+        with self.file.open(encoding=self.dialect.encoding, errors="replace", newline=None) as stream:
+            row = cells_of(next(islice(stream, place - 1, None), ""), self.dialect.separator)
+        return row[number - 1] if number <= len(row) else ""
+
+    def _numbers(self, places: np.ndarray, lines: list[str], positions: list[int]) -> np.ndarray:
+        """The cells of some columns as numbers, NaN where there is none; refuses rows of another width."""
+        separator, width = self.dialect.separator, self.dialect.width
+        if any('"' in line for line in lines):
+            lines = ["\t".join(row) for row in csv.reader(lines, delimiter=separator)]
+            separator = "\t"
+        cells = [line.count(separator) + 1 for line in lines] if separator != " " else [width] * len(lines)
+        if any(count != width for count in cells):
+            self._check_widths(places, lines, separator, cells)
+        if self.dialect.decimal == ",":
+            lines = with_points("\n".join(line.rstrip("\n") for line in lines)).split("\n")
+        try:
+            split = None if separator == " " else separator
+            return np.loadtxt(lines, delimiter=split, usecols=positions, comments=None, ndmin=2)
+        except ValueError:
+            return np.array([_row(cells_of(line, separator), positions) for line in lines])
+
+    def _check_widths(self, places: np.ndarray, lines: list[str], separator: str, cells: list[int]) -> None:
+        least = 1 + max(column.position for column in self.dialect.columns)
+        for place, line, count in zip(places, lines, cells, strict=True):
+            if count == self.dialect.width:
+                continue
+            filled = len(line.rstrip(f" \r\n{separator}").split(separator))
+            if filled > self.dialect.width or count < least:
+                found = f"{count} cell{'s' * (count > 1)}"
+                raise InputError(
+                    f"{self.file}: line {place}: found {found}, expected {self.dialect.width} as in the header."
+                )
+
+
+def _samples_of(lines: list[str], done: int) -> tuple[np.ndarray, list[str]]:
+    """The lines that hold samples, with their numbers; `done` lines stand above them."""
+    places = np.arange(done + 1, done + len(lines) + 1)
+    kept = [not line.isspace() and not line.startswith("#") and line != "" for line in lines]
+    if all(kept):
+        return places, lines
+    return places[kept], [line for line, keep in zip(lines, kept, strict=True) if keep]
+
+
+def _row(cells: list[str], positions: list[int]) -> list[float]:
+    return [_number(cells[position]) if position < len(cells) else np.nan for position in positions]
+
+
+def _number(cell: str) -> float:
+    try:
+        return float(cell)
+    except ValueError:
+        return np.nan

@@ -1,0 +1,74 @@
+"""Binary files of oscilloscopes, by RigolWFM: Rigol, Tektronix, LeCroy, Keysight, Siglent, Yokogawa, R&S.
+
+The clock is the oscilloscope's, with 0 at the trigger.  A file is read as a whole.
+"""
+
+import contextlib
+import gc
+import io
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...core import InputError
+from ._errors import library, refusing, same_length
+from .base import BLOCK, AbstractReader, Block, Channel
+
+_ENDINGS = (".wfm", ".trc", ".isf", ".bin", ".wvf", ".wdf", ".hdr")
+
+_EXPECTED = "a file of an oscilloscope that RigolWFM knows (or export it as CSV)"
+
+
+class Oscilloscope(AbstractReader):
+    """A binary file of an oscilloscope."""
+
+    ending = ".wfm"
+
+    def __init__(self, file: Path, decimal: str = "") -> None:
+        self.file = file
+
+    @classmethod
+    def recognises(cls, file: Path, head: bytes) -> bool:
+        return file.suffix.lower() in _ENDINGS
+
+    def channels(self) -> list[Channel]:
+        return [_channel(shown, number) for number, shown in enumerate(self._shown(), start=1)]
+
+    def blocks(self, numbers: Sequence[int], first: int = 0) -> Iterator[Block]:
+        shown = self._shown()
+        chosen = [shown[number - 1] for number in numbers]
+        count = same_length(self.file, {s.name: s.volts.size for s in chosen})
+        for begin in range(first, count, BLOCK):
+            end = min(begin + BLOCK, count)
+            yield Block(np.column_stack([s.volts[begin:end] for s in chosen]), np.arange(begin + 1, end + 1))
+
+    def _shown(self) -> list[Any]:
+        """The channels that were on, as the library gives them."""
+        wfm = library("RigolWFM.wfm", "oscilloscope", self.file)
+        with refusing(self.file, _EXPECTED):
+            read = _quietly(wfm.Wfm.from_file, str(self.file))
+        shown = [c for c in read.channels if c.enabled and c.volts is not None and len(c.volts) > 1]
+        if not shown:
+            raise InputError(f"{self.file}: found no channel that was on, expected one at least.")
+        return shown
+
+
+def _quietly(read: Callable[[str], Any], file: str) -> Any:
+    """What the library reads; it prints what it makes of a file, and leaves those open that it refuses."""
+    with warnings.catch_warnings(), contextlib.redirect_stdout(io.StringIO()):
+        warnings.simplefilter("ignore", ResourceWarning)
+        try:
+            return read(file)
+        except Exception as error:  # of many types
+            said = str(error)
+        gc.collect()
+    raise ValueError(said)
+
+
+def _channel(shown: Any, number: int) -> Channel:
+    unit = str(getattr(shown.unit, "name", "v")).upper()
+    interval = float(shown.times[-1] - shown.times[0]) / (len(shown.times) - 1)
+    return Channel(shown.name.replace(" ", ""), number, unit, len(shown.volts), interval, float(shown.times[0]))

@@ -1,0 +1,145 @@
+"""Columns of a record, of any format of file, as SI numbers: their units, scales, and the clock."""
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ..core import InputError, column_unit, factor, split_text
+from .channel_samples import Clock, find_channel, open_file, read_samples
+from .readers.base import AbstractReader, Channel
+
+
+class Layout(NamedTuple):
+    """What a study says of the columns of a file."""
+
+    columns: Mapping[str, str | int]
+    """By quantity, the name or the number of its column; "time" may be left out."""
+    si_units: Mapping[str, str]
+    """By quantity, the SI unit wanted."""
+    units: Mapping[str, str]
+    """By quantity, the unit in the file, where its column does not say it."""
+    scales: Mapping[str, float | str] = {}
+    """By quantity, what its numbers are multiplied with, such as "0.5 um/V"."""
+    interval: float | None = None
+    """Between samples [s], where no clock was stored."""
+    begin: float = 0.0
+    """With `interval`: time of the first sample [s]."""
+    decimal: str = ""
+    """The decimal sign of a text, "" where it is to be told."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Columns:
+    """Columns of a file in SI; NaN where the file has no number."""
+
+    reader: AbstractReader
+    file: Path
+    channels: Mapping[str, Channel]
+    """By quantity; without "time" where an interval tells the times."""
+    data: dict[str, Float[np.ndarray, " samples"]]
+    """By quantity, "time" too."""
+    places: Int[np.ndarray, " samples"]
+    """Line or number of each sample in the file, from 1."""
+    begin: float
+    """Time of the first sample of the file [s]."""
+    end: float
+    """Time of the last sample that was looked at [s]."""
+
+    def kept(self, keep: Bool[np.ndarray, " samples"]) -> "Columns":
+        """The samples that `keep` chooses."""
+        data = {quantity: column[keep] for quantity, column in self.data.items()}
+        return dataclasses.replace(self, data=data, places=self.places[keep])
+
+    def check_numbers(self) -> None:
+        """**Raises** `InputError` that names the first place where there is no finite number."""
+        wrong = {q: np.flatnonzero(~np.isfinite(column)) for q, column in self.data.items() if q in self.channels}
+        wrong = {quantity: rows[0] for quantity, rows in wrong.items() if rows.size}
+        if not wrong:
+            return
+        quantity, row = min(wrong.items(), key=lambda pair: pair[1])
+        place, channel = int(self.places[row]), self.channels[quantity]
+        text = self.reader.written(place, channel.number)
+        found = f'"{text}"' if text else ("an empty cell" if self.reader.place == "line" else "no number")
+        raise InputError(
+            f'{self.file}: {self.reader.place} {place}, column "{channel.name}": found {found}, '
+            f"expected a finite number{_about_commas(text)}."
+        )
+
+
+def read_columns(file: Path, layout: Layout, window: tuple[float, float] | None = None) -> Columns:
+    """The columns of `file` that a `layout` names, in SI, those samples within the `window` [s] where one is given.
+
+    **Raises:** `InputError` if the file or a column is missing, if there are no samples, if a row has another number
+    of cells than the header, if the times do not increase, or if a unit is missing or does not fit.
+    """
+    reader = open_file(file, layout.decimal)
+    channels = reader.channels()
+    chosen = {q: find_channel(reader, file, channels, given) for q, given in layout.columns.items()}
+    factors = {quantity: _factor(file, layout, quantity, channel) for quantity, channel in chosen.items()}
+    clock = _clock(file, layout, chosen, factors)
+    if clock.number is None:
+        chosen.pop("time", None)
+    others = [quantity for quantity in chosen if quantity != "time"]
+    samples = read_samples(reader, file, [chosen[q].number for q in others], clock, window)
+    values = {quantity: factors[quantity] * samples.values[:, k] for k, quantity in enumerate(others)}
+    return Columns(reader, file, chosen, {"time": samples.time, **values}, samples.places, samples.begin, samples.end)
+
+
+def _clock(file: Path, layout: Layout, chosen: Mapping[str, Channel], factors: Mapping[str, float]) -> Clock:
+    if layout.interval is not None:
+        return Clock(None, start=layout.begin, interval=layout.interval)
+    if "time" in chosen:
+        return Clock(chosen["time"].number, factors["time"])
+    kept = {(c.start, c.interval) for c in chosen.values() if c.interval is not None}
+    if len(kept) != 1:
+        found = "no clock in it" if not kept else f"{len(kept)} clocks that differ"
+        raise InputError(
+            f'{file}: found {found}, expected the key "time" in columns with the name of a channel, '
+            'or the key time of the record, such as time = { interval = "50 us" }.'
+        )
+    start, interval = kept.pop()
+    return Clock(None, start=start, interval=interval if interval is not None else math.nan)
+
+
+def _factor(file: Path, layout: Layout, quantity: str, channel: Channel) -> float:
+    """What the numbers of a channel are multiplied with to be in SI."""
+    where, si = f'{file}: column "{channel.name}"', layout.si_units[quantity]
+    name = layout.units.get(quantity) or channel.unit or column_unit(channel.name)
+    if quantity in layout.scales:
+        return _scaled(layout.scales[quantity], name, si, f"{where}: scale")
+    if name:
+        return factor(name, si, where)
+    like = quantity if channel.name == str(channel.number) else channel.name
+    raise InputError(
+        f'{where}: found no unit, expected a column named like "{like}_{si}" or the key "{quantity}" in [record.units].'
+    )
+
+
+def _scaled(scale: float | str, unit: str, si: str, where: str) -> float:
+    """A `scale` such as "0.5 um/V" of numbers in a `unit` such as "V"; of numbers without one, volts or none."""
+    number, per = split_text(scale, where) if isinstance(scale, str) else (float(scale), "")
+    if number == 0 or not math.isfinite(number):
+        raise InputError(f"{where}: found {number:g}, expected a factor other than 0.")
+    tried = [unit] if unit else ["", "V"]
+    for name in tried:
+        parts = " * ".join(f"({part})" for part in (per, name) if part)
+        try:
+            return number * (factor(parts, si, where) if parts else 1.0)
+        except InputError:
+            continue
+    having = f'numbers in "{unit}"' if unit else "numbers without a unit"
+    raise InputError(f'{where}: found "{scale}" of {having}, expected what makes {si} of them, such as "1 {si}/V".')
+
+
+def _about_commas(text: str) -> str:
+    """A hint where a number has a decimal comma."""
+    try:
+        float(text.replace(",", ".", 1))
+    except ValueError:
+        return ""
+    return '; a decimal comma is read with decimal = "," in the record' if "," in text else ""

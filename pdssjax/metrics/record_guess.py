@@ -1,0 +1,156 @@
+"""What the samples of a record suggest for its description in a study: drive, clock, what is measured, noise."""
+
+import dataclasses
+import math
+
+import numpy as np
+from jaxtyping import Float
+
+from ..core import InputError
+from .cycle_detection import find_cycles
+from .scatter import resolution_of, scatter_floor
+from .waveform_detection import Waveform, begun, detect_waveform
+
+_FOLLOWS = 0.97
+"""Share of the motion that the voltage explains from which a platform is taken to be seen."""
+
+_LOOSELY = 0.8
+"""The same of a platform with hysteresis, under a voltage that makes nothing slip."""
+
+_AGAINST = -0.7
+"""Correlation with the voltage, both without lines in time, below which a sensor counts the other way."""
+
+_ROUNDED = 5e-4
+"""Part of a frequency found in a motion by which it may be rounded, if its error allows that."""
+
+_RUNNING = 2
+"""Cycles for which a drive that ran before the record is taken to have run."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class RecordGuess:
+    """A record as its samples suggest it; SI, on the clock of its file."""
+
+    time: Float[np.ndarray, " n"]
+    """[s]"""
+    motion: Float[np.ndarray, " n"]
+    """[m], turned where the sensor counts the other way."""
+    volts: Float[np.ndarray, " n"] | None
+    """[V]; None where no voltage was recorded."""
+    waveform: Waveform
+    start: float
+    """When the drive starts [s]: the waveform's start, or some cycles before where it ran before the record."""
+    measures: str
+    """"platform" or "effector"."""
+    noise: float
+    """Standard deviation [m]."""
+    resolution: float | None
+    """Step in which the sensor counts [m]; None where none is seen."""
+    turned: bool
+    """The motion was turned: it goes against the voltage."""
+    hysteresis: float
+    """Of a platform, what a straight line of the voltage leaves, root mean square in parts of the motion; else NaN."""
+
+
+def guess_record(
+    time: Float[np.ndarray, " n"],
+    motion: Float[np.ndarray, " n"],
+    volts: Float[np.ndarray, " n"] | None,
+    *,
+    measures: str = "",
+    peak: float | None = None,
+    frequency: float | None = None,
+    where: str = "",
+) -> RecordGuess:
+    """What `motion` [m] and `volts` [V] at increasing `time` [s] suggest.
+
+    **Arguments:** `measures` is "platform" or "effector" where that is known.  Without `volts` a sawtooth of the
+    `peak` voltage [V] is looked for in the motion, of the `frequency` [Hz] or the one found.  `where` begins
+    messages.
+
+    **Raises:** `InputError` where no cycles are found in a motion without a voltage, or where what was measured is
+    not clear; `ValueError` where the voltage never changes.
+    """
+    if volts is None:
+        waveform, follows, leaves = _by_motion(time, motion, peak or math.nan, frequency, where), 0.0, math.nan
+        seen = measures or "effector"
+    else:
+        waveform = detect_waveform(time, volts)
+        follows, explained, leaves = _following(time, motion, volts)
+        seen = measures or _measured(waveform, explained, where)
+    against = follows < _AGAINST
+    resolution = resolution_of(motion)
+    start = waveform.start
+    if waveform.begins == "running" and waveform.name != "sampled":
+        start -= _RUNNING / waveform.numbers["frequency"]
+    return RecordGuess(
+        time=time,
+        motion=-motion if against else motion,
+        volts=volts,
+        waveform=waveform,
+        start=float(start),
+        measures=seen,
+        noise=max(scatter_floor(motion), (resolution or 0.0) / math.sqrt(12.0)),
+        resolution=resolution,
+        turned=against,
+        hysteresis=leaves if seen == "platform" else math.nan,
+    )
+
+
+def _measured(waveform: Waveform, explained: float, where: str) -> str:
+    """ "platform" or "effector", as a motion of which the voltage explains a share suggests."""
+    if waveform.name == "step" or explained > _FOLLOWS:
+        return "platform"
+    if waveform.name == "sawtooth":
+        return "effector"
+    if explained > _LOOSELY:
+        return "platform"
+    raise InputError(
+        f"{where}: found a motion of which the voltage ({waveform.name}) explains {100 * max(explained, 0.0):.0f} %, "
+        "expected --measures with platform or effector."
+    )
+
+
+def _by_motion(
+    time: Float[np.ndarray, " n"], motion: Float[np.ndarray, " n"], peak: float, frequency: float | None, where: str
+) -> Waveform:
+    """The sawtooth that a walking end-effector shows: it starts a cycle where the end-effector slips."""
+    interval = float(np.median(np.diff(time)))
+    if frequency is not None and time[-1] - time[0] < 1.5 / frequency:
+        # One slip is enough where the frequency is known.
+        steepest = int(np.argmax(np.abs(np.diff(motion))))
+        falls, slip, left = motion[steepest + 1] > motion[steepest], float(time[steepest]), 1.0
+    else:
+        cycles = find_cycles(time, motion, frequency, where)
+        falls, left = cycles.falls, 1.0 - cycles.fit
+        middle = cycles.count // 2
+        slip = cycles.start + middle / cycles.seen
+        frequency = frequency or _plainest(cycles.seen, min(2.0 * cycles.seen_error, _ROUNDED * cycles.seen))
+    numbers = {"voltage": peak, "frequency": frequency}
+    direction = "backward" if falls else "forward"
+    found = Waveform("sawtooth", numbers, direction, slip, "running", math.sqrt(max(left, 0.0)))
+    # The middle of a slip comes some milliseconds after the voltage has fallen.
+    return begun(found, time, None, max(2.0 * interval, 0.02 / frequency))
+
+
+def _plainest(value: float, tolerance: float) -> float:
+    """The number with the fewest digits within `tolerance` of `value`."""
+    for digits in range(1, 12):
+        rounded = float(f"{value:.{digits}g}")
+        if abs(rounded - value) <= tolerance:
+            return rounded
+    return value
+
+
+def _following(
+    time: Float[np.ndarray, " n"], motion: Float[np.ndarray, " n"], volts: Float[np.ndarray, " n"]
+) -> tuple[float, float, float]:
+    """Of motion and voltage: correlation without lines in time, and of a line of the voltage its r2 and its rest."""
+    line = np.stack([np.ones(time.size), time - time.mean()], axis=1)
+    bent = [column - line @ np.linalg.lstsq(line, column, rcond=None)[0] for column in (motion, volts)]
+    size = [float(np.linalg.norm(column)) for column in bent]
+    correlation = float(bent[0] @ bent[1]) / (size[0] * size[1]) if min(size) > 0 else 0.0
+    straight = np.stack([np.ones(time.size), volts], axis=1)
+    left = motion - straight @ np.linalg.lstsq(straight, motion, rcond=None)[0]
+    explained = 1.0 - float(np.var(left) / (np.var(motion) or 1.0))
+    return correlation, explained, float(np.std(left) / (np.ptp(motion) or 1.0))

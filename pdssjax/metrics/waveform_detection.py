@@ -1,0 +1,347 @@
+"""Tells the waveform of a drive from samples of its voltage: kind, voltage, frequency, flanks, and when it starts.
+
+1.  Levels: the extremes; a voltage below zero is turned round.
+2.  Flanks: passages from the lowest quarter to the highest and back, each with the moments at which it passes them.
+3.  One flank only is a step.  Else the period follows from a line through the middles of the slower flanks.
+4.  Sawtooth, triangle, trapezoid and sine are laid over the samples with the flanks' times; a sawtooth's slow flanks
+    are fitted by u = a + s t - c n, n the number of the cycle, which gives period c/s, voltage and start below a
+    sample.  The one that leaves the least is taken, if it leaves less than `MOST_MISFIT` of the voltage; else the
+    samples themselves have to be the drive.
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Float
+
+MOST_MISFIT = 0.015
+"""Root mean square that a waveform may leave, in parts of the voltage, beside the noise."""
+
+_AT_ZERO = 0.02
+"""Part of the voltage up to which a level counts as 0 V."""
+
+_JUMP = 1.6
+"""Sampling intervals up to which a flank cannot be told from a jump."""
+
+_FASTER = 0.3
+"""A flank that takes less than this part of the other one makes a sawtooth."""
+
+Samples = Float[np.ndarray, " n"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Waveform:
+    """A drive as a study describes it, in SI, on the clock of the samples."""
+
+    name: str
+    """Member of the family of drives; "sampled" where no other explains the samples."""
+    numbers: dict[str, float]
+    """By field of the drive."""
+    direction: str
+    """Of a sawtooth: "forward" or "backward"; else ""."""
+    start: float
+    """When the drive starts [s]: t = 0 of the study."""
+    begins: str
+    """"seen": it rests in the record before; "clock": the clock's zero begins a cycle; "running": it ran before."""
+    misfit: float
+    """Root mean square of what the waveform leaves, in parts of the voltage."""
+    uncertain: tuple[str, ...] = ()
+    """Fields that the samples tell only within a bound, in words."""
+
+
+@dataclasses.dataclass(frozen=True)
+class _Flanks:
+    """Passages between the lowest and the highest quarter."""
+
+    rises: Samples
+    """Middles of rises [s]."""
+    falls: Samples
+    rise: float
+    """Usual duration of a whole rise [s], were it a straight line; NaN without any."""
+    fall: float
+    extent: float
+    """Of the voltage [V], noise and all, which the flanks' durations refer to."""
+
+
+def detect_waveform(time: Samples, volts: Samples) -> Waveform:
+    """The waveform of `volts` [V] at increasing, even `time` [s]; `numbers` hold at least "voltage".
+
+    **Raises:** `ValueError` where the voltage never changes.
+    """
+    low, high = float(np.min(volts)), float(np.max(volts))
+    if high == low:
+        raise ValueError(f"found {low:g} V in all {volts.size} samples, expected a voltage that changes")
+    turned = -1.0 if abs(low) > abs(high) else 1.0
+    found = _detect(time, turned * volts)
+    return dataclasses.replace(found, numbers=found.numbers | {"voltage": turned * found.numbers["voltage"]})
+
+
+def _detect(time: Samples, volts: Samples) -> Waveform:
+    low, high = (float(level) for level in np.percentile(volts, [0.2, 99.8]))
+    interval = float(np.median(np.diff(time)))
+    flanks = _flanks(time, volts, low, high)
+    rests = _rest(time, volts, high - low)
+    if len(flanks.rises) + len(flanks.falls) == 1 and len(flanks.rises) == 1:
+        step = _step(time, volts, flanks, interval)
+        if step.misfit < MOST_MISFIT and abs(low) < _AT_ZERO * high:
+            return step
+    limit = MOST_MISFIT + 2.0 * _noise(volts) / (high - low)
+    if max(len(flanks.rises), len(flanks.falls)) >= 2 and min(len(flanks.rises), len(flanks.falls)) >= 1:
+        candidates = [fit(time, volts, flanks, interval) for fit in (_sawtooth, _triangle, _sine, _trapezoid)]
+        fitting = [c for c in candidates if c is not None and c.misfit < limit]
+        if fitting:
+            # A trapezoid with a short plateau is a sawtooth, too: the simpler one is taken.
+            best = min(c.misfit for c in fitting)
+            simplest = next(c for c in fitting if c.misfit < 2.0 * best + 2e-3)
+            if simplest.name == "trapezoid" and rests is not None:
+                # A record may begin while the voltage of a drive that runs is low.
+                low_for = (1.0 - simplest.numbers["width"]) / simplest.numbers["frequency"]
+                rests = rests if rests - time[0] > 1.05 * low_for else None
+            return begun(simplest, time, rests, 1.5 * interval)
+    start = float(time[0]) if rests is None else rests
+    begins = "running" if rests is None else "seen"
+    return Waveform("sampled", {"voltage": float(np.max(np.abs(volts)))}, "", start, begins, 0.0)
+
+
+def _noise(volts: Samples) -> float:
+    """Of neighbouring samples, robust against corners [V]."""
+    return 1.4826 * float(np.median(np.abs(np.diff(volts, 2)))) / math.sqrt(6.0) if volts.size > 3 else 0.0
+
+
+def _rest(time: Samples, volts: Samples, extent: float) -> float | None:
+    """When a voltage that begins at a constant 0 V leaves it [s]; None where it does not begin so."""
+    noise = max(5.0 * _noise(volts), 2e-3 * extent)
+    away = np.flatnonzero(np.abs(volts - np.median(volts[:3])) > noise)
+    leaves = int(away[0]) if away.size else volts.size
+    quiet = volts[:leaves]
+    if leaves < 4 or abs(float(np.mean(quiet))) > _AT_ZERO * extent:
+        return None
+    # A slow flank that has just begun is no rest: it has the slope that it goes on with.
+    ahead = volts[min(2 * leaves, volts.size) - 1] - volts[leaves - 1]
+    drift = float(np.mean(quiet[leaves // 2 :]) - np.mean(quiet[: leaves // 2])) * 2.0
+    return None if abs(drift) > 0.3 * abs(ahead) and abs(ahead) > 0 else float(time[leaves - 1])
+
+
+def _flanks(time: Samples, volts: Samples, low: float, high: float) -> _Flanks:
+    """The passages of a voltage between its extremes [V]."""
+    level = (volts - low) / ((high - low) or 1.0)
+    side = np.where(level > 0.75, 1, np.where(level < 0.25, 0, -1))
+    known = np.flatnonzero(side >= 0)
+    passes = np.flatnonzero(np.diff(side[known]) != 0)
+    middles: dict[int, list[float]] = {0: [], 1: []}
+    lengths: dict[int, list[float]] = {0: [], 1: []}
+    for index in passes:
+        first, last = known[index], known[index + 1]
+        way = int(level[last] > level[first])
+        middle, length = _passage(time[first : last + 1], level[first : last + 1])
+        middles[way].append(middle)
+        lengths[way].append(length)
+    usual = lambda values: float(np.median(values)) if values else math.nan
+    return _Flanks(np.array(middles[1]), np.array(middles[0]), usual(lengths[1]), usual(lengths[0]), high - low)
+
+
+def _passage(time: Samples, level: Samples) -> tuple[float, float]:
+    """When a passage from one quarter to the other is half way, and how long a whole one would take [s]."""
+    if time.size < 5:
+        ordered = np.maximum.accumulate(level if level[-1] > level[0] else 1.0 - level)
+        early, middle, late = (float(np.interp(share, ordered, time)) for share in (0.25, 0.5, 0.75))
+        return middle, 2.0 * (late - early)
+    inner = slice(1, -1)
+    slope, at_middle = np.polyfit(time[inner] - time.mean(), level[inner], 1)
+    return float(time.mean() + (0.5 - at_middle) / slope), float(abs(1.0 / slope))
+
+
+def _step(time: Samples, volts: Samples, flanks: _Flanks, interval: float) -> Waveform:
+    middle = flanks.rises[0]
+    late = volts[time > middle + 0.6 * flanks.rise]
+    voltage = float(np.median(late)) if late.size else float(volts[-1])
+    ideal = flanks.rise < _JUMP * interval
+    if ideal:
+        start = float(time[np.searchsorted(time, middle)])
+        before = start - interval
+        start = 0.0 if before <= 0.0 <= start else start
+        shown = np.where(time >= start - 1e-9 * interval, voltage, 0.0)
+    else:
+        start = middle - 0.5 * flanks.rise
+        start = 0.0 if abs(start) < interval else start
+        shown = voltage * np.clip((time - start) / flanks.rise, 0.0, 1.0)
+    near = np.abs(time - middle) <= 1.5 * interval
+    # A ramp that never comes to rest is no step.
+    misfit = _rms((volts - shown)[~near]) / abs(voltage) if late.size >= max(4, volts.size // 20) else math.inf
+    numbers = {"voltage": voltage} | ({} if ideal else {"rise_time": flanks.rise})
+    bound = (f"rise_time: below {interval:.3g} s",) if ideal else ()
+    return Waveform("step", numbers, "", start, "seen", misfit, bound)
+
+
+def _rms(values: Samples) -> float:
+    return float(np.sqrt(np.mean(values**2))) if values.size else math.inf
+
+
+def _period(flanks: _Flanks) -> float | None:
+    """By a line through the middles of the slower flanks; None where there are too few or they are uneven."""
+    slower, other = flanks.rises, flanks.falls
+    if not flanks.rise > flanks.fall:
+        slower, other = other, slower
+    middles = slower if len(slower) >= 2 else other
+    if len(middles) < 2:
+        return None
+    steps = np.diff(middles)
+    if len(steps) > 1 and np.ptp(steps) > 0.1 * np.median(steps):
+        return None
+    return float(np.polyfit(np.arange(len(middles)), middles, 1)[0])
+
+
+def _sawtooth(time: Samples, volts: Samples, flanks: _Flanks, interval: float) -> Waveform | None:
+    period = _period(flanks)
+    if period is None or not min(flanks.rise, flanks.fall) < _FASTER * max(flanks.rise, flanks.fall):
+        return None
+    forward = flanks.fall < flanks.rise
+    fast = flanks.fall if forward else flanks.rise
+    middles = flanks.falls if forward else flanks.rises
+    if len(middles) >= 2:
+        period = float(np.polyfit(np.arange(len(middles)), middles, 1)[0])
+    ideal = fast < _JUMP * interval
+    fast = 0.0 if ideal else fast
+    # Numbers of cycles, and samples away from the fast flanks.
+    turn = (time - middles[0]) / period
+    number = np.round(turn)
+    margin = 0.5 * fast / period + 1.2 * interval / period
+    slow = np.abs(turn - number) > margin
+    count = np.floor(turn)
+    rested = slow & (np.abs(volts) <= 1e-3 * np.max(volts)) & (time < middles[0])
+    # The first slow flank of a drive that starts from rest may be another one.
+    kept = slow & (time > middles[0]) if len(middles) >= 2 else slow & ~rested
+    design = np.stack([np.ones(time.size), time, -count], axis=1)[kept]
+    if np.linalg.matrix_rank(design) < 3:
+        return None
+    a, slope, drop = np.linalg.lstsq(design, volts[kept], rcond=None)[0]
+    if slope == 0 or drop / slope <= 0:
+        return None
+    period = drop / slope
+    voltage = abs(slope) * (period - fast)
+    # The slow flank numbered 0 begins at 0 V forward, backward at the peak, right after the fast one.
+    start = -a / slope - fast if forward else (voltage - a) / slope - fast
+    misfit = _rms(volts[kept] - design @ np.array([a, slope, drop])) / voltage
+    numbers = {"voltage": voltage, "frequency": 1.0 / period} | ({} if ideal else {"fall_time": fast})
+    bound = (f"fall_time: below {interval:.3g} s",) if ideal else ()
+    # Where the lowest level is not 0 V, the line does not meet the fast flanks.
+    if abs(start + 0.5 * fast - middles[0]) > 1.5 * interval + _AT_ZERO * period:
+        return None
+    return Waveform("sawtooth", numbers, "forward" if forward else "backward", start, "running", misfit, bound)
+
+
+def _triangle(time: Samples, volts: Samples, flanks: _Flanks, interval: float) -> Waveform | None:
+    period = _period(flanks)
+    if period is None or not 0 < flanks.rise < period:
+        return None
+    symmetry = flanks.rise / (flanks.rise + flanks.fall)
+    shape = lambda phase: np.where(phase < symmetry, phase / symmetry, (1.0 - phase) / (1.0 - symmetry))
+    start = float(flanks.rises[0]) - 0.5 * symmetry * period
+    numbers = {} if abs(symmetry - 0.5) < 0.01 else {"symmetry": symmetry}
+    return _laid_over(time, volts, "triangle", numbers, period, start, shape, 0.0)
+
+
+def _trapezoid(time: Samples, volts: Samples, flanks: _Flanks, interval: float) -> Waveform | None:
+    found = _trapezoid_by(time, volts, flanks, interval)
+    if found is None:
+        return None
+    # On plateaus noise widens the extremes, and with them the flanks.
+    share = found.numbers["voltage"] / flanks.extent
+    return _trapezoid_by(
+        time, volts, dataclasses.replace(flanks, rise=share * flanks.rise, fall=share * flanks.fall), interval
+    )
+
+
+def _trapezoid_by(time: Samples, volts: Samples, flanks: _Flanks, interval: float) -> Waveform | None:
+    period = _period(flanks)
+    if period is None:
+        return None
+    rise, fall = (0.0 if length < _JUMP * interval else length for length in (flanks.rise, flanks.fall))
+    start = float(flanks.rises[0]) - 0.5 * rise
+    after = flanks.falls[flanks.falls > flanks.rises[0]]
+    if not after.size:
+        return None
+    width = (float(after[0]) - 0.5 * fall - start) / period
+    if not rise / period < width < 1.0 - fall / period:
+        return None
+    up, down = rise / period, fall / period
+
+    def shape(phase: Samples) -> Samples:
+        risen = np.clip(phase / up, 0.0, 1.0) if up else np.ones(phase.size)
+        fallen = np.clip((phase - width) / down, 0.0, 1.0) if down else (phase >= width) * 1.0
+        return risen - fallen
+
+    numbers = {"width": width} | ({"rise_time": rise} if rise else {}) | ({"fall_time": fall} if fall else {})
+    return _laid_over(time, volts, "trapezoid", numbers, period, start, shape, 1.2 * interval / period, width)
+
+
+def _laid_over(
+    time: Samples,
+    volts: Samples,
+    name: str,
+    numbers: dict[str, float],
+    period: float,
+    start: float,
+    shape: Callable[[Samples], Samples],
+    margin: float,
+    edge: float = 0.0,
+) -> Waveform | None:
+    """A waveform between 0 V and its voltage, of the given `shape` of the phase; samples near an edge do not count."""
+    phase = np.mod((time - start) / period, 1.0)
+    apart = lambda place: np.abs(np.mod(phase - place + 0.5, 1.0) - 0.5)
+    kept = (apart(0.0) >= margin) & (apart(edge) >= margin) & (time >= start)
+    level = shape(phase)[kept]
+    if level.size < 8:
+        return None
+    (base, voltage), *_ = np.linalg.lstsq(np.stack([np.ones(level.size), level], axis=1), volts[kept], rcond=None)
+    if voltage <= 0 or abs(base) > _AT_ZERO * voltage:
+        return None
+    misfit = _rms(volts[kept] - voltage * level) / voltage
+    return Waveform(
+        name, {"voltage": float(voltage), "frequency": 1.0 / period, **numbers}, "", start, "running", misfit
+    )
+
+
+def _sine(time: Samples, volts: Samples, flanks: _Flanks, interval: float) -> Waveform | None:
+    period = _period(flanks)
+    if period is None:
+        return None
+    rate, moved = 2.0 * np.pi / period, time - time[0]
+    kept = time >= flanks.rises[0] - 0.25 * period
+    for _ in range(6):
+        waves = np.stack([np.ones(time.size), np.cos(rate * moved), np.sin(rate * moved)], axis=1)
+        level, cosine, sine = np.linalg.lstsq(waves[kept], volts[kept], rcond=None)[0]
+        # Newton's step of the rate, with the amplitudes free.
+        tangent = moved * (sine * waves[:, 1] - cosine * waves[:, 2])
+        joined = np.column_stack([waves, tangent])[kept]
+        rate += np.linalg.lstsq(joined, volts[kept], rcond=None)[0][3]
+    waves = np.stack([np.ones(time.size), np.cos(rate * moved), np.sin(rate * moved)], axis=1)
+    level, cosine, sine = np.linalg.lstsq(waves[kept], volts[kept], rcond=None)[0]
+    amplitude = math.hypot(cosine, sine)
+    misfit = _rms(volts[kept] - waves[kept] @ np.array([level, cosine, sine])) / (2.0 * amplitude)
+    bias = level - amplitude
+    # Lowest where the cosine of the wave's turn is -1.
+    start = float(time[0]) + (math.atan2(sine, cosine) + math.pi) / rate
+    numbers = {"voltage": 2.0 * amplitude, "frequency": rate / (2.0 * math.pi)}
+    numbers |= {} if abs(bias) < _AT_ZERO * amplitude else {"bias": bias}
+    return Waveform("sine", numbers, "", start, "running", misfit)
+
+
+def begun(found: Waveform, time: Samples, rests: float | None, tolerance: float) -> Waveform:
+    """A waveform whose `start` is that of some cycle, with that of the drive in its place.
+
+    **Arguments:** `rests` tells when it leaves a rest at 0 V in the record [s], None where it does not; `tolerance`
+    [s] how near a cycle's begin must be to the clock's zero for the clock to count from the drive's start.
+    """
+    period = 1.0 / found.numbers["frequency"]
+    if rests is not None:
+        cycles = round((rests - found.start) / period)
+        return dataclasses.replace(found, start=found.start + cycles * period, begins="seen")
+    # A clock that counts from the drive's start shows a cycle that begins at 0.
+    phase = found.start / period
+    if time[0] >= -tolerance and abs(phase - round(phase)) * period <= tolerance:
+        return dataclasses.replace(found, start=0.0, begins="clock")
+    before = math.floor((float(time[0]) - found.start) / period + 1e-6)
+    return dataclasses.replace(found, start=found.start + before * period)

@@ -1,0 +1,83 @@
+"""Figure of what the samples of a file suggest: voltage and waveform, motion, the drive's start."""
+
+import matplotlib
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ...core import MICROMETRES
+from ...metrics import RecordGuess
+from ._style import BLUE, GREY, STYLE, VERMILION, YELLOW
+
+
+def guess_figure(name: str, guess: RecordGuess) -> Figure:
+    """Voltage with the waveform found, over the motion; to the right, the first fast flank enlarged."""
+    moment = _moment(guess)
+    near = (guess.time >= moment[0]) & (guess.time <= moment[1])
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(7.4, 4.2), layout="constrained")
+        ((volts, near_volts), (motion, near_motion)) = figure.subplots(2, 2, sharex="col", width_ratios=(3, 2))
+        whole = np.ones(guess.time.size, bool)
+        for panels, part, factor in (((volts, motion), whole, 1.0), ((near_volts, near_motion), near, 1e3)):
+            _draw(*panels, guess, part, factor)
+        volts.axvspan(*moment, color=YELLOW, alpha=0.45, linewidth=0, zorder=0)
+        motion.axvspan(*moment, color=YELLOW, alpha=0.45, linewidth=0, zorder=0)
+        volts.set_ylabel("voltage (V)")
+        motion.set_ylabel(f"{guess.measures} (µm)" + (", turned" if guess.turned else ""))
+        motion.set_xlabel("time on the file's clock (s)")
+        near_motion.set_xlabel("time (ms)")
+        near_volts.set_title("the shaded moment", loc="left")
+        if guess.volts is not None or np.isfinite(guess.waveform.numbers["voltage"]):
+            volts.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.0)
+        figure.suptitle(_caption(name, guess), x=0.01, ha="left", fontsize=10.0)
+        figure.align_ylabels((volts, motion))
+    return figure
+
+
+def _draw(volts: Axes, motion: Axes, guess: RecordGuess, part: np.ndarray, factor: float) -> None:
+    time = factor * guess.time[part]
+    marks = {"marker": ".", "markersize": 3.0} if factor != 1.0 else {}
+    if guess.volts is not None:
+        volts.plot(time, guess.volts[part], color=GREY, linewidth=2.4, label="recorded", **marks)
+    if guess.waveform.name != "sampled":
+        fine = np.linspace(guess.time[part][0], guess.time[part][-1], 4000)
+        volts.plot(factor * fine, waveform_at(guess, fine), color=VERMILION, linewidth=0.9, label=guess.waveform.name)
+    motion.plot(time, MICROMETRES * guess.motion[part], color=BLUE, linewidth=0.8, **marks)
+    if guess.time[part][0] <= guess.start <= guess.time[part][-1]:
+        for panel in (volts, motion):
+            panel.axvline(factor * guess.start, color="0.2", linewidth=0.8, linestyle=":")
+        volts.annotate("t = 0", (factor * guess.start, 0.5), xycoords=("data", "axes fraction"), fontsize=8.0)
+
+
+def waveform_at(guess: RecordGuess, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """The voltage [V] of the waveform found, at `time` [s] on the file's clock."""
+    from ...core import member
+
+    wave = guess.waveform
+    kind = member("drive", wave.name)
+    drive = kind(**wave.numbers, **({"direction": wave.direction} if wave.direction else {}))
+    return np.asarray(drive.at(time - guess.start))
+
+
+def _moment(guess: RecordGuess) -> tuple[float, float]:
+    """Around the fastest change of the voltage, or of the motion where none was recorded."""
+    shown = guess.motion if guess.volts is None else guess.volts
+    interval = float(np.median(np.diff(guess.time)))
+    width = max(60 * interval, (guess.time[-1] - guess.time[0]) / 60)
+    jump = float(guess.time[np.argmax(np.abs(np.diff(shown)))])
+    return max(jump - 0.2 * width, float(guess.time[0])), min(jump + 0.8 * width, float(guess.time[-1]))
+
+
+def _caption(name: str, guess: RecordGuess) -> str:
+    wave = guess.waveform
+    units = {"voltage": (1.0, "V"), "bias": (1.0, "V"), "frequency": (1.0, "Hz"), "fall_time": (1e3, "ms")}
+    units["rise_time"] = (1e3, "ms")
+    told = [f"{wave.name} {wave.direction}".strip()]
+    if wave.name != "sampled":
+        for field, number in wave.numbers.items():
+            scale, unit = units.get(field, (1.0, ""))
+            title = "" if field in ("voltage", "frequency") else field.replace("_", " ") + " "
+            told.append(f"{title}{scale * number:.5g} {unit}".strip())
+    told.append(f"t = 0 at {guess.start:.6g} s")
+    return f"{name}\n{', '.join(told)}; noise {MICROMETRES * guess.noise:.3g} µm"

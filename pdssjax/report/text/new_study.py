@@ -1,0 +1,29 @@
+"""What files suggest for the records of a study, as plain text."""
+
+from collections.abc import Sequence
+
+from ...core import MICROMETRES
+from ...metrics import RecordGuess
+from ._layout import aligned_table, heading
+
+
+def format_guesses(guesses: Sequence[tuple[str, RecordGuess]]) -> str:
+    """A table of what each named record is taken to be."""
+    head = ["", "measures", "drive", "", "V", "Hz", "t = 0 (s)", "", "noise (um)"]
+    return heading("Guessed from the files") + aligned_table("<<<<>>><>", [head, *(_row(*pair) for pair in guesses)])
+
+
+def _row(name: str, guess: RecordGuess) -> list[str]:
+    wave = guess.waveform
+    frequency = wave.numbers.get("frequency")
+    return [
+        name,
+        guess.measures + (", turned" if guess.turned else ""),
+        wave.name,
+        wave.direction,
+        f"{wave.numbers['voltage']:.5g}",
+        "" if frequency is None else f"{frequency:.6g}",
+        f"{guess.start:.6g}",
+        {"seen": "seen", "clock": "by the clock", "running": "ran before"}[wave.begins],
+        f"{MICROMETRES * guess.noise:.3g}",
+    ]

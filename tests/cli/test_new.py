@@ -1,0 +1,243 @@
+"""`pdssjax new`: from files of any lab to a study that loads, with the right drives and clocks, or a question."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pdssjax import InputError, load_study
+from pdssjax.cli import main as cli
+from pdssjax.files import EXAMPLE, Hints, Told, guess_file
+from pdssjax.files.new_study import study_text
+
+LIU = Path(__file__).parents[2] / "experiments" / "liu2015"
+
+RIG = {
+    "sawtooth_5Hz_A": ("sawtooth", "forward", 64.2, 5.0),
+    "sawtooth_5Hz_B": ("sawtooth", "backward", 64.2, 5.0),
+    "step_48p2V": ("step", "", 48.2, None),
+    "step_75p4V": ("step", "", 75.4, None),
+    "validation_20Hz_A": ("sawtooth", "forward", 64.2, 20.0),
+    "validation_20Hz_B": ("sawtooth", "backward", 64.2, 20.0),
+}
+"""Of the packaged records: waveform, direction, voltage and frequency."""
+
+UNITS = {"time": "s", "voltage": "V", "displacement": "um"}
+
+
+def table_of(name):
+    """Time [s], voltage [V] and displacement [um] of a packaged record."""
+    return np.loadtxt(EXAMPLE / f"{name}.csv", delimiter=",", skiprows=1)
+
+
+def without_header(file, name, order=(0, 1, 2)):
+    np.savetxt(file, table_of(name)[:, order], fmt="%.6f", delimiter=",")
+    return {}, UNITS
+
+
+def in_another_order(file, name):
+    return without_header(file, name, (2, 0, 1))
+
+
+def with_a_row_of_units(file, name):
+    rows = "".join(f"{x:.6f};{t:.6f};{u:.6f}\n" for t, u, x in table_of(name)).replace(".", ",")
+    file.write_text(f"Weg;Zeit;Spannung\nµm;s;V\n{rows}", encoding="cp1252")
+    return {}, {}
+
+
+def as_an_oscilloscope(file, name):
+    """No times but an interval, the sensor's amplifier in volts, and a clock that is late by 0.0123 s."""
+    rows = "".join(f"{k},{u:.6f},{x / 2.0:.6f},,\n" for k, (_, u, x) in enumerate(table_of(name)))
+    time = table_of(name)[:, 0]
+    head = f"X,CH1,CH2,Start,Increment,\nSequence,Volt,Volt,{time[0] + 0.0123:.6f},{time[1] - time[0]:.6e}\n"
+    file.write_text(head + rows)
+    return {"voltage": "CH1", "displacement": "CH2"}, {}
+
+
+def upside_down(file, name):
+    time, volts, motion = table_of(name).T
+    np.savetxt(file, np.stack([time, volts, -motion], 1), delimiter=",", header="t_s,u_V,x_um", comments="")
+    return {}, {}
+
+
+WAYS = [without_header, in_another_order, with_a_row_of_units, as_an_oscilloscope, upside_down]
+
+
+@pytest.mark.parametrize("name", RIG)
+@pytest.mark.parametrize("way", WAYS, ids=lambda way: way.__name__)
+def test_the_rigs_records_are_told_however_they_are_written(tmp_path, way, name):
+    file = tmp_path / "run.csv"
+    columns, units = way(file, name)
+    scales = {"displacement": "2 um/V"} if way is as_an_oscilloscope else {}
+    found = guess_file(file, Hints(columns, units, scales), Told())
+    guess, (waveform, direction, voltage, frequency) = found.guess, RIG[name]
+    assert (guess.waveform.name, guess.waveform.direction) == (waveform, direction)
+    assert guess.measures == ("platform" if waveform == "step" else "effector")
+    assert guess.turned == (way is upside_down)
+    assert guess.waveform.numbers["voltage"] == pytest.approx(voltage, rel=0.01)
+    time, _, motion = table_of(name).T
+    late = guess.start - (0.0123 if way is as_an_oscilloscope else 0.0)
+    if frequency is not None:
+        assert guess.waveform.numbers["frequency"] == pytest.approx(frequency, rel=1e-3)
+        late -= round(late * frequency) / frequency
+    assert abs(late) <= 1.01 * (time[1] - time[0])
+    assert guess.noise == pytest.approx(0.0108e-6, rel=0.1)
+    assert guess.resolution == pytest.approx(0.01e-6, rel=1e-3)
+    np.testing.assert_allclose(guess.motion, 1e-6 * motion, atol=2e-12)
+    text = study_text([found], Told(mass=0.086), tmp_path, "as found")
+    (tmp_path / "study.toml").write_text(text, encoding="utf-8")
+    (record,) = load_study(tmp_path / "study.toml").records
+    np.testing.assert_allclose(record.measured, 1e-6 * motion, atol=2e-12)
+    np.testing.assert_allclose(record.time, guess.time - guess.start, atol=1e-8)
+    guesses = [
+        line for line in text.splitlines() if line.startswith(("piezo =", "friction =", "measures", "noise", "drive ="))
+    ]
+    assert len(guesses) == 5 and all("# guess: " in line for line in guesses)
+
+
+@pytest.mark.filterwarnings("ignore:.*at least one period:pdssjax.core.errors.InputWarning")
+def test_a_record_without_a_voltage_is_told_by_its_slips(tmp_path):
+    columns = {"displacement": "end_effector_displacement_um", "voltage": "none"}
+    told = Told(peak=30.0, mass=0.1)
+    found = guess_file(LIU / "endeffector_3to5s_500Hz.csv", Hints(columns, {}, {}), told)
+    wave = found.guess.waveform
+    assert (wave.name, wave.direction, wave.begins) == ("sawtooth", "forward", "clock")
+    assert wave.numbers == {"voltage": 30.0, "frequency": pytest.approx(5.0, rel=1e-3)}
+    assert found.guess.start == 0.0
+    alone = guess_file(LIU / "fig22_slip_event_1kHz.csv", Hints(columns, {}, {}), Told(peak=30.0, frequency=5.0))
+    assert (alone.guess.waveform.direction, alone.guess.start) == ("forward", 0.0)
+    (tmp_path / "study.toml").write_text(study_text([found, alone], told, tmp_path, "Liu"), encoding="utf-8")
+    study = load_study(tmp_path / "study.toml")
+    assert study.parameters["drive.fall_time"].free and len(study.records) == 2
+
+
+def hysteresis(file, cycles=12):
+    """A platform whose motion is a loop of a 1 Hz sine [V] that runs already, with creep, at 200 Hz."""
+    time = 0.005 * np.arange(200 * cycles)
+    volts = 1.8 + 1.8 * np.sin(2 * np.pi * time)
+    play, center = np.zeros(time.size), 1.8
+    for k, voltage in enumerate(volts):
+        center = float(np.clip(center, voltage - 0.6, voltage + 0.6))
+        play[k] = center
+    motion = 20.0 * volts + 15.0 * play + 2.0 * np.log1p(time) + 0.03 * np.random.default_rng(2).normal(size=time.size)
+    np.savetxt(
+        file, np.stack([time, volts, motion - 120.0], 1), fmt="%.6f", delimiter=",", header="time_s,voltage_V,x_um"
+    )
+
+
+def test_a_platform_with_hysteresis_is_told_from_an_end_effector(tmp_path):
+    hysteresis(tmp_path / "loops.csv")
+    found = guess_file(tmp_path / "loops.csv", Hints({}, {}, {}), Told())
+    wave = found.guess.waveform
+    assert (wave.name, found.guess.measures) == ("sine", "platform")
+    assert wave.numbers == {"voltage": pytest.approx(3.6, rel=1e-2), "frequency": pytest.approx(1.0, rel=1e-3)}
+    assert found.guess.start % 1.0 == pytest.approx(0.75, abs=0.005) and found.guess.start < 0.0
+    text = study_text([found], Told(), tmp_path, "loops")
+    assert 'piezo = "bouc-wen"' in text and '"piezo.natural_frequency" = { value =' in text
+    assert "friction." not in text and "effector." not in text
+    (tmp_path / "study.toml").write_text(text, encoding="utf-8")
+    assert load_study(tmp_path / "study.toml").records[0].measures == "platform"
+
+
+def test_a_voltage_that_no_waveform_explains_is_the_drive_itself(tmp_path):
+    time = 1e-4 * np.arange(4000)
+    volts = np.where(time < 0.01, 0.0, 20.0 * np.sin(300 * (time - 0.01)) ** 2 * (1.0 + np.sin(77 * time)))
+    motion = 0.1 * volts + 0.01 * np.random.default_rng(5).normal(size=time.size)
+    np.savetxt(
+        tmp_path / "any.csv", np.stack([time, volts, motion], 1), delimiter=",", header="t_s,u_V,x_um", comments=""
+    )
+    found = guess_file(tmp_path / "any.csv", Hints({}, {}, {}), Told())
+    assert found.guess.waveform.name == "sampled" and found.guess.start == pytest.approx(0.01, abs=1e-3)
+    (tmp_path / "study.toml").write_text(study_text([found], Told(), tmp_path, "any"), encoding="utf-8")
+    (record,) = load_study(tmp_path / "study.toml").records
+    shown = np.asarray(record.drive.at(record.time[200:]))
+    np.testing.assert_allclose(shown, volts[200:], atol=1e-9)
+
+
+ALIKE = "time_s,a_V,b_V,x_um\n" + "".join(f"{k}e-4,{k % 40},{k % 40},{k % 7}\n" for k in range(400))
+BARE = "".join(f"{k * 1e-4:.4f},{k % 40},{(k % 40) ** 1.5:.3f}\n" for k in range(400))
+
+QUESTIONS = {
+    "two voltages": (ALIKE, {}, {}, Told(), ['2: "a_V" [V], 3: "b_V" [V]', "expected --voltage"]),
+    "no units": (BARE, {}, {}, Told(), ["found no unit of the time in channel 1", "--unit time=s", "--unit voltage=V"]),
+    "no voltage": ("time_s,x_um\n" + BARE, {"voltage": "none"}, {}, Told(), ["--peak"]),
+    "no clock": (
+        "u_V,x_um\n" + "".join(f"{k % 40},{k % 7}\n" for k in range(400)),
+        {},
+        {},
+        Told(),
+        ["--time", "--interval"],
+    ),
+    "no motion": (
+        "time_s,u_V\n" + "".join(f"{k}e-4,{k % 40}\n" for k in range(400)),
+        {},
+        {},
+        Told(),
+        ["--displacement"],
+    ),
+    "a voltage that never moves": (
+        "time_s,u_V,x_um\n" + "".join(f"{k}e-4,3,{k % 7}\n" for k in range(99)),
+        {},
+        {},
+        Told(),
+        ["3 V in all"],
+    ),
+    "few samples": ("time_s,u_V,x_um\n0,1,2\n1,2,3\n", {}, {}, Told(), ["2 samples"]),
+    "a wrong name": (ALIKE, {"voltage": "c_V"}, {}, Told(), ['"c_V"', "did you mean"]),
+    "neither platform nor effector": (
+        "time_s,u_V,x_um\n"
+        + "".join(f"{k}e-4,{5 - 5 * np.cos(k * 0.05):.6f},{np.sin(0.31 * k):.4f}\n" for k in range(900)),
+        {},
+        {},
+        Told(),
+        ["(sine) explains 0 %", "--measures"],
+    ),
+}
+
+
+@pytest.mark.parametrize(("text", "columns", "units", "told", "essentials"), QUESTIONS.values(), ids=QUESTIONS)
+def test_what_is_not_clear_is_asked_for(tmp_path, text, columns, units, told, essentials):
+    file = tmp_path / "run.csv"
+    file.write_text(text)
+    with pytest.raises(InputError) as asked:
+        guess_file(file, Hints(columns, units, {}), told)
+    assert "\n" not in str(asked.value)
+    for essential in [str(file), *essentials]:
+        assert essential in str(asked.value)
+
+
+def test_the_command_makes_a_study_with_figures(tmp_path, capsys):
+    out = tmp_path / "rig"
+    files = [str(EXAMPLE / f"{name}.csv") for name in ("sawtooth_5Hz_A", "step_48p2V")]
+    assert cli.main(["new", str(out), "--files", *files]) == 0
+    printed = capsys.readouterr()
+    assert f"pdssjax identify {out / 'study.toml'}" in printed.out and "by the clock" in printed.out
+    assert "the mass of the end-effector is a guess" in printed.err
+    assert sorted(path.name for path in (out / "check").iterdir()) == ["sawtooth_5Hz_A.png", "step_48p2V.png"]
+    assert [record.role for record in load_study(out / "study.toml").records] == ["fit", "fit"]
+    assert cli.main(["new", str(out), "--files", *files]) == 2
+    assert "found something there already" in capsys.readouterr().err
+
+
+def test_the_command_asks_all_its_questions_at_once_and_writes_nothing(tmp_path, capsys):
+    (tmp_path / "bare.csv").write_text(BARE)
+    (tmp_path / "alike.csv").write_text(ALIKE)
+    files = [str(tmp_path / name) for name in ("bare.csv", "alike.csv", "none.csv")]
+    assert cli.main(["new", str(tmp_path / "rig"), "--files", *files]) == 2
+    errors = capsys.readouterr().err.splitlines()
+    assert len(errors) == 3 and all(line.startswith("pdssjax: error: ") for line in errors)
+    assert not (tmp_path / "rig").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (["--unit", "speed=m"], "option --unit"),
+        (["--scale", "voltage"], "option --scale"),
+        (["--mass", "3 m"], "option --mass"),
+        (["--interval", "0 s"], "option --interval"),
+    ],
+)
+def test_options_at_fault_are_refused(tmp_path, capsys, options, told):
+    assert cli.main(["new", str(tmp_path / "rig"), "--files", "x.csv", *options]) == 2
+    assert told in capsys.readouterr().err

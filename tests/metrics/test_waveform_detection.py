@@ -1,0 +1,141 @@
+"""The drive that went in is found in samples of its voltage: kind, frequency, voltage, flanks, direction, start."""
+
+import numpy as np
+import pytest
+
+from pdssjax.metrics import detect_waveform, resolution_of, scatter_floor
+
+INTERVAL = 1e-4
+
+
+def sawtooth(phase, fall, forward):
+    """Between 0 and 1, of the phase from the begin of the fast flank on; `fall` in periods."""
+    slow = (phase - fall) / (1.0 - fall)
+    level = np.where(phase < fall, 1.0 - phase / (fall or 1.0), slow)
+    return level if forward else 1.0 - level
+
+
+def trapezoid(phase, width, rise, fall):
+    up = np.clip(phase / rise, 0.0, 1.0) if rise else np.ones_like(phase)
+    down = np.clip((phase - width) / fall, 0.0, 1.0) if fall else (phase >= width) * 1.0
+    return up - down
+
+
+def triangle(phase, symmetry):
+    return np.where(phase < symmetry, phase / symmetry, (1.0 - phase) / (1.0 - symmetry))
+
+
+SHAPES = {
+    "forward": ("sawtooth", "forward", lambda p: sawtooth(p, 0.0, True), {}),
+    "backward": ("sawtooth", "backward", lambda p: sawtooth(p, 0.0, False), {}),
+    "forward, slow fall": ("sawtooth", "forward", lambda p: sawtooth(p, 0.05, True), {"fall_time": 0.05}),
+    "backward, slow rise": ("sawtooth", "backward", lambda p: sawtooth(p, 0.05, False), {"fall_time": 0.05}),
+    "triangle": ("triangle", "", lambda p: triangle(p, 0.5), {}),
+    "skew triangle": ("triangle", "", lambda p: triangle(p, 0.35), {"symmetry": 0.35}),
+    "sine": ("sine", "", lambda p: 0.5 - 0.5 * np.cos(2 * np.pi * p), {}),
+    "square": ("trapezoid", "", lambda p: trapezoid(p, 0.4, 0.0, 0.0), {"width": 0.4}),
+    "trapezoid": (
+        "trapezoid",
+        "",
+        lambda p: trapezoid(p, 0.5, 0.1, 0.05),
+        {"width": 0.5, "rise_time": 0.1, "fall_time": 0.05},
+    ),
+}
+"""By name: kind, direction, level by phase, other numbers (lengths in periods)."""
+
+
+def samples(shape, frequency, voltage, start, noise=0.0, first=0.0, length=1.0, rests=False):
+    """Samples of a drive that starts at `start`, at rest before where it `rests`, else running."""
+    time = first + INTERVAL * np.arange(round(length / INTERVAL))
+    turn = (time - start) * frequency
+    volts = voltage * shape(np.mod(turn, 1.0))
+    if rests:
+        volts = np.where(turn < 0, 0.0, volts)
+    return time, volts + noise * np.random.default_rng(4).normal(size=time.size)
+
+
+def check(found, kind, frequency, voltage, numbers, direction):
+    assert (found.name, found.direction) == (kind, direction)
+    assert found.numbers["frequency"] == pytest.approx(frequency, rel=1e-3)
+    assert found.numbers["voltage"] == pytest.approx(voltage, rel=1e-2)
+    for field, part in numbers.items():
+        if field.endswith("time"):
+            assert found.numbers[field] == pytest.approx(part / frequency, abs=INTERVAL)
+        else:
+            assert found.numbers[field] == pytest.approx(part, rel=0.02)
+    assert set(found.numbers) == {"frequency", "voltage", *numbers}
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.005])
+@pytest.mark.parametrize("voltage", [64.2, -30.0])
+@pytest.mark.parametrize("name", SHAPES)
+def test_a_drive_that_runs_is_found(name, voltage, noise):
+    kind, direction, shape, numbers = SHAPES[name]
+    for frequency, start in ((7.3, 0.0123), (23.0, 0.0)):
+        time, volts = samples(shape, frequency, voltage, start, noise * abs(voltage), first=0.2)
+        found = detect_waveform(time, volts)
+        check(found, kind, frequency, voltage, numbers, direction)
+        assert found.begins == ("clock" if start == 0.0 else "running")
+        late = (found.start - start) * frequency
+        assert abs(late - round(late)) < 1.5 * INTERVAL * frequency + (0.01 if kind == "sine" else 0.0) * noise / 0.005
+        assert found.start <= time[0] + 1e-9
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_the_start_of_a_drive_is_seen_where_it_rests_before(name):
+    kind, direction, shape, numbers = SHAPES[name]
+    time, volts = samples(shape, 9.0, 40.0, 0.2137, first=0.05, rests=True)
+    if direction == "forward":  # the first flank rises from rest, without a fast one before it
+        volts = np.where((time - 0.2137) * 9.0 < 1.0, 40.0 * np.clip((time - 0.2137) * 9.0, 0.0, 1.0), volts)
+    found = detect_waveform(time, volts)
+    check(found, kind, 9.0, 40.0, numbers, direction)
+    assert found.begins == "seen"
+    assert found.start == pytest.approx(0.2137, abs=1.01 * INTERVAL)
+
+
+@pytest.mark.parametrize(("rise", "start"), [(0.0, 0.0), (0.0, 0.0312), (4e-3, 0.0312), (4e-3, 0.0)])
+@pytest.mark.parametrize("voltage", [48.2, -75.0])
+def test_a_step_is_found(rise, start, voltage):
+    time = -0.01 + INTERVAL * np.arange(1000)
+    ramp = np.clip((time - start) / rise, 0.0, 1.0) if rise else (time >= start - 1e-12) * 1.0
+    found = detect_waveform(time, voltage * ramp + 0.02 * np.random.default_rng(1).normal(size=time.size))
+    assert found.name == "step" and found.begins == "seen"
+    assert found.numbers["voltage"] == pytest.approx(voltage, rel=1e-2)
+    assert found.numbers.get("rise_time", 0.0) == pytest.approx(rise, abs=2 * INTERVAL)
+    assert found.start == pytest.approx(start, abs=INTERVAL)
+
+
+def test_what_no_waveform_explains_is_taken_as_it_was_sampled():
+    time = INTERVAL * np.arange(10_000)
+    random = np.random.default_rng(7)
+    shown = {
+        "two tones": 20.0 + 5.0 * np.sin(60.0 * time) + 5.0 * np.sin(137.0 * time),
+        "noise": random.normal(size=time.size),
+        "a walk": np.cumsum(random.normal(size=time.size)),
+        "growing": time * np.sin(100.0 * time),
+        "a step from elsewhere": np.where(time < 0.5, 20.0, 60.0),
+        "a sawtooth from elsewhere": 20.0 + 30.0 * np.mod(7.0 * time, 1.0),
+        "a ramp": 50.0 * time,
+    }
+    assert {name: detect_waveform(time, volts).name for name, volts in shown.items()} == dict.fromkeys(shown, "sampled")
+
+
+def test_a_sine_may_have_a_bias():
+    time = INTERVAL * np.arange(20_000)
+    found = detect_waveform(time, 30.0 + 12.0 * np.sin(2 * np.pi * 3.0 * time + 0.4))
+    assert found.name == "sine"
+    assert found.numbers["bias"] == pytest.approx(18.0, rel=1e-6)
+    assert found.numbers["voltage"] == pytest.approx(24.0, rel=1e-6)
+
+
+def test_a_voltage_that_never_changes_is_refused():
+    with pytest.raises(ValueError, match="3 V in all 10 samples"):
+        detect_waveform(np.arange(10.0), np.full(10, 3.0))
+
+
+def test_noise_and_resolution_are_told():
+    random = np.random.default_rng(3)
+    motion = np.sin(np.linspace(0.0, 20.0, 4000)) + 0.02 * random.normal(size=4000)
+    assert scatter_floor(motion) == pytest.approx(0.02, rel=0.05)
+    assert resolution_of(motion) is None
+    assert resolution_of(0.013 * np.round(motion / 0.013)) == pytest.approx(0.013, rel=1e-6)
