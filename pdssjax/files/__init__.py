@@ -21,6 +21,11 @@ if TYPE_CHECKING:
     from .study_toml import load_study as load_study
     from .sweep_results import check_store as check_store
     from .sweep_results import write_sweep as write_sweep
+    from .sweep_store import SWEEP_STORE as SWEEP_STORE
+    from .sweep_store import SweepStore as SweepStore
+    from .sweep_store import bytes_needed as bytes_needed
+    from .sweep_store import check_room as check_room
+    from .sweep_store import check_zarr as check_zarr
 else:
     from ..core.lazy import lazy_exports
 
@@ -38,5 +43,6 @@ else:
             "results_folder": ["check_free", "write_aside"],
             "study_toml": ["load_study"],
             "sweep_results": ["check_store", "write_sweep"],
+            "sweep_store": ["SWEEP_STORE", "SweepStore", "bytes_needed", "check_room", "check_zarr"],
         },
     )
