@@ -3,7 +3,7 @@
 import argparse
 import contextlib
 import json
-import shutil
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -33,11 +33,16 @@ def sweep(options: argparse.Namespace) -> int:
     prepare_jax()
     import pdssjax
 
+    from ..sweeps import with_bands
+
     study = study_of(options)
     points = _points(study, options)
+    if options.bands is not None:
+        points = _about_the_estimate(study, points, options)
     if options.explain:
         return _explain(study, points, options)
-    with _executor(options.scheduler) as (executor, workers), counter("points") as count:
+    store = _store(options)
+    with _executor(options.scheduler) as (executor, workers), counter("points") as count, _kept_in(store):
         data = pdssjax.sweep(
             study,
             points,
@@ -47,8 +52,10 @@ def sweep(options: argparse.Namespace) -> int:
             workers=options.workers,
             executor=executor,
             in_flight=None if workers is None else 2 * workers,
-            store=_store(options),
+            store=store,
         )
+    if options.bands is not None:
+        data = with_bands(data)
     say(format_numbers(json.loads(data.attrs["parameters"])))
     say(format_sweep(data), end="")
     written = keep_results(lambda place: write_sweep(data, place, options.store), options.out)
@@ -80,6 +87,25 @@ def _points(study: "Study", options: argparse.Namespace) -> "AbstractPoints":
     return kinds[kind](ranges, int(count), options.seed)
 
 
+def _about_the_estimate(study: "Study", points: "AbstractPoints", options: argparse.Namespace) -> "AbstractPoints":
+    """Every point with draws about the estimate, or with its sigma points."""
+    import numpy as np
+
+    from ..files import read_covariance
+    from ..sweeps import CovarianceDraws, Crossed, SigmaPoints
+
+    if options.estimate is None:
+        raise InputError("option --bands: found no --estimate, expected the estimate.json that says what is known.")
+    names, covariance = read_covariance(options.estimate)
+    legal, values = study.legal(), study.values()
+    rows = [i for i, name in enumerate(names) if name not in points.paths]
+    means, positive = (np.array([pick(names[i]) for i in rows]) for pick in (values.get, lambda n: legal[n].positive))
+    about = CovarianceDraws(
+        [names[i] for i in rows], means, covariance[np.ix_(rows, rows)], positive, options.draws, options.seed
+    )
+    return Crossed(points, about if options.bands == "draws" else SigmaPoints(about))
+
+
 def _store(options: argparse.Namespace) -> "SweepStore | None":
     """Where the points are kept while they are computed; nowhere where Zarr is not installed."""
     from ..files import SWEEP_STORE, SweepStore, check_zarr
@@ -91,9 +117,19 @@ def _store(options: argparse.Namespace) -> "SweepStore | None":
         if options.resume:
             raise
         return None
-    if options.overwrite and not options.resume and place.exists():
-        shutil.rmtree(place)
-    return SweepStore(place, options.resume)
+    return SweepStore(place, options.resume, options.overwrite)
+
+
+@contextlib.contextmanager
+def _kept_in(store: "SweepStore | None") -> Iterator[None]:
+    """Says where the points are that were done if what follows is interrupted."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        if store is not None:
+            kept = f"the points that were done are in {store.place}; go on with --resume"
+            print(f"pdssjax: {kept}", file=sys.stderr, flush=True)
+        raise
 
 
 @contextlib.contextmanager
@@ -115,12 +151,16 @@ def _explain(study: "Study", points: "AbstractPoints", options: argparse.Namespa
     from ..sweeps import forecast, plan_sweep
 
     planned = plan_sweep(study, points, record=options.record, cycles=options.cycles)
-    check_room(planned.plan, options.out)
+    check_room(planned.document, planned.plan, options.out)
     with progress() as tell:
         tell("timing a few blocks")
         told = forecast(planned, options.workers)
-    say(format_forecast(told, bytes_needed(planned.plan)), end="")
+    say(format_forecast(told, bytes_needed(planned.document, planned.plan)), end="")
     return 0
+
+
+def _cycles(text: str) -> int | str:
+    return int(text) if text.isdigit() else text
 
 
 def _axis(text: str) -> tuple[str, str]:
@@ -157,8 +197,22 @@ def add_parser(subcommands: Subcommands) -> None:
         help="sobol:COUNT or latin-hypercube:COUNT points of the ranges, written FROM:TO, in place of a grid",
     )
     parser.add_argument("--seed", type=int, default=0, help="of the sample (default 0)")
+    parser.add_argument(
+        "--bands",
+        nargs="?",
+        const="linear",
+        choices=["linear", "draws"],
+        help="95 %% bands by what is known of the parameters (--estimate): to first order (default), or from draws",
+    )
+    parser.add_argument("--draws", type=int, default=200, help="how many a point (default 200)")
     parser.add_argument("--record", metavar="NAME", help="the effector record whose drive to vary (default: the first)")
-    parser.add_argument("--cycles", type=int, default=4, help="the cycle that is measured (default 4)")
+    parser.add_argument(
+        "--cycles",
+        type=_cycles,
+        default=4,
+        metavar="N",
+        help='the cycle that is measured (default 4), or "steady": that after the transient',
+    )
     parser.add_argument("--store", choices=["netcdf", "zarr"], default="netcdf", help="format (default netcdf)")
     parser.add_argument("--workers", type=int, metavar="N", help="threads on this machine (default: one a core)")
     parser.add_argument(

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from .characterise_csv import characterise as characterise
     from .comparison_results import write_comparison as write_comparison
     from .estimate_json import estimate_text as estimate_text
+    from .estimate_json import read_covariance as read_covariance
     from .estimate_json import with_estimate as with_estimate
     from .estimate_results import write_essentials as write_essentials
     from .estimate_results import write_estimate as write_estimate
@@ -35,7 +36,7 @@ else:
             "characterisation_results": ["write_characterisations"],
             "characterise_csv": ["characterise"],
             "comparison_results": ["write_comparison"],
-            "estimate_json": ["estimate_text", "with_estimate"],
+            "estimate_json": ["estimate_text", "read_covariance", "with_estimate"],
             "estimate_results": ["write_essentials", "write_estimate"],
             "example": ["EXAMPLE"],
             "prediction_results": ["write_predictions"],

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core import Document, InputError
-from ..sweeps import METRICS, AbstractBlockStore, BlockPlan, blank, differences, fingerprint
+from ..sweeps import AbstractBlockStore, BlockPlan, blank, columns_of, differences, fingerprint
 
 SWEEP_STORE = "points.zarr"
 """Of the store, in the folder of a sweep's results."""
@@ -40,26 +40,26 @@ Group: TypeAlias = Any
 class SweepStore(AbstractBlockStore):
     """The blocks of a sweep in a Zarr store at `place`."""
 
-    def __init__(self, place: Path | str, resume: bool = False):
-        """With `resume` it goes on with a store that is there; else there must be none."""
-        self.place, self.resume = Path(place), resume
+    def __init__(self, place: Path | str, resume: bool = False, overwrite: bool = False):
+        """With `resume` it goes on with a store that is there, with `overwrite` it replaces it; else there is none."""
+        self.place, self.resume, self.overwrite = Path(place), resume, overwrite
+        self._group: Group = None
         check_zarr()
 
     def open(self, document: Document, plan: BlockPlan) -> Sequence[int]:
-        import zarr
-
-        if self.place.exists() and not self.resume:
+        if self.place.exists() and not (self.resume or self.overwrite):
             raise InputError(
                 f"{self.place}: found a sweep already; expected --resume to go on with it, another folder, or "
                 "--overwrite to begin anew."
             )
-        check_room(plan, self.place)
+        check_room(document, plan, self.place)
+        if self.place.exists() and not self.resume:
+            shutil.rmtree(self.place)
         if self.place.exists():
-            self._group = _opened(self.place)
-            _check_same(self.place, self._group, document, plan)
+            _check_same(self.place, _opened(self.place), document, plan)
         else:
             _create(self.place, document, plan)
-            self._group = zarr.open_group(self.place, mode="r+")
+        self._group = _opened(self.place)
         self._plan = plan
         return np.flatnonzero(self._group["status"][:] != DONE).tolist()
 
@@ -77,7 +77,7 @@ class SweepStore(AbstractBlockStore):
     def read(self) -> Float[np.ndarray, "points columns"]:
         rows = np.asarray(self._group["found"][:])
         missing = np.repeat(self._group["status"][:] != DONE, self._plan.lanes)[: len(rows)]
-        rows[missing] = blank(1)
+        rows[missing] = blank(1, rows.shape[1])
         return rows
 
     def reasons(self) -> dict[int, str]:
@@ -102,17 +102,16 @@ def check_zarr() -> None:
         )
 
 
-def bytes_needed(plan: BlockPlan) -> int:
+def bytes_needed(document: Document, plan: BlockPlan) -> int:
     """How much room [bytes] the store of a plan takes on the disk, at most."""
-    columns = len(METRICS) + 1
-    rows = len(plan.order) * 8 * (columns + plan.values.shape[1] + 1)
+    rows = len(plan.order) * 8 * (columns_of(document) + plan.values.shape[1] + 1)
     return rows + 3 * _FILE * plan.blocks + 16 * _FILE
 
 
-def check_room(plan: BlockPlan, place: Path) -> None:
+def check_room(document: Document, plan: BlockPlan, place: Path) -> None:
     """**Raises** `InputError` where the disk at `place` has no room for the store of `plan`."""
     ground = next(folder for folder in (place, *place.absolute().parents) if folder.exists())
-    free, needed = shutil.disk_usage(ground).free, bytes_needed(plan)
+    free, needed = shutil.disk_usage(ground).free, bytes_needed(document, plan)
     if needed > free:
         raise InputError(
             f"{place}: found {free / 1e6:.3g} MB free for {len(plan.order)} points, expected {needed / 1e6:.3g} MB."
@@ -132,7 +131,7 @@ def _create(place: Path, document: Document, plan: BlockPlan) -> None:
         array = lambda name, shape, chunks, dtype, fill, names: group.create_array(
             name, shape=shape, chunks=chunks, dtype=dtype, fill_value=fill, dimension_names=names
         )
-        points, columns = len(plan.order), len(METRICS) + 1
+        points, columns = len(plan.order), columns_of(document)
         array("found", (points, columns), (plan.lanes, columns), "float64", np.nan, ("point", "column"))
         array("status", (plan.blocks,), (1,), "uint8", PENDING, ("block",))
         array("reason", (plan.blocks, _REASON), (1, _REASON), "uint8", 0, ("block", "byte"))

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from ..core import InputError, Quantity, check_range, choices, nearest
 from ..drive.base import AbstractDrive
@@ -53,7 +53,7 @@ def _check_words(path: str, column: Float[np.ndarray, " points"], words: Mapping
 
 def contradictions(
     drive: AbstractDrive, paths: Sequence[str], values: Float[np.ndarray, "points paths"], shared: Mapping[str, float]
-) -> np.ndarray:
+) -> Bool[np.ndarray, " points"]:
     """Whether the numbers of each point's drive contradict each other (a fall longer than the period), shape (points,).
 
     A voltage of zero moves nothing, which is a point like any other.

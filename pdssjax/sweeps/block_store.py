@@ -11,10 +11,7 @@ from jaxtyping import Float
 
 from ..core import Document
 from .block_plan import BlockPlan
-from .point import METRICS, NOT_COMPUTED
-
-COLUMNS = len(METRICS) + 1
-"""Of what is found at a point: the metrics, then the failure."""
+from .point import NOT_COMPUTED
 
 
 class AbstractBlockStore(abc.ABC):
@@ -44,21 +41,26 @@ class MemoryStore(AbstractBlockStore):
     """Keeps the blocks in memory, for this process alone."""
 
     def open(self, document: Document, plan: BlockPlan) -> Sequence[int]:
-        self._plan, self._found = plan, blank(len(plan.order))
+        self._plan, self._found = plan, blank(len(plan.order), columns_of(document))
         return range(plan.blocks)
 
     def keep(self, number: int, found: Float[np.ndarray, "points columns"]) -> None:
         self._found[self._plan.place(number)] = found
 
     def fail(self, number: int, reason: str) -> None:
-        self._found[self._plan.place(number)] = blank(1)
+        self._found[self._plan.place(number)] = blank(1, self._found.shape[1])
 
     def read(self) -> Float[np.ndarray, "points columns"]:
         return self._found
 
 
-def blank(points: int) -> Float[np.ndarray, "points columns"]:
+def columns_of(document: Document) -> int:
+    """Columns of what the job `document` finds at a point: its metrics, then the failure."""
+    return len(document["metrics"]) + 1
+
+
+def blank(points: int, columns: int) -> Float[np.ndarray, "points columns"]:
     """What is found at points that were not computed."""
-    found = np.full((points, COLUMNS), np.nan)
+    found = np.full((points, columns), np.nan)
     found[:, -1] = NOT_COMPUTED
     return found

@@ -10,7 +10,8 @@ from jaxtyping import Float
 
 from ..core import Quantity
 from ..study import Record, Study, UsedNumber
-from .point import METRICS, POINT_FAILURES
+from .cycles.base import AbstractCycle
+from .point import POINT_FAILURES
 from .points.base import AbstractPoints
 from .varied_record import drive_of
 
@@ -24,7 +25,7 @@ def labelled(
     points: AbstractPoints,
     declared: Mapping[str, Quantity],
     found: Float[np.ndarray, "points columns"],
-    cycles: int,
+    cycle: AbstractCycle,
     used: Mapping[str, UsedNumber],
 ) -> "xarray.Dataset":
     """What was `found` at each of the `points`, the metrics and then the failure, laid out along their dimensions."""
@@ -33,7 +34,7 @@ def labelled(
     names, shape = list(points.dimensions()), tuple(points.dimensions().values())
     data = {
         name: (names, found[:, i].reshape(shape), {"units": metric.unit, "long_name": metric.says})
-        for i, (name, metric) in enumerate(METRICS.items())
+        for i, (name, metric) in enumerate(cycle.metrics.items())
     }
     meanings = "; ".join(f"{i}: {sentence or 'none'}" for i, sentence in enumerate(POINT_FAILURES))
     failure = found[:, -1].astype(np.int8).reshape(shape)
@@ -42,7 +43,12 @@ def labelled(
         path.replace(".", "_"): (dimension, values, {"units": declared[path].unit or "1", "long_name": path})
         for path, (dimension, values) in points.coordinates().items()
     }
-    attributes = {"title": study.title, "record": base.name, "cycles": cycles, "drive": type(base.drive).__name__}
+    attributes = {
+        "title": study.title,
+        "record": base.name,
+        "cycles": cycle.described,
+        "drive": type(base.drive).__name__,
+    }
     attributes["parameters"] = json.dumps(used)
     of_drive = {
         f"drive.{field.name}": float(getattr(base.drive, field.name))

@@ -13,7 +13,6 @@ from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExec
 from typing import TypeAlias, TypeVar
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -80,8 +79,7 @@ def _rebuilt(text: str) -> PointFunction:
 
 def computed_block(function: PointFunction, points: Float[np.ndarray, "lanes paths"]) -> Block:
     """What is found at the `points` of a block, here."""
-    metrics, failure = compute_block(function, jnp.asarray(points))
-    return np.concatenate([np.asarray(metrics), np.asarray(failure, float)[:, None]], axis=1)
+    return compute_block(function, points)
 
 
 def _on_threads(

@@ -15,7 +15,10 @@ from jaxtyping import Float
 from ..core import Document, InputError, choices, member, member_name, members, quantities
 from ..integration import Accuracy, Taylor
 from ..study import Models
-from .point import METRICS, PointFunction
+from .cycles.base import AbstractCycle
+from .cycles.numbered import Numbered
+from .cycles.steady import Steady
+from .point import PointFunction
 
 FORMAT = "pdssjax-sweep/1"
 
@@ -26,6 +29,18 @@ def package_version() -> str:
         return importlib.metadata.version("pdssjax")
     except importlib.metadata.PackageNotFoundError:
         return ""
+
+
+def measured_cycle(cycles: int | str) -> AbstractCycle:
+    """The cycle that `sweep(cycles=...)` asks for: a number, or "steady".
+
+    **Raises:** `InputError` for anything else.
+    """
+    if cycles == "steady":
+        return Steady()
+    if isinstance(cycles, str) or cycles < 1:
+        raise InputError(f'sweep: found cycles = {cycles!r}, expected a number of at least 1, or "steady".')
+    return Numbered(cycles)
 
 
 def job_document(function: PointFunction) -> Document:
@@ -45,9 +60,9 @@ def job_document(function: PointFunction) -> Document:
         "drive": {"waveform": member_name(type(drive)), **numbers},
         "parameters": {path: float(number) for path, number in function.numbers.items()},
         "paths": list(function.paths),
-        "cycles": function.cycles,
+        "cycles": function.cycle.described,
         "accuracy": _accuracy_document(function.accuracy),
-        "metrics": list(METRICS),
+        "metrics": list(function.cycle.metrics),
     }
 
 
@@ -68,7 +83,7 @@ def point_function(document: Document) -> PointFunction:
         waveform(**drive),
         tuple(document["paths"]),
         document["parameters"],
-        document["cycles"],
+        measured_cycle(document["cycles"]),
         Accuracy(method=Taylor(order), **accuracy),
     )
 

@@ -1,50 +1,20 @@
 """What is computed at a point of a sweep: the drive and the actuator that its numbers make, and what they do.
 
-Every point is its own simulation from rest; the last of its cycles is measured (`cycle_metrics`).  Points are
-computed side by side, a block at a time.
+Every point is its own simulation from rest.  Points are computed side by side, a block at a time.
 """
-
-from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..core import Count
 from ..drive.base import AbstractDrive
-from ..integration import FAILURES, Accuracy, Taylor, integrate_to_times
-from ..metrics import FLANK, cycle_metrics
+from ..integration import FAILURES, Accuracy
 from ..simulation import StickSlip
 from ..study import Models
-
-ACCURACY = Accuracy(tolerance=3e-11, method=Taylor(8))
-"""Side by side a low order is faster; this agrees with single runs to 1e-4 um."""
-
-_LINE = 6
-"""Samples by which the line of a flank is found."""
-
-_INSIDE = 1e-6
-"""How far inside the fitted part they stay, in parts of a flank: rounding must not put one outside."""
-
-
-class Metric(NamedTuple):
-    """What is measured at each point."""
-
-    unit: str
-    """In SI."""
-    says: str
-    """In words."""
-
-
-METRICS = {
-    "net_step": Metric("m", "net step of a cycle"),
-    "speed": Metric("m/s", "average speed"),
-    "efficiency": Metric("1", "step efficiency (3.1)"),
-    "stroke": Metric("m", "stroke of the stick phase"),
-    "back_slip": Metric("m", "back-slip"),
-}
-"""By name; the columns of what is found at a point, before its failure."""
+from .cycles.base import AbstractCycle
 
 SKIPPED, NOT_COMPUTED = len(FAILURES), len(FAILURES) + 1
 
@@ -54,6 +24,9 @@ POINT_FAILURES = (
     "its block of points could not be computed",
 )
 """What the failure of a point means; 0 is none."""
+
+_FEW = 8
+"""Points that are looked at patiently in one call."""
 
 
 class PointFunction(eqx.Module):
@@ -66,21 +39,14 @@ class PointFunction(eqx.Module):
     """What a point has numbers for."""
     numbers: dict[str, float]
     """What all points share, by path [SI]."""
-    cycles: int = eqx.field(static=True)
+    cycle: AbstractCycle
+    """Which cycle is measured."""
     accuracy: Accuracy
 
-    def __call__(self, values: Float[Array, " paths"]) -> tuple[Float[Array, " metrics"], Count]:
-        """The `METRICS` of one point, and its failure, an index into `POINT_FAILURES`."""
-        system = self.system(values)
-        frequency, flanks = jnp.asarray(system.drive.cycle_frequency(), float), system.drive.flanks()
-        period = 1.0 / frequency
-        fall = jnp.zeros(()) if flanks is None else jnp.asarray(flanks.fast, float)
-        phases = fall + (period - fall) * jnp.linspace(FLANK[0] + _INSIDE, FLANK[1] - _INSIDE, _LINE)
-        times = jnp.concatenate([(self.cycles - 1) * period + phases, self.cycles * period + phases])
-        state, _, _, failure = integrate_to_times(system, times, self.accuracy)
-        y, _ = jax.vmap(system.actuator.driven_platform.platform)(state.driven)
-        measured = cycle_metrics(times, y - state.d, frequency, (self.cycles - 1) * period, 1, fall)
-        metrics = jnp.stack([getattr(measured, name)[0] for name in METRICS])
+    def __call__(self, values: Float[Array, " paths"], patient: bool = False) -> tuple[Float[Array, " metrics"], Count]:
+        """The metrics of one point, and its failure, an index into `POINT_FAILURES`."""
+        look = self.cycle.patient if patient else self.cycle.measure
+        metrics, failure = look(self.system(values), self.accuracy)
         return jnp.where(failure > 0, jnp.nan, metrics), jnp.where(jnp.isfinite(metrics).all(), failure, 2)
 
     def system(self, values: Float[Array, " paths"]) -> StickSlip:
@@ -91,9 +57,33 @@ class PointFunction(eqx.Module):
         return StickSlip(self.models.actuator(numbers), self.drive.with_numbers(changed))
 
 
-@eqx.filter_jit
 def compute_block(
+    function: PointFunction, points: Float[np.ndarray, "lanes paths"]
+) -> Float[np.ndarray, "lanes columns"]:
+    """Metrics and failure of each point of a block, one row a point."""
+    found = _rows(_side_by_side(function, jnp.asarray(points)))
+    left = np.flatnonzero(function.cycle.unfinished(found[:, :-1]))
+    for begin in range(0, len(left), _FEW):
+        few = left[begin : begin + _FEW]
+        asked = points[np.resize(few, _FEW)]
+        found[few] = _rows(_one_by_one(function, jnp.asarray(asked)))[: len(few)]
+    return found
+
+
+@eqx.filter_jit
+def _side_by_side(
     function: PointFunction, points: Float[Array, "lanes paths"]
 ) -> tuple[Float[Array, "lanes metrics"], Int[Array, " lanes"]]:
-    """Metrics and failure of each point of a block, compiled."""
     return jax.vmap(function)(points)
+
+
+@eqx.filter_jit
+def _one_by_one(
+    function: PointFunction, points: Float[Array, "few paths"]
+) -> tuple[Float[Array, "few metrics"], Int[Array, " few"]]:
+    return jax.lax.map(lambda values: function(values, patient=True), points)
+
+
+def _rows(found: tuple[Float[Array, "lanes metrics"], Int[Array, " lanes"]]) -> Float[np.ndarray, "lanes columns"]:
+    metrics, failure = found
+    return np.concatenate([np.asarray(metrics), np.asarray(failure, float)[:, None]], axis=1)

@@ -21,8 +21,8 @@ from .block_plan import BlockPlan, plan_blocks
 from .block_store import AbstractBlockStore, MemoryStore
 from .dataset import labelled
 from .execution import run_blocks
-from .job import job_document
-from .point import ACCURACY, SKIPPED, PointFunction
+from .job import job_document, measured_cycle
+from .point import SKIPPED, PointFunction
 from .points.base import AbstractPoints
 from .points.grid import Grid
 from .varied_record import drive_of, driven_record
@@ -55,18 +55,18 @@ def plan_sweep(
     over: Mapping[str, Float[ArrayLike, " values"]] | AbstractPoints,
     *,
     record: str | None = None,
-    cycles: int = 4,
+    cycles: int | str = 4,
     accuracy: Accuracy | None = None,
 ) -> PlannedSweep:
     """What `sweep` of the same does, without doing it; **raises** what it raises before any work."""
-    if cycles < 1:
-        raise InputError(f"sweep: found {cycles} cycles, expected at least 1.")
     points = over if isinstance(over, AbstractPoints) else Grid(over)
     base, values = driven_record(study, record), points.values()
     declared = check_axes(study, base, points.paths, values)
     used = numbers_used(study, [*points.paths, *(f"drive.{field}" for field in base.overrides)])
     numbers = {path: told["value"] for path, told in used.items()}
-    function = PointFunction(study.models, drive_of(base), points.paths, numbers, cycles, accuracy or ACCURACY)
+    cycle = measured_cycle(cycles)
+    fine = accuracy or cycle.accuracy
+    function = PointFunction(study.models, drive_of(base), points.paths, numbers, cycle, fine)
     sound = np.flatnonzero(~contradictions(drive_of(base), points.paths, values, numbers))
     plan = plan_blocks(points.paths, values[sound])
     plan = dataclasses.replace(plan, order=sound[plan.order])
@@ -78,7 +78,7 @@ def sweep(
     over: Mapping[str, Float[ArrayLike, " values"]] | AbstractPoints,
     *,
     record: str | None = None,
-    cycles: int = 4,
+    cycles: int | str = 4,
     accuracy: Accuracy | None = None,
     progress: Callable[[int, int], None] | None = None,
     workers: int | None = None,
@@ -94,7 +94,9 @@ def sweep(
     parameters of the study's models ("friction.f_ss_a"); or it is a set of points from `pdssjax.sweeps`: `Grid`,
     `Listed`, `Sobol`, `LatinHypercube`, `CovarianceDraws`, `Crossed`.  `record` names the effector record whose drive
     is varied, the first one by default.  The last of `cycles` cycles is measured; one more is run,
-    whose flank tells the last slip.  `progress(done, points)` is called after each block.
+    whose flank tells the last slip.  With `cycles="steady"` it is the cycle that
+    is left when the transient has died out, and two more numbers say after how many cycles it repeats, and what is
+    left of a deviation after a cycle.  `progress(done, points)` is called after each block.
     `workers` is the number of threads, one a core by default.  An `executor` of `concurrent.futures` runs the blocks
     in place of the threads, at most `in_flight` at a time; its processes start by spawn, since JAX does not outlive
     a fork.  A `store` keeps what was found block by block and goes on where it stopped.
@@ -114,7 +116,7 @@ def sweep(
     pending = store.open(planned.document, planned.plan)
     _run(planned, pending, store, progress, executor, workers, in_flight)
     found = _in_order(planned, store)
-    return labelled(study, planned.base, planned.points, planned.declared, found, cycles, planned.used)
+    return labelled(study, planned.base, planned.points, planned.declared, found, planned.function.cycle, planned.used)
 
 
 def _run(

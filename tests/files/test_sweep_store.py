@@ -10,7 +10,7 @@ from collections import namedtuple
 import numpy as np
 import pytest
 import xarray
-from quick_blocks import example_study
+from quick_blocks import example_study, found_at
 from quick_blocks import quick as quick
 
 import pdssjax
@@ -160,3 +160,34 @@ def test_a_sweep_that_was_killed_ends_as_if_it_had_not_been(tmp_path, study):
     subprocess.run([*command, str(tmp_path / "whole")], check=True, stdout=subprocess.DEVNULL)
     found, whole = (xarray.open_dataset(tmp_path / n / "sweep.nc", engine="scipy").load() for n in ("killed", "whole"))
     xarray.testing.assert_identical(found, whole)
+
+
+def test_who_interrupts_the_command_is_told_how_to_go_on(tmp_path, quick, capsys, study, monkeypatch):
+    def computed_block(function, points):
+        if len(quick) == 2:
+            raise KeyboardInterrupt
+        quick.append(points)
+        return found_at(points)
+
+    monkeypatch.setattr(execution, "computed_block", computed_block)
+    command = [
+        "sweep",
+        str(written(tmp_path, study)),
+        "--voltage",
+        "20:80:20",
+        "--frequency",
+        "2:50:20",
+        "--workers",
+        "1",
+    ]
+    assert main([*command, "--out", str(tmp_path / "out")]) == 130
+    assert "go on with --resume" in capsys.readouterr().err
+    assert len(SweepStore(tmp_path / "out" / "points.zarr", resume=True).open(*planned(study))) == 5
+
+
+def planned(study):
+    """The job and the blocks of `OVER`."""
+    from pdssjax.sweeps import plan_sweep
+
+    made = plan_sweep(study, OVER)
+    return made.document, made.plan

@@ -42,10 +42,19 @@ class CovarianceDraws(AbstractPoints):
         return {"draw": self.count}
 
     def values(self) -> Float[np.ndarray, "points paths"]:
+        normal = np.random.default_rng(self.seed).standard_normal((self.count, len(self.means)))
+        return self.moved(normal @ self.root().T)
+
+    def root(self) -> Float[np.ndarray, "paths axes"]:
+        """A square root of the covariance, on the scale of `moved`; its columns are the principal axes."""
         unit = np.where(self.positive, self.means, 1.0)
         # By eigenvalues: a covariance with a parameter that another determines has no Cholesky factor.
-        variances, directions = np.linalg.eigh(self.covariance / np.outer(unit, unit))
-        root = directions * np.sqrt(np.clip(variances, 0.0, None))
-        normal = np.random.default_rng(self.seed).standard_normal((self.count, len(self.means)))
-        away = normal @ root.T
+        spread = np.sqrt(np.diag(self.covariance)) / np.abs(unit)
+        safe = np.where(spread > 0, spread, 1.0)
+        scaled = self.covariance / np.outer(unit * safe, unit * safe)
+        variances, directions = np.linalg.eigh(scaled)
+        return spread[:, None] * directions * np.sqrt(np.clip(variances, 0.0, None))
+
+    def moved(self, away: Float[np.ndarray, "points paths"]) -> Float[np.ndarray, "points paths"]:
+        """The means moved by `away`: a change of the logarithm where a parameter is positive."""
         return np.where(self.positive, self.means * np.exp(np.where(self.positive, away, 0.0)), self.means + away)
