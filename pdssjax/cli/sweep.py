@@ -98,7 +98,8 @@ def _about_the_estimate(study: "Study", points: "AbstractPoints", options: argpa
         raise InputError("option --bands: found no --estimate, expected the estimate.json that says what is known.")
     names, covariance = read_covariance(options.estimate)
     legal, values = study.legal(), study.values()
-    rows = [i for i, name in enumerate(names) if name not in points.paths]
+    # A parameter that holds under a condition only has no part in a sweep.
+    rows = [i for i, name in enumerate(names) if name in legal and name not in points.paths]
     means, positive = (np.array([pick(names[i]) for i in rows]) for pick in (values.get, lambda n: legal[n].positive))
     about = CovarianceDraws(
         [names[i] for i in rows], means, covariance[np.ix_(rows, rows)], positive, options.draws, options.seed

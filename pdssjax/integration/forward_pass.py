@@ -4,6 +4,7 @@ A bare `while_loop` on a handful of scalars.  It writes one row a step to a tabl
 expands the rows again, in value and in derivative.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple, TypeAlias
 
 import jax.numpy as jnp
