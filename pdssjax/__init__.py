@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from .integration import Taylor as Taylor
     from .piezo.base import AbstractPiezo as AbstractPiezo
     from .simulation import simulate as simulate
+    from .simulation import steady_cycle as steady_cycle
     from .study import AbstractMeasurement as AbstractMeasurement
     from .study import Estimate as Estimate
     from .study import Record as Record
@@ -45,7 +46,7 @@ else:
             "inference": ["FitInterrupted", "identify", "initial_guess", "pose_problem"],
             "integration": ["AbstractHybridSystem", "AbstractStepMethod", "Accuracy", "OneStep", "Taylor"],
             "piezo.base": ["AbstractPiezo"],
-            "simulation": ["simulate"],
+            "simulation": ["simulate", "steady_cycle"],
             "study": ["AbstractMeasurement", "Estimate", "Record", "Study"],
             "sweeps": ["sweep"],
         },

@@ -6,6 +6,7 @@ The one home of rich.
 import contextlib
 import os
 import sys
+import time
 from collections.abc import Callable, Iterator
 
 from ..core import InputWarning
@@ -47,15 +48,27 @@ def counter(what: str) -> Iterator[Callable[[int, int], None]]:
             task = bar.add_task(what)
             yield lambda done, count: bar.update(task, completed=done, total=count)
     else:
-        tenth = 0
+        tenth, first, begun = 0, None, time.monotonic()
 
         def line(done: int, count: int) -> None:
-            nonlocal tenth
+            nonlocal tenth, first, begun
+            if first is None:
+                # What is counted first may be of an earlier run, or be slow because it compiles: rates begin here.
+                first, begun = done, time.monotonic()
             if 10 * done // count > tenth:
                 tenth = 10 * done // count
-                print(f"{done} of {count} {what}", file=sys.stderr, flush=True)
+                pace = _pace(done - first, count - done, time.monotonic() - begun)
+                print(f"{done} of {count} {what}{pace}", file=sys.stderr, flush=True)
 
         yield line
+
+
+def _pace(done: int, left: int, seconds: float) -> str:
+    """How fast it goes and how long it takes yet, where something was done since the clock started."""
+    if not (done and seconds > 0):
+        return ""
+    rate = done / seconds
+    return f", {rate:.3g} a second, {left / rate:.3g} s left"
 
 
 @contextlib.contextmanager

@@ -1,14 +1,25 @@
 """`pdssjax sweep`: net step, speed and step efficiency over a grid of drive quantities and parameters."""
 
 import argparse
+import contextlib
 import json
+import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..core import InputError
-from .console import counter, say
+from .console import counter, progress, say
 from .numbers import add_numbers, study_of
 from .results import add_out, keep_results, say_where
 from .subcommands import Subcommands
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
+    from ..files import SweepStore
+    from ..study import Study
+    from ..sweeps import AbstractPoints
 
 
 def sweep(options: argparse.Namespace) -> int:
@@ -16,24 +27,141 @@ def sweep(options: argparse.Namespace) -> int:
     from ..files import check_free, check_store, write_sweep
     from ..report.text import format_numbers, format_sweep
 
-    check_free(options.out, options.overwrite)
+    if not options.explain:
+        check_free(options.out, options.overwrite or options.resume)
     check_store(options.store)
     prepare_jax()
     import pdssjax
 
-    from .axis import read_axis
+    from ..sweeps import with_bands
 
     study = study_of(options)
-    legal = study.legal()
-    given = [(f"drive.{name}", getattr(options, name)) for name in ("voltage", "frequency")]
-    given += [_axis(text) for text in options.vary]
-    over = {path: read_axis(path, text, legal) for path, text in given if text is not None}
-    with counter("points") as count:
-        data = pdssjax.sweep(study, over, record=options.record, cycles=options.cycles, progress=count)
+    points = _points(study, options)
+    if options.bands is not None:
+        points = _about_the_estimate(study, points, options)
+    if options.explain:
+        return _explain(study, points, options)
+    store = _store(options)
+    with _executor(options.scheduler) as (executor, workers), counter("points") as count, _kept_in(store):
+        data = pdssjax.sweep(
+            study,
+            points,
+            record=options.record,
+            cycles=options.cycles,
+            progress=count,
+            workers=options.workers,
+            executor=executor,
+            in_flight=None if workers is None else 2 * workers,
+            store=store,
+        )
+    if options.bands is not None:
+        data = with_bands(data)
     say(format_numbers(json.loads(data.attrs["parameters"])))
     say(format_sweep(data), end="")
     written = keep_results(lambda place: write_sweep(data, place, options.store), options.out)
     return say_where(written, f"Results are in {options.out}")
+
+
+def _points(study: "Study", options: argparse.Namespace) -> "AbstractPoints":
+    """The points that the options ask for."""
+    from ..sweeps import Grid, LatinHypercube, Sobol, driven_record, sweepable, sweepable_choices
+    from .axis import read_axis, read_range
+
+    base = driven_record(study, options.record)
+    legal, words = sweepable(study, base), sweepable_choices(base)
+    given = [(f"drive.{name}", getattr(options, name)) for name in ("voltage", "frequency")]
+    texts = dict([*((path, text) for path, text in given if text is not None), *map(_axis, options.vary)])
+    if options.both_directions:
+        if "drive.direction" not in words:
+            raise InputError(
+                'option --both-directions: found a drive without a direction, expected one such as "sawtooth".'
+            )
+        texts["drive.direction"] = "forward,backward"
+    if options.sample is None:
+        return Grid({path: read_axis(path, text, legal, words) for path, text in texts.items()})
+    kind, _, count = options.sample.partition(":")
+    kinds = {"sobol": Sobol, "latin-hypercube": LatinHypercube}
+    if kind not in kinds or not count.isdigit():
+        raise InputError(f'option --sample: found "{options.sample}", expected sobol:COUNT or latin-hypercube:COUNT.')
+    ranges = {path: read_range(path, text, legal) for path, text in texts.items()}
+    return kinds[kind](ranges, int(count), options.seed)
+
+
+def _about_the_estimate(study: "Study", points: "AbstractPoints", options: argparse.Namespace) -> "AbstractPoints":
+    """Every point with draws about the estimate, or with its sigma points."""
+    import numpy as np
+
+    from ..files import read_covariance
+    from ..sweeps import CovarianceDraws, Crossed, SigmaPoints
+
+    if options.estimate is None:
+        raise InputError("option --bands: found no --estimate, expected the estimate.json that says what is known.")
+    names, covariance = read_covariance(options.estimate)
+    legal, values = study.legal(), study.values()
+    # A parameter that holds under a condition only has no part in a sweep.
+    rows = [i for i, name in enumerate(names) if name in legal and name not in points.paths]
+    means, positive = (np.array([pick(names[i]) for i in rows]) for pick in (values.get, lambda n: legal[n].positive))
+    about = CovarianceDraws(
+        [names[i] for i in rows], means, covariance[np.ix_(rows, rows)], positive, options.draws, options.seed
+    )
+    return Crossed(points, about if options.bands == "draws" else SigmaPoints(about))
+
+
+def _store(options: argparse.Namespace) -> "SweepStore | None":
+    """Where the points are kept while they are computed; nowhere where Zarr is not installed."""
+    from ..files import SWEEP_STORE, SweepStore, check_zarr
+
+    place = options.out / SWEEP_STORE
+    try:
+        check_zarr()
+    except InputError:
+        if options.resume:
+            raise
+        return None
+    return SweepStore(place, options.resume, options.overwrite)
+
+
+@contextlib.contextmanager
+def _kept_in(store: "SweepStore | None") -> Iterator[None]:
+    """Says where the points are that were done if what follows is interrupted."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        if store is not None:
+            kept = f"the points that were done are in {store.place}; go on with --resume"
+            print(f"pdssjax: {kept}", file=sys.stderr, flush=True)
+        raise
+
+
+@contextlib.contextmanager
+def _executor(address: str | None) -> "Iterator[tuple[Executor | None, int | None]]":
+    """That of the scheduler at `address` and its number of threads; none without an address."""
+    if address is None:
+        yield None, None
+        return
+    from ..sweeps import cluster_executor
+
+    with cluster_executor(address) as found:
+        yield found
+
+
+def _explain(study: "Study", points: "AbstractPoints", options: argparse.Namespace) -> int:
+    """Says what the sweep would take, and does nothing else."""
+    from ..files import bytes_needed, check_room
+    from ..report.text import format_forecast
+    from ..sweeps import forecast, plan_sweep
+
+    planned = plan_sweep(study, points, record=options.record, cycles=options.cycles)
+    check_room(planned.document, planned.plan, options.out)
+    with progress() as tell:
+        tell("timing a few blocks")
+        told = forecast(planned, options.workers)
+    say(format_forecast(told, bytes_needed(planned.document, planned.plan)), end="")
+    return 0
+
+
+def _cycles(text: str) -> int | str:
+    return int(text) if text.isdigit() else text
 
 
 def _axis(text: str) -> tuple[str, str]:
@@ -53,7 +181,7 @@ def add_parser(subcommands: Subcommands) -> None:
     parser.add_argument("study", type=Path, metavar="STUDY", help="study file (TOML)")
     add_numbers(parser)
     parser.add_argument(
-        "--voltage", metavar="FROM:TO:COUNT", help='axis of the drive, such as 20:80:40 or "20 V:80 V:40"'
+        "--voltage", metavar="FROM:TO:COUNT", help='axis of the drive, such as 20:80:40, "20 V:80 V:40" or 20,35,80'
     )
     parser.add_argument("--frequency", metavar="FROM:TO:COUNT", help="axis of the drive; 2:50:25:log for equal ratios")
     parser.add_argument(
@@ -63,7 +191,36 @@ def add_parser(subcommands: Subcommands) -> None:
         metavar="PATH=FROM:TO:COUNT",
         help='any other axis, such as "drive.fall_time=0 ms:2 ms:20"; may be repeated',
     )
+    parser.add_argument("--both-directions", action="store_true", help="forward and backward, as one more axis")
+    parser.add_argument(
+        "--sample",
+        metavar="KIND:COUNT",
+        help="sobol:COUNT or latin-hypercube:COUNT points of the ranges, written FROM:TO, in place of a grid",
+    )
+    parser.add_argument("--seed", type=int, default=0, help="of the sample (default 0)")
+    parser.add_argument(
+        "--bands",
+        nargs="?",
+        const="linear",
+        choices=["linear", "draws"],
+        help="95 %% bands by what is known of the parameters (--estimate): to first order (default), or from draws",
+    )
+    parser.add_argument("--draws", type=int, default=200, help="how many a point (default 200)")
     parser.add_argument("--record", metavar="NAME", help="the effector record whose drive to vary (default: the first)")
-    parser.add_argument("--cycles", type=int, default=4, help="the cycle that is measured (default 4)")
+    parser.add_argument(
+        "--cycles",
+        type=_cycles,
+        default=4,
+        metavar="N",
+        help='the cycle that is measured (default 4), or "steady": that after the transient',
+    )
     parser.add_argument("--store", choices=["netcdf", "zarr"], default="netcdf", help="format (default netcdf)")
+    parser.add_argument("--workers", type=int, metavar="N", help="threads on this machine (default: one a core)")
+    parser.add_argument(
+        "--scheduler", metavar="ADDRESS", help="run on the workers of a Dask scheduler, such as tcp://10.0.0.1:8786"
+    )
+    parser.add_argument("--resume", action="store_true", help="go on with a sweep of DIR that was interrupted")
+    parser.add_argument(
+        "--explain", action="store_true", help="say how many points, how much room and time it takes, and do nothing"
+    )
     add_out(parser)

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from .errors import InputWarning as InputWarning
     from .errors import nearest as nearest
     from .families import member as member
+    from .families import member_name as member_name
     from .families import members as members
     from .jax_setup import need_double_precision as need_double_precision
     from .jax_setup import prepare_jax as prepare_jax
@@ -52,7 +53,7 @@ else:
                 *("percent", "rounded", "strongest_pairs"),
             ],
             "errors": ["InputError", "InputWarning", "nearest"],
-            "families": ["member", "members"],
+            "families": ["member", "member_name", "members"],
             "jax_setup": ["need_double_precision", "prepare_jax"],
             "physical_quantity": [
                 "Choice",

@@ -26,3 +26,8 @@ def member(family: str, name: str) -> type:
     if len(public) != 1:
         raise TypeError(f"{module.__name__} must define exactly one public class, but defines {public}")
     return public[0]
+
+
+def member_name(model: type) -> str:
+    """The name of the member that a class of a family is: that of its file."""
+    return model.__module__.rpartition(".")[2].replace("_", "-")

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from .characterise_record import characterise as characterise
     from .comparison_results import write_comparison as write_comparison
     from .estimate_json import estimate_text as estimate_text
+    from .estimate_json import read_covariance as read_covariance
     from .estimate_json import with_estimate as with_estimate
     from .estimate_results import write_essentials as write_essentials
     from .estimate_results import write_estimate as write_estimate
@@ -26,6 +27,11 @@ if TYPE_CHECKING:
     from .study_toml import load_study as load_study
     from .sweep_results import check_store as check_store
     from .sweep_results import write_sweep as write_sweep
+    from .sweep_store import SWEEP_STORE as SWEEP_STORE
+    from .sweep_store import SweepStore as SweepStore
+    from .sweep_store import bytes_needed as bytes_needed
+    from .sweep_store import check_room as check_room
+    from .sweep_store import check_zarr as check_zarr
 else:
     from ..core.lazy import lazy_exports
 
@@ -37,7 +43,7 @@ else:
             "characterisation_results": ["write_characterisations"],
             "characterise_record": ["characterise"],
             "comparison_results": ["write_comparison"],
-            "estimate_json": ["estimate_text", "with_estimate"],
+            "estimate_json": ["estimate_text", "read_covariance", "with_estimate"],
             "estimate_results": ["write_essentials", "write_estimate"],
             "example": ["EXAMPLE"],
             "new_study": ["Told", "guess_file", "write_study"],
@@ -46,5 +52,6 @@ else:
             "results_folder": ["check_free", "write_aside"],
             "study_toml": ["load_study"],
             "sweep_results": ["check_store", "write_sweep"],
+            "sweep_store": ["SWEEP_STORE", "SweepStore", "bytes_needed", "check_room", "check_zarr"],
         },
     )

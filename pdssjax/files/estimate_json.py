@@ -6,6 +6,9 @@ import math
 import warnings
 from pathlib import Path
 
+import numpy as np
+from jaxtyping import Float
+
 from ..core import Document, InputError, InputWarning, nearest
 from ..study import Estimate, Study
 from .json_text import json_text
@@ -32,8 +35,8 @@ def with_estimate(study: Study, file: Path) -> Study:
     return study.with_values(values, f"estimate {file}" + (" (not converged)" if not converged else ""))
 
 
-def _read(file: Path) -> tuple[dict[str, float], bool]:
-    """The value of every parameter, and whether the fit converged."""
+def _document(file: Path) -> Document:
+    """What is in `file`; **raises** `InputError` if it is missing or no estimate."""
     try:
         document: object = json.loads(file.read_text(encoding="utf-8"))
     except FileNotFoundError:
@@ -47,6 +50,12 @@ def _read(file: Path) -> tuple[dict[str, float], bool]:
     found = document.get("format") if isinstance(document, dict) else None
     if not isinstance(document, dict) or found != FORMAT:
         raise InputError(f'{file}: key "format": found {json.dumps(found)}, expected "{FORMAT}".')
+    return document
+
+
+def _read(file: Path) -> tuple[dict[str, float], bool]:
+    """The value of every parameter, and whether the fit converged."""
+    document = _document(file)
     values = {}
     for path, entry in document["parameters"].items():
         value = entry.get("value")
@@ -54,6 +63,20 @@ def _read(file: Path) -> tuple[dict[str, float], bool]:
             raise InputError(f'{file}: parameters: "{path}": found the value {value}, expected a number.')
         values[path] = float(value)
     return values, document.get("converged") is not False
+
+
+def read_covariance(file: Path) -> tuple[tuple[str, ...], Float[np.ndarray, "p p"]]:
+    """Of `file`, an estimate.json, the free parameters that the records determine, and their covariance.
+
+    **Raises:** `InputError` if the file is missing or no estimate, or determines none.
+    """
+    document = _document(file)
+    names, matrix = document["covariance"]["names"], document["covariance"]["matrix"]
+    covariance = np.array([[np.nan if entry is None else entry for entry in row] for row in matrix], float)
+    known = np.flatnonzero(np.isfinite(np.diag(covariance))) if names else np.zeros(0, int)
+    if not known.size:
+        raise InputError(f"{file}: found no parameter with a standard error, expected one that the records determine.")
+    return tuple(names[i] for i in known), covariance[np.ix_(known, known)]
 
 
 def estimate_text(estimate: Estimate) -> str:

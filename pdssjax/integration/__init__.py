@@ -9,11 +9,16 @@ if TYPE_CHECKING:
     from .accuracy import Accuracy as Accuracy
     from .closed_form import exact_states_at as exact_states_at
     from .closed_form import is_closed as is_closed
+    from .continued import Continued as Continued
     from .event_location import LOOK_AHEAD as LOOK_AHEAD
     from .forward_pass import integrate_to_times as integrate_to_times
     from .solution import FAILURES as FAILURES
     from .solution import integrate as integrate
     from .solution import states_at as states_at
+    from .steady_cycle import Cycles as Cycles
+    from .steady_cycle import integrate_cycles as integrate_cycles
+    from .steady_motion import SteadyState as SteadyState
+    from .steady_motion import steady_state as steady_state
     from .step_methods.base import AbstractStepMethod as AbstractStepMethod
     from .step_methods.diffrax_solver import OneStep as OneStep
     from .step_methods.taylor import Taylor as Taylor
@@ -36,9 +41,12 @@ else:
         {
             "accuracy": ["Accuracy"],
             "closed_form": ["exact_states_at", "is_closed"],
+            "continued": ["Continued"],
             "event_location": ["LOOK_AHEAD"],
             "forward_pass": ["integrate_to_times"],
             "solution": ["FAILURES", "integrate", "states_at"],
+            "steady_cycle": ["Cycles", "integrate_cycles"],
+            "steady_motion": ["SteadyState", "steady_state"],
             "step_methods.base": ["AbstractStepMethod"],
             "step_methods.diffrax_solver": ["OneStep"],
             "step_methods.taylor": ["Taylor"],

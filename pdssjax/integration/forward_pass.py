@@ -4,6 +4,7 @@ A bare `while_loop` on a handful of scalars.  It writes one row a step to a tabl
 expands the rows again, in value and in derivative.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple, TypeAlias
 
 import jax.numpy as jnp
@@ -19,6 +20,9 @@ from .system import AbstractHybridSystem, State, unflattener
 
 _BLOCK = 5
 """Steps written to memory at a time: XLA runs a loop on small buffers two to three times faster."""
+
+Packed: TypeAlias = Float[Array, " scalars"]
+"""A carry as one vector."""
 
 Filling: TypeAlias = tuple[Float[Array, " scalars"], Count, Float[Array, "block columns"]]
 """Carry, rows of the block that are filled, the block."""
@@ -75,20 +79,33 @@ def integrate_to_times(system: AbstractHybridSystem, times: Float[Array, " m"], 
 
     For sweeps: little memory, no derivatives, no repetition of periods.
     """
+    start, advance, state = time_stepper(system, accuracy)
+
+    def go(packed: Packed, time: Scalar) -> tuple[Packed, Float[Array, " components"]]:
+        packed = advance(packed, time, accuracy.max_steps)
+        return packed, jnp.stack(state(packed).x)
+
+    packed, states = lax.scan(go, start, times)
+    loop = state(packed)
+    failure = jnp.where((loop.done == 0) & (loop.failure == 0), 1.0, loop.failure).astype(int)
+    return Reached(unflattener(system)(states.T), loop.count.astype(int), loop.rejected.astype(int), failure)
+
+
+def time_stepper(
+    system: AbstractHybridSystem, accuracy: Accuracy
+) -> tuple[Packed, Callable[[Packed, Scalar, int | Count], Packed], Callable[[Packed], LoopState]]:
+    """The carry before the first step, what takes a carry to a later time [s], and what reads a carry.
+
+    It takes no more steps than it is told, counted from the first on; one that has failed stays where it is.
+    """
     finely = fineness(accuracy)
     start, unpack = pack(initial_loop_state(system))
 
-    def go(
-        packed: Float[Array, " scalars"], time: Scalar
-    ) -> tuple[Float[Array, " scalars"], Float[Array, " components"]]:
+    def advance(packed: Packed, time: Scalar, most: int | Count) -> Packed:
         loop = unpack(packed)
         packed = pack(loop._replace(done=jnp.where(loop.failure > 0, 1.0, 0.0)))[0]
-        running = lambda packed: (unpack(packed).done == 0) & (unpack(packed).count < accuracy.max_steps)
+        running = lambda packed: (unpack(packed).done == 0) & (unpack(packed).count < most)
         step = lambda packed: pack(one_step(system, time, finely, unpack(packed), False)[0])[0]
-        packed = lax.while_loop(running, step, packed)
-        return packed, jnp.stack(unpack(packed).x)
+        return lax.while_loop(running, step, packed)
 
-    packed, states = lax.scan(go, start, times)
-    loop = unpack(packed)
-    failure = jnp.where((loop.done == 0) & (loop.failure == 0), 1.0, loop.failure).astype(int)
-    return Reached(unflattener(system)(states.T), loop.count.astype(int), loop.rejected.astype(int), failure)
+    return start, advance, unpack

@@ -121,10 +121,19 @@ class AbstractHybridSystem(eqx.Module):
         """The state with the last of the deviations from the steady solution gone."""
         return x
 
+    def state_distance(self, x: State, earlier: State) -> Scalar:
+        """How far apart [m] two states are, but for a constant shift of what nothing else depends on."""
+        away = jax.tree.map(lambda a, b, unit: jnp.abs(a - b) * unit, x, earlier, self.state_scale())
+        fixed = [d for i, d in enumerate(jax.tree.leaves(away)) if i not in self.shifting_components()]
+        return jnp.stack(fixed).max()
+
+    def shifting_components(self) -> tuple[int, ...]:
+        """The components, counted as the leaves of the state, that nothing depends on: motion is the same elsewhere."""
+        return ()
+
     def same_state(self, x: State, earlier: State, tolerance: ScalarLike) -> Truth:
         """Whether both begin the same motion but for a constant shift, to within `tolerance` [m]."""
-        away = jax.tree.map(lambda a, b, unit: jnp.abs(a - b) * unit, x, earlier, self.state_scale())
-        return jnp.stack(jax.tree.leaves(away)).max() < tolerance
+        return self.state_distance(x, earlier) < tolerance
 
     def extra_error_terms(self, x: State, mode: Scalar) -> tuple[Term, ...]:
         """What a step has to resolve besides the state, as displacements [m]."""

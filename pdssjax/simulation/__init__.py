@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from .outputs import Output as Output
     from .outputs import measured as measured
     from .outputs import why_failed as why_failed
+    from .steady_cycles import steady_cycle as steady_cycle
     from .systems.platform_only import PlatformOnly as PlatformOnly
     from .systems.prescribed_motion import PrescribedMotion as PrescribedMotion
     from .systems.stick_slip import StickSlip as StickSlip
@@ -36,6 +37,7 @@ else:
                 "measured",
                 "why_failed",
             ],
+            "steady_cycles": ["steady_cycle"],
             "systems.platform_only": ["PlatformOnly"],
             "systems.prescribed_motion": ["PrescribedMotion"],
             "systems.stick_slip": ["StickSlip"],

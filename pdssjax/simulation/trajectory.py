@@ -1,6 +1,6 @@
 """Simulates one actuator under one drive."""
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -12,6 +12,7 @@ from ..drive.base import AbstractDrive
 from ..integration import FAILURES, Accuracy, integrate, states_at
 from ..piezo.base import AbstractPiezo
 from .outputs import from_rest, measured
+from .steady_cycles import steady_system
 from .systems.platform_only import PlatformOnly
 from .systems.stick_slip import StickSlip
 
@@ -34,7 +35,7 @@ class Trajectory(NamedTuple):
     events: Int[Array, ""]
     """Switches of the mode that were located: reversals, sticking, letting go."""
     repeated: Bool[Array, ""]
-    """The steady cycle was reached, and the later ones are copies of it."""
+    """The steady cycle was reached, and the later ones are copies of it; of a steady motion, that it repeats."""
     failure: Int[Array, ""]
     """0, or an index into `pdssjax.integration.solution.FAILURES`; the motion is then NaN."""
 
@@ -45,26 +46,36 @@ class Trajectory(NamedTuple):
 
 
 def simulate(
-    actuator: Actuator, drive: AbstractDrive, times: Float[Array, " m"], accuracy: Accuracy | None = None
+    actuator: Actuator,
+    drive: AbstractDrive,
+    times: Float[Array, " m"],
+    accuracy: Accuracy | None = None,
+    cycles: Literal["steady"] | None = None,
 ) -> Trajectory:
     """The motion of `actuator` under `drive`, from rest at t = 0, at `times` [s].
 
-    **Arguments:** `times` ascend; those before 0 see the actuator at rest.
+    **Arguments:** `times` ascend; those before 0 see the actuator at rest.  With `cycles="steady"` it is the motion
+    that is left when the transient has died out: t = 0 opens one of its cycles, with the end-effector at 0, and
+    `repeated` says whether the motion repeats at all, after 1, 2 or 3 cycles (`steady_cycle` tells more).
 
     Differentiable in every parameter of `actuator` and `drive`; works under `jit`,
     `vmap`, `jvp` and `grad`.  A run that cannot finish gives NaN and says why in `failure`.
     """
     need_double_precision()
-    system = StickSlip(actuator, drive)
-    times = jnp.asarray(times, float)
-    run = integrate(system, times[-1], accuracy or Accuracy())
-    x, segment, t_local, mode = states_at(system, run, times)
+    system, times, fine = StickSlip(actuator, drive), jnp.asarray(times, float), accuracy or Accuracy()
+    if cycles is None:
+        moving, repeats, clock = system, None, times
+    else:
+        moving, steady = steady_system(actuator, drive, fine)
+        repeats, clock = steady.period > 0, times + 1.0 / jnp.asarray(drive.cycle_frequency(), float)
+    run = integrate(moving, times[-1], fine)
+    x, segment, t_local, mode = states_at(moving, run, times)
     shown = from_rest(times, run.failure)
     friction = jax.vmap(system.force)(segment, t_local, x, mode)
     y, w = jax.vmap(actuator.driven_platform.platform)(x.driven)
     return Trajectory(
         time=times,
-        voltage=drive.at(times),
+        voltage=drive.at(clock),
         platform=shown(y),
         effector=shown(y - x.d),
         platform_velocity=shown(w),
@@ -73,7 +84,7 @@ def simulate(
         steps=run.count,
         rejected=run.rejected,
         events=run.events,
-        repeated=run.repeats,
+        repeated=run.repeats if repeats is None else repeats,
         failure=run.failure,
     )
 

@@ -98,3 +98,27 @@ def test_ways_are_compared_by_their_distance_from_the_joint_fit():
 def test_ways_of_which_nothing_is_known_can_be_drawn():
     nothing = dataclasses.replace(fabricated.estimate(), names=())
     drawn(comparison_figure([nothing, nothing]))
+
+
+@pytest.mark.parametrize("over", [{"point": 40}, {"drive_voltage": 5, "point": 3}])
+def test_a_sample_is_shown_and_told_by_its_points(over):
+    """Its dimension has no values of its own."""
+    import xarray
+
+    from pdssjax.report.figures import sweep_figure
+    from pdssjax.report.text import format_sweep
+
+    shape, dims = tuple(over.values()), tuple(over)
+    value = np.linspace(0.0, 1e-6, int(np.prod(shape))).reshape(shape)
+    metric = lambda unit: (dims, value, {"units": unit, "long_name": "a metric"})
+    units = {"net_step": "m", "speed": "m/s", "efficiency": "1", "stroke": "m", "back_slip": "m"}
+    failure = {"failure": (dims, np.zeros(shape, int), {"meanings": ""})}
+    along = lambda name, unit: ("point", np.linspace(1.0, 2.0, over["point"]), {"units": unit, "long_name": name})
+    coordinates = {"drive_frequency": along("drive.frequency", "Hz"), "effector_load": along("effector.load", "N")}
+    if "drive_voltage" in over:
+        coordinates["drive_voltage"] = ("drive_voltage", np.arange(5.0), {"units": "V", "long_name": "drive.voltage"})
+    data = xarray.Dataset(
+        {n: metric(u) for n, u in units.items()} | failure, coordinates, {"title": "t", "record": "r"}
+    )
+    assert len(sweep_figure(data).axes) >= 4
+    assert "drive.frequency = 2 Hz, effector.load = 2" in format_sweep(data)

@@ -13,7 +13,7 @@ from pdssjax.cli.main import main
 from pdssjax.files import with_estimate
 from pdssjax.inference.initial_values import search
 from pdssjax.study import numbers_used
-from pdssjax.sweeps import grid as sweeping
+from pdssjax.sweeps import sweeping
 
 ASKED = ["piezo.natural_frequency", "friction.sigma0", "friction.sigma1", "friction.f_ss"]
 """What the study of `study_files` gives no number."""
@@ -134,7 +134,8 @@ def test_record_keeps_the_numbers_used(tmp_path, capsys):
 def test_a_sweep_asks_for_no_number_of_an_axis_and_tells_what_was_held(tmp_path, monkeypatch):
     study = pdssjax.load_study(write_study(tmp_path))
     held = study.with_values({"piezo.natural_frequency": 6700.0, "friction.sigma0": 1e6, "friction.sigma1": 45.0})
-    monkeypatch.setattr(sweeping, "_run", lambda block, points, *rest: np.full((len(points), 6), 1.0))
+    ones = lambda function, document, plan, numbers, *rest: ((n, lambda: np.ones((plan.lanes, 6))) for n in numbers)
+    monkeypatch.setattr(sweeping, "run_blocks", ones)
     with pytest.raises(InputError, match=r"found no number for friction\.f_ss;"):
         pdssjax.sweep(held, {})
     data = pdssjax.sweep(held, {"friction.f_ss": [0.5, 0.6]})

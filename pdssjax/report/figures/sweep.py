@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...core import display_unit
+from ...sweeps import DEAD
 from ._style import STYLE
 
 if TYPE_CHECKING:
@@ -20,16 +21,20 @@ PANELS = ("speed", "net_step", "efficiency", "back_slip")
 def sweep_figure(data: "xarray.Dataset") -> Figure:
     """Speed, net step, efficiency and back-slip of a `sweep`: lines over one axis, maps over the first two.
 
-    Further axes are held at their middle, as the title says.  Points that failed are left white.
+    Further axes are held at their middle, as the title says; a list or sample is shown by its points.  On a map a red
+    line is the border of the dead zone, where the step efficiency is `DEAD`.  Points that failed are left white.
     """
-    names = [str(name) for name in data.sizes]
-    middle = {name: data.sizes[name] // 2 for name in names[2:]}
+    every = [str(name) for name in data.sizes]
+    # The dimension of a list or sample has no values of its own.
+    names = [name for name in every if name in data.coords][:2] or every[:1]
+    middle = {name: data.sizes[name] // 2 for name in every if name not in names}
     shown = data.isel(middle)
+    show = _points if names and names[0] not in data.coords else _lines if len(names) == 1 else _map
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(7.4, 5.6), layout="constrained")
         for axes, name in zip(figure.subplots(2, 2).ravel(), PANELS, strict=True):
-            (_lines if len(names) == 1 else _map)(axes, shown, name, names[:2])
-        held = [f"{n} = {_number(data[n][i])}" for n, i in middle.items()]
+            show(axes, shown, name, names)
+        held = [f"{n} = {_number(data[n][i]) if n in data.coords else i}" for n, i in middle.items()]
         failed = int((data.failure.values != 0).sum())
         failures = [f"{failed} of {data.failure.size} points failed"] if failed else []
         title = ", ".join([str(data.attrs["title"]), f"drive of {data.attrs['record']}", *held, *failures])
@@ -42,8 +47,29 @@ def _lines(axes: Axes, data: "xarray.Dataset", name: str, over: list[str]) -> No
     values, label = _shown(data[name])
     places, place = _shown(data[x])
     axes.plot(places, values, ".-", color="#0072B2", markersize=4)
+    if f"{name}_low" in data:
+        low, high = (_shown(data[f"{name}_{end}"].rename(name))[0] for end in ("low", "high"))
+        axes.fill_between(places, low, high, color="#0072B2", alpha=0.25, linewidth=0)
     axes.set_xlabel(place)
     axes.set_ylabel(label)
+
+
+def _points(axes: Axes, data: "xarray.Dataset", name: str, over: list[str]) -> None:
+    """The points of a list or sample over the first two things that change along it, their colour the metric."""
+    changing = [str(c) for c in data.coords if data[c].dims == (over[0],)][:2]
+    values, label = _shown(data[name])
+    places = [_shown(data[c]) for c in changing]
+    if len(places) == 1:
+        ((x, columns),) = places
+        axes.plot(x, values, ".", color="#0072B2", markersize=4)
+        axes.set_ylabel(label)
+    else:
+        (x, columns), (y, rows) = places
+        image = axes.scatter(x, y, c=values, s=12, cmap="viridis")
+        assert axes.figure is not None
+        axes.figure.colorbar(image, ax=axes, label=label)
+        axes.set_ylabel(rows)
+    axes.set_xlabel(columns)
 
 
 def _map(axes: Axes, data: "xarray.Dataset", name: str, over: list[str]) -> None:
@@ -57,8 +83,44 @@ def _map(axes: Axes, data: "xarray.Dataset", name: str, over: list[str]) -> None
     image = axes.pcolormesh(x, y, values, shading="nearest", rasterized=True, **colours)
     assert axes.figure is not None
     axes.figure.colorbar(image, ax=axes, label=label)
+    _lines_of_a_map(axes, data, x, y, values, over)
+    for places, scaled in ((x, axes.set_xscale), (y, axes.set_yscale)):
+        if _in_equal_ratios(places):
+            scaled("log")
     axes.set_xlabel(columns)
     axes.set_ylabel(rows)
+
+
+def _in_equal_ratios(places: Float[np.ndarray, " values"]) -> bool:
+    """Whether an axis goes by equal ratios, as `FROM:TO:COUNT:log` makes it."""
+    if places.size < 3 or places.min() <= 0:
+        return False
+    ratios = places[1:] / places[:-1]
+    return bool(np.ptp(ratios) < 1e-6 * ratios[0] and np.ptp(np.diff(places)) > 1e-6 * np.ptp(places))
+
+
+def _lines_of_a_map(
+    axes: Axes,
+    data: "xarray.Dataset",
+    x: Float[np.ndarray, " columns"],
+    y: Float[np.ndarray, " rows"],
+    values: Float[np.ndarray, "rows columns"],
+    over: list[str],
+) -> None:
+    """Contours of a metric, and in red the border of the dead zone, within which hardly anything is gained."""
+    if min(values.shape) < 3:
+        return
+    if _varies(values):
+        axes.contour(x, y, values, levels=6, colors="k", linewidths=0.4, alpha=0.6)
+    dead = np.abs(data["efficiency"].transpose(*over).values) - DEAD
+    if np.nanmin(dead, initial=np.inf) < 0 < np.nanmax(dead, initial=-np.inf):
+        axes.contour(x, y, dead, levels=[0.0], colors="#D55E00", linewidths=1.2)
+
+
+def _varies(values: Float[np.ndarray, "..."]) -> bool:
+    """Whether there is more than rounding to draw contours of."""
+    known = values[np.isfinite(values)]
+    return known.size > 0 and float(np.ptp(known)) > 1e-9 * float(np.abs(known).max())
 
 
 def _shown(values: "xarray.DataArray") -> tuple[Float[np.ndarray, "..."], str]:

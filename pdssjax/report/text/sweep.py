@@ -2,6 +2,8 @@
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ...core import display_unit
 from ._layout import aligned_table, heading
 
@@ -11,21 +13,46 @@ if TYPE_CHECKING:
 
 def format_sweep(data: "xarray.Dataset") -> str:
     """The extremes of a sweep, and where they lie."""
-    head = ["", "unit", "least", "most", "where it is most"]
+    banded = "speed_sd" in data
+    head = ["", "unit", "least", "most", *["+/- (95 %)"] * banded, "where it is most"]
     rows = []
     for name in ("speed", "net_step", "efficiency", "stroke", "back_slip"):
         values = data[name]
         unit, scale = ("%", 100.0) if name == "efficiency" else display_unit(values.attrs["units"])
         if not bool(values.notnull().any()):
-            rows.append([values.attrs["long_name"], unit, "-", "-", "every point failed"])
+            rows.append([values.attrs["long_name"], unit, "-", "-", *["-"] * banded, "every point failed"])
             continue
         place = values.isel(values.argmax(dim=...))
-        where = [_where(place[name]) for name in values.dims]
+        # Of a sample the dimension has no values of its own, but all that changes along it has.
+        where = [_where(coordinate) for coordinate in place.coords.values() if "units" in coordinate.attrs]
         least, most = (f"{float(end) * scale:.5g}" for end in (values.min(), values.max()))
-        rows.append([values.attrs["long_name"], unit, least, most, ", ".join(where)])
+        half = [f"{_half_band(data, name) * scale:.2g}"] if banded else []
+        rows.append([values.attrs["long_name"], unit, least, most, *half, ", ".join(where)])
     failed = int((data.failure.values != 0).sum())
-    text = heading(f"Sweep of {data.failure.size} points") + aligned_table("<<>><", [head, *rows])
+    text = heading(f"Sweep of {data.failure.size} points") + aligned_table("<<>>" + ">" * banded + "<", [head, *rows])
+    bent = int((data.speed_straight.values == 0).sum()) if "speed_straight" in data else 0
+    if bent:
+        text += f"    First order does not hold for the speed at {bent} points: ask for --bands draws there.\n"
+    if data.sizes.get("drive_direction") == 2:
+        text += _both_directions(data)
     return text + (f"    {failed} points failed: {data.failure.attrs['meanings']}\n" if failed else "")
+
+
+def _both_directions(data: "xarray.Dataset") -> str:
+    """How the speeds backward compare with those forward."""
+    forward, backward = (abs(data.speed.sel(drive_direction=way)).values for way in (1.0, -1.0))
+    ratio = (backward / np.where(forward > 0, forward, np.nan)).ravel()
+    ratio = ratio[np.isfinite(ratio)]
+    if not ratio.size:
+        return ""
+    low, middle, high = np.quantile(ratio, [0.0, 0.5, 1.0])
+    return f"    Backward is {middle:.3g} times as fast as forward in the median, {low:.3g} to {high:.3g} times.\n"
+
+
+def _half_band(data: "xarray.Dataset", name: str) -> float:
+    """Half the width of the band of a metric where it is most."""
+    at = np.unravel_index(int(np.nanargmax(data[name].values)), data[name].shape)
+    return 0.5 * float(data[f"{name}_high"].values[at] - data[f"{name}_low"].values[at])
 
 
 def _where(coordinate: "xarray.DataArray") -> str:

@@ -1,0 +1,149 @@
+"""Periodic orbits by Newton's method on the cycle map, and how fast motions near them die out.
+
+Let P be the map of the state at the opening of a period to that at the opening of the next, without the components
+that nothing depends on (where the end-effector is: its multiplier is 1, and what it gains is the drift).  A periodic
+orbit is a fixed point z = P(z); with the monodromy M = dP/dz, from the linearised steps, saltation included,
+
+    z <- z + (I - M)^-1 (P(z) - z),        dz/dp = (I - M)^-1 dP/dp
+
+and the eigenvalues of M are its Floquet multipliers: it attracts where all lie inside the unit circle
+(R. I. Leine and H. Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems, Springer 2004).
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Bool, Float
+
+from ..core import Count, Scalar, ScalarLike
+from .accuracy import Accuracy
+from .continued import Continued
+from .solution import integrate
+from .system import AbstractHybridSystem, unflattener
+
+SHORT = 1e-12
+"""A cycle map ends this part of a period before its end, so that the corner there is the next period's."""
+
+CONFIRMED = 2
+"""So often in a row a motion has to repeat."""
+
+
+class Orbit(NamedTuple):
+    """A motion that repeats, or nearly."""
+
+    x: Float[Array, " components"]
+    """The state at the opening of a period, just before its corner."""
+    end: Float[Array, " components"]
+    """The state at the opening of the next, or of the one after which it repeats."""
+    monodromy: Float[Array, "components components"]
+    """Derivative of `end` by `x`."""
+    distance: Scalar
+    """How far apart [m] the two are, but for the drift."""
+    looks: Count
+    """How often a cycle was integrated and linearised."""
+    confirmed: Count
+    """How often in a row, from where the last look led, the distance was below the tolerance."""
+    failure: Count
+    """Index into `solution.FAILURES`; 0 where the integration went well."""
+
+
+def newton_orbit(
+    system: AbstractHybridSystem,
+    x: Float[Array, " components"],
+    duration: ScalarLike,
+    accuracy: Accuracy,
+    tolerance: ScalarLike,
+    count: ScalarLike = 1,
+    most: int = 10,
+) -> Orbit:
+    """The periodic orbit near the state `x` at the opening of a period, which takes `duration` [s].
+
+    **Arguments:** it repeats after `count` periods, to within `tolerance` [m], and once more from where that leads.
+    After `most` looks, or where they lead away, it is what was found: `confirmed` says how good it is.  No
+    derivatives: see `refined`.
+    """
+    system = lax.stop_gradient(system)
+    moving, unflatten = _moving(system, x), unflattener(system)
+
+    def look(x: Float[Array, " components"]) -> Orbit:
+        reach = lambda x: cycle_end(system, x, duration, accuracy, count)
+        monodromy, (end, failure) = jax.jacfwd(lambda x: (reach(x)[0], reach(x)), has_aux=True)(x)
+        distance = system.state_distance(unflatten(list(end)), unflatten(list(x)))
+        return Orbit(x, end, monodromy, distance, jnp.zeros((), int), jnp.zeros((), int), failure)
+
+    def improved(orbit: Orbit) -> Orbit:
+        near = orbit.confirmed > 0
+        found = look(jnp.where(near, orbit.end, orbit.x + _newton_step(orbit, moving)))
+        confirmed = jnp.where(found.distance < tolerance, orbit.confirmed + 1, 0)
+        return found._replace(looks=orbit.looks + 1, confirmed=confirmed)
+
+    goes_on = lambda orbit: (orbit.confirmed < CONFIRMED) & (orbit.looks < most) & (orbit.failure == 0)
+    # A step of length zero leads to the first look.
+    begin = lax.stop_gradient(x)
+    nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(look, begin))
+    return lax.while_loop(goes_on, improved, nothing._replace(x=begin, end=begin))
+
+
+def refined(
+    system: AbstractHybridSystem, orbit: Orbit, duration: ScalarLike, accuracy: Accuracy, count: ScalarLike = 1
+) -> tuple[Float[Array, " components"], Float[Array, " components"]]:
+    """The state at the opening of a period of an `orbit`, and what the motion gains until it repeats.
+
+    Both are differentiable in every floating-point leaf of `system` and in `duration` [s]: by one more step of
+    Newton's method, which changes values by rounding alone.
+    """
+    orbit = lax.stop_gradient(orbit)
+    end, _ = cycle_end(system, orbit.x, duration, accuracy, count)
+    step = _newton_step(orbit._replace(end=end), _moving(system, orbit.x))
+    return orbit.x + step, end + orbit.monodromy @ step - orbit.x - step
+
+
+def multipliers(system: AbstractHybridSystem, orbit: Orbit) -> Float[Array, " components"]:
+    """The moduli of the Floquet multipliers of an `orbit`, the largest first; zero for what nothing depends on.
+
+    On a CPU only, as the eigenvalues of general matrices are in JAX.
+    """
+    moving = _moving(system, orbit.x)
+    reduced = jnp.where(moving[:, None] & moving[None, :], orbit.monodromy, 0.0)
+    known = jnp.where(jnp.isfinite(reduced), reduced, 0.0)
+    moduli = jnp.sort(jnp.abs(jnp.linalg.eigvals(lax.stop_gradient(known))))[::-1]
+    return jnp.where(jnp.isfinite(reduced).all(), moduli, jnp.nan)
+
+
+def cycle_end(
+    system: AbstractHybridSystem,
+    x: Float[Array, " components"],
+    duration: ScalarLike,
+    accuracy: Accuracy,
+    count: ScalarLike,
+) -> tuple[Float[Array, " components"], Count]:
+    """Where the state `x` at the opening of a period is `count` periods later, and the failure on the way.
+
+    Differentiable in `system`, `x` and `duration` [s].
+    """
+    period = system.period()
+    if period is None:
+        raise ValueError("Expected a system whose input repeats, but its period is None.")
+    horizon = jnp.asarray(duration, float) * count * (1.0 - SHORT)
+    run = integrate(Continued(system, x, float(period[0])), horizon, accuracy, keep=(0,))
+    # The integration ends where it is told to; that this moves with the period is put in here.
+    last = jnp.maximum(run.count - 1, 0)
+    at = lax.stop_gradient(run.steps.t_local[last] + run.steps.duration[last])
+    segment = system.segment(run.steps.index[last] + period[0])
+    rates = system.rates(segment, at, unflattener(system)(list(run.end.x)), run.steps.mode[last])
+    rate = jnp.stack([jnp.asarray(leaf, float) for leaf in jax.tree.leaves(rates)])
+    return run.end.x + lax.stop_gradient(rate) * (horizon - lax.stop_gradient(horizon)), run.failure
+
+
+def _moving(system: AbstractHybridSystem, x: Float[Array, " components"]) -> Bool[Array, " components"]:
+    """Which components something depends on."""
+    return jnp.array([i not in system.shifting_components() for i in range(x.shape[0])])
+
+
+def _newton_step(orbit: Orbit, moving: Bool[Array, " components"]) -> Float[Array, " components"]:
+    """(I - M)^-1 (P(z) - z) in the components that something depends on, zero in the others."""
+    reduced = jnp.where(moving[:, None] & moving[None, :], orbit.monodromy, 0.0)
+    away = jnp.where(moving, orbit.end - orbit.x, 0.0)
+    return jnp.linalg.solve(jnp.eye(len(away)) - reduced, away)

@@ -1,0 +1,119 @@
+"""The motion that is left when the transient has died out: integrated as long as that is quick, then by Newton."""
+
+from collections.abc import Callable
+from typing import NamedTuple, TypeVar
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Float
+
+from ..core import Count, Scalar, ScalarLike, Truth
+from .accuracy import Accuracy
+from .periodic_orbit import CONFIRMED, SHORT, Orbit, multipliers, newton_orbit, refined
+from .steady_cycle import PERIODS, Cycles, integrate_cycles
+from .system import AbstractHybridSystem
+
+FIRST = 24
+"""Cycles that are integrated before Newton's method is asked."""
+
+MOST = 200
+"""Cycles that are integrated at most, where it found nothing from there."""
+
+Carry = TypeVar("Carry")
+"""A pytree of arrays."""
+
+
+class SteadyState(NamedTuple):
+    """A motion that repeats, and how it was found."""
+
+    x: Float[Array, " components"]
+    """The state at the opening of a period, just before its corner."""
+    gain: Float[Array, " components"]
+    """What the motion gains until it repeats; zero but for what nothing depends on."""
+    period: Count
+    """After how many periods of the input it repeats; 0 where it does not, and `x` is only the last state seen."""
+    multipliers: Float[Array, " components"]
+    """Moduli of its Floquet multipliers, largest first; NaN where the motion does not repeat."""
+    distance: Scalar
+    """How far [m] the state is from that after it repeated."""
+    cycles: Count
+    """Integrated from the start on."""
+    looks: Count
+    """How often Newton's method integrated and linearised a cycle; two confirm what the integration found."""
+    failure: Count
+    """Index into `solution.FAILURES`; 0 where the integration went well."""
+
+
+class _Tried(NamedTuple):
+    orbit: Orbit
+    moduli: Float[Array, " components"]
+    count: Count
+    accepted: Truth
+
+
+def steady_state(
+    system: AbstractHybridSystem, duration: ScalarLike, accuracy: Accuracy, tolerance: ScalarLike
+) -> SteadyState:
+    """The motion of `system` after the transient, by the state at the opening of a period of `duration` [s].
+
+    A periodic orbit counts where it is met to within `tolerance` [m], all its multipliers lie inside the unit circle,
+    and two cycles in a row agree with it.  Repetition in every period is tried first, then in every second
+    and third, from where `FIRST` cycles lead; where none is found, from where `MOST` do.
+
+    `x` and `gain` are differentiable in every floating-point leaf of `system` and in `duration`.
+    """
+    still, long = lax.stop_gradient(system), jnp.asarray(lax.stop_gradient(duration), float)
+    phases = long[None] * (1.0 - SHORT)
+
+    def attempt(before: tuple[Count, tuple[Cycles, _Tried]]) -> tuple[Count, tuple[Cycles, _Tried]]:
+        attempts, _ = before
+        cycles = integrate_cycles(still, long, phases, accuracy, tolerance, jnp.where(attempts > 0, MOST, FIRST))
+        tried = _first_accepted(still, last_seen(cycles), long, accuracy, tolerance)
+        return attempts + 1, (cycles, tried)
+
+    goes_on = lambda now: (now[0] < 2) & ~now[1][1].accepted
+    _, (cycles, tried) = lax.while_loop(goes_on, attempt, _blank(lambda: attempt((jnp.zeros((), int), None))))  # pyright: ignore[reportArgumentType]
+    x, gain = refined(system, tried.orbit, duration, accuracy, tried.count)
+    ok = tried.accepted
+    return SteadyState(
+        x=jnp.where(ok, x, last_seen(cycles)),
+        gain=jnp.where(ok, gain, 0.0),
+        period=jnp.where(ok, tried.count, 0),
+        multipliers=jnp.where(ok, tried.moduli, jnp.nan),
+        distance=jnp.where(ok, tried.orbit.distance, cycles.remaining[0]),
+        cycles=cycles.cycles,
+        looks=tried.orbit.looks,
+        failure=jnp.where(ok, 0, cycles.failure),
+    )
+
+
+def last_seen(cycles: Cycles) -> Float[Array, " components"]:
+    """The state at the last phase of the last of some cycles."""
+    return jnp.stack([leaf[-1, -1] for leaf in jax.tree.leaves(cycles.x)])
+
+
+def _first_accepted(
+    system: AbstractHybridSystem,
+    begin: Float[Array, " components"],
+    duration: ScalarLike,
+    accuracy: Accuracy,
+    tolerance: ScalarLike,
+) -> _Tried:
+    """The orbit near `begin` that repeats after the fewest periods, and whether it is accepted."""
+    none = jnp.zeros((), int)
+
+    def attempt(before: _Tried) -> _Tried:
+        orbit = newton_orbit(system, begin, duration, accuracy, tolerance, before.count + 1)
+        moduli = multipliers(system, orbit)
+        accepted = (orbit.confirmed >= CONFIRMED) & (orbit.failure == 0) & (moduli[0] < 1.0)
+        return _Tried(orbit, moduli, before.count + 1, accepted)
+
+    nothing = _blank(lambda: attempt(_Tried(None, None, none, None)))  # pyright: ignore[reportArgumentType]
+    goes_on = lambda tried: ~tried.accepted & (tried.count < PERIODS)
+    return lax.while_loop(goes_on, attempt, nothing)
+
+
+def _blank(made: Callable[[], Carry]) -> Carry:
+    """Zeros of the shapes of what is `made`: a loop that begins with them has its body once, and compiles faster."""
+    return jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(made))

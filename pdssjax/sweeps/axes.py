@@ -1,0 +1,75 @@
+"""What a sweep may vary, and whether the values of its points are legal."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ..core import InputError, Quantity, check_range, choices, nearest
+from ..drive.base import AbstractDrive
+from ..study import Record, Study
+from .varied_record import drive_of
+
+
+def sweepable(study: Study, base: Record) -> dict[str, Quantity]:
+    """What is declared of everything that can be varied, by path: the drive of `base` and the models' parameters."""
+    legal = {f"drive.{field}": q for field, q in drive_of(base).declared().items()}
+    return legal | {path: q for path, q in study.legal().items() if not path.startswith("drive.")}
+
+
+def sweepable_choices(base: Record) -> dict[str, dict[str, float]]:
+    """What of the drive of `base` is one of some words, by path: each word with the number that stands for it."""
+    return {f"drive.{field}": words for field, words in choices(type(drive_of(base))).items()}
+
+
+def check_axes(
+    study: Study, base: Record, paths: Sequence[str], values: Float[np.ndarray, "points paths"]
+) -> dict[str, Quantity]:
+    """What is declared of each path; a choice counts as a pure number.
+
+    **Raises:** `InputError` for an unknown path and for a number outside its legal range.
+    """
+    legal, words = sweepable(study, base), sweepable_choices(base)
+    declared = {}
+    for path, column in zip(paths, values.T, strict=True):
+        if path in words:
+            _check_words(path, column, words[path])
+            declared[path] = Quantity(0.0, "", False, -np.inf, np.inf, True)
+            continue
+        if path not in legal:
+            raise InputError(f'sweep: found the unknown path "{path}"; {nearest(path, [*legal, *words])}')
+        for end in (column.min(), column.max()):
+            check_range(float(end), legal[path], f'sweep: path "{path}"')
+        declared[path] = legal[path]
+    return declared
+
+
+def _check_words(path: str, column: Float[np.ndarray, " points"], words: Mapping[str, float]) -> None:
+    for value in np.unique(column):
+        if value not in words.values():
+            expected = " or ".join(f"{number:g} ({word})" for word, number in words.items())
+            raise InputError(f'sweep: path "{path}": found {value:g}, expected {expected}.')
+
+
+def contradictions(
+    drive: AbstractDrive, paths: Sequence[str], values: Float[np.ndarray, "points paths"], shared: Mapping[str, float]
+) -> Bool[np.ndarray, " points"]:
+    """Whether the numbers of each point's drive contradict each other (a fall longer than the period), shape (points,).
+
+    A voltage of zero moves nothing, which is a point like any other.
+    """
+    fields = [path.removeprefix("drive.") for path in paths]
+    named = [i for i, path in enumerate(paths) if path.startswith("drive.") and fields[i] != "voltage"]
+    if not named or not len(values):
+        return np.zeros(len(values), bool)
+    held = {path.removeprefix("drive."): n for path, n in shared.items() if path.startswith("drive.")}
+    held = {field: number for field, number in held.items() if hasattr(drive, field)}
+    different, which = np.unique(values[:, named], axis=0, return_inverse=True)
+    broken = [
+        bool(
+            set(drive.with_numbers(held | dict(zip([fields[i] for i in named], row, strict=True))).broken_conditions())
+            - {"voltage"}
+        )
+        for row in different.tolist()
+    ]
+    return np.array(broken)[which.ravel()]

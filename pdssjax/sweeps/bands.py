@@ -1,0 +1,78 @@
+"""Bands of a sweep: how well its metrics are known, given what is known of the parameters.
+
+From draws: mean, standard deviation and quantiles.  From sigma points: to first order, with a flag where the metric
+bends or breaks within the uncertainty, so that first order does not do (`SigmaPoints`).
+"""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .points.sigma_points import STEP
+
+if TYPE_CHECKING:
+    import xarray
+
+COVERED = 0.95
+"""Part of the draws, or of a normal distribution, that lies in a band."""
+
+NORMAL = 1.959964
+"""Half the width of the band of a normal distribution, in standard deviations."""
+
+STRAIGHT = 0.1
+"""The second order may add this part of the standard deviation to the mean where first order does."""
+
+_KINDS = {
+    "sd": "standard deviation of",
+    "low": "lower end of the 95 % band of",
+    "high": "upper end of the 95 % band of",
+}
+
+
+def with_bands(data: "xarray.Dataset") -> "xarray.Dataset":
+    """`data` of a sweep over draws or sigma points without that dimension: each metric with its band.
+
+    **Arguments:** `data` has the dimension "draw" of `CovarianceDraws` or "sigma_point" of `SigmaPoints`.
+
+    **Returns:** for every metric its value (the mean of the draws, or that at the estimate), `METRIC_sd`,
+    `METRIC_low` and `METRIC_high`; `failure`, of the first point that failed; and to first order
+    `METRIC_straight`, 1 where that holds.  A point that failed is left out of draws; of sigma points it leaves none.
+
+    **Raises:** `ValueError` for a dataset with neither dimension.
+    """
+    dimension = next((name for name in ("draw", "sigma_point") if name in data.dims), None)
+    if dimension is None:
+        raise ValueError(f"Expected a sweep over draws or sigma points, but its dimensions are {tuple(data.dims)}.")
+    bands = _of_draws if dimension == "draw" else _of_sigma_points
+    along = [name for name in data.coords if dimension in data[name].dims]
+    kept = data.drop_vars(along)
+    found = kept.drop_vars(list(kept.data_vars))
+    found["failure"] = kept.failure.max(dimension, keep_attrs=True)
+    for name in [str(name) for name in kept.data_vars if name != "failure"]:
+        told = kept[name].attrs
+        for kind, values in bands(kept[name], dimension).items():
+            says = f"{_KINDS[kind]} {told['long_name']}" if kind in _KINDS else told["long_name"]
+            unit = "1" if kind == "straight" else told["units"]
+            says = f"first order holds for {told['long_name']}" if kind == "straight" else says
+            found[f"{name}_{kind}" if kind else name] = values.assign_attrs(units=unit, long_name=says)
+    return found.assign_attrs(bands="draws" if dimension == "draw" else "first order")
+
+
+def _of_draws(values: "xarray.DataArray", dimension: str) -> dict[str, "xarray.DataArray"]:
+    low, high = 0.5 * (1.0 - COVERED), 0.5 * (1.0 + COVERED)
+    ends = values.quantile([low, high], dimension).drop_vars("quantile")
+    mean, sd = values.mean(dimension), values.std(dimension, ddof=1)
+    return {"": mean, "sd": sd, "low": ends.isel(quantile=0), "high": ends.isel(quantile=1)}
+
+
+def _of_sigma_points(values: "xarray.DataArray", dimension: str) -> dict[str, "xarray.DataArray"]:
+    middle = values.isel({dimension: 0}, drop=True)
+    up = values.isel({dimension: slice(1, None, 2)})
+    down = values.isel({dimension: slice(2, None, 2)})
+    slope = (up - down) / (2.0 * STEP)
+    bend = (up + down - 2.0 * middle) / (2.0 * STEP**2)
+    sd = np.sqrt((slope**2).sum(dimension, skipna=False))
+    # Bends of several axes may cancel in the mean; a break in one of them does not.
+    bent = np.sqrt((bend**2).sum(dimension, skipna=False))
+    straight = (bent <= STRAIGHT * sd).astype(float)
+    return {"": middle, "sd": sd, "low": middle - NORMAL * sd, "high": middle + NORMAL * sd, "straight": straight}

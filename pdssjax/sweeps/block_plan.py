@@ -1,0 +1,45 @@
+"""Which points are computed together: blocks of points that take about as long as each other."""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float, Int
+
+LANES = 64
+"""Points side by side: measured, the fastest from 16 to 128."""
+
+_PACE = "drive.frequency"
+"""Neighbours in a block wait for the slowest of them, and this sets the pace."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class BlockPlan:
+    """The points in the order in which they are computed, in blocks of one size."""
+
+    values: Float[np.ndarray, "points paths"]
+    """The numbers [SI] of all points, in the order of the blocks."""
+    order: Int[np.ndarray, " points"]
+    """Which point of the set each of them is."""
+    lanes: int = LANES
+    """Points in a block; the last may have fewer."""
+
+    @property
+    def blocks(self) -> int:
+        """How many there are."""
+        return -(-len(self.order) // self.lanes)
+
+    def place(self, number: int) -> slice:
+        """Where the points of block `number` stand in the plan."""
+        return slice(number * self.lanes, min((number + 1) * self.lanes, len(self.order)))
+
+    def block(self, number: int) -> Float[np.ndarray, "lanes paths"]:
+        """The numbers [SI] of a block's points, filled up with the last of them."""
+        values = self.values[self.place(number)]
+        return np.concatenate([values, np.repeat(values[-1:], self.lanes - len(values), axis=0)])
+
+
+def plan_blocks(paths: tuple[str, ...], values: Float[np.ndarray, "points paths"], lanes: int = LANES) -> BlockPlan:
+    """Points of like pace together; the same for the same points."""
+    pace = values[:, paths.index(_PACE)] if _PACE in paths else np.zeros(len(values))
+    order = np.argsort(pace, kind="stable")
+    return BlockPlan(values[order], order, lanes)

@@ -1,0 +1,122 @@
+"""Where a metric passes a level on its way along an axis: the border of the dead zone, the reversal of a direction.
+
+A coarse grid finds between which neighbours it lies, and those alone are halved, all of them side by side, until they
+are near enough: log2 of the ratio of grid to tolerance more points a border in place of that ratio.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jax.typing import ArrayLike
+from jaxtyping import Bool, Float
+
+from ..core import InputError
+from ..study import Study
+from .points.base import check_ranges
+from .points.grid import Grid
+from .points.listed import Listed
+from .sweeping import plan_sweep, sweep
+
+if TYPE_CHECKING:
+    import xarray
+
+DEAD = 0.01
+"""Step efficiency below which a drive counts as dead: the end-effector shakes and stays."""
+
+Probe = Callable[[Float[np.ndarray, "points paths"]], Float[np.ndarray, " points"]]
+"""How far the metric is above its level at some points; NaN where it has no value."""
+
+
+def find_border(
+    study: Study,
+    path: str,
+    ends: tuple[float, float],
+    over: Mapping[str, Float[ArrayLike, " values"]],
+    *,
+    tolerance: float,
+    metric: str = "efficiency",
+    level: float = DEAD,
+    coarse: int = 9,
+    record: str | None = None,
+    cycles: int | str = 4,
+    workers: int | None = None,
+) -> "xarray.Dataset":
+    """The lowest value of `path` between `ends` [SI] at which a metric passes a level, at every point of a grid `over`.
+
+    **Arguments:** `tolerance` [SI] is how near the border has to be told.  The magnitude of `metric` passes `level`;
+    at level 0 the metric itself changes its sign.  `coarse` values of `path` are looked at first: what passes twice
+    between two of them is not seen.  The rest is as for `sweep`.
+
+    **Returns:** an `xarray.Dataset` over the axes of `over` with `border` [SI], NaN where there is none, `passes`, how
+    often the level is passed on the coarse grid, and the attribute `points`, how many were simulated.
+
+    **Raises:** `InputError` for ends the wrong way round, a tolerance that is not positive, an unknown metric, and
+    what `sweep` refuses.
+    """
+    check_ranges({path: ends}, coarse)
+    if not tolerance > 0 or coarse < 2:
+        raise InputError(
+            f"sweep: found a tolerance of {tolerance:g} and {coarse} values, expected both positive, 2 at least."
+        )
+    planned = plan_sweep(study, {**over, path: np.asarray(ends)}, record=record, cycles=cycles)
+    if metric not in planned.function.cycle.metrics:
+        known = ", ".join(planned.function.cycle.metrics)
+        raise InputError(f'sweep: found the unknown metric "{metric}", expected one of {known}.')
+    grid, paths, asked = Grid(over), (*over, path), 0
+
+    def probe(points: Float[np.ndarray, "points paths"]) -> Float[np.ndarray, " points"]:
+        nonlocal asked
+        asked += len(points)
+        listed = Listed(dict(zip(paths, points.T, strict=True)))
+        values = sweep(study, listed, record=record, cycles=cycles, workers=workers)[metric].values
+        return np.abs(values) - level if level > 0 else values
+
+    border, passes = _searched(probe, grid.values(), np.linspace(*ends, coarse), tolerance)
+    return _labelled(grid, border, passes, path, planned.declared[path].unit, asked)
+
+
+def _searched(
+    probe: Probe, at: Float[np.ndarray, "points paths"], along: Float[np.ndarray, " coarse"], tolerance: float
+) -> tuple[Float[np.ndarray, " points"], Float[np.ndarray, " points"]]:
+    """The border at each of the points `at`, and how often it is passed on the grid `along`."""
+    whole = np.concatenate([np.repeat(at, len(along), axis=0), np.tile(along, len(at))[:, None]], axis=1)
+    above = _above(probe(whole)).reshape(len(at), len(along))
+    turns = above[:, 1:] != above[:, :-1]
+    passes, first = turns.sum(axis=1), turns.argmax(axis=1)
+    there = np.flatnonzero(passes)
+    low, high, beneath = along[first[there]], along[first[there] + 1], above[there, first[there]]
+    while there.size and (high - low).max() > tolerance:
+        middle = 0.5 * (low + high)
+        same = _above(probe(np.column_stack([at[there], middle]))) == beneath
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    border = np.full(len(at), np.nan)
+    border[there] = 0.5 * (low + high)
+    return border, passes.astype(float)
+
+
+def _above(values: Float[np.ndarray, " points"]) -> Bool[np.ndarray, " points"]:
+    """Whether the level is passed; what has no value has not passed it."""
+    return np.nan_to_num(values, nan=-1.0) > 0
+
+
+def _labelled(
+    grid: Grid,
+    border: Float[np.ndarray, " points"],
+    passes: Float[np.ndarray, " points"],
+    path: str,
+    unit: str,
+    asked: int,
+) -> "xarray.Dataset":
+    import xarray
+
+    names, shape = list(grid.dimensions()), tuple(grid.dimensions().values())
+    data = {
+        "border": (names, border.reshape(shape), {"units": unit or "1", "long_name": f"border along {path}"}),
+        "passes": (names, passes.reshape(shape), {"long_name": "how often the level is passed on the coarse grid"}),
+    }
+    coordinates = {
+        found.replace(".", "_"): (dimension, values, {"long_name": found})
+        for found, (dimension, values) in grid.coordinates().items()
+    }
+    return xarray.Dataset(data, coordinates, {"points": asked})

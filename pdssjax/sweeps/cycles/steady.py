@@ -1,0 +1,85 @@
+"""The cycle that is left when the transient has died out.
+
+Points side by side are integrated until their motion repeats; the few that take longer are found one by one, by
+Newton's method on the cycle map (`pdssjax.integration.steady_motion`).
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from ...core import Count, Scalar
+from ...integration import Accuracy, Continued, Cycles, Taylor, integrate_cycles, steady_state
+from ...metrics import cycle_metrics
+from ...simulation import StickSlip
+from .base import METRICS, AbstractCycle, Metric, effector_at, timing
+
+TOLERANCE = 2e-11
+"""How far [m] a cycle may be from its limit."""
+
+_CYCLES = 24
+"""Integrated side by side; what has not become steady then waits for Newton's method."""
+
+_OWN = {
+    "cycles_to_repeat": Metric("1", "cycles until the motion repeats; 0: it does not"),
+    "decay": Metric("1", "what is left of a deviation after a cycle"),
+}
+
+
+class Steady(AbstractCycle):
+    """The steady cycle; where the motion repeats after 2 or 3 cycles only, the mean of them."""
+
+    @property
+    def metrics(self) -> dict[str, Metric]:
+        return METRICS | _OWN
+
+    @property
+    def described(self) -> int | str:
+        return "steady"
+
+    @property
+    def accuracy(self) -> Accuracy:
+        """Finer than for a numbered cycle: errors of the steps must not look like a transient."""
+        return Accuracy(tolerance=1e-12, method=Taylor(8), max_steps=2048)
+
+    def measure(self, system: StickSlip, accuracy: Accuracy) -> tuple[Float[Array, " metrics"], Count]:
+        when = timing(system.drive)
+        cycles = integrate_cycles(system, when.period, when.phases, accuracy, TOLERANCE, _CYCLES)
+        return _measured(system, cycles, cycles.period, _ratio(cycles)), cycles.failure
+
+    def unfinished(self, found: Float[np.ndarray, "points metrics"]) -> Bool[np.ndarray, " points"]:
+        """Those that did not repeat; others that are not finite failed."""
+        return np.isfinite(found[:, 0]) & (found[:, list(self.metrics).index("cycles_to_repeat")] == 0)
+
+    def patient(self, system: StickSlip, accuracy: Accuracy) -> tuple[Float[Array, " metrics"], Count]:
+        when = timing(system.drive)
+        found = steady_state(system, when.period, accuracy, 0.1 * TOLERANCE)
+        period = system.period()
+        assert period is not None
+        # From the orbit on it repeats at once; where none was found these cycles are the last that were seen.
+        again = Continued(system, found.x, float(period[0]))
+        cycles = integrate_cycles(again, when.period, when.phases, accuracy, 0.0, 4)
+        measured = _measured(system, cycles, found.period, found.multipliers[0])
+        return measured, jnp.where(cycles.failure > 0, cycles.failure, found.failure)
+
+
+def _measured(system: StickSlip, cycles: Cycles, period: Count, decay: Scalar) -> Float[Array, " metrics"]:
+    """The metrics, in the mean over the cycles until the motion repeats, or over the last where it does not."""
+    when = timing(system.drive)
+    effector = jax.vmap(lambda x: effector_at(system, x))(cycles.x)
+    last = effector.shape[0]
+    times = (jnp.arange(last)[:, None] * when.period + when.phases).ravel()
+    found = cycle_metrics(times, effector.ravel(), when.frequency, 0.0, last - 1, when.fall)
+    span = jnp.where(period > 0, period, last - 1)
+    counts = jnp.arange(last - 1) >= last - 1 - span
+    mean = lambda values: jnp.sum(jnp.where(counts, values, 0.0)) / span
+    net, stroke = mean(found.net_step), mean(found.stroke)
+    by_name = dict(net_step=net, speed=net * when.frequency, efficiency=net / stroke, stroke=stroke)
+    by_name |= dict(back_slip=stroke - net, cycles_to_repeat=period * 1.0, decay=decay)
+    return jnp.stack([by_name[name] for name in (METRICS | _OWN)])
+
+
+def _ratio(cycles: Cycles) -> Scalar:
+    """What is left of a deviation after a cycle; nothing where two cycles are equal."""
+    return jnp.where(jnp.isfinite(cycles.ratio), cycles.ratio, 0.0)

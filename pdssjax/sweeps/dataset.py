@@ -1,0 +1,60 @@
+"""What a sweep found, labelled: an `xarray.Dataset` with units, what was held, and why points failed."""
+
+import dataclasses
+import json
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float
+
+from ..core import Quantity
+from ..study import Record, Study, UsedNumber
+from .cycles.base import AbstractCycle
+from .point import POINT_FAILURES
+from .points.base import AbstractPoints
+from .varied_record import drive_of
+
+if TYPE_CHECKING:
+    import xarray
+
+
+def labelled(
+    study: Study,
+    base: Record,
+    points: AbstractPoints,
+    declared: Mapping[str, Quantity],
+    found: Float[np.ndarray, "points columns"],
+    cycle: AbstractCycle,
+    used: Mapping[str, UsedNumber],
+) -> "xarray.Dataset":
+    """What was `found` at each of the `points`, the metrics and then the failure, laid out along their dimensions."""
+    import xarray
+
+    names, shape = list(points.dimensions()), tuple(points.dimensions().values())
+    data = {
+        name: (names, found[:, i].reshape(shape), {"units": metric.unit, "long_name": metric.says})
+        for i, (name, metric) in enumerate(cycle.metrics.items())
+    }
+    meanings = "; ".join(f"{i}: {sentence or 'none'}" for i, sentence in enumerate(POINT_FAILURES))
+    failure = found[:, -1].astype(np.int8).reshape(shape)
+    data["failure"] = (names, failure, {"long_name": "why a point has no value", "meanings": meanings})
+    coordinates = {
+        path.replace(".", "_"): (dimension, values, {"units": declared[path].unit or "1", "long_name": path})
+        for path, (dimension, values) in points.coordinates().items()
+    }
+    attributes = {
+        "title": study.title,
+        "record": base.name,
+        "cycles": cycle.described,
+        "drive": type(base.drive).__name__,
+    }
+    attributes["parameters"] = json.dumps(used)
+    of_drive = {
+        f"drive.{field.name}": float(getattr(base.drive, field.name))
+        for field in dataclasses.fields(drive_of(base))
+        if f"drive.{field.name}" not in points.paths and isinstance(getattr(base.drive, field.name), float | int)
+    }
+    # What the study says of its drives is what was run with, not the record's own defaults.
+    held = of_drive | {path: told["value"] for path, told in used.items()}
+    return xarray.Dataset(data, coordinates, attributes | held)

@@ -1,0 +1,169 @@
+"""Sweeps: how an actuator moves over many points, each its own drive quantities and parameters.
+
+A point that fails is NaN, and says why.  Memory stays that of a few blocks however many points there are.
+"""
+
+import contextlib
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import BrokenExecutor, Executor
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jax.typing import ArrayLike
+from jaxtyping import Float
+
+from ..core import Document, InputError, Quantity, need_double_precision
+from ..integration import Accuracy
+from ..study import Record, Study, UsedNumber, numbers_used
+from .axes import check_axes, contradictions
+from .block_plan import BlockPlan, plan_blocks
+from .block_store import AbstractBlockStore, MemoryStore
+from .dataset import labelled
+from .execution import run_blocks
+from .job import job_document, measured_cycle
+from .point import SKIPPED, PointFunction
+from .points.base import AbstractPoints
+from .points.grid import Grid
+from .varied_record import drive_of, driven_record
+
+if TYPE_CHECKING:
+    import xarray
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class PlannedSweep:
+    """A sweep, checked and ready to run."""
+
+    study: Study
+    base: Record
+    """Whose drive is varied."""
+    points: AbstractPoints
+    declared: dict[str, Quantity]
+    """Of each path."""
+    used: dict[str, UsedNumber]
+    """The numbers that all points share."""
+    function: PointFunction
+    document: Document
+    """The job as plain data."""
+    plan: BlockPlan
+    """The points that are computed; those left out are skipped."""
+
+
+def plan_sweep(
+    study: Study,
+    over: Mapping[str, Float[ArrayLike, " values"]] | AbstractPoints,
+    *,
+    record: str | None = None,
+    cycles: int | str = 4,
+    accuracy: Accuracy | None = None,
+) -> PlannedSweep:
+    """What `sweep` of the same does, without doing it; **raises** what it raises before any work."""
+    points = over if isinstance(over, AbstractPoints) else Grid(over)
+    base, values = driven_record(study, record), points.values()
+    declared = check_axes(study, base, points.paths, values)
+    used = numbers_used(study, [*points.paths, *(f"drive.{field}" for field in base.overrides)])
+    numbers = {path: told["value"] for path, told in used.items()}
+    cycle = measured_cycle(cycles)
+    fine = accuracy or cycle.accuracy
+    function = PointFunction(study.models, drive_of(base), points.paths, numbers, cycle, fine)
+    sound = np.flatnonzero(~contradictions(drive_of(base), points.paths, values, numbers))
+    plan = plan_blocks(points.paths, values[sound])
+    plan = dataclasses.replace(plan, order=sound[plan.order])
+    return PlannedSweep(study, base, points, declared, used, function, job_document(function), plan)
+
+
+def sweep(
+    study: Study,
+    over: Mapping[str, Float[ArrayLike, " values"]] | AbstractPoints,
+    *,
+    record: str | None = None,
+    cycles: int | str = 4,
+    accuracy: Accuracy | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    workers: int | None = None,
+    executor: Executor | None = None,
+    in_flight: int | None = None,
+    store: AbstractBlockStore | None = None,
+) -> "xarray.Dataset":
+    """Net step, speed, step efficiency, stroke and back-slip at many points.
+
+    **Arguments:** the study's parameters keep their values or starts; `study.with_values(estimate)`
+    takes those of an estimate.  `over` maps paths to the values [SI] of an axis, in the order of the axes,
+    for every combination of them: quantities of the drive ("drive.voltage", "drive.frequency", "drive.fall_time") and
+    parameters of the study's models ("friction.f_ss_a"); or it is a set of points from `pdssjax.sweeps`: `Grid`,
+    `Listed`, `Sobol`, `LatinHypercube`, `CovarianceDraws`, `Crossed`.  `record` names the effector record whose drive
+    is varied, the first one by default.  The last of `cycles` cycles is measured; one more is run,
+    whose flank tells the last slip.  With `cycles="steady"` it is the cycle that
+    is left when the transient has died out, and two more numbers say after how many cycles it repeats, and what is
+    left of a deviation after a cycle.  `progress(done, points)` is called after each block.
+    `workers` is the number of threads, one a core by default.  An `executor` of `concurrent.futures` runs the blocks
+    in place of the threads, at most `in_flight` at a time; its processes start by spawn, since JAX does not outlive
+    a fork.  A `store` keeps what was found block by block and goes on where it stopped.
+
+    **Returns:** an `xarray.Dataset`, labelled with units, with one dimension an axis, or those of the set of points:
+    the metrics, and `failure`, 0 or an index into `pdssjax.sweeps.POINT_FAILURES`, whose sentences are in its
+    attribute `meanings`.  What was held has an attribute each, and the attribute `parameters`
+    (JSON) tells the study's parameters with value, unit and source.
+
+    **Raises:** `InputError`, before any work, for an unknown path, an illegal value, an empty axis, a study
+    without an effector record under a drive with a frequency, a parameter that is no axis and
+    has no number, a store of another sweep; and where the executor's workers do not answer as they should.
+    """
+    need_double_precision()
+    planned = plan_sweep(study, over, record=record, cycles=cycles, accuracy=accuracy)
+    store = MemoryStore() if store is None else store
+    pending = store.open(planned.document, planned.plan)
+    _run(planned, pending, store, progress, executor, workers, in_flight)
+    found = _in_order(planned, store)
+    return labelled(study, planned.base, planned.points, planned.declared, found, planned.function.cycle, planned.used)
+
+
+def _run(
+    planned: PlannedSweep,
+    pending: Sequence[int],
+    store: AbstractBlockStore,
+    progress: Callable[[int, int], None] | None,
+    executor: Executor | None,
+    workers: int | None,
+    in_flight: int | None,
+) -> None:
+    """Computes the blocks `pending`, and has the `store` keep each."""
+    plan, total = planned.plan, len(planned.points)
+    size = lambda number: plan.place(number).stop - plan.place(number).start
+    done = total - sum(size(number) for number in pending)
+    kept = 0
+    blocks = run_blocks(planned.function, planned.document, plan, pending, executor, workers, in_flight)
+    with contextlib.closing(blocks):
+        for number, found in blocks:
+            try:
+                store.keep(number, found()[: size(number)])
+                kept += 1
+            except BrokenExecutor as error:
+                raise InputError(_broken(error)) from error
+            except (InputError, OSError):
+                raise
+            except Exception as error:
+                # What fails at the first block would at every other one: it is no matter of the points.
+                if not kept:
+                    raise
+                store.fail(number, f"{type(error).__name__}: {error}")
+            done += size(number)
+            if progress is not None:
+                progress(done, total)
+
+
+def _broken(error: BaseException) -> str:
+    return (
+        f"sweep: found a worker that ended before its block did ({error}), expected one that can import pdssjax and "
+        "has the memory; what was done is in the store, if there is one."
+    )
+
+
+def _in_order(planned: PlannedSweep, store: AbstractBlockStore) -> Float[np.ndarray, "points columns"]:
+    """What the store holds, in the order of the points; NaN and skipped where nothing was to be computed."""
+    rows = store.read()
+    found = np.full((len(planned.points), rows.shape[1]), np.nan)
+    found[:, -1] = SKIPPED
+    found[planned.plan.order] = rows
+    return found

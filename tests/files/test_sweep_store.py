@@ -1,0 +1,193 @@
+"""A sweep that is interrupted goes on where it stopped, and ends as if it had not been."""
+
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections import namedtuple
+
+import numpy as np
+import pytest
+import xarray
+from quick_blocks import example_study, found_at
+from quick_blocks import quick as quick
+
+import pdssjax
+from pdssjax import InputError
+from pdssjax.cli.main import main
+from pdssjax.files import EXAMPLE, SweepStore
+from pdssjax.files.sweep_store import DONE, FAILED
+from pdssjax.sweeps import execution
+
+OVER = {"drive.voltage": np.linspace(20.0, 80.0, 20), "drive.frequency": np.linspace(2.0, 50.0, 20)}
+"""400 points: seven blocks."""
+
+
+@pytest.fixture(scope="module")
+def study():
+    return example_study()
+
+
+def stop_after(blocks):
+    """Interrupts a sweep once so many blocks are done."""
+
+    def progress(done, count):
+        if done >= 64 * blocks:
+            raise KeyboardInterrupt
+
+    return progress
+
+
+def test_a_sweep_that_was_interrupted_ends_as_if_it_had_not_been(tmp_path, study, quick):
+    whole = pdssjax.sweep(study, OVER)
+    quick.clear()
+    with pytest.raises(KeyboardInterrupt):
+        pdssjax.sweep(study, OVER, workers=1, store=SweepStore(tmp_path / "s.zarr"), progress=stop_after(3))
+    store = SweepStore(tmp_path / "s.zarr", resume=True)
+    before = len(quick)
+    told = []
+    resumed = pdssjax.sweep(study, OVER, store=store, progress=lambda done, count: told.append(done))
+    xarray.testing.assert_identical(resumed, whole)
+    # No block is computed again that was stored, and those are counted as done.
+    assert before >= 3 and told[0] > 64 * 3 and len(told) == 4
+    again = pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr", resume=True))
+    xarray.testing.assert_identical(again, whole)
+    assert len(quick) == before + 4
+
+
+def test_blocks_that_failed_have_a_reason_and_are_tried_again(tmp_path, study, quick, monkeypatch):
+    works = execution.computed_block
+
+    def computed_block(function, points):
+        if points[0, 1] > 25.0:
+            raise MemoryError("no room")
+        return works(function, points)
+
+    monkeypatch.setattr(execution, "computed_block", computed_block)
+    store = SweepStore(tmp_path / "s.zarr")
+    data = pdssjax.sweep(study, OVER, store=store)
+    assert store.reasons() and set(store.reasons().values()) == {"MemoryError: no room"}
+    assert set(np.asarray(store._group["status"])) == {DONE, FAILED} and np.isnan(data.net_step).any()
+    monkeypatch.setattr(execution, "computed_block", works)
+    resumed = pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr", resume=True))
+    xarray.testing.assert_identical(resumed, pdssjax.sweep(study, OVER))
+
+
+@pytest.mark.parametrize(
+    ("change", "essential"),
+    [
+        (dict(values={"friction.f_ss_a": 0.5}), "parameters.friction.f_ss_a: 0.7964, not 0.5"),
+        (dict(cycles=3), "cycles: 4, not 3"),
+        (dict(over={"drive.voltage": [30.0], "drive.frequency": [5.0]}), "400 points, not these 1"),
+        (dict(over=OVER | {"drive.frequency": OVER["drive.frequency"] + 1.0}), "points of other values"),
+    ],
+)
+def test_the_store_of_another_sweep_is_refused_before_any_work(tmp_path, study, quick, change, essential):
+    pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr"))
+    quick.clear()
+    other = study.with_values(change.get("values", {}))
+    with pytest.raises(InputError, match="found the store of another sweep") as refused:
+        store = SweepStore(tmp_path / "s.zarr", resume=True)
+        pdssjax.sweep(other, change.get("over", OVER), cycles=change.get("cycles", 4), store=store)
+    assert essential in str(refused.value) and not quick
+
+
+def test_a_store_that_is_there_is_neither_resumed_nor_replaced_unasked(tmp_path, study, quick):
+    pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr"))
+    with pytest.raises(InputError, match="expected --resume"):
+        pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr"))
+    (tmp_path / "no.zarr").mkdir()
+    with pytest.raises(InputError, match="found no store of a sweep"):
+        pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "no.zarr", resume=True))
+
+
+def test_too_many_points_for_the_disk_are_refused_before_any_work(tmp_path, study, quick, monkeypatch):
+    monkeypatch.setattr(shutil, "disk_usage", lambda place: namedtuple("Usage", "total used free")(1, 1, 10_000))
+    with pytest.raises(InputError, match=r"found 0\.01 MB free for 400 points, expected 0\.1"):
+        pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr"))
+    assert not quick and not (tmp_path / "s.zarr").exists()
+
+
+def test_an_old_zarr_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("importlib.metadata.version", lambda name: "3.1.5")
+    with pytest.raises(InputError, match=r"found zarr 3\.1\.5, expected 3\.1\.6 or later"):
+        SweepStore(tmp_path / "s.zarr")
+
+
+def test_the_command_resumes(tmp_path, quick, capsys, study):
+    arguments = ["sweep", str(written(tmp_path, study)), "--voltage", "20:80:20", "--frequency", "2:50:20"]
+    out = tmp_path / "out"
+    assert main([*arguments, "--out", str(out)]) == 0
+    once = xarray.open_dataset(out / "sweep.nc", engine="scipy").load()
+    quick.clear()
+    assert main([*arguments, "--out", str(out)]) == 2
+    assert main([*arguments, "--out", str(out), "--resume"]) == 0 and not quick
+    assert main([*arguments[:-1], "2:50:21", "--out", str(out), "--resume"]) == 2
+    assert "found the store of another sweep" in capsys.readouterr().err
+    xarray.testing.assert_identical(xarray.open_dataset(out / "sweep.nc", engine="scipy").load(), once)
+    assert main([*arguments[:-1], "2:50:21", "--out", str(out), "--overwrite"]) == 0
+
+
+def written(folder, study):
+    """The example's study with its true values, as a file."""
+    shutil.copytree(EXAMPLE, folder / "study", dirs_exist_ok=True)
+    file = folder / "study" / "study.toml"
+    text = file.read_text()
+    for path, parameter in study.parameters.items():
+        line = next(line for line in text.splitlines() if line.startswith(f'"{path}"'))
+        text = text.replace(line, f'"{path}" = {{ value = {parameter.value!r} }}')
+    file.write_text(text)
+    return file
+
+
+@pytest.mark.slow
+def test_a_sweep_that_was_killed_ends_as_if_it_had_not_been(tmp_path, study):
+    arguments = ["sweep", str(written(tmp_path, study)), "--voltage", "20:80:16", "--frequency", "20:50:40"]
+    command = [sys.executable, "-m", "pdssjax", *arguments, "--workers", "1", "--out"]
+    killed = subprocess.Popen([*command, str(tmp_path / "killed")], stderr=subprocess.PIPE, text=True)
+    # A line is told for each tenth that is done.
+    assert " of 640 points" in killed.stderr.readline()
+    killed.send_signal(signal.SIGKILL)
+    killed.wait()
+    time.sleep(0.1)
+    assert not (tmp_path / "killed" / "sweep.nc").exists()
+    resumed = subprocess.run(
+        [*command, str(tmp_path / "killed"), "--resume"], stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True
+    )
+    assert resumed.returncode == 0, resumed.stderr
+    assert int(resumed.stderr.split()[0]) > 64
+    subprocess.run([*command, str(tmp_path / "whole")], check=True, stdout=subprocess.DEVNULL)
+    found, whole = (xarray.open_dataset(tmp_path / n / "sweep.nc", engine="scipy").load() for n in ("killed", "whole"))
+    xarray.testing.assert_identical(found, whole)
+
+
+def test_who_interrupts_the_command_is_told_how_to_go_on(tmp_path, quick, capsys, study, monkeypatch):
+    def computed_block(function, points):
+        if len(quick) == 2:
+            raise KeyboardInterrupt
+        quick.append(points)
+        return found_at(points)
+
+    monkeypatch.setattr(execution, "computed_block", computed_block)
+    command = [
+        "sweep",
+        str(written(tmp_path, study)),
+        "--voltage",
+        "20:80:20",
+        "--frequency",
+        "2:50:20",
+        "--workers",
+        "1",
+    ]
+    assert main([*command, "--out", str(tmp_path / "out")]) == 130
+    assert "go on with --resume" in capsys.readouterr().err
+    assert len(SweepStore(tmp_path / "out" / "points.zarr", resume=True).open(*planned(study))) == 5
+
+
+def planned(study):
+    """The job and the blocks of `OVER`."""
+    from pdssjax.sweeps import plan_sweep
+
+    made = plan_sweep(study, OVER)
+    return made.document, made.plan

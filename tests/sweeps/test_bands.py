@@ -1,0 +1,106 @@
+"""Bands are those of the covariance: exact for what is linear, flagged where first order does not hold."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+import xarray
+from quick_blocks import example_study
+from quick_blocks import quick as quick
+
+from pdssjax import InputError
+from pdssjax.cli.main import main
+from pdssjax.files import EXAMPLE
+from pdssjax.files.estimate_json import read_covariance
+from pdssjax.sweeps import CovarianceDraws, Crossed, Grid, SigmaPoints, execution, with_bands
+
+MEANS = np.array([2.0, -1.0])
+COVARIANCE = np.array([[4e-4, 3e-4], [3e-4, 2.5e-3]])
+DRAWS = CovarianceDraws(["a.b", "c.d"], MEANS, COVARIANCE, np.array([True, False]), 4000, seed=2)
+GRID = Grid({"drive.voltage": [1.0, 2.0, 3.0]})
+
+
+def swept(about, function):
+    """A sweep whose only metric is a function of voltage, a and c."""
+    points = Crossed(GRID, about)
+    metric = function(*points.values().T).reshape(tuple(points.dimensions().values()))
+    dims = tuple(points.dimensions())
+    said = {"units": "m", "long_name": "net step"}
+    data = {"net_step": (dims, metric, said), "failure": (dims, np.zeros(metric.shape, np.int8), {"meanings": ""})}
+    return xarray.Dataset(data, {"drive_voltage": GRID.axes["drive.voltage"]})
+
+
+def linear(voltage, a, c):
+    return voltage * (3.0 * np.log(a) - 2.0 * c)
+
+
+@pytest.mark.parametrize(("about", "tolerance"), [(SigmaPoints(DRAWS), 1e-9), (DRAWS, 0.05)])
+def test_bands_of_what_is_linear_are_those_of_the_covariance(about, tolerance):
+    found = with_bands(swept(about, linear))
+    slope = np.array([3.0 / 2.0, -2.0])
+    sd = np.sqrt(slope @ COVARIANCE @ slope) * GRID.axes["drive.voltage"]
+    np.testing.assert_allclose(found.net_step_sd, sd, rtol=tolerance)
+    np.testing.assert_allclose(found.net_step_high - found.net_step_low, 2 * 1.96 * sd, rtol=max(tolerance, 1e-4))
+    np.testing.assert_allclose(found.net_step, linear(GRID.axes["drive.voltage"], *MEANS), rtol=tolerance, atol=0.01)
+    assert found.sizes == {"drive_voltage": 3} and found.net_step_sd.attrs["units"] == "m"
+
+
+def test_where_a_metric_breaks_within_the_uncertainty_first_order_is_said_not_to_hold():
+    broken = with_bands(swept(SigmaPoints(DRAWS), lambda voltage, a, c: np.where((voltage < 1.5) | (a < 2.0), a, 2.5)))
+    np.testing.assert_array_equal(broken.net_step_straight, [1.0, 0.0, 0.0])
+    assert with_bands(swept(SigmaPoints(DRAWS), linear)).net_step_straight.all()
+
+
+def test_a_dataset_without_draws_has_no_bands():
+    with pytest.raises(ValueError, match="Expected a sweep over draws"):
+        with_bands(swept(DRAWS, linear).isel(draw=0))
+
+
+@pytest.fixture
+def estimate(tmp_path):
+    """An estimate.json of the example, of which two parameters are known to 1 % and 2 %."""
+    study = example_study()
+    names = ["piezo.gain", "friction.f_ss_a", "friction.f_ss_b"]
+    values = study.values()
+    errors = np.array([0.01, 0.02, np.nan]) * [values[name] for name in names]
+    matrix = [
+        [None if np.isnan(e * f) else e * f * (i == j) for j, f in enumerate(errors)] for i, e in enumerate(errors)
+    ]
+    document = {"format": "pdssjax-estimate/1", "parameters": {path: {"value": v} for path, v in values.items()}}
+    file = tmp_path / "estimate.json"
+    file.write_text(json.dumps(document | {"covariance": {"names": names, "matrix": matrix}}))
+    return file
+
+
+def test_the_covariance_of_an_estimate_is_read_without_what_nothing_is_known_of(estimate):
+    names, covariance = read_covariance(estimate)
+    assert names == ("piezo.gain", "friction.f_ss_a")
+    assert np.sqrt(covariance[0, 0]) == pytest.approx(0.01 * 1.007e-7, rel=1e-3)
+
+
+@pytest.mark.parametrize("kind", ["linear", "draws"])
+def test_the_command_gives_bands(tmp_path, estimate, quick, capsys, monkeypatch, kind):
+    linear_in_gain = lambda function, points: np.column_stack(
+        [*[1e7 * points[:, 1:2] * points[:, :1]] * 5, 0 * points[:, :1]]
+    )
+    monkeypatch.setattr(execution, "computed_block", linear_in_gain)
+    shutil.copytree(EXAMPLE, tmp_path / "study")
+    command = ["sweep", str(tmp_path / "study" / "study.toml"), "--voltage", "20:80:4", "--estimate", str(estimate)]
+    assert main([*command, "--bands", kind, "--draws", "400", "--out", str(tmp_path / "out")]) == 0
+    data = xarray.open_dataset(tmp_path / "out" / "sweep.nc", engine="scipy").load()
+    np.testing.assert_allclose(data.net_step_sd / data.net_step, 0.01, rtol=1e-3 if kind == "linear" else 0.1)
+    assert "+/- (95 %)" in capsys.readouterr().out
+
+
+def test_bands_without_an_estimate_are_refused(tmp_path, quick, capsys):
+    command = ["sweep", str(EXAMPLE / "study.toml"), "--voltage", "20:80:4", "--guess", "--bands"]
+    assert main([*command[:-2], "--bands", "--out", str(tmp_path / "out")]) == 2
+    assert "found no --estimate" in capsys.readouterr().err and not quick
+
+
+def test_a_file_that_says_nothing_of_errors_is_refused(tmp_path, estimate):
+    document = json.loads(estimate.read_text()) | {"covariance": {"names": [], "matrix": []}}
+    estimate.write_text(json.dumps(document))
+    with pytest.raises(InputError, match="found no parameter with a standard error"):
+        read_covariance(estimate)

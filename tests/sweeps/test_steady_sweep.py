@@ -1,0 +1,86 @@
+"""The steady cycle of a sweep is the cycle after very many."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from quick_blocks import example_study
+
+import pdssjax
+from pdssjax import Accuracy, InputError
+from pdssjax.integration import integrate_to_times
+from pdssjax.simulation import StickSlip
+from pdssjax.sweeps import Listed, plan_sweep
+from pdssjax.sweeps.job import job_document, point_function
+
+POINTS = {"drive.voltage": [30.0, 64.0, 150.0, 80.0], "drive.frequency": [5.0, 50.0, 120.0, 250.0]}
+
+
+@pytest.fixture(scope="module")
+def study():
+    return example_study()
+
+
+@pytest.fixture(scope="module")
+def data(study):
+    return pdssjax.sweep(study, Listed(POINTS), cycles="steady", workers=1)
+
+
+def test_a_steady_sweep_says_after_how_many_cycles_the_motion_repeats(data):
+    assert data.attrs["cycles"] == "steady" and not data.failure.any()
+    assert (data.cycles_to_repeat == 1).all()
+    # At 5 Hz all has come to rest before the next drop; at 250 Hz it still rings.
+    assert float(data.decay[0]) < 1e-3 < float(data.decay[3]) < 1.0
+    np.testing.assert_allclose(data.net_step, data.speed / data.drive_frequency)
+    np.testing.assert_allclose(data.back_slip, data.stroke - data.net_step)
+
+
+def test_a_job_that_is_steady_is_rebuilt_from_its_text(study):
+    planned = plan_sweep(study, POINTS, cycles="steady")
+    assert planned.document["cycles"] == "steady"
+    assert job_document(point_function(planned.document)) == planned.document
+
+
+@pytest.mark.parametrize("cycles", ["stead", 0])
+def test_another_word_is_refused(study, cycles):
+    with pytest.raises(InputError, match='expected a number of at least 1, or "steady"'):
+        pdssjax.sweep(study, POINTS, cycles=cycles)
+
+
+def after_many(function, cycles=200):
+    """Net step [m] of the last of many cycles at a point."""
+
+    @jax.jit
+    def run(values):
+        system = function.system(values)
+        assert isinstance(system, StickSlip)
+        times = jnp.arange(cycles - 1, cycles + 1) / system.drive.cycle_frequency() * (1.0 - 1e-12)
+        reached = integrate_to_times(system, times, Accuracy(max_steps=400_000))
+        return reached.x.d[0] - reached.x.d[1]
+
+    return run
+
+
+@pytest.mark.slow
+def test_random_points_agree_with_200_cycles(study):
+    rng = np.random.default_rng(5)
+    points = Listed({"drive.voltage": rng.uniform(8.0, 150.0, 12), "drive.frequency": 10 ** rng.uniform(0.7, 2.4, 12)})
+    for reading in ("deflection", "force"):
+        asked = dataclasses.replace(study, friction_state=reading)
+        data = pdssjax.sweep(asked, points, cycles="steady", workers=1)
+        brute = after_many(plan_sweep(asked, points, cycles="steady").function)
+        expected = np.array([float(brute(values)) for values in points.values()])
+        np.testing.assert_allclose(data.net_step, expected, rtol=0.0, atol=1e-10)
+
+
+@pytest.mark.slow
+def test_a_transient_that_dies_out_slowly_is_left_to_newton(study):
+    light = study.with_values({"piezo.damping_ratio": 0.004, "friction.sigma1_a": 1.0, "friction.sigma1_b": 1.0})
+    points = Listed({"drive.voltage": [3.0, 3.0], "drive.frequency": [150.0, 200.0]})
+    data = pdssjax.sweep(light, points, cycles="steady", workers=1)
+    brute = after_many(plan_sweep(light, points).function, 1000)
+    expected = [float(brute(values)) for values in points.values()]
+    assert (data.decay > 0.7).any() and (data.cycles_to_repeat == 1).all()
+    np.testing.assert_allclose(data.net_step, expected, rtol=0.0, atol=1e-10)
