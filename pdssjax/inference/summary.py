@@ -67,9 +67,7 @@ def summarise(
     free, fitted = problem.residual.transform, {**starts, **problem.residual.transform.decode(fit.free)}
     values = {path: float(value) for path, value in fitted.items()}
     statistics = _statistics(problem, fit)
-    loss = problem.residual.loss
-    enlarged = variance_factor(statistics) if stack is None else second_step_factor(problem, fit)
-    enlarged = 1.0 if loss.is_robust else enlarged  # its covariance takes the scatter from the residuals
+    enlarged = _variance_factor(statistics, problem, fit, stack)
     picked = None if stack is None else stack.covariance / enlarged
     known, naive = _covariances(method, problem, fit, picked)
     deviation = np.sqrt(np.diag(known.matrix) * enlarged)
@@ -82,13 +80,7 @@ def summarise(
         i = free.paths.index(path) if declared.free else None
         parameters[path] = _parameter(declared, values[path], starts[path], i, fit, free, deviation, known)
     if naive is not None:
-        naive_errors = np.sqrt(np.diag(naive) * enlarged) * slopes
-        parameters = {
-            path: dataclasses.replace(p, naive_standard_error=float(naive_errors[free.paths.index(path)]))
-            if p.free and p.identifiable
-            else p
-            for path, p in parameters.items()
-        }
+        parameters = _with_naive_errors(parameters, free.paths, np.sqrt(np.diag(naive) * enlarged) * slopes)
     matrix = known.matrix * enlarged * np.outer(slopes, slopes)
     records = _compared(study, problem, fit, known.matrix * enlarged, values)
     diagnosis = diagnose(problem, fit, known.matrix * enlarged) if np.isfinite(fit.chi2) else None
@@ -111,8 +103,25 @@ def summarise(
         seconds=0.0,
         amplification=amplification_of(problem, fit, known.identifiable),
         diagnosis=diagnosis,
-        loss=type(loss).__name__.lower(),
+        loss=type(problem.residual.loss).__name__.lower(),
     )
+
+
+def _variance_factor(statistics: Statistics, problem: Problem, fit: Fit, stack: PickedStack | None) -> float:
+    """By how much variances are enlarged; under a robust loss they take the scatter from the residuals already."""
+    if problem.residual.loss.is_robust:
+        return 1.0
+    return variance_factor(statistics) if stack is None else second_step_factor(problem, fit)
+
+
+def _with_naive_errors(
+    parameters: Mapping[str, FittedParameter], paths: Sequence[str], errors: Float[np.ndarray, " p"]
+) -> dict[str, FittedParameter]:
+    naive = {path: float(error) for path, error in zip(paths, errors, strict=True)}
+    return {
+        path: dataclasses.replace(p, naive_standard_error=naive[path]) if p.free and p.identifiable else p
+        for path, p in parameters.items()
+    }
 
 
 def _at_bound(fit: Fit, free: ParameterTransform) -> Bool[np.ndarray, " p"]:

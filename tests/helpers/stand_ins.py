@@ -20,7 +20,7 @@ def calls(monkeypatch) -> SimpleNamespace:
         noted.studies.append(path)
         return noted.study
 
-    def identify(study, method, intervals, progress):
+    def identify(study, method, intervals, loss, progress):
         assert study is noted.study
         progress(f"[1/2] {method}")
         noted.methods.append(method)
