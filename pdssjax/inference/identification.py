@@ -12,6 +12,7 @@ from ..study import Estimate, Study
 from .best_point import BestPoint, Point, completed
 from .least_squares import Method, Progress, joint, sequential
 from .multistart import best_fit
+from .parameter_errors import with_error_models
 from .profile_intervals import with_profile_intervals
 from .summary import summarise
 
@@ -78,7 +79,9 @@ def identify(
 
 def _summarised(study: Study, method: Method, point: Point, begun: float, report: Progress) -> Estimate:
     report("predicting every record")
-    estimate = summarise(study, method, point.problem, completed(point, report), point.starts)
+    fit = completed(point, report)
+    estimate = summarise(study, method, point.problem, fit, point.starts)
+    estimate = with_error_models(estimate, point.problem, fit, report)
     return dataclasses.replace(estimate, seconds=time.perf_counter() - begun)
 
 

@@ -11,10 +11,13 @@ if TYPE_CHECKING:
     from .catalogue import find_entry as find_entry
     from .comparison import FittedRecord as FittedRecord
     from .comparison import compare as compare
+    from .comparison import cycles_a_second as cycles_a_second
     from .comparison import repeated_residuals as repeated_residuals
     from .estimate import Amplification as Amplification
+    from .estimate import ErrorAdvice as ErrorAdvice
     from .estimate import Estimate as Estimate
     from .estimate import FittedParameter as FittedParameter
+    from .estimate import ParameterError as ParameterError
     from .estimate import Statistics as Statistics
     from .measurement.base import MOVING as MOVING
     from .measurement.base import AbstractMeasurement as AbstractMeasurement
@@ -53,8 +56,8 @@ else:
         __name__,
         {
             "catalogue": ["Entry", "catalogue_entries", "find_entry"],
-            "comparison": ["FittedRecord", "compare", "repeated_residuals"],
-            "estimate": ["Amplification", "Estimate", "FittedParameter", "Statistics"],
+            "comparison": ["FittedRecord", "compare", "cycles_a_second", "repeated_residuals"],
+            "estimate": ["Amplification", "ErrorAdvice", "Estimate", "FittedParameter", "ParameterError", "Statistics"],
             "measurement.base": ["AbstractMeasurement", "MOVING", "Samples"],
             "models": ["Models", "Values"],
             "noise": ["noise_floor"],

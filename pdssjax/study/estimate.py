@@ -1,12 +1,31 @@
 """What an identification found: plain values in SI units, for the report, the plots and the files."""
 
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from .comparison import FittedRecord
+
+
+class ParameterError(NamedTuple):
+    """The error of one parameter by one error model."""
+
+    standard_error: float
+    """One standard deviation [unit]; NaN where the data say nothing."""
+    interval: tuple[float, float]
+    """Lower and upper end of the 95 % interval [unit], symmetric on the scale of the fit; NaN like the error."""
+
+
+class ErrorAdvice(NamedTuple):
+    """Which of the errors to believe, and why."""
+
+    model: str
+    """Name of the error model, such as "white"."""
+    reason: str
+    """One sentence."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +55,9 @@ class FittedParameter:
     verdicts: tuple[str, str] | None = None
     """How either end of an interval by profile likelihood was found (`inference.profile_likelihood.Verdict`); None
     where the interval is linear: symmetric on the scale of the fit."""
+    errors: Mapping[str, ParameterError] = field(default_factory=dict)
+    """By error model, from the strictest assumption to the weakest: "white", "coloured", "with-misfit".  The first is
+    `standard_error`.  Empty where fixed."""
 
 
 @dataclass(frozen=True)
@@ -105,3 +127,7 @@ class Estimate:
     """Wall time of the fit [s]."""
     amplification: Amplification | None = None
     """What an error of the stack does to all else; None where nothing is fitted after it."""
+    error_advice: ErrorAdvice | None = None
+    """Which of the `errors` of the parameters to believe; None where there are none."""
+    covariances: Mapping[str, Float[np.ndarray, "p p"]] = field(default_factory=dict)
+    """By error model as in `errors`, in the product of the SI units, in the order of `names`."""
