@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from .iterations import iterates as iterates
     from .least_squares import Method as Method
     from .levenberg_marquardt import BoundedLevenbergMarquardt as BoundedLevenbergMarquardt
+    from .parameter_errors import all_error_models as all_error_models
     from .parameter_transform import transform_of as transform_of
     from .problem import Problem as Problem
     from .problem import pose_problem as pose_problem
@@ -36,6 +37,7 @@ else:
             "iterations": ["iterates"],
             "least_squares": ["Method"],
             "levenberg_marquardt": ["BoundedLevenbergMarquardt"],
+            "parameter_errors": ["all_error_models"],
             "parameter_transform": ["transform_of"],
             "problem": ["Problem", "pose_problem"],
             "residual": ["Residual", "as_weights"],

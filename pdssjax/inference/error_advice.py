@@ -32,17 +32,17 @@ def advise(
     if repeating and grown >= MATTERS:
         return ErrorAdvice(
             "with-misfit",
-            f"Believe the errors with misfit: residuals in {repeating} are alike from cycle to cycle, or smooth, beyond "
-            "what noise explains, so the model errs there; more data of the same kind would not average that away. It "
-            f"makes errors up to {grown:.2g} times the coloured ones ({path}).",
+            f"Believe the errors with misfit: residuals in {repeating} are alike from cycle to cycle, or smooth, "
+            "beyond what noise explains, so the model errs there, and more data of the same kind do not average that "
+            f"away. It makes errors up to {grown:.2g} times the coloured ones ({path}).",
         )
     ratio, path = _most_changed(known, "white", "coloured")
     if (slow or repeating) and not 1.0 / MATTERS < ratio < MATTERS:
         return ErrorAdvice(
             "coloured",
-            f"Believe the coloured errors: residuals in {slow or repeating} are not independent of each other. The white "
-            f"ones are wrong by a factor of up to {max(ratio, 1.0 / ratio):.2g} ({path}); a misfit that repeats would "
-            "not change that.",
+            f"Believe the coloured errors: residuals in {slow or repeating} are not independent of each other, and the "
+            f"white ones are wrong by a factor of up to {max(ratio, 1.0 / ratio):.2g} ({path}); no misfit that makes a "
+            "difference is seen.",
         )
     why = "the residuals are independent of each other, and none repeat beyond chance"
     if slow or repeating:

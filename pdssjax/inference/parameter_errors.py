@@ -1,6 +1,7 @@
 """The errors of every parameter by all error models."""
 
 import dataclasses
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -36,10 +37,10 @@ class FittedPoint(NamedTuple):
     def rows(self) -> list[slice]:
         """Where each record's samples stand among all residuals."""
         ends = np.cumsum([0, *(record.time.size for record in self.problem.records)])
-        return [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+        return [slice(int(a), int(b)) for a, b in itertools.pairwise(ends)]
 
 
-def error_models() -> list[AbstractErrorModel]:
+def all_error_models() -> list[AbstractErrorModel]:
     """All of them, from the strictest assumption to the weakest."""
     found = [member("inference.error_models", name)() for name in members("inference.error_models")]
     return sorted(found, key=lambda model: model.rank)
@@ -54,11 +55,11 @@ def with_error_models(estimate: Estimate, problem: Problem, fit: Fit, report: Pr
     if not point.known.any() or not np.isfinite(point.residual).all() or not np.isfinite(point.jacobian).all():
         return estimate
     factor = variance_factor(estimate.statistics)
-    found = _covariances(point, error_models(), factor, None)
+    found = _covariances(point, all_error_models(), factor, None)
     evidence = {name: shares for name, (_, shares) in found.items()}
     if any(most >= EVIDENT for shares in evidence.values() for most in shares):
         # Residuals that are not white do not average out in the second derivative of chi-square.
-        found |= _covariances(point, error_models()[1:], factor, _curvatures(point, report))
+        found |= _covariances(point, all_error_models()[1:], factor, _curvatures(point, report))
     matrices = {name: matrix for name, (matrix, _) in found.items()}
     free = problem.residual.transform
     parameters = _with_errors(estimate.parameters, matrices, free, fit.free)
@@ -121,9 +122,7 @@ def _covariances(
     return out
 
 
-def _influence(
-    point: FittedPoint, curvatures: Sequence[Float[np.ndarray, "p p"]] | None
-) -> Float[np.ndarray, "n p"]:
+def _influence(point: FittedPoint, curvatures: Sequence[Float[np.ndarray, "p p"]] | None) -> Float[np.ndarray, "n p"]:
     """Zero in the columns of parameters that are not known."""
     jacobian = point.jacobian
     if point.method == "sequential":
@@ -141,7 +140,9 @@ def _influence(
     return out * point.known
 
 
-def _total(matrices: Sequence[Float[np.ndarray, "p p"]], used: Bool[np.ndarray, " records"]) -> Float[np.ndarray, "p p"]:
+def _total(
+    matrices: Sequence[Float[np.ndarray, "p p"]], used: Bool[np.ndarray, " records"]
+) -> Float[np.ndarray, "p p"]:
     return sum((m for m, use in zip(matrices, used, strict=True) if use), np.zeros_like(matrices[0]))
 
 

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from .pure_error import LackOfFit as LackOfFit
     from .pure_error import lack_of_fit as lack_of_fit
     from .pure_error import split_by_phase as split_by_phase
+    from .residual_split import ResidualSplit as ResidualSplit
+    from .residual_split import split_residuals as split_residuals
 else:
     from ..core.lazy import lazy_exports
 
@@ -43,6 +45,7 @@ else:
             "goodness_of_fit": ["error_index", "r_squared", "rmse"],
             "neighbours": ["neighbour_scatter"],
             "pure_error": ["CycleSplit", "LackOfFit", "lack_of_fit", "split_by_phase"],
+            "residual_split": ["ResidualSplit", "split_residuals"],
             "per_cycle": ["FLANK", "cycle_metrics", "turning_points"],
         },
     )

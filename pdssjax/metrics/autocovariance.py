@@ -4,17 +4,23 @@ The noise of n samples is taken for an autoregression,
 
     e_t = a_1 e_(t-1) + ... + a_q e_(t-q) + w_t,
 
-fitted by the recursion of Levinson and Durbin to the sample autocovariances; q is chosen by Akaike's criterion.  Its
-autocovariance follows at all lags.  The order takes the place of the bandwidth of a kernel estimate (W. J. den Haan
-and A. T. Levin, Handbook of Statistics 15, 1997; K. N. Berk, Ann. Statist. 2(3), 1974): no lag is cut off, so slow
-noise is not underestimated as it is where a kernel's bandwidth rests on an AR(1) (D. W. K. Andrews, Econometrica 59(3),
-1991).  docs/results.md has both measured side by side.
+fitted by the recursion of Levinson and Durbin to the sample autocovariances; q is chosen by the criterion of Hannan and
+Quinn (J. R. Statist. Soc. B 41(2), 1979).  Its autocovariance follows at all lags.  The order takes the place of the
+bandwidth of a kernel estimate (W. J. den Haan and A. T. Levin, Handbook of Statistics 15, 1997): no lag is cut off, so
+slow noise is not underestimated, as it is where a kernel's bandwidth rests on an AR(1) (D. W. K. Andrews, Econometrica
+59(3), 1991) that the noise is not.  docs/error-models.md has both measured side by side.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
+
+_CLOSE = 0.9
+"""Share of samples whose next neighbour has to be there for an order above `_FEW`: with scattered gaps sample
+autocovariances are not positive definite, and high orders follow their errors."""
+
+_FEW = 1
 
 
 class StationaryNoise(NamedTuple):
@@ -72,20 +78,24 @@ def stationary_noise(
     **Arguments:** `freedom`, the degrees of freedom that a fit has left of the samples: variances grow by their ratio;
     `most`, the highest order looked at.
     """
-    samples = int(np.sum(np.isfinite(values)))
+    there = np.isfinite(values)
+    samples = int(np.sum(there))
     most = max(min(most, int(10.0 * np.log10(max(samples, 2))), samples // 8), 0)
+    if np.sum(np.diff(positions[there]) == 1) < _CLOSE * samples:
+        most = min(most, _FEW)
     c = sample_autocovariance(values, positions, most + 1) * samples / max(freedom, 1.0)
     if c[0] <= 0.0:
         return StationaryNoise(np.zeros(0), 0.0)
     a, variance = np.zeros(0), float(c[0])
     best = (freedom * np.log(variance), StationaryNoise(a, variance))
+    price = 2.0 * np.log(np.log(max(freedom, 3.0)))
     for order in range(1, most + 1):
         reflection = (c[order] - a @ c[order - 1 : 0 : -1]) / variance
         if abs(reflection) >= 1.0:  # possible where samples are missing
             break
         a = np.append(a - reflection * a[::-1], reflection)
         variance *= 1.0 - reflection**2
-        criterion = freedom * np.log(variance) + 2.0 * order
+        criterion = freedom * np.log(variance) + price * order
         if criterion < best[0]:
             best = (criterion, StationaryNoise(a, variance))
     return best[1]

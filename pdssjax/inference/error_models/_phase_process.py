@@ -4,8 +4,8 @@
 
 k is Matern's of order 3/2: a misfit may have kinks, as stick-slip has.  v is the fit's own sensitivity, the root mean
 square over the parameters of the Jacobian's columns of unit norm: models err most where they are active, and a misfit
-spread evenly over the cycle (b = 0) would be too small there.  d and the zero are whatever the fit has made of them, and
-are integrated out (H. D. Patterson and R. Thompson, Biometrika 58(3), 1971).
+spread evenly over the cycle (b = 0) would be too small there.  d and the zero are what the fit has made of them,
+and are integrated out (H. D. Patterson and R. Thompson, Biometrika 58(3), 1971).
 """
 
 from collections.abc import Callable, Sequence

@@ -14,10 +14,10 @@ that neighbours show, and a process in time.
 import numpy as np
 from jaxtyping import Float, Int
 
-from ...metrics import CycleSplit, grid_positions, neighbour_scatter, stationary_product
+from ...metrics import CycleSplit, ResidualSplit, grid_positions, neighbour_scatter, split_residuals, stationary_product
 from ._phase_process import PhaseProcess, phase_process
 from .base import AbstractErrorModel, RecordErrors, RecordShare
-from .coloured import Coloured, cycle_split, noise_of
+from .coloured import Coloured
 
 MOST_PHASES = 200
 """Phases in which a misfit is described; finer ones are taken together."""
@@ -39,44 +39,47 @@ class WithMisfit(AbstractErrorModel):
         coloured = Coloured().share(record).covariance
         if record.residual.size < FEWEST:
             return RecordShare(coloured, 0.0)
-        split = cycle_split(record)
+        split = split_residuals(record.residual, record.time, record.frequency, record.freedom)
         process, phase = misfit_of(record, split)
         sums = sums_at(phase, record.influence, process.covariance.shape[0])
         misfit = sums.T @ process.covariance @ sums
-        if split is not None:
+        if split.cycles is not None:
             return RecordShare(coloured + misfit, process.evidence)
         noise = neighbour_scatter(record.residual) ** 2
         return RecordShare(_larger(coloured, misfit + noise * record.influence.T @ record.influence), process.evidence)
 
 
-def misfit_of(record: RecordErrors, split: CycleSplit | None) -> tuple[PhaseProcess, Int[np.ndarray, " n"]]:
+def misfit_of(record: RecordErrors, split: ResidualSplit) -> tuple[PhaseProcess, Int[np.ndarray, " n"]]:
     """The misfit of a record without NaN, and the phase that each sample belongs to, 0 to `MOST_PHASES` - 1."""
-    n = record.residual.size
-    if split is None:
-        span = np.ptp(record.time) * (1.0 + 1e-9)
-        count = min(MOST_PHASES, n)
-        phase = np.floor((record.time - record.time[0]) / span * count).astype(int)
-    else:
-        count = min(MOST_PHASES, split.sizes.size)
-        phase = split.group * count // split.sizes.size
+    phase, count = _phases(record, split.cycles)
     # A phase without samples takes no part.
     there, phase = np.unique(phase, return_inverse=True)
     sizes = np.bincount(phase)
-    if split is None:
+    if split.cycles is None:
         noise = np.diag(neighbour_scatter(record.residual) ** 2 / sizes)
     else:
         noise = noise_of_means(record, split, phase)
     mean = sums_at(phase, record.residual[:, None], sizes.size)[:, 0] / sizes
     slopes = sums_at(phase, record.jacobian, sizes.size) / sizes[:, None]
-    return phase_process(mean, slopes, noise, there / count, periodic=split is not None), phase
+    return phase_process(mean, slopes, noise, there / count, periodic=split.cycles is not None), phase
+
+
+def _phases(record: RecordErrors, cycles: CycleSplit | None) -> tuple[Int[np.ndarray, " n"], int]:
+    """The phase of each sample, and how many phases there are; of a record that does not repeat parts of its span."""
+    if cycles is not None:
+        count = min(MOST_PHASES, cycles.sizes.size)
+        return cycles.group * count // cycles.sizes.size, count
+    count = min(MOST_PHASES, record.residual.size)
+    share = (record.time - record.time[0]) / np.ptp(record.time)
+    return np.minimum(np.floor(share * count), count - 1).astype(int), count
 
 
 def noise_of_means(
-    record: RecordErrors, split: CycleSplit, phase: Int[np.ndarray, " n"]
+    record: RecordErrors, split: ResidualSplit, phase: Int[np.ndarray, " n"]
 ) -> Float[np.ndarray, "phases phases"]:
     """Covariance of the mean noise at each phase; all phases have samples."""
     places, count = grid_positions(record.time), int(phase.max()) + 1
-    noise = noise_of(record, split)[0].autocovariance(int(places[-1]) + 1)
+    noise = split.noise.autocovariance(int(places[-1]) + 1)
     member = (phase[:, None] == np.arange(count)) / np.bincount(phase)
     return stationary_product(noise, member, places)
 

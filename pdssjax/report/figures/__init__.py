@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from .correlations import correlation_figure as correlation_figure
     from .cycles import cycle_figure as cycle_figure
     from .records import record_figure as record_figure
+    from .residual_split import residual_split_figure as residual_split_figure
     from .standard_errors import error_figure as error_figure
     from .sweep import sweep_figure as sweep_figure
 else:
@@ -22,6 +23,7 @@ else:
             "correlations": ["correlation_figure"],
             "cycles": ["cycle_figure"],
             "records": ["record_figure"],
+            "residual_split": ["residual_split_figure"],
             "standard_errors": ["error_figure"],
             "sweep": ["sweep_figure"],
         },
