@@ -43,16 +43,16 @@ def influence_in_two_steps(
     **Arguments:** the Jacobians of the residuals of the `first` step and of the `second`, each with zeros in the rows
     of the samples that it does not use; `curvatures` of either, as `influence` takes them.
     """
-    one, two = curvatures or (None, None)
+    early, late = curvatures or (None, None)
     found = np.zeros(first.shape)
-    found[:, earlier] = influence(first[:, earlier], None if one is None else one[np.ix_(earlier, earlier)])
+    found[:, earlier] = influence(first[:, earlier], None if early is None else early[np.ix_(earlier, earlier)])
     left, spread = _directions(second[:, later])
     inverse = spread.T
     cross = left.T @ second[:, earlier]
-    if two is not None:
+    if late is not None:
         # In the directions in which J' J is the identity.
-        inverse = np.linalg.solve(_relative_curvature(spread, two[np.ix_(later, later)]), spread.T)
-        cross = cross + spread.T @ two[np.ix_(later, earlier)]
+        inverse = np.linalg.solve(_relative_curvature(spread, late[np.ix_(later, later)]), spread.T)
+        cross = cross + spread.T @ late[np.ix_(later, earlier)]
     found[:, later] = left @ inverse - found[:, earlier] @ cross.T @ inverse
     return found
 

@@ -10,6 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from .autocovariance import grid_positions, stationary_noise
+
 _OFF_GRID = 0.02
 """Samples by which a cycle may differ from a whole number of them, over the record, to have equal phases."""
 
@@ -80,6 +82,8 @@ def split_by_phase(
 def lack_of_fit(residual: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"], frequency: float) -> LackOfFit | None:
     """What repeats in the `residual` of a record, sampled at `time` [s], of a drive of so many cycles a second [Hz].
 
+    Where neighbouring samples of the noise are alike, as many fewer of them count as independent.
+
     **Returns:** None where `split_by_phase` has none.
     """
     split = split_by_phase(residual, time, frequency)
@@ -92,12 +96,22 @@ def lack_of_fit(residual: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"]
     centre = np.mean(values[repeated])
     between = np.sum((split.mean[group] - centre)[repeated] ** 2) / (phases - 1)
     misfit = max(between - within, 0.0) * (phases - 1) / samples
-    return LackOfFit(
-        float(np.sqrt(within)), float(np.sqrt(misfit)), _sigmas(between, within, phases - 1, samples - phases)
-    )
+    independent = _independent(split, time)
+    sigmas = _sigmas(between, within, (phases - 1) * independent, (samples - phases) * independent)
+    return LackOfFit(float(np.sqrt(within)), float(np.sqrt(misfit)), sigmas)
 
 
-def _sigmas(between: float, within: float, above: int, below: int) -> float:
+def _independent(split: CycleSplit, time: Float[np.ndarray, " n"]) -> float:
+    """Independent samples of the noise a sample: the variance of a mean square tells (M. S. Bartlett, 1946)."""
+    freedom = float(np.sum(np.isfinite(split.rest)))
+    noise = stationary_noise(split.rest, grid_positions(time), freedom, split.sizes.size // 2)
+    if not noise.coefficients.size:
+        return 1.0
+    covariance = noise.autocovariance(split.sizes.size)
+    return float(1.0 / (1.0 + 2.0 * np.sum((covariance[1:] / covariance[0]) ** 2)))
+
+
+def _sigmas(between: float, within: float, above: float, below: float) -> float:
     """How unlikely a ratio of mean squares is, as a normal deviate (E. Paulson, Ann. Math. Statist. 13, 1942)."""
     if within <= 0.0:
         return float("inf") if between > 0.0 else 0.0

@@ -93,16 +93,16 @@ def sums_at(
     return out
 
 
-def _larger(one: Float[np.ndarray, "p p"], other: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
-    """The smallest covariance above `one` that is as large as `other` wherever that is larger.
+def _larger(first: Float[np.ndarray, "p p"], second: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
+    """The smallest covariance above `first` that is as large as `second` wherever that is larger.
 
-    In the coordinates in which `one` is the identity; a parameter without error in it takes that of `other`.
+    In the coordinates in which `first` is the identity; a parameter without error in it takes that of `second`.
     """
-    scale = np.sqrt(np.maximum(np.diag(one), np.diag(other)))
+    scale = np.sqrt(np.maximum(np.diag(first), np.diag(second)))
     scale = np.where(scale > 0, scale, 1.0)
-    values, axes = np.linalg.eigh(one / np.outer(scale, scale))
+    values, axes = np.linalg.eigh(first / np.outer(scale, scale))
     root = axes * np.sqrt(np.maximum(values, 1e-14 * max(float(values[-1]), 1e-300)))
     inverse = np.linalg.inv(root)
-    gain, turn = np.linalg.eigh(inverse @ (other / np.outer(scale, scale)) @ inverse.T)
+    gain, turn = np.linalg.eigh(inverse @ (second / np.outer(scale, scale)) @ inverse.T)
     grown = root @ turn * np.sqrt(np.maximum(gain, 1.0))
     return grown @ grown.T * np.outer(scale, scale)
