@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from .identification import FitInterrupted as FitInterrupted
     from .identification import Intervals as Intervals
     from .identification import identify as identify
+    from .influence import curvature_of as curvature_of
+    from .influence import influence_of as influence_of
     from .initial_values.guess import initial_guess as initial_guess
     from .initial_values.search import guess_starts as guess_starts
     from .iterations import iterates as iterates
@@ -32,6 +34,7 @@ else:
             "covariance": ["least_squares_covariance"],
             "ending": ["Ending", "SUCCESSES"],
             "identification": ["FitInterrupted", "Intervals", "identify"],
+            "influence": ["curvature_of", "influence_of"],
             "initial_values.guess": ["initial_guess"],
             "initial_values.search": ["guess_starts"],
             "iterations": ["iterates"],

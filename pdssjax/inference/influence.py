@@ -17,7 +17,7 @@ LEAST_CURVATURE = 0.1
 from quadratic for any covariance."""
 
 
-def influence(
+def influence_of(
     jacobian: Float[np.ndarray, "n p"], curvature: Float[np.ndarray, "p p"] | None = None
 ) -> Float[np.ndarray, "n p"]:
     """H^-1 J', transposed: the effect of each sample on each parameter, all of them fitted at once.
@@ -41,11 +41,11 @@ def influence_in_two_steps(
     """The effect of each sample on each parameter where those at the places `earlier` are fitted first and then held.
 
     **Arguments:** the Jacobians of the residuals of the `first` step and of the `second`, each with zeros in the rows
-    of the samples that it does not use; `curvatures` of either, as `influence` takes them.
+    of the samples that it does not use; `curvatures` of either, as `influence_of` takes them.
     """
     early, late = curvatures or (None, None)
     found = np.zeros(first.shape)
-    found[:, earlier] = influence(first[:, earlier], None if early is None else early[np.ix_(earlier, earlier)])
+    found[:, earlier] = influence_of(first[:, earlier], None if early is None else early[np.ix_(earlier, earlier)])
     left, spread = _directions(second[:, later])
     inverse = spread.T
     cross = left.T @ second[:, earlier]

@@ -13,7 +13,7 @@ from ..study import Estimate, FittedParameter, ParameterError, cycles_a_second
 from .covariance import least_squares_covariance
 from .error_advice import EVIDENT, advise
 from .error_models.base import AbstractErrorModel, RecordErrors
-from .influence import curvature_of, influence, influence_in_two_steps
+from .influence import curvature_of, influence_in_two_steps, influence_of
 from .least_squares import Fit, Method, Progress, evaluated, of_piezo, of_platform_alone
 from .parameter_transform import ParameterTransform
 from .problem import Problem
@@ -88,7 +88,7 @@ def record_errors(
 ) -> list[RecordErrors]:
     """Every fitted record as error models take it; parameters that are not known have an influence of zero.
 
-    **Arguments:** `curvatures` of the records, as `influence` takes their sum.
+    **Arguments:** `curvatures` of the records, as `influence_of` takes their sum.
     """
     effect = _influence(point, curvatures)
     used = 1.0 - point.fit.free.size / point.residual.size
@@ -136,7 +136,7 @@ def _influence(point: FittedPoint, curvatures: Sequence[Float[np.ndarray, "p p"]
     total = None
     if curvatures is not None:
         total = _total(curvatures, np.ones(len(curvatures), bool))[np.ix_(kept, kept)]
-    out[:, kept] = influence(jacobian[:, kept], total)
+    out[:, kept] = influence_of(jacobian[:, kept], total)
     return out * point.known
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from pdssjax.core import member, members
 from pdssjax.inference.error_models.base import AbstractErrorModel, RecordErrors
-from pdssjax.inference.influence import influence
+from pdssjax.inference.influence import influence_of
 
 NAMES = members("inference.error_models")
 every = pytest.mark.parametrize("model", [member("inference.error_models", name)() for name in NAMES], ids=NAMES)
@@ -23,7 +23,7 @@ def record(cycles=4.0, phases=50, frequency: float | None = 5.0, misfit=0.5) -> 
     off = RANDOM.normal(size=time.size) + misfit * np.sin(25 * phase)
     off -= off.mean()
     residual = off - jacobian @ np.linalg.lstsq(jacobian, off, rcond=None)[0]
-    return RecordErrors(residual, jacobian, influence(jacobian), time, frequency, 1.0, time.size - 3.0)
+    return RecordErrors(residual, jacobian, influence_of(jacobian), time, frequency, 1.0, time.size - 3.0)
 
 
 RECORDS = {

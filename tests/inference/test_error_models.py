@@ -17,7 +17,7 @@ from pdssjax.inference.error_models.base import RecordErrors
 from pdssjax.inference.error_models.coloured import Coloured
 from pdssjax.inference.error_models.white import White
 from pdssjax.inference.error_models.with_misfit import WithMisfit, misfit_of, noise_of_means
-from pdssjax.inference.influence import influence
+from pdssjax.inference.influence import influence_of
 from pdssjax.metrics import ResidualSplit, StationaryNoise, split_residuals
 
 RANDOM = np.random.default_rng(4)
@@ -40,7 +40,7 @@ def fitted(measured, frequency=1.0, design=DESIGN, time=TIME):
     off = measured - measured.mean()
     residual = off - design @ np.linalg.lstsq(design, off, rcond=None)[0]
     freedom = time.size - design.shape[1] - 1.0
-    return RecordErrors(residual, design, influence(design), time, frequency, 1.0, freedom)
+    return RecordErrors(residual, design, influence_of(design), time, frequency, 1.0, freedom)
 
 
 def split_of(record: RecordErrors) -> ResidualSplit:
@@ -197,58 +197,3 @@ def test_samples_that_are_nan_are_as_if_they_had_not_been_taken(name, frequency)
     found, expected = (model.covariance([one])[0] for one in (holed, without))
     agree(found, expected, 1e-12)
     assert np.isfinite(found).all()
-
-
-TOY = np.array([1.0, 60.0, 10.0, 0.4])
-
-
-def ringing(free, time):
-    """A decaying ring and a ramp in each cycle, with its Jacobian."""
-    height, rate, fade, slope = free
-    phase = np.mod(time, 1.0)
-    decay, c, s = np.exp(-fade * phase), np.cos(rate * phase), np.sin(rate * phase)
-    value = height * decay * c + slope * phase
-    return value, np.stack([decay * c, -height * decay * phase * s, -height * phase * decay * c, phase], axis=1)
-
-
-def least_squares(measured, free, time):
-    """Gauss and Newton's fit of it with a free zero, damped; residuals and Jacobian of the end."""
-    damping, cost = 1e-3, np.inf
-    for _ in range(60):
-        value, slopes = ringing(free, time)
-        residual, slopes = value - measured, slopes - slopes.mean(axis=0)
-        residual = residual - residual.mean()
-        if residual @ residual <= cost:
-            kept, cost, damping = (free, residual, slopes), residual @ residual, damping / 3.0
-        else:
-            damping *= 12.0
-        free, residual, slopes = kept
-        normal = slopes.T @ slopes
-        free = free - np.linalg.solve(normal + damping * np.diag(np.diag(normal)), slopes.T @ residual)
-    return kept
-
-
-@pytest.mark.slow  # 200 fits by three error models: a minute
-def test_under_misfit_coloured_errors_cover_the_pseudo_true_parameters_and_white_ones_do_not():
-    """A ring that the model lacks, noise of an AR(1): coloured errors cover the fit of the noise-free record."""
-    from pdssjax.inference.influence import curvature_of
-
-    time = np.arange(1600) / 200.0
-    phase = np.mod(time, 1.0)
-    lacking = 0.2 * (1.5 * np.exp(-25 * phase) * np.cos(90 * phase + 1.0) + 0.5 * np.sin(2 * np.pi * phase + 0.3))
-    clean = ringing(TOY, time)[0] + lacking
-    pseudo = least_squares(clean, TOY, time)[0]
-    random, inside = np.random.default_rng(8), []
-    for _ in range(200):
-        free, residual, slopes = least_squares(clean + 0.05 * coloured_noise(0.8, 1600, random), pseudo, time)
-        at = lambda x: (lambda j: j - j.mean(axis=0))(ringing(x, time)[1])
-        (curve,) = curvature_of(at, free, residual, slopes, np.ones(4, bool), [slice(0, 1600)], np.full(4, np.inf))
-        factor = residual @ residual / 1595.0
-        record = RecordErrors(residual, slopes, influence(slopes, curve), time, 1.0, factor, 1595.0)
-        shares = [White().share(record._replace(influence=influence(slopes)))]
-        shares += [model().share(record) for model in (Coloured, WithMisfit)]
-        inside.append([np.abs(free - pseudo) < 1.96 * np.sqrt(np.diag(share.covariance)) for share in shares])
-    white, coloured, whole = np.mean(inside, axis=0)
-    assert np.all(white < 0.9)
-    assert np.all((coloured > 0.91) & (coloured < 0.985))
-    assert np.all(whole >= 0.99)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pdssjax.inference.covariance import propagated
-from pdssjax.inference.influence import curvature_of, influence, influence_in_two_steps
+from pdssjax.inference.influence import curvature_of, influence_in_two_steps, influence_of
 
 RANDOM = np.random.default_rng(2)
 DESIGN = RANDOM.normal(size=(50, 4)) * np.array([1e-6, 1.0, 3e3, 1e8])
@@ -13,13 +13,13 @@ TIME = np.linspace(0.0, 2.0, 50)
 
 def test_of_a_linear_model_it_is_the_pseudo_inverse():
     size = np.linalg.norm(DESIGN, axis=0)
-    np.testing.assert_allclose(influence(DESIGN) * size, np.linalg.pinv(DESIGN / size).T, rtol=1e-10, atol=1e-13)
+    np.testing.assert_allclose(influence_of(DESIGN) * size, np.linalg.pinv(DESIGN / size).T, rtol=1e-10, atol=1e-13)
 
 
 def test_a_direction_without_information_is_left_out():
     twice = np.column_stack([DESIGN[:, 1], DESIGN[:, 1]])
-    np.testing.assert_allclose(influence(twice), np.tile(influence(DESIGN[:, 1:2]) / 2.0, 2), rtol=1e-10)
-    assert not influence(np.zeros((6, 2))).any()
+    np.testing.assert_allclose(influence_of(twice), np.tile(influence_of(DESIGN[:, 1:2]) / 2.0, 2), rtol=1e-10)
+    assert not influence_of(np.zeros((6, 2))).any()
 
 
 def test_a_fit_in_two_steps_has_the_covariance_that_is_propagated():
@@ -27,7 +27,7 @@ def test_a_fit_in_two_steps_has_the_covariance_that_is_propagated():
     earlier, later = np.array([1, 3]), np.array([0, 2])
     first, second = DESIGN * rows, DESIGN * ~rows
     whole = influence_in_two_steps(first, second, earlier, later)
-    one = influence(first[:, earlier])
+    one = influence_of(first[:, earlier])
     _, expected = propagated(second[20:], one.T @ one, later, earlier)
     size = np.linalg.norm(DESIGN, axis=0)
     np.testing.assert_allclose(whole.T @ whole * np.outer(size, size), expected * np.outer(size, size), rtol=1e-9)
@@ -68,8 +68,8 @@ def test_with_its_curvature_it_is_what_a_refit_does_where_the_model_is_wrong():
     error = RANDOM.normal(size=TIME.size)
     error /= np.linalg.norm(error)
     moved = (refitted(MEASURED + 1e-5 * error, best) - refitted(MEASURED - 1e-5 * error, best)) / 2e-5
-    np.testing.assert_allclose(influence(slopes, curvature).T @ error, moved, rtol=1e-6)
-    assert np.max(np.abs(influence(slopes).T @ error / moved - 1.0)) > 0.1
+    np.testing.assert_allclose(influence_of(slopes, curvature).T @ error, moved, rtol=1e-6)
+    assert np.max(np.abs(influence_of(slopes).T @ error / moved - 1.0)) > 0.1
 
 
 EARLY = TIME < 0.7
@@ -137,4 +137,4 @@ def test_a_parameter_that_is_not_moved_has_no_curvature():
 
 
 def test_a_sum_of_squares_that_is_no_bowl_still_gives_a_finite_influence():
-    assert np.isfinite(influence(DESIGN, -1e3 * DESIGN.T @ DESIGN)).all()
+    assert np.isfinite(influence_of(DESIGN, -1e3 * DESIGN.T @ DESIGN)).all()
