@@ -16,7 +16,7 @@ core integration drive piezo friction actuator simulation metrics study inferenc
 """.split()
 """Rooms, lowest first; each imports only rooms before it."""
 
-FAMILIES = "drive", "piezo", "friction", "simulation.systems"
+FAMILIES = "drive", "piezo", "friction", "simulation.systems", "inference.error_models"
 """Folders whose members are known by their file."""
 
 FACELESS = {"cli": set(), "core": {"lazy"}}

@@ -100,6 +100,8 @@ def estimate_document(estimate: Estimate) -> Document:
         }
         if parameter.verdicts is not None:
             parameters[path]["interval_verdicts"] = parameter.verdicts
+        if parameter.errors:
+            parameters[path]["errors"] = {name: error._asdict() for name, error in parameter.errors.items()}
         if estimate.method != "joint":
             parameters[path]["naive_standard_error"] = parameter.naive_standard_error
     keys = "name role samples r2 error_index rmse noise offset offset_standard_error simulated measures".split()
@@ -114,6 +116,8 @@ def estimate_document(estimate: Estimate) -> Document:
         "parameters": parameters,
         "correlation": {"names": estimate.names, "matrix": estimate.correlation},
         "covariance": {"names": estimate.names, "matrix": estimate.covariance},
+        "covariances": {"names": estimate.names, **estimate.covariances},
+        "error_advice": None if estimate.error_advice is None else estimate.error_advice._asdict(),
         "amplification": None if estimate.amplification is None else vars(estimate.amplification),
         "diagnosis": None if estimate.diagnosis is None else dataclasses.asdict(estimate.diagnosis),
         "records": [

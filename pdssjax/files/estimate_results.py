@@ -5,13 +5,18 @@ from pathlib import Path
 from ..report.text import format_report
 from ..study import Estimate
 from .estimate_json import estimate_text
-from .prediction_results import write_records
+from .prediction_results import file_stems, write_records
 from .results_folder import staging_folder
 
 
 def write_estimate(estimate: Estimate, folder: Path) -> None:
     """Put `estimate.json`, `report.txt`, plots and predictions into `folder`, in place of older ones."""
-    from ..report.figures import amplification_figure, correlation_figure, error_figure
+    from ..report.figures import (
+        amplification_figure,
+        correlation_figure,
+        error_figure,
+        residual_split_figure,
+    )
 
     with staging_folder(folder) as staging:
         _write_essentials(estimate, staging)
@@ -21,6 +26,10 @@ def write_estimate(estimate: Estimate, folder: Path) -> None:
         error_figure(estimate).savefig(staging / "plots" / "standard_errors.png")
         if estimate.amplification is not None:
             amplification_figure(estimate.amplification).savefig(staging / "plots" / "amplification.png")
+        fitted = [record for record in estimate.records if record.role == "fit" and record.simulated]
+        (staging / "plots" / "residuals").mkdir()
+        for stem, record in zip(file_stems(fitted), fitted, strict=True):
+            residual_split_figure(record).savefig(staging / "plots" / "residuals" / f"{stem}.png")
 
 
 def write_essentials(estimate: Estimate, folder: Path) -> None:

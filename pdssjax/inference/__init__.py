@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from .identification import FitInterrupted as FitInterrupted
     from .identification import Intervals as Intervals
     from .identification import identify as identify
+    from .influence import curvature_of as curvature_of
+    from .influence import influence_of as influence_of
     from .initial_values.guess import initial_guess as initial_guess
     from .initial_values.search import guess_starts as guess_starts
     from .iterations import iterates as iterates
@@ -22,6 +24,7 @@ if TYPE_CHECKING:
     from .least_squares import sequential as sequential
     from .least_squares import with_piezo_held as with_piezo_held
     from .levenberg_marquardt import BoundedLevenbergMarquardt as BoundedLevenbergMarquardt
+    from .parameter_errors import all_error_models as all_error_models
     from .parameter_transform import transform_of as transform_of
     from .peak_picking import PickedStack as PickedStack
     from .peak_picking import pick_peaks as pick_peaks
@@ -38,11 +41,13 @@ else:
             "covariance": ["least_squares_covariance", "propagated"],
             "ending": ["Ending", "SUCCESSES"],
             "identification": ["FitInterrupted", "Intervals", "identify"],
+            "influence": ["curvature_of", "influence_of"],
             "initial_values.guess": ["initial_guess"],
             "initial_values.search": ["guess_starts"],
             "iterations": ["iterates"],
             "least_squares": ["Fit", "Method", "joint", "sequential", "with_piezo_held"],
             "levenberg_marquardt": ["BoundedLevenbergMarquardt"],
+            "parameter_errors": ["all_error_models"],
             "parameter_transform": ["transform_of"],
             "peak_picking": ["PickedStack", "pick_peaks"],
             "problem": ["Problem", "pose_problem"],

@@ -14,6 +14,7 @@ from .held_stack import rejoined, with_stack_held
 from .least_squares import Method, Progress, joint, sequential
 from .losses.base import AbstractLoss
 from .multistart import best_fit
+from .parameter_errors import with_error_models
 from .peak_picking import PickedStack, pick_peaks
 from .profile_intervals import with_profile_intervals
 from .sensor_signs import question_signs
@@ -110,6 +111,8 @@ def _summarised(
     if stack is not None:
         point = rejoined(study, point, point.problem.residual.accuracy, report)
     estimate = summarise(study, method, point.problem, point.fit, point.starts, stack)
+    if stack is None and not point.problem.residual.loss.is_robust:
+        estimate = with_error_models(estimate, point.problem, point.fit, report)
     return dataclasses.replace(estimate, seconds=time.perf_counter() - begun)
 
 

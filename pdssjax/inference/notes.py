@@ -181,16 +181,16 @@ def about_distance(parameters: Iterable[FittedParameter], scale: ParameterTransf
 
 def about_agreement(diagnosis: Diagnosis | None) -> list[str]:
     """Records, or all of one direction or kind, that ask for other parameters than the rest."""
-    found = [] if diagnosis is None else [i for i in diagnosis.influence if i.sigmas > SIGMAS]
+    found = [] if diagnosis is None else [i for i in diagnosis.agreement if i.sigmas > SIGMAS]
     found = [i for i in found if abs(i.largest()[1]) > NOTICEABLE]
     if not found:
         return []
-    worst = max(found, key=lambda influence: influence.sigmas)
+    worst = max(found, key=lambda agreement: agreement.sigmas)
     path, shift = worst.largest()
     names = listed(f'"{name}"' for name in worst.records)
     alone = len(worst.records) == 1
     others = "the other records" if alone else f"those of another {worst.what}"
-    others_too = {name for influence in found for name in influence.records} - set(worst.records)
+    others_too = {name for agreement in found for name in agreement.records} - set(worst.records)
     also = f" So do {listed(chr(34) + name + chr(34) for name in sorted(others_too))}, less." if others_too else ""
     return [
         f"{names} {'contradicts' if alone else 'contradict'} {others} ({worst.sigmas:.3g} standard deviations beyond "

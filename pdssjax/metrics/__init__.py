@@ -6,6 +6,11 @@ Works on arrays, never on files.  Imports only `core`.
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from .autocovariance import StationaryNoise as StationaryNoise
+    from .autocovariance import grid_positions as grid_positions
+    from .autocovariance import sample_autocovariance as sample_autocovariance
+    from .autocovariance import stationary_noise as stationary_noise
+    from .autocovariance import stationary_product as stationary_product
     from .channel_summary import ChannelSummary as ChannelSummary
     from .characterisation import SI_UNITS as SI_UNITS
     from .characterisation import Characterisation as Characterisation
@@ -15,13 +20,18 @@ if TYPE_CHECKING:
     from .goodness_of_fit import error_index as error_index
     from .goodness_of_fit import r_squared as r_squared
     from .goodness_of_fit import rmse as rmse
+    from .neighbours import neighbour_scatter as neighbour_scatter
     from .per_cycle import FLANK as FLANK
     from .per_cycle import cycle_metrics as cycle_metrics
     from .per_cycle import turning_points as turning_points
+    from .pure_error import CycleSplit as CycleSplit
     from .pure_error import LackOfFit as LackOfFit
     from .pure_error import lack_of_fit as lack_of_fit
+    from .pure_error import split_by_phase as split_by_phase
     from .record_guess import RecordGuess as RecordGuess
     from .record_guess import guess_record as guess_record
+    from .residual_split import ResidualSplit as ResidualSplit
+    from .residual_split import split_residuals as split_residuals
     from .scatter import resolution_of as resolution_of
     from .scatter import scatter_floor as scatter_floor
     from .waveform_detection import Waveform as Waveform
@@ -32,12 +42,21 @@ else:
     __getattr__, __dir__, __all__ = lazy_exports(
         __name__,
         {
+            "autocovariance": [
+                "StationaryNoise",
+                "grid_positions",
+                "sample_autocovariance",
+                "stationary_noise",
+                "stationary_product",
+            ],
             "channel_summary": ["ChannelSummary"],
             "characterisation": ["Characterisation", "SI_UNITS", "Summary", "characterisation_of"],
             "decimation": ["decimated"],
             "goodness_of_fit": ["error_index", "r_squared", "rmse"],
-            "pure_error": ["LackOfFit", "lack_of_fit"],
+            "neighbours": ["neighbour_scatter"],
+            "pure_error": ["CycleSplit", "LackOfFit", "lack_of_fit", "split_by_phase"],
             "record_guess": ["RecordGuess", "guess_record"],
+            "residual_split": ["ResidualSplit", "split_residuals"],
             "scatter": ["resolution_of", "scatter_floor"],
             "waveform_detection": ["Waveform", "detect_waveform"],
             "per_cycle": ["FLANK", "cycle_metrics", "turning_points"],

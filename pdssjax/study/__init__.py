@@ -11,18 +11,21 @@ if TYPE_CHECKING:
     from .catalogue import find_entry as find_entry
     from .comparison import FittedRecord as FittedRecord
     from .comparison import compare as compare
+    from .comparison import cycles_a_second as cycles_a_second
     from .comparison import repeated_residuals as repeated_residuals
     from .conditions import MARK as MARK
     from .conditions import conditions_of as conditions_of
     from .conditions import split_path as split_path
     from .conditions import under_conditions as under_conditions
+    from .diagnosis import Agreement as Agreement
     from .diagnosis import Combination as Combination
     from .diagnosis import Diagnosis as Diagnosis
-    from .diagnosis import Influence as Influence
     from .diagnosis import Remedy as Remedy
     from .estimate import Amplification as Amplification
+    from .estimate import ErrorAdvice as ErrorAdvice
     from .estimate import Estimate as Estimate
     from .estimate import FittedParameter as FittedParameter
+    from .estimate import ParameterError as ParameterError
     from .estimate import Statistics as Statistics
     from .measurement.base import MOVING as MOVING
     from .measurement.base import AbstractMeasurement as AbstractMeasurement
@@ -61,10 +64,10 @@ else:
         __name__,
         {
             "catalogue": ["Entry", "catalogue_entries", "find_entry"],
-            "comparison": ["FittedRecord", "compare", "repeated_residuals"],
+            "comparison": ["FittedRecord", "compare", "cycles_a_second", "repeated_residuals"],
             "conditions": ["MARK", "conditions_of", "split_path", "under_conditions"],
-            "diagnosis": ["Combination", "Diagnosis", "Influence", "Remedy"],
-            "estimate": ["Amplification", "Estimate", "FittedParameter", "Statistics"],
+            "diagnosis": ["Combination", "Diagnosis", "Agreement", "Remedy"],
+            "estimate": ["Amplification", "ErrorAdvice", "Estimate", "FittedParameter", "ParameterError", "Statistics"],
             "measurement.base": ["AbstractMeasurement", "MOVING", "Samples"],
             "models": ["Models", "Values"],
             "noise": ["noise_floor"],

@@ -59,6 +59,8 @@ class FittedRecord:
     """chi2 per degree of freedom; NaN where the noise was estimated from these residuals, which makes it 1."""
     lack_of_fit: LackOfFit | None = None
     """What of the residuals repeats every cycle; None where the drive does not repeat within the record."""
+    frequency: float | None = None
+    """Cycles of its drive a second [Hz]; None where the drive does not repeat."""
 
 
 def compare(
@@ -104,10 +106,17 @@ def compare(
         chi2=chi2,
         reduced_chi2=math.nan if record.noise is None else chi2 / freedom,
         lack_of_fit=repeated_residuals(record, measured - predicted),
+        frequency=cycles_a_second(record),
     )
 
 
 def repeated_residuals(record: Record, residual: Float[np.ndarray, " n"]) -> LackOfFit | None:
     """What of a record's `residual` repeats every cycle of its drive; None where the drive does not repeat."""
+    frequency = cycles_a_second(record)
+    return None if frequency is None else lack_of_fit(residual, record.time, frequency)
+
+
+def cycles_a_second(record: Record) -> float | None:
+    """Of a record's drive [Hz]; None where it does not repeat."""
     frequency = None if record.drive is None else record.drive.cycle_frequency()
-    return None if frequency is None else lack_of_fit(residual, record.time, float(frequency))
+    return None if frequency is None else float(frequency)

@@ -24,7 +24,7 @@ class Remedy:
 
 
 @dataclass(frozen=True)
-class Influence:
+class Agreement:
     """What a group of records does to the estimate, to first order."""
 
     records: tuple[str, ...]
@@ -52,5 +52,5 @@ class Diagnosis:
     """Of the free parameters, the worst determined first."""
     remedy: Remedy | None
     """None where no single parameter would help much."""
-    influence: tuple[Influence, ...]
+    agreement: tuple[Agreement, ...]
     """Of every record fitted, and of records that have their direction or kind in common; empty for a single record."""

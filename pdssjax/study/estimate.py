@@ -1,13 +1,32 @@
 """What an identification found: plain values in SI units, for the report, the plots and the files."""
 
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from .comparison import FittedRecord
 from .diagnosis import Diagnosis
+
+
+class ParameterError(NamedTuple):
+    """The error of one parameter by one error model."""
+
+    standard_error: float
+    """One standard deviation [unit]; NaN where the data say nothing."""
+    interval: tuple[float, float]
+    """Lower and upper end of the 95 % interval [unit], symmetric on the scale of the fit; NaN like the error."""
+
+
+class ErrorAdvice(NamedTuple):
+    """Which of the errors to believe, and why."""
+
+    model: str
+    """Name of the error model, such as "white"."""
+    reason: str
+    """One sentence."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +56,9 @@ class FittedParameter:
     verdicts: tuple[str, str] | None = None
     """How either end of an interval by profile likelihood was found (`inference.profile_likelihood.Verdict`); None
     where the interval is linear: symmetric on the scale of the fit."""
+    errors: Mapping[str, ParameterError] = field(default_factory=dict)
+    """By error model, from the strictest assumption to the weakest: "white", "coloured", "with-misfit".  The first is
+    `standard_error`.  Empty where fixed."""
 
 
 @dataclass(frozen=True)
@@ -111,3 +133,7 @@ class Estimate:
     sandwich covariance."""
     diagnosis: Diagnosis | None = None
     """Which combinations the data determine, and whether the records agree; None where nothing could be simulated."""
+    error_advice: ErrorAdvice | None = None
+    """Which of the `errors` of the parameters to believe; None where there are none."""
+    covariances: Mapping[str, Float[np.ndarray, "p p"]] = field(default_factory=dict)
+    """By error model as in `errors`, in the product of the SI units, in the order of `names`."""

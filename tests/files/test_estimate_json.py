@@ -63,3 +63,26 @@ def test_numbers_are_taken_from_a_file_with_and_without_it(tmp_path):
         (tmp_path / "estimate.json").write_text(json.dumps(document))
         taken.append(with_estimate(study, tmp_path / "estimate.json").values())
     assert taken[0] == taken[1] == study.values() | {"piezo.gain": 2e-7}
+
+
+def test_errors_by_every_model_are_kept_with_the_one_to_believe():
+    whole = fabricated.with_errors(fabricated.estimate())
+    document = json.loads(estimate_text(whole))
+    kept = document["parameters"]["friction.sigma1_a"]["errors"]
+    assert list(kept) == ["white", "coloured", "with-misfit"]
+    assert kept["coloured"] == {"standard_error": 12.4, "interval": [50.4, 58.4]}
+    assert document["error_advice"] == whole.error_advice._asdict()
+    assert document["covariances"]["names"] == list(whole.names)
+    assert document["covariances"]["coloured"][0][0] == pytest.approx(4.0 * whole.covariance[0, 0])
+    assert "errors" not in document["parameters"]["effector.mass"]
+
+
+def test_an_estimate_without_them_is_kept_and_read_all_the_same(tmp_path):
+    study = planned(tmp_path, "platform")
+    document = written(study)
+    assert document["error_advice"] is None
+    for path in document["parameters"]:
+        assert "errors" not in document["parameters"][path]
+    del document["error_advice"], document["covariances"]  # as older versions wrote it
+    (tmp_path / "estimate.json").write_text(json.dumps(document))
+    assert with_estimate(study, tmp_path / "estimate.json").values() == study.values()

@@ -7,7 +7,14 @@ from typing import Literal
 import numpy as np
 
 from pdssjax import Estimate
-from pdssjax.study import Amplification, FittedParameter, FittedRecord, Statistics
+from pdssjax.study import (
+    Amplification,
+    ErrorAdvice,
+    FittedParameter,
+    FittedRecord,
+    ParameterError,
+    Statistics,
+)
 
 NAN = math.nan
 
@@ -92,6 +99,24 @@ def estimate(method: Literal["joint", "sequential", "peaks"] = "joint", converge
         notes=("The data say nothing about effector.load; it stays at its start.",),
         seconds=4.81,
         amplification=amplification(),
+    )
+
+
+def with_errors(whole: Estimate) -> Estimate:
+    """An estimate whose parameters have errors by three models, each twice as large as the one before."""
+    parameters = {}
+    for path, p in whole.parameters.items():
+        errors = {
+            name: ParameterError(factor * p.standard_error, (p.value - 2 * factor, p.value + 2 * factor))
+            for name, factor in (("white", 1.0), ("coloured", 2.0), ("with-misfit", 4.0))
+        }
+        known = p.free and math.isfinite(p.standard_error)
+        parameters[path] = dataclasses.replace(p, errors=errors) if known else p
+    return dataclasses.replace(
+        whole,
+        parameters=parameters,
+        error_advice=ErrorAdvice("with-misfit", 'Believe the errors with misfit: residuals in "5 Hz A" repeat.'),
+        covariances={name: f**2 * whole.covariance for name, f in (("white", 1), ("coloured", 2), ("with-misfit", 4))},
     )
 
 

@@ -5,12 +5,12 @@ import pytest
 
 import pdssjax
 from pdssjax.files import EXAMPLE
+from pdssjax.inference.diagnostics.agreement import agreement, score_of
 from pdssjax.inference.diagnostics.combinations import best_remedy, combinations
 from pdssjax.inference.diagnostics.diagnose import record_groups
-from pdssjax.inference.diagnostics.influence import influence, score_of
 from pdssjax.inference.notes import about_agreement, about_remedy
 from pdssjax.report.text.diagnosis import format_diagnosis
-from pdssjax.study import Combination, Diagnosis, Influence, Remedy
+from pdssjax.study import Agreement, Combination, Diagnosis, Remedy
 
 PATHS = ("a", "b", "c")
 
@@ -79,7 +79,7 @@ def judged(parts, group):
     whole = sum(s.information for s in scores)
     errors = np.sqrt(np.diag(np.linalg.inv(whole)))
     inside = np.array([i in group for i in range(len(parts))])
-    (found,) = influence(scores, {("record", tuple(f"r{i}" for i in group)): inside}, errors, ("zero", "slope"))
+    (found,) = agreement(scores, {("record", tuple(f"r{i}" for i in group)): inside}, errors, ("zero", "slope"))
     return found, errors
 
 
@@ -132,9 +132,9 @@ def test_report_and_notes_put_it_into_words():
     combination = Combination({"friction.a": 1.0, "friction.b": -0.5, "effector.mass": 0.3}, 0.123)
     remedy = Remedy("effector.mass", {"friction.a": (0.1, 0.02)})
     records = (
-        Influence(("step",), "record", 9.1, {"friction.a": -4.2, "friction.b": 1.0}),
-        Influence(("walk", "run"), "direction", 5.0, {"friction.a": 3.0}),
-        Influence(("calm",), "record", 1.0, {"friction.a": 5.0}),
+        Agreement(("step",), "record", 9.1, {"friction.a": -4.2, "friction.b": 1.0}),
+        Agreement(("walk", "run"), "direction", 5.0, {"friction.a": 3.0}),
+        Agreement(("calm",), "record", 1.0, {"friction.a": 5.0}),
     )
     diagnosis = Diagnosis((combination,), remedy, records)
     text = format_diagnosis(diagnosis)
@@ -147,7 +147,7 @@ def test_report_and_notes_put_it_into_words():
     assert "If effector.mass were known" in advice and "friction.a from 10 to 2 %" in advice
     assert about_agreement(None) == about_remedy(None) == []
     # Beyond chance, but nothing that a user would notice.
-    assert about_agreement(Diagnosis((), None, (Influence(("a",), "record", 9.0, {"x": 0.5}),))) == []
+    assert about_agreement(Diagnosis((), None, (Agreement(("a",), "record", 9.0, {"x": 0.5}),))) == []
 
 
 def test_records_are_grouped_by_what_they_share(tmp_path):

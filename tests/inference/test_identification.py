@@ -73,6 +73,27 @@ def test_the_example_is_explained_down_to_its_noise(joint):
         assert record.rmse == pytest.approx(1.04e-8, rel=0.1)
 
 
+def test_the_example_s_residuals_are_white_and_all_errors_agree(joint):
+    assert joint.error_advice.model == "white"
+    for path in REACHABLE:
+        found = joint.parameters[path]
+        errors = {name: error.standard_error for name, error in found.errors.items()}
+        assert list(errors) == ["white", "coloured", "with-misfit"]
+        assert errors["white"] == pytest.approx(found.standard_error, rel=1e-6)
+        assert found.errors["white"].interval == pytest.approx(found.interval, rel=1e-9)
+        assert errors["coloured"] == pytest.approx(errors["white"], rel=0.15)
+        assert 0.99 * errors["coloured"] < errors["with-misfit"] < 1.6 * errors["coloured"]
+    i = joint.names.index("friction.sigma0_a")
+    np.testing.assert_allclose(joint.covariances["white"][i], joint.covariance[i], rtol=1e-5, atol=1e-300)
+
+
+def test_the_errors_of_a_sequential_fit_agree_too(sequential):
+    for path in REACHABLE:
+        found = sequential.parameters[path]
+        assert found.errors["white"].standard_error == pytest.approx(found.standard_error, rel=1e-6)
+        assert found.errors["coloured"].standard_error == pytest.approx(found.standard_error, rel=0.2)
+
+
 def test_the_zeros_of_the_records_fitted_are_found_too(joint):
     truth = [1e-6 * zero for zero in json.loads((EXAMPLE / "truth.json").read_text())["offsets_um"].values()]
     for record, zero in zip(joint.records, truth, strict=True):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.signal import lfilter
 
 from pdssjax.metrics import lack_of_fit
 from pdssjax.metrics.pure_error import _sigmas
@@ -45,6 +46,17 @@ def test_what_repeats_is_seen_better_than_by_a_sum_of_squares_whose_noise_is_kno
     assert np.median([f.sigmas for f in found]) > 1.4 * chi_square > 5.0
     assert np.median([f.misfit for f in found]) == pytest.approx(1e-8 * np.sqrt(share), rel=0.15)
     assert np.median([f.noise for f in found]) == pytest.approx(1e-8, rel=0.06)
+
+
+@pytest.mark.parametrize("coefficient", [0.8, 0.95])
+def test_noise_whose_neighbours_are_alike_is_no_misfit(coefficient):
+    time = np.arange(1600) / 200.0 / FREQUENCY  # 8 cycles of 200 samples
+    found = []
+    for _ in range(300):
+        noise = lfilter([1.0], [1.0, -coefficient], RANDOM.normal(size=time.size + 300))[300:]
+        found.append(lack_of_fit(noise, time, FREQUENCY).sigmas)
+    assert -0.5 < np.mean(found) < 0.3 and 0.8 < np.std(found) < 1.2
+    assert np.mean(np.array(found) > 4.0) == 0.0
 
 
 def test_what_comes_once_is_noise_as_far_as_it_can_tell():

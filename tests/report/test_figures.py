@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from pdssjax.metrics import lack_of_fit
 from pdssjax.report.figures import (
     amplification_figure,
     comparison_figure,
     correlation_figure,
     error_figure,
     record_figure,
+    residual_split_figure,
 )
 
 
@@ -122,3 +124,47 @@ def test_a_sample_is_shown_and_told_by_its_points(over):
     )
     assert len(sweep_figure(data).axes) >= 4
     assert "drive.frequency = 2 Hz, effector.load = 2" in format_sweep(data)
+
+
+def repeating(misfit: float):
+    """A record of eight cycles whose prediction lacks a part that every cycle repeats [m]."""
+    plain = fabricated.estimate().records[1]
+    off = misfit * np.sin(2 * np.pi * 5.0 * plain.time) ** 3
+    residual = plain.measured - plain.predicted + off
+    found = lack_of_fit(residual, plain.time, 5.0)
+    return dataclasses.replace(plain, predicted=plain.measured - residual, frequency=5.0, lack_of_fit=found)
+
+
+def test_the_split_shows_what_repeats_and_the_autocorrelation_of_the_rest():
+    record = repeating(3e-8)
+    cycle, correlation = drawn(residual_split_figure(record)).axes
+    phase, mean = next(line for line in cycle.lines if line.get_label() == "mean of the cycles").get_data()
+    np.testing.assert_allclose(mean, 0.03 * np.sin(2 * np.pi * (phase - 0.5 / 200)) ** 3, atol=0.02)
+    assert correlation.lines[0].get_label() == "white noise"
+    assert "misfit" in cycle.figure.get_suptitle()
+
+
+@pytest.mark.parametrize("change", [{"frequency": None, "lack_of_fit": None}, {"frequency": 0.5, "lack_of_fit": None}])
+def test_a_record_that_does_not_repeat_is_shown_over_time(change):
+    figure = drawn(residual_split_figure(dataclasses.replace(repeating(0.0), **change)))
+    assert "cannot be told apart" in figure.get_suptitle()
+    assert figure.axes[0].get_xlabel() == "time (s)"
+
+
+def test_residuals_of_zero_have_no_autocorrelation_and_are_no_trouble():
+    record = repeating(0.0)
+    drawn(residual_split_figure(dataclasses.replace(record, predicted=record.measured)))
+
+
+@pytest.mark.parametrize("samples", [2, 5])
+def test_the_residuals_of_few_samples_can_be_drawn(samples):
+    time = np.linspace(0.0, 1.0, samples)
+    drawn(residual_split_figure(fabricated.record("short", "fit", "platform", time, 1e-6 * time)))
+
+
+def test_errors_by_every_model_are_drawn():
+    axes = drawn(error_figure(fabricated.with_errors(fabricated.estimate()))).axes[0]
+    labels = [line.get_label() for line in axes.lines]
+    assert labels == ["standard error (white)", "coloured", "with misfit"]
+    first, second = (np.asarray(line.get_xdata()) for line in axes.lines[:2])
+    np.testing.assert_allclose(second, 2.0 * first)

@@ -105,3 +105,23 @@ def test_three_ways_stand_below_one_another_with_both_errors():
     assert rows[at + 2] == "peaks 54.4 0.735 % 11.4 % 0.00"
     assert "1 % in piezo.gain moves friction.sigma1_a by 99 % and friction.sigma0_a by 12 %." in rows
     assert max(map(len, text.splitlines())) < 120
+
+
+def test_errors_by_three_models_stand_side_by_side_with_the_one_to_believe():
+    text = format_report(fabricated.with_errors(fabricated.estimate()))
+    head = next(line for line in text.splitlines() if "+/-" in line)
+    assert "white  coloured  with misfit  95 % interval" in head
+    line = line_of(text, "friction.sigma1_a")
+    assert line == "friction.sigma1_a N s/m 54.4 6.2 11.4 % 22.8 % 45.6 % 42.0 .. 66.8 65.28"
+    assert line_of(text, "effector.load").startswith("effector.load N 0.1 - - - - - 0.12")
+    words = " ".join(text.split())
+    assert '+/- and interval: white. Believe the errors with misfit: residuals in "5 Hz A" repeat.' in words
+    for model in ("white: covers the true", "coloured: covers where the fit would end", "with misfit: covers the phys"):
+        assert model in words
+    assert text.isascii()
+
+
+def test_a_sequential_fit_has_its_naive_errors_beside_all_of_them():
+    text = format_report(fabricated.with_errors(fabricated.estimate("sequential")))
+    line = line_of(text.split("[[Amplification")[0], "friction.sigma1_a")
+    assert "11.4 % 22.8 % 45.6 % 0.735 % 42.0 .. 66.8" in line

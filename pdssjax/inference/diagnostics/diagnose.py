@@ -8,8 +8,8 @@ from jaxtyping import Bool, Float
 from ...study import Diagnosis, Record
 from ..least_squares import Fit
 from ..problem import Problem
+from .agreement import agreement, score_of
 from .combinations import best_remedy, combinations
-from .influence import influence, score_of
 
 
 def diagnose(problem: Problem, fit: Fit, covariance: Float[np.ndarray, "p p"]) -> Diagnosis:
@@ -31,7 +31,7 @@ def diagnose(problem: Problem, fit: Fit, covariance: Float[np.ndarray, "p p"]) -
         jacobians = np.split(np.asarray(fit.state.jacobian)[:, known], ends)
         scores = [score_of(residual, jacobian) for residual, jacobian in zip(residuals, jacobians, strict=True)]
         errors = np.sqrt(np.diag(covariance))[known]
-        parts = influence(scores, groups, errors, [transform.paths[i] for i in known])
+        parts = agreement(scores, groups, errors, [transform.paths[i] for i in known])
     return Diagnosis(combinations(changes, transform.paths), best_remedy(changes, transform.paths), tuple(parts))
 
 

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from .cycles import cycle_figure as cycle_figure
     from .record_guess import guess_figure as guess_figure
     from .records import record_figure as record_figure
+    from .residual_split import residual_split_figure as residual_split_figure
     from .standard_errors import error_figure as error_figure
     from .sweep import sweep_figure as sweep_figure
 else:
@@ -26,6 +27,7 @@ else:
             "cycles": ["cycle_figure"],
             "record_guess": ["guess_figure"],
             "records": ["record_figure"],
+            "residual_split": ["residual_split_figure"],
             "standard_errors": ["error_figure"],
             "sweep": ["sweep_figure"],
         },

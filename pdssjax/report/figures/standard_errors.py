@@ -5,20 +5,26 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...study import Estimate, FittedParameter
-from ._style import BLUE, STYLE, VERMILION
+from ._style import BLUE, GREY, STYLE, VERMILION
 
 
 def error_figure(estimate: Estimate) -> Figure:
-    """Standard errors in per cent of the values; of a sequential fit also the naive ones."""
+    """Standard errors in per cent of the values, by every error model; of a sequential fit also the naive ones."""
     known = [p for p in estimate.parameters.values() if p.free and p.value and np.isfinite(p.standard_error)]
     rows = range(len(known))
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(5.6, 1.3 + 0.28 * len(known)), layout="constrained")
         axes = figure.subplots()
-        axes.plot([_percent(p, p.standard_error) for p in known], rows, "o", color=BLUE, label="standard error")
+        models = list(next((p.errors for p in known if p.errors), {}))
+        label = f"standard error ({models[0]})" if models else "standard error"
+        axes.plot([_percent(p, p.standard_error) for p in known], rows, "o", color=BLUE, label=label)
+        for model, (mark, colour) in zip(models[1:], (("s", GREY), ("|", "black")), strict=False):
+            errors = [_percent(p, p.errors[model].standard_error) if p.errors else np.nan for p in known]
+            axes.plot(errors, rows, mark, color=colour, fillstyle="none", markersize=9, label=model.replace("-", " "))
         if any(p.naive_standard_error for p in known):
             naive = [_percent(p, p.naive_standard_error or np.nan) for p in known]
             axes.plot(naive, rows, "D", color=VERMILION, fillstyle="none", label="naive standard error")
+        if len(axes.lines) > 1:
             axes.legend(loc="best")
         axes.set_xscale("log")
         axes.set_yticks(rows, [p.path for p in known])

@@ -4,6 +4,7 @@ The order and the vocabulary follow lmfit's `fit_report`, which people in the fi
 """
 
 import textwrap
+from collections.abc import Sequence
 
 from ...core import decimals_for, display_unit, percent, rounded, strongest_pairs
 from ...study import Estimate, FittedParameter
@@ -66,25 +67,42 @@ def _reduced_chi2(estimate: Estimate) -> str:
 
 
 def _parameters(estimate: Estimate) -> str:
-    head = ["", "unit", "value", "+/-", "", "naive", "95 % interval", "start", ""]
-    rows = [head, *(_parameter(parameter) for parameter in estimate.parameters.values())]
+    models = list(next((p.errors for p in estimate.parameters.values() if p.errors), {}))
+    names = [model.replace("-", " ") for model in models] or [""]
+    head = ["", "unit", "value", "+/-", *names, "naive", "95 % interval", "start", ""]
+    rows = [head, *(_parameter(parameter, models) for parameter in estimate.parameters.values())]
+    align, legend = "<<>>" + ">" * len(names) + "><<<", ""
     if estimate.method != "joint":
         legend = "    naive: the error if the results of the piezo's own fit were exact; +/-: with their errors.\n"
-        return aligned_table("<<>>>>><<", rows) + legend
-    return aligned_table("<<>>>><<", [row[:5] + row[6:] for row in rows])
+    else:
+        place = 4 + len(names)
+        align, rows = align[:place] + align[place + 1 :], [row[:place] + row[place + 1 :] for row in rows]
+    return aligned_table(align, rows) + legend + _about_errors(estimate, models)
 
 
-def _parameter(parameter: FittedParameter) -> list[str]:
+def _about_errors(estimate: Estimate, models: Sequence[str]) -> str:
+    """What the errors by each model cover, and which to believe."""
+    if estimate.error_advice is None:
+        return ""
+    from ...inference import all_error_models
+
+    lines = [_note(f"{m.name.replace('-', ' ')}: covers {m.covers}.") for m in all_error_models() if m.name in models]
+    return "".join(lines) + _note(f"+/- and interval: {models[0]}. {estimate.error_advice.reason}")
+
+
+def _parameter(parameter: FittedParameter, models: Sequence[str]) -> list[str]:
     unit, factor = display_unit(parameter.unit)
     places = decimals_for(parameter.standard_error * factor)
     low, high = (rounded(end * factor, places) for end in parameter.interval)
     start = None if parameter.start is None else f"{parameter.start * factor:.4g}"
+    errors = [parameter.errors[model].standard_error for model in models if parameter.errors]
+    shares = [percent(error, parameter.value) for error in errors or [parameter.standard_error] * max(len(models), 1)]
     return [
         parameter.path,
         unit,
         rounded(parameter.value * factor, places),
         rounded(parameter.standard_error * factor, places),
-        percent(parameter.standard_error, parameter.value),
+        *shares,
         _naive(parameter),
         "-" if low == high == "-" else f"{low} .. {high}",
         start or "-",

@@ -3,7 +3,7 @@
 At the optimum the scores J_k' r_k of all records add up to zero.  If the same parameters hold in all of them, the
 score of one is as large as noise makes it; if a record asks for other parameters, it pulls (L. G. Godfrey,
 Misspecification Tests in Econometrics, Cambridge 1988; for deletion R. D. Cook and S. Weisberg, Residuals and
-Influence in Regression, Chapman and Hall 1982).
+Agreement in Regression, Chapman and Hall 1982).
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ...study import Influence
+from ...study import Agreement
 from ..covariance import NO_INFORMATION
 
 
@@ -42,12 +42,12 @@ def score_of(residual: Float[np.ndarray, " n"], jacobian: Float[np.ndarray, "n p
     return Score(jacobian.T @ residual, information, variance_factor * information)
 
 
-def influence(
+def agreement(
     scores: Sequence[Score],
     groups: Mapping[tuple[str, tuple[str, ...]], Bool[np.ndarray, " records"]],
     errors: Float[np.ndarray, " p"],
     paths: Sequence[str],
-) -> tuple[Influence, ...]:
+) -> tuple[Agreement, ...]:
     """How far each group of records disagrees with the others, and what leaving it out would change.
 
     **Arguments:** the `scores` of all records in the parameters at `paths`, with their standard `errors` on the fit's
@@ -68,7 +68,7 @@ def _of_group(
     names: tuple[str, ...],
     errors: Float[np.ndarray, " p"],
     paths: Sequence[str],
-) -> Influence:
+) -> Agreement:
     pull = np.sum([s.gradient for s, is_in in zip(scores, inside, strict=True) if is_in], axis=0)
     share = np.sum([s.information for s, is_in in zip(scores, inside, strict=True) if is_in], axis=0)
     fraction = share @ _inverse(everything)
@@ -82,7 +82,7 @@ def _of_group(
     shift = _inverse(others) @ pull
     determined = _determined(others, everything)
     shifts = np.where(determined, shift / errors, np.nan)
-    return Influence(names, what, sigmas, {path: float(s) for path, s in zip(paths, shifts, strict=True)})
+    return Agreement(names, what, sigmas, {path: float(s) for path, s in zip(paths, shifts, strict=True)})
 
 
 def _sigmas(pull: Float[np.ndarray, " p"], variance: Float[np.ndarray, "p p"]) -> float:

@@ -1,0 +1,27 @@
+"""How far neighbouring samples scatter, whatever slower motion there is."""
+
+import numpy as np
+from jaxtyping import Float
+
+_FAR = 3.0
+"""Standard deviations from which a second difference counts as motion, not noise."""
+
+_KEPT = 0.98658
+"""Standard deviation of a normal variable cut off there."""
+
+
+def neighbour_scatter(values: Float[np.ndarray, " n"]) -> float:
+    """The standard deviation of white noise in `values`, from their second differences.
+
+    Robust against fast motion, such as a slip's, which fills few samples: what lies far out is left out again and
+    again.  A smooth motion between samples hardly enters, and rounding no more than it does in the noise itself.  Of
+    fewer than eight values, their own standard deviation.
+    """
+    if values.size < 8:
+        return float(np.std(values))
+    bends = np.abs(np.diff(values, 2))
+    spread = 1.4826 * float(np.median(bends))
+    for _ in range(20):
+        near = bends[bends <= _FAR * spread] if spread > 0 else bends
+        spread = float(np.sqrt(np.mean(near**2))) / _KEPT
+    return spread / float(np.sqrt(6.0))

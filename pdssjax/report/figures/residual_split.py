@@ -1,0 +1,92 @@
+"""Figure of a record's residuals split into misfit, which repeats every cycle, and noise."""
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ...metrics import CycleSplit, ResidualSplit, grid_positions, sample_autocovariance, split_residuals
+from ...study import FittedRecord
+from ._style import BLUE, GREY, STYLE, VERMILION
+
+_MOST_SHOWN = 60
+"""Intervals up to which the autocorrelation is shown at most."""
+
+
+def residual_split_figure(record: FittedRecord) -> Figure:
+    """Mean over the cycles at each phase beside all residuals; to the right, the autocorrelation of the rest.
+
+    Of a record that does not repeat, all residuals over time.
+    """
+    split = split_residuals(record.measured - record.predicted, record.time, record.frequency)
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(7.4, 2.9), layout="constrained")
+        residuals, correlation = figure.subplots(1, 2, width_ratios=(3, 2))
+        if split.cycles is None:
+            _draw_all(residuals, record)
+        else:
+            _draw_cycle(residuals, record, split.cycles)
+        _draw_autocorrelation(correlation, record, split)
+        figure.suptitle(f"{record.name}\n{_caption(record, split)}", x=0.01, ha="left", fontsize=10.0)
+    return figure
+
+
+def _draw_cycle(axes: Axes, record: FittedRecord, cycles: CycleSplit) -> None:
+    scale, unit = record.display.scale, record.display.unit.replace("um", "µm")
+    there = cycles.sizes > 0
+    place = cycles.phases()
+    residual = scale * (record.measured - record.predicted)
+    seen = cycles.group >= 0
+    axes.plot(place[cycles.group[seen]], residual[seen], ".", color="0.75", markersize=2, label="every cycle")
+    within = float(np.sqrt(np.nanmean(cycles.rest**2)))
+    band = 2.0 * scale * within / np.sqrt(np.maximum(cycles.sizes, 1))
+    centre = float(np.mean(residual[seen]))
+    axes.fill_between(
+        place[there],
+        centre - band[there],
+        centre + band[there],
+        color=GREY,
+        alpha=0.35,
+        linewidth=0,
+        label="± 2 by noise",
+    )
+    axes.plot(place[there], scale * cycles.mean[there], color=BLUE, linewidth=1.0, label="mean of the cycles")
+    axes.set_xlabel("phase of the cycle")
+    axes.set_ylabel(f"residual ({unit})")
+    axes.legend(loc="best", markerscale=3)
+
+
+def _draw_all(axes: Axes, record: FittedRecord) -> None:
+    scale, unit = record.display.scale, record.display.unit.replace("um", "µm")
+    axes.plot(record.time, scale * (record.measured - record.predicted), color=BLUE, linewidth=0.6)
+    axes.set_xlabel("time (s)")
+    axes.set_ylabel(f"residual ({unit})")
+
+
+def _draw_autocorrelation(axes: Axes, record: FittedRecord, split: ResidualSplit) -> None:
+    places = grid_positions(record.time)
+    longest = record.time.size // 2 if split.cycles is None else split.cycles.sizes.size // 2
+    shown = max(min(_MOST_SHOWN, longest), 2)
+    covariance = sample_autocovariance(split.rest, places, shown)
+    if covariance[0] <= 0.0:
+        return
+    apart = 1e3 * float(np.median(np.diff(record.time))) * np.arange(shown)
+    band = 2.0 / np.sqrt(max(split.freedom, 1.0))
+    axes.axhspan(-band, band, color="0.9", linewidth=0, zorder=-1)
+    axes.vlines(apart, 0.0, covariance / covariance[0], color=BLUE, linewidth=1.2)
+    model = split.noise.autocovariance(shown)
+    order = split.noise.coefficients.size
+    label = f"autoregression of order {order}" if order else "white noise"
+    axes.plot(apart, model / model[0], color=VERMILION, linewidth=0.9, label=label)
+    axes.axhline(0.0, color=GREY, linewidth=0.5)
+    axes.set_xlabel("interval (ms)")
+    axes.set_ylabel("autocorrelation " + ("of the residuals" if split.cycles is None else "of the rest"))
+    axes.legend(loc="upper right")
+
+
+def _caption(record: FittedRecord, split: ResidualSplit) -> str:
+    if split.cycles is None or record.lack_of_fit is None:
+        return "does not repeat: misfit and slow noise cannot be told apart"
+    found = record.lack_of_fit
+    show = lambda number: record.display.text(number).replace("um", "µm")
+    return f"repeats every cycle: {show(found.misfit)} (misfit); does not: {show(found.noise)} (noise)"

@@ -1,0 +1,140 @@
+"""How an estimate follows its samples: against refits, closed forms, and the covariances that follow."""
+
+import numpy as np
+import pytest
+
+from pdssjax.inference.covariance import propagated
+from pdssjax.inference.influence import curvature_of, influence_in_two_steps, influence_of
+
+RANDOM = np.random.default_rng(2)
+DESIGN = RANDOM.normal(size=(50, 4)) * np.array([1e-6, 1.0, 3e3, 1e8])
+TIME = np.linspace(0.0, 2.0, 50)
+
+
+def test_of_a_linear_model_it_is_the_pseudo_inverse():
+    size = np.linalg.norm(DESIGN, axis=0)
+    np.testing.assert_allclose(influence_of(DESIGN) * size, np.linalg.pinv(DESIGN / size).T, rtol=1e-10, atol=1e-13)
+
+
+def test_a_direction_without_information_is_left_out():
+    twice = np.column_stack([DESIGN[:, 1], DESIGN[:, 1]])
+    np.testing.assert_allclose(influence_of(twice), np.tile(influence_of(DESIGN[:, 1:2]) / 2.0, 2), rtol=1e-10)
+    assert not influence_of(np.zeros((6, 2))).any()
+
+
+def test_a_fit_in_two_steps_has_the_covariance_that_is_propagated():
+    rows = np.arange(50)[:, None] < 20
+    earlier, later = np.array([1, 3]), np.array([0, 2])
+    first, second = DESIGN * rows, DESIGN * ~rows
+    whole = influence_in_two_steps(first, second, earlier, later)
+    one = influence_of(first[:, earlier])
+    _, expected = propagated(second[20:], one.T @ one, later, earlier)
+    size = np.linalg.norm(DESIGN, axis=0)
+    np.testing.assert_allclose(whole.T @ whole * np.outer(size, size), expected * np.outer(size, size), rtol=1e-9)
+
+
+def decay(free):
+    """exp(-t/tau) by the logarithms of height and tau, with its Jacobian, for data that it does not explain."""
+    height, tau = np.exp(free)
+    value = height * np.exp(-TIME / tau)
+    return value, np.stack([value, value * TIME / tau], axis=1)
+
+
+MEASURED = np.exp(-TIME / 0.1) + np.exp(-TIME / 2.0)
+
+
+def refitted(measured, free):
+    for _ in range(60):
+        value, slopes = decay(free)
+        moves = [(slopes[:, i] * (value - measured)) for i in range(2)]
+        gradient = np.array([m.sum() for m in moves])
+        hessian = slopes.T @ slopes + second(value - measured, free)
+        free = free - np.linalg.solve(hessian, gradient)
+    return free
+
+
+def second(residual, free):
+    """Sum of residuals times second derivatives, in closed form."""
+    value, _ = decay(free)
+    rate = TIME / np.exp(free[1])
+    mixed = residual @ (value * rate)
+    return np.array([[residual @ value, mixed], [mixed, residual @ (value * (rate**2 - rate))]])
+
+
+def test_with_its_curvature_it_is_what_a_refit_does_where_the_model_is_wrong():
+    best = refitted(MEASURED, np.log([1.4, 1.0]))
+    value, slopes = decay(best)
+    curvature = second(value - MEASURED, best)
+    error = RANDOM.normal(size=TIME.size)
+    error /= np.linalg.norm(error)
+    moved = (refitted(MEASURED + 1e-5 * error, best) - refitted(MEASURED - 1e-5 * error, best)) / 2e-5
+    np.testing.assert_allclose(influence_of(slopes, curvature).T @ error, moved, rtol=1e-6)
+    assert np.max(np.abs(influence_of(slopes).T @ error / moved - 1.0)) > 0.1
+
+
+EARLY = TIME < 0.7
+
+
+def fitted_alone(i, measured, free, rows):
+    """`free` with its number i fitted to some rows, by Newton's method."""
+    free = free.copy()
+    for _ in range(80):
+        value, slopes = decay(free)
+        off = (value - measured) * rows
+        free[i] -= slopes[:, i] @ off / (slopes[rows, i] @ slopes[rows, i] + second(off, free)[i, i])
+    return free
+
+
+def test_in_two_steps_too():
+    """The height from the early samples, as if tau were 1; then tau from the others, the height held."""
+
+    def first(measured):
+        return fitted_alone(0, measured, np.array([0.3, 0.0]), EARLY)
+
+    def both(measured):
+        return fitted_alone(1, measured, first(measured), ~EARLY)
+
+    error = RANDOM.normal(size=TIME.size)
+    error /= np.linalg.norm(error)
+    moved = (both(MEASURED + 1e-5 * error) - both(MEASURED - 1e-5 * error)) / 2e-5
+    ends = first(MEASURED), both(MEASURED)
+    (one, two), rows = (decay(end) for end in ends), (EARLY, ~EARLY)
+    slopes = [step[1] * use[:, None] for step, use in zip((one, two), rows, strict=True)]
+    curved = [second((s[0] - MEASURED) * use, end) for s, use, end in zip((one, two), rows, ends, strict=True)]
+    found = influence_in_two_steps(*slopes, np.array([0]), np.array([1]), (curved[0], curved[1]))
+    np.testing.assert_allclose(found.T @ error, moved, rtol=1e-5)
+
+
+@pytest.mark.parametrize("high", [np.inf, -np.inf], ids=["forward", "backward, at a bound"])
+def test_the_curvature_is_found_by_differences_of_the_jacobian(high):
+    best = refitted(MEASURED, np.log([1.4, 1.0]))
+    value, slopes = decay(best)
+    residual = 1e3 * (value - MEASURED)
+    halves = [slice(0, 20), slice(20, 50)]
+    ends = np.full(2, high)
+    found = curvature_of(
+        lambda free: 1e3 * decay(free)[1], best, residual, 1e3 * slopes, np.ones(2, bool), halves, ends
+    )
+    for matrix, rows in zip(found, halves, strict=True):
+        only = np.zeros(50)
+        only[rows] = residual[rows]
+        exact = 1e3 * second(only, best)
+        np.testing.assert_allclose(matrix, exact, atol=2e-3 * np.abs(exact).max())
+
+
+def test_a_parameter_that_is_not_moved_has_no_curvature():
+    slopes = decay(np.zeros(2))[1]
+    (found,) = curvature_of(
+        lambda free: decay(free)[1],
+        np.zeros(2),
+        TIME,
+        slopes,
+        np.array([True, False]),
+        [slice(0, 50)],
+        np.full(2, np.inf),
+    )
+    assert found[:, 0].any() and not found[:, 1].any()
+
+
+def test_a_sum_of_squares_that_is_no_bowl_still_gives_a_finite_influence():
+    assert np.isfinite(influence_of(DESIGN, -1e3 * DESIGN.T @ DESIGN)).all()
