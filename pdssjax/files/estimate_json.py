@@ -123,6 +123,7 @@ def estimate_document(estimate: Estimate) -> Document:
         "records": [
             {key: getattr(record, key) for key in keys}
             | record.words
+            | {"outliers": record.time[record.outliers]}
             | {"lack_of_fit": None if record.lack_of_fit is None else record.lack_of_fit._asdict()}
             for record in estimate.records
         ],

@@ -296,6 +296,7 @@ def about_records(records: Sequence[FittedRecord], statistics: Statistics) -> li
     return (
         notes
         + _about_repeating(fitted)
+        + _about_outliers(fitted)
         + _about_validation(known)
         + _about_correlation(fitted)
         + _about_failures(records)
@@ -313,6 +314,26 @@ def _about_repeating(fitted: Sequence[FittedRecord]) -> list[str]:
         f"A part of the residuals repeats every cycle, {listed(figures)}: that is the model's misfit and not noise, "
         "and more cycles do not average it away. The true errors are larger than the standard errors given."
     ]
+
+
+def _about_outliers(fitted: Sequence[FittedRecord]) -> list[str]:
+    found = [record for record in fitted if record.outliers.size]
+    if not found:
+        return []
+    return [
+        f"Samples stand out of the residuals: {listed(map(_outliers, found))}. If they are glitches, leave them out "
+        "(exclude in the study) or fit with --loss huber, under which they pull little."
+    ]
+
+
+def _outliers(record: FittedRecord) -> str:
+    off = np.abs(record.measured - record.predicted)[record.outliers]
+    times = listed(f"{t:.6g}" for t in record.time[record.outliers][np.argsort(-off)][:3])
+    count = record.outliers.size
+    return (
+        f"{count} in {_quoted([record])} by up to {record.display.text(float(off.max()))}, "
+        f"{'the largest ' if count > 3 else ''}at t = {times} s"
+    )
 
 
 def _about_validation(records: Sequence[FittedRecord]) -> list[str]:

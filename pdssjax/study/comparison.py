@@ -4,10 +4,10 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from ..core import LENGTH, Display
-from ..metrics import LackOfFit, error_index, lack_of_fit, r_squared, rmse
+from ..metrics import LackOfFit, error_index, lack_of_fit, outliers, r_squared, rmse
 from .noise import noise_floor
 from .record import Record
 
@@ -61,6 +61,8 @@ class FittedRecord:
     """What of the residuals repeats every cycle; None where the drive does not repeat within the record."""
     frequency: float | None = None
     """Cycles of its drive a second [Hz]; None where the drive does not repeat."""
+    outliers: Int[np.ndarray, " k"] = field(default_factory=lambda: np.zeros(0, int))
+    """Indices of samples that stand out of the residuals in runs of five at most: glitches."""
 
 
 def compare(
@@ -107,6 +109,7 @@ def compare(
         reduced_chi2=math.nan if record.noise is None else chi2 / freedom,
         lack_of_fit=repeated_residuals(record, measured - predicted),
         frequency=cycles_a_second(record),
+        outliers=outliers(measured - predicted, record.time, cycles_a_second(record)),
     )
 
 

@@ -65,6 +65,9 @@ def test_glitches_do_not_move_a_robust_fit(studies, loss):
 
 def test_least_squares_is_pulled_away_by_them(studies):
     plain, robust = (pdssjax.identify(studies[0], loss=loss) for loss in ("squares", "cauchy"))
+    (note,) = [note for note in plain.notes if "stand out" in note]
+    assert "--loss huber" in note and f"{plain.records[0].outliers.size} in" in note
+    assert plain.records[0].outliers.size >= 30
     for path in TRUTH:
         assert robust.parameters[path].standard_error < 0.15 * plain.parameters[path].standard_error
     assert abs(plain.records[0].offset - ZERO) > 5.0 * abs(robust.records[0].offset - ZERO)
