@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..core import Count, Scalar
+from ..core import Count, Scalar, ScalarLike
 
 SIZES = (4.0, 0.5, 0.06, 0.008)
 """Change of the residual by each half of a difference, in standard deviations of the residual."""
@@ -34,9 +34,16 @@ _SMALLEST = 1e-6
 AGREES, DISCONTINUOUS, WRONG = 0, 1, 2
 
 
-def noise_scale(residual: Float[Array, " n"], jacobian: Float[Array, "n p"], y: Float[Array, " p"]) -> Scalar:
-    """Standard deviation of the residual, or where it vanishes what rounding lets one see."""
+def noise_scale(
+    residual: Float[Array, " n"], jacobian: Float[Array, "n p"], y: Float[Array, " p"], atol: ScalarLike
+) -> Scalar:
+    """Standard deviation of the residual, or where it vanishes what rounding lets one see and what matters.
+
+    At least so large that a discrepancy counts only where it stands for a sum of squares of more than `atol`: of a
+    perfect fit all else is rounding, which does not shrink with the size of a difference and would look like a jump.
+    """
     spread = jnp.linalg.norm(residual) / jnp.sqrt(max(residual.size - y.size, 1))
+    spread = jnp.maximum(spread, jnp.sqrt(jnp.asarray(atol, y.dtype)) / TOLERANCE)
     norms = jnp.linalg.norm(jacobian, axis=0)
     # The median, so that one column that is wrong by orders of magnitude does not hide itself.
     return jnp.maximum(spread, _SMALLEST * jnp.median(norms * jnp.maximum(jnp.abs(y), 1e-3)) + 1e-300)

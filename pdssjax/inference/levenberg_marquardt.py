@@ -26,7 +26,7 @@ import optimistix as optx
 from jax import lax
 from jaxtyping import Array, Float
 
-from ..core import Scalar, Truth
+from ..core import Scalar, ScalarLike, Truth
 from .box_least_squares import triangle
 from .derivative_check import (
     AGREES,
@@ -130,7 +130,7 @@ class BoundedLevenbergMarquardt(
     ) -> tuple[Point, LMState, Auxiliary]:
         checking = state.ending != Ending.RUNNING
         proposal = best_step(state, y, options, state.size, state.radius)
-        apart = _apart(state, y, options)
+        apart = _apart(state, y, options, self.atol)
         # A straight step costs one evaluation; where one was rejected, a bent one may be worth two.
         bending = ~checking & ~state.unevaluated & (state.rejected > 0)
 
@@ -174,7 +174,7 @@ class BoundedLevenbergMarquardt(
             return state._replace(radius=radius, rejected=state.rejected + 1)
 
         def compare(state: LMState) -> LMState:
-            return _compared(state, ends, state.jacobian @ (apart[0] - apart[1]), y)
+            return _compared(state, ends, state.jacobian @ (apart[0] - apart[1]), y, self.atol)
 
         iterate = lambda state: self._ended(lax.cond(accepted, move, stay, state))
         state = lax.cond(checking, compare, iterate, state)
@@ -273,9 +273,9 @@ def _with_prediction(state: LMState, y: Float[Array, " p"], options: Bounds) -> 
     )
 
 
-def _apart(state: LMState, y: Float[Array, " p"], options: Bounds) -> list[Float[Array, " p"]]:
+def _apart(state: LMState, y: Float[Array, " p"], options: Bounds, atol: ScalarLike) -> list[Float[Array, " p"]]:
     """The two ends of the next difference."""
-    scale = noise_scale(state.residual, state.jacobian, y)
+    scale = noise_scale(state.residual, state.jacobian, y, atol)
     free = (options["lower"] < options["upper"]) & (y > options["lower"]) & (y < options["upper"])
     random = random_direction(state.jacobian, y, free, scale)
     proposed = proposed_direction(state.jacobian, y, state.proposed_step, scale)
@@ -285,10 +285,10 @@ def _apart(state: LMState, y: Float[Array, " p"], options: Bounds) -> list[Float
 
 
 def _compared(
-    state: LMState, ends: Float[Array, "2 n"], predicted: Float[Array, " n"], y: Float[Array, " p"]
+    state: LMState, ends: Float[Array, "2 n"], predicted: Float[Array, " n"], y: Float[Array, " p"], atol: ScalarLike
 ) -> LMState:
     """`state` after one more comparison of the Jacobian with a difference; agreement skips the smaller size."""
-    scale = noise_scale(state.residual, state.jacobian, y)
+    scale = noise_scale(state.residual, state.jacobian, y, atol)
     at = state.checked // len(SIZES), state.checked % len(SIZES)
     error, verdict, following = next_check(
         state.checked, state.discrepancies[at[0]], ends[0] - ends[1], predicted, scale

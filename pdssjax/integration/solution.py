@@ -29,7 +29,8 @@ from .system import AbstractHybridSystem, State, Visited, unflattener
 
 FAILURES = (
     "",
-    "the integration ran out of steps before the end of the record; try a larger `max_steps`",
+    "the integration ran out of steps before the end of the record: look for a stiffness, frequency or bandwidth that "
+    "is too high, take a shorter record, or allow more steps (in Python: `Accuracy(max_steps=...)`)",
     "the motion did not stay finite",
 )
 

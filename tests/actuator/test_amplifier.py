@@ -18,7 +18,7 @@ from pdssjax.integration.accuracy import TIGHT
 from pdssjax.piezo.bouc_wen import BoucWen
 from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.piezo.static import Static
-from pdssjax.simulation import PlatformOnly, measured
+from pdssjax.simulation import PlatformOnly
 
 W, XI, C = 6736.0, 0.1772, 1.007e-7
 
@@ -37,16 +37,34 @@ def behind(piezo, amplifier, drive, times):
     return x.driven.supply[0], jax.vmap(system.shown_displacement)(x), run
 
 
+@jax.jit
+def with_slopes(numbers, drive, times):
+    """The derivatives of the platform by bandwidth and slew, and what `behind` gives: one program for both."""
+
+    def both(numbers):
+        found = behind(SecondOrder(), Amplifier(numbers[0], numbers[1]), drive, times)
+        return found[1], found
+
+    return jax.jacfwd(both, has_aux=True)(numbers)
+
+
 def output(amplifier, drive, times):
-    """The voltage that reaches the piezo [V], and the run."""
-    supply, _, run = behind(SecondOrder(), amplifier, drive, jnp.asarray(times))
-    return np.asarray(supply), run
+    """The voltage that reaches a second-order piezo [V], its platform [m], and the run."""
+    numbers, times = jnp.asarray([amplifier.bandwidth, amplifier.slew]), jnp.asarray(times)
+    if isinstance(drive, Sawtooth):
+        return with_slopes(numbers, drive, times)[1]
+    return behind(SecondOrder(), amplifier, drive, times)
+
+
+def step(volts):
+    """A step, as a sawtooth that jumps and then hardly falls: a `Step` would be compiled anew."""
+    return Sawtooth(volts, 1e-13, direction=-1.0)
 
 
 def test_a_small_sine_follows_the_transfer_function_of_first_order():
     frequency, bandwidth = 800.0, 1200.0
     times = np.linspace(0.02, 0.03, SAMPLES)
-    shown, run = output(Amplifier(bandwidth, 1e9), Sine(2.0, frequency), times)
+    shown, _, run = output(Amplifier(bandwidth, 1e9), Sine(2.0, frequency), times)
     w = 2 * np.pi * frequency
     transfer = 1.0 / (1.0 + 1j * frequency / bandwidth)
     np.testing.assert_allclose(shown, 1.0 - np.real(transfer * np.exp(1j * w * times)), rtol=0.0, atol=1e-9)
@@ -58,7 +76,7 @@ def test_a_large_step_rises_at_the_slew_rate_and_ends_exponentially():
     pole = 2 * np.pi * bandwidth
     turns = (volts - slew / pole) / slew
     times = np.linspace(0.0, 6e-4, SAMPLES + 1)[1:]
-    shown, run = output(Amplifier(bandwidth, slew), Step(volts), times)
+    shown, _, run = output(Amplifier(bandwidth, slew), step(volts), times)
     expected = np.where(times < turns, slew * times, volts - slew / pole * np.exp(-pole * (times - turns)))
     # A local error of 1e-14 m, as `TIGHT` allows, is 1e-7 V here.
     np.testing.assert_allclose(shown, expected, rtol=0.0, atol=1e-8)
@@ -87,7 +105,7 @@ def followed(bandwidth, slew, pieces, times):
 
 
 CASES = {
-    "step": (Step(60.0), [(0.0, 0.01, lambda t: 60.0)]),
+    "step": (step(60.0), [(0.0, 0.01, lambda t: 60.0)]),
     "sawtooth": (
         Sawtooth(64.0, 200.0),
         [(k * 0.005, (k + 1) * 0.005, lambda t, k=k: 64.0 * (t / 0.005 - k)) for k in range(3)],
@@ -101,7 +119,7 @@ CASES = {
 def test_the_platform_behind_it_moves_as_scipy_has_it(name, bandwidth, slew):
     drive, pieces = CASES[name]
     times = jnp.linspace(0.0, pieces[-1][1], SAMPLES + 1)[1:]
-    _, shown, _ = behind(SecondOrder(), Amplifier(bandwidth, slew), drive, times)
+    _, shown, _ = output(Amplifier(bandwidth, slew), drive, times)
     np.testing.assert_allclose(shown, followed(bandwidth, slew, pieces, times), rtol=0.0, atol=2e-11)
 
 
@@ -110,12 +128,10 @@ def test_the_platform_behind_it_moves_as_scipy_has_it(name, bandwidth, slew):
     [pytest.param(Step(60.0), marks=pytest.mark.slow, id="step"), pytest.param(Sawtooth(64.0, 200.0), id="sawtooth")],
 )
 def test_the_platform_has_the_derivatives_of_central_differences_in_bandwidth_and_slew(drive):
-    times = jnp.linspace(1e-4, 0.012, 60)
-    shown = lambda q: measured(PlatformOnly(DrivenPlatform(SecondOrder(), Amplifier(q[0], q[1])), drive), times, TIGHT)
-    both = jax.jit(jax.jacfwd(lambda q: (shown(q), shown(q)), has_aux=True))
-    motion = lambda q: both(q)[1]
+    times = jnp.linspace(1e-4, 0.012, SAMPLES)
+    motion = lambda q: with_slopes(q, drive, times)[1][1]
     nominal = jnp.asarray([3e3, 4e5])
-    slopes = both(nominal)[0]
+    slopes = with_slopes(nominal, drive, times)[0]
     for i in range(2):
         step = 1e-5 * nominal * jnp.eye(2)[i]
         expected = (motion(nominal + step) - motion(nominal - step)) / (2e-5 * nominal[i])
@@ -128,7 +144,7 @@ def test_a_static_platform_shows_what_the_amplifier_gives():
     amplifier = Amplifier(3e3, 4e5)
     static: Any = Static
     _, shown, _ = behind(static(), amplifier, Sawtooth(64.0, 200.0), times)
-    volts, _ = output(amplifier, Sawtooth(64.0, 200.0), times)
+    volts, *_ = output(amplifier, Sawtooth(64.0, 200.0), times)
     np.testing.assert_allclose(shown, C * volts, rtol=0.0, atol=1e-14)
 
 

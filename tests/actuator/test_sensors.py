@@ -1,14 +1,16 @@
 """The sensor's low-pass and delay, tilt, the force sensor in the way: each against another route."""
 
 import math
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jaxtyping import Array, Float
 from scipy.integrate import cumulative_simpson
 
-from pdssjax import Accuracy, Actuator, Effector, Sensor, Stop, simulate
+from pdssjax import Accuracy, Actuator, Effector, Sensor, Stop
 from pdssjax.actuator import GRAVITY, DrivenPlatform
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.drive.step import Step
@@ -25,9 +27,32 @@ TIMES = jnp.linspace(0.0, 0.05, 20001)
 """Dense enough for a quadrature of the low-pass."""
 
 
+LEVEL = Effector()
+FAR = Stop(gap=1.0)
+"""Out of reach."""
+
+
+class Moved(NamedTuple):
+    """All of one run."""
+
+    on_stop: Float[Array, " samples"]
+    """The force [N]."""
+    platform: Float[Array, " samples"]
+    effector: Float[Array, " samples"]
+    speed: Float[Array, " samples"]
+    """Of the end-effector [m/s]."""
+    friction: Float[Array, " samples"]
+
+
 @jax.jit
-def run(effector):
-    return simulate(Actuator(SecondOrder(), SimplifiedLuGre(), effector), DRIVE, TIMES)
+def run(stop, effector=LEVEL):
+    """The true motion, with and without a stop in reach: one program for both."""
+    actuator = Actuator(SecondOrder(), SimplifiedLuGre(), effector, stop=stop)
+    system = StickSlip(actuator, DRIVE, Sensor(filters=False))
+    x, segment, t_local, mode = states_at(system, integrate(system, TIMES[-1], Accuracy()), TIMES)
+    y, w = jax.vmap(actuator.driven_platform.platform)(x.driven)
+    friction = jax.vmap(system.force)(segment, t_local, x, mode)
+    return Moved(jax.vmap(system.shown_force)(x), y, y - x.d, w - x.v, friction)
 
 
 @jax.jit
@@ -63,8 +88,8 @@ def low_passed(motion: np.ndarray, bandwidth: float) -> np.ndarray:
 
 @pytest.mark.parametrize("on_platform", [0.0, 1.0])
 def test_the_sensor_shows_the_motion_low_passed(on_platform):
-    trajectory = run(Effector())
-    motion = np.asarray(trajectory.platform if on_platform else trajectory.effector)
+    true = run(FAR)
+    motion = np.asarray(true.platform if on_platform else true.effector)
     shown = np.asarray(seen(300.0, 0.0, on_platform))
     assert np.ptp(motion - shown) * UM > 0.1
     np.testing.assert_allclose(shown * UM, low_passed(motion, 300.0) * UM, atol=2e-5)
@@ -101,25 +126,15 @@ def test_bandwidth_and_delay_can_be_differentiated(parameter):
 
 def test_a_tilt_is_a_load():
     angle = 0.02
-    tilted, loaded = run(Effector(tilt=angle)), run(Effector(load=0.086 * GRAVITY * math.sin(angle)))
-    level = run(Effector())
+    tilted, loaded = run(FAR, Effector(tilt=angle)), run(FAR, Effector(load=0.086 * GRAVITY * math.sin(angle)))
+    level = run(FAR)
     np.testing.assert_allclose(tilted.effector * UM, loaded.effector * UM, atol=1e-6)
     assert (tilted.effector[-1] - level.effector[-1]) * UM > 0.01
 
 
-@jax.jit
-def pushing(stop, sensor_bandwidth):
-    """The force on the stop, the end-effector, its velocity and the friction, all of one run."""
-    actuator = Actuator(SecondOrder(), SimplifiedLuGre(), stop=stop)
-    system = StickSlip(actuator, DRIVE, Sensor(sensor_bandwidth, filters=False))
-    x, segment, t_local, mode = states_at(system, integrate(system, TIMES[-1], Accuracy()), TIMES)
-    y, w = jax.vmap(actuator.driven_platform.platform)(x.driven)
-    return jax.vmap(system.shown_force)(x), y - x.d, w - x.v, jax.vmap(system.force)(segment, t_local, x, mode)
-
-
 def test_the_force_sensor_is_pushed_by_what_the_balance_of_forces_leaves():
     stop = Stop(stiffness=2e5, dissipation=20.0, gap=1e-6)
-    force, x, w, friction = (np.asarray(a) for a in pushing(stop, 1e3))
+    force, _, x, w, friction = (np.asarray(a) for a in run(stop))
     touching = x > 1e-6
     assert 0.2 < touching.mean() < 0.9
     assert (force[~touching] == 0.0).all() and (force >= -1e-9).all()
@@ -130,14 +145,14 @@ def test_the_force_sensor_is_pushed_by_what_the_balance_of_forces_leaves():
 
 
 def test_a_soft_sensor_feels_less_and_none_is_pushed_further_than_the_contact_can_hold():
-    held = [np.asarray(pushing(Stop(stiffness=k), 1e3)[0]).max() for k in (1e3, 1e5)]
+    held = [np.asarray(run(Stop(stiffness=k)).on_stop).max() for k in (1e3, 1e5)]
     assert held[0] < held[1] < 1.3 * SimplifiedLuGre().f_ss
 
 
 @pytest.mark.slow
 def test_the_gradient_of_the_force_is_right():
     stiffness, step = 1e5, 10.0
-    force = lambda k: pushing(Stop(stiffness=k), 1e3)[0]
+    force = lambda k: run(Stop(stiffness=k)).on_stop
     differences = (np.asarray(force(stiffness + step)) - np.asarray(force(stiffness - step))) / (2 * step)
     slope = np.asarray(jax.jvp(force, (jnp.asarray(stiffness),), (jnp.asarray(1.0),))[1])
     # At the instants of touching the slope jumps; there differences straddle it.

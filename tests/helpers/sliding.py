@@ -6,9 +6,10 @@ and at a reversal by `on_reversal`.
 """
 
 import dataclasses
+import functools
 import itertools
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -40,11 +41,29 @@ class Run:
 
 
 _stack = lambda values: jnp.stack([jnp.asarray(x, float) for x in values]) if values else jnp.zeros(0)
-_RATE = jax.jit(lambda law, m, v, s: _stack(law.rate(tuple(m), v, s)))
-_FORCE = jax.jit(lambda law, m, v, s: law.force(tuple(m), v, s) + 0.0 * v)
-_GUARDS = jax.jit(lambda law, m, v, s: _stack(law.guards(tuple(m), v, s)))
-_PASSED = jax.jit(lambda law, m, v, s, which: _stack(law.after_event(tuple(m), v, s, which)))
-_TURNED = jax.jit(lambda law, m, s: _stack(law.on_reversal(tuple(m), s)))
+
+
+class Programs(NamedTuple):
+    """What is asked of a law, compiled: each takes the numbers of the law first."""
+
+    rate: Callable
+    force: Callable
+    guards: Callable
+    after_event: Callable
+    on_reversal: Callable
+
+
+@functools.cache
+def compiled(structure: Any) -> Programs:
+    """For all laws of a kind; to take a law itself would cost more at every call than what is computed."""
+    law = lambda numbers: jax.tree.unflatten(structure, numbers)
+    return Programs(
+        jax.jit(lambda n, m, v, s: _stack(law(n).rate(tuple(m), v, s))),
+        jax.jit(lambda n, m, v, s: law(n).force(tuple(m), v, s) + 0.0 * v),
+        jax.jit(lambda n, m, v, s: _stack(law(n).guards(tuple(m), v, s))),
+        jax.jit(lambda n, m, v, s, which: _stack(law(n).after_event(tuple(m), v, s, which))),
+        jax.jit(lambda n, m, s: _stack(law(n).on_reversal(tuple(m), s))),
+    )
 
 
 class Contact:
@@ -52,12 +71,16 @@ class Contact:
 
     def __init__(self, law: AbstractFriction):
         law = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), law)
+        numbers, structure = jax.tree.flatten(law)
+        ask = compiled(structure)
         self.initial = np.asarray(_stack(law.initial()))
-        self.rate = lambda m, v, s: np.asarray(_RATE(law, m, v, s))
-        self.force = lambda m, v, s: float(_FORCE(law, m, v, s))
-        self.guards = lambda m, v, s: np.asarray(_GUARDS(law, m, v, s))
-        self.after_event = lambda m, v, s, which: np.asarray(_PASSED(law, m, v, s, which))
-        self.on_reversal = lambda m, s: np.asarray(_TURNED(law, m, s))
+        self.rate = lambda m, v, s: np.asarray(ask.rate(numbers, m, v, s))
+        self.force = lambda m, v, s: float(ask.force(numbers, m, v, s))
+        # SciPy asks for one guard after the other at the same point.
+        guards = functools.lru_cache(1)(lambda m, v, s: np.asarray(ask.guards(numbers, np.frombuffer(m), v, s)))
+        self.guards = lambda m, v, s: guards(np.asarray(m, float).tobytes(), v, s)
+        self.after_event = lambda m, v, s, which: np.asarray(ask.after_event(numbers, m, v, s, which))
+        self.on_reversal = lambda m, s: np.asarray(ask.on_reversal(numbers, m, s))
         self.count = len(law.guards(law.initial(), jnp.asarray(1e-3), jnp.asarray(1.0)))
 
     def begun(self, m: np.ndarray, v: float, sign: float) -> np.ndarray:

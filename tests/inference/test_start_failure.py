@@ -46,6 +46,8 @@ def test_the_parameter_that_keeps_a_start_from_being_simulated_is_named(stalled)
     text = failed_start(problem, pdssjax.initial_guess(stalled))
     assert '"slow loop"' in text
     assert "ran out of steps" in text
+    # What to do about it, at the command line, which has no option for it, and in Python.
+    assert "bandwidth that is too high, take a shorter record" in text and "Accuracy(max_steps=...)" in text
     assert "amplifier.bandwidth" in text and "instead of 1e+06 Hz" in text
 
 

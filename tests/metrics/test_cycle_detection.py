@@ -39,6 +39,17 @@ def test_a_multiple_of_the_frequency_explains_less(ratio):
     assert _sawtooth(TIME, values, ratio * 5.0)[0] < 0.6 * _sawtooth(TIME, values, 5.0)[0]
 
 
+@pytest.mark.parametrize(
+    ("multiples", "found"),
+    # By the sum of 1/h: 1/2 + 1/3 is less than 1 at either line alone, 1/2 + 1/3 + 1/5 + 1/7 is more.
+    [((2, 3), (10.0, 15.0)), ((2, 3, 5, 7), (5.0,))],
+)
+def test_lines_of_a_spectrum_weigh_as_the_harmonics_of_a_sawtooth(multiples, found):
+    lines = sum(np.sin(2 * np.pi * 5.0 * multiple * TIME) for multiple in multiples)
+    told = _coarse_frequency(TIME, np.asarray(lines), 0.4, 125.0)
+    assert min(abs(told - frequency) for frequency in found) < 1.0 / (TIME[-1] - TIME[0])
+
+
 @pytest.mark.parametrize("frequency", [1.7, 5.0, 23.0])
 def test_the_spectrum_tells_the_frequency_to_a_bin_not_half_nor_twice(frequency):
     found = _coarse_frequency(TIME, sawtooth(TIME, frequency) - 0.5, 0.4, 125.0)

@@ -31,7 +31,6 @@ SIMULATED = sorted(path.stem.replace("_", "-") for path in (Path(__file__).paren
 ASIDE = {
     "simplified-lugre": "`independent` simulates it",
     "anisotropic-lugre": "`independent` simulates it, in both readings",
-    "bristle": "has none yet",
 }
 """Laws without a simulator here, and why."""
 
@@ -45,6 +44,8 @@ LAWS = {f"{name}, {kind}".rstrip(", "): (name, law) for name in SIMULATED for ki
 QUICK = {
     "coulomb": ("20 Hz, ideal", "20 Hz, fall time, backward, downhill"),
     "lugre": ("20 Hz, ideal", "20 Hz, fall time, backward, downhill"),
+    "reset-integrator": ("20 Hz, ideal", "20 Hz, fall time, backward, downhill"),
+    "bliman-sorine": ("20 Hz, fall time, backward, downhill",),
 }
 """Rigs that take less than a few seconds, by law; of others it is the first, if any."""
 RIGS: dict[str, dict[str, Any]] = {

@@ -1,0 +1,100 @@
+"""What is shown of a system at sample times: of a falling stone, in closed form, with a sensor and without one."""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from pdssjax import Accuracy, Taylor
+from pdssjax.integration import FAILURES, AbstractHybridSystem
+from pdssjax.simulation import (
+    ACCELERATION,
+    DISPLACEMENT,
+    FRICTION_FORCE,
+    STOP_FORCE,
+    VELOCITY,
+    Output,
+    measured,
+    why_failed,
+)
+
+TIMES = np.linspace(-0.2, 0.8, 21)
+USUAL = Accuracy(method=Taylor(6), max_steps=16)
+
+
+class Stretch(NamedTuple):
+    duration: Any
+
+
+class Stone(AbstractHybridSystem):
+    """It falls from rest, for ever; nothing looks at it."""
+
+    gravity: Any
+
+    def initial(self):
+        return (jnp.zeros(()), jnp.zeros(()))
+
+    def segment(self, index):
+        return Stretch(jnp.asarray(jnp.inf))
+
+    def field(self, segment, t_local, x, mode):
+        return (x[1], -self.gravity)
+
+    def guards(self, segment, t_local, x, mode):
+        return ()
+
+    def after_event(self, segment, t_local, x, mode, which):
+        raise AssertionError("there is no event")
+
+    def state_scale(self):
+        return (jnp.ones(()), jnp.ones(()))
+
+
+class Late(eqx.Module):
+    delay: Any
+
+
+class WatchedStone(Stone):
+    """The same, with a sensor that is late."""
+
+    sensor: Late
+
+
+HEIGHT = Output(lambda system, segment, t_local, x, mode: 5.0 + x[0], lambda system: (0,))
+"""From where it lay."""
+AT_ONCE = HEIGHT._replace(delay=lambda system: 0.0)
+
+
+def height(times):
+    """Zero before the start, whatever is shown of what lies still."""
+    return np.where(times < 0.0, 0.0, 5.0 - 0.5 * 9.81 * times**2)
+
+
+@pytest.mark.parametrize(
+    ("output", "delay", "late"),
+    [(HEIGHT, None, 0.0), (HEIGHT, 0.13, 0.13), (AT_ONCE, 0.13, 0.0)],
+    ids=["without a sensor", "with a sensor", "asked at once"],
+)
+def test_a_stone_is_shown_as_it_falls_and_later_only_where_there_is_a_sensor_that_is_late(output, delay, late):
+    def shown(gravity):
+        system = Stone(gravity) if delay is None else WatchedStone(gravity, Late(delay))
+        return measured(system, jnp.asarray(TIMES), USUAL, output)
+
+    np.testing.assert_allclose(jax.jit(shown)(9.81), height(TIMES - late), rtol=0.0, atol=1e-13)
+
+
+def test_outputs_are_late_by_the_sensor_of_the_system_but_for_a_force_that_is_taken_as_it_is():
+    bare, watched = Stone(9.81), WatchedStone(9.81, Late(0.13))
+    for output in (DISPLACEMENT, VELOCITY, ACCELERATION, STOP_FORCE):
+        assert output.delay(bare) == 0.0 and output.delay(watched) == 0.13
+    assert FRICTION_FORCE.delay(watched) == 0.0
+
+
+def test_what_cannot_be_integrated_is_shown_as_nan_and_the_reason_is_told():
+    ask = lambda what: jax.jit(lambda gravity: what(Stone(gravity), jnp.asarray(TIMES), USUAL, HEIGHT))
+    assert np.isnan(ask(measured)(np.nan)).all()
+    assert int(ask(why_failed)(9.81)) == 0
+    assert FAILURES[int(ask(why_failed)(np.nan))] == "the motion did not stay finite"
