@@ -12,7 +12,7 @@ from matplotlib.ticker import NullFormatter
 from experiments.common import BLUE, GREEN, VERMILION
 from experiments.three_ways import WAYS
 
-COLOURS = dict(zip(WAYS, (BLUE, GREEN, VERMILION), strict=True))
+COLOURS: dict[str, str] = dict(zip(WAYS, (BLUE, GREEN, VERMILION), strict=True))
 INSIDE = 1.959964
 """Half width of a 95 % interval in standard errors."""
 

@@ -259,6 +259,18 @@ def _alias(mode: Resonance, involved: Sequence[str], records: Sequence[Record]) 
     )
 
 
+def about_peaks(read: Sequence[FittedRecord]) -> list[str]:
+    """How well a stack that was read off peaks follows the records it was `read` from."""
+    known = [record for record in read if record.simulated]
+    if not known:
+        return []
+    figures = listed(f"{record.rmse / record.noise:.3g} times in {_quoted([record])}" for record in known)
+    return [
+        f"The stack was read off peaks, not fitted: what it leaves of its own records, over their noise, is {figures}. "
+        'The method "sequential" fits all their samples, and the errors that it leaves are smaller by far.'
+    ]
+
+
 def about_records(records: Sequence[FittedRecord], statistics: Statistics) -> list[str]:
     """Which records the fit does not explain."""
     notes = []

@@ -17,6 +17,7 @@ from .notes import (
     about_distance,
     about_information,
     about_models,
+    about_peaks,
     about_records,
     about_remedy,
     about_resonances,
@@ -84,6 +85,15 @@ def summarise(
     matrix = known.matrix * enlarged * np.outer(slopes, slopes)
     records = _compared(study, problem, fit, known.matrix * enlarged, values)
     diagnosis = diagnose(problem, fit, known.matrix * enlarged) if np.isfinite(fit.chi2) else None
+    notes = lambda judged, statistics: _notes(
+        study, problem, fit, known, weakly_determined, statistics, parameters, judged
+    )
+    if stack is None:
+        noted = notes(records, statistics)
+    else:
+        judged, read = _judged(study, records)
+        noted = [*notes(judged, dataclasses.replace(statistics, reduced_chi2=enlarged)), *about_peaks(read)]
+        diagnosis = dataclasses.replace(diagnosis, influence=()) if diagnosis else None
     return Estimate(
         title=study.title,
         method=method,
@@ -96,7 +106,7 @@ def summarise(
         records=records,
         statistics=statistics,
         notes=(
-            *_notes(study, problem, fit, known, weakly_determined, statistics, parameters, records),
+            *noted,
             *about_agreement(diagnosis),
             *about_remedy(diagnosis),
         ),
@@ -122,6 +132,13 @@ def _with_naive_errors(
         path: dataclasses.replace(p, naive_standard_error=naive[path]) if p.free and p.identifiable else p
         for path, p in parameters.items()
     }
+
+
+def _judged(study: Study, records: Sequence[FittedRecord]) -> tuple[list[FittedRecord], list[FittedRecord]]:
+    """The records by which a fit with the stack held is judged, and those that the stack was read off."""
+    read = [record.role == "fit" and record.measurement.platform_alone for record in study.records]
+    parts = [[found for found, is_read in zip(records, read, strict=True) if is_read == which] for which in (0, 1)]
+    return parts[0], parts[1]
 
 
 def _at_bound(fit: Fit, free: ParameterTransform) -> Bool[np.ndarray, " p"]:

@@ -25,7 +25,7 @@ def format_effects(amplification: Amplification) -> str:
     lines = ["    Where the stack is held, its errors are carried on:\n"]
     for j, mover in enumerate(amplification.earlier):
         column = np.abs(amplification.matrix[:, j])
-        moved = [f"{amplification.later[i]} by {_digits(column[i])} %" for i in np.argsort(-column)[:2]]
+        moved = [f"{amplification.later[i]} by {_digits(float(column[i]))} %" for i in np.argsort(-column)[:2]]
         lines.append(f"    1 % in {mover} moves {' and '.join(moved)}.\n")
     return "".join(lines)
 
