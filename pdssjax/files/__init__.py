@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from .recording_results import write_recordings as write_recordings
     from .results_folder import check_free as check_free
     from .results_folder import write_aside as write_aside
+    from .study_schema import schema_text as schema_text
     from .study_toml import load_study as load_study
     from .sweep_results import check_store as check_store
     from .sweep_results import write_sweep as write_sweep
@@ -50,6 +51,7 @@ else:
             "prediction_results": ["write_predictions"],
             "recording_results": ["write_recordings"],
             "results_folder": ["check_free", "write_aside"],
+            "study_schema": ["schema_text"],
             "study_toml": ["load_study"],
             "sweep_results": ["check_store", "write_sweep"],
             "sweep_store": ["SWEEP_STORE", "SweepStore", "bytes_needed", "check_room", "check_zarr"],

@@ -111,7 +111,7 @@ def read_samples(
     first = 0
     if clock.number is None and low > clock.start:
         first = max(int((low - clock.start) / clock.interval) - 1, 0)
-    wanted = list(dict.fromkeys([*([] if clock.number is None else [clock.number]), *numbers]))
+    wanted: list[int] = list(dict.fromkeys([*([] if clock.number is None else [clock.number]), *numbers]))
     kept: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     begin, before, done = clock.start, -math.inf, first
     for block in reader.blocks(wanted, first):

@@ -12,7 +12,7 @@ from .layout_table import decimal_at, interval_at, name_at
 from .record_columns import Layout, read_columns
 from .toml_table import Table
 
-_SAMPLED_KEYS = ["column", "file", "time", "unit", "scale", "decimal"]
+SAMPLED_KEYS = ["column", "file", "time", "unit", "scale", "decimal"]
 """What a sampled drive needs besides its choices: where its voltages are."""
 
 _QUIET = 0.02
@@ -30,7 +30,7 @@ def read_drive(table: Table, record: Table, folder: Path) -> tuple[AbstractDrive
     drive = member("drive", name)
     named, numbers = choices(drive), quantities(drive)
     sampled = name == "sampled"
-    table.only(["waveform", "hold", *named, *numbers, *(_SAMPLED_KEYS if sampled else [])])
+    table.only(["waveform", "hold", *named, *numbers, *(SAMPLED_KEYS if sampled else [])])
     fields: dict[str, Any] = {key: table.option(key, options, next(iter(options))) for key, options in named.items()}
     for key, declared in numbers.items():
         if key in table.entries or not declared.optional:

@@ -103,7 +103,7 @@ def _clock(file: Path, layout: Layout, chosen: Mapping[str, Channel], factors: M
             'or the key time of the record, such as time = { interval = "50 us" }.'
         )
     start, interval = kept.pop()
-    return Clock(None, start=start, interval=interval if interval is not None else math.nan)
+    return Clock(None, start=start, interval=interval)
 
 
 def _factor(file: Path, layout: Layout, quantity: str, channel: Channel) -> float:

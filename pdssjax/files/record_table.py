@@ -16,10 +16,11 @@ from .toml_table import Table
 
 _FAMILY = "study.measurement"
 
-_KEYS = [
+RECORD_KEYS = [
     *("name", "file", "columns", "channel", "time", "units", "scale", "decimal", "measures", "role", "noise"),
     *("offset", "window", "exclude", "decimate", "start", "drive", "resolution", "sampling", "conditions"),
 ]
+"""Keys of every record, whatever it measures."""
 
 
 def read_record(table: Table, folder: Path, virtual: bool = False) -> Record:
@@ -33,7 +34,7 @@ def read_record(table: Table, folder: Path, virtual: bool = False) -> Record:
     the first period.
     """
     kinds = [member(_FAMILY, kind) for kind in members(_FAMILY)]
-    table.only([*_KEYS, *dict.fromkeys(key for kind in kinds for key in choices(kind))])
+    table.only([*RECORD_KEYS, *dict.fromkeys(key for kind in kinds for key in choices(kind))])
     file = folder / table.text("file", "the path of a file")
     name = table.text("name", "a name", file.stem)
     measurement = _measurement(table)
@@ -94,7 +95,7 @@ def _measurement(table: Table) -> AbstractMeasurement:
     """What the record measures, with the keys that only a record of it has."""
     kind = member(_FAMILY, table.option("measures", members(_FAMILY)))
     named = choices(kind)
-    table.only([*_KEYS, *named])
+    table.only([*RECORD_KEYS, *named])
     return kind(**{key: table.option(key, options, next(iter(options))) for key, options in named.items()})
 
 

@@ -25,7 +25,8 @@ from .toml_table import Table
 
 FORMAT = "pdssjax-study/1"
 
-_STATES = ["deflection", "force"]
+STATES = ["deflection", "force"]
+"""Readings of the direction-dependent law, as a study names them."""
 
 
 def load_study(path: str | Path, virtual: bool = False) -> Study:
@@ -48,7 +49,7 @@ def load_study(path: str | Path, virtual: bool = False) -> Study:
         path=path,
         piezo=member("piezo", actuator.option("piezo", members("piezo"))),
         friction=member("friction", actuator.option("friction", members("friction"))),
-        friction_state=actuator.option("friction_state", _STATES, _STATES[0]),
+        friction_state=actuator.option("friction_state", STATES, STATES[0]),
         feedback=actuator.get("feedback", bool, "true or false", False),
         parameters={},
         records=_read_records(top, path.parent, virtual),

@@ -85,6 +85,8 @@ def summarise(
     matrix = known.matrix * enlarged * np.outer(slopes, slopes)
     records = _compared(study, problem, fit, known.matrix * enlarged, values)
     diagnosis = diagnose(problem, fit, known.matrix * enlarged) if np.isfinite(fit.chi2) else None
+    if diagnosis and method != "joint":  # only at a joint optimum do the scores of the records add up to zero
+        diagnosis = dataclasses.replace(diagnosis, agreement=())
     notes = lambda judged, statistics: _notes(
         study, problem, fit, known, weakly_determined, statistics, parameters, judged
     )
@@ -93,7 +95,6 @@ def summarise(
     else:
         judged, read = _judged(study, records)
         noted = [*notes(judged, dataclasses.replace(statistics, reduced_chi2=enlarged)), *about_peaks(read)]
-        diagnosis = dataclasses.replace(diagnosis, influence=()) if diagnosis else None
     return Estimate(
         title=study.title,
         method=method,

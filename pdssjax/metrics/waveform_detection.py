@@ -288,7 +288,12 @@ def _laid_over(
     margin: float,
     edge: float = 0.0,
 ) -> Waveform | None:
-    """A waveform between 0 V and its voltage, of the given `shape` of the phase; samples near an edge do not count."""
+    """A waveform between 0 V and its voltage, of the given `shape` of the phase; samples near an edge do not count.
+
+    Where it has no jumps (no `margin`), start and period are those of least squares.
+    """
+    if margin == 0.0:
+        start, period = _refined(time, volts, period, start, shape)
     phase = np.mod((time - start) / period, 1.0)
     apart = lambda place: np.abs(np.mod(phase - place + 0.5, 1.0) - 0.5)
     kept = (apart(0.0) >= margin) & (apart(edge) >= margin) & (time >= start)
@@ -302,6 +307,26 @@ def _laid_over(
     return Waveform(
         name, {"voltage": float(voltage), "frequency": 1.0 / period, **numbers}, "", start, "running", misfit
     )
+
+
+def _refined(
+    time: Samples, volts: Samples, period: float, start: float, shape: Callable[[Samples], Samples]
+) -> tuple[float, float]:
+    """Start and period of a waveform without jumps, by two steps of Gauss and Newton."""
+    from_rest = time >= start
+    time, volts = time[from_rest], volts[from_rest]
+    level = lambda begin, length: shape(np.mod((time - begin) / length, 1.0))
+    for _ in range(2):
+        here, step = level(start, period), 1e-4 * period
+        by_start = (level(start + step, period) - level(start - step, period)) / (2.0 * step)
+        by_period = (level(start, period + 1e-2 * step) - level(start, period - 1e-2 * step)) / (2e-2 * step)
+        height = float(here @ volts / (here @ here))
+        design = np.stack([here, height * by_start, height * by_period], axis=1)
+        _, later, longer = np.linalg.lstsq(design, volts - height * here, rcond=None)[0]
+        if not (abs(later) < 0.05 * period and abs(longer) < 0.05 * period):
+            break
+        start, period = start + float(later), period + float(longer)
+    return start, period
 
 
 def _sine(time: Samples, volts: Samples, flanks: _Flanks, interval: float) -> Waveform | None:

@@ -1,0 +1,166 @@
+"""The study file as a JSON schema (draft 7), with which editors complete, explain and check it.
+
+Made of the families and of what their members declare, so that a new member is in it at once.
+"""
+
+import re
+from collections.abc import Iterable, Mapping
+
+from ..actuator import PARTS
+from ..core import Document, Quantity, member, members
+from ..study import Entry, catalogue_entries
+from .drive_table import SAMPLED_KEYS
+from .json_text import json_text
+from .record_table import RECORD_KEYS
+from .study_toml import FORMAT, STATES
+
+_NUMBER = r"^\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*.*$"
+
+_TEXT: Document = {"type": "string", "minLength": 1}
+
+_NAME: Document = {"anyOf": [_TEXT, {"type": "integer", "minimum": 1}], "description": "Name or number of a channel."}
+
+_PAIR: Document = {"type": "array", "minItems": 2, "maxItems": 2}
+
+
+def study_schema() -> Document:
+    """The schema, as plain data for a JSON file."""
+    entries = {entry.name: entry for entry in catalogue_entries()}
+    return {
+        "$schema": "http://json-schema.org/draft-07/schema#",
+        "title": "A study of pdssjax",
+        **_table(
+            {
+                "format": {"const": FORMAT},
+                "title": {"type": "string", "description": "As reports call it."},
+                "actuator": _actuator(entries),
+                "parameters": _parameters(entries),
+                "record": {"type": "array", "items": _record(entries), "description": "One of each run of the rig."},
+            },
+            ["format", "actuator", "parameters"],
+        ),
+    }
+
+
+def _table(properties: Mapping[str, object], required: Iterable[str] = (), **more: object) -> Document:
+    return {
+        "type": "object",
+        "properties": dict(properties),
+        "required": list(required),
+        "additionalProperties": False,
+        **more,
+    }
+
+
+def _quantity(unit: str, told: str = "") -> Document:
+    """A number in SI, or a text with a unit."""
+    shown = f"[{unit}]" if unit and f"[{unit}]" not in told else ""
+    texts = {"type": "string", "pattern": _NUMBER}
+    return {"anyOf": [{"type": "number"}, texts], "description": f"{told} {shown}".strip()}
+
+
+def _chosen(entries: Mapping[str, Entry], family: str) -> Document:
+    """The names of a family's members, each explained."""
+    found = [name for name in entries if name.startswith(f"{family}/")]
+    return {"oneOf": [{"const": name.partition("/")[2], "description": entries[name].summary} for name in found]}
+
+
+def _actuator(entries: Mapping[str, Entry]) -> Document:
+    return _table(
+        {
+            "piezo": _chosen(entries, "piezo"),
+            "friction": _chosen(entries, "friction"),
+            "friction_state": {"enum": list(STATES), "description": "Reading of the direction-dependent law (5.22)."},
+            "feedback": {"type": "boolean", "description": "Friction acts back on the platform (5.25)."},
+        },
+        ["piezo", "friction"],
+    )
+
+
+def _parameters(entries: Mapping[str, Entry]) -> Document:
+    """Every parameter of every member; which of them a study may list its models say."""
+    found: dict[str, tuple[Quantity, str]] = {}
+    for name, entry in entries.items():
+        family = name.partition("/")[0]
+        if family in ("piezo", "friction", *PARTS):
+            for field, declared in entry.parameters.items():
+                found.setdefault(f"{family}.{field}", declared)
+        elif family == "drive":
+            optional = {f: d for f, d in entry.parameters.items() if d[0].optional}
+            for field, declared in optional.items():
+                found.setdefault(f"drive.{field}", declared)
+    tables = {path: _parameter(*declared) for path, declared in found.items()}
+    marked = {f"^{re.escape(path)}@.+$": table for path, table in tables.items()}
+    return _table(tables, patternProperties=marked)
+
+
+def _parameter(declared: Quantity, told: str) -> Document:
+    keys = {
+        "value": "Fixed at it.",
+        "start": "Where the fit begins; left out: found in the data.",
+        "min": "Lower bound.",
+        "max": "Upper bound.",
+    }
+    return _table({key: _quantity(declared.unit, what) for key, what in keys.items()}, description=told)
+
+
+def _record(entries: Mapping[str, Entry]) -> Document:
+    quantities = dict.fromkeys(q for kind in members("study.measurement") for q in _columns(kind))
+    choices = {
+        key: words for name, e in entries.items() if name.startswith("measurement/") for key, words in e.choices.items()
+    }
+    clock = _table({"interval": _quantity("s"), "start": _quantity("s")}, ["interval"])
+    described: dict[str, Document] = {
+        "name": _TEXT | {"description": "As reports call it; left out: the file's name."},
+        "file": _TEXT | {"description": "CSV, MATLAB, TDMS, HDF5 or an oscilloscope's; relative to the study."},
+        "columns": _table(dict.fromkeys(quantities, _NAME), description="Channel of each quantity."),
+        "channel": _NAME | {"description": "Channel of what is measured."},
+        "time": {"anyOf": [*_NAME["anyOf"], clock], "description": "Channel of the times, or their interval."},
+        "units": _table(dict.fromkeys([*quantities, "voltage"], _TEXT), description="Where the file tells none."),
+        "scale": _quantity("", 'What the channel is multiplied with, such as "0.5 um/V", or -1.'),
+        "decimal": {"enum": [",", "."], "description": "Of a text; left out: told by the file."},
+        "measures": _chosen(entries, "measurement"),
+        "role": {"enum": ["fit", "validate"], "description": "Fitted, or only predicted and compared."},
+        "noise": _quantity("", "Standard deviation; left out: estimated."),
+        "offset": _quantity("", 'Zero of the sensor, or "free" (default).'),
+        "window": _PAIR | {"items": _quantity("s"), "description": "Part that is kept, on the file's clock."},
+        "exclude": {"type": "array", "items": _PAIR | {"items": _quantity("s")}, "description": "Parts left out."},
+        "decimate": {"type": "integer", "minimum": 2, "description": "Keeps every so many samples, low-passed."},
+        "start": _quantity("s", "When the drive starts on the file's clock."),
+        "drive": _drive(entries),
+        "resolution": _quantity("", "Step in which the sensor counts."),
+        "sampling": {"type": "object", "description": "Of a record to be made: start, end, interval."},
+        "conditions": {"type": "array", "items": _TEXT, "description": "Under which parameters@condition hold."},
+        **{key: {"enum": words} for key, words in choices.items()},
+    }
+    described["offset"]["anyOf"].append({"const": "free"})
+    assert set(RECORD_KEYS) <= set(described)
+    return _table(described, ["file", "measures"])
+
+
+def _columns(kind: str) -> Mapping[str, str]:
+    return member("study.measurement", kind).columns
+
+
+def _drive(entries: Mapping[str, Entry]) -> Document:
+    """One table for each waveform; `waveform` says which."""
+    tables = []
+    for name, entry in entries.items():
+        family, _, waveform = name.partition("/")
+        if family != "drive":
+            continue
+        keys: dict[str, Document] = {"waveform": {"const": waveform, "description": entry.summary}}
+        keys |= {field: _quantity(declared.unit, told) for field, (declared, told) in entry.parameters.items()}
+        keys |= {field: {"enum": words} for field, words in entry.choices.items()}
+        keys["hold"] = _quantity("s", "Interval of a converter's staircase.")
+        needed = [field for field, (declared, _) in entry.parameters.items() if not declared.optional]
+        if waveform == "sampled":
+            keys |= {key: {"description": "Where the voltages are."} for key in SAMPLED_KEYS}
+            needed.append("column")
+        tables.append(_table(keys, ["waveform", *needed]))
+    return {"type": "object", "oneOf": tables, "description": "The voltage on the piezo."}
+
+
+def schema_text() -> str:
+    """The schema as the text of a JSON file."""
+    return json_text(study_schema())
