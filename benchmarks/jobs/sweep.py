@@ -43,7 +43,8 @@ import pdssjax
 from pdssjax.files import EXAMPLE
 study = pdssjax.load_study(EXAMPLE / "study.toml")
 over = lambda n: {"drive.voltage": np.linspace(20, 80, n // 25), "drive.frequency": np.linspace(2, 50, 25)}
-study = study.with_values(pdssjax.initial_guess(study))
+truth = json.loads((EXAMPLE / "truth.json").read_text())["parameters"]
+study = study.with_values({path: truth[path]["value"] for path in study.parameters})
 pdssjax.sweep(study, over(50), workers=1)
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 begun = time.perf_counter()

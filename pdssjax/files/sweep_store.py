@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from ..core import Document, InputError
-from ..sweeps import AbstractBlockStore, BlockPlan, blank, columns_of, differences, fingerprint
+from ..sweeps import AbstractBlockStore, BlockPlan, blank, columns_of, differences, extended
 
 SWEEP_STORE = "points.zarr"
 """Of the store, in the folder of a sweep's results."""
@@ -46,7 +46,7 @@ class SweepStore(AbstractBlockStore):
         self._group: Group = None
         check_zarr()
 
-    def open(self, document: Document, plan: BlockPlan) -> Sequence[int]:
+    def open(self, document: Document, plan: BlockPlan) -> tuple[BlockPlan, Sequence[int]]:
         if self.place.exists() and not (self.resume or self.overwrite):
             raise InputError(
                 f"{self.place}: found a sweep already; expected --resume to go on with it, another folder, or "
@@ -56,12 +56,11 @@ class SweepStore(AbstractBlockStore):
         if self.place.exists() and not self.resume:
             shutil.rmtree(self.place)
         if self.place.exists():
-            _check_same(self.place, _opened(self.place), document, plan)
+            plan = _resumed(self.place, _opened(self.place), document, plan)
         else:
             _create(self.place, document, plan)
-        self._group = _opened(self.place)
-        self._plan = plan
-        return np.flatnonzero(self._group["status"][:] != DONE).tolist()
+        self._group, self._plan = _opened(self.place), plan
+        return plan, np.flatnonzero(self._status() != DONE).tolist()
 
     def keep(self, number: int, found: Float[np.ndarray, "points columns"]) -> None:
         self._group["found"][self._plan.place(number)] = found
@@ -75,14 +74,18 @@ class SweepStore(AbstractBlockStore):
         self._group["status"][number] = FAILED
 
     def read(self) -> Float[np.ndarray, "points columns"]:
-        rows = np.asarray(self._group["found"][:])
-        missing = np.repeat(self._group["status"][:] != DONE, self._plan.lanes)[: len(rows)]
+        rows = np.asarray(self._group["found"][: len(self._plan.order)])
+        missing = np.repeat(self._status() != DONE, self._plan.lanes)[: len(rows)]
         rows[missing] = blank(1, rows.shape[1])
         return rows
 
+    def _status(self) -> Int[np.ndarray, " blocks"]:
+        # An extension that was interrupted leaves room at the end.
+        return np.asarray(self._group["status"][: self._plan.blocks])
+
     def reasons(self) -> dict[int, str]:
         """Why blocks failed, by their number."""
-        failed = np.flatnonzero(self._group["status"][:] == FAILED)
+        failed = np.flatnonzero(self._status() == FAILED)
         text = lambda row: bytes(row).rstrip(b"\0").decode(errors="replace")
         return {int(number): text(self._group["reason"][number]) for number in failed}
 
@@ -125,9 +128,7 @@ def _create(place: Path, document: Document, plan: BlockPlan) -> None:
     place.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=".unfinished-", dir=place.parent) as folder:
         made = Path(folder) / place.name
-        group = zarr.create_group(
-            made, attributes={"job": document, "fingerprint": fingerprint(document, plan.values), "lanes": plan.lanes}
-        )
+        group = zarr.create_group(made, attributes={"job": document, "lanes": plan.lanes, "points": len(plan.order)})
         array = lambda name, shape, chunks, dtype, fill, names: group.create_array(
             name, shape=shape, chunks=chunks, dtype=dtype, fill_value=fill, dimension_names=names
         )
@@ -154,17 +155,37 @@ def _opened(place: Path) -> Group:
     return group
 
 
-def _check_same(place: Path, group: Group, document: Document, plan: BlockPlan) -> None:
-    """**Raises** `InputError` that says what differs where the store is that of another sweep."""
+def _resumed(place: Path, group: Group, document: Document, plan: BlockPlan) -> BlockPlan:
+    """The plan of the store, which is `plan` or has the same points in other blocks; new points are made room for.
+
+    **Raises:** `InputError` that says what differs where the store is that of another sweep.
+    """
     other = differences(document, group.attrs["job"])
-    if not other and group.attrs["fingerprint"] != fingerprint(document, plan.values):
-        held = group["values"].shape[0]
-        other = [f"{held} points, not these {len(plan.order)}" if held != len(plan.order) else "points of other values"]
     if not other and group.attrs["lanes"] != plan.lanes:
         other = [f"blocks of {group.attrs['lanes']} points, not {plan.lanes}"]
-    if other:
+    points = group.attrs["points"]
+    whole = None if other else extended(plan, np.asarray(group["values"][:points]))
+    if whole is None:
+        other = other or [f"{points} points, not all of them among these {len(plan.order)}"]
         more = f", and {len(other) - 3} more" if len(other) > 3 else ""
         raise InputError(
             f"{place}: found the store of another sweep ({'; '.join(other[:3])}{more}); expected that of this one, "
             "another folder, or --overwrite."
         )
+    if len(whole.order) > points:
+        _extend(group, whole, points)
+    return whole
+
+
+def _extend(group: Group, plan: BlockPlan, points: int) -> None:
+    """Makes room for the points of `plan` beyond the first `points`; how many there are is said last."""
+    if points % plan.lanes:
+        # New points fill this block up.
+        group["status"][points // plan.lanes] = PENDING
+    for name, length in {"found": len(plan.order), "values": len(plan.order), "order": len(plan.order)}.items():
+        group[name].resize((length, *group[name].shape[1:]))
+    for name in ("status", "reason"):
+        group[name].resize((plan.blocks, *group[name].shape[1:]))
+    group["values"][points:] = plan.values[points:]
+    group["order"][:] = plan.order
+    group.attrs["points"] = len(plan.order)

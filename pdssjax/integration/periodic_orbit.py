@@ -23,8 +23,11 @@ from .continued import Continued
 from .solution import integrate
 from .system import AbstractHybridSystem, unflattener
 
-SHORT = 1e-12
-"""A cycle map ends this part of a period before its end, so that the corner there is the next period's."""
+SHORT = 1e-10
+"""A cycle is looked at this part of a period before its end, so that the corner there is the next period's.
+
+Segments add up to a period but for rounding, a thousand of them to 1e-10 of one.
+"""
 
 CONFIRMED = 2
 """So often in a row a motion has to repeat."""
@@ -126,15 +129,16 @@ def cycle_end(
     period = system.period()
     if period is None:
         raise ValueError("Expected a system whose input repeats, but its period is None.")
-    horizon = jnp.asarray(duration, float) * count * (1.0 - SHORT)
+    duration = jnp.asarray(duration, float) * count
+    horizon = duration * (1.0 - SHORT)
     run = integrate(Continued(system, x, float(period[0])), horizon, accuracy, keep=(0,))
-    # The integration ends where it is told to; that this moves with the period is put in here.
+    # What is left to the end of the period, in value and in derivative: the integration ends where it is told to.
     last = jnp.maximum(run.count - 1, 0)
     at = lax.stop_gradient(run.steps.t_local[last] + run.steps.duration[last])
     segment = system.segment(run.steps.index[last] + period[0])
     rates = system.rates(segment, at, unflattener(system)(list(run.end.x)), run.steps.mode[last])
     rate = jnp.stack([jnp.asarray(leaf, float) for leaf in jax.tree.leaves(rates)])
-    return run.end.x + lax.stop_gradient(rate) * (horizon - lax.stop_gradient(horizon)), run.failure
+    return run.end.x + lax.stop_gradient(rate) * (duration - lax.stop_gradient(horizon)), run.failure
 
 
 def _moving(system: AbstractHybridSystem, x: Float[Array, " components"]) -> Bool[Array, " components"]:

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from .bands import with_bands as with_bands
     from .block_plan import LANES as LANES
     from .block_plan import BlockPlan as BlockPlan
+    from .block_plan import extended as extended
     from .block_store import AbstractBlockStore as AbstractBlockStore
     from .block_store import MemoryStore as MemoryStore
     from .block_store import blank as blank
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from .cost import forecast as forecast
     from .cycles.base import METRICS as METRICS
     from .job import differences as differences
-    from .job import fingerprint as fingerprint
     from .point import POINT_FAILURES as POINT_FAILURES
     from .points.base import AbstractPoints as AbstractPoints
     from .points.covariance_draws import CovarianceDraws as CovarianceDraws
@@ -44,14 +44,14 @@ else:
         {
             "axes": ["sweepable", "sweepable_choices"],
             "bands": ["with_bands"],
-            "block_plan": ["BlockPlan", "LANES"],
+            "block_plan": ["BlockPlan", "LANES", "extended"],
             "block_store": ["AbstractBlockStore", "MemoryStore", "blank", "columns_of"],
             "border": ["DEAD", "find_border"],
             "cluster": ["cluster_executor"],
             "cost": ["Forecast", "forecast"],
             "varied_record": ["driven_record"],
             "cycles.base": ["METRICS"],
-            "job": ["differences", "fingerprint"],
+            "job": ["differences"],
             "point": ["POINT_FAILURES"],
             "points.base": ["AbstractPoints"],
             "points.covariance_draws": ["CovarianceDraws"],

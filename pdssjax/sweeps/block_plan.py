@@ -38,6 +38,22 @@ class BlockPlan:
         return np.concatenate([values, np.repeat(values[-1:], self.lanes - len(values), axis=0)])
 
 
+def extended(plan: BlockPlan, held: Float[np.ndarray, "held paths"]) -> BlockPlan | None:
+    """The points of `plan` with those that are `held` first, as they stand; None where it has not all of them.
+
+    Blocks of points that are held are then what they were, but for the last, which new points fill up.
+    """
+    if held.shape[1] != plan.values.shape[1]:
+        return None
+    where = {row.tobytes(): place for place, row in enumerate(plan.values)}
+    known = [where.get(row.tobytes()) for row in held]
+    if None in known or len(set(known)) != len(known):
+        return None
+    new = np.setdiff1d(np.arange(len(plan.values)), known)
+    places = np.concatenate([np.array(known, int), new])
+    return dataclasses.replace(plan, values=plan.values[places], order=plan.order[places])
+
+
 def plan_blocks(paths: tuple[str, ...], values: Float[np.ndarray, "points paths"], lanes: int = LANES) -> BlockPlan:
     """Points of like pace together; the same for the same points."""
     pace = values[:, paths.index(_PACE)] if _PACE in paths else np.zeros(len(values))

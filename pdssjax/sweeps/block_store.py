@@ -18,8 +18,10 @@ class AbstractBlockStore(abc.ABC):
     """Keeps what was found, block by block, so that it is there when a sweep is interrupted."""
 
     @abc.abstractmethod
-    def open(self, document: Document, plan: BlockPlan) -> Sequence[int]:
-        """Makes ready for the blocks of `plan` and says which of them are still to be computed.
+    def open(self, document: Document, plan: BlockPlan) -> tuple[BlockPlan, Sequence[int]]:
+        """Makes ready for the points of `plan` and says which blocks are still to be computed, and of which plan.
+
+        That is another one of the same points where the store holds a part of them in other blocks.
 
         **Raises:** `InputError` where it holds another sweep, and says what differs.
         """
@@ -40,9 +42,9 @@ class AbstractBlockStore(abc.ABC):
 class MemoryStore(AbstractBlockStore):
     """Keeps the blocks in memory, for this process alone."""
 
-    def open(self, document: Document, plan: BlockPlan) -> Sequence[int]:
+    def open(self, document: Document, plan: BlockPlan) -> tuple[BlockPlan, Sequence[int]]:
         self._plan, self._found = plan, blank(len(plan.order), columns_of(document))
-        return range(plan.blocks)
+        return plan, range(plan.blocks)
 
     def keep(self, number: int, found: Float[np.ndarray, "points columns"]) -> None:
         self._found[self._plan.place(number)] = found

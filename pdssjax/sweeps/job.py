@@ -5,12 +5,8 @@ two of one text and of the same points find the same numbers.
 """
 
 import dataclasses
-import hashlib
 import importlib.metadata
 import json
-
-import numpy as np
-from jaxtyping import Float
 
 from ..core import Document, InputError, choices, member, member_name, members, quantities
 from ..integration import Accuracy, Taylor
@@ -105,13 +101,6 @@ def check_travels(document: Document) -> None:
                 f'sweep: found the {family} "{name}" with an executor, which pdssjax does not have; expected one of '
                 f"{', '.join(members(family))}: other processes know no others."
             )
-
-
-def fingerprint(document: Document, values: Float[np.ndarray, "points paths"]) -> str:
-    """Tells a sweep apart from others, by its job and its points: a hash in hexadecimal digits."""
-    digest = hashlib.sha256(job_text(document).encode())
-    digest.update(np.ascontiguousarray(values, float).tobytes())
-    return digest.hexdigest()
 
 
 def differences(document: Document, other: Document, at: str = "") -> list[str]:

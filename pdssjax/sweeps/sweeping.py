@@ -113,7 +113,8 @@ def sweep(
     need_double_precision()
     planned = plan_sweep(study, over, record=record, cycles=cycles, accuracy=accuracy)
     store = MemoryStore() if store is None else store
-    pending = store.open(planned.document, planned.plan)
+    plan, pending = store.open(planned.document, planned.plan)
+    planned = dataclasses.replace(planned, plan=plan)
     _run(planned, pending, store, progress, executor, workers, in_flight)
     found = _in_order(planned, store)
     return labelled(study, planned.base, planned.points, planned.declared, found, planned.function.cycle, planned.used)

@@ -79,8 +79,11 @@ def test_blocks_that_failed_have_a_reason_and_are_tried_again(tmp_path, study, q
     [
         (dict(values={"friction.f_ss_a": 0.5}), "parameters.friction.f_ss_a: 0.7964, not 0.5"),
         (dict(cycles=3), "cycles: 4, not 3"),
-        (dict(over={"drive.voltage": [30.0], "drive.frequency": [5.0]}), "400 points, not these 1"),
-        (dict(over=OVER | {"drive.frequency": OVER["drive.frequency"] + 1.0}), "points of other values"),
+        (dict(over={"drive.voltage": [30.0], "drive.frequency": [5.0]}), "400 points, not all of them among these 1"),
+        (
+            dict(over=OVER | {"drive.frequency": OVER["drive.frequency"] + 1.0}),
+            "400 points, not all of them among these 400",
+        ),
     ],
 )
 def test_the_store_of_another_sweep_is_refused_before_any_work(tmp_path, study, quick, change, essential):
@@ -91,6 +94,31 @@ def test_the_store_of_another_sweep_is_refused_before_any_work(tmp_path, study, 
         store = SweepStore(tmp_path / "s.zarr", resume=True)
         pdssjax.sweep(other, change.get("over", OVER), cycles=change.get("cycles", 4), store=store)
     assert essential in str(refused.value) and not quick
+
+
+def test_axes_can_be_extended_later(tmp_path, study, quick):
+    pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr"))
+    quick.clear()
+    more = {path: np.append(values, [values[-1] + 1.0, values[-1] + 2.0]) for path, values in OVER.items()}
+    extended = pdssjax.sweep(study, more, store=SweepStore(tmp_path / "s.zarr", resume=True))
+    # 84 new points; with them 16 of a block that was not full.
+    assert len(quick) == 2 and len(np.unique(np.concatenate(quick), axis=0)) == 100
+    xarray.testing.assert_identical(extended, pdssjax.sweep(study, more))
+    quick.clear()
+    again = pdssjax.sweep(study, more, store=SweepStore(tmp_path / "s.zarr", resume=True))
+    xarray.testing.assert_identical(again, extended)
+    assert not quick
+
+
+def test_an_extension_that_was_interrupted_leaves_the_sweep_as_it_was(tmp_path, study, quick):
+    whole = pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr"))
+    more = {path: np.append(values, values[-1] + 1.0) for path, values in OVER.items()}
+    store = SweepStore(tmp_path / "s.zarr", resume=True)
+    store.open(*planned(study, more))
+    # All that an extension does but to say how many points there are.
+    store._group.attrs["points"] = 400
+    resumed = pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr", resume=True))
+    xarray.testing.assert_identical(resumed, whole)
 
 
 def test_a_store_that_is_there_is_neither_resumed_nor_replaced_unasked(tmp_path, study, quick):
@@ -123,10 +151,10 @@ def test_the_command_resumes(tmp_path, quick, capsys, study):
     quick.clear()
     assert main([*arguments, "--out", str(out)]) == 2
     assert main([*arguments, "--out", str(out), "--resume"]) == 0 and not quick
-    assert main([*arguments[:-1], "2:50:21", "--out", str(out), "--resume"]) == 2
+    assert main([*arguments[:-1], "2:50:22", "--out", str(out), "--resume"]) == 2
     assert "found the store of another sweep" in capsys.readouterr().err
     xarray.testing.assert_identical(xarray.open_dataset(out / "sweep.nc", engine="scipy").load(), once)
-    assert main([*arguments[:-1], "2:50:21", "--out", str(out), "--overwrite"]) == 0
+    assert main([*arguments[:-1], "2:50:22", "--out", str(out), "--overwrite"]) == 0
 
 
 def written(folder, study):
@@ -182,12 +210,12 @@ def test_who_interrupts_the_command_is_told_how_to_go_on(tmp_path, quick, capsys
     ]
     assert main([*command, "--out", str(tmp_path / "out")]) == 130
     assert "go on with --resume" in capsys.readouterr().err
-    assert len(SweepStore(tmp_path / "out" / "points.zarr", resume=True).open(*planned(study))) == 5
+    assert len(SweepStore(tmp_path / "out" / "points.zarr", resume=True).open(*planned(study))[1]) == 5
 
 
-def planned(study):
-    """The job and the blocks of `OVER`."""
+def planned(study, over=OVER):
+    """The job and the blocks of a sweep."""
     from pdssjax.sweeps import plan_sweep
 
-    made = plan_sweep(study, OVER)
+    made = plan_sweep(study, over)
     return made.document, made.plan

@@ -27,7 +27,7 @@ def sweep_figure(data: "xarray.Dataset") -> Figure:
     every = [str(name) for name in data.sizes]
     # The dimension of a list or sample has no values of its own.
     names = [name for name in every if name in data.coords][:2] or every[:1]
-    middle = {name: data.sizes[name] // 2 for name in every if name not in names}
+    middle = {name: (data.sizes[name] - 1) // 2 for name in every if name not in names}
     shown = data.isel(middle)
     show = _points if names and names[0] not in data.coords else _lines if len(names) == 1 else _map
     with matplotlib.rc_context(STYLE):

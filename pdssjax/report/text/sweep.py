@@ -32,7 +32,7 @@ def format_sweep(data: "xarray.Dataset") -> str:
     text = heading(f"Sweep of {data.failure.size} points") + aligned_table("<<>>" + ">" * banded + "<", [head, *rows])
     bent = int((data.speed_straight.values == 0).sum()) if "speed_straight" in data else 0
     if bent:
-        text += f"    First order does not hold for the speed at {bent} points: ask for --bands draws there.\n"
+        text += f"    First order does not hold for the speed at {bent} of the points: ask for --bands draws there.\n"
     if data.sizes.get("drive_direction") == 2:
         text += _both_directions(data)
     return text + (f"    {failed} points failed: {data.failure.attrs['meanings']}\n" if failed else "")

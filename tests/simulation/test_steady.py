@@ -1,0 +1,58 @@
+"""The steady motion of an actuator is that after very many cycles, with its derivatives."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import pdssjax
+from pdssjax import Accuracy, Actuator
+from pdssjax.drive.sawtooth import Sawtooth
+from pdssjax.drive.step import Step
+from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
+from pdssjax.piezo.second_order import SecondOrder
+from pdssjax.simulation.steady_cycles import steady_cycle
+
+CHOSEN = jnp.array([100.0, 120.0, 0.1772, 54.4])
+"""Voltage, frequency, damping ratio of the stack, damping of the bristles: it still rings at the next drop."""
+FINE = Accuracy(max_steps=2048)
+
+
+def rig(numbers):
+    voltage, frequency, damping, sigma1 = numbers
+    return Actuator(SecondOrder(damping_ratio=damping), AnisotropicLuGre(sigma1_a=sigma1)), Sawtooth(
+        voltage, frequency, 5e-4
+    )
+
+
+def net_step(numbers):
+    return -steady_cycle(*rig(numbers), FINE).gain[0]
+
+
+def test_a_drive_that_never_repeats_has_no_steady_motion():
+    with pytest.raises(ValueError, match="Expected a drive that repeats"):
+        pdssjax.steady_cycle(Actuator(SecondOrder(), AnisotropicLuGre()), Step())
+
+
+@pytest.mark.slow
+def test_derivatives_are_those_of_the_net_step_by_the_frequency_too():
+    slopes = np.asarray(jax.jit(jax.jacfwd(net_step))(CHOSEN))
+    step = jax.jit(net_step)
+    for i, slope in enumerate(slopes):
+        away = jnp.zeros(4).at[i].set(1e-4 * CHOSEN[i])
+        wide, narrow = ((step(CHOSEN + k * away) - step(CHOSEN - k * away)) / (2 * k * away[i]) for k in (2, 1))
+        assert slope == pytest.approx(float((4 * narrow - wide) / 3), rel=1e-5)
+
+
+@pytest.mark.slow
+def test_a_steady_motion_is_that_after_many_cycles():
+    actuator, drive = rig(CHOSEN)
+    times = jnp.linspace(0.0, 1.99, 150) / drive.frequency
+    steady = pdssjax.simulate(actuator, drive, times, FINE, cycles="steady")
+    late = pdssjax.simulate(
+        actuator, drive, jnp.concatenate([jnp.array([39.9999999]) / drive.frequency, 40 / drive.frequency + times])
+    )
+    assert bool(steady.repeated) and int(steady.failure) == 0
+    np.testing.assert_allclose(steady.voltage[1:], late.voltage[2:], atol=1e-6)
+    np.testing.assert_allclose(steady.effector[1:], late.effector[2:] - late.effector[0], rtol=0.0, atol=2e-10)
+    np.testing.assert_allclose(steady.platform[1:], late.platform[2:], rtol=0.0, atol=1e-12)
