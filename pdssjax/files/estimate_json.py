@@ -112,6 +112,7 @@ def estimate_document(estimate: Estimate) -> Document:
         "method": estimate.method,
         "loss": estimate.loss,
         "converged": estimate.converged,
+        "explained": estimate.explained,
         "message": estimate.message,
         "parameters": parameters,
         "correlation": {"names": estimate.names, "matrix": estimate.correlation},

@@ -8,13 +8,18 @@ misfit hardly enters.
 
 import numpy as np
 
-from ..study import FittedRecord
+from ..study import FittedRecord, repeated_residuals
+from .least_squares import Fit, by_record, reduced_chi2
+from .problem import Problem
 
 EXCESS = 1.2
 """Chi-square per degree of freedom below which an excess is not worth a word, however certain it is."""
 
 ABOVE_FLOOR = 1.1
 """The same for residuals against the noise floor, as a ratio of standard deviations: the root of `EXCESS`."""
+
+_POOR = 1.15
+"""Reduced chi-square above which a fit is poor, where the noise is only guessed from the samples."""
 
 FEWEST = 50
 """Samples from which second differences are a witness."""
@@ -72,3 +77,20 @@ def neighbour_correlation(record: FittedRecord) -> float:
 def repeats(record: FittedRecord) -> bool:
     """Residuals repeat from cycle to cycle beyond chance: the model's misfit, whatever noise is given."""
     return record.lack_of_fit is not None and record.lack_of_fit.sigmas > SIGMAS
+
+
+def is_poor(fit: Fit, problem: Problem) -> bool:
+    """Residuals are more than noise: in their size, in what repeats every cycle, or in how neighbours are correlated.
+
+    The size shows little where no noise is given, and a slip at a wrong moment hides in it.
+    """
+    known = all(record.noise is not None for record in problem.records)
+    samples = np.size(fit.state.residual)
+    small = reduced_chi2(fit, problem) < (1.0 + SIGMAS * np.sqrt(2.0 / samples) if known else _POOR)
+    if not small:
+        return True
+    parts = by_record(problem, fit)
+    correlation = sum(part[1:] @ part[:-1] for part in parts) / max(sum(part @ part for part in parts), 1e-300)
+    found = [repeated_residuals(record, part) for record, part in zip(problem.records, parts, strict=True)]
+    sigmas = [repeated.sigmas for repeated in found if repeated is not None]
+    return bool(correlation > SIGMAS / np.sqrt(samples) or sum(sigmas) > SIGMAS * np.sqrt(len(sigmas)))

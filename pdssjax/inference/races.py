@@ -10,17 +10,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..study import Parameter, Study, Values, repeated_residuals
-from .goodness import SIGMAS
+from ..study import Parameter, Study, Values
+from .goodness import is_poor
 from .initial_values.search import rank_starts, scatter_starts
 from .least_squares import (
     Fit,
     FitMethod,
     Progress,
-    by_record,
     of_platform_alone,
     piezo_alone,
-    reduced_chi2,
     shown_by_platform,
 )
 from .perturbed_restarts import MOST_RESTARTS, restarts
@@ -50,9 +48,6 @@ RACES = {
 }
 """By reason.  Where nothing shows the platform alone, a fit may be good and wrong."""
 
-_POOR = 1.15
-"""Reduced chi-square above which a fit is poor, where the noise is only guessed from the samples."""
-
 _LONG = 60
 """Iterations from which the way was long: three of 97 blind random rigs ended in a wrong optimum, all after more."""
 
@@ -81,7 +76,7 @@ def reason_at_first(fit: Fit, contest: Contest) -> str | None:
     """Why a first `fit` is to be raced against others, a key of `RACES`; None where it need not be."""
     if contest.platform_unobserved:
         return "platform unobserved"
-    return "poor" if _is_poor(fit, contest.problem) else None
+    return "poor" if is_poor(fit, contest.problem) else None
 
 
 def reason_in_the_end(fit: Fit, starts: dict[str, float], contest: Contest, raced: bool) -> str | None:
@@ -99,7 +94,7 @@ def race(reason: str, fit: Fit, starts: dict[str, float], contest: Contest) -> t
     others = _scattered(fit, starts, contest) if scattered else _searched(starts, contest)
     if scattered and not others:
         return fit, starts
-    good = lambda fit: until_good and not _is_poor(fit, problem)
+    good = lambda fit: until_good and not is_poor(fit, problem)
     best, begun = successive_halving(fit, problem, starts, others, rounds, good, run, report)
     if scattered:
         report("restarting the best from perturbed points")
@@ -149,7 +144,7 @@ def _may_lie_elsewhere(fit: Fit, problem: Problem, starts: dict[str, float], stu
     if not raced:
         return _at_new_bound(fit, problem, starts)
     given = any(p.free and p.start is not None and not shown_by_platform(path) for path, p in study.parameters.items())
-    return given and _is_poor(fit, problem)
+    return given and is_poor(fit, problem)
 
 
 def _at_new_bound(fit: Fit, problem: Problem, starts: dict[str, float]) -> bool:
@@ -157,20 +152,3 @@ def _at_new_bound(fit: Fit, problem: Problem, starts: dict[str, float]) -> bool:
     low, high = problem.bounds
     begun = problem.encode(starts)
     return bool(np.any(((fit.free <= low) & (begun > low)) | ((fit.free >= high) & (begun < high))))
-
-
-def _is_poor(fit: Fit, problem: Problem) -> bool:
-    """Residuals are more than noise: in their size, in what repeats every cycle, or in how neighbours are correlated.
-
-    The size shows little where no noise is given, and a slip at a wrong moment hides in it.
-    """
-    known = all(record.noise is not None for record in problem.records)
-    samples = np.size(fit.state.residual)
-    small = reduced_chi2(fit, problem) < (1.0 + SIGMAS * np.sqrt(2.0 / samples) if known else _POOR)
-    if not small:
-        return True
-    parts = by_record(problem, fit)
-    correlation = sum(part[1:] @ part[:-1] for part in parts) / max(sum(part @ part for part in parts), 1e-300)
-    found = [repeated_residuals(record, part) for record, part in zip(problem.records, parts, strict=True)]
-    sigmas = [repeated.sigmas for repeated in found if repeated is not None]
-    return bool(correlation > SIGMAS / np.sqrt(samples) or sum(sigmas) > SIGMAS * np.sqrt(len(sigmas)))

@@ -10,6 +10,7 @@ from ..study import Estimate, FittedParameter, FittedRecord, Parameter, Statisti
 from .amplification import amplification_of
 from .covariance import Covariance, correlation, least_squares_covariance, propagated
 from .diagnostics.diagnose import diagnose
+from .goodness import is_poor
 from .least_squares import START_FAILED, Fit, Method, of_piezo, of_platform_alone, reduced_chi2
 from .notes import (
     about_agreement,
@@ -114,6 +115,7 @@ def summarise(
         seconds=0.0,
         amplification=amplification_of(problem, fit, known.identifiable),
         diagnosis=diagnosis,
+        explained=not is_poor(fit, problem),
         loss=type(problem.residual.loss).__name__.lower(),
     )
 

@@ -26,9 +26,10 @@ def outliers(
         return np.zeros(0, int)
     left = residual - np.median(residual[finite])
     split = None if frequency is None else split_by_phase(residual, time, frequency)
-    for phase in () if split is None else np.flatnonzero(split.sizes > 2):
-        members = split.group == phase
-        left[members] -= np.median(left[members])
+    if split is not None:
+        for phase in np.flatnonzero(split.sizes > 2):
+            members = split.group == phase
+            left[members] -= np.median(left[members])
     scale = 1.4826 * float(np.median(np.abs(left[finite])))
     if scale <= 0.0:
         return np.zeros(0, int)

@@ -88,6 +88,8 @@ def test_a_record_that_does_not_fit_is_named_although_a_larger_one_hides_it(tmp_
     assert calm.chi2 + poor.chi2 == pytest.approx(estimate.statistics.chi2)
     note = the_note(estimate, "does not explain")
     assert '"crooked"' in note and "calm" not in note
+    assert estimate.converged and not estimate.explained
+    assert "leaves more than noise" in format_report(estimate)
     assert "hides it" in note
     assert f"{poor.reduced_chi2:.3g}" in note
     assert '"calm"' in the_note(estimate, "smaller than the noise given")
@@ -121,7 +123,7 @@ def test_figures_of_each_record_are_written_and_printed(tmp_path, capsys):
 
 def test_a_reduced_chi_square_of_one_by_construction_is_not_printed(tmp_path):
     estimate = pdssjax.identify(write(tmp_path, {"silent": (TIME, rung(TIME), NOISE, "fit", "")}))
-    assert estimate.statistics.noise_estimated
+    assert estimate.statistics.noise_estimated and estimate.explained
     assert estimate.statistics.reduced_chi2 == pytest.approx(1.0, abs=0.01)
     (line,) = [line for line in format_report(estimate).splitlines() if "reduced chi-square" in line]
     assert line.split("=")[1].strip() == "- (noise estimated from these residuals)"

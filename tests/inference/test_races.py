@@ -207,7 +207,7 @@ def test_a_poor_fit_may_lie_elsewhere_where_a_start_was_given_of_what_the_platfo
     study = SimpleNamespace(parameters=declared)
     problem = Waves(4.0, 2.0)
     fit = run(problem, BAD if poor else at(1.0, 1.0), None)
-    assert races._is_poor(fit, problem) is poor
+    assert races.is_poor(fit, problem) is poor
     assert races._may_lie_elsewhere(fit, problem, BAD, study, raced) is elsewhere  # pyright: ignore
 
 
@@ -227,7 +227,7 @@ def test_residuals_are_poor_by_size_by_neighbours_and_by_what_repeats():
 
     def poor(residual, noise=1.0):
         problem.records = (SimpleNamespace(**vars(record) | {"time": time, "noise": noise, "drive": drive}),)
-        return races._is_poor(fit._replace(state=SimpleNamespace(residual=residual)), problem)
+        return races.is_poor(fit._replace(state=SimpleNamespace(residual=residual)), problem)
 
     white = random.normal(size=time.size)
     assert not poor(white)

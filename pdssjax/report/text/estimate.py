@@ -37,7 +37,12 @@ def format_report(estimate: Estimate) -> str:
 def _outcome(estimate: Estimate) -> str:
     verdict = "converged" if estimate.converged else "DID NOT CONVERGE"
     loss = "" if estimate.loss == "squares" else f" with {estimate.loss.capitalize()}'s loss"
-    return f"    {estimate.method} fit{loss} {verdict}: {estimate.message}\n"
+    outcome = f"    {estimate.method} fit{loss} {verdict}: {estimate.message}\n"
+    if estimate.converged and not estimate.explained:
+        outcome += (
+            "    It leaves more than noise: the law lacks something, or the optimum is a wrong one; see the notes.\n"
+        )
+    return outcome
 
 
 def _statistics(estimate: Estimate) -> str:
