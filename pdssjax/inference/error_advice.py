@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from ..study import ErrorAdvice, FittedParameter
-from .notes import listed
+from .notes.words import listed
 
 EVIDENT = 10.0
 """Evidence of a record for an error model (as of Akaike's criterion) from which the one before it is wrong: some four

@@ -12,18 +12,7 @@ from .covariance import Covariance, correlation, least_squares_covariance, propa
 from .diagnostics.diagnose import diagnose
 from .goodness import is_poor
 from .least_squares import START_FAILED, Fit, Method, of_piezo, of_platform_alone, reduced_chi2
-from .notes import (
-    about_agreement,
-    about_bounds,
-    about_distance,
-    about_information,
-    about_models,
-    about_peaks,
-    about_records,
-    about_remedy,
-    about_resonances,
-    about_weak_determination,
-)
+from .notes.of_fit import notes_of
 from .parameter_transform import ParameterTransform
 from .peak_picking import PATHS, PickedStack
 from .problem import Problem
@@ -88,15 +77,7 @@ def summarise(
     diagnosis = diagnose(problem, fit, known.matrix * enlarged) if np.isfinite(fit.chi2) else None
     if diagnosis and method != "joint":  # only at a joint optimum do the scores of the records add up to zero
         diagnosis = dataclasses.replace(diagnosis, agreement=())
-    notes = lambda judged, statistics: _notes(
-        study, problem, fit, known, weakly_determined, statistics, parameters, judged
-    )
-    if stack is None:
-        noted = notes(records, statistics)
-    else:
-        judged, read = _judged(study, records)
-        noted = [*notes(judged, dataclasses.replace(statistics, reduced_chi2=enlarged)), *about_peaks(read)]
-    return Estimate(
+    estimate = Estimate(
         title=study.title,
         method=method,
         converged=fit.success,
@@ -107,16 +88,16 @@ def summarise(
         covariance=matrix,
         records=records,
         statistics=statistics,
-        notes=(
-            *noted,
-            *about_agreement(diagnosis),
-            *about_remedy(diagnosis),
-        ),
+        notes=(),
         seconds=0.0,
         amplification=amplification_of(problem, fit, known.identifiable),
         diagnosis=diagnosis,
         explained=not is_poor(fit, problem),
         loss=type(problem.residual.loss).__name__.lower(),
+    )
+    factor = None if stack is None else enlarged
+    return dataclasses.replace(
+        estimate, notes=notes_of(estimate, study, fit, free, known.null, weakly_determined, factor)
     )
 
 
@@ -135,13 +116,6 @@ def _with_naive_errors(
         path: dataclasses.replace(p, naive_standard_error=naive[path]) if p.free and p.identifiable else p
         for path, p in parameters.items()
     }
-
-
-def _judged(study: Study, records: Sequence[FittedRecord]) -> tuple[list[FittedRecord], list[FittedRecord]]:
-    """The records by which a fit with the stack held is judged, and those that the stack was read off."""
-    read = [record.role == "fit" and record.measurement.platform_alone for record in study.records]
-    parts = [[found for found, is_read in zip(records, read, strict=True) if is_read == which] for which in (0, 1)]
-    return parts[0], parts[1]
 
 
 def _at_bound(fit: Fit, free: ParameterTransform) -> Bool[np.ndarray, " p"]:
@@ -267,35 +241,3 @@ def _compared(
             )
         )
     return tuple(out)
-
-
-def _notes(
-    study: Study,
-    problem: Problem,
-    fit: Fit,
-    known: Covariance,
-    weakly_determined: Bool[np.ndarray, " p"],
-    statistics: Statistics,
-    parameters: Mapping[str, FittedParameter],
-    records: Sequence[FittedRecord],
-) -> list[str]:
-    if fit.message == START_FAILED:
-        return []
-    free = problem.residual.transform
-    held = [path for path, end in zip(free.paths, _at_bound(fit, free), strict=True) if end]
-    unknown = {path for direction in known.null for path, share in zip(free.paths, direction, strict=True) if share}
-    unsure = {path for path, is_weak in zip(free.paths, weakly_determined, strict=True) if is_weak}
-    told = [parameters[path] for path in free.paths if path not in {*unknown, *unsure, *held}]
-    seen = [path for path in free.paths if path not in unknown]
-    values = {path: parameter.value for path, parameter in parameters.items()}
-    return [
-        *about_information(known.null, free.paths, parameters),
-        *about_weak_determination(
-            [path for path, is_weak in zip(free.paths, weakly_determined, strict=True) if is_weak]
-        ),
-        *about_bounds(study.parameters, fit.free, free, parameters),
-        *about_distance(told, free),
-        *about_models(study.models, values),
-        *about_resonances(study.models, values, seen, study.records),
-        *about_records(records, statistics),
-    ]

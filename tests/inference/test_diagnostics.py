@@ -8,7 +8,7 @@ from pdssjax.files import EXAMPLE
 from pdssjax.inference.diagnostics.agreement import agreement, score_of
 from pdssjax.inference.diagnostics.combinations import best_remedy, combinations
 from pdssjax.inference.diagnostics.diagnose import record_groups
-from pdssjax.inference.notes import about_agreement, about_remedy
+from pdssjax.inference.notes.about_diagnosis import about_agreement, about_remedy
 from pdssjax.report.text.diagnosis import format_diagnosis
 from pdssjax.study import Agreement, Combination, Diagnosis, Remedy
 

@@ -1,0 +1,43 @@
+"""Records that contradict each other, and what would help, in words."""
+
+from ...study import Diagnosis
+from ..goodness import SIGMAS
+from .words import listed
+
+NOTICEABLE = 2.0
+"""Standard errors by which records must move a parameter for their disagreement to be worth a word."""
+
+
+def about_agreement(diagnosis: Diagnosis | None) -> list[str]:
+    """Records, or all of one direction or kind, that ask for other parameters than the rest."""
+    found = [] if diagnosis is None else [i for i in diagnosis.agreement if i.sigmas > SIGMAS]
+    found = [i for i in found if abs(i.largest()[1]) > NOTICEABLE]
+    if not found:
+        return []
+    worst = max(found, key=lambda agreement: agreement.sigmas)
+    path, shift = worst.largest()
+    names = listed(f'"{name}"' for name in worst.records)
+    alone = len(worst.records) == 1
+    others = "the other records" if alone else f"those of another {worst.what}"
+    others_too = {name for agreement in found for name in agreement.records} - set(worst.records)
+    also = f" So do {listed(chr(34) + name + chr(34) for name in sorted(others_too))}, less." if others_too else ""
+    return [
+        f"{names} {'contradicts' if alone else 'contradict'} {others} ({worst.sigmas:.3g} standard deviations beyond "
+        f"chance): without {'it' if alone else 'them'} {path} would be {abs(shift):.2g} standard errors "
+        f"{'larger' if shift > 0 else 'smaller'}.{also} No one set of parameters explains all: look for a wrong "
+        "voltage, direction, unit or sign, a surface that differs, or a law that lacks something."
+    ]
+
+
+def about_remedy(diagnosis: Diagnosis | None) -> list[str]:
+    """The one parameter that, known from elsewhere, would make others much better known."""
+    remedy = None if diagnosis is None else diagnosis.remedy
+    if remedy is None:
+        return []
+    gains = (
+        f"{path} from {100 * before:.2g} to {100 * after:.2g} %" for path, (before, after) in remedy.errors.items()
+    )
+    return [
+        f"If {remedy.path} were known from elsewhere, errors would fall: {listed(gains)}. Measure it by itself and "
+        "fix it, or add a record that shows it."
+    ]

@@ -1,0 +1,134 @@
+"""What the records tell of the parameters, and where those ended."""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from ...study import REACH, FittedParameter, Parameter
+from ..parameter_transform import ParameterTransform
+from .words import listed, shown
+
+FAR = 10.0
+"""Factor by which a parameter must have moved from its start to be worth a word."""
+
+
+def about_information(
+    null: Sequence[Float[np.ndarray, " p"]], paths: Sequence[str], parameters: Mapping[str, FittedParameter]
+) -> list[str]:
+    """What the data do not tell, by the directions that leave the residuals alone."""
+    notes = []
+    for direction in null:
+        part = [(path, share) for path, share in zip(paths, direction, strict=True) if share != 0]
+        names = listed(path for path, _ in part)
+        if len(part) == 1:
+            notes.append(_without_information(parameters[names]))
+        elif all(abs(share - 1.0) < 1e-3 for _, share in part):
+            notes.append(
+                f"The data tell {names} only up to a common factor: all of them may be multiplied by the same "
+                "number. Fix one, for example the mass, to know the others."
+            )
+        else:
+            notes.append(
+                f"The data tell {names} only in combination; what is given is one of many equal solutions. Fix one "
+                "of them, or add a record that tells them apart."
+            )
+    return notes
+
+
+def _without_information(parameter: FittedParameter) -> str:
+    head = f"The data say nothing about {parameter.path}"
+    advice = "Fix it, or add a record that shows it."
+    if not moved(parameter):
+        return f"{head}; its value is where the fit began. {advice}"
+    begun, ended = (shown(number, parameter.unit) for number in (_start(parameter), parameter.value))
+    return (
+        f"{head} at the values found; on the way there it moved from {begun} to {ended}, which means nothing. {advice}"
+    )
+
+
+def moved(parameter: FittedParameter) -> bool:
+    """A free parameter is not where it began."""
+    return not np.isclose(parameter.value, _start(parameter), rtol=1e-6, atol=0.0)
+
+
+def _start(parameter: FittedParameter) -> float:
+    return parameter.value if parameter.start is None else parameter.start
+
+
+def about_weak_determination(paths: Sequence[str]) -> list[str]:
+    """Parameters whose errors are wider than a factor of ten."""
+    if not paths:
+        return []
+    return [
+        f"The data hardly tell {listed(paths)}: one standard error is a factor of ten or more. Fix what is known "
+        "otherwise, or add a record that shows it."
+    ]
+
+
+def about_bounds(
+    declared: Mapping[str, Parameter],
+    found: Float[np.ndarray, " p"],
+    scale: ParameterTransform,
+    parameters: Mapping[str, FittedParameter],
+) -> list[str]:
+    """Parameters that ended on a bound, or ran out of reach; `found` on the fit's scale."""
+    notes = []
+    for side, ends in (("lower", found <= scale.low), ("upper", found >= scale.high)):
+        at = [int(i) for i in np.flatnonzero(ends)]
+        unreachable = [i for i in at if _out_of_reach(declared[scale.paths[i]], scale, i, side)]
+        if unreachable:
+            names, it = listed(scale.paths[i] for i in unreachable), "it" if len(unreachable) == 1 else "them"
+            what = "zero" if side == "lower" else "one without limit"
+            notes.append(
+                f"The data cannot tell {names} from {what}: the fit stopped a factor of {REACH:g} from the start, and "
+                f"holds {it} there for the errors of the others. Fix {it}, or add a record that shows {it}."
+            )
+        others = [scale.paths[i] for i in at if i not in unreachable]
+        notes += [_at_bound(declared[path], parameters[path].value, side) for path in others]
+    return notes
+
+
+def _out_of_reach(declared: Parameter, scale: ParameterTransform, i: int, side: str) -> bool:
+    """The end is that of a fit's reach: neither the study's nor that of the legal range."""
+    given, legal, ends = (
+        (declared.low, declared.quantity.low, scale.low)
+        if side == "lower"
+        else (declared.high, declared.quantity.high, scale.high)
+    )
+    if given is not None or not scale.logarithmic[i]:
+        return False
+    return not np.isclose(np.exp(ends[i]), legal, rtol=1e-5)
+
+
+def _at_bound(declared: Parameter, value: float, side: str) -> str:
+    given = declared.low if side == "lower" else declared.high
+    key = "min" if side == "lower" else "max"
+    head = f"{declared.path} is at its {side} bound, {shown(value, declared.unit)}"
+    if given is not None:
+        return (
+            f"{head}, the {key} that the study gives, and held there for the errors of the others. Move the bound, "
+            "unless there is a reason for it: the best fit lies beyond."
+        )
+    return f"{head}, the end of its legal range, and held there for the errors of the others. Fix it there."
+
+
+def about_distance(parameters: Iterable[FittedParameter], scale: ParameterTransform) -> list[str]:
+    """Parameters that ended far from where they began."""
+    notes = []
+    for parameter in parameters:
+        i, begun = scale.paths.index(parameter.path), _start(parameter)
+        if scale.logarithmic[i]:
+            ratio = parameter.value / begun
+            if not 1.0 / FAR <= ratio <= FAR:
+                how = f"a factor of {max(ratio, 1.0 / ratio):.3g}"
+                notes.append((parameter, how))
+        elif abs(parameter.value - begun) > FAR * scale.unit[i]:
+            notes.append((parameter, f"{abs(parameter.value - begun) / scale.unit[i]:.3g} times the size of its start"))
+    if not notes:
+        return []
+    parts = [f"{p.path}, from {shown(_start(p), p.unit)} to {shown(p.value, p.unit)}, by {how}" for p, how in notes]
+    return [
+        f"Far from where the fit began: {'; '.join(parts)}. If that is not what is known of the rig, another optimum "
+        "may be the true one: give a start near what is known, or min and max, and fit again."
+    ]

@@ -1,0 +1,160 @@
+"""Which records the fit does not explain, and how."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...study import FittedRecord, Statistics
+from ..goodness import (
+    EXCESS,
+    above_floor,
+    exceeds_floor,
+    exceeds_given_noise,
+    highest_by_chance,
+    neighbour_correlation,
+    repeats,
+    stays_below_given_noise,
+)
+from .words import listed, quoted
+
+CORRELATED = 0.3
+"""Correlation of neighbouring residuals from which they are no noise."""
+
+
+def about_peaks(read: Sequence[FittedRecord]) -> list[str]:
+    """How well a stack that was read off peaks follows the records it was `read` from."""
+    known = [record for record in read if record.simulated]
+    if not known:
+        return []
+    figures = listed(f"{record.rmse / record.noise:.3g} times in {quoted([record])}" for record in known)
+    return [
+        f"The stack was read off peaks, not fitted: what it leaves of its own records, over their noise, is {figures}. "
+        'The method "sequential" fits all their samples, and the errors that it leaves are smaller by far.'
+    ]
+
+
+def about_records(records: Sequence[FittedRecord], statistics: Statistics) -> list[str]:
+    """Which records the fit does not explain."""
+    notes = []
+    known = [record for record in records if record.simulated]
+    fitted = [record for record in known if record.role == "fit"]
+    excess = [record for record in fitted if exceeds_given_noise(record)]
+    noisy = [record for record in excess if record.noise_floor > 0.9 * record.rmse]
+    if noisy:
+        notes.append(
+            f"The noise given is too small for {quoted(noisy)}: neighbouring samples alone scatter by "
+            f"{listed(r.display.text(r.noise_floor) for r in noisy)}, where "
+            f"{listed(r.display.text(r.noise) for r in noisy)} is given. Correct it, or leave it out. "
+            f"{_enlarged(statistics)}"
+        )
+    if misfits := [record for record in excess if record not in noisy]:
+        figures = (f'"{r.name}" ({r.reduced_chi2:.3g}; by chance up to {_chance(r):.3g})' for r in misfits)
+        notes.append(
+            f"The model does not explain all of {listed(figures)}: chi-square per sample against the noise given is "
+            f"in brackets. {_enlarged(statistics)} Look at the residuals in the plots for what is missing: another "
+            "law, a fall time, hysteresis, a wrong drive."
+        )
+    if over := [record for record in fitted if record.noise_estimated and exceeds_floor(record)]:
+        figures = (f"{above_floor(r):.2g} times in {quoted([r])}" for r in over)
+        notes.append(
+            "No noise is given, so it was taken from the residuals; but these are larger than the noise seen between "
+            f"neighbouring samples, {listed(figures)}: the model does not explain all that was measured there, or the "
+            "fit is in a wrong optimum. Look at the residuals in the plots, try other starts, or give the noise."
+        )
+    if less := [record for record in fitted if stays_below_given_noise(record)]:
+        figures = (f"{quoted([r])} ({r.display.text(r.rmse)} where {r.display.text(r.noise)} is given)" for r in less)
+        notes.append(
+            f"The residuals are smaller than the noise given in {listed(figures)}: the standard errors are larger "
+            "than they need be. Give the noise as it is, or leave it out."
+        )
+    return (
+        notes
+        + _about_repeating(fitted)
+        + _about_outliers(fitted)
+        + _about_validation(known)
+        + _about_correlation(fitted)
+        + _about_failures(records)
+    )
+
+
+def _about_repeating(fitted: Sequence[FittedRecord]) -> list[str]:
+    found = [(record, record.lack_of_fit) for record in fitted if record.lack_of_fit and repeats(record)]
+    if not found:
+        return []
+    figures = (
+        f"{r.display.text(f.misfit)} beside noise of {r.display.text(f.noise)} in {quoted([r])}" for r, f in found
+    )
+    return [
+        f"A part of the residuals repeats every cycle, {listed(figures)}: that is the model's misfit and not noise, "
+        "and more cycles do not average it away. The true errors are larger than the standard errors given."
+    ]
+
+
+def _about_outliers(fitted: Sequence[FittedRecord]) -> list[str]:
+    found = [record for record in fitted if record.outliers.size]
+    if not found:
+        return []
+    return [
+        f"Samples stand out of the residuals: {listed(map(_outliers, found))}. If they are glitches, leave them out "
+        "(exclude in the study) or fit with --loss huber, under which they pull little."
+    ]
+
+
+def _outliers(record: FittedRecord) -> str:
+    off = np.abs(record.measured - record.predicted)[record.outliers]
+    times = listed(f"{t:.6g}" for t in record.time[record.outliers][np.argsort(-off)][:3])
+    count = record.outliers.size
+    return (
+        f"{count} in {quoted([record])} by up to {record.display.text(float(off.max()))}, "
+        f"{'the largest ' if count > 3 else ''}at t = {times} s"
+    )
+
+
+def _about_validation(records: Sequence[FittedRecord]) -> list[str]:
+    others = [record for record in records if record.role != "fit"]
+    figures = [
+        f"{np.sqrt(r.reduced_chi2):.2g} times the noise given in {quoted([r])}"
+        for r in others
+        if exceeds_given_noise(r)
+    ]
+    figures += [
+        f"{above_floor(r):.2g} times the noise seen between neighbouring samples in {quoted([r])}"
+        for r in others
+        if r.noise_estimated and exceeds_floor(r)
+    ]
+    if not figures:
+        return []
+    return [
+        f"Records that were not fitted are not predicted down to their noise: the residuals are {listed(figures)}. "
+        "The model or the optimum found does not carry over to them: fit them too, and see whether all agree."
+    ]
+
+
+def _about_correlation(fitted: Sequence[FittedRecord]) -> list[str]:
+    correlated = [record for record in fitted if neighbour_correlation(record) > CORRELATED]
+    if not correlated:
+        return []
+    return [
+        f"Neighbouring residuals are correlated, as the model's errors are and noise is not, in {quoted(correlated)}. "
+        "The true errors are larger than the standard errors given."
+    ]
+
+
+def _about_failures(records: Sequence[FittedRecord]) -> list[str]:
+    failed = [record for record in records if not record.simulated]
+    if not failed:
+        return []
+    return [
+        f"The simulation could not finish for {quoted(failed)}. Look at parameters that are extreme, such as a very "
+        "high bandwidth or stiffness."
+    ]
+
+
+def _enlarged(statistics: Statistics) -> str:
+    if statistics.reduced_chi2 > 1.0:
+        return f"All errors are enlarged by {np.sqrt(statistics.reduced_chi2):.3g} for it."
+    return f"The total, {statistics.reduced_chi2:.2g}, hides it: the errors are not enlarged for it."
+
+
+def _chance(record: FittedRecord) -> float:
+    return max(EXCESS, highest_by_chance(record.samples))
