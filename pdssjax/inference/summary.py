@@ -110,11 +110,7 @@ def summarise(
         covariance=matrix,
         records=records,
         statistics=statistics,
-        notes=(
-            *noted,
-            *about_agreement(diagnosis),
-            *about_remedy(diagnosis),
-        ),
+        notes=(*noted, *about_agreement(diagnosis), *about_remedy(diagnosis)),
         seconds=0.0,
         amplification=amplification_of(problem, fit, known.identifiable),
         diagnosis=diagnosis,
