@@ -63,7 +63,7 @@ def follow(name: str, problem: Problem, values: Mapping[str, float], factors: Ma
     piezo = np.array([path.startswith("piezo.") for path in transform.paths])
     away = np.array([np.log(factors.get(path, 1.0)) for path in transform.paths])
     begun = problem.encode(values)
-    fit = with_piezo_held(problem, begun, _quiet)
+    fit = first = with_piezo_held(problem, begun, _quiet)
     base, matrix = fit.free[~piezo], amplification(problem, np.asarray(fit.state.jacobian), piezo)
     shares = np.linspace(0.0, 1.0, STEPS + 1)
     moved, misfits = [np.zeros(base.size)], [_misfit(problem, np.asarray(fit.state.residual))]
@@ -74,11 +74,11 @@ def follow(name: str, problem: Problem, values: Mapping[str, float], factors: Ma
         misfits.append(_misfit(problem, np.asarray(fit.state.residual)))
     linear = matrix @ np.expm1(away[piezo])
     paths = tuple(path for path, is_piezo in zip(transform.paths, piezo, strict=True) if not is_piezo)
-    values_there = [float(number) for number in problem.decode(np.where(piezo, begun, _whole(piezo, base))).values()]
+    begins = problem.decode(first.free)
     return Moved(
         name,
         paths,
-        np.array(values_there)[~piezo],
+        np.array([float(begins[path]) for path in paths]),
         shares,
         np.stack(moved),
         linear,
@@ -86,13 +86,6 @@ def follow(name: str, problem: Problem, values: Mapping[str, float], factors: Ma
         _worst_r2(problem, np.asarray(fit.state.residual)),
         bool(fit.success),
     )
-
-
-def _whole(piezo: np.ndarray, later: Float[np.ndarray, " later"]) -> Float[np.ndarray, " p"]:
-    """The numbers `later` in their places among all."""
-    out = np.zeros(piezo.size)
-    out[~piezo] = later
-    return out
 
 
 def _walks(problem: Problem) -> np.ndarray:

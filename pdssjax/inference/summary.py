@@ -75,10 +75,11 @@ def summarise(
     known = known._replace(identifiable=known.identifiable & ~weakly_determined)
     deviation = np.where(weakly_determined, np.nan, deviation)
     slopes = np.abs(free.slope(fit.free))
-    parameters = {}
-    for path, declared in study.parameters.items():
-        i = free.paths.index(path) if declared.free else None
-        parameters[path] = _parameter(declared, values[path], starts[path], i, fit, free, deviation, known)
+    place = lambda declared: free.paths.index(declared.path) if declared.free else None
+    parameters = {
+        path: _parameter(declared, values[path], starts[path], place(declared), fit, free, deviation, known)
+        for path, declared in study.parameters.items()
+    }
     if naive is not None:
         naive_errors = np.sqrt(np.diag(naive) * enlarged) * slopes
         parameters = {
@@ -87,12 +88,9 @@ def summarise(
             else p
             for path, p in parameters.items()
         }
-    matrix = known.matrix * enlarged * np.outer(slopes, slopes)
     records = _compared(study, problem, fit, known.matrix * enlarged, values)
     diagnosis = diagnose(problem, fit, known.matrix * enlarged) if np.isfinite(fit.chi2) else None
-    notes = lambda judged, statistics: _notes(
-        study, problem, fit, known, weakly_determined, statistics, parameters, judged
-    )
+    notes = lambda by, factor: _notes(study, problem, fit, known, weakly_determined, factor, parameters, by)
     if stack is None:
         noted = notes(records, statistics)
     else:
@@ -107,7 +105,7 @@ def summarise(
         parameters=parameters,
         names=free.paths,
         correlation=correlation(known.matrix),
-        covariance=matrix,
+        covariance=known.matrix * enlarged * np.outer(slopes, slopes),
         records=records,
         statistics=statistics,
         notes=(*noted, *about_agreement(diagnosis), *about_remedy(diagnosis)),
