@@ -62,7 +62,7 @@ def summarise(
 ) -> Estimate:
     """The estimate that a `fit` of a `study` amounts to; `seconds` is left at 0.
 
-    With a `stack` from peaks its covariance is the first step's, in place of that of the platform's records.
+    With a `stack` from peaks its covariance is the first step's.
     """
     free, fitted = problem.residual.transform, {**starts, **problem.residual.transform.decode(fit.free)}
     values = {path: float(value) for path, value in fitted.items()}
@@ -81,13 +81,9 @@ def summarise(
         for path, declared in study.parameters.items()
     }
     if naive is not None:
-        naive_errors = np.sqrt(np.diag(naive) * enlarged) * slopes
-        parameters = {
-            path: dataclasses.replace(p, naive_standard_error=float(naive_errors[free.paths.index(path)]))
-            if p.free and p.identifiable
-            else p
-            for path, p in parameters.items()
-        }
+        parameters = _with_naive(
+            parameters, dict(zip(free.paths, np.sqrt(np.diag(naive) * enlarged) * slopes, strict=True))
+        )
     records = _compared(study, problem, fit, known.matrix * enlarged, values)
     diagnosis = diagnose(problem, fit, known.matrix * enlarged) if np.isfinite(fit.chi2) else None
     notes = lambda by, factor: _notes(study, problem, fit, known, weakly_determined, factor, parameters, by)
@@ -96,7 +92,7 @@ def summarise(
     else:
         judged, read = _judged(study, records)
         noted = [*notes(judged, dataclasses.replace(statistics, reduced_chi2=enlarged)), *about_peaks(read)]
-        diagnosis = dataclasses.replace(diagnosis, influence=()) if diagnosis else None
+        diagnosis = diagnosis and dataclasses.replace(diagnosis, influence=())
     return Estimate(
         title=study.title,
         method=method,
@@ -113,6 +109,14 @@ def summarise(
         amplification=amplification_of(problem, fit, known.identifiable),
         diagnosis=diagnosis,
     )
+
+
+def _with_naive(parameters: Mapping[str, FittedParameter], errors: Mapping[str, float]) -> dict[str, FittedParameter]:
+    """The parameters with their naive standard errors beside, those that the data determine."""
+    return {
+        path: dataclasses.replace(p, naive_standard_error=float(errors[path])) if p.free and p.identifiable else p
+        for path, p in parameters.items()
+    }
 
 
 def _judged(study: Study, records: Sequence[FittedRecord]) -> tuple[list[FittedRecord], list[FittedRecord]]:
