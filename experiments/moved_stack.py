@@ -14,15 +14,18 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
+from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 import pdssjax
-from experiments.common import Row, print_table
+from experiments.common import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, Row, print_table
 from experiments.measured_fits import EARLIER, FOLDER, STARTS
 from experiments.step_responses import CHAPTER_4, CHAPTER_5
 from experiments.three_ways import ACCURACY, SCENARIOS, amplification, known_truth, rig_of, started, with_measured
 from pdssjax import Study
 from pdssjax.inference import Problem, least_squares_covariance, with_piezo_held
 
+COLOURS = (BLUE, SKY, VERMILION, ORANGE, GREEN, PURPLE)
 STEPS = 8
 """Refits on the way."""
 ALONE = ("piezo.natural_frequency", "piezo.damping_ratio")
@@ -118,7 +121,7 @@ def thesis() -> list[Moved]:
     rig = rig_of(SCENARIOS[0])
     problem = with_measured(rig.problem, list(rig.motions))
     without = {path: BETWEEN[path] for path in ALONE}
-    both = [("frequency and damping ratio", without), ("gain, too", BETWEEN)]
+    both = [("frequency and damping ratio", without), ("the gain, too", BETWEEN)]
     return [follow(name, problem, known_truth(), factors) for name, factors in both]
 
 
@@ -190,8 +193,8 @@ def show_liu(errors: Mapping[str, float], found: Sequence[Moved]) -> str:
     misfits = "; ".join(f"{moved.name}: {moved.misfit[0]:.2f} to {moved.misfit[-1]:.2f}" for moved in found)
     lines += [
         "",
-        f"Residuals over the reading error of 0.1 um, from the paper's stack to the moved one: {misfits}. Together: the "
-        "standard error that a fit of the stack with all else would have, linearised.",
+        f"Residuals over the reading error of 0.1 um, from the paper's stack to the moved one: {misfits}. Together: "
+        "the standard error that a fit of the stack with all else would have, linearised.",
     ]
     print("\n".join(lines))
     return "\n".join(lines)
@@ -203,3 +206,22 @@ def _percent(error: float) -> str:
 
 def _predicted(moved: Moved, i: int) -> str:
     return f"amplification x difference: {100.0 * moved.linear[i]:+.0f} %"
+
+
+def draw(found: Sequence[Moved]) -> Figure:
+    """One panel a way that the stack goes: every parameter over its value before, refitted and by the amplification."""
+    figure = Figure(figsize=(9.2, 4.0), layout="constrained")
+    panels = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
+    for axes, moved in zip(panels, found, strict=True):
+        for i, (path, colour) in enumerate(zip(moved.paths, COLOURS, strict=False)):
+            axes.plot(moved.share, 1.0 + moved.refitted[:, i], ".-", color=colour, label=path.split(".")[1])
+            axes.plot(moved.share, 1.0 + moved.share * moved.linear[i], "--", color=colour, linewidth=0.9)
+        axes.set_yscale("log")
+        axes.set_ylim(0.2, 6.0)
+        axes.set_yticks([0.2, 0.5, 1.0, 2.0, 5.0], ["0.2", "0.5", "1", "2", "5"])
+        axes.yaxis.set_minor_formatter(NullFormatter())
+        axes.set_xlabel("from chapter 5's stack (0) to chapter 4's (1)")
+        axes.set_title(f"{moved.name}: residuals of {moved.misfit[-1]:.1f} times the noise at the end", loc="left")
+    panels[0].set_ylabel("friction parameter over its value before\n(dashed: by the amplification matrix)")
+    panels[-1].legend(loc="lower left", ncols=2)
+    return figure
