@@ -221,7 +221,7 @@ def draw(found: Sequence[Moved]) -> Figure:
         axes.set_yticks([0.2, 0.5, 1.0, 2.0, 5.0], ["0.2", "0.5", "1", "2", "5"])
         axes.yaxis.set_minor_formatter(NullFormatter())
         axes.set_xlabel("from chapter 5's stack (0) to chapter 4's (1)")
-        axes.set_title(f"{moved.name}: residuals of {moved.misfit[-1]:.1f} times the noise at the end", loc="left")
+        axes.set_title(f"{moved.name}\nat the end {moved.misfit[-1]:.1f} times the noise is left", loc="left")
     panels[0].set_ylabel("friction parameter over its value before\n(dashed: by the amplification matrix)")
     panels[-1].legend(loc="lower left", ncols=2)
     return figure
