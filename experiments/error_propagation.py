@@ -61,11 +61,13 @@ def main(draws: int = DRAWS, scenarios: Sequence[Scenario] = SCENARIOS) -> None:
     names = [str(path) for path in paths]
     tables = [three_ways_report.table(cells, names), three_ways_report.bias_table(cells, names), *tables]
     print("\n\n".join(tables[:2]))
-    tables.append(moved_stack.show_thesis(moved_stack.thesis()))
+    moved = moved_stack.thesis()
+    tables.append(moved_stack.show_thesis(moved))
     tables.append(moved_stack.show_liu(*moved_stack.liu()))
     write("\n\n".join(tables), NAME)
     with styled():
         save(three_ways_report.draw(cells, names), NAME)
+        save(moved_stack.draw(moved), f"{NAME}_thesis")
         save(draw_shifts(paths, shifts), f"{NAME}_amplification")
 
 

@@ -8,20 +8,24 @@ stack the paper gives without errors.
 """
 
 import dataclasses
+import json
 import warnings
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
+from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 import pdssjax
-from experiments.common import Row, print_table
-from experiments.measured_fits import EARLIER, FOLDER
+from experiments.common import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, Row, print_table
+from experiments.measured_fits import EARLIER, FOLDER, STARTS
 from experiments.step_responses import CHAPTER_4, CHAPTER_5
 from experiments.three_ways import ACCURACY, SCENARIOS, amplification, known_truth, rig_of, started, with_measured
 from pdssjax import Study
-from pdssjax.inference import Problem, with_piezo_held
+from pdssjax.inference import Problem, least_squares_covariance, with_piezo_held
 
+COLOURS = (BLUE, SKY, VERMILION, ORANGE, GREEN, PURPLE)
 STEPS = 8
 """Refits on the way."""
 ALONE = ("piezo.natural_frequency", "piezo.damping_ratio")
@@ -31,6 +35,10 @@ BETWEEN = {
     "piezo.gain": CHAPTER_4.gain / CHAPTER_5.gain,
 }
 """Chapter 4's number over chapter 5's."""
+WALKED = 13.75e-6 / (30.0 * 5.0)
+"""Gain by the slope of the end-effector while it sticks, over that of the voltage [m/V] (PROVENANCE.md)."""
+USUAL_DAMPING = 100.0
+"""Start of the contact's damping [N s/m]; the other starts are those of `measured_laws`."""
 PAPER = {"piezo.gain": 0.096e-6, "piezo.natural_frequency": 6685.5, "piezo.damping_ratio": 0.2488}
 """Liu et al. 2015, from step tests."""
 
@@ -63,7 +71,7 @@ def follow(name: str, problem: Problem, values: Mapping[str, float], factors: Ma
     piezo = np.array([path.startswith("piezo.") for path in transform.paths])
     away = np.array([np.log(factors.get(path, 1.0)) for path in transform.paths])
     begun = problem.encode(values)
-    fit = with_piezo_held(problem, begun, _quiet)
+    fit = first = with_piezo_held(problem, begun, _quiet)
     base, matrix = fit.free[~piezo], amplification(problem, np.asarray(fit.state.jacobian), piezo)
     shares = np.linspace(0.0, 1.0, STEPS + 1)
     moved, misfits = [np.zeros(base.size)], [_misfit(problem, np.asarray(fit.state.residual))]
@@ -74,11 +82,11 @@ def follow(name: str, problem: Problem, values: Mapping[str, float], factors: Ma
         misfits.append(_misfit(problem, np.asarray(fit.state.residual)))
     linear = matrix @ np.expm1(away[piezo])
     paths = tuple(path for path, is_piezo in zip(transform.paths, piezo, strict=True) if not is_piezo)
-    values_there = [float(number) for number in problem.decode(np.where(piezo, begun, _whole(piezo, base))).values()]
+    begins = problem.decode(first.free)
     return Moved(
         name,
         paths,
-        np.array(values_there)[~piezo],
+        np.array([float(begins[path]) for path in paths]),
         shares,
         np.stack(moved),
         linear,
@@ -86,13 +94,6 @@ def follow(name: str, problem: Problem, values: Mapping[str, float], factors: Ma
         _worst_r2(problem, np.asarray(fit.state.residual)),
         bool(fit.success),
     )
-
-
-def _whole(piezo: np.ndarray, later: Float[np.ndarray, " later"]) -> Float[np.ndarray, " p"]:
-    """The numbers `later` in their places among all."""
-    out = np.zeros(piezo.size)
-    out[~piezo] = later
-    return out
 
 
 def _walks(problem: Problem) -> np.ndarray:
@@ -120,22 +121,30 @@ def thesis() -> list[Moved]:
     rig = rig_of(SCENARIOS[0])
     problem = with_measured(rig.problem, list(rig.motions))
     without = {path: BETWEEN[path] for path in ALONE}
-    both = [("frequency and damping ratio", without), ("gain, too", BETWEEN)]
+    both = [("frequency and damping ratio", without), ("the gain, too", BETWEEN)]
     return [follow(name, problem, known_truth(), factors) for name, factors in both]
 
 
-def liu() -> tuple[pdssjax.Estimate, list[Moved]]:
-    """The measured record: everything fitted, and with the paper's stack held and moved as the thesis's two differ."""
+def liu() -> tuple[dict[str, float], list[Moved]]:
+    """The measured record with the paper's stack held, and that moved: as between the thesis's two, and in its gain.
+
+    **Returns:** also the relative standard errors that a fit of everything at once would have there; NaN where the
+    record does not tell.
+    """
     study = _liu_study()
-    estimate = pdssjax.identify(study, accuracy=ACCURACY)
-    found = {path: parameter.value for path, parameter in estimate.parameters.items()}
-    problem, _ = pdssjax.pose_problem(started(study, found), ACCURACY)
+    known = json.loads(STARTS.read_text(encoding="utf-8"))["starts"]["simplified-lugre"]
+    starts = {path: known[path] for path in study.parameters} | PAPER | {"friction.sigma1": USUAL_DAMPING}
+    problem, _ = pdssjax.pose_problem(started(study, starts), ACCURACY)
+    fit = with_piezo_held(problem, problem.encode(starts), _quiet)
+    found = {path: float(number) for path, number in problem.decode(fit.free).items()}
+    whole = least_squares_covariance(np.asarray(fit.state.jacobian), np.zeros(fit.free.size, bool))
+    errors = np.where(whole.identifiable, np.sqrt(np.diag(whole.matrix)), np.nan)
     without = {path: BETWEEN[path] for path in ALONE}
-    gain = {"piezo.gain": found["piezo.gain"] / PAPER["piezo.gain"]}
-    return estimate, [
-        follow("frequency and damping ratio as between the thesis's two", problem, found | PAPER, without),
-        follow("the gain to that which the walk itself shows", problem, found | PAPER, gain),
+    moved = [
+        follow("frequency and damping ratio as between the thesis's two", problem, found, without),
+        follow("the gain of the walk itself", problem, found, {"piezo.gain": WALKED / PAPER["piezo.gain"]}),
     ]
+    return dict(zip(problem.residual.transform.paths, map(float, errors), strict=True)), moved
 
 
 def _liu_study() -> Study:
@@ -167,30 +176,52 @@ def show_thesis(found: Sequence[Moved]) -> str:
     return "\n\n".join(parts)
 
 
-def show_liu(estimate: pdssjax.Estimate, found: Sequence[Moved]) -> str:
-    """The measured record: joint fit, and what moving the stack does."""
-    rows = []
-    for path in found[0].paths:
-        i = found[0].paths.index(path)
-        joint = estimate.parameters[path]
-        rows.append(
-            Row(
-                path,
-                f"{joint.value:.4g} +/- {joint.standard_error:.2g}",
-                float(found[0].base[i]),
-                joint.unit,
-                "; ".join(
-                    f"{moved.name}: {100 * moved.refitted[-1, i]:+.0f} % ({_predicted(moved, i)})" for moved in found
-                ),
-            )
-        )
-    notes = [
-        "In the column of the thesis: the joint fit; in ours: with the paper's gain, frequency and damping ratio held.",
-        "Residuals over the reading error of 0.1 um, from the paper's stack to the moved one: "
-        + "; ".join(f"{moved.name}: {moved.misfit[0]:.2f} to {moved.misfit[-1]:.2f}" for moved in found),
+def show_liu(errors: Mapping[str, float], found: Sequence[Moved]) -> str:
+    """The measured record: what moving the stack does to what was fitted with it held."""
+    lines = [
+        "## Liu et al. 2015, measured: what was fitted with the paper's stack held, and with that moved",
+        "",
+        "| | held | " + " | ".join(f"{moved.name}: refit (amplification)" for moved in found) + " | together |",
+        "|---|--:|" + "--:|" * (len(found) + 1),
     ]
-    return print_table("Liu et al. 2015, measured: the friction and the stack", rows, None, notes)
+    for i, path in enumerate(found[0].paths):
+        ends = [f"{100 * moved.refitted[-1, i]:+.0f} % ({100 * moved.linear[i]:+.0f} %)" for moved in found]
+        lines.append(f"| {path} | {found[0].base[i]:.4g} | " + " | ".join([*ends, _percent(errors[path])]) + " |")
+    lines += [
+        f"| {path} | {PAPER[path]:.4g} | " + "- | " * len(found) + f"{_percent(errors[path])} |" for path in PAPER
+    ]
+    misfits = "; ".join(f"{moved.name}: {moved.misfit[0]:.2f} to {moved.misfit[-1]:.2f}" for moved in found)
+    lines += [
+        "",
+        f"Residuals over the reading error of 0.1 um, from the paper's stack to the moved one: {misfits}. Together: "
+        "the standard error that a fit of the stack with all else would have, linearised.",
+    ]
+    print("\n".join(lines))
+    return "\n".join(lines)
+
+
+def _percent(error: float) -> str:
+    return f"{100 * error:.2g} %" if np.isfinite(error) else "not told"
 
 
 def _predicted(moved: Moved, i: int) -> str:
     return f"amplification x difference: {100.0 * moved.linear[i]:+.0f} %"
+
+
+def draw(found: Sequence[Moved]) -> Figure:
+    """One panel a way that the stack goes: every parameter over its value before, refitted and by the amplification."""
+    figure = Figure(figsize=(9.2, 4.0), layout="constrained")
+    panels = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
+    for axes, moved in zip(panels, found, strict=True):
+        for i, (path, colour) in enumerate(zip(moved.paths, COLOURS, strict=False)):
+            axes.plot(moved.share, 1.0 + moved.refitted[:, i], ".-", color=colour, label=path.split(".")[1])
+            axes.plot(moved.share, 1.0 + moved.share * moved.linear[i], "--", color=colour, linewidth=0.9)
+        axes.set_yscale("log")
+        axes.set_ylim(0.2, 6.0)
+        axes.set_yticks([0.2, 0.5, 1.0, 2.0, 5.0], ["0.2", "0.5", "1", "2", "5"])
+        axes.yaxis.set_minor_formatter(NullFormatter())
+        axes.set_xlabel("from chapter 5's stack (0) to chapter 4's (1)")
+        axes.set_title(f"{moved.name}\nat the end {moved.misfit[-1]:.1f} times the noise is left", loc="left")
+    panels[0].set_ylabel("friction parameter over its value before\n(dashed: by the amplification matrix)")
+    panels[-1].legend(loc="lower left", ncols=2)
+    return figure

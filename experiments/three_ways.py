@@ -192,9 +192,8 @@ def draw(scenario: Scenario, number: int) -> dict[str, Any]:
 
 def outcome(way: str, fit: Fit, problem: Problem, rig: Rig) -> dict[str, Any]:
     """Relative errors, those that the stack's carry on, and the standard errors `said`, and `naive`; for JSON."""
-    truth = np.array([known_truth()[path] for path in problem.residual.transform.paths])
-    found = np.array([float(number) for number in problem.decode(fit.free).values()])
-    error = found / truth - 1.0
+    paths, found = problem.residual.transform.paths, problem.decode(fit.free)
+    error = np.array([float(found[path]) / known_truth()[path] - 1.0 for path in paths])
     said, naive = standard_errors(way, fit, problem, rig)
     numbers = {"error": error, "carried": carried(fit, problem, error), "said": said, "naive": naive}
     return {name: [float(x) for x in values] for name, values in numbers.items()} | {"converged": bool(fit.success)}

@@ -53,7 +53,7 @@ def summarise(
 ) -> Estimate:
     """The estimate that a `fit` of a `study` amounts to; `seconds` is left at 0.
 
-    With a `stack` from peaks its covariance is the first step's, in place of that of the platform's records.
+    With a `stack` from peaks its covariance is the first step's.
     """
     free, fitted = problem.residual.transform, {**starts, **problem.residual.transform.decode(fit.free)}
     values = {path: float(value) for path, value in fitted.items()}
@@ -66,13 +66,13 @@ def summarise(
     known = known._replace(identifiable=known.identifiable & ~weakly_determined)
     deviation = np.where(weakly_determined, np.nan, deviation)
     slopes = np.abs(free.slope(fit.free))
-    parameters = {}
-    for path, declared in study.parameters.items():
-        i = free.paths.index(path) if declared.free else None
-        parameters[path] = _parameter(declared, values[path], starts[path], i, fit, free, deviation, known)
+    place = lambda declared: free.paths.index(declared.path) if declared.free else None
+    parameters = {
+        path: _parameter(declared, values[path], starts[path], place(declared), fit, free, deviation, known)
+        for path, declared in study.parameters.items()
+    }
     if naive is not None:
         parameters = _with_naive_errors(parameters, free.paths, np.sqrt(np.diag(naive) * enlarged) * slopes)
-    matrix = known.matrix * enlarged * np.outer(slopes, slopes)
     records = _compared(study, problem, fit, known.matrix * enlarged, values)
     diagnosis = diagnose(problem, fit, known.matrix * enlarged) if np.isfinite(fit.chi2) else None
     if diagnosis and method != "joint":  # only at a joint optimum do the scores of the records add up to zero
@@ -85,7 +85,7 @@ def summarise(
         parameters=parameters,
         names=free.paths,
         correlation=correlation(known.matrix),
-        covariance=matrix,
+        covariance=known.matrix * enlarged * np.outer(slopes, slopes),
         records=records,
         statistics=statistics,
         notes=(),
