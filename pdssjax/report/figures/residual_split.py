@@ -53,7 +53,7 @@ def _draw_cycle(axes: Axes, record: FittedRecord, cycles: CycleSplit) -> None:
     axes.plot(place[there], scale * cycles.mean[there], color=BLUE, linewidth=1.0, label="mean of the cycles")
     axes.set_xlabel("phase of the cycle")
     axes.set_ylabel(f"residual ({unit})")
-    axes.legend(loc="best", markerscale=3)
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, markerscale=3, borderaxespad=0.2)
 
 
 def _draw_all(axes: Axes, record: FittedRecord) -> None:
@@ -77,7 +77,8 @@ def _draw_autocorrelation(axes: Axes, record: FittedRecord, split: ResidualSplit
     model = split.noise.autocovariance(shown)
     order = split.noise.coefficients.size
     label = f"autoregression of order {order}" if order else "white noise"
-    axes.plot(apart, model / model[0], color=VERMILION, linewidth=0.9, label=label)
+    style = ".-" if order else "."
+    axes.plot(apart, model / model[0], style, color=VERMILION, linewidth=0.9, markersize=2.5, label=label)
     axes.axhline(0.0, color=GREY, linewidth=0.5)
     axes.set_xlabel("interval (ms)")
     axes.set_ylabel("autocorrelation " + ("of the residuals" if split.cycles is None else "of the rest"))
