@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from .autocovariance import sample_autocovariance as sample_autocovariance
     from .autocovariance import stationary_noise as stationary_noise
     from .autocovariance import stationary_product as stationary_product
+    from .autocovariance import stationary_times as stationary_times
     from .channel_summary import ChannelSummary as ChannelSummary
     from .characterisation import SI_UNITS as SI_UNITS
     from .characterisation import Characterisation as Characterisation
@@ -49,6 +50,7 @@ else:
                 "sample_autocovariance",
                 "stationary_noise",
                 "stationary_product",
+                "stationary_times",
             ],
             "channel_summary": ["ChannelSummary"],
             "characterisation": ["Characterisation", "SI_UNITS", "Summary", "characterisation_of"],

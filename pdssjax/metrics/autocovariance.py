@@ -108,9 +108,16 @@ def stationary_product(
 
     **Arguments:** as many lags as the positions span at least; `columns` X, one row a sample.
     """
+    return columns.T @ stationary_times(autocovariance, columns, positions)
+
+
+def stationary_times(
+    autocovariance: Float[np.ndarray, " lags"], columns: Float[np.ndarray, "n p"], positions: Int[np.ndarray, " n"]
+) -> Float[np.ndarray, "n p"]:
+    """C X, as `stationary_product` takes them."""
     length = int(positions[-1]) + 1
     grid = np.zeros((length, columns.shape[1]))
     grid[positions] = columns
     both = np.concatenate([autocovariance[:length], [0.0], autocovariance[length - 1 : 0 : -1]])
     spectrum = np.fft.rfft(both)[:, None] * np.fft.rfft(grid, 2 * length, axis=0)
-    return grid.T @ np.fft.irfft(spectrum, 2 * length, axis=0)[:length]
+    return np.fft.irfft(spectrum, 2 * length, axis=0)[positions]

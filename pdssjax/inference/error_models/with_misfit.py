@@ -14,13 +14,16 @@ that neighbours show, and a process in time.
 import numpy as np
 from jaxtyping import Float, Int
 
-from ...metrics import CycleSplit, ResidualSplit, grid_positions, neighbour_scatter, split_residuals, stationary_product
+from ...metrics import CycleSplit, ResidualSplit, grid_positions, neighbour_scatter, split_residuals, stationary_times
 from ._phase_process import PhaseProcess, phase_process
 from .base import AbstractErrorModel, RecordErrors, RecordShare
 from .coloured import Coloured
 
 MOST_PHASES = 200
 """Phases in which a misfit is described; finer ones are taken together."""
+
+_AT_ONCE = 20
+"""Phases whose covariance with all others is computed at once."""
 
 FEWEST = 16
 """Samples from which a misfit is looked for."""
@@ -80,8 +83,12 @@ def noise_of_means(
     """Covariance of the mean noise at each phase; all phases have samples."""
     places, count = grid_positions(record.time), int(phase.max()) + 1
     noise = split.noise.autocovariance(int(places[-1]) + 1)
-    member = (phase[:, None] == np.arange(count)) / np.bincount(phase)
-    return stationary_product(noise, member, places)
+    sizes, out = np.bincount(phase), np.zeros((count, count))
+    # A few phases at a time: all of them would be an n x phases matrix.
+    for some in np.array_split(np.arange(count), -(-count // _AT_ONCE)):
+        member = (phase[:, None] == some) / sizes[some]
+        out[:, some] = sums_at(phase, stationary_times(noise, member, places), count) / sizes[:, None]
+    return 0.5 * (out + out.T)
 
 
 def sums_at(

@@ -86,7 +86,7 @@ def _about_repeating(fitted: Sequence[FittedRecord]) -> list[str]:
     )
     return [
         f"A part of the residuals repeats every cycle, {listed(figures)}: that is the model's misfit and not noise, "
-        "and more cycles do not average it away. The true errors are larger than the standard errors given."
+        "and more cycles do not average it away. The true errors are larger than the white standard errors."
     ]
 
 
@@ -136,7 +136,7 @@ def _about_correlation(fitted: Sequence[FittedRecord]) -> list[str]:
         return []
     return [
         f"Neighbouring residuals are correlated, as the model's errors are and noise is not, in {quoted(correlated)}. "
-        "The true errors are larger than the standard errors given."
+        "The true errors are larger than the white standard errors."
     ]
 
 
