@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from .files import characterise as characterise
     from .files import load_study as load_study
     from .friction.base import AbstractFriction as AbstractFriction
+    from .inference import Drawing as Drawing
     from .inference import FitInterrupted as FitInterrupted
     from .inference import identify as identify
     from .inference import initial_guess as initial_guess
@@ -43,7 +44,7 @@ else:
             "drive.base": ["AbstractDrive"],
             "files": ["characterise", "load_study"],
             "friction.base": ["AbstractFriction"],
-            "inference": ["FitInterrupted", "identify", "initial_guess", "pose_problem"],
+            "inference": ["Drawing", "FitInterrupted", "identify", "initial_guess", "pose_problem"],
             "integration": ["AbstractHybridSystem", "AbstractStepMethod", "Accuracy", "OneStep", "Taylor"],
             "piezo.base": ["AbstractPiezo"],
             "simulation": ["simulate", "steady_cycle"],

@@ -32,6 +32,8 @@ HOMES = {
     "matplotlib": {"report.figures"},
     "pint": {"core.units"},
     "rich": {"cli.console"},
+    "numpyro": {"inference.posterior"},
+    "h5netcdf": set(),
 }
 """The modules or folders that may import a heavy dependency."""
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from ..core import members
 from ..files import EXAMPLE
 from .console import progress, say
+from .drawing import DRAWN, More, add_drawing, check_drawing, more_of
 from .results import NOT_WRITTEN, add_out, keep_results
 from .subcommands import Subcommands
 
@@ -20,10 +21,11 @@ def identify(options: argparse.Namespace) -> int:
     from ..core import prepare_jax
     from ..files import check_free
 
-    check_free(options.out, options.overwrite)
+    check_drawing(options)
+    check_free(options.out, options.overwrite or options.resume)
     if options.method == "both":
         for method in _SIDE_BY_SIDE:
-            check_free(options.out / method, options.overwrite)
+            check_free(options.out / method, options.overwrite or options.resume)
     prepare_jax()
     import pdssjax
 
@@ -35,9 +37,10 @@ def identify(options: argparse.Namespace) -> int:
     estimates: dict[Method, Estimate] = {}
     written = True
     for method, folder in folders.items():
-        intervals: Intervals = options.intervals if method == "joint" else "linear"
+        intervals = _intervals_of(method, options.intervals)
         loss: str = options.loss if method == "joint" or len(methods) == 1 else "squares"
-        estimates[method] = _identified(study, method, intervals, loss, folder)
+        more = more_of(options, intervals, folder)
+        estimates[method] = _identified(study, method, intervals, loss, more, folder)
         written &= _report_and_keep(estimates[method], folder)
     if len(methods) > 1:
         written &= _compared(list(estimates.values()), options.out)
@@ -51,6 +54,12 @@ def identify(options: argparse.Namespace) -> int:
 
 _SIDE_BY_SIDE: "list[Method]" = ["joint", "sequential", "peaks"]
 """What --method both compares."""
+
+
+def _intervals_of(method: "Method", asked: "Intervals") -> "Intervals":
+    """Those that were asked for, where a method has them."""
+    has = method == "joint" or (asked == "bootstrap" and method == "sequential")
+    return asked if has else "linear"
 
 
 def _possible(study: "Study") -> "list[Method]":
@@ -75,7 +84,9 @@ def _compared(estimates: "list[Estimate]", folder: Path) -> bool:
     return keep_results(lambda place: write_comparison(estimates, place), folder)
 
 
-def _identified(study: "Study", method: "Method", intervals: "Intervals", loss: str, folder: Path) -> "Estimate":
+def _identified(
+    study: "Study", method: "Method", intervals: "Intervals", loss: str, more: "More", folder: Path
+) -> "Estimate":
     """The estimate of a study; of a fit that is broken off the best point so far is kept in `folder`."""
     import pdssjax
 
@@ -84,7 +95,7 @@ def _identified(study: "Study", method: "Method", intervals: "Intervals", loss: 
 
     try:
         with progress() as tell:
-            return pdssjax.identify(study, method=method, intervals=intervals, loss=loss, progress=tell)
+            return pdssjax.identify(study, method=method, intervals=intervals, loss=loss, progress=tell, **more)
     except pdssjax.FitInterrupted as interrupt:
         kept = interrupt.estimate
         if kept is None:
@@ -94,6 +105,8 @@ def _identified(study: "Study", method: "Method", intervals: "Intervals", loss: 
             if keep_results(lambda place: write_essentials(kept, place), folder, kept):
                 what = "estimate" if kept.converged else "best point so far"
                 print(f"pdssjax: the {what} is in {folder / 'estimate.json'}", file=sys.stderr)
+            if intervals in DRAWN and kept.converged:
+                print("pdssjax: what was drawn is kept; the same command with --resume goes on", file=sys.stderr)
         raise
 
 
@@ -135,10 +148,10 @@ def add_parser(subcommands: Subcommands) -> None:
     )
     parser.add_argument(
         "--intervals",
-        choices=["linear", "profile"],
+        choices=["linear", "profile", "bootstrap", "posterior"],
         default="linear",
-        help="of the joint fit: symmetric ones from the standard errors (default), or by profile likelihood, which "
-        "hold where chi-square is no parabola and say which end is open",
+        help="symmetric ones from the standard errors (default); of the joint fit by profile likelihood, which "
+        "hold where chi-square is no parabola and say which end is open; or of its posterior; or of a bootstrap",
     )
     parser.add_argument(
         "--loss",
@@ -146,4 +159,7 @@ def add_parser(subcommands: Subcommands) -> None:
         default="squares",
         help="of the joint fit: the sum of squares (default), or a robust one, under which glitches pull little",
     )
+    text = "fit from N more starts, spread over their ranges, on all cores, and compare where they end"
+    parser.add_argument("--starts", type=int, default=0, metavar="N", help=text)
+    add_drawing(parser)
     add_out(parser)

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from .characterisation_results import write_characterisations as write_characterisations
     from .characterise_record import characterise as characterise
     from .comparison_results import write_comparison as write_comparison
+    from .draws_file import DrawsFile as DrawsFile
     from .estimate_json import estimate_text as estimate_text
     from .estimate_json import read_covariance as read_covariance
     from .estimate_json import with_estimate as with_estimate
@@ -45,6 +46,7 @@ else:
             "characterise_record": ["characterise"],
             "comparison_results": ["write_comparison"],
             "estimate_json": ["estimate_text", "read_covariance", "with_estimate"],
+            "draws_file": ["DrawsFile"],
             "estimate_results": ["write_essentials", "write_estimate"],
             "example": ["EXAMPLE"],
             "new_study": ["Told", "guess_file", "write_study"],

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core import Document, InputError, InputWarning, nearest
-from ..study import Estimate, Study
+from ..study import Draws, Estimate, Study
 from .json_text import json_text
 
 FORMAT = "pdssjax-estimate/1"
@@ -121,6 +121,9 @@ def estimate_document(estimate: Estimate) -> Document:
         "error_advice": None if estimate.error_advice is None else estimate.error_advice._asdict(),
         "amplification": None if estimate.amplification is None else vars(estimate.amplification),
         "diagnosis": None if estimate.diagnosis is None else dataclasses.asdict(estimate.diagnosis),
+        "profiles": [vars(profile) for profile in estimate.profiles],
+        "multistart": None if estimate.multistart is None else vars(estimate.multistart),
+        "draws": _draws_document(estimate.draws),
         "records": [
             {key: getattr(record, key) for key in keys}
             | record.words
@@ -132,3 +135,13 @@ def estimate_document(estimate: Estimate) -> Document:
         "notes": estimate.notes,
         "seconds": estimate.seconds,
     }
+
+
+def _draws_document(draws: Draws | None) -> Document | None:
+    """What the draws say; the draws themselves are in a file of their own."""
+    if draws is None:
+        return None
+    chains, each, _ = draws.values.shape
+    keys = "kind description names failed seed".split()
+    document = {key: getattr(draws, key) for key in keys} | {"chains": chains, "draws": each}
+    return document | {"parameters": {drawn.path: vars(drawn) for drawn in draws.parameters}}

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from ..report.text import format_report
 from ..study import Estimate
+from .draws_results import write_draws
 from .estimate_json import estimate_text
 from .prediction_results import file_stems, write_records
 from .results_folder import staging_folder
@@ -15,6 +16,8 @@ def write_estimate(estimate: Estimate, folder: Path) -> None:
         amplification_figure,
         correlation_figure,
         error_figure,
+        multistart_figure,
+        profile_figure,
         residual_split_figure,
     )
 
@@ -24,6 +27,13 @@ def write_estimate(estimate: Estimate, folder: Path) -> None:
         if len(estimate.names) > 1:
             correlation_figure(estimate).savefig(staging / "plots" / "correlations.png")
         error_figure(estimate).savefig(staging / "plots" / "standard_errors.png")
+        if estimate.draws is not None:
+            units = {path: parameter.unit for path, parameter in estimate.parameters.items()}
+            write_draws(estimate.draws, units, staging)
+        if estimate.multistart is not None:
+            multistart_figure(estimate.multistart).savefig(staging / "plots" / "multistart.png")
+        if estimate.profiles:
+            profile_figure(estimate.profiles, estimate.parameters).savefig(staging / "plots" / "profiles.png")
         if estimate.amplification is not None:
             amplification_figure(estimate.amplification).savefig(staging / "plots" / "amplification.png")
         fitted = [record for record in estimate.records if record.role == "fit" and record.simulated]

@@ -17,6 +17,8 @@ _RESULTS = (
     "predictions",
     "cycles.csv",
     "plots",
+    "posterior.nc",
+    "bootstrap.csv",
     "sweep.nc",
     "sweep.zarr",
     "sweep.png",
@@ -27,12 +29,16 @@ _RESULTS = (
 """What a folder of results may hold; the JSON file is moved in last, so where it is, all is."""
 
 
+_DRAWS = "draws.jsonl"
+"""Lies beside them and is not replaced with them: a run that is broken off goes on with it."""
+
+
 def check_free(folder: Path, overwrite: bool) -> None:
     """See, before any work is spent, that results can go to `folder`.
 
     **Raises:** `InputError` if it holds results and `overwrite` is false, or cannot be written to.
     """
-    held = [name for name in _RESULTS if (folder / name).exists()]
+    held = [name for name in (*_RESULTS, _DRAWS) if (folder / name).exists()]
     if held and not overwrite:
         raise InputError(
             f"{folder}: found results already ({', '.join(held)}); expected another folder, or --overwrite."

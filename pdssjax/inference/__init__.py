@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from .covariance import least_squares_covariance as least_squares_covariance
     from .covariance import propagated as propagated
+    from .draws import Drawing as Drawing
+    from .draws import Store as Store
     from .ending import SUCCESSES as SUCCESSES
     from .ending import Ending as Ending
     from .identification import FitInterrupted as FitInterrupted
@@ -39,6 +41,7 @@ else:
         __name__,
         {
             "covariance": ["least_squares_covariance", "propagated"],
+            "draws": ["Drawing", "Store"],
             "ending": ["Ending", "SUCCESSES"],
             "identification": ["FitInterrupted", "Intervals", "identify"],
             "influence": ["curvature_of", "influence_of"],

@@ -2,7 +2,8 @@
 
 import dataclasses
 import time
-from typing import Literal, TypeAlias
+from concurrent.futures import Executor
+from typing import Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 
@@ -10,18 +11,27 @@ from ..core import InputError, member, members, nearest, need_double_precision
 from ..integration import Accuracy
 from ..study import Estimate, Study
 from .best_point import BestPoint, Point, completed
+from .drawn_intervals import with_bootstrap, with_posterior
+from .draws import Drawing
 from .held_stack import rejoined, with_stack_held
-from .least_squares import Method, Progress, joint, sequential
+from .kept_fit import Found, as_asked, kept, restored
+from .least_squares import FitMethod, Method, Progress, evaluated, joint, quiet, sequential
 from .losses.base import AbstractLoss
-from .multistart import best_fit
+from .multistart import best_fit, with_noise
 from .parameter_errors import with_error_models
 from .peak_picking import PickedStack, pick_peaks
+from .posterior import need_numpyro
 from .profile_intervals import with_profile_intervals
+from .requested_starts import best_of_starts, check_starts
 from .sensor_signs import question_signs
 from .summary import summarise
 
-Intervals: TypeAlias = Literal["linear", "profile"]
-"""By the covariance, or by profile likelihood."""
+Intervals: TypeAlias = Literal["linear", "profile", "bootstrap", "posterior"]
+"""By the covariance, by profile likelihood, by fits to data drawn anew, or of the posterior."""
+
+
+DRAWN = ("bootstrap", "posterior")
+"""Kinds of intervals that are drawn."""
 
 
 class FitInterrupted(KeyboardInterrupt):
@@ -41,6 +51,9 @@ def identify(
     *,
     intervals: Intervals = "linear",
     loss: str = "squares",
+    drawing: Drawing | None = None,
+    starts: int = 0,
+    executor: Executor | None = None,
     progress: Progress | None = None,
     accuracy: Accuracy | None = None,
 ) -> Estimate:
@@ -50,11 +63,14 @@ def identify(
     "sequential": the piezo from the platform records, then the others with the piezo held,
     the first step's errors carried on into the second; or "peaks", the thesis's way: the same with the
     piezo from the peaks of step responses (`peak_picking`).  `intervals` are
-    "linear", symmetric on the scale of the fit, or of a joint fit those by "profile" likelihood, which hold where
-    chi-square is no parabola and take some ten evaluations with derivatives an end.  `loss` is "squares",
+    "linear", symmetric on the scale of the fit; of a joint fit those by "profile" likelihood, which hold where
+    chi-square is no parabola and take a few evaluations with derivatives an end, or those of its "posterior"; or those
+    of a "bootstrap", which takes a whole fit a replicate, not for "peaks".  `drawing` says how many draws these two
+    make, and where they are kept.  `loss` is "squares",
     or of a joint fit "huber" or "cauchy", under which glitches pull little; its errors are those of a
-    sandwich covariance.  `progress` is called with a
-    line of text now and then.
+    sandwich covariance.  So many other `starts` are fitted besides the usual ones and compared
+    (`Estimate.multistart`).  Fits and chains that do not need each other run where the `executor` says, in this
+    thread if it is None; chains only in threads.  `progress` is called with a line of text now and then.
 
     **Raises:** `InputError` if there is nothing to fit, or for "peaks" no record to pick them
     from.  A fit that does not converge is returned all the same, with `converged` False and the
@@ -64,31 +80,87 @@ def identify(
     """
     need_double_precision()
     begun = time.perf_counter()
-    report = progress or (lambda message: None)
     _check(study, method)
-    if intervals not in ("linear", "profile") or (intervals == "profile" and method != "joint"):
-        raise InputError(
-            f'intervals: found "{intervals}" with method "{method}", expected "linear", or "profile" with "joint".'
-        )
+    _check_intervals(intervals, method)
+    check_starts(starts)
     cost = _loss(loss, method, intervals)
     question_signs([record for record in study.records if record.role == "fit"])
     stack = pick_peaks(study) if method == "peaks" else None
-    asked = with_stack_held(study, stack.values) if stack else study
-    run = sequential if method == "sequential" else joint
+    fitted = with_stack_held(study, stack.values) if stack else study
+    run, report = sequential if method == "sequential" else joint, progress or quiet
+    settings = drawing or Drawing(), starts, executor, accuracy or Accuracy()
+    request = _Request(fitted, method, run, cost, intervals, *settings, report)
     best, done = BestPoint(), None
     try:
-        report("finding starts")
-        fit, problem, starts = best_fit(asked, accuracy or Accuracy(), best.watched(run), report, cost)
-        done = Point(fit, problem, starts, 2)
+        found = _found(request, best)
+        done = Point(found.fit, found.problem, found.starts, 2)
         estimate = _summarised(study, method, done, begun, report, stack)
-        if intervals == "profile" and np.isfinite(fit.chi2):
-            estimate = with_profile_intervals(estimate, problem, fit, report)
+        estimate = dataclasses.replace(estimate, multistart=found.multistart)
+        if np.isfinite(found.fit.chi2):
+            estimate = _with_intervals(estimate, found, request)
             estimate = dataclasses.replace(estimate, seconds=time.perf_counter() - begun)
     except KeyboardInterrupt as interrupt:
         point = done or best.point
-        kept = _summarised(study, method, point, begun, report, stack) if point else None
-        raise FitInterrupted(kept) from interrupt
+        so_far = _summarised(study, method, point, begun, report, stack) if point else None
+        raise FitInterrupted(so_far) from interrupt
     return estimate
+
+
+class _Request(NamedTuple):
+    """What `identify` is asked for."""
+
+    study: Study
+    """With the stack held, where it was picked from peaks."""
+    method: Method
+    run: FitMethod
+    loss: AbstractLoss
+    intervals: Intervals
+    drawing: Drawing
+    starts: int
+    executor: Executor | None
+    accuracy: Accuracy
+    report: Progress
+
+
+def _found(request: _Request, best: BestPoint) -> Found:
+    """The fit, its problem and its starts: found anew, or those around which draws go on."""
+    study, report, accuracy, store = request.study, request.report, request.accuracy, request.drawing.store
+    what = as_asked(study, request.method, request.intervals, request.drawing)
+    earlier = store.begun() if request.intervals in DRAWN else None
+    if earlier is not None:
+        report("going on around the fit that was kept")
+        return restored(earlier, what, study, accuracy, report)
+    report("finding starts")
+    fit, problem, starts = best_fit(study, accuracy, best.watched(request.run), report, request.loss)
+    table = None
+    if request.starts:
+        usual = fit
+        fit, starts, table = best_of_starts(
+            study, problem, fit, starts, request.starts, request.run, request.executor, report
+        )
+        if fit.chi2 < usual.chi2:
+            fit, problem = with_noise(fit, problem, request.run, report)
+    found = Found(fit, problem, starts, table)
+    if request.intervals in DRAWN:
+        store.begin(kept(what, found))
+    return found
+
+
+def _with_intervals(estimate: Estimate, found: Found, request: _Request) -> Estimate:
+    """`estimate` with the intervals asked for; linear ones where nothing can be drawn around where the fit ended."""
+    problem, fit, intervals = found.problem, found.fit, request.intervals
+    if intervals == "profile":
+        return with_profile_intervals(estimate, problem, fit, request.report)
+    if intervals in DRAWN and not estimate.converged:
+        note = f"No {intervals}: the fit did not converge, and its intervals are linear."
+        return dataclasses.replace(estimate, notes=(*estimate.notes, note))
+    if intervals not in DRAWN:
+        return estimate
+    # Evaluated anew, so that a run that goes on begins with the same numbers to the last bit.
+    fit, how = evaluated(problem, fit.free, quiet), (request.drawing, request.executor, request.report)
+    if intervals == "posterior":
+        return with_posterior(estimate, problem, fit, *how)
+    return with_bootstrap(estimate, problem, fit, request.run, *how)
 
 
 def _loss(name: str, method: str, intervals: str) -> AbstractLoss:
@@ -114,6 +186,24 @@ def _summarised(
     if stack is None and not point.problem.residual.loss.is_robust:
         estimate = with_error_models(estimate, point.problem, point.fit, report)
     return dataclasses.replace(estimate, seconds=time.perf_counter() - begun)
+
+
+_METHODS: dict[str, tuple[str, ...]] = {
+    "bootstrap": ("joint", "sequential"),
+    "profile": ("joint",),
+    "posterior": ("joint",),
+}
+"""By kind of intervals, the methods that have them; all have linear ones."""
+
+
+def _check_intervals(intervals: Intervals, method: Method) -> None:
+    if intervals not in get_args(Intervals) or method not in _METHODS.get(intervals, (method,)):
+        raise InputError(
+            f'intervals: found "{intervals}" with method "{method}", expected "linear", or with "joint" "profile", '
+            '"bootstrap" or "posterior", or with "sequential" "bootstrap".'
+        )
+    if intervals == "posterior":
+        need_numpyro()
 
 
 def _check(study: Study, method: str) -> None:

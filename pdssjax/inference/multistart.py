@@ -53,7 +53,7 @@ def best_fit(
     again = reason_in_the_end(fit, starts, contest, bool(raced))
     if again:
         fit, starts = race(again, fit, starts, contest)
-    fit, problem = _with_noise(fit, problem, run, report)
+    fit, problem = with_noise(fit, problem, run, report)
     return fit, problem, starts
 
 
@@ -73,7 +73,7 @@ def _first(problem: Problem, starts: dict[str, float], run: FitMethod, report: P
     return summed(fit, [first])
 
 
-def _with_noise(fit: Fit, problem: Problem, run: FitMethod, report: Progress) -> tuple[Fit, Problem]:
+def with_noise(fit: Fit, problem: Problem, run: FitMethod, report: Progress) -> tuple[Fit, Problem]:
     """Estimates the noise of the records that do not give it, and fits again with that."""
     unknown = [record.noise is None for record in problem.records]
     for _ in range(2):

@@ -37,6 +37,10 @@ class ParameterTransform(eqx.Module):
         number = jnp.where(self.logarithmic, jnp.exp(jnp.where(self.logarithmic, free, 0.0)), free * self.unit)
         return {path: number[i] for i, path in enumerate(self.paths)}
 
+    def in_si(self, free: Float[np.ndarray, "*many p"]) -> Float[np.ndarray, "*many p"]:
+        """Many points at once, by NumPy."""
+        return np.where(self.logarithmic, np.exp(np.where(self.logarithmic, free, 0.0)), free * self.unit)
+
     def slope(self, free: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
         """d value / d free."""
         return np.where(self.logarithmic, np.exp(np.where(self.logarithmic, free, 0.0)), self.unit)

@@ -12,6 +12,9 @@ if TYPE_CHECKING:
     from .autocovariance import stationary_noise as stationary_noise
     from .autocovariance import stationary_product as stationary_product
     from .autocovariance import stationary_times as stationary_times
+    from .chain_convergence import effective_size as effective_size
+    from .chain_convergence import effective_size_of_tails as effective_size_of_tails
+    from .chain_convergence import rhat as rhat
     from .channel_summary import ChannelSummary as ChannelSummary
     from .characterisation import SI_UNITS as SI_UNITS
     from .characterisation import Characterisation as Characterisation
@@ -53,6 +56,7 @@ else:
                 "stationary_times",
             ],
             "channel_summary": ["ChannelSummary"],
+            "chain_convergence": ["effective_size", "effective_size_of_tails", "rhat"],
             "characterisation": ["Characterisation", "SI_UNITS", "Summary", "characterisation_of"],
             "decimation": ["decimated"],
             "goodness_of_fit": ["error_index", "r_squared", "rmse"],

@@ -62,19 +62,32 @@ def _friction_force(system: System, segment: Segment, t_local: Scalar, x: State,
     return system.force(segment, t_local, x, mode)
 
 
-DISPLACEMENT = Output(_displacement, lambda system: system.output_components())
+# Named, so that another process finds them: a problem can be pickled.
+def _of_displacement(system: System) -> tuple[int, ...] | None:
+    return system.output_components()
+
+
+def _of_velocity(system: System) -> tuple[int, ...] | None:
+    return system.velocity_components()
+
+
+def _of_all(system: System) -> tuple[int, ...] | None:
+    return None
+
+
+DISPLACEMENT = Output(_displacement, _of_displacement)
 """Of platform or end-effector [m], behind the sensor's low-pass."""
 
-VELOCITY = Output(_velocity, lambda system: system.velocity_components())
+VELOCITY = Output(_velocity, _of_velocity)
 """The same of a sensor of velocity [m/s]."""
 
-ACCELERATION = Output(_acceleration, lambda system: None)
+ACCELERATION = Output(_acceleration, _of_all)
 """The rate of that velocity [m/s2]."""
 
-STOP_FORCE = Output(_stop_force, lambda system: system.output_components())
+STOP_FORCE = Output(_stop_force, _of_displacement)
 """The push on the stop [N], behind the sensor's low-pass."""
 
-FRICTION_FORCE = Output(_friction_force, lambda system: None, _at_once)
+FRICTION_FORCE = Output(_friction_force, _of_all, _at_once)
 """Of the contact on the end-effector [N], as it is."""
 
 

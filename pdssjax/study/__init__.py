@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from .diagnosis import Combination as Combination
     from .diagnosis import Diagnosis as Diagnosis
     from .diagnosis import Remedy as Remedy
+    from .draws import Draws as Draws
+    from .draws import ParameterDraws as ParameterDraws
     from .estimate import Amplification as Amplification
     from .estimate import ErrorAdvice as ErrorAdvice
     from .estimate import Estimate as Estimate
@@ -32,6 +34,7 @@ if TYPE_CHECKING:
     from .measurement.base import Samples as Samples
     from .models import Models as Models
     from .models import Values as Values
+    from .multistart import Multistart as Multistart
     from .noise import noise_floor as noise_floor
     from .numbers import UsedNumber as UsedNumber
     from .numbers import numbers_used as numbers_used
@@ -41,6 +44,7 @@ if TYPE_CHECKING:
     from .prediction import Predictor as Predictor
     from .prediction import failures as failures
     from .prediction import predicted as predicted
+    from .profile import Profile as Profile
     from .record import Record as Record
     from .resonances import SHOWN as SHOWN
     from .resonances import Resonance as Resonance
@@ -70,13 +74,16 @@ else:
             "estimate": ["Amplification", "ErrorAdvice", "Estimate", "FittedParameter", "ParameterError", "Statistics"],
             "measurement.base": ["AbstractMeasurement", "MOVING", "Samples"],
             "models": ["Models", "Values"],
+            "multistart": ["Multistart"],
             "noise": ["noise_floor"],
             "numbers": ["UsedNumber", "numbers_used"],
             "parameter": ["Parameter", "REACH"],
             "prediction": ["Lowered", "Predictor", "failures", "predicted"],
+            "profile": ["Profile"],
             "record": ["Record"],
             "resonances": ["Resonance", "SHOWN", "depends_on", "hidden_from"],
             "sample_times": ["STEP_TIME", "check_begins_early", "check_increasing", "check_meets_drive"],
+            "draws": ["Draws", "ParameterDraws"],
             "shared_drive": ["drive_with", "shared_fields"],
             "study": ["Study", "legal_quantities"],
             "virtual_rig": ["Recording", "make_recordings", "truth"],

@@ -9,6 +9,9 @@ from jaxtyping import Float
 
 from .comparison import FittedRecord
 from .diagnosis import Diagnosis
+from .draws import Draws
+from .multistart import Multistart
+from .profile import Profile
 
 
 class ParameterError(NamedTuple):
@@ -126,6 +129,12 @@ class Estimate:
     """Sentences the user must read, such as which parameters have no information."""
     seconds: float
     """Wall time of the fit [s]."""
+    profiles: tuple[Profile, ...] = ()
+    """Of the parameters whose intervals are by profile likelihood."""
+    multistart: Multistart | None = None
+    """Where fits from the starts asked for ended; None where none were."""
+    draws: Draws | None = None
+    """Of a bootstrap or a posterior, from which the intervals then are."""
     amplification: Amplification | None = None
     """What an error of the stack does to all else; None where nothing is fitted after it."""
     loss: str = "squares"

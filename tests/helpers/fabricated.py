@@ -9,10 +9,14 @@ import numpy as np
 from pdssjax import Estimate
 from pdssjax.study import (
     Amplification,
+    Draws,
     ErrorAdvice,
     FittedParameter,
     FittedRecord,
+    Multistart,
+    ParameterDraws,
     ParameterError,
+    Profile,
     Statistics,
 )
 
@@ -127,3 +131,71 @@ def amplification() -> Amplification:
         ("piezo.gain", "piezo.natural_frequency", "piezo.damping_ratio"),
         np.array([[-12.5, 0.31, 0.02], [98.7, -2.2, 0.4], [1.02, 0.0, -0.001]]),
     )
+
+
+def profiles(parameters) -> tuple[Profile, ...]:
+    """Of three of the `parameters` of `estimate`: a parabola, a bent one, and one with a flat side."""
+    along = np.linspace(-1.0, 1.0, 25)
+    shapes = {
+        "piezo.gain": (3.84 * along**2, "bounded"),
+        "friction.sigma0_a": (3.84 * along**2 * (1.0 - 0.4 * along) / 0.6, "bounded"),
+        "friction.sigma1_a": (np.where(along < 0, 3.84 * along**2, 1.0 - np.exp(-2 * along**2)), "one-sided"),
+    }
+    return tuple(
+        Profile(
+            path=path,
+            value=parameters[path].value + 1.96 * parameters[path].standard_error * along,
+            excess=excess,
+            linear=3.84 * along**2,
+            computed=np.arange(25) % 3 == 0,
+            threshold=3.84,
+            verdict=verdict,
+            quality=0.97,
+            evaluations=12,
+        )
+        for path, (excess, verdict) in shapes.items()
+    )
+
+
+def multistart(parameters) -> Multistart:
+    """Ends of 20 starts: 12 in the best optimum, 4 and 2 in others, 1 not converged, 1 that failed."""
+    free = [p for p in parameters.values() if p.free and p.value]
+    best = np.array([p.value for p in free])
+    random = np.random.default_rng(11)
+    optimum = np.array([0] * 12 + [1] * 4 + [2] * 2 + [-1] * 2)
+    factors = np.array([1.0, 1.06, 0.7, 1.5])[optimum]
+    chi2 = 5590.0 + np.array([1e-4, 31.0, 420.0, 9000.0])[optimum] + 1e-3 * random.random(20)
+    chi2[-1] = np.inf
+    return Multistart(
+        names=tuple(p.path for p in free),
+        chi2=np.sort(chi2),
+        converged=optimum >= 0,
+        starts=best * random.uniform(0.5, 2.0, (20, len(free))),
+        ends=best * factors[:, None] ** random.normal(size=len(free)),
+        optimum=optimum,
+        iterations=np.full(20, 9),
+        ranges={p.path: (0.5 * p.value, 2.0 * p.value) for p in free[:-1]},
+    )
+
+
+def draws(parameters, kind: Literal["bootstrap", "posterior"]) -> Draws:
+    """Normal ones of two of the `parameters` of `estimate`."""
+    names = "piezo.gain", "friction.sigma1_a"
+    shape = (1, 40) if kind == "bootstrap" else (4, 25)
+    random = np.random.default_rng(7)
+    centre, errors = (np.array([getattr(parameters[n], what) for n in names]) for what in ("value", "standard_error"))
+    values = centre + errors * random.normal(size=(*shape, 2))
+    chains = {} if kind == "bootstrap" else {"rhat": 1.004, "effective": 812.0, "effective_tails": 644.2}
+    summaries = tuple(
+        ParameterDraws(
+            name,
+            float(np.mean(values[:, :, i])),
+            float(np.std(values[:, :, i])),
+            (float(centre[i] - 2 * errors[i]), float(centre[i] + 2 * errors[i])),
+            (float(centre[i] - 1.8 * errors[i]), float(centre[i] + 2.2 * errors[i])) if kind == "bootstrap" else None,
+            **chains,
+        )
+        for i, name in enumerate(names)
+    )
+    statistics = {"diverging": np.zeros(shape, bool), "energy": np.ones(shape), "n_steps": np.full(shape, 7)}
+    return Draws(kind, "white noise", names, values, 3, 5, summaries, {} if kind == "bootstrap" else statistics)

@@ -13,6 +13,8 @@ from pdssjax.report.figures import (
     comparison_figure,
     correlation_figure,
     error_figure,
+    multistart_figure,
+    profile_figure,
     record_figure,
     residual_split_figure,
 )
@@ -168,3 +170,33 @@ def test_errors_by_every_model_are_drawn():
     assert labels == ["standard error (white)", "coloured", "with misfit"]
     first, second = (np.asarray(line.get_xdata()) for line in axes.lines[:2])
     np.testing.assert_allclose(second, 2.0 * first)
+
+
+def test_profiles_stand_beside_their_parabolas_with_the_verdict():
+    parameters = fabricated.estimate().parameters
+    profiles = fabricated.profiles(parameters)
+    figure = drawn(profile_figure(profiles, parameters))
+    for axes, profile in zip(figure.axes, profiles, strict=True):
+        parabola, curve, computed = axes.lines[:3]
+        np.testing.assert_allclose(parabola.get_ydata(), profile.linear)
+        np.testing.assert_allclose(curve.get_ydata(), profile.excess)
+        assert len(computed.get_xdata()) == profile.computed.sum()
+        assert axes.get_title(loc="left") == f"{profile.path}\n{profile.verdict}"
+        assert axes.get_ylim()[1] > profile.threshold
+    assert figure.axes[0].lines[1].get_xdata()[0] == pytest.approx(1e6 * profiles[0].value[0])
+
+
+def test_starts_are_sorted_by_chi_square_and_their_optima_compared():
+    multistart = fabricated.multistart(fabricated.estimate().parameters)
+    above, below = drawn(multistart_figure(multistart)).axes
+    labels = [line.get_label() for line in above.lines]
+    assert [name for name in labels if not name.startswith("_")] == [
+        "not converged",
+        "optimum 1",
+        "optimum 2",
+        "optimum 3",
+    ]
+    assert [line.get_xdata().size for line in above.lines[1:]] == [1, 12, 4, 2]
+    assert "1 could not be simulated" in above.get_xlabel()
+    np.testing.assert_allclose(below.lines[-1].get_xdata(), 0.0, atol=1e-9)
+    assert len(below.lines) == multistart.distinct == 3

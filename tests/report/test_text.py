@@ -125,3 +125,44 @@ def test_a_sequential_fit_has_its_naive_errors_beside_all_of_them():
     text = format_report(fabricated.with_errors(fabricated.estimate("sequential")))
     line = line_of(text.split("[[Amplification")[0], "friction.sigma1_a")
     assert "11.4 % 22.8 % 45.6 % 0.735 % 42.0 .. 66.8" in line
+
+
+def test_profiles_say_how_far_the_ends_lie_from_the_linear_ones():
+    whole = fabricated.estimate()
+    parameters = dict(whole.parameters)
+    parameters["friction.sigma1_a"] = dataclasses.replace(parameters["friction.sigma1_a"], verdicts=("bounded", "flat"))
+    for path in ("piezo.gain", "friction.sigma0_a"):
+        parameters[path] = dataclasses.replace(parameters[path], verdicts=("bounded", "bounded"))
+    profiles = list(fabricated.profiles(parameters))
+    profiles[1] = dataclasses.replace(profiles[1], linear=profiles[1].linear * np.linspace(0.25, 1.44, 25))
+    text = format_report(dataclasses.replace(whole, parameters=parameters, profiles=tuple(profiles)))
+    assert "[[Profiles of chi-square]]" in text and "[[Profiles" not in format_report(whole)
+    below = text[text.index("[[Profiles") :]
+    assert line_of(below, "piezo.gain") == "piezo.gain bounded 1.00 1.00 0.97"
+    assert line_of(below, "friction.sigma0_a") == "friction.sigma0_a bounded 0.50 1.20 0.97"
+    assert line_of(below, "friction.sigma1_a") == "friction.sigma1_a one-sided 1.00 - 0.97"
+
+
+def test_draws_are_summed_up_beside_the_linear_errors():
+    whole = fabricated.estimate()
+    boot, posterior = (
+        format_report(dataclasses.replace(whole, draws=fabricated.draws(whole.parameters, kind)))
+        for kind in ("bootstrap", "posterior")
+    )
+    assert "40 replicates, seed 5; 3 did not converge and are left out" in boot
+    line = line_of(boot[boot.index("[[Bootstrap]]") :], "friction.sigma1_a")
+    assert "42.0 .. 66.8" in line and "43.2 .. 68.0" in line and line.endswith("6.2")
+    assert "4 chains of 25 draws, seed 5; 3 transitions diverged" in posterior
+    assert line_of(posterior[posterior.index("[[Posterior]]") :], "friction.sigma1_a").endswith("1.004 644")
+
+
+def test_starts_are_counted_by_the_optimum_they_led_to():
+    whole = fabricated.estimate()
+    text = format_report(dataclasses.replace(whole, multistart=fabricated.multistart(whole.parameters)))
+    assert "20 starts, 18 of them converged, to 3 distinct optima" in text
+    below = text[text.index("[[Starts]]") :]
+    assert [line_of(below, f"{n} ").split() for n in (1, 2, 3)] == [
+        ["1", "12", "0"],
+        ["2", "4", "31"],
+        ["3", "2", "420"],
+    ]

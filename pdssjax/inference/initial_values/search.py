@@ -101,6 +101,24 @@ def scatter_starts(
     factor `NEAR`; the paths `held` there, as are signed parameters.
     """
     fitted = [record for record in records if record.role == "fit"] or list(records)
+    ranges = scatter_ranges(models, parameters, records, around, held)
+    used = [record for record in fitted if not record.measurement.platform_alone]
+    if not (ranges and used):
+        return []
+    known = {path: number for path, number in around.items() if path not in ranges}
+    trials = _search(models, known, ranges, parameters, used)
+    return [{path: (known | trial)[path] for path in parameters} for trial in trials]
+
+
+def scatter_ranges(
+    models: Models,
+    parameters: Mapping[str, Parameter],
+    records: Sequence[Record],
+    around: Mapping[str, float],
+    held: Collection[str] = (),
+) -> dict[str, tuple[float, float]]:
+    """Between which numbers [SI] starts are scattered, by path; arguments as of `scatter_starts`."""
+    fitted = [record for record in records if record.role == "fit"] or list(records)
     free = [path for path, p in parameters.items() if p.free and path not in held]
     near = {
         path: tuple(_within(end, parameters[path]) for end in (around[path] / NEAR, around[path] * NEAR))
@@ -108,13 +126,7 @@ def scatter_starts(
         if parameters[path].quantity.positive
     }
     ranges = {path: (low, high) for path, (low, high) in near.items() if low < high}
-    ranges |= _ranges(models, around, free, parameters, fitted)
-    used = [record for record in fitted if not record.measurement.platform_alone]
-    if not (ranges and used):
-        return []
-    known = {path: number for path, number in around.items() if path not in ranges}
-    trials = _search(models, known, ranges, parameters, used)
-    return [{path: (known | trial)[path] for path in parameters} for trial in trials]
+    return ranges | _ranges(models, around, free, parameters, fitted)
 
 
 def _split_known(

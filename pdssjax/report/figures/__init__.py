@@ -10,6 +10,8 @@ if TYPE_CHECKING:
     from .comparison import comparison_figure as comparison_figure
     from .correlations import correlation_figure as correlation_figure
     from .cycles import cycle_figure as cycle_figure
+    from .multistart import multistart_figure as multistart_figure
+    from .profiles import profile_figure as profile_figure
     from .record_guess import guess_figure as guess_figure
     from .records import record_figure as record_figure
     from .residual_split import residual_split_figure as residual_split_figure
@@ -26,6 +28,8 @@ else:
             "correlations": ["correlation_figure"],
             "cycles": ["cycle_figure"],
             "record_guess": ["guess_figure"],
+            "multistart": ["multistart_figure"],
+            "profiles": ["profile_figure"],
             "records": ["record_figure"],
             "residual_split": ["residual_split_figure"],
             "standard_errors": ["error_figure"],

@@ -11,6 +11,9 @@ from ...study import Estimate, FittedParameter
 from ._layout import aligned_table, heading
 from .amplification import format_amplification
 from .diagnosis import format_diagnosis
+from .draws import format_draws
+from .multistart import format_multistart
+from .profiles import format_profiles
 from .records import format_records
 
 WORTH_KNOWING = 0.3
@@ -29,6 +32,12 @@ def format_report(estimate: Estimate) -> str:
         parts.append(format_diagnosis(estimate.diagnosis))
     if estimate.method != "joint" and estimate.amplification is not None:
         parts.append(format_amplification(estimate.amplification))
+    if estimate.multistart is not None:
+        parts.append(format_multistart(estimate.multistart))
+    if estimate.draws is not None:
+        parts.append(format_draws(estimate.draws, estimate.parameters))
+    if estimate.profiles:
+        parts.append(format_profiles(estimate.profiles, estimate.parameters))
     if estimate.notes:
         parts.append(heading("Notes") + "".join(map(_note, estimate.notes)))
     return "\n".join(parts)

@@ -1,0 +1,83 @@
+"""Keeps the draws of a bootstrap or a posterior in a file, line by line, so that a run that is broken off goes on.
+
+The first line says of what the draws are, each line after it holds one entry as JSON; numbers are written in full.
+"""
+
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from ..core import Document, InputError
+
+FORMAT = "pdssjax-draws/1"
+
+DRAWS = "draws.jsonl"
+"""The file in a folder of results (`results_folder` knows it)."""
+
+
+class DrawsFile:
+    """A store of draws (`inference.Store`) on the disk.
+
+    **Arguments:** the `folder` of the results; `resume` what its file holds, or refuse to where there is none and
+    begin anew.
+
+    **Raises:** `InputError` where there is nothing to resume, or the file is none of draws.
+    """
+
+    def __init__(self, folder: Path, resume: bool):
+        self._file = folder / DRAWS
+        self._begun: Document | None = None
+        self._entries: list[Document] = []
+        if resume:
+            self._read()
+
+    def begun(self) -> Document | None:
+        return self._begun
+
+    def begin(self, what: Document) -> None:
+        """Writes the first line, in place of an older file."""
+        self._begun, self._entries = what, []
+        self._file.parent.mkdir(parents=True, exist_ok=True)
+        with self._file.open("w", encoding="utf-8") as lines:
+            lines.write(json.dumps({"format": FORMAT} | what) + "\n")
+
+    def kept(self) -> Sequence[Document]:
+        return tuple(self._entries)
+
+    def keep(self, entry: Document) -> None:
+        """Appends a line, which is on the disk when this returns."""
+        self._entries.append(entry)
+        with self._file.open("a", encoding="utf-8") as lines:
+            lines.write(json.dumps(entry) + "\n")
+            lines.flush()
+            os.fsync(lines.fileno())
+
+    def forget(self) -> None:
+        """Removes the file of an earlier run, where there is one."""
+        self._file.unlink(missing_ok=True)
+
+    def _read(self) -> None:
+        """What an earlier run has kept; a last line that was broken off is taken away."""
+        try:
+            text = self._file.read_text(encoding="utf-8")
+        except FileNotFoundError:
+            raise InputError(f"{self._file}: there is no such file, expected that of a run to go on with.") from None
+        except (OSError, UnicodeDecodeError) as error:
+            raise InputError(f"{self._file}: cannot be read ({error}), expected that of a run to go on with.") from None
+        whole = text[: text.rfind("\n") + 1]
+        entries = [self._parsed(number, line) for number, line in enumerate(whole.splitlines(), 1)]
+        if not entries or entries[0].get("format") != FORMAT:
+            raise InputError(f'{self._file}: line 1: found no "format": "{FORMAT}", expected a file of draws.')
+        if whole != text:
+            os.truncate(self._file, len(whole.encode("utf-8")))
+        self._begun, self._entries = entries[0], entries[1:]
+
+    def _parsed(self, number: int, line: str) -> Document:
+        try:
+            entry: object = json.loads(line)
+        except json.JSONDecodeError as error:
+            raise InputError(f"{self._file}: line {number}: found no valid JSON: {error.msg}.") from None
+        if not isinstance(entry, dict):
+            raise InputError(f"{self._file}: line {number}: found no JSON object, expected one a line.")
+        return entry

@@ -1,0 +1,197 @@
+"""The curve of chi-square between an optimum and an end of a likelihood interval.
+
+The valley between two points at which all is known is a cubic in the profiled parameter, by values and tangents
+of the others.  The point halfway is evaluated, the linear model there tells what the others still gain, and each
+half is treated alike.  So the curve has values and slopes at a few points, and cubics between them.
+"""
+
+import itertools
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from .profile_likelihood import REACH, Box, End, Evaluate, linearise
+from .second_order import Point
+
+_HALVINGS = 2
+"""Of each side: 3 points between the optimum and the end."""
+
+_SHOWN = 3
+"""Points shown from one that is evaluated to the next: 25 points where both ends are found."""
+
+_OFF = 0.02
+"""Share of the threshold that the others may still gain at a point by the linear model; beyond it they move."""
+
+_CORRECTIONS = 8
+"""Evaluations at most to bring a point into the valley."""
+
+
+class Curve(NamedTuple):
+    """One side or both, the profiled parameter on the scale of the fit and ascending."""
+
+    value: Float[np.ndarray, " points"]
+    excess: Float[np.ndarray, " points"]
+    """Chi-square above its minimum, minimised over all else."""
+    computed: Bool[np.ndarray, " points"]
+    missed: float
+    """The most by which a point misses the cubic of its neighbours, in units of the threshold; NaN without points."""
+    falls: float
+    """The most by which the excess falls on the way outwards, in units of the threshold."""
+    evaluations: int
+
+
+class _Node(NamedTuple):
+    """A point of the valley."""
+
+    point: Point
+    excess: float
+    slope: float
+    """Of the excess, by the profiled parameter."""
+    tangent: Float[np.ndarray, " p"]
+    """Of the valley, by the profiled parameter; 1 for itself."""
+
+
+def profile_curve(
+    evaluate: Evaluate,
+    optimum: Point,
+    index: int,
+    ends: tuple[End, End],
+    threshold: float,
+    bounds: Box,
+    reach: float = REACH,
+) -> Curve:
+    """Both sides of the profile of the parameter `index`, between its `ends`: lower and upper."""
+    sides = [_Side(evaluate, optimum, index, threshold, bounds, reach).run(end.point) for end in ends]
+    low, high = sides
+    return Curve(
+        np.concatenate([low.value[::-1], high.value[1:]]),
+        np.concatenate([low.excess[::-1], high.excess[1:]]),
+        np.concatenate([low.computed[::-1], high.computed[1:]]),
+        float(np.fmax(low.missed, high.missed)),
+        max(low.falls, high.falls),
+        low.evaluations + high.evaluations,
+    )
+
+
+class _Side:
+    def __init__(self, evaluate: Evaluate, optimum: Point, index: int, threshold: float, bounds: Box, reach: float):
+        self.evaluate, self.optimum, self.index, self.threshold = evaluate, optimum, index, threshold
+        self.low, self.high = np.maximum(bounds[0], optimum.at - reach), np.minimum(bounds[1], optimum.at + reach)
+        self.evaluations, self.missed = 0, float("nan")
+
+    def run(self, end: Point) -> Curve:
+        """From the optimum to the `end`."""
+        first, last = self._node(self.optimum), self._node(end)
+        if not (np.isfinite(last.excess) and end.at[self.index] != self.optimum.at[self.index]):
+            nothing = np.zeros(1)
+            return Curve(self.optimum.at[[self.index]], nothing, nothing == 0.0, float("nan"), 0.0, 0)
+        nodes = [first, *self._between(first, last, _HALVINGS), last]
+        at = np.array([node.point.at[self.index] for node in nodes])
+        heights = np.array([node.excess for node in nodes])
+        segments = list(itertools.pairwise(nodes))
+        value = np.concatenate([[at[0]], *(np.linspace(*pair, _SHOWN + 1)[1:] for pair in itertools.pairwise(at))])
+        excess = [
+            _cubic(*segment, self.index, v)
+            for k, segment in enumerate(segments)
+            for v in value[1:].reshape(-1, _SHOWN)[k]
+        ]
+        falls = float(np.max(np.maximum.accumulate(heights) - heights)) / self.threshold
+        computed = np.arange(value.size) % _SHOWN == 0
+        return Curve(value, np.array([0.0, *excess]), computed, self.missed, falls, self.evaluations)
+
+    def _between(self, one_end: _Node, other_end: _Node, halvings: int) -> list[_Node]:
+        """Nodes between two others, in their order."""
+        if not halvings:
+            return []
+        at = 0.5 * (one_end.point.at[self.index] + other_end.point.at[self.index])
+        node = self._corrected(self._linearised(self._valley(one_end, other_end, at)))
+        if not np.isfinite(node.excess):
+            return []
+        if halvings < _HALVINGS:
+            foretold = _cubic(one_end, other_end, self.index, at)
+            self.missed = float(np.fmax(self.missed, abs(node.excess - foretold) / self.threshold))
+        return [
+            *self._between(one_end, node, halvings - 1),
+            node,
+            *self._between(node, other_end, halvings - 1),
+        ]
+
+    def _corrected(self, point: Point) -> _Node:
+        """The node at a `point`, after steps of the others that bring it into the valley where it is off."""
+        node, share = self._node(point), 1.0
+        for _ in range(_CORRECTIONS):
+            if not point.chi2 - self.optimum.chi2 - node.excess > _OFF * self.threshold:
+                break
+            nearer = self._linearised(point.at + share * self._best(point))
+            share = 1.0 if nearer.chi2 < point.chi2 else 0.25 * share
+            if nearer.chi2 < point.chi2:
+                point, node = nearer, self._node(nearer)
+        return node
+
+    def _valley(self, one_end: _Node, other_end: _Node, at: float) -> Float[np.ndarray, " p"]:
+        """All parameters where the profiled one is `at`."""
+        near, far = one_end.point.at, other_end.point.at
+        guess = _hermite(near[self.index], far[self.index], near, far, one_end.tangent, other_end.tangent, at)
+        guess[self.index] = at
+        return np.clip(guess, self.low, self.high)
+
+    def _node(self, point: Point) -> _Node:
+        """What the linear model makes of a point near the valley."""
+        if not np.isfinite(point.chi2):
+            return _Node(point, np.inf, np.nan, np.zeros(point.at.size))
+        residual = point.residual + point.jacobian @ self._best(point)
+        slope = 2.0 * float(point.jacobian[:, self.index] @ residual)
+        others = self._others(point)
+        tangent = np.zeros(point.at.size)
+        tangent[others] = -_solved(point.jacobian[:, others], point.jacobian[:, self.index])
+        tangent[self.index] = 1.0
+        return _Node(point, float(residual @ residual) - self.optimum.chi2, slope, tangent)
+
+    def _best(self, point: Point) -> Float[np.ndarray, " p"]:
+        """The step of the others that lowers chi-square most, by the linear model and within the bounds."""
+        others, step = self._others(point), np.zeros(point.at.size)
+        step[others] = -_solved(point.jacobian[:, others], point.residual)
+        return np.clip(point.at + step, self.low, self.high) - point.at
+
+    def _others(self, point: Point) -> Bool[np.ndarray, " p"]:
+        """Those besides the profiled one that are not at a bound."""
+        return (point.at > self.low) & (point.at < self.high) & (np.arange(point.at.size) != self.index)
+
+    def _linearised(self, at: Float[np.ndarray, " p"]) -> Point:
+        self.evaluations += 1
+        return linearise(self.evaluate, at)
+
+
+def _cubic(one_end: _Node, other_end: _Node, index: int, at: float) -> float:
+    """The excess between two nodes."""
+    low, high = one_end.point.at[index], other_end.point.at[index]
+    ends = (np.array(v) for v in (one_end.excess, other_end.excess, one_end.slope, other_end.slope))
+    return float(_hermite(low, high, *ends, at))
+
+
+def _hermite(
+    low: float,
+    high: float,
+    first: Float[np.ndarray, "*shape"],
+    last: Float[np.ndarray, "*shape"],
+    slope_first: Float[np.ndarray, "*shape"],
+    slope_last: Float[np.ndarray, "*shape"],
+    at: float,
+) -> Float[np.ndarray, "*shape"]:
+    """The cubic with values and slopes given at `low` and `high`, limited so that it stays between the values."""
+    width, rise = high - low, last - first
+    t = (at - low) / width
+    start, end = (_limited(width * slope, rise) for slope in (slope_first, slope_last))
+    return first + t * (start + t * (3.0 * rise - 2.0 * start - end + t * (start + end - 2.0 * rise)))
+
+
+def _limited(slope: Float[np.ndarray, "*shape"], rise: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+    """A slope that keeps a cubic between its ends (F. N. Fritsch and R. E. Carlson, SIAM J. Num. Anal. 17(2), 1980)."""
+    return np.where(slope * rise > 0.0, np.clip(slope, -3.0 * np.abs(rise), 3.0 * np.abs(rise)), 0.0)
+
+
+def _solved(columns: Float[np.ndarray, "n k"], target: Float[np.ndarray, " n"]) -> Float[np.ndarray, " k"]:
+    norms = np.linalg.norm(columns, axis=0)
+    norms = np.where(norms > 0, norms, 1.0)
+    return np.linalg.lstsq(columns / norms, target, rcond=1e-7)[0] / norms

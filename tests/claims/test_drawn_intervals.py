@@ -1,0 +1,129 @@
+"""Intervals by drawing, from the command line to the results: of a platform, whose fits take milliseconds."""
+
+import json
+import multiprocessing
+import pickle
+from concurrent.futures import ProcessPoolExecutor
+
+import jax
+import numpy as np
+import pytest
+from platform_study import write_platform
+
+import pdssjax
+from pdssjax.cli.main import main
+from pdssjax.files import DrawsFile
+from pdssjax.inference.draws import InMemory
+
+STACK = "piezo.gain", "piezo.natural_frequency", "piezo.damping_ratio"
+COMPILED = "/jax/core/compile/backend_compile_duration"
+
+
+def test_a_bootstrap_of_a_platform_has_its_linear_intervals_and_compiles_nothing_anew(tmp_path):
+    study = pdssjax.load_study(write_platform(tmp_path))
+    linear, counts, compiled = pdssjax.identify(study), [], []
+
+    class Counting(InMemory):
+        def keep(self, entry):
+            counts.append(len(compiled))
+            super().keep(entry)
+
+    jax.monitoring.register_event_duration_secs_listener(
+        lambda name, seconds, **details: compiled.append(name) if name == COMPILED else None
+    )
+    drawing = pdssjax.Drawing(200, seed=3, store=Counting())
+    estimate = pdssjax.identify(study, intervals="bootstrap", drawing=drawing)
+    assert len(counts) == 200
+    assert counts[0] == counts[-1], "a replicate compiled anew"
+    assert estimate.draws is not None and estimate.draws.failed == 0
+    for path, drawn in zip(estimate.draws.names, estimate.draws.parameters, strict=True):
+        one, other = linear.parameters[path], estimate.parameters[path]
+        assert other.value == one.value
+        if path in STACK:
+            assert other.standard_error == one.standard_error
+            # Four standard deviations of the quantile of 200 draws, and of their deviation.
+            np.testing.assert_allclose(other.interval, one.interval, atol=4 * 2.67 / 200**0.5 * one.standard_error)
+            assert drawn.deviation == pytest.approx(one.standard_error, rel=4.0 / 400**0.5)
+        else:
+            assert np.isnan(other.interval).all()
+
+
+def test_the_command_goes_on_where_it_was_broken_off(tmp_path, monkeypatch, capsys):
+    study = str(write_platform(tmp_path))
+    command = ["identify", study, "--intervals", "bootstrap", "--replicates", "8", "--seed", "5", "--out"]
+    assert main([*command, str(tmp_path / "whole")]) == 0
+    printed = capsys.readouterr().out
+    assert "[[Bootstrap]]" in printed and "8 replicates, seed 5; 0 did not converge" in printed
+    keep, count = DrawsFile.keep, []
+
+    def broken(self, entry):
+        count.append(entry)
+        if len(count) == 4:
+            raise KeyboardInterrupt
+        keep(self, entry)
+
+    monkeypatch.setattr(DrawsFile, "keep", broken)
+    assert main([*command, str(tmp_path / "parts")]) == 130
+    assert "the same command with --resume goes on" in capsys.readouterr().err
+    monkeypatch.setattr(DrawsFile, "keep", keep)
+    assert main([*command, str(tmp_path / "parts")]) == 2
+    assert "found results already" in capsys.readouterr().err
+    assert main([*command, str(tmp_path / "parts"), "--resume"]) == 0
+    whole, parts = (json.loads((tmp_path / name / "estimate.json").read_text()) for name in ("whole", "parts"))
+    assert whole["draws"] == parts["draws"] and whole["draws"]["draws"] == 8
+    assert whole["parameters"] == parts["parameters"]
+    other = [number if number != "5" else "6" for number in command]
+    assert main([*other, str(tmp_path / "parts"), "--resume"]) == 2
+    assert "seed: found 6 where the run that should go on has 5" in capsys.readouterr().err
+
+
+def test_a_problem_can_be_sent_to_another_process(tmp_path):
+    problem, _ = pdssjax.pose_problem(pdssjax.load_study(write_platform(tmp_path)))
+    sent = pickle.loads(pickle.dumps(problem))
+    np.testing.assert_array_equal(sent.residual.measured[0], problem.residual.measured[0])
+    assert sent.residual.transform.paths == problem.residual.transform.paths
+    np.testing.assert_array_equal(sent.bounds[0], problem.bounds[0])
+
+
+@pytest.mark.slow  # two processes that import and compile
+def test_replicates_may_be_fitted_in_other_processes(tmp_path):
+    study = pdssjax.load_study(write_platform(tmp_path))
+    asked = lambda executor: (
+        pdssjax.identify(study, intervals="bootstrap", drawing=pdssjax.Drawing(6), executor=executor).draws
+    )
+    with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as processes:
+        np.testing.assert_allclose(asked(processes).values, asked(None).values, rtol=1e-9)
+
+
+@pytest.mark.slow  # compiles the sampler with the model in it
+def test_a_posterior_of_a_platform_is_the_linear_normal_distribution(tmp_path, capsys):
+    pytest.importorskip("numpyro")
+    command = ["identify", str(write_platform(tmp_path)), "--intervals", "posterior", "--draws", "500"]
+    assert main([*command, "--out", str(tmp_path / "out")]) == 0
+    assert "[[Posterior]]" in capsys.readouterr().out
+    document = json.loads((tmp_path / "out" / "estimate.json").read_text())
+    assert (tmp_path / "out" / "posterior.nc").exists()
+    drawn = document["draws"]
+    assert (drawn["chains"], drawn["draws"], drawn["failed"]) == (4, 500, 0)
+    for path in STACK:
+        parameter, summary = document["parameters"][path], drawn["parameters"][path]
+        assert summary["rhat"] < 1.01 and summary["effective"] > 400
+        error = parameter["standard_error"]
+        assert abs(summary["mean"] - parameter["value"]) < 4.0 * error / summary["effective"] ** 0.5
+        assert summary["deviation"] == pytest.approx(error, rel=4.0 / (2.0 * summary["effective"]) ** 0.5)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--replicates", "9"], "option --replicates: found with --intervals linear, expected bootstrap"),
+        (["--intervals", "bootstrap", "--replicates", "1"], "option --replicates: found 1, expected at least 2"),
+        (["--intervals", "bootstrap", "--seed", "-1"], "option --seed: found -1, expected 0 or more"),
+        (["--resume"], "option --resume: found with --intervals linear, expected bootstrap or posterior"),
+        (["--intervals", "bootstrap", "--resume"], "draws.jsonl: there is no such file"),
+    ],
+)
+def test_wrong_options_are_refused_before_any_work(tmp_path, capsys, options, said):
+    assert main(["identify", str(write_platform(tmp_path)), "--out", str(tmp_path / "out"), *options]) == 2
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
