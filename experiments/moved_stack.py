@@ -65,15 +65,17 @@ class Moved:
     converged: bool
 
 
-def follow(name: str, problem: Problem, values: Mapping[str, float], factors: Mapping[str, float]) -> Moved:
-    """The fit with the stack held at `values` times `factors`, by `STEPS` from the fit at `values`."""
+def follow(
+    name: str, problem: Problem, values: Mapping[str, float], factors: Mapping[str, float], steps: int = STEPS
+) -> Moved:
+    """The fit with the stack held at `values` times `factors`, by so many `steps` from the fit at `values`."""
     transform = problem.residual.transform
     piezo = np.array([path.startswith("piezo.") for path in transform.paths])
     away = np.array([np.log(factors.get(path, 1.0)) for path in transform.paths])
     begun = problem.encode(values)
     fit = first = with_piezo_held(problem, begun, _quiet)
     base, matrix = fit.free[~piezo], amplification(problem, np.asarray(fit.state.jacobian), piezo)
-    shares = np.linspace(0.0, 1.0, STEPS + 1)
+    shares = np.linspace(0.0, 1.0, steps + 1)
     moved, misfits = [np.zeros(base.size)], [_misfit(problem, np.asarray(fit.state.residual))]
     for share in shares[1:]:
         free = np.where(piezo, begun + share * away, fit.free)
