@@ -171,7 +171,30 @@ def test_a_voltage_that_no_waveform_explains_is_the_drive_itself(tmp_path):
 ALIKE = "time_s,a_V,b_V,x_um\n" + "".join(f"{k}e-4,{k % 40},{k % 40},{k % 7}\n" for k in range(400))
 BARE = "".join(f"{k * 1e-4:.4f},{k % 40},{(k % 40) ** 1.5:.3f}\n" for k in range(400))
 
+TIME = 1e-4 * np.arange(4000)
+RINGS = 50.0 * np.mod(10.0 * TIME, 1.0)
+RINGING = 0.1 * RINGS - 5.0 * np.exp(-20.0 * np.mod(TIME, 0.1)) * np.cos(600.0 * np.mod(TIME, 0.1))
+
+
+def text_of(header, *columns):
+    return header + "\n" + "".join(",".join(f"{cell:.6f}" for cell in row) + "\n" for row in zip(*columns, strict=True))
+
+
 QUESTIONS = {
+    "a command and its monitor": (
+        text_of("time_s,voltage_V,monitor_V,x_um", TIME, RINGS / 20.0, RINGS, RINGING),
+        {},
+        {},
+        Told(),
+        ['2: "voltage_V" [V], 3: "monitor_V" [V]', "expected --voltage"],
+    ),
+    "a platform that rings, or an end-effector that stands": (
+        text_of("time_s,voltage_V,x_um", TIME, RINGS, RINGING),
+        {},
+        {},
+        Told(),
+        ["(sawtooth)", "--measures"],
+    ),
     "two voltages": (ALIKE, {}, {}, Told(), ['2: "a_V" [V], 3: "b_V" [V]', "expected --voltage"]),
     "no units": (BARE, {}, {}, Told(), ["found no unit of the time in channel 1", "--unit time=s", "--unit voltage=V"]),
     "no voltage": ("time_s,x_um\n" + BARE, {"voltage": "none"}, {}, Told(), ["--peak"]),

@@ -166,6 +166,16 @@ def test_a_missing_library_is_named_with_the_line_that_installs_it(tmp_path, mon
     assert module in str(caught.value) and line in str(caught.value)
 
 
+def test_text_and_older_matlab_need_no_library_of_an_extra(tmp_path, monkeypatch):
+    for module in ("h5py", "nptdms", "RigolWFM", "RigolWFM.wfm"):
+        monkeypatch.setitem(sys.modules, module, None)
+    for name in ("comma", "MATLAB 5"):
+        assert len(open_file(written(tmp_path, name)).channels()) == 3
+    (tmp_path / "scope.wfm").write_bytes(b"\xa5\xa5")
+    with pytest.raises(InputError, match=r'RigolWFM.*pip install "pdssjax\[oscilloscope\]"'):
+        open_file(tmp_path / "scope.wfm").channels()
+
+
 def test_channels_are_found_by_name_by_number_and_by_the_end_of_a_path(tmp_path):
     file = written(tmp_path, "HDF5")
     reader = open_file(file)
