@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,11 +11,14 @@ from .console import say
 from .subcommands import Subcommands
 
 if TYPE_CHECKING:
-    from ..files import Hints, Told
+    from ..files import Hints, NewRecord, Told
 
 
 MANY = 100_000
 """Samples of a record from which the user is told how to keep fewer."""
+
+LARGE = 2e-6
+"""Gain of a platform [m/V] from which the voltage may be that before an amplifier."""
 
 
 def new(options: argparse.Namespace) -> int:
@@ -38,16 +42,30 @@ def new(options: argparse.Namespace) -> int:
     prepare_jax()
     path = write_study(records, told, options.folder, options.title or options.folder.resolve().name)
     say(format_guesses([(record.name, record.guess) for record in records]), end="")
-    if told.mass is None and any(record.guess.measures == "effector" for record in records):
-        print('pdssjax: warning: the mass of the end-effector is a guess, 100 g: give --mass "86 g"', file=sys.stderr)
-    for record in records:
-        if (count := record.guess.time.size) > MANY:
-            told = f"{record.roles.file}: {count} samples make a slow fit; the keys window and decimate keep fewer"
-            print(f"pdssjax: warning: {told}", file=sys.stderr)
+    _warn(records, told)
     load_study(path)
     say(f"Look at {options.folder / 'check'}, edit {path} where a guess is wrong, then run:")
     say(f"pdssjax identify {path} --out {options.folder / 'out'}")
     return 0
+
+
+def _warn(records: Sequence["NewRecord"], told: "Told") -> None:
+    """Says what the user should not overlook."""
+    import numpy as np
+
+    said = []
+    if told.mass is None and any(record.guess.measures == "effector" for record in records):
+        said.append('the mass of the end-effector is a guess, 100 g: give --mass "86 g"')
+    for record in records:
+        guess, file = record.guess, record.roles.file
+        if (count := guess.time.size) > MANY:
+            said.append(f"{file}: {count} samples make a slow fit; the keys window and decimate keep fewer")
+        gain = 0.0 if guess.volts is None else float(np.ptp(guess.motion) / np.ptp(guess.volts))
+        if guess.measures == "platform" and gain > LARGE:
+            told_gain = f"{1e6 * gain:.3g} um/V, more than a stack moves"
+            said.append(f"{file}: found {told_gain}; of a voltage before its amplifier say --scale voltage=20 or so")
+    for line in said:
+        print(f"pdssjax: warning: {line}", file=sys.stderr)
 
 
 def _hints(options: argparse.Namespace) -> "Hints":

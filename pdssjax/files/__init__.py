@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from .estimate_results import write_essentials as write_essentials
     from .estimate_results import write_estimate as write_estimate
     from .example import EXAMPLE as EXAMPLE
+    from .new_study import NewRecord as NewRecord
     from .new_study import Told as Told
     from .new_study import guess_file as guess_file
     from .new_study import write_study as write_study
@@ -49,7 +50,7 @@ else:
             "draws_file": ["DrawsFile"],
             "estimate_results": ["write_essentials", "write_estimate"],
             "example": ["EXAMPLE"],
-            "new_study": ["Told", "guess_file", "write_study"],
+            "new_study": ["NewRecord", "Told", "guess_file", "write_study"],
             "prediction_results": ["write_predictions"],
             "recording_results": ["write_recordings"],
             "results_folder": ["check_free", "write_aside"],

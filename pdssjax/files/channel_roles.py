@@ -109,6 +109,9 @@ class _Look:
         left = [channel for channel in self.channels if channel not in chosen.values()]
         fitting = [channel for channel in left if self._measures(channel, SI[quantity])]
         named = [c for c in fitting if c.name.rpartition("/")[2].lower().startswith(_NAMES[quantity])]
+        if len(fitting) > 1 and quantity == "voltage":
+            # A command and a monitor of it, both in volts: which is at the piezo only the user knows.
+            named = named if len([channel for channel in fitting if shaped(channel)]) < 2 else []
         for candidates in (fitting, named):
             if len(candidates) == 1:
                 chosen[quantity] = candidates[0]

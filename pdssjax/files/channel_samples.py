@@ -88,6 +88,8 @@ def find_channel(reader: AbstractReader, file: Path, channels: Sequence[Channel]
             return found[0]
         if found:
             raise InputError(f'{file}: found {len(found)} {what}s named "{given}", expected one.')
+    if at_fault := reader.header_at_fault(given):
+        raise InputError(f"{file}: {at_fault}.")
     named = [channel.name for channel in channels if channel.name != str(channel.number)]
     if not named:
         line = next(reader.blocks([channels[0].number])).places[0]

@@ -107,6 +107,8 @@ def _named(records: Sequence[NewRecord]) -> list[NewRecord]:
 def study_text(records: Sequence[NewRecord], told: Told, folder: Path, title: str) -> str:
     """The study file of the `records`, as it stands in `folder`; every guess has a comment that says so."""
     piezo, friction = _laws(records)
+    walks = any(record.guess.measures == "effector" for record in records)
+    why = _WHY_FRICTION[friction] if walks else "no record shows it, and none of its parameters is needed"
     parts = [
         "# Made by pdssjax new: what is marked as a guess was read off the samples; check/ shows it.",
         'format = "pdssjax-study/1"',
@@ -114,7 +116,7 @@ def study_text(records: Sequence[NewRecord], told: Told, folder: Path, title: st
         "",
         "[actuator]",
         f'piezo = "{piezo}"  # guess: {_WHY_PIEZO[piezo]}',
-        f'friction = "{friction}"  # guess: {_WHY_FRICTION[friction]}',
+        f'friction = "{friction}"  # guess: {why}',
         "",
         "[parameters]",
         *_parameters(records, told, piezo, friction),
@@ -218,6 +220,7 @@ _WHY_MEASURES = {
 _WHY_START = {
     "seen": "the voltage leaves 0 V there",
     "clock": "the clock counts from the drive's start",
+    "motion": "the motion sets in with the record, so the drive starts there",
     "running": "the drive ran before the record; since when is not known, two cycles are taken",
 }
 
@@ -250,7 +253,7 @@ def _drive(record: NewRecord) -> list[str]:
             f'drive = {{ waveform = "sampled", column = {column}{scale} }}  # guess: no waveform explains it, '
             "so its samples are the drive"
         ]
-    units = {"voltage": "V", "bias": "V", "frequency": "Hz", "fall_time": "s", "rise_time": "s"}
+    units = {"voltage": "V", "bias": "V", "phase": "rad", "frequency": "Hz", "fall_time": "s", "rise_time": "s"}
     keys = [f'waveform = "{wave.name}"'] + [f'direction = "{wave.direction}"'] * bool(wave.direction)
     for field, number in wave.numbers.items():
         keys.append(f'{field} = "{number:.7g} {units[field]}"' if field in units else f"{field} = {number:.6g}")

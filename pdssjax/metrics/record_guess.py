@@ -20,6 +20,12 @@ _LOOSELY = 0.8
 _AGAINST = -0.7
 """Correlation with the voltage, both without lines in time, below which a sensor counts the other way."""
 
+_STANDS = 0.02
+"""Part of its stroke that a motion may go on in a cycle and still stand where it began."""
+
+_UNLIKE = 0.04
+"""Part of a motion by which its begin differs from a cycle later where the drive starts with the record."""
+
 _ROUNDED = 5e-4
 """Part of a frequency found in a motion by which it may be rounded, if its error allows that."""
 
@@ -77,7 +83,9 @@ def guess_record(
     else:
         waveform = detect_waveform(time, volts)
         follows, explained, leaves = _following(time, motion, volts)
-        seen = measures or _measured(waveform, explained, where)
+        seen = measures or _measured(waveform, explained, _walks(time, motion, volts, waveform), where)
+        if seen == "platform" and waveform.name == "sine" and waveform.begins == "running":
+            waveform = _set_in(time, motion, waveform)
     against = follows < _AGAINST
     resolution = resolution_of(motion)
     start = waveform.start
@@ -97,17 +105,48 @@ def guess_record(
     )
 
 
-def _measured(waveform: Waveform, explained: float, where: str) -> str:
-    """ "platform" or "effector", as a motion of which the voltage explains a share suggests."""
+def _measured(waveform: Waveform, explained: float, walks: bool, where: str) -> str:
+    """What a motion of which the voltage explains a share, and that walks or not, is of: platform or effector."""
     if waveform.name == "step" or explained > _FOLLOWS:
         return "platform"
-    if waveform.name == "sawtooth":
+    if waveform.name == "sawtooth" and walks:
         return "effector"
-    if explained > _LOOSELY:
+    if waveform.name != "sawtooth" and explained > _LOOSELY:
         return "platform"
     raise InputError(
         f"{where}: found a motion of which the voltage ({waveform.name}) explains {100 * max(explained, 0.0):.0f} %, "
         "expected --measures with platform or effector."
+    )
+
+
+def _walks(
+    time: Float[np.ndarray, " n"], motion: Float[np.ndarray, " n"], volts: Float[np.ndarray, " n"], waveform: Waveform
+) -> bool:
+    """Whether a motion goes on from cycle to cycle, beside what the voltage makes of it."""
+    frequency = waveform.numbers.get("frequency")
+    if frequency is None:
+        return False
+    design = np.stack([np.ones(time.size), time - time.mean(), volts], axis=1)
+    _, speed, follows = np.linalg.lstsq(design, motion, rcond=None)[0]
+    return bool(abs(speed) / frequency > _STANDS * abs(follows) * np.ptp(volts))
+
+
+def _set_in(time: Float[np.ndarray, " n"], motion: Float[np.ndarray, " n"], waveform: Waveform) -> Waveform:
+    """A sine that starts with the record, at its phase there, where the motion tells that it did not run before.
+
+    Then the first samples are unlike those a cycle later, which are like those of the next cycle.
+    """
+    frequency = waveform.numbers["frequency"]
+    if time[-1] - time[0] < 2.2 / frequency:
+        return waveform
+    early = time[time < time[0] + 0.05 / frequency]
+    shown = [np.interp(early + cycle / frequency, time, motion) for cycle in range(3)]
+    first, later = (float(np.max(np.abs(a - b))) for a, b in ((shown[0], shown[1]), (shown[1], shown[2])))
+    if first < _UNLIKE * np.ptp(motion) or first < 4.0 * later:
+        return waveform
+    phase = 2.0 * math.pi * math.remainder((float(time[0]) - waveform.start) * frequency, 1.0)
+    return dataclasses.replace(
+        waveform, numbers=waveform.numbers | {"phase": phase}, start=float(time[0]), begins="motion"
     )
 
 

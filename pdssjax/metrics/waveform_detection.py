@@ -44,7 +44,8 @@ class Waveform:
     start: float
     """When the drive starts [s]: t = 0 of the study."""
     begins: str
-    """"seen": it rests in the record before; "clock": the clock's zero begins a cycle; "running": it ran before."""
+    """"seen": it rests in the record before; "clock": the clock's zero begins a cycle; "running": it ran before;
+    "motion": the motion sets in with the record."""
     misfit: float
     """Root mean square of what the waveform leaves, in parts of the voltage."""
     uncertain: tuple[str, ...] = ()
@@ -274,7 +275,12 @@ def _trapezoid_by(time: Samples, volts: Samples, flanks: _Flanks, interval: floa
         return risen - fallen
 
     numbers = {"width": width} | ({"rise_time": rise} if rise else {}) | ({"fall_time": fall} if fall else {})
-    return _laid_over(time, volts, "trapezoid", numbers, period, start, shape, 1.2 * interval / period, width)
+    found = _laid_over(time, volts, "trapezoid", numbers, period, start, shape, 1.2 * interval / period, width)
+    if found is None or rise or fall:
+        return found
+    # Jumps are located to a sample, and nothing between them tells more.
+    cycles = max(len(flanks.rises), len(flanks.falls)) - 1
+    return dataclasses.replace(found, uncertain=(f"frequency: within {100 * interval / (cycles * period):.2g} %",))
 
 
 def _laid_over(

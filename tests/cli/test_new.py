@@ -111,15 +111,17 @@ def test_a_record_without_a_voltage_is_told_by_its_slips(tmp_path):
     assert study.parameters["drive.fall_time"].free and len(study.records) == 2
 
 
-def hysteresis(file, cycles=12):
-    """A platform whose motion is a loop of a 1 Hz sine [V] that runs already, with creep, at 200 Hz."""
+def hysteresis(file, cycles=12, sets_in=False):
+    """A platform that follows a 1 Hz sine [V] in loops, with creep, at 200 Hz; it runs already unless it `sets_in`."""
     time = 0.005 * np.arange(200 * cycles)
     volts = 1.8 + 1.8 * np.sin(2 * np.pi * time)
-    play, center = np.zeros(time.size), 1.8
+    play, center = np.zeros(time.size), 1.2
     for k, voltage in enumerate(volts):
         center = float(np.clip(center, voltage - 0.6, voltage + 0.6))
         play[k] = center
     motion = 20.0 * volts + 15.0 * play + 2.0 * np.log1p(time) + 0.03 * np.random.default_rng(2).normal(size=time.size)
+    if sets_in:
+        motion = motion * (1.0 - np.exp(-time / 0.02))
     np.savetxt(
         file, np.stack([time, volts, motion - 120.0], 1), fmt="%.6f", delimiter=",", header="time_s,voltage_V,x_um"
     )
@@ -130,6 +132,7 @@ def test_a_platform_with_hysteresis_is_told_from_an_end_effector(tmp_path):
     found = guess_file(tmp_path / "loops.csv", Hints({}, {}, {}), Told())
     wave = found.guess.waveform
     assert (wave.name, found.guess.measures) == ("sine", "platform")
+    assert wave.begins == "running"
     assert wave.numbers == {"voltage": pytest.approx(3.6, rel=1e-2), "frequency": pytest.approx(1.0, rel=1e-3)}
     assert found.guess.start % 1.0 == pytest.approx(0.75, abs=0.005) and found.guess.start < 0.0
     text = study_text([found], Told(), tmp_path, "loops")
@@ -137,6 +140,17 @@ def test_a_platform_with_hysteresis_is_told_from_an_end_effector(tmp_path):
     assert "friction." not in text and "effector." not in text
     (tmp_path / "study.toml").write_text(text, encoding="utf-8")
     assert load_study(tmp_path / "study.toml").records[0].measures == "platform"
+
+
+def test_a_sine_that_sets_in_with_the_record_has_a_phase(tmp_path):
+    hysteresis(tmp_path / "loops.csv", sets_in=True)
+    found = guess_file(tmp_path / "loops.csv", Hints({}, {}, {}), Told())
+    wave = found.guess.waveform
+    assert (wave.name, wave.begins, found.guess.start) == ("sine", "motion", 0.0)
+    assert wave.numbers["phase"] == pytest.approx(np.pi / 2, abs=1e-3)
+    (tmp_path / "study.toml").write_text(study_text([found], Told(), tmp_path, "loops"), encoding="utf-8")
+    (record,) = load_study(tmp_path / "study.toml").records
+    np.testing.assert_allclose(np.asarray(record.drive.at(record.time)), found.guess.volts, atol=1e-4)
 
 
 def test_a_voltage_that_no_waveform_explains_is_the_drive_itself(tmp_path):
@@ -157,7 +171,30 @@ def test_a_voltage_that_no_waveform_explains_is_the_drive_itself(tmp_path):
 ALIKE = "time_s,a_V,b_V,x_um\n" + "".join(f"{k}e-4,{k % 40},{k % 40},{k % 7}\n" for k in range(400))
 BARE = "".join(f"{k * 1e-4:.4f},{k % 40},{(k % 40) ** 1.5:.3f}\n" for k in range(400))
 
+TIME = 1e-4 * np.arange(4000)
+RINGS = 50.0 * np.mod(10.0 * TIME, 1.0)
+RINGING = 0.1 * RINGS - 5.0 * np.exp(-20.0 * np.mod(TIME, 0.1)) * np.cos(600.0 * np.mod(TIME, 0.1))
+
+
+def text_of(header, *columns):
+    return header + "\n" + "".join(",".join(f"{cell:.6f}" for cell in row) + "\n" for row in zip(*columns, strict=True))
+
+
 QUESTIONS = {
+    "a command and its monitor": (
+        text_of("time_s,voltage_V,monitor_V,x_um", TIME, RINGS / 20.0, RINGS, RINGING),
+        {},
+        {},
+        Told(),
+        ['2: "voltage_V" [V], 3: "monitor_V" [V]', "expected --voltage"],
+    ),
+    "a platform that rings, or an end-effector that stands": (
+        text_of("time_s,voltage_V,x_um", TIME, RINGS, RINGING),
+        {},
+        {},
+        Told(),
+        ["(sawtooth)", "--measures"],
+    ),
     "two voltages": (ALIKE, {}, {}, Told(), ['2: "a_V" [V], 3: "b_V" [V]', "expected --voltage"]),
     "no units": (BARE, {}, {}, Told(), ["found no unit of the time in channel 1", "--unit time=s", "--unit voltage=V"]),
     "no voltage": ("time_s,x_um\n" + BARE, {"voltage": "none"}, {}, Told(), ["--peak"]),
@@ -217,6 +254,15 @@ def test_the_command_makes_a_study_with_figures(tmp_path, capsys):
     assert [record.role for record in load_study(out / "study.toml").records] == ["fit", "fit"]
     assert cli.main(["new", str(out), "--files", *files]) == 2
     assert "found something there already" in capsys.readouterr().err
+
+
+def test_what_should_not_be_overlooked_is_said(tmp_path, capsys, monkeypatch):
+    hysteresis(tmp_path / "loops.csv", cycles=3)
+    monkeypatch.setattr("pdssjax.cli.new.MANY", 500)
+    assert cli.main(["new", str(tmp_path / "rig"), "--files", str(tmp_path / "loops.csv")]) == 0
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 2 and "600 samples make a slow fit" in lines[0]
+    assert "um/V, more than a stack moves" in lines[1] and "--scale voltage=20" in lines[1]
 
 
 def test_the_command_asks_all_its_questions_at_once_and_writes_nothing(tmp_path, capsys):

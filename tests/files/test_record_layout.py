@@ -171,6 +171,21 @@ def test_a_layout_at_fault_is_refused(tmp_path, lines, essentials):
         assert essential in str(caught.value)
 
 
+def test_cells_that_outnumber_the_header_are_told(tmp_path):
+    rows = "".join(f"0,{k:06d},{k % 7},5\n" for k in range(40))
+    (tmp_path / "commas.csv").write_text("time_s,displacement_um\n" + rows)
+    with pytest.raises(InputError, match="line 2: found 4 cells, expected 2 as in the header; are decimal commas"):
+        step_of(tmp_path, 'channel = "displacement_um"\ntime = "time_s"', "commas.csv")
+
+
+@pytest.mark.parametrize("end", ["\r", "\r\n"])
+def test_ends_of_lines_are_those_of_any_system(tmp_path, end):
+    text = "Rig \x0c one" + end + csv(5e-5, 40).replace("\n", end)
+    (tmp_path / "ends.csv").write_bytes(text.encode())
+    step = step_of(tmp_path, 'channel = "displacement_um"\ntime = "time_s"', "ends.csv")
+    assert step.time.size == 40
+
+
 def test_uneven_samples_are_not_decimated(tmp_path):
     rows = "".join(f"{1e-4 * k**1.1:.7f},{np.sin(k):.4f}\n" for k in range(400))
     (tmp_path / "uneven.csv").write_text("time_s,displacement_um\n" + rows)

@@ -139,3 +139,33 @@ def test_noise_and_resolution_are_told():
     assert scatter_floor(motion) == pytest.approx(0.02, rel=0.05)
     assert resolution_of(motion) is None
     assert resolution_of(0.013 * np.round(motion / 0.013)) == pytest.approx(0.013, rel=1e-6)
+
+
+def drawn(random):
+    """A drive at random, as `samples` and the tests above make one: name, time, volts, frequency, voltage, start."""
+    name = str(random.choice(list(SHAPES)))
+    per_cycle, cycles = 10 ** random.uniform(1.5, 3.0), random.uniform(2.2, 20.0)
+    frequency, noise = 10 ** random.uniform(-1.0, 3.0), random.choice([0.0, 1e-3, 5e-3])
+    voltage, start = random.choice([-1.0, 1.0]) * 10 ** random.uniform(0.0, 2.2), random.uniform(0.0, 5.0) / frequency
+    time = random.uniform(0.0, 3.0) / frequency + np.arange(int(per_cycle * cycles)) / (per_cycle * frequency)
+    level = SHAPES[name][2](np.mod((time - start) * frequency, 1.0))
+    return name, time, voltage * (level + noise * random.normal(size=time.size)), frequency, voltage, start
+
+
+@pytest.mark.slow
+def test_drives_at_random_are_found_or_taken_as_sampled_but_never_for_others():
+    random = np.random.default_rng(2026)
+    told = []
+    for _ in range(600):
+        name, time, volts, frequency, voltage, start = drawn(random)
+        found = detect_waveform(time, volts)
+        assert found.name in (SHAPES[name][0], "sampled"), name
+        if found.name == "sampled":
+            told.append(False)
+            continue
+        assert found.direction == SHAPES[name][1]
+        turns, interval = (found.start - start) * frequency, time[1] - time[0]
+        late = abs(turns - round(turns)) / frequency / interval
+        near = abs(found.numbers["voltage"] / voltage - 1.0) < 0.01 and late < 1.1
+        told.append(near and abs(found.numbers["frequency"] / frequency - 1.0) < 1e-3)
+    assert np.mean(told) > 0.97

@@ -100,7 +100,8 @@ def dialect_of(file: Path, head: bytes, decimal: str = "") -> Dialect:
     """
     encoding = encoding_of(file, head)
     text = head.decode(encoding, errors="replace")
-    lines = text.splitlines()[:_LINES]
+    # Only what ends a line in the file does so here.
+    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")[:_LINES]
     if len(head) >= HEAD and len(lines) < _LINES:
         lines = lines[:-1] or lines  # the last one is cut
     if not any(line.strip() for line in lines):

@@ -76,6 +76,10 @@ class AbstractReader(abc.ABC):
         **Raises:** `InputError` if the file is broken, or the channels have different lengths.
         """
 
+    def header_at_fault(self, name: str) -> str:
+        """What is wrong with a header that has the `name`, though no channel is called so; "" where nothing is."""
+        return ""
+
     def written(self, place: int, number: int) -> str:
         """What stands at a `place` of the channel `number` as the file has it; "" where it holds no text."""
         return ""

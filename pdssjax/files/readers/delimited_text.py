@@ -64,6 +64,13 @@ class DelimitedText(AbstractReader):
             row = cells_of(next(islice(stream, place - 1, None), ""), self.dialect.separator)
         return row[number - 1] if number <= len(row) else ""
 
+    def header_at_fault(self, name: str) -> str:
+        above, width = self.dialect.above, self.dialect.width
+        if name not in above or len(above) == width:
+            return ""
+        comma = "; are decimal commas among them?" if self.dialect.separator == "," and width > len(above) else ""
+        return f"line {self.dialect.skipped + 1}: found {width} cells, expected {len(above)} as in the header{comma}"
+
     def _numbers(self, places: np.ndarray, lines: list[str], positions: list[int]) -> np.ndarray:
         """The cells of some columns as numbers, NaN where there is none; refuses rows of another width."""
         separator, width = self.dialect.separator, self.dialect.width

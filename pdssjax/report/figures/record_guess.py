@@ -42,7 +42,8 @@ def _draw(volts: Axes, motion: Axes, guess: RecordGuess, part: np.ndarray, facto
         volts.plot(time, guess.volts[part], color=GREY, linewidth=2.4, label="recorded", **marks)
     if guess.waveform.name != "sampled":
         fine = np.linspace(guess.time[part][0], guess.time[part][-1], 4000)
-        volts.plot(factor * fine, waveform_at(guess, fine), color=VERMILION, linewidth=0.9, label=guess.waveform.name)
+        label = guess.waveform.name + (", not recorded" if guess.volts is None else "")
+        volts.plot(factor * fine, waveform_at(guess, fine), color=VERMILION, linewidth=0.9, label=label)
     motion.plot(time, MICROMETRES * guess.motion[part], color=BLUE, linewidth=0.8, **marks)
     if guess.time[part][0] <= guess.start <= guess.time[part][-1]:
         for panel in (volts, motion):

@@ -24,6 +24,6 @@ def _row(name: str, guess: RecordGuess) -> list[str]:
         f"{wave.numbers['voltage']:.5g}",
         "" if frequency is None else f"{frequency:.6g}",
         f"{guess.start:.6g}",
-        {"seen": "seen", "clock": "by the clock", "running": "ran before"}[wave.begins],
+        {"seen": "seen", "clock": "by the clock", "running": "ran before", "motion": "by the motion"}[wave.begins],
         f"{MICROMETRES * guess.noise:.3g}",
     ]
