@@ -102,7 +102,8 @@ def _about_errors(estimate: Estimate, models: Sequence[str]) -> str:
 
     lines = [_note(f"{m.name.replace('-', ' ')}: covers {m.covers}.") for m in all_error_models() if m.name in models]
     profiled = any(parameter.verdicts for parameter in estimate.parameters.values())
-    which = f"+/-: {models[0]}; interval: by profile likelihood" if profiled else f"+/- and interval: {models[0]}"
+    way = estimate.draws.kind if estimate.draws is not None else "profile likelihood" if profiled else ""
+    which = f"+/-: {models[0]}; interval: by {way}" if way else f"+/- and interval: {models[0]}"
     return "".join(lines) + _note(f"{which}. {estimate.error_advice.reason}")
 
 
