@@ -64,10 +64,15 @@ def with_error_models(estimate: Estimate, problem: Problem, fit: Fit, report: Pr
     free = problem.residual.transform
     parameters = _with_errors(estimate.parameters, matrices, free, fit.free)
     slopes = np.abs(free.slope(fit.free))
+    advice = advise(parameters, evidence, [record.name for record in problem.records])
+    if advice is not None and not estimate.converged:
+        advice = advice._replace(
+            reason=f"The fit did not converge: its errors are those of no optimum. {advice.reason}"
+        )
     return dataclasses.replace(
         estimate,
         parameters=parameters,
-        error_advice=advise(parameters, evidence, [record.name for record in problem.records]),
+        error_advice=advice,
         covariances={name: matrix * np.outer(slopes, slopes) for name, matrix in matrices.items()},
     )
 

@@ -29,8 +29,9 @@ def test_the_folder_holds_report_estimate_plots_and_predictions(results):
     assert {path.name for path in results.iterdir()} == {"report.txt", "estimate.json", "plots", "predictions"}
     assert {path.stem for path in (results / "predictions").iterdir()} == stems
     drawn = {path.stem for path in (results / "plots").iterdir()}
-    assert drawn == stems | {"amplification", "correlations", "standard_errors"}
-    assert all(path.read_bytes().startswith(b"\x89PNG") for path in (results / "plots").iterdir())
+    assert drawn == stems | {"amplification", "correlations", "standard_errors", "residuals"}
+    assert {path.stem for path in (results / "plots" / "residuals").iterdir()} == {"step_48.2_V", "5_Hz_A"}
+    assert all(path.read_bytes().startswith(b"\x89PNG") for path in (results / "plots").rglob("*.png"))
     assert "DID NOT" not in (results / "report.txt").read_text(encoding="utf-8")
 
 

@@ -134,6 +134,14 @@ def test_white_residuals_cost_no_second_derivatives_and_others_one_evaluation_a_
     assert '"5 Hz"' in whole.error_advice.reason
 
 
+def test_of_a_fit_that_did_not_converge_no_error_is_advised_without_a_word():
+    problem, fit = linear()
+    plain = dataclasses.replace(estimated(problem, fit), converged=False)
+    whole = with_error_models(plain, problem, fit, lambda message: None)
+    assert whole.error_advice.reason.startswith("The fit did not converge")
+    assert not found(problem, fit).error_advice.reason.startswith("The fit did not")
+
+
 def test_a_linear_model_has_the_same_errors_with_second_derivatives():
     problem, fit = linear(misfit=4.0)
     point = fitted_point("joint", problem, fit)

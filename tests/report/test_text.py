@@ -166,3 +166,13 @@ def test_starts_are_counted_by_the_optimum_they_led_to():
         ["2", "4", "31"],
         ["3", "2", "420"],
     ]
+
+
+def test_with_profile_or_drawn_intervals_the_legend_says_so():
+    whole = fabricated.with_errors(fabricated.estimate())
+    path = "friction.sigma1_a"
+    profiled = dataclasses.replace(whole.parameters[path], verdicts=("bounded", "bounded"))
+    text = format_report(dataclasses.replace(whole, parameters=whole.parameters | {path: profiled}))
+    assert "+/-: white; interval: by profile likelihood. Believe" in " ".join(text.split())
+    drawn = dataclasses.replace(whole, draws=fabricated.draws(whole.parameters, "bootstrap"))
+    assert "+/-: white; interval: by bootstrap. Believe" in " ".join(format_report(drawn).split())

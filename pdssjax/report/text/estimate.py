@@ -101,7 +101,10 @@ def _about_errors(estimate: Estimate, models: Sequence[str]) -> str:
     from ...inference import all_error_models
 
     lines = [_note(f"{m.name.replace('-', ' ')}: covers {m.covers}.") for m in all_error_models() if m.name in models]
-    return "".join(lines) + _note(f"+/- and interval: {models[0]}. {estimate.error_advice.reason}")
+    profiled = any(parameter.verdicts for parameter in estimate.parameters.values())
+    way = estimate.draws.kind if estimate.draws is not None else "profile likelihood" if profiled else ""
+    which = f"+/-: {models[0]}; interval: by {way}" if way else f"+/- and interval: {models[0]}"
+    return "".join(lines) + _note(f"{which}. {estimate.error_advice.reason}")
 
 
 def _parameter(parameter: FittedParameter, models: Sequence[str]) -> list[str]:
