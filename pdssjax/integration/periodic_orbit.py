@@ -132,13 +132,13 @@ def cycle_end(
     duration = jnp.asarray(duration, float) * count
     horizon = duration * (1.0 - SHORT)
     run = integrate(Continued(system, x, float(period[0])), horizon, accuracy, keep=(0,))
-    # What is left to the end of the period, in value and in derivative: the integration ends where it is told to.
+    # What is left to the end of the period, in value and in derivative: where the last step ends moves with the events.
     last = jnp.maximum(run.count - 1, 0)
     at = lax.stop_gradient(run.steps.t_local[last] + run.steps.duration[last])
     segment = system.segment(run.steps.index[last] + period[0])
     rates = system.rates(segment, at, unflattener(system)(list(run.end.x)), run.steps.mode[last])
     rate = jnp.stack([jnp.asarray(leaf, float) for leaf in jax.tree.leaves(rates)])
-    return run.end.x + lax.stop_gradient(rate) * (duration - lax.stop_gradient(horizon)), run.failure
+    return run.end.x + lax.stop_gradient(rate) * (duration - run.end.time), run.failure
 
 
 def _moving(system: AbstractHybridSystem, x: Float[Array, " components"]) -> Bool[Array, " components"]:
