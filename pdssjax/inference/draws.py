@@ -71,6 +71,8 @@ class Drawing:
     def __post_init__(self):
         if self.count is not None and self.count < 2:
             raise InputError(f"count: found {self.count}, expected at least 2 draws.")
+        if self.seed < 0:
+            raise InputError(f"seed: found {self.seed}, expected 0 or more.")
         if self.resampled not in ("noise", "cycles"):
             raise InputError(f'resampled: found "{self.resampled}", expected "noise" or "cycles".')
 

@@ -32,8 +32,11 @@ REACH = 7.0
 _LEVEL = 1e-4
 """Share of the threshold by which chi-square may miss it at an end, and by which the others may still lower it."""
 
-_KINKED = 1e-2
-"""The same where chi-square has kinks and the search comes no nearer: half a per cent of the half width."""
+_KINKED = 2e-2
+"""The same where chi-square has kinks and the search comes no nearer: one per cent of the half width."""
+
+_STALLED = 5e-4
+"""The same where evaluations come hardly nearer: a four-thousandth of the half width."""
 
 _TRUSTED = 1.0
 """First radius of trust, in half widths of the linear interval."""
@@ -170,18 +173,28 @@ class _Search:
                     if self.learned_for is point:
                         return self._given_up()
                     model, radius = self._anew(point), _TRUSTED
+                elif self._misled(point, step, found.chi2, foretold):
+                    model = SecondOrder(point, self.curvature)
                 continue
             radius *= 3.0 if missed < 0.1 else 1.0
             self.curvature = self.curvature.with_step(point, found)
             point, model = found, SecondOrder(found, self.curvature)
             verdict = self._verdict(point, model)
             if verdict is not None:
-                return self._end(point, verdict)
+                return self._end(self.nearest[1] if verdict == Verdict.BOUNDED else point, verdict)
             if self.evaluations - self.learned_at >= _PATIENCE:
                 if self.nearest[0] < _KINKED:
                     break
                 model = self._anew(point)
         return self._given_up()
+
+    def _misled(self, point: Point, step: Float[np.ndarray, " p"], found: float, foretold: float) -> bool:
+        """Whether what passes for curvature is none (a kink near the optimum does); it is then forgotten."""
+        plain = float(np.sum((point.residual + point.jacobian @ step) ** 2))
+        misled = np.isfinite(found) and abs(found - plain) < abs(found - foretold)
+        if misled:
+            self.curvature = learned(point, [], self.curvature.scale)
+        return bool(misled)
 
     def _anew(self, point: Point) -> SecondOrder:
         """The model at a point far from the optimum, with the curvature there."""
@@ -197,8 +210,11 @@ class _Search:
         if point.chi2 < self.optimum.chi2 - 0.01 * self.threshold:
             return Verdict.LOWER
         error = (abs(missed) + gain) / self.threshold
+        stalled = self.nearest[0] < _STALLED and error > 0.25 * self.nearest[0]
         if error < self.nearest[0]:
             self.nearest = error, point
+        if stalled:
+            return Verdict.BOUNDED
         if gain > _LEVEL * self.threshold:
             return None
         if abs(missed) < _LEVEL * self.threshold:

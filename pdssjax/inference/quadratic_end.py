@@ -29,6 +29,10 @@ _SMALLEST = 1e-6
 """Length of a step, in `Aim.sizes`, from which there is no further one."""
 
 
+_SHORT = 20.0
+"""The same in radii, where the radius is so small that not even the way back is trusted."""
+
+
 class Aim(NamedTuple):
     """Which end is looked for, and where."""
 
@@ -49,7 +53,7 @@ class Aim(NamedTuple):
 
         The others have room to come back into a narrow valley.
         """
-        room = _ROOM + 3.0 * radius
+        room = min(_ROOM, _SHORT * radius) + 3.0 * radius
         room = np.where(np.arange(at.size) == self.index, radius, room) * self.sizes
         return self._replace(low=np.maximum(self.low - at, -room), high=np.minimum(self.high - at, room))
 

@@ -52,7 +52,7 @@ def drawn(count, executor=None, **how):
 
 
 def test_of_a_linear_model_it_is_the_textbook_s_normal_distribution():
-    count = 4000
+    count = 1500
     problem, fit, replicates = drawn(count)
     free = np.stack([replicate.free for replicate in replicates])
     covariance = NOISE**2 * np.linalg.inv(DESIGN.T @ DESIGN)
@@ -148,7 +148,10 @@ def test_what_cannot_be_resumed_is_said(tmp_path, text, said):
         DrawsFile(tmp_path, resume=True)
 
 
-@pytest.mark.parametrize(("wrong", "said"), [(dict(count=1), "count: found 1"), (dict(resampled="x"), 'found "x"')])
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [(dict(count=1), "count: found 1"), (dict(seed=-1), "seed: found -1"), (dict(resampled="x"), 'found "x"')],
+)
 def test_a_wrong_drawing_is_refused(wrong, said):
     with pytest.raises(InputError, match=said):
         Drawing(**wrong)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.optimize import brentq, least_squares
+from scipy.optimize import brentq, least_squares, minimize
 
 from pdssjax.inference.profile_curve import Curve, profile_curve
 from pdssjax.inference.profile_intervals import verdict_of
@@ -118,11 +118,38 @@ def test_curvature_at_the_optimum_serves_every_end_of_a_narrow_valley():
     both = [(index, side) for index in range(5) for side in (-1.0, 1.0)]
     ends = [interval_end(evaluate, optimum, *which, THRESHOLD, box, 7.0, curvature) for which in both]
     alone = [interval_end(evaluate, optimum, *which, THRESHOLD, box) for which in both]
-    assert 5 + sum(end.evaluations for end in ends) <= 30 < 45 < sum(end.evaluations for end in alone)
+    assert 5 + sum(end.evaluations for end in ends) <= 30 < 35 < sum(end.evaluations for end in alone)
     for which, end, other in zip(both, ends, alone, strict=True):
         error = abs(end.value - optimum.at[which[0]]) / np.sqrt(THRESHOLD)
         assert (end.verdict, end.value) == (Verdict.BOUNDED, pytest.approx(other.value, abs=1e-3 * error))
     assert ends[-1].value == pytest.approx(brute(bent, optimum.at, 4, 1.0, 3.0), abs=1e-4 * error)
+
+
+EVENTS = RANDOM.normal(size=(40, 5)) * [1000.0, 300.0, 30.0, 3.0, 1.0]
+
+
+def kinked(at):
+    """`bent`, with a kink and a small jump in every residual, as where an event of the contact comes or goes."""
+    past = EVENTS @ at + 3.0 * np.sin(7.0 * np.arange(40))
+    side = np.where(np.real(past) > 0.0, 1.0, -1.0)
+    return bent(at) + 0.005 * past * side + 0.005 * side
+
+
+def test_kinks_and_small_jumps_on_the_way_cost_precision_but_no_end():
+    evaluate = of(kinked)
+    optimum = linearise(evaluate, optimum_of(kinked, np.zeros(5)))
+    best = least_squares(lambda at: np.real(kinked(at + 0j)), optimum.at, method="trf", x_scale="jac")
+    optimum = linearise(evaluate, best.x)
+    box = np.full(5, -50.0), np.full(5, 50.0)
+    curvature = learn_curvature(evaluate, optimum, THRESHOLD, box)
+    for index in range(5):
+        end = interval_end(evaluate, optimum, index, 1.0, THRESHOLD, box, 7.0, curvature)
+        assert end.verdict == Verdict.BOUNDED
+        assert end.point.chi2 == pytest.approx(optimum.chi2 + THRESHOLD, abs=0.01 * THRESHOLD)
+        others = np.delete(end.point.at, index)
+        chi2 = lambda at, index=index, end=end: np.sum(np.real(kinked(np.insert(at, index, end.value) + 0j)) ** 2)
+        found = minimize(chi2, others, method="Nelder-Mead", options=dict(maxiter=300))
+        assert found.fun > end.point.chi2 - 0.05 * THRESHOLD
 
 
 @pytest.mark.parametrize("residual, start, reach", [(decay, [0.0, -0.4], 7.0), (banana, [1.0, 1.0], 45.0)])
