@@ -203,7 +203,9 @@ def _event_shift(system: AbstractHybridSystem, row: Float[Array, " columns"], x:
     shift_of_event = 0.0
     if has_guards(system, segment, at, end, mode):
         gap, slope = jax.jvp(margin, (jnp.zeros_like(at),), (jnp.ones_like(at),))
-        located = step.event & (slope != 0) & ~system.is_spurious_event(slope, mode, which)
+        # At the first instant of a segment an event has no time of its own: it is there whatever the parameters, and
+        # gap and slope may both be rounding (a contact at rest under a drive that begins with slope zero).
+        located = step.event & (at > 0.0) & (slope != 0) & ~system.is_spurious_event(slope, mode, which)
         slope = lax.stop_gradient(jnp.where(located, slope, 1.0))
         shift_of_event = jnp.where(located, -_tangent_only(gap) / slope, 0.0)
     shift_of_corner = _tangent_only(jnp.where(step.corner, segment.duration, 0.0) - at)
