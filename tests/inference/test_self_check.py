@@ -39,9 +39,9 @@ def stepped(y, args):
 
 
 @eqx.filter_jit
-def solve(fn, args, start=(2.0, 1.0, 0.0), atol=1e-4):
+def solve(fn, args, start=(2.0, 1.0, 0.0)):
     """With thresholds as for a chi-square."""
-    solver = BoundedLevenbergMarquardt(rtol=1e-6, atol=jnp.asarray(atol), slow=1e-3, invisible=1e-4)  # pyright: ignore
+    solver = BoundedLevenbergMarquardt(rtol=1e-6, atol=1e-4, slow=1e-3, invisible=1e-4)
     ends = {"lower": jnp.full(3, -10.0), "upper": jnp.full(3, 10.0)}
     start = jnp.asarray(start)
     return optx.least_squares(fn, solver, start, args, has_aux=True, options=ends, max_steps=300, throw=False)
@@ -114,9 +114,8 @@ def noise_free(y, columns):
 
 @pytest.mark.parametrize("faint", [1.0, 1e-6, 1e-9, 1e-12])
 def test_rounding_is_no_discontinuity_where_a_fit_explains_its_data_perfectly(faint):
-    solution = solve(noise_free, {"faint": jnp.asarray(faint)}, (2.9, 0.02, -0.1))
-    state = solution.stats["state"]
-    assert float(jnp.sum(state.residual**2)) < 1e-6 * faint**2 + 1e-24
+    solution = solve(noise_free, {"faint": jnp.asarray(faint)}, (2.9, 0.0, 0.0))
+    assert float(jnp.sum(solution.stats["state"].residual ** 2)) < 1e-26
     assert ending(solution) in (Ending.CONVERGED, Ending.WITHIN_ROUNDING)
 
 
@@ -126,7 +125,6 @@ def exact(y, columns):
 
 
 @pytest.mark.parametrize("columns", [[1.0, 0.5, 1.0], [1.0, 1.0, -1.0]], ids=str)
-@pytest.mark.parametrize("atol", [1e-4, 0.0])
-def test_a_wrong_jacobian_is_said_where_nothing_is_left_too(columns, atol):
-    solution = solve(exact, jnp.array(columns), (2.9, 0.52, -0.95), atol)
+def test_a_wrong_jacobian_is_said_where_nothing_is_left_too(columns):
+    solution = solve(exact, jnp.array(columns), (2.9, 0.52, -0.95))
     assert ending(solution) == Ending.WRONG_DERIVATIVE
