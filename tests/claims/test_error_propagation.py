@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from experiments import common, error_propagation, moved_stack, three_ways, three_ways_report
+from experiments import common, error_propagation, linear_draws, moved_stack, three_ways, three_ways_report
 from experiments.draws import read_tasks, run_tasks
 from experiments.three_ways import SCENARIOS, WAYS, Scenario
 
@@ -113,6 +113,30 @@ def test_the_scenarios_differ_in_what_they_say_and_share_their_noise():
     assert len({s.name for s in SCENARIOS}) == len(SCENARIOS)
     assert {s.interval for s in SCENARIOS} == {50e-6, 10e-6}
     assert {s.one_step for s in SCENARIOS} == {s.late for s in SCENARIOS} == {True, False}
+
+
+@pytest.mark.parametrize(
+    ("scenario", "sequential", "peaks"),
+    [
+        (SCENARIOS[0], 0.0, 0.003),
+        (SCENARIOS[1], 0.0, 0.0),
+        (SCENARIOS[4], -0.0603, -0.0396),
+        (SCENARIOS[5], -0.0119, -0.0087),
+    ],
+    ids=lambda value: getattr(value, "name", ""),
+)
+def test_a_sample_of_delay_is_six_per_cent_of_the_frequency_for_least_squares_and_four_for_peaks(
+    scenario, sequential, peaks
+):
+    """And the friction follows the stack as the matrix says: the walks' Jacobian here is made up."""
+    random = np.random.default_rng(8)
+    jacobian = 100.0 * random.standard_normal((300, 9))
+    found = linear_draws.predicted(scenario, jacobian, 4)
+    assert np.mean(found["sequential"][:, 1]) == pytest.approx(sequential, abs=2e-4)
+    assert np.mean(found["peaks"][:, 1]) == pytest.approx(peaks, abs=6e-3)
+    matrix = -np.linalg.pinv(jacobian[:, 3:]) @ jacobian[:, :3]
+    apart = found["peaks"] - found["sequential"]
+    np.testing.assert_allclose(apart[:, 3:], apart[:, :3] @ matrix.T, atol=1e-12)
 
 
 @pytest.mark.slow
