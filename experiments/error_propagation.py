@@ -25,7 +25,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import pdssjax
-from experiments import common, moved_stack, three_ways_report
+from experiments import common, linear_draws, moved_stack, three_ways_report
 from experiments.common import BLUE, GREEN, VERMILION, save, styled, write
 from experiments.draws import read_tasks, run_tasks
 from experiments.three_ways import ACCURACY, SCENARIOS, WAYS, Scenario, draw, known_truth
@@ -61,6 +61,7 @@ def main(draws: int = DRAWS, scenarios: Sequence[Scenario] = SCENARIOS) -> None:
     names = [str(path) for path in paths]
     tables = [three_ways_report.table(cells, names), three_ways_report.bias_table(cells, names), *tables]
     print("\n\n".join(tables[:2]))
+    tables.insert(2, linear_draws.table(*linear_draws.walks_jacobian()))
     moved = moved_stack.thesis()
     tables.append(moved_stack.show_thesis(moved))
     tables.append(moved_stack.show_liu(*moved_stack.liu()))
