@@ -16,6 +16,9 @@ from .toml_table import Table
 
 _FAMILY = "study.measurement"
 
+_TEXTS = (".csv", ".txt", ".tsv", ".dat", "")
+"""What the names of files end in that a virtual rig writes."""
+
 RECORD_KEYS = [
     *("name", "file", "columns", "channel", "time", "units", "scale", "decimal", "measures", "role", "noise"),
     *("offset", "window", "exclude", "decimate", "start", "drive", "resolution", "sampling", "conditions"),
@@ -50,8 +53,9 @@ def read_record(table: Table, folder: Path, virtual: bool = False) -> Record:
         )
     layout = record_layout(table, measurement.columns)
     start = _start(table, measurement)
+    if virtual:
+        _check_writable(table, file, layout)
     if virtual and "sampling" in table.entries:
-        _check_writable(table, layout)
         data = _planned(table, measurement)
         begin = float(data["time"][0])
     else:
@@ -108,12 +112,16 @@ def _start(table: Table, measurement: AbstractMeasurement) -> float:
     return table.number("start", "s", 0.0)
 
 
-def _check_writable(table: Table, layout: Layout) -> None:
+def _check_writable(table: Table, file: Path, layout: Layout) -> None:
     """A record that is to be made is written as a CSV file with named columns."""
+    if file.suffix.lower() not in _TEXTS:
+        raise InputError(
+            f'{table.at("file")}: found "{file.name}" for a record to be made, expected a name that ends in .csv.'
+        )
     named = all(isinstance(name, str) for name in layout.columns.values()) and "time" in layout.columns
     if not named or layout.scales or "decimate" in table.entries:
         raise InputError(
-            f"{table.at('sampling')}: found a record to be made whose columns are numbered, scaled or decimated, "
+            f"{table.at('columns')}: found a record to be made whose columns are numbered, scaled or decimated, "
             'expected their names, as in columns = { time = "time_s", displacement = "displacement_um" }.'
         )
 

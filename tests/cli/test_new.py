@@ -1,7 +1,10 @@
 """`pdssjax new`: from files of any lab to a study that loads, with the right drives and clocks, or a question."""
 
+import tomllib
 from pathlib import Path
 
+import fastjsonschema
+import instrument_files
 import numpy as np
 import pytest
 
@@ -9,6 +12,7 @@ from pdssjax import InputError, load_study
 from pdssjax.cli import main as cli
 from pdssjax.files import EXAMPLE, Hints, Told, guess_file
 from pdssjax.files.new_study import study_text
+from pdssjax.files.study_schema import study_schema
 
 LIU = Path(__file__).parents[2] / "experiments" / "liu2015"
 
@@ -243,6 +247,22 @@ def test_what_is_not_clear_is_asked_for(tmp_path, text, columns, units, told, es
         assert essential in str(asked.value)
 
 
+@pytest.mark.parametrize("name", instrument_files.BINARIES)
+def test_a_step_is_told_in_every_format(tmp_path, name):
+    ending, write = instrument_files.BINARIES[name]
+    write(tmp_path / f"step{ending}")
+    bare = name in ("MATLAB 4", "MATLAB 5", "MATLAB 7.3")
+    if bare:
+        with pytest.raises(
+            InputError, match=r"found no unit of the time in channel 1 \(.t.\), the voltage in channel 2"
+        ):
+            guess_file(tmp_path / f"step{ending}", Hints({"voltage": "u", "displacement": "x"}, {}, {}), Told())
+    columns = {"voltage": "u", "displacement": "x"} if bare else {}
+    found = guess_file(tmp_path / f"step{ending}", Hints(columns, UNITS if bare else {}, {}), Told())
+    assert (found.guess.waveform.name, found.guess.measures, found.guess.start) == ("step", "platform", 0.0)
+    assert found.guess.waveform.numbers["voltage"] == pytest.approx(48.2)
+
+
 def test_the_command_makes_a_study_with_figures(tmp_path, capsys):
     out = tmp_path / "rig"
     files = [str(EXAMPLE / f"{name}.csv") for name in ("sawtooth_5Hz_A", "step_48p2V")]
@@ -252,6 +272,7 @@ def test_the_command_makes_a_study_with_figures(tmp_path, capsys):
     assert "the mass of the end-effector is a guess" in printed.err
     assert sorted(path.name for path in (out / "check").iterdir()) == ["sawtooth_5Hz_A.png", "step_48p2V.png"]
     assert [record.role for record in load_study(out / "study.toml").records] == ["fit", "fit"]
+    fastjsonschema.compile(study_schema())(tomllib.loads((out / "study.toml").read_text(encoding="utf-8")))
     assert cli.main(["new", str(out), "--files", *files]) == 2
     assert "found something there already" in capsys.readouterr().err
 

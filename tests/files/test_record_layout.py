@@ -201,5 +201,8 @@ def test_a_noise_beyond_the_motion_is_questioned(tmp_path):
 def test_records_to_be_made_need_names_of_columns(tmp_path):
     sampling = '\nsampling = { end = "20 ms", interval = "50 us" }'
     study = changed(COLUMNS, "channel = 2\ntime = 1" + sampling + '\nmeasures = "platform"')
-    with pytest.raises(InputError, match='"sampling": found a record to be made whose columns are numbered'):
+    with pytest.raises(InputError, match='"columns": found a record to be made whose columns are numbered'):
         load_study(write_study(tmp_path, study), virtual=True)
+    made_as = changed('"step.csv"', '"step.tdms"', changed("noise =", sampling[1:] + "\nnoise ="))
+    with pytest.raises(InputError, match=r'"file": found "step.tdms" for a record to be made'):
+        load_study(write_study(tmp_path, made_as), virtual=True)
