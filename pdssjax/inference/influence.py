@@ -17,10 +17,9 @@ from jaxtyping import Float, Int
 
 from .covariance import NO_INFORMATION
 
-LEAST_CURVATURE = 0.1
-"""Least curvature of the sum of squares that is believed, as a share of that of J' J; below it the picture is too far
-from quadratic for any covariance."""
-
+LEAST_CURVATURE, MOST_CURVATURE = 0.2, 5.0
+"""Least and most curvature of the sum of squares that is believed, as a share of that of J' J; beyond, the picture is
+too far from quadratic for any covariance."""
 
 LONGEST = 0.1
 """Longest step along a principal direction, in any parameter, on the fit's scale: ten per cent of a positive one."""
@@ -105,13 +104,16 @@ def curvature_of(
     **Arguments:** `jacobian_at`, the Jacobian at a point; `residual` and `jacobian` at the point `free`; `bounds`,
     lower and upper, that no step crosses.
 
-    **Returns:** a matrix a group; column j is (J(free + h v_j) - J)' r / h, with h = 1 or less.
+    **Returns:** a matrix a group; column j is (J(free + h v_j) - J)' r / h, with h = 1 or less; 0 where the Jacobian
+    is not finite there.
     """
     out = [np.zeros(directions.shape) for _ in groups]
     for j, direction in enumerate(directions.T):
         step = min(1.0, LONGEST / float(np.max(np.abs(direction))))
         step = _inside(free, direction, step, bounds)
         there = jacobian_at(free + step * direction)
+        if not np.isfinite(there).all():
+            continue
         for matrix, rows in zip(out, groups, strict=True):
             matrix[:, j] = (there[rows] - jacobian[rows]).T @ residual[rows] / step
     return out
@@ -146,7 +148,7 @@ def _directions(jacobian: Float[np.ndarray, "n p"]) -> tuple[Float[np.ndarray, "
 def _relative_curvature(
     spread: Float[np.ndarray, "p k"], curvature: Float[np.ndarray, "p k"]
 ) -> Float[np.ndarray, "k k"]:
-    """1 + L' S L: H where J' J is the identity, its eigenvalues not below `LEAST_CURVATURE`."""
+    """1 + L' S L: H where J' J is the identity, its eigenvalues between `LEAST_CURVATURE` and `MOST_CURVATURE`."""
     relative = spread.T @ curvature
     values, axes = np.linalg.eigh(0.5 * (relative + relative.T))
-    return axes * np.maximum(1.0 + values, LEAST_CURVATURE) @ axes.T
+    return axes * np.clip(1.0 + values, LEAST_CURVATURE, MOST_CURVATURE) @ axes.T

@@ -157,3 +157,39 @@ def test_steps_are_no_longer_than_the_scale_allows():
 
 def test_a_sum_of_squares_that_is_no_bowl_still_gives_a_finite_influence():
     assert np.isfinite(influence_of(DESIGN, -1e3 * DESIGN.T @ DESIGN @ principal_directions(DESIGN))).all()
+
+
+def test_where_the_jacobian_cannot_be_had_there_is_no_curvature():
+    slopes = decay(np.zeros(2))[1]
+    (found,) = curvature_of(
+        lambda free: np.full_like(slopes, np.nan), np.zeros(2), TIME, slopes, np.eye(2), [slice(0, 50)], ANYWHERE
+    )
+    assert not found.any()
+
+
+CLOSE = np.log([1.0, 0.30, 1.0, 0.36])
+
+
+def two_decays(free):
+    """Two decays that are hard to tell apart, by the logarithms of heights and times, with their Jacobian."""
+    first, second = (np.exp(h) * np.exp(-TIME / np.exp(t)) for h, t in (free[:2], free[2:]))
+    columns = (first, first * TIME / np.exp(free[1]), second, second * TIME / np.exp(free[3]))
+    return first + second, np.stack(columns, axis=1)
+
+
+def test_in_a_narrow_valley_the_curvature_survives_rough_derivatives():
+    """Columns all but parallel (a condition of thousands), and Jacobians that are wrong by 1e-7."""
+    random = np.random.default_rng(1)
+    _, slopes = two_decays(CLOSE)
+    unit = slopes / np.linalg.norm(slopes, axis=0)
+    assert np.linalg.cond(unit) > 3e3
+    slopes = slopes * 1e3
+    left = np.linalg.qr(slopes)[0]
+    wave = np.sin(40.0 * TIME)
+    residual = wave - left @ (left.T @ wave)
+    rough = lambda free: 1e3 * two_decays(free)[1] * (1.0 + 1e-7 * random.normal(size=slopes.shape))
+    along = principal_directions(slopes)
+    everywhere = [slice(0, 50)], (np.full(4, -np.inf), np.full(4, np.inf))
+    exact = curvature_of(lambda free: 1e3 * two_decays(free)[1], CLOSE, residual, slopes, along, *everywhere)[0]
+    found = curvature_of(rough, CLOSE, residual, slopes, along, *everywhere)[0]
+    np.testing.assert_allclose(along.T @ found, along.T @ exact, atol=0.02)
