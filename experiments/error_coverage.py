@@ -139,7 +139,7 @@ def errors(
 
 def coverage(situation: Situation, runs: int, seed: int = 1) -> Float[np.ndarray, "targets models p"]:
     """How often 95 % intervals hold the pseudo-true (first) and the physical parameters (second)."""
-    random, inside, pseudo = np.random.default_rng(seed), [], TRUTH
+    random, inside, pseudo, clean = np.random.default_rng(seed), [], TRUTH, np.zeros(TIME.size)
     for run in range(runs):
         if run == 0 or situation.scattered:
             clean = predicted(TRUTH)[0] + np.tile(situation.misfit(random), CYCLES)
