@@ -24,7 +24,7 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from experiments.common import BLUE, GREEN, VERMILION, Row, print_table, save, styled
-from pdssjax.inference import curvature_of, influence_of
+from pdssjax.inference import curvature_of, influence_of, principal_directions
 from pdssjax.inference.error_models.base import RecordErrors
 from pdssjax.inference.error_models.coloured import Coloured
 from pdssjax.inference.error_models.white import White
@@ -119,9 +119,14 @@ def errors(
     value, columns = predicted(free)
     residual = (value - measured + measured.mean()) / noise
     jacobian = columns / noise
-    everything, open_ended = [slice(0, TIME.size)], np.full(4, np.inf)
     (curvature,) = curvature_of(
-        lambda at: predicted(at)[1] / noise, free, residual, jacobian, np.ones(4, bool), everything, open_ended
+        lambda at: predicted(at)[1] / noise,
+        free,
+        residual,
+        jacobian,
+        principal_directions(jacobian),
+        [slice(0, TIME.size)],
+        (np.full(4, -np.inf), np.full(4, np.inf)),
     )
     freedom = TIME.size - 5.0
     plain = RecordErrors(
@@ -134,7 +139,7 @@ def errors(
 
 def coverage(situation: Situation, runs: int, seed: int = 1) -> Float[np.ndarray, "targets models p"]:
     """How often 95 % intervals hold the pseudo-true (first) and the physical parameters (second)."""
-    random, inside, pseudo = np.random.default_rng(seed), [], TRUTH
+    random, inside, pseudo, clean = np.random.default_rng(seed), [], TRUTH, np.zeros(TIME.size)
     for run in range(runs):
         if run == 0 or situation.scattered:
             clean = predicted(TRUTH)[0] + np.tile(situation.misfit(random), CYCLES)

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from .identification import identify as identify
     from .influence import curvature_of as curvature_of
     from .influence import influence_of as influence_of
+    from .influence import principal_directions as principal_directions
     from .initial_values.guess import initial_guess as initial_guess
     from .initial_values.search import guess_starts as guess_starts
     from .iterations import iterates as iterates
@@ -44,7 +45,7 @@ else:
             "draws": ["Drawing", "Store"],
             "ending": ["Ending", "SUCCESSES"],
             "identification": ["FitInterrupted", "Intervals", "identify"],
-            "influence": ["curvature_of", "influence_of"],
+            "influence": ["curvature_of", "influence_of", "principal_directions"],
             "initial_values.guess": ["initial_guess"],
             "initial_values.search": ["guess_starts"],
             "iterations": ["iterates"],

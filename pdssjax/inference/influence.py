@@ -1,29 +1,37 @@
 """How a least-squares estimate follows the samples, to first order: what every covariance of it is made of.
 
-Where the samples are off by e, the estimate is off by H^-1 J' e.  H = J' J + sum r d2r is the whole second derivative
-of half the sum of squares: where the model does not explain the data, its residuals r do not average out, and without
-their curvature the errors are wrong (H. White, Econometrica 50(1), 1982).  docs/results.md says by how much.
+Where the samples are off by e, the estimate is off by H^-1 J' e.  H = J' J + S, S = sum r d2r, is the whole second
+derivative of half the sum of squares: where the model does not explain the data, its residuals r do not average out,
+and without their curvature S the errors are wrong (H. White, Econometrica 50(1), 1982).  docs/error-models.md says by
+how much.
+
+With the pseudo-inverse L U' of J, U' U = 1 and L L' = (J' J)^-1, it is H^-1 J' = L (1 + L' S L)^-1 U'.  The columns of
+L are principal directions, each as long as its standard error: along them S is found by differences of the Jacobian
+that neither rounding nor a narrow valley spoils.
 """
 
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from .covariance import NO_INFORMATION
 
-LEAST_CURVATURE = 0.1
-"""Least curvature of the sum of squares that is believed, as a share of that of J' J; below it the picture is too far
-from quadratic for any covariance."""
+LEAST_CURVATURE, MOST_CURVATURE = 0.2, 5.0
+"""Least and most curvature of the sum of squares that is believed, as a share of that of J' J; beyond, the picture is
+too far from quadratic for any covariance."""
+
+LONGEST = 0.1
+"""Longest step along a principal direction, in any parameter, on the fit's scale: ten per cent of a positive one."""
 
 
 def influence_of(
-    jacobian: Float[np.ndarray, "n p"], curvature: Float[np.ndarray, "p p"] | None = None
+    jacobian: Float[np.ndarray, "n p"], curvature: Float[np.ndarray, "p k"] | None = None
 ) -> Float[np.ndarray, "n p"]:
     """H^-1 J', transposed: the effect of each sample on each parameter, all of them fitted at once.
 
-    **Arguments:** `curvature`, the sum of residuals times their second derivatives; None: none.  A direction without
-    information is left out.
+    **Arguments:** `curvature` S L, along the principal directions; None: none.  A direction without information is
+    left out.
     """
     left, spread = _directions(jacobian)
     if curvature is None:
@@ -36,25 +44,50 @@ def influence_in_two_steps(
     second: Float[np.ndarray, "n p"],
     earlier: Int[np.ndarray, " q"],
     later: Int[np.ndarray, " r"],
-    curvatures: tuple[Float[np.ndarray, "p p"], Float[np.ndarray, "p p"]] | None = None,
+    curvatures: tuple[Float[np.ndarray, "p k"], Float[np.ndarray, "p k"]] | None = None,
 ) -> Float[np.ndarray, "n p"]:
     """The effect of each sample on each parameter where those at the places `earlier` are fitted first and then held.
 
     **Arguments:** the Jacobians of the residuals of the `first` step and of the `second`, each with zeros in the rows
-    of the samples that it does not use; `curvatures` of either, as `influence_of` takes them.
+    of the samples that it does not use; `curvatures` S of either along the principal directions of the first step,
+    then those of the second, as `directions_in_two_steps` has them.
     """
-    early, late = curvatures or (None, None)
     found = np.zeros(first.shape)
-    found[:, earlier] = influence_of(first[:, earlier], None if early is None else early[np.ix_(earlier, earlier)])
+    base, along = _directions(first[:, earlier])
     left, spread = _directions(second[:, later])
-    inverse = spread.T
-    cross = left.T @ second[:, earlier]
-    if late is not None:
-        # In the directions in which J' J is the identity.
-        inverse = np.linalg.solve(_relative_curvature(spread, late[np.ix_(later, later)]), spread.T)
-        cross = cross + spread.T @ late[np.ix_(later, earlier)]
-    found[:, later] = left @ inverse - found[:, earlier] @ cross.T @ inverse
+    count, inverse = along.shape[1], spread.T
+    if curvatures is not None:
+        early, late = curvatures
+        # Of the first step's samples on its principal directions.
+        base = base @ np.linalg.inv(_relative_curvature(along, early[earlier, :count]))
+        inverse = np.linalg.solve(_relative_curvature(spread, late[later, count:]), spread.T)
+    found[:, earlier] = base @ along.T
+    pulled = (second[:, earlier] @ along).T @ left
+    if curvatures is not None:
+        pulled = pulled + late[later, :count].T @ spread
+    found[:, later] = (left - base @ pulled) @ inverse
     return found
+
+
+def principal_directions(jacobian: Float[np.ndarray, "n p"]) -> Float[np.ndarray, "p k"]:
+    """L: as columns, the steps that change the whitened residuals by 1, in directions at right angles there."""
+    return _directions(jacobian)[1]
+
+
+def directions_in_two_steps(
+    first: Float[np.ndarray, "n p"],
+    second: Float[np.ndarray, "n p"],
+    earlier: Int[np.ndarray, " q"],
+    later: Int[np.ndarray, " r"],
+) -> Float[np.ndarray, "p k"]:
+    """Those of the first step in the parameters at the places `earlier`, then those of the second in the `later`."""
+    parts = []
+    for jacobian, places in ((first, earlier), (second, later)):
+        spread = principal_directions(jacobian[:, places])
+        whole = np.zeros((first.shape[1], spread.shape[1]))
+        whole[places] = spread
+        parts.append(whole)
+    return np.hstack(parts)
 
 
 def curvature_of(
@@ -62,30 +95,49 @@ def curvature_of(
     free: Float[np.ndarray, " p"],
     residual: Float[np.ndarray, " n"],
     jacobian: Float[np.ndarray, "n p"],
-    moved: Bool[np.ndarray, " p"],
+    directions: Float[np.ndarray, "p k"],
     groups: Sequence[slice],
-    high: Float[np.ndarray, " p"],
-) -> list[Float[np.ndarray, "p p"]]:
-    """Sum of residuals times their second derivatives, of each group of samples, by differences of the Jacobian.
+    bounds: tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]],
+) -> list[Float[np.ndarray, "p k"]]:
+    """S along `directions`, of each group of samples, by differences of the Jacobian.
 
-    **Arguments:** `jacobian_at`, the Jacobian at a point; `residual` and `jacobian` at the point `free`; which
-    parameters are `moved`, each by its error if all others were known; `high`, upper bounds that no step crosses.
+    **Arguments:** `jacobian_at`, the Jacobian at a point; `residual` and `jacobian` at the point `free`; `bounds`,
+    lower and upper, that no step crosses.
 
-    **Returns:** a matrix a group, zero in the columns that are not moved; column j is (J(free + h e_j) - J)' r / h.
+    **Returns:** a matrix a group; column j is (J(free + h v_j) - J)' r / h, with h = 1 or less; 0 where the Jacobian
+    is not finite there.
     """
-    out = [np.zeros((free.size, free.size)) for _ in groups]
-    for j in np.flatnonzero(moved):
-        step = 1.0 / float(np.linalg.norm(jacobian[:, j]))
-        if free[j] + step > high[j]:
-            step = -step
-        there = jacobian_at(free + step * (np.arange(free.size) == j))
+    out = [np.zeros(directions.shape) for _ in groups]
+    for j, direction in enumerate(directions.T):
+        step = min(1.0, LONGEST / float(np.max(np.abs(direction))))
+        step = _inside(free, direction, step, bounds)
+        there = jacobian_at(free + step * direction)
+        if not np.isfinite(there).all():
+            continue
         for matrix, rows in zip(out, groups, strict=True):
             matrix[:, j] = (there[rows] - jacobian[rows]).T @ residual[rows] / step
     return out
 
 
+def _inside(
+    free: Float[np.ndarray, " p"],
+    direction: Float[np.ndarray, " p"],
+    step: float,
+    bounds: tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]],
+) -> float:
+    """`step`, or the other way, or a shorter one, so that no bound is crossed."""
+    for _ in range(40):
+        for way in (step, -step):
+            there = free + way * direction
+            moved = direction != 0.0
+            if np.all((there >= bounds[0])[moved]) and np.all((there <= bounds[1])[moved]):
+                return way
+        step *= 0.5
+    return step
+
+
 def _directions(jacobian: Float[np.ndarray, "n p"]) -> tuple[Float[np.ndarray, "n k"], Float[np.ndarray, "p k"]]:
-    """U and L of the Jacobian's pseudo-inverse L U', with U' U = 1 and L L' = (J' J)^-1."""
+    """U and L of the Jacobian's pseudo-inverse L U'."""
     norms = np.linalg.norm(jacobian, axis=0)
     norms = np.where(norms > 0, norms, np.inf)
     left, singular, rows = np.linalg.svd(jacobian / norms, full_matrices=False)
@@ -94,9 +146,9 @@ def _directions(jacobian: Float[np.ndarray, "n p"]) -> tuple[Float[np.ndarray, "
 
 
 def _relative_curvature(
-    spread: Float[np.ndarray, "p k"], curvature: Float[np.ndarray, "p p"]
+    spread: Float[np.ndarray, "p k"], curvature: Float[np.ndarray, "p k"]
 ) -> Float[np.ndarray, "k k"]:
-    """1 + L' S L: H where J' J is the identity, its eigenvalues not below `LEAST_CURVATURE`."""
-    relative = spread.T @ (0.5 * (curvature + curvature.T)) @ spread
-    values, axes = np.linalg.eigh(relative)
-    return axes * np.maximum(1.0 + values, LEAST_CURVATURE) @ axes.T
+    """1 + L' S L: H where J' J is the identity, its eigenvalues between `LEAST_CURVATURE` and `MOST_CURVATURE`."""
+    relative = spread.T @ curvature
+    values, axes = np.linalg.eigh(0.5 * (relative + relative.T))
+    return axes * np.clip(1.0 + values, LEAST_CURVATURE, MOST_CURVATURE) @ axes.T

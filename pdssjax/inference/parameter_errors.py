@@ -6,14 +6,20 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from ..core import member, members
 from ..study import Estimate, FittedParameter, ParameterError, cycles_a_second
 from .covariance import least_squares_covariance
 from .error_advice import EVIDENT, advise
 from .error_models.base import AbstractErrorModel, RecordErrors
-from .influence import curvature_of, influence_in_two_steps, influence_of
+from .influence import (
+    curvature_of,
+    directions_in_two_steps,
+    influence_in_two_steps,
+    influence_of,
+    principal_directions,
+)
 from .least_squares import Fit, Method, Progress, evaluated, of_piezo, of_platform_alone
 from .parameter_transform import ParameterTransform
 from .problem import Problem
@@ -89,7 +95,7 @@ def fitted_point(method: Method, problem: Problem, fit: Fit) -> FittedPoint:
 
 
 def record_errors(
-    point: FittedPoint, variance_factor: float = 1.0, curvatures: Sequence[Float[np.ndarray, "p p"]] | None = None
+    point: FittedPoint, variance_factor: float = 1.0, curvatures: Sequence[Float[np.ndarray, "p k"]] | None = None
 ) -> list[RecordErrors]:
     """Every fitted record as error models take it; parameters that are not known have an influence of zero.
 
@@ -115,7 +121,7 @@ def _covariances(
     point: FittedPoint,
     models: Sequence[AbstractErrorModel],
     factor: float,
-    curvatures: Sequence[Float[np.ndarray, "p p"]] | None,
+    curvatures: Sequence[Float[np.ndarray, "p k"]] | None,
 ) -> dict[str, tuple[Float[np.ndarray, "p p"], list[float]]]:
     """By name of the model: the covariance on the fit's scale, NaN where not known, and the evidence of each record."""
     records, out = record_errors(point, factor, curvatures), {}
@@ -127,39 +133,52 @@ def _covariances(
     return out
 
 
-def _influence(point: FittedPoint, curvatures: Sequence[Float[np.ndarray, "p p"]] | None) -> Float[np.ndarray, "n p"]:
+def _influence(point: FittedPoint, curvatures: Sequence[Float[np.ndarray, "p k"]] | None) -> Float[np.ndarray, "n p"]:
     """Zero in the columns of parameters that are not known."""
-    jacobian = point.jacobian
     if point.method == "sequential":
         alone = of_platform_alone(point.problem.records)
-        first = np.repeat(alone, [record.time.size for record in point.problem.records])[:, None]
-        piezo = of_piezo(point.problem.residual.transform)
         steps = None if curvatures is None else (_total(curvatures, alone), _total(curvatures, ~alone))
-        earlier, later = np.flatnonzero(piezo & point.known), np.flatnonzero(~piezo & point.known)
-        return influence_in_two_steps(jacobian * first, jacobian * ~first, earlier, later, steps)
-    out, kept = np.zeros(jacobian.shape), point.fitted
-    total = None
-    if curvatures is not None:
-        total = _total(curvatures, np.ones(len(curvatures), bool))[np.ix_(kept, kept)]
-    out[:, kept] = influence_of(jacobian[:, kept], total)
+        return influence_in_two_steps(*_two_steps(point), steps)
+    out, kept = np.zeros(point.jacobian.shape), point.fitted
+    total = None if curvatures is None else _total(curvatures, np.ones(len(curvatures), bool))[kept]
+    out[:, kept] = influence_of(point.jacobian[:, kept], total)
     return out * point.known
 
 
+def _two_steps(
+    point: FittedPoint,
+) -> tuple[Float[np.ndarray, "n p"], Float[np.ndarray, "n p"], Int[np.ndarray, " q"], Int[np.ndarray, " r"]]:
+    """The Jacobians of the steps of a sequential fit, and the places of the parameters fitted in each."""
+    alone = of_platform_alone(point.problem.records)
+    first = np.repeat(alone, [record.time.size for record in point.problem.records])[:, None]
+    piezo = of_piezo(point.problem.residual.transform)
+    earlier, later = np.flatnonzero(piezo & point.known), np.flatnonzero(~piezo & point.known)
+    return point.jacobian * first, point.jacobian * ~first, earlier, later
+
+
 def _total(
-    matrices: Sequence[Float[np.ndarray, "p p"]], used: Bool[np.ndarray, " records"]
-) -> Float[np.ndarray, "p p"]:
+    matrices: Sequence[Float[np.ndarray, "p k"]], used: Bool[np.ndarray, " records"]
+) -> Float[np.ndarray, "p k"]:
     return sum((m for m, use in zip(matrices, used, strict=True) if use), np.zeros_like(matrices[0]))
 
 
-def _curvatures(point: FittedPoint, report: Progress) -> list[Float[np.ndarray, "p p"]]:
-    """Of each record: the sum of its residuals times their second derivatives."""
+def _curvatures(point: FittedPoint, report: Progress) -> list[Float[np.ndarray, "p k"]]:
+    """Of each record: the sum of its residuals times their second derivatives, along the principal directions."""
     report("second derivatives, for errors where the model does not explain all")
-    high = point.problem.residual.transform.high
+    if point.method == "sequential":
+        directions = directions_in_two_steps(*_two_steps(point))
+    else:
+        spread = principal_directions(point.jacobian[:, point.fitted])
+        directions = np.zeros((point.fitted.size, spread.shape[1]))
+        directions[point.fitted] = spread
 
     def jacobian_at(free: Float[np.ndarray, " p"]) -> Float[np.ndarray, "n p"]:
         return np.asarray(evaluated(point.problem, free, lambda message: None).state.jacobian)
 
-    return curvature_of(jacobian_at, point.fit.free, point.residual, point.jacobian, point.fitted, point.rows, high)
+    free = point.problem.residual.transform
+    return curvature_of(
+        jacobian_at, point.fit.free, point.residual, point.jacobian, directions, point.rows, (free.low, free.high)
+    )
 
 
 def _with_errors(

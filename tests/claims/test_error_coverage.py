@@ -19,10 +19,10 @@ def test_it_counts_and_draws():
 def test_the_pseudo_true_parameters_are_covered_whatever_the_misfit_and_the_colour(situation):
     pseudo, physical = error_coverage.coverage(situation, 150)
     white, coloured, whole = pseudo
-    assert np.all((coloured > 0.91) & (coloured < 0.985))
-    assert np.all(whole > 0.945)
+    assert np.all((coloured > 0.90) & (coloured < 0.99))  # 0.95 within three standard deviations of chance
+    assert np.all(whole >= coloured)
     if situation.correlation:
         assert white.min() < 0.86
     if situation.name == "smooth":
-        assert np.all((physical[2] > 0.91) & (physical[2] < 0.995))
+        assert np.all((physical[2] > 0.90) & (physical[2] < 0.99))
         assert np.all(physical[1] < 0.7)

@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from pdssjax.inference.covariance import propagated
-from pdssjax.inference.influence import curvature_of, influence_in_two_steps, influence_of
+from pdssjax.inference.influence import (
+    curvature_of,
+    directions_in_two_steps,
+    influence_in_two_steps,
+    influence_of,
+    principal_directions,
+)
 
 RANDOM = np.random.default_rng(2)
 DESIGN = RANDOM.normal(size=(50, 4)) * np.array([1e-6, 1.0, 3e3, 1e8])
@@ -64,7 +70,7 @@ def second(residual, free):
 def test_with_its_curvature_it_is_what_a_refit_does_where_the_model_is_wrong():
     best = refitted(MEASURED, np.log([1.4, 1.0]))
     value, slopes = decay(best)
-    curvature = second(value - MEASURED, best)
+    curvature = second(value - MEASURED, best) @ principal_directions(slopes)
     error = RANDOM.normal(size=TIME.size)
     error /= np.linalg.norm(error)
     moved = (refitted(MEASURED + 1e-5 * error, best) - refitted(MEASURED - 1e-5 * error, best)) / 2e-5
@@ -100,41 +106,90 @@ def test_in_two_steps_too():
     ends = first(MEASURED), both(MEASURED)
     (one, two), rows = (decay(end) for end in ends), (EARLY, ~EARLY)
     slopes = [step[1] * use[:, None] for step, use in zip((one, two), rows, strict=True)]
-    curved = [second((s[0] - MEASURED) * use, end) for s, use, end in zip((one, two), rows, ends, strict=True)]
-    found = influence_in_two_steps(*slopes, np.array([0]), np.array([1]), (curved[0], curved[1]))
+    steps = *slopes, np.array([0]), np.array([1])
+    along = directions_in_two_steps(*steps)
+    curved = [second((s[0] - MEASURED) * use, end) @ along for s, use, end in zip((one, two), rows, ends, strict=True)]
+    found = influence_in_two_steps(*steps, (curved[0], curved[1]))
     np.testing.assert_allclose(found.T @ error, moved, rtol=1e-5)
 
 
-@pytest.mark.parametrize("high", [np.inf, -np.inf], ids=["forward", "backward, at a bound"])
-def test_the_curvature_is_found_by_differences_of_the_jacobian(high):
+ANYWHERE = np.full(2, -np.inf), np.full(2, np.inf)
+
+
+@pytest.mark.parametrize("side", ["free", "lower", "upper"])
+def test_the_curvature_is_found_by_differences_of_the_jacobian(side):
     best = refitted(MEASURED, np.log([1.4, 1.0]))
     value, slopes = decay(best)
-    residual = 1e3 * (value - MEASURED)
+    residual, jacobian = 1e3 * (value - MEASURED), 1e3 * slopes
     halves = [slice(0, 20), slice(20, 50)]
-    ends = np.full(2, high)
-    found = curvature_of(
-        lambda free: 1e3 * decay(free)[1], best, residual, 1e3 * slopes, np.ones(2, bool), halves, ends
-    )
+    bounds = {"free": ANYWHERE, "lower": (best - 1e-9, ANYWHERE[1]), "upper": (ANYWHERE[0], best + 1e-9)}[side]
+    asked = []
+
+    def jacobian_at(free):
+        asked.append(free)
+        return 1e3 * decay(free)[1]
+
+    along = principal_directions(jacobian)
+    found = curvature_of(jacobian_at, best, residual, jacobian, along, halves, bounds)
+    assert len(asked) == 2
+    assert all(np.all((bounds[0] <= at) & (at <= bounds[1])) for at in asked)
     for matrix, rows in zip(found, halves, strict=True):
         only = np.zeros(50)
         only[rows] = residual[rows]
-        exact = 1e3 * second(only, best)
-        np.testing.assert_allclose(matrix, exact, atol=2e-3 * np.abs(exact).max())
+        exact = 1e3 * second(only, best) @ along
+        np.testing.assert_allclose(matrix, exact, atol=4e-3 * np.abs(exact).max())
 
 
-def test_a_parameter_that_is_not_moved_has_no_curvature():
-    slopes = decay(np.zeros(2))[1]
-    (found,) = curvature_of(
-        lambda free: decay(free)[1],
+def test_steps_are_no_longer_than_the_scale_allows():
+    asked = []
+    wide = np.array([[30.0], [-60.0]])
+    curvature_of(
+        lambda free: (asked.append(free), decay(free)[1])[1],
         np.zeros(2),
         TIME,
-        slopes,
-        np.array([True, False]),
+        decay(np.zeros(2))[1],
+        wide,
         [slice(0, 50)],
-        np.full(2, np.inf),
+        ANYWHERE,
     )
-    assert found[:, 0].any() and not found[:, 1].any()
+    assert np.max(np.abs(asked[0])) == pytest.approx(0.1)
 
 
 def test_a_sum_of_squares_that_is_no_bowl_still_gives_a_finite_influence():
-    assert np.isfinite(influence_of(DESIGN, -1e3 * DESIGN.T @ DESIGN)).all()
+    assert np.isfinite(influence_of(DESIGN, -1e3 * DESIGN.T @ DESIGN @ principal_directions(DESIGN))).all()
+
+
+def test_where_the_jacobian_cannot_be_had_there_is_no_curvature():
+    slopes = decay(np.zeros(2))[1]
+    (found,) = curvature_of(
+        lambda free: np.full_like(slopes, np.nan), np.zeros(2), TIME, slopes, np.eye(2), [slice(0, 50)], ANYWHERE
+    )
+    assert not found.any()
+
+
+CLOSE = np.log([1.0, 0.30, 1.0, 0.36])
+
+
+def two_decays(free):
+    """Two decays that are hard to tell apart, by the logarithms of heights and times, with their Jacobian."""
+    first, second = (np.exp(h) * np.exp(-TIME / np.exp(t)) for h, t in (free[:2], free[2:]))
+    columns = (first, first * TIME / np.exp(free[1]), second, second * TIME / np.exp(free[3]))
+    return first + second, np.stack(columns, axis=1)
+
+
+def test_in_a_narrow_valley_the_curvature_survives_rough_derivatives():
+    """Columns all but parallel (a condition of thousands), and Jacobians that are wrong by 1e-7."""
+    random = np.random.default_rng(1)
+    _, slopes = two_decays(CLOSE)
+    unit = slopes / np.linalg.norm(slopes, axis=0)
+    assert np.linalg.cond(unit) > 3e3
+    slopes = slopes * 1e3
+    left = np.linalg.qr(slopes)[0]
+    wave = np.sin(40.0 * TIME)
+    residual = wave - left @ (left.T @ wave)
+    rough = lambda free: 1e3 * two_decays(free)[1] * (1.0 + 1e-7 * random.normal(size=slopes.shape))
+    along = principal_directions(slopes)
+    everywhere = [slice(0, 50)], (np.full(4, -np.inf), np.full(4, np.inf))
+    exact = curvature_of(lambda free: 1e3 * two_decays(free)[1], CLOSE, residual, slopes, along, *everywhere)[0]
+    found = curvature_of(rough, CLOSE, residual, slopes, along, *everywhere)[0]
+    np.testing.assert_allclose(along.T @ found, along.T @ exact, atol=0.02)
