@@ -166,8 +166,10 @@ class _Side:
 def _cubic(one_end: _Node, other_end: _Node, index: int, at: float) -> float:
     """The excess between two nodes."""
     low, high = one_end.point.at[index], other_end.point.at[index]
-    ends = (np.array(v) for v in (one_end.excess, other_end.excess, one_end.slope, other_end.slope))
-    return float(_hermite(low, high, *ends, at))
+    first, last, slope_first, slope_last = (
+        np.array(value) for value in (one_end.excess, other_end.excess, one_end.slope, other_end.slope)
+    )
+    return float(_hermite(low, high, first, last, slope_first, slope_last, at))
 
 
 def _hermite(

@@ -10,7 +10,7 @@ from .least_squares import Fit, Progress
 from .problem import Problem
 from .profile_curve import Curve, profile_curve
 from .profile_likelihood import End, Verdict, interval_end, learn_curvature, linear_half_widths
-from .second_order import Point
+from .second_order import Curvature, Point
 from .summary import NORMAL_95, variance_factor
 
 SIDES = -1.0, 1.0
@@ -36,15 +36,21 @@ def with_profile_intervals(estimate: Estimate, problem: Problem, fit: Fit, repor
     for number, path in enumerate(kept, 1):
         index, parameter = paths.index(path), estimate.parameters[path]
         report(f"profile of {path} ({number} of {len(kept)})")
-        ends = tuple(
-            interval_end(problem.linearised, optimum, index, side, threshold, problem.bounds, curvature=curvature)
-            for side in SIDES
-        )
+        ends = tuple(_end(problem, optimum, index, side, threshold, curvature) for side in SIDES)
         curve = profile_curve(problem.linearised, optimum, index, (ends[0], ends[1]), threshold, problem.bounds)
         parameters[path] = _with_ends(parameter, problem, index, ends)
         profiles.append(_profile(problem, optimum, index, curve, ends, threshold))
         notes += _notes(parameter, problem, ends)
     return dataclasses.replace(estimate, parameters=parameters, notes=tuple(notes), profiles=tuple(profiles))
+
+
+def _end(problem: Problem, optimum: Point, index: int, side: float, threshold: float, curvature: Curvature) -> End:
+    """One end; where it is not followed, another attempt that learns its curvature on the way alone."""
+    end = interval_end(problem.linearised, optimum, index, side, threshold, problem.bounds, curvature=curvature)
+    if end.verdict != Verdict.LOST:
+        return end
+    again = interval_end(problem.linearised, optimum, index, side, threshold, problem.bounds)
+    return again._replace(evaluations=again.evaluations + end.evaluations)
 
 
 def verdict_of(ends: tuple[End, ...], curve: Curve) -> str:

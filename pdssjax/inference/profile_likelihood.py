@@ -183,7 +183,7 @@ class _Search:
             if verdict is not None:
                 return self._end(self.nearest[1] if verdict == Verdict.BOUNDED else point, verdict)
             if self.evaluations - self.learned_at >= _PATIENCE:
-                if self.nearest[0] < _KINKED:
+                if self.nearest[0] < _KINKED and self.learned_for is not None:
                     break
                 model = self._anew(point)
         return self._given_up()
