@@ -128,10 +128,12 @@ def summary_of_chains(
     for i, path in enumerate(paths):
         drawn = values[:, :, i]
         low, high = np.quantile(drawn, TAILS)
-        known = dict(rhat=rhat(drawn), effective=effective_size(drawn), effective_tails=effective_size_of_tails(drawn))
         deviation = float(np.std(drawn, ddof=1)) if moving[i] else float("nan")
-        convergence = known if moving[i] else {}
-        out.append(ParameterDraws(path, float(np.mean(drawn)), deviation, (float(low), float(high)), **convergence))
+        found = ParameterDraws(path, float(np.mean(drawn)), deviation, (float(low), float(high)))
+        if moving[i]:
+            sizes = effective_size(drawn), effective_size_of_tails(drawn)
+            found = dataclasses.replace(found, rhat=rhat(drawn), effective=sizes[0], effective_tails=sizes[1])
+        out.append(found)
     return out
 
 

@@ -56,6 +56,7 @@ def influence_in_two_steps(
     base, along = _directions(first[:, earlier])
     left, spread = _directions(second[:, later])
     count, inverse = along.shape[1], spread.T
+    late = None
     if curvatures is not None:
         early, late = curvatures
         # Of the first step's samples on its principal directions.
@@ -63,7 +64,7 @@ def influence_in_two_steps(
         inverse = np.linalg.solve(_relative_curvature(spread, late[later, count:]), spread.T)
     found[:, earlier] = base @ along.T
     pulled = (second[:, earlier] @ along).T @ left
-    if curvatures is not None:
+    if late is not None:
         pulled = pulled + late[later, :count].T @ spread
     found[:, later] = (left - base @ pulled) @ inverse
     return found

@@ -10,6 +10,7 @@ arXiv:1912.11554.  The only home of NumPyro.
 """
 
 import functools
+import importlib.util
 from collections.abc import Callable
 from concurrent.futures import Executor
 from typing import Any, NamedTuple, TypeAlias
@@ -82,13 +83,11 @@ class Density(eqx.Module):
 
 def need_numpyro() -> None:
     """**Raises** `InputError` where NumPyro is not installed."""
-    try:
-        import numpyro  # noqa: F401
-    except ImportError:
+    if importlib.util.find_spec("numpyro") is None:
         raise InputError(
             'intervals: found "posterior", which needs NumPyro; expected it to be installed: '
             'pip install "pdssjax[posterior]".'
-        ) from None
+        )
 
 
 def sample_posterior(

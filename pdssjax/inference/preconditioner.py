@@ -31,7 +31,7 @@ class Preconditioner(eqx.Module):
 
     def __call__(self, u: Float[Array, " q"]) -> Float[Array, " p"]:
         w = u - 0.5 * jnp.einsum("kij,i,j->k", self.shear, u, u)
-        return self._folded(self.centre + self.axes @ w)
+        return self._folded(jnp.asarray(self.centre) + jnp.asarray(self.axes) @ w)
 
     def _folded(self, x: Float[Array, " p"]) -> Float[Array, " p"]:
         """Reflected at the bounds, as often as it takes; as it is where there are none."""

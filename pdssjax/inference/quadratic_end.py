@@ -36,7 +36,7 @@ _SHORT = 20.0
 class Aim(NamedTuple):
     """Which end is looked for, and where."""
 
-    index: int
+    index: int  # pyright: ignore[reportIncompatibleMethodOverride]
     """The profiled parameter."""
     side: float
     """-1.0 for the lower end, 1.0 for the upper one."""

@@ -90,7 +90,7 @@ class SecondOrder:
         share = np.where(self.first == self.second, 0.5, 1.0)  # of w_i w_j in T[w, w] / 2
         pairs = curvature.second[:, self.first, self.second] * share
         columns = np.concatenate([point.residual[:, None], point.jacobian @ self.scale, pairs], axis=1)
-        self.factor = np.linalg.qr(columns, mode="r")
+        self.factor: Float[np.ndarray, "m k"] = np.asarray(np.linalg.qr(columns, mode="r"))
         whole = np.zeros((self.factor.shape[0], size, size))
         whole[:, self.first, self.second] = self.factor[:, 1 + size :]
         self.tensor = whole + whole.transpose(0, 2, 1)

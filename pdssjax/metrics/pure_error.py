@@ -92,9 +92,9 @@ def lack_of_fit(residual: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"]
     group, values = split.group[split.group >= 0], residual[split.group >= 0]
     repeated = split.sizes[group] > 1
     phases, samples = int(np.sum(split.sizes > 1)), int(np.sum(repeated))
-    within = np.sum((values - split.mean[group])[repeated] ** 2) / (samples - phases)
+    within = float(np.sum((values - split.mean[group])[repeated] ** 2)) / (samples - phases)
     centre = np.mean(values[repeated])
-    between = np.sum((split.mean[group] - centre)[repeated] ** 2) / (phases - 1)
+    between = float(np.sum((split.mean[group] - centre)[repeated] ** 2)) / (phases - 1)
     misfit = max(between - within, 0.0) * (phases - 1) / samples
     independent = _independent(split, time)
     sigmas = _sigmas(between, within, (phases - 1) * independent, (samples - phases) * independent)

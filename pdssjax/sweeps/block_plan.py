@@ -46,11 +46,11 @@ def extended(plan: BlockPlan, held: Float[np.ndarray, "held paths"]) -> BlockPla
     if held.shape[1] != plan.values.shape[1]:
         return None
     where = {row.tobytes(): place for place, row in enumerate(plan.values)}
-    known = [where.get(row.tobytes()) for row in held]
-    if None in known or len(set(known)) != len(known):
+    known = np.array([where.get(row.tobytes(), -1) for row in held], int)
+    if np.any(known < 0) or np.unique(known).size != known.size:
         return None
     new = np.setdiff1d(np.arange(len(plan.values)), known)
-    places = np.concatenate([np.array(known, int), new])
+    places = np.concatenate([known, new])
     return dataclasses.replace(plan, values=plan.values[places], order=plan.order[places])
 
 

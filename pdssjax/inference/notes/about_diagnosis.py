@@ -1,4 +1,4 @@
-"""Records that contradict each other, and what would help, in words."""
+"""Records that contradict each other, in words."""
 
 from ...study import Diagnosis
 from ..goodness import SIGMAS
@@ -26,18 +26,4 @@ def about_agreement(diagnosis: Diagnosis | None) -> list[str]:
         f"chance): without {'it' if alone else 'them'} {path} would be {abs(shift):.2g} standard errors "
         f"{'larger' if shift > 0 else 'smaller'}.{also} No one set of parameters explains all: look for a wrong "
         "voltage, direction, unit or sign, a surface that differs, or a law that lacks something."
-    ]
-
-
-def about_remedy(diagnosis: Diagnosis | None) -> list[str]:
-    """The one parameter that, known from elsewhere, would make others much better known."""
-    remedy = None if diagnosis is None else diagnosis.remedy
-    if remedy is None:
-        return []
-    gains = (
-        f"{path} from {100 * before:.2g} to {100 * after:.2g} %" for path, (before, after) in remedy.errors.items()
-    )
-    return [
-        f"If {remedy.path} were known from elsewhere, errors would fall: {listed(gains)}. Measure it by itself and "
-        "fix it, or add a record that shows it."
     ]

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 from ...study import Estimate, Study
 from ..least_squares import START_FAILED, Fit
 from ..parameter_transform import ParameterTransform
-from .about_diagnosis import about_agreement, about_remedy
+from .about_diagnosis import about_agreement
 from .about_models import about_models, about_resonances
 from .about_parameters import about_bounds, about_distance, about_information, about_weak_determination
 from .about_records import about_peaks, about_records
@@ -45,7 +45,6 @@ def notes_of(
         *about_resonances(study.models, values, [p for p in transform.paths if p not in unknown], study.records),
         *_about_fitted(estimate, study, second_step_factor),
         *about_agreement(estimate.diagnosis),
-        *about_remedy(estimate.diagnosis),
     )
 
 

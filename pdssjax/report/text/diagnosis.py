@@ -1,6 +1,8 @@
 """Which combinations of parameters the data determine, as plain text."""
 
-from ...study import Combination, Diagnosis
+import textwrap
+
+from ...study import Combination, Diagnosis, Remedy
 from ._layout import aligned_table, heading
 
 _MOST = 3
@@ -14,7 +16,15 @@ def format_diagnosis(diagnosis: Diagnosis) -> str:
     """The worst determined products of powers of parameters, with their relative standard errors."""
     worst = sorted(diagnosis.combinations, key=lambda found: -found.relative_error)[:_MOST]
     rows = [[_product(found), f"{100 * found.relative_error:.2g} %"] for found in worst]
-    return heading("Products that the data determine least") + aligned_table("<>", rows)
+    advice = "" if diagnosis.remedy is None else _advice(diagnosis.remedy)
+    return heading("Products that the data determine least") + aligned_table("<>", rows) + advice
+
+
+def _advice(remedy: Remedy) -> str:
+    """What would help most."""
+    gains = ", ".join(f"{path} from {100 * a:.2g} to {100 * b:.2g} %" for path, (a, b) in remedy.errors.items())
+    text = f"If {remedy.path} were known from elsewhere, errors would fall: {gains}."
+    return textwrap.fill(text, 100, initial_indent="    ", subsequent_indent="    ") + "\n"
 
 
 def _product(combination: Combination) -> str:
