@@ -48,7 +48,7 @@ class SteadyState(NamedTuple):
 class _Tried(NamedTuple):
     orbit: Orbit
     moduli: Float[Array, " components"]
-    count: Count
+    count: Count  # pyright: ignore[reportIncompatibleMethodOverride]
     accepted: Truth
 
 

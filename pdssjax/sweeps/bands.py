@@ -6,8 +6,6 @@ bends or breaks within the uncertainty, so that first order does not do (`SigmaP
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from .points.sigma_points import STEP
 
 if TYPE_CHECKING:
@@ -71,8 +69,8 @@ def _of_sigma_points(values: "xarray.DataArray", dimension: str) -> dict[str, "x
     down = values.isel({dimension: slice(2, None, 2)})
     slope = (up - down) / (2.0 * STEP)
     bend = (up + down - 2.0 * middle) / (2.0 * STEP**2)
-    sd = np.sqrt((slope**2).sum(dimension, skipna=False))
+    sd = (slope**2).sum(dimension, skipna=False) ** 0.5
     # Bends of several axes may cancel in the mean; a break in one of them does not.
-    bent = np.sqrt((bend**2).sum(dimension, skipna=False))
+    bent = (bend**2).sum(dimension, skipna=False) ** 0.5
     straight = (bent <= STRAIGHT * sd).astype(float)
     return {"": middle, "sd": sd, "low": middle - NORMAL * sd, "high": middle + NORMAL * sd, "straight": straight}

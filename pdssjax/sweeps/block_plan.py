@@ -46,8 +46,8 @@ def extended(plan: BlockPlan, held: Float[np.ndarray, "held paths"]) -> BlockPla
     if held.shape[1] != plan.values.shape[1]:
         return None
     where = {row.tobytes(): place for place, row in enumerate(plan.values)}
-    known = [where.get(row.tobytes()) for row in held]
-    if None in known or len(set(known)) != len(known):
+    known = [where.get(row.tobytes(), -1) for row in held]
+    if -1 in known or len(set(known)) != len(known):
         return None
     new = np.setdiff1d(np.arange(len(plan.values)), known)
     places = np.concatenate([np.array(known, int), new])
