@@ -44,9 +44,9 @@ def find_border(
 ) -> "xarray.Dataset":
     """The lowest value of `path` between `ends` [SI] at which a metric passes a level, at every point of a grid `over`.
 
-    **Arguments:** `tolerance` [SI] is how near the border has to be told.  The magnitude of `metric` passes `level`;
-    at level 0 the metric itself changes its sign.  `coarse` values of `path` are looked at first: what passes twice
-    between two of them is not seen.  The rest is as for `sweep`.
+    **Arguments:** `tolerance` [SI] is how near the border has to be told.  The magnitude of `metric` passes `level`; of
+    the efficiency, which counts along the drive, and at level 0 the metric itself does.  `coarse` values of `path` are
+    looked at first: what passes twice between two of them is not seen.  The rest is as for `sweep`.
 
     **Returns:** an `xarray.Dataset` over the axes of `over` with `border` [SI], NaN where there is none, `passes`, how
     often the level is passed on the coarse grid, and the attribute `points`, how many were simulated.
@@ -70,7 +70,8 @@ def find_border(
         asked += len(points)
         listed = Listed(dict(zip(paths, points.T, strict=True)))
         values = sweep(study, listed, record=record, cycles=cycles, workers=workers)[metric].values
-        return np.abs(values) - level if level > 0 else values
+        signed = metric == "efficiency" or level == 0.0
+        return (values if signed else np.abs(values)) - level
 
     border, passes = _searched(probe, grid.values(), np.linspace(*ends, coarse), tolerance)
     return _labelled(grid, border, passes, path, planned.declared[path].unit, asked)

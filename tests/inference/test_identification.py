@@ -143,24 +143,3 @@ def test_noise_left_out_is_estimated(example, joint):
         assert record.noise == pytest.approx(1.04e-8, rel=0.05)
     for path in REACHABLE:
         assert abs(found.parameters[path].value - TRUTH[path]) < 3.0 * found.parameters[path].standard_error
-
-
-@pytest.mark.slow
-def test_the_amplification_is_what_refits_at_a_moved_stack_find(example, sequential):
-    """Judged within 2 % of each row's largest entry: central differences of the second step's own fits."""
-    starts = {path: p.value for path, p in sequential.parameters.items()}
-    problem = pose(example, starts, Accuracy())
-    free = problem.encode(starts)
-    piezo = fitting.of_piezo(problem.residual.transform)
-    walks = ~fitting.of_platform_alone(problem.records)
-    found = sequential.amplification
-    assert found.earlier == tuple(path for path, is_piezo in zip(sequential.names, piezo, strict=True) if is_piezo)
-    for column, path in enumerate(found.earlier):
-        ends = []
-        for way in (1e-4, -1e-4):
-            moved = free + way * np.array([p == path for p in problem.residual.transform.paths])
-            fit = fitting._least_squares(problem, moved, walks, ~piezo, "friction", lambda message: None)
-            ends.append(fit.free[~piezo])
-        refitted = (ends[0] - ends[1]) / 2e-4
-        largest = np.max(np.abs(found.matrix), axis=1)
-        assert np.all(np.abs(found.matrix[:, column] - refitted) < 0.02 * largest), (path, refitted)
