@@ -177,7 +177,7 @@ def test_a_sweep_that_was_killed_ends_as_if_it_had_not_been(tmp_path, study):
     # A line is told for each tenth that is done.
     assert " of 640 points" in killed.stderr.readline()
     killed.send_signal(signal.SIGKILL)
-    killed.wait()
+    killed.communicate()
     time.sleep(0.1)
     assert not (tmp_path / "killed" / "sweep.nc").exists()
     resumed = subprocess.run(
