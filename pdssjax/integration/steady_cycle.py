@@ -102,12 +102,15 @@ def integrate_cycles(
 
 
 def _remaining(apart: Float[Array, "memory periods"], tolerance: ScalarLike) -> Float[Array, " periods"]:
-    """How far [m] the motion is from one that repeats after 1, 2, 3 cycles, by the last distances."""
+    """How far [m] the cycle before the last is from one that repeats after 1, 2, 3 cycles, by the last distances.
+
+    Net steps are differences of the last two.
+    """
     before, last, now = apart[-3:]
     # The slower of the two: where multipliers are complex the distance shrinks by fits and starts.
     ratio = jnp.maximum(now / last, last / before)
     ratio = jnp.where(jnp.isfinite(ratio), ratio, 1.0)
-    limit = jnp.where(ratio < 1.0, now * ratio / jnp.where(ratio < 1.0, 1.0 - ratio, 1.0), jnp.inf)
+    limit = jnp.where(ratio < 1.0, now / jnp.where(ratio < 1.0, 1.0 - ratio, 1.0), jnp.inf)
     limit = jnp.where(now < _FLOOR * tolerance, now, limit)
     # What approaches a motion that repeats in every cycle repeats in every second and third nearly, too.
     ago = apart[::-1, 0][jnp.arange(1, PERIODS + 1)]

@@ -20,7 +20,7 @@ def test_what_is_still_to_come_is_that_of_a_geometric_series(ratio):
     for cycle in (10, 30):
         remaining = _remaining(distances(places, cycle), 1e-30)
         assert float(remaining[0]) == pytest.approx(
-            abs(places[cycle]) if ratio > 0 else abs(places[cycle]) * 9, rel=1e-6
+            abs(places[cycle - 1]) if ratio > 0 else abs(places[cycle - 1]) * 9, rel=1e-6
         )
         # It comes near to repeating after two and three cycles, too, but that is not what it does.
         assert np.isinf(remaining[1:]).all()

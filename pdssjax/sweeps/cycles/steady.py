@@ -74,7 +74,9 @@ def _measured(system: StickSlip, cycles: Cycles, period: Count, decay: Scalar) -
     span = jnp.where(period > 0, period, last - 1)
     counts = jnp.arange(last - 1) >= last - 1 - span
     mean = lambda values: jnp.sum(jnp.where(counts, values, 0.0)) / span
-    net, stroke = mean(found.net_step), mean(found.stroke)
+    # What a steady cycle shifts is the same at every phase; flanks that still ring would tell it less well.
+    net = (effector[-1, 0] - effector[last - 1 - span, 0]) / span
+    stroke = mean(found.stroke)
     by_name = dict(net_step=net, speed=net * when.frequency, efficiency=net / stroke, stroke=stroke)
     by_name |= dict(back_slip=stroke - net, cycles_to_repeat=period * 1.0, decay=decay)
     return jnp.stack([by_name[name] for name in (METRICS | _OWN)])
