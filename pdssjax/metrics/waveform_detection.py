@@ -14,7 +14,8 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Float
+
+from .voltage_flanks import Samples, VoltageFlanks, period_of, voltage_flanks
 
 MOST_MISFIT = 0.015
 """Root mean square that a waveform may leave, in parts of the voltage, beside the noise."""
@@ -27,8 +28,6 @@ _JUMP = 1.6
 
 _FASTER = 0.3
 """A flank that takes less than this part of the other one makes a sawtooth."""
-
-Samples = Float[np.ndarray, " n"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,20 +51,6 @@ class Waveform:
     """Fields that the samples tell only within a bound, in words."""
 
 
-@dataclasses.dataclass(frozen=True)
-class _Flanks:
-    """Passages between the lowest and the highest quarter."""
-
-    rises: Samples
-    """Middles of rises [s]."""
-    falls: Samples
-    rise: float
-    """Usual duration of a whole rise [s], were it a straight line; NaN without any."""
-    fall: float
-    extent: float
-    """Of the voltage [V], noise and all, which the flanks' durations refer to."""
-
-
 def detect_waveform(time: Samples, volts: Samples) -> Waveform:
     """The waveform of `volts` [V] at increasing, even `time` [s]; `numbers` hold at least "voltage".
 
@@ -82,7 +67,7 @@ def detect_waveform(time: Samples, volts: Samples) -> Waveform:
 def _detect(time: Samples, volts: Samples) -> Waveform:
     low, high = (float(level) for level in np.percentile(volts, [0.2, 99.8]))
     interval = float(np.median(np.diff(time)))
-    flanks = _flanks(time, volts, low, high)
+    flanks = voltage_flanks(time, volts, low, high)
     rests = _rest(time, volts, high - low)
     if len(flanks.rises) + len(flanks.falls) == 1 and len(flanks.rises) == 1:
         step = _step(time, volts, flanks, interval)
@@ -125,36 +110,7 @@ def _rest(time: Samples, volts: Samples, extent: float) -> float | None:
     return None if abs(drift) > 0.3 * abs(ahead) and abs(ahead) > 0 else float(time[leaves - 1])
 
 
-def _flanks(time: Samples, volts: Samples, low: float, high: float) -> _Flanks:
-    """The passages of a voltage between its extremes [V]."""
-    level = (volts - low) / ((high - low) or 1.0)
-    side = np.where(level > 0.75, 1, np.where(level < 0.25, 0, -1))
-    known = np.flatnonzero(side >= 0)
-    passes = np.flatnonzero(np.diff(side[known]) != 0)
-    middles: dict[int, list[float]] = {0: [], 1: []}
-    lengths: dict[int, list[float]] = {0: [], 1: []}
-    for index in passes:
-        first, last = known[index], known[index + 1]
-        way = int(level[last] > level[first])
-        middle, length = _passage(time[first : last + 1], level[first : last + 1])
-        middles[way].append(middle)
-        lengths[way].append(length)
-    usual = lambda values: float(np.median(values)) if values else math.nan
-    return _Flanks(np.array(middles[1]), np.array(middles[0]), usual(lengths[1]), usual(lengths[0]), high - low)
-
-
-def _passage(time: Samples, level: Samples) -> tuple[float, float]:
-    """When a passage from one quarter to the other is half way, and how long a whole one would take [s]."""
-    if time.size < 5:
-        ordered = np.maximum.accumulate(level if level[-1] > level[0] else 1.0 - level)
-        early, middle, late = (float(np.interp(share, ordered, time)) for share in (0.25, 0.5, 0.75))
-        return middle, 2.0 * (late - early)
-    inner = slice(1, -1)
-    slope, at_middle = np.polyfit(time[inner] - time.mean(), level[inner], 1)
-    return float(time.mean() + (0.5 - at_middle) / slope), float(abs(1.0 / slope))
-
-
-def _step(time: Samples, volts: Samples, flanks: _Flanks, interval: float) -> Waveform:
+def _step(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: float) -> Waveform:
     middle = flanks.rises[0]
     late = volts[time > middle + 0.6 * flanks.rise]
     voltage = float(np.median(late)) if late.size else float(volts[-1])
@@ -180,22 +136,8 @@ def _rms(values: Samples) -> float:
     return float(np.sqrt(np.mean(values**2))) if values.size else math.inf
 
 
-def _period(flanks: _Flanks) -> float | None:
-    """By a line through the middles of the slower flanks; None where there are too few or they are uneven."""
-    slower, other = flanks.rises, flanks.falls
-    if not flanks.rise > flanks.fall:
-        slower, other = other, slower
-    middles = slower if len(slower) >= 2 else other
-    if len(middles) < 2:
-        return None
-    steps = np.diff(middles)
-    if len(steps) > 1 and np.ptp(steps) > 0.1 * np.median(steps):
-        return None
-    return float(np.polyfit(np.arange(len(middles)), middles, 1)[0])
-
-
-def _sawtooth(time: Samples, volts: Samples, flanks: _Flanks, interval: float) -> Waveform | None:
-    period = _period(flanks)
+def _sawtooth(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: float) -> Waveform | None:
+    period = period_of(flanks)
     if period is None or not min(flanks.rise, flanks.fall) < _FASTER * max(flanks.rise, flanks.fall):
         return None
     forward = flanks.fall < flanks.rise
@@ -233,8 +175,8 @@ def _sawtooth(time: Samples, volts: Samples, flanks: _Flanks, interval: float) -
     return Waveform("sawtooth", numbers, "forward" if forward else "backward", start, "running", misfit, bound)
 
 
-def _triangle(time: Samples, volts: Samples, flanks: _Flanks, interval: float) -> Waveform | None:
-    period = _period(flanks)
+def _triangle(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: float) -> Waveform | None:
+    period = period_of(flanks)
     if period is None or not 0 < flanks.rise < period:
         return None
     symmetry = flanks.rise / (flanks.rise + flanks.fall)
@@ -244,7 +186,7 @@ def _triangle(time: Samples, volts: Samples, flanks: _Flanks, interval: float) -
     return _laid_over(time, volts, "triangle", numbers, period, start, shape, 0.0)
 
 
-def _trapezoid(time: Samples, volts: Samples, flanks: _Flanks, interval: float) -> Waveform | None:
+def _trapezoid(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: float) -> Waveform | None:
     found = _trapezoid_by(time, volts, flanks, interval)
     if found is None:
         return None
@@ -255,8 +197,8 @@ def _trapezoid(time: Samples, volts: Samples, flanks: _Flanks, interval: float) 
     )
 
 
-def _trapezoid_by(time: Samples, volts: Samples, flanks: _Flanks, interval: float) -> Waveform | None:
-    period = _period(flanks)
+def _trapezoid_by(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: float) -> Waveform | None:
+    period = period_of(flanks)
     if period is None:
         return None
     rise, fall = (0.0 if length < _JUMP * interval else length for length in (flanks.rise, flanks.fall))
@@ -335,8 +277,8 @@ def _refined(
     return start, period
 
 
-def _sine(time: Samples, volts: Samples, flanks: _Flanks, interval: float) -> Waveform | None:
-    period = _period(flanks)
+def _sine(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: float) -> Waveform | None:
+    period = period_of(flanks)
     if period is None:
         return None
     rate, moved = 2.0 * np.pi / period, time - time[0]

@@ -84,6 +84,7 @@ def compare(
     squares = float(np.sum((measured - predicted) ** 2))
     chi2 = squares / noise**2 if noise > 0 else math.nan
     freedom = max(len(measured) - parameters - (record.offset is None), 1.0)
+    frequency = cycles_a_second(record)
     return FittedRecord(
         name=record.name,
         role=record.role,
@@ -108,8 +109,8 @@ def compare(
         chi2=chi2,
         reduced_chi2=math.nan if record.noise is None else chi2 / freedom,
         lack_of_fit=repeated_residuals(record, measured - predicted),
-        frequency=cycles_a_second(record),
-        outliers=outliers(measured - predicted, record.time, cycles_a_second(record)),
+        frequency=frequency,
+        outliers=outliers(measured - predicted, record.time, frequency),
     )
 
 

@@ -3,7 +3,7 @@
 A record that has the condition takes the number of that parameter, every other that of the parameter without one.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 
 import jax.numpy as jnp
 
@@ -18,11 +18,6 @@ def split_path(path: str) -> tuple[str, str]:
     """The path of the parameter, and the condition under which it holds; "" where it always does."""
     base, _, condition = path.partition(MARK)
     return base, condition
-
-
-def conditions_of(paths: Collection[str]) -> tuple[str, ...]:
-    """All conditions under which one of the parameters holds, in their order."""
-    return tuple(dict.fromkeys(condition for _, condition in map(split_path, paths) if condition))
 
 
 def under_conditions(values: Values, holds: Mapping[str, Truth | bool]) -> Values:

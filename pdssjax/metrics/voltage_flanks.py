@@ -1,0 +1,66 @@
+"""The rises and falls of a voltage: when they come, how long they take, and the period they tell."""
+
+import dataclasses
+import math
+
+import numpy as np
+from jaxtyping import Float
+
+Samples = Float[np.ndarray, " n"]
+
+
+@dataclasses.dataclass(frozen=True)
+class VoltageFlanks:
+    """Passages between the lowest and the highest quarter."""
+
+    rises: Samples
+    """Middles of rises [s]."""
+    falls: Samples
+    rise: float
+    """Usual duration of a whole rise [s], were it a straight line; NaN without any."""
+    fall: float
+    extent: float
+    """Of the voltage [V], noise and all, which the flanks' durations refer to."""
+
+
+def voltage_flanks(time: Samples, volts: Samples, low: float, high: float) -> VoltageFlanks:
+    """The passages of a voltage between its extremes [V]."""
+    level = (volts - low) / ((high - low) or 1.0)
+    side = np.where(level > 0.75, 1, np.where(level < 0.25, 0, -1))
+    known = np.flatnonzero(side >= 0)
+    passes = np.flatnonzero(np.diff(side[known]) != 0)
+    middles: dict[int, list[float]] = {0: [], 1: []}
+    lengths: dict[int, list[float]] = {0: [], 1: []}
+    for index in passes:
+        first, last = known[index], known[index + 1]
+        way = int(level[last] > level[first])
+        middle, length = _passage(time[first : last + 1], level[first : last + 1])
+        middles[way].append(middle)
+        lengths[way].append(length)
+    usual = lambda values: float(np.median(values)) if values else math.nan
+    return VoltageFlanks(np.array(middles[1]), np.array(middles[0]), usual(lengths[1]), usual(lengths[0]), high - low)
+
+
+def _passage(time: Samples, level: Samples) -> tuple[float, float]:
+    """When a passage from one quarter to the other is half way, and how long a whole one would take [s]."""
+    if time.size < 5:
+        ordered = np.maximum.accumulate(level if level[-1] > level[0] else 1.0 - level)
+        early, middle, late = (float(np.interp(share, ordered, time)) for share in (0.25, 0.5, 0.75))
+        return middle, 2.0 * (late - early)
+    inner = slice(1, -1)
+    slope, at_middle = np.polyfit(time[inner] - time.mean(), level[inner], 1)
+    return float(time.mean() + (0.5 - at_middle) / slope), float(abs(1.0 / slope))
+
+
+def period_of(flanks: VoltageFlanks) -> float | None:
+    """By a line through the middles of the slower flanks; None where there are too few or they are uneven."""
+    slower, other = flanks.rises, flanks.falls
+    if not flanks.rise > flanks.fall:
+        slower, other = other, slower
+    middles = slower if len(slower) >= 2 else other
+    if len(middles) < 2:
+        return None
+    steps = np.diff(middles)
+    if len(steps) > 1 and np.ptp(steps) > 0.1 * np.median(steps):
+        return None
+    return float(np.polyfit(np.arange(len(middles)), middles, 1)[0])
