@@ -25,10 +25,10 @@ from matplotlib.figure import Figure
 
 from experiments.common import BLUE, GREEN, VERMILION, Row, print_table, save, styled
 from pdssjax.inference import curvature_of, influence_of, principal_directions
-from pdssjax.inference.error_models.base import RecordErrors
-from pdssjax.inference.error_models.coloured import Coloured
-from pdssjax.inference.error_models.white import White
-from pdssjax.inference.error_models.with_misfit import WithMisfit
+from pdssjax.inference.uncertainty.error_models.base import RecordErrors
+from pdssjax.inference.uncertainty.error_models.coloured import Coloured
+from pdssjax.inference.uncertainty.error_models.white import White
+from pdssjax.inference.uncertainty.error_models.with_misfit import WithMisfit
 
 NAME = "error_coverage"
 CYCLES, SAMPLES = 8, 200

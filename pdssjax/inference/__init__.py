@@ -6,54 +6,54 @@ Imports `study` and the rooms below it.
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from .covariance import least_squares_covariance as least_squares_covariance
-    from .covariance import propagated as propagated
     from .draws import Drawing as Drawing
     from .draws import Store as Store
-    from .ending import SUCCESSES as SUCCESSES
-    from .ending import Ending as Ending
     from .identification import FitInterrupted as FitInterrupted
     from .identification import Intervals as Intervals
     from .identification import identify as identify
-    from .influence import curvature_of as curvature_of
-    from .influence import influence_of as influence_of
-    from .influence import principal_directions as principal_directions
     from .initial_values.guess import initial_guess as initial_guess
     from .initial_values.search import guess_starts as guess_starts
-    from .iterations import iterates as iterates
     from .least_squares import Fit as Fit
     from .least_squares import Method as Method
     from .least_squares import joint as joint
     from .least_squares import sequential as sequential
     from .least_squares import with_piezo_held as with_piezo_held
-    from .levenberg_marquardt import BoundedLevenbergMarquardt as BoundedLevenbergMarquardt
-    from .parameter_errors import all_error_models as all_error_models
     from .parameter_transform import transform_of as transform_of
-    from .peak_picking import PickedStack as PickedStack
-    from .peak_picking import pick_peaks as pick_peaks
     from .problem import Problem as Problem
     from .problem import pose_problem as pose_problem
     from .residual import Residual as Residual
     from .residual import as_weights as as_weights
+    from .sequential.peak_picking import PickedStack as PickedStack
+    from .sequential.peak_picking import pick_peaks as pick_peaks
+    from .solver.ending import SUCCESSES as SUCCESSES
+    from .solver.ending import Ending as Ending
+    from .solver.iterations import iterates as iterates
+    from .solver.levenberg_marquardt import BoundedLevenbergMarquardt as BoundedLevenbergMarquardt
+    from .uncertainty.covariance import least_squares_covariance as least_squares_covariance
+    from .uncertainty.covariance import propagated as propagated
+    from .uncertainty.influence import curvature_of as curvature_of
+    from .uncertainty.influence import influence_of as influence_of
+    from .uncertainty.influence import principal_directions as principal_directions
+    from .uncertainty.parameter_errors import all_error_models as all_error_models
 else:
     from ..core.lazy import lazy_exports
 
     __getattr__, __dir__, __all__ = lazy_exports(
         __name__,
         {
-            "covariance": ["least_squares_covariance", "propagated"],
+            "uncertainty.covariance": ["least_squares_covariance", "propagated"],
             "draws": ["Drawing", "Store"],
-            "ending": ["Ending", "SUCCESSES"],
+            "solver.ending": ["Ending", "SUCCESSES"],
             "identification": ["FitInterrupted", "Intervals", "identify"],
-            "influence": ["curvature_of", "influence_of", "principal_directions"],
+            "uncertainty.influence": ["curvature_of", "influence_of", "principal_directions"],
             "initial_values.guess": ["initial_guess"],
             "initial_values.search": ["guess_starts"],
-            "iterations": ["iterates"],
+            "solver.iterations": ["iterates"],
             "least_squares": ["Fit", "Method", "joint", "sequential", "with_piezo_held"],
-            "levenberg_marquardt": ["BoundedLevenbergMarquardt"],
-            "parameter_errors": ["all_error_models"],
+            "solver.levenberg_marquardt": ["BoundedLevenbergMarquardt"],
+            "uncertainty.parameter_errors": ["all_error_models"],
             "parameter_transform": ["transform_of"],
-            "peak_picking": ["PickedStack", "pick_peaks"],
+            "sequential.peak_picking": ["PickedStack", "pick_peaks"],
             "problem": ["Problem", "pose_problem"],
             "residual": ["Residual", "as_weights"],
         },

@@ -10,21 +10,21 @@ import numpy as np
 from ..core import InputError, member, members, nearest, need_double_precision
 from ..integration import Accuracy
 from ..study import Estimate, Study
-from .best_point import BestPoint, Point, completed
-from .drawn_intervals import with_bootstrap, with_posterior
 from .draws import Drawing
-from .held_stack import rejoined, with_stack_held
 from .kept_fit import Found, as_asked, kept, restored
 from .least_squares import FitMethod, Method, Progress, evaluated, joint, quiet, sequential
 from .losses.base import AbstractLoss
-from .multistart import best_fit, with_noise
-from .parameter_errors import with_error_models
-from .peak_picking import PickedStack, pick_peaks
-from .posterior import need_numpyro
-from .profile_intervals import with_profile_intervals
-from .requested_starts import best_of_starts, check_starts
+from .search.best_point import BestPoint, Point, completed
+from .search.multistart import best_fit, with_noise
+from .search.requested_starts import best_of_starts, check_starts
 from .sensor_signs import question_signs
+from .sequential.held_stack import rejoined, with_stack_held
+from .sequential.peak_picking import PickedStack, pick_peaks
 from .summary import summarise
+from .uncertainty.drawn_intervals import with_bootstrap, with_posterior
+from .uncertainty.parameter_errors import with_error_models
+from .uncertainty.posterior import need_numpyro
+from .uncertainty.profile_intervals import with_profile_intervals
 
 Intervals: TypeAlias = Literal["linear", "profile", "bootstrap", "posterior"]
 """By the covariance, by profile likelihood, by fits to data drawn anew, or of the posterior."""

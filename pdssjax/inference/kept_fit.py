@@ -9,9 +9,9 @@ from ..core import Document
 from ..integration import Accuracy
 from ..study import Multistart, Study
 from .draws import Drawing, same_run
-from .ending import Ending
 from .least_squares import Fit, Method, Progress, evaluated
 from .problem import Problem, pose
+from .solver.ending import Ending
 
 
 class Found(NamedTuple):

@@ -10,13 +10,13 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..study import Lowered, Record, Values
-from .ending import SUCCESSES, Ending
-from .iterations import iterate, iterates
-from .levenberg_marquardt import BoundedLevenbergMarquardt
-from .lm_state import LMState
 from .parameter_transform import ParameterTransform
 from .problem import Problem
 from .residual import Residual, as_weights
+from .solver.ending import SUCCESSES, Ending
+from .solver.iterations import iterate, iterates
+from .solver.levenberg_marquardt import BoundedLevenbergMarquardt
+from .solver.lm_state import LMState
 
 Progress: TypeAlias = Callable[[str], None]
 """Told what is being done."""

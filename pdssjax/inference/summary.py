@@ -7,40 +7,22 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..study import Estimate, FittedParameter, FittedRecord, Parameter, Statistics, Study, compare
-from .amplification import amplification_of
-from .covariance import Covariance, correlation, least_squares_covariance, propagated
 from .diagnostics.diagnose import diagnose
 from .goodness import is_poor
 from .least_squares import START_FAILED, Fit, Method, of_piezo, of_platform_alone, reduced_chi2
 from .notes.of_fit import notes_of
 from .parameter_transform import ParameterTransform
-from .peak_picking import PATHS, PickedStack
 from .problem import Problem
 from .residual import free_offset
-from .robust_covariance import robust_covariance
+from .sequential.peak_picking import PATHS, PickedStack
 from .start_failure import failed_start
-
-NORMAL_95 = 1.959964
-"""Half width of a 95 % interval in standard errors."""
+from .uncertainty.amplification import amplification_of
+from .uncertainty.covariance import Covariance, correlation, least_squares_covariance, propagated
+from .uncertainty.robust_covariance import robust_covariance
+from .uncertainty.variance_factor import NORMAL_95, second_step_factor, variance_factor
 
 WEAKLY_DETERMINED = float(np.log(10.0))
 """Standard error on the fit's scale from which a parameter counts as one without information."""
-
-
-def variance_factor(statistics: Statistics) -> float:
-    """By how much variances grow with residuals that are larger than the noise given; they never shrink."""
-    return max(1.0, statistics.reduced_chi2) if statistics.reduced_chi2 < np.inf else 1.0
-
-
-def second_step_factor(problem: Problem, fit: Fit) -> float:
-    """The variance factor by the records that do not show the platform alone, where that was not fitted to."""
-    used = ~of_platform_alone(problem.records)
-    samples = np.repeat(used, [record.time.size for record in problem.records])
-    offsets = sum(record.offset is None for record, use in zip(problem.records, used, strict=True) if use)
-    fitted = int(np.sum(~of_piezo(problem.residual.transform)))
-    chi2 = float(np.sum(np.asarray(fit.state.residual)[samples] ** 2))
-    factor = chi2 / max(int(samples.sum()) - fitted - offsets, 1)
-    return max(1.0, factor) if np.isfinite(factor) else 1.0
 
 
 def summarise(

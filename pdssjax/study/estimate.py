@@ -57,8 +57,9 @@ class FittedParameter:
     naive_standard_error: float | None = None
     """Standard error of a sequential fit that takes the earlier step's results for exact; else None."""
     verdicts: tuple[str, str] | None = None
-    """How either end of an interval by profile likelihood was found (`inference.profile_likelihood.Verdict`); None
-    where the interval is linear: symmetric on the scale of the fit."""
+    """How either end of an interval by profile likelihood was found (`Verdict` of
+    `inference.uncertainty.profile_likelihood`); None where the interval is linear: symmetric on the scale of the
+    fit."""
     errors: Mapping[str, ParameterError] = field(default_factory=dict)
     """By error model, from the strictest assumption to the weakest: "white", "coloured", "with-misfit".  The first is
     `standard_error`.  Empty where fixed."""

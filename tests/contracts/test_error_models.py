@@ -5,11 +5,13 @@ import numpy as np
 import pytest
 
 from pdssjax.core import member, members
-from pdssjax.inference.error_models.base import AbstractErrorModel, RecordErrors
-from pdssjax.inference.influence import influence_of
+from pdssjax.inference.uncertainty.error_models.base import AbstractErrorModel, RecordErrors
+from pdssjax.inference.uncertainty.influence import influence_of
 
-NAMES = members("inference.error_models")
-every = pytest.mark.parametrize("model", [member("inference.error_models", name)() for name in NAMES], ids=NAMES)
+NAMES = members("inference.uncertainty.error_models")
+every = pytest.mark.parametrize(
+    "model", [member("inference.uncertainty.error_models", name)() for name in NAMES], ids=NAMES
+)
 
 RANDOM = np.random.default_rng(6)
 
@@ -38,7 +40,7 @@ RECORDS = {
 
 
 def test_there_is_one_for_every_rank():
-    ranks = [member("inference.error_models", name).rank for name in NAMES]
+    ranks = [member("inference.uncertainty.error_models", name).rank for name in NAMES]
     assert sorted(ranks) == list(range(len(NAMES)))
 
 
@@ -92,6 +94,8 @@ def test_a_parameter_that_the_record_does_not_move_has_no_share(model):
 
 
 def test_the_weaker_the_assumption_the_larger_the_errors_under_misfit():
-    models = sorted((member("inference.error_models", name)() for name in NAMES), key=lambda model: model.rank)
+    models = sorted(
+        (member("inference.uncertainty.error_models", name)() for name in NAMES), key=lambda model: model.rank
+    )
     errors = [np.sqrt(np.diag(model.share(record(misfit=3.0)).covariance)) for model in models]
     assert np.all(errors[-1] > 2.0 * errors[1])

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 from scipy.optimize import least_squares
 
-from pdssjax.inference.ending import Ending
 from pdssjax.inference.least_squares import Fit
+from pdssjax.inference.solver.ending import Ending
 
 PATHS = ("piezo.gain", "friction.f_c")
 

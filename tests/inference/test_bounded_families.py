@@ -10,7 +10,7 @@ from beside_scipy import best_of_scipy
 from scipy.optimize import lsq_linear
 
 from pdssjax.inference import SUCCESSES, BoundedLevenbergMarquardt, Ending
-from pdssjax.inference.box_least_squares import solve_in_ball_and_box, solve_in_box, triangle
+from pdssjax.inference.solver.box_least_squares import solve_in_ball_and_box, solve_in_box, triangle
 
 P, N = 7, 60
 

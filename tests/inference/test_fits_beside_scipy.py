@@ -12,7 +12,7 @@ from pdssjax import Accuracy
 from pdssjax.files import EXAMPLE
 from pdssjax.inference import Ending
 from pdssjax.inference.least_squares import joint
-from pdssjax.inference.multistart import best_fit
+from pdssjax.inference.search.multistart import best_fit
 from pdssjax.study import make_recordings
 
 

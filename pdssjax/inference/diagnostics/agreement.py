@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...study import Agreement
-from ..covariance import NO_INFORMATION
+from ..uncertainty.covariance import NO_INFORMATION
 
 
 class Score(NamedTuple):

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from ...drive.base import AbstractDrive
 from ...study import Record, Samples, drive_with, noise_floor
-from ..step_peaks import half_period_to_frequency, overshoot_to_damping, rest_before
+from .step_peaks import half_period_to_frequency, overshoot_to_damping, rest_before
 
 _VISIBLE = 6.0
 """Overshoot of a step, over its noise, from which it is taken for ringing."""

@@ -1,0 +1,99 @@
+"""Fits from starts that lead somewhere: found from the data, compared early, left again if need be.
+
+The sum of squares has many local minima.  Slips that come at the wrong moment make large
+basins; small discontinuities lie within them, where a parameter decides whether the contact just
+reverses or just does not (the law's forces jump there, and the motion after it with them).
+So several starts are raced while the fit is poor, has run into a bound or took a long way (`races.py`), and a fit
+that ends at a discontinuity is restarted from perturbed points.
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from ...integration import Accuracy
+from ...study import Study
+from ..initial_values.search import guess_starts
+from ..least_squares import Fit, FitMethod, Progress, by_record, lowered, reduced_chi2, summed
+from ..losses.base import AbstractLoss
+from ..problem import Problem, pose
+from .perturbed_restarts import beyond_discontinuity
+from .races import Contest, platform_unobserved, race, ranked, reason_at_first, reason_in_the_end, shown
+
+_FIRST = 12
+"""Iterations after which a fit from a start that was searched for must look promising."""
+
+_PROMISING = 2.0
+"""Reduced chi-square at that moment."""
+
+_NORMAL_MEDIAN = 1.4826
+"""Standard deviation of normal noise, over the median of its absolute values."""
+
+
+def best_fit(
+    study: Study, accuracy: Accuracy, run: FitMethod, report: Progress, loss: AbstractLoss | None = None
+) -> tuple[Fit, Problem, dict[str, float]]:
+    """The fit from the study's starts; where it is poor, the best from several starts found from the data.
+
+    **Returns:** the fit, its problem with the noise found, and the starts it came from.
+    """
+    starts, missing = guess_starts(study.models, study.parameters, study.records)
+    problem = pose(study, starts, accuracy, loss)
+    _compile(problem, study, starts)
+    found = ranked(study, study.parameters, problem, starts, report) if missing else []
+    contest = Contest(study, problem, found, missing and platform_unobserved(study, problem), run, report)
+    fit = _first(problem, found[0], run, report) if missing else run(problem, starts, report)
+    starts = shown(found[0], starts, contest.platform_unobserved) if missing else starts
+    raced = reason_at_first(fit, contest)
+    if raced:
+        fit, starts = race(raced, fit, starts, contest)
+    fit = beyond_discontinuity(fit, problem, run, report)
+    again = reason_in_the_end(fit, starts, contest, bool(raced))
+    if again:
+        fit, starts = race(again, fit, starts, contest)
+    fit, problem = with_noise(fit, problem, run, report)
+    return fit, problem, starts
+
+
+def _compile(problem: Problem, study: Study, starts: dict[str, float]) -> None:
+    """Compile what fits and predicts side by side: XLA is busy with one while Python traces the next."""
+    with ThreadPoolExecutor() as pool:
+        pool.submit(lowered(problem, starts).compile)
+        pool.submit(study.lowered(starts).compile)
+
+
+def _first(problem: Problem, starts: dict[str, float], run: FitMethod, report: Progress) -> Fit:
+    """The fit from the most promising start, broken off where it leads nowhere."""
+    first = run(problem, starts, report, _FIRST)
+    if first.success or not reduced_chi2(first, problem) < _PROMISING:
+        return first
+    fit = run(problem, problem.decode(first.free), report)
+    return summed(fit, [first])
+
+
+def with_noise(fit: Fit, problem: Problem, run: FitMethod, report: Progress) -> tuple[Fit, Problem]:
+    """Estimates the noise of the records that do not give it, and fits again with that."""
+    unknown = [record.noise is None for record in problem.records]
+    for _ in range(2):
+        if not any(unknown) or not np.isfinite(fit.chi2):
+            break
+        report("weighing the records by the noise found")
+        problem = problem._replace(noise=np.where(unknown, _noise_left(problem, fit), problem.noise))
+        fit = summed(run(problem, problem.decode(fit.free), report), [fit])
+    return fit, problem
+
+
+def _noise_left(problem: Problem, fit: Fit) -> Float[np.ndarray, " records"]:
+    """Standard deviation of each record's residuals, in its unit, degrees of freedom shared by samples.
+
+    Under a robust loss, by the median of absolute residuals, which glitches hardly move.
+    """
+    loss, parts = problem.residual.loss, by_record(problem, fit)
+    if loss.is_robust:
+        return problem.noise * [_NORMAL_MEDIAN * np.median(np.abs(loss.original(jnp.asarray(p)))) for p in parts]
+    sizes = np.array([record.time.size for record in problem.records])
+    degrees_taken = fit.free.size * sizes / sizes.sum() + [record.offset is None for record in problem.records]
+    squares = np.array([np.sum(part**2) for part in parts])
+    return problem.noise * np.sqrt(squares / np.maximum(sizes - degrees_taken, 1.0))

@@ -1,0 +1,154 @@
+"""Why a fit is raced against fits from other starts, which ones, and for how long: one table, one rule.
+
+Every race is a successive halving (`successive_halving.py`).  Before a fit is trusted there may be one at first, while
+it is poor, and one in the end, where the best optimum may yet lie elsewhere or the way was long.
+"""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from ...study import Parameter, Study, Values
+from ..goodness import is_poor
+from ..initial_values.search import rank_starts, scatter_starts
+from ..least_squares import (
+    Fit,
+    FitMethod,
+    Progress,
+    of_platform_alone,
+    piezo_alone,
+    shown_by_platform,
+)
+from ..problem import Problem
+from .perturbed_restarts import MOST_RESTARTS, restarts
+from .successive_halving import successive_halving
+
+
+class Race(NamedTuple):
+    """Other starts that a fit is compared with, and when that ends."""
+
+    rounds: tuple[tuple[int, int], ...]
+    """Successive halving: how many starts, and the iterations of each; the best go on."""
+    until_good: bool
+    """It ends with the first fit that is not poor; else when the best starts are used up or improve nothing."""
+    announced: str = ""
+    """What the user reads of the reason."""
+    scattered: bool = False
+    """Against starts that differ in every parameter, the best of which is restarted from perturbed points at the end;
+    else against those that differ in what the search looked for."""
+
+
+RACES = {
+    "platform unobserved": Race(((30, 5), (12, 7)), until_good=False),
+    "poor": Race(((10, 5), (4, 7)), until_good=True),
+    "elsewhere": Race(((32, 6), (12, 12)), False, "searching for starts that differ in every parameter", True),
+    "long way": Race(((10, 5), (4, 7)), False, "that was a long way: comparing with other starts"),
+}
+"""By reason.  Where nothing shows the platform alone, a fit may be good and wrong."""
+
+_LONG = 60
+"""Iterations from which the way was long: three of 97 blind random rigs ended in a wrong optimum, all after more."""
+
+
+class Contest(NamedTuple):
+    """What all races of one study share."""
+
+    study: Study
+    problem: Problem
+    found: list[dict[str, float]]
+    """Starts that a search found for what has none, the most promising first; empty where everything has one."""
+    platform_unobserved: bool
+    """The piezo is searched for, and no record shows the platform alone."""
+    run: FitMethod
+    report: Progress
+
+
+def platform_unobserved(study: Study, problem: Problem) -> bool:
+    """Records depend on the platform, none shows it alone, and the study does not say where its parameters start."""
+    piezo = [p for path, p in study.parameters.items() if path.startswith("piezo.") and p.free and p.start is None]
+    depends = any(record.measurement.effector_moves for record in problem.records)
+    return bool(piezo) and depends and not of_platform_alone(problem.records).any()
+
+
+def reason_at_first(fit: Fit, contest: Contest) -> str | None:
+    """Why a first `fit` is to be raced against others, a key of `RACES`; None where it need not be."""
+    if contest.platform_unobserved:
+        return "platform unobserved"
+    return "poor" if is_poor(fit, contest.problem) else None
+
+
+def reason_in_the_end(fit: Fit, starts: dict[str, float], contest: Contest, raced: bool) -> str | None:
+    """Why a `fit` is to be raced against others although it stands; `raced` tells whether it was before."""
+    if _may_lie_elsewhere(fit, contest.problem, starts, contest.study, raced):
+        return "elsewhere"
+    return "long way" if fit.iterations > _LONG and not raced and len(contest.found) > 1 else None
+
+
+def race(reason: str, fit: Fit, starts: dict[str, float], contest: Contest) -> tuple[Fit, dict[str, float]]:
+    """The best of `fit` and of the fits from the other starts that the `reason` asks for, and its starts."""
+    (rounds, until_good, announced, scattered), (_, problem, _, unobserved, run, report) = RACES[reason], contest
+    if announced:
+        report(announced)
+    others = _scattered(fit, starts, contest) if scattered else _searched(starts, contest)
+    if scattered and not others:
+        return fit, starts
+    good = lambda fit: until_good and not is_poor(fit, problem)
+    best, begun = successive_halving(fit, problem, starts, others, rounds, good, run, report)
+    if scattered:
+        report("restarting the best from perturbed points")
+        return restarts(best, problem, run, 2 * MOST_RESTARTS), begun
+    return best, shown(begun, starts, unobserved)
+
+
+def ranked(
+    study: Study, parameters: Mapping[str, Parameter], problem: Problem, starts: Values, report: Progress
+) -> list[dict[str, float]]:
+    """Starts from the search, the most promising first, with the piezo from the platform records alone."""
+    piezo = piezo_alone(problem, starts, report)
+    report("searching for starts")
+    return rank_starts(study.models, parameters, study.records, piezo)
+
+
+def shown(begun: dict[str, float], earlier: dict[str, float], platform_unobserved: bool) -> dict[str, float]:
+    """The starts to report: what the platform shows has those from before its own fit, unless searched for."""
+    piezo = {} if platform_unobserved else {path: number for path, number in earlier.items() if shown_by_platform(path)}
+    return begun | piezo
+
+
+def _searched(starts: dict[str, float], contest: Contest) -> list[dict[str, float]]:
+    """What a search found beside the first; where the study gives all starts, what one finds without them."""
+    if contest.found:
+        return contest.found[1:]
+    return ranked(contest.study, _without_starts(contest.study), contest.problem, starts, contest.report)
+
+
+def _scattered(fit: Fit, starts: dict[str, float], contest: Contest) -> list[dict[str, float]]:
+    """Starts that differ in every parameter but for what the platform alone shows, held where the `fit` has it."""
+    study, problem = contest.study, contest.problem
+    platform = of_platform_alone(problem.records).any()
+    held = [path for path in problem.residual.transform.paths if platform and shown_by_platform(path)]
+    around = starts | {path: float(number) for path, number in problem.decode(fit.free).items() if path in held}
+    return scatter_starts(study.models, study.parameters, study.records, around, held)
+
+
+def _without_starts(study: Study) -> dict[str, Parameter]:
+    """The parameters as a search may start them anywhere; the starts of what the platform shows are better."""
+    keep = lambda path, parameter: not parameter.free or shown_by_platform(path)
+    return {path: p if keep(path, p) else dataclasses.replace(p, start=None) for path, p in study.parameters.items()}
+
+
+def _may_lie_elsewhere(fit: Fit, problem: Problem, starts: dict[str, float], study: Study, raced: bool) -> bool:
+    """The best optimum may be where the starts given, or a bound, have not let the fit go."""
+    if not raced:
+        return _at_new_bound(fit, problem, starts)
+    given = any(p.free and p.start is not None and not shown_by_platform(path) for path, p in study.parameters.items())
+    return given and is_poor(fit, problem)
+
+
+def _at_new_bound(fit: Fit, problem: Problem, starts: dict[str, float]) -> bool:
+    """The fit ran into a bound that it did not start from: there may be a better optimum elsewhere."""
+    low, high = problem.bounds
+    begun = problem.encode(starts)
+    return bool(np.any(((fit.free <= low) & (begun > low)) | ((fit.free >= high) & (begun < high))))

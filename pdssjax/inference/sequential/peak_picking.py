@@ -1,0 +1,256 @@
+"""The stack's gain, natural frequency and damping ratio from the peaks of step responses, with their covariance.
+
+The thesis's first step (appendix 1; the formulas are in `step_peaks`): of each record of a step the first extremes,
+six at most, as the samples show them; then the mean over the records.  A peak lies between samples, so that its time
+is wrong by up to half a sample whatever the noise, and by the same in every record sampled alike: more records do
+not help, and no closed form covers both this and the noise that makes a flat peak wander over many samples.  The
+covariance is therefore simulated: steps of systems scattered over one sample's worth of frequency, sampled as the
+records are, with their noise, are read in the same way, and it is the second moment of what comes out wrong, bias
+included.
+"""
+
+import dataclasses
+import functools
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core import InputError
+from ...piezo.second_order import SecondOrder
+from ...study import MARK, Record, Study, noise_floor
+from ..initial_values.record_features import is_step, voltages
+from ..initial_values.step_peaks import APART, Extremes, OneMode, extremes, one_mode, rest_before, step_response
+
+PEAKS = 6
+"""Extremes read of a record, at most: three highs and three lows."""
+
+VISIBLE = 5.0
+"""Distance of an extreme from the final value, over the noise, from which it is read."""
+
+_SWING = 12.0
+"""The same from one extreme to the next: the extremes of noise alone come to 6."""
+
+_FADED = 2e-3
+"""Distance from the final value, over that, below which an extreme no longer tells anything."""
+
+_RESOLVED = 3
+"""Samples from one extreme to the next, at least."""
+
+DRAWS = 2000
+"""Simulated readings behind the covariance: errors to 1.6 %."""
+
+_TOGETHER = 100
+"""Of them are held in memory at once."""
+
+PATHS = ("piezo.gain", "piezo.natural_frequency", "piezo.damping_ratio")
+"""What peaks tell, in this order."""
+
+
+class StepRecord(NamedTuple):
+    """A record of a step as peaks are read from it."""
+
+    name: str
+    time: Float[np.ndarray, " n"]
+    """Of the samples after the step [s]."""
+    height: Float[np.ndarray, " n"]
+    """In the direction of the step, above the rest before it [m]."""
+    voltage: float
+    """Size of the step [V]."""
+    noise: float
+    """Of a sample [m]."""
+    zero_error: float
+    """Standard error of the rest before the step [m]."""
+    peaks: int
+    """Extremes that stand out."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class PickedStack:
+    """What the peaks of step responses tell of a stack."""
+
+    values: dict[str, float]
+    """Numbers [SI] by path: `PATHS`."""
+    records: tuple[StepRecord, ...]
+
+    @functools.cached_property
+    def covariance(self) -> Float[np.ndarray, "3 3"]:
+        """Of the logarithms of the values, in the order of `PATHS`; about the truth, so that bias is in it."""
+        return simulated_covariance(np.array([self.values[path] for path in PATHS]), self.records)
+
+
+def pick_peaks(study: Study) -> PickedStack:
+    """Gain [m/V], natural frequency [rad/s] and damping ratio from the fitted records of steps.
+
+    **Raises:** `InputError` where the stack is not a second-order system seen directly, where no record with role
+    "fit" is of the platform under an ideal step, and where one does not show two extremes or nothing before the step.
+    """
+    where = str(study.path or study.title)
+    _check_models(study, where)
+    fitted = [record for record in study.records if record.role == "fit"]
+    steps = [record for record in fitted if _shows_a_step(record)]
+    if not steps:
+        raise InputError(
+            f"{where}: found no fitted record of the platform under an ideal step of voltage, from which peaks could "
+            'be picked; expected at least one, or method "sequential".'
+        )
+    read = tuple(_read(record, where) for record in steps)
+    values = _mean([_picked(step) for step in read])
+    for path, number in zip(PATHS, values, strict=True):
+        _check_bounds(study, path, float(number), where)
+    return PickedStack(dict(zip(PATHS, map(float, values), strict=True)), read)
+
+
+def _check_models(study: Study, where: str) -> None:
+    if study.piezo is not SecondOrder:
+        name = study.piezo.__module__.rpartition(".")[2].replace("_", "-")
+        raise InputError(f'{where}: [actuator]: found piezo = "{name}", expected "second-order" for method "peaks".')
+    if study.feedback:
+        raise InputError(
+            f'{where}: [actuator]: found feedback = true, expected false for method "peaks": the peaks must be the '
+            "stack's own."
+        )
+    between = [path for path in study.parameters if path.startswith(("amplifier.", "sensor."))]
+    if between:
+        raise InputError(
+            f'{where}: parameters: found "{between[0]}", expected none of amplifier or sensor for method "peaks", '
+            "which takes the step for ideal and sees the platform directly."
+        )
+    listed = study.parameters
+    local = [path for path in listed if path.startswith("piezo.") and MARK in path]
+    if local:
+        raise InputError(
+            f'{where}: parameters: found "{local[0]}", expected one stack in all records for method "peaks".'
+        )
+    if not any(path in listed and listed[path].free for path in PATHS):
+        raise InputError(
+            f'{where}: parameters: found none of {", ".join(PATHS)} free, expected one for method "peaks".'
+        )
+
+
+def _check_bounds(study: Study, path: str, number: float, where: str) -> None:
+    declared = study.parameters.get(path)
+    if declared is None or not declared.free:
+        return
+    low, high = declared.bounds()
+    if not low <= number <= high:
+        raise InputError(
+            f'{where}: parameters: "{path}": found {number:.6g} {declared.unit} by the peaks of the step records, '
+            f"expected a number within its bounds, {low:g} to {high:g}."
+        )
+
+
+def _shows_a_step(record: Record) -> bool:
+    """The platform's displacement under a voltage that jumps at t = 0 and then stays."""
+    if not (record.measurement.platform_alone and record.measurement.unit == "m"):
+        return False
+    if not (record.drive is not None and record.drive.has_jumps() and is_step(record)):
+        return False
+    after = np.broadcast_to(voltages(record), record.time.shape)[record.time > 0.0]
+    return bool(np.ptp(after) <= 1e-9 * np.max(np.abs(after)))
+
+
+def _read(record: Record, where: str) -> StepRecord:
+    """The part of a record with its peaks, and how many stand out."""
+    where = f'{where}: record "{record.name}"'
+    voltage = float(voltages(record)[-1])
+    after = record.time > 0.0
+    if record.offset is None and after.all():
+        raise InputError(
+            f"{where}: found its first sample {1e3 * record.time[0]:.4g} ms after the step, expected some before it, "
+            'or an offset, to count heights from for method "peaks".'
+        )
+    zero, count = rest_before(record.time, record.measured) if record.offset is None else (record.offset, 0)
+    noise = noise_floor(record) if record.noise is None else record.noise
+    height = np.sign(voltage) * (record.measured[after] - zero)
+    zero_error = noise / np.sqrt(count) if count else 0.0
+    step = StepRecord(record.name, record.time[after], height, abs(voltage), noise, float(zero_error), 2)
+    return _with_peaks(step, where)
+
+
+def _with_peaks(step: StepRecord, where: str) -> StepRecord:
+    """The same with as many peaks as stand out, and without what comes after them.
+
+    **Raises:** `InputError` where fewer than two do.
+    """
+    found = extremes(step.time, step.height, PEAKS)
+    half, last = float(found.times[0]), float(step.time[-1])
+    swings = np.abs(np.diff(found.heights))
+    complete = found.times[:-1] + APART * half <= last
+    high = float(found.heights[0])
+    if not high > VISIBLE * step.noise:
+        raise InputError(f'{where}: found no motion above its noise, expected a step response for method "peaks".')
+    ringing = bool(swings[0] > _SWING * step.noise)
+    if not (ringing and complete[0]):
+        _refuse(step, where, ringing)
+    interval = float(np.median(np.diff(step.time)))
+    if half < _RESOLVED * interval:
+        raise InputError(
+            f"{where}: found its first peak {half / interval:.2g} samples after the step, expected at least "
+            f'{_RESOLVED} for method "peaks": the samples do not show the ringing.'
+        )
+    usable = np.cumprod(complete & (swings > _SWING * step.noise))
+    peaks = 1 + int(np.sum(usable))
+    # Late extremes fade into the noise: those are left out in whose place the system has none to see.
+    system = one_mode(Extremes(found.times[:peaks], found.heights[:peaks]))
+    away = np.abs(found.heights[:peaks] / system.final - 1.0)
+    kept = (away > VISIBLE * step.noise / float(system.final)) & (away > _FADED)
+    peaks = max(int(np.sum(np.cumprod(kept))), 2)
+    seen = step.time <= found.times[peaks - 1] + APART * half
+    return step._replace(time=step.time[seen], height=step.height[seen], peaks=peaks)
+
+
+def _refuse(step: StepRecord, where: str, ringing: bool) -> None:
+    """**Raises** `InputError`: too short, or no ringing."""
+    first, last = float(step.time[int(np.argmax(step.height))]), float(step.time[-1])
+    if first > 0.9 * last or ringing:
+        raise InputError(
+            f"{where}: found {1e3 * last:.4g} ms after the step with the highest sample at {1e3 * first:.4g} ms, "
+            'expected a record of two extremes at least for method "peaks": a longer one, or a platform that rings.'
+        )
+    raise InputError(
+        f"{where}: found no ringing above its noise of {1e6 * step.noise:.3g} um after the step, expected two "
+        'extremes that stand out for method "peaks": the platform is too damped, or the record too noisy.'
+    )
+
+
+def _picked(step: StepRecord) -> Float[np.ndarray, "3"]:
+    return _numbers(one_mode(extremes(step.time, step.height, step.peaks)), step.voltage)
+
+
+def _numbers(system: OneMode, voltage: float) -> Float[np.ndarray, "... 3"]:
+    """In the order of `PATHS`, along the last axis."""
+    return np.stack([system.final / voltage, system.natural_frequency, system.damping_ratio], axis=-1)
+
+
+def _mean(numbers: Sequence[Float[np.ndarray, "... 3"]]) -> Float[np.ndarray, "... 3"]:
+    return np.mean(np.stack(numbers), axis=0)
+
+
+def simulated_covariance(values: Float[np.ndarray, "3"], steps: Sequence[StepRecord]) -> Float[np.ndarray, "3 3"]:
+    """Second moment of the errors of the logarithms, `DRAWS` readings of systems near the one found."""
+    random = np.random.default_rng(0)
+    interval = max(float(np.median(np.diff(step.time))) for step in steps)
+    half = np.pi / (values[1] * np.sqrt(1.0 - values[2] ** 2))
+    moment = np.zeros((3, 3))
+    for _ in range(DRAWS // _TOGETHER):
+        truth = np.tile(values, (_TOGETHER, 1))
+        # Over one sample the first peak takes every place between two samples, and the later ones too.
+        truth[:, 1] *= half / (half + interval * random.uniform(-0.5, 0.5, _TOGETHER))
+        found = _mean([_simulated(truth, step, random) for step in steps])
+        with np.errstate(invalid="ignore"):
+            errors = np.log(found / truth)
+        moment += errors.T @ errors
+    return moment / (_TOGETHER * (DRAWS // _TOGETHER))
+
+
+def _simulated(
+    truth: Float[np.ndarray, "draws 3"], step: StepRecord, random: np.random.Generator
+) -> Float[np.ndarray, "draws 3"]:
+    """What is read from steps of the systems `truth`, sampled and disturbed as a record is."""
+    gain, frequency, damping = truth.T
+    height = step_response(OneMode(gain * step.voltage, frequency, damping), step.time)
+    height += step.noise * random.standard_normal(height.shape)
+    height += step.zero_error * random.standard_normal((len(truth), 1))
+    return _numbers(one_mode(extremes(step.time, height, step.peaks)), step.voltage)

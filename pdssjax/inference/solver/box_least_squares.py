@@ -1,0 +1,191 @@
+"""Linear least squares between bounds and within a radius: what a bounded Levenberg-Marquardt step is made of.
+
+Minimises ||R x + q||^2 + damping ||x||^2 over low <= x <= high with an active set (P. B. Stark and
+R. L. Parker, Computational Statistics 10, 129, 1995): the unknowns strictly inside are solved for by QR,
+a bound met on the way is kept, one whose multiplier has the wrong sign is released.  Every pass lowers
+the objective, so that no set comes twice and the method ends.  R is the triangle of a QR factorisation
+of the Jacobian; forming J'J would square its condition number.
+
+The damping that keeps the solution within a radius is found by Newton's method on the reciprocal of its
+norm (J. J. Moré, Lecture Notes in Mathematics 630, 1978); the norm falls as the damping grows, with
+bounds too, because the set is convex.
+"""
+
+from typing import NamedTuple, TypeAlias
+
+import jax.numpy as jnp
+from jax import lax
+from jax.scipy.linalg import solve_triangular
+from jaxtyping import Array, Bool, Float
+
+from ...core import Count, Scalar, Truth
+
+_MULTIPLIER = 1e-12
+"""Size of a multiplier, relative to the residual, from which it counts; columns have unit norm."""
+
+_LEAST_DAMPING = 1e-16
+"""Only leaves out directions without information, see `covariance.NO_INFORMATION`."""
+
+_NEAR = 0.1
+"""How well a radius is kept to."""
+
+_DAMPINGS = 20
+"""Dampings tried at most."""
+
+_PASSES = 4
+"""Passes allowed for each unknown; each pass stops or releases one."""
+
+
+class BoxSolution(NamedTuple):
+    """Where the minimum lies."""
+
+    x: Float[Array, " p"]
+    at_low: Bool[Array, " p"]
+    """Unknowns held at their lower bound."""
+    at_high: Bool[Array, " p"]
+    """Unknowns held at their upper bound."""
+    factor: Float[Array, "p p"]
+    """Upper triangle F, F'F = R'R + damping for the unknowns inside, unit rows for those held."""
+
+
+Search: TypeAlias = tuple[Scalar, Scalar, Scalar, BoxSolution, Count]
+"""The damping, the ends between which it lies, what it gives, and how many were tried."""
+
+
+class _Pass(NamedTuple):
+    x: Float[Array, " p"]
+    at_low: Bool[Array, " p"]
+    at_high: Bool[Array, " p"]
+    factor: Float[Array, "p p"]
+    done: Truth
+    passes: Count
+
+
+def triangle(
+    jacobian: Float[Array, "n p"], residual: Float[Array, " n"]
+) -> tuple[Float[Array, "p p"], Float[Array, " p"]]:
+    """R, shape (p, p), and q = Q'r, shape (p,), of a Jacobian's QR factorisation; fewer rows will do."""
+    n, p = jacobian.shape
+    missing = max(p - n, 0)
+    factor, upper = jnp.linalg.qr(jnp.pad(jacobian, ((0, missing), (0, 0))))
+    return upper, factor.T @ jnp.pad(residual, (0, missing))
+
+
+def solve_in_ball_and_box(
+    upper: Float[Array, "p p"],
+    projected: Float[Array, " p"],
+    radius: Scalar,
+    low: Float[Array, " p"],
+    high: Float[Array, " p"],
+) -> BoxSolution:
+    """As `solve_in_box`, with the damping, least or larger, that keeps ||x|| to within a tenth of `radius`."""
+    steepest = jnp.linalg.norm(upper.T @ projected)
+    least = _LEAST_DAMPING * jnp.ones(())
+
+    def go_on(carry: Search) -> Truth:
+        damping, _, _, found, count = carry
+        norm = jnp.linalg.norm(found.x)
+        enough = (norm <= radius * (1.0 + _NEAR)) & ((norm >= radius * (1.0 - _NEAR)) | (damping <= least))
+        return ~enough & (count < _DAMPINGS)
+
+    def try_another(carry: Search) -> Search:
+        damping, low_end, high_end, found, count = carry
+        norm = jnp.linalg.norm(found.x)
+        low_end = jnp.where(norm > radius, jnp.maximum(low_end, damping), low_end)
+        high_end = jnp.where(norm < radius, jnp.minimum(high_end, damping), high_end)
+        inside = found.x * ~(found.at_low | found.at_high)
+        weighted = jnp.linalg.norm(solve_triangular(found.factor, inside, trans=1))
+        newton = damping + (norm - radius) / radius * (norm / jnp.maximum(weighted, 1e-300)) ** 2
+        safe = (newton > low_end) & (newton < high_end)
+        damping = jnp.where(safe, newton, jnp.sqrt(low_end * high_end))
+        return damping, low_end, high_end, solve_in_box(upper, projected, damping, low, high), count + 1
+
+    first = solve_in_box(upper, projected, least, low, high)
+    # The norm is at most the gradient's over the damping.
+    begin = (least, least, jnp.maximum(2.0 * steepest / radius, 4.0 * least), first, jnp.zeros((), int))
+    return lax.while_loop(go_on, try_another, begin)[3]
+
+
+def solve_in_box(
+    upper: Float[Array, "p p"],
+    projected: Float[Array, " p"],
+    damping: Float[Array, ""],
+    low: Float[Array, " p"],
+    high: Float[Array, " p"],
+) -> BoxSolution:
+    """The minimum of ||upper x + projected||^2 + damping ||x||^2 over low <= x <= high, where low <= 0 <= high.
+
+    Columns of `upper` are expected with norms of order one; `damping` must be positive where one of them
+    vanishes.  An unknown with `low` equal to `high` stays at 0.
+    """
+    gradient = upper.T @ projected
+    held = low >= high
+    at_low = held | ((low >= 0.0) & (gradient > 0.0))
+    begin = _Pass(
+        x=jnp.zeros_like(projected),
+        at_low=at_low,
+        at_high=(high <= 0.0) & (gradient < 0.0) & ~at_low,
+        factor=jnp.eye(projected.size, dtype=upper.dtype),
+        done=jnp.array(False),
+        passes=jnp.zeros((), int),
+    )
+    tolerance = _MULTIPLIER * jnp.linalg.norm(projected)
+
+    def go_on(state: _Pass) -> Truth:
+        return ~state.done & (state.passes < _PASSES * projected.size + 4)
+
+    def one_pass(state: _Pass) -> _Pass:
+        inside = ~(state.at_low | state.at_high)
+        aim, factor = _solved_inside(upper, projected, damping, state.x, inside)
+        share, blocked_low, blocked_high = _as_far_as_bounds_let(state.x, aim, low, high, inside)
+        x = jnp.where(inside, state.x + share * (aim - state.x), state.x)
+        x = jnp.where(blocked_low, low, jnp.where(blocked_high, high, x))
+        slope = upper.T @ (upper @ x + projected) + damping * x
+        wrong = jnp.where(state.at_low & ~held, -slope, jnp.where(state.at_high & ~held, slope, 0.0))
+        release = (share >= 1.0) & (wrong == jnp.max(wrong)) & (wrong > tolerance)
+        return _Pass(
+            x=x,
+            at_low=(state.at_low | blocked_low) & ~release,
+            at_high=(state.at_high | blocked_high) & ~release,
+            factor=factor,
+            done=(share >= 1.0) & ~jnp.any(release),
+            passes=state.passes + 1,
+        )
+
+    end = lax.while_loop(go_on, one_pass, begin)
+    return BoxSolution(end.x, end.at_low, end.at_high, end.factor)
+
+
+def _solved_inside(
+    upper: Float[Array, "p p"],
+    projected: Float[Array, " p"],
+    damping: Scalar,
+    x: Float[Array, " p"],
+    inside: Bool[Array, " p"],
+) -> tuple[Float[Array, " p"], Float[Array, "p p"]]:
+    """The minimum over the unknowns inside, the others staying where they are, and its triangular factor."""
+    weight = jnp.where(inside, 1.0, 0.0)
+    fixed = jnp.where(inside, 0.0, x)
+    rows = jnp.concatenate([upper * weight, jnp.diag(jnp.where(inside, jnp.sqrt(damping), 1.0))])
+    factor, triangular = jnp.linalg.qr(rows)
+    right = factor[: projected.size].T @ (projected + upper @ fixed)
+    found = -solve_triangular(triangular, right)
+    return jnp.where(inside & jnp.isfinite(found), found, x), triangular
+
+
+def _as_far_as_bounds_let(
+    x: Float[Array, " p"],
+    aim: Float[Array, " p"],
+    low: Float[Array, " p"],
+    high: Float[Array, " p"],
+    inside: Bool[Array, " p"],
+) -> tuple[Scalar, Bool[Array, " p"], Bool[Array, " p"]]:
+    """The share of the way to `aim` that stays between the bounds, and which unknowns stop there at a bound."""
+    way = aim - x
+    below, above = inside & (aim < low), inside & (aim > high)
+    safe = jnp.where(way == 0.0, 1.0, way)
+    shares = jnp.where(below, (low - x) / safe, jnp.where(above, (high - x) / safe, 1.0))
+    shares = jnp.clip(shares, 0.0, 1.0)
+    share = jnp.min(jnp.where(below | above, shares, 1.0))
+    stops = shares <= share
+    return jnp.where(jnp.any(below | above), share, 1.0) * jnp.ones(()), below & stops, above & stops

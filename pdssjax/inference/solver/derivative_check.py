@@ -1,0 +1,110 @@
+"""Compares a Jacobian with differences of the residual, and tells a wrong derivative from a discontinuity.
+
+Central differences r(y + h d) - r(y - h d) are taken at sizes h and compared with what J predicts.
+The discrepancy left grows with h where the derivative is wrong, with its square or cube where the residual
+is only curved, and stays where the residual has a jump.  Sizes are measured in residual noise, so that
+h is a part of a standard error and what cannot be seen in the data does not count.  Two of them may both be too
+large to tell a wrong derivative from a residual that bends within them; then smaller ones decide.
+"""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from ...core import Count, Scalar, ScalarLike
+
+SIZES = (4.0, 0.5, 0.06, 0.008)
+"""Change of the residual by each half of a difference, in standard deviations of the residual."""
+
+DIRECTIONS = 2
+"""In which differences are taken: a random and the proposed one."""
+
+CHECKS = DIRECTIONS * len(SIZES)
+"""Differences at most."""
+
+TOLERANCE = 0.1
+"""Discrepancy that is let pass, relative to the difference; and absolutely, in standard deviations."""
+
+_FARTHEST = 0.02
+"""Longest move of a parameter along a direction, relative to its size or to one."""
+
+_SMALLEST = 1e-6
+"""Least change of the residual, relative to what the parameters themselves amount to: above rounding."""
+
+AGREES, DISCONTINUOUS, WRONG = 0, 1, 2
+
+
+def noise_scale(
+    residual: Float[Array, " n"], jacobian: Float[Array, "n p"], y: Float[Array, " p"], atol: ScalarLike
+) -> Scalar:
+    """Standard deviation of the residual, or where it vanishes what rounding lets one see and what matters.
+
+    At least so large that a discrepancy counts only where it stands for a sum of squares of more than `atol`: of a
+    perfect fit all else is rounding, which does not shrink with the size of a difference and would look like a jump.
+    """
+    spread = jnp.linalg.norm(residual) / jnp.sqrt(max(residual.size - y.size, 1))
+    spread = jnp.maximum(spread, jnp.sqrt(jnp.asarray(atol, y.dtype)) / TOLERANCE)
+    norms = jnp.linalg.norm(jacobian, axis=0)
+    # The median, so that one column that is wrong by orders of magnitude does not hide itself.
+    return jnp.maximum(spread, _SMALLEST * jnp.median(norms * jnp.maximum(jnp.abs(y), 1e-3)) + 1e-300)
+
+
+def random_direction(
+    jacobian: Float[Array, "n p"], y: Float[Array, " p"], free: Bool[Array, " p"], scale: Scalar
+) -> Float[Array, " p"]:
+    """A direction in which each free parameter moves the residual alike; a parameter without effect moves a little."""
+    norms = jnp.linalg.norm(jacobian, axis=0)
+    limit = _FARTHEST * jnp.maximum(jnp.abs(y), 1.0)
+    signs = jax.random.normal(jax.random.key(0), y.shape, y.dtype)
+    direction = jnp.where(norms > 0, signs / jnp.where(norms > 0, norms, 1.0), limit * signs) * free
+    return _sized(direction, jacobian, y, scale)
+
+
+def proposed_direction(
+    jacobian: Float[Array, "n p"], y: Float[Array, " p"], step: Float[Array, " p"], scale: Scalar
+) -> Float[Array, " p"]:
+    """Along a proposed `step`."""
+    return _sized(step, jacobian, y, scale)
+
+
+def _sized(
+    direction: Float[Array, " p"], jacobian: Float[Array, "n p"], y: Float[Array, " p"], scale: Scalar
+) -> Float[Array, " p"]:
+    """Scaled to change the residual by `scale`, but to move no parameter far."""
+    change = jnp.linalg.norm(jacobian @ direction)
+    longest = jnp.max(jnp.abs(direction) / (_FARTHEST * jnp.maximum(jnp.abs(y), 1.0)))
+    factor = jnp.minimum(scale / jnp.maximum(change, 1e-300), 1.0 / (SIZES[0] * jnp.maximum(longest, 1e-300)))
+    return direction * jnp.where(jnp.isfinite(factor), factor, 0.0)
+
+
+def next_check(
+    checked: Count,
+    earlier: Float[Array, " sizes"],
+    difference: Float[Array, " n"],
+    predicted: Float[Array, " n"],
+    scale: Scalar,
+) -> tuple[Scalar, Count, Count]:
+    """What one more difference of the residual says of the derivative.
+
+    **Arguments:** `checked`, the number of this check, along direction `checked // len(SIZES)` with size
+    `checked % len(SIZES)`; the discrepancies found `earlier` along that direction; the difference and the one
+    `predicted` by the Jacobian; the `scale` of the residual's noise.
+
+    **Returns:** the discrepancy, the verdict so far, and the number of the next check.
+    """
+    error = jnp.linalg.norm(difference - predicted)
+    error = jnp.where(jnp.isfinite(error), error, jnp.inf)
+    size = checked % len(SIZES)
+    # The smallest differences cannot be seen in the data at all; they are compared for what they are.
+    visible = (error > TOLERANCE * scale) | (size >= 2)
+    far = visible & (error > TOLERANCE * jnp.linalg.norm(predicted))
+    sizes = jnp.asarray(SIZES)
+    growth = jnp.log(earlier[size - 1] / error) / jnp.log(sizes[size - 1] / sizes[size])
+    growth = jnp.where(jnp.isfinite(growth), growth, 0.0)
+    jumps, wrong = growth < 0.5, (growth >= 0.5) & (growth < 1.6)
+    decisive = (size == 1) & jumps | (size == len(SIZES) - 1)
+    verdict = jnp.where(jumps, DISCONTINUOUS, jnp.where(wrong, WRONG, AGREES))
+    verdict = jnp.where(far & decisive, verdict, AGREES)
+    undecided = far & ((size == 0) | (size == 1) & wrong | (size == 2))
+    following = jnp.where(undecided, checked + 1, (checked // len(SIZES) + 1) * len(SIZES))
+    return error, verdict, following

@@ -1,0 +1,302 @@
+"""Levenberg-Marquardt with scaled columns, between bounds, as an optimistix solver that checks itself.
+
+Each step minimises the linear model exactly within the bounds and a trust region (`box_least_squares`),
+whose radius follows the ratio of the decrease found to the decrease predicted as in MINPACK (J. J. Moré,
+Lecture Notes in Mathematics 630, 1978).  As the radius shrinks the step turns into a short projected
+gradient step, so that every limit is a point where the projected gradient vanishes (A. R. Conn, N. I. M.
+Gould and P. L. Toint, Trust-Region Methods, SIAM 2000, chapter 12).  Columns are scaled to unit norm and
+factored by QR.  A step to where the residual is not finite is an ordinary rejection, and nothing is linearised
+again on a rejection; the next step is bent along the curvature that a probe finds (geodesic acceleration:
+M. K. Transtrum and J. P. Sethna, arXiv:1201.5885).
+
+It has converged where two things are small, and only there: the cosine between the residual and every
+column that is free to move (MINPACK's test of the gradient), and the decrease that the linear model
+predicts for its best step within the bounds.  The square of a cosine times the sum of squares is what the
+best step in that one parameter would gain, so one threshold serves both.  At the end the Jacobian is
+compared with differences of the residual (`derivative_check`).  Every way to end has its own `Ending`.
+"""
+
+from collections.abc import Callable
+from typing import Any, TypeAlias
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import optimistix as optx
+from jax import lax
+from jaxtyping import Array, Float
+
+from ...core import Scalar, ScalarLike, Truth
+from .box_least_squares import triangle
+from .derivative_check import (
+    AGREES,
+    CHECKS,
+    DIRECTIONS,
+    DISCONTINUOUS,
+    SIZES,
+    next_check,
+    noise_scale,
+    proposed_direction,
+    random_direction,
+)
+from .ending import Ending
+from .lm_state import Auxiliary, LMState
+from .trust_region import PROBE, Bounds, bend, best_step, first_radius, next_radius, trial_point
+
+_AT_BOUND = 1e-9
+"""So near to a bound, by the effect on the residual relative to that, a parameter counts as on it."""
+
+_ROUNDING = 1e-13
+"""Relative decrease of the sum of squares that rounding may hide."""
+
+_EPSILONS = 4.0
+"""Relative rounding errors that parameters and residual gather."""
+
+
+Point: TypeAlias = Float[Array, " p"]
+"""The parameters."""
+
+ResidualFunction: TypeAlias = Callable[[Float[Array, " p"], Any], tuple[Float[Array, " n"], Auxiliary]]
+"""(y, args) to the residuals and what goes with them."""
+
+Arguments: TypeAlias = Any
+"""Handed on to the function, a pytree; of a fit the weights of the records."""
+
+
+class BoundedLevenbergMarquardt(
+    optx.AbstractLeastSquaresSolver[Float[Array, " p"], Float[Array, " n"], Auxiliary, LMState]
+):
+    """`options = {"lower": ..., "upper": ...}`; a parameter with equal bounds is held.
+
+    The first step only evaluates the start, so that one compiled function does it all: proposed steps, the
+    Jacobian, and the differences that it is compared with at the end.
+    """
+
+    rtol: float = 1e-8
+    """Converged where cosine squared and predicted reduction, relative to the sum of squares, are below this."""
+    atol: float = 0.0
+    """Converged also where what they stand for, a decrease of the sum of squares, is below this."""
+    norm: Callable[[Float[Array, " p"]], Scalar] = eqx.field(static=True, default=optx.max_norm)
+    slow: float = 0.0
+    """A step that lowers the sum of squares by less than this share is slow."""
+    invisible: float = 0.0
+    """Predicted reduction, relative to the sum of squares, that the data could not show."""
+    most_slow_steps: int = eqx.field(static=True, default=20)
+    """In a row; then the run ends."""
+    most_rejections: int = eqx.field(static=True, default=12)
+    """In a row; then the run ends."""
+    self_check: bool = eqx.field(static=True, default=True)
+    """Compare the Jacobian with differences at the end."""
+
+    def init(
+        self,
+        fn: ResidualFunction,
+        y: Float[Array, " p"],
+        args: Arguments,
+        options: Bounds,
+        f_struct: jax.ShapeDtypeStruct,
+        aux_struct: Auxiliary,
+        tags: frozenset[object],
+    ) -> LMState:
+        blank = lambda s: jnp.zeros(s.shape, s.dtype)
+        columns = lambda s: jnp.zeros((*s.shape, y.size), s.dtype)
+        unity, none = jnp.ones(()), jnp.zeros((), int)
+        return LMState(
+            residual=blank(f_struct),
+            jacobian=columns(f_struct),
+            aux=jax.tree.map(blank, aux_struct),
+            aux_jacobian=jax.tree.map(columns, aux_struct),
+            upper=jnp.zeros((y.size, y.size)),
+            projected=jnp.zeros_like(y),
+            size=jnp.zeros_like(y),
+            radius=jnp.inf * unity,
+            proposed_step=jnp.zeros_like(y),
+            predicted_reduction=jnp.inf * unity,
+            cosine=unity,
+            rounding=0.0 * unity,
+            unevaluated=jnp.array(True),
+            accepted=jnp.array(False),
+            iterations=none,
+            evaluations=none,
+            rejected=none,
+            slow_steps=none,
+            ending=none,
+            checked=none,
+            discrepancies=jnp.full((DIRECTIONS, len(SIZES)), jnp.inf),
+        )
+
+    def step(
+        self, fn: ResidualFunction, y: Point, args: Arguments, options: Bounds, state: LMState, tags: frozenset[object]
+    ) -> tuple[Point, LMState, Auxiliary]:
+        checking = state.ending != Ending.RUNNING
+        proposal = best_step(state, y, options, state.size, state.radius)
+        apart = _apart(state, y, options, self.atol)
+        # A straight step costs one evaluation; where one was rejected, a bent one may be worth two.
+        bending = ~checking & ~state.unevaluated & (state.rejected > 0)
+
+        def evaluate(
+            carry: tuple[Point, Float[Array, " n"]], second: Truth
+        ) -> tuple[tuple[Point, Float[Array, " n"]], Float[Array, " n"]]:
+            """A probe along the step, then the proposed point, bent as the probe says; or the ends of a difference."""
+            step, _ = carry
+            at = jnp.where(second, trial_point(y, step, proposal, options), y + PROBE * proposal.step)
+            at = jnp.where(checking, jnp.where(second, apart[1], apart[0]), at)
+            at = jnp.where(state.unevaluated, y, jnp.clip(at, options["lower"], options["upper"]))
+            found = lax.cond(second | bending | checking, lambda: fn(at, args)[0], lambda: state.residual)
+            bent = jnp.where(~second & bending, proposal.step + bend(state, proposal, found), step)
+            return (bent, found), found
+
+        begin = (proposal.step, state.residual)
+        (step, residual), ends = lax.scan(evaluate, begin, jnp.array([False, True]))
+        proposed = jnp.where(state.unevaluated, y, trial_point(y, step, proposal, options))
+        squares, predicted = jnp.sum(residual**2), proposal.predicted
+        # As a difference of two sums of squares it would be lost in rounding near the end.
+        gained = jnp.sum((state.residual - residual) * (state.residual + residual))
+        ratio = jnp.where(state.unevaluated, 0.5, gained / jnp.where(predicted > 0, predicted, 1.0))
+        accepted = ~checking & jnp.isfinite(squares) & (state.unevaluated | ((predicted > 0) & (ratio > 1e-4)))
+
+        radius = next_radius(state, proposal, gained, squares, ratio)
+
+        def move(state: LMState) -> LMState:
+            moved = _linearised(fn, proposed, args, state)
+            slow = ~state.unevaluated & (gained < self.slow * squares)
+            moved = moved._replace(
+                radius=jnp.where(state.unevaluated, first_radius(moved, proposed), radius),
+                rejected=jnp.zeros_like(state.rejected),
+                slow_steps=jnp.where(slow, state.slow_steps + 1, 0),
+                iterations=state.iterations + ~state.unevaluated,
+                unevaluated=jnp.array(False),
+            )
+            return _with_prediction(moved, proposed, options)
+
+        def stay(state: LMState) -> LMState:
+            # A start that cannot be evaluated stays so: there is nothing to go on from.
+            return state._replace(radius=radius, rejected=state.rejected + 1)
+
+        def compare(state: LMState) -> LMState:
+            return _compared(state, ends, state.jacobian @ (apart[0] - apart[1]), y, self.atol)
+
+        iterate = lambda state: self._ended(lax.cond(accepted, move, stay, state))
+        state = lax.cond(checking, compare, iterate, state)
+        evaluations = state.evaluations + jnp.where(checking | bending, 2, 1)
+        state = state._replace(accepted=accepted, evaluations=evaluations)
+        return jnp.where(accepted, proposed, y), state, state.aux
+
+    def _ended(self, state: LMState) -> LMState:
+        """`state` with its ending, if this is one."""
+        squares = jnp.sum(state.residual**2)
+        enough = jnp.maximum(self.rtol * squares, self.atol)
+        flat = (state.predicted_reduction <= enough) & (state.cosine**2 * squares <= enough)
+        insignificant = jnp.maximum(self.invisible, _ROUNDING) * squares
+        insignificant = jnp.maximum(jnp.maximum(insignificant, enough), state.rounding)
+        steep = state.cosine**2 * squares > insignificant
+        invisible = (state.predicted_reduction <= insignificant) & ~steep
+        rejected = state.rejected >= self.most_rejections
+        slow = state.slow_steps >= self.most_slow_steps
+        ending = jnp.where(slow, Ending.SLOW_STEPS, Ending.RUNNING)
+        ending = jnp.where(rejected, jnp.where(steep, Ending.REJECTED, Ending.STALLED), ending)
+        ending = jnp.where((slow | rejected) & invisible, Ending.WITHIN_ROUNDING, ending)
+        ending = jnp.where(flat, Ending.CONVERGED, ending)
+        ending = jnp.where(state.unevaluated, jnp.where(state.rejected > 0, Ending.START_FAILED, 0), ending)
+        uncheckable = (ending == Ending.START_FAILED) | (not self.self_check)
+        return state._replace(
+            ending=ending.astype(state.ending.dtype), checked=jnp.where(uncheckable, CHECKS, state.checked)
+        )
+
+    def terminate(
+        self,
+        fn: ResidualFunction,
+        y: Float[Array, " p"],
+        args: Arguments,
+        options: Bounds,
+        state: LMState,
+        tags: frozenset[object],
+    ) -> tuple[Truth, optx.RESULTS]:
+        over = (state.ending != Ending.RUNNING) & (state.checked >= CHECKS)
+        success = (state.ending == Ending.CONVERGED) | (state.ending == Ending.WITHIN_ROUNDING)
+        start_failed = state.ending == Ending.START_FAILED
+        failed = optx.RESULTS.where(
+            start_failed, optx.RESULTS.nonlinear_divergence, optx.RESULTS.nonlinear_max_steps_reached
+        )
+        return over, optx.RESULTS.where(over & ~success, failed, optx.RESULTS.successful)
+
+    def postprocess(
+        self,
+        fn: ResidualFunction,
+        y: Float[Array, " p"],
+        aux: Auxiliary,
+        args: Arguments,
+        options: Bounds,
+        state: LMState,
+        tags: frozenset[object],
+        result: optx.RESULTS,
+    ) -> tuple[Float[Array, " p"], Auxiliary, dict[str, LMState]]:
+        return y, aux, {"state": state}
+
+
+def _linearised(fn: ResidualFunction, y: Float[Array, " p"], args: Arguments, state: LMState) -> LMState:
+    def both(y: Float[Array, " p"]) -> tuple[Any, Any]:
+        out = fn(y, args)
+        return out, out
+
+    (jacobian, aux_jacobian), (residual, aux) = jax.jacfwd(both, has_aux=True)(y)
+    usable = jnp.all(jnp.isfinite(jacobian))
+    jacobian = jnp.where(usable, jacobian, state.jacobian)
+    size = jnp.maximum(jnp.linalg.norm(jacobian, axis=0), state.size)
+    upper, projected = triangle(jacobian, residual)
+    return state._replace(
+        residual=residual,
+        jacobian=jacobian,
+        aux=aux,
+        aux_jacobian=aux_jacobian,
+        size=size,
+        upper=upper,
+        projected=projected,
+    )
+
+
+def _with_prediction(state: LMState, y: Float[Array, " p"], options: Bounds) -> LMState:
+    """`state` with the best step within the bounds, its predicted reduction, and the cosines."""
+    norms = jnp.linalg.norm(state.jacobian, axis=0)
+    best = best_step(state, y, options, norms, jnp.inf * jnp.ones(()))
+    norm = jnp.linalg.norm(state.residual)
+    gradient = state.upper.T @ state.projected
+    cosines = jnp.abs(gradient) / jnp.maximum(norms * norm, 1e-300)
+    near = _AT_BOUND * norm / jnp.maximum(norms, 1e-300)
+    blocked = (y - options["lower"] <= near) & (gradient > 0) | (options["upper"] - y <= near) & (gradient < 0)
+    blocked |= options["lower"] >= options["upper"]
+    return state._replace(
+        proposed_step=best.step,
+        predicted_reduction=jnp.maximum(best.predicted, 0.0),
+        cosine=jnp.max(jnp.where(blocked, 0.0, cosines), initial=0.0),
+        rounding=_EPSILONS * jnp.finfo(y.dtype).eps * norm * jnp.linalg.norm(norms * y),
+    )
+
+
+def _apart(state: LMState, y: Float[Array, " p"], options: Bounds, atol: ScalarLike) -> list[Float[Array, " p"]]:
+    """The two ends of the next difference."""
+    scale = noise_scale(state.residual, state.jacobian, y, atol)
+    free = (options["lower"] < options["upper"]) & (y > options["lower"]) & (y < options["upper"])
+    random = random_direction(state.jacobian, y, free, scale)
+    proposed = proposed_direction(state.jacobian, y, state.proposed_step, scale)
+    size = jnp.asarray(SIZES)[state.checked % len(SIZES)]
+    move = size * jnp.where(state.checked < len(SIZES), random, proposed)
+    return [jnp.clip(y + way * move, options["lower"], options["upper"]) for way in (1.0, -1.0)]
+
+
+def _compared(
+    state: LMState, ends: Float[Array, "2 n"], predicted: Float[Array, " n"], y: Float[Array, " p"], atol: ScalarLike
+) -> LMState:
+    """`state` after one more comparison of the Jacobian with a difference; agreement skips the smaller size."""
+    scale = noise_scale(state.residual, state.jacobian, y, atol)
+    at = state.checked // len(SIZES), state.checked % len(SIZES)
+    error, verdict, following = next_check(
+        state.checked, state.discrepancies[at[0]], ends[0] - ends[1], predicted, scale
+    )
+    said = jnp.where(verdict == DISCONTINUOUS, Ending.DISCONTINUITY, Ending.WRONG_DERIVATIVE)
+    worse = (verdict != AGREES) & (state.ending < Ending.DISCONTINUITY)
+    return state._replace(
+        discrepancies=state.discrepancies.at[at].set(error),
+        checked=following,
+        ending=jnp.where(worse, said, state.ending).astype(state.ending.dtype),
+    )

@@ -1,0 +1,93 @@
+"""Steps of a bounded Levenberg-Marquardt run: the best one within bounds and a radius, its bend, the next radius.
+
+`state` is the run's carry.
+"""
+
+from collections.abc import Mapping
+from typing import NamedTuple, TypeAlias
+
+import jax.numpy as jnp
+from jax.scipy.linalg import solve_triangular
+from jaxtyping import Array, Float
+
+from ...core import Scalar
+from .box_least_squares import BoxSolution, solve_in_ball_and_box
+from .lm_state import LMState
+
+PROBE = 0.1
+"""Share of the step at which the curvature of the residuals is probed."""
+
+_LONGEST_BEND = 0.75
+"""Longest bend of a step relative to the step itself; a larger one means the step is too long."""
+
+
+Bounds: TypeAlias = Mapping[str, Float[Array, " p"]]
+"""Of the parameters: "lower" and "upper"."""
+
+
+class Proposal(NamedTuple):
+    """A step of the linear model within the bounds, in the parameters' own units."""
+
+    step: Float[Array, " p"]
+    predicted: Float[Array, ""]
+    """Decrease of the sum of squares that the linear model predicts for it."""
+    norm: Float[Array, ""]
+    """In columns of unit norm."""
+    slope: Float[Array, ""]
+    """Derivative of the sum of squares along it."""
+    solution: BoxSolution
+    """What it comes from."""
+
+
+def best_step(
+    state: LMState, y: Float[Array, " p"], options: Bounds, size: Float[Array, " p"], radius: Scalar
+) -> Proposal:
+    """The best step of the linear model within the bounds and a trust region, columns divided by `size`."""
+    held = (options["lower"] >= options["upper"]) | (size == 0)
+    size = jnp.where(size > 0, size, 1.0)
+    upper = state.upper / size
+    low, high = (jnp.where(held, 0.0, (options[end] - y) * size) for end in ("lower", "upper"))
+    found = solve_in_ball_and_box(upper, state.projected, radius, low, high)
+    change = upper @ found.x
+    slope = 2.0 * state.projected @ change
+    return Proposal(found.x / size, -slope - change @ change, jnp.linalg.norm(found.x), slope, found)
+
+
+def first_radius(state: LMState, y: Float[Array, " p"]) -> Scalar:
+    """Steps no longer than the parameters themselves to begin with."""
+    norm = jnp.linalg.norm(state.size * y)
+    return jnp.where(norm > 0, norm, jnp.maximum(jnp.linalg.norm(state.size), 1e-300))
+
+
+def next_radius(state: LMState, proposal: Proposal, gained: Scalar, squares: Scalar, ratio: Scalar) -> Scalar:
+    """MINPACK's rule: twice the step after a good one, a tenth to a half of it after a bad one."""
+    before = jnp.sum(state.residual**2)
+    # Where the parabola through both values and the slope at the start has its minimum.
+    turning = 0.5 * proposal.slope / jnp.where(proposal.slope + gained < 0, proposal.slope + gained, -jnp.inf)
+    shorter = jnp.where(gained >= 0.0, 0.5, jnp.clip(turning, 0.1, 0.5))
+    shorter = jnp.where(jnp.isfinite(squares) & (squares < 100.0 * before), shorter, 0.1)
+    reduced = shorter * jnp.minimum(state.radius, 10.0 * proposal.norm)
+    grown = jnp.where(ratio >= 0.75, jnp.maximum(state.radius, 2.0 * proposal.norm), state.radius)
+    return jnp.where(ratio > 0.25, grown, reduced)
+
+
+def bend(state: LMState, proposal: Proposal, probed: Float[Array, " n"]) -> Float[Array, " p"]:
+    """The second-order correction of a step, by the curvature that a probe along it shows."""
+    size, solution = jnp.where(state.size > 0, state.size, 1.0), proposal.solution
+    turn = (probed - state.residual) / PROBE - state.jacobian @ proposal.step
+    turn = jnp.where(jnp.isfinite(turn), turn, 0.0) / PROBE
+    right = (state.jacobian.T @ turn) / size * ~(solution.at_low | solution.at_high)
+    bent = -solve_triangular(solution.factor, solve_triangular(solution.factor, right, trans=1)) / size
+    norm = lambda step: jnp.linalg.norm(step * state.size)
+    return jnp.where(norm(bent) <= _LONGEST_BEND * norm(proposal.step), bent, 0.0)
+
+
+def trial_point(
+    y: Float[Array, " p"], step: Float[Array, " p"], proposal: Proposal, options: Bounds
+) -> Float[Array, " p"]:
+    """Where a step leads, exactly on the bounds that it keeps to."""
+    lower, upper = options["lower"], options["upper"]
+    to = jnp.clip(y + step, lower, upper)
+    moves = proposal.step != 0.0
+    to = jnp.where(proposal.solution.at_low & moves, lower, to)
+    return jnp.where(proposal.solution.at_high & moves, upper, to)

@@ -1,0 +1,200 @@
+"""Puts intervals by drawing, of a bootstrap or a posterior, into an estimate."""
+
+import dataclasses
+from concurrent.futures import Executor
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ...metrics import effective_size, effective_size_of_tails, rhat
+from ...study import Draws, Estimate, ParameterDraws
+from ..draws import Drawing
+from ..least_squares import Fit, FitMethod, Progress
+from ..problem import Problem
+from .bootstrap import Replicate, bootstrap, samples_per_cycle
+from .posterior import Density, need_numpyro, sample_posterior
+from .preconditioner import precondition
+from .profile_likelihood import learn_curvature
+from .second_order import Point
+from .variance_factor import variance_factor
+
+TAILS = 0.025, 0.975
+
+FEWEST = 100
+"""Draws below which the ends of a 95 % interval rest on too few of them."""
+
+LARGEST_RHAT = 1.01
+"""Of chains that agree (Vehtari and others 2021)."""
+
+FEWEST_EFFECTIVE = 400
+"""Effective draws from which the ends of an interval may be trusted (the same)."""
+
+MANY_FAILED = 0.05
+"""Share of replicates that may fail before the intervals no longer stand for all of them."""
+
+
+def with_bootstrap(
+    estimate: Estimate,
+    problem: Problem,
+    fit: Fit,
+    run: FitMethod,
+    drawing: Drawing,
+    executor: Executor | None,
+    report: Progress,
+) -> Estimate:
+    """`estimate` with the percentiles of a bootstrap as 95 % intervals, and all replicates as `draws`."""
+    replicates = bootstrap(problem, fit, run, variance_factor(estimate.statistics), drawing, executor, report)
+    good = [replicate.free for replicate in replicates if replicate.success]
+    failed = len(replicates) - len(good)
+    notes = [*estimate.notes, *_about_replicates(replicates, failed)]
+    if len(good) < 2:
+        return dataclasses.replace(estimate, notes=tuple(notes))
+    free = np.stack(good)
+    draws = Draws(
+        kind="bootstrap",
+        description=_description(problem, drawing),
+        names=estimate.names,
+        values=problem.residual.transform.in_si(free)[None],
+        failed=failed,
+        seed=drawing.seed,
+        parameters=tuple(summary_of_replicates(problem, fit.free, free)),
+    )
+    return with_draws(estimate, draws, notes)
+
+
+def summary_of_replicates(
+    problem: Problem, centre: Float[np.ndarray, " p"], free: Float[np.ndarray, "draws p"]
+) -> list[ParameterDraws]:
+    """Mean, deviation and both kinds of intervals of each parameter, from replicates on the scale of the fit."""
+    transform = problem.residual.transform
+    values, ends = transform.in_si(free), np.quantile(free, TAILS, axis=0)
+    percentiles, basics = transform.in_si(ends), transform.in_si(2.0 * centre - ends[::-1])
+    return [
+        ParameterDraws(
+            path=path,
+            mean=float(np.mean(values[:, i])),
+            deviation=float(np.std(values[:, i], ddof=1)),
+            percentile=(float(percentiles[0, i]), float(percentiles[1, i])),
+            basic=(float(basics[0, i]), float(basics[1, i])),
+        )
+        for i, path in enumerate(transform.paths)
+    ]
+
+
+def with_posterior(
+    estimate: Estimate, problem: Problem, fit: Fit, drawing: Drawing, executor: Executor | None, report: Progress
+) -> Estimate:
+    """`estimate` with the middle 95 % of the posterior as intervals, and all draws as `draws`.
+
+    **Raises:** `InputError` where NumPyro is not installed, or where nothing around the fit can be simulated.
+    """
+    need_numpyro()
+    factor = variance_factor(estimate.statistics)
+    moving = np.array([estimate.parameters[path].identifiable for path in estimate.names])
+    if not moving.any():
+        note = "No posterior: the data say nothing about any parameter."
+        return dataclasses.replace(estimate, notes=(*estimate.notes, note))
+    optimum = Point(np.asarray(fit.free, float), np.asarray(fit.state.residual), np.asarray(fit.state.jacobian))
+    report("curvature at the optimum")
+    curvature = learn_curvature(problem.linearised, optimum, 1.0, problem.bounds)
+    preconditioner = precondition(optimum, np.flatnonzero(moving), curvature, factor, problem.bounds)
+    density = Density(problem.linearisation, preconditioner, np.array(factor))
+    chains = sample_posterior(density, drawing, executor, report)
+    values = problem.residual.transform.in_si(chains.free)
+    held = [path for path, moves in zip(estimate.names, moving, strict=True) if not moves]
+    draws = Draws(
+        kind="posterior",
+        description=_density_in_words(estimate, held),
+        names=estimate.names,
+        values=values,
+        failed=int(np.sum(chains.diverging)),
+        seed=drawing.seed,
+        parameters=tuple(summary_of_chains(estimate.names, values, moving)),
+        statistics={
+            "diverging": chains.diverging,
+            "energy": chains.energy,
+            "n_steps": chains.steps,
+            "acceptance_rate": chains.acceptance,
+        },
+    )
+    return with_draws(estimate, draws, [*estimate.notes, *_about_chains(draws)])
+
+
+def summary_of_chains(
+    paths: tuple[str, ...], values: Float[np.ndarray, "chains draws p"], moving: Bool[np.ndarray, " p"]
+) -> list[ParameterDraws]:
+    """Mean, deviation, middle 95 % and convergence of each parameter, in SI; only what moves has a convergence."""
+    out = []
+    for i, path in enumerate(paths):
+        drawn = values[:, :, i]
+        low, high = np.quantile(drawn, TAILS)
+        deviation = float(np.std(drawn, ddof=1)) if moving[i] else float("nan")
+        found = ParameterDraws(path, float(np.mean(drawn)), deviation, (float(low), float(high)))
+        if moving[i]:
+            sizes = effective_size(drawn), effective_size_of_tails(drawn)
+            found = dataclasses.replace(found, rhat=rhat(drawn), effective=sizes[0], effective_tails=sizes[1])
+        out.append(found)
+    return out
+
+
+def _density_in_words(estimate: Estimate, held: list[str]) -> str:
+    text = "flat priors on the scale of the fit, zeros of the sensors marginalised, noise known"
+    if variance_factor(estimate.statistics) > 1.0:
+        text += f" and its variance enlarged by {variance_factor(estimate.statistics):.3g}"
+    return text + (f"; held at the estimate, without information: {', '.join(held)}" if held else "")
+
+
+def _about_chains(draws: Draws) -> list[str]:
+    notes = []
+    worst = max((drawn for drawn in draws.parameters if drawn.rhat is not None), key=lambda d: d.rhat or 0.0)
+    if not (worst.rhat or 0.0) < LARGEST_RHAT:
+        notes.append(
+            f"The chains of the posterior disagree: R-hat of {worst.path} is {worst.rhat:.3f}, expected below "
+            f"{LARGEST_RHAT:g}; draw more (--draws, --resume) before you trust its intervals."
+        )
+    sizes = [min(d.effective, d.effective_tails) for d in draws.parameters if d.effective and d.effective_tails]
+    if sizes and min(sizes) < FEWEST_EFFECTIVE:
+        notes.append(
+            f"The posterior's draws are worth {min(sizes):.0f} independent ones only, expected {FEWEST_EFFECTIVE} or "
+            "more for the ends of an interval."
+        )
+    if draws.failed:
+        notes.append(
+            f"{draws.failed} of the posterior's {draws.values[:, :, 0].size} transitions diverged: it has corners that "
+            "the chains could not enter."
+        )
+    return notes
+
+
+def with_draws(estimate: Estimate, draws: Draws, notes: list[str]) -> Estimate:
+    """`estimate` with the intervals of `draws`, where the data say anything."""
+    parameters = dict(estimate.parameters)
+    for drawn in draws.parameters:
+        if parameters[drawn.path].identifiable:
+            parameters[drawn.path] = dataclasses.replace(parameters[drawn.path], interval=drawn.percentile)
+    return dataclasses.replace(estimate, parameters=parameters, draws=draws, notes=tuple(notes))
+
+
+def _description(problem: Problem, drawing: Drawing) -> str:
+    noise = "white noise of the size fitted"
+    if drawing.resampled == "noise":
+        return noise
+    cyclic = [record.name for record in problem.records if samples_per_cycle(record) is not None]
+    if not cyclic:
+        return f"{noise}; no record holds whole cycles with samples at equal phases"
+    rest = "" if len(cyclic) == len(problem.records) else f"; {noise} in the others"
+    return f"whole cycles of the residuals of {', '.join(cyclic)}{rest}"
+
+
+def _about_replicates(replicates: list[Replicate], failed: int) -> list[str]:
+    count, notes = len(replicates), []
+    if failed:
+        messages = [replicate.message for replicate in replicates if not replicate.success]
+        often = max(set(messages), key=messages.count)
+        less = "; the intervals then are too short" if failed > MANY_FAILED * count else ""
+        notes.append(
+            f"{failed} of {count} replicates of the bootstrap did not converge and are left out{less}: {often}."
+        )
+    if count - failed < FEWEST:
+        notes.append(f"The bootstrap has {count - failed} replicates only: the ends of its intervals are uncertain.")
+    return notes

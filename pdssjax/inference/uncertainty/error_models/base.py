@@ -1,0 +1,78 @@
+"""The interface of every error model: what residuals are taken for, and what they then make of the parameters.
+
+To first order a fit moves its p parameters by G' e, where the samples of a record are off by e; the n x p influence G
+is the fit's (`inference/uncertainty/influence.py`), the covariance of e is the error model's.  A member gives
+G' cov(e) G, record by record, never an n x n matrix; records are independent of each other.
+"""
+
+import abc
+from collections.abc import Sequence
+from typing import ClassVar, NamedTuple
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Float
+
+
+class RecordErrors(NamedTuple):
+    """One record at the end of a fit, of n samples and p parameters.
+
+    Residuals are whitened: divided by the noise given or estimated, a free zero taken out.
+    """
+
+    residual: Float[np.ndarray, " n"]
+    """NaN is left out."""
+    jacobian: Float[np.ndarray, "n p"]
+    """Of `residual`, on the fit's scale."""
+    influence: Float[np.ndarray, "n p"]
+    """By how much the fit moves each parameter for a unit of each sample's residual, on the fit's scale."""
+    time: Float[np.ndarray, " n"]
+    """[s]"""
+    frequency: float | None
+    """Cycles of the drive a second [Hz]; None where it does not repeat."""
+    variance_factor: float = 1.0
+    """By how much the variances of whitened noise exceed 1, by all residuals of the fit together."""
+    freedom: float = float("inf")
+    """Degrees of freedom that the fit leaves of the n samples; all of them where more than n."""
+
+    def finite(self) -> "RecordErrors":
+        """The record without the samples that are NaN."""
+        kept = np.isfinite(self.residual)
+        whole = self._replace(freedom=min(self.freedom, self.residual.size) - float(np.sum(~kept)))
+        return whole._replace(
+            **{name: getattr(self, name)[kept] for name in ("residual", "jacobian", "influence", "time")}
+        )
+
+
+class RecordShare(NamedTuple):
+    """What the errors of one record make of the parameters."""
+
+    covariance: Float[np.ndarray, "p p"]
+    """On the fit's scale."""
+    evidence: float
+    """How much better the model explains the residuals than the one before it: twice the gain in log-likelihood less
+    twice the numbers that it took (Akaike); 0 where it has no say."""
+
+
+class AbstractErrorModel(eqx.Module):
+    """What the residuals of a fit are taken for."""
+
+    rank: ClassVar[int]
+    """Place in reports: from the strictest assumption to the weakest."""
+    covers: ClassVar[str]
+    """What the 95 % intervals cover, and under which assumption: a clause for reports."""
+
+    @abc.abstractmethod
+    def share(self, record: RecordErrors) -> RecordShare:
+        """What a record's errors make of the parameters' covariance; zero of a record without samples."""
+
+    @property
+    def name(self) -> str:
+        """The name of the member's file, as reports and files write it."""
+        return type(self).__module__.rpartition(".")[2].replace("_", "-")
+
+    def covariance(self, records: Sequence[RecordErrors]) -> tuple[Float[np.ndarray, "p p"], list[float]]:
+        """Covariance of the parameters on the fit's scale, and each record's evidence for this model."""
+        shares = [self.share(record.finite()) for record in records]
+        total = sum((share.covariance for share in shares), np.zeros_like(shares[0].covariance))
+        return total, [share.evidence for share in shares]

@@ -1,0 +1,205 @@
+"""The errors of every parameter by all error models."""
+
+import dataclasses
+import itertools
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ...core import member, members
+from ...study import Estimate, FittedParameter, ParameterError, cycles_a_second
+from ..least_squares import Fit, Method, Progress, evaluated, of_piezo, of_platform_alone
+from ..parameter_transform import ParameterTransform
+from ..problem import Problem
+from .covariance import least_squares_covariance
+from .error_advice import EVIDENT, advise
+from .error_models.base import AbstractErrorModel, RecordErrors
+from .influence import (
+    curvature_of,
+    directions_in_two_steps,
+    influence_in_two_steps,
+    influence_of,
+    principal_directions,
+)
+from .variance_factor import NORMAL_95, variance_factor
+
+
+class FittedPoint(NamedTuple):
+    """Where a fit ended, of p parameters and n samples."""
+
+    method: Method
+    problem: Problem
+    fit: Fit
+    residual: Float[np.ndarray, " n"]
+    jacobian: Float[np.ndarray, "n p"]
+    fitted: Bool[np.ndarray, " p"]
+    """The parameters that the records move: not held at a bound."""
+    known: Bool[np.ndarray, " p"]
+    """Those of them that the records determine."""
+
+    @property
+    def rows(self) -> list[slice]:
+        """Where each record's samples stand among all residuals."""
+        ends = np.cumsum([0, *(record.time.size for record in self.problem.records)])
+        return [slice(int(a), int(b)) for a, b in itertools.pairwise(ends)]
+
+
+def all_error_models() -> list[AbstractErrorModel]:
+    """All of them, from the strictest assumption to the weakest."""
+    found = [
+        member("inference.uncertainty.error_models", name)() for name in members("inference.uncertainty.error_models")
+    ]
+    return sorted(found, key=lambda model: model.rank)
+
+
+def with_error_models(estimate: Estimate, problem: Problem, fit: Fit, report: Progress) -> Estimate:
+    """An `estimate` of a `fit` with the errors of its parameters by all error models, and which of them to believe.
+
+    As it is where the fit could not start, or no parameter has an error.
+    """
+    point = fitted_point(estimate.method, problem, fit)
+    if not point.known.any() or not np.isfinite(point.residual).all() or not np.isfinite(point.jacobian).all():
+        return estimate
+    factor = variance_factor(estimate.statistics)
+    found = _covariances(point, all_error_models(), factor, None)
+    evidence = {name: shares for name, (_, shares) in found.items()}
+    if any(most >= EVIDENT for shares in evidence.values() for most in shares):
+        # Residuals that are not white do not average out in the second derivative of chi-square.
+        found |= _covariances(point, all_error_models()[1:], factor, _curvatures(point, report))
+    matrices = {name: matrix for name, (matrix, _) in found.items()}
+    free = problem.residual.transform
+    parameters = _with_errors(estimate.parameters, matrices, free, fit.free)
+    slopes = np.abs(free.slope(fit.free))
+    advice = advise(parameters, evidence, [record.name for record in problem.records])
+    if advice is not None and not estimate.converged:
+        advice = advice._replace(
+            reason=f"The fit did not converge: its errors are those of no optimum. {advice.reason}"
+        )
+    return dataclasses.replace(
+        estimate,
+        parameters=parameters,
+        error_advice=advice,
+        covariances={name: matrix * np.outer(slopes, slopes) for name, matrix in matrices.items()},
+    )
+
+
+def fitted_point(method: Method, problem: Problem, fit: Fit) -> FittedPoint:
+    """What error models need of where a fit ended."""
+    jacobian, free = np.asarray(fit.state.jacobian), problem.residual.transform
+    held = (fit.free <= free.low) | (fit.free >= free.high)
+    known = np.zeros(held.size, bool)
+    if np.isfinite(jacobian).all():
+        known = least_squares_covariance(jacobian, held).identifiable
+    fitted = ~held & (np.linalg.norm(jacobian, axis=0) > 0)
+    return FittedPoint(method, problem, fit, np.asarray(fit.state.residual), jacobian, fitted, known)
+
+
+def record_errors(
+    point: FittedPoint, variance_factor: float = 1.0, curvatures: Sequence[Float[np.ndarray, "p k"]] | None = None
+) -> list[RecordErrors]:
+    """Every fitted record as error models take it; parameters that are not known have an influence of zero.
+
+    **Arguments:** `curvatures` of the records, as `influence_of` takes their sum.
+    """
+    effect = _influence(point, curvatures)
+    used = 1.0 - point.fit.free.size / point.residual.size
+    return [
+        RecordErrors(
+            point.residual[rows],
+            point.jacobian[rows],
+            effect[rows],
+            record.time,
+            cycles_a_second(record),
+            variance_factor,
+            record.time.size * used - (record.offset is None),
+        )
+        for record, rows in zip(point.problem.records, point.rows, strict=True)
+    ]
+
+
+def _covariances(
+    point: FittedPoint,
+    models: Sequence[AbstractErrorModel],
+    factor: float,
+    curvatures: Sequence[Float[np.ndarray, "p k"]] | None,
+) -> dict[str, tuple[Float[np.ndarray, "p p"], list[float]]]:
+    """By name of the model: the covariance on the fit's scale, NaN where not known, and the evidence of each record."""
+    records, out = record_errors(point, factor, curvatures), {}
+    for model in models:
+        matrix, evidence = model.covariance(records)
+        matrix[~point.known] = np.nan
+        matrix[:, ~point.known] = np.nan
+        out[model.name] = matrix, evidence
+    return out
+
+
+def _influence(point: FittedPoint, curvatures: Sequence[Float[np.ndarray, "p k"]] | None) -> Float[np.ndarray, "n p"]:
+    """Zero in the columns of parameters that are not known."""
+    if point.method == "sequential":
+        alone = of_platform_alone(point.problem.records)
+        steps = None if curvatures is None else (_total(curvatures, alone), _total(curvatures, ~alone))
+        return influence_in_two_steps(*_two_steps(point), steps)
+    out, kept = np.zeros(point.jacobian.shape), point.fitted
+    total = None if curvatures is None else _total(curvatures, np.ones(len(curvatures), bool))[kept]
+    out[:, kept] = influence_of(point.jacobian[:, kept], total)
+    return out * point.known
+
+
+def _two_steps(
+    point: FittedPoint,
+) -> tuple[Float[np.ndarray, "n p"], Float[np.ndarray, "n p"], Int[np.ndarray, " q"], Int[np.ndarray, " r"]]:
+    """The Jacobians of the steps of a sequential fit, and the places of the parameters fitted in each."""
+    alone = of_platform_alone(point.problem.records)
+    first = np.repeat(alone, [record.time.size for record in point.problem.records])[:, None]
+    piezo = of_piezo(point.problem.residual.transform)
+    earlier, later = np.flatnonzero(piezo & point.known), np.flatnonzero(~piezo & point.known)
+    return point.jacobian * first, point.jacobian * ~first, earlier, later
+
+
+def _total(
+    matrices: Sequence[Float[np.ndarray, "p k"]], used: Bool[np.ndarray, " records"]
+) -> Float[np.ndarray, "p k"]:
+    return sum((m for m, use in zip(matrices, used, strict=True) if use), np.zeros_like(matrices[0]))
+
+
+def _curvatures(point: FittedPoint, report: Progress) -> list[Float[np.ndarray, "p k"]]:
+    """Of each record: the sum of its residuals times their second derivatives, along the principal directions."""
+    report("second derivatives, for errors where the model does not explain all")
+    if point.method == "sequential":
+        directions = directions_in_two_steps(*_two_steps(point))
+    else:
+        spread = principal_directions(point.jacobian[:, point.fitted])
+        directions = np.zeros((point.fitted.size, spread.shape[1]))
+        directions[point.fitted] = spread
+
+    def jacobian_at(free: Float[np.ndarray, " p"]) -> Float[np.ndarray, "n p"]:
+        return np.asarray(evaluated(point.problem, free, lambda message: None).state.jacobian)
+
+    free = point.problem.residual.transform
+    return curvature_of(
+        jacobian_at, point.fit.free, point.residual, point.jacobian, directions, point.rows, (free.low, free.high)
+    )
+
+
+def _with_errors(
+    parameters: Mapping[str, FittedParameter],
+    matrices: Mapping[str, Float[np.ndarray, "p p"]],
+    free: ParameterTransform,
+    at: Float[np.ndarray, " p"],
+) -> dict[str, FittedParameter]:
+    """The `parameters` that have a standard error with those by the `matrices` of the error models."""
+    errors: dict[str, dict[str, ParameterError]] = {path: {} for path in free.paths}
+    slopes = np.abs(free.slope(at))
+    for name, matrix in matrices.items():
+        deviation = np.sqrt(np.diag(matrix))
+        half = NORMAL_95 * np.nan_to_num(deviation)
+        low, high = free.decode(at - half), free.decode(at + half)
+        for i, path in enumerate(free.paths):
+            error = float(deviation[i] * slopes[i])
+            errors[path][name] = ParameterError(error, (float(low[path]), float(high[path])))
+    return {
+        path: dataclasses.replace(p, errors=errors[path]) if p.free and np.isfinite(p.standard_error) else p
+        for path, p in parameters.items()
+    }

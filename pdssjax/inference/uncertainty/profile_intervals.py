@@ -1,0 +1,131 @@
+"""Replaces an estimate's linear intervals by those of the likelihood, with curves and a verdict for each parameter."""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float
+
+from ...study import Estimate, FittedParameter, Profile
+from ..least_squares import Fit, Progress
+from ..problem import Problem
+from .profile_curve import Curve, profile_curve
+from .profile_likelihood import End, Verdict, interval_end, learn_curvature, linear_half_widths
+from .second_order import Curvature, Point
+from .variance_factor import NORMAL_95, variance_factor
+
+SIDES = -1.0, 1.0
+
+FALLS = 0.05
+"""Share of the threshold by which chi-square may fall on the way outwards before that counts as another minimum."""
+
+
+def with_profile_intervals(estimate: Estimate, problem: Problem, fit: Fit, report: Progress) -> Estimate:
+    """`estimate` with 95 % intervals that end where chi-square, minimised over all else, exceeds its threshold.
+
+    The threshold grows with a reduced chi-square above one, as the standard errors do.  Parameters at a bound and
+    those about which the data say nothing keep what they have.  A note names every end that is no ordinary one.
+    `profiles` holds the curve between the ends of each.
+    """
+    threshold = NORMAL_95**2 * variance_factor(estimate.statistics)
+    paths = problem.residual.transform.paths
+    kept = [path for path in paths if not estimate.parameters[path].at_bound and estimate.parameters[path].identifiable]
+    optimum = Point(np.asarray(fit.free, float), np.asarray(fit.state.residual), np.asarray(fit.state.jacobian))
+    report("curvature at the optimum")
+    curvature = learn_curvature(problem.linearised, optimum, threshold, problem.bounds)
+    parameters, notes, profiles = dict(estimate.parameters), list(estimate.notes), []
+    for number, path in enumerate(kept, 1):
+        index, parameter = paths.index(path), estimate.parameters[path]
+        report(f"profile of {path} ({number} of {len(kept)})")
+        ends = tuple(_end(problem, optimum, index, side, threshold, curvature) for side in SIDES)
+        curve = profile_curve(problem.linearised, optimum, index, (ends[0], ends[1]), threshold, problem.bounds)
+        parameters[path] = _with_ends(parameter, problem, index, ends)
+        profiles.append(_profile(problem, optimum, index, curve, ends, threshold))
+        notes += _notes(parameter, problem, ends)
+    return dataclasses.replace(estimate, parameters=parameters, notes=tuple(notes), profiles=tuple(profiles))
+
+
+def _end(problem: Problem, optimum: Point, index: int, side: float, threshold: float, curvature: Curvature) -> End:
+    """One end; where it is not followed, another attempt that learns its curvature on the way alone."""
+    end = interval_end(problem.linearised, optimum, index, side, threshold, problem.bounds, curvature=curvature)
+    if end.verdict != Verdict.LOST:
+        return end
+    again = interval_end(problem.linearised, optimum, index, side, threshold, problem.bounds)
+    return again._replace(evaluations=again.evaluations + end.evaluations)
+
+
+def verdict_of(ends: tuple[End, ...], curve: Curve) -> str:
+    """What both ends and the curve between them say of a parameter."""
+    found = [end.verdict for end in ends]
+    names = ("lower", "upper")
+    if Verdict.LOWER in found:
+        return "several minima: a lower one was found"
+    if curve.falls > FALLS:
+        return "several minima: chi-square falls on the way to an end"
+    for verdict in (Verdict.LOST, Verdict.AT_BOUND, Verdict.FLAT):
+        where = [name for name, other in zip(names, found, strict=True) if other == verdict]
+        if where and verdict == Verdict.FLAT:
+            return "flat" if len(where) == 2 else f"one-sided: only {'an upper' if 'lower' in where else 'a lower'} end"
+        if where:
+            return f"{verdict}: {' and '.join(where)} end"
+    return str(Verdict.BOUNDED)
+
+
+def _profile(
+    problem: Problem, optimum: Point, index: int, curve: Curve, ends: tuple[End, ...], threshold: float
+) -> Profile:
+    path = problem.residual.transform.paths[index]
+    half_width = linear_half_widths(optimum, threshold)[index]
+    return Profile(
+        path=path,
+        value=np.array([_in_si(problem, optimum.at, index, value) for value in curve.value]),
+        excess=curve.excess,
+        linear=threshold * ((curve.value - optimum.at[index]) / half_width) ** 2,
+        computed=curve.computed,
+        threshold=threshold,
+        verdict=verdict_of(ends, curve),
+        quality=max(0.0, 1.0 - curve.missed),
+        evaluations=curve.evaluations + sum(end.evaluations for end in ends),
+    )
+
+
+def _in_si(problem: Problem, at: Float[np.ndarray, " p"], index: int, value: float) -> float:
+    """One number of the fit's scale in its own unit."""
+    moved = np.where(np.arange(at.size) == index, value, at)
+    return float(problem.decode(moved)[problem.residual.transform.paths[index]])
+
+
+def _with_ends(parameter: FittedParameter, problem: Problem, index: int, ends: tuple[End, ...]) -> FittedParameter:
+    low, high = (_value(problem, index, end) for end in ends)
+    return dataclasses.replace(parameter, interval=(low, high), verdicts=(str(ends[0].verdict), str(ends[1].verdict)))
+
+
+def _value(problem: Problem, index: int, end: End) -> float:
+    """The end in the parameter's own unit: infinite or zero where a logarithm is flat, NaN where not followed."""
+    if np.isnan(end.value):
+        return float("nan")
+    if not np.isfinite(end.value):
+        positive = bool(problem.residual.transform.logarithmic[index])
+        return 0.0 if positive and end.value < 0 else float(end.value)
+    return _in_si(problem, end.point.at, index, end.value)
+
+
+def _notes(parameter: FittedParameter, problem: Problem, ends: tuple[End, ...]) -> list[str]:
+    notes = []
+    for name, end in zip(("lower", "upper"), ends, strict=True):
+        what = f"The {name} end of the interval of {parameter.path}"
+        if end.verdict == Verdict.FLAT:
+            notes.append(
+                f"{what} is open: the records do not tell how {'small' if name == 'lower' else 'large'} it is."
+            )
+        elif end.verdict == Verdict.AT_BOUND:
+            notes.append(f"{what} is its bound: the records allow values beyond it.")
+        elif end.verdict == Verdict.LOWER:
+            values = problem.decode(end.point.at)
+            notes.append(
+                f"On the way to the {name} end of {parameter.path} a better optimum was found (chi-square "
+                f"{end.point.chi2:.6g}): start the fit from {parameter.path} = {float(values[parameter.path]):.6g} "
+                "in SI."
+            )
+        elif end.verdict == Verdict.LOST:
+            notes.append(f"{what} was not found: chi-square has a discontinuity on the way, or bends too much.")
+    return notes

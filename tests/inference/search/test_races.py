@@ -1,0 +1,238 @@
+"""Why a fit is compared with others, with which, for how long: a case a reason, on sums of squares of two numbers.
+
+What a search would find is made up here; fits, races and restarts are the real ones.
+"""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from waves import PATHS, Waves, at, run
+
+from pdssjax.core import quantity
+from pdssjax.inference import multistart, races
+from pdssjax.inference.search.multistart import best_fit
+from pdssjax.inference.search.perturbed_restarts import MOST_RESTARTS
+from pdssjax.inference.solver.ending import Ending
+from pdssjax.integration import Accuracy
+from pdssjax.study import Parameter
+
+HALVING, THRICE, COMPARING = [(10, 5), (4, 7)], [(30, 5), (12, 7)], [(32, 6), (12, 12)]
+BAD, WORSE, NEAR = at(6.0, -5.0), at(8.0, -8.0), at(1.2, 0.9)
+
+
+class Rig:
+    """A study that stands for `problem`; what is asked of searches, races and restarts is noted."""
+
+    def __init__(self, monkeypatch, problem, given, ranked, scattered=(), longer=0):
+        self.problem, self.longer, self.messages, self.events = problem, longer, [], []
+        quantity_of = quantity(1.0, "m")  # what is declared matters to no race
+        parameters = {path: Parameter(path, "m", quantity_of, start=given.get(path)) for path in PATHS}
+        self.study = SimpleNamespace(models=None, parameters=parameters, records=problem.records)
+        starts = at(0.0, 0.0) | given
+        monkeypatch.setattr(multistart, "guess_starts", lambda *_: (starts, len(given) < 2))
+        monkeypatch.setattr(multistart, "pose", lambda *_: problem)
+        monkeypatch.setattr(multistart, "_compile", lambda *_: None)
+        monkeypatch.setattr(races, "piezo_alone", lambda *_: {})
+        monkeypatch.setattr(races, "rank_starts", self.noted("ranked", ranked))
+        monkeypatch.setattr(races, "scatter_starts", self.noted("scattered", scattered))
+        monkeypatch.setattr(races, "successive_halving", self.watched("race", races.successive_halving))
+        monkeypatch.setattr(races, "restarts", self.watched("restarts", races.restarts))
+
+    def noted(self, name, found):
+        def search(models, parameters, records, *more):
+            free = [path for path, parameter in parameters.items() if parameter.start is None]
+            self.events.append((name, free, *more))
+            return list(found)
+
+        return search
+
+    def watched(self, name, real):
+        def watched(*arguments):
+            self.events.append((name, arguments))
+            return real(*arguments)
+
+        return watched
+
+    def fitted(self):
+        """The best fit and its starts; fits that are not cut short are said to have taken `longer`."""
+        limits = []
+
+        def counted(problem, starts, report, limit=200):
+            limits.append(limit)
+            fit = run(problem, starts, report, limit)
+            more = self.longer if len(limits) == 1 or limit == 200 else 0
+            return fit._replace(iterations=fit.iterations + more, evaluations=fit.evaluations + more)
+
+        fit, _, starts = best_fit(self.study, Accuracy(), counted, self.messages.append)  # pyright: ignore
+        self.limits = limits
+        return fit, starts
+
+    @property
+    def races(self):
+        """Of each, the starts it had, its rounds, and whether a perfect fit ends it."""
+        perfect = run(self.problem, at(1.0, 1.0), None)
+        assert perfect.ending == Ending.CONVERGED
+        of = [arguments for name, *(arguments,) in self.of("race")]
+        return [(others, [tuple(r) for r in rounds], good(perfect)) for _, _, _, others, rounds, good, _, _ in of]
+
+    def of(self, name):
+        return [event for event in self.events if event[0] == name]
+
+
+def everywhere(count=40):
+    """Starts of which the first leads to the lowest minimum."""
+    return [NEAR] + [at(*point) for point in np.random.default_rng(1).uniform(-9.0, 9.0, (count, 2))]
+
+
+def test_a_fit_that_explains_its_records_is_compared_with_none(monkeypatch):
+    rig = Rig(monkeypatch, Waves(1.0, 0.0), BAD, everywhere())
+    fit, starts = rig.fitted()
+    assert fit.chi2 < 1e-12 and starts == BAD and rig.events == [] and rig.limits == [200]
+
+
+def test_a_poor_fit_is_compared_with_what_else_the_search_found_until_one_is_good(monkeypatch):
+    rig = Rig(monkeypatch, Waves(4.0, 2.0, platform_alone=True), {}, [BAD, *everywhere()])
+    fit, starts = rig.fitted()
+    assert rig.races == [(everywhere(), HALVING, True)]
+    # What the platform shows is reported with the start from before its own fit.
+    assert fit.chi2 < 1e-12 and starts in [begun | {"piezo.gain": 0.0} for begun in everywhere()[:10]]
+    assert rig.limits[:15] == [12, *[5] * 10, *[7] * 4]
+    assert "searching for starts" in rig.messages and "going on from the best of the other starts" in rig.messages
+
+
+def test_a_poor_fit_from_starts_given_is_compared_with_a_search_without_them_then_with_scattered_ones(monkeypatch):
+    rig = Rig(monkeypatch, Waves(4.0, 2.0), BAD, [WORSE], everywhere())
+    fit, starts = rig.fitted()
+    assert rig.races == [([WORSE], HALVING, True), (everywhere(), COMPARING, False)]
+    # The first search may not use the starts given, but for the platform's; nothing shows that alone here.
+    assert rig.of("ranked") == [("ranked", ["friction.f_c"], {})]
+    ((_, _, around, held),) = rig.of("scattered")
+    assert held == [] and set(around) == set(PATHS)
+    assert fit.chi2 < 1e-12 and starts in everywhere()
+    (restarted,) = rig.of("restarts")
+    assert restarted[1][3] == 2 * MOST_RESTARTS
+    wanted = ["searching for starts that differ in every parameter", "restarting the best from perturbed points"]
+    assert [message for message in rig.messages if message in wanted] == wanted
+
+
+def test_a_good_fit_after_a_race_from_starts_given_is_compared_no_more(monkeypatch):
+    rig = Rig(monkeypatch, Waves(4.0, 2.0), BAD, [NEAR], everywhere())
+    fit, starts = rig.fitted()
+    assert rig.races == [([NEAR], HALVING, True)]
+    # What the platform shows is reported with the start that the study gave it.
+    assert fit.chi2 < 1e-12 and starts == NEAR | {"piezo.gain": BAD["piezo.gain"]}
+
+
+def test_a_fit_without_a_platform_record_is_compared_with_thrice_as_many_however_good_it_is(monkeypatch):
+    rig = Rig(monkeypatch, Waves(1.0, 0.0), {"friction.f_c": 2.0}, [NEAR, *everywhere()])
+    fit, starts = rig.fitted()
+    assert rig.races == [(everywhere(), THRICE, False)]
+    assert fit.chi2 < 1e-12
+    assert rig.limits[:43] == [12, *[5] * 30, *[7] * 12]
+    assert starts in [NEAR, *everywhere()]  # the piezo's too were searched for
+
+
+def test_where_the_platform_is_seen_alone_a_good_fit_is_enough_and_its_start_is_from_before(monkeypatch):
+    rig = Rig(monkeypatch, Waves(1.0, 0.0, platform_alone=True), {"friction.f_c": 2.0}, [NEAR, *everywhere()])
+    fit, starts = rig.fitted()
+    assert rig.races == [] and fit.chi2 < 1e-12
+    assert starts == NEAR | {"piezo.gain": 0.0}
+
+
+def test_a_fit_that_ran_into_a_bound_is_compared_with_starts_that_differ_in_every_parameter(monkeypatch):
+    problem = Waves(1.0, 0.0)
+    problem.bounds = np.full(2, -10.0), np.array([10.0, 0.5])
+    problem.whitened = lambda free: 0.1 * Waves.whitened(problem, free)  # the bound is within the noise
+    rig = Rig(monkeypatch, problem, at(0.0, 0.0), [WORSE], [at(-3.0, 0.4)])
+    fit, _ = rig.fitted()
+    assert fit.free[1] == pytest.approx(0.5)
+    assert rig.races == [([at(-3.0, 0.4)], COMPARING, False)]
+    assert len(rig.of("restarts")) == 1
+
+
+def test_what_the_platform_shows_is_held_where_the_fit_put_it_when_others_are_scattered(monkeypatch):
+    problem = Waves(1.0, 0.0, platform_alone=True)
+    problem.bounds = np.full(2, -10.0), np.array([10.0, 0.5])
+    problem.whitened = lambda free: 0.1 * Waves.whitened(problem, free)
+    rig = Rig(monkeypatch, problem, at(0.0, 0.0), [WORSE], [])
+    _, starts = rig.fitted()
+    ((_, _, around, held),) = rig.of("scattered")
+    assert held == ["piezo.gain"] and around["piezo.gain"] == pytest.approx(1.0, abs=1e-6)
+    assert around["friction.f_c"] == 0.0
+    # None was found: nothing is raced, and nothing restarted.
+    assert rig.races == [] and rig.of("restarts") == [] and starts == at(0.0, 0.0)
+
+
+@pytest.mark.parametrize("longer, races", [(40, 0), (60, 1)])
+def test_a_fit_that_took_a_long_way_is_compared_with_all_else_that_the_search_found(monkeypatch, longer, races):
+    rig = Rig(monkeypatch, Waves(1.0, 0.0, platform_alone=True), {}, [NEAR, *everywhere()], longer=longer)
+    fit, starts = rig.fitted()
+    assert rig.races == [(everywhere(), HALVING, False)] * races
+    assert fit.chi2 < 1e-12 and starts["piezo.gain"] == 0.0
+    assert ("that was a long way: comparing with other starts" in rig.messages) == bool(races)
+    assert rig.of("restarts") == [] and rig.of("scattered") == []
+
+
+def test_a_long_way_after_a_race_is_no_reason_for_another(monkeypatch):
+    rig = Rig(monkeypatch, Waves(4.0, 2.0, platform_alone=True), {}, [BAD, *everywhere()], longer=100)
+    fit, _ = rig.fitted()
+    assert fit.iterations > 100 and rig.races == [(everywhere(), HALVING, True)]
+
+
+def test_a_long_way_from_starts_given_has_nothing_to_be_compared_with(monkeypatch):
+    rig = Rig(monkeypatch, Waves(1.0, 0.0), BAD, [WORSE], longer=100)
+    fit, starts = rig.fitted()
+    assert rig.events == [] and starts == BAD and fit.iterations > 100
+
+
+GIVEN, SEARCHED, FIXED = {"start": 2.0}, {}, {"value": 2.0}
+
+
+@pytest.mark.parametrize(
+    "raced, parameters, poor, elsewhere",
+    [
+        (False, {"friction.f_c": GIVEN}, True, False),  # before any race a bound alone counts
+        (True, {"friction.f_c": GIVEN}, True, True),
+        (True, {"friction.f_c": GIVEN}, False, False),
+        (True, {"friction.f_c": SEARCHED}, True, False),  # the search has been everywhere already
+        (True, {"friction.f_c": FIXED}, True, False),
+        (True, {"friction.f_c": SEARCHED, "piezo.gain": GIVEN, "sensor.bandwidth": GIVEN}, True, False),
+    ],
+)
+def test_a_poor_fit_may_lie_elsewhere_where_a_start_was_given_of_what_the_platform_does_not_show(
+    raced, parameters, poor, elsewhere
+):
+    declared = {path: Parameter(path, "m", quantity(1.0, "m"), **numbers) for path, numbers in parameters.items()}
+    study = SimpleNamespace(parameters=declared)
+    problem = Waves(4.0, 2.0)
+    fit = run(problem, BAD if poor else at(1.0, 1.0), None)
+    assert races.is_poor(fit, problem) is poor
+    assert races._may_lie_elsewhere(fit, problem, BAD, study, raced) is elsewhere  # pyright: ignore
+
+
+def test_a_bound_that_a_fit_ran_into_hides_what_lies_beyond():
+    problem, study = Waves(1.0, 0.0), SimpleNamespace(parameters={})
+    fit = run(problem, at(0.0, 0.0), None)._replace(free=np.array([10.0, 0.0]))
+    assert races._may_lie_elsewhere(fit, problem, at(0.0, 0.0), study, False)  # pyright: ignore
+    assert not races._may_lie_elsewhere(fit, problem, at(10.0, 0.0), study, False)  # pyright: ignore
+
+
+def test_residuals_are_poor_by_size_by_neighbours_and_by_what_repeats():
+    problem, random = Waves(1.0, 0.0), np.random.default_rng(2)
+    (record,) = problem.records
+    time = np.arange(0.0, 1.0, 1e-3)
+    drive = SimpleNamespace(cycle_frequency=lambda: 10.0)
+    fit = run(problem, at(1.0, 1.0), None)
+
+    def poor(residual, noise=1.0):
+        problem.records = (SimpleNamespace(**vars(record) | {"time": time, "noise": noise, "drive": drive}),)
+        return races.is_poor(fit._replace(state=SimpleNamespace(residual=residual)), problem)
+
+    white = random.normal(size=time.size)
+    assert not poor(white)
+    assert not poor(1.05 * white, None) and poor(1.2 * white, None)  # 1.15 where the noise is a guess
+    assert poor(1.2 * white)  # four standard deviations of chi-square where it is known
+    assert poor(np.convolve(white, [0.7, 0.7], "same"))  # as large, neighbours alike
+    phases = np.tile(random.normal(size=100), 10)
+    assert poor(0.9 * white + 0.4 * phases)  # as large, alike in every cycle

@@ -1,0 +1,116 @@
+"""Fits from starts on request: where the points lie, which ends are one optimum, and which fit is taken."""
+
+from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+from scipy.stats import qmc
+
+from pdssjax import InputError
+from pdssjax.inference import requested_starts
+from pdssjax.inference.initial_values.sobol import DIMENSIONS, _column, sobol_points
+from pdssjax.inference.least_squares import Fit
+from pdssjax.inference.parameter_transform import ParameterTransform
+from pdssjax.inference.search.requested_starts import best_of_starts, check_starts, optima
+from pdssjax.inference.solver.ending import Ending
+
+PATHS = "a", "b"
+RANGES = {"a": (0.5, 20.0)}
+
+
+def test_the_points_are_those_of_scipy_s_sobol_sequence():
+    ours = np.stack([_column(256, dimension) for dimension in range(DIMENSIONS)], axis=1)
+    np.testing.assert_array_equal(ours, qmc.Sobol(DIMENSIONS, scramble=False, bits=30).random(256))
+
+
+def test_shifted_points_fill_the_cube_evenly_and_differ_by_seed():
+    points = sobol_points(64, DIMENSIONS + 2, 3)
+    assert points.shape == (64, DIMENSIONS + 2)
+    assert points.min() >= 0.0 and points.max() < 1.0
+    shift = points[0] if np.all(points[0] < 1.0) else 0.0
+    strata = np.sort(np.floor(64 * np.mod(points - shift, 1.0) + 1e-9).astype(int), axis=0)
+    np.testing.assert_array_equal(strata, np.arange(64)[:, None] * np.ones(points.shape[1], int))
+    np.testing.assert_array_equal(points, sobol_points(64, DIMENSIONS + 2, 3))
+    assert not np.array_equal(points, sobol_points(64, DIMENSIONS + 2, 4))
+    random = np.random.default_rng(0).random((64, 4))
+    assert qmc.discrepancy(points[:, :4]) < 0.3 * qmc.discrepancy(random)
+
+
+def whitened(free):
+    """Valleys in log a, the lowest at a = 3 and b = 2."""
+    beside = np.exp(free[0]) - 3.0
+    return np.array([0.3 * beside, 8.0 * np.sin(beside), free[1] - 2.0, 0.01])
+
+
+class Toy(SimpleNamespace):
+    """A problem of two numbers, the first positive."""
+
+    def decode(self, free):
+        return {"a": float(np.exp(free[0])), "b": float(free[1])}
+
+
+def toy() -> Toy:
+    free = np.full(2, np.inf)
+    transform = ParameterTransform(PATHS, np.array([True, False]), np.ones(2), -free, free)
+    record = SimpleNamespace(offset=0.0)
+    return Toy(residual=SimpleNamespace(transform=transform), records=(record,))
+
+
+def run(problem, starts, report, limit=200):
+    begun = np.array([np.log(starts["a"]), starts["b"]])
+    found = least_squares(whitened, begun, xtol=1e-12, ftol=1e-12, gtol=1e-12)
+    success = bool(starts["a"] < 15.0)  # far out nothing converges
+    state = SimpleNamespace(residual=found.fun, jacobian=found.jac)
+    return Fit(found.x, state, success, found.message, found.nfev, found.nfev, Ending.CONVERGED)  # pyright: ignore
+
+
+@pytest.fixture
+def study(monkeypatch):
+    monkeypatch.setattr(requested_starts, "scatter_ranges", lambda *given: RANGES)
+    return SimpleNamespace(models=None, parameters={}, records=())
+
+
+@pytest.mark.parametrize("threads", [0, 3])
+def test_the_best_of_all_starts_is_taken_and_the_optima_are_counted(study, threads):
+    problem, usual_starts = toy(), dict(a=9.2, b=1.0)
+    usual = run(problem, usual_starts, None)
+    assert usual.chi2 > 1.0
+    messages = []
+    with ThreadPoolExecutor(threads or 1) as pool:
+        executor = pool if threads else None
+        fit, starts, table = best_of_starts(study, problem, usual, usual_starts, 32, run, executor, messages.append)
+    assert fit.chi2 == pytest.approx(1e-4)
+    assert np.exp(fit.free[0]) == pytest.approx(3.0)
+    assert starts["a"] != 9.2 and starts["b"] == pytest.approx(usual.free[1])
+    assert table.chi2.size == 33 and np.all(np.diff(table.chi2) >= 0.0)
+    assert np.all(table.starts[:, 0] >= 0.5) and np.all(table.starts[:, 0] <= 20.0)
+    np.testing.assert_array_equal(table.converged, table.starts[:, 0] < 15.0)
+    np.testing.assert_array_equal(table.optimum < 0, ~table.converged)
+    # As many as there are valleys that were reached, each at its own place.
+    places = {round(float(end), 3) for end in table.ends[table.converged, 0]}
+    assert table.distinct == len(places) > 2
+    assert fit.evaluations == usual.evaluations + int(np.sum(table.iterations)) - usual.iterations
+    assert messages[0] == "fitting from 32 more starts"
+    assert messages[-1].startswith("more starts: 32 of 32, lowest chi-square 0.0001")
+
+
+def test_the_usual_fit_stays_where_none_is_better(study):
+    problem, usual_starts = toy(), dict(a=3.1, b=1.0)
+    usual = run(problem, usual_starts, None)
+    fit, starts, _ = best_of_starts(study, problem, usual, usual_starts, 8, run, None, lambda message: None)
+    assert starts is usual_starts and np.array_equal(fit.free, usual.free)
+
+
+def test_ends_that_the_data_do_not_tell_apart_are_one_optimum():
+    problem = toy()
+    state = SimpleNamespace(residual=np.full(10, 1.0), jacobian=np.array([[10.0, 0.0]] * 10))
+    at = lambda a, b, success=True: Fit(np.array([a, b]), state, success, "", 1, 1)  # pyright: ignore
+    fits = [at(0.0, 0.0), at(0.01, 50.0), at(0.2, 0.0), at(0.2, 0.0, False), at(0.205, 1.0)]
+    assert optima(fits, problem) == [0, 0, 1, -1, 1]  # pyright: ignore
+
+
+def test_a_negative_number_of_starts_is_refused():
+    with pytest.raises(InputError, match="starts: found -1, expected 0"):
+        check_starts(-1)

@@ -1,0 +1,130 @@
+"""A fit checks itself: a wrong Jacobian and a cliff are told apart, said, and are not success."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+import pytest
+
+from pdssjax.inference import BoundedLevenbergMarquardt, Ending
+from pdssjax.inference.solver.derivative_check import CHECKS
+
+X = jnp.linspace(0.0, 3.0, 60)
+NOISE = jnp.asarray(np.random.default_rng(7).normal(0.0, 1.0, 60))
+
+
+def decay(y):
+    """Whitened residuals of a decay with noise; parameters near (3, 0.5, -1)."""
+    return 50.0 * (y[0] * jnp.exp(-y[1] * X) + y[2] - (3.0 * jnp.exp(-0.5 * X) - 1.0)) + NOISE
+
+
+@jax.custom_jvp
+def skewed(y, columns):
+    """As `decay`, each column of its Jacobian multiplied by one of `columns`."""
+    del columns
+    return decay(y)
+
+
+@skewed.defjvp
+def _(primals, tangents):
+    y, columns = primals
+    return decay(y), jax.jvp(decay, (y,), (columns * tangents[0],))[1]
+
+
+def stepped(y, args):
+    """A jump of the residual, of the size in `args`, along a line through the minimum; its derivative is right."""
+    at = jnp.sum(y - args["at"]) > 0.0
+    return decay(y) + jnp.where(at, args["jump"], 0.0) * jnp.cos(5.0 * X), None
+
+
+@eqx.filter_jit
+def solve(fn, args, start=(2.0, 1.0, 0.0)):
+    """With thresholds as for a chi-square."""
+    solver = BoundedLevenbergMarquardt(rtol=1e-6, atol=1e-4, slow=1e-3, invisible=1e-4)
+    ends = {"lower": jnp.full(3, -10.0), "upper": jnp.full(3, 10.0)}
+    start = jnp.asarray(start)
+    return optx.least_squares(fn, solver, start, args, has_aux=True, options=ends, max_steps=300, throw=False)
+
+
+def ending(solution):
+    return Ending(int(solution.stats["state"].ending))
+
+
+def distorted(y, columns):
+    return skewed(y, columns), None
+
+
+def test_a_right_jacobian_is_let_pass():
+    solution = solve(distorted, jnp.ones(3))
+    assert ending(solution) == Ending.CONVERGED
+    assert solution.result == optx.RESULTS.successful
+    state = solution.stats["state"]
+    assert float(state.cosine) ** 2 * float(jnp.sum(state.residual**2)) < 1e-4
+    assert 0.0 <= float(state.predicted_reduction) < 1e-4
+    assert int(state.checked) == CHECKS
+
+
+@pytest.mark.parametrize("columns", [[1.0, 1.0, 0.0], [1.0, 0.5, 1.0], [1.0, 1.0, -1.0], [1e9, 1.0, 1.0]], ids=str)
+def test_a_wrong_jacobian_is_said_and_is_not_success(columns):
+    solution = solve(distorted, jnp.array(columns), start=(2.9, 0.52, -0.95))
+    assert ending(solution) == Ending.WRONG_DERIVATIVE
+    assert solution.result != optx.RESULTS.successful
+
+
+def test_a_cliff_is_told_from_a_wrong_jacobian():
+    smooth = solve(stepped, {"at": jnp.zeros(3), "jump": jnp.asarray(0.0)})
+    assert ending(smooth) == Ending.CONVERGED
+    cliff = solve(stepped, {"at": smooth.value - 1e-9, "jump": jnp.asarray(3.0)})
+    assert ending(cliff) == Ending.DISCONTINUITY
+    assert cliff.result != optx.RESULTS.successful
+
+
+def test_a_jump_that_the_data_cannot_show_is_let_pass():
+    smooth = solve(stepped, {"at": jnp.zeros(3), "jump": jnp.asarray(0.0)})
+    ripple = solve(stepped, {"at": smooth.value - 1e-9, "jump": jnp.asarray(1e-4)})
+    assert ending(ripple) in (Ending.CONVERGED, Ending.WITHIN_ROUNDING)
+
+
+def kinked(y, args):
+    """Slopes that change a part of a standard error beside the minimum, at `args`; the derivative is right."""
+    beside = y - args["at"]
+    beyond = jnp.sign(beside) * jnp.maximum(jnp.abs(beside) - args["within"], 0.0)
+    return decay(y) + 50.0 * jnp.sum(beyond) * jnp.sin(7.0 * X), None
+
+
+def test_slopes_that_change_beside_the_minimum_are_not_a_wrong_jacobian():
+    # Both larger differences reach beyond the kinks, and the discrepancy grows with their size as that of a wrong
+    # derivative does; only the small ones tell.
+    end = solve(kinked, {"at": jnp.zeros(3), "within": jnp.asarray(10.0)}).value
+    solution = solve(kinked, {"at": end, "within": jnp.asarray(2e-4)}, start=end)
+    assert ending(solution) == Ending.CONVERGED
+    assert np.isfinite(np.asarray(solution.stats["state"].discrepancies)[:, 2]).any()
+
+
+def noise_free(y, columns):
+    """As `decay` without noise, of size one: what is left at the minimum is rounding.
+
+    Two of the parameters, on a scale on which they hardly show, move it by as little as rounding does.
+    """
+    y0, y1, y2 = y
+    motion = y0 * jnp.exp(-(0.5 + columns["faint"] * y1) * X) + columns["faint"] * y2
+    return motion - 3.0 * jnp.exp(-0.5 * X), None
+
+
+@pytest.mark.parametrize("faint", [1.0, 1e-6, 1e-9, 1e-12])
+def test_rounding_is_no_discontinuity_where_a_fit_explains_its_data_perfectly(faint):
+    solution = solve(noise_free, {"faint": jnp.asarray(faint)}, (2.9, 0.0, 0.0))
+    assert float(jnp.sum(solution.stats["state"].residual ** 2)) < 1e-26
+    assert ending(solution) in (Ending.CONVERGED, Ending.WITHIN_ROUNDING)
+
+
+def exact(y, columns):
+    """`skewed` without noise."""
+    return skewed(y, columns) - NOISE, None
+
+
+@pytest.mark.parametrize("columns", [[1.0, 0.5, 1.0], [1.0, 1.0, -1.0]], ids=str)
+def test_a_wrong_jacobian_is_said_where_nothing_is_left_too(columns):
+    solution = solve(exact, jnp.array(columns), (2.9, 0.52, -0.95))
+    assert ending(solution) == Ending.WRONG_DERIVATIVE
