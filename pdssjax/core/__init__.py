@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from .physical_quantity import described as described
     from .physical_quantity import quantities as quantities
     from .physical_quantity import quantity as quantity
+    from .quasi_random import sobol_points as sobol_points
     from .units import column_unit as column_unit
     from .units import factor as factor
     from .units import split_text as split_text
@@ -66,6 +67,7 @@ else:
                 "quantities",
                 "quantity",
             ],
+            "quasi_random": ["sobol_points"],
             "units": ["column_unit", "factor", "split_text", "to_si", "unit_named"],
         },
     )

@@ -13,7 +13,7 @@ from platform_study import DAMPING, GAIN, PLATFORM, RATE, ZERO, write_platform
 import pdssjax
 from pdssjax.cli.main import main
 from pdssjax.inference import least_squares as fitting
-from pdssjax.inference import races
+from pdssjax.inference.search import races
 
 
 def test_a_parameter_without_data_is_named_and_the_others_stand(tmp_path):

@@ -12,11 +12,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ...core import InputError
+from ...core import InputError, sobol_points
 from ...study import Multistart, Study
 from ..draws import each_done
 from ..initial_values.search import scatter_ranges
-from ..initial_values.sobol import sobol_points
 from ..least_squares import Fit, FitMethod, Progress, quiet, reduced_chi2
 from ..problem import Problem
 

@@ -10,7 +10,7 @@ import pytest
 from waves import PATHS, Waves, at, run
 
 from pdssjax.core import quantity
-from pdssjax.inference import multistart, races
+from pdssjax.inference.search import multistart, races
 from pdssjax.inference.search.multistart import best_fit
 from pdssjax.inference.search.perturbed_restarts import MOST_RESTARTS
 from pdssjax.inference.solver.ending import Ending
