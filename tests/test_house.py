@@ -32,7 +32,7 @@ HOMES = {
     "matplotlib": {"report.figures"},
     "pint": {"core.units"},
     "rich": {"cli.console"},
-    "numpyro": {"inference.uncertainty.posterior"},
+    "numpyro": {"inference.uncertainty.no_u_turn"},
     "h5netcdf": set(),
 }
 """The modules or folders that may import a heavy dependency."""

@@ -23,7 +23,7 @@ from .sequential.peak_picking import PickedStack, pick_peaks
 from .summary import summarise
 from .uncertainty.drawn_intervals import with_bootstrap, with_posterior
 from .uncertainty.parameter_errors import with_error_models
-from .uncertainty.posterior import need_numpyro
+from .uncertainty.no_u_turn import need_numpyro
 from .uncertainty.profile_intervals import with_profile_intervals
 
 Intervals: TypeAlias = Literal["linear", "profile", "bootstrap", "posterior"]

@@ -75,23 +75,8 @@ class Problem(NamedTuple):
         """`whitened` and `jacobian` at once, for the price of the second; compiled."""
         return _linearised(self.residual, free, self._weights())
 
-    @property
-    def linearisation(self) -> "Linearisation":
-        """`linearised` as a pytree, for functions that are compiled with it."""
-        return Linearisation(self.residual, self._weights())
-
     def _weights(self) -> Float[np.ndarray, " records"]:
         return 1.0 / np.asarray(self.noise)
-
-
-class Linearisation(eqx.Module):
-    """Whitened residuals and their Jacobian as a function of the p free numbers."""
-
-    residual: Residual
-    weights: Float[np.ndarray, " records"]
-
-    def __call__(self, free: Float[Array | np.ndarray, " p"]) -> tuple[Float[Array, " n"], Float[Array, "n p"]]:
-        return _linearised(self.residual, free, self.weights)
 
 
 @eqx.filter_jit

@@ -6,15 +6,18 @@ from concurrent.futures import Executor
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ...core import percent
 from ...metrics import effective_size, effective_size_of_tails, rhat
 from ...study import Draws, Estimate, ParameterDraws
 from ..draws import Drawing
 from ..least_squares import Fit, FitMethod, Progress
 from ..problem import Problem
 from .bootstrap import Replicate, bootstrap, samples_per_cycle
-from .posterior import Density, need_numpyro, sample_posterior
+from .no_u_turn import need_numpyro
+from .posterior import Model, sample_posterior
 from .preconditioner import precondition
 from .profile_likelihood import learn_curvature
+from .residual_polynomial import of_second_order
 from .second_order import Point
 from .variance_factor import variance_factor
 
@@ -28,6 +31,9 @@ LARGEST_RHAT = 1.01
 
 FEWEST_EFFECTIVE = 400
 """Effective draws from which the ends of an interval may be trusted (the same)."""
+
+FEW_ACCEPTED = 0.3
+"""Share of the draws proposed for a posterior below which its chains move little."""
 
 MANY_FAILED = 0.05
 """Share of replicates that may fail before the intervals no longer stand for all of them."""
@@ -95,11 +101,12 @@ def with_posterior(
         note = "No posterior: the data say nothing about any parameter."
         return dataclasses.replace(estimate, notes=(*estimate.notes, note))
     optimum = Point(np.asarray(fit.free, float), np.asarray(fit.state.residual), np.asarray(fit.state.jacobian))
-    report("curvature at the optimum")
+    report("posterior: curvature at the optimum")
     curvature = learn_curvature(problem.linearised, optimum, 1.0, problem.bounds)
-    preconditioner = precondition(optimum, np.flatnonzero(moving), curvature, factor, problem.bounds)
-    density = Density(problem.linearisation, preconditioner, np.array(factor))
-    chains = sample_posterior(density, drawing, executor, report)
+    preconditioner = precondition(optimum, np.flatnonzero(moving), factor, problem.bounds)
+    model = Model(problem.linearised, problem.whitened, optimum, preconditioner, factor)
+    first = of_second_order(optimum, curvature, preconditioner.axes)
+    chains = sample_posterior(model, first, drawing, executor, report)
     values = problem.residual.transform.in_si(chains.free)
     held = [path for path, moves in zip(estimate.names, moving, strict=True) if not moves]
     draws = Draws(
@@ -115,6 +122,7 @@ def with_posterior(
             "energy": chains.energy,
             "n_steps": chains.steps,
             "acceptance_rate": chains.acceptance,
+            "accepted": chains.accepted,
         },
     )
     return with_draws(estimate, draws, [*estimate.notes, *_about_chains(draws)])
@@ -157,6 +165,12 @@ def _about_chains(draws: Draws) -> list[str]:
         notes.append(
             f"The posterior's draws are worth {min(sizes):.0f} independent ones only, expected {FEWEST_EFFECTIVE} or "
             "more for the ends of an interval."
+        )
+    accepted = float(np.mean(draws.statistics["accepted"]))
+    if accepted < FEW_ACCEPTED:
+        notes.append(
+            f"The model accepted {percent(accepted, 1.0)} of the draws proposed for the posterior, expected "
+            f"{percent(FEW_ACCEPTED, 1.0)} or more: residuals have kinks there, or bend more than a polynomial does."
         )
     if draws.failed:
         notes.append(

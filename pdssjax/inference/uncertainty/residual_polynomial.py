@@ -1,0 +1,131 @@
+"""Polynomials of third order that stand for residuals over the whole of a posterior, learned from linearisations.
+
+    r(x0 + A w) ~ C t(z),    w = S z,    t = (1, z_i, z_i z_j, z_i z_j z_k)
+
+S makes the points that it is learned from as wide in every direction.  The coefficients C are least squares of values
+and first derivatives at once (Hermite data), so that one linearisation tells 1 + q of the numbers of each sample.
+Sums of squares need no samples: the triangular factor of C gives the same (`factor`).
+"""
+
+import itertools
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from .second_order import Curvature, Point
+
+MOST_TERMS = 1000
+"""A polynomial with more is of second order."""
+
+_FAR = 400.0
+"""Excess of chi-square from which a point tells nothing of a posterior."""
+
+_DOUBTFUL = 20.0
+"""Excess of chi-square, beyond what is usual, at which a point counts half as much."""
+
+_SLOPES = 0.5
+"""Weight of a derivative beside a value."""
+
+_RIDGE = 1e-3
+"""Weight that draws what no point tells of bends to zero."""
+
+
+class ResidualPolynomial(eqx.Module):
+    """Residuals of a fit, turned so that few numbers have their sum of squares."""
+
+    centre: Float[np.ndarray, " p"]
+    inverse: Float[np.ndarray, "q p"]
+    """From x - x0 to z."""
+    factor: Float[np.ndarray, "m k"]
+    """Times the terms, it gives m numbers with the residuals' sum of squares."""
+    degree: int = eqx.field(static=True)
+
+    def __call__(self, x: Float[Array, " p"]) -> Float[Array, " m"]:
+        """The turned residuals at numbers of the fit."""
+        return jnp.asarray(self.factor) @ terms(jnp.asarray(self.inverse) @ (x - self.centre), self.degree)
+
+
+def count_terms(directions: int, degree: int) -> int:
+    """How many terms a polynomial has."""
+    return sum(len(_products(directions, order)) for order in range(degree + 1))
+
+
+def degree_for(directions: int) -> int:
+    """The order that so many directions allow: 3, or 2 where that has too many terms."""
+    return 3 if count_terms(directions, 3) <= MOST_TERMS else 2
+
+
+def terms(z: Float[Array, " q"], degree: int) -> Float[Array, " k"]:
+    """All products of up to `degree` coordinates, those of fewer first."""
+    pairs = _products(z.size, 2)
+    squares = z[pairs[:, 0]] * z[pairs[:, 1]]
+    found = [jnp.ones(1), z, squares]
+    if degree == 3:
+        place = {tuple(pair): number for number, pair in enumerate(pairs.tolist())}
+        triples = _products(z.size, 3)
+        found.append(z[triples[:, 0]] * squares[np.array([place[j, k] for _, j, k in triples.tolist()], int)])
+    return jnp.concatenate(found)
+
+
+def of_second_order(optimum: Point, curvature: Curvature, axes: Float[np.ndarray, "p q"]) -> ResidualPolynomial:
+    """The polynomial that a `curvature` at an optimum stands for, along the `axes` of what moves."""
+    bends = np.linalg.solve(curvature.scale, axes)
+    second = np.einsum("nij,ia,jb->nab", curvature.second, bends, bends, optimize=True)
+    pairs = _products(axes.shape[1], 2)
+    halves = np.where(pairs[:, 0] == pairs[:, 1], 0.5, 1.0)
+    columns = [optimum.residual[:, None], optimum.jacobian @ axes, halves * second[:, pairs[:, 0], pairs[:, 1]]]
+    return ResidualPolynomial(optimum.at, np.linalg.pinv(axes), _triangle(np.concatenate(columns, axis=1)), 2)
+
+
+def learned_polynomial(
+    optimum: Point, points: Sequence[Point], axes: Float[np.ndarray, "p q"], factor: float
+) -> ResidualPolynomial:
+    """The polynomial that explains residuals and Jacobians at an `optimum` and at `points` best.
+
+    **Arguments:** `axes` of what moves, as many standard deviations long as is the linear model's; the `factor` by
+    which variances exceed those of the noise given.  Points that cannot be simulated, or lie far above the optimum,
+    take no part, as long as enough others are there.
+    """
+    moving, degree = axes.shape[1], degree_for(axes.shape[1])
+    used, excess = _near(optimum, points, factor, count_terms(moving, degree) // (1 + moving) + 1)
+    inverse = np.linalg.pinv(axes)
+    offsets = np.stack([point.at - optimum.at for point in used]) @ inverse.T
+    widths = np.linalg.cholesky(offsets.T @ offsets / len(used) + 1e-6 * np.eye(moving))
+    z = jnp.asarray(np.linalg.solve(widths, offsets.T).T)
+    values = np.asarray(jax.vmap(lambda z: terms(z, degree))(z))
+    slopes = np.asarray(jax.vmap(jax.jacfwd(lambda z: terms(z, degree)))(z))
+    weights = 1.0 / np.sqrt(1.0 + np.maximum(excess - moving, 0.0) / _DOUBTFUL)
+    rows = np.concatenate([values[:, None], _SLOPES * slopes.transpose(0, 2, 1)], axis=1) * weights[:, None, None]
+    ridge = np.sqrt(len(used)) * np.where(np.arange(values.shape[1]) > moving, _RIDGE, 1e-9)
+    matrix = np.concatenate([rows.reshape(-1, values.shape[1]), np.diag(ridge)])
+    solve = np.linalg.pinv(matrix)[:, : -ridge.size].reshape(ridge.size, len(used), 1 + moving)
+    coefficients = np.zeros((optimum.residual.size, ridge.size))
+    for number, point in enumerate(used):  # one at a time: all Jacobians side by side are many
+        told = np.concatenate([point.residual[:, None], _SLOPES * (point.jacobian @ (axes @ widths))], axis=1)
+        coefficients += weights[number] * told @ solve[:, number].T
+    return ResidualPolynomial(optimum.at, np.linalg.solve(widths, inverse), _triangle(coefficients), degree)
+
+
+def _near(
+    optimum: Point, points: Sequence[Point], factor: float, fewest: int
+) -> tuple[list[Point], Float[np.ndarray, " points"]]:
+    """The `optimum` and the points that tell of the posterior, each with its excess of chi-square."""
+    simulated = [point for point in points if np.isfinite(point.chi2)]
+    ordered = sorted([optimum, *simulated], key=lambda point: point.chi2)
+    excess = np.array([(point.chi2 - optimum.chi2) / factor for point in ordered])
+    count = max(int(np.sum(excess < _FAR)), min(fewest, len(ordered)))
+    return ordered[:count], excess[:count]
+
+
+def _products(directions: int, order: int) -> Int[np.ndarray, "terms order"]:
+    """Which coordinates each product of so many has."""
+    found = list(itertools.combinations_with_replacement(range(directions), order))
+    return np.array(found, int).reshape(len(found), order)
+
+
+def _triangle(columns: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "m k"]:
+    return np.asarray(np.linalg.qr(columns, mode="r"))
