@@ -40,6 +40,8 @@ class Shown(NamedTuple):
     """From the lowest to the highest voltage [V]."""
     duration: float | None = None
     """Of the longest record [s]."""
+    interval: float | None = None
+    """From sample to sample of the finest record [s]."""
 
 
 _LOOK_AHEAD = 1e-9
@@ -61,6 +63,8 @@ class AbstractPiezo(eqx.Module):
 
     closed: ClassVar[bool] = False
     """`motion` is exact on straight segments without friction feedback."""
+    closed_on_lines: ClassVar[bool] = False
+    """`motion` is exact on straight segments without friction feedback, whatever guards it passes; waves are stepped."""
     has_steady_state: ClassVar[bool] = True
     """On a straight segment every motion tends to `steady`, soon.
 

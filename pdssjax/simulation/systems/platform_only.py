@@ -95,13 +95,19 @@ class PlatformOnly(AbstractHybridSystem):
 
     def closed_components(self) -> tuple[int, ...]:
         """The components, counted as the leaves of `State`, that `exact` knows."""
-        return tuple(range(len(self.driven_platform.piezo.initial()))) if self.driven_platform.closed else ()
+        return tuple(range(len(self.driven_platform.piezo.initial()))) if self._closed else ()
+
+    @property
+    def _closed(self) -> bool:
+        """Known in closed form; where guards may have to be passed, only if nothing at all has to be stepped."""
+        on_lines = self.driven_platform.closed_on_lines and not self.sensor.initial()
+        return self.driven_platform.closed or (on_lines and self.drive.segment(jnp.zeros(())).wave is None)
 
     def exact(
         self, segment: Segment, t_local: ScalarLike, begin: State[Scalar], elapsed: ScalarLike, end: State[Scalar]
     ) -> State[Scalar]:
         """`end` with what is known in closed form put right."""
-        if not self.driven_platform.closed:
+        if not self._closed:
             return end
         return end._replace(driven=self.driven_platform.motion(segment, t_local, begin.driven, elapsed))
 
