@@ -79,7 +79,8 @@ class ComposedModel(AbstractPiezo):
         if made.hysteresis == "bouc-wen":
             beta = known.get("beta", nominal["beta"] * USUAL_SWING / swing)
             guess |= {"hysteresis": _SHARE * gain, "beta": beta, "gamma": beta / 3.0}
-        guess |= {f"asymmetry_{k}": 0.0 for k in range(2, made.asymmetry + 1)}
+        guess |= {f"asymmetry_{k}": 0.01 * gain / swing ** (k - 1) for k in range(2, made.asymmetry + 1)}
+        guess |= {f"initial_creep_{j}": 0.01 * gain * swing for j in range(1, made.creep + 1)}
         guess |= {f"creep_{j}": 0.01 * gain for j in range(1, made.creep + 1)}
         if made.creep and shown.duration:
             guess["creep_time"] = 10.0 * shown.duration / 10.0**made.creep
