@@ -19,7 +19,7 @@ _CLOSED = 0.02
 
 
 def conditioned(record: Table, drive: AbstractDrive | None) -> tuple[AbstractDrive | None, float]:
-    """The drive of a `record` with what its key "conditioning" adds before t = 0, and by how much it starts earlier [s].
+    """The drive of a `record` with what its "conditioning" adds before t = 0, and by how much it starts earlier [s].
 
     Cycles of a waveform are run before its t = 0, a sampled drive's first period is repeated, or its first
     voltage held for a time.
@@ -45,6 +45,8 @@ def conditioned(record: Table, drive: AbstractDrive | None) -> tuple[AbstractDri
 def _of_samples(record: Table, drive: Sampled) -> tuple[Sampled, float]:
     where = record.at("conditioning")
     given = record.get("conditioning", object, _EXPECTED)
+    if isinstance(given, str) and given.rstrip().endswith(("cycle", "cycles")):
+        raise InputError(f'{where}: found "{given}" of a sampled drive, expected its period, too: {_EXPECTED}.')
     if not isinstance(given, dict):
         held = to_si(given, "s", where)
         if held <= 0:

@@ -87,9 +87,7 @@ def _voltages(table: Table, record: Table, folder: Path) -> dict[str, Any]:
     return {"times": np.append(0.0, time[kept]), "voltages": np.append(begin, voltage[kept])}
 
 
-def _smoothed(
-    table: Table, time: Float[np.ndarray, " n"], voltage: Float[np.ndarray, " n"]
-) -> Float[np.ndarray, " n"]:
+def _smoothed(table: Table, time: Float[np.ndarray, " n"], voltage: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """The voltages [V] without the noise of their measurement, as far as the key "smooth" asks for it."""
     width = table.number("smooth", "s", None)
     if width is None:

@@ -56,4 +56,3 @@ def _count(table: Table, key: str, default: int, what: str = "") -> int:
     if isinstance(found, bool) or not 1 <= found <= most:
         raise InputError(f"{table.at(key)}: found {str(found).lower()}, expected {expected}.")
     return found
-

@@ -55,7 +55,7 @@ def read_record(table: Table, folder: Path, virtual: bool = False) -> Record:
         )
     layout = record_layout(table, measurement.columns)
     drive, earlier = conditioned(table, drive)
-    start = _start(table, measurement) - earlier
+    start = _start(table, measurement)
     if virtual:
         _check_writable(table, file, layout)
     if virtual and "sampling" in table.entries:
@@ -65,6 +65,7 @@ def read_record(table: Table, folder: Path, virtual: bool = False) -> Record:
         data, begin = record_samples(table, file, layout)
     where = f'{file}: record "{name}"'
     check_meets_drive(where, begin, data["time"], drive, start)
+    start -= earlier
     data["time"] = data["time"] - start
     _warn(where, data["time"], drive)
     noise = _positive(table, "noise", unit)

@@ -105,6 +105,7 @@ def _composed_parameters() -> dict[str, Document]:
         told = re.sub(r"\b[12]\b", "n", field.text) if name[-1].isdigit() else field.text
         path = re.sub(r"\d+$", r"\\d+", re.escape(f"piezo.{name}"))
         found[rf"^{path}(@.+)?$"] = _parameter(declared, told)
+    found[r"^piezo\.[a-z_]+_\*(@.+)?$"] = {"type": "object", "description": "All that differ by a number."}
     return found
 
 

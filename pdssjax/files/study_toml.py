@@ -1,6 +1,7 @@
 """Reads and checks a study file: the actuator's models, its parameters and the records to explain."""
 
 import dataclasses
+import re
 import sys
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
@@ -29,6 +30,9 @@ FORMAT = "pdssjax-study/1"
 
 STATES = ["deflection", "force"]
 """Readings of the direction-dependent law, as a study names them."""
+
+_MANY = "_*"
+"""What the path of all parameters ends in that differ by a number."""
 
 _UNUSED = "coulomb"
 """The contact law that stands where nothing of a study touches a contact."""
@@ -123,8 +127,8 @@ def _required(study: Study, legal: dict[str, Quantity], listed: Iterable[str]) -
 
 
 def _read_parameters(top: Table, study: Study) -> dict[str, Parameter]:
-    table = top.table("parameters", "a table of parameters")
     legal = legal_quantities(study)
+    table = _expanded(top.table("parameters", "a table of parameters"), legal)
     for path in table.entries:
         if any(known.startswith(f"{path}.") for known in legal):
             raise InputError(f'{table.where}: found {path} without quotes, expected the whole path as in "{path}....".')
@@ -146,6 +150,22 @@ def _read_parameters(top: Table, study: Study) -> dict[str, Parameter]:
         )
         for path in table.entries
     }
+
+
+def _expanded(table: Table, legal: Iterable[str]) -> Table:
+    """The table with "piezo.play_*" as play_1, play_2, ..., but for those that are listed themselves."""
+    entries: dict[str, Any] = {}
+    for path, entry in table.entries.items():
+        base, mark, condition = path.partition(MARK)
+        if not base.endswith(_MANY):
+            entries[path] = entry
+            continue
+        alike = re.compile(re.escape(base.removesuffix("*")) + r"\d+")
+        found = [f"{known}{mark}{condition}" for known in legal if alike.fullmatch(known)]
+        if not found:
+            raise InputError(f'{table.where}: found "{path}", but no numbered parameter of that name is known.')
+        entries |= {numbered: entry for numbered in found if numbered not in table.entries}
+    return dataclasses.replace(table, entries=entries)
 
 
 def _check_condition(table: Table, base: str, condition: str, records: Sequence[Record]) -> None:

@@ -9,10 +9,6 @@ from ..core import Count, Scalar
 from .system import AbstractHybridSystem, State, Visited
 
 
-_TOGETHER = 512
-"""Sample times evaluated at once."""
-
-
 def is_closed(system: AbstractHybridSystem) -> bool:
     """Every component of the state is known in closed form on a segment, and no guard ends it."""
     return len(system.closed_components()) == len(jax.tree.leaves(system.initial()))
@@ -25,6 +21,8 @@ def exact_states_at(system: AbstractHybridSystem, times: Float[Array, " m"], seg
 
     **Returns:** as `states_at` does.
     """
+    if (found := system.closed_states(times, segments)) is not None:
+        return found
 
     def pass_segment(
         carry: tuple[Scalar, State, Scalar], index: Scalar
@@ -47,7 +45,4 @@ def exact_states_at(system: AbstractHybridSystem, times: Float[Array, " m"], seg
         segment = system.segment(j * 1.0)
         return Visited(system.exact(segment, 0.0, begin, t_local, begin), segment, t_local, modes[j])
 
-    if times.size <= _TOGETHER:
-        return jax.vmap(inside)(j, times)
-    # Some at a time: the intermediate results of many samples, with their derivatives, would fill the memory.
-    return lax.map(lambda at: inside(*at), (j, times), batch_size=_TOGETHER)
+    return jax.vmap(inside)(j, times)

@@ -3,19 +3,21 @@
 import copy
 import dataclasses
 from collections.abc import Mapping
-from functools import lru_cache
+from functools import cache
 from typing import Any, ClassVar, cast
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ..core import Scalar, ScalarLike, quantities
 from ..drive.base import Segment, Voltage
 from ..integration import N, Term
 from ._bouc_wen_path import after_jump
 from ._composition import Composition, composition_of, fields_of
-from ._dynamics import AbstractDynamics, Aim, FirstOrder, Modal, Mode, Static, shifted_powers
+from ._dynamics import AbstractDynamics, FirstOrder, Modal, Mode, Static
+from ._on_lines import Ceramic, Line, Moment, advanced, begins_of_lines, inside_lines
 from ._rod import Rod, modes
 from .base import USUAL_SWING, AbstractPiezo, Shown, State, Terms, slew_sign
 
@@ -193,17 +195,37 @@ class ComposedModel(AbstractPiezo):
 
     def motion(self, state: State, segment: Segment, t_local: ScalarLike, elapsed: ScalarLike) -> State:
         x = self._parts(state)
-        begin, slope = segment.voltage(t_local).level, segment.slope
-        thresholds, stops = jnp.asarray(self._thresholds()), jnp.asarray(x.stops if self.made.has_elements else ())
-        aim, steady, excess = self._line(begin, slope, stops, thresholds, x.crept)
-        moved = jnp.clip(stops + slope * elapsed, -thresholds, thresholds)
-        fades = jnp.exp(-aim.rates * elapsed)
-        crept = tuple(steady + jnp.asarray(self._numbered("creep")) * slope * elapsed + excess * fades)
-        mechanics = self.dynamics.advanced(x.mechanics, aim, elapsed)
-        now = None if x.slope is None else slope + 0.0 * x.slope
-        end = begin + slope * elapsed + 0.0 * x.seen
-        flags = self._flags_on_line(x.flags, moved, thresholds)
-        return self._joined(Parts(mechanics, end, now, tuple(moved), crept, flags))
+        line = Line(segment.voltage(t_local).level, jnp.asarray(segment.slope, float))
+        end = advanced(self._ceramic(), self.dynamics, line, self._moment(x), elapsed)
+        return self._stated(end, line.start + line.slope * elapsed, line.slope)
+
+    def states_on_lines(
+        self, segments: Segment, places: Int[Array, " m"], t_local: Float[Array, " m"]
+    ) -> tuple[Float[Array, " m"], ...]:
+        ceramic, dynamics, x = self._ceramic(), self.dynamics, self._parts(self.initial())
+        lines = Line(segments.start, segments.slope)
+        durations = jnp.where(jnp.isfinite(segments.duration), segments.duration, 0.0)
+        begins = begins_of_lines(ceramic, dynamics, lines, durations, x.seen, self._moment(x))
+        here, line = (jax.tree.map(lambda array: array[places], tree) for tree in (begins, lines))
+        moments = inside_lines(ceramic, dynamics, line, here, t_local)
+        return jax.vmap(self._stated)(moments, line.start + line.slope * t_local, line.slope)
+
+    def _ceramic(self) -> Ceramic:
+        arrays = (self._weights(), self._thresholds(), self._numbered("creep"), self._creep_times())
+        return Ceramic(self._memoryless(), *(jnp.asarray(numbers, float) for numbers in arrays))
+
+    def _moment(self, x: Parts) -> Moment:
+        return Moment(*(jnp.asarray(numbers, float) for numbers in (x.mechanics, x.stops, x.crept)))
+
+    def _stated(self, moment: Moment, seen: Scalar, slope: Scalar) -> State:
+        """The state at a moment within a line."""
+        flags: tuple[Scalar, ...] = ()
+        if self.made.has_elements:
+            rises = jnp.where(slope < 0.0, -1.0, 1.0)
+            slips = rises * moment.stops >= jnp.asarray(self._thresholds()) * (1.0 - _ROUNDING)
+            flags = (rises, *jnp.where(slips, 1.0, 0.0))
+        rate = slope if self.made.dynamics == "static" else None
+        return self._joined(Parts(tuple(moment.mechanics), seen, rate, tuple(moment.stops), tuple(moment.crept), flags))
 
     def error_scale(self) -> State:
         metre, volt, mechanics = jnp.ones(()), self.static_gain(), self.dynamics.scales()
@@ -217,36 +239,6 @@ class ComposedModel(AbstractPiezo):
 
     def frequency_scale(self) -> Scalar:
         return self.dynamics.frequency_scale()
-
-    def _line(
-        self,
-        begin: Scalar,
-        slope: ScalarLike,
-        stops: Float[Array, " n"],
-        thresholds: Float[Array, " n"],
-        crept: tuple[Scalar, ...],
-    ) -> tuple[Aim, Float[Array, " m"], Float[Array, " m"]]:
-        """What is aimed at on a straight line from `begin` [V] on; of creep what is steady at first, and the excess."""
-        shares, times = jnp.asarray(self._numbered("creep")), jnp.asarray(self._creep_times())
-        weights = jnp.asarray(self._weights() if self.made.has_elements else ())
-        steady = shares * (begin - slope * times)
-        excess = jnp.asarray(crept) - steady
-        base = shifted_powers((0.0, *self._memoryless()), begin, slope)
-        level = base[0] + jnp.sum(weights * (begin - stops)) + jnp.sum(steady)
-        rise = base[1] + jnp.sum(shares) * slope
-        moves = slope != 0.0
-        way = thresholds - jnp.where(slope < 0.0, -1.0, 1.0) * stops
-        begins = way / jnp.where(moves, jnp.abs(slope), 1.0)
-        aim = Aim((level, rise, *base[2:]), weights * slope, begins, excess, 1.0 / times)
-        return aim, steady, excess
-
-    def _flags_on_line(
-        self, flags: tuple[Scalar, ...], stops: Float[Array, " n"], thresholds: Float[Array, " n"]
-    ) -> tuple[Scalar, ...]:
-        if not flags:
-            return ()
-        slips = jnp.where(flags[0] * stops >= thresholds * (1.0 - _ROUNDING), 1.0, 0.0)
-        return flags[0], *slips
 
     def _aim(self, voltage: N, stops: tuple[N, ...], crept: tuple[N, ...]) -> N:
         """The displacement [m] that the ceramic would have at rest."""
@@ -358,7 +350,7 @@ class ComposedModel(AbstractPiezo):
         return (*x.mechanics, x.seen, *slope, *x.stops, *x.crept, *x.flags)
 
 
-@lru_cache(maxsize=None)
+@cache
 def composed_class(made: Composition) -> type[ComposedModel]:
     """The class of a stack that is `made` so: always the same one."""
     fields = fields_of(made)

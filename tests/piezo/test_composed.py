@@ -1,5 +1,6 @@
 """Stacks put together of hysteresis, asymmetry and creep move as NumPy makes them of the textbook's definitions."""
 
+import itertools
 import pickle
 from functools import cache
 
@@ -75,7 +76,7 @@ def played(volts, thresholds, begin):
 def wen(volts, beta, gamma, begin):
     """h of Bouc and Wen along a path, by a general integrator: dh = du - (beta |du| h + gamma du |h|)."""
     h, out = begin, []
-    for before, now in zip(volts, volts[1:], strict=False):
+    for before, now in itertools.pairwise(volts):
         way = now - before
         rate = lambda s, h, way=way: way - beta * abs(way) * h - gamma * way * np.abs(h)
         h = solve_ivp(rate, (0.0, 1.0), [h], rtol=1e-11, atol=1e-13, max_step=0.02).y[0, -1]
@@ -193,7 +194,9 @@ def test_a_name_says_it_all_also_to_another_process():
     assert member("piezo", "composed").made == Composition()
 
 
-@pytest.mark.parametrize("name", ["static+", "statics", "static+play", "static+play-0", "play-3+static", "static+creep-x"])
+@pytest.mark.parametrize(
+    "name", ["static+", "statics", "static+play", "static+play-0", "play-3+static", "static+creep-x"]
+)
 def test_what_names_no_stack_is_refused(name):
     with pytest.raises(KeyError):
         stack_class(name)

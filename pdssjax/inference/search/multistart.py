@@ -21,6 +21,7 @@ from ..losses.base import AbstractLoss
 from ..problem import Problem, pose
 from .perturbed_restarts import beyond_discontinuity
 from .races import Contest, platform_unobserved, race, ranked, reason_at_first, reason_in_the_end, shown
+from .variable_projection import is_separable
 
 _FIRST = 12
 """Iterations after which a fit from a start that was searched for must look promising."""
@@ -42,6 +43,9 @@ def best_fit(
     starts, missing = guess_starts(study.models, study.parameters, study.records)
     problem = pose(study, starts, accuracy, loss)
     _compile(problem, study, starts)
+    if is_separable(problem):  # what is searched is little, and no contact makes wrong optima of it
+        fit, problem = with_noise(run(problem, starts, report), problem, run, report)
+        return fit, problem, starts
     found = ranked(study, study.parameters, problem, starts, report) if missing else []
     contest = Contest(study, problem, found, missing and platform_unobserved(study, problem), run, report)
     fit = _first(problem, found[0], run, report) if missing else run(problem, starts, report)

@@ -50,7 +50,10 @@ def format_numbers(used: Mapping[str, UsedNumber]) -> str:
 def _record(record: FittedRecord) -> list[str]:
     scale = record.display.scale
     known = record.noise > 0
-    residual, zero = [record.error_index, record.rmse, record.largest_error], [record.offset, record.offset_standard_error]
+    residual, zero = (
+        [record.error_index, record.rmse, record.largest_error],
+        [record.offset, record.offset_standard_error],
+    )
     return [
         record.name,
         record.role,
