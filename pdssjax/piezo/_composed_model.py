@@ -1,19 +1,17 @@
 """The model of a composed stack; `composed` tells its equations."""
 
 import copy
-import dataclasses
 from collections.abc import Mapping
 from functools import cache
-from typing import Any, ClassVar, cast
+from typing import Any, ClassVar, Generic, NamedTuple, cast
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from ..core import Scalar, ScalarLike, quantities
 from ..drive.base import Segment, Voltage
-from ..integration import N, Term
+from ..integration import N, N_co, Term
 from ._bouc_wen_path import after_jump
 from ._composition import Composition, composition_of, fields_of
 from ._dynamics import AbstractDynamics, FirstOrder, Modal, Mode, Static
@@ -34,20 +32,20 @@ HOME = "pdssjax.piezo.composed"
 """Where classes say that they come from: there another process finds them by name."""
 
 
-class Parts(eqx.Module):
+class Parts(NamedTuple, Generic[N_co]):
     """The state of a composed stack in words."""
 
-    mechanics: tuple[Any, ...]
+    mechanics: tuple[N_co, ...]
     """Of the dynamics."""
-    seen: Any
+    seen: N_co
     """The voltage [V]."""
-    slope: Any
+    slope: N_co | None
     """Its rate [V/s]; None where no velocity hangs on it."""
-    stops: tuple[Any, ...]
+    stops: tuple[N_co, ...]
     """How far the voltage is ahead of each element [V]; of Bouc and Wen's h."""
-    crept: tuple[Any, ...]
+    crept: tuple[N_co, ...]
     """What each element of creep has added [m]."""
-    flags: tuple[Any, ...]
+    flags: tuple[N_co, ...]
     """The sign of the voltage's rate; then which elements slip, or the sign of h."""
 
 
@@ -74,6 +72,9 @@ class ComposedModel(AbstractPiezo):
         guess = super().first_guess(shown, known)
         swing = shown.swing or USUAL_SWING
         gain = known.get("gain", guess.get("gain", nominal["gain"]))
+        if made.hysteresis in ("play", "bouc-wen"):
+            # The records show what follows in the end.
+            guess["gain"] = (1.0 - _SHARE) * gain
         if made.has_elements:
             word = "play" if made.hysteresis == "play" else "stop"
             guess |= {f"{word}_range": nominal[f"{word}_range"] * swing / USUAL_SWING}
@@ -174,14 +175,14 @@ class ComposedModel(AbstractPiezo):
             changed = [jnp.where(which == 1, -marks[0], marks[0])]
         else:
             changed = [jnp.where(turns, 0.0, jnp.where(which == i, 1.0, m)) for i, m in enumerate(marks, start=1)]
-        return self._joined(dataclasses.replace(x, flags=(jnp.where(turns, -rises, rises), *changed)))
+        return self._joined(x._replace(flags=(jnp.where(turns, -rises, rises), *changed)))
 
     def on_segment_start(self, state: State, segment: Segment) -> State:
         x = self._parts(state)
         voltage = segment.voltage(0.0)
         stops = self._driven(x.stops, voltage.level - x.seen)
         slope = None if x.slope is None else voltage.slope + 0.0 * x.slope
-        x = dataclasses.replace(x, seen=voltage.level + 0.0 * x.seen, slope=slope, stops=stops)
+        x = x._replace(seen=voltage.level + 0.0 * x.seen, slope=slope, stops=stops)
         if not x.flags:
             return self._joined(x)
         rises = slew_sign(voltage, x.flags[0])
@@ -191,7 +192,7 @@ class ComposedModel(AbstractPiezo):
         else:
             elements = zip(stops, self._thresholds(), strict=True)
             marks = [jnp.where(rises * s >= r * (1.0 - _ROUNDING), 1.0, 0.0) for s, r in elements]
-        return self._joined(dataclasses.replace(x, flags=(rises, *marks)))
+        return self._joined(x._replace(flags=(rises, *marks)))
 
     def motion(self, state: State, segment: Segment, t_local: ScalarLike, elapsed: ScalarLike) -> State:
         x = self._parts(state)
@@ -214,7 +215,7 @@ class ComposedModel(AbstractPiezo):
         arrays = (self._weights(), self._thresholds(), self._numbered("creep"), self._creep_times())
         return Ceramic(self._memoryless(), *(jnp.asarray(numbers, float) for numbers in arrays))
 
-    def _moment(self, x: Parts) -> Moment:
+    def _moment(self, x: Parts[Any]) -> Moment:
         return Moment(*(jnp.asarray(numbers, float) for numbers in (x.mechanics, x.stops, x.crept)))
 
     def _stated(self, moment: Moment, seen: Scalar, slope: Scalar) -> State:
@@ -245,41 +246,41 @@ class ComposedModel(AbstractPiezo):
         gain, *curves = self._memoryless()
         total: Any = voltage * gain
         for k, curve in enumerate(curves, start=2):
-            total = total + power_of(voltage, k) * curve
+            total = total + _power(voltage, k) * curve
         for stop, weight in zip(stops, self._weights(), strict=True):
             total = total + (voltage - stop) * weight
         return sum(crept, total)
 
-    def _aim_rate(self, x: Parts, slope: Any) -> Any:
+    def _aim_rate(self, x: Parts[Any], slope: Any) -> Any:
         """Its rate [m/s]."""
         gain, *curves = self._memoryless()
         total = slope * gain
         for k, curve in enumerate(curves, start=2):
-            total = total + power_of(x.seen, k - 1) * slope * (k * curve)
+            total = total + _power(x.seen, k - 1) * slope * (k * curve)
         for rate, weight in zip(self._stop_rates(x, slope), self._weights(), strict=True):
             total = total + (slope - rate) * weight
         return sum(self._creep_rates(x), total)
 
-    def _aim_bend(self, x: Parts, slope: Any, bend: Any) -> Any:
+    def _aim_bend(self, x: Parts[Any], slope: Any, bend: Any) -> Any:
         """The rate of its rate [m/s2]."""
         gain, *curves = self._memoryless()
         total = x.seen * 0.0 + bend * gain
         for k, curve in enumerate(curves, start=2):
-            total = total + slope * slope * power_of(x.seen, k - 2) * ((k - 1) * k * curve)
-            total = total + power_of(x.seen, k - 1) * bend * (k * curve)
+            total = total + slope * slope * _power(x.seen, k - 2) * ((k - 1) * k * curve)
+            total = total + _power(x.seen, k - 1) * bend * (k * curve)
         for rate, weight in zip(self._stop_bends(x, slope, bend), self._weights(), strict=True):
             total = total + (bend - rate) * weight
         for rate, share, time in zip(self._creep_rates(x), self._numbered("creep"), self._creep_times(), strict=True):
             total = total + (slope * share - rate) * (1.0 / time)
         return total
 
-    def _stop_rates(self, x: Parts, slope: Any) -> tuple[Any, ...]:
+    def _stop_rates(self, x: Parts[Any], slope: Any) -> tuple[Any, ...]:
         rises, *marks = x.flags or (None,)
         if self.made.hysteresis == "bouc-wen":
             return (slope - slope * x.stops[0] * (rises * self._get("beta") + marks[0] * self._get("gamma")),)
         return tuple(slope * (1.0 - slip) for slip in marks)
 
-    def _stop_bends(self, x: Parts, slope: Any, bend: Any) -> tuple[Any, ...]:
+    def _stop_bends(self, x: Parts[Any], slope: Any, bend: Any) -> tuple[Any, ...]:
         rises, *marks = x.flags or (None,)
         if self.made.hysteresis == "bouc-wen":
             fades = rises * self._get("beta") + marks[0] * self._get("gamma")
@@ -287,7 +288,7 @@ class ComposedModel(AbstractPiezo):
             return (bend - (x.stops[0] * bend + slope * rate) * fades,)
         return tuple((1.0 - slip) * bend for slip in marks)
 
-    def _creep_rates(self, x: Parts) -> tuple[Any, ...]:
+    def _creep_rates(self, x: Parts[Any]) -> tuple[Any, ...]:
         elements = zip(x.crept, self._numbered("creep"), self._creep_times(), strict=True)
         return tuple((x.seen * share - c) * (1.0 / time) for c, share, time in elements)
 
@@ -335,7 +336,7 @@ class ComposedModel(AbstractPiezo):
     def _get(self, name: str) -> ScalarLike:
         return cast(ScalarLike, getattr(self, name))
 
-    def _parts(self, state: tuple[N, ...]) -> Parts:
+    def _parts(self, state: tuple[N, ...]) -> Parts[Any]:
         left = list(state)
         many = (len(self.dynamics.scales()), 1, 1 * (self.made.dynamics == "static"), self._stop_count())
         found = []
@@ -345,7 +346,7 @@ class ComposedModel(AbstractPiezo):
         mechanics, seen, slope, stops, crept, flags = found
         return Parts(mechanics, seen[0], slope[0] if slope else None, stops, crept, flags)
 
-    def _joined(self, x: Parts) -> tuple[Any, ...]:
+    def _joined(self, x: Parts[Any]) -> tuple[Any, ...]:
         slope = () if x.slope is None else (x.slope,)
         return (*x.mechanics, x.seen, *slope, *x.stops, *x.crept, *x.flags)
 
@@ -379,7 +380,7 @@ def _mass(stack: ComposedModel) -> Scalar:
     return stack.dynamics.mass()
 
 
-def power_of(x: Any, exponent: int) -> Any:
+def _power(x: Any, exponent: int) -> Any:
     """x to a whole power from 0 on, a number or a series; also of numbers that are not positive."""
     product: Any = 1.0
     for _ in range(exponent):
