@@ -114,8 +114,14 @@ class _Task(NamedTuple):
 
 
 def _by_factors(task: _Task, here: _Point) -> tuple[_Point, int]:
-    """At first: times and thresholds one by one by large factors, since there may be several valleys."""
-    count = 0
+    """At first: times and thresholds one by one by large factors, since there may be several valleys.
+
+    Not where the search begins at the bottom of one, as it does when a fit is made again with another noise.
+    """
+    count, columns = 0, _columns(task, here, task.searched)
+    basis = jnp.linalg.qr(columns / _norms(columns))[0]
+    if float(jnp.sum((basis.T @ here.residual) ** 2)) < _NEAR * here.chi2:
+        return here, count
     for factor in _FACTORS:
         for place in np.flatnonzero(task.positive):
             tried = []
