@@ -17,8 +17,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..study import split_path
-from .solver.box_least_squares import solve_in_box, triangle
 from .problem import Linearisation, Problem
+from .solver.box_least_squares import solve_in_box, triangle
 
 FEWEST = 2
 """Linear parameters from which on projecting them out is worth it."""

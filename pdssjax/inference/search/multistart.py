@@ -19,9 +19,9 @@ from ..initial_values.search import guess_starts
 from ..least_squares import Fit, FitMethod, Progress, by_record, lowered, reduced_chi2, summed
 from ..losses.base import AbstractLoss
 from ..problem import Problem, pose
+from ..variable_projection import is_separable
 from .perturbed_restarts import beyond_discontinuity
 from .races import Contest, platform_unobserved, race, ranked, reason_at_first, reason_in_the_end, shown
-from .variable_projection import is_separable
 
 _FIRST = 12
 """Iterations after which a fit from a start that was searched for must look promising."""
