@@ -6,6 +6,7 @@ one public class defined in `pdssjax/friction/anisotropic_lugre.py`.
 
 import importlib
 import pkgutil
+from typing import Any
 
 
 def members(family: str) -> list[str]:
@@ -29,7 +30,8 @@ def member(family: str, name: str) -> type:
     public = [c for c in local if not c.__name__.startswith("_")]
     if len(public) != 1:
         raise TypeError(f"{module.__name__} must define exactly one public class, but defines {public}")
-    return public[0].variant(variant) if mark else public[0]
+    found: Any = public[0]
+    return found.variant(variant) if mark else found
 
 
 def member_name(model: type) -> str:

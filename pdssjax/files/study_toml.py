@@ -160,8 +160,8 @@ def _expanded(table: Table, legal: Iterable[str]) -> Table:
         if not base.endswith(_MANY):
             entries[path] = entry
             continue
-        alike = re.compile(re.escape(base.removesuffix("*")) + r"\d+")
-        found = [f"{known}{mark}{condition}" for known in legal if alike.fullmatch(known)]
+        numbered_paths = re.compile(re.escape(base.removesuffix("*")) + r"\d+")
+        found = [f"{known}{mark}{condition}" for known in legal if numbered_paths.fullmatch(known)]
         if not found:
             raise InputError(f'{table.where}: found "{path}", but no numbered parameter of that name is known.')
         entries |= {numbered: entry for numbered in found if numbered not in table.entries}
