@@ -164,6 +164,7 @@ CONTACT = """\
 """
 
 BAD = {
+    '"piezo.play_1" = {}': ('"piezo.plays_*" = {}', 'found "piezo.plays_*", but no numbered parameter'),
     'dynamics = "first-order"': ('dynamics = "elastic"', 'found "elastic"'),
     'law = "play"': ('law = "paly"', 'found "paly"; did you mean "play"'),
     "elements = 2": ("elements = 0", "found 0, expected a whole number from 1 to 64"),
@@ -189,3 +190,22 @@ def test_a_stack_that_cannot_be_is_refused_with_its_place(tmp_path, old):
         pdssjax.load_study(path)
     assert str(path) in str(refused.value)
     assert told in str(refused.value)
+
+
+def test_numbered_parameters_are_listed_at_once(tmp_path):
+    text = STUDY.replace(
+        '"piezo.play_1" = {}\n"piezo.play_2" = {}', '"piezo.play_2" = { value = 3e-8 }\n"piezo.play_*" = {}'
+    )
+    parameters = pdssjax.load_study(loops(tmp_path, text)).parameters
+    assert parameters["piezo.play_1"].free
+    assert parameters["piezo.play_2"].value == 3e-8
+    assert list(parameters).count("piezo.play_range") == 1
+
+
+def test_the_platform_alone_needs_no_friction_law(tmp_path):
+    path = loops(tmp_path)
+    assert "friction" not in path.read_text()
+    assert pdssjax.load_study(path).friction.__name__ == "Coulomb"
+    path.write_text(path.read_text().replace('measures = "platform"', 'measures = "effector"'))
+    with pytest.raises(InputError, match='the key "friction" is missing'):
+        pdssjax.load_study(path)
