@@ -31,6 +31,11 @@ class DrivenPlatform(eqx.Module):
         return self.piezo.closed and self.amplifier is None
 
     @property
+    def closed_on_lines(self) -> bool:
+        """The same where the voltage is a chain of straight lines."""
+        return self.piezo.closed_on_lines and self.amplifier is None
+
+    @property
     def state_jumps(self) -> bool:
         """The state of the piezo may jump at the corners of the drive."""
         return type(self.piezo).on_segment_start is not AbstractPiezo.on_segment_start

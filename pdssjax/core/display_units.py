@@ -13,6 +13,7 @@ _UNITS = {
     "m": ("um", 1e6),
     "m/s": ("um/s", 1e6),
     "m/V": ("um/V", 1e6),
+    **{f"m/V**{k}": (f"um/V^{k}", 1e6) for k in range(2, 10)},
     "s": ("ms", 1e3),
     "kg": ("g", 1e3),
     "N/m": ("N/um", 1e-6),

@@ -6,6 +6,7 @@ one public class defined in `pdssjax/friction/anisotropic_lugre.py`.
 
 import importlib
 import pkgutil
+from typing import Any
 
 
 def members(family: str) -> list[str]:
@@ -17,7 +18,11 @@ def members(family: str) -> list[str]:
 
 
 def member(family: str, name: str) -> type:
-    """The class of the member `name`; `KeyError` where the family has no such member."""
+    """The class of the member `name`; `KeyError` where the family has no such member.
+
+    Of a member that has variants, "composed:static+play-8" names one, as its `variant` understands it.
+    """
+    name, mark, variant = name.partition(":")
     if name not in members(family):
         raise KeyError(name)
     module = importlib.import_module(f"pdssjax.{family}.{name.replace('-', '_')}")
@@ -25,9 +30,11 @@ def member(family: str, name: str) -> type:
     public = [c for c in local if not c.__name__.startswith("_")]
     if len(public) != 1:
         raise TypeError(f"{module.__name__} must define exactly one public class, but defines {public}")
-    return public[0]
+    found: Any = public[0]
+    return found.variant(variant) if mark else found
 
 
 def member_name(model: type) -> str:
-    """The name of the member that a class of a family is: that of its file."""
-    return model.__module__.rpartition(".")[2].replace("_", "-")
+    """The name of the member that a class of a family is: that of its file, and of its variant where it is one."""
+    name, variant = model.__module__.rpartition(".")[2].replace("_", "-"), getattr(model, "variant_name", "")
+    return f"{name}:{variant}" if variant else name

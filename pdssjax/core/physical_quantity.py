@@ -38,6 +38,8 @@ class Quantity:
     """Upper end of the legal range, itself not legal; inf where there is none."""
     optional: bool
     """A study may leave it out, and then it is fixed at `nominal`."""
+    linear: bool = False
+    """The platform's motion without friction feedback is linear in it and all others of which this is said."""
 
 
 def quantity(
@@ -48,17 +50,18 @@ def quantity(
     low: float | None = None,
     high: float = math.inf,
     optional: bool = False,
+    linear: bool = False,
 ) -> Declared:
     """A model field holding a number in `unit`.
 
     **Arguments:** `nominal` is the cited value, used when the field is left out.  With
     `positive` (the default) the value must exceed 0; otherwise `low` (default -inf)
     bounds it from below.  `high` bounds it from above.  `optional` lets a study leave
-    it out.
+    it out.  `linear` says of a stack's parameters that a platform moves in proportion.
     """
     if low is None:
         low = 0.0 if positive else -math.inf
-    declared = Quantity(nominal, unit, positive, low, high, optional)
+    declared = Quantity(nominal, unit, positive, low, high, optional, linear)
     return eqx.field(default=nominal, metadata={"quantity": declared})
 
 

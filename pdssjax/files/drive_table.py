@@ -4,16 +4,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from ..actuator import ZeroOrderHold
 from ..core import InputError, choices, member, members, quantities
 from ..drive.base import AbstractDrive
+from ..metrics import smoothed
 from .layout_table import decimal_at, interval_at, name_at
 from .record_columns import Layout, read_columns
 from .toml_table import Table
 
-SAMPLED_KEYS = ["column", "file", "time", "unit", "scale", "decimal"]
+SAMPLED_KEYS = ["column", "file", "time", "unit", "scale", "decimal", "smooth"]
 """What a sampled drive needs besides its choices: where its voltages are."""
+
+_UNEVEN = 0.01
+"""Part of an interval by which samples that are to be smoothed may be off."""
 
 _QUIET = 0.02
 """Part of the peak up to which a measured voltage counts as 0 V."""
@@ -54,7 +59,7 @@ def _voltages(table: Table, record: Table, folder: Path) -> dict[str, Any]:
     file = folder / table.text("file", "the path of a file") if "file" in table.entries else beside
     found = read_columns(file, _layout(table, record, column))
     found.check_numbers()
-    time, voltage = found.data["time"], found.data["voltage"]
+    time, voltage = found.data["time"], _smoothed(table, found.data["time"], found.data["voltage"])
     if file == beside:
         time = time - record.number("start", "s", 0.0)
     where = f'{file}: column "{found.channels["voltage"].name}"'
@@ -80,6 +85,23 @@ def _voltages(table: Table, record: Table, folder: Path) -> dict[str, Any]:
     held = table.entries.get("interpolation") == "held"
     begin = voltage[~kept][-1] if held else np.interp(0.0, time, voltage)
     return {"times": np.append(0.0, time[kept]), "voltages": np.append(begin, voltage[kept])}
+
+
+def _smoothed(table: Table, time: Float[np.ndarray, " n"], voltage: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """The voltages [V] without the noise of their measurement, as far as the key "smooth" asks for it."""
+    width = table.number("smooth", "s", None)
+    if width is None:
+        return voltage
+    intervals = np.diff(time)
+    longest = 0.05 * float(time[-1] - time[0])
+    if not 0 < width <= longest:
+        raise InputError(f"{table.at('smooth')}: found {width:g} s, expected a time above 0 and up to {longest:g} s.")
+    if np.ptp(intervals) > _UNEVEN * np.median(intervals):
+        raise InputError(
+            f"{table.at('smooth')}: found samples of the voltage from {intervals.min():g} to {intervals.max():g} s "
+            "apart, expected evenly spaced ones."
+        )
+    return smoothed(voltage, width / float(np.median(intervals)))
 
 
 def _layout(table: Table, record: Table, column: str | int) -> Layout:

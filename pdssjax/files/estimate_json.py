@@ -105,7 +105,7 @@ def estimate_document(estimate: Estimate) -> Document:
         if estimate.method != "joint":
             parameters[path]["naive_standard_error"] = parameter.naive_standard_error
     keys = "name role samples r2 error_index rmse noise offset offset_standard_error simulated measures".split()
-    keys += ["noise_estimated", "noise_floor", "chi2", "reduced_chi2"]
+    keys += ["largest_error", "noise_estimated", "noise_floor", "chi2", "reduced_chi2"]
     return {
         "format": FORMAT,
         "title": estimate.title,

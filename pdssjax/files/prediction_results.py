@@ -34,7 +34,7 @@ def write_numbers(used: Numbers, staging: Path) -> None:
 
 
 def write_records(records: Sequence[FittedRecord], staging: Path) -> None:
-    from ..report.figures import record_figure
+    from ..report.figures import has_loops, loop_figure, record_figure
 
     (staging / "predictions").mkdir()
     (staging / "plots").mkdir()
@@ -50,6 +50,9 @@ def write_records(records: Sequence[FittedRecord], staging: Path) -> None:
             comments="",
         )
         record_figure(record).savefig(staging / "plots" / f"{stem}.png")
+        if record.simulated and has_loops(record):
+            (staging / "plots" / "loops").mkdir(exist_ok=True)
+            loop_figure(record).savefig(staging / "plots" / "loops" / f"{stem}.png")
 
 
 def file_stems(records: Sequence[FittedRecord] | Sequence[Characterisation]) -> list[str]:

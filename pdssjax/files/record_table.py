@@ -8,6 +8,7 @@ import numpy as np
 from ..core import InputError, InputWarning, choices, member, members
 from ..drive.base import AbstractDrive
 from ..study import MARK, STEP_TIME, AbstractMeasurement, Record, check_meets_drive
+from .conditioning import conditioned
 from .drive_table import read_drive
 from .layout_table import record_layout
 from .record_columns import Layout
@@ -22,6 +23,7 @@ _TEXTS = (".csv", ".txt", ".tsv", ".dat", "")
 RECORD_KEYS = [
     *("name", "file", "columns", "channel", "time", "units", "scale", "decimal", "measures", "role", "noise"),
     *("offset", "window", "exclude", "decimate", "start", "drive", "resolution", "sampling", "conditions"),
+    "conditioning",
 ]
 """Keys of every record, whatever it measures."""
 
@@ -52,6 +54,7 @@ def read_record(table: Table, folder: Path, virtual: bool = False) -> Record:
             "prescribed."
         )
     layout = record_layout(table, measurement.columns)
+    drive, earlier = conditioned(table, drive)
     start = _start(table, measurement)
     if virtual:
         _check_writable(table, file, layout)
@@ -62,6 +65,7 @@ def read_record(table: Table, folder: Path, virtual: bool = False) -> Record:
         data, begin = record_samples(table, file, layout)
     where = f'{file}: record "{name}"'
     check_meets_drive(where, begin, data["time"], drive, start)
+    start -= earlier
     data["time"] = data["time"] - start
     _warn(where, data["time"], drive)
     noise = _positive(table, "noise", unit)

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 
 from ..actuator import PARTS
 from ..core import Document, Quantity, member, members
+from ..piezo import DYNAMICS, HYSTERESES, MOST, Composition, Field, fields_of
 from ..study import Entry, catalogue_entries
 from .drive_table import SAMPLED_KEYS
 from .json_text import json_text
@@ -68,13 +69,44 @@ def _chosen(entries: Mapping[str, Entry], family: str) -> Document:
 def _actuator(entries: Mapping[str, Entry]) -> Document:
     return _table(
         {
-            "piezo": _chosen(entries, "piezo"),
+            "piezo": {"anyOf": [_chosen(entries, "piezo"), _composed()]},
             "friction": _chosen(entries, "friction"),
             "friction_state": {"enum": list(STATES), "description": "Reading of the direction-dependent law (5.22)."},
             "feedback": {"type": "boolean", "description": "Friction acts back on the platform (5.25)."},
         },
-        ["piezo", "friction"],
+        ["piezo"],
     )
+
+
+def _composed() -> Document:
+    """A piezo put together of dynamics, hysteresis and creep."""
+    count = lambda key: {"type": "integer", "minimum": 1, "maximum": MOST[key]}
+    law = {"enum": list(HYSTERESES), "description": "How the displacement lags behind the voltage."}
+    hysteresis = _table({"law": law, "elements": count("elements"), "asymmetry": count("asymmetry")}, ["law"])
+    keys: dict[str, object] = {
+        "dynamics": {"enum": list(DYNAMICS), "description": "Of the mechanics."},
+        "hysteresis": {"anyOf": [law, hysteresis], "description": "Of the ceramic; left out: none."},
+        "creep": _table({"elements": count("creep")}, description="Of the ceramic; left out: none."),
+        "modes": count("modes") | {"description": "Of a rod."},
+    }
+    return _table(keys, ["dynamics"])
+
+
+def _composed_parameters() -> dict[str, Document]:
+    """By a pattern of their paths, the parameters that a stack put together has."""
+    fields: dict[str, Field] = {}
+    for dynamics in DYNAMICS:
+        for law in HYSTERESES:
+            made = Composition(dynamics, law, 1, 2, 1)
+            fields |= {field.name: field for field in fields_of(made)}
+    found: dict[str, Document] = {}
+    for name, field in fields.items():
+        declared = field.declared.metadata["quantity"]
+        told = re.sub(r"\b[12]\b", "n", field.text) if name[-1].isdigit() else field.text
+        path = re.sub(r"\d+$", r"\\d+", re.escape(f"piezo.{name}"))
+        found[rf"^{path}(@.+)?$"] = _parameter(declared, told)
+    found[r"^piezo\.[a-z_]+_\*(@.+)?$"] = {"type": "object", "description": "All that differ by a number."}
+    return found
 
 
 def _parameters(entries: Mapping[str, Entry]) -> Document:
@@ -91,7 +123,7 @@ def _parameters(entries: Mapping[str, Entry]) -> Document:
                 found.setdefault(f"drive.{field}", declared)
     tables = {path: _parameter(*declared) for path, declared in found.items()}
     marked = {f"^{re.escape(path)}@.+$": table for path, table in tables.items()}
-    return _table(tables, patternProperties=marked)
+    return _table(tables, patternProperties=marked | _composed_parameters())
 
 
 def _parameter(declared: Quantity, told: str) -> Document:
@@ -130,6 +162,7 @@ def _record(entries: Mapping[str, Entry]) -> Document:
         "drive": _drive(entries),
         "resolution": _quantity("", "Step in which the sensor counts."),
         "sampling": {"type": "object", "description": "Of a record to be made: start, end, interval."},
+        "conditioning": {"description": "What the drive did before t = 0: cycles, or a time for which it was held."},
         "conditions": {"type": "array", "items": _TEXT, "description": "Under which parameters@condition hold."},
         **{key: {"enum": words} for key, words in choices.items()},
     }

@@ -1,6 +1,7 @@
 """Reads and checks a study file: the actuator's models, its parameters and the records to explain."""
 
 import dataclasses
+import re
 import sys
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
@@ -8,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..core import InputError, Quantity, member, members, nearest
+from ..friction.base import AbstractFriction
 from ..study import (
     MARK,
     Parameter,
@@ -20,6 +22,7 @@ from ..study import (
     under_conditions,
 )
 from .parameter_table import read_parameter
+from .piezo_table import read_piezo
 from .record_table import read_record
 from .toml_table import Table
 
@@ -27,6 +30,12 @@ FORMAT = "pdssjax-study/1"
 
 STATES = ["deflection", "force"]
 """Readings of the direction-dependent law, as a study names them."""
+
+_MANY = "_*"
+"""What the path of all parameters ends in that differ by a number."""
+
+_UNUSED = "coulomb"
+"""The contact law that stands where nothing of a study touches a contact."""
 
 
 def load_study(path: str | Path, virtual: bool = False) -> Study:
@@ -44,15 +53,16 @@ def load_study(path: str | Path, virtual: bool = False) -> Study:
     top.only(["format", "title", "actuator", "parameters", "record"])
     actuator = top.table("actuator", 'a table with "piezo" and "friction"')
     actuator.only(["piezo", "friction", "friction_state", "feedback"])
+    records = _read_records(top, path.parent, virtual)
     study = Study(
         title=top.text("title", "a text", path.stem),
         path=path,
-        piezo=member("piezo", actuator.option("piezo", members("piezo"))),
-        friction=member("friction", actuator.option("friction", members("friction"))),
+        piezo=read_piezo(actuator),
+        friction=_read_friction(actuator, records),
         friction_state=actuator.option("friction_state", STATES, STATES[0]),
         feedback=actuator.get("feedback", bool, "true or false", False),
         parameters={},
-        records=_read_records(top, path.parent, virtual),
+        records=records,
     )
     study = dataclasses.replace(study, parameters=_read_parameters(top, study))
     _check_durations(top, study)
@@ -72,6 +82,14 @@ def _read_toml(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: found {error.reason} at byte {error.start}, expected UTF-8 text.") from None
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: found no valid TOML: {error}.") from None
+
+
+def _read_friction(actuator: Table, records: Sequence[Record]) -> type[AbstractFriction]:
+    """The contact law; a study whose records show the platform alone need not name one."""
+    alone = bool(records) and all(record.measurement.platform_alone for record in records)
+    needed = not alone or actuator.entries.get("feedback") is True
+    default = () if needed or "friction" in actuator.entries else (_UNUSED,)
+    return member("friction", actuator.option("friction", members("friction"), *default))
 
 
 def _check_format(top: Table) -> None:
@@ -109,8 +127,8 @@ def _required(study: Study, legal: dict[str, Quantity], listed: Iterable[str]) -
 
 
 def _read_parameters(top: Table, study: Study) -> dict[str, Parameter]:
-    table = top.table("parameters", "a table of parameters")
     legal = legal_quantities(study)
+    table = _expanded(top.table("parameters", "a table of parameters"), legal)
     for path in table.entries:
         if any(known.startswith(f"{path}.") for known in legal):
             raise InputError(f'{table.where}: found {path} without quotes, expected the whole path as in "{path}....".')
@@ -132,6 +150,22 @@ def _read_parameters(top: Table, study: Study) -> dict[str, Parameter]:
         )
         for path in table.entries
     }
+
+
+def _expanded(table: Table, legal: Iterable[str]) -> Table:
+    """The table with "piezo.play_*" as play_1, play_2, ..., but for those that are listed themselves."""
+    entries: dict[str, Any] = {}
+    for path, entry in table.entries.items():
+        base, mark, condition = path.partition(MARK)
+        if not base.endswith(_MANY):
+            entries[path] = entry
+            continue
+        numbered_paths = re.compile(re.escape(base.removesuffix("*")) + r"\d+")
+        found = [f"{known}{mark}{condition}" for known in legal if numbered_paths.fullmatch(known)]
+        if not found:
+            raise InputError(f'{table.where}: found "{path}", but no numbered parameter of that name is known.')
+        entries |= {numbered: entry for numbered in found if numbered not in table.entries}
+    return dataclasses.replace(table, entries=entries)
 
 
 def _check_condition(table: Table, base: str, condition: str, records: Sequence[Record]) -> None:

@@ -17,6 +17,7 @@ from .solver.ending import SUCCESSES, Ending
 from .solver.iterations import iterate, iterates
 from .solver.levenberg_marquardt import BoundedLevenbergMarquardt
 from .solver.lm_state import LMState
+from .variable_projection import FEWEST, linear_parameters, project
 
 Progress: TypeAlias = Callable[[str], None]
 """Told what is being done."""
@@ -204,19 +205,29 @@ def _least_squares(
     report: Progress,
     limit: int = MAX_ITERATIONS,
 ) -> Fit:
-    """One Levenberg-Marquardt run over the `fitted` parameters and the `used` records."""
+    """One Levenberg-Marquardt run over the `fitted` parameters and the `used` records.
+
+    It begins where variable projection ends, if the records are linear in some of the parameters.
+    """
+    linear, spent = linear_parameters(problem, used) & fitted, 0
+    if linear.sum() >= FEWEST:
+        found = project(problem, free, as_weights(problem.noise, used), fitted, linear)
+        free, spent = found.free, found.evaluations
+        report(f"{name}: {linear.sum()} linear parameters projected out, chi-square {found.chi2:.6g}")
     arguments = _solver_arguments(problem, free, used, fitted)
     y, options, state = arguments.point, arguments.options, arguments.state
     limit = min(limit, MAX_ITERATIONS)
     for y, state in iterates(*arguments, limit):
         chi2 = float(np.sum(np.asarray(state.residual) ** 2))
         taken = max(int(state.iterations), 1 - int(state.unevaluated))
-        problem.watch(problem, used, Fit(np.asarray(y), state, False, INTERRUPTED, taken, int(state.evaluations)))
+        so_far = Fit(np.asarray(y), state, False, INTERRUPTED, taken, int(state.evaluations) + spent)
+        problem.watch(problem, used, so_far)
         report(f"{name}: iteration {int(state.iterations)}, chi-square {chi2:.6g}")
     ending = Ending(int(state.ending))
     iterations = max(int(state.iterations), 1 - int(state.unevaluated))
     message = _message(ending, np.asarray(y), options, fitted, limit)
-    return Fit(np.asarray(y), state, ending in SUCCESSES, message, iterations, int(state.evaluations), ending)
+    evaluations = int(state.evaluations) + spent
+    return Fit(np.asarray(y), state, ending in SUCCESSES, message, iterations, evaluations, ending)
 
 
 def _message(

@@ -147,6 +147,13 @@ class AbstractHybridSystem(eqx.Module):
         """`end`, `elapsed` [s] after `begin` at `t_local`, with what is known in closed form put right."""
         return end
 
+    def closed_states(self, times: Float[Array, " m"], segments: int) -> Visited | None:
+        """The states of a closed system at `times` [s], none before 0, where there is a quicker way than by `exact`.
+
+        `segments` is how many of them the times may reach into.  None, the default: there is none.
+        """
+        return None
+
     def is_spurious_event(self, slope: Scalar, mode: Scalar, which: Scalar) -> Truth:
         """Whether an event with this `slope` of its guard is rounding: then its time has no derivative."""
         return jnp.zeros((), bool)

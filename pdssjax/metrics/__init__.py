@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from .residual_split import split_residuals as split_residuals
     from .scatter import resolution_of as resolution_of
     from .scatter import scatter_floor as scatter_floor
+    from .smoothing import smoothed as smoothed
     from .waveform_detection import Waveform as Waveform
     from .waveform_detection import detect_waveform as detect_waveform
 else:
@@ -66,6 +67,7 @@ else:
             "record_guess": ["RecordGuess", "guess_record"],
             "residual_split": ["ResidualSplit", "split_residuals"],
             "scatter": ["resolution_of", "scatter_floor"],
+            "smoothing": ["smoothed"],
             "waveform_detection": ["Waveform", "detect_waveform"],
             "per_cycle": ["FLANK", "cycle_metrics", "turning_points"],
         },

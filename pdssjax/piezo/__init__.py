@@ -6,6 +6,12 @@ Imports `core`, the series of `integration`, and `drive` for the voltage that a 
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from ._composition import DYNAMICS as DYNAMICS
+    from ._composition import HYSTERESES as HYSTERESES
+    from ._composition import MOST as MOST
+    from ._composition import Composition as Composition
+    from ._composition import Field as Field
+    from ._composition import fields_of as fields_of
     from ._oscillator import damped as damped
     from ._oscillator import underdamped as underdamped
     from ._rod import Modes as Modes
@@ -24,6 +30,7 @@ else:
     __getattr__, __dir__, __all__ = lazy_exports(
         __name__,
         {
+            "_composition": ["DYNAMICS", "HYSTERESES", "MOST", "Composition", "Field", "fields_of"],
             "_oscillator": ["damped", "underdamped"],
             "_rod": [
                 "Modes",

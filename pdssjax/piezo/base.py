@@ -12,6 +12,7 @@ from typing import ClassVar, NamedTuple, TypeAlias
 
 import equinox as eqx
 import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
 
 from ..core import Declared, Scalar, ScalarLike, described, quantities
 from ..drive.base import Segment, Voltage
@@ -40,6 +41,8 @@ class Shown(NamedTuple):
     """From the lowest to the highest voltage [V]."""
     duration: float | None = None
     """Of the longest record [s]."""
+    interval: float | None = None
+    """From sample to sample of the finest record [s]."""
 
 
 _LOOK_AHEAD = 1e-9
@@ -61,6 +64,8 @@ class AbstractPiezo(eqx.Module):
 
     closed: ClassVar[bool] = False
     """`motion` is exact on straight segments without friction feedback."""
+    closed_on_lines: ClassVar[bool] = False
+    """`motion` is exact on straight segments without friction feedback, through all guards; waves are stepped."""
     has_steady_state: ClassVar[bool] = True
     """On a straight segment every motion tends to `steady`, soon.
 
@@ -136,6 +141,16 @@ class AbstractPiezo(eqx.Module):
 
     def motion(self, state: State, segment: Segment, t_local: ScalarLike, elapsed: ScalarLike) -> State:
         """Where `closed`: the exact state `elapsed` [s] later, `t_local` [s] into a segment; no force."""
+        raise NotImplementedError(f"{type(self).__name__} knows no closed form")
+
+    def states_on_lines(
+        self, segments: Segment, places: Int[Array, " m"], t_local: Float[Array, " m"]
+    ) -> tuple[Float[Array, " m"], ...]:
+        """Where `closed_on_lines`: the states at m moments, from `initial` on; no force.
+
+        **Arguments:** the first `segments` of the drive, arrays of shape (k,), and the `places` among them, `t_local`
+        [s] after whose begin the moments are.
+        """
         raise NotImplementedError(f"{type(self).__name__} knows no closed form")
 
     def on_segment_start(self, state: State, segment: Segment) -> State:

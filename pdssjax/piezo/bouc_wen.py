@@ -23,6 +23,7 @@ import jax.numpy as jnp
 from ..core import Scalar, ScalarLike, quantities, quantity
 from ..drive.base import Segment, Voltage
 from ..integration import N, Term
+from ._bouc_wen_path import after_jump
 from ._oscillator import accelerated
 from .base import USUAL_SWING, AbstractPiezo, Shown, State, Terms, slew_sign
 
@@ -95,26 +96,9 @@ class BoucWen(AbstractPiezo):
     def on_segment_start(self, state: State, segment: Segment) -> State:
         y, w, h, seen, rises, _ = state
         voltage = segment.voltage(0.0)
-        h = self._jumped(h, voltage.level - seen)
+        h = after_jump(h, voltage.level - seen, self.alpha * self.gain, self.beta, self.gamma)
         rises = slew_sign(voltage, rises)
         return y, w, h, voltage.level, rises, jnp.where(h == 0.0, rises, jnp.where(h > 0.0, 1.0, -1.0))
-
-    def _jumped(self, h: Scalar, change: ScalarLike) -> Scalar:
-        """h after the voltage has run a way of `change` [V]: unloading until h vanishes, loading then."""
-        path, side = jnp.abs(change), jnp.where(change < 0.0, -1.0, 1.0)
-        ahead = side * h
-        unloads, loads = self.beta - self.gamma, self.beta + self.gamma
-        slope = self.alpha * self.gain
-        behind = jnp.minimum(ahead, 0.0)
-        # The way on which the unloading branch reaches h = 0; it may never.
-        growth = -behind * unloads / jnp.where(slope > 0.0, slope, 1.0)
-        far = jnp.where((growth > -1.0) & (slope > 0.0), -behind / jnp.where(slope > 0.0, slope, 1.0), jnp.inf)
-        way = jnp.where(jnp.isfinite(far), jnp.where(jnp.isfinite(far), far, 0.0) * _log_ratio(growth), jnp.inf)
-        first = jnp.minimum(way, path)
-        remainder = path - first
-        unloaded = jnp.where(first < way, _branch(behind, slope, unloads, first), 0.0)
-        begun = jnp.where(ahead < 0.0, unloaded, ahead)
-        return side * _branch(begun, slope, loads, remainder)
 
     def error_scale(self) -> State:
         metre = jnp.ones(())
@@ -125,18 +109,3 @@ class BoucWen(AbstractPiezo):
 
     def frequency_scale(self) -> Scalar:
         return jnp.asarray(self.natural_frequency, float)
-
-
-def _branch(h: Scalar, slope: ScalarLike, rate: ScalarLike, path: Scalar) -> Scalar:
-    """h after a way of `path` [V] with dh = (slope - rate h) du."""
-    x = rate * path
-    safe = jnp.where(jnp.abs(x) < 1e-5, 1.0, x)
-    part = jnp.where(jnp.abs(x) < 1e-5, 1.0 - x * (0.5 - x / 6.0), -jnp.expm1(-safe) / safe)
-    return h + (slope - rate * h) * path * part
-
-
-def _log_ratio(x: Scalar) -> Scalar:
-    """log(1 + x) / x; for x > -1."""
-    near = jnp.abs(x) < 1e-5
-    safe = jnp.where(near | (x <= -1.0), 1.0, x)
-    return jnp.where(near, 1.0 - x * (0.5 - x / 3.0), jnp.log1p(safe) / safe)

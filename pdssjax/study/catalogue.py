@@ -64,7 +64,8 @@ def _field_docs(model: type) -> dict[str, str]:
     """The docstring below each field of a class and of those it inherits from."""
     docs: dict[str, str] = {}
     for base in reversed(model.__mro__):
-        if base.__module__.startswith("pdssjax."):
+        docs |= vars(base).get("told", {})  # of a class that is put together, and has no source
+        if "told" not in vars(base) and base.__module__.startswith("pdssjax."):
             body = ast.parse(textwrap.dedent(inspect.getsource(base))).body[0]
             assert isinstance(body, ast.ClassDef)
             for field, below in zip(body.body, body.body[1:], strict=False):

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass, field
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -63,6 +64,13 @@ class FittedRecord:
     """Cycles of its drive a second [Hz]; None where the drive does not repeat."""
     outliers: Int[np.ndarray, " k"] = field(default_factory=lambda: np.zeros(0, int))
     """Indices of samples that stand out of the residuals in runs of five at most: glitches."""
+    voltage: Float[np.ndarray, " n"] | None = None
+    """The command at `time` [V], where the platform alone is measured; else None."""
+
+    @property
+    def largest_error(self) -> float:
+        """Of the residuals, by size; NaN where the simulation failed."""
+        return float(np.max(np.abs(self.measured - self.predicted)))
 
 
 def compare(
@@ -111,7 +119,14 @@ def compare(
         lack_of_fit=repeated_residuals(record, measured - predicted),
         frequency=frequency,
         outliers=outliers(measured - predicted, record.time, frequency),
+        voltage=_voltage(record),
     )
+
+
+def _voltage(record: Record) -> Float[np.ndarray, " n"] | None:
+    if record.drive is None or not record.measurement.platform_alone:
+        return None
+    return np.asarray(record.drive.at(jnp.asarray(record.time)))
 
 
 def repeated_residuals(record: Record, residual: Float[np.ndarray, " n"]) -> LackOfFit | None:

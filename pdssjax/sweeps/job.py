@@ -96,7 +96,7 @@ def check_travels(document: Document) -> None:
         raise InputError(f'sweep: found the step method "{found}" with an executor, expected a Taylor series.')
     named = {"piezo": document["actuator"]["piezo"], "friction": document["actuator"]["friction"]}
     for family, name in (named | {"drive": document["drive"]["waveform"]}).items():
-        if name not in members(family):
+        if name.partition(":")[0] not in members(family):
             raise InputError(
                 f'sweep: found the {family} "{name}" with an executor, which pdssjax does not have; expected one of '
                 f"{', '.join(members(family))}: other processes know no others."

@@ -166,6 +166,7 @@ def _piezo_from_data(models: Models, known: Mapping[str, float], records: Sequen
         **oscillator(driven),
         swing=max(swings, default=0.0) or None,
         duration=max((float(record.time[-1]) for record in driven), default=0.0) or None,
+        interval=min(map(interval_of, driven), default=None),
     )
     usual = {path: number for path, number in known.items() if MARK not in path}
     given = {path.removeprefix("piezo."): number for path, number in usual.items() if path.startswith("piezo.")}

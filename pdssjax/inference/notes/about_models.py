@@ -53,4 +53,6 @@ def _alias(mode: Resonance, involved: Sequence[str], records: Sequence[Record]) 
         f"sampled more finely: {names}. It may be an alias, since its samples are like those of {image:.4g} Hz. Do not "
         f"trust {listed(involved)} before a record sampled at {enough:g} Hz or more has confirmed "
         f"{'them' if len(involved) > 1 else 'it'}."
+        + " A stage this slow needs no resonance: fix it, or choose static dynamics."
+        * (mode.what == "platform")
     )

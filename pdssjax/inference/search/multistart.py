@@ -19,6 +19,7 @@ from ..initial_values.search import guess_starts
 from ..least_squares import Fit, FitMethod, Progress, by_record, lowered, reduced_chi2, summed
 from ..losses.base import AbstractLoss
 from ..problem import Problem, pose
+from ..variable_projection import is_separable
 from .perturbed_restarts import beyond_discontinuity
 from .races import Contest, platform_unobserved, race, ranked, reason_at_first, reason_in_the_end, shown
 
@@ -42,6 +43,9 @@ def best_fit(
     starts, missing = guess_starts(study.models, study.parameters, study.records)
     problem = pose(study, starts, accuracy, loss)
     _compile(problem, study, starts)
+    if is_separable(problem):  # what is searched is little, and no contact makes wrong optima of it
+        fit, problem = with_noise(run(problem, starts, report), problem, run, report)
+        return fit, problem, starts
     found = ranked(study, study.parameters, problem, starts, report) if missing else []
     contest = Contest(study, problem, found, missing and platform_unobserved(study, problem), run, report)
     fit = _first(problem, found[0], run, report) if missing else run(problem, starts, report)

@@ -16,6 +16,7 @@ def format_records(records: Sequence[FittedRecord]) -> str:
         "r2",
         "error index",
         "rmse",
+        "largest",
         "noise",
         "",
         "neighbours",
@@ -27,12 +28,13 @@ def format_records(records: Sequence[FittedRecord]) -> str:
     shown = ", ".join(dict.fromkeys(f"{record.display.plural} in {record.display.unit}" for record in records))
     legend = (
         "    error index: root of the sum of squared residuals over n - 1, the thesis's (4.14); rmse: over n;\n"
+        "    largest: the largest residual;\n"
         "    neighbours: the noise seen between neighbouring samples, whatever the fit;\n"
         "    chi2/n: chi-square per degree of freedom against the noise given, 1 where the record is explained.\n"
     )
     if any(record.noise_estimated for record in records):
         legend += "    found: the noise was estimated from these residuals, so there is no chi2/n to judge them by.\n"
-    return heading(f"Records ({shown})") + aligned_table("<<>>>>><>>>><", [head, *map(_record, records)]) + legend
+    return heading(f"Records ({shown})") + aligned_table("<<>>>>>><>>>><", [head, *map(_record, records)]) + legend
 
 
 def format_numbers(used: Mapping[str, UsedNumber]) -> str:
@@ -48,7 +50,10 @@ def format_numbers(used: Mapping[str, UsedNumber]) -> str:
 def _record(record: FittedRecord) -> list[str]:
     scale = record.display.scale
     known = record.noise > 0
-    residual, zero = [record.error_index, record.rmse], [record.offset, record.offset_standard_error]
+    residual, zero = (
+        [record.error_index, record.rmse, record.largest_error],
+        [record.offset, record.offset_standard_error],
+    )
     return [
         record.name,
         record.role,

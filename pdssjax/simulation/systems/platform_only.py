@@ -7,11 +7,13 @@ from typing import Generic, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Float
 
 from ...actuator import IDEAL, DrivenPlatform, DrivenPlatformState, Sensor
 from ...core import Scalar, ScalarLike, Truth
 from ...drive.base import AbstractDrive, Segment
-from ...integration import SETTLED, AbstractHybridSystem, N_co, Term
+from ...integration import SETTLED, AbstractHybridSystem, N_co, Term, Visited
 
 
 class State(NamedTuple, Generic[N_co]):
@@ -95,15 +97,35 @@ class PlatformOnly(AbstractHybridSystem):
 
     def closed_components(self) -> tuple[int, ...]:
         """The components, counted as the leaves of `State`, that `exact` knows."""
-        return tuple(range(len(self.driven_platform.piezo.initial()))) if self.driven_platform.closed else ()
+        return tuple(range(len(self.driven_platform.piezo.initial()))) if self._closed else ()
+
+    @property
+    def _closed(self) -> bool:
+        """Known in closed form; where guards may have to be passed, only if nothing at all has to be stepped."""
+        on_lines = self.driven_platform.closed_on_lines and not self.sensor.initial()
+        return self.driven_platform.closed or (on_lines and self.drive.segment(jnp.zeros(())).wave is None)
 
     def exact(
         self, segment: Segment, t_local: ScalarLike, begin: State[Scalar], elapsed: ScalarLike, end: State[Scalar]
     ) -> State[Scalar]:
         """`end` with what is known in closed form put right."""
-        if not self.driven_platform.closed:
+        if not self._closed:
             return end
         return end._replace(driven=self.driven_platform.motion(segment, t_local, begin.driven, elapsed))
+
+    def closed_states(self, times: Float[Array, " m"], segments: int) -> Visited | None:
+        """By the piezo, where it knows all corners of a chain of straight lines at once."""
+        if self.driven_platform.closed or not self._closed:
+            return None
+        chain = jax.vmap(self.drive.segment)(jnp.arange(segments) * 1.0)
+        lasts = jnp.isfinite(chain.duration)
+        ends = jnp.cumsum(jnp.where(lasts, chain.duration, jnp.inf))
+        origins = jnp.concatenate([jnp.zeros(1), ends[:-1]])
+        places = jnp.clip(jnp.searchsorted(lax.stop_gradient(origins), times, side="right") - 1, 0)
+        t_local = times - origins[places]
+        stack = self.driven_platform.piezo.states_on_lines(chain, places, t_local)
+        segment = jax.tree.map(lambda array: array[places], chain)
+        return Visited(State(DrivenPlatformState(stack, ()), ()), segment, t_local, jnp.ones_like(times))
 
     def shown_displacement(self, x: State[Scalar]) -> Scalar:
         """Displacement [m] that the sensor shows."""

@@ -1,0 +1,242 @@
+"""Variable projection: parameters in which the prediction is linear are solved for, the others searched.
+
+With residuals r(a, x) = r(a, 0) + A(a) x the best x for each a is a linear least-squares problem within
+bounds, and what is minimised is ||r(a, x(a))||^2 over a alone.  Of its Jacobian the part in the span
+of A is left out (L. Kaufman, BIT 15, 1975, on G. H. Golub and V. Pereyra, SIAM J. Numerical Analysis 10(2),
+1973), which leaves Gauss-Newton steps good to first order; columns of x at a bound do not span.
+
+It finds where the fit of all parameters begins: that fit then has little to do but to tell that it
+is an optimum, and its covariance is that of all parameters.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from ..study import split_path
+from .problem import Linearisation, Problem
+from .solver.box_least_squares import solve_in_box, triangle
+
+FEWEST = 2
+"""Linear parameters from which on projecting them out is worth it."""
+
+_DAMPING = 1e-12
+"""Of the linear parameters, in columns of unit norm: only leaves out what the data do not tell."""
+
+_NEAR = 1e-4
+"""Decrease of chi-square, relative, at which Gauss-Newton steps give way to quasi-Newton ones."""
+
+_ENOUGH = 1e-12
+"""Decrease, relative, that the latter still go on for."""
+
+_FACTORS = (5.0, 2.0)
+"""By which what is positive is tried larger and smaller before any step."""
+
+_MOST = 30
+"""Steps of either kind."""
+
+_BEGIN, _LEAST, _LARGEST = 1e-3, 1e-12, 1e6
+"""Damping of the steps, in columns of unit norm: at first, at least, and where no step is left."""
+
+
+class Projected(NamedTuple):
+    """Where the search ended."""
+
+    free: Float[np.ndarray, " p"]
+    """All parameters, on the fit's scale."""
+    chi2: float
+    evaluations: int
+    """Linearisations."""
+
+
+class _Point(NamedTuple):
+    free: Float[np.ndarray, " p"]
+    residual: Float[Array, " n"]
+    jacobian: Float[Array, "n p"]
+    chi2: float
+
+
+def linear_parameters(problem: Problem, used: Bool[np.ndarray, " records"]) -> Bool[np.ndarray, " p"]:
+    """Which free parameters the `used` records' residuals are linear in, all together, on the fit's scale.
+
+    Those of the stack that say so, where every record shows the platform alone, friction does not act back on
+    it, and squares are minimised; else none.
+    """
+    transform, models = problem.residual.transform, problem.residual.predictor.models
+    alone = all(record.measurement.platform_alone for record, use in zip(problem.records, used, strict=True) if use)
+    if not alone or models.feedback or problem.residual.loss.is_robust:
+        return np.zeros(len(transform.paths), bool)
+    declared = models.declared()
+    named = [declared.get(split_path(path)[0]) for path in transform.paths]
+    return np.array([d is not None and d.linear for d in named]) & ~transform.logarithmic
+
+
+def is_separable(problem: Problem) -> bool:
+    """Whether enough of the parameters are linear for a fit of all records to be one by projection."""
+    return int(linear_parameters(problem, np.ones(len(problem.records), bool)).sum()) >= FEWEST
+
+
+def project(
+    problem: Problem,
+    free: Float[np.ndarray, " p"],
+    weights: Float[np.ndarray, " records"],
+    fitted: Bool[np.ndarray, " p"],
+    linear: Bool[np.ndarray, " p"],
+) -> Projected:
+    """The least-squares point of all that is `fitted`, the `linear` ones of it projected out, from `free` on.
+
+    **Arguments:** `weights` are 1/noise of the records, 0 of those left out.  A search that cannot begin, since
+    the simulation cannot finish at `free`, ends there.
+    """
+    linear, searched = linear & fitted, fitted & ~linear
+    logarithmic = problem.residual.transform.logarithmic
+    task = _Task(Linearisation(problem.residual, weights), linear, searched, searched & logarithmic, *problem.bounds)
+    here = _solved(task, np.clip(free, task.low, task.high))
+    count = 1
+    if searched.any() and np.isfinite(here.chi2):
+        for search in (_by_factors, _by_gauss_newton, _by_quasi_newton):
+            here, more = search(task, here)
+            count += more
+    return Projected(here.free if np.isfinite(here.chi2) else free, here.chi2, 2 * count)
+
+
+class _Task(NamedTuple):
+    at: Linearisation
+    linear: Bool[np.ndarray, " p"]
+    searched: Bool[np.ndarray, " p"]
+    positive: Bool[np.ndarray, " p"]
+    """Of those, which are on a logarithmic scale: thresholds, times."""
+    low: Float[np.ndarray, " p"]
+    high: Float[np.ndarray, " p"]
+
+
+def _by_factors(task: _Task, here: _Point) -> tuple[_Point, int]:
+    """At first: times and thresholds one by one by large factors, since there may be several valleys.
+
+    Not where the search begins at the bottom of one, as it does when a fit is made again with another noise.
+    """
+    count, columns = 0, _columns(task, here, task.searched)
+    basis = jnp.linalg.qr(columns / _norms(columns))[0]
+    if float(jnp.sum((basis.T @ here.residual) ** 2)) < _NEAR * here.chi2:
+        return here, count
+    for factor in _FACTORS:
+        for place in np.flatnonzero(task.positive):
+            tried = []
+            for way in (-1.0, 1.0):
+                step = way * np.log(factor) * (np.arange(here.free.size) == place)
+                tried.append(_solved(task, np.clip(here.free + step, task.low, task.high)))
+            count += len(tried)
+            here = min([here, *tried], key=lambda point: point.chi2)
+    return here, count
+
+
+def _by_gauss_newton(task: _Task, here: _Point) -> tuple[_Point, int]:
+    """Far from the end: where damped steps lead, and how many points were solved at."""
+    damping, count = _BEGIN, 0
+    while count < _MOST and damping <= _LARGEST:
+        step = np.zeros(here.free.size)
+        step[task.searched] = _gauss_newton(task, here, damping)
+        there, count = _solved(task, np.clip(here.free + step, task.low, task.high)), count + 1
+        if not there.chi2 < here.chi2:
+            damping *= 10.0
+            continue
+        gained, here, damping = here.chi2 - there.chi2, there, max(damping / 10.0, _LEAST)
+        if gained < _NEAR * here.chi2:
+            break
+    return here, count
+
+
+def _by_quasi_newton(task: _Task, here: _Point) -> tuple[_Point, int]:
+    """Near the end (BFGS): thresholds bend chi-square more than the linear model of large residuals knows."""
+    inside = task.searched & (here.free > task.low) & (here.free < task.high)
+    if not inside.any():
+        return here, 0
+    columns = np.asarray(_columns(task, here, inside))
+    scale = np.linalg.norm(columns, axis=0)
+    scale = np.where(scale > 0.0, scale, 1.0)
+    curvature = (columns / scale).T @ (columns / scale) + _BEGIN * np.eye(scale.size)
+    slope = lambda point: np.asarray(point.jacobian[:, inside].T @ point.residual) / scale
+    gradient, count = slope(here), 0
+    while count < _MOST:
+        way = -np.linalg.solve(curvature, gradient)
+        step = np.zeros(here.free.size)
+        step[inside] = way / scale
+        there, count = _solved(task, np.clip(here.free + step, task.low, task.high)), count + 1
+        if np.isfinite(there.chi2):
+            moved = (there.free - here.free)[inside] * scale
+            curvature = _learnt(curvature, moved, slope(there) - gradient)
+        else:
+            curvature = 10.0 * curvature
+        if there.chi2 < here.chi2:
+            here, gradient = there, slope(there)
+        if -float(way @ gradient) < _ENOUGH * here.chi2:
+            break
+    return here, count
+
+
+def _learnt(
+    curvature: Float[np.ndarray, "s s"], moved: Float[np.ndarray, " s"], changed: Float[np.ndarray, " s"]
+) -> Float[np.ndarray, "s s"]:
+    """The curvature after a step, by the BFGS formula damped after M. J. D. Powell, 1978: it stays positive."""
+    bent = curvature @ moved
+    expected = float(moved @ bent)
+    if expected <= 0.0:
+        return curvature
+    seen = float(moved @ changed)
+    share = 1.0 if seen >= 0.2 * expected else 0.8 * expected / (expected - seen)
+    mixed = share * changed + (1.0 - share) * bent
+    return curvature - np.outer(bent, bent) / expected + np.outer(mixed, mixed) / float(moved @ mixed)
+
+
+def _solved(task: _Task, free: Float[np.ndarray, " p"]) -> _Point:
+    """The best linear parameters for the others in `free`, and the linearisation there."""
+    linear, moved = task.linear, free.copy()
+    residual, jacobian = task.at(free)
+    ends = ((end - free)[linear] for end in (task.low, task.high))
+    moved[linear] += np.asarray(_box_step(jacobian[:, linear], residual, *ends))
+    moved = np.clip(moved, task.low, task.high)
+    residual, jacobian = task.at(moved)
+    chi2 = float(jnp.sum(residual**2))
+    return _Point(moved, residual, jacobian, chi2 if np.isfinite(chi2) else np.inf)
+
+
+@jax.jit
+def _box_step(
+    columns: Float[Array, "n q"], residual: Float[Array, " n"], low: Float[Array, " q"], high: Float[Array, " q"]
+) -> Float[Array, " q"]:
+    """The minimum of ||residual + columns x||^2 within the bounds; a column of zeros keeps its x at 0."""
+    norms = _norms(columns)
+    upper, projected = triangle(columns / norms, residual)
+    return solve_in_box(upper, projected, jnp.asarray(_DAMPING), low * norms, high * norms).x / norms
+
+
+def _columns(task: _Task, here: _Point, searched: Bool[np.ndarray, " p"]) -> Float[Array, "n s"]:
+    """Of what is `searched`, without the span of the linear ones that no bound holds."""
+    spanning = task.linear & (here.free > task.low) & (here.free < task.high)
+    return _outside(here.jacobian[:, searched], here.jacobian[:, spanning])
+
+
+def _gauss_newton(task: _Task, here: _Point, damping: float) -> Float[np.ndarray, " s"]:
+    """A damped step of what is searched, within the bounds."""
+    columns = _columns(task, here, task.searched)
+    norms = _norms(columns)
+    upper, projected = triangle(columns / norms, here.residual)
+    ends = ((end - here.free)[task.searched] * norms for end in (task.low, task.high))
+    return np.asarray(solve_in_box(upper, projected, jnp.asarray(damping), *ends).x / norms)
+
+
+def _outside(columns: Float[Array, "n s"], span: Float[Array, "n q"]) -> Float[Array, "n s"]:
+    """`columns` without what lies in the `span` of others."""
+    if not span.shape[1]:
+        return columns
+    left, singular, _ = jnp.linalg.svd(span / _norms(span), full_matrices=False)
+    basis = jnp.where(singular > _DAMPING * singular[0], left, 0.0)
+    return columns - basis @ (basis.T @ columns)
+
+
+def _norms(columns: Float[Array, "n q"]) -> Float[Array, " q"]:
+    norms = jnp.linalg.norm(columns, axis=0)
+    return jnp.where(norms > 0.0, norms, 1.0)

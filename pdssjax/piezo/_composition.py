@@ -1,0 +1,194 @@
+"""What a composed stack is made of, its name, and the parameters that follow from it.
+
+A name such as "composed:first-order+play-8+asymmetry-3+creep-3" says it all: jobs of sweeps and other
+processes build the same class from it.
+"""
+
+import re
+from typing import NamedTuple
+
+from ..core import Declared, quantity
+
+DYNAMICS = ("static", "first-order", "second-order", "rod")
+"""Of the mechanics, the slowest words first."""
+
+HYSTERESES = ("none", "play", "maxwell-slip", "bouc-wen")
+"""Of the ceramic."""
+
+MOST = {"elements": 64, "asymmetry": 9, "creep": 12, "modes": 8}
+"""More of them than any record tells apart."""
+
+
+class Composition(NamedTuple):
+    """What a composed stack is made of."""
+
+    dynamics: str = "second-order"
+    """One of `DYNAMICS`."""
+    hysteresis: str = "play"
+    """One of `HYSTERESES`."""
+    elements: int = 3
+    """Of play or Maxwell slip."""
+    asymmetry: int = 3
+    """Degree of the memoryless polynomial of the voltage; 1: a straight line."""
+    creep: int = 2
+    """Elements of creep, each ten times as slow as the one before; 0: none."""
+    modes: int = 1
+    """Of a rod."""
+
+    @property
+    def text(self) -> str:
+        """As names have it, such as "static+play-8+asymmetry-3+creep-3"."""
+        parts = [f"rod-{self.modes}" if self.dynamics == "rod" else self.dynamics]
+        if self.hysteresis != "none":
+            parts.append(f"{self.hysteresis}-{self.elements}" if self.has_elements else self.hysteresis)
+        parts += [f"asymmetry-{self.asymmetry}"] * (self.asymmetry > 1) + [f"creep-{self.creep}"] * (self.creep > 0)
+        return "+".join(parts)
+
+    @property
+    def has_elements(self) -> bool:
+        """Play or Maxwell slip, of which there may be any number."""
+        return self.hysteresis in ("play", "maxwell-slip")
+
+    @property
+    def closed_on_lines(self) -> bool:
+        """Its motion under a voltage of straight lines is known in closed form."""
+        return self.hysteresis != "bouc-wen"
+
+
+def composition_of(text: str) -> Composition:
+    """What a name means; the other way round than `Composition.text`.
+
+    **Raises:** `KeyError` for what is no such name.
+    """
+    first, *others = text.split("+")
+    dynamics, modes = _numbered(first, "rod")
+    made = Composition(dynamics, "none", 0, 1, 0, modes or 1)
+    for part in others:
+        name, number = _numbered(part, "play", "maxwell-slip", "asymmetry", "creep")
+        if name in HYSTERESES:
+            made = made._replace(hysteresis=name, elements=number)
+        elif name == "asymmetry":
+            made = made._replace(asymmetry=number)
+        else:
+            made = made._replace(creep=number)
+    if made.dynamics not in DYNAMICS or made.text != text:
+        raise KeyError(text)
+    return made
+
+
+def _numbered(part: str, *counted: str) -> tuple[str, int]:
+    found = re.fullmatch(rf"({'|'.join(counted)})-([1-9]\d*)", part)
+    return (found[1], int(found[2])) if found else (part, 0)
+
+
+class Field(NamedTuple):
+    """A parameter of a composed stack."""
+
+    name: str
+    declared: Declared
+    text: str
+    """What it is, with its symbol and unit."""
+
+
+def fields_of(made: Composition) -> list[Field]:
+    """The parameters of a stack, in the order in which reports show them."""
+    ends = "in the end" if made.hysteresis == "maxwell-slip" else "right after a turn"
+    gain = quantity(0.8e-7, "m/V", positive=False, low=0.0, linear=True)
+    return [
+        Field("gain", gain, f"Displacement per volt C that follows at once, {ends} [m/V]; may be 0."),
+        *_dynamics_fields(made),
+        *_hysteresis_fields(made),
+        *(
+            Field(
+                f"asymmetry_{k}",
+                quantity(2e-9 * 80.0 ** (1 - k), f"m/V**{k}", positive=False, linear=True),
+                f"Coefficient of the voltage to the power {k} [m/V^{k}].",
+            )
+            for k in range(2, made.asymmetry + 1)
+        ),
+        *_creep_fields(made),
+        *_history_fields(made),
+    ]
+
+
+def _dynamics_fields(made: Composition) -> list[Field]:
+    mass = Field(
+        "mass",
+        quantity(0.56, "kg", optional=True),
+        "Moving mass of stack and platform m_g [kg]; only friction feedback (5.25) uses it.",
+    )
+    if made.dynamics == "first-order":
+        return [Field("time_constant", quantity(1e-3, "s"), "Time constant tau with which the platform follows [s].")]
+    if made.dynamics == "second-order":
+        return [
+            Field("natural_frequency", quantity(6736.0, "rad/s"), "Undamped natural frequency w [rad/s]."),
+            Field("damping_ratio", quantity(0.1772, ""), "Damping ratio xi [1], any above 0."),
+            mass,
+        ]
+    if made.dynamics == "rod":
+        return [
+            Field("modulus", quantity(1.8967e10, "Pa"), "Young's modulus E [Pa]."),
+            Field("viscosity", quantity(1.2106e6, "Pa*s"), "Viscosity eta [Pa s] of the Kelvin-Voigt material (4.4)."),
+            Field("density", quantity(8000.0, "kg/m**3"), "Density rho [kg/m3]."),
+            Field("stack_length", quantity(0.02, "m"), "Length L [m]."),
+            Field("area", quantity(25e-6, "m**2"), "Cross-section A [m2]."),
+            Field("platform_mass", quantity(0.5552, "kg"), "Mass M [kg] that the tip carries."),
+        ]
+    return []
+
+
+def _hysteresis_fields(made: Composition) -> list[Field]:
+    weight = quantity(0.2e-7 / max(made.elements, 1), "m/V", positive=False, low=0.0, linear=True)
+    if made.hysteresis == "bouc-wen":
+        return [
+            Field("hysteresis", weight, "Displacement per volt that is missing right after a turn [m/V]."),
+            Field("beta", quantity(0.03, "1/V"), "Rate b with which h forgets along the path [1/V]."),
+            Field(
+                "gamma",
+                quantity(0.01, "1/V", positive=False),
+                "Difference g of that rate between loading and unloading, halved [1/V]; from -beta to beta.",
+            ),
+        ]
+    if not made.has_elements:
+        return []
+    word, what = ("play", "adds once it moves") if made.hysteresis == "play" else ("stop", "holds back until it slips")
+    return [
+        *(
+            Field(f"{word}_{j}", weight, f"Displacement per volt that element {j} {what} [m/V].")
+            for j in range(1, made.elements + 1)
+        ),
+        Field(
+            f"{word}_range",
+            quantity(30.0, "V"),
+            f"Threshold of the last element [V]; element j has j/{made.elements} of it.",
+        ),
+    ]
+
+
+def _creep_fields(made: Composition) -> list[Field]:
+    if not made.creep:
+        return []
+    weight = quantity(1.5e-9, "m/V", positive=False, low=0.0, linear=True)
+    shares = [
+        Field(f"creep_{j}", weight, f"Displacement per volt that element {j} of creep adds in the end [m/V].")
+        for j in range(1, made.creep + 1)
+    ]
+    time = quantity(0.05, "s")
+    return [*shares, Field("creep_time", time, "Time of the fastest element [s]; each other is ten times as slow.")]
+
+
+def _history_fields(made: Composition) -> list[Field]:
+    volts = quantity(0.0, "V", positive=False, optional=True)
+    left = quantity(0.0, "m", positive=False, optional=True, linear=True)
+    return [
+        Field("initial_voltage", volts, "Voltage at which the stack had long rested before t = 0 [V]."),
+        *(
+            [Field("initial_peak", volts, "Voltage to which it had been driven before that rest, from 0 V [V].")]
+            if made.hysteresis != "none"
+            else []
+        ),
+        *(
+            Field(f"initial_creep_{j}", left, f"What element {j} of creep is ahead of that rest at t = 0 [m].")
+            for j in range(1, made.creep + 1)
+        ),
+    ]

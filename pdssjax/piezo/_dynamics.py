@@ -1,0 +1,254 @@
+"""What the mechanics of a stack make of the displacement at which its ceramic aims.
+
+    static        y = e
+    first-order   tau y' + y = e
+    modes         y = y_1 + … + y_n,   y_j'' + 2 xi_j w_j y_j' + w_j^2 y_j = g_j w_j^2 e   [ + F / m_j ]
+
+The aim e(t) [m] is the sum of a memoryless part, the outputs of hysteresis and of creep.  Where the
+voltage is a straight line it is a polynomial, ramps that set in as elements let go, and
+exponentials; the response to each is known in closed form, and they add up.
+"""
+
+import abc
+import math
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..core import Scalar, ScalarLike
+from ..integration import N, Term
+from ._oscillator import accelerated, damped
+
+_FAST = 1e4
+"""Angular frequency [rad/s] that sets the scale between velocity and displacement where nothing oscillates."""
+
+_NEAR = 1e-3
+"""Product of time and difference of two rates below which their exponentials are taken from a series."""
+
+
+class Aim(NamedTuple):
+    """The displacement aimed at, from now on, while the voltage is a straight line."""
+
+    polynomial: tuple[Scalar, ...]
+    """Coefficients of 1, t, t^2, ... [m], [m/s], ..."""
+    ramps: Float[Array, " n"]
+    """Slopes [m/s] that are added once an element has let go."""
+    begins: Float[Array, " n"]
+    """When [s]."""
+    amplitudes: Float[Array, " m"]
+    """Of the parts that decay as exp(-rate t) [m]."""
+    rates: Float[Array, " m"]
+    """[1/s]"""
+
+
+class AbstractDynamics(eqx.Module):
+    """States of the mechanics alone, a tuple of scalars; e, e' and e'' are the aim and its time derivatives."""
+
+    @abc.abstractmethod
+    def initial(self, aim: Scalar) -> tuple[Scalar, ...]:
+        """At rest where the aim has long been `aim` [m]."""
+
+    @abc.abstractmethod
+    def rates(self, states: tuple[Term, ...], aim: Term, force: Term) -> tuple[Term, ...]:
+        """Time derivatives of the states, with `force` [N] on the platform."""
+
+    @abc.abstractmethod
+    def platform(self, states: tuple[N, ...], aim: N, aim_rate: N) -> tuple[N, N]:
+        """Displacement [m] and velocity [m/s]."""
+
+    @abc.abstractmethod
+    def acceleration(self, states: tuple[Term, ...], aim: Term, aim_rate: Term, aim_bend: Term) -> Term:
+        """y'' [m/s2] without a force."""
+
+    @abc.abstractmethod
+    def advanced(self, states: tuple[Scalar, ...], aim: Aim, elapsed: ScalarLike) -> tuple[Scalar, ...]:
+        """The states `elapsed` [s] later, exactly, without a force."""
+
+    @abc.abstractmethod
+    def scales(self) -> tuple[Scalar, ...]:
+        """Displacement [m] that a unit of each state stands for."""
+
+    @abc.abstractmethod
+    def frequency_scale(self) -> Scalar:
+        """The fastest angular frequency [rad/s] that matters."""
+
+    def mass(self) -> Scalar:
+        """That a force on the platform accelerates at first [kg]; infinite where none moves it."""
+        return jnp.asarray(jnp.inf)
+
+
+class Static(AbstractDynamics):
+    """The platform is where the ceramic aims."""
+
+    def initial(self, aim: Scalar) -> tuple[Scalar, ...]:
+        return ()
+
+    def rates(self, states: tuple[Term, ...], aim: Term, force: Term) -> tuple[Term, ...]:
+        return ()
+
+    def platform(self, states: tuple[N, ...], aim: N, aim_rate: N) -> tuple[N, N]:
+        return aim, aim_rate
+
+    def acceleration(self, states: tuple[Term, ...], aim: Term, aim_rate: Term, aim_bend: Term) -> Term:
+        return aim_bend
+
+    def advanced(self, states: tuple[Scalar, ...], aim: Aim, elapsed: ScalarLike) -> tuple[Scalar, ...]:
+        return ()
+
+    def scales(self) -> tuple[Scalar, ...]:
+        return ()
+
+    def frequency_scale(self) -> Scalar:
+        return jnp.asarray(_FAST)
+
+
+class FirstOrder(AbstractDynamics):
+    """A lag: an amplifier that charges the stack, or mechanics damped so much that one root is all that shows."""
+
+    time_constant: ScalarLike
+    """tau [s]"""
+
+    def initial(self, aim: Scalar) -> tuple[Scalar, ...]:
+        return (aim,)
+
+    def rates(self, states: tuple[Term, ...], aim: Term, force: Term) -> tuple[Term, ...]:
+        return ((aim - states[0]) * (1.0 / self.time_constant),)
+
+    def platform(self, states: tuple[N, ...], aim: N, aim_rate: N) -> tuple[N, N]:
+        return states[0], (aim - states[0]) * (1.0 / self.time_constant)
+
+    def acceleration(self, states: tuple[Term, ...], aim: Term, aim_rate: Term, aim_bend: Term) -> Term:
+        rate = 1.0 / self.time_constant
+        return (aim_rate - (aim - states[0]) * rate) * rate
+
+    def advanced(self, states: tuple[Scalar, ...], aim: Aim, elapsed: ScalarLike) -> tuple[Scalar, ...]:
+        rate = 1.0 / self.time_constant
+        steady: list[Scalar] = []
+        for power in reversed(range(len(aim.polynomial))):
+            above = (power + 1) * self.time_constant * steady[0] if steady else 0.0
+            steady.insert(0, aim.polynomial[power] - above)
+        late = jnp.maximum(elapsed - aim.begins, 0.0)
+        ramps = jnp.sum(aim.ramps * (late + jnp.expm1(-rate * late) * self.time_constant))
+        decays = jnp.sum(aim.amplitudes * rate * _between(rate, aim.rates, elapsed))
+        fade = jnp.exp(-rate * elapsed)
+        return (_value(steady, elapsed) + (states[0] - steady[0]) * fade + ramps + decays,)
+
+    def scales(self) -> tuple[Scalar, ...]:
+        return (jnp.ones(()),)
+
+    def frequency_scale(self) -> Scalar:
+        return jnp.asarray(1.0 / self.time_constant, float)
+
+
+class Mode(NamedTuple):
+    """One mode of a stack."""
+
+    share: ScalarLike
+    """Of the aim that it follows [1]."""
+    frequency: ScalarLike
+    """w [rad/s]"""
+    damping: ScalarLike
+    """xi [1], any above 0."""
+    mass: ScalarLike
+    """That a force on the platform drives [kg]."""
+
+
+class Modal(AbstractDynamics):
+    """Second-order systems side by side; pairs (y_j, y_j')."""
+
+    modes: tuple[Mode, ...]
+
+    def initial(self, aim: Scalar) -> tuple[Scalar, ...]:
+        return tuple(x for mode in self.modes for x in (mode.share * aim, jnp.zeros(())))
+
+    def rates(self, states: tuple[Term, ...], aim: Term, force: Term) -> tuple[Term, ...]:
+        found: list[Term] = []
+        for mode, y, w in self._pairs(states):
+            pushed = accelerated(y, w, aim * mode.share, mode.frequency, mode.damping)
+            found += [w, pushed + force * (1.0 / mode.mass)]
+        return tuple(found)
+
+    def platform(self, states: tuple[N, ...], aim: N, aim_rate: N) -> tuple[N, N]:
+        y, w = states[0], states[1]
+        for j in range(2, len(states), 2):
+            y, w = y + states[j], w + states[j + 1]
+        return y, w
+
+    def acceleration(self, states: tuple[Term, ...], aim: Term, aim_rate: Term, aim_bend: Term) -> Term:
+        total: Term = 0.0
+        for mode, y, w in self._pairs(states):
+            total = accelerated(y, w, aim * mode.share, mode.frequency, mode.damping) + total
+        return total
+
+    def advanced(self, states: tuple[Scalar, ...], aim: Aim, elapsed: ScalarLike) -> tuple[Scalar, ...]:
+        found: list[Scalar] = []
+        late = jnp.maximum(elapsed - aim.begins, 0.0)
+        for mode, y, w in self._pairs(states):
+            delay = 2.0 * mode.damping / mode.frequency
+            steady: list[Scalar] = []
+            for power in reversed(range(len(aim.polynomial))):
+                first = delay * (power + 1) * steady[0] if steady else 0.0
+                second = (power + 2) * (power + 1) * steady[1] / mode.frequency**2 if len(steady) > 1 else 0.0
+                steady.insert(0, mode.share * aim.polynomial[power] - first - second)
+            slope = [(i + 1) * b for i, b in enumerate(steady[1:])] or [jnp.zeros(())]
+            stiff = 1.0 - delay * aim.rates + (aim.rates / mode.frequency) ** 2
+            decays = mode.share * aim.amplitudes / stiff
+            free, speed = damped(
+                y - steady[0] - jnp.sum(decays),
+                w - slope[0] + jnp.sum(aim.rates * decays),
+                mode.frequency,
+                mode.damping,
+                elapsed,
+            )
+            # Each ramp: t - delay, and the free motion that begins at rest.
+            rest, halt = damped(delay * jnp.ones_like(late), -jnp.ones_like(late), mode.frequency, mode.damping, late)
+            fades = decays * jnp.exp(-aim.rates * elapsed)
+            ramps = mode.share * aim.ramps
+            begun = jnp.where(late > 0.0, 1.0, 0.0)
+            found += [
+                _value(steady, elapsed) + free + jnp.sum(fades) + jnp.sum(ramps * begun * (late - delay + rest)),
+                _value(slope, elapsed) + speed - jnp.sum(aim.rates * fades) + jnp.sum(ramps * begun * (1.0 + halt)),
+            ]
+        return tuple(found)
+
+    def scales(self) -> tuple[Scalar, ...]:
+        return tuple(x for mode in self.modes for x in (jnp.ones(()), jnp.asarray(1.0 / mode.frequency, float)))
+
+    def frequency_scale(self) -> Scalar:
+        # That of the mode that moves the platform: the others are over before it has begun to.
+        return jnp.asarray(self.modes[0].frequency, float)
+
+    def mass(self) -> Scalar:
+        return jnp.asarray(1.0 / sum(1.0 / mode.mass for mode in self.modes), float)
+
+    def _pairs(self, states: tuple[N, ...]) -> list[tuple[Mode, N, N]]:
+        return [(mode, states[2 * j], states[2 * j + 1]) for j, mode in enumerate(self.modes)]
+
+
+def shifted_powers(coefficients: tuple[ScalarLike, ...], at: ScalarLike, slope: ScalarLike) -> tuple[Scalar, ...]:
+    """Coefficients of 1, t, t^2, ... of the sum of c_k v^k, k from 0 on, where v = `at` + `slope` t."""
+    degree = len(coefficients) - 1
+    found = []
+    for power in range(degree + 1):
+        terms = [coefficients[k] * math.comb(k, power) * at ** (k - power) for k in range(power, degree + 1)]
+        found.append(jnp.asarray(sum(terms) * slope**power, float))
+    return tuple(found)
+
+
+def _value(polynomial: list[Scalar], t: ScalarLike) -> Scalar:
+    total = jnp.zeros(())
+    for coefficient in reversed(polynomial):
+        total = total * t + coefficient
+    return total
+
+
+def _between(rate: ScalarLike, rates: Float[Array, " m"], t: ScalarLike) -> Float[Array, " m"]:
+    """(exp(-rates t) - exp(-rate t)) / (rate - rates), which is t exp(-rate t) where they agree."""
+    x = (rate - rates) * t
+    near = jnp.abs(x) < _NEAR
+    safe = jnp.where(near, 1.0, x)
+    slow, fast = jnp.exp(-rates * t), jnp.exp(-rate * t)
+    series = slow * (1.0 - x * (1.0 / 2 - x * (1.0 / 6 - x / 24)))
+    return t * jnp.where(near, series, (slow - fast) / safe)

@@ -1,0 +1,141 @@
+"""A composed stack under a voltage of straight lines: all its corners at once, then all samples.
+
+Only the elements of hysteresis have to be passed one corner after the other.  Creep and mechanics are
+linear: what a line adds to them is known for all lines side by side, and a short recurrence joins them.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Float
+
+from ..core import ScalarLike
+from ._dynamics import AbstractDynamics, Aim, shifted_powers
+
+TOGETHER = 512
+"""Samples evaluated at once: the intermediate results of many, with their derivatives, would fill the memory."""
+
+
+class Ceramic(NamedTuple):
+    """Numbers of hysteresis, asymmetry and creep, as arrays."""
+
+    memoryless: tuple[ScalarLike, ...]
+    """Coefficients of the voltage, its square, ... [m/V], [m/V^2], ..."""
+    weights: Float[Array, " n"]
+    """Of the elements [m/V]."""
+    thresholds: Float[Array, " n"]
+    """[V]"""
+    shares: Float[Array, " m"]
+    """Of creep [m/V]."""
+    times: Float[Array, " m"]
+    """Of creep [s]."""
+
+
+class Moment(NamedTuple):
+    """A stack at the begin of a line, or within it; arrays of several have the lines first."""
+
+    mechanics: Float[Array, "*k q"]
+    stops: Float[Array, "*k n"]
+    """How far the voltage is ahead of each element [V]."""
+    crept: Float[Array, "*k m"]
+    """[m]"""
+
+
+class Line(NamedTuple):
+    """A stretch of voltage; arrays of several have the lines first."""
+
+    start: Float[Array, "*k"]
+    """[V]"""
+    slope: Float[Array, "*k"]
+    """[V/s]"""
+
+
+def aim_on_line(ceramic: Ceramic, line: Line, stops: Float[Array, " n"], crept: Float[Array, " m"]) -> Aim:
+    """What is aimed at from the begin of a line on."""
+    begin, slope = line
+    base = shifted_powers((0.0, *ceramic.memoryless), begin, slope)
+    steady = ceramic.shares * (begin - slope * ceramic.times)
+    level = base[0] + ceramic.weights @ (begin - stops) + jnp.sum(steady)
+    rise = base[1] + jnp.sum(ceramic.shares) * slope
+    way = ceramic.thresholds - jnp.where(slope < 0.0, -1.0, 1.0) * stops
+    begins = way / jnp.where(slope != 0.0, jnp.abs(slope), 1.0)
+    return Aim((level, rise, *base[2:]), ceramic.weights * slope, begins, crept - steady, 1.0 / ceramic.times)
+
+
+def advanced(ceramic: Ceramic, dynamics: AbstractDynamics, line: Line, begin: Moment, elapsed: ScalarLike) -> Moment:
+    """The stack `elapsed` [s] after the `begin` of a line, without a force."""
+    aim = aim_on_line(ceramic, line, begin.stops, begin.crept)
+    mechanics = dynamics.advanced(tuple(begin.mechanics), aim, elapsed)
+    run = line.slope * elapsed
+    stops = jnp.clip(begin.stops + run, -ceramic.thresholds, ceramic.thresholds)
+    end = ceramic.shares * (line.start + run - line.slope * ceramic.times)
+    crept = end + aim.amplitudes * jnp.exp(-aim.rates * elapsed)
+    return Moment(jnp.asarray(mechanics, float), stops, crept)
+
+
+def begins_of_lines(
+    ceramic: Ceramic,
+    dynamics: AbstractDynamics,
+    lines: Line,
+    durations: Float[Array, " k"],
+    seen: ScalarLike,
+    begin: Moment,
+) -> Moment:
+    """The stack just after each corner; `seen` is the voltage [V] before the first, in the state `begin`."""
+    run = lines.slope * durations
+    jump = lines.start - jnp.concatenate([jnp.reshape(jnp.asarray(seen, float), 1), (lines.start + run)[:-1]])
+    limit = lambda stops: jnp.clip(stops, -ceramic.thresholds, ceramic.thresholds)
+
+    def pass_corner(
+        stops: Float[Array, " n"], ways: tuple[Float[Array, ""], Float[Array, ""]]
+    ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+        after = limit(stops + ways[0])
+        return limit(after + ways[1]), after
+
+    _, stops = lax.scan(pass_corner, begin.stops, (jump, run))
+    fades = jnp.exp(-durations[:, None] / ceramic.times)
+    begun = ceramic.shares * (lines.start[:, None] - lines.slope[:, None] * ceramic.times)
+    added = begun * (1.0 - fades) + ceramic.shares * run[:, None]
+    crept = _recurrence(begin.crept, fades, added, lambda fade, c: fade * c)
+    still = jnp.zeros_like(begin.mechanics)
+    of_line = lambda line, stops, crept, time: advanced(ceramic, dynamics, line, Moment(still, stops, crept), time)
+    gained = jax.vmap(of_line)(lines, stops, crept, durations).mechanics
+    free = lambda time: jnp.stack([_free(dynamics, e, time) for e in jnp.eye(still.size)], axis=1)
+    turns = jax.vmap(free)(durations) if still.size else jnp.zeros((durations.size, 0, 0))
+    mechanics = _recurrence(begin.mechanics, turns, gained, lambda turn, x: turn @ x)
+    return Moment(mechanics, stops, crept)
+
+
+def inside_lines(
+    ceramic: Ceramic, dynamics: AbstractDynamics, lines: Line, begins: Moment, elapsed: Float[Array, " samples"]
+) -> Moment:
+    """The stack `elapsed` [s] after the begins of as many lines."""
+    of_sample = lambda at: advanced(ceramic, dynamics, *at)
+    arguments = lines, begins, elapsed
+    if elapsed.size <= TOGETHER:
+        return jax.vmap(of_sample)(arguments)
+    return lax.map(of_sample, arguments, batch_size=TOGETHER)
+
+
+def _free(dynamics: AbstractDynamics, state: Float[Array, " q"], time: ScalarLike) -> Float[Array, " q"]:
+    """Where the mechanics go by themselves."""
+    none = jnp.zeros(0)
+    aim = Aim((jnp.zeros(()), jnp.zeros(())), none, none, none, none)
+    return jnp.asarray(dynamics.advanced(tuple(state), aim, time), float)
+
+
+def _recurrence(
+    begin: Float[Array, " q"],
+    factors: Array,
+    added: Float[Array, "k q"],
+    times: Callable[[Array, Array], Array],
+) -> Float[Array, "k q"]:
+    """x_0 = `begin`, x_(k+1) = factor_k x_k + added_k: the first k of them."""
+
+    def pass_line(x: Array, line: tuple[Array, Array]) -> tuple[Array, Array]:
+        return times(line[0], x) + line[1], x
+
+    return lax.scan(pass_line, begin, (factors, added))[1]

@@ -1,0 +1,209 @@
+"""Stacks put together of hysteresis, asymmetry and creep move as NumPy makes them of the textbook's definitions."""
+
+import itertools
+import pickle
+from functools import cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from pdssjax.actuator import DrivenPlatform
+from pdssjax.core import member, member_name, quantities
+from pdssjax.drive.sampled import Sampled
+from pdssjax.integration import Accuracy
+from pdssjax.piezo import Composition
+from pdssjax.piezo._composition import composition_of
+from pdssjax.simulation import PlatformOnly, measured
+
+TIMES = np.arange(61) * 5e-3
+VOLTS = 20.0 + 15.0 * np.sin(2 * np.pi * 7.0 * TIMES) + 6.0 * np.sin(2 * np.pi * 19.0 * TIMES)
+SLOW = {"natural_frequency": 250.0, "damping_ratio": 0.4}
+STACKS = {
+    "static+play-4+asymmetry-3+creep-2": {},
+    "static+maxwell-slip-3+creep-1": {},
+    "static+bouc-wen+creep-1": {},
+    "first-order+play-3+asymmetry-2+creep-2": {"time_constant": 8e-3},
+    "second-order+play-4+asymmetry-3+creep-2": SLOW,
+    "second-order+maxwell-slip-2": {"natural_frequency": 180.0, "damping_ratio": 1.7},
+    "rod-1+play-2+creep-1": {"modulus": 2e7, "viscosity": 5e4},
+}
+HISTORY = {"initial_voltage": 8.0, "initial_peak": 31.0}
+
+
+def stack_class(name):
+    return member("piezo", f"composed:{name}")
+
+
+def made(name):
+    """A stack with large hysteresis, that has not begun at rest at 0 V."""
+    model = stack_class(name)
+    numbers = {"play": 6e-9, "stop": 7e-9, "creep": 4e-9, "hysteresis": 3e-8, "initial_creep": 5e-8}
+    given = {}
+    for field, declared in quantities(model).items():
+        word, _, number = field.rpartition("_")
+        large = numbers.get(word if number.isdigit() else field)
+        given[field] = declared.nominal if large is None else large * (1.0 + 0.2 * (int(number) if word else 0))
+    history = {k: v for k, v in HISTORY.items() if k in given}
+    return model(**(given | {k: 12.0 for k in given if k.endswith("_range")} | history | STACKS[name]))
+
+
+def shown(stack, times, tight=False):
+    system = PlatformOnly(DrivenPlatform(stack), Sampled(TIMES, VOLTS))
+    accuracy = Accuracy(tolerance=1e-13, max_steps=20000) if tight else Accuracy(max_steps=20000)
+    return measured(system, times, accuracy, segments=TIMES.size + 1)
+
+
+@cache
+def compiled(name):
+    return jax.jit(shown), jnp.asarray(TIMES[0] + np.linspace(0.0, TIMES[-1], 97))
+
+
+# What follows knows nothing of the package but the numbers of a stack.
+
+
+def played(volts, thresholds, begin):
+    """The play operator, by its definition: z(t) = max(v - r, min(v + r, z before)), for every threshold r."""
+    z, out = np.array(begin, float), []
+    for v in volts:
+        z = np.maximum(v - thresholds, np.minimum(v + thresholds, z))
+        out.append(z)
+    return np.array(out).T
+
+
+def wen(volts, beta, gamma, begin):
+    """h of Bouc and Wen along a path, by a general integrator: dh = du - (beta |du| h + gamma du |h|)."""
+    h, out = begin, []
+    for before, now in itertools.pairwise(volts):
+        way = now - before
+        rate = lambda s, h, way=way: way - beta * abs(way) * h - gamma * way * np.abs(h)
+        h = solve_ivp(rate, (0.0, 1.0), [h], rtol=1e-11, atol=1e-13, max_step=0.02).y[0, -1]
+        out.append(h)
+    return np.array(out)
+
+
+def aim_by_numpy(stack, composition, volts, times):
+    """What the ceramic aims at, at `times` on a path so fine that nothing happens in between."""
+    g = lambda name: float(getattr(stack, name))
+    n = composition.elements
+    total = g("gain") * volts
+    path = np.concatenate([[0.0, g("initial_peak"), g("initial_voltage")], volts])
+    if composition.has_elements:
+        word = "play" if composition.hysteresis == "play" else "stop"
+        thresholds = g(f"{word}_range") * np.arange(1, n + 1) / n
+        weights = np.array([g(f"{word}_{j}") for j in range(1, n + 1)])
+        plays = played(path, thresholds, np.zeros(n))[:, 3:]
+        total = total + weights @ (plays if word == "play" else plays - volts)
+    if composition.hysteresis == "bouc-wen":
+        total = total + g("hysteresis") * (volts - wen(path, g("beta"), g("gamma"), 0.0)[2:])
+    total = total + sum(g(f"asymmetry_{k}") * volts**k for k in range(2, composition.asymmetry + 1))
+    for j in range(1, composition.creep + 1):
+        share, time = g(f"creep_{j}"), g("creep_time") * 10.0 ** (j - 1)
+        c = share * g("initial_voltage") + g(f"initial_creep_{j}")
+        crept = [c]
+        for begin, end, v0, v1 in zip(times, times[1:], volts, volts[1:], strict=False):
+            slope = (v1 - v0) / (end - begin)
+            steady = lambda v, slope=slope, time=time, share=share: share * (v - slope * time)
+            c = steady(v1) + (c - steady(v0)) * np.exp(-(end - begin) / time)
+            crept.append(c)
+        total = total + np.array(crept)
+    return total
+
+
+def filtered(stack, composition, aim, times, rest):
+    """The mechanics' answer to an aim known at close times, by SciPy."""
+    if composition.dynamics == "static":
+        return aim
+    at = lambda t: np.interp(t, times, aim)
+    if composition.dynamics == "first-order":
+        tau = float(stack.time_constant)
+        field, begin = lambda t, x: [(at(t) - x[0]) / tau], [rest]
+    else:
+        mode = stack.dynamics.modes[0]
+        w, xi = float(mode.frequency), float(mode.damping)
+        field, begin = lambda t, x: [x[1], w**2 * (float(mode.share) * at(t) - x[0]) - 2 * xi * w * x[1]], [rest, 0.0]
+    return solve_ivp(field, times[[0, -1]], begin, t_eval=times, rtol=1e-9, atol=1e-15, max_step=1e-4).y[0]
+
+
+@pytest.mark.parametrize("name", [name for name in STACKS if "bouc" not in name])
+def test_a_composed_stack_moves_as_numpy_makes_it_move(name):
+    stack, composition = made(name), composition_of(name)
+    predict, times = compiled(name)
+    fine = np.linspace(0.0, TIMES[-1], 60 * 96 + 1)
+    volts = np.interp(fine, TIMES, VOLTS)
+    aim = aim_by_numpy(stack, composition, volts, fine)
+    # What the mechanics rest at before t = 0, where the voltage jumps from there to the first sample's.
+    still = aim_by_numpy(stack, composition, np.array([float(stack.initial_voltage)]), np.zeros(1))[0]
+    expected = filtered(stack, composition, aim, fine, still * (stack.dynamics.modes[0].share if "rod" in name else 1))
+    np.testing.assert_allclose(predict(stack, times), expected[::60], rtol=0.0, atol=2e-6 * np.ptp(expected))
+
+
+def test_bouc_wen_with_creep_moves_as_numpy_makes_it_move():
+    stack, composition = made("static+bouc-wen+creep-1"), composition_of("static+bouc-wen+creep-1")
+    times = np.linspace(0.0, TIMES[-1], 181)
+    volts = np.interp(times, TIMES, VOLTS)
+    expected = aim_by_numpy(stack, composition, volts, times)
+    predict, _ = compiled("static+bouc-wen+creep-1")
+    np.testing.assert_allclose(predict(stack, jnp.asarray(times)), expected, rtol=0.0, atol=1e-7 * np.ptp(expected))
+
+
+def test_creep_after_a_step_follows_its_closed_form():
+    stack = stack_class("static+creep-3")(gain=1e-7, creep_1=2e-9, creep_2=3e-9, creep_3=1e-9, creep_time=0.01)
+    times = np.geomspace(1e-3, 5.0, 40)
+    system = PlatformOnly(DrivenPlatform(stack), Sampled([0.0, 10.0], [50.0, 50.0]))
+    crept = sum(k * (1.0 - np.exp(-times / t)) for k, t in ((2e-9, 0.01), (3e-9, 0.1), (1e-9, 1.0)))
+    found = measured(system, jnp.asarray(times), Accuracy(), segments=3)
+    np.testing.assert_allclose(found, 50.0 * (1e-7 + crept), rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["first-order+play-3+asymmetry-2+creep-2", "second-order+play-4+asymmetry-3+creep-2"])
+def test_derivatives_agree_with_differences(name):
+    stack = made(name)
+    predict, times = compiled(name)
+    leaves, tree = jax.tree.flatten(stack)
+    numbers = np.array([float(leaf) for leaf in leaves])
+    scale = np.where(numbers == 0.0, 1e-3, np.abs(numbers))
+    of = lambda x: predict(jax.tree.unflatten(tree, [x[i] for i in range(len(leaves))]), times)
+    jacobian = np.asarray(jax.jit(jax.jacfwd(lambda f: of(f * scale)))(numbers / scale))
+    step = 1e-5
+    for i, column in enumerate(jacobian.T):
+        e = np.eye(len(leaves))[i] * step
+        difference = (np.asarray(of((numbers / scale + e) * scale)) - of((numbers / scale - e) * scale)) / (2.0 * step)
+        size = np.abs(difference).max()
+        np.testing.assert_allclose(column, difference, rtol=0.0, atol=2e-4 * size + 1e-15)
+
+
+@pytest.mark.parametrize("name", ["second-order+play-4+asymmetry-3+creep-2", "static+play-4+asymmetry-3+creep-2"])
+def test_stepped_and_in_closed_form_are_the_same(name, monkeypatch):
+    stack = made(name)
+    predict, times = compiled(name)
+    exact = np.asarray(predict(stack, times))
+    monkeypatch.setattr(type(stack), "closed_on_lines", False)
+    stepped = np.asarray(shown(stack, times, tight=True))
+    np.testing.assert_allclose(stepped, exact, rtol=0.0, atol=1e-12)
+
+
+def test_a_name_says_it_all_also_to_another_process():
+    for name in STACKS:
+        model = stack_class(name)
+        assert composition_of(name).text == name
+        assert member_name(model) == f"composed:{name}"
+        assert pickle.loads(pickle.dumps(model)) is model is stack_class(name)
+    assert member("piezo", "composed").made == Composition()
+
+
+@pytest.mark.parametrize(
+    "name", ["static+", "statics", "static+play", "static+play-0", "play-3+static", "static+creep-x"]
+)
+def test_what_names_no_stack_is_refused(name):
+    with pytest.raises(KeyError):
+        stack_class(name)
+
+
+def test_play_and_maxwell_slip_are_one_operator():
+    play = stack_class("static+play-2")(gain=1e-7, play_1=1e-8, play_2=3e-8, play_range=10.0)
+    slip = stack_class("static+maxwell-slip-2")(gain=1.4e-7, stop_1=1e-8, stop_2=3e-8, stop_range=10.0)
+    times = jnp.asarray(TIMES)
+    np.testing.assert_allclose(shown(play, times), shown(slip, times), rtol=0.0, atol=1e-18)
