@@ -31,29 +31,29 @@ class Period(NamedTuple):
 
 
 class BouncingBall(AbstractHybridSystem):
-    """x' = v, v' = -1; at x = 0 the plane turns the ball round."""
+    """x' = v, v' = -1; at x = 0 the plane turns the ball round.  A flag besides never changes: it is no deviation."""
 
     strength: Any
     begin: Any
 
     def initial(self):
-        return (self.begin[0], self.begin[1])
+        return (self.begin[0], self.begin[1], jnp.ones(()))
 
     def segment(self, index):
         return Period(jnp.ones(()) + 0.0 * index)
 
     def field(self, segment, t_local, x, mode):
-        return (x[1], x[0] * 0.0 - 1.0)
+        return (x[1], x[0] * 0.0 - 1.0, 0)
 
     def guards(self, segment, t_local, x, mode):
         return (x[0],)
 
     def after_event(self, segment, t_local, x, mode, which):
         struck = (1.0 + RESTITUTION) * self.strength * jnp.cos(RATE * t_local)
-        return (jnp.zeros_like(x[0]), struck - RESTITUTION * x[1]), mode
+        return (jnp.zeros_like(x[0]), struck - RESTITUTION * x[1], x[2]), mode
 
     def state_scale(self):
-        return (jnp.ones(()), jnp.ones(()))
+        return (jnp.ones(()), jnp.ones(()), jnp.ones(()))
 
     def period(self):
         return (0, 1)
@@ -95,9 +95,9 @@ def test_a_ball_that_bounces_once_in_some_periods_has_the_multipliers_of_the_clo
     assert int(motion.period) == periods and int(motion.failure) == 0
     trace = 1 + RESTITUTION - 2 * (1 + RESTITUTION) * RATE * strength * np.sin(impact_phase(strength, periods))
     expected = np.sort(np.abs(np.roots([1.0, -trace, RESTITUTION])))[::-1]
-    np.testing.assert_allclose(motion.multipliers, expected, rtol=1e-6)
+    np.testing.assert_allclose(motion.multipliers, [*expected, 0.0], rtol=1e-6)
     since = 1.0 - impact_phase(strength, periods) / RATE
-    np.testing.assert_allclose(motion.x, [0.5 * periods * since - 0.5 * since**2, 0.5 * periods - since], atol=1e-9)
+    np.testing.assert_allclose(motion.x[:2], [0.5 * periods * since - 0.5 * since**2, 0.5 * periods - since], atol=1e-9)
 
 
 def test_where_the_period_doubles_the_motion_of_two_periods_is_found_with_its_multipliers():
@@ -108,7 +108,7 @@ def test_where_the_period_doubles_the_motion_of_two_periods_is_found_with_its_mu
         impact = mapped(impact, 1.03 * DOUBLES)
     monodromy = jacobian(mapped(impact, 1.03 * DOUBLES), 1.03 * DOUBLES) @ jacobian(impact, 1.03 * DOUBLES)
     expected = np.sort(np.abs(np.linalg.eigvals(monodromy)))[::-1]
-    np.testing.assert_allclose(above.multipliers, expected, rtol=1e-6)
+    np.testing.assert_allclose(above.multipliers, [*expected, 0.0], rtol=1e-6)
 
 
 def test_a_motion_of_four_periods_is_said_not_to_repeat():

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from .comparison import comparison_figure as comparison_figure
     from .correlations import correlation_figure as correlation_figure
     from .cycles import cycle_figure as cycle_figure
+    from .directions import directions_figure as directions_figure
     from .multistart import multistart_figure as multistart_figure
     from .profiles import profile_figure as profile_figure
     from .record_guess import guess_figure as guess_figure
@@ -27,6 +28,7 @@ else:
             "comparison": ["comparison_figure"],
             "correlations": ["correlation_figure"],
             "cycles": ["cycle_figure"],
+            "directions": ["directions_figure"],
             "record_guess": ["guess_figure"],
             "multistart": ["multistart_figure"],
             "profiles": ["profile_figure"],
