@@ -17,6 +17,8 @@ from .subcommands import Subcommands
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
+    import xarray
+
     from ..files import SweepStore
     from ..study import Study
     from ..sweeps import AbstractPoints
@@ -31,7 +33,6 @@ def sweep(options: argparse.Namespace) -> int:
         check_free(options.out, options.overwrite or options.resume)
     check_store(options.store)
     prepare_jax()
-    import pdssjax
 
     from ..sweeps import with_bands
 
@@ -42,9 +43,32 @@ def sweep(options: argparse.Namespace) -> int:
     asked = _asked(study, points, options)
     if options.explain:
         return _explain(study, points, options, asked)
+    try:
+        data = _swept(study, points, options, asked)
+    except _Unwritable as error:
+        print(f"pdssjax: error: {error}", file=sys.stderr, flush=True)
+        return 4
+    if options.bands is not None:
+        data = with_bands(data)
+    say(format_numbers(json.loads(data.attrs["parameters"])))
+    say(format_sweep(data), end="")
+    written = keep_results(lambda place: write_sweep(data, place, options.store), options.out)
+    return say_where(written, f"Results are in {options.out}")
+
+
+class _Unwritable(Exception):
+    """The points could not be kept where asked."""
+
+
+def _swept(
+    study: "Study", points: "AbstractPoints", options: argparse.Namespace, asked: "dict[str, tuple[str, ...]]"
+) -> "xarray.Dataset":
+    """What the sweep finds, kept on disk meanwhile."""
+    import pdssjax
+
     store = _store(options)
     with _executor(options.scheduler) as (executor, workers), counter("points") as count, _kept_in(store):
-        data = pdssjax.sweep(
+        return pdssjax.sweep(
             study,
             points,
             record=options.record,
@@ -56,12 +80,6 @@ def sweep(options: argparse.Namespace) -> int:
             in_flight=None if workers is None else 2 * workers,
             store=store,
         )
-    if options.bands is not None:
-        data = with_bands(data)
-    say(format_numbers(json.loads(data.attrs["parameters"])))
-    say(format_sweep(data), end="")
-    written = keep_results(lambda place: write_sweep(data, place, options.store), options.out)
-    return say_where(written, f"Results are in {options.out}")
 
 
 def _points(study: "Study", options: argparse.Namespace) -> "AbstractPoints":
@@ -148,6 +166,13 @@ def _kept_in(store: "SweepStore | None") -> Iterator[None]:
             kept = f"the points that were done are in {store.place}; go on with --resume"
             print(f"pdssjax: {kept}", file=sys.stderr, flush=True)
         raise
+    except OSError as error:
+        if store is None:
+            raise
+        kept = ""
+        if store.place.exists():
+            kept = "; the points that were done are there: make room and go on with --resume"
+        raise _Unwritable(f"{store.place}: cannot be written ({error.strerror or error}){kept}.") from None
 
 
 @contextlib.contextmanager

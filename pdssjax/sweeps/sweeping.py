@@ -151,15 +151,17 @@ def _run(
     with contextlib.closing(blocks), _broken_told():
         for number, found in blocks:
             try:
-                store.keep(number, found()[: size(number)])
-                kept += 1
-            except (InputError, OSError, BrokenExecutor):
+                rows = found()[: size(number)]
+            except (InputError, BrokenExecutor):
                 raise
             except Exception as error:
                 # What fails at the first block would at every other one: it is no matter of the points.
                 if not kept:
                     raise
                 store.fail(number, f"{type(error).__name__}: {error}")
+            else:
+                store.keep(number, rows)
+                kept += 1
             done += size(number)
             if progress is not None:
                 progress(done, total)

@@ -153,7 +153,7 @@ def test_directions_are_drawn_beside_each_other(cut):
         np.testing.assert_allclose(panels[1].lines[0].get_ydata()[-1], 100.0 * 2.0 / 3.0)
 
 
-def test_the_command_asks_for_metrics_and_derivatives(tmp_path, monkeypatch, capsys):
+def test_the_command_asks_for_metrics_and_derivatives(study, tmp_path, monkeypatch, capsys):
     seen = []
 
     def computed_block(function, points):
@@ -162,8 +162,10 @@ def test_the_command_asks_for_metrics_and_derivatives(tmp_path, monkeypatch, cap
         return np.column_stack([row[:, :5], np.ones((len(points), len(function.columns) - 5)), row[:, -1]])
 
     monkeypatch.setattr(execution, "computed_block", computed_block)
-    truth = EXAMPLE / "truth.json"
-    command = ["sweep", str(EXAMPLE / "study.toml"), "--voltage", "20:80:3", "--estimate", str(truth)]
+    estimate = tmp_path / "estimate.json"
+    known = {path: {"value": value} for path, value in study.values().items()}
+    estimate.write_text(json.dumps({"format": "pdssjax-estimate/1", "converged": True, "parameters": known}))
+    command = ["sweep", str(EXAMPLE / "study.toml"), "--voltage", "20:80:3", "--estimate", str(estimate)]
     asked = ["--metrics", "all", "--derivatives", "piezo.gain, drive.frequency", "--both-directions"]
     assert main([*command, *asked, "--out", str(tmp_path / "out")]) == 0
     assert seen[0].further == tuple(n for n in FURTHER if n not in ("multiplier", "output_force"))
