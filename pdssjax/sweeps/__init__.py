@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     from .cost import Forecast as Forecast
     from .cost import forecast as forecast
     from .cycles.base import METRICS as METRICS
+    from .cycles.further_metrics import FURTHER as FURTHER
+    from .cycles.further_metrics import GRAZES as GRAZES
+    from .cycles.further_metrics import SMOOTH as SMOOTH
     from .directions import compared_directions as compared_directions
-    from .further_metrics import FURTHER as FURTHER
-    from .further_metrics import GRAZES as GRAZES
-    from .further_metrics import SMOOTH as SMOOTH
     from .job import differences as differences
     from .point import POINT_FAILURES as POINT_FAILURES
     from .points.base import AbstractPoints as AbstractPoints
@@ -56,7 +56,7 @@ else:
             "varied_record": ["driven_record"],
             "cycles.base": ["METRICS"],
             "directions": ["compared_directions"],
-            "further_metrics": ["FURTHER", "GRAZES", "SMOOTH"],
+            "cycles.further_metrics": ["FURTHER", "GRAZES", "SMOOTH"],
             "job": ["differences"],
             "point": ["POINT_FAILURES"],
             "points.base": ["AbstractPoints"],

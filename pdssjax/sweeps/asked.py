@@ -6,8 +6,8 @@ from ..core import InputError, nearest
 from ..study import Record, Study
 from .axes import sweepable, sweepable_choices
 from .cycles.base import AbstractCycle
+from .cycles.further_metrics import FURTHER
 from .cycles.steady import Steady
-from .further_metrics import FURTHER
 from .varied_record import drive_of
 
 

@@ -19,7 +19,7 @@ from ..simulation import StickSlip
 from ..study import Models
 from .cycles.base import METRICS, AbstractCycle, Metric
 from .cycles.course import closing, step_metrics
-from .further_metrics import FURTHER, SMOOTH, counted, output_force, peak_friction
+from .cycles.further_metrics import FURTHER, SMOOTH, counted, output_force, peak_friction
 
 SKIPPED, NOT_COMPUTED, INCOMPLETE = (len(FAILURES) + i for i in range(3))
 

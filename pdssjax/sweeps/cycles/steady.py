@@ -24,8 +24,8 @@ from ...integration import (
 )
 from ...metrics import cycle_metrics
 from ...simulation import StickSlip
-from ..further_metrics import GRAZES, grazing
 from .base import METRICS, AbstractCycle, Course, Metric, Opening, effector_at, timing
+from .further_metrics import GRAZES, grazing
 
 TOLERANCE = 2e-11
 """How far [m] a cycle may be from its limit."""

@@ -8,11 +8,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..core import Scalar
-from ..integration import SETTLED
-from ..metrics import force_metrics
-from .cycles.base import Course, Metric, timing
-from .cycles.course import mean_over_cycles, steps_within, visited
+from ...core import Scalar
+from ...integration import SETTLED
+from ...metrics import force_metrics
+from .base import Course, Metric, timing
+from .course import mean_over_cycles, steps_within, visited
 
 SMOOTH = {
     "peak_friction": Metric("N", "peak of the friction force in a cycle"),
