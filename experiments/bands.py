@@ -81,8 +81,8 @@ def draw(found: Mapping[str, tuple[xarray.Dataset, xarray.Dataset]]) -> Figure:
         for data, colour, style in ((linear, BLUE, "-"), (drawn, VERMILION, "--")):
             half = 50.0 * (data.speed_high - data.speed_low) / abs(data.speed)
             column[1].plot(x, half.where(linear.efficiency > DEAD), style, color=colour)
-        column[1].set_yscale("log")
-        column[1].set_ylabel("half the band (% of the speed)")
+        column[1].set_ylim(bottom=0.0)
+        column[1].set_ylabel("half the band\n(% of the speed)")
         column[1].set_xlabel(label)
         column[0].set_ylabel("speed (µm/s)")
         if along == "frequency":

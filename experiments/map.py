@@ -23,8 +23,8 @@ from pdssjax.files import SweepStore
 from pdssjax.sweeps import DEAD, Crossed, Grid, SigmaPoints, find_border, with_bands
 
 NAME = "map"
-VOLTAGES, FREQUENCIES = np.linspace(2.0, 150.0, 38), np.geomspace(2.0, 400.0, 47)
-COARSE_VOLTAGES, COARSE_FREQUENCIES = np.linspace(2.0, 150.0, 13), np.geomspace(2.0, 400.0, 15)
+VOLTAGES, FREQUENCIES = np.geomspace(2.0, 150.0, 38), np.geomspace(2.0, 400.0, 47)
+COARSE_VOLTAGES, COARSE_FREQUENCIES = np.geomspace(2.0, 150.0, 13), np.geomspace(2.0, 400.0, 15)
 """Of the bands, each of whose points stands for 19 simulations."""
 ASKED = (30.0, 80.0)
 """The user's question [V, Hz]."""
@@ -111,6 +111,9 @@ def draw(both: xarray.Dataset, banded: xarray.Dataset) -> Figure:
         one.plot(*np.array(THESIS).T[::-1], "*", color="w", markeredgecolor="k", markersize=9, label="thesis")
         one.plot(ASKED[1], ASKED[0], "o", color="none", markeredgecolor="k", markersize=7, label="30 V, 80 Hz")
         one.set_xscale("log")
+        one.set_yscale("log")
+        one.set_yticks([2, 5, 10, 20, 50, 100], labels=["2", "5", "10", "20", "50", "100"])
+        one.set_yticks([], minor=True)
         one.set_xlabel("frequency (Hz)")
         one.grid(False)
     axes[2].legend(loc="upper left", frameon=True, fontsize=7)

@@ -6,6 +6,7 @@ import matplotlib
 import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 
 from ...sweeps import DEAD, compared_directions
@@ -16,6 +17,9 @@ if TYPE_CHECKING:
     import xarray
 
 FORWARD, BACKWARD = "#0072B2", "#D55E00"
+
+_WIDE = 8.0
+"""The largest speed by the median above which a map's colours go by the logarithm."""
 
 _ALIKE = 1e-3
 """Colours of the asymmetry reach this far at least: less is rounding."""
@@ -51,31 +55,32 @@ def _lines(axes: list[Axes], data: "xarray.Dataset", names: list[str]) -> None:
     axes[0].legend()
     axes[1].plot(places, 100.0 * compared_directions(data).asymmetry.values, ".-", color="k", markersize=4)
     axes[1].axhline(0.0, color="k", linewidth=0.6)
-    axes[1].set_ylabel("forward less backward, by their mean (%)")
+    axes[1].set_ylabel("difference (% of their mean)")
     for panel in axes:
         panel.set_xlabel(place)
+        panel.set_xlim(axes[0].get_xlim())
 
 
 def _maps(axes: list[Axes], data: "xarray.Dataset", names: list[str]) -> None:
     (y, rows), (x, columns) = (shown(data[name]) for name in names)
     speeds, label = shown(abs(data.speed).assign_attrs(data.speed.attrs))
-    top = float(np.nanmax(speeds, initial=0.0))
-    found = {}
+    scale, found = _speed_scale(speeds), {}
     for panel, way, name, colour in zip(axes, (1.0, -1.0), ("forward", "backward"), (FORWARD, BACKWARD), strict=False):
         part = data.sel(drive_direction=way)
         values, _ = shown(abs(part.speed).assign_attrs(data.speed.attrs).transpose(*names))
-        image = panel.pcolormesh(x, y, values, shading="nearest", rasterized=True, cmap="viridis", vmin=0.0, vmax=top)
+        image = panel.pcolormesh(x, y, values, shading="nearest", rasterized=True, cmap="viridis", norm=scale)
         panel.set_title(name, color=colour, loc="left")
         found[colour] = part.efficiency.transpose(*names).values - DEAD
         _border(panel, x, y, found[colour], "w")
     figure = axes[0].figure
     assert figure is not None
     figure.colorbar(image, ax=axes[:2], label=label)
+    axes[2].set_title("what they differ by", loc="left")
     asymmetry = 100.0 * compared_directions(data).asymmetry.transpose(*names).values
     reach = max(float(np.nanmax(np.abs(asymmetry), initial=0.0)), 100.0 * _ALIKE)
     colours: dict[str, Any] = {"cmap": "RdBu", "vmin": -reach, "vmax": reach}
     image = axes[2].pcolormesh(x, y, asymmetry, shading="nearest", rasterized=True, **colours)
-    figure.colorbar(image, ax=axes[2], label="forward less backward, by their mean (%)")
+    figure.colorbar(image, ax=axes[2], label="difference (% of their mean)")
     for colour, dead in found.items():
         _border(axes[2], x, y, dead, colour)
     for panel in axes:
@@ -83,6 +88,15 @@ def _maps(axes: list[Axes], data: "xarray.Dataset", names: list[str]) -> None:
         panel.set_xscale("log" if in_equal_ratios(x) else "linear")
         panel.set_yscale("log" if in_equal_ratios(y) else "linear")
     axes[0].set_ylabel(rows)
+
+
+def _speed_scale(speeds: Float[np.ndarray, "..."]) -> Normalize:
+    """Colours of speeds: by their logarithm where most are small beside the largest."""
+    known = speeds[np.isfinite(speeds) & (speeds > 0)]
+    top = float(known.max(initial=0.0))
+    if known.size and top > _WIDE * float(np.median(known)):
+        return LogNorm(1e-4 * top, top, clip=True)
+    return Normalize(0.0, top or 1.0)
 
 
 def _border(
