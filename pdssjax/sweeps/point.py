@@ -121,12 +121,10 @@ class PointFunction(eqx.Module):
             others = {} if blocked else counted(course, opening.multiplier)
             return Look(found, closing(course)), (Look(found | others, x), course.failure)
 
-        at = (
-            jnp.stack([jnp.asarray(self._number(values, path), float) for path in self.by]) if self.by else jnp.zeros(0)
-        )
         if not self.by:
-            _, (found, failure) = look(at, opening.x)
+            _, (found, failure) = look(jnp.zeros(0), opening.x)
             return found.metrics, {}, failure
+        at = jnp.stack([jnp.asarray(self._number(values, path), float) for path in self.by])
         # Each a pair: by the numbers, and by the state of the opening.
         derived, (found, failure) = jax.jacfwd(look, (0, 1), has_aux=True)(at, opening.x)
         driven, monodromy = derived.end
@@ -167,15 +165,16 @@ def _with_details(
 ) -> Float[np.ndarray, "lanes all_columns"]:
     """What was `found`, with further metrics and derivatives before the failure."""
     details = np.full((len(points), len(function.columns) - len(function.cycle.metrics)), np.nan)
-    sound = np.flatnonzero(found[:, -1] == 0)
-    # What fills up a block is its last point again.
-    sound = sound[sound <= _last_of_its_kind(points)]
+    # What fills up a block is its last point again, and need not be computed again.
+    last = _last_of_its_kind(points)
+    sound = np.flatnonzero(found[: last + 1, -1] == 0)
     for begin in range(0, len(sound), _FEW):
         few = sound[begin : begin + _FEW]
-        numbers, failure = _detailed(function, jnp.asarray(points[np.resize(few, _FEW)]))
-        complete = (np.asarray(failure) == 0) & np.isfinite(np.asarray(numbers)).all(axis=1)
-        details[few] = np.where(complete[:, None], np.asarray(numbers), np.nan)[: len(few)]
-        found[few, -1] = np.where(complete, 0, INCOMPLETE)[: len(few)]
+        numbers, failure = (np.asarray(a) for a in _detailed(function, jnp.asarray(points[np.resize(few, _FEW)])))
+        known = np.where(np.isfinite(numbers) & (failure == 0)[:, None], numbers, np.nan)[: len(few)]
+        details[few] = known
+        found[few, -1] = np.where(np.isfinite(known).all(axis=1), 0, INCOMPLETE)
+    details[last + 1 :], found[last + 1 :] = details[last], found[last]
     return np.column_stack([found[:, :-1], details, found[:, -1]])
 
 
