@@ -25,8 +25,8 @@ from pdssjax.sweeps import DEAD, Crossed, Grid, SigmaPoints, with_bands
 
 NAME = "bands"
 CUTS = {
-    "frequency": {"drive.voltage": np.array([30.0]), "drive.frequency": np.geomspace(2.0, 400.0, 16)},
-    "voltage": {"drive.voltage": np.linspace(4.0, 40.0, 13), "drive.frequency": np.array([80.0])},
+    "frequency": {"drive.voltage": np.array([30.0]), "drive.frequency": np.geomspace(2.0, 400.0, 12)},
+    "voltage": {"drive.voltage": np.linspace(4.0, 40.0, 10), "drive.frequency": np.array([80.0])},
 }
 """Of the map, by what runs along them."""
 DRAWS = 1000

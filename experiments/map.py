@@ -62,19 +62,19 @@ def answer(study: Study, estimate: Path, both: xarray.Dataset, banded: xarray.Da
         find_border(study, "drive.voltage", (0.5, 60.0), over, tolerance=0.05, coarse=30, cycles="steady")
         for over in ({"drive.frequency": [frequency]}, {"drive.frequency": [frequency], "drive.direction": [-1.0]})
     ]
-    forward, backward = (abs(both.speed.sel(drive_direction=way)).values for way in (1.0, -1.0))
+    forward, backward = ((way * both.speed.sel(drive_direction=way)).values for way in (1.0, -1.0))
     most = np.unravel_index(int(np.nanargmax(forward)), forward.shape)
     half = 0.5e6 * float((asked.speed_high - asked.speed_low).squeeze())
     sure = (0.5 * (banded.speed_high - banded.speed_low) / abs(banded.speed)).where(banded.efficiency > 0.05)
     held = banded.speed_straight.where(banded.efficiency > 0.05)
-    at = f"{voltage:g} V, {frequency:g} Hz"
+    at, along = f"{voltage:g} V, {frequency:g} Hz", -1e6 * float(back.speed.squeeze())
     rows = [
         Row(f"speed at {at}, forward", None, f"{1e6 * float(asked.speed.squeeze()):.2f} +/- {half:.2f}", "um/s"),
-        Row(f"speed at {at}, backward", None, -1e6 * float(back.speed.squeeze()), "um/s"),
+        Row(f"speed at {at}, backward", None, along, "um/s", "it moves forward" if along < 0 else ""),
         Row(f"it works at {frequency:g} Hz from, forward", None, float(ends[0].border.squeeze()), "V"),
         Row(f"it works at {frequency:g} Hz from, backward", None, float(ends[1].border.squeeze()), "V"),
         Row("fastest on the map, forward", None, 1e6 * forward[most], "um/s", _at(both, most)),
-        Row("backward by forward, where both work, median", None, float(_ratio(forward, backward)), "1"),
+        Row("backward by forward, where both move as driven, median", None, float(_ratio(forward, backward)), "1"),
         Row("95 % band of the speed, half, median of the map", None, 100.0 * float(sure.median()), "%"),
         Row("the same, worst", None, 100.0 * float(sure.max()), "%"),
         Row("points whose band first order does not give", None, f"{int((held == 0).sum())} of {int(held.count())}"),
@@ -116,7 +116,7 @@ def draw(both: xarray.Dataset, banded: xarray.Dataset) -> Figure:
         one.set_yticks([], minor=True)
         one.set_xlabel("frequency (Hz)")
         one.grid(False)
-    axes[2].legend(loc="upper left", frameon=True, fontsize=7)
+    axes[2].legend(loc="lower left", frameon=True, framealpha=1.0, fontsize=7)
     axes[0].set_ylabel("voltage (V)")
     return figure
 

@@ -26,10 +26,11 @@ _ALIKE = 1e-3
 
 
 def directions_figure(data: "xarray.Dataset") -> Figure:
-    """The speeds forward and backward of a `sweep` with both, and their difference by their mean.
+    """The speeds along the drive, forward and backward, of a `sweep` with both, and their difference by their mean.
 
     Lines over one axis, maps over the first two; further axes are held at their middle, as the title says.  On a map
-    a line is the border of the dead zone of a direction, where the step efficiency is `DEAD`.
+    a line is the border of the dead zone of a direction, where the step efficiency is `DEAD`; what moves the wrong way
+    is grey.
     """
     others = [str(name) for name in data.sizes if name != "drive_direction"]
     names = [name for name in others if name in data.coords][:2] or others[:1]
@@ -47,7 +48,7 @@ def directions_figure(data: "xarray.Dataset") -> Figure:
 def _lines(axes: list[Axes], data: "xarray.Dataset", names: list[str]) -> None:
     numbers = data[names[0]] if names[0] in data.coords else None
     places, place = shown(numbers) if numbers is not None else (np.arange(data.sizes[names[0]]), names[0])
-    speeds, label = shown(abs(data.speed).assign_attrs(data.speed.attrs).transpose("drive_direction", ...))
+    speeds, label = shown(_along_the_drive(data).transpose("drive_direction", ...))
     for way, name, colour in ((1.0, "forward", FORWARD), (-1.0, "backward", BACKWARD)):
         row = int(np.argmax(data.drive_direction.values == way))
         axes[0].plot(places, speeds[row], ".-", color=colour, markersize=4, label=name)
@@ -55,7 +56,7 @@ def _lines(axes: list[Axes], data: "xarray.Dataset", names: list[str]) -> None:
     axes[0].legend()
     axes[1].plot(places, 100.0 * compared_directions(data).asymmetry.values, ".-", color="k", markersize=4)
     axes[1].axhline(0.0, color="k", linewidth=0.6)
-    axes[1].set_ylabel("difference (% of their mean)")
+    axes[1].set_ylabel("difference (% of the mean)")
     for panel in axes:
         panel.set_xlabel(place)
         panel.set_xlim(axes[0].get_xlim())
@@ -63,11 +64,13 @@ def _lines(axes: list[Axes], data: "xarray.Dataset", names: list[str]) -> None:
 
 def _maps(axes: list[Axes], data: "xarray.Dataset", names: list[str]) -> None:
     (y, rows), (x, columns) = (shown(data[name]) for name in names)
-    speeds, label = shown(abs(data.speed).assign_attrs(data.speed.attrs))
+    speeds, label = shown(_along_the_drive(data))
     scale, found = _speed_scale(speeds), {}
     for panel, way, name, colour in zip(axes, (1.0, -1.0), ("forward", "backward"), (FORWARD, BACKWARD), strict=False):
         part = data.sel(drive_direction=way)
-        values, _ = shown(abs(part.speed).assign_attrs(data.speed.attrs).transpose(*names))
+        values, _ = shown(_along_the_drive(data).sel(drive_direction=way).transpose(*names))
+        values = np.where(values > 0.0, values, np.nan)
+        panel.set_facecolor("0.85")
         image = panel.pcolormesh(x, y, values, shading="nearest", rasterized=True, cmap="viridis", norm=scale)
         panel.set_title(name, color=colour, loc="left")
         found[colour] = part.efficiency.transpose(*names).values - DEAD
@@ -80,7 +83,7 @@ def _maps(axes: list[Axes], data: "xarray.Dataset", names: list[str]) -> None:
     reach = max(float(np.nanmax(np.abs(asymmetry), initial=0.0)), 100.0 * _ALIKE)
     colours: dict[str, Any] = {"cmap": "RdBu", "vmin": -reach, "vmax": reach}
     image = axes[2].pcolormesh(x, y, asymmetry, shading="nearest", rasterized=True, **colours)
-    figure.colorbar(image, ax=axes[2], label="difference (% of their mean)")
+    figure.colorbar(image, ax=axes[2], label="difference (% of the mean)")
     for colour, dead in found.items():
         _border(axes[2], x, y, dead, colour)
     for panel in axes:
@@ -88,6 +91,12 @@ def _maps(axes: list[Axes], data: "xarray.Dataset", names: list[str]) -> None:
         panel.set_xscale("log" if in_equal_ratios(x) else "linear")
         panel.set_yscale("log" if in_equal_ratios(y) else "linear")
     axes[0].set_ylabel(rows)
+
+
+def _along_the_drive(data: "xarray.Dataset") -> "xarray.DataArray":
+    """The speeds, positive where the motion is the drive's."""
+    told = data.speed.attrs | {"long_name": "speed along the drive"}
+    return (data.speed * data.drive_direction).assign_attrs(told).rename("speed")
 
 
 def _speed_scale(speeds: Float[np.ndarray, "..."]) -> Normalize:

@@ -137,14 +137,18 @@ def output_force(blocked: Course) -> Scalar:
 
 def _friction(course: Course, j: Array, part: Scalar) -> Scalar:
     """The friction force [N] `part` of the way through step `j`."""
-    steps = jax.tree.map(lambda column: column[j], course.run.steps)
+    steps, following = (jax.tree.map(lambda column, i=i: column[i], course.run.steps) for i in (j, j + 1))
     elapsed = jax.lax.stop_gradient(part * steps.duration)
     theta = elapsed / jnp.where(steps.step_radius > 0, steps.step_radius, 1.0)
     x = jnp.polyval(steps.polynomials.T[::-1], theta)
     restored = lambda leaves: jax.tree.unflatten(jax.tree.structure(course.system.initial()), list(leaves))
     segment = course.moving.segment(steps.index)
     state = course.system.exact(segment, steps.t_local, restored(steps.x), elapsed, restored(x))
-    return course.system.force(segment, steps.t_local + elapsed, state, steps.mode)
+    inside = course.system.force(segment, steps.t_local + elapsed, state, steps.mode)
+    # A contact that sticks lets go at its peak, whose time moves with the parameters as the next step's begin does.
+    let_go = course.system.force(segment, following.t_local, restored(following.x), steps.mode)
+    lets_go = (part == 1.0) & (steps.mode == 0.0) & (following.index == steps.index) & (j + 1 < course.run.count)
+    return jnp.where(lets_go, let_go, inside)
 
 
 def _turns(course: Course) -> Array:
