@@ -183,6 +183,7 @@ def test_the_command_asks_for_metrics_and_derivatives(study, tmp_path, monkeypat
     data = xarray.open_dataset(tmp_path / "out" / "sweep.nc", engine="scipy").load()
     assert data["peak_friction_by_drive_frequency"].attrs["by"] == "drive.frequency"
     assert (tmp_path / "out" / "directions.png").stat().st_size > 10_000
+    assert "peak of the friction force in a cycle" in capsys.readouterr().out
     assert main([*command, "--metrics", "speeed", "--out", str(tmp_path / "other")]) == 2
     assert "unknown metric" in capsys.readouterr().err and not (tmp_path / "other").exists()
 

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...core import display_unit
+from ...sweeps import FURTHER
 from ._layout import aligned_table, heading
 
 if TYPE_CHECKING:
@@ -16,7 +17,7 @@ def format_sweep(data: "xarray.Dataset") -> str:
     banded = "speed_sd" in data
     head = ["", "unit", "least", "most", *["+/- (95 %)"] * banded, "where it is most"]
     rows = []
-    for name in ("speed", "net_step", "efficiency", "stroke", "back_slip"):
+    for name in ("speed", "net_step", "efficiency", "stroke", "back_slip", *(name for name in FURTHER if name in data)):
         values = data[name]
         unit, scale = ("%", 100.0) if name == "efficiency" else display_unit(values.attrs["units"])
         if not bool(values.notnull().any()):
