@@ -25,8 +25,8 @@ from pdssjax.sweeps import DEAD, Crossed, Grid, SigmaPoints, with_bands
 
 NAME = "bands"
 CUTS = {
-    "frequency": {"drive.voltage": np.array([30.0]), "drive.frequency": np.geomspace(2.0, 400.0, 12)},
-    "voltage": {"drive.voltage": np.linspace(4.0, 40.0, 10), "drive.frequency": np.array([80.0])},
+    "frequency": {"drive.voltage": np.array([30.0]), "drive.frequency": np.geomspace(2.0, 400.0, 16)},
+    "voltage": {"drive.voltage": np.linspace(4.0, 40.0, 13), "drive.frequency": np.array([80.0])},
 }
 """Of the map, by what runs along them."""
 DRAWS = 1000
@@ -81,7 +81,10 @@ def draw(found: Mapping[str, tuple[xarray.Dataset, xarray.Dataset]]) -> Figure:
         for data, colour, style in ((linear, BLUE, "-"), (drawn, VERMILION, "--")):
             half = 50.0 * (data.speed_high - data.speed_low) / abs(data.speed)
             column[1].plot(x, half.where(linear.efficiency > DEAD), style, color=colour)
-        column[1].set_ylim(bottom=0.0)
+        if along == "voltage":
+            column[1].set_yscale("log")
+        else:
+            column[1].set_ylim(bottom=0.0)
         column[1].set_ylabel("half the band\n(% of the speed)")
         column[1].set_xlabel(label)
         column[0].set_ylabel("speed (µm/s)")
