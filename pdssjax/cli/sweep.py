@@ -17,6 +17,8 @@ from .subcommands import Subcommands
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
+    import xarray
+
     from ..files import SweepStore
     from ..study import Study
     from ..sweeps import AbstractPoints
@@ -31,7 +33,6 @@ def sweep(options: argparse.Namespace) -> int:
         check_free(options.out, options.overwrite or options.resume)
     check_store(options.store)
     prepare_jax()
-    import pdssjax
 
     from ..sweeps import with_bands
 
@@ -39,27 +40,46 @@ def sweep(options: argparse.Namespace) -> int:
     points = _points(study, options)
     if options.bands is not None:
         points = _about_the_estimate(study, points, options)
+    asked = _asked(study, points, options)
     if options.explain:
-        return _explain(study, points, options)
-    store = _store(options)
-    with _executor(options.scheduler) as (executor, workers), counter("points") as count, _kept_in(store):
-        data = pdssjax.sweep(
-            study,
-            points,
-            record=options.record,
-            cycles=options.cycles,
-            progress=count,
-            workers=options.workers,
-            executor=executor,
-            in_flight=None if workers is None else 2 * workers,
-            store=store,
-        )
+        return _explain(study, points, options, asked)
+    try:
+        data = _swept(study, points, options, asked)
+    except _Unwritable as error:
+        print(f"pdssjax: error: {error}", file=sys.stderr, flush=True)
+        return 4
     if options.bands is not None:
         data = with_bands(data)
     say(format_numbers(json.loads(data.attrs["parameters"])))
     say(format_sweep(data), end="")
     written = keep_results(lambda place: write_sweep(data, place, options.store), options.out)
     return say_where(written, f"Results are in {options.out}")
+
+
+class _Unwritable(Exception):
+    """The points could not be kept where asked."""
+
+
+def _swept(
+    study: "Study", points: "AbstractPoints", options: argparse.Namespace, asked: "dict[str, tuple[str, ...]]"
+) -> "xarray.Dataset":
+    """What the sweep finds, kept on disk meanwhile."""
+    import pdssjax
+
+    store = _store(options)
+    with _executor(options.scheduler) as (executor, workers), counter("points") as count, _kept_in(store):
+        return pdssjax.sweep(
+            study,
+            points,
+            record=options.record,
+            cycles=options.cycles,
+            **asked,
+            progress=count,
+            workers=options.workers,
+            executor=executor,
+            in_flight=None if workers is None else 2 * workers,
+            store=store,
+        )
 
 
 def _points(study: "Study", options: argparse.Namespace) -> "AbstractPoints":
@@ -85,6 +105,21 @@ def _points(study: "Study", options: argparse.Namespace) -> "AbstractPoints":
         raise InputError(f'option --sample: found "{options.sample}", expected sobol:COUNT or latin-hypercube:COUNT.')
     ranges = {path: read_range(path, text, legal) for path, text in texts.items()}
     return kinds[kind](ranges, int(count), options.seed)
+
+
+def _asked(study: "Study", points: "AbstractPoints", options: argparse.Namespace) -> "dict[str, tuple[str, ...]]":
+    """The further metrics and the derivatives that the options ask for."""
+    from ..sweeps import FURTHER
+
+    named = lambda text: tuple(part.strip() for part in text.split(",") if part.strip())
+    metrics = named(options.metrics)
+    if metrics == ("all",):
+        # All that can be had: a multiplier needs a steady cycle, a force something to push.
+        known = {*study.parameters, *points.paths}
+        lacks = {"multiplier": options.cycles != "steady", "output_force": "stop.stiffness" not in known}
+        metrics = tuple(name for name in FURTHER if not lacks.get(name, False))
+    derivatives = () if options.derivatives is None else named(options.derivatives) or tuple(study.parameters)
+    return {"metrics": metrics, "derivatives": derivatives}
 
 
 def _about_the_estimate(study: "Study", points: "AbstractPoints", options: argparse.Namespace) -> "AbstractPoints":
@@ -131,6 +166,13 @@ def _kept_in(store: "SweepStore | None") -> Iterator[None]:
             kept = f"the points that were done are in {store.place}; go on with --resume"
             print(f"pdssjax: {kept}", file=sys.stderr, flush=True)
         raise
+    except OSError as error:
+        if store is None:
+            raise
+        kept = ""
+        if store.place.exists():
+            kept = "; the points that were done are there: make room and go on with --resume"
+        raise _Unwritable(f"{store.place}: cannot be written ({error.strerror or error}){kept}.") from None
 
 
 @contextlib.contextmanager
@@ -145,13 +187,15 @@ def _executor(address: str | None) -> "Iterator[tuple[Executor | None, int | Non
         yield found
 
 
-def _explain(study: "Study", points: "AbstractPoints", options: argparse.Namespace) -> int:
+def _explain(
+    study: "Study", points: "AbstractPoints", options: argparse.Namespace, asked: "dict[str, tuple[str, ...]]"
+) -> int:
     """Says what the sweep would take, and does nothing else."""
     from ..files import bytes_needed, check_room
     from ..report.text import format_forecast
     from ..sweeps import forecast, plan_sweep
 
-    planned = plan_sweep(study, points, record=options.record, cycles=options.cycles)
+    planned = plan_sweep(study, points, record=options.record, cycles=options.cycles, **asked)
     check_room(planned.document, planned.plan, options.out)
     with progress() as tell:
         tell("timing a few blocks")
@@ -214,6 +258,7 @@ def add_parser(subcommands: Subcommands) -> None:
         metavar="N",
         help='the cycle that is measured (default 4), or "steady": that after the transient',
     )
+    _add_further(parser)
     parser.add_argument("--store", choices=["netcdf", "zarr"], default="netcdf", help="format (default netcdf)")
     parser.add_argument("--workers", type=int, metavar="N", help="threads on this machine (default: one a core)")
     parser.add_argument(
@@ -224,3 +269,22 @@ def add_parser(subcommands: Subcommands) -> None:
         "--explain", action="store_true", help="say how many points, how much room and time it takes, and do nothing"
     )
     add_out(parser)
+
+
+def _add_further(parser: argparse.ArgumentParser) -> None:
+    """Adds the options for what is found besides the metrics of every sweep."""
+    parser.add_argument(
+        "--metrics",
+        default="",
+        metavar="NAMES",
+        help="further metrics, with commas between them: peak_friction, output_force, reversals, settled, grazing, "
+        'multiplier; or "all" that can be had',
+    )
+    parser.add_argument(
+        "--derivatives",
+        nargs="?",
+        const="",
+        metavar="PATHS",
+        help="derivatives of all metrics that are smooth, by parameters and quantities of the drive with commas "
+        "between them (default: by every parameter of the study)",
+    )

@@ -22,6 +22,7 @@ _RESULTS = (
     "sweep.nc",
     "sweep.zarr",
     "sweep.png",
+    "directions.png",
     "characterise.json",
     "parameters.json",
     "estimate.json",

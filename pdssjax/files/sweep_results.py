@@ -14,8 +14,11 @@ if TYPE_CHECKING:
 
 
 def write_sweep(data: "xarray.Dataset", folder: Path, store: str) -> None:
-    """Put a sweep's `xarray.Dataset` into `folder` as sweep.nc or sweep.zarr, with its map and `parameters.json`."""
-    from ..report.figures import sweep_figure
+    """Put a sweep's `xarray.Dataset` into `folder` as sweep.nc or sweep.zarr, with its map and `parameters.json`.
+
+    A sweep of both directions has `directions.png`, too.
+    """
+    from ..report.figures import directions_figure, sweep_figure
 
     with staging_folder(folder) as staging:
         write_numbers(json.loads(data.attrs["parameters"]), staging)
@@ -24,6 +27,8 @@ def write_sweep(data: "xarray.Dataset", folder: Path, store: str) -> None:
         else:
             data.to_netcdf(staging / "sweep.nc", engine="scipy")
         sweep_figure(data).savefig(staging / "sweep.png")
+        if data.sizes.get("drive_direction") == 2:
+            directions_figure(data).savefig(staging / "directions.png")
 
 
 def check_store(store: str) -> None:

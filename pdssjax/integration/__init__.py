@@ -10,11 +10,16 @@ if TYPE_CHECKING:
     from .closed_form import exact_states_at as exact_states_at
     from .closed_form import is_closed as is_closed
     from .continued import Continued as Continued
+    from .continued import flat as flat
     from .event_location import LOOK_AHEAD as LOOK_AHEAD
     from .forward_pass import integrate_to_times as integrate_to_times
+    from .periodic_orbit import SHORT as SHORT
+    from .periodic_orbit import moved_orbit as moved_orbit
     from .solution import FAILURES as FAILURES
+    from .solution import Solution as Solution
     from .solution import integrate as integrate
     from .solution import states_at as states_at
+    from .steady_cycle import PERIODS as PERIODS
     from .steady_cycle import Cycles as Cycles
     from .steady_cycle import integrate_cycles as integrate_cycles
     from .steady_motion import SteadyState as SteadyState
@@ -41,11 +46,12 @@ else:
         {
             "accuracy": ["Accuracy"],
             "closed_form": ["exact_states_at", "is_closed"],
-            "continued": ["Continued"],
+            "continued": ["Continued", "flat"],
             "event_location": ["LOOK_AHEAD"],
             "forward_pass": ["integrate_to_times"],
-            "solution": ["FAILURES", "integrate", "states_at"],
-            "steady_cycle": ["Cycles", "integrate_cycles"],
+            "periodic_orbit": ["SHORT", "moved_orbit"],
+            "solution": ["FAILURES", "Solution", "integrate", "states_at"],
+            "steady_cycle": ["Cycles", "PERIODS", "integrate_cycles"],
             "steady_motion": ["SteadyState", "steady_state"],
             "step_methods.base": ["AbstractStepMethod"],
             "step_methods.diffrax_solver": ["OneStep"],

@@ -68,7 +68,7 @@ def newton_orbit(
     derivatives: see `refined`.
     """
     system = lax.stop_gradient(system)
-    moving, unflatten = _moving(system, x), unflattener(system)
+    unflatten = unflattener(system)
 
     def look(x: Float[Array, " components"]) -> Orbit:
         reach = lambda x: cycle_end(system, x, duration, accuracy, count)
@@ -78,7 +78,7 @@ def newton_orbit(
 
     def improved(orbit: Orbit) -> Orbit:
         near = orbit.confirmed > 0
-        found = look(jnp.where(near, orbit.end, orbit.x + _newton_step(orbit, moving)))
+        found = look(jnp.where(near, orbit.end, orbit.x + _newton_step(system, orbit)))
         confirmed = jnp.where(found.distance < tolerance, orbit.confirmed + 1, 0)
         return found._replace(looks=orbit.looks + 1, confirmed=confirmed)
 
@@ -99,7 +99,7 @@ def refined(
     """
     orbit = lax.stop_gradient(orbit)
     end, _ = cycle_end(system, orbit.x, duration, accuracy, count)
-    step = _newton_step(orbit._replace(end=end), _moving(system, orbit.x))
+    step = _newton_step(system, orbit._replace(end=end))
     return orbit.x + step, end + orbit.monodromy @ step - orbit.x - step
 
 
@@ -108,8 +108,7 @@ def multipliers(system: AbstractHybridSystem, orbit: Orbit) -> Float[Array, " co
 
     On a CPU only, as the eigenvalues of general matrices are in JAX.
     """
-    moving = _moving(system, orbit.x)
-    reduced = jnp.where(moving[:, None] & moving[None, :], orbit.monodromy, 0.0)
+    reduced = _reduced(system, orbit.monodromy)
     known = jnp.where(jnp.isfinite(reduced), reduced, 0.0)
     moduli = jnp.sort(jnp.abs(jnp.linalg.eigvals(lax.stop_gradient(known))))[::-1]
     return jnp.where(jnp.isfinite(reduced).all(), moduli, jnp.nan)
@@ -141,13 +140,39 @@ def cycle_end(
     return run.end.x + lax.stop_gradient(rate) * (duration - run.end.time), run.failure
 
 
-def _moving(system: AbstractHybridSystem, x: Float[Array, " components"]) -> Bool[Array, " components"]:
-    """Which components something depends on."""
-    return jnp.array([i not in system.shifting_components() for i in range(x.shape[0])])
+def moved_orbit(
+    system: AbstractHybridSystem,
+    monodromy: Float[Array, "components components"],
+    driven: Float[Array, "components *directions"],
+) -> Float[Array, "components *directions"]:
+    """(I - M)^-1 of what is `driven` in the components that something depends on, zero in the others.
+
+    With the derivatives of a cycle's end by a parameter it is that of the orbit.
+    """
+    moving = _moving(system, monodromy)
+    away = jnp.where(moving.reshape(-1, *(1,) * (driven.ndim - 1)), driven, 0.0)
+    return jnp.linalg.solve(jnp.eye(len(moving)) - _reduced(system, monodromy), away)
 
 
-def _newton_step(orbit: Orbit, moving: Bool[Array, " components"]) -> Float[Array, " components"]:
+def _moving(
+    system: AbstractHybridSystem, monodromy: Float[Array, "components components"]
+) -> Bool[Array, " components"]:
+    """Which components something depends on, and which do not merely stay what they were.
+
+    A flag (in contact, sliding fast) has a derivative of 1 by itself and none by anything else where a cycle leaves it
+    alone: it does not deviate, so that it takes no part in whether deviations die out.
+    """
+    shifts = jnp.array([i in system.shifting_components() for i in range(monodromy.shape[0])])
+    return ~shifts & ~(monodromy == jnp.eye(monodromy.shape[0])).all(axis=1)
+
+
+def _reduced(
+    system: AbstractHybridSystem, monodromy: Float[Array, "components components"]
+) -> Float[Array, "components components"]:
+    moving = _moving(system, monodromy)
+    return jnp.where(moving[:, None] & moving[None, :], monodromy, 0.0)
+
+
+def _newton_step(system: AbstractHybridSystem, orbit: Orbit) -> Float[Array, " components"]:
     """(I - M)^-1 (P(z) - z) in the components that something depends on, zero in the others."""
-    reduced = jnp.where(moving[:, None] & moving[None, :], orbit.monodromy, 0.0)
-    away = jnp.where(moving, orbit.end - orbit.x, 0.0)
-    return jnp.linalg.solve(jnp.eye(len(away)) - reduced, away)
+    return moved_orbit(system, orbit.monodromy, orbit.end - orbit.x)

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from .outliers import outliers as outliers
     from .per_cycle import FLANK as FLANK
     from .per_cycle import cycle_metrics as cycle_metrics
+    from .per_cycle import force_metrics as force_metrics
     from .per_cycle import turning_points as turning_points
     from .pure_error import CycleSplit as CycleSplit
     from .pure_error import LackOfFit as LackOfFit
@@ -69,6 +70,6 @@ else:
             "scatter": ["resolution_of", "scatter_floor"],
             "smoothing": ["smoothed"],
             "waveform_detection": ["Waveform", "detect_waveform"],
-            "per_cycle": ["FLANK", "cycle_metrics", "turning_points"],
+            "per_cycle": ["FLANK", "cycle_metrics", "force_metrics", "turning_points"],
         },
     )

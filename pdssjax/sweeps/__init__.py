@@ -22,6 +22,10 @@ if TYPE_CHECKING:
     from .cost import Forecast as Forecast
     from .cost import forecast as forecast
     from .cycles.base import METRICS as METRICS
+    from .cycles.further_metrics import FURTHER as FURTHER
+    from .cycles.further_metrics import GRAZES as GRAZES
+    from .cycles.further_metrics import SMOOTH as SMOOTH
+    from .directions import compared_directions as compared_directions
     from .job import differences as differences
     from .point import POINT_FAILURES as POINT_FAILURES
     from .points.base import AbstractPoints as AbstractPoints
@@ -51,6 +55,8 @@ else:
             "cost": ["Forecast", "forecast"],
             "varied_record": ["driven_record"],
             "cycles.base": ["METRICS"],
+            "directions": ["compared_directions"],
+            "cycles.further_metrics": ["FURTHER", "GRAZES", "SMOOTH"],
             "job": ["differences"],
             "point": ["POINT_FAILURES"],
             "points.base": ["AbstractPoints"],

@@ -17,8 +17,11 @@ COVERED = 0.95
 NORMAL = 1.959964
 """Half the width of the band of a normal distribution, in standard deviations."""
 
-STRAIGHT = 0.1
-"""The second order may add this part of the standard deviation to the mean where first order does."""
+STRAIGHT = 0.08
+"""The second order may add this part of the standard deviation to the mean where first order does.
+
+Standard deviations were then within 4 % of those of draws, and within 7 % at one point (`experiments.bands`).
+"""
 
 _KINDS = {
     "sd": "standard deviation of",

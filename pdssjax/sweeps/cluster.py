@@ -31,7 +31,7 @@ def cluster_executor(address: str) -> Iterator[tuple[Executor, int]]:
         ) from None
     try:
         client = Client(address, timeout=_PATIENCE, set_as_default=False)
-    except (OSError, TimeoutError, ValueError) as error:
+    except (OSError, TimeoutError, ValueError, TypeError) as error:
         told = str(error).strip().splitlines()[:1] or [type(error).__name__]
         raise InputError(
             f"scheduler {address}: found none that answers ({told[0]}), expected a Dask scheduler."

@@ -10,8 +10,8 @@ from jaxtyping import Float
 
 from ..core import Quantity
 from ..study import Record, Study, UsedNumber
-from .cycles.base import AbstractCycle
-from .point import POINT_FAILURES
+from .cycles.base import Metric
+from .point import POINT_FAILURES, PointFunction
 from .points.base import AbstractPoints
 from .varied_record import drive_of
 
@@ -25,7 +25,7 @@ def labelled(
     points: AbstractPoints,
     declared: Mapping[str, Quantity],
     found: Float[np.ndarray, "points columns"],
-    cycle: AbstractCycle,
+    function: PointFunction,
     used: Mapping[str, UsedNumber],
 ) -> "xarray.Dataset":
     """What was `found` at each of the `points`, the metrics and then the failure, laid out along their dimensions."""
@@ -33,8 +33,8 @@ def labelled(
 
     names, shape = list(points.dimensions()), tuple(points.dimensions().values())
     data = {
-        name: (names, found[:, i].reshape(shape), {"units": metric.unit, "long_name": metric.says})
-        for i, (name, metric) in enumerate(cycle.metrics.items())
+        name: (names, found[:, i].reshape(shape), _attributes(metric))
+        for i, (name, metric) in enumerate(function.columns.items())
     }
     meanings = "; ".join(f"{i}: {sentence or 'none'}" for i, sentence in enumerate(POINT_FAILURES))
     failure = found[:, -1].astype(np.int8).reshape(shape)
@@ -46,7 +46,7 @@ def labelled(
     attributes = {
         "title": study.title,
         "record": base.name,
-        "cycles": cycle.described,
+        "cycles": function.cycle.described,
         "drive": type(base.drive).__name__,
     }
     attributes["parameters"] = json.dumps(used)
@@ -58,3 +58,8 @@ def labelled(
     # What the study says of its drives is what was run with, not the record's own defaults.
     held = of_drive | {path: told["value"] for path, told in used.items()}
     return xarray.Dataset(data, coordinates, attributes | held)
+
+
+def _attributes(metric: Metric) -> dict[str, str]:
+    """Those of a variable; of a derivative they say by what."""
+    return {"units": metric.unit, "long_name": metric.says} | ({"by": metric.by} if metric.by else {})

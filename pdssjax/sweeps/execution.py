@@ -9,7 +9,15 @@ import functools
 import itertools
 import os
 from collections.abc import Callable, Generator, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    ThreadPoolExecutor,
+    wait,
+)
 from typing import TypeAlias, TypeVar
 
 import jax
@@ -50,7 +58,7 @@ def run_blocks(
         return
     check_travels(document)
     text = job_text(document)
-    submit = lambda number: executor.submit(run_block, text, number, plan.block(number))
+    submit = lambda number: _submitted(executor, text, number, plan.block(number))
     with contextlib.closing(_completed(submit, iter(numbers), in_flight or _room(executor))) as done:
         for number, future in done:
             yield number, functools.partial(_result, future, number)
@@ -113,8 +121,21 @@ def _completed(
             future.cancel()
 
 
+def _submitted(
+    executor: Executor, text: str, number: int, points: Float[np.ndarray, "lanes paths"]
+) -> Future[tuple[int, Block]]:
+    try:
+        return executor.submit(run_block, text, number, points)
+    except Exception as error:
+        # Each executor has its way to say that it takes no more: a scheduler that went away, a pool that broke.
+        raise BrokenExecutor(str(error)) from error
+
+
 def _result(future: Future[tuple[int, Block]], number: int) -> Block:
-    told, found = future.result()
+    try:
+        told, found = future.result()
+    except CancelledError as error:
+        raise BrokenExecutor(f"block {number} was cancelled") from error
     if told != number:
         raise RuntimeError(f"Expected block {number}, but the executor gave block {told}.")
     return found

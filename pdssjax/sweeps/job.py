@@ -43,7 +43,9 @@ def job_document(function: PointFunction) -> Document:
     """`function` as plain data: members by name, numbers by path or field, in SI."""
     models, drive = function.models, function.drive
     numbers = {field: float(getattr(drive, field)) for field in [*quantities(type(drive)), *choices(type(drive))]}
-    return {
+    # Left out where nothing is asked for, so that stores from before there was anything to ask are those of this sweep.
+    asked = {"further": list(function.further), "derivatives": list(function.by)}
+    return {name: list(of) for name, of in asked.items() if of} | {
         "format": FORMAT,
         "pdssjax": package_version(),
         "actuator": {
@@ -58,7 +60,7 @@ def job_document(function: PointFunction) -> Document:
         "paths": list(function.paths),
         "cycles": function.cycle.described,
         "accuracy": _accuracy_document(function.accuracy),
-        "metrics": list(function.cycle.metrics),
+        "metrics": list(function.columns),
     }
 
 
@@ -81,6 +83,8 @@ def point_function(document: Document) -> PointFunction:
         document["parameters"],
         measured_cycle(document["cycles"]),
         Accuracy(method=Taylor(order), **accuracy),
+        tuple(document.get("further", ())),
+        tuple(document.get("derivatives", ())),
     )
 
 

@@ -3,30 +3,45 @@
 Every point is its own simulation from rest.  Points are computed side by side, a block at a time.
 """
 
+from collections.abc import Mapping
+from typing import NamedTuple
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..core import Count
+from ..core import Count, Quantity, Scalar, ScalarLike
 from ..drive.base import AbstractDrive
 from ..integration import FAILURES, Accuracy
 from ..simulation import StickSlip
 from ..study import Models
-from .cycles.base import AbstractCycle
+from .cycles.base import METRICS, AbstractCycle, Metric
+from .cycles.course import closing, step_metrics
+from .cycles.further_metrics import FURTHER, SMOOTH, counted, output_force, peak_friction
 
-SKIPPED, NOT_COMPUTED = len(FAILURES), len(FAILURES) + 1
+SKIPPED, NOT_COMPUTED, INCOMPLETE = (len(FAILURES) + i for i in range(3))
 
 POINT_FAILURES = (
     *FAILURES,
     "skipped: the numbers of its drive contradict each other",
     "its block of points could not be computed",
+    "its cycle was measured, but the further metrics or derivatives could not be found: too many steps, or no finite "
+    "number",
 )
 """What the failure of a point means; 0 is none."""
 
 _FEW = 8
 """Points that are looked at patiently in one call."""
+
+
+class Look(NamedTuple):
+    """What is derived of a course."""
+
+    metrics: dict[str, Scalar]
+    end: Float[Array, " components"]
+    """The state that ends it."""
 
 
 class PointFunction(eqx.Module):
@@ -42,6 +57,29 @@ class PointFunction(eqx.Module):
     cycle: AbstractCycle
     """Which cycle is measured."""
     accuracy: Accuracy
+    further: tuple[str, ...] = eqx.field(static=True, default=())
+    """Which of the `FURTHER` metrics are found besides."""
+    by: tuple[str, ...] = eqx.field(static=True, default=())
+    """The paths by which derivatives are taken."""
+
+    @property
+    def columns(self) -> dict[str, Metric]:
+        """All that is found, by name: the metrics of the cycle, further ones, derivatives."""
+        found = self.cycle.metrics | {name: FURTHER[name] for name in self.further}
+        units = {path: quantity.unit for path, quantity in self._declared().items()}
+        slopes = {
+            f"{name}_by_{path.replace('.', '_')}": Metric(
+                per_unit(found[name].unit, units.get(path, "")), f"{found[name].says} by {path}", path
+            )
+            for name in self.smooth
+            for path in self.by
+        }
+        return found | slopes
+
+    @property
+    def smooth(self) -> tuple[str, ...]:
+        """The metrics of which derivatives are taken."""
+        return (*METRICS, *(name for name in self.further if name in SMOOTH)) if self.by else ()
 
     def __call__(self, values: Float[Array, " paths"], patient: bool = False) -> tuple[Float[Array, " metrics"], Count]:
         """The metrics of one point, and its failure, an index into `POINT_FAILURES`."""
@@ -49,12 +87,64 @@ class PointFunction(eqx.Module):
         metrics, failure = look(self.system(values), self.accuracy)
         return jnp.where(failure > 0, jnp.nan, metrics), jnp.where(jnp.isfinite(metrics).all(), failure, 2)
 
-    def system(self, values: Float[Array, " paths"]) -> StickSlip:
-        """The actuator under its drive at a point."""
-        numbers = {**self.numbers, **dict(zip(self.paths, values, strict=True))}
+    def system(
+        self, values: Float[Array, " paths"], moved: Mapping[str, ScalarLike] | None = None, blocked: bool = False
+    ) -> StickSlip:
+        """The actuator under its drive at a point; with numbers `moved`, or with a stop in its way."""
+        numbers = {**self.numbers, **dict(zip(self.paths, values, strict=True)), **(moved or {})}
         fields = {path.removeprefix("drive."): path for path in numbers if path.startswith("drive.")}
         changed = {f: jnp.asarray(numbers[path], float) for f, path in fields.items() if hasattr(self.drive, f)}
-        return StickSlip(self.models.actuator(numbers), self.drive.with_numbers(changed))
+        return StickSlip(self.models.actuator(numbers, blocked), self.drive.with_numbers(changed))
+
+    def details(self, values: Float[Array, " paths"]) -> tuple[Float[Array, " details"], Count]:
+        """The further metrics and the derivatives of one point, and the failure of the integration."""
+        found, slopes, failure = self._course_details(values, tuple(n for n in self.further if n != "output_force"))
+        if "output_force" in self.further:
+            pushed, by, failed = self._course_details(values, ("output_force",), blocked=True)
+            found, slopes, failure = found | pushed, slopes | by, jnp.where(failure > 0, failure, failed)
+        further = [found[name] for name in self.further]
+        return jnp.concatenate([jnp.array(further), *(slopes[name] for name in self.smooth)]), failure
+
+    def _course_details(
+        self, values: Float[Array, " paths"], asked: tuple[str, ...], blocked: bool = False
+    ) -> tuple[dict[str, Scalar], dict[str, Float[Array, " by"]], Count]:
+        """Metrics of a point's course by name, the derivatives of those that are smooth, and the failure."""
+        opening = self.cycle.opening(self.system(values, blocked=blocked))
+        of_course = dict(output_force=output_force) if blocked else dict(peak_friction=peak_friction)
+        smooth = {name: measure for name, measure in of_course.items() if name in asked}
+
+        def look(at: Float[Array, " by"], x: Float[Array, " components"]) -> tuple[Look, tuple[Look, Count]]:
+            system = self.system(values, dict(zip(self.by, at, strict=True)), blocked)
+            course = self.cycle.course(system, opening._replace(x=x))
+            found = {name: measure(course) for name, measure in smooth.items()}
+            found |= {} if blocked else step_metrics(course)
+            others = {} if blocked else counted(course, opening.multiplier)
+            return Look(found, closing(course)), (Look(found | others, x), course.failure)
+
+        if not self.by:
+            _, (found, failure) = look(jnp.zeros(0), opening.x)
+            return found.metrics, {}, failure
+        at = jnp.stack([jnp.asarray(self._number(values, path), float) for path in self.by])
+        # Each a pair: by the numbers, and by the state of the opening.
+        derived, (found, failure) = jax.jacfwd(look, (0, 1), has_aux=True)(at, opening.x)
+        driven, monodromy = derived.end
+        moved = self.cycle.moved_opening(self.system(values, blocked=blocked), opening, monodromy, driven)
+        slopes = {name: by_number + by_state @ moved for name, (by_number, by_state) in derived.metrics.items()}
+        return found.metrics, slopes, failure
+
+    def _number(self, values: Float[Array, " paths"], path: str) -> ScalarLike:
+        return values[self.paths.index(path)] if path in self.paths else self.numbers[path]
+
+    def _declared(self) -> dict[str, Quantity]:
+        """What is declared of the models' parameters and of the drive, by path."""
+        return self.models.declared() | {f"drive.{field}": q for field, q in self.drive.declared().items()}
+
+
+def per_unit(unit: str, of: str) -> str:
+    """The unit of a derivative: that of what is derived over that of the number by which."""
+    bracketed = lambda symbols: f"({symbols})" if any(sign in symbols for sign in " /") else symbols
+    above, below = (bracketed(symbols) if symbols not in ("", "1") else "" for symbols in (unit, of))
+    return f"{above or 1}/{below}" if below else unit or "1"
 
 
 def compute_block(
@@ -67,7 +157,30 @@ def compute_block(
         few = left[begin : begin + _FEW]
         asked = points[np.resize(few, _FEW)]
         found[few] = _rows(_one_by_one(function, jnp.asarray(asked)))[: len(few)]
-    return found
+    return _with_details(function, points, found) if function.further or function.by else found
+
+
+def _with_details(
+    function: PointFunction, points: Float[np.ndarray, "lanes paths"], found: Float[np.ndarray, "lanes columns"]
+) -> Float[np.ndarray, "lanes all_columns"]:
+    """What was `found`, with further metrics and derivatives before the failure."""
+    details = np.full((len(points), len(function.columns) - len(function.cycle.metrics)), np.nan)
+    # What fills up a block is its last point again, and need not be computed again.
+    last = _last_of_its_kind(points)
+    sound = np.flatnonzero(found[: last + 1, -1] == 0)
+    for begin in range(0, len(sound), _FEW):
+        few = sound[begin : begin + _FEW]
+        numbers, failure = (np.asarray(a) for a in _detailed(function, jnp.asarray(points[np.resize(few, _FEW)])))
+        known = np.where(np.isfinite(numbers) & (failure == 0)[:, None], numbers, np.nan)[: len(few)]
+        details[few] = known
+        found[few, -1] = np.where(np.isfinite(known).all(axis=1), 0, INCOMPLETE)
+    details[last + 1 :], found[last + 1 :] = details[last], found[last]
+    return np.column_stack([found[:, :-1], details, found[:, -1]])
+
+
+def _last_of_its_kind(points: Float[np.ndarray, "lanes paths"]) -> int:
+    """The first of the equal points at the end of a block."""
+    return len(points) - int(np.argmin(np.append((points[::-1] == points[-1]).all(axis=1), False)))
 
 
 @eqx.filter_jit
@@ -82,6 +195,13 @@ def _one_by_one(
     function: PointFunction, points: Float[Array, "few paths"]
 ) -> tuple[Float[Array, "few metrics"], Int[Array, " few"]]:
     return jax.lax.map(lambda values: function(values, patient=True), points)
+
+
+@eqx.filter_jit
+def _detailed(
+    function: PointFunction, points: Float[Array, "few paths"]
+) -> tuple[Float[Array, "few details"], Int[Array, " few"]]:
+    return jax.lax.map(function.details, points)
 
 
 def _rows(found: tuple[Float[Array, "lanes metrics"], Int[Array, " lanes"]]) -> Float[np.ndarray, "lanes columns"]:

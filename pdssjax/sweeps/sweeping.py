@@ -5,7 +5,7 @@ A point that fails is NaN, and says why.  Memory stays that of a few blocks howe
 
 import contextlib
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor
 from typing import TYPE_CHECKING
 
@@ -16,6 +16,7 @@ from jaxtyping import Float
 from ..core import Document, InputError, Quantity, need_double_precision
 from ..integration import Accuracy
 from ..study import Record, Study, UsedNumber, numbers_used
+from .asked import check_asked, numbers_by
 from .axes import check_axes, contradictions
 from .block_plan import BlockPlan, plan_blocks
 from .block_store import AbstractBlockStore, MemoryStore
@@ -57,6 +58,8 @@ def plan_sweep(
     record: str | None = None,
     cycles: int | str = 4,
     accuracy: Accuracy | None = None,
+    metrics: Sequence[str] = (),
+    derivatives: Sequence[str] = (),
 ) -> PlannedSweep:
     """What `sweep` of the same does, without doing it; **raises** what it raises before any work."""
     points = over if isinstance(over, AbstractPoints) else Grid(over)
@@ -66,7 +69,11 @@ def plan_sweep(
     numbers = {path: told["value"] for path, told in used.items()}
     cycle = measured_cycle(cycles)
     fine = accuracy or cycle.accuracy
-    function = PointFunction(study.models, drive_of(base), points.paths, numbers, cycle, fine)
+    check_asked(metrics, cycle, [*points.paths, *numbers])
+    numbers |= numbers_by(derivatives, study, base, [*points.paths, *numbers])
+    function = PointFunction(
+        study.models, drive_of(base), points.paths, numbers, cycle, fine, tuple(metrics), tuple(derivatives)
+    )
     sound = np.flatnonzero(~contradictions(drive_of(base), points.paths, values, numbers))
     plan = plan_blocks(points.paths, values[sound])
     plan = dataclasses.replace(plan, order=sound[plan.order])
@@ -80,6 +87,8 @@ def sweep(
     record: str | None = None,
     cycles: int | str = 4,
     accuracy: Accuracy | None = None,
+    metrics: Sequence[str] = (),
+    derivatives: Sequence[str] = (),
     progress: Callable[[int, int], None] | None = None,
     workers: int | None = None,
     executor: Executor | None = None,
@@ -96,7 +105,9 @@ def sweep(
     is varied, the first one by default.  The last of `cycles` cycles is measured; one more is run,
     whose flank tells the last slip.  With `cycles="steady"` it is the cycle that
     is left when the transient has died out, and two more numbers say after how many cycles it repeats, and what is
-    left of a deviation after a cycle.  `progress(done, points)` is called after each block.
+    left of a deviation after a cycle.  `metrics` names what is found besides, of `pdssjax.sweeps.FURTHER`;
+    `derivatives` names parameters and quantities of the drive by which all smooth metrics are derived
+    (`speed_by_piezo_gain`).  `progress(done, points)` is called after each block.
     `workers` is the number of threads, one a core by default.  An `executor` of `concurrent.futures` runs the blocks
     in place of the threads, at most `in_flight` at a time; its processes start by spawn, since JAX does not outlive
     a fork.  A `store` keeps what was found block by block and goes on where it stopped.
@@ -111,13 +122,15 @@ def sweep(
     has no number, a store of another sweep; and where the executor's workers do not answer as they should.
     """
     need_double_precision()
-    planned = plan_sweep(study, over, record=record, cycles=cycles, accuracy=accuracy)
+    planned = plan_sweep(
+        study, over, record=record, cycles=cycles, accuracy=accuracy, metrics=metrics, derivatives=derivatives
+    )
     store = MemoryStore() if store is None else store
     plan, pending = store.open(planned.document, planned.plan)
     planned = dataclasses.replace(planned, plan=plan)
     _run(planned, pending, store, progress, executor, workers, in_flight)
     found = _in_order(planned, store)
-    return labelled(study, planned.base, planned.points, planned.declared, found, planned.function.cycle, planned.used)
+    return labelled(study, planned.base, planned.points, planned.declared, found, planned.function, planned.used)
 
 
 def _run(
@@ -135,30 +148,36 @@ def _run(
     done = total - sum(size(number) for number in pending)
     kept = 0
     blocks = run_blocks(planned.function, planned.document, plan, pending, executor, workers, in_flight)
-    with contextlib.closing(blocks):
+    with contextlib.closing(blocks), _broken_told():
         for number, found in blocks:
             try:
-                store.keep(number, found()[: size(number)])
-                kept += 1
-            except BrokenExecutor as error:
-                raise InputError(_broken(error)) from error
-            except (InputError, OSError):
+                rows = found()[: size(number)]
+            except (InputError, BrokenExecutor):
                 raise
             except Exception as error:
                 # What fails at the first block would at every other one: it is no matter of the points.
                 if not kept:
                     raise
                 store.fail(number, f"{type(error).__name__}: {error}")
+            else:
+                store.keep(number, rows)
+                kept += 1
             done += size(number)
             if progress is not None:
                 progress(done, total)
 
 
-def _broken(error: BaseException) -> str:
-    return (
-        f"sweep: found a worker that ended before its block did ({error}), expected one that can import pdssjax and "
-        "has the memory; what was done is in the store, if there is one."
-    )
+@contextlib.contextmanager
+def _broken_told() -> Iterator[None]:
+    """An executor that takes or gives no more blocks ends a sweep with a line."""
+    try:
+        yield
+    except BrokenExecutor as error:
+        told = next(iter(str(error).strip().splitlines()), type(error).__name__)
+        raise InputError(
+            f"sweep: found an executor that gave up ({told}), expected workers that can import pdssjax and have the "
+            "memory, and a scheduler that stays; what was done is in the store, if there is one."
+        ) from error
 
 
 def _in_order(planned: PlannedSweep, store: AbstractBlockStore) -> Float[np.ndarray, "points columns"]:

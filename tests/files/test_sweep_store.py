@@ -1,5 +1,6 @@
 """A sweep that is interrupted goes on where it stopped, and ends as if it had not been."""
 
+import errno
 import shutil
 import signal
 import subprocess
@@ -219,3 +220,34 @@ def planned(study, over=OVER):
 
     made = plan_sweep(study, over)
     return made.document, made.plan
+
+
+def test_a_disk_that_fills_up_ends_the_sweep_with_a_line_and_nothing_that_was_done_is_lost(
+    tmp_path, quick, capsys, study, monkeypatch
+):
+    command = ["sweep", str(written(tmp_path, study)), "--voltage", "20:80:20", "--frequency", "2:50:20"]
+    keep, room = SweepStore.keep, [3]
+
+    def full(store, number, found):
+        if not room[0]:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        room[0] -= 1
+        keep(store, number, found)
+
+    monkeypatch.setattr(SweepStore, "keep", full)
+    assert main([*command, "--out", str(tmp_path / "out")]) == 4
+    told = capsys.readouterr().err.strip().splitlines()[-1]
+    assert "cannot be written (No space left on device)" in told and "go on with --resume" in told
+    monkeypatch.setattr(SweepStore, "keep", keep)
+    quick.clear()
+    assert main([*command, "--out", str(tmp_path / "out"), "--resume"]) == 0 and len(quick) == 4
+    assert main([*command, "--out", str(tmp_path / "whole")]) == 0
+    found, whole = (xarray.open_dataset(tmp_path / n / "sweep.nc", engine="scipy").load() for n in ("out", "whole"))
+    xarray.testing.assert_identical(found, whole)
+
+
+def test_a_folder_that_takes_no_store_is_told_in_a_line(tmp_path, quick, capsys, study):
+    (tmp_path / "file").write_text("")
+    command = ["sweep", str(written(tmp_path, study)), "--voltage", "20:80:20"]
+    assert main([*command, "--out", str(tmp_path / "file" / "out")]) in (2, 4)
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1 and not quick

@@ -2,17 +2,20 @@
 
 import importlib.metadata
 import importlib.util
+import shutil
+import subprocess
 import sys
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from quick_blocks import example_study
+from quick_blocks import quick as quick
 
 import pdssjax
 from pdssjax import InputError
 from pdssjax.files import SweepStore
-from pdssjax.sweeps import cluster_executor
+from pdssjax.sweeps import cluster, cluster_executor
 from pdssjax.sweeps.job import package_version
 
 NEEDED = pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="needs pdssjax[cluster]")
@@ -79,6 +82,93 @@ def test_without_distributed_the_line_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(InputError, match=r"pip install 'pdssjax\[cluster\]'"), cluster_executor("tcp://good:1"):
         pass
+
+
+SMALL = dict(n_workers=2, threads_per_worker=1, processes=False, dashboard_address=None, host="127.0.0.1")
+"""A cluster of threads in this process: real messages, but nothing to start."""
+
+GRID = {"drive.voltage": np.linspace(20.0, 80.0, 30), "drive.frequency": np.linspace(2.0, 50.0, 20)}
+"""600 points: ten blocks."""
+
+
+@NEEDED
+@pytest.mark.filterwarnings("ignore")  # of Dask's own
+def test_a_real_cluster_finds_what_threads_find(quick):
+    from distributed import LocalCluster
+
+    study = example_study()
+    with LocalCluster(protocol="tcp://", **SMALL) as local, cluster_executor(local.scheduler_address) as (pool, n):
+        there = pdssjax.sweep(study, GRID, executor=pool, in_flight=2 * n)
+    assert n == 2 and len(quick) == 10
+    np.testing.assert_array_equal(there.net_step, pdssjax.sweep(study, GRID).net_step)
+
+
+@NEEDED
+@pytest.mark.filterwarnings("ignore")
+def test_a_scheduler_that_is_not_there_is_told_in_a_line(monkeypatch):
+    monkeypatch.setattr(cluster, "_PATIENCE", 0.3)
+    with pytest.raises(InputError) as refused, cluster_executor("tcp://127.0.0.1:9"):
+        pass
+    assert "found none that answers" in str(refused.value) and "\n" not in str(refused.value)
+
+
+@NEEDED
+@pytest.mark.filterwarnings("ignore")
+def test_a_scheduler_that_goes_away_ends_the_sweep_with_a_line_and_what_was_done_is_kept(tmp_path, quick, monkeypatch):
+    import dask
+    from distributed import LocalCluster
+
+    # A client looks for its scheduler that long.
+    monkeypatch.setitem(dask.config.config["distributed"]["comm"]["timeouts"], "connect", "500ms")
+    study, store, told = example_study(), SweepStore(tmp_path / "s.zarr"), []
+    with LocalCluster(protocol="tcp://", **SMALL) as local, cluster_executor(local.scheduler_address) as (pool, _):
+
+        def progress(done, count):
+            told.append(done)
+            if len(told) == 3:
+                local.close()
+
+        with pytest.raises(InputError) as refused:
+            pdssjax.sweep(study, GRID, executor=pool, in_flight=2, store=store, progress=progress)
+    assert "what was done is in the store" in str(refused.value) and "\n" not in str(refused.value)
+    computed = len(quick)
+    again = pdssjax.sweep(study, GRID, store=SweepStore(tmp_path / "s.zarr", resume=True))
+    assert len(quick) - computed == 10 - len(told)
+    np.testing.assert_array_equal(again.net_step, pdssjax.sweep(study, GRID).net_step)
+
+
+@pytest.fixture
+def certificate(tmp_path):
+    """A key and a certificate that signs itself, and Dask's settings that name them."""
+    key, signed = tmp_path / "key.pem", tmp_path / "certificate.pem"
+    command = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "1", "-subj", "/CN=pdssjax"]
+    subprocess.run([*command, "-keyout", key, "-out", signed], check=True, capture_output=True)
+    named = {"ca-file": signed}
+    named |= {f"{role}.{what}": file for role in ("client", "scheduler", "worker") for what, file in
+              (("cert", signed), ("key", key))}  # fmt: skip
+    return {f"distributed.comm.tls.{setting}": str(file) for setting, file in named.items()}
+
+
+@NEEDED
+@pytest.mark.skipif(shutil.which("openssl") is None, reason="needs openssl")
+@pytest.mark.filterwarnings("ignore")
+def test_the_tls_settings_of_dask_are_those_of_a_sweep(quick, monkeypatch, certificate):
+    import dask
+    from distributed import LocalCluster
+    from distributed.security import Security
+
+    with dask.config.set(certificate), LocalCluster(protocol="tls://", security=Security(), **SMALL) as local:
+        assert local.scheduler_address.startswith("tls://")
+        with cluster_executor(local.scheduler_address) as (pool, _):
+            there = pdssjax.sweep(example_study(), GRID, executor=pool)
+        monkeypatch.setattr(cluster, "_PATIENCE", 0.3)
+        with (
+            dask.config.set({"distributed.comm.tls.ca-file": None}),
+            pytest.raises(InputError, match=r"scheduler tls://.*TLS") as refused,
+            cluster_executor(local.scheduler_address),
+        ):
+            pass
+    assert "\n" not in str(refused.value) and np.isfinite(there.net_step).all()
 
 
 @pytest.mark.slow

@@ -10,8 +10,12 @@ if TYPE_CHECKING:
     from .comparison import comparison_figure as comparison_figure
     from .correlations import correlation_figure as correlation_figure
     from .cycles import cycle_figure as cycle_figure
+<<<<<<< HEAD
     from .loops import has_loops as has_loops
     from .loops import loop_figure as loop_figure
+=======
+    from .directions import directions_figure as directions_figure
+>>>>>>> maps
     from .multistart import multistart_figure as multistart_figure
     from .profiles import profile_figure as profile_figure
     from .record_guess import guess_figure as guess_figure
@@ -29,6 +33,7 @@ else:
             "comparison": ["comparison_figure"],
             "correlations": ["correlation_figure"],
             "cycles": ["cycle_figure"],
+            "directions": ["directions_figure"],
             "record_guess": ["guess_figure"],
             "loops": ["has_loops", "loop_figure"],
             "multistart": ["multistart_figure"],

@@ -1,5 +1,6 @@
 """Maps of a sweep: one panel a metric, over one or two axes."""
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import matplotlib
@@ -34,7 +35,7 @@ def sweep_figure(data: "xarray.Dataset") -> Figure:
         figure = Figure(figsize=(7.4, 5.6), layout="constrained")
         for axes, name in zip(figure.subplots(2, 2).ravel(), PANELS, strict=True):
             show(axes, shown, name, names)
-        held = [f"{n} = {_number(data[n][i]) if n in data.coords else i}" for n, i in middle.items()]
+        held = held_fixed(data, middle)
         failed = int((data.failure.values != 0).sum())
         failures = [f"{failed} of {data.failure.size} points failed"] if failed else []
         title = ", ".join([str(data.attrs["title"]), f"drive of {data.attrs['record']}", *held, *failures])
@@ -42,13 +43,18 @@ def sweep_figure(data: "xarray.Dataset") -> Figure:
     return figure
 
 
+def held_fixed(data: "xarray.Dataset", middle: Mapping[str, int]) -> list[str]:
+    """In words, at what the dimensions are held of which one entry is shown."""
+    return [f"{n} = {_number(data[n][i]) if n in data.coords else i}" for n, i in middle.items()]
+
+
 def _lines(axes: Axes, data: "xarray.Dataset", name: str, over: list[str]) -> None:
     (x,) = over
-    values, label = _shown(data[name])
-    places, place = _shown(data[x])
+    values, label = shown(data[name])
+    places, place = shown(data[x])
     axes.plot(places, values, ".-", color="#0072B2", markersize=4)
     if f"{name}_low" in data:
-        low, high = (_shown(data[f"{name}_{end}"].rename(name))[0] for end in ("low", "high"))
+        low, high = (shown(data[f"{name}_{end}"].rename(name))[0] for end in ("low", "high"))
         axes.fill_between(places, low, high, color="#0072B2", alpha=0.25, linewidth=0)
     axes.set_xlabel(place)
     axes.set_ylabel(label)
@@ -57,8 +63,8 @@ def _lines(axes: Axes, data: "xarray.Dataset", name: str, over: list[str]) -> No
 def _points(axes: Axes, data: "xarray.Dataset", name: str, over: list[str]) -> None:
     """The points of a list or sample over the first two things that change along it, their colour the metric."""
     changing = [str(c) for c in data.coords if data[c].dims == (over[0],)][:2]
-    values, label = _shown(data[name])
-    places = [_shown(data[c]) for c in changing]
+    values, label = shown(data[name])
+    places = [shown(data[c]) for c in changing]
     if len(places) == 1:
         ((x, columns),) = places
         axes.plot(x, values, ".", color="#0072B2", markersize=4)
@@ -73,8 +79,8 @@ def _points(axes: Axes, data: "xarray.Dataset", name: str, over: list[str]) -> N
 
 
 def _map(axes: Axes, data: "xarray.Dataset", name: str, over: list[str]) -> None:
-    (y, rows), (x, columns) = ((_shown(data[n])) for n in over)
-    values, label = _shown(data[name].transpose(*over))
+    (y, rows), (x, columns) = ((shown(data[n])) for n in over)
+    values, label = shown(data[name].transpose(*over))
     # Where a load wins the net step is backward: there zero is the middle of the colours.
     known = values[np.isfinite(values)]
     top = float(np.abs(known).max(initial=0.0))
@@ -85,13 +91,13 @@ def _map(axes: Axes, data: "xarray.Dataset", name: str, over: list[str]) -> None
     axes.figure.colorbar(image, ax=axes, label=label)
     _lines_of_a_map(axes, data, x, y, values, over)
     for places, scaled in ((x, axes.set_xscale), (y, axes.set_yscale)):
-        if _in_equal_ratios(places):
+        if in_equal_ratios(places):
             scaled("log")
     axes.set_xlabel(columns)
     axes.set_ylabel(rows)
 
 
-def _in_equal_ratios(places: Float[np.ndarray, " values"]) -> bool:
+def in_equal_ratios(places: Float[np.ndarray, " values"]) -> bool:
     """Whether an axis goes by equal ratios, as `FROM:TO:COUNT:log` makes it."""
     if places.size < 3 or places.min() <= 0:
         return False
@@ -123,7 +129,7 @@ def _varies(values: Float[np.ndarray, "..."]) -> bool:
     return known.size > 0 and float(np.ptp(known)) > 1e-9 * float(np.abs(known).max())
 
 
-def _shown(values: "xarray.DataArray") -> tuple[Float[np.ndarray, "..."], str]:
+def shown(values: "xarray.DataArray") -> tuple[Float[np.ndarray, "..."], str]:
     """Numbers in display units, and what they are called."""
     unit, scale = display_unit(values.attrs["units"])
     if values.name == "efficiency":

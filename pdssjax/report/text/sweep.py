@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...core import display_unit
+from ...sweeps import FURTHER
 from ._layout import aligned_table, heading
 
 if TYPE_CHECKING:
@@ -16,7 +17,7 @@ def format_sweep(data: "xarray.Dataset") -> str:
     banded = "speed_sd" in data
     head = ["", "unit", "least", "most", *["+/- (95 %)"] * banded, "where it is most"]
     rows = []
-    for name in ("speed", "net_step", "efficiency", "stroke", "back_slip"):
+    for name in ("speed", "net_step", "efficiency", "stroke", "back_slip", *(name for name in FURTHER if name in data)):
         values = data[name]
         unit, scale = ("%", 100.0) if name == "efficiency" else display_unit(values.attrs["units"])
         if not bool(values.notnull().any()):
@@ -39,14 +40,21 @@ def format_sweep(data: "xarray.Dataset") -> str:
 
 
 def _both_directions(data: "xarray.Dataset") -> str:
-    """How the speeds backward compare with those forward."""
-    forward, backward = (abs(data.speed.sel(drive_direction=way)).values for way in (1.0, -1.0))
-    ratio = (backward / np.where(forward > 0, forward, np.nan)).ravel()
-    ratio = ratio[np.isfinite(ratio)]
-    if not ratio.size:
-        return ""
-    low, middle, high = np.quantile(ratio, [0.0, 0.5, 1.0])
-    return f"    Backward is {middle:.3g} times as fast as forward in the median, {low:.3g} to {high:.3g} times.\n"
+    """How the speeds backward compare with those forward, and how many points move the wrong way."""
+    along = {way: (way * data.speed.sel(drive_direction=way)).values for way in (1.0, -1.0)}
+    forward, backward = along.values()
+    both = (forward > 0) & (backward > 0)
+    told = ""
+    if both.any():
+        low, middle, high = np.quantile(backward[both] / forward[both], [0.0, 0.5, 1.0])
+        told = f"    Backward is {middle:.3g} times as fast as forward in the median, {low:.3g} to {high:.3g} times"
+        told += (
+            ".\n" if both.all() else f", at the {int(both.sum())} of {both.size} points where both move as driven.\n"
+        )
+    for name, speed in (("forward", forward), ("backward", backward)):
+        wrong = int((speed < 0).sum())
+        told += f"    Driven {name} it moves the wrong way at {wrong} of {speed.size} points.\n" if wrong else ""
+    return told
 
 
 def _half_band(data: "xarray.Dataset", name: str) -> float:

@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float
 
 from ...core import Count, Scalar
 from ...drive.base import AbstractDrive
-from ...integration import Accuracy
+from ...integration import AbstractHybridSystem, Accuracy, Solution
 from ...metrics import FLANK
 from ...simulation import StickSlip
 from ...simulation.systems.stick_slip import State
@@ -30,6 +30,8 @@ class Metric(NamedTuple):
     """In SI."""
     says: str
     """In words."""
+    by: str = ""
+    """Of a derivative, the path by which it is taken."""
 
 
 METRICS = {
@@ -40,6 +42,36 @@ METRICS = {
     "back_slip": Metric("m", "back-slip"),
 }
 """What every cycle has, by the names of `pdssjax.metrics.CycleMetrics`."""
+
+
+class Opening(NamedTuple):
+    """Where a course begins."""
+
+    x: Float[Array, " components"]
+    """The state; at rest, or just before the corner that opens a cycle that repeats."""
+    repeats: Count
+    """After how many cycles the motion is there again; 0 where that is not asked, or where it is not."""
+    multiplier: Scalar
+    """Modulus of the largest Floquet multiplier; NaN where it is not known."""
+    failure: Count
+    """Index into `pdssjax.integration.FAILURES`."""
+
+
+class Course(NamedTuple):
+    """One cycle, or all those after which a motion repeats, integrated with room for what tells the last slip."""
+
+    system: StickSlip
+    moving: AbstractHybridSystem
+    """What was integrated: the system, or the system from the opening of a cycle on."""
+    run: Solution
+    begin: Scalar
+    """When the first of the cycles opens, on the clock of `moving` [s]."""
+    span: Count
+    """How many there are."""
+    most: int
+    """How many there may be."""
+    failure: Count
+    """Index into `pdssjax.integration.FAILURES`."""
 
 
 class AbstractCycle(eqx.Module):
@@ -63,6 +95,27 @@ class AbstractCycle(eqx.Module):
     @abc.abstractmethod
     def measure(self, system: StickSlip, accuracy: Accuracy) -> tuple[Float[Array, " metrics"], Count]:
         """The `metrics`, and an index into `pdssjax.integration.solution.FAILURES`; points are side by side."""
+
+    @abc.abstractmethod
+    def opening(self, system: StickSlip) -> Opening:
+        """Where the measured motion begins, found finely; not differentiable."""
+
+    @abc.abstractmethod
+    def course(self, system: StickSlip, opening: Opening) -> Course:
+        """The measured motion with all its steps, finely integrated: for further metrics and for derivatives.
+
+        Differentiable in every floating-point leaf of `system`, and in the state of an `opening` that repeats.
+        """
+
+    def moved_opening(
+        self,
+        system: StickSlip,
+        opening: Opening,
+        monodromy: Float[Array, "components components"],
+        driven: Float[Array, "components by"],
+    ) -> Float[Array, "components by"]:
+        """Derivatives of the opening's state, given those of the state that ends the course; at rest there are none."""
+        return jnp.zeros_like(driven)
 
     def unfinished(self, found: Float[np.ndarray, "points metrics"]) -> Bool[np.ndarray, " points"]:
         """Which points are worth a `patient` look; none by default."""

@@ -5,10 +5,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ...core import Count
-from ...integration import Accuracy, Taylor, integrate_to_times
+from ...integration import Accuracy, Taylor, flat, integrate, integrate_to_times
 from ...metrics import cycle_metrics
 from ...simulation import StickSlip
-from .base import METRICS, AbstractCycle, effector_at, timing
+from .base import METRICS, AbstractCycle, Course, Opening, effector_at, timing
+
+_ROOM = 4096
+"""Steps from rest to the end of the measured cycle, at most."""
 
 
 class Numbered(AbstractCycle):
@@ -32,3 +35,12 @@ class Numbered(AbstractCycle):
         state, _, _, failure = integrate_to_times(system, times, accuracy)
         measured = cycle_metrics(times, effector_at(system, state), when.frequency, begin, 1, when.fall)
         return jnp.stack([getattr(measured, name)[0] for name in METRICS]), failure
+
+    def opening(self, system: StickSlip) -> Opening:
+        none = jnp.zeros((), int)
+        return Opening(flat(system.initial()), none, jnp.full((), jnp.nan), none)
+
+    def course(self, system: StickSlip, opening: Opening) -> Course:
+        when = timing(system.drive)
+        run = integrate(system, self.number * when.period + when.phases[-1], Accuracy(max_steps=_ROOM))
+        return Course(system, system, run, (self.number - 1) * when.period, jnp.ones((), int), 1, run.failure)

@@ -7,19 +7,37 @@ Newton's method on the cycle map (`pdssjax.integration.steady_motion`).
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jaxtyping import Array, Bool, Float
 
 from ...core import Count, Scalar
-from ...integration import Accuracy, Continued, Cycles, Taylor, integrate_cycles, steady_state
+from ...integration import (
+    PERIODS,
+    Accuracy,
+    Continued,
+    Cycles,
+    Taylor,
+    integrate,
+    integrate_cycles,
+    moved_orbit,
+    steady_state,
+)
 from ...metrics import cycle_metrics
 from ...simulation import StickSlip
-from .base import METRICS, AbstractCycle, Metric, effector_at, timing
+from .base import METRICS, AbstractCycle, Course, Metric, Opening, effector_at, timing
+from .further_metrics import GRAZES, grazing
 
 TOLERANCE = 2e-11
 """How far [m] a cycle may be from its limit."""
 
 _CYCLES = 24
 """Integrated side by side; what has not become steady then waits for Newton's method."""
+
+_TOLD_BY = 200
+"""Cycles for which a motion with a grazing reversal has to stay where it is."""
+
+_ROOM = 4096
+"""Steps of a course at most."""
 
 _OWN = {
     "cycles_to_repeat": Metric("1", "cycles until the motion repeats; 0: it does not"),
@@ -59,9 +77,40 @@ class Steady(AbstractCycle):
         assert period is not None
         # From the orbit on it repeats at once; where none was found these cycles are the last that were seen.
         again = Continued(system, found.x, float(period[0]))
-        cycles = integrate_cycles(again, when.period, when.phases, accuracy, 0.0, 4)
-        measured = _measured(system, cycles, found.period, found.multipliers[0])
+        orbit = Opening(found.x, found.period, found.multipliers[0], found.failure)
+        # Where a reversal grazes, linearised steps say little of what deviations do: many cycles have to tell.
+        grazes = (found.period > 0) & (grazing(self.course(system, orbit)) < GRAZES)
+        cycles = integrate_cycles(
+            again, when.period, when.phases, accuracy, 0.0, jnp.where(grazes, _TOLD_BY, PERIODS + 1)
+        )
+        repeats = jnp.where(grazes & (_left(system, cycles, found.period) > TOLERANCE), 0, found.period)
+        measured = _measured(system, cycles, repeats, found.multipliers[0])
         return measured, jnp.where(cycles.failure > 0, cycles.failure, found.failure)
+
+    def opening(self, system: StickSlip) -> Opening:
+        fine = Accuracy(max_steps=_ROOM)
+        found = steady_state(lax.stop_gradient(system), timing(system.drive).period, fine, 0.1 * TOLERANCE)
+        return lax.stop_gradient(Opening(found.x, found.period, found.multipliers[0], found.failure))
+
+    def course(self, system: StickSlip, opening: Opening) -> Course:
+        when, period = timing(system.drive), system.period()
+        assert period is not None
+        span = jnp.where(opening.repeats > 0, opening.repeats, PERIODS)
+        again = Continued(system, opening.x, float(period[0]))
+        run = integrate(again, span * when.period + when.phases[-1], Accuracy(max_steps=_ROOM))
+        failure = jnp.where(opening.failure > 0, opening.failure, run.failure)
+        return Course(system, again, run, jnp.zeros(()), span, PERIODS, failure)
+
+    def moved_opening(
+        self,
+        system: StickSlip,
+        opening: Opening,
+        monodromy: Float[Array, "components components"],
+        driven: Float[Array, "components by"],
+    ) -> Float[Array, "components by"]:
+        """(I - M)^-1 dP/dp, without what nothing depends on; NaN where the motion does not repeat."""
+        moved = moved_orbit(system, monodromy, driven)
+        return jnp.where(opening.repeats > 0, moved, jnp.nan)
 
 
 def _measured(system: StickSlip, cycles: Cycles, period: Count, decay: Scalar) -> Float[Array, " metrics"]:
@@ -80,6 +129,12 @@ def _measured(system: StickSlip, cycles: Cycles, period: Count, decay: Scalar) -
     by_name = dict(net_step=net, speed=net * when.frequency, efficiency=net / stroke, stroke=stroke)
     by_name |= dict(back_slip=stroke - net, cycles_to_repeat=period * 1.0, decay=decay)
     return jnp.stack([by_name[name] for name in (METRICS | _OWN)])
+
+
+def _left(system: StickSlip, cycles: Cycles, period: Count) -> Scalar:
+    """How far [m] the last of some cycles is from that `period` cycles before."""
+    last, before = (jax.tree.map(lambda leaf, k=k: leaf[k], cycles.x) for k in (-1, PERIODS - period))
+    return jax.vmap(system.state_distance)(last, before).max()
 
 
 def _ratio(cycles: Cycles) -> Scalar:

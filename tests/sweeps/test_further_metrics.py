@@ -1,0 +1,242 @@
+"""Further metrics are those of single runs sampled densely; derivatives are those of central differences."""
+
+import json
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import xarray
+from quick_blocks import example_study, found_at
+
+import pdssjax
+from pdssjax import Accuracy, InputError
+from pdssjax.cli.main import main
+from pdssjax.files import EXAMPLE
+from pdssjax.report.figures import directions_figure
+from pdssjax.report.text import format_sweep
+from pdssjax.simulation import STOP_FORCE, StickSlip, measured
+from pdssjax.sweeps import FURTHER, Listed, compared_directions, execution, plan_sweep
+from pdssjax.sweeps.job import job_document, point_function
+from pdssjax.sweeps.point import INCOMPLETE, POINT_FAILURES, compute_block, per_unit
+
+DRIVES = {"drive.voltage": [64.0, 120.0], "drive.frequency": [50.0, 150.0]}
+STOP = {"stop.stiffness": [1e5, 1e5]}
+BY = ("piezo.gain", "friction.f_ss_a", "drive.frequency")
+SMOOTH = ("net_step", "speed", "efficiency", "stroke", "back_slip", "peak_friction", "output_force")
+
+
+@pytest.fixture(scope="module")
+def study():
+    return example_study()
+
+
+@pytest.fixture(scope="module")
+def data(study):
+    names = ("peak_friction", "reversals", "settled", "grazing")
+    return pdssjax.sweep(study, Listed(DRIVES), metrics=names, workers=1)
+
+
+def sampled(study, voltage, frequency, cycle=4, count=40_001):
+    """Relative velocity and friction force of a cycle, from a single run."""
+    system = plan_sweep(study, {"drive.voltage": [voltage], "drive.frequency": [frequency]}).function.system(
+        jnp.array([voltage, frequency])
+    )
+    times = (cycle - 1 + np.linspace(0.0, 1.0, count)[1:-1]) / frequency
+    run = pdssjax.simulate(system.actuator, system.drive, times)
+    return np.asarray(run.platform_velocity - run.effector_velocity), np.asarray(run.friction)
+
+
+def test_further_metrics_are_those_of_a_run_sampled_densely(study, data):
+    assert not data.failure.any() and (data.settled == 0).all()
+    for i, (voltage, frequency) in enumerate(zip(*DRIVES.values(), strict=True)):
+        velocity, friction = sampled(study, voltage, frequency)
+        # The drop turns the motion by its jump at the opening, which the samples begin behind.
+        turns = np.count_nonzero(np.diff(np.sign(velocity)))
+        assert float(data.reversals[i]) in (turns, turns + 1)
+        assert float(data.peak_friction[i]) == pytest.approx(np.abs(friction).max(), rel=1e-5)
+        assert 0.0 < float(data.grazing[i]) <= 1.0
+
+
+def test_metrics_have_units_and_the_cycle_is_the_same_without_them(study, data):
+    assert data.peak_friction.attrs["units"] == "N" and data.reversals.attrs["units"] == "1"
+    plain = pdssjax.sweep(study, Listed(DRIVES), workers=1)
+    np.testing.assert_array_equal(data.net_step, plain.net_step)
+
+
+def test_a_job_with_metrics_and_derivatives_is_rebuilt_from_its_text(study):
+    planned = plan_sweep(study, DRIVES | STOP, metrics=("output_force",), derivatives=BY)
+    assert job_document(point_function(json.loads(json.dumps(planned.document)))) == planned.document
+    assert len(planned.document["metrics"]) == 6 + 6 * len(BY)
+    assert "further" not in plan_sweep(study, DRIVES).document, "stores of plain sweeps are to stay those of today"
+    column = planned.function.columns["speed_by_piezo_gain"]
+    assert column.by == "piezo.gain" and column.unit == "(m/s)/(m/V)"
+    assert planned.function.numbers["piezo.gain"] == study.values()["piezo.gain"]
+
+
+@pytest.mark.parametrize(
+    ("unit", "of", "found"), [("m", "V", "m/V"), ("1", "Hz", "1/Hz"), ("N", "N s/m", "N/(N s/m)"), ("m", "", "m")]
+)
+def test_units_of_derivatives_can_be_read(unit, of, found):
+    assert per_unit(unit, of) == found
+
+
+@pytest.mark.parametrize(
+    ("asked", "essential"),
+    [
+        (dict(metrics=["peak_frictoin"]), 'did you mean "peak_friction"'),
+        (dict(metrics=["speed"]), 'found the metric "speed" twice'),
+        (dict(metrics=["reversals", "reversals"]), 'found the metric "reversals" twice'),
+        (dict(metrics=["multiplier"]), 'expected cycles = "steady"'),
+        (dict(metrics=["output_force"]), 'without "stop.stiffness"'),
+        (dict(derivatives=["piezo.gian"]), 'did you mean "piezo.gain"'),
+        (dict(derivatives=["drive.direction"]), "found a choice between forward and backward"),
+        (dict(derivatives=["piezo.gain", "piezo.gain"]), "found it twice"),
+        (dict(derivatives=["stop.stiffness"]), "found no number for it"),
+    ],
+)
+def test_what_cannot_be_found_is_refused_before_any_work(study, monkeypatch, asked, essential):
+    monkeypatch.setattr(execution, "computed_block", lambda *given: pytest.fail("computed for nothing"))
+    with pytest.raises(InputError) as refused:
+        pdssjax.sweep(study, DRIVES, **asked)
+    assert essential in str(refused.value) and "\n" not in str(refused.value)
+
+
+def test_a_point_whose_details_fail_keeps_its_cycle_and_says_so(study, monkeypatch):
+    planned = plan_sweep(study, DRIVES, metrics=("reversals",), derivatives=("piezo.gain",))
+    monkeypatch.setattr("pdssjax.sweeps.point._side_by_side", lambda f, p: (np.ones((len(p), 5)), np.zeros(len(p))))
+    asked = []
+
+    def detailed(function, points):
+        asked.append(np.asarray(points))
+        return np.ones((len(points), 6)), (np.asarray(points)[:, 0] > 100.0).astype(int)
+
+    monkeypatch.setattr("pdssjax.sweeps.point._detailed", detailed)
+    points = np.array([[64.0, 50.0], [120.0, 150.0], [80.0, 5.0], *[[80.0, 5.0]] * 61])
+    found = compute_block(planned.function, points)
+    assert found[:3, -1].tolist() == [0, INCOMPLETE, 0] and len(POINT_FAILURES) == INCOMPLETE + 1
+    assert np.isfinite(found[:3, :5]).all() and np.isnan(found[1, 5:-1]).all() and np.isfinite(found[2]).all()
+    # What fills up a block is not looked at.
+    assert len(asked) == 1 and np.isfinite(found[3:]).all()
+
+
+def both_ways(ratio):
+    """A sweep of both directions; backward is slower by a ratio."""
+    voltage, frequency = np.linspace(10.0, 80.0, 8), np.linspace(5.0, 50.0, 6)
+    speed = (np.maximum(voltage[:, None] - 20.0 - 0.2 * frequency, 0.0) * 1e-6)[..., None] * np.array([1.0, -ratio])
+    dims = ("drive_voltage", "drive_frequency", "drive_direction")
+    said = {"units": "m/s", "long_name": "average speed"}
+    found = dict.fromkeys(("speed", "net_step", "stroke", "back_slip"), (dims, speed, said))
+    found["efficiency"] = (dims, np.abs(speed) / 1e-4, {"units": "1", "long_name": "step efficiency"})
+    found["failure"] = (dims, np.zeros(speed.shape, np.int8), {"meanings": ""})
+    axes = {name: (name, values, {"units": unit, "long_name": name}) for name, values, unit in
+            zip(dims, (voltage, frequency, np.array([1.0, -1.0])), ("V", "Hz", "1"), strict=True)}  # fmt: skip
+    return xarray.Dataset(found, axes, {"title": "Rig", "record": "5 Hz"})
+
+
+def test_directions_are_compared_along_their_drives():
+    data = both_ways(0.5)
+    found = compared_directions(data)
+    moves = (data.speed.sel(drive_direction=1.0) > 0).values
+    np.testing.assert_allclose(found.asymmetry.values[moves], 2.0 / 3.0)
+    assert np.isnan(found.asymmetry.values[~moves]).all() and found.sizes == {"drive_voltage": 8, "drive_frequency": 6}
+    np.testing.assert_allclose(found.speed_difference, 0.5 * data.speed.sel(drive_direction=1.0))
+    assert found.speed_difference.attrs["units"] == "m/s"
+    # Backward moves forward, too: the wrong way.
+    np.testing.assert_allclose(compared_directions(both_ways(-0.5)).asymmetry.values[moves], 2.0)
+    with pytest.raises(InputError, match="no two directions"):
+        compared_directions(data.isel(drive_direction=[0]))
+
+
+def test_the_report_says_where_a_direction_moves_the_wrong_way():
+    moves = int((both_ways(0.5).speed.sel(drive_direction=1.0) > 0).sum())
+    told = format_sweep(both_ways(0.5))
+    assert "Backward is 0.5 times as fast as forward in the median, 0.5 to 0.5 times" in told
+    assert f"{moves} of 48 points" in told and "wrong way" not in told
+    assert f"Driven backward it moves the wrong way at {moves} of 48 points." in format_sweep(both_ways(-0.5))
+
+
+@pytest.mark.parametrize("cut", [{}, {"drive_frequency": 2}])
+def test_directions_are_drawn_beside_each_other(cut):
+    figure = directions_figure(both_ways(0.5).isel(cut))
+    panels = [one for one in figure.axes if one.get_label() != "<colorbar>"]
+    assert len(panels) == (2 if cut else 3)
+    if cut:
+        np.testing.assert_allclose(panels[1].lines[0].get_ydata()[-1], 100.0 * 2.0 / 3.0)
+
+
+def test_the_command_asks_for_metrics_and_derivatives(study, tmp_path, monkeypatch, capsys):
+    seen = []
+
+    def computed_block(function, points):
+        seen.append(function)
+        row = found_at(points)
+        return np.column_stack([row[:, :5], np.ones((len(points), len(function.columns) - 5)), row[:, -1]])
+
+    monkeypatch.setattr(execution, "computed_block", computed_block)
+    estimate = tmp_path / "estimate.json"
+    known = {path: {"value": value} for path, value in study.values().items()}
+    estimate.write_text(json.dumps({"format": "pdssjax-estimate/1", "converged": True, "parameters": known}))
+    command = ["sweep", str(EXAMPLE / "study.toml"), "--voltage", "20:80:3", "--estimate", str(estimate)]
+    asked = ["--metrics", "all", "--derivatives", "piezo.gain, drive.frequency", "--both-directions"]
+    assert main([*command, *asked, "--out", str(tmp_path / "out")]) == 0
+    assert seen[0].further == tuple(n for n in FURTHER if n not in ("multiplier", "output_force"))
+    data = xarray.open_dataset(tmp_path / "out" / "sweep.nc", engine="scipy").load()
+    assert data["peak_friction_by_drive_frequency"].attrs["by"] == "drive.frequency"
+    assert (tmp_path / "out" / "directions.png").stat().st_size > 10_000
+    assert "peak of the friction force in a cycle" in capsys.readouterr().out
+    assert main([*command, "--metrics", "speeed", "--out", str(tmp_path / "other")]) == 2
+    assert "unknown metric" in capsys.readouterr().err and not (tmp_path / "other").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("cycles", [4, "steady"])
+def test_derivatives_are_those_of_central_differences(study, cycles):
+    names = ("peak_friction", "output_force")
+    fine = dict(accuracy=Accuracy(max_steps=4096), metrics=names, workers=1)
+    here = {path: np.full(2, study.values().get(path, np.nan)) for path in BY} | DRIVES | STOP
+    found = pdssjax.sweep(study, Listed(here), cycles=cycles, derivatives=BY, **fine)
+    assert not found.failure.any()
+    parts, rows = (-2, -1, 1, 2), []
+    for path in BY:
+        rows += [here | {path: (1.0 + 1e-4 * part) * np.asarray(here[path])} for part in parts]
+    # From the sixteenth cycle on these are steady: another way to the same numbers.
+    late = 16 if cycles == "steady" else cycles
+    points = Listed({path: np.concatenate([row[path] for row in rows]) for path in here})
+    moved = pdssjax.sweep(study, points, cycles=late, **fine)
+    for i, path in enumerate(BY):
+        for name in SMOOTH:
+            at = dict(zip(parts, moved[name].values.reshape(len(BY), len(parts), 2)[i], strict=True))
+            wide, narrow = ((at[k] - at[-k]) / (2e-4 * k * np.asarray(here[path])) for k in (2, 1))
+            slope = found[f"{name}_by_{path.replace('.', '_')}"].values
+            # What hardly depends on a number is compared on the scale of metric by number.
+            floor = 1e-5 * np.abs(found[name].values / np.asarray(here[path]))
+            assert (np.abs(slope - (4 * narrow - wide) / 3) <= 1e-5 * np.abs(slope) + floor).all(), (name, path)
+
+
+@pytest.mark.slow
+def test_the_output_force_is_that_of_a_single_run_against_the_stop(study):
+    data = pdssjax.sweep(study, Listed(DRIVES | STOP), metrics=("output_force",), workers=1)
+    function = plan_sweep(study, Listed(DRIVES | STOP)).function
+    for i, row in enumerate(Listed(DRIVES | STOP).values()):
+        system = function.system(jnp.asarray(row), blocked=True)
+        assert isinstance(system, StickSlip)
+        ends = jnp.array([4.0]) / row[1] * (1.0 - 1e-9)
+        expected = float(measured(system, ends, Accuracy(max_steps=20_000), STOP_FORCE)[0])
+        assert float(data.output_force[i]) == pytest.approx(expected, rel=0.02)
+
+
+@pytest.mark.slow
+def test_where_reversals_come_and_go_one_grazes(study):
+    sweep = lambda volts: pdssjax.sweep(
+        study, {"drive.voltage": volts, "drive.frequency": [150.0]}, metrics=("reversals", "grazing"), workers=1
+    )
+    coarse = sweep(np.linspace(40.0, 140.0, 60))
+    counts = coarse.reversals.values.ravel()
+    change = int(np.flatnonzero(np.diff(counts))[0])
+    low, high = coarse.drive_voltage.values[change : change + 2]
+    for _ in range(4):
+        volts = np.linspace(low, high, 8)
+        found = sweep(volts)
+        inside = int(np.flatnonzero(np.diff(found.reversals.values.ravel()))[0])
+        low, high = volts[inside], volts[inside + 1]
+    assert float(found.grazing.min()) < 0.1 * float(coarse.grazing.median())
