@@ -1,0 +1,96 @@
+"""The tab of an estimate: values with errors, correlations, likelihood profiles where there are any."""
+
+import html
+
+import numpy as np
+import panel as pn
+from bokeh.models import ColumnDataSource, LinearColorMapper, Span
+from bokeh.palettes import RdBu11
+
+from ..estimate_view import EstimateView, ProfileCurve
+from .style import BLUE, GREY, TABLE, VERMILION, Widget, plain_figure
+
+_NOTHING = (
+    "<p>No estimate yet: press <b>Fit from here</b>, or start with "
+    "<code>pdssjax explore STUDY --estimate DIR/estimate.json</code>.</p>"
+)
+
+
+class EstimateTab:
+    """Filled anew with every estimate."""
+
+    def __init__(self):
+        self.view: Widget = pn.Column(sizing_mode="stretch_both", margin=0, styles={"overflow": "auto"})
+        self.view.append(pn.pane.HTML(_NOTHING, margin=12, css_classes=["estimate"]))
+
+    def show(self, view: EstimateView) -> None:
+        """Shows an estimate."""
+        notes = "".join(f"<p>{html.escape(note)}</p>" for note in view.notes if note)
+        table = pn.pane.HTML(
+            f"<p><b>{html.escape(view.headline)}</b></p>{_table(view)}<p>{html.escape(view.advice)}</p>{notes}",
+            stylesheets=[TABLE + "p { white-space: normal; }"],
+            sizing_mode="stretch_width",
+            margin=(4, 12),
+            css_classes=["estimate"],
+        )
+        plots = [_correlations(view)] if view.names else []
+        plots += [_profile(curve) for curve in view.profiles]
+        grid = pn.FlexBox(*plots, sizing_mode="stretch_width", margin=(0, 8))
+        self.view.objects = [table, grid]
+
+
+def _table(view: EstimateView) -> str:
+    heads = ["parameter", "unit", "value", "± one standard deviation", "95 % interval", "start", ""]
+    head = "".join(f"<th{' class=number' if 1 < i < 6 else ''}>{text}</th>" for i, text in enumerate(heads))
+    rows = "".join(
+        "<tr>"
+        + "".join(f"<td{' class=number' if 1 < i < 6 else ''}>{html.escape(c)}</td>" for i, c in enumerate(r))
+        + "</tr>"
+        for r in view.rows
+    )
+    return f"<table><tr>{head}</tr>{rows}</table>"
+
+
+def _correlations(view: EstimateView) -> Widget:
+    """Every pair as a tile with its number."""
+    names = [name.partition(".")[2] or name for name in view.names]
+    if len(set(names)) < len(names):
+        names = view.names
+    pairs = [(i, j) for i in range(len(names)) for j in range(i)]
+    values = np.array([view.correlation[i, j] for i, j in pairs])
+    source = ColumnDataSource(
+        {
+            "x": [names[j] for _, j in pairs],
+            "y": [names[i] for i, _ in pairs],
+            "value": values,
+            "text": [f"{value:.2f}" if np.isfinite(value) else "×" for value in values],
+            "ink": ["white" if abs(value) > 0.6 else "black" for value in values],
+        }
+    )
+    size = 150 + 40 * len(names)
+    made = plain_figure("", "", x_range=names[:-1], y_range=names[:0:-1], title="Correlations", tools="")
+    mapper = LinearColorMapper(palette=list(RdBu11), low=-1.0, high=1.0, nan_color="#eeeeee")
+    made.rect("x", "y", 0.96, 0.96, source=source, line_color=None, fill_color={"field": "value", "transform": mapper})
+    made.text(
+        "x", "y", "text", source=source, text_color="ink", text_align="center", text_baseline="middle",
+        text_font_size="10px",
+    )  # fmt: skip
+    made.xaxis.major_label_orientation = 0.8
+    made.grid.grid_line_color = None
+    return pn.pane.Bokeh(made, width=size + 60, height=max(220, 90 + 26 * len(names)), margin=4)
+
+
+def _profile(curve: ProfileCurve) -> Widget:
+    """Chi-square above its minimum against a parameter, with the parabola of the linear model."""
+    title = f"{curve.path}: {curve.verdict}"
+    made = plain_figure(f"{curve.path} ({curve.unit or '1'})", "excess of chi-square", title=title, tools="")
+    source = ColumnDataSource({"value": curve.value, "excess": curve.excess, "linear": curve.linear})
+    made.line("value", "linear", source=source, color=GREY, line_dash="dashed", line_width=1.2, legend_label="linear")
+    made.line("value", "excess", source=source, color=BLUE, line_width=1.5, legend_label="profile")
+    made.add_layout(Span(location=curve.threshold, dimension="width", line_color=VERMILION))
+    made.add_layout(Span(location=curve.estimate, dimension="height", line_color=GREY))
+    made.y_range.update(start=0.0, end=1.4 * curve.threshold)
+    made.legend.label_text_font_size = "10px"
+    made.legend.border_line_color = None
+    made.legend.location = "top_center"
+    return pn.pane.Bokeh(made, width=290, height=220, margin=4)
