@@ -11,7 +11,7 @@ Report = Callable[[str], None]
 
 
 class BackgroundJob(Generic[Result]):
-    """Runs `work` at once; `told` is called with each of its lines, then `ended` with result or error, in its thread."""
+    """Runs `work` at once; in its thread `told` gets each of its lines, and `ended` its result or error."""
 
     def __init__(
         self,

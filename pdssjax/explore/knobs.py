@@ -34,7 +34,7 @@ class Knob(NamedTuple):
         **Raises:** `InputError` where it is no number, or outside the legal range.
         """
         text = text.strip().replace("µ", "u")
-        name, factor = display_unit(self.quantity.unit)
+        _, factor = display_unit(self.quantity.unit)
         try:
             number = float(text) / factor
         except ValueError:

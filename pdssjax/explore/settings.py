@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Mapping
 
 from ..core import choices
-from ..study import Record, Study, shared_fields
+from ..study import Record, Study
 from .knobs import inner_drive, own_numbers
 
 

@@ -31,18 +31,19 @@ class SliderRange(NamedTuple):
         """The number [SI] at a `position`, rounded to what a step can tell."""
         part = position / POSITIONS
         if self.logarithmic:
-            return float(f"{self.low * (self.high / self.low) ** part:.4g}")
+            return self._within(float(f"{self.low * (self.high / self.low) ** part:.4g}"))
         step = (self.high - self.low) / POSITIONS
         return round((self.low + part * (self.high - self.low)) / step) * step if step else self.low
 
-    def widened(self, number: float) -> "SliderRange":
-        """The range with `number` [SI] inside it, well away from its ends where it was not."""
+    def widened(self, number: float, quantity: Quantity) -> "SliderRange":
+        """The range with `number` [SI] inside it, well away from its ends where it was not, but legal."""
         if self.low <= number <= self.high:
             return self
-        if self.logarithmic:
-            return self._replace(low=min(self.low, number / 3.0), high=max(self.high, number * 3.0))
-        room = 0.5 * abs(number)
-        return self._replace(low=min(self.low, number - room), high=max(self.high, number + room))
+        ends = (
+            (number / 3.0, number * 3.0) if self.logarithmic else (number - abs(number) / 2, number + abs(number) / 2)
+        )
+        legal = max(ends[0], quantity.low), min(ends[1], max(number, _below(quantity.high)))
+        return self._replace(low=min(self.low, legal[0]), high=max(self.high, legal[1]))
 
     def _within(self, number: float) -> float:
         return min(max(number, self.low), self.high)
@@ -57,7 +58,7 @@ def slider_range(quantity: Quantity, number: float, low: float | None = None, hi
     if quantity.positive:
         ends = (number / DECADES if low is None else low), (number * DECADES if high is None else high)
         lowest = ends[0] if ends[0] > 0 else number / DECADES**2
-        return SliderRange(lowest, min(ends[1], _below(quantity.high)), True)
+        return SliderRange(lowest, min(ends[1], max(number, _below(quantity.high))), True)
     span = 2.0 * abs(number) or _SPANS.get(quantity.unit, 1.0)
     begin = (0.0 if number > 0 else -span) if low is None else low
     end = (0.0 if number < 0 else span) if high is None else high

@@ -21,7 +21,11 @@ class ControlRow:
     """A slider, and the field beside it."""
 
     def __init__(self, knob: Knob, number: float, turned: Turned, said: Said):
-        self.knob, self._turned, self._said = knob._replace(range=knob.range.widened(number)), turned, said
+        self.knob, self._turned, self._said = (
+            knob._replace(range=knob.range.widened(number, knob.quantity)),
+            turned,
+            said,
+        )
         self._quiet = False
         name = knob.path.partition(".")[2] or knob.path
         tag = "" if knob.free else ' <span style="color:#888">fixed</span>'
@@ -56,7 +60,7 @@ class ControlRow:
 
     def show(self, number: float) -> None:
         """Moves slider and field to `number` [SI] without telling anybody."""
-        self.knob = self.knob._replace(range=self.knob.range.widened(number))
+        self.knob = self.knob._replace(range=self.knob.range.widened(number, self.knob.quantity))
         self._quiet = True
         try:
             self._slider.value = self.knob.range.position(number)

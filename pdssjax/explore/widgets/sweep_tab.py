@@ -139,7 +139,7 @@ def _map_plot(
         edges[f"{name}0"] = place / np.exp(size) if ratio else place - size
         edges[f"{name}1"] = place * np.exp(size) if ratio else place + size
     made = plain_figure(
-        labels[0], labels[1], x_axis_type=kinds[0], y_axis_type=kinds[1], tools="tap,hover", title=f"{label}; click a point",
+        labels[0], labels[1], x_axis_type=kinds[0], y_axis_type=kinds[1], tools="tap,hover", title=f"{label}: click",
         tooltips=[(labels[0], "@x"), (labels[1], "@y"), (label, "@value")],
     )  # fmt: skip
     source = ColumnDataSource(edges)
