@@ -91,25 +91,34 @@ def _metric(values: "xarray.DataArray") -> tuple[str, Float[np.ndarray, " points
     unit, scale = display_unit(str(values.attrs.get("units", "1")))
     if values.name == "efficiency":
         unit, scale = "%", 100.0
-    says = str(values.attrs["long_name"])
+    says = str(values.attrs["long_name"]).replace(" (3.1)", "")
     label = says if unit in ("", "1") else f"{says} ({unit.replace('um', 'µm')})"
     return label, scale * values.values.ravel().astype(float)
 
 
-def tile_sizes(values: Float[np.ndarray, " points"]) -> tuple[Float[np.ndarray, " points"], bool]:
-    """How wide the tile of each point is along an axis, and whether the axis goes by equal ratios.
+class Tiles(NamedTuple):
+    """From where to where the tiles of points reach along an axis: half-way to their neighbours."""
 
-    The widths reach half-way to the neighbours; of equal ratios they are factors.
-    """
+    low: Float[np.ndarray, " points"]
+    high: Float[np.ndarray, " points"]
+    logarithmic: bool
+    """The points lie at equal ratios."""
+
+
+def tiles_along(values: Float[np.ndarray, " points"]) -> Tiles:
+    """The tiles of points at `values` on an axis."""
     places, which = np.unique(values, return_inverse=True)
     if places.size < 2:
-        return np.full(values.size, abs(float(places[0])) * 0.1 or 1.0), False
+        half = abs(float(places[0])) * 0.1 or 1.0
+        return Tiles(values - half, values + half, False)
     ratios = bool(
         places.size > 2 and places[0] > 0 and _equal(places[1:] / places[:-1]) and not _equal(np.diff(places))
     )
-    steps = np.diff(np.log(places) if ratios else places)
-    each = 0.5 * (np.append(steps, steps[-1]) + np.insert(steps, 0, steps[0]))
-    return each[which.ravel()], ratios
+    at = np.log(places) if ratios else places
+    middles = 0.5 * (at[1:] + at[:-1])
+    edges = np.concatenate([[2 * at[0] - middles[0]], middles, [2 * at[-1] - middles[-1]]])
+    edges = np.exp(edges) if ratios else edges
+    return Tiles(edges[:-1][which.ravel()], edges[1:][which.ravel()], ratios)
 
 
 def _equal(numbers: Float[np.ndarray, " n"]) -> bool:

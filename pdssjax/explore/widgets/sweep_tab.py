@@ -9,7 +9,7 @@ from bokeh.models import ColorBar, ColumnDataSource, DataRange1d, LinearAxis, Li
 from bokeh.palettes import Viridis256
 
 from ...core import MICROMETRES
-from ..sweep_map import SweepMap, is_grid, tile_sizes
+from ..sweep_map import SweepMap, is_grid, tiles_along
 from ..sweep_walk import Walk
 from .style import BLUE, GREEN, GREY, Figure, Widget, pane, plain, plain_figure
 
@@ -103,7 +103,9 @@ class SweepTab:
         source.selected.on_change("indices", lambda attr, old, new: self._clicked(list(new)))
         controls = pn.Row(*self._selects.values(), self._point, margin=0)
         share = {"flex": "1 1 0", "min-height": "0"}
-        plots = pn.Row(pane(made, 1.1), pane(self._walk), sizing_mode="stretch_both", margin=0, styles=share)
+        plots = pn.Row(
+            pane(made, 1.1, css_classes=["map"]), pane(self._walk), sizing_mode="stretch_both", margin=0, styles=share
+        )
         self._body.objects = [controls, plots, self._told]
 
 
@@ -113,7 +115,7 @@ def _select(name: str) -> Widget:
 
 def _unit(label: str) -> str:
     """The unit at the end of a label, "speed (µm/s)"."""
-    return f" {label.rpartition('(')[2].rstrip(')')}" if label.endswith(")") and "(3.1)" not in label else ""
+    return f" {label.rpartition('(')[2].rstrip(')')}" if label.endswith(")") else ""
 
 
 def _said(found: SweepMap, path: str, number: float) -> str:
@@ -130,14 +132,13 @@ def _map_plot(
     places = [axis.scale * axis.values[points] for axis in axes]
     flat = len(shown) == 1
     places += [values[points]] if flat else []
-    sizes = [tile_sizes(p) for p in places]
-    ratios = [equal and grid and not (flat and i) for i, (_, equal) in enumerate(sizes)]
+    tiles = [tiles_along(p) for p in places]
+    ratios = [tile.logarithmic and grid and not (flat and i) for i, tile in enumerate(tiles)]
     kinds = ["log" if ratio else "linear" for ratio in ratios]
     labels = [axis.label for axis in axes] + ([label] if flat else [])
     edges: dict[str, Any] = {"value": values[points], "x": places[0], "y": places[1]}
-    for name, place, (size, _), ratio in zip("xy", places, sizes, ratios, strict=True):
-        edges[f"{name}0"] = place / np.exp(size) if ratio else place - size
-        edges[f"{name}1"] = place * np.exp(size) if ratio else place + size
+    for name, tile in zip("xy", tiles, strict=True):
+        edges[f"{name}0"], edges[f"{name}1"] = tile.low, tile.high
     made = plain_figure(
         labels[0], labels[1], x_axis_type=kinds[0], y_axis_type=kinds[1], tools="tap,hover", title=f"{label}: click",
         tooltips=[(labels[0], "@x"), (labels[1], "@y"), (label, "@value")],
