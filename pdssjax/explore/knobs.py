@@ -18,6 +18,8 @@ class Knob(NamedTuple):
     range: SliderRange
     free: bool
     """A fit changes it."""
+    parameter: bool
+    """Of the study; else of one record's drive."""
 
     @property
     def unit(self) -> str:
@@ -62,7 +64,7 @@ def parameter_knobs(study: Study) -> list[Knob]:
 def _of_parameter(study: Study, path: str, number: float) -> Knob:
     parameter = study.parameters[path]
     found = slider_range(parameter.quantity, number, parameter.low, parameter.high)
-    return Knob(path, parameter.quantity, found, parameter.free)
+    return Knob(path, parameter.quantity, found, parameter.free, True)
 
 
 def drive_knobs(study: Study, record: Record) -> list[Knob]:
@@ -72,7 +74,7 @@ def drive_knobs(study: Study, record: Record) -> list[Knob]:
     shared = {field for field, path in shared_fields(record).items() if path in study.parameters}
     numbers = record.drive.numbers()
     return [
-        Knob(f"drive.{field}", declared, slider_range(declared, float(numbers[field])), False)
+        Knob(f"drive.{field}", declared, slider_range(declared, float(numbers[field])), False, False)
         for field, declared in record.drive.declared().items()
         if field not in shared
     ]

@@ -29,6 +29,7 @@ def serve(bench: Workbench, port: int, show: bool, said: Callable[[str], None]) 
     if show:
         webbrowser.open(address)
     try:
+        server.start()
         server.io_loop.start()
     finally:
         server.stop()

@@ -10,7 +10,7 @@ from ..files import save_study
 from ..study import Record, Study
 from .knobs import inner_drive
 from .live_records import LiveRecords
-from .redraw import enlarged_at_first, instants_of
+from .redraw import Redraw, enlarged_at_first, instants_of
 from .settings import Settings, changed_drives
 
 if TYPE_CHECKING:
@@ -42,10 +42,14 @@ class Workbench:
         walks = [record for record in self.study.records if record.measurement.effector_free]
         return (walks or list(self.study.records))[0]
 
-    def warm(self) -> None:
-        """Compiles what shows the first record."""
-        record = self.first()
+    def warm(self, record: Record | None = None) -> None:
+        """Compiles what shows a record, by default the first."""
+        record = record or self.first()
         self.records.redraw(record.name, self.begun, instants_of(record, *enlarged_at_first(record)))
+
+    def redraw_at_once(self, record: Record, settings: Settings) -> Redraw | None:
+        """A record at the numbers of `settings`, its fastest motion enlarged; None where it has to be compiled."""
+        return self.records.redraw_at_once(record.name, settings, instants_of(record, *enlarged_at_first(record)))
 
     def free_path(self) -> Path:
         """A name for a new study beside this one that nothing has yet."""

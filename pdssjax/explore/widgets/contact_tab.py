@@ -22,16 +22,16 @@ class ContactTab:
         self._whole = ColumnDataSource({name: [] for name in names})
         self._near = ColumnDataSource({name: [] for name in names})
         self._measured = ColumnDataSource({"displacement": [], "force": []})
-        what = "end-effector against platform" if self._driven else "prescribed motion"
+        what = "end-effector relative to platform" if self._driven else "prescribed motion"
         if not self._contact:
             what = "platform"
-        place, speed = f"{what} (µm)", "velocity (mm/s)"
-        portrait = self._loops(f"Phase portrait of the {what}", place, speed, "velocity")
+        place, speed = f"{what} (µm)", "relative velocity (mm/s)" if self._contact else "velocity (mm/s)"
+        portrait = self._loops("Phase portrait", place, speed, "velocity")
         over_time = self._over_time(speed, "velocity", BLUE)
         if not self._contact:
             self.view = column(row(pane(portrait, 1.2), pane(over_time, 1)))
             return
-        loop = self._loops("Force-displacement loop of the contact", place, "friction force (N)", "force")
+        loop = self._loops("Friction force against displacement", place, "friction force (N)", "force")
         if not self._driven:
             loop.line(
                 "displacement", "force", source=self._measured, color=GREY, line_width=3, alpha=0.6, level="underlay"
@@ -61,7 +61,7 @@ class ContactTab:
             }
 
     def _loops(self, title: str, x: str, y: str, name: str) -> Figure:
-        made = plain_figure(x, y, title=f"{title}; the stretch enlarged in colour")
+        made = plain_figure(x, y, title=f"{title} (in colour: the stretch enlarged)")
         made.line("displacement", name, source=self._whole, color="#c4c4c4", line_width=1)
         made.line("displacement", name, source=self._near, color=VERMILION, line_width=1.4)
         return made

@@ -8,13 +8,17 @@ import panel as pn
 from ...core import InputError
 from ..knobs import Choice, Knob, group_of
 from ..slider_range import POSITIONS
-from .style import COMPACT, Widget
+from .style import COMPACT, LEFT, Widget
 
 Turned = Callable[[str, float], None]
 """Told the path of what was turned, and its number [SI]."""
 
 Said = Callable[[str], None]
 """Told a line for the user."""
+
+
+_HEADINGS = {"drive": "drive of all records", "effector": "end-effector"}
+"""Of groups of parameters that are not called as in a study."""
 
 
 class ControlRow:
@@ -28,7 +32,7 @@ class ControlRow:
         )
         self._quiet = False
         name = knob.path.partition(".")[2] or knob.path
-        tag = "" if knob.free else ' <span style="color:#888">fixed</span>'
+        tag = "" if knob.free or not knob.parameter else ' <span style="color:#888">fixed</span>'
         label = f'<span title="{html.escape(knob.path)}">{html.escape(name)}{tag}</span>'
         marked = knob.path.replace(".", "-").replace("_", "-").replace("@", "-")
         self._slider = pn.widgets.IntSlider(
@@ -95,12 +99,19 @@ class ControlGroup:
     """The rows of some numbers under headings, and of the words among them."""
 
     def __init__(
-        self, knobs: Sequence[Knob], words: Sequence[Choice], numbers: Mapping[str, float], turned: Turned, said: Said
+        self,
+        knobs: Sequence[Knob],
+        words: Sequence[Choice],
+        numbers: Mapping[str, float],
+        turned: Turned,
+        said: Said,
+        title: str = "",
     ):
+        """With a `title` that stands in place of the names of the models."""
         self.rows = {knob.path: ControlRow(knob, numbers[knob.path], turned, said) for knob in knobs}
         parts: list[Widget] = []
         for group in dict.fromkeys(group_of(path) for path in self.rows):
-            parts.append(heading(group))
+            parts.append(heading(title or _HEADINGS.get(group, group)))
             parts += [row.view for path, row in self.rows.items() if group_of(path) == group]
         parts += [_words(choice, numbers[choice.path], turned) for choice in words]
         self.view = pn.Column(*parts, margin=0)
@@ -127,7 +138,7 @@ def _words(choice: Choice, number: float, turned: Turned) -> Widget:
         width=118,
         height=24,
         margin=0,
-        stylesheets=[COMPACT.replace("right", "left")],
+        stylesheets=[LEFT.replace("28px", "24px")],
         css_classes=[f"choice-{name.replace('_', '-')}"],
     )
     buttons.param.watch(lambda event: turned(choice.path, float(event.new)), "value")

@@ -67,8 +67,10 @@ def _correlations(view: EstimateView) -> Widget:
             "ink": ["white" if abs(value) > 0.6 else "black" for value in values],
         }
     )
-    size = 150 + 40 * len(names)
-    made = plain_figure("", "", x_range=names[:-1], y_range=names[:0:-1], title="Correlations", tools="")
+    size, tall = 150 + 44 * len(names), max(220, 110 + 26 * len(names))
+    made = plain_figure(
+        "", "", x_range=names[:-1], y_range=names[:0:-1], title="Correlations", tools="", width=size + 60, height=tall
+    )
     mapper = LinearColorMapper(palette=list(RdBu11), low=-1.0, high=1.0, nan_color="#eeeeee")
     made.rect("x", "y", 0.96, 0.96, source=source, line_color=None, fill_color={"field": "value", "transform": mapper})
     made.text(
@@ -77,13 +79,15 @@ def _correlations(view: EstimateView) -> Widget:
     )  # fmt: skip
     made.xaxis.major_label_orientation = 0.8
     made.grid.grid_line_color = None
-    return pn.pane.Bokeh(made, width=size + 60, height=max(220, 90 + 26 * len(names)), margin=4)
+    return pn.pane.Bokeh(made, margin=4)
 
 
 def _profile(curve: ProfileCurve) -> Widget:
     """Chi-square above its minimum against a parameter, with the parabola of the linear model."""
     title = f"{curve.path}: {curve.verdict}"
-    made = plain_figure(f"{curve.path} ({curve.unit or '1'})", "excess of chi-square", title=title, tools="")
+    made = plain_figure(
+        f"{curve.path} ({curve.unit or '1'})", "excess of chi-square", title=title, tools="", width=300, height=230
+    )
     source = ColumnDataSource({"value": curve.value, "excess": curve.excess, "linear": curve.linear})
     made.line("value", "linear", source=source, color=GREY, line_dash="dashed", line_width=1.2, legend_label="linear")
     made.line("value", "excess", source=source, color=BLUE, line_width=1.5, legend_label="profile")
@@ -93,4 +97,4 @@ def _profile(curve: ProfileCurve) -> Widget:
     made.legend.label_text_font_size = "10px"
     made.legend.border_line_color = None
     made.legend.location = "top_center"
-    return pn.pane.Bokeh(made, width=290, height=220, margin=4)
+    return pn.pane.Bokeh(made, margin=4)

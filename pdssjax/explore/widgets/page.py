@@ -25,7 +25,7 @@ from .fit_box import FitBox
 from .record_tab import RecordTab, keyboard_buttons
 from .save_box import SaveBox
 from .score_table import ScoreTable
-from .style import COLUMN_WIDTH, Widget
+from .style import COLUMN_WIDTH, LEFT, Widget
 from .sweep_page import SweepPage
 
 _IDLE_MS = 250
@@ -52,7 +52,13 @@ class Page:
     def _build(self) -> None:
         names = [record.name for record in self._study.records]
         self._select = pn.widgets.Select(
-            options=names, value=self._record.name, width=190, height=28, margin=(4, 4), css_classes=["record"]
+            options=names,
+            value=self._record.name,
+            width=190,
+            height=28,
+            margin=(4, 4),
+            stylesheets=[LEFT],
+            css_classes=["record"],
         )
         self._select.param.watch(lambda event: self._choose(str(event.new)), "value")
         self._headline = pn.pane.HTML("", margin=(7, 8), css_classes=["headline"])
@@ -77,7 +83,7 @@ class Page:
             ("Sweep", self._sweep.view),
             sizing_mode="stretch_both",
             margin=0,
-            dynamic=False,
+            dynamic=True,
             css_classes=["tabs"],
         )
         self._tabs.param.watch(lambda event: self._ask_redraw(), "active")
@@ -102,7 +108,7 @@ class Page:
 
     def _top(self) -> Widget:
         return pn.Row(
-            pn.pane.HTML("record", margin=(9, 0, 0, 4)),
+            pn.pane.HTML("record", margin=(9, 4, 0, 4)),
             self._select,
             keyboard_buttons(self._move, self._widen),
             self._headline,
@@ -158,7 +164,12 @@ class Page:
         record = self._record
         numbers = self._settings.drives[record.name]
         group = ControlGroup(
-            drive_knobs(self._study, record), drive_choices(record), numbers, self._turn_drive, self._say
+            drive_knobs(self._study, record),
+            drive_choices(record),
+            numbers,
+            self._turn_drive,
+            self._say,
+            "drive of this record",
         )
         self._drive_place.objects = [group.view]
 
@@ -171,7 +182,7 @@ class Page:
         self._contact_tab = ContactTab(record)
         self._record_place.objects = [self._record_tab.view]
         self._contact_place.objects = [self._contact_tab.view]
-        self._ask_redraw()
+        self._redraw(every_tab=True)
 
     def _enlarge(self, begin: float, end: float) -> None:
         self._window = within(self._record, begin, end)
@@ -197,9 +208,9 @@ class Page:
         """Draws once, soon, however often it is asked meanwhile."""
         if not self._asked:
             self._asked = True
-            self._later(self._redraw)
+            self._later(lambda: self._redraw())
 
-    def _redraw(self) -> None:
+    def _redraw(self, every_tab: bool = False) -> None:
         self._asked = False
         begun = time.perf_counter()
         name, settings, instants = self._record.name, self._settings, instants_of(self._record, *self._window)
@@ -211,13 +222,13 @@ class Page:
         if found is None:
             self._compile()
             return
-        self._draw(found, begun)
+        self._draw(found, begun, every_tab)
         self._ask_scores()
 
-    def _draw(self, found: Redraw, begun: float) -> None:
-        if self._tabs.active == 0:
+    def _draw(self, found: Redraw, begun: float, every_tab: bool) -> None:
+        if every_tab or self._tabs.active == 0:
             self._record_tab.draw(found)
-        elif self._tabs.active == 1:
+        if every_tab or self._tabs.active == 1:
             self._contact_tab.draw(found, self._window, self._record)
         self._scores[self._record.name] = found.score
         self._scores_table.show(self._scores, self._record.name, stale=True)

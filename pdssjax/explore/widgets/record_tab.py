@@ -36,6 +36,9 @@ class RecordTab:
             [_command(s, x, record) for s, x in zip((self._whole, self._near), ends, strict=True)],
         ]
         self._add_tool(ends[1])
+        for made in (made for both in self._plots for made in both):
+            # So that the times stand below each other.
+            made.min_border_left, made.min_border_right = 64, 58
         # The heights of the rows, of six parts.
         parts = [row(pane(a, 3), pane(b, 2.4), flex=f) for (a, b), f in zip(self._plots, (2.5, 1.4, 1.7), strict=True)]
         self.view = column(*parts)
@@ -47,7 +50,7 @@ class RecordTab:
         tool.overlay.fill_alpha = 0.35
         overview.add_tools(tool)
         for name in ("start", "end"):
-            window.on_change(name, lambda *_: self._dragged(window))
+            window.on_change(name, lambda attr, old, new: self._dragged(window))
 
     def _dragged(self, window: Range1d) -> None:
         if not self._quiet:
@@ -104,7 +107,7 @@ def _lines(found: Redraw, near: Bool[np.ndarray, " k"], scale: float) -> dict[st
 
 
 def _motion(sources: _Sources, x_range: Range1d, label: str, whole: bool) -> Figure:
-    made = plain_figure("", label if whole else "", x_range=x_range, title="" if whole else "enlarged")
+    made = plain_figure("", label if whole else "", x_range=x_range)
     if whole:
         made.line("time", "measured", source=sources.samples, color=GREY, line_width=3, legend_label="measured")
     else:
@@ -134,15 +137,17 @@ def _command(sources: _Sources, x_range: Range1d, record: Record) -> Figure:
     """Voltage, and the platform on an axis of its own; of a contact alone the motion prescribed."""
     driven = record.measurement.driven
     made = plain_figure("time (s)", "voltage (V)" if driven else "motion (µm)", x_range=x_range)
-    made.line("time", "voltage", source=sources.lines, color=GREEN, line_width=1.3)
+    command = made.line("time", "voltage", source=sources.lines, color=GREEN, line_width=1.3)
     if driven:
+        made.y_range.renderers = [command]
         made.yaxis.axis_label_text_color = GREEN
-        made.extra_y_ranges = {"platform": DataRange1d()}
+        motion = DataRange1d()
+        made.extra_y_ranges = {"platform": motion}
         axis = LinearAxis(y_range_name="platform", axis_label="platform (µm)", axis_label_text_color=BLUE)
         made.add_layout(axis, "right")
-        made.line("time", "platform", source=sources.lines, color=BLUE, line_width=1.3, y_range_name="platform")
+        drawn = made.line("time", "platform", source=sources.lines, color=BLUE, line_width=1.3, y_range_name="platform")
+        motion.renderers = [drawn]
         plain(made)
-        made.min_border_right = 4
     return made
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import panel as pn
 
 from ...core import InputError
-from .style import COMPACT, Widget
+from .style import LEFT, Widget
 
 Save = Callable[[Path, bool], Path]
 """Writes a study to a path, over another if so told; gives its whole path.  Raises `InputError` or `OSError`."""
@@ -22,7 +22,7 @@ class SaveBox:
             value=suggested.name,
             width=190,
             margin=(2, 6, 2, 0),
-            stylesheets=[COMPACT.replace("right", "left").replace("24px", "28px")],
+            stylesheets=[LEFT],
             css_classes=["save-path"],
         )
         self._button = pn.widgets.Button(name="Save as study", height=28, margin=(2, 6, 2, 0), css_classes=["save"])

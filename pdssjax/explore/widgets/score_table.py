@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import panel as pn
 
+from ...core import decimals_for, rounded
 from ...study import Record
 from ..redraw import Score
 from .style import TABLE, Widget
@@ -40,7 +41,8 @@ class ScoreTable:
         else:
             display = record.measurement.display
             unit = display.unit.replace("um", "µm")
-            amount = lambda number: f"{number * display.scale:.4g} {unit}" if math.isfinite(number) else "-"
+            places = decimals_for(0.1 * score.noise * display.scale)
+            amount = lambda number: f"{rounded(number * display.scale, places)} {unit}"
             chi2 = f"{score.chi2:.4g}" if math.isfinite(score.chi2) else "simulation failed"
             cells += [chi2, amount(score.rmse), amount(score.noise), amount(score.offset)]
             cells[5] += "" if score.noise_given else " (seen)"

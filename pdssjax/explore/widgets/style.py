@@ -26,7 +26,10 @@ COMPACT = """
 .bk-input { height: 24px; min-height: 24px; padding: 0 4px; font-size: 12px; text-align: right; }
 .bk-input-group { margin: 0; }
 """
-"""Of fields beside sliders."""
+"""Of fields beside sliders, and of choices."""
+
+LEFT = COMPACT.replace("right", "left").replace("24px", "28px")
+"""The same of what is not a number."""
 
 TABLE = """
 table { border-collapse: collapse; font-size: 12px; white-space: nowrap; }
@@ -40,16 +43,16 @@ p { margin: 4px 0; }
 
 
 def plain_figure(x: str, y: str, **more: Any) -> Figure:
-    """An empty plot with its axes named, which fills its place."""
+    """An empty plot with its axes named; without a width it fills its place."""
+    sized = {"sizing_mode": "fixed"} if "width" in more else {"sizing_mode": "stretch_both", "min_height": 70}
     made = figure(
-        sizing_mode="stretch_both",
-        min_height=70,
         x_axis_label=x,
         y_axis_label=y,
         tools=more.pop("tools", "pan,wheel_zoom,box_zoom,reset"),
         active_scroll=None,
         toolbar_location=more.pop("toolbar_location", None),
         output_backend="canvas",
+        **sized,
         **more,
     )
     plain(made)

@@ -11,7 +11,7 @@ from bokeh.palettes import Viridis256
 from ...core import MICROMETRES
 from ..sweep_map import SweepMap, is_grid, tiles_along
 from ..sweep_walk import Walk
-from .style import BLUE, GREEN, GREY, Figure, Widget, pane, plain, plain_figure
+from .style import BLUE, GREEN, GREY, VERMILION, Figure, Widget, pane, plain, plain_figure
 
 _NOTHING = (
     "<p>No sweep yet. <b>Make a small map</b> sweeps voltage and frequency about those of the first walking record at "
@@ -140,7 +140,8 @@ def _map_plot(
     for name, tile in zip("xy", tiles, strict=True):
         edges[f"{name}0"], edges[f"{name}1"] = tile.low, tile.high
     made = plain_figure(
-        labels[0], labels[1], x_axis_type=kinds[0], y_axis_type=kinds[1], tools="tap,hover", title=f"{label}: click",
+        labels[0], labels[1], x_axis_type=kinds[0], y_axis_type=kinds[1], tools="tap,hover",
+        title=f"{label}; click a point",
         tooltips=[(labels[0], "@x"), (labels[1], "@y"), (label, "@value")],
     )  # fmt: skip
     source = ColumnDataSource(edges)
@@ -158,7 +159,7 @@ def _map_plot(
         marker="circle_x",
         size=14,
         fill_color=None,
-        line_color="#D55E00",
+        line_color=VERMILION,
         line_width=2,
     )
     made.grid.grid_line_color = None
@@ -178,12 +179,19 @@ def _mapper(values: np.ndarray) -> LinearColorMapper:
 
 
 def _walk_plot(source: ColumnDataSource) -> Figure:
-    made = plain_figure("time (s)", "displacement (µm)", title="the walk at the point, from rest")
-    made.line("time", "platform", source=source, color=BLUE, line_width=1, legend_label="platform")
-    made.line("time", "effector", source=source, color="#D55E00", line_width=1.6, legend_label="end-effector")
-    made.extra_y_ranges = {"voltage": DataRange1d()}
+    made = plain_figure("time (s)", "displacement (µm)", title="the walk at this point, from rest")
+    lines = [
+        made.line("time", "platform", source=source, color=BLUE, line_width=1, legend_label="platform"),
+        made.line("time", "effector", source=source, color=VERMILION, line_width=1.6, legend_label="end-effector"),
+    ]
+    made.y_range.renderers = lines
+    volts = DataRange1d()
+    made.extra_y_ranges = {"voltage": volts}
     made.add_layout(LinearAxis(y_range_name="voltage", axis_label="voltage (V)"), "right")
-    made.line("time", "voltage", source=source, color=GREEN, alpha=0.6, y_range_name="voltage", legend_label="voltage")
+    drawn = made.line(
+        "time", "voltage", source=source, color=GREEN, alpha=0.6, y_range_name="voltage", legend_label="voltage"
+    )
+    volts.renderers = [drawn]
     plain(made)
     made.legend.location = "top_left"
     made.legend.background_fill_alpha = 0.6
