@@ -20,23 +20,45 @@ class EstimateTab:
     """Filled anew with every estimate."""
 
     def __init__(self):
-        self.view: Widget = pn.Column(sizing_mode="stretch_both", margin=0, styles={"overflow": "auto"})
-        self.view.append(pn.pane.HTML(_NOTHING, margin=12, css_classes=["estimate"]))
-
-    def show(self, view: EstimateView) -> None:
-        """Shows an estimate."""
-        notes = "".join(f"<p>{html.escape(note)}</p>" for note in view.notes if note)
-        table = pn.pane.HTML(
-            f"<p><b>{html.escape(view.headline)}</b></p>{_table(view)}<p>{html.escape(view.advice)}</p>{notes}",
+        self._text: Widget = pn.pane.HTML(
+            _NOTHING,
             stylesheets=[TABLE + "p { white-space: normal; }"],
             sizing_mode="stretch_width",
             margin=(4, 12),
             css_classes=["estimate"],
         )
-        plots = [_correlations(view)] if view.names else []
-        plots += [_profile(curve) for curve in view.profiles]
-        grid = pn.FlexBox(*plots, sizing_mode="stretch_width", margin=(0, 8))
-        self.view.objects = [table, grid]
+        self._plots: Widget = pn.FlexBox(sizing_mode="stretch_width", margin=(0, 8))
+        self.view: Widget = pn.Column(
+            self._text, self._plots, sizing_mode="stretch_both", margin=0, styles={"overflow": "auto"}
+        )
+        self._pending: EstimateView | None = None
+        self._seen = False
+
+    def show(self, view: EstimateView) -> None:
+        """Shows an estimate."""
+        notes = "".join(f"<p>{html.escape(note)}</p>" for note in view.notes if note)
+        advice = f"<p>{html.escape(view.advice)}</p>" if view.advice else ""
+        self._text.object = f"<p><b>{html.escape(view.headline)}</b></p>{_table(view)}{advice}{notes}"
+        self._pending = view
+        self._draw()
+
+    @property
+    def seen(self) -> bool:
+        """Whether the tab is in front."""
+        return self._seen
+
+    @seen.setter
+    def seen(self, seen: bool) -> None:
+        self._seen = seen
+        self._draw()
+
+    def _draw(self) -> None:
+        """The plots; of a fixed size, they can only be laid out where they are seen."""
+        view = self._pending
+        if view is not None and self._seen:
+            self._pending = None
+            plots = [_correlations(view)] if len(view.names) > 1 else []
+            self._plots.objects = plots + [_profile(curve) for curve in view.profiles]
 
 
 def _table(view: EstimateView) -> str:
@@ -97,4 +119,6 @@ def _profile(curve: ProfileCurve) -> Widget:
     made.legend.label_text_font_size = "10px"
     made.legend.border_line_color = None
     made.legend.location = "top_center"
+    made.legend.background_fill_alpha = 0.6
+    made.xaxis.ticker.desired_num_ticks = 3
     return pn.pane.Bokeh(made, margin=4)

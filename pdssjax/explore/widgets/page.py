@@ -83,10 +83,11 @@ class Page:
             ("Sweep", self._sweep.view),
             sizing_mode="stretch_both",
             margin=0,
-            dynamic=True,
+            # Panel takes style sheets from the network for what changes on a tab that is taken away.
+            dynamic=False,
             css_classes=["tabs"],
         )
-        self._tabs.param.watch(lambda event: self._ask_redraw(), "active")
+        self._tabs.param.watch(lambda event: self._show_tab(), "active")
         self.view: Widget = pn.Row(
             self._column(),
             pn.Column(
@@ -183,6 +184,10 @@ class Page:
         self._record_place.objects = [self._record_tab.view]
         self._contact_place.objects = [self._contact_tab.view]
         self._redraw(every_tab=True)
+
+    def _show_tab(self) -> None:
+        self._estimate.seen = self._tabs.active == 2
+        self._ask_redraw()
 
     def _enlarge(self, begin: float, end: float) -> None:
         self._window = within(self._record, begin, end)

@@ -4,6 +4,7 @@ import socket
 
 import panel as pn
 from bokeh.server.server import Server
+from panel.io.resources import LOCAL_DIST
 
 from ..workbench import Workbench
 from .page import Page
@@ -35,6 +36,8 @@ def page_server(bench: Workbench, address: str, port: int) -> Server:
 def _view(bench: Workbench) -> Widget:
     document = pn.state.curdoc
     assert document is not None
+    # Or Panel would take the style sheets of whatever is added later from the network.
+    document.template_variables["dist_url"] = LOCAL_DIST
     return Page(bench, document).view
 
 
