@@ -8,7 +8,7 @@ from bokeh.models import ColumnDataSource, LinearColorMapper, Span
 from bokeh.palettes import RdBu11
 
 from ..estimate_view import EstimateView, ProfileCurve
-from .style import BLUE, GREY, TABLE, VERMILION, Widget, plain_figure
+from .style import BLUE, GREY, TABLE, VERMILION, Figure, Widget, pane, plain_figure
 
 _NOTHING = (
     "<p>No estimate yet: press <b>Fit from here</b>, or start with "
@@ -27,38 +27,18 @@ class EstimateTab:
             margin=(4, 12),
             css_classes=["estimate"],
         )
-        self._plots: Widget = pn.FlexBox(sizing_mode="stretch_width", margin=(0, 8))
+        self._plots: Widget = pn.Row(sizing_mode="stretch_width", margin=(0, 8), styles={"flex-wrap": "wrap"})
         self.view: Widget = pn.Column(
             self._text, self._plots, sizing_mode="stretch_both", margin=0, styles={"overflow": "auto"}
         )
-        self._pending: EstimateView | None = None
-        self._seen = False
 
     def show(self, view: EstimateView) -> None:
         """Shows an estimate."""
         notes = "".join(f"<p>{html.escape(note)}</p>" for note in view.notes if note)
         advice = f"<p>{html.escape(view.advice)}</p>" if view.advice else ""
         self._text.object = f"<p><b>{html.escape(view.headline)}</b></p>{_table(view)}{advice}{notes}"
-        self._pending = view
-        self._draw()
-
-    @property
-    def seen(self) -> bool:
-        """Whether the tab is in front."""
-        return self._seen
-
-    @seen.setter
-    def seen(self, seen: bool) -> None:
-        self._seen = seen
-        self._draw()
-
-    def _draw(self) -> None:
-        """The plots; of a fixed size, they can only be laid out where they are seen."""
-        view = self._pending
-        if view is not None and self._seen:
-            self._pending = None
-            plots = [_correlations(view)] if len(view.names) > 1 else []
-            self._plots.objects = plots + [_profile(curve) for curve in view.profiles]
+        plots = [_correlations(view)] if len(view.names) > 1 else []
+        self._plots.objects = plots + [_profile(curve) for curve in view.profiles]
 
 
 def _table(view: EstimateView) -> str:
@@ -90,9 +70,7 @@ def _correlations(view: EstimateView) -> Widget:
         }
     )
     size, tall = 150 + 44 * len(names), max(220, 110 + 26 * len(names))
-    made = plain_figure(
-        "", "", x_range=names[:-1], y_range=names[:0:-1], title="Correlations", tools="", width=size + 60, height=tall
-    )
+    made = plain_figure("", "", x_range=names[:-1], y_range=names[:0:-1], title="Correlations", tools="")
     mapper = LinearColorMapper(palette=list(RdBu11), low=-1.0, high=1.0, nan_color="#eeeeee")
     made.rect("x", "y", 0.96, 0.96, source=source, line_color=None, fill_color={"field": "value", "transform": mapper})
     made.text(
@@ -101,15 +79,13 @@ def _correlations(view: EstimateView) -> Widget:
     )  # fmt: skip
     made.xaxis.major_label_orientation = 0.8
     made.grid.grid_line_color = None
-    return pn.pane.Bokeh(made, margin=4)
+    return _sized(made, size + 60, tall)
 
 
 def _profile(curve: ProfileCurve) -> Widget:
     """Chi-square above its minimum against a parameter, with the parabola of the linear model."""
     title = f"{curve.path}: {curve.verdict}"
-    made = plain_figure(
-        f"{curve.path} ({curve.unit or '1'})", "excess of chi-square", title=title, tools="", width=300, height=230
-    )
+    made = plain_figure(f"{curve.path} ({curve.unit or '1'})", "excess of chi-square", title=title, tools="")
     source = ColumnDataSource({"value": curve.value, "excess": curve.excess, "linear": curve.linear})
     made.line("value", "linear", source=source, color=GREY, line_dash="dashed", line_width=1.2, legend_label="linear")
     made.line("value", "excess", source=source, color=BLUE, line_width=1.5, legend_label="profile")
@@ -121,4 +97,9 @@ def _profile(curve: ProfileCurve) -> Widget:
     made.legend.location = "top_center"
     made.legend.background_fill_alpha = 0.6
     made.xaxis.ticker.desired_num_ticks = 3
-    return pn.pane.Bokeh(made, margin=4)
+    return _sized(made, 300, 230)
+
+
+def _sized(made: Figure, width: int, height: int) -> Widget:
+    """A plot that fills a place of a fixed size, which may come into sight later."""
+    return pn.Column(pane(made), width=width, height=height, margin=4)

@@ -87,7 +87,7 @@ class Page:
             dynamic=False,
             css_classes=["tabs"],
         )
-        self._tabs.param.watch(lambda event: self._show_tab(), "active")
+        self._tabs.param.watch(lambda event: self._ask_redraw(), "active")
         self.view: Widget = pn.Row(
             self._column(),
             pn.Column(
@@ -181,13 +181,10 @@ class Page:
         self._show_drive()
         self._record_tab = RecordTab(record, self._window, self._enlarge)
         self._contact_tab = ContactTab(record)
+        # Drawn first, since plots without data know no ranges.
+        self._redraw(every_tab=True)
         self._record_place.objects = [self._record_tab.view]
         self._contact_place.objects = [self._contact_tab.view]
-        self._redraw(every_tab=True)
-
-    def _show_tab(self) -> None:
-        self._estimate.seen = self._tabs.active == 2
-        self._ask_redraw()
 
     def _enlarge(self, begin: float, end: float) -> None:
         self._window = within(self._record, begin, end)

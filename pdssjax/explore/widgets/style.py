@@ -43,8 +43,7 @@ p { margin: 4px 0; }
 
 
 def plain_figure(x: str, y: str, **more: Any) -> Figure:
-    """An empty plot with its axes named; without a width it fills its place."""
-    sized = {"sizing_mode": "fixed"} if "width" in more else {"sizing_mode": "stretch_both", "min_height": 70}
+    """An empty plot with its axes named, which fills its place."""
     made = figure(
         x_axis_label=x,
         y_axis_label=y,
@@ -52,7 +51,8 @@ def plain_figure(x: str, y: str, **more: Any) -> Figure:
         active_scroll=None,
         toolbar_location=more.pop("toolbar_location", None),
         output_backend="canvas",
-        **sized,
+        sizing_mode="stretch_both",
+        min_height=70,
         **more,
     )
     plain(made)
