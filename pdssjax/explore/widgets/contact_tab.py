@@ -5,7 +5,7 @@ from bokeh.models import ColumnDataSource
 from ...core import MICROMETRES
 from ...study import Record
 from ..redraw import Redraw
-from .style import BLUE, GREY, PURPLE, VERMILION, Figure, column, pane, plain_figure, row
+from .style import BLUE, GREY, MILLISECONDS, PURPLE, VERMILION, Figure, column, pane, plain_figure, row
 
 MILLIMETRES = 1e3
 """Millimetres in a metre, for speeds."""
@@ -49,7 +49,7 @@ class ContactTab:
             "displacement": MICROMETRES * place,
             "velocity": MILLIMETRES * speed,
             "force": inside.friction,
-            "time": found.instants,
+            "time": MILLISECONDS * found.instants,
         }
         near = (found.instants >= window[0]) & (found.instants <= window[1])
         self._whole.data = data
@@ -67,6 +67,6 @@ class ContactTab:
         return made
 
     def _over_time(self, label: str, name: str, color: str) -> Figure:
-        made = plain_figure("time (s), the stretch enlarged", label)
+        made = plain_figure("time (ms), the stretch enlarged", label)
         made.line("time", name, source=self._near, color=color, line_width=1.3)
         return made

@@ -40,6 +40,7 @@ class ControlRow:
             end=POSITIONS,
             value=self.knob.range.position(number),
             show_value=False,
+            tooltips=False,
             width=118,
             margin=(3, 6, 0, 0),
             css_classes=["slider", f"slider-{marked}"],

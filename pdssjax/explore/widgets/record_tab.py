@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 from ...core import MICROMETRES
 from ...study import Record
 from ..redraw import Redraw, drawn_samples, known_noise
-from .style import BLUE, GREEN, GREY, VERMILION, Figure, Widget, column, pane, plain, plain_figure, row
+from .style import BLUE, GREEN, GREY, MILLISECONDS, VERMILION, Figure, Widget, column, pane, plain, plain_figure, row
 
 Moved = Callable[[float, float], None]
 """Told from when to when [s] the stretch reaches that is to be enlarged."""
@@ -26,8 +26,8 @@ class RecordTab:
         self._window = window
         self._quiet = False
         self._whole, self._near = _Sources(), _Sources()
-        first, last = float(record.time[0]), float(record.time[-1])
-        ends = Range1d(first, last, bounds=(first, last)), Range1d(*window)
+        first, last = MILLISECONDS * float(record.time[0]), MILLISECONDS * float(record.time[-1])
+        ends = Range1d(first, last, bounds=(first, last)), Range1d(*(MILLISECONDS * end for end in window))
         self._moved = moved
         names = f"{display.quantity} ({self._unit})", f"residual ({self._unit})"
         self._plots = [
@@ -54,13 +54,14 @@ class RecordTab:
 
     def _dragged(self, window: Range1d) -> None:
         if not self._quiet:
-            self._moved(float(window.start), float(window.end))  # pyright: ignore[reportArgumentType]
+            begin, end = float(window.start), float(window.end)  # pyright: ignore[reportArgumentType]
+            self._moved(begin / MILLISECONDS, end / MILLISECONDS)
 
     def enlarge(self, window: tuple[float, float]) -> None:
         """Shows another stretch, from when to when [s]; what is drawn in it comes with the next `draw`."""
         self._window, self._quiet = window, True
         try:
-            self._plots[0][1].x_range.update(start=window[0], end=window[1])
+            self._plots[0][1].x_range.update(start=MILLISECONDS * window[0], end=MILLISECONDS * window[1])
         finally:
             self._quiet = False
 
@@ -78,7 +79,7 @@ class RecordTab:
             at = (record.time >= begin - margin) & (record.time <= end + margin)
             chosen = drawn[at[drawn]] if sources is self._whole else np.flatnonzero(at)[:20000]
             sources.samples.data = {
-                "time": record.time[chosen],
+                "time": MILLISECONDS * record.time[chosen],
                 "measured": scale * record.measured[chosen],
                 "residual": scale * found.residual[chosen],
             }
@@ -98,7 +99,7 @@ def _lines(found: Redraw, near: Bool[np.ndarray, " k"], scale: float) -> dict[st
     inside = found.inside
     friction = np.isfinite(inside.friction).any() and not np.isfinite(inside.voltage).any()
     return {
-        "time": found.instants[near],
+        "time": MILLISECONDS * found.instants[near],
         "predicted": scale * found.between[near],
         # Where no voltage drives it, what is prescribed.
         "voltage": MICROMETRES * inside.relative[near] if friction else inside.voltage[near],
@@ -136,7 +137,7 @@ def _residual(sources: _Sources, x_range: Range1d, label: str, band: float) -> F
 def _command(sources: _Sources, x_range: Range1d, record: Record) -> Figure:
     """Voltage, and the platform on an axis of its own; of a contact alone the motion prescribed."""
     driven = record.measurement.driven
-    made = plain_figure("time (s)", "voltage (V)" if driven else "motion (µm)", x_range=x_range)
+    made = plain_figure("time (ms)", "voltage (V)" if driven else "motion (µm)", x_range=x_range)
     command = made.line("time", "voltage", source=sources.lines, color=GREEN, line_width=1.3)
     if driven:
         made.y_range.renderers = [command]

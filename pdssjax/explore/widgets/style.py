@@ -9,6 +9,9 @@ from bokeh.plotting import figure
 GREY, VERMILION, BLUE, GREEN, PURPLE = "#8c8c8c", "#D55E00", "#0072B2", "#009E73", "#CC79A7"
 """Of Okabe and Ito, distinct also with a colour vision deficiency."""
 
+MILLISECONDS = 1e3
+"""Milliseconds in a second; times are shown in them."""
+
 Widget: TypeAlias = Any
 """Of Panel, whose parameters no type checker can follow."""
 

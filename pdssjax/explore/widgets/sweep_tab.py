@@ -11,7 +11,7 @@ from bokeh.palettes import Viridis256
 from ...core import MICROMETRES
 from ..sweep_map import SweepMap, is_grid, tiles_along
 from ..sweep_walk import Walk
-from .style import BLUE, GREEN, GREY, VERMILION, Figure, Widget, pane, plain, plain_figure
+from .style import BLUE, GREEN, GREY, MILLISECONDS, VERMILION, Figure, Widget, pane, plain, plain_figure
 
 _NOTHING = (
     "<p>No sweep yet. <b>Make a small map</b> sweeps voltage and frequency about those of the first walking record at "
@@ -69,7 +69,7 @@ class SweepTab:
     def show_walk(self, numbers: dict[str, float], walk: Walk) -> None:
         """Shows how the point walks that is chosen."""
         self._walk_source.data = {
-            "time": walk.time,
+            "time": MILLISECONDS * walk.time,
             "effector": MICROMETRES * walk.effector,
             "platform": MICROMETRES * walk.platform,
             "voltage": walk.voltage,
@@ -179,7 +179,7 @@ def _mapper(values: np.ndarray) -> LinearColorMapper:
 
 
 def _walk_plot(source: ColumnDataSource) -> Figure:
-    made = plain_figure("time (s)", "displacement (µm)", title="the walk at this point, from rest")
+    made = plain_figure("time (ms)", "displacement (µm)", title="the walk at this point, from rest")
     lines = [
         made.line("time", "platform", source=source, color=BLUE, line_width=1, legend_label="platform"),
         made.line("time", "effector", source=source, color=VERMILION, line_width=1.6, legend_label="end-effector"),
