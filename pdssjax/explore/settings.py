@@ -74,5 +74,5 @@ def _driven(study: Study, record: Record, numbers: Mapping[str, float]) -> Recor
     if record.drive is None or not numbers:
         return record
     fields = {path.removeprefix("drive."): number for path, number in numbers.items()}
-    own = record.overrides | (set(fields) - set(choices(type(inner_drive(record.drive)))))
-    return dataclasses.replace(record, drive=record.drive.with_numbers(fields), overrides=own)
+    overrides = record.overrides | (set(fields) - set(choices(type(inner_drive(record.drive)))))
+    return dataclasses.replace(record, drive=record.drive.with_numbers(fields), overrides=overrides)

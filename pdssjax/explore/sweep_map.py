@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from ..core import display_unit
 
@@ -47,7 +47,7 @@ class SweepMap(NamedTuple):
         """The numbers [SI] of a point, by path."""
         return self.held | {path: float(axis.values[point]) for path, axis in self.axes.items()}
 
-    def slice_of(self, shown: Sequence[str], point: int) -> np.ndarray:
+    def slice_of(self, shown: Sequence[str], point: int) -> Bool[np.ndarray, " points"]:
         """Which points are on the map of the axes `shown` that goes through `point`: all else is as there."""
         others = [axis.values for path, axis in self.axes.items() if path not in shown]
         same = np.ones(next(iter(self.axes.values())).values.size, bool)

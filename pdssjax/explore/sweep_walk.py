@@ -50,7 +50,7 @@ class Walker:
         self.record = driven_record(study, record)
         self._live: LiveRecord | None = None
 
-    def walk(self, numbers: Mapping[str, float]) -> Walk:
+    def motion(self, numbers: Mapping[str, float]) -> Walk:
         """The first `CYCLES` cycles with the `numbers` [SI] of a point, parameters and drive, by path.
 
         **Raises:** `InputError` where parameters are left without a number.

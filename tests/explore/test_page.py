@@ -46,15 +46,15 @@ def address(folder):
     files = ["study.toml", "--estimate", "results/estimate.json", "--sweep", "map"]
     command = [sys.executable, "-m", "pdssjax", "explore", *files, "--no-browser"]
     paths = os.pathsep.join(filter(None, [os.getcwd(), os.environ.get("PYTHONPATH")]))
-    server = subprocess.Popen(
+    with subprocess.Popen(
         command, cwd=folder, stdout=subprocess.PIPE, text=True, env={**os.environ, "PYTHONPATH": paths}
-    )
-    assert server.stdout is not None
-    told = re.search(r"http://127\.0\.0\.1:\d+/", server.stdout.readline())
-    assert told, "the command says where the page is"
-    yield told[0]
-    server.send_signal(signal.SIGINT)
-    assert server.wait(20) == 0
+    ) as server:
+        assert server.stdout is not None
+        told = re.search(r"http://127\.0\.0\.1:\d+/", server.stdout.readline())
+        assert told, "the command says where the page is"
+        yield told[0]
+        server.send_signal(signal.SIGINT)
+        assert server.wait(60) == 0
 
 
 @pytest.fixture(scope="module")

@@ -38,7 +38,7 @@ class RecordTab:
         self._add_tool(ends[1])
         for made in (made for both in self._plots for made in both):
             # So that the times stand below each other.
-            made.min_border_left, made.min_border_right = 64, 58
+            made.min_border_left, made.min_border_right = 72, 58
         # The heights of the rows, of six parts.
         parts = [row(pane(a, 3), pane(b, 2.4), flex=f) for (a, b), f in zip(self._plots, (2.5, 1.4, 1.7), strict=True)]
         self.view = column(*parts)

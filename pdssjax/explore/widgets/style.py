@@ -15,6 +15,9 @@ MILLISECONDS = 1e3
 Widget: TypeAlias = Any
 """Of Panel, whose parameters no type checker can follow."""
 
+Option: TypeAlias = Any
+"""What a plot or a pane of Panel and Bokeh takes by name; theirs are of many types."""
+
 Figure: TypeAlias = figure
 """A plot of Bokeh."""
 
@@ -45,7 +48,7 @@ p { margin: 4px 0; }
 """
 
 
-def plain_figure(x: str, y: str, **more: Any) -> Figure:
+def plain_figure(x: str, y: str, **more: Option) -> Figure:
     """An empty plot with its axes named, which fills its place."""
     made = figure(
         x_axis_label=x,
@@ -79,7 +82,7 @@ def plain(made: Plot) -> None:
     made.title.text_font_style = "normal"
 
 
-def pane(made: Plot, flex: float = 1.0, **more: Any) -> Widget:
+def pane(made: Plot, flex: float = 1.0, **more: Option) -> Widget:
     """A plot in its place, `flex` parts of what its neighbours share."""
     styles = {"flex": f"{flex} 1 0", "min-width": "0", "min-height": "0"}
     return pn.pane.Bokeh(made, sizing_mode="stretch_both", margin=0, styles=styles, **more)

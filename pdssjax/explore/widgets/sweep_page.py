@@ -61,17 +61,17 @@ class SweepPage:
         self._wanted = None
         numbers = found.numbers(point)
         self._walk = BackgroundJob(
-            lambda report: walker.walk(numbers),
+            lambda report: walker.motion(numbers),
             lambda line: None,
-            lambda walk, error: self._later(lambda: self._walked(numbers, walk, error)),
+            lambda motion, error: self._later(lambda: self._walked(numbers, motion, error)),
         )
 
-    def _walked(self, numbers: dict[str, float], walk: Walk | None, error: BaseException | None) -> None:
+    def _walked(self, numbers: dict[str, float], motion: Walk | None, error: BaseException | None) -> None:
         self._walk = None
-        if walk is None:
+        if motion is None:
             self._say(f"The point cannot be simulated: {error}")
         else:
-            self._tab.show_walk(numbers, walk)
+            self._tab.show_walk(numbers, motion)
         self._walk_wanted()
 
     def _make(self) -> None:

@@ -66,13 +66,13 @@ class SweepTab:
         self._draw()
         self._chosen(int(self._point.value))
 
-    def show_walk(self, numbers: dict[str, float], walk: Walk) -> None:
+    def show_walk(self, numbers: dict[str, float], motion: Walk) -> None:
         """Shows how the point walks that is chosen."""
         self._walk_source.data = {
-            "time": MILLISECONDS * walk.time,
-            "effector": MICROMETRES * walk.effector,
-            "platform": MICROMETRES * walk.platform,
-            "voltage": walk.voltage,
+            "time": MILLISECONDS * motion.time,
+            "effector": MICROMETRES * motion.effector,
+            "platform": MICROMETRES * motion.platform,
+            "voltage": motion.voltage,
         }
         assert self._map is not None
         said = [_said(self._map, path, numbers[path]) for path in self._map.axes]
@@ -80,7 +80,9 @@ class SweepTab:
         said += [
             f"{label.split(' (')[0]} {values[point]:.4g}{_unit(label)}" for label, values in self._map.metrics.values()
         ]
-        self._told.object = f"<b>point {point}</b>: " + ", ".join(said) + (f"; {walk.message}" if walk.message else "")
+        self._told.object = (
+            f"<b>point {point}</b>: " + ", ".join(said) + (f"; {motion.message}" if motion.message else "")
+        )
 
     def _choose(self) -> None:
         if not self._quiet and self._map is not None:
