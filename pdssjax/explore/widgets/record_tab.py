@@ -155,16 +155,16 @@ def _command(sources: _Sources, x_range: Range1d, record: Record) -> Figure:
 def keyboard_buttons(move: Callable[[float], None], widen: Callable[[float], None]) -> Widget:
     """What moves and widens the stretch enlarged without a mouse: by cycles, and by factors."""
 
-    def button(text: str, said: str, act: Callable[[], None]) -> Widget:
-        made = pn.widgets.Button(name=text, description=said, height=26, margin=(0, 2), css_classes=["small"])
+    def button(text: str, act: Callable[[], None]) -> Widget:
+        made = pn.widgets.Button(name=text, height=26, margin=(4, 2), css_classes=["small"])
         made.on_click(lambda event: act())
         return made
 
     return pn.Row(
-        pn.pane.HTML("enlarged:", margin=(4, 4, 0, 8)),
-        button("◀ cycle", "the stretch a cycle earlier", lambda: move(-1.0)),
-        button("cycle ▶", "the stretch a cycle later", lambda: move(1.0)),
-        button("closer", "half as long a stretch", lambda: widen(0.5)),
-        button("wider", "twice as long a stretch", lambda: widen(2.0)),
+        pn.pane.HTML("enlarged:", margin=(9, 4, 0, 8)),
+        button("◀ cycle", lambda: move(-1.0)),
+        button("cycle ▶", lambda: move(1.0)),
+        button("closer", lambda: widen(0.5)),
+        button("wider", lambda: widen(2.0)),
         margin=0,
     )

@@ -104,9 +104,13 @@ class SweepTab:
         source, made = _map_plot(self._map, shown, metric, self._points, point, grid)
         source.selected.on_change("indices", lambda attr, old, new: self._clicked(list(new)))
         controls = pn.Row(*self._selects.values(), self._point, margin=0)
-        share = {"flex": "1 1 0", "min-height": "0"}
         plots = pn.Row(
-            pane(made, 1.1, css_classes=["map"]), pane(self._walk), sizing_mode="stretch_both", margin=0, styles=share
+            pane(made, 1.1),
+            pane(self._walk),
+            sizing_mode="stretch_both",
+            margin=0,
+            styles={"flex": "1 1 0", "min-height": "0"},
+            css_classes=["map"],
         )
         self._body.objects = [controls, plots, self._told]
 
