@@ -30,10 +30,8 @@ def explore(options: argparse.Namespace) -> int:
     with progress() as tell:
         tell("compiling for the first record")
         bench.warm()
-    try:
-        serve(bench, options.port, not options.no_browser, say)
-    except KeyboardInterrupt:
-        say("")
+    # Ends by Ctrl-C, which is no interruption here.
+    serve(bench, options.port, not options.no_browser, say)
     return 0
 
 

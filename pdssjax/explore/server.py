@@ -10,7 +10,7 @@ ADDRESS = "127.0.0.1"
 
 
 def serve(bench: Workbench, port: int, show: bool, said: Callable[[str], None]) -> None:
-    """Serves pages of `bench` until it is interrupted.
+    """Serves pages of `bench` until Ctrl-C ends it.
 
     **Arguments:** `port` 0 takes a free one; `show` opens a browser; `said` is told the address, as a line.
 
