@@ -5,6 +5,7 @@ without output.  Numbers that need more are given more, which compiles anew.
 """
 
 from collections.abc import Mapping
+from typing import TypeVar
 
 import equinox as eqx
 import jax
@@ -16,6 +17,9 @@ from ..core import Count
 from ..integration import Accuracy, integrate, is_closed
 from ..simulation import Observation, observe
 from ..study import AbstractSetup, Models, Record, Run, Study, Values, drive_with, under_conditions, with_room
+
+Tree = TypeVar("Tree")
+"""Of numbers."""
 
 ACCURACY = 1e-11
 """Error of a step [m]: 3e-10 m along the records of the example, a thirtieth of their noise."""
@@ -102,7 +106,7 @@ def _here(record: Record, values: Values) -> Values:
     return under_conditions(values, dict.fromkeys(record.conditions, True))
 
 
-def _as_arrays(tree: eqx.Module | None) -> eqx.Module | None:
+def _as_arrays(tree: Tree) -> Tree:
     """With numbers as arrays, by which nothing is compiled anew when they change."""
     return jax.tree.map(lambda leaf: np.asarray(leaf, float), tree)
 

@@ -12,7 +12,7 @@ from ..study import Record, cycles_a_second, noise_floor
 DRAWN = 4000
 """Samples that are drawn of a record at most."""
 
-OVERVIEW, ENLARGED = 700, 800
+OVERVIEW, ENLARGED = 700, 2000
 """Instants of the whole record, and of the stretch that is enlarged, at which the prediction is drawn."""
 
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from ..drive.base import AbstractDrive
-from ..integration import FAILURES, Accuracy, exact_states_at, integrate, is_closed, states_at
+from ..integration import FAILURES, Accuracy, Visited, exact_states_at, integrate, is_closed, states_at
 from .outputs import Output, System, from_rest
 from .systems.platform_only import PlatformOnly
 from .systems.prescribed_motion import PrescribedMotion
@@ -79,7 +79,7 @@ def observe(
     )
 
 
-def _inside(system: System, states: tuple, instants: Float[Array, " k"], failure: Int[Array, ""]) -> Inside:
+def _inside(system: System, states: Visited, instants: Float[Array, " k"], failure: Int[Array, ""]) -> Inside:
     x, segment, t_local, mode = states
     show, none = from_rest(instants, failure), jnp.full_like(instants, jnp.nan)
     if isinstance(system, PrescribedMotion):

@@ -1,11 +1,9 @@
 """The tab of the contact: phase portrait, force against displacement, and the force and the speed over time."""
 
-from bokeh.models import ColumnDataSource
-
 from ...core import MICROMETRES
 from ...study import Record
 from ..redraw import Redraw
-from .style import BLUE, GREY, MILLISECONDS, PURPLE, VERMILION, Figure, column, pane, plain_figure, row
+from .style import BLUE, GREY, MILLISECONDS, PURPLE, VERMILION, Model, column, models, pane, plain_figure, row
 
 MILLIMETRES = 1e3
 """Millimetres in a metre, for speeds."""
@@ -19,9 +17,9 @@ class ContactTab:
         self._contact = "friction" in record.measurement.parts()
         self._driven = record.measurement.driven
         names = "displacement velocity force time".split()
-        self._whole = ColumnDataSource({name: [] for name in names})
-        self._near = ColumnDataSource({name: [] for name in names})
-        self._measured = ColumnDataSource({"displacement": [], "force": []})
+        self._whole = models.ColumnDataSource({name: [] for name in names})
+        self._near = models.ColumnDataSource({name: [] for name in names})
+        self._measured = models.ColumnDataSource({"displacement": [], "force": []})
         what = "end-effector relative to platform" if self._driven else "prescribed motion"
         if not self._contact:
             what = "platform"
@@ -60,13 +58,14 @@ class ContactTab:
                 "force": record.measured - found.score.offset,
             }
 
-    def _loops(self, title: str, x: str, y: str, name: str) -> Figure:
-        made = plain_figure(x, y, title=f"{title} (in colour: the stretch enlarged)")
-        made.line("displacement", name, source=self._whole, color="#c4c4c4", line_width=1)
+    def _loops(self, title: str, x: str, y: str, name: str) -> Model:
+        made = plain_figure(x, y, title=f"{title}, within the stretch enlarged")
+        if not self._driven:
+            made.line("displacement", name, source=self._whole, color="#c4c4c4", line_width=1)
         made.line("displacement", name, source=self._near, color=VERMILION, line_width=1.4)
         return made
 
-    def _over_time(self, label: str, name: str, color: str) -> Figure:
+    def _over_time(self, label: str, name: str, color: str) -> Model:
         made = plain_figure("time (ms), the stretch enlarged", label)
         made.line("time", name, source=self._near, color=color, line_width=1.3)
         return made

@@ -4,11 +4,10 @@ import html
 
 import numpy as np
 import panel as pn
-from bokeh.models import ColumnDataSource, LinearColorMapper, Span
 from bokeh.palettes import RdBu11
 
 from ..estimate_view import EstimateView, ProfileCurve
-from .style import BLUE, GREY, TABLE, VERMILION, Figure, Widget, pane, plain_figure
+from .style import BLUE, GREY, TABLE, VERMILION, Model, Widget, models, pane, plain_figure
 
 _NOTHING = (
     "<p>No estimate yet: press <b>Fit from here</b>, or start with "
@@ -60,7 +59,7 @@ def _correlations(view: EstimateView) -> Widget:
         names = view.names
     pairs = [(i, j) for i in range(len(names)) for j in range(i)]
     values = np.array([view.correlation[i, j] for i, j in pairs])
-    source = ColumnDataSource(
+    source = models.ColumnDataSource(
         {
             "x": [names[j] for _, j in pairs],
             "y": [names[i] for i, _ in pairs],
@@ -71,7 +70,7 @@ def _correlations(view: EstimateView) -> Widget:
     )
     size, tall = 150 + 44 * len(names), max(220, 110 + 26 * len(names))
     made = plain_figure("", "", x_range=names[:-1], y_range=names[:0:-1], title="Correlations", tools="")
-    mapper = LinearColorMapper(palette=list(RdBu11), low=-1.0, high=1.0, nan_color="#eeeeee")
+    mapper = models.LinearColorMapper(palette=list(RdBu11), low=-1.0, high=1.0, nan_color="#eeeeee")
     made.rect("x", "y", 0.96, 0.96, source=source, line_color=None, fill_color={"field": "value", "transform": mapper})
     made.text(
         "x", "y", "text", source=source, text_color="ink", text_align="center", text_baseline="middle",
@@ -86,11 +85,11 @@ def _profile(curve: ProfileCurve) -> Widget:
     """Chi-square above its minimum against a parameter, with the parabola of the linear model."""
     title = f"{curve.path}: {curve.verdict}"
     made = plain_figure(f"{curve.path} ({curve.unit or '1'})", "excess of chi-square", title=title, tools="")
-    source = ColumnDataSource({"value": curve.value, "excess": curve.excess, "linear": curve.linear})
+    source = models.ColumnDataSource({"value": curve.value, "excess": curve.excess, "linear": curve.linear})
     made.line("value", "linear", source=source, color=GREY, line_dash="dashed", line_width=1.2, legend_label="linear")
     made.line("value", "excess", source=source, color=BLUE, line_width=1.5, legend_label="profile")
-    made.add_layout(Span(location=curve.threshold, dimension="width", line_color=VERMILION))
-    made.add_layout(Span(location=curve.estimate, dimension="height", line_color=GREY))
+    made.add_layout(models.Span(location=curve.threshold, dimension="width", line_color=VERMILION))
+    made.add_layout(models.Span(location=curve.estimate, dimension="height", line_color=GREY))
     made.y_range.update(start=0.0, end=1.4 * curve.threshold)
     made.legend.label_text_font_size = "10px"
     made.legend.border_line_color = None
@@ -100,6 +99,6 @@ def _profile(curve: ProfileCurve) -> Widget:
     return _sized(made, 300, 230)
 
 
-def _sized(made: Figure, width: int, height: int) -> Widget:
+def _sized(made: Model, width: int, height: int) -> Widget:
     """A plot that fills a place of a fixed size, which may come into sight later."""
     return pn.Column(pane(made), width=width, height=height, margin=4)

@@ -4,13 +4,26 @@ from collections.abc import Callable
 
 import numpy as np
 import panel as pn
-from bokeh.models import BoxAnnotation, ColumnDataSource, DataRange1d, LinearAxis, Range1d, RangeTool
 from jaxtyping import Bool, Float
 
 from ...core import MICROMETRES
 from ...study import Record
 from ..redraw import Redraw, drawn_samples, known_noise
-from .style import BLUE, GREEN, GREY, MILLISECONDS, VERMILION, Figure, Widget, column, pane, plain, plain_figure, row
+from .style import (
+    BLUE,
+    GREEN,
+    GREY,
+    MILLISECONDS,
+    VERMILION,
+    Model,
+    Widget,
+    column,
+    models,
+    pane,
+    plain,
+    plain_figure,
+    row,
+)
 
 Moved = Callable[[float, float], None]
 """Told from when to when [s] the stretch reaches that is to be enlarged."""
@@ -27,7 +40,10 @@ class RecordTab:
         self._quiet = False
         self._whole, self._near = _Sources(), _Sources()
         first, last = MILLISECONDS * float(record.time[0]), MILLISECONDS * float(record.time[-1])
-        ends = Range1d(first, last, bounds=(first, last)), Range1d(*(MILLISECONDS * end for end in window))
+        ends = (
+            models.Range1d(first, last, bounds=(first, last)),
+            models.Range1d(*(MILLISECONDS * end for end in window)),
+        )
         self._moved = moved
         names = f"{display.quantity} ({self._unit})", f"residual ({self._unit})"
         self._plots = [
@@ -43,18 +59,18 @@ class RecordTab:
         parts = [row(pane(a, 3), pane(b, 2.4), flex=f) for (a, b), f in zip(self._plots, (2.5, 1.4, 1.7), strict=True)]
         self.view = column(*parts)
 
-    def _add_tool(self, window: Range1d) -> None:
+    def _add_tool(self, window: Model) -> None:
         overview = self._plots[0][0]
-        tool = RangeTool(x_range=window)
+        tool = models.RangeTool(x_range=window)
         tool.overlay.fill_color = "#F0E442"
         tool.overlay.fill_alpha = 0.35
         overview.add_tools(tool)
         for name in ("start", "end"):
             window.on_change(name, lambda attr, old, new: self._dragged(window))
 
-    def _dragged(self, window: Range1d) -> None:
+    def _dragged(self, window: Model) -> None:
         if not self._quiet:
-            begin, end = float(window.start), float(window.end)  # pyright: ignore[reportArgumentType]
+            begin, end = float(window.start), float(window.end)
             self._moved(begin / MILLISECONDS, end / MILLISECONDS)
 
     def enlarge(self, window: tuple[float, float]) -> None:
@@ -91,8 +107,8 @@ class _Sources:
     """What two plots in a column share."""
 
     def __init__(self):
-        self.samples = ColumnDataSource({"time": [], "measured": [], "residual": []})
-        self.lines = ColumnDataSource({"time": [], "predicted": [], "voltage": [], "platform": []})
+        self.samples = models.ColumnDataSource({"time": [], "measured": [], "residual": []})
+        self.lines = models.ColumnDataSource({"time": [], "predicted": [], "voltage": [], "platform": []})
 
 
 def _lines(found: Redraw, near: Bool[np.ndarray, " k"], scale: float) -> dict[str, Float[np.ndarray, " near"]]:
@@ -107,7 +123,7 @@ def _lines(found: Redraw, near: Bool[np.ndarray, " k"], scale: float) -> dict[st
     }
 
 
-def _motion(sources: _Sources, x_range: Range1d, label: str, whole: bool) -> Figure:
+def _motion(sources: _Sources, x_range: Model, label: str, whole: bool) -> Model:
     made = plain_figure("", label if whole else "", x_range=x_range)
     if whole:
         made.line("time", "measured", source=sources.samples, color=GREY, line_width=3, legend_label="measured")
@@ -125,16 +141,18 @@ def _motion(sources: _Sources, x_range: Range1d, label: str, whole: bool) -> Fig
     return made
 
 
-def _residual(sources: _Sources, x_range: Range1d, label: str, band: float) -> Figure:
+def _residual(sources: _Sources, x_range: Model, label: str, band: float) -> Model:
     made = plain_figure("", label, x_range=x_range)
     if band:
-        made.add_layout(BoxAnnotation(bottom=-band, top=band, fill_color="#dddddd", fill_alpha=0.6, level="underlay"))
+        made.add_layout(
+            models.BoxAnnotation(bottom=-band, top=band, fill_color="#dddddd", fill_alpha=0.6, level="underlay")
+        )
     made.line("time", "residual", source=sources.samples, color=BLUE, line_width=0.8)
     made.scatter("time", "residual", source=sources.samples, color=BLUE, size=2)
     return made
 
 
-def _command(sources: _Sources, x_range: Range1d, record: Record) -> Figure:
+def _command(sources: _Sources, x_range: Model, record: Record) -> Model:
     """Voltage, and the platform on an axis of its own; of a contact alone the motion prescribed."""
     driven = record.measurement.driven
     made = plain_figure("time (ms)", "voltage (V)" if driven else "motion (µm)", x_range=x_range)
@@ -142,9 +160,9 @@ def _command(sources: _Sources, x_range: Range1d, record: Record) -> Figure:
     if driven:
         made.y_range.renderers = [command]
         made.yaxis.axis_label_text_color = GREEN
-        motion = DataRange1d()
+        motion = models.DataRange1d()
         made.extra_y_ranges = {"platform": motion}
-        axis = LinearAxis(y_range_name="platform", axis_label="platform (µm)", axis_label_text_color=BLUE)
+        axis = models.LinearAxis(y_range_name="platform", axis_label="platform (µm)", axis_label_text_color=BLUE)
         made.add_layout(axis, "right")
         drawn = made.line("time", "platform", source=sources.lines, color=BLUE, line_width=1.3, y_range_name="platform")
         motion.renderers = [drawn]

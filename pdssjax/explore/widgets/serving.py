@@ -20,7 +20,7 @@ def page_server(bench: Workbench, address: str, port: int) -> Server:
     port = port or _free_port(address)
     # A page of another origin may not talk to this one.
     origins = [f"{address}:{port}", f"localhost:{port}"]
-    return pn.serve(
+    made: Widget = pn.serve(
         {"/": lambda: _view(bench)},
         title=f"pdssjax: {bench.study.title}",
         address=address,
@@ -31,6 +31,7 @@ def page_server(bench: Workbench, address: str, port: int) -> Server:
         threaded=False,
         verbose=False,
     )
+    return made
 
 
 def _view(bench: Workbench) -> Widget:

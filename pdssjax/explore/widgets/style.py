@@ -2,9 +2,9 @@
 
 from typing import Any, TypeAlias
 
+import bokeh.models
+import bokeh.plotting
 import panel as pn
-from bokeh.models import Plot
-from bokeh.plotting import figure
 
 GREY, VERMILION, BLUE, GREEN, PURPLE = "#8c8c8c", "#D55E00", "#0072B2", "#009E73", "#CC79A7"
 """Of Okabe and Ito, distinct also with a colour vision deficiency."""
@@ -18,8 +18,11 @@ Widget: TypeAlias = Any
 Option: TypeAlias = Any
 """What a plot or a pane of Panel and Bokeh takes by name; theirs are of many types."""
 
-Figure: TypeAlias = figure
-"""A plot of Bokeh."""
+Model: TypeAlias = Any
+"""A plot, a range or a source of Bokeh, or what makes one: its type stubs allow less than it takes."""
+
+models: Model = bokeh.models
+"""Of Bokeh."""
 
 PAGE = """
 body { margin: 0; background: #fff; font-family: "Liberation Sans", Arial, Helvetica, sans-serif; font-size: 13px; }
@@ -48,9 +51,9 @@ p { margin: 4px 0; }
 """
 
 
-def plain_figure(x: str, y: str, **more: Option) -> Figure:
+def plain_figure(x: str, y: str, **more: Option) -> Model:
     """An empty plot with its axes named, which fills its place."""
-    made = figure(
+    made: Model = bokeh.plotting.figure(
         x_axis_label=x,
         y_axis_label=y,
         tools=more.pop("tools", "pan,wheel_zoom,box_zoom,reset"),
@@ -65,7 +68,7 @@ def plain_figure(x: str, y: str, **more: Option) -> Figure:
     return made
 
 
-def plain(made: Plot) -> None:
+def plain(made: Model) -> None:
     """Gives a plot the page's look."""
     made.outline_line_color = None
     made.min_border = 4
@@ -82,7 +85,7 @@ def plain(made: Plot) -> None:
     made.title.text_font_style = "normal"
 
 
-def pane(made: Plot, flex: float = 1.0, **more: Option) -> Widget:
+def pane(made: Model, flex: float = 1.0, **more: Option) -> Widget:
     """A plot in its place, `flex` parts of what its neighbours share."""
     styles = {"flex": f"{flex} 1 0", "min-width": "0", "min-height": "0"}
     return pn.pane.Bokeh(made, sizing_mode="stretch_both", margin=0, styles=styles, **more)

@@ -5,13 +5,12 @@ from typing import Any
 
 import numpy as np
 import panel as pn
-from bokeh.models import ColorBar, ColumnDataSource, DataRange1d, LinearAxis, LinearColorMapper
 from bokeh.palettes import Viridis256
 
 from ...core import MICROMETRES
 from ..sweep_map import SweepMap, is_grid, tiles_along
 from ..sweep_walk import Walk
-from .style import BLUE, GREEN, GREY, MILLISECONDS, VERMILION, Figure, Widget, pane, plain, plain_figure
+from .style import BLUE, GREEN, GREY, MILLISECONDS, VERMILION, Model, Widget, models, pane, plain, plain_figure
 
 _NOTHING = (
     "<p>No sweep yet. <b>Make a small map</b> sweeps voltage and frequency about those of the first walking record at "
@@ -42,7 +41,7 @@ class SweepTab:
         self._body = pn.Column(pn.pane.HTML(_NOTHING, margin=12), sizing_mode="stretch_both", margin=0)
         top = pn.Row(self.make, self.stop, self.said, margin=0)
         self.view = pn.Column(top, self._body, sizing_mode="stretch_both", margin=0)
-        self._walk_source = ColumnDataSource({"time": [], "effector": [], "platform": [], "voltage": []})
+        self._walk_source = models.ColumnDataSource({"time": [], "effector": [], "platform": [], "voltage": []})
         self._walk = _walk_plot(self._walk_source)
         self._told = pn.pane.HTML("", margin=(0, 8), css_classes=["point-told"])
 
@@ -131,7 +130,7 @@ def _said(found: SweepMap, path: str, number: float) -> str:
 
 def _map_plot(
     found: SweepMap, shown: list[str], metric: str, points: np.ndarray, point: int, grid: bool
-) -> tuple[ColumnDataSource, Figure]:
+) -> tuple[Model, Model]:
     """The map, and the source whose selection tells what was clicked."""
     label, values = found.metrics[metric]
     axes = [found.axes[path] for path in shown]
@@ -150,7 +149,7 @@ def _map_plot(
         title=f"{label}; click a point",
         tooltips=[(labels[0], "@x"), (labels[1], "@y"), (label, "@value")],
     )  # fmt: skip
-    source = ColumnDataSource(edges)
+    source = models.ColumnDataSource(edges)
     mapper = _mapper(values[points])
     color = {"field": "value", "transform": mapper}
     still = {"nonselection_fill_alpha": 1.0, "selection_fill_alpha": 1.0}
@@ -171,29 +170,29 @@ def _map_plot(
     made.grid.grid_line_color = None
     if not flat:
         made.add_layout(
-            ColorBar(color_mapper=mapper, width=10, label_standoff=4, major_label_text_font_size="10px"), "right"
+            models.ColorBar(color_mapper=mapper, width=10, label_standoff=4, major_label_text_font_size="10px"), "right"
         )
     return source, made
 
 
-def _mapper(values: np.ndarray) -> LinearColorMapper:
+def _mapper(values: np.ndarray) -> Model:
     known = values[np.isfinite(values)]
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
-    return LinearColorMapper(
+    return models.LinearColorMapper(
         palette=list(Viridis256), low=low, high=high if high > low else low + 1.0, nan_color="#dddddd"
     )
 
 
-def _walk_plot(source: ColumnDataSource) -> Figure:
+def _walk_plot(source: Model) -> Model:
     made = plain_figure("time (ms)", "displacement (µm)", title="the walk at this point, from rest")
     lines = [
         made.line("time", "platform", source=source, color=BLUE, line_width=1, legend_label="platform"),
         made.line("time", "effector", source=source, color=VERMILION, line_width=1.6, legend_label="end-effector"),
     ]
     made.y_range.renderers = lines
-    volts = DataRange1d()
+    volts = models.DataRange1d()
     made.extra_y_ranges = {"voltage": volts}
-    made.add_layout(LinearAxis(y_range_name="voltage", axis_label="voltage (V)"), "right")
+    made.add_layout(models.LinearAxis(y_range_name="voltage", axis_label="voltage (V)"), "right")
     drawn = made.line(
         "time", "voltage", source=source, color=GREEN, alpha=0.6, y_range_name="voltage", legend_label="voltage"
     )
