@@ -12,7 +12,7 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "pdssjax"
 
 STOREYS = """
-core integration drive piezo friction actuator simulation metrics study inference sweeps report files cli
+core integration drive piezo friction actuator simulation metrics study inference sweeps report files explore cli
 """.split()
 """Rooms, lowest first; each imports only rooms before it."""
 
@@ -33,6 +33,8 @@ HOMES = {
     "pint": {"core.units"},
     "rich": {"cli.console"},
     "numpyro": {"inference.uncertainty.no_u_turn"},
+    "panel": {"explore.widgets"},
+    "bokeh": {"explore.widgets"},
     "h5netcdf": set(),
 }
 """The modules or folders that may import a heavy dependency."""

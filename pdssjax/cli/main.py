@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 from ..core import InputError, InputWarning
-from . import channels, characterise, example, identify, models, new, record, schema, simulate, sweep
+from . import channels, characterise, example, explore, identify, models, new, record, schema, simulate, sweep
 from .console import announce_warnings
 from .signals import exit_status, requests_to_end
 
@@ -59,6 +59,6 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     subcommands = parser.add_subparsers(required=True, metavar="COMMAND")
-    for command in (identify, new, simulate, channels, characterise, record, sweep, models, schema, example):
+    for command in (identify, new, simulate, explore, channels, characterise, record, sweep, models, schema, example):
         command.add_parser(subcommands)
     return parser

@@ -22,6 +22,13 @@ def study_of(options: argparse.Namespace, virtual: bool = False) -> "Study":
     import pdssjax
 
     study = pdssjax.load_study(options.study, virtual=True) if virtual else pdssjax.load_study(options.study)
+    return with_numbers(study, options)
+
+
+def with_numbers(study: "Study", options: argparse.Namespace) -> "Study":
+    """`study` with the numbers of `--estimate`, and those of `--guess` for what then is missing, as fixed values."""
+    import pdssjax
+
     if options.estimate is not None:
         from ..files import with_estimate
 

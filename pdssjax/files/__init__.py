@@ -12,12 +12,15 @@ if TYPE_CHECKING:
     from .characterise_record import characterise as characterise
     from .comparison_results import write_comparison as write_comparison
     from .draws_file import DrawsFile as DrawsFile
+    from .estimate_json import estimate_document as estimate_document
     from .estimate_json import estimate_text as estimate_text
     from .estimate_json import read_covariance as read_covariance
+    from .estimate_json import read_estimate as read_estimate
     from .estimate_json import with_estimate as with_estimate
     from .estimate_results import write_essentials as write_essentials
     from .estimate_results import write_estimate as write_estimate
     from .example import EXAMPLE as EXAMPLE
+    from .json_text import json_text as json_text
     from .new_study import NewRecord as NewRecord
     from .new_study import Told as Told
     from .new_study import guess_file as guess_file
@@ -26,9 +29,11 @@ if TYPE_CHECKING:
     from .recording_results import write_recordings as write_recordings
     from .results_folder import check_free as check_free
     from .results_folder import write_aside as write_aside
+    from .study_copy import save_study as save_study
     from .study_schema import schema_text as schema_text
     from .study_toml import load_study as load_study
     from .sweep_results import check_store as check_store
+    from .sweep_results import read_sweep as read_sweep
     from .sweep_results import write_sweep as write_sweep
     from .sweep_store import SWEEP_STORE as SWEEP_STORE
     from .sweep_store import SweepStore as SweepStore
@@ -46,17 +51,25 @@ else:
             "characterisation_results": ["write_characterisations"],
             "characterise_record": ["characterise"],
             "comparison_results": ["write_comparison"],
-            "estimate_json": ["estimate_text", "read_covariance", "with_estimate"],
+            "estimate_json": [
+                "estimate_document",
+                "estimate_text",
+                "read_covariance",
+                "read_estimate",
+                "with_estimate",
+            ],
             "draws_file": ["DrawsFile"],
             "estimate_results": ["write_essentials", "write_estimate"],
             "example": ["EXAMPLE"],
+            "json_text": ["json_text"],
             "new_study": ["NewRecord", "Told", "guess_file", "write_study"],
             "prediction_results": ["write_predictions"],
             "recording_results": ["write_recordings"],
             "results_folder": ["check_free", "write_aside"],
+            "study_copy": ["save_study"],
             "study_schema": ["schema_text"],
             "study_toml": ["load_study"],
-            "sweep_results": ["check_store", "write_sweep"],
+            "sweep_results": ["check_store", "read_sweep", "write_sweep"],
             "sweep_store": ["SWEEP_STORE", "SweepStore", "bytes_needed", "check_room", "check_zarr"],
         },
     )

@@ -35,6 +35,11 @@ def with_estimate(study: Study, file: Path) -> Study:
     return study.with_values(values, f"estimate {file}" + (" (not converged)" if not converged else ""))
 
 
+def read_estimate(file: Path) -> Document:
+    """What is in `file`, an estimate.json; **raises** `InputError` if it is missing or no estimate."""
+    return _document(file)
+
+
 def _document(file: Path) -> Document:
     """What is in `file`; **raises** `InputError` if it is missing or no estimate."""
     try:

@@ -35,3 +35,21 @@ def check_store(store: str) -> None:
     """Refuse a format of `write_sweep` that cannot be written here."""
     if store == "zarr" and importlib.util.find_spec("zarr") is None:
         raise InputError('option --store: found zarr, which is not installed; expected netcdf, or "pip install zarr".')
+
+
+def read_sweep(folder: Path) -> "xarray.Dataset":
+    """The dataset that `write_sweep` put into `folder`, in memory.
+
+    **Raises:** `InputError` where there is none, or one that cannot be read.
+    """
+    import xarray
+
+    engines = {"sweep.nc": "scipy", "sweep.zarr": "zarr"}
+    held = [name for name in engines if (folder / name).exists()]
+    if not held:
+        raise InputError(f"{folder}: found no {' or '.join(engines)}, expected the results of pdssjax sweep.")
+    try:
+        with xarray.open_dataset(folder / held[0], engine=engines[held[0]]) as data:
+            return data.load()
+    except Exception as error:  # what reads them raises errors of many types
+        raise InputError(f"{folder / held[0]}: cannot be read ({error}), expected a sweep.") from None

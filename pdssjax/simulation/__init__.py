@@ -6,6 +6,9 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from .observation import Inside as Inside
+    from .observation import Observation as Observation
+    from .observation import observe as observe
     from .outputs import ACCELERATION as ACCELERATION
     from .outputs import DISPLACEMENT as DISPLACEMENT
     from .outputs import FRICTION_FORCE as FRICTION_FORCE
@@ -27,6 +30,7 @@ else:
     __getattr__, __dir__, __all__ = lazy_exports(
         __name__,
         {
+            "observation": ["Inside", "Observation", "observe"],
             "outputs": [
                 "ACCELERATION",
                 "DISPLACEMENT",

@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from .prediction import Predictor as Predictor
     from .prediction import failures as failures
     from .prediction import predicted as predicted
+    from .prediction import with_room as with_room
     from .profile import Profile as Profile
     from .record import Record as Record
     from .resonances import SHOWN as SHOWN
@@ -53,6 +54,8 @@ if TYPE_CHECKING:
     from .sample_times import check_begins_early as check_begins_early
     from .sample_times import check_increasing as check_increasing
     from .sample_times import check_meets_drive as check_meets_drive
+    from .setups import AbstractSetup as AbstractSetup
+    from .setups import Run as Run
     from .shared_drive import drive_with as drive_with
     from .shared_drive import shared_fields as shared_fields
     from .study import Study as Study
@@ -77,12 +80,13 @@ else:
             "noise": ["noise_floor"],
             "numbers": ["UsedNumber", "numbers_used"],
             "parameter": ["Parameter", "REACH"],
-            "prediction": ["Lowered", "Predictor", "failures", "predicted"],
+            "prediction": ["Lowered", "Predictor", "failures", "predicted", "with_room"],
             "profile": ["Profile"],
             "record": ["Record"],
             "resonances": ["Resonance", "SHOWN", "depends_on", "hidden_from"],
             "sample_times": ["STEP_TIME", "check_begins_early", "check_increasing", "check_meets_drive"],
             "draws": ["Draws", "ParameterDraws"],
+            "setups": ["AbstractSetup", "Run"],
             "shared_drive": ["drive_with", "shared_fields"],
             "study": ["Study", "legal_quantities"],
             "virtual_rig": ["Recording", "make_recordings", "truth"],

@@ -135,10 +135,15 @@ def _each(ask: Callable[..., Array], group: _Group, models: Models, values: Valu
 
 def _roomy(group: _Group, models: Models, accuracy: Accuracy) -> Accuracy:
     """`accuracy` with room for the steps that the longest record may take."""
-    few = min(group.segments, _MANY)
-    room = _STEPS_PER_SEGMENT * few + _STEPS_WHERE_MANY * (group.segments - few) + _SPARE_STEPS
-    if group.setups.goes_on_moving(models):
-        room += int(_STEPS_A_SECOND * group.duration)
+    return with_room(accuracy, group.setups, models, group.segments, group.duration)
+
+
+def with_room(accuracy: Accuracy, setup: AbstractSetup, models: Models, segments: int, duration: float) -> Accuracy:
+    """`accuracy` with room for the steps that a record of `duration` [s] may take, which reaches into `segments`."""
+    few = min(segments, _MANY)
+    room = _STEPS_PER_SEGMENT * few + _STEPS_WHERE_MANY * (segments - few) + _SPARE_STEPS
+    if setup.goes_on_moving(models):
+        room += int(_STEPS_A_SECOND * duration)
     return dataclasses.replace(accuracy, max_steps=max(room, accuracy.max_steps))
 
 

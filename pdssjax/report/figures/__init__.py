@@ -10,12 +10,9 @@ if TYPE_CHECKING:
     from .comparison import comparison_figure as comparison_figure
     from .correlations import correlation_figure as correlation_figure
     from .cycles import cycle_figure as cycle_figure
-<<<<<<< HEAD
+    from .directions import directions_figure as directions_figure
     from .loops import has_loops as has_loops
     from .loops import loop_figure as loop_figure
-=======
-    from .directions import directions_figure as directions_figure
->>>>>>> maps
     from .multistart import multistart_figure as multistart_figure
     from .profiles import profile_figure as profile_figure
     from .record_guess import guess_figure as guess_figure

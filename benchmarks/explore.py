@@ -1,0 +1,46 @@
+"""How long the page of `pdssjax explore` takes for a redraw of the packaged example, warm, at the server.
+
+    python -m benchmarks.explore
+
+Turns a parameter fifty times, and prints for each record the median and the largest time from the number of a
+slider to the arrays that are drawn, in ms.  The page adds what the browser takes.
+"""
+
+import json
+import time
+
+import numpy as np
+
+import pdssjax
+from pdssjax.core import prepare_jax
+from pdssjax.explore import Workbench, settings_of
+from pdssjax.files import EXAMPLE
+
+TURNS = 50
+
+
+def main() -> None:
+    prepare_jax()
+    study = pdssjax.load_study(EXAMPLE / "study.toml")
+    truth = json.loads((EXAMPLE / "truth.json").read_text(encoding="utf-8"))["parameters"]
+    study = study.with_values({path: truth[path]["value"] for path in study.parameters})
+    bench = Workbench(study, settings_of(study))
+    for record in study.records:
+        begun = time.perf_counter()
+        bench.warm(record)
+        compiled = time.perf_counter() - begun
+        times = [1e3 * turn(bench, record, 1.0 + 1e-3 * k) for k in range(TURNS)]
+        print(f"{record.name:12s} compiled in {compiled:5.1f} s; {np.median(times):5.1f} ms, at most {max(times):5.1f}")
+
+
+def turn(bench: Workbench, record: pdssjax.Record, factor: float) -> float:
+    """Seconds for one redraw with another gain."""
+    settings = bench.begun.with_value("piezo.gain", factor * bench.begun.values["piezo.gain"])
+    begun = time.perf_counter()
+    found = bench.redraw_at_once(record, settings)
+    assert found is not None and not found.message
+    return time.perf_counter() - begun
+
+
+if __name__ == "__main__":
+    main()

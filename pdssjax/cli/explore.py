@@ -1,0 +1,72 @@
+"""`pdssjax explore`: a page in the browser on which the numbers of a study are turned."""
+
+import argparse
+import dataclasses
+import importlib.util
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..core import InputError
+from .console import progress, say
+from .numbers import add_numbers, with_numbers
+from .subcommands import Subcommands
+
+if TYPE_CHECKING:
+    from ..study import Study
+
+
+def explore(options: argparse.Namespace) -> int:
+    from ..core import prepare_jax
+
+    _check_installed()
+    prepare_jax()
+    from ..explore import Workbench, serve, settings_of
+    from ..files import read_estimate, read_sweep
+
+    study = _study(options)
+    estimate = None if options.estimate is None else read_estimate(options.estimate)
+    sweep = None if options.sweep is None else read_sweep(options.sweep)
+    bench = Workbench(study, settings_of(study), estimate, sweep)
+    with progress() as tell:
+        tell("compiling for the first record")
+        bench.warm()
+    # Ends by Ctrl-C, which is no interruption here.
+    serve(bench, options.port, not options.no_browser, say)
+    return 0
+
+
+def _check_installed() -> None:
+    """**Raises** `InputError` where Panel is missing."""
+    if importlib.util.find_spec("panel") is None:
+        raise InputError('explore: found no panel, expected it installed: pip install "pdssjax[explore]"')
+
+
+def _study(options: argparse.Namespace) -> "Study":
+    """The study with a number for every parameter; what its file leaves free stays free.
+
+    **Raises:** `InputError` where it has no record, and for parameters without a number.
+    """
+    import pdssjax
+
+    study = pdssjax.load_study(options.study)
+    if not study.records:
+        raise InputError(f"{study.path}: found no record, expected one at least to be shown.")
+    numbered = with_numbers(study, options)
+    values = numbered.values()
+    free = {path: p for path, p in study.parameters.items() if p.free}
+    begun = {path: dataclasses.replace(p, start=values[path]) for path, p in free.items()}
+    return dataclasses.replace(numbered, parameters=numbered.parameters | begun)
+
+
+def add_parser(subcommands: Subcommands) -> None:
+    """Adds the command `explore` with its options."""
+    text = "a page in the browser on which a study's numbers are turned: measured against predicted, fits, sweeps"
+    parser = subcommands.add_parser("explore", help=text, description=text)
+    parser.set_defaults(run=explore)
+    parser.add_argument("study", type=Path, metavar="STUDY", help="study file (TOML)")
+    add_numbers(parser)
+    parser.add_argument(
+        "--sweep", type=Path, metavar="DIR", help="show the map in the results of pdssjax sweep, to click points in"
+    )
+    parser.add_argument("--port", type=int, default=0, metavar="N", help="of the page (default: a free one)")
+    parser.add_argument("--no-browser", action="store_true", help="say where the page is, and open no browser")

@@ -1,0 +1,19 @@
+"""The page of `pdssjax explore`: one turns a study's numbers and sees what they do.
+
+What it shows is computed without a browser: where sliders stand (`settings`, `knobs`), the record predicted at their
+numbers (`live_record`, `redraw`), fits and sweeps in threads.  `widgets` has the page itself, the one home of Panel
+and Bokeh.  Imports `files` and the rooms below it.
+"""
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .server import serve as serve
+    from .settings import settings_of as settings_of
+    from .workbench import Workbench as Workbench
+else:
+    from ..core.lazy import lazy_exports
+
+    __getattr__, __dir__, __all__ = lazy_exports(
+        __name__, {"server": ["serve"], "settings": ["settings_of"], "workbench": ["Workbench"]}
+    )

@@ -1,0 +1,53 @@
+"""Work in a thread of its own, that tells how it goes and can be asked to stop."""
+
+import threading
+from collections.abc import Callable
+from typing import Generic, TypeVar
+
+Result = TypeVar("Result")
+
+Report = Callable[[str], None]
+"""Told what is being done.  Raises `KeyboardInterrupt` once where the work is asked to stop."""
+
+
+class BackgroundJob(Generic[Result]):
+    """Runs `work` at once; in its thread `told` gets each of its lines, and `ended` its result or error."""
+
+    def __init__(
+        self,
+        work: Callable[[Report], Result],
+        told: Callable[[str], None],
+        ended: Callable[[Result | None, BaseException | None], None],
+    ):
+        self._work, self._told, self._ended = work, told, ended
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def cancel(self) -> None:
+        """Asks the work to stop: it does when it next reports."""
+        self._stop.set()
+
+    @property
+    def runs(self) -> bool:
+        """Whether the thread is at work."""
+        return self._thread.is_alive()
+
+    def join(self, seconds: float) -> None:
+        """Waits for the end, so long at most."""
+        self._thread.join(seconds)
+
+    def _run(self) -> None:
+        try:
+            result = self._work(self._report)
+        except BaseException as error:
+            self._ended(None, error)
+        else:
+            self._ended(result, None)
+
+    def _report(self, line: str) -> None:
+        if self._stop.is_set():
+            # Once: what then puts things in order may go on reporting.
+            self._stop.clear()
+            raise KeyboardInterrupt
+        self._told(line)

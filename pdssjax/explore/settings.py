@@ -1,0 +1,78 @@
+"""Where every slider stands, and the study with the numbers of the sliders."""
+
+import dataclasses
+from collections.abc import Mapping
+
+from ..core import choices
+from ..study import Record, Study
+from .knobs import inner_drive, own_numbers
+
+
+@dataclasses.dataclass(frozen=True)
+class Settings:
+    """All numbers of a page, in SI; never changed, but replaced."""
+
+    values: Mapping[str, float]
+    """Of the parameters, by path."""
+    drives: Mapping[str, Mapping[str, float]]
+    """Of each record's drive, by the record's name: numbers by path, "drive.voltage"."""
+
+    def with_value(self, path: str, number: float) -> "Settings":
+        """With another number [SI] of a parameter."""
+        return dataclasses.replace(self, values={**self.values, path: number})
+
+    def with_values(self, values: Mapping[str, float]) -> "Settings":
+        """With other numbers [SI] of some parameters; what is no parameter here is left out."""
+        known = {path: float(number) for path, number in values.items() if path in self.values}
+        return dataclasses.replace(self, values={**self.values, **known})
+
+    def with_drive(self, record: str, path: str, number: float) -> "Settings":
+        """With another number [SI] of a record's drive."""
+        return dataclasses.replace(self, drives={**self.drives, record: {**self.drives[record], path: number}})
+
+
+def settings_of(study: Study) -> Settings:
+    """The numbers of a study.
+
+    **Raises:** `InputError` that names the parameters without a number.
+    """
+    return Settings(study.values(), {record.name: own_numbers(record) for record in study.records})
+
+
+def changed_drives(study: Study, settings: Settings) -> dict[str, dict[str, float]]:
+    """By record, the numbers [SI] of its drive that are not the study's."""
+    found = {}
+    for record in study.records:
+        before, now = own_numbers(record), settings.drives[record.name]
+        other = {path: number for path, number in now.items() if number != before[path]}
+        if other:
+            found[record.name] = other
+    return found
+
+
+def study_at(study: Study, settings: Settings) -> Study:
+    """`study` with the numbers of `settings`: as starts of what is free, as values of what is fixed."""
+    parameters = {
+        path: dataclasses.replace(p, value=settings.values[path])
+        if p.value is not None
+        else dataclasses.replace(p, start=_between(settings.values[path], p.low, p.high))
+        for path, p in study.parameters.items()
+    }
+    changed = changed_drives(study, settings)
+    records = tuple(_driven(study, record, changed.get(record.name, {})) for record in study.records)
+    return dataclasses.replace(study, parameters=parameters, records=records)
+
+
+def _between(number: float, low: float | None, high: float | None) -> float:
+    """A start lies within the bounds of its parameter."""
+    number = number if low is None else max(number, low)
+    return number if high is None else min(number, high)
+
+
+def _driven(study: Study, record: Record, numbers: Mapping[str, float]) -> Record:
+    """`record` with other numbers of its drive, which are its own then."""
+    if record.drive is None or not numbers:
+        return record
+    fields = {path.removeprefix("drive."): number for path, number in numbers.items()}
+    overrides = record.overrides | (set(fields) - set(choices(type(inner_drive(record.drive)))))
+    return dataclasses.replace(record, drive=record.drive.with_numbers(fields), overrides=overrides)

@@ -1,0 +1,104 @@
+"""The tab of an estimate: values with errors, correlations, likelihood profiles where there are any."""
+
+import html
+
+import numpy as np
+import panel as pn
+from bokeh.palettes import RdBu11
+
+from ..estimate_view import EstimateView, ProfileCurve
+from .style import BLUE, GREY, TABLE, VERMILION, Model, Widget, models, pane, plain_figure
+
+_NOTHING = (
+    "<p>No estimate yet: press <b>Fit from here</b>, or start with "
+    "<code>pdssjax explore STUDY --estimate DIR/estimate.json</code>.</p>"
+)
+
+
+class EstimateTab:
+    """Filled anew with every estimate."""
+
+    def __init__(self):
+        self._text: Widget = pn.pane.HTML(
+            _NOTHING,
+            stylesheets=[TABLE + "p { white-space: normal; }"],
+            sizing_mode="stretch_width",
+            margin=(4, 12),
+            css_classes=["estimate"],
+        )
+        self._plots: Widget = pn.Row(sizing_mode="stretch_width", margin=(0, 8), styles={"flex-wrap": "wrap"})
+        self.view: Widget = pn.Column(
+            self._text, self._plots, sizing_mode="stretch_both", margin=0, styles={"overflow": "auto"}
+        )
+
+    def show(self, view: EstimateView) -> None:
+        """Shows an estimate."""
+        notes = "".join(f"<p>{html.escape(note)}</p>" for note in view.notes if note)
+        advice = f"<p>{html.escape(view.advice)}</p>" if view.advice else ""
+        self._text.object = f"<p><b>{html.escape(view.headline)}</b></p>{_table(view)}{advice}{notes}"
+        plots = [_correlations(view)] if len(view.names) > 1 else []
+        self._plots.objects = plots + [_profile(curve) for curve in view.profiles]
+
+
+def _table(view: EstimateView) -> str:
+    heads = ["parameter", "unit", "value", "± one standard deviation", "95 % interval", "start", ""]
+    head = "".join(f"<th{' class=number' if 1 < i < 6 else ''}>{text}</th>" for i, text in enumerate(heads))
+    rows = "".join(
+        "<tr>"
+        + "".join(f"<td{' class=number' if 1 < i < 6 else ''}>{html.escape(c)}</td>" for i, c in enumerate(r))
+        + "</tr>"
+        for r in view.rows
+    )
+    return f"<table><tr>{head}</tr>{rows}</table>"
+
+
+def _correlations(view: EstimateView) -> Widget:
+    """Every pair as a tile with its number."""
+    names = [name.partition(".")[2] or name for name in view.names]
+    if len(set(names)) < len(names):
+        names = view.names
+    pairs = [(i, j) for i in range(len(names)) for j in range(i)]
+    values = np.array([view.correlation[i, j] for i, j in pairs])
+    source = models.ColumnDataSource(
+        {
+            "x": [names[j] for _, j in pairs],
+            "y": [names[i] for i, _ in pairs],
+            "value": values,
+            "text": [f"{value:.2f}" if np.isfinite(value) else "×" for value in values],
+            "ink": ["white" if abs(value) > 0.6 else "black" for value in values],
+        }
+    )
+    size, tall = 150 + 44 * len(names), max(220, 110 + 26 * len(names))
+    made = plain_figure("", "", x_range=names[:-1], y_range=names[:0:-1], title="Correlations", tools="")
+    mapper = models.LinearColorMapper(palette=list(RdBu11), low=-1.0, high=1.0, nan_color="#eeeeee")
+    made.rect("x", "y", 0.96, 0.96, source=source, line_color=None, fill_color={"field": "value", "transform": mapper})
+    made.text(
+        "x", "y", "text", source=source, text_color="ink", text_align="center", text_baseline="middle",
+        text_font_size="10px",
+    )  # fmt: skip
+    made.xaxis.major_label_orientation = 0.8
+    made.grid.grid_line_color = None
+    return _sized(made, size + 60, tall)
+
+
+def _profile(curve: ProfileCurve) -> Widget:
+    """Chi-square above its minimum against a parameter, with the parabola of the linear model."""
+    title = f"{curve.path}: {curve.verdict}"
+    made = plain_figure(f"{curve.path} ({curve.unit or '1'})", "excess of chi-square", title=title, tools="")
+    source = models.ColumnDataSource({"value": curve.value, "excess": curve.excess, "linear": curve.linear})
+    made.line("value", "linear", source=source, color=GREY, line_dash="dashed", line_width=1.2, legend_label="linear")
+    made.line("value", "excess", source=source, color=BLUE, line_width=1.5, legend_label="profile")
+    made.add_layout(models.Span(location=curve.threshold, dimension="width", line_color=VERMILION))
+    made.add_layout(models.Span(location=curve.estimate, dimension="height", line_color=GREY))
+    made.y_range.update(start=0.0, end=1.4 * curve.threshold)
+    made.legend.label_text_font_size = "10px"
+    made.legend.border_line_color = None
+    made.legend.location = "top_center"
+    made.legend.background_fill_alpha = 0.6
+    made.xaxis.ticker.desired_num_ticks = 3
+    return _sized(made, 300, 230)
+
+
+def _sized(made: Model, width: int, height: int) -> Widget:
+    """A plot that fills a place of a fixed size, which may come into sight later."""
+    return pn.Column(pane(made), width=width, height=height, margin=4)

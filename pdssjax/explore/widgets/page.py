@@ -1,0 +1,310 @@
+"""One page in one browser: what is turned on the left is redrawn on the right."""
+
+import html
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import panel as pn
+from bokeh.document import Document as BokehDocument
+
+from ...core import InputError
+from ...files import estimate_document, json_text
+from ..background_job import BackgroundJob, Report
+from ..estimate_view import estimate_view, values_of
+from ..fit_from_here import FitResult
+from ..knobs import drive_choices, drive_knobs, parameter_knobs
+from ..redraw import Redraw, Score, cycle_of, enlarged_at_first, instants_of, within
+from ..settings import Settings
+from ..workbench import Workbench
+from .contact_tab import ContactTab
+from .control_column import ControlGroup
+from .estimate_tab import EstimateTab
+from .fit_box import FitBox
+from .record_tab import RecordTab, keyboard_buttons
+from .save_box import SaveBox
+from .score_table import ScoreTable
+from .style import COLUMN_WIDTH, LEFT, Widget
+from .sweep_page import SweepPage
+
+_IDLE_MS = 250
+"""How long nothing is turned before the other records are predicted, too."""
+
+
+class Page:
+    """The widgets of one page, and the numbers that they show."""
+
+    def __init__(self, workbench: Workbench, document: BokehDocument):
+        self._bench, self._document = workbench, document
+        self._settings, self._study = workbench.begun, workbench.study
+        self._record = workbench.first()
+        self._window = enlarged_at_first(self._record)
+        self._asked = self._idle_asked = False
+        self._job: BackgroundJob[Redraw] | None = None
+        self._scoring: BackgroundJob[dict[str, Score]] | None = None
+        self._scores: dict[str, Score] = {}
+        self._build()
+        self._choose(self._record.name)
+
+    # What is on the page
+
+    def _build(self) -> None:
+        names = [record.name for record in self._study.records]
+        self._select = pn.widgets.Select(
+            options=names,
+            value=self._record.name,
+            width=190,
+            height=28,
+            margin=(4, 4),
+            stylesheets=[LEFT],
+            css_classes=["record"],
+        )
+        self._select.param.watch(lambda event: self._choose(str(event.new)), "value")
+        self._headline = pn.pane.HTML("", margin=(7, 8), css_classes=["headline"])
+        self._said = pn.pane.HTML(
+            "", margin=(2, 0), width=372, styles={"font-size": "12px", "color": "#b03a00"}, css_classes=["said"]
+        )
+        knobs = parameter_knobs(self._study)
+        self._parameters = ControlGroup(knobs, [], self._settings.values, self._turn_parameter, self._say)
+        self._drive_place = pn.Column(margin=0)
+        self._estimate = EstimateTab()
+        self._scores_table = ScoreTable(self._study.records)
+        self._fit = FitBox(self._study, lambda: self._settings, self._fitted, self._later)
+        self._sweep = SweepPage(self._bench, lambda: self._settings, self._later)
+        self._save = SaveBox(self._bench.free_path(), self._save_to)
+        self._record_place, self._contact_place = _place(), _place()
+        if self._bench.estimate is not None:
+            self._estimate.show(estimate_view(self._bench.estimate))
+        self._tabs = pn.Tabs(
+            ("Record", self._record_view()),
+            ("Contact and phase", self._contact_place),
+            ("Estimate", self._estimate.view),
+            ("Sweep", self._sweep.view),
+            sizing_mode="stretch_both",
+            margin=0,
+            # Panel takes style sheets from the network for what changes on a tab that is taken away.
+            dynamic=False,
+            css_classes=["tabs"],
+        )
+        self._tabs.param.watch(lambda event: self._ask_redraw(), "active")
+        self.view: Widget = pn.Row(
+            self._column(),
+            pn.Column(
+                self._top(), self._tabs, sizing_mode="stretch_both", margin=(0, 0, 0, 6), styles={"min-width": "0"}
+            ),
+            sizing_mode="stretch_both",
+            margin=0,
+            styles={"height": "100vh", "min-height": "560px", "overflow": "hidden"},
+        )
+
+    def _record_view(self) -> Widget:
+        table = pn.Column(
+            self._scores_table.view,
+            sizing_mode="stretch_width",
+            margin=0,
+            styles={"max-height": "152px", "overflow-y": "auto", "flex": "0 0 auto"},
+        )
+        return pn.Column(self._record_place, table, sizing_mode="stretch_both", margin=0)
+
+    def _top(self) -> Widget:
+        return pn.Row(
+            pn.pane.HTML("record", margin=(9, 4, 0, 4)),
+            self._select,
+            keyboard_buttons(self._move, self._widen),
+            self._headline,
+            margin=0,
+            height=38,
+        )
+
+    def _column(self) -> Widget:
+        title = html.escape(self._study.title)
+        reset = pn.widgets.Button(name="Reset", height=26, margin=(2, 0), css_classes=["reset"])
+        reset.on_click(lambda event: self._move_to(self._bench.begun))
+        sliders = pn.Column(
+            self._drive_place,
+            self._parameters.view,
+            margin=0,
+            styles={"overflow-y": "auto", "overflow-x": "hidden", "flex": "1 1 0", "min-height": "0"},
+            sizing_mode="stretch_width",
+        )
+        return pn.Column(
+            pn.Row(
+                pn.pane.HTML(f"<b>{title}</b>", margin=(6, 8, 0, 0), width=300, styles={"overflow": "hidden"}),
+                reset,
+                margin=0,
+                height=32,
+            ),
+            sliders,
+            self._said,
+            self._fit.view,
+            self._save.view,
+            width=COLUMN_WIDTH,
+            margin=(0, 0, 6, 8),
+            styles={"height": "calc(100vh - 8px)", "min-height": "550px", "flex": f"0 0 {COLUMN_WIDTH}px"},
+        )
+
+    # What is turned
+
+    def _turn_parameter(self, path: str, number: float) -> None:
+        self._settings = self._settings.with_value(path, number)
+        self._ask_redraw()
+
+    def _turn_drive(self, path: str, number: float) -> None:
+        self._settings = self._settings.with_drive(self._record.name, path, number)
+        self._ask_redraw()
+
+    def _move_to(self, settings: Settings) -> None:
+        """All sliders to the numbers of `settings`."""
+        self._settings = settings
+        self._parameters.show(settings.values)
+        self._show_drive()
+        self._ask_redraw()
+
+    def _show_drive(self) -> None:
+        record = self._record
+        numbers = self._settings.drives[record.name]
+        group = ControlGroup(
+            drive_knobs(self._study, record),
+            drive_choices(record),
+            numbers,
+            self._turn_drive,
+            self._say,
+            "drive of this record",
+        )
+        self._drive_place.objects = [group.view]
+
+    def _choose(self, name: str) -> None:
+        """Shows another record."""
+        self._record = record = self._bench.record(name)
+        self._window = enlarged_at_first(record)
+        self._show_drive()
+        self._record_tab = RecordTab(record, self._window, self._enlarge)
+        self._contact_tab = ContactTab(record)
+        # Drawn first, since plots without data know no ranges.
+        self._redraw(every_tab=True)
+        self._record_place.objects = [self._record_tab.view]
+        self._contact_place.objects = [self._contact_tab.view]
+
+    def _enlarge(self, begin: float, end: float) -> None:
+        self._window = within(self._record, begin, end)
+        self._record_tab.enlarge(self._window)
+        self._ask_redraw()
+
+    def _move(self, cycles: float) -> None:
+        shift = cycles * cycle_of(self._record)
+        self._enlarge(self._window[0] + shift, self._window[1] + shift)
+
+    def _widen(self, factor: float) -> None:
+        begin, end = self._window
+        middle, half = 0.5 * (begin + end), 0.5 * factor * (end - begin)
+        self._enlarge(middle - half, middle + half)
+
+    # What is drawn
+
+    def _later(self, act: Callable[[], None]) -> None:
+        """Calls `act` in the thread of the page, from any thread."""
+        self._document.add_next_tick_callback(act)
+
+    def _ask_redraw(self) -> None:
+        """Draws once, soon, however often it is asked meanwhile."""
+        if not self._asked:
+            self._asked = True
+            self._later(lambda: self._redraw())
+
+    def _redraw(self, every_tab: bool = False) -> None:
+        self._asked = False
+        begun = time.perf_counter()
+        name, settings, instants = self._record.name, self._settings, instants_of(self._record, *self._window)
+        try:
+            found = self._bench.records.redraw_at_once(name, settings, instants)
+        except InputError as error:
+            self._say(str(error))
+            return
+        if found is None:
+            self._compile()
+            return
+        self._draw(found, begun, every_tab)
+        self._ask_scores()
+
+    def _draw(self, found: Redraw, begun: float, every_tab: bool) -> None:
+        if every_tab or self._tabs.active == 0:
+            self._record_tab.draw(found)
+        if every_tab or self._tabs.active == 1:
+            self._contact_tab.draw(found, self._window, self._record)
+        self._scores[self._record.name] = found.score
+        self._scores_table.show(self._scores, self._record.name, stale=True)
+        took = 1e3 * (time.perf_counter() - begun)
+        chi2 = f"chi-square / n <b>{found.score.chi2:.4g}</b>" if not found.message else html.escape(found.message)
+        self._headline.object = f'{chi2} <span style="color:#777" class="took">redrawn in {took:.0f} ms</span>'
+
+    def _compile(self) -> None:
+        """Draws once the thread that compiles is done; what is turned meanwhile is drawn then, too."""
+        if self._job is not None and self._job.runs:
+            return
+        self._headline.object = "compiling for this record: some seconds, once"
+        name, settings, instants = self._record.name, self._settings, instants_of(self._record, *self._window)
+        work = lambda report: self._bench.records.redraw(name, settings, instants)
+        self._job = BackgroundJob(work, lambda line: None, lambda result, error: self._later(lambda: self._made(error)))
+
+    def _made(self, error: BaseException | None) -> None:
+        self._job = None
+        if error is None:
+            self._ask_redraw()
+        else:
+            self._headline.object = html.escape(f"cannot be shown: {error}")
+
+    # The other records, once nothing is turned for a moment
+
+    def _ask_scores(self) -> None:
+        if not self._idle_asked:
+            self._idle_asked = True
+            self._document.add_timeout_callback(self._score, _IDLE_MS)
+
+    def _score(self) -> None:
+        self._idle_asked = False
+        if self._scoring is not None and self._scoring.runs:
+            self._ask_scores()
+            return
+        settings = self._settings
+        work = lambda report: self._all_scores(settings, report)
+        self._scoring = BackgroundJob(
+            work, lambda line: None, lambda *end: self._later(lambda: self._scored(*end, settings))
+        )
+
+    def _all_scores(self, settings: Settings, report: Report) -> dict[str, Score]:
+        found = {}
+        for record in self._study.records:
+            instants = instants_of(record, *enlarged_at_first(record))
+            found[record.name] = self._bench.records.score(record.name, settings, instants)
+        return found
+
+    def _scored(self, scores: dict[str, Score] | None, error: BaseException | None, settings: Settings) -> None:
+        self._scoring = None
+        if scores is None:
+            self._say(str(error))
+            return
+        self._scores = scores
+        self._scores_table.show(scores, self._record.name, stale=settings != self._settings)
+        if settings != self._settings:
+            self._ask_scores()
+
+    # What comes of the buttons
+
+    def _say(self, line: str) -> None:
+        self._said.object = html.escape(line)
+
+    def _fitted(self, result: FitResult) -> None:
+        if result.estimate is None:
+            return
+        document = json.loads(json_text(estimate_document(result.estimate)))
+        self._estimate.show(estimate_view(document))
+        self._move_to(self._settings.with_values(values_of(document)))
+
+    def _save_to(self, target: Path, overwrite: bool) -> Path:
+        return self._bench.save(self._settings, target, overwrite)
+
+
+def _place() -> Widget:
+    """Where the plots of a record go."""
+    return pn.Column(sizing_mode="stretch_both", margin=0, styles={"min-height": "0", "flex": "1 1 0"})

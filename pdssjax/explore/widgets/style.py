@@ -1,0 +1,102 @@
+"""Colours, sizes and the style sheet of the page; the colours are those of the figures."""
+
+from typing import Any, TypeAlias
+
+import bokeh.models
+import bokeh.plotting
+import panel as pn
+
+GREY, VERMILION, BLUE, GREEN, PURPLE = "#8c8c8c", "#D55E00", "#0072B2", "#009E73", "#CC79A7"
+"""Of Okabe and Ito, distinct also with a colour vision deficiency."""
+
+MILLISECONDS = 1e3
+"""Milliseconds in a second; times are shown in them."""
+
+Widget: TypeAlias = Any
+"""Of Panel, whose parameters no type checker can follow."""
+
+Option: TypeAlias = Any
+"""What a plot or a pane of Panel and Bokeh takes by name; theirs are of many types."""
+
+Model: TypeAlias = Any
+"""A plot, a range or a source of Bokeh, or what makes one: its type stubs allow less than it takes."""
+
+models: Model = bokeh.models
+"""Of Bokeh."""
+
+PAGE = """
+body { margin: 0; background: #fff; font-family: "Liberation Sans", Arial, Helvetica, sans-serif; font-size: 13px; }
+"""
+
+COLUMN_WIDTH = 384
+
+COMPACT = """
+:host { margin: 0 !important; }
+.bk-input { height: 24px; min-height: 24px; padding: 0 4px; font-size: 12px; text-align: right; }
+.bk-input-group { margin: 0; }
+"""
+"""Of fields beside sliders, and of choices."""
+
+LEFT = COMPACT.replace("right", "left").replace("24px", "28px")
+"""The same of what is not a number."""
+
+TABLE = """
+table { border-collapse: collapse; font-size: 12px; white-space: nowrap; }
+th { text-align: left; font-weight: 600; border-bottom: 1px solid #999; padding: 1px 14px 1px 0; }
+td { padding: 1px 14px 1px 0; border-bottom: 1px solid #eee; }
+td.number, th.number { text-align: right; }
+tr.chosen td { font-weight: 600; background: #eaf3fa; }
+td.poor { color: #D55E00; }
+p { margin: 4px 0; }
+"""
+
+
+def plain_figure(x: str, y: str, **more: Option) -> Model:
+    """An empty plot with its axes named, which fills its place."""
+    made: Model = bokeh.plotting.figure(
+        x_axis_label=x,
+        y_axis_label=y,
+        tools=more.pop("tools", "pan,wheel_zoom,box_zoom,reset"),
+        active_scroll=None,
+        toolbar_location=more.pop("toolbar_location", None),
+        output_backend="canvas",
+        sizing_mode="stretch_both",
+        min_height=70,
+        **more,
+    )
+    plain(made)
+    return made
+
+
+def plain(made: Model) -> None:
+    """Gives a plot the page's look."""
+    made.outline_line_color = None
+    made.min_border = 4
+    made.min_border_right = 10
+    for axis in made.axis:
+        axis.axis_label_text_font_style = "normal"
+        axis.axis_label_text_font_size = "12px"
+        axis.major_label_text_font_size = "11px"
+        axis.axis_label_standoff = 3
+        axis.minor_tick_line_color = None
+        axis.axis_line_color = "#666666"
+    made.grid.grid_line_color = "#ececec"
+    made.title.text_font_size = "12px"
+    made.title.text_font_style = "normal"
+
+
+def pane(made: Model, flex: float = 1.0, **more: Option) -> Widget:
+    """A plot in its place, `flex` parts of what its neighbours share."""
+    styles = {"flex": f"{flex} 1 0", "min-width": "0", "min-height": "0"}
+    return pn.pane.Bokeh(made, sizing_mode="stretch_both", margin=0, styles=styles, **more)
+
+
+def row(*parts: Widget, flex: float = 1.0) -> Widget:
+    """Side by side."""
+    return pn.Row(*parts, sizing_mode="stretch_both", margin=0, styles={"flex": f"{flex} 1 0", "min-height": "0"})
+
+
+def column(*parts: Widget, flex: float = 1.0) -> Widget:
+    """One below the other."""
+    styles = {"flex": f"{flex} 1 0", "min-height": "0", "min-width": "0"}
+    return pn.Column(*parts, sizing_mode="stretch_both", margin=0, styles=styles)

@@ -1,0 +1,102 @@
+"""Writes a study anew with other numbers: starts of what is free, values of what is fixed, drives of records."""
+
+import os
+import tempfile
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+
+from ..core import Document, InputError
+from .study_toml import load_study
+from .toml_text import toml_text
+
+
+def save_study(
+    source: Path,
+    target: Path,
+    values: Mapping[str, float],
+    drives: Mapping[str, Mapping[str, float | str]],
+    overwrite: bool = False,
+) -> Path:
+    """Write the study in `source` to `target` with other numbers, and see that it can be read; the file's whole path.
+
+    **Arguments:** `values` [SI] by the path of a parameter, which keeps its bounds and stays free or fixed; `drives`
+    by the name of a record, the fields of its drive that change, numbers in SI or words.  Files are named
+    relative to `target`.  Comments are not kept.
+
+    **Raises:** `InputError` if `target` is there and `overwrite` is false, is no .toml file or has no folder, or if
+    the numbers make no legal study; nothing is written then.
+    """
+    target = target.expanduser().absolute()
+    _check_target(source, target, overwrite)
+    text = _text(source, target, values, drives)
+    # Beside its place, so that relative paths lead to the same files once it has its name.
+    handle, name = tempfile.mkstemp(".toml", ".unfinished-", target.parent)
+    os.close(handle)
+    made = Path(name)
+    try:
+        made.write_text(text, encoding="utf-8")
+        made.chmod(0o644)
+        _check(made, target)
+        _move(made, target, overwrite)
+    finally:
+        made.unlink(missing_ok=True)
+    return target
+
+
+def _check_target(source: Path, target: Path, overwrite: bool) -> None:
+    if target.suffix != ".toml":
+        raise InputError(f'{target}: found a name that does not end in ".toml", expected that of a study.')
+    if not target.parent.is_dir():
+        raise InputError(f"{target}: there is no folder {target.parent}, expected one to write to.")
+    if target.exists() and not overwrite:
+        raise InputError(f"{target}: found a file there already, expected another name, or leave to replace it.")
+    if target.exists() and target.samefile(source):
+        raise InputError(f"{target}: found the study that is open, expected another name.")
+
+
+def _text(
+    source: Path,
+    target: Path,
+    values: Mapping[str, float],
+    drives: Mapping[str, Mapping[str, float | str]],
+) -> str:
+    document: Document = tomllib.loads(source.read_text(encoding="utf-8-sig"))
+    for path, number in values.items():
+        entry = document["parameters"].setdefault(path, {"value": number})
+        entry["value" if "value" in entry else "start"] = number
+    for record in document.get("record", []):
+        _move_files(record, source.parent, target.parent)
+        changed = drives.get(record.get("name", Path(record["file"]).stem), {})
+        if changed:
+            record["drive"].update(changed)
+    head = f"# Made by pdssjax explore from {source.name}; numbers without a unit are in SI.\n"
+    return head + toml_text(document, ("actuator", "parameters"), ("record",))
+
+
+def _move_files(record: Document, before: Path, after: Path) -> None:
+    """Files are named from where the study will be."""
+    tables = [record, record["drive"]] if isinstance(record.get("drive"), dict) else [record]
+    for table in tables:
+        if "file" in table and not Path(table["file"]).is_absolute():
+            table["file"] = Path(os.path.relpath((before / table["file"]).absolute(), after)).as_posix()
+
+
+def _check(made: Path, target: Path) -> None:
+    """**Raises** `InputError`, which names the `target`, where the study that was `made` is not legal."""
+    try:
+        load_study(made)
+    except InputError as error:
+        raise InputError(str(error).replace(str(made), str(target))) from None
+
+
+def _move(made: Path, target: Path, overwrite: bool) -> None:
+    if overwrite:
+        made.replace(target)
+        return
+    try:
+        os.link(made, target)  # fails where something has come there meanwhile
+    except FileExistsError:
+        raise InputError(f"{target}: found a file there already, expected another name.") from None
+    except OSError:  # a disk without links
+        made.rename(target)

@@ -1,0 +1,62 @@
+"""Jobs in a thread: lines and results come back, and a request to stop is raised once."""
+
+import threading
+
+import pytest
+
+from pdssjax import InputError
+from pdssjax.explore.background_job import BackgroundJob
+
+
+def run(work, during=lambda job: None):
+    """The lines of a job, its result and its error."""
+    lines, ends, done = [], [], threading.Event()
+
+    def ended(result, error):
+        ends.append((result, error))
+        done.set()
+
+    job = BackgroundJob(work, lines.append, ended)
+    during(job)
+    assert done.wait(10)
+    job.join(10)
+    assert not job.runs
+    ((result, error),) = ends
+    return lines, result, error
+
+
+def test_lines_and_the_result_come_back():
+    def work(report):
+        report("one")
+        report("two")
+        return 3
+
+    assert run(work) == (["one", "two"], 3, None)
+
+
+def test_an_error_comes_back():
+    def work(report):
+        raise InputError("found none")
+
+    lines, result, error = run(work)
+    assert (lines, result) == ([], None)
+    assert isinstance(error, InputError)
+
+
+def test_a_request_to_stop_is_raised_once_at_the_next_line():
+    begun, asked = threading.Event(), threading.Event()
+
+    def work(report):
+        begun.set()
+        assert asked.wait(10)
+        with pytest.raises(KeyboardInterrupt):
+            report("not told")
+        report("putting things in order")
+        return "best so far"
+
+    def cancel(job):
+        assert begun.wait(10)
+        job.cancel()
+        asked.set()
+
+    assert run(work, cancel) == (["putting things in order"], "best so far", None)

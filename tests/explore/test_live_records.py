@@ -1,0 +1,109 @@
+"""The record shown is predicted as a fit predicts it, whatever is turned, and anew only where it must be."""
+
+import dataclasses
+
+import measured_study
+import numpy as np
+import pytest
+from walking_study import write_walking
+
+from pdssjax import InputError, load_study
+from pdssjax.explore.live_records import LiveRecords
+from pdssjax.explore.redraw import enlarged_at_first, instants_of, within
+from pdssjax.explore.settings import settings_of, study_at
+from pdssjax.explore.sweep_walk import Walker, small_map
+from pdssjax.study.measurement.friction import Friction
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    return load_study(write_walking(tmp_path_factory.mktemp("rig")))
+
+
+@pytest.fixture(scope="module")
+def records(study):
+    return LiveRecords(study)
+
+
+def redrawn(records, name, settings):
+    record = next(r for r in records.study.records if r.name == name)
+    return record, records.redraw(name, settings, instants_of(record, *enlarged_at_first(record)))
+
+
+TURNED = {"piezo.gain": 1.13e-7, "effector.mass": 0.1, "friction.f_ss": 0.5, "drive.fall_time": 1e-3}
+
+
+@pytest.mark.parametrize("name", ["step", "walk"])
+def test_it_is_what_a_fit_predicts(study, records, name):
+    settings = settings_of(study).with_values(TURNED).with_drive("walk", "drive.frequency", 16.0)
+    record, found = redrawn(records, name, settings)
+    assert records.is_ready(name)
+    there = study_at(study, settings)
+    place = [r.name for r in study.records].index(name)
+    expected = np.asarray(there.predict()[place])
+    assert found.predicted - found.score.offset == pytest.approx(expected, abs=2e-9)
+    assert found.residual == pytest.approx(record.measured - found.predicted)
+    squares = np.sum(found.residual**2) / found.score.noise**2
+    assert found.score.chi2 == pytest.approx(squares / (record.time.size - 1))
+    assert found.score.noise_given == (name == "step")
+    at_samples = np.interp(record.time, found.instants, found.between)
+    assert np.median(np.abs(at_samples - found.predicted)) < 0.01 * np.ptp(found.predicted)
+
+
+def test_inside_the_end_effector_stands_on_the_platform(study, records):
+    _, found = redrawn(records, "walk", settings_of(study))
+    inside = found.inside
+    assert np.ptp(inside.voltage) == pytest.approx(64.0, rel=0.02)
+    effector = inside.platform - inside.relative
+    assert effector + found.score.offset == pytest.approx(found.between, abs=1e-12)
+    assert np.max(np.abs(inside.friction)) < 2.0
+
+
+def test_a_platform_alone_has_no_contact(study, records):
+    _, found = redrawn(records, "step", settings_of(study))
+    assert np.isnan(found.inside.friction).all()
+    assert np.isfinite(found.inside.platform_velocity).all()
+
+
+def test_at_once_nothing_is_compiled(study):
+    fresh = LiveRecords(study)
+    record = study.records[0]
+    instants = instants_of(record, *enlarged_at_first(record))
+    assert fresh.redraw_at_once("step", settings_of(study), instants) is None
+    first = fresh.redraw("step", settings_of(study), instants)
+    again = fresh.redraw_at_once("step", settings_of(study), instants)
+    assert again is not None
+    assert np.array_equal(again.predicted, first.predicted)
+
+
+def test_a_contact_alone_has_a_loop(tmp_path):
+    (tmp_path / "plan.toml").write_text(measured_study.study(measured_study.record(Friction())))
+    study = load_study(tmp_path / "plan.toml", virtual=True)
+    record, found = redrawn(LiveRecords(study), "friction", settings_of(study))
+    assert found.predicted - found.score.offset == pytest.approx(np.asarray(study.predict()[0]), abs=1e-5)
+    assert np.interp(record.time, found.instants, found.inside.relative) == pytest.approx(record.motion, abs=2e-8)
+    assert np.isnan(found.inside.voltage).all()
+
+
+def test_the_stretch_enlarged_stays_within_the_record(study):
+    walk = study.records[1]
+    begin, end = enlarged_at_first(walk)
+    assert walk.time[0] <= begin < end <= walk.time[-1]
+    assert within(walk, -1.0, -0.9) == pytest.approx((0.0, 0.1))
+    assert within(walk, 0.2, 0.3) == pytest.approx((walk.time[-1] - 0.1, walk.time[-1]))
+    assert within(walk, -5.0, 5.0) == (walk.time[0], walk.time[-1])
+
+
+def test_a_point_walks_with_its_numbers(study):
+    walker = Walker(study, None)
+    walk = walker.motion({"drive.voltage": 64.0, "drive.frequency": 25.0, "friction.f_ss": 0.65})
+    assert walk.message == ""
+    assert walk.time[-1] == pytest.approx(5 / 25.0)
+    assert walk.voltage.max() == pytest.approx(64.0, rel=0.01)
+    assert walk.effector[-1] > 2e-6
+
+
+def test_without_an_end_effector_there_is_nothing_to_sweep(study):
+    alone = dataclasses.replace(study, records=study.records[:1])
+    with pytest.raises(InputError, match="found no effector record under a periodic drive"):
+        small_map(alone, settings_of(alone), lambda line: None)

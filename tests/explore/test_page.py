@@ -1,0 +1,298 @@
+"""The page in a real browser: open, turn, type, fit, cancel, save, click a point; nothing fails, nothing leaves."""
+
+import contextlib
+import http.client
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from urllib.parse import urlsplit
+
+import pytest
+from walking_study import write_made_estimate, write_made_sweep, write_walking
+
+from pdssjax import load_study
+
+BROWSERS = "chromium", "chromium-browser", "google-chrome", "chrome"
+
+PATIENCE = 120_000
+"""Milliseconds in which something must have come: what is compiled on a machine that does much else."""
+
+
+def browser_path():
+    """The browser; skips where there is none, but fails in CI, which installs one."""
+    found = next((path for name in BROWSERS if (path := shutil.which(name))), None)
+    if found is None and os.environ.get("CI"):
+        pytest.fail(f"found no browser ({', '.join(BROWSERS)}), expected one in CI: apt-get install chromium")
+    if found is None:
+        pytest.skip(f"found no browser ({', '.join(BROWSERS)})")
+    return found
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A study with its records, an estimate and a sweep."""
+    place = tmp_path_factory.mktemp("rig")
+    write_walking(place)
+    write_made_estimate(place / "study.toml", place / "results")
+    write_made_sweep(place / "map")
+    return place
+
+
+@pytest.fixture(scope="module")
+def address(folder):
+    """The command at work, and where its page is; Ctrl-C ends it well."""
+    browser_path()
+    files = ["study.toml", "--estimate", "results/estimate.json", "--sweep", "map"]
+    command = [sys.executable, "-m", "pdssjax", "explore", *files, "--no-browser"]
+    paths = os.pathsep.join(filter(None, [os.getcwd(), os.environ.get("PYTHONPATH")]))
+    with subprocess.Popen(
+        command, cwd=folder, stdout=subprocess.PIPE, text=True, env={**os.environ, "PYTHONPATH": paths}
+    ) as server:
+        assert server.stdout is not None
+        told = re.search(r"http://127\.0\.0\.1:\d+/", server.stdout.readline())
+        assert told, "the command says where the page is"
+        yield told[0]
+        server.send_signal(signal.SIGINT)
+        assert server.wait(60) == 0
+
+
+@pytest.fixture(scope="module")
+def opened(address):
+    """The page, and what its console and its network had to say."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=browser_path(), args=["--no-sandbox"])
+        page = browser.new_page(viewport={"width": 1366, "height": 768})
+        errors, hosts = [], set()
+        page.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        page.on("request", lambda request: hosts.add(urlsplit(request.url).hostname or "within the page"))
+        page.on("websocket", lambda socket: hosts.add(urlsplit(socket.url).hostname))
+        page.goto(address)
+        page.wait_for_function(CHI2, timeout=PATIENCE)
+        yield page, errors, hosts
+        browser.close()
+
+
+@pytest.fixture
+def page(opened):
+    return opened[0]
+
+
+DEEP = """
+const deep = (selector, root = document) => {
+  const here = root.querySelector(selector);
+  if (here) return here;
+  for (const e of root.querySelectorAll('*')) {
+    if (e.shadowRoot) { const found = deep(selector, e.shadowRoot); if (found) return found; }
+  }
+  return null;
+};
+"""
+"""Finds an element also within the widgets, each of which has a tree of its own."""
+
+CHI2 = "() => {" + DEEP + "const e = deep('.headline'); return e && e.shadowRoot.textContent.includes('chi-square'); }"
+
+
+def chi2(page) -> float:
+    """What the headline says."""
+    return float(page.locator(".headline b").inner_text())
+
+
+def field(page, name):
+    return page.locator(f".field-{name} input")
+
+
+def handle(page, name):
+    return page.locator(f".slider-{name} .noUi-handle")
+
+
+def said(page, where, text):
+    """Waits until a line says `text`."""
+    page.locator(f".{where}", has_text=re.compile(text)).first.wait_for(timeout=PATIENCE)
+
+
+def redrawn(page, act) -> tuple[float, float]:
+    """Chi-square before and after something that changes it."""
+    before = chi2(page)
+    act()
+    page.wait_for_function(
+        "(before) => {" + DEEP + "const b = deep('.headline').shadowRoot.querySelector('b');"
+        "return b && Number(b.textContent) !== before; }",
+        arg=before,
+        timeout=PATIENCE,
+    )
+    return before, chi2(page)
+
+
+def show_tab(page, name):
+    page.locator(".bk-tab", has_text=name).click()
+
+
+def test_it_opens_at_the_estimate_and_fits_the_screen(page):
+    assert "Walking rig" in page.title()
+    assert page.locator(".record select").input_value() == "walk"
+    assert field(page, "piezo-gain").input_value() == "0.1"
+    size = page.evaluate("[document.scrollingElement.scrollWidth, document.scrollingElement.scrollHeight]")
+    assert size[0] <= 1366
+    assert size[1] <= 768
+    for name in ("fit", "cancel", "save", "record"):
+        box = page.locator(f".{name}").first.bounding_box()
+        assert box["y"] + box["height"] <= 768
+        assert box["x"] + box["width"] <= 1366
+
+
+def test_a_slider_is_dragged(page):
+    grip = handle(page, "friction-f-ss")
+    grip.scroll_into_view_if_needed()
+    box = grip.bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+    def drag():
+        page.mouse.move(x, y)
+        page.mouse.down()
+        for step in range(1, 9):
+            page.mouse.move(x + 3 * step, y)
+        page.mouse.up()
+
+    before, after = redrawn(page, drag)
+    assert before != after
+    assert float(field(page, "friction-f-ss").input_value()) > 0.65
+
+
+def test_an_exact_number_is_typed_with_or_without_its_unit(page):
+    mass = field(page, "effector-mass")
+
+    def type_it(text):
+        mass.fill(text)
+        mass.press("Enter")
+
+    redrawn(page, lambda: type_it("95.5"))
+    redrawn(page, lambda: type_it("0.09 kg"))
+    assert mass.input_value() == "90"
+    type_it("heavy")
+    said(page, "said", 'effector.mass: found "heavy", expected')
+    type_it("86")
+    page.locator(".said", has_text="heavy").wait_for(state="detached", timeout=PATIENCE)
+
+
+def test_sliders_and_their_fields_are_reached_and_turned_by_keyboard(page):
+    grip = handle(page, "drive-voltage")
+    grip.focus()
+    before = float(field(page, "drive-voltage").input_value())
+    redrawn(page, lambda: page.keyboard.press("ArrowRight"))
+    assert float(field(page, "drive-voltage").input_value()) > before
+    page.keyboard.press("Tab")
+    focused = (
+        "() => {let e = document.activeElement; while (e.shadowRoot?.activeElement) e = e.shadowRoot.activeElement;"
+    )
+    assert page.evaluate(focused + "return e.value; }") == field(page, "drive-voltage").input_value()
+    page.keyboard.press("Tab")
+    assert "noUi-handle" in page.evaluate(focused + "return e.className; }")
+
+
+def test_another_direction_is_chosen(page):
+    redrawn(page, lambda: page.locator(".choice-direction select").select_option(label="backward"))
+    redrawn(page, lambda: page.locator(".choice-direction select").select_option(label="forward"))
+
+
+def test_another_record_and_every_record_is_judged(page):
+    redrawn(page, lambda: page.locator(".record select").select_option("step"))
+    said(page, "scores", r"step.*walk.*\(seen\)")
+    assert "…" not in page.locator(".scores table").inner_text()
+
+
+def test_the_stretch_enlarged_is_moved_by_buttons(page):
+    for name in ("closer", "wider", "cycle ▶", "◀ cycle"):
+        page.get_by_role("button", name=name).click()
+    said(page, "headline", "redrawn in")
+
+
+def test_the_contact_and_the_estimate_have_tabs(page):
+    page.locator(".record select").select_option("walk")
+    show_tab(page, "Contact and phase")
+    said(page, "bk-tab.bk-active", "Contact and phase")
+    show_tab(page, "Estimate")
+    said(page, "estimate", r"95 % interval.*piezo\.natural_frequency")
+    page.locator(".estimate table").wait_for(state="visible")
+
+
+def test_a_point_of_the_map_is_clicked_and_walks(page):
+    show_tab(page, "Sweep")
+    said(page, "point-told", "point 6: drive.voltage 60 V, drive.frequency 10 Hz")
+    page.wait_for_timeout(300)
+    box = page.locator(".map canvas").first.bounding_box()
+    page.mouse.click(box["x"] + 0.25 * box["width"], box["y"] + 0.25 * box["height"])
+    said(page, "point-told", r"point [0-5]: drive.voltage (30|45) V")
+    number = page.locator(".map-point input")
+    number.fill("11")
+    number.press("Enter")
+    said(page, "point-told", "point 11: drive.voltage 75 V, drive.frequency 40 Hz")
+
+
+def test_a_fit_is_cancelled_and_the_page_goes_on(page):
+    show_tab(page, "Record")
+    page.locator(".fit button").click()
+    page.locator(".cancel button").click()
+    said(page, "fit-said", "cancelled")
+    assert page.locator(".fit button").is_enabled()
+
+
+def test_a_fit_from_here_moves_the_sliders_to_the_estimate(page):
+    gain = field(page, "piezo-gain")
+    gain.fill("0.095")
+    gain.press("Enter")
+    page.locator(".fit button").click()
+    redrawn(page, lambda: handle(page, "effector-mass").press("ArrowRight"))  # while it fits
+    said(page, "fit-said", "The fit converged")
+    assert float(gain.input_value()) == pytest.approx(0.11, rel=2e-3)
+    assert float(field(page, "piezo-natural-frequency").input_value()) == pytest.approx(6000.0, rel=2e-3)
+    show_tab(page, "Estimate")
+    said(page, "estimate", "Walking rig: joint fit, converged")
+
+
+def test_the_numbers_are_saved_as_a_study_and_over_nothing_unasked(page, folder):
+    page.locator(".save button").click()
+    said(page, "save-said", "Saved: .*study-explored.toml")
+    saved = load_study(folder / "study-explored.toml")
+    assert saved.parameters["piezo.gain"].start == pytest.approx(1.1e-7, rel=2e-3)
+    assert saved.parameters["piezo.gain"].free
+    assert not saved.parameters["effector.mass"].free
+    page.locator(".save button").click()
+    said(page, "save-said", "Not saved: .*found a file there already")
+    page.locator(".save-replace input").check()
+    page.locator(".save button").click()
+    said(page, "save-said", "Saved: ")
+
+
+def test_it_starts_anew_where_it_began(page):
+    page.locator(".reset button").click()
+    page.wait_for_function(
+        "() => {" + DEEP + "return deep('.field-piezo-gain').shadowRoot.querySelector('input').value === '0.1'; }",
+        timeout=PATIENCE,
+    )
+
+
+def test_nothing_failed_in_the_browser_and_nothing_left_this_machine(opened):
+    _, errors, hosts = opened
+    assert errors == []
+    assert hosts <= {"127.0.0.1", "within the page"}
+    assert "127.0.0.1" in hosts
+
+
+def greeting(address, origin) -> int:
+    """How the server answers a page of some origin that wants to talk to it."""
+    headers = {"Connection": "Upgrade", "Upgrade": "websocket", "Sec-WebSocket-Version": "13", "Origin": origin}
+    connection = http.client.HTTPConnection(urlsplit(address).netloc, timeout=30)
+    with contextlib.closing(connection):
+        connection.request("GET", "/ws", headers=headers | {"Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ=="})
+        return connection.getresponse().status
+
+
+def test_pages_of_other_origins_may_not_talk_to_it(address):
+    assert greeting(address, address.rstrip("/")) == 101
+    assert greeting(address, "http://elsewhere.example") == 403

@@ -1,0 +1,84 @@
+"""Where sliders stand, what can be turned, and the study with their numbers."""
+
+import platform_study
+import pytest
+import study_files
+
+from pdssjax import InputError, load_study
+from pdssjax.explore.knobs import drive_choices, drive_knobs, parameter_knobs
+from pdssjax.explore.settings import changed_drives, settings_of, study_at
+
+TEXT = study_files.changed('"piezo.natural_frequency" = {}', '"piezo.natural_frequency" = { start = "1 kHz" }')
+for _name, _number in {"sigma0": 1e6, "sigma1": 45, "f_ss": 0.65}.items():
+    TEXT = TEXT.replace(f'"friction.{_name}" = {{}}', f'"friction.{_name}" = {{ start = {_number} }}')
+
+
+@pytest.fixture
+def study(tmp_path):
+    return load_study(study_files.write_study(tmp_path, TEXT))
+
+
+def test_every_parameter_has_a_knob_in_the_unit_shown(study):
+    knobs = {knob.path: knob for knob in parameter_knobs(study)}
+    assert list(knobs) == list(study.parameters)
+    gain = knobs["piezo.gain"]
+    assert (gain.unit, gain.free, gain.range.low, gain.range.high) == ("µm/V", True, pytest.approx(5e-8), 2e-7)
+    assert not knobs["effector.mass"].free
+    assert knobs["effector.mass"].text(0.086) == "86"
+
+
+def test_a_field_takes_numbers_with_and_without_a_unit(study):
+    knobs = {knob.path: knob for knob in parameter_knobs(study)}
+    assert knobs["effector.mass"].read("90") == pytest.approx(0.090)
+    assert knobs["effector.mass"].read(" 0.09 kg ") == pytest.approx(0.090)
+    assert knobs["piezo.gain"].read("0.12 µm/V") == pytest.approx(0.12e-6)
+    assert knobs["piezo.natural_frequency"].read("1 kHz") == pytest.approx(6283.185, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("heavy", 'effector.mass: found "heavy", expected a number'),
+        ("-3", "effector.mass: found -0.003 kg, expected a value above 0"),
+        ("3 um", 'effector.mass: found the unit "um", expected a unit that converts to kg'),
+    ],
+)
+def test_a_text_that_is_no_legal_number_is_refused(study, text, said):
+    mass = next(knob for knob in parameter_knobs(study) if knob.path == "effector.mass")
+    with pytest.raises(InputError, match="mass") as error:
+        mass.read(text)
+    assert said in str(error.value)
+
+
+def test_what_a_drive_shares_with_the_study_is_turned_there(study):
+    step, walk = study.records
+    assert [knob.path for knob in drive_knobs(study, walk)] == ["drive.voltage", "drive.frequency", "drive.duty"]
+    assert [choice.path for choice in drive_choices(walk)] == ["drive.direction"]
+    assert "drive.voltage" in [knob.path for knob in drive_knobs(study, step)]
+
+
+def test_the_study_at_the_sliders_numbers(study):
+    begun = settings_of(study)
+    assert changed_drives(study, begun) == {}
+    turned = begun.with_value("piezo.gain", 1.2e-7).with_value("effector.mass", 0.1)
+    turned = turned.with_drive("walk", "drive.frequency", 8.0).with_drive("walk", "drive.direction", 1.0)
+    there = study_at(study, turned)
+    assert (there.parameters["piezo.gain"].start, there.parameters["piezo.gain"].free) == (1.2e-7, True)
+    assert (there.parameters["effector.mass"].value, there.parameters["effector.mass"].free) == (0.1, False)
+    step, walk = there.records
+    assert (walk.drive.frequency, walk.drive.direction, walk.drive.voltage) == (8.0, 1.0, 64.2)
+    assert {"frequency"} <= walk.overrides
+    assert step is study.records[0]
+    assert changed_drives(study, turned) == {"walk": {"drive.frequency": 8.0, "drive.direction": 1.0}}
+    assert begun == settings_of(study), "settings are never changed"
+
+
+def test_a_start_beyond_a_bound_is_put_on_it(study):
+    there = study_at(study, settings_of(study).with_value("piezo.gain", 9e-7))
+    assert there.parameters["piezo.gain"].start == 2e-7
+
+
+def test_parameters_without_a_number_are_asked_for_by_name(tmp_path):
+    study = load_study(platform_study.write_platform(tmp_path))
+    with pytest.raises(InputError, match=r"found no number for piezo\.gain, .*--guess"):
+        settings_of(study)

@@ -1,0 +1,67 @@
+"""A study saved with other numbers: legal, with the same records, over nothing unasked."""
+
+import os
+
+import numpy as np
+import pytest
+import study_files
+
+from pdssjax import InputError, load_study
+from pdssjax.files import save_study
+
+
+@pytest.fixture
+def source(tmp_path):
+    (tmp_path / "rig").mkdir()
+    return study_files.write_study(tmp_path / "rig")
+
+
+VALUES = {"piezo.gain": 1.1e-7, "friction.sigma0": 1.25e6, "effector.mass": 0.09}
+
+
+def test_starts_values_bounds_and_drives_are_kept_or_changed(source, tmp_path):
+    target = save_study(source, tmp_path / "new.toml", VALUES, {"walk": {"frequency": 8.0, "direction": "forward"}})
+    before, after = load_study(source), load_study(target)
+    gain, mass = after.parameters["piezo.gain"], after.parameters["effector.mass"]
+    assert (gain.start, gain.low, gain.high) == (1.1e-7, pytest.approx(5e-8), 2e-7)
+    assert (mass.value, mass.free) == (0.09, False)
+    assert after.parameters["friction.sigma0"].start == 1.25e6
+    assert after.parameters["friction.f_ss"].number is None
+    assert (after.records[1].drive.frequency, after.records[1].drive.direction) == (8.0, 1.0)
+    for one, other in zip(before.records, after.records, strict=True):
+        assert np.array_equal(one.measured, other.measured)
+        assert (one.noise, one.offset, one.role) == (other.noise, other.offset, other.role)
+
+
+def test_nothing_is_overwritten_unasked(source, tmp_path):
+    target = tmp_path / "new.toml"
+    target.write_text("mine")
+    with pytest.raises(InputError, match="found a file there already"):
+        save_study(source, target, VALUES, {})
+    assert target.read_text() == "mine"
+    save_study(source, target, VALUES, {}, overwrite=True)
+    assert load_study(target).parameters["piezo.gain"].start == 1.1e-7
+    with pytest.raises(InputError, match="found the study that is open"):
+        save_study(source, source, VALUES, {}, overwrite=True)
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "said"),
+    [
+        ("new.txt", VALUES, "does not end in"),
+        ("none/new.toml", VALUES, "there is no folder"),
+        ("new.toml", {"piezo.gain": 1.0}, r"new\.toml: .*found 1 m/V, expected at most the max"),
+    ],
+)
+def test_what_cannot_be_saved_leaves_nothing_behind(source, tmp_path, name, values, said):
+    before = sorted(os.listdir(tmp_path))
+    with pytest.raises(InputError, match=said):
+        save_study(source, tmp_path / name, values, {})
+    assert sorted(os.listdir(tmp_path)) == before
+
+
+def test_texts_with_quotes_and_other_letters_survive(source, tmp_path):
+    text = source.read_text().replace("Small rig", 'Small \\"rig\\" \\\\ äöü µ')
+    source.write_text(text, encoding="utf-8")
+    target = save_study(source, tmp_path / "new.toml", {}, {})
+    assert load_study(target).title == 'Small "rig" \\ äöü µ' == load_study(source).title
