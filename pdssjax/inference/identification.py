@@ -22,8 +22,8 @@ from .sequential.held_stack import rejoined, with_stack_held
 from .sequential.peak_picking import PickedStack, pick_peaks
 from .summary import summarise
 from .uncertainty.drawn_intervals import with_bootstrap, with_posterior
-from .uncertainty.parameter_errors import with_error_models
 from .uncertainty.no_u_turn import need_numpyro
+from .uncertainty.parameter_errors import with_error_models
 from .uncertainty.profile_intervals import with_profile_intervals
 
 Intervals: TypeAlias = Literal["linear", "profile", "bootstrap", "posterior"]

@@ -79,6 +79,16 @@ class Problem(NamedTuple):
         return 1.0 / np.asarray(self.noise)
 
 
+class Linearisation(eqx.Module):
+    """Whitened residuals and their Jacobian as a function of the p free numbers, for what is compiled with it."""
+
+    residual: Residual
+    weights: Float[np.ndarray, " records"]
+
+    def __call__(self, free: Float[Array | np.ndarray, " p"]) -> tuple[Float[Array, " n"], Float[Array, "n p"]]:
+        return _linearised(self.residual, free, self.weights)
+
+
 @eqx.filter_jit
 def _whitened(
     residual: Residual, free: Float[Array | np.ndarray, " p"], weights: Float[Array | np.ndarray, " records"]

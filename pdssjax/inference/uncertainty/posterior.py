@@ -155,10 +155,10 @@ def _linearised(model: Model, places: Float[np.ndarray, "n p"], number: int) -> 
     return linearise(model.evaluate, places[number])
 
 
-def in_common(one: Float[np.ndarray, " n"], other: Float[np.ndarray, " n"]) -> float:
+def in_common(first: Float[np.ndarray, " n"], second: Float[np.ndarray, " n"]) -> float:
     """What two densities have in common, 1 where they are equal: potentials against that of the draws, at n draws."""
     weights = []
-    for potential in (one, other):
+    for potential in (first, second):
         finite = np.isfinite(potential)
         if not finite.any():
             return 0.0
