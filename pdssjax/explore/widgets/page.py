@@ -10,7 +10,7 @@ import panel as pn
 from bokeh.document import Document as BokehDocument
 
 from ...core import InputError
-from ...files import estimate_document, json_text
+from ...files import estimate_text
 from ..background_job import BackgroundJob, Report
 from ..estimate_view import estimate_view, values_of
 from ..fit_from_here import FitResult
@@ -297,7 +297,7 @@ class Page:
     def _fitted(self, result: FitResult) -> None:
         if result.estimate is None:
             return
-        document = json.loads(json_text(estimate_document(result.estimate)))
+        document = json.loads(estimate_text(result.estimate))
         self._estimate.show(estimate_view(document))
         self._move_to(self._settings.with_values(values_of(document)))
 
