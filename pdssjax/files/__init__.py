@@ -50,7 +50,6 @@ else:
             "characterise_record": ["characterise"],
             "comparison_results": ["write_comparison"],
             "estimate_json": [
-                "estimate_document",
                 "estimate_text",
                 "read_covariance",
                 "read_estimate",
