@@ -268,9 +268,8 @@ class Page:
             return
         settings = self._settings
         work = lambda report: self._all_scores(settings, report)
-        self._scoring = BackgroundJob(
-            work, lambda line: None, lambda *end: self._later(lambda: self._scored(*end, settings))
-        )
+        ended = lambda scores, error: self._later(lambda: self._scored(scores, error, settings))
+        self._scoring = BackgroundJob(work, lambda line: None, ended)
 
     def _all_scores(self, settings: Settings, report: Report) -> dict[str, Score]:
         found = {}
