@@ -49,7 +49,7 @@ class EstimateView(NamedTuple):
 
 
 def estimate_view(document: Document) -> EstimateView:
-    """What is shown of an estimate, as `files.estimate_document` or a file tells it."""
+    """What is shown of an estimate, as estimate.json tells it."""
     told, statistics = document["parameters"], document["statistics"]
     ended = "converged" if document["converged"] else "NOT CONVERGED"
     headline = (

@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     from .characterise_record import characterise as characterise
     from .comparison_results import write_comparison as write_comparison
     from .draws_file import DrawsFile as DrawsFile
-    from .estimate_json import estimate_document as estimate_document
     from .estimate_json import estimate_text as estimate_text
     from .estimate_json import read_covariance as read_covariance
     from .estimate_json import read_estimate as read_estimate
@@ -20,7 +19,6 @@ if TYPE_CHECKING:
     from .estimate_results import write_essentials as write_essentials
     from .estimate_results import write_estimate as write_estimate
     from .example import EXAMPLE as EXAMPLE
-    from .json_text import json_text as json_text
     from .new_study import NewRecord as NewRecord
     from .new_study import Told as Told
     from .new_study import guess_file as guess_file
@@ -52,7 +50,6 @@ else:
             "characterise_record": ["characterise"],
             "comparison_results": ["write_comparison"],
             "estimate_json": [
-                "estimate_document",
                 "estimate_text",
                 "read_covariance",
                 "read_estimate",
@@ -61,7 +58,6 @@ else:
             "draws_file": ["DrawsFile"],
             "estimate_results": ["write_essentials", "write_estimate"],
             "example": ["EXAMPLE"],
-            "json_text": ["json_text"],
             "new_study": ["NewRecord", "Told", "guess_file", "write_study"],
             "prediction_results": ["write_predictions"],
             "recording_results": ["write_recordings"],

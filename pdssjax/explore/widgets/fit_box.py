@@ -57,8 +57,8 @@ class FitBox:
             what = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
             self._say(f"The fit failed: {what}")
             return
-        self._say(result.words)
         self._fitted(result)
+        self._say(result.words)
 
     def _say(self, line: str) -> None:
         self._line.object = html.escape(line)

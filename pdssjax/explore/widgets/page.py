@@ -10,7 +10,7 @@ import panel as pn
 from bokeh.document import Document as BokehDocument
 
 from ...core import InputError
-from ...files import estimate_document, json_text
+from ...files import estimate_text
 from ..background_job import BackgroundJob, Report
 from ..estimate_view import estimate_view, values_of
 from ..fit_from_here import FitResult
@@ -268,9 +268,8 @@ class Page:
             return
         settings = self._settings
         work = lambda report: self._all_scores(settings, report)
-        self._scoring = BackgroundJob(
-            work, lambda line: None, lambda *end: self._later(lambda: self._scored(*end, settings))
-        )
+        ended = lambda scores, error: self._later(lambda: self._scored(scores, error, settings))
+        self._scoring = BackgroundJob(work, lambda line: None, ended)
 
     def _all_scores(self, settings: Settings, report: Report) -> dict[str, Score]:
         found = {}
@@ -297,7 +296,7 @@ class Page:
     def _fitted(self, result: FitResult) -> None:
         if result.estimate is None:
             return
-        document = json.loads(json_text(estimate_document(result.estimate)))
+        document = json.loads(estimate_text(result.estimate))
         self._estimate.show(estimate_view(document))
         self._move_to(self._settings.with_values(values_of(document)))
 

@@ -79,7 +79,7 @@ class SweepPage:
         self._tab.make.disabled, self._tab.stop.disabled = True, False
         work = lambda report: small_map(self._bench.study, settings, report)
         told = lambda line: self._later(lambda: self._say(line))
-        self._job = BackgroundJob(work, told, lambda *end: self._later(lambda: self._made(*end)))
+        self._job = BackgroundJob(work, told, lambda data, error: self._later(lambda: self._made(data, error)))
 
     def _cancel(self) -> None:
         if self._job is not None:
