@@ -29,8 +29,8 @@ _DAMPING = 1e-12
 _NEAR = 1e-4
 """Decrease of chi-square, relative, at which Gauss-Newton steps give way to quasi-Newton ones."""
 
-_ENOUGH = 1e-12
-"""Decrease, relative, that the latter still go on for."""
+_ENOUGH, _ROUNDING = 1e-17, 1e-12
+"""Decrease, relative, that the latter still go on for; and below which it is lost in the rounding of chi-square."""
 
 _FACTORS = (5.0, 2.0)
 """By which what is positive is tried larger and smaller before any step."""
@@ -162,17 +162,20 @@ def _by_quasi_newton(task: _Task, here: _Point) -> tuple[_Point, int]:
     gradient, count = slope(here), 0
     while count < _MOST:
         way = -np.linalg.solve(curvature, gradient)
-        step = np.zeros(here.free.size)
+        step, predicted = np.zeros(here.free.size), -float(way @ gradient)
         step[inside] = way / scale
         there, count = _solved(task, np.clip(here.free + step, task.low, task.high)), count + 1
+        better = there.chi2 < here.chi2
         if np.isfinite(there.chi2):
-            moved = (there.free - here.free)[inside] * scale
-            curvature = _learnt(curvature, moved, slope(there) - gradient)
+            moved, slope_there = (there.free - here.free)[inside] * scale, slope(there)
+            curvature = _learnt(curvature, moved, slope_there - gradient)
+            if predicted < _ROUNDING * here.chi2:
+                # Sums of squares no longer tell, but slopes do.
+                better = bool(np.linalg.norm(slope_there) < np.linalg.norm(gradient))
+            here, gradient = (there, slope_there) if better else (here, gradient)
         else:
             curvature = 10.0 * curvature
-        if there.chi2 < here.chi2:
-            here, gradient = there, slope(there)
-        if -float(way @ gradient) < _ENOUGH * here.chi2:
+        if predicted < _ENOUGH * here.chi2 or (predicted < _ROUNDING * here.chi2 and not better):
             break
     return here, count
 

@@ -13,6 +13,8 @@ from pdssjax.report.figures import (
     comparison_figure,
     correlation_figure,
     error_figure,
+    has_loops,
+    loop_figure,
     multistart_figure,
     profile_figure,
     record_figure,
@@ -200,3 +202,23 @@ def test_starts_are_sorted_by_chi_square_and_their_optima_compared():
     assert "1 could not be simulated" in above.get_xlabel()
     np.testing.assert_allclose(below.lines[-1].get_xdata(), 0.0, atol=1e-9)
     assert len(below.lines) == multistart.distinct == 3
+
+
+def test_loops_are_drawn_against_the_voltage_with_the_largest_residual():
+    plain = fabricated.estimate().records[0]
+    volts = 10.0 * np.sin(2.0 * np.pi * np.linspace(0.0, 3.0, plain.samples))
+    record = dataclasses.replace(plain, voltage=volts)
+    motion, left = drawn(loop_figure(record)).axes
+    np.testing.assert_allclose(motion.lines[0].get_data(), [volts, 1e6 * record.measured])
+    np.testing.assert_allclose(left.lines[0].get_data(), [volts, 1e6 * (record.measured - record.predicted)])
+    assert record.largest_error == np.abs(record.measured - record.predicted).max()
+    assert f"largest {1e6 * record.largest_error:.3g} µm" in motion.figure.get_suptitle()
+
+
+def test_a_step_and_a_record_without_a_voltage_have_no_loops():
+    plain = fabricated.estimate().records[0]
+    assert not has_loops(plain)
+    assert not has_loops(dataclasses.replace(plain, voltage=np.where(plain.time < 0.0, 0.0, 50.0)))
+    assert has_loops(dataclasses.replace(plain, voltage=np.linspace(0.0, 50.0, plain.samples)))
+    with pytest.raises(ValueError, match="but it has none"):
+        loop_figure(plain)
