@@ -110,15 +110,13 @@ class PointFunction(eqx.Module):
     ) -> tuple[dict[str, Scalar], dict[str, Float[Array, " by"]], Count]:
         """Metrics of a point's course by name, the derivatives of those that are smooth, and the failure."""
         opening = self.cycle.opening(self.system(values, blocked=blocked))
-        of_course = dict(output_force=output_force) if blocked else dict(peak_friction=peak_friction)
-        smooth = {name: measure for name, measure in of_course.items() if name in asked}
 
         def look(at: Float[Array, " by"], x: Float[Array, " components"]) -> tuple[Look, tuple[Look, Count]]:
             system = self.system(values, dict(zip(self.by, at, strict=True)), blocked)
             course = self.cycle.course(system, opening._replace(x=x))
-            found = {name: measure(course) for name, measure in smooth.items()}
-            found |= {} if blocked else step_metrics(course)
+            found = {"output_force": output_force(course)} if blocked else step_metrics(course)
             others = {} if blocked else counted(course, opening.multiplier)
+            others |= {"peak_friction": peak_friction(course)} if "peak_friction" in asked else {}
             return Look(found, closing(course)), (Look(found | others, x), course.failure)
 
         if not self.by:

@@ -22,7 +22,7 @@ from pdssjax.sweeps.point import INCOMPLETE, POINT_FAILURES, compute_block, per_
 DRIVES = {"drive.voltage": [64.0, 120.0], "drive.frequency": [50.0, 150.0]}
 STOP = {"stop.stiffness": [1e5, 1e5]}
 BY = ("piezo.gain", "friction.f_ss_a", "drive.frequency")
-SMOOTH = ("net_step", "speed", "efficiency", "stroke", "back_slip", "peak_friction", "output_force")
+SMOOTH = ("net_step", "speed", "efficiency", "stroke", "back_slip", "output_force")
 
 
 @pytest.fixture(scope="module")
@@ -181,7 +181,7 @@ def test_the_command_asks_for_metrics_and_derivatives(study, tmp_path, monkeypat
     assert main([*command, *asked, "--out", str(tmp_path / "out")]) == 0
     assert seen[0].further == tuple(n for n in FURTHER if n not in ("multiplier", "output_force"))
     data = xarray.open_dataset(tmp_path / "out" / "sweep.nc", engine="scipy").load()
-    assert data["peak_friction_by_drive_frequency"].attrs["by"] == "drive.frequency"
+    assert data["net_step_by_drive_frequency"].attrs["by"] == "drive.frequency"
     assert (tmp_path / "out" / "directions.png").stat().st_size > 10_000
     assert "peak of the friction force in a cycle" in capsys.readouterr().out
     assert main([*command, "--metrics", "speeed", "--out", str(tmp_path / "other")]) == 2
@@ -191,7 +191,7 @@ def test_the_command_asks_for_metrics_and_derivatives(study, tmp_path, monkeypat
 @pytest.mark.slow
 @pytest.mark.parametrize("cycles", [4, "steady"])
 def test_derivatives_are_those_of_central_differences(study, cycles):
-    names = ("peak_friction", "output_force")
+    names = ("output_force",)
     fine = dict(accuracy=Accuracy(max_steps=4096), metrics=names, workers=1)
     here = {path: np.full(2, study.values().get(path, np.nan)) for path in BY} | DRIVES | STOP
     found = pdssjax.sweep(study, Listed(here), cycles=cycles, derivatives=BY, **fine)

@@ -15,12 +15,12 @@ from .base import Course, Metric, timing
 from .course import mean_over_cycles, steps_within, visited
 
 SMOOTH = {
-    "peak_friction": Metric("N", "peak of the friction force in a cycle"),
     "output_force": Metric("N", "output force against a stop"),
 }
 """Those that have derivatives by the parameters."""
 
 COUNTED = {
+    "peak_friction": Metric("N", "peak of the friction force in a cycle"),
     "reversals": Metric("1", "reversals of the relative motion in a cycle"),
     "settled": Metric("1", "part of a cycle for which all had settled"),
     "grazing": Metric("1", "nearness of a reversal to grazing; 1: none near"),
@@ -101,10 +101,10 @@ def grazing(course: Course) -> Scalar:
 
 
 def peak_friction(course: Course) -> Scalar:
-    """The largest magnitude of the friction force [N] in a cycle, differentiable.
+    """The largest magnitude of the friction force [N] in a cycle.
 
-    It is looked for between the steps' ends, and refined by the parabola through its neighbours; where it is moves
-    with the parameters, but to first order that does not change how large it is.
+    It is looked for between the steps' ends, and refined by the parabola through its neighbours.  It may lie at an
+    event, whose time moves with the parameters: its derivative is not given.
     """
     inside, _ = steps_within(course)
     parts = jnp.linspace(0.0, 1.0, _WITHIN + 1)
@@ -145,7 +145,7 @@ def _friction(course: Course, j: Array, part: Scalar) -> Scalar:
     segment = course.moving.segment(steps.index)
     state = course.system.exact(segment, steps.t_local, restored(steps.x), elapsed, restored(x))
     inside = course.system.force(segment, steps.t_local + elapsed, state, steps.mode)
-    # A contact that sticks lets go at its peak, whose time moves with the parameters as the next step's begin does.
+    # A contact that sticks lets go at its peak, where the next step begins.
     let_go = course.system.force(segment, following.t_local, restored(following.x), steps.mode)
     lets_go = (part == 1.0) & (steps.mode == 0.0) & (following.index == steps.index) & (j + 1 < course.run.count)
     return jnp.where(lets_go, let_go, inside)

@@ -25,16 +25,12 @@ from ...integration import (
 from ...metrics import cycle_metrics
 from ...simulation import StickSlip
 from .base import METRICS, AbstractCycle, Course, Metric, Opening, effector_at, timing
-from .further_metrics import GRAZES, grazing
 
 TOLERANCE = 2e-11
 """How far [m] a cycle may be from its limit."""
 
 _CYCLES = 24
 """Integrated side by side; what has not become steady then waits for Newton's method."""
-
-_TOLD_BY = 200
-"""Cycles for which a motion with a grazing reversal has to stay where it is."""
 
 _ROOM = 4096
 """Steps of a course at most."""
@@ -77,14 +73,8 @@ class Steady(AbstractCycle):
         assert period is not None
         # From the orbit on it repeats at once; where none was found these cycles are the last that were seen.
         again = Continued(system, found.x, float(period[0]))
-        orbit = Opening(found.x, found.period, found.multipliers[0], found.failure)
-        # Where a reversal grazes, linearised steps say little of what deviations do: many cycles have to tell.
-        grazes = (found.period > 0) & (grazing(self.course(system, orbit)) < GRAZES)
-        cycles = integrate_cycles(
-            again, when.period, when.phases, accuracy, 0.0, jnp.where(grazes, _TOLD_BY, PERIODS + 1)
-        )
-        repeats = jnp.where(grazes & (_left(system, cycles, found.period) > TOLERANCE), 0, found.period)
-        measured = _measured(system, cycles, repeats, found.multipliers[0])
+        cycles = integrate_cycles(again, when.period, when.phases, accuracy, 0.0, PERIODS + 1)
+        measured = _measured(system, cycles, found.period, found.multipliers[0])
         return measured, jnp.where(cycles.failure > 0, cycles.failure, found.failure)
 
     def opening(self, system: StickSlip) -> Opening:
@@ -129,12 +119,6 @@ def _measured(system: StickSlip, cycles: Cycles, period: Count, decay: Scalar) -
     by_name = dict(net_step=net, speed=net * when.frequency, efficiency=net / stroke, stroke=stroke)
     by_name |= dict(back_slip=stroke - net, cycles_to_repeat=period * 1.0, decay=decay)
     return jnp.stack([by_name[name] for name in (METRICS | _OWN)])
-
-
-def _left(system: StickSlip, cycles: Cycles, period: Count) -> Scalar:
-    """How far [m] the last of some cycles is from that `period` cycles before."""
-    last, before = (jax.tree.map(lambda leaf, k=k: leaf[k], cycles.x) for k in (-1, PERIODS - period))
-    return jax.vmap(system.state_distance)(last, before).max()
 
 
 def _ratio(cycles: Cycles) -> Scalar:
