@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from .cycles.further_metrics import GRAZES as GRAZES
     from .cycles.further_metrics import SMOOTH as SMOOTH
     from .directions import compared_directions as compared_directions
+    from .dataset import register_plot as register_plot
     from .job import differences as differences
     from .point import POINT_FAILURES as POINT_FAILURES
     from .points.base import AbstractPoints as AbstractPoints
@@ -57,6 +58,7 @@ else:
             "cycles.base": ["METRICS"],
             "directions": ["compared_directions"],
             "cycles.further_metrics": ["FURTHER", "GRAZES", "SMOOTH"],
+            "dataset": ["register_plot"],
             "job": ["differences"],
             "point": ["POINT_FAILURES"],
             "points.base": ["AbstractPoints"],
