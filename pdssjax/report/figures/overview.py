@@ -51,12 +51,12 @@ def _titled(name: str, measures: str, role: str) -> str:
 def _overview(title: str, rows: Sequence[_Row]) -> Figure:
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(7.4, 0.9 + 1.25 * len(rows)), layout="constrained")
-        for row, (whole, near) in zip(rows, figure.subplots(len(rows), 2, squeeze=False), strict=True):
+        grid = figure.subplots(len(rows), 2, squeeze=False)
+        for row, (whole, near) in zip(rows, grid, strict=True):
             _draw(whole, near, row)
-        grid = np.reshape(figure.axes, (-1, 2))
         grid[-1, 0].set_xlabel("time (s)")
         if any(row.predicted is not None for row in rows):
-            figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
+            figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
         figure.suptitle(title, x=0.01, ha="left", fontsize=10.0)
         figure.align_ylabels(grid[:, 0])
     return figure
