@@ -44,7 +44,7 @@ html_extra_path = ["_static/index.html"]  # leads from the root of the site to d
 html_copy_source = False
 html_show_sphinx = False
 
-myst_enable_extensions = ["colon_fence", "deflist"]
+myst_enable_extensions = ["myst_nb", "sphinx_copybutton", "sphinx_design", "directives"]
 myst_heading_anchors = 4
 myst_fence_as_directive = ["mermaid"]
 python_maximum_signature_line_length = 88

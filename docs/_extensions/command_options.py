@@ -1,11 +1,6 @@
-"""The directive `command-options`: the options of a command, as its parser has them."""
+"""The options of a command as Markdown, as its parser has them."""
 
 import argparse
-
-from docutils import nodes
-from docutils.statemachine import StringList
-from sphinx.application import Sphinx
-from sphinx.util.docutils import SphinxDirective
 
 from pdssjax.cli.main import _parser
 
@@ -42,21 +37,3 @@ def _value(action: argparse.Action) -> str:
     shown = " ".join(told) if isinstance(told, tuple) else told
     more = {"+": f"{shown} [{shown} ...]", "*": f"[{shown} ...]", "?": f"[{shown}]"}
     return more.get(str(action.nargs), shown)
-
-
-class CommandOptions(SphinxDirective):
-    """`{command-options} sweep`."""
-
-    required_arguments = 1
-
-    def run(self) -> list[nodes.Node]:
-        holder = nodes.container()
-        lines = rows(commands()[self.arguments[0]])
-        self.state.nested_parse(StringList(lines, self.get_location()), 0, holder)
-        return holder.children
-
-
-def setup(app: Sphinx) -> dict[str, bool]:
-    """Adds the directive."""
-    app.add_directive("command-options", CommandOptions)
-    return {"parallel_read_safe": True}

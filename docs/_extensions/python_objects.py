@@ -1,7 +1,6 @@
-"""The directive `python-object`: one public name with its signature, its docstring and its fields or methods.
+"""A public name as Markdown: its signature as it is written, its docstring, its fields or methods.
 
 Docstrings are Markdown, which autodoc would take for reStructuredText; so they are put into the page as they are.
-The directive `family` shows every member of a family, as `pdssjax models` tells it.
 """
 
 import ast
@@ -11,11 +10,6 @@ import inspect
 import re
 import textwrap
 from collections.abc import Iterator
-
-from docutils import nodes
-from docutils.statemachine import StringList
-from sphinx.application import Sphinx
-from sphinx.util.docutils import SphinxDirective
 
 from pdssjax.core import Quantity, choices, display_unit, member, members, quantities
 
@@ -134,44 +128,13 @@ def markdown(path: str, shown_methods: bool = True) -> list[str]:
     return block("class", path, "\n".join(inner))
 
 
-class Parsed(SphinxDirective):
-    """A directive that becomes a piece of Markdown."""
-
-    def parsed(self, lines: list[str]) -> list[nodes.Node]:
-        holder = nodes.container()
-        self.state.nested_parse(StringList(lines, self.get_location()), 0, holder)
-        return holder.children
-
-
-class PythonObject(Parsed):
-    """`{python-object} pdssjax.identify`, with the option `:no-methods:`."""
-
-    required_arguments = 1
-    option_spec = {"no-methods": lambda _: True}  # noqa: RUF012
-
-    def run(self) -> list[nodes.Node]:
-        return self.parsed(markdown(self.arguments[0], "no-methods" not in self.options))
-
-
-class Family(Parsed):
-    """`{family} friction`: every member, with the equations at the head of its file, and its parameters."""
-
-    required_arguments = 1
-
-    def run(self) -> list[nodes.Node]:
-        family = self.arguments[0]
-        lines: list[str] = []
-        for name in members(family):
-            model = member(family, name)
-            text = inspect.cleandoc(importlib.import_module(model.__module__).__doc__ or "")
-            said = [] if family.startswith("inference") else [f"In a study: `{name}`.", ""]
-            told = [*said, *text.splitlines(), "", *field_table(model)]
-            lines += block("class", f"{model.__module__}.{model.__name__}", "\n".join(told))
-        return self.parsed(lines)
-
-
-def setup(app: Sphinx) -> dict[str, bool]:
-    """Adds the directives."""
-    app.add_directive("python-object", PythonObject)
-    app.add_directive("family", Family)
-    return {"parallel_read_safe": True}
+def family_lines(family: str) -> list[str]:
+    """Every member of a family, with the equations at the head of its file, and its parameters."""
+    lines: list[str] = []
+    for name in members(family):
+        model = member(family, name)
+        text = inspect.cleandoc(importlib.import_module(model.__module__).__doc__ or "")
+        said = [] if family.startswith("inference") else [f"In a study: `{name}`.", ""]
+        told = "\n".join([*said, *text.splitlines(), "", *field_table(model)])
+        lines += block("class", f"{model.__module__}.{model.__name__}", told)
+    return lines

@@ -1,14 +1,10 @@
-"""The directive `mermaid`, without its JavaScript: GitHub draws the chart of the rooms, the site shows boxes.
+"""A chart of Mermaid as boxes of HTML, without its JavaScript: GitHub draws the chart of the rooms itself.
 
 Reads what docs/architecture.md uses of the language: subgraphs, nodes with a text, and arrows.
 """
 
 import html
 import re
-
-from docutils import nodes
-from sphinx.application import Sphinx
-from sphinx.util.docutils import SphinxDirective
 
 BOX = "border: 1px solid var(--color-foreground-border); border-radius: 4px; padding: 0.2rem 0.6rem; margin: 0.2rem;"
 
@@ -34,18 +30,3 @@ def _storey(title: str, inside: list[str]) -> str:
     rooms = "".join(f'<span style="{BOX}">{html.escape(room)}</span>' for room in inside)
     row = f'<div style="display: flex; flex-wrap: wrap;">{rooms}</div>'
     return f'<div style="{BOX}"><em>{html.escape(title)}</em>{row}</div>'
-
-
-class Mermaid(SphinxDirective):
-    """A fence of Mermaid."""
-
-    has_content = True
-
-    def run(self) -> list[nodes.Node]:
-        return [nodes.raw("", boxes("\n".join(self.content)), format="html")]
-
-
-def setup(app: Sphinx) -> dict[str, bool]:
-    """Adds the directive."""
-    app.add_directive("mermaid", Mermaid)
-    return {"parallel_read_safe": True}

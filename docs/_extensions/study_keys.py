@@ -1,13 +1,8 @@
-"""The directive `study-keys`: every key of the study file, from the JSON schema that `pdssjax schema` prints."""
+"""Every key of the study file as Markdown, from the JSON schema that `pdssjax schema` prints."""
 
 import json
 from collections.abc import Iterator, Mapping
 from typing import Any
-
-from docutils import nodes
-from docutils.statemachine import StringList
-from sphinx.application import Sphinx
-from sphinx.util.docutils import SphinxDirective
 
 from pdssjax.files import schema_text
 
@@ -81,20 +76,3 @@ def lines_of(part: str) -> list[str]:
     if part == "drive":
         return list(drives(record["properties"]["drive"]))
     return table(record if part == "record" else whole["properties"][part])
-
-
-class StudyKeys(SphinxDirective):
-    """`{study-keys} record`."""
-
-    required_arguments = 1
-
-    def run(self) -> list[nodes.Node]:
-        holder = nodes.container()
-        self.state.nested_parse(StringList(lines_of(self.arguments[0]), self.get_location()), 0, holder)
-        return holder.children
-
-
-def setup(app: Sphinx) -> dict[str, bool]:
-    """Adds the directive."""
-    app.add_directive("study-keys", StudyKeys)
-    return {"parallel_read_safe": True}
