@@ -102,7 +102,7 @@ class Amplification:
     earlier: tuple[str, ...]
     """Paths of those fitted first and then held, as columns: the stack's."""
     matrix: Float[np.ndarray, "later earlier"]
-    """Relative change of the row's parameter per relative change of the column's."""
+    """Relative change of the row's parameter per relative change of the column's [1]."""
 
     def strongest(self) -> tuple[str, str, float]:
         """The largest entry: which parameter is moved, by which, and by how much."""
@@ -124,7 +124,7 @@ class Estimate:
     names: tuple[str, ...]
     """Paths of the free parameters, in the order of the matrices."""
     correlation: Float[np.ndarray, "p p"]
-    """Correlations; NaN in the rows of uninformed parameters."""
+    """Correlations [1]; NaN in the rows of uninformed parameters."""
     covariance: Float[np.ndarray, "p p"]
     """Covariances, in the product of the SI units."""
     records: tuple[FittedRecord, ...]
