@@ -27,8 +27,9 @@ if TYPE_CHECKING:
     from .families import members as members
     from .jax_setup import need_double_precision as need_double_precision
     from .jax_setup import prepare_jax as prepare_jax
-    from .notebook_progress import counted_in_notebook as counted_in_notebook
-    from .notebook_progress import told_in_notebook as told_in_notebook
+    from .notebook import counted_in_notebook as counted_in_notebook
+    from .notebook import draw_in_notebook as draw_in_notebook
+    from .notebook import told_in_notebook as told_in_notebook
     from .physical_quantity import Choice as Choice
     from .physical_quantity import Declared as Declared
     from .physical_quantity import Quantity as Quantity
@@ -61,7 +62,7 @@ else:
             "errors": ["InputError", "InputWarning", "nearest"],
             "families": ["member", "member_name", "members"],
             "jax_setup": ["need_double_precision", "prepare_jax"],
-            "notebook_progress": ["counted_in_notebook", "told_in_notebook"],
+            "notebook": ["counted_in_notebook", "draw_in_notebook", "told_in_notebook"],
             "physical_quantity": [
                 "Choice",
                 "Declared",

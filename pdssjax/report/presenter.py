@@ -1,6 +1,6 @@
 """What shows results in a notebook: `pdssjax.core.presenter()` is this module, by its name (`pdssjax/__init__.py`)."""
 
-from ..core import Figure, InputError
+from ..core import Figure, InputError, draw_in_notebook
 from ..simulation import Trajectory
 from ..study import Estimate, Study
 
@@ -20,6 +20,12 @@ def as_html(shown: object) -> str:
 
 def as_figure(shown: object, what: str | None = None) -> Figure:
     """A result as a figure; **raises** `InputError` for a `what` that it does not have."""
+    figure = _figure(shown, what)
+    draw_in_notebook(type(figure))
+    return figure
+
+
+def _figure(shown: object, what: str | None) -> Figure:
     from .figures import study_figure, sweep_figure, trajectory_figure
 
     if isinstance(shown, Estimate):

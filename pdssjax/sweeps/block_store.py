@@ -36,7 +36,7 @@ class AbstractBlockStore(abc.ABC):
 
     @abc.abstractmethod
     def read(self) -> Float[np.ndarray, "points columns"]:
-        """All that was found [SI], in the order of the plan; NaN and `NOT_COMPUTED` where a block failed or is missing."""
+        """All that was found [SI], in the plan's order; NaN and `NOT_COMPUTED` where a block failed or is missing."""
 
 
 class MemoryStore(AbstractBlockStore):

@@ -1,11 +1,11 @@
-"""Progress in a notebook is a bar of plain HTML, shown in one place; outside a notebook there is none."""
+"""Progress in a notebook is a bar of plain HTML in one place, and figures are drawn; outside there is neither."""
 
 import sys
 import types
 
 import pytest
 
-from pdssjax.core import counted_in_notebook, told_in_notebook
+from pdssjax.core import counted_in_notebook, draw_in_notebook, told_in_notebook
 
 
 class Handle:
@@ -53,3 +53,15 @@ def test_a_line_that_counts_fills_the_bar_and_another_leaves_it_open(shown):
     tell("joint: chi-square < 7")
     assert 'value="0.2500"' in shown[1]._repr_html_()
     assert "value=" not in shown[2]._repr_html_() and "chi-square &lt; 7" in shown[2]._repr_html_()
+
+
+@pytest.mark.parametrize("known", [{}, {Handle: str}])
+def test_figures_are_drawn_where_the_notebook_does_not_yet(shown, monkeypatch, known):
+    formatters = {"image/png": types.SimpleNamespace(type_printers=known)}
+    shell = types.SimpleNamespace(kernel=object(), display_formatter=types.SimpleNamespace(formatters=formatters))
+    sys.modules["IPython"].get_ipython = lambda: shell
+    tools, asked = types.ModuleType("IPython.core.pylabtools"), []
+    tools.select_figure_formats = lambda *what: asked.append(what)
+    monkeypatch.setitem(sys.modules, "IPython.core.pylabtools", tools)
+    draw_in_notebook(Handle)
+    assert asked == ([] if known else [(shell, {"png"})])

@@ -1,6 +1,7 @@
-"""Progress in a notebook: a bar below the cell that works, made of plain HTML, so that no widgets are needed."""
+"""In a notebook: progress as a bar below the cell, of plain HTML, which needs no widgets; figures as pictures."""
 
 import html
+import importlib
 import re
 import sys
 from collections.abc import Callable
@@ -40,6 +41,14 @@ def in_notebook() -> bool:
         return False
     shell = sys.modules["IPython"].get_ipython()
     return shell is not None and hasattr(shell, "kernel")
+
+
+def draw_in_notebook(figure: type) -> None:
+    """Have a notebook draw the figures of that class of matplotlib; it does by itself once pyplot was imported."""
+    if in_notebook():
+        shell = sys.modules["IPython"].get_ipython()
+        if figure not in shell.display_formatter.formatters["image/png"].type_printers:
+            importlib.import_module("IPython.core.pylabtools").select_figure_formats(shell, {"png"})
 
 
 def told_in_notebook() -> TellText | None:
