@@ -16,15 +16,7 @@ project = "pdssjax"
 author = "pdssjax authors"
 release = version_of("pdssjax")
 
-extensions = [
-    "myst_nb",
-    "sphinx_copybutton",
-    "sphinx_design",
-    "python_objects",
-    "command_options",
-    "study_keys",
-    "storeys",
-]
+extensions = ["myst_nb", "sphinx_copybutton", "sphinx_design", "directives"]
 
 root_doc = "docs/index"
 include_patterns = [
@@ -32,6 +24,7 @@ include_patterns = [
     "CONTRIBUTING.md",
     "CHANGELOG.md",
     "experiments/liu2015/PROVENANCE.md",
+    "benchmarks/results/*.md",
 ]
 # docs/README.md is the list of pages for those who look at the folder on GitHub.
 exclude_patterns = [".*", "out", "dist", "build", "docs/README.md", "docs/_*", "**/.ipynb_checkpoints"]
@@ -44,7 +37,7 @@ html_extra_path = ["_static/index.html"]  # leads from the root of the site to d
 html_copy_source = False
 html_show_sphinx = False
 
-myst_enable_extensions = ["myst_nb", "sphinx_copybutton", "sphinx_design", "directives"]
+myst_enable_extensions = ["colon_fence", "deflist"]
 myst_heading_anchors = 4
 myst_fence_as_directive = ["mermaid"]
 python_maximum_signature_line_length = 88
@@ -57,6 +50,7 @@ nb_execution_mode = "cache"
 nb_execution_cache_path = str(ROOT / "out" / "docs-cache")
 nb_execution_raise_on_error = True
 nb_execution_timeout = 600
+nb_execution_in_temp = True
 nb_execution_show_tb = True
 nb_merge_streams = True
 

@@ -46,7 +46,7 @@ def signature(function: ast.FunctionDef, method: bool) -> str:
     return f"({ast.unparse(given)}){result}".replace("\n", " ")
 
 
-def fields(thing: type) -> dict[str, tuple[str, str]]:
+def fields(thing: type, skip_class_variables: bool = False) -> dict[str, tuple[str, str]]:
     """Of every public field of a class, its type as written and the docstring below it."""
     told: dict[str, tuple[str, str]] = {}
     for base in reversed(thing.__mro__):
@@ -57,8 +57,9 @@ def fields(thing: type) -> dict[str, tuple[str, str]]:
             if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
                 value = below.value if isinstance(below, ast.Expr) else None
                 text = value.value if isinstance(value, ast.Constant) and isinstance(value.value, str) else ""
-                if not node.target.id.startswith("_"):
-                    told[node.target.id] = ast.unparse(node.annotation), " ".join(text.split())
+                written = ast.unparse(node.annotation)
+                if not node.target.id.startswith("_") and not (written.startswith("ClassVar") and skip_class_variables):
+                    told[node.target.id] = written, " ".join(text.split())
     return told
 
 
@@ -91,9 +92,13 @@ def number(declared: Quantity) -> str:
     return f"{declared.nominal * scale:.6g} {unit}".replace("um", "µm").strip()
 
 
-def field_table(thing: type) -> list[str]:
+def field_table(thing: type, skip_class_variables: bool = False) -> list[str]:
     """Fields with type or unit and nominal value."""
-    told, declared, words = fields(thing), quantities(thing) if dataclasses.is_dataclass(thing) else {}, {}
+    told, declared, words = (
+        fields(thing, skip_class_variables),
+        quantities(thing) if dataclasses.is_dataclass(thing) else {},
+        {},
+    )
     if dataclasses.is_dataclass(thing):
         words = choices(thing)
     if not told:
@@ -135,6 +140,6 @@ def family_lines(family: str) -> list[str]:
         model = member(family, name)
         text = inspect.cleandoc(importlib.import_module(model.__module__).__doc__ or "")
         said = [] if family.startswith("inference") else [f"In a study: `{name}`.", ""]
-        told = "\n".join([*said, *text.splitlines(), "", *field_table(model)])
+        told = "\n".join([*said, *text.splitlines(), "", *field_table(model, skip_class_variables=True)])
         lines += block("class", f"{model.__module__}.{model.__name__}", told)
     return lines
