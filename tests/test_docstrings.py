@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[1]
 PATHS = re.findall(
     r"\{python-object\} (\S+)", "".join(p.read_text("utf-8") for p in sorted((ROOT / "docs/reference").glob("*.md")))
 )
-FAMILIES = "drive", "piezo", "friction", "study.measurement", "inference.losses", "inference.error_models"
+FAMILIES = "drive", "piezo", "friction", "study.measurement", "inference.losses", "inference.uncertainty.error_models"
 MEMBERS = [member(family, name) for family in FAMILIES for name in members(family)]
 NAMES = [*PATHS, *(f"{model.__module__}.{model.__qualname__}" for model in MEMBERS)]
 EVERY_NAME = pytest.mark.parametrize("path", NAMES)

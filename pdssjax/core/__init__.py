@@ -39,10 +39,10 @@ if TYPE_CHECKING:
     from .physical_quantity import described as described
     from .physical_quantity import quantities as quantities
     from .physical_quantity import quantity as quantity
-    from .quasi_random import sobol_points as sobol_points
     from .presentation import Figure as Figure
     from .presentation import present_with as present_with
     from .presentation import presenter as presenter
+    from .quasi_random import sobol_points as sobol_points
     from .units import column_unit as column_unit
     from .units import factor as factor
     from .units import split_text as split_text
