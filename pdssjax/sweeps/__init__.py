@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from .cycles.further_metrics import FURTHER as FURTHER
     from .cycles.further_metrics import GRAZES as GRAZES
     from .cycles.further_metrics import SMOOTH as SMOOTH
-    from .directions import compared_directions as compared_directions
     from .dataset import register_plot as register_plot
+    from .directions import compared_directions as compared_directions
     from .job import differences as differences
     from .point import POINT_FAILURES as POINT_FAILURES
     from .points.base import AbstractPoints as AbstractPoints
