@@ -135,7 +135,7 @@ REFERENCE = "".join(page.read_text(encoding="utf-8") for page in sorted((ROOT / 
 def cells(page: Path) -> list[str]:
     """The code of a tutorial, without its options and without what a shell is asked."""
     found = blocks(page, r"\{code-cell\} ipython3")
-    return [re.sub(r"^(:\w.*|!.*)$", "", cell, flags=re.M) for cell in found]
+    return [re.sub(r"^(:\w.*|!.*|%%.*)$", "", cell, flags=re.M) for cell in found]
 
 
 @pytest.mark.parametrize("page", NOTEBOOKS, ids=lambda page: page.stem)

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from .families import members as members
     from .jax_setup import need_double_precision as need_double_precision
     from .jax_setup import prepare_jax as prepare_jax
+    from .notebook import clear_bar as clear_bar
     from .notebook import counted_in_notebook as counted_in_notebook
     from .notebook import draw_in_notebook as draw_in_notebook
     from .notebook import told_in_notebook as told_in_notebook
@@ -62,7 +63,7 @@ else:
             "errors": ["InputError", "InputWarning", "nearest"],
             "families": ["member", "member_name", "members"],
             "jax_setup": ["need_double_precision", "prepare_jax"],
-            "notebook": ["counted_in_notebook", "draw_in_notebook", "told_in_notebook"],
+            "notebook": ["clear_bar", "counted_in_notebook", "draw_in_notebook", "told_in_notebook"],
             "physical_quantity": [
                 "Choice",
                 "Declared",

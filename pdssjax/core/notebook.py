@@ -7,9 +7,6 @@ import sys
 from collections.abc import Callable
 from typing import Protocol, TypeAlias
 
-TellText: TypeAlias = Callable[[str], None]
-"""Takes a line of text."""
-
 TellCount: TypeAlias = Callable[[int, int], None]
 """Takes how many are done, and of how many."""
 
@@ -18,6 +15,16 @@ class _Place(Protocol):
     """Where something is shown below a cell: a display handle of IPython."""
 
     def update(self, shown: object) -> None: ...
+
+
+class _Nothing:
+    """In place of a bar once all is done."""
+
+    def _repr_html_(self) -> str:
+        return ""
+
+    def __repr__(self) -> str:
+        return ""
 
 
 class _Shown:
@@ -51,9 +58,9 @@ def draw_in_notebook(figure: type) -> None:
             importlib.import_module("IPython.core.pylabtools").select_figure_formats(shell, {"png"})
 
 
-def told_in_notebook() -> TellText | None:
-    """Shows lines of text with a bar, full by how much they say is done ("12 of 50"); None outside a notebook."""
-    return _text_bar(_new_place()) if in_notebook() else None
+def told_in_notebook() -> "TextBar | None":
+    """What shows lines of text with a bar; None outside a notebook."""
+    return TextBar() if in_notebook() else None
 
 
 def counted_in_notebook(what: str) -> TellCount | None:
@@ -73,13 +80,29 @@ def _new_place() -> Callable[[], _Place]:
     return place
 
 
-def _text_bar(place: Callable[[], _Place]) -> TellText:
-    def tell(message: str) -> None:
+class TextBar:
+    """Shows lines of text with a bar, full by how much they say is done ("12 of 50"), until it is cleared."""
+
+    def __init__(self) -> None:
+        self._place = _new_place()
+        self._used = False
+
+    def __call__(self, message: str) -> None:
         found = re.search(r"(\d+) of (\d+)", message)
         share = int(found[1]) / max(int(found[2]), 1) if found else None
-        place().update(_Shown(message, share))
+        self._place().update(_Shown(message, share))
+        self._used = True
 
-    return tell
+    def clear(self) -> None:
+        """Takes the bar away."""
+        if self._used:
+            self._place().update(_Nothing())
+
+
+def clear_bar(tell: object) -> None:
+    """Takes the bar away if that is what showed the lines of text."""
+    if isinstance(tell, TextBar):
+        tell.clear()
 
 
 def _count_bar(place: Callable[[], _Place], what: str) -> TellCount:

@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 
-from ..core import InputError, member, members, nearest, need_double_precision, told_in_notebook
+from ..core import InputError, clear_bar, member, members, nearest, need_double_precision, told_in_notebook
 from ..integration import Accuracy
 from ..study import Estimate, Study
 from .draws import Drawing
@@ -70,8 +70,7 @@ def identify(
     or of a joint fit "huber" or "cauchy", under which glitches pull little; its errors are those of a
     sandwich covariance.  So many other `starts` are fitted besides the usual ones and compared
     (`Estimate.multistart`).  Fits and chains that do not need each other run where the `executor` says, in this
-    thread if it is None; chains only in threads.  `progress` is called with a line of text now and then; in a
-    notebook a bar shows it if there is none.
+    thread if it is None; chains only in threads.  `progress` takes lines of text; left out, notebooks show a bar.
 
     **Raises:** `InputError` if there is nothing to fit, or for "peaks" no record to pick them
     from.  A fit that does not converge is returned all the same, with `converged` False and the
@@ -104,6 +103,8 @@ def identify(
         point = done or best.point
         so_far = _summarised(study, method, point, begun, report, stack) if point else None
         raise FitInterrupted(so_far) from interrupt
+    finally:
+        clear_bar(report)
     return estimate
 
 

@@ -5,7 +5,7 @@ import types
 
 import pytest
 
-from pdssjax.core import counted_in_notebook, draw_in_notebook, told_in_notebook
+from pdssjax.core import clear_bar, counted_in_notebook, draw_in_notebook, told_in_notebook
 
 
 class Handle:
@@ -53,6 +53,17 @@ def test_a_line_that_counts_fills_the_bar_and_another_leaves_it_open(shown):
     tell("joint: chi-square < 7")
     assert 'value="0.2500"' in shown[1]._repr_html_()
     assert "value=" not in shown[2]._repr_html_() and "chi-square &lt; 7" in shown[2]._repr_html_()
+
+
+def test_the_bar_is_taken_away_at_the_end_if_it_was_shown(shown):
+    tell = told_in_notebook()
+    tell.clear()
+    assert not shown
+    tell("finding starts")
+    clear_bar(print)
+    assert len(shown) == 2
+    clear_bar(tell)
+    assert shown[-1]._repr_html_() == "" and repr(shown[-1]) == ""
 
 
 @pytest.mark.parametrize("known", [{}, {Handle: str}])
