@@ -74,9 +74,8 @@ def identify(
 
     **Raises:** `InputError` if there is nothing to fit, or for "peaks" no record to pick them
     from.  A fit that does not converge is returned all the same, with `converged` False and the
-    reason in `message`.  `FitInterrupted`,
-    a `KeyboardInterrupt` whose `estimate` is that at the best point so far, if it is broken off.
-    Warns with `InputWarning` where a record moves against its drive.
+    reason in `message`.  `FitInterrupted`, a `KeyboardInterrupt` whose `estimate` is that at the best point so far, if
+    it is broken off.  Warns with `InputWarning` where a record moves against its drive.
     """
     need_double_precision()
     begun = time.perf_counter()
