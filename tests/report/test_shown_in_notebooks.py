@@ -65,6 +65,7 @@ def row(text: str, first: str) -> list[str]:
 def test_an_estimate_shows_values_errors_and_units():
     shown = fabricated.estimate()._repr_html_()
     assert row(shown, "piezo.gain")[1:5] == ["0.1007020", "0.0000070", "0.00695 %", "µm/V"]
+    assert row(shown, "friction.sigma0_a")[4] == "N/µm"
     assert row(shown, "effector.mass") == ["effector.mass", "86", "", "", "g", "", "fixed"]
     assert row(shown, "drive.fall_time")[-1] == "at bound"
     assert row(shown, "effector.load")[-1] == "no information"

@@ -1,6 +1,7 @@
 """Tables and folded paragraphs of HTML; all that comes from outside is escaped."""
 
 import html
+import re
 from collections.abc import Sequence
 
 
@@ -34,4 +35,4 @@ def folded(title: str, lines: Sequence[str]) -> str:
 
 def units(text: str) -> str:
     """Micro as a letter of its own, since HTML is no terminal."""
-    return "µ" + text[1:] if text.startswith("um") else text.replace(" um", " µm")
+    return re.sub(r"\bum\b", "µm", text)
