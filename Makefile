@@ -3,7 +3,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test experiments bench lint clean
+.PHONY: demo test docs experiments bench lint clean
 
 # The demo owns out/demo, so a second run may replace what the first one left there.
 demo: .venv/ready
@@ -11,6 +11,11 @@ demo: .venv/ready
 
 test: .venv/ready
 	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile
+
+# The site, in out/docs; its tutorials are executed.  A warning is an error, and nothing is fetched.
+docs: .venv/ready-for-docs
+	$(BIN)/python -m sphinx -W --keep-going -n -q -c docs -d out/docs-doctrees . out/docs
+	@echo "The site is out/docs/index.html"
 
 # Every experiment, with its table beside the thesis's numbers; out/experiments/index.html shows them all.
 experiments: .venv/ready
@@ -37,4 +42,9 @@ clean:
 	$(PYTHON) -m venv --clear .venv
 	$(BIN)/python -m pip install --disable-pip-version-check -r requirements.lock
 	$(BIN)/python -m pip install --disable-pip-version-check --no-deps --no-build-isolation -e .
+	touch $@
+
+# What `make docs` needs besides, at versions that go with those of the other lock.
+.venv/ready-for-docs: .venv/ready docs-requirements.lock
+	$(BIN)/python -m pip install --disable-pip-version-check -r docs-requirements.lock
 	touch $@

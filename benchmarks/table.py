@@ -33,11 +33,11 @@ def as_text(head: dict[str, Any], outcomes: dict[str, Outcome]) -> str:
 
 def as_markdown(head: dict[str, Any], outcomes: dict[str, Outcome], picture: str | None) -> str:
     """For the documentation and the results folder."""
-    parts = [_headline(head)]
+    parts = ["# Speed beside other simulators", _headline(head)]
     for job, rows in _tables(outcomes).items():
         lines = [f"| {' | '.join(row)} |" for row in rows]
         rule = f"|{'|'.join('---' for _ in rows[0])}|"
-        parts.append("\n".join([f"### {job}", "", lines[0], rule, *lines[1:]]))
+        parts.append("\n".join([f"## {job}", "", lines[0], rule, *lines[1:]]))
     if picture:
         parts.append(f"![Work and precision]({picture})")
     return "\n\n".join([*parts, "\n".join(f"- {line}" for line in _sentences(outcomes))]) + "\n"

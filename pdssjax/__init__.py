@@ -2,6 +2,8 @@
 
 from typing import TYPE_CHECKING
 
+from .core.presentation import present_with
+
 if TYPE_CHECKING:
     from .actuator import Actuator as Actuator
     from .actuator import Amplifier as Amplifier
@@ -52,3 +54,5 @@ else:
             "sweeps": ["sweep"],
         },
     )
+
+present_with("pdssjax.report.presenter")  # results show themselves in a notebook through it

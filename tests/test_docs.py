@@ -1,14 +1,25 @@
-"""The documentation holds: its links lead somewhere, its commands and its study are read, its names exist."""
+"""The documentation holds: its links lead somewhere, its commands and its study are read, its names exist.
 
+`make docs` executes the tutorials; here they are only read.
+"""
+
+import json
 import re
 import shlex
 import tomllib
 from pathlib import Path
 
 import pytest
+from command_options import commands, rows
+from python_objects import family_lines, markdown
+from storeys import boxes
+from study_keys import lines_of
 
 import pdssjax
 from pdssjax.cli.main import _parser
+from pdssjax.core import members
+from pdssjax.files import schema_text
+from pdssjax.files.record_table import RECORD_KEYS
 from pdssjax.study import catalogue_entries
 from pdssjax.study.study import Study
 
@@ -60,7 +71,7 @@ def test_every_page_is_reached_from_the_readme():
 
 
 COMMANDS = [
-    (page.name, line.partition("#")[0].removeprefix("pdssjax").strip())
+    (page.name, re.split(" [#>]", line)[0].removeprefix("pdssjax").strip())
     for page in PAGES
     for block in blocks(page, "sh")
     for line in block.replace("\\\n", " ").splitlines()
@@ -103,7 +114,7 @@ def test_what_a_study_may_name_stands_on_its_page(name):
     assert written in (ROOT / "docs/study-file.md").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("target", ["demo", "test"])
+@pytest.mark.parametrize("target", ["demo", "test", "docs"])
 def test_the_readme_names_the_targets_of_the_makefile(target):
     assert f"make {target}" in (ROOT / "README.md").read_text(encoding="utf-8")
     assert f"\n{target}:" in (ROOT / "Makefile").read_text(encoding="utf-8")
@@ -115,3 +126,89 @@ def test_files_that_are_named_exist(page):
     for path in [path for path in named if "NAME" not in path]:  # which stands for a name of your choice
         places = [ROOT / path, ROOT / "pdssjax" / path, *(ROOT / "pdssjax").rglob(Path(path).name)]
         assert any(place.is_file() for place in places[: 2 if "/" in path else None]), f"{page.name} names {path}"
+
+
+NOTEBOOKS = sorted((ROOT / "docs/tutorials").glob("*.md"))
+REFERENCE = "".join(page.read_text(encoding="utf-8") for page in sorted((ROOT / "docs/reference").glob("*.md")))
+
+
+def cells(page: Path) -> list[str]:
+    """The code of a tutorial, without its options and without what a shell is asked."""
+    found = blocks(page, r"\{code-cell\} ipython3")
+    return [re.sub(r"^(:\w.*|!.*|%%.*)$", "", cell, flags=re.M) for cell in found]
+
+
+@pytest.mark.parametrize("page", NOTEBOOKS, ids=lambda page: page.stem)
+def test_tutorials_compile_and_import_what_is_there(page):
+    assert cells(page)
+    for cell in cells(page):
+        compile(cell, page.name, "exec")
+        for line in re.findall(r"^from pdssjax[\w.]* import [\w, ]+$", cell, re.M):
+            exec(line, {})
+        for name in re.findall(r"(?<![\w.])pdssjax\.(\w+)\(", cell):
+            assert name in pdssjax.__all__
+
+
+@pytest.mark.parametrize("page", NOTEBOOKS, ids=lambda page: page.stem)
+def test_commands_in_tutorials_are_read(page):
+    for line in re.findall(r"^!(pdssjax .+?)(?: [12&]*>.*)?$", page.read_text(encoding="utf-8"), re.M):
+        _parser().parse_args(shlex.split(line)[1:])
+
+
+@pytest.mark.parametrize("command", commands())
+def test_every_command_has_a_page_with_its_options(command):
+    page = (ROOT / "docs/how-to" / f"{command}.md").read_text(encoding="utf-8")
+    assert f"```{{command-options}} {command}\n" in page
+    shown = "\n".join(rows(commands()[command]))
+    for action in commands()[command]._actions:
+        assert action.help and (action.dest == "help" or all(option in shown for option in action.option_strings))
+
+
+@pytest.mark.parametrize("name", pdssjax.__all__)
+def test_every_public_name_is_in_the_reference(name):
+    (path,) = re.findall(rf"\{{python-object\}} (pdssjax\.{name})\n", REFERENCE)
+    assert f" {path}" in markdown(path)[0]
+
+
+@pytest.mark.parametrize("path", re.findall(r"\{python-object\} (\S+)", REFERENCE))
+def test_what_the_reference_shows_is_there_with_its_docstring(path):
+    shown = markdown(path)
+    assert len([line for line in shown if line]) > 2
+
+
+@pytest.mark.parametrize("family", re.findall(r"\{family\} (\S+)", REFERENCE))
+def test_every_member_of_a_family_is_in_the_reference(family):
+    shown = "\n".join(family_lines(family))
+    assert shown.count("{py:class}") == len(members(family))
+
+
+def keys(schema: dict) -> set[str]:
+    """All keys that a JSON schema names."""
+    own = set(schema.get("properties", {}))
+    inner = [*schema.get("properties", {}).values(), schema.get("items"), *schema.get("oneOf", [])]
+    return own.union(*(keys(part) for part in inner if isinstance(part, dict)))
+
+
+def test_every_key_of_a_study_is_on_its_page():
+    page = (ROOT / "docs/study-keys.md").read_text(encoding="utf-8")
+    shown = "\n".join("\n".join(lines_of(part)) for part in re.findall(r"\{study-keys\} (\w+)", page))
+    named = set(re.findall(r"`([^`]+)`", shown))
+    schema = json.loads(schema_text())
+    quantities = set(schema["properties"]["record"]["items"]["properties"]["units"]["properties"])
+    assert keys(schema) - quantities - {"waveform"} <= named
+
+
+@pytest.mark.parametrize("key", RECORD_KEYS)
+def test_every_key_of_a_record_is_explained(key):
+    assert re.search(rf"\b{key}\b", (ROOT / "docs/study-file.md").read_text(encoding="utf-8"))
+
+
+def test_the_rooms_are_drawn_from_the_chart_of_github():
+    (chart,) = blocks(ROOT / "docs/architecture.md", "mermaid")
+    drawn = boxes(chart)
+    assert all(room in drawn for room in ("simulation: hybrid systems", "cli: one file a command"))
+    assert drawn.count("&rarr;") == chart.count("-->")
+
+
+def test_the_site_is_built_in_ci():
+    assert "\nmake docs\n" in (ROOT / ".ci/run").read_text(encoding="utf-8")

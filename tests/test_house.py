@@ -29,7 +29,7 @@ HOMES = {
         "inference.solver.levenberg_marquardt",
         "inference.solver.iterations",
     },
-    "matplotlib": {"report.figures"},
+    "matplotlib": {"report.figures", "core.presentation"},  # the latter the type alone
     "pint": {"core.units"},
     "rich": {"cli.console"},
     "numpyro": {"inference.uncertainty.no_u_turn"},

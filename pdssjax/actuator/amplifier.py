@@ -25,6 +25,7 @@ class Amplifier(eqx.Module):
         return described(self)
 
     def initial(self) -> tuple[Scalar, ...]:
+        """The state at rest: the output [V], and 0 while it follows, 1 or -1 while it slews."""
         return jnp.zeros(()), jnp.zeros(())
 
     def rate(self, state: tuple[Term, ...], command: Voltage[Term]) -> tuple[Term, ...]:

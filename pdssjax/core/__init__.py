@@ -27,6 +27,10 @@ if TYPE_CHECKING:
     from .families import members as members
     from .jax_setup import need_double_precision as need_double_precision
     from .jax_setup import prepare_jax as prepare_jax
+    from .notebook import clear_bar as clear_bar
+    from .notebook import counted_in_notebook as counted_in_notebook
+    from .notebook import draw_in_notebook as draw_in_notebook
+    from .notebook import told_in_notebook as told_in_notebook
     from .physical_quantity import Choice as Choice
     from .physical_quantity import Declared as Declared
     from .physical_quantity import Quantity as Quantity
@@ -36,6 +40,9 @@ if TYPE_CHECKING:
     from .physical_quantity import described as described
     from .physical_quantity import quantities as quantities
     from .physical_quantity import quantity as quantity
+    from .presentation import Figure as Figure
+    from .presentation import present_with as present_with
+    from .presentation import presenter as presenter
     from .quasi_random import sobol_points as sobol_points
     from .units import column_unit as column_unit
     from .units import factor as factor
@@ -56,6 +63,7 @@ else:
             "errors": ["InputError", "InputWarning", "nearest"],
             "families": ["member", "member_name", "members"],
             "jax_setup": ["need_double_precision", "prepare_jax"],
+            "notebook": ["clear_bar", "counted_in_notebook", "draw_in_notebook", "told_in_notebook"],
             "physical_quantity": [
                 "Choice",
                 "Declared",
@@ -68,6 +76,7 @@ else:
                 "quantity",
             ],
             "quasi_random": ["sobol_points"],
+            "presentation": ["Figure", "present_with", "presenter"],
             "units": ["column_unit", "factor", "split_text", "to_si", "unit_named"],
         },
     )

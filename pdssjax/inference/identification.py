@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 
-from ..core import InputError, member, members, nearest, need_double_precision
+from ..core import InputError, clear_bar, member, members, nearest, need_double_precision, told_in_notebook
 from ..integration import Accuracy
 from ..study import Estimate, Study
 from .draws import Drawing
@@ -70,13 +70,12 @@ def identify(
     or of a joint fit "huber" or "cauchy", under which glitches pull little; its errors are those of a
     sandwich covariance.  So many other `starts` are fitted besides the usual ones and compared
     (`Estimate.multistart`).  Fits and chains that do not need each other run where the `executor` says, in this
-    thread if it is None; chains only in threads.  `progress` is called with a line of text now and then.
+    thread if it is None; chains only in threads.  `progress` takes lines of text; left out, notebooks show a bar.
 
     **Raises:** `InputError` if there is nothing to fit, or for "peaks" no record to pick them
     from.  A fit that does not converge is returned all the same, with `converged` False and the
-    reason in `message`.  `FitInterrupted`,
-    a `KeyboardInterrupt` whose `estimate` is that at the best point so far, if it is broken off.
-    Warns with `InputWarning` where a record moves against its drive.
+    reason in `message`.  `FitInterrupted`, a `KeyboardInterrupt` whose `estimate` is that at the best point so far, if
+    it is broken off.  Warns with `InputWarning` where a record moves against its drive.
     """
     need_double_precision()
     begun = time.perf_counter()
@@ -87,7 +86,7 @@ def identify(
     question_signs([record for record in study.records if record.role == "fit"])
     stack = pick_peaks(study) if method == "peaks" else None
     fitted = with_stack_held(study, stack.values) if stack else study
-    run, report = sequential if method == "sequential" else joint, progress or quiet
+    run, report = sequential if method == "sequential" else joint, progress or told_in_notebook() or quiet
     settings = drawing or Drawing(), starts, executor, accuracy or Accuracy()
     request = _Request(fitted, method, run, cost, intervals, *settings, report)
     best, done = BestPoint(), None
@@ -103,6 +102,8 @@ def identify(
         point = done or best.point
         so_far = _summarised(study, method, point, begun, report, stack) if point else None
         raise FitInterrupted(so_far) from interrupt
+    finally:
+        clear_bar(report)
     return estimate
 
 

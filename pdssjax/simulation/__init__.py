@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from .systems.platform_only import PlatformOnly as PlatformOnly
     from .systems.prescribed_motion import PrescribedMotion as PrescribedMotion
     from .systems.stick_slip import StickSlip as StickSlip
+    from .trajectory import TRAJECTORY_UNITS as TRAJECTORY_UNITS
+    from .trajectory import Trajectory as Trajectory
     from .trajectory import displacements as displacements
     from .trajectory import platform as platform
     from .trajectory import simulate as simulate
@@ -45,6 +47,6 @@ else:
             "systems.platform_only": ["PlatformOnly"],
             "systems.prescribed_motion": ["PrescribedMotion"],
             "systems.stick_slip": ["StickSlip"],
-            "trajectory": ["displacements", "platform", "simulate"],
+            "trajectory": ["TRAJECTORY_UNITS", "Trajectory", "displacements", "platform", "simulate"],
         },
     )

@@ -1,13 +1,13 @@
 """Simulates one actuator under one drive."""
 
-from typing import Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..actuator import Actuator, DrivenPlatform
-from ..core import need_double_precision
+from ..core import Figure, InputError, need_double_precision, presenter
 from ..drive.base import AbstractDrive
 from ..integration import FAILURES, Accuracy, integrate, states_at
 from ..piezo.base import AbstractPiezo
@@ -15,6 +15,19 @@ from .outputs import from_rest, measured
 from .steady_cycles import steady_system
 from .systems.platform_only import PlatformOnly
 from .systems.stick_slip import StickSlip
+
+if TYPE_CHECKING:
+    import xarray
+
+TRAJECTORY_UNITS = {
+    "voltage": "V",
+    "platform": "m",
+    "effector": "m",
+    "platform_velocity": "m/s",
+    "effector_velocity": "m/s",
+    "friction": "N",
+}
+"""SI unit of every channel of a `Trajectory`."""
 
 
 class Trajectory(NamedTuple):
@@ -43,6 +56,36 @@ class Trajectory(NamedTuple):
     def message(self) -> str:
         """Why the run did not finish; empty where it did.  Not under jit."""
         return FAILURES[int(self.failure)]
+
+    def _repr_html_(self) -> str:
+        return presenter().as_html(self)
+
+    def plot(self) -> Figure:
+        """A figure of matplotlib: voltage, displacements and friction force against time.  Not under jit.
+
+        **Raises:** `InputError` for several runs side by side (of `vmap`).
+        """
+        return presenter().as_figure(self)
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """The run as an `xarray.Dataset`, its channels of shape (m,) over `time` [s], units as attributes, SI.
+
+        The attributes tell `steps`, `events` and, where the run could not finish, `failure` in words.  Not under jit.
+
+        **Raises:** `InputError` for several runs side by side (of `vmap`).
+        """
+        import numpy as np
+        import xarray
+
+        if np.ndim(self.time) != 1:
+            raise InputError(f"to_xarray: found runs of shape {np.shape(self.effector)}, expected a single one.")
+        data = {
+            name: ("time", np.asarray(getattr(self, name)), {"units": unit, "long_name": name.replace("_", " ")})
+            for name, unit in TRAJECTORY_UNITS.items()
+        }
+        time = ("time", np.asarray(self.time), {"units": "s", "long_name": "time"})
+        told = {"steps": int(self.steps), "events": int(self.events), "failure": self.message}
+        return xarray.Dataset(data, {"time": time}, told)
 
 
 def simulate(

@@ -2,16 +2,20 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
+from ..core import Figure, presenter
 from .comparison import FittedRecord
 from .diagnosis import Diagnosis
 from .draws import Draws
 from .multistart import Multistart
 from .profile import Profile
+
+if TYPE_CHECKING:
+    import pandas
 
 
 class ParameterError(NamedTuple):
@@ -98,7 +102,7 @@ class Amplification:
     earlier: tuple[str, ...]
     """Paths of those fitted first and then held, as columns: the stack's."""
     matrix: Float[np.ndarray, "later earlier"]
-    """Relative change of the row's parameter per relative change of the column's."""
+    """Relative change of the row's parameter per relative change of the column's [1]."""
 
     def strongest(self) -> tuple[str, str, float]:
         """The largest entry: which parameter is moved, by which, and by how much."""
@@ -120,7 +124,7 @@ class Estimate:
     names: tuple[str, ...]
     """Paths of the free parameters, in the order of the matrices."""
     correlation: Float[np.ndarray, "p p"]
-    """Correlations; NaN in the rows of uninformed parameters."""
+    """Correlations [1]; NaN in the rows of uninformed parameters."""
     covariance: Float[np.ndarray, "p p"]
     """Covariances, in the product of the SI units."""
     records: tuple[FittedRecord, ...]
@@ -150,3 +154,49 @@ class Estimate:
     """Which of the `errors` of the parameters to believe; None where there are none."""
     covariances: Mapping[str, Float[np.ndarray, "p p"]] = field(default_factory=dict)
     """By error model as in `errors`, in the product of the SI units, in the order of `names`."""
+
+    def __repr__(self) -> str:
+        ended = "converged" if self.converged else "did not converge"
+        free = f"{len(self.names)} free of {len(self.parameters)} parameters"
+        return f"Estimate({self.title!r}, {self.method} fit {ended}, {free}, {len(self.records)} records)"
+
+    def _repr_html_(self) -> str:
+        return presenter().as_html(self)
+
+    def plot(self, what: str | None = None) -> Figure:
+        """A figure of matplotlib: every record against its prediction.
+
+        **Arguments:** `what` else to draw: the name of one record, "errors", "correlations", and where the estimate
+        has them "profiles", "starts" (`identify(starts=...)`), "amplification".
+
+        **Raises:** `InputError` for anything else.
+        """
+        return presenter().as_figure(self, what)
+
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """The parameters as a table of pandas, one a row, indexed by path, in SI.
+
+        **Returns:** the columns `value`, `standard_error`, `low` and `high` (95 %), `unit`, `free`, `start`,
+        `at_bound`, `identifiable`, and one `standard_error (model)` for each of the error models after the first;
+        NaN where there is no number.
+        """
+        import pandas
+
+        rows = {path: _as_row(parameter) for path, parameter in self.parameters.items()}
+        return pandas.DataFrame.from_dict(rows, orient="index").rename_axis("parameter")
+
+
+def _as_row(parameter: FittedParameter) -> dict[str, float | str | bool]:
+    later = list(parameter.errors.items())[1:]
+    return {
+        "value": parameter.value,
+        "standard_error": parameter.standard_error,
+        "low": parameter.interval[0],
+        "high": parameter.interval[1],
+        "unit": parameter.unit,
+        "free": parameter.free,
+        "start": np.nan if parameter.start is None else parameter.start,
+        "at_bound": parameter.at_bound,
+        "identifiable": parameter.identifiable,
+        **{f"standard_error ({model})": error.standard_error for model, error in later},
+    }

@@ -13,7 +13,7 @@ class Multistart:
     names: tuple[str, ...]
     """Paths of the free parameters."""
     chi2: Float[np.ndarray, " starts"]
-    """Where each ended; infinite where its start could not be simulated."""
+    """Chi-square where each ended [1]; infinite where its start could not be simulated."""
     converged: Bool[np.ndarray, " starts"]
     starts: Float[np.ndarray, "starts p"]
     """Where each began [SI]."""

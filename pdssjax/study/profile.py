@@ -14,9 +14,9 @@ class Profile:
     value: Float[np.ndarray, " points"]
     """Of the parameter [its SI unit], ascending."""
     excess: Float[np.ndarray, " points"]
-    """Chi-square above its minimum, minimised over all other parameters."""
+    """Chi-square above its minimum [1], minimised over all other parameters."""
     linear: Float[np.ndarray, " points"]
-    """The same by the linear model at the optimum: a parabola on the scale of the fit."""
+    """The same [1] by the linear model at the optimum: a parabola on the scale of the fit."""
     computed: Bool[np.ndarray, " points"]
     """Where the model was evaluated; the points between follow from values and slopes there."""
     threshold: float

@@ -10,15 +10,18 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..core import (
+    Figure,
     InputError,
     Quantity,
     Scalar,
     ScalarLike,
     check_range,
     member,
+    member_name,
     members,
     nearest,
     need_double_precision,
+    presenter,
     quantities,
 )
 from ..friction.base import AbstractFriction
@@ -52,6 +55,19 @@ class Study:
     """Listed parameters by path, in the order of the file."""
     records: tuple[Record, ...]
     """Records in the order of the file."""
+
+    def __repr__(self) -> str:
+        free = sum(parameter.free for parameter in self.parameters.values())
+        models = f"{member_name(self.piezo)}, {member_name(self.friction)}"
+        parameters = f"{free} free of {len(self.parameters)} parameters"
+        return f"Study({self.title!r}, {models}, {parameters}, {len(self.records)} records)"
+
+    def _repr_html_(self) -> str:
+        return presenter().as_html(self)
+
+    def plot(self) -> Figure:
+        """A figure of matplotlib: what was measured, one record a row, its liveliest moment enlarged."""
+        return presenter().as_figure(self)
 
     def predict(
         self, values: Values | Estimate | None = None, accuracy: Accuracy | None = None

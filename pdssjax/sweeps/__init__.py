@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from .cycles.further_metrics import FURTHER as FURTHER
     from .cycles.further_metrics import GRAZES as GRAZES
     from .cycles.further_metrics import SMOOTH as SMOOTH
+    from .dataset import register_plot as register_plot
     from .directions import compared_directions as compared_directions
     from .job import differences as differences
     from .point import POINT_FAILURES as POINT_FAILURES
@@ -57,6 +58,7 @@ else:
             "cycles.base": ["METRICS"],
             "directions": ["compared_directions"],
             "cycles.further_metrics": ["FURTHER", "GRAZES", "SMOOTH"],
+            "dataset": ["register_plot"],
             "job": ["differences"],
             "point": ["POINT_FAILURES"],
             "points.base": ["AbstractPoints"],

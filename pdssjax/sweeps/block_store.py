@@ -28,7 +28,7 @@ class AbstractBlockStore(abc.ABC):
 
     @abc.abstractmethod
     def keep(self, number: int, found: Float[np.ndarray, "points columns"]) -> None:
-        """Keeps what was found at the points of block `number`, one row each."""
+        """Keeps what was found at the points of block `number`, one row each: the metrics in SI, then the failure."""
 
     @abc.abstractmethod
     def fail(self, number: int, reason: str) -> None:
@@ -36,7 +36,7 @@ class AbstractBlockStore(abc.ABC):
 
     @abc.abstractmethod
     def read(self) -> Float[np.ndarray, "points columns"]:
-        """All that was found, in the order of the plan; NaN and `NOT_COMPUTED` where a block failed or is missing."""
+        """All that was found [SI], in the plan's order; NaN and `NOT_COMPUTED` where a block failed or is missing."""
 
 
 class MemoryStore(AbstractBlockStore):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from ..core import Quantity
+from ..core import Figure, Quantity, presenter
 from ..study import Record, Study, UsedNumber
 from .cycles.base import Metric
 from .point import POINT_FAILURES, PointFunction
@@ -31,6 +31,7 @@ def labelled(
     """What was `found` at each of the `points`, the metrics and then the failure, laid out along their dimensions."""
     import xarray
 
+    register_plot()
     names, shape = list(points.dimensions()), tuple(points.dimensions().values())
     data = {
         name: (names, found[:, i].reshape(shape), _attributes(metric))
@@ -63,3 +64,22 @@ def labelled(
 def _attributes(metric: Metric) -> dict[str, str]:
     """Those of a variable; of a derivative they say by what."""
     return {"units": metric.unit, "long_name": metric.says} | ({"by": metric.by} if metric.by else {})
+
+
+class SweepAccessor:
+    """What a dataset of a sweep can do besides: `data.pdssjax.plot()`."""
+
+    def __init__(self, data: "xarray.Dataset"):
+        self._data = data
+
+    def plot(self) -> Figure:
+        """A figure of matplotlib: speed, net step, efficiency and back-slip, as lines or maps."""
+        return presenter().as_figure(self._data)
+
+
+def register_plot() -> None:
+    """Gives every `xarray.Dataset` the accessor `pdssjax`; `sweep` does, and who opens a `sweep.nc` may."""
+    import xarray
+
+    if not hasattr(xarray.Dataset, "pdssjax"):
+        xarray.register_dataset_accessor("pdssjax")(SweepAccessor)

@@ -13,7 +13,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Float
 
-from ..core import Document, InputError, Quantity, need_double_precision
+from ..core import Document, InputError, Quantity, counted_in_notebook, need_double_precision
 from ..integration import Accuracy
 from ..study import Record, Study, UsedNumber, numbers_used
 from .asked import check_asked, numbers_by
@@ -107,7 +107,8 @@ def sweep(
     is left when the transient has died out, and two more numbers say after how many cycles it repeats, and what is
     left of a deviation after a cycle.  `metrics` names what is found besides, of `pdssjax.sweeps.FURTHER`;
     `derivatives` names parameters and quantities of the drive by which all smooth metrics are derived
-    (`speed_by_piezo_gain`).  `progress(done, points)` is called after each block.
+    (`speed_by_piezo_gain`).  `progress(done, points)` is called after each block;
+    in a notebook a bar shows it if there is none.
     `workers` is the number of threads, one a core by default.  An `executor` of `concurrent.futures` runs the blocks
     in place of the threads, at most `in_flight` at a time; its processes start by spawn, since JAX does not outlive
     a fork.  A `store` keeps what was found block by block and goes on where it stopped.
@@ -126,6 +127,7 @@ def sweep(
         study, over, record=record, cycles=cycles, accuracy=accuracy, metrics=metrics, derivatives=derivatives
     )
     store = MemoryStore() if store is None else store
+    progress = progress or counted_in_notebook("points")
     plan, pending = store.open(planned.document, planned.plan)
     planned = dataclasses.replace(planned, plan=plan)
     _run(planned, pending, store, progress, executor, workers, in_flight)

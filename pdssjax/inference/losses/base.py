@@ -26,23 +26,27 @@ class AbstractLoss(eqx.Module):
 
     @abc.abstractmethod
     def root(self, r: Float[Array, "*n"]) -> Float[Array, "*n"]:
-        """sign(r) sqrt(rho(r)): what is squared and summed; differentiable, with slope 1 at 0."""
+        """sign(r) sqrt(rho(r)): what is squared and summed; differentiable, with slope 1 at 0.
+
+        The residuals r are divided by their noise, and have no unit.
+        """
 
     @abc.abstractmethod
     def original(self, root: Float[Array, "*n"]) -> Float[Array, "*n"]:
-        """The residual with that root."""
+        """The residual, divided by its noise, with that root."""
 
     @abc.abstractmethod
     def influence(self, r: Float[Array, "*n"]) -> Float[Array, "*n"]:
-        """rho'(r) / 2: how much a residual pulls; r for a sum of squares."""
+        """rho'(r) / 2: how much a residual, divided by its noise, pulls; r for a sum of squares."""
 
     @abc.abstractmethod
     def curvature(self, r: Float[Array, "*n"]) -> Float[Array, "*n"]:
-        """rho''(r) / 2: 1 for a sum of squares."""
+        """rho''(r) / 2 of residuals divided by their noise: 1 for a sum of squares."""
 
     def location(self, difference: Float[Array, " n"], weight: Scalar) -> Scalar:
         """The z at which the loss of (difference - z) weight is least; differentiable in `difference`.
 
+        In the unit of `difference`; a `weight` is one over the noise.
         By iterative reweighting from the median, then one step of Newton, which carries the derivative (implicit
         function theorem).  With a `weight` of 0, of a record that is left out, any z is; it is finite.
         """

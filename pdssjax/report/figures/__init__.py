@@ -14,12 +14,15 @@ if TYPE_CHECKING:
     from .loops import has_loops as has_loops
     from .loops import loop_figure as loop_figure
     from .multistart import multistart_figure as multistart_figure
+    from .overview import estimate_figure as estimate_figure
+    from .overview import study_figure as study_figure
     from .profiles import profile_figure as profile_figure
     from .record_guess import guess_figure as guess_figure
     from .records import record_figure as record_figure
     from .residual_split import residual_split_figure as residual_split_figure
     from .standard_errors import error_figure as error_figure
     from .sweep import sweep_figure as sweep_figure
+    from .trajectory import trajectory_figure as trajectory_figure
 else:
     from ...core.lazy import lazy_exports
 
@@ -34,10 +37,12 @@ else:
             "record_guess": ["guess_figure"],
             "loops": ["has_loops", "loop_figure"],
             "multistart": ["multistart_figure"],
+            "overview": ["estimate_figure", "study_figure"],
             "profiles": ["profile_figure"],
             "records": ["record_figure"],
             "residual_split": ["residual_split_figure"],
             "standard_errors": ["error_figure"],
             "sweep": ["sweep_figure"],
+            "trajectory": ["trajectory_figure"],
         },
     )

@@ -18,7 +18,7 @@ from ._style import BLUE, GREY, STYLE, VERMILION, YELLOW
 
 def record_figure(record: FittedRecord) -> Figure:
     """Measured against predicted over residuals; to the right, the liveliest moment enlarged."""
-    moment = _liveliest_moment(record)
+    moment = liveliest_moment(record.time, record.measured)
     span = record.time[moment][[0, -1]]
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(7.4, 4.6), layout="constrained")
@@ -39,15 +39,14 @@ def record_figure(record: FittedRecord) -> Figure:
     return figure
 
 
-def _liveliest_moment(record: FittedRecord) -> Bool[np.ndarray, " n"]:
+def liveliest_moment(time: Float[np.ndarray, " n"], measured: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
     """Samples around the fastest motion: a slip, or the onset of a step.
 
     Some 60 samples show the ring-down at the sampling rates that resolve it; much denser
     records are shown for the sixtieth part of their length.
     """
-    time = record.time
     width = max(60 * np.median(np.diff(time)), (time[-1] - time[0]) / 60)
-    jump = time[np.argmax(np.abs(np.diff(record.measured) / np.diff(time)))]
+    jump = time[np.argmax(np.abs(np.diff(measured) / np.diff(time)))]
     return (time >= jump - 0.15 * width) & (time <= jump + 0.85 * width)
 
 

@@ -46,7 +46,10 @@ class CovarianceDraws(AbstractPoints):
         return self.moved(normal @ self.root().T)
 
     def root(self) -> Float[np.ndarray, "paths axes"]:
-        """A square root of the covariance, on the scale of `moved`; its columns are the principal axes."""
+        """A square root of the covariance [1, or SI where not positive], on the scale of `moved`.
+
+        Its columns are the principal axes.
+        """
         unit = np.where(self.positive, self.means, 1.0)
         # By eigenvalues: a covariance with a parameter that another determines has no Cholesky factor.
         spread = np.sqrt(np.diag(self.covariance)) / np.abs(unit)
@@ -56,5 +59,5 @@ class CovarianceDraws(AbstractPoints):
         return spread[:, None] * directions * np.sqrt(np.clip(variances, 0.0, None))
 
     def moved(self, away: Float[np.ndarray, "points paths"]) -> Float[np.ndarray, "points paths"]:
-        """The means moved by `away`: a change of the logarithm where a parameter is positive."""
+        """The means [SI] moved by `away`: a change of the logarithm where a parameter is positive."""
         return np.where(self.positive, self.means * np.exp(np.where(self.positive, away, 0.0)), self.means + away)
