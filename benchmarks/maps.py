@@ -109,13 +109,14 @@ def compared(points: int, reading: str, kept: Path, minutes: float) -> list[Comp
         if time.monotonic() > ends:
             break
         few = left[begin : begin + FEW]
-        listed = Listed(dict(zip(("drive.voltage", "drive.frequency"), np.array(few).T, strict=True)))
+        voltages, frequencies = np.array(few).T
+        listed = Listed({"drive.voltage": voltages, "drive.frequency": frequencies})
         data = sweep(asked, listed, cycles="steady", workers=1)
         brute = after_200(reading)
         with kept.open("a") as file:
             for i, row in enumerate(few):
                 net, expected = float(data.net_step[i]), float(brute(np.array(row)))
-                line = Compared(reading, *row, net, expected, int(data.cycles_to_repeat[i]))
+                line = Compared(reading, row[0], row[1], net, expected, int(data.cycles_to_repeat[i]))
                 found[(reading, *row)] = line
                 file.write(json.dumps(line._asdict()) + "\n")
     return [found[(reading, *row)] for row in at.tolist() if (reading, *row) in found]
@@ -132,7 +133,7 @@ def after_200(reading: str):
     from pdssjax.sweeps import Listed, plan_sweep
 
     asked = dataclasses.replace(study(), friction_state=reading)
-    function = plan_sweep(asked, Listed({"drive.voltage": [1.0], "drive.frequency": [1.0]})).function
+    function = plan_sweep(asked, Listed({"drive.voltage": np.ones(1), "drive.frequency": np.ones(1)})).function
 
     @jax.jit
     def run(values):

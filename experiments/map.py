@@ -45,7 +45,7 @@ def calculate(
 ) -> tuple[xarray.Dataset, xarray.Dataset]:
     """The map of both directions, and that of the bands forward."""
     ways = {"drive.direction": np.array([1.0, -1.0])}
-    over = lambda axes: dict(zip(("drive.voltage", "drive.frequency"), axes, strict=True))
+    over = lambda axes: {"drive.voltage": np.asarray(axes[0]), "drive.frequency": np.asarray(axes[1])}
     kept = lambda part: SweepStore(OUT / NAME / f"{part}.zarr", resume=True)
     both = sweep(study, over(grid) | ways, cycles="steady", store=kept("both"), workers=workers)
     about = Crossed(Grid(over(coarse)), SigmaPoints(draws(study, estimate)))
@@ -55,12 +55,13 @@ def calculate(
 def answer(study: Study, estimate: Path, both: xarray.Dataset, banded: xarray.Dataset) -> str:
     """The user's question in numbers."""
     voltage, frequency = ASKED
-    here = Grid({"drive.voltage": [voltage], "drive.frequency": [frequency]})
+    here = Grid({"drive.voltage": np.array([voltage]), "drive.frequency": np.array([frequency])})
     asked = with_bands(sweep(study, Crossed(here, SigmaPoints(draws(study, estimate))), cycles="steady"))
-    back = sweep(study, here.axes | {"drive.direction": [-1.0]}, cycles="steady")
+    back = sweep(study, here.axes | {"drive.direction": np.array([-1.0])}, cycles="steady")
+    at = {"drive.frequency": np.array([frequency])}
     ends = [
         find_border(study, "drive.voltage", (0.5, 60.0), over, tolerance=0.05, coarse=30, cycles="steady")
-        for over in ({"drive.frequency": [frequency]}, {"drive.frequency": [frequency], "drive.direction": [-1.0]})
+        for over in (at, at | {"drive.direction": np.array([-1.0])})
     ]
     forward, backward = ((way * both.speed.sel(drive_direction=way)).values for way in (1.0, -1.0))
     most = np.unravel_index(int(np.nanargmax(forward)), forward.shape)
@@ -91,12 +92,12 @@ def draw(both: xarray.Dataset, banded: xarray.Dataset) -> Figure:
         part = both.sel(drive_direction=way)
         x, y, speed = part.drive_frequency, part.drive_voltage, 1e6 * abs(part.speed.values)
         works = part.efficiency.values > DEAD
-        image = one.pcolormesh(x, y, np.where(works, speed, np.nan), norm=COLOURS, rasterized=True, shading="nearest")
+        one.pcolormesh(x, y, np.where(works, speed, np.nan), norm=COLOURS, rasterized=True, shading="nearest")
         lines = one.contour(x, y, np.where(works, speed, np.nan), levels=[1e6 * v for v in LEVELS], colors="w")
         one.clabel(lines, fmt=lambda value: f"{value:g}", fontsize=7)
         _dead(one, part)
         one.set_title(f"speed {name}", loc="left")
-    figure.colorbar(image, ax=axes[:2], label="speed (µm/s)")
+    figure.colorbar(axes[0].collections[0], ax=axes[:2], label="speed (µm/s)")
     half = (50.0 * (banded.speed_high - banded.speed_low) / abs(banded.speed)).where(banded.efficiency > DEAD)
     norm = matplotlib.colors.LogNorm(0.1, 100.0)
     x, y = banded.drive_frequency, banded.drive_voltage

@@ -35,6 +35,15 @@ def defined(thing: object) -> ast.FunctionDef | ast.ClassDef:
     return node
 
 
+def is_written(thing: type) -> bool:
+    """Whether a class stands in a file; what a family makes of a name while it runs does not."""
+    try:
+        inspect.getsource(thing)
+    except (OSError, TypeError):
+        return False
+    return True
+
+
 def signature(function: ast.FunctionDef, method: bool) -> str:
     """Parameters and result as they are written, with shapes; without the instance."""
     given = function.args
@@ -52,6 +61,8 @@ def fields(thing: type, skip_class_variables: bool = False) -> dict[str, tuple[s
     for base in reversed(thing.__mro__):
         if not base.__module__.startswith("pdssjax") or not hasattr(base, "__annotations__"):
             continue
+        if not is_written(base):
+            continue
         body = defined(base).body
         for node, below in zip(body, [*body[1:], None], strict=True):
             if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
@@ -65,7 +76,8 @@ def fields(thing: type, skip_class_variables: bool = False) -> dict[str, tuple[s
 
 def methods(thing: type) -> Iterator[tuple[str, ast.FunctionDef, str]]:
     """The public methods that a class defines itself, with their docstrings, inherited ones where they have none."""
-    for node in {n.name: n for n in defined(thing).body if isinstance(n, ast.FunctionDef)}.values():  # overloads once
+    body = defined(thing).body if is_written(thing) else []
+    for node in {n.name: n for n in body if isinstance(n, ast.FunctionDef)}.values():  # overloads once
         if not node.name.startswith("_"):
             attribute = inspect.getattr_static(thing, node.name)
             text = inspect.getdoc(getattr(attribute, "func", attribute)) or inspect.getdoc(getattr(thing, node.name))

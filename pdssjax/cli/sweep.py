@@ -73,7 +73,8 @@ def _swept(
             points,
             record=options.record,
             cycles=options.cycles,
-            **asked,
+            metrics=asked["metrics"],
+            derivatives=asked["derivatives"],
             progress=count,
             workers=options.workers,
             executor=executor,
@@ -195,7 +196,10 @@ def _explain(
     from ..report.text import format_forecast
     from ..sweeps import forecast, plan_sweep
 
-    planned = plan_sweep(study, points, record=options.record, cycles=options.cycles, **asked)
+    metrics, derivatives = asked["metrics"], asked["derivatives"]
+    planned = plan_sweep(
+        study, points, record=options.record, cycles=options.cycles, metrics=metrics, derivatives=derivatives
+    )
     check_room(planned.document, planned.plan, options.out)
     with progress() as tell:
         tell("timing a few blocks")

@@ -87,7 +87,8 @@ class LiveRecord:
         """What is done to the rig, and the numbers of the parameters that hold in the record."""
         numbers = {path: float(n) for path, n in _here(record, values).items()}
         drive = None if record.drive is None else drive_with(record, numbers)
-        run = Run(_as_arrays(drive), record.time, record.motion)
+        motion = None if record.motion is None else jnp.asarray(record.motion)
+        run = Run(_as_arrays(drive), jnp.asarray(record.time), motion)
         return run, {path: np.asarray(n, float) for path, n in numbers.items()}
 
     def _plan(self, record: Record, values: Values) -> None:

@@ -60,7 +60,9 @@ class Walker:
         self._live = self._live or LiveRecord(self.study, record, values)
         found = self._live.run(record, values, instants)
         inside = found.inside
-        return Walk(instants, inside.voltage, inside.platform, inside.platform - inside.relative, found.message)
+        platform = np.asarray(inside.platform)
+        effector = platform - np.asarray(inside.relative)
+        return Walk(instants, np.asarray(inside.voltage), platform, effector, found.message)
 
     def _at(self, numbers: Mapping[str, float]) -> tuple[Record, dict[str, float]]:
         assert self.record.drive is not None

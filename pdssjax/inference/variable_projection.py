@@ -227,7 +227,7 @@ def _gauss_newton(task: _Task, here: _Point, damping: float) -> Float[np.ndarray
     columns = _columns(task, here, task.searched)
     norms = _norms(columns)
     upper, projected = triangle(columns / norms, here.residual)
-    ends = ((end - here.free)[task.searched] * norms for end in (task.low, task.high))
+    ends = (jnp.asarray((end - here.free)[task.searched] * norms) for end in (task.low, task.high))
     return np.asarray(solve_in_box(upper, projected, jnp.asarray(damping), *ends).x / norms)
 
 

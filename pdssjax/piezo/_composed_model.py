@@ -3,7 +3,7 @@
 import copy
 from collections.abc import Mapping
 from functools import cache
-from typing import Any, ClassVar, Generic, NamedTuple, cast
+from typing import Any, ClassVar, Generic, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -275,13 +275,13 @@ class ComposedModel(AbstractPiezo):
         return total
 
     def _stop_rates(self, x: Parts[Any], slope: Any) -> tuple[Any, ...]:
-        rises, *marks = x.flags or (None,)
+        rises, *marks = x.flags or (jnp.zeros(()),)
         if self.made.hysteresis == "bouc-wen":
             return (slope - slope * x.stops[0] * (rises * self._get("beta") + marks[0] * self._get("gamma")),)
         return tuple(slope * (1.0 - slip) for slip in marks)
 
     def _stop_bends(self, x: Parts[Any], slope: Any, bend: Any) -> tuple[Any, ...]:
-        rises, *marks = x.flags or (None,)
+        rises, *marks = x.flags or (jnp.zeros(()),)
         if self.made.hysteresis == "bouc-wen":
             fades = rises * self._get("beta") + marks[0] * self._get("gamma")
             (rate,) = self._stop_rates(x, slope)
@@ -334,7 +334,8 @@ class ComposedModel(AbstractPiezo):
         return tuple(self._get(f"{word}_{j}") for j in range(1, many + 1))
 
     def _get(self, name: str) -> ScalarLike:
-        return cast(ScalarLike, getattr(self, name))
+        number: ScalarLike = getattr(self, name)
+        return number
 
     def _parts(self, state: tuple[N, ...]) -> Parts[Any]:
         left = list(state)
@@ -372,7 +373,8 @@ def composed_class(made: Composition) -> type[ComposedModel]:
     }
     if "mass" not in contents:
         contents["mass"] = property(_mass)
-    return cast(type[ComposedModel], type(ComposedModel)(name, (ComposedModel,), contents))
+    metaclass: Any = type(ComposedModel)
+    return metaclass(name, (ComposedModel,), contents)
 
 
 def _mass(stack: ComposedModel) -> Scalar:

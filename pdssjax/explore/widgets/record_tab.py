@@ -118,8 +118,8 @@ def _lines(found: Redraw, near: Bool[np.ndarray, " k"], scale: float) -> dict[st
         "time": MILLISECONDS * found.instants[near],
         "predicted": scale * found.between[near],
         # Where no voltage drives it, what is prescribed.
-        "voltage": MICROMETRES * inside.relative[near] if friction else inside.voltage[near],
-        "platform": MICROMETRES * inside.platform[near],
+        "voltage": np.asarray(MICROMETRES * inside.relative[near] if friction else inside.voltage[near]),
+        "platform": np.asarray(MICROMETRES * inside.platform[near]),
     }
 
 

@@ -32,6 +32,7 @@ class SweepTab:
         self.stop.on_click(lambda event: cancel())
         self.said = pn.pane.HTML("", margin=(8, 8), css_classes=["map-said"])
         self._selects = {name: _select(name) for name in ("metric", "across", "up")}
+        self._count = 0
         self._point = pn.widgets.IntInput(
             name="point", start=0, value=0, width=90, margin=(0, 8), css_classes=["map-point"]
         )
@@ -60,10 +61,11 @@ class SweepTab:
         if "speed" in found.metrics:
             self._selects["metric"].value = "speed"
         count = next(iter(found.axes.values())).values.size
+        self._count = count
         self._point.end, self._point.value = count - 1, count // 2
         self._quiet = False
         self._draw()
-        self._chosen(int(self._point.value))
+        self._chosen(self._number())
 
     def show_walk(self, numbers: dict[str, float], motion: Walk) -> None:
         """Shows how the point walks that is chosen."""
@@ -75,7 +77,7 @@ class SweepTab:
         }
         assert self._map is not None
         said = [_said(self._map, path, numbers[path]) for path in self._map.axes]
-        point = int(self._point.value)
+        point = self._number()
         said += [
             f"{label.split(' (')[0]} {values[point]:.4g}{_unit(label)}" for label, values in self._map.metrics.values()
         ]
@@ -83,10 +85,14 @@ class SweepTab:
             f"<b>point {point}</b>: " + ", ".join(said) + (f"; {motion.message}" if motion.message else "")
         )
 
+    def _number(self) -> int:
+        """The point that is chosen."""
+        return int(self._point.value or 0)
+
     def _choose(self) -> None:
         if not self._quiet and self._map is not None:
             self._draw()
-            self._chosen(int(self._point.value))
+            self._chosen(self._number())
 
     def _clicked(self, indices: list[int]) -> None:
         if indices:
@@ -97,9 +103,9 @@ class SweepTab:
             return
         across, up, metric = (self._selects[name].value for name in ("across", "up", "metric"))
         shown = [across] if up in ("", across) else [across, up]
-        point = int(self._point.value)
+        point = self._number()
         grid = is_grid(self._map, shown)
-        self._points = np.flatnonzero(self._map.slice_of(shown, point)) if grid else np.arange(self._point.end + 1)
+        self._points = np.flatnonzero(self._map.slice_of(shown, point)) if grid else np.arange(self._count)
         source, made = _map_plot(self._map, shown, metric, self._points, point, grid)
         source.selected.on_change("indices", lambda attr, old, new: self._clicked(list(new)))
         controls = pn.Row(*self._selects.values(), self._point, margin=0)

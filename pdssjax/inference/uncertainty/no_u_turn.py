@@ -28,7 +28,7 @@ _BLOCK = 50
 _SPREAD = 0.5
 """Of the starts of the chains, in standard errors."""
 
-_SETTINGS = dict(num_warmup=WARM_UP, step_size=0.5, dense_mass=True, max_tree_depth=10, target_accept_prob=0.99)
+_SETTINGS = dict(num_warmup=WARM_UP, step_size=0.5, dense_mass=True, max_tree_depth=10, target_accept_prob=0.97)
 
 State: TypeAlias = Any
 """NumPyro's `HMCState`."""

@@ -71,13 +71,13 @@ def _maps(axes: list[Axes], data: "xarray.Dataset", names: list[str]) -> None:
         values, _ = shown(_along_the_drive(data).sel(drive_direction=way).transpose(*names))
         values = np.where(values > 0.0, values, np.nan)
         panel.set_facecolor("0.85")
-        image = panel.pcolormesh(x, y, values, shading="nearest", rasterized=True, cmap="viridis", norm=scale)
+        panel.pcolormesh(x, y, values, shading="nearest", rasterized=True, cmap="viridis", norm=scale)
         panel.set_title(name, color=colour, loc="left")
         found[colour] = part.efficiency.transpose(*names).values - DEAD
         _border(panel, x, y, found[colour], "w")
     figure = axes[0].figure
     assert figure is not None
-    figure.colorbar(image, ax=axes[:2], label=label)
+    figure.colorbar(axes[0].collections[0], ax=axes[:2], label=label)
     axes[2].set_title("what they differ by", loc="left")
     asymmetry = 100.0 * compared_directions(data).asymmetry.transpose(*names).values
     reach = max(float(np.nanmax(np.abs(asymmetry), initial=0.0)), 100.0 * _ALIKE)

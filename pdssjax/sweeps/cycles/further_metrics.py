@@ -4,11 +4,14 @@ They need every step of the cycle, not only its state at a few phases, and take 
 that every sweep has.
 """
 
+from typing import cast
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ...core import Scalar
+from ...drive.base import Segment
 from ...integration import SETTLED
 from ...metrics import force_metrics
 from .base import Course, Metric, timing
@@ -81,7 +84,7 @@ def grazing(course: Course) -> Scalar:
     ends = jnp.roll(steps.x, -1, axis=0)
 
     def nearness(index: Scalar, mode: Scalar, at: Scalar, x: Float[Array, " components"]) -> Scalar:
-        segment = course.moving.segment(index)
+        segment = cast(Segment, course.moving.segment(index))
 
         def acceleration(after: Scalar) -> Scalar:
             state = jax.tree.unflatten(jax.tree.structure(course.system.initial()), list(x))
@@ -142,7 +145,7 @@ def _friction(course: Course, j: Array, part: Scalar) -> Scalar:
     theta = elapsed / jnp.where(steps.step_radius > 0, steps.step_radius, 1.0)
     x = jnp.polyval(steps.polynomials.T[::-1], theta)
     restored = lambda leaves: jax.tree.unflatten(jax.tree.structure(course.system.initial()), list(leaves))
-    segment = course.moving.segment(steps.index)
+    segment = cast(Segment, course.moving.segment(steps.index))
     state = course.system.exact(segment, steps.t_local, restored(steps.x), elapsed, restored(x))
     inside = course.system.force(segment, steps.t_local + elapsed, state, steps.mode)
     # A contact that sticks lets go at its peak, where the next step begins.
