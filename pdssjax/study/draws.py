@@ -44,4 +44,5 @@ class Draws:
     seed: int
     parameters: tuple[ParameterDraws, ...]
     statistics: dict[str, Num[np.ndarray, "chains draws"]] = field(default_factory=dict)
-    """Of a posterior's sampler, for each draw: "diverging", "energy", "n_steps", "acceptance_rate", "accepted"."""
+    """Of a posterior's sampler, for each draw: "diverging", "energy", "n_steps", "acceptance_rate", "accepted"
+    [1]."""

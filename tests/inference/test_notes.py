@@ -119,8 +119,8 @@ def test_figures_of_each_record_are_written_and_printed(tmp_path, capsys):
     assert "(noise estimated from the residuals in 1 of 2 records)" in printed
     (told_line,) = [line.split() for line in printed.splitlines() if line.startswith("    told")]
     (silent_line,) = [line.split() for line in printed.splitlines() if line.startswith("    silent")]
-    assert told_line[6:10] == ["0.0100", "given", f"{1e6 * told['noise_floor']:.4f}", f"{told['reduced_chi2']:.3f}"]
-    assert silent_line[7:10] == ["found", f"{1e6 * silent['noise_floor']:.4f}", "-"]
+    assert told_line[7:11] == ["0.0100", "given", f"{1e6 * told['noise_floor']:.4f}", f"{told['reduced_chi2']:.3f}"]
+    assert silent_line[8:11] == ["found", f"{1e6 * silent['noise_floor']:.4f}", "-"]
 
 
 def test_a_reduced_chi_square_of_one_by_construction_is_not_printed(tmp_path):

@@ -28,7 +28,13 @@ _BLOCK = 50
 _SPREAD = 0.5
 """Of the starts of the chains, in standard errors."""
 
-_SETTINGS = dict(num_warmup=WARM_UP, step_size=0.5, dense_mass=True, max_tree_depth=10, target_accept_prob=0.97)
+_SETTINGS = dict(num_warmup=WARM_UP, step_size=0.5, dense_mass=True, max_tree_depth=10)
+
+_ACCEPTANCES = 0.97, 0.99
+"""With which trajectories go on, at first and where too many diverge: the higher, the smaller the steps."""
+
+_DIVERGING = 1e-3
+"""Share of trajectories that may diverge; more, and ends of the density are left out: steps must be smaller."""
 
 State: TypeAlias = Any
 """NumPyro's `HMCState`."""
@@ -69,22 +75,30 @@ def need_numpyro() -> None:
 
 
 def draw(density: Density, count: int, seed: tuple[int, ...], thinning: int = 1) -> Trace:
-    """`count` draws of one chain, every `thinning`-th; the first of more draws are the same."""
-    state = _begin(density, seed)
-    blocks = []
-    for _ in range(-(-(WARM_UP + count * thinning) // _BLOCK)):
-        state, block = _block(state, density)
-        blocks.append(jax.tree.map(np.asarray, block))
+    """`count` draws of one chain, every `thinning`-th, in steps as small as it takes."""
+    whole = _chain(density, WARM_UP + count * thinning, seed, _ACCEPTANCES[0])
+    if np.mean(whole.diverging[WARM_UP:]) > _DIVERGING:
+        whole = _chain(density, WARM_UP + count * thinning, seed, _ACCEPTANCES[1])
     kept = slice(WARM_UP + thinning - 1, WARM_UP + count * thinning, thinning)
-    return Trace(*(np.concatenate(parts)[kept] for parts in zip(*blocks, strict=True)))
+    return Trace(*(values[kept] for values in whole))
+
+
+def _chain(density: Density, count: int, seed: tuple[int, ...], acceptance: float) -> Trace:
+    """At least `count` draws, those of the warm-up too."""
+    state, blocks = _begin(density, seed, acceptance), []
+    for _ in range(-(-count // _BLOCK)):
+        state, block = _block(state, density, acceptance)
+        blocks.append(jax.tree.map(np.asarray, block))
+    return Trace(*(np.concatenate(parts) for parts in zip(*blocks, strict=True)))
 
 
 @eqx.filter_jit
-def _block(state: State, density: Density) -> tuple[State, tuple[Array, ...]]:
+def _block(state: State, density: Density, acceptance: float) -> tuple[State, tuple[Array, ...]]:
     """`_BLOCK` transitions."""
     init, sample = _kernels()
     # Tells the kernel the settings that it keeps beside its state; the state itself is that from before.
-    init(_info(state.z, state.potential_energy, state.z_grad), model_args=(density,), **_SETTINGS)
+    here = _info(state.z, state.potential_energy, state.z_grad)
+    init(here, model_args=(density,), target_accept_prob=acceptance, **_SETTINGS)
 
     def advance(state: State, _: None) -> tuple[State, tuple[Array, ...]]:
         state = sample(state, (density,))
@@ -108,7 +122,7 @@ def _info(u: Float[Array, " q"], potential: Scalar, gradient: Float[Array, " q"]
     return ParamInfo(u, potential, gradient)
 
 
-def _begin(density: Density, seed: tuple[int, ...]) -> State:
+def _begin(density: Density, seed: tuple[int, ...], acceptance: float) -> State:
     """The state in which a chain begins."""
     directions = density.preconditioner.axes.shape[1]
     u = jnp.asarray(_SPREAD * np.random.default_rng(seed).standard_normal(directions))
@@ -117,4 +131,4 @@ def _begin(density: Density, seed: tuple[int, ...]) -> State:
         key = jax.random.fold_in(key, number)
     init, _ = _kernels()
     start = _info(u, *jax.value_and_grad(density)(u))
-    return init(start, rng_key=key, model_args=(density,), **_SETTINGS)
+    return init(start, rng_key=key, model_args=(density,), target_accept_prob=acceptance, **_SETTINGS)

@@ -25,7 +25,7 @@ def linear(x):
 
 
 def bent(x):
-    return jnp.concatenate([jnp.stack([100.0 * (x[1] - x[0] ** 2), x[0] - 1.0]), jnp.zeros(5)])
+    return jnp.concatenate([jnp.stack([20.0 * (x[1] - x[0] ** 2), x[0] - 1.0]), jnp.zeros(5)])
 
 
 def wavy(x):
@@ -59,9 +59,9 @@ def test_of_a_gaussian_they_have_its_moments_to_the_monte_carlo_error():
 
 
 def test_of_a_banana_too_and_the_shear_makes_it_easy():
-    """x0 is normal around 1, x1 around its square: means 1 and 2, variances 1 and 6 + 1e-4."""
+    """x0 is normal around 1, x1 around its square: means 1 and 2, variances 1 and 6 + 1/400."""
     chains = drawn(bent, [1.0, 1.0], Drawing(1000, seed=1))
-    for i, (mean, variance) in enumerate([(1.0, 1.0), (2.0, 6.0001)]):
+    for i, (mean, variance) in enumerate([(1.0, 1.0), (2.0, 6.0025)]):
         draws = chains.free[:, :, i]
         size = effective_size(draws)
         assert rhat(draws) < 1.01 and size > 400
@@ -70,7 +70,7 @@ def test_of_a_banana_too_and_the_shear_makes_it_easy():
     assert np.mean(chains.accepted) > 0.8
     assert np.mean(chains.steps) < 200.0 and not chains.diverging.any()
     straight = chains.free[:, :, 1] - chains.free[:, :, 0] ** 2
-    assert np.std(straight) == pytest.approx(0.01, rel=0.1)
+    assert np.std(straight) == pytest.approx(0.05, rel=0.1)
 
 
 def test_what_no_polynomial_describes_is_drawn_from_the_model_all_the_same():
