@@ -33,7 +33,7 @@ _SETTINGS = dict(num_warmup=WARM_UP, step_size=0.5, dense_mass=True, max_tree_de
 _ACCEPTANCES = 0.97, 0.99
 """With which trajectories go on, at first and where too many diverge: the higher, the smaller the steps."""
 
-_DIVERGING = 1e-3
+_DIVERGING = 1e-2
 """Share of trajectories that may diverge; more, and ends of the density are left out: steps must be smaller."""
 
 State: TypeAlias = Any
