@@ -139,6 +139,14 @@ def test_faces_show_the_same_to_python_and_to_type_checkers(path):
         assert getattr(module, name) is not None
 
 
+@pytest.mark.parametrize("room", ["", *(room for room in STOREYS if (PACKAGE / room).is_dir())])
+def test_no_module_has_the_name_of_what_its_package_exports(room):
+    """Importing a module puts it into its package under its name, in place of a function of that name."""
+    names = getattr(importlib.import_module(f"pdssjax.{room}".rstrip(".")), "__all__", [])
+    modules = {path.stem for path in (PACKAGE / room).iterdir() if path.is_dir() or path.suffix == ".py"}
+    assert not set(names) & modules
+
+
 def test_modules_do_not_import_each_other_in_a_circle():
     needs = {dotted(path): set() for path in MODULES}
     for path in MODULES:

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from .problem import pose_problem as pose_problem
     from .residual import Residual as Residual
     from .residual import as_weights as as_weights
-    from .sequential.peak_picking import PickedStack as PickedStack
-    from .sequential.peak_picking import pick_peaks as pick_peaks
+    from .stack_first.peak_picking import PickedStack as PickedStack
+    from .stack_first.peak_picking import pick_peaks as pick_peaks
     from .solver.ending import SUCCESSES as SUCCESSES
     from .solver.ending import Ending as Ending
     from .solver.iterations import iterates as iterates
@@ -53,7 +53,7 @@ else:
             "solver.levenberg_marquardt": ["BoundedLevenbergMarquardt"],
             "uncertainty.parameter_errors": ["all_error_models"],
             "parameter_transform": ["transform_of"],
-            "sequential.peak_picking": ["PickedStack", "pick_peaks"],
+            "stack_first.peak_picking": ["PickedStack", "pick_peaks"],
             "problem": ["Problem", "pose_problem"],
             "residual": ["Residual", "as_weights"],
         },

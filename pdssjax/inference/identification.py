@@ -18,8 +18,8 @@ from .search.best_point import BestPoint, Point, completed
 from .search.multistart import best_fit, with_noise
 from .search.requested_starts import best_of_starts, check_starts
 from .sensor_signs import question_signs
-from .sequential.held_stack import rejoined, with_stack_held
-from .sequential.peak_picking import PickedStack, pick_peaks
+from .stack_first.held_stack import rejoined, with_stack_held
+from .stack_first.peak_picking import PickedStack, pick_peaks
 from .summary import summarise
 from .uncertainty.drawn_intervals import with_bootstrap, with_posterior
 from .uncertainty.no_u_turn import need_numpyro

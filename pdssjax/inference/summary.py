@@ -14,7 +14,7 @@ from .notes.of_fit import notes_of
 from .parameter_transform import ParameterTransform
 from .problem import Problem
 from .residual import free_offset
-from .sequential.peak_picking import PATHS, PickedStack
+from .stack_first.peak_picking import PATHS, PickedStack
 from .start_failure import failed_start
 from .uncertainty.amplification import amplification_of
 from .uncertainty.covariance import Covariance, correlation, least_squares_covariance, propagated

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from .goodness_of_fit import r_squared as r_squared
     from .goodness_of_fit import rmse as rmse
     from .neighbours import neighbour_scatter as neighbour_scatter
-    from .outliers import outliers as outliers
+    from .outlying_samples import outliers as outliers
     from .per_cycle import FLANK as FLANK
     from .per_cycle import cycle_metrics as cycle_metrics
     from .per_cycle import force_metrics as force_metrics
@@ -63,7 +63,7 @@ else:
             "decimation": ["decimated"],
             "goodness_of_fit": ["error_index", "r_squared", "rmse"],
             "neighbours": ["neighbour_scatter"],
-            "outliers": ["outliers"],
+            "outlying_samples": ["outliers"],
             "pure_error": ["CycleSplit", "LackOfFit", "lack_of_fit", "split_by_phase"],
             "record_guess": ["RecordGuess", "guess_record"],
             "residual_split": ["ResidualSplit", "split_residuals"],

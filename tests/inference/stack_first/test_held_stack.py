@@ -10,8 +10,8 @@ import pdssjax
 from pdssjax import Accuracy, InputError, Taylor
 from pdssjax.files import EXAMPLE
 from pdssjax.inference import pick_peaks
-from pdssjax.inference.sequential.held_stack import with_stack_held
-from pdssjax.inference.sequential.peak_picking import PATHS
+from pdssjax.inference.stack_first.held_stack import with_stack_held
+from pdssjax.inference.stack_first.peak_picking import PATHS
 
 TRUTH = {
     path: entry["value"]

@@ -12,7 +12,7 @@ from pdssjax import InputError
 from pdssjax.core import quantities
 from pdssjax.inference import pick_peaks
 from pdssjax.inference.initial_values.step_peaks import Extremes, extremes, one_mode
-from pdssjax.inference.sequential.peak_picking import PATHS, PEAKS
+from pdssjax.inference.stack_first.peak_picking import PATHS, PEAKS
 from pdssjax.piezo.distributed_rod import DistributedRod
 
 TRUTH = np.array([GAIN, RATE, DAMPING])
