@@ -32,7 +32,6 @@ HOMES = {
     "matplotlib": {"report.figures", "core.presentation"},  # the latter the type alone
     "pint": {"core.units"},
     "rich": {"cli.console"},
-    "numpyro": {"inference.uncertainty.no_u_turn"},
     "panel": {"explore.widgets"},
     "bokeh": {"explore.widgets"},
     "h5netcdf": set(),

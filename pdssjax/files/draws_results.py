@@ -26,7 +26,7 @@ def _write_posterior(draws: Draws, units: dict[str, str], file: Path) -> None:
 
     chains, each, _ = draws.values.shape
     coordinates = {"chain": np.arange(chains), "draw": np.arange(each)}
-    about = {"inference_library": "numpyro", "description": draws.description, "seed": draws.seed}
+    about = {"inference_library": "pdssjax", "description": draws.description, "seed": draws.seed}
     posterior = xarray.Dataset(
         {
             path: (("chain", "draw"), draws.values[:, :, i], {"units": units[path]})

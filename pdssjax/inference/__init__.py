@@ -23,12 +23,12 @@ if TYPE_CHECKING:
     from .problem import pose_problem as pose_problem
     from .residual import Residual as Residual
     from .residual import as_weights as as_weights
-    from .stack_first.peak_picking import PickedStack as PickedStack
-    from .stack_first.peak_picking import pick_peaks as pick_peaks
     from .solver.ending import SUCCESSES as SUCCESSES
     from .solver.ending import Ending as Ending
     from .solver.iterations import iterates as iterates
     from .solver.levenberg_marquardt import BoundedLevenbergMarquardt as BoundedLevenbergMarquardt
+    from .stack_first.peak_picking import PickedStack as PickedStack
+    from .stack_first.peak_picking import pick_peaks as pick_peaks
     from .uncertainty.covariance import least_squares_covariance as least_squares_covariance
     from .uncertainty.covariance import propagated as propagated
     from .uncertainty.influence import curvature_of as curvature_of

@@ -22,7 +22,6 @@ from .stack_first.held_stack import rejoined, with_stack_held
 from .stack_first.peak_picking import PickedStack, pick_peaks
 from .summary import summarise
 from .uncertainty.drawn_intervals import with_bootstrap, with_posterior
-from .uncertainty.no_u_turn import need_numpyro
 from .uncertainty.parameter_errors import with_error_models
 from .uncertainty.profile_intervals import with_profile_intervals
 
@@ -203,8 +202,6 @@ def _check_intervals(intervals: Intervals, method: Method) -> None:
             f'intervals: found "{intervals}" with method "{method}", expected "linear", or with "joint" "profile", '
             '"bootstrap" or "posterior", or with "sequential" "bootstrap".'
         )
-    if intervals == "posterior":
-        need_numpyro()
 
 
 def _check(study: Study, method: str) -> None:

@@ -40,9 +40,9 @@ class Draws:
     values: Float[np.ndarray, "chains draws p"]
     """In SI; a bootstrap is one chain."""
     failed: int
-    """Replicates that did not converge, or transitions that diverged: a bootstrap leaves them out."""
+    """Replicates that did not converge, which a bootstrap leaves out, or proposals of a posterior that the model
+    refused: the draw before counts once more."""
     seed: int
     parameters: tuple[ParameterDraws, ...]
     statistics: dict[str, Num[np.ndarray, "chains draws"]] = field(default_factory=dict)
-    """Of a posterior's sampler, for each draw: "diverging", "energy", "n_steps", "acceptance_rate", "accepted"
-    [1]."""
+    """Of a posterior, for each draw: "lp", the logarithm of its density but for a constant, and "accepted" [1]."""

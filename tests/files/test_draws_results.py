@@ -31,8 +31,8 @@ def test_a_posterior_has_the_groups_of_arviz(tmp_path):
         gain = tree["posterior"]["piezo.gain"]
         assert gain.dims == ("chain", "draw") and gain.attrs["units"] == "m/V"
         np.testing.assert_array_equal(gain.values, draws.values[:, :, 0])
-        np.testing.assert_array_equal(tree["sample_stats"]["n_steps"].values, 7)
-        assert tree["posterior"].attrs["inference_library"] == "numpyro"
+        np.testing.assert_array_equal(tree["sample_stats"]["lp"].values, -7.0)
+        assert tree["posterior"].attrs["inference_library"] == "pdssjax"
 
 
 def test_arviz_opens_it(tmp_path):
@@ -43,7 +43,7 @@ def test_arviz_opens_it(tmp_path):
     write_draws(draws, UNITS, tmp_path)
     opened = arviz.from_netcdf(str(tmp_path / "posterior.nc"))
     np.testing.assert_array_equal(opened["posterior"]["friction.sigma1_a"].values, draws.values[:, :, 1])
-    np.testing.assert_array_equal(opened["sample_stats"]["n_steps"].values, 7)
+    np.testing.assert_array_equal(opened["sample_stats"]["lp"].values, -7.0)
 
 
 def test_without_h5netcdf_it_is_one_dataset(tmp_path, monkeypatch):

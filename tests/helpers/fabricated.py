@@ -197,5 +197,5 @@ def draws(parameters, kind: Literal["bootstrap", "posterior"]) -> Draws:
         )
         for i, name in enumerate(names)
     )
-    statistics = {"diverging": np.zeros(shape, bool), "energy": np.ones(shape), "n_steps": np.full(shape, 7)}
+    statistics = {"lp": np.full(shape, -7.0), "accepted": np.ones(shape, bool)}
     return Draws(kind, "white noise", names, values, 3, 5, summaries, {} if kind == "bootstrap" else statistics)

@@ -152,7 +152,7 @@ def test_draws_are_summed_up_beside_the_linear_errors():
     assert "40 replicates, seed 5; 3 did not converge and are left out" in boot
     line = line_of(boot[boot.index("[[Bootstrap]]") :], "friction.sigma1_a")
     assert "42.0 .. 66.8" in line and "43.2 .. 68.0" in line and line.endswith("6.2")
-    assert "4 chains of 25 draws, seed 5; 3 transitions diverged" in posterior
+    assert "4 chains of 25 draws, seed 5; 3 proposals refused by the model" in posterior
     assert line_of(posterior[posterior.index("[[Posterior]]") :], "friction.sigma1_a").endswith("1.004 644")
 
 

@@ -13,9 +13,7 @@ from ..draws import Drawing
 from ..least_squares import Fit, FitMethod, Progress
 from ..problem import Problem
 from .bootstrap import Replicate, bootstrap, samples_per_cycle
-from .no_u_turn import need_numpyro
-from .posterior import Model, sample_posterior
-from .preconditioner import precondition
+from .posterior import Model, principal_axes, sample_posterior
 from .profile_likelihood import learn_curvature
 from .residual_polynomial import of_second_order
 from .second_order import Point
@@ -92,9 +90,8 @@ def with_posterior(
 ) -> Estimate:
     """`estimate` with the middle 95 % of the posterior as intervals, and all draws as `draws`.
 
-    **Raises:** `InputError` where NumPyro is not installed, or where nothing around the fit can be simulated.
+    **Raises:** `InputError` where nothing around the fit can be simulated, or hardly anything between the bounds.
     """
-    need_numpyro()
     factor = variance_factor(estimate.statistics)
     moving = np.array([estimate.parameters[path].identifiable for path in estimate.names])
     if not moving.any():
@@ -103,9 +100,9 @@ def with_posterior(
     optimum = Point(np.asarray(fit.free, float), np.asarray(fit.state.residual), np.asarray(fit.state.jacobian))
     report("posterior: curvature at the optimum")
     curvature = learn_curvature(problem.linearised, optimum, 1.0, problem.bounds)
-    preconditioner = precondition(optimum, np.flatnonzero(moving), factor, problem.bounds)
-    model = Model(problem.linearised, problem.whitened, optimum, preconditioner, factor)
-    first = of_second_order(optimum, curvature, preconditioner.axes)
+    axes = principal_axes(optimum, np.flatnonzero(moving), factor)
+    model = Model(problem.linearised, problem.whitened, optimum, axes, problem.bounds, factor)
+    first = of_second_order(optimum, curvature, axes)
     chains = sample_posterior(model, first, drawing, executor, report)
     values = problem.residual.transform.in_si(chains.free)
     held = [path for path, moves in zip(estimate.names, moving, strict=True) if not moves]
@@ -114,16 +111,10 @@ def with_posterior(
         description=_density_in_words(estimate, held),
         names=estimate.names,
         values=values,
-        failed=int(np.sum(chains.diverging)),
+        failed=int(np.sum(~chains.accepted)),
         seed=drawing.seed,
         parameters=tuple(summary_of_chains(estimate.names, values, moving)),
-        statistics={
-            "diverging": chains.diverging,
-            "energy": chains.energy,
-            "n_steps": chains.steps,
-            "acceptance_rate": chains.acceptance,
-            "accepted": chains.accepted,
-        },
+        statistics={"lp": chains.log_density, "accepted": chains.accepted},
     )
     return with_draws(estimate, draws, [*estimate.notes, *_about_chains(draws)])
 
@@ -166,16 +157,11 @@ def _about_chains(draws: Draws) -> list[str]:
             f"The posterior's draws are worth {min(sizes):.0f} independent ones only, expected {FEWEST_EFFECTIVE} or "
             "more for the ends of an interval."
         )
-    accepted = float(np.mean(draws.statistics["accepted"]))
+    accepted = 1.0 - draws.failed / draws.values[:, :, 0].size
     if accepted < FEW_ACCEPTED:
         notes.append(
             f"The model accepted {percent(accepted, 1.0)} of the draws proposed for the posterior, expected "
             f"{percent(FEW_ACCEPTED, 1.0)} or more: residuals have kinks there, or bend more than a polynomial does."
-        )
-    if draws.failed:
-        notes.append(
-            f"{draws.failed} of the posterior's {draws.values[:, :, 0].size} transitions diverged: it has corners that "
-            "the chains could not enter."
         )
     return notes
 

@@ -4,13 +4,13 @@ The density is exp(-chi-square / (2 factor)) on the scale of the fit, flat prior
 sensors are marginalised (they are linear, and the residual leaves their projection out); the noise is taken as known,
 that given or found, its variance enlarged by `factor` as those of the standard errors are.
 
-Valleys of chi-square are narrow and bent: the No-U-Turn sampler takes hundreds of evaluations from draw to draw, with
-the model a day.  So a polynomial stands for the residuals (`residual_polynomial`), learned where its own draws lie,
-round after round, until the model agrees with it there.  Its draws, a little wider than it says lest they miss what
-it does not know, are then proposals, each of which the model accepts with probability min(1, w' / w), w the model's
-density over the proposals': draws are the model's whatever the polynomial is, which only decides how many are accepted
-(L. Tierney, Annals of Statistics 22(4), 1994, independence chains; J. A. Christen and C. Fox, J. Computational and
-Graphical Statistics 14(4), 2005).
+Valleys of chi-square are narrow and bent: a sampler takes hundreds of evaluations from draw to draw, with the model a
+day.  So a polynomial stands for the residuals (`residual_polynomial`), learned where its own draws lie, round after
+round, until the model agrees with it there.  Its draws (`randomize_then_optimize`) are independent, some of them wider
+than it says lest they miss what it does not know.  Each is a proposal, which the model accepts with probability
+min(1, w' / w), w the model's density over the proposals': draws are the model's whatever the polynomial is, which only
+decides how many are accepted (L. Tierney, Annals of Statistics 22(4), 1994, independence chains; J. A. Christen and
+C. Fox, J. Computational and Graphical Statistics 14(4), 2005).
 """
 
 import functools
@@ -24,9 +24,9 @@ from jaxtyping import Array, Bool, Float, Int
 from ...core import Document, InputError
 from ..draws import CHAINS, DRAWS, Drawing, each_done
 from ..least_squares import Progress
-from .no_u_turn import Density, Trace, draw
-from .preconditioner import Preconditioner
 from .profile_likelihood import Evaluate, linearise
+from .quadratic_end import factors
+from .randomize_then_optimize import Proposals, Widths, propose
 from .residual_polynomial import (
     ResidualPolynomial,
     count_terms,
@@ -38,14 +38,8 @@ from .second_order import Point
 BLOCK = 50
 """Draws between two moments at which they are kept."""
 
-THINNING = 3
-"""Draws of the polynomial for each that the model is asked about: they cost less."""
-
 _ROUNDS = 6
 """Of learning, at most."""
-
-_LEARNING = 300
-"""Draws of the polynomial in a round."""
 
 _SURPLUS = 2.5
 """Numbers that the points of a round tell, for each coefficient."""
@@ -56,27 +50,30 @@ _FEWEST = 24
 _AGREEMENT = 0.85
 """What model and polynomial have in common, from which the polynomial is good; with `_FEWEST` points 1 is seldom."""
 
-_LEARNING_WIDTH, _WIDTH = 2.0, 1.3
-"""By how much variances of draws exceed the polynomial's, while it is learned and of proposals."""
+_TO_LEARN = Widths(solved=(1.2, 3.0), linear=1.0, share=0.0)
+"""Draws at which the model is asked while the polynomial is learned."""
+
+_TO_JUDGE = Widths(solved=(1.2,), linear=3.0, share=0.1)
+"""Proposals."""
+
+_LEARNING = CHAINS
+"""Where the draws of the rounds of learning have the number of a chain in their seed."""
 
 Residuals = Callable[[Float[np.ndarray, " p"]], Float[Array | np.ndarray, " n"]]
 """Whitened residuals at a point; not finite where it cannot be simulated."""
 
 
 class Chains(NamedTuple):
-    """Draws after the warm-up."""
+    """Draws of several chains."""
 
     free: Float[np.ndarray, "chains draws p"]
     """On the scale of the fit."""
-    diverging: Bool[np.ndarray, "chains draws"]
-    """The trajectory of the polynomial's draw diverged."""
-    energy: Float[np.ndarray, "chains draws"]
-    steps: Int[np.ndarray, "chains draws"]
-    """Evaluations of the polynomial on each draw's trajectory."""
-    acceptance: Float[np.ndarray, "chains draws"]
-    """With which the polynomial's sampler went on."""
+    log_density: Float[np.ndarray, "chains draws"]
+    """Of the model, but for a constant."""
     accepted: Bool[np.ndarray, "chains draws"]
     """The model took the polynomial's draw; else the draw is the one before."""
+    tried: int
+    """Residuals that were randomized for all draws; more than these where some had no solution between the bounds."""
 
 
 class Model(NamedTuple):
@@ -86,8 +83,23 @@ class Model(NamedTuple):
     """Residuals and Jacobian."""
     residuals: Residuals
     optimum: Point
-    preconditioner: Preconditioner
+    axes: Float[np.ndarray, "p q"]
+    """Along which parameters move."""
+    bounds: tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]]
     factor: float
+    """By which variances exceed those of the noise given."""
+
+    def proposals(self, polynomial: ResidualPolynomial, widths: Widths, count: int, seed: tuple[int, ...]) -> Proposals:
+        """Draws of a `polynomial`, with variances enlarged by the `widths`."""
+        return propose(polynomial, self.axes, self.factor, widths, self.bounds, count, seed)
+
+
+def principal_axes(optimum: Point, moving: Int[np.ndarray, " q"], factor: float) -> Float[np.ndarray, "p q"]:
+    """A with A A' the covariance of the linear model at an `optimum`, of the parameters at the places `moving`."""
+    _, singular, rows, norms = factors(optimum.jacobian[:, moving])
+    axes = np.zeros((optimum.at.size, moving.size))
+    axes[moving] = np.sqrt(factor) * (rows / singular[:, None]).T / norms[:, None]
+    return axes
 
 
 def sample_posterior(
@@ -100,11 +112,12 @@ def sample_posterior(
 ) -> Chains:
     """Draws of several chains; what the store has kept is not asked of the model again.
 
-    Chains, and points, are computed side by side in the threads of the `executor`.
+    Points and blocks of draws are computed side by side in the threads of the `executor`.
 
     **Arguments:** the polynomial `first` in use.
 
-    **Raises:** `InputError` where the model cannot be simulated at its optimum.
+    **Raises:** `InputError` where the model cannot be simulated at its optimum, or hardly any draw of the polynomial
+    lies between the bounds.
     """
     if not np.isfinite(model.optimum.chi2):
         raise InputError("posterior: found a model that cannot be simulated at its optimum; expected a finished fit.")
@@ -114,38 +127,32 @@ def sample_posterior(
     due = [(chain, block) for block in range(blocks) for chain in range(chains) if (chain, block) not in kept]
     if due:
         polynomial = learn(model, first, drawing.seed, executor, report)
-        density = Density(polynomial, model.preconditioner.sheared(polynomial), np.array(_WIDTH * model.factor))
-        report("posterior: draws of the polynomial")
-        work = lambda chain: draw(density, blocks * BLOCK, (drawing.seed, chain), THINNING)
-        traces = dict(each_done(work, sorted({chain for chain, _ in due}), executor))
-        for done, (task, entry) in enumerate(each_done(functools.partial(_asked, model, traces), due, executor), 1):
+        work = functools.partial(_judged, model, polynomial, drawing.seed)
+        for done, (task, entry) in enumerate(each_done(work, due, executor), 1):
             drawing.store.keep(entry)
             kept[task] = entry
             report(f"posterior: the model has judged {done * BLOCK} of {len(due) * BLOCK} draws")
-    return _joined([_corrected(kept, chain, blocks, wanted, drawing.seed, model) for chain in range(chains)])
+    each = [[kept[chain, block] for block in range(blocks)] for chain in range(chains)]
+    return _joined([_corrected(each[chain], wanted, drawing.seed, chain) for chain in range(chains)])
 
 
 def learn(
     model: Model, polynomial: ResidualPolynomial, seed: int, executor: Executor | None, report: Progress
 ) -> ResidualPolynomial:
     """A polynomial that agrees with the model over the posterior, as far as one does."""
-    axes = model.preconditioner.axes
-    moving = axes.shape[1]
+    moving = model.axes.shape[1]
     count = max(_FEWEST, int(_SURPLUS * count_terms(moving, degree_for(moving)) / (1 + moving)))
     points: list[Point] = []
     for number in range(_ROUNDS):
         report(f"posterior: learning the residuals, round {number + 1}")
-        wide = _LEARNING_WIDTH * model.factor
-        density = Density(polynomial, model.preconditioner.sheared(polynomial), np.array(wide))
-        trace = draw(density, _LEARNING, (seed, CHAINS + number))
-        chosen = np.linspace(0, _LEARNING - 1, count).round().astype(int)
-        places, potential = trace.free[chosen], trace.potential[chosen]
-        found = dict(each_done(functools.partial(_linearised, model, places), range(count), executor))
+        proposed = model.proposals(polynomial, _TO_LEARN, count, (seed, _LEARNING + number))
+        work = functools.partial(_linearised, model, proposed.free)
+        found = dict(each_done(work, range(count), executor))
         there = [found[i] for i in range(count)]
-        exact = np.array([0.5 * point.chi2 / wide for point in there])
-        agreement = in_common(_LEARNING_WIDTH * exact - potential, (_LEARNING_WIDTH - 1.0) * potential)
+        exact = np.array([-0.5 * point.chi2 / model.factor for point in there])
+        agreement = in_common(exact - proposed.log_proposed, proposed.log_learned - proposed.log_proposed)
         points += there
-        polynomial = learned_polynomial(model.optimum, points, axes, model.factor)
+        polynomial = learned_polynomial(model.optimum, points, model.axes, model.factor)
         if agreement > _AGREEMENT:
             break
     return polynomial
@@ -156,13 +163,13 @@ def _linearised(model: Model, places: Float[np.ndarray, "n p"], number: int) -> 
 
 
 def in_common(first: Float[np.ndarray, " n"], second: Float[np.ndarray, " n"]) -> float:
-    """What two densities have in common, 1 where they are equal: potentials against that of the draws, at n draws."""
+    """What two densities have in common, 1 where they are equal: from logarithms of their weights at the same draws."""
     weights = []
-    for potential in (first, second):
-        finite = np.isfinite(potential)
+    for logs in (first, second):
+        finite = np.isfinite(logs)
         if not finite.any():
             return 0.0
-        weight = np.exp(np.min(potential[finite]) - np.where(finite, potential, np.inf))
+        weight = np.exp(np.where(finite, logs, -np.inf) - np.max(logs[finite]))
         weights.append(weight / np.sum(weight))
     return float(np.sum(np.minimum(*weights)))
 
@@ -178,34 +185,30 @@ def corrected(log_weights: Float[np.ndarray, " n"], random: np.random.Generator)
     return places
 
 
-def _asked(model: Model, traces: dict[int, Trace], task: tuple[int, int]) -> Document:
-    """What the model says of a block of proposals; all of it, so that the block need not be drawn again."""
-    chain, block = task
-    part = Trace(*(values[block * BLOCK : (block + 1) * BLOCK] for values in traces[chain]))
-    chi2 = [float(np.sum(np.asarray(model.residuals(free)) ** 2)) for free in part.free]
+def _judged(model: Model, polynomial: ResidualPolynomial, seed: int, task: tuple[int, int]) -> Document:
+    """A block of proposals and what the model says of it; all of it, so that the block need not be drawn again."""
+    proposed = model.proposals(polynomial, _TO_JUDGE, BLOCK, (seed, *task))
+    chi2 = [float(np.sum(np.asarray(model.residuals(free)) ** 2)) for free in proposed.free]
     # JSON has no infinity.
-    exact = [0.5 * value / model.factor if np.isfinite(value) else None for value in chi2]
-    told = {name: np.asarray(values).tolist() for name, values in part._asdict().items()}
-    return {"chain": chain, "block": block, **told, "exact": exact}
+    density = [-0.5 * value / model.factor if np.isfinite(value) else None for value in chi2]
+    told = {"free": proposed.free.tolist(), "proposed": proposed.log_proposed.tolist(), "tried": proposed.tried}
+    return {"chain": task[0], "block": task[1], **told, "log_density": density}
 
 
-def _corrected(
-    kept: dict[tuple[int, int], Document], chain: int, blocks: int, wanted: int, seed: int, model: Model
-) -> Chains:
+def _corrected(blocks: Sequence[Document], wanted: int, seed: int, chain: int) -> Chains:
     """One chain of the model's draws, without its axis."""
-    whole = lambda name: np.concatenate([np.array(kept[chain, block][name], float) for block in range(blocks)])
-    told = {name: whole(name)[:wanted] for name in (*Trace._fields, "exact")}
-    exact = np.where(np.isfinite(told["exact"]), told["exact"], np.inf)
-    places = corrected(told["potential"] - exact, np.random.default_rng([seed, chain]))
+    whole = lambda name: np.concatenate([np.array(block[name], float) for block in blocks])[:wanted]
+    density = whole("log_density")
+    density = np.where(np.isfinite(density), density, -np.inf)
+    places = corrected(density - whole("proposed"), np.random.default_rng([seed, chain]))
     return Chains(
-        free=told["free"][places],
-        diverging=told["diverging"][places] > 0,
-        energy=told["energy"][places],
-        steps=told["steps"].astype(int),
-        acceptance=told["acceptance"],
+        free=whole("free")[places],
+        log_density=density[places],
         accepted=places == np.arange(wanted),
+        tried=sum(int(block["tried"]) for block in blocks),
     )
 
 
 def _joined(chains: Sequence[Chains]) -> Chains:
-    return Chains(*(np.stack(parts) for parts in zip(*chains, strict=True)))
+    parts = list(zip(*chains, strict=True))
+    return Chains(*(np.stack(part) for part in parts[:-1]), tried=sum(parts[-1]))

@@ -7,14 +7,11 @@ import pytest
 
 from pdssjax import InputError
 from pdssjax.inference.draws import Drawing, InMemory
-from pdssjax.inference.uncertainty.preconditioner import Preconditioner, precondition
+from pdssjax.inference.uncertainty import posterior
 from pdssjax.inference.uncertainty.profile_likelihood import learn_curvature
 from pdssjax.inference.uncertainty.residual_polynomial import of_second_order
 from pdssjax.inference.uncertainty.second_order import Point
 from pdssjax.metrics import effective_size, rhat
-
-posterior = pytest.importorskip("pdssjax.inference.uncertainty.posterior")
-pytest.importorskip("numpyro")
 
 DESIGN = np.random.default_rng(0).normal(size=(7, 2)) * [1.0, 100.0] @ np.array([[1.0, 0.3], [0.2, 1.0]])
 EVERYWHERE = np.full(2, -np.inf), np.full(2, np.inf)
@@ -24,8 +21,8 @@ def linear(x):
     return jnp.asarray(DESIGN) @ x
 
 
-def bent(x):
-    return jnp.concatenate([jnp.stack([20.0 * (x[1] - x[0] ** 2), x[0] - 1.0]), jnp.zeros(5)])
+def bent(x, stiffness):
+    return jnp.concatenate([jnp.stack([stiffness * (x[1] - x[0] ** 2), x[0] - 1.0]), jnp.zeros(5)])
 
 
 def wavy(x):
@@ -38,10 +35,10 @@ def drawn(residuals, centre, drawing, bounds=EVERYWHERE, factor=1.0, chains=4):
     slope = jax.jit(jax.jacfwd(residuals))
     evaluate = lambda at: (residuals(jnp.asarray(at)), slope(jnp.asarray(at)))
     optimum = Point(np.array(centre), *map(np.asarray, evaluate(centre)))
-    coordinates = precondition(optimum, np.arange(2), factor, bounds)
-    model = posterior.Model(evaluate, residuals, optimum, coordinates, factor)
+    axes = posterior.principal_axes(optimum, np.arange(2), factor)
+    model = posterior.Model(evaluate, residuals, optimum, axes, bounds, factor)
     curvature = learn_curvature(evaluate, optimum, 1.0, bounds)
-    first = of_second_order(optimum, curvature, coordinates.axes)
+    first = of_second_order(optimum, curvature, axes)
     return posterior.sample_posterior(model, first, drawing, None, lambda message: None, chains)
 
 
@@ -49,7 +46,7 @@ def test_of_a_gaussian_they_have_its_moments_to_the_monte_carlo_error():
     for factor in (1.0, 4.0):
         chains = drawn(linear, [0.0, 0.0], Drawing(500), factor=factor)
         covariance = factor * np.linalg.inv(DESIGN.T @ DESIGN)
-        assert not chains.diverging.any() and np.mean(chains.accepted) > 0.8
+        assert np.mean(chains.accepted) > 0.8
         for i in range(2):
             draws = chains.free[:, :, i]
             size, deviation = effective_size(draws), np.sqrt(covariance[i, i])
@@ -58,19 +55,20 @@ def test_of_a_gaussian_they_have_its_moments_to_the_monte_carlo_error():
             assert np.std(draws) == pytest.approx(deviation, rel=4.0 * np.sqrt(0.5 / effective_size(draws**2)))
 
 
-def test_of_a_banana_too_and_the_shear_makes_it_easy():
-    """x0 is normal around 1, x1 around its square: means 1 and 2, variances 1 and 6 + 1/400."""
-    chains = drawn(bent, [1.0, 1.0], Drawing(1000, seed=1))
-    for i, (mean, variance) in enumerate([(1.0, 1.0), (2.0, 6.0025)]):
+@pytest.mark.parametrize("stiffness", [20.0, 2000.0])
+def test_of_a_banana_too_however_narrow_it_is(stiffness):
+    """x0 is normal around 1, x1 around its square: means 1 and 2, variances 1 and 6 + 1 / stiffness^2."""
+    residuals = lambda x: bent(x, stiffness)
+    chains = drawn(residuals, [1.0, 1.0], Drawing(1000, seed=1))
+    for i, (mean, variance) in enumerate([(1.0, 1.0), (2.0, 6.0 + stiffness**-2)]):
         draws = chains.free[:, :, i]
         size = effective_size(draws)
         assert rhat(draws) < 1.01 and size > 400
         assert np.mean(draws) == pytest.approx(mean, abs=4.0 * np.sqrt(variance / size))
         assert np.var(draws) == pytest.approx(variance, rel=0.25)
     assert np.mean(chains.accepted) > 0.8
-    assert np.mean(chains.steps) < 200.0 and not chains.diverging.any()
     straight = chains.free[:, :, 1] - chains.free[:, :, 0] ** 2
-    assert np.std(straight) == pytest.approx(0.05, rel=0.1)
+    assert np.std(straight) == pytest.approx(1.0 / stiffness, rel=0.1)
 
 
 def test_what_no_polynomial_describes_is_drawn_from_the_model_all_the_same():
@@ -87,7 +85,7 @@ def test_what_no_polynomial_describes_is_drawn_from_the_model_all_the_same():
         assert np.std(draws) == pytest.approx(deviation, rel=4.0 * np.sqrt(0.5 / effective_size(draws**2)))
 
 
-def test_a_bound_reflects():
+def test_a_bound_ends_them():
     """A half of a normal distribution: its mean is sqrt(2 / pi) of a standard deviation."""
     low = np.array([0.0, -np.inf])
     chains = drawn(linear, [0.0, 0.0], Drawing(500), (low, EVERYWHERE[1]))
@@ -96,19 +94,6 @@ def test_a_bound_reflects():
     deviation = np.sqrt(np.linalg.inv(DESIGN.T @ DESIGN)[0, 0])
     error = deviation / np.sqrt(effective_size(draws))
     assert np.mean(draws) == pytest.approx(np.sqrt(2.0 / np.pi) * deviation, abs=4.0 * error)
-
-
-def test_folding_is_continuous_and_stays_inside():
-    straight = Preconditioner(
-        np.zeros(2), np.eye(2), np.zeros((2, 2, 2)), np.array([-1.0, -np.inf]), np.array([2.0, 1.0])
-    )
-    at = jnp.linspace(-9.0, 9.0, 2000)
-    first, second = jax.vmap(straight)(jnp.stack([at, at], axis=1)).T
-    assert float(first.min()) >= -1.0 and float(first.max()) <= 2.0 and float(second.max()) <= 1.0
-    assert float(jnp.abs(jnp.diff(first)).max()) < 0.0091
-    inside = (at > -1.0) & (at < 1.0)
-    np.testing.assert_allclose(first[inside], at[inside])
-    np.testing.assert_allclose(second[inside], at[inside])
 
 
 class Broken(InMemory):
@@ -138,9 +123,10 @@ def test_a_run_that_was_broken_off_ends_as_if_it_had_not_been():
 
 def test_what_cannot_be_simulated_is_said():
     nowhere = lambda x: jnp.full(7, jnp.nan) * x[0]
-    straight = Preconditioner(np.zeros(2), np.eye(2), np.zeros((2, 2, 2)), *EVERYWHERE)
     optimum = Point(np.zeros(2), np.full(7, np.nan), np.full((7, 2), np.nan))
-    model = posterior.Model(lambda at: (nowhere(at), jax.jacfwd(nowhere)(at)), nowhere, optimum, straight, 1.0)
+    model = posterior.Model(
+        lambda at: (nowhere(at), jax.jacfwd(nowhere)(at)), nowhere, optimum, np.eye(2), EVERYWHERE, 1.0
+    )
     with pytest.raises(InputError, match="found a model that cannot be simulated at its optimum"):
         posterior.sample_posterior(model, None, Drawing(10), None, print)
 
@@ -154,3 +140,31 @@ def test_an_independence_chain_stays_where_the_model_is_likelier_than_the_propos
     np.testing.assert_allclose(shares, np.arange(1, 6) / 15.0, atol=5e-3)
     failed = np.array([-np.inf, 0.0, -np.inf, -np.inf])
     np.testing.assert_array_equal(posterior.corrected(failed, random), [0, 1, 1, 1])
+
+
+TIMES = jnp.linspace(0.1, 3.0, 12)
+
+
+def saturating(x):
+    """Residuals in noises of 0.08, curved whatever the parameters are: no change of them makes this linear."""
+    curve = lambda x: jnp.exp(x[0]) * (1.0 - jnp.exp(-TIMES * jnp.exp(x[1])))
+    return (curve(x) - curve(jnp.array([0.0, 0.0]))) / 0.08
+
+
+def test_another_sampler_finds_the_same_moments():
+    """NumPyro's No-U-Turn sampler, of the model itself."""
+    numpyro = pytest.importorskip("numpyro.infer")
+    kernel = numpyro.NUTS(potential_fn=lambda x: 0.5 * jnp.sum(saturating(x) ** 2), dense_mass=True)
+    sampler = numpyro.MCMC(kernel, num_warmup=500, num_samples=8000, progress_bar=False)
+    sampler.run(jax.random.PRNGKey(0), init_params=jnp.zeros(2))
+    other = np.asarray(sampler.get_samples())[None]
+    ours = drawn(saturating, [0.0, 0.0], Drawing(2000, seed=6)).free
+    for i in range(2):
+        pair = [draws[:, :, i] for draws in (ours, other)]
+        deviation, sizes = np.std(other[:, :, i]), [effective_size(draws) for draws in pair]
+        error = deviation * np.sqrt(sum(1.0 / size for size in sizes))
+        assert abs(np.mean(pair[0]) - np.mean(pair[1])) < 4.0 * error
+        assert np.std(pair[0]) == pytest.approx(deviation, rel=0.08)
+        skew = [np.mean((draws - np.mean(draws)) ** 3) / np.std(draws) ** 3 for draws in pair]
+        assert max(np.abs(skew)) > 0.1, "a normal distribution"
+        assert abs(skew[0] - skew[1]) < 4.0 * np.sqrt(6.0 * sum(1.0 / size for size in sizes))
