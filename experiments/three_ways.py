@@ -108,6 +108,11 @@ def with_measured(problem: Problem, measured: list[Float[np.ndarray, " n"]]) -> 
 
 def known_truth() -> dict[str, float]:
     """What the packaged records were made with [SI]."""
+    return dict(_known_truth())
+
+
+@functools.cache
+def _known_truth() -> dict[str, float]:
     known = json.loads((EXAMPLE / "truth.json").read_text(encoding="utf-8"))["parameters"]
     return {path: known[path]["value"] for path in pdssjax.load_study(EXAMPLE / "study.toml").parameters}
 

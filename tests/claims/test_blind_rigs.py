@@ -1,0 +1,58 @@
+"""Fits of random rigs without starts: how they are judged, and that they end right."""
+
+import json
+
+import numpy as np
+import pytest
+
+from experiments import blind_rigs
+from experiments.three_ways import known_truth
+
+FITTED = [path for path, parameter in blind_rigs.packaged().parameters.items() if parameter.free]
+
+
+def result(number, wrong=False, converged=True):
+    """A rig of which every fit has errors of 10 %, the naive ones half as large; or a wrong one."""
+    random = np.random.default_rng(number)
+    truth = blind_rigs.truth_of(number)
+    told = {"chi2": 101.0 if wrong else 91.0, "converged": converged, "message": "", "iterations": 9, "parameters": {}}
+    for path in FITTED:
+        value = truth[path] * np.exp(0.1 * random.standard_normal())
+        ends = [float(value * np.exp(sign * 0.196)) for sign in (-1, 1)]
+        told["parameters"][path] = [float(value), 0.1 * value, 0.05 * value, ends, 0.1 * value / 0.9]
+    return {"truth": truth, "chi2": 99.5, "reading": "force", "told": True, "joint": told, "sequential": told}
+
+
+def test_intervals_misses_and_errors_are_counted():
+    results = [result(number) for number in range(800)] + [result(900, wrong=True), result(901, True, False)]
+    assert not blind_rigs.missed(results[0], "joint") and blind_rigs.missed(results[-1], "joint")
+    rows = {row.name: row.ours for row in blind_rigs.table(results)}
+    assert rows["joint: missed the optimum"] == "2 of 802" and rows["joint: and did not say so"] == "1"
+    assert rows["joint: least standard error over the Fisher information's"] == pytest.approx(0.9)
+    right, naive = (np.array(list(blind_rigs.coverage(results, way).values())) for way in ("joint", "naive"))
+    np.testing.assert_allclose(right, 95.0, atol=3.0)
+    np.testing.assert_allclose(naive, 67.3, atol=6.0)
+
+
+def test_what_is_not_finite_has_missed():
+    assert blind_rigs.missed({"chi2": 1.0, "joint": {"chi2": float("nan")}}, "joint")
+
+
+def test_rigs_differ_but_for_what_is_not_fitted_and_are_the_same_again():
+    first, second = blind_rigs.truth_of(1), blind_rigs.truth_of(2)
+    assert first == blind_rigs.truth_of(1)
+    assert [path for path in first if first[path] != second[path]] == FITTED
+    assert all(first[path] == known_truth()[path] for path in set(first) - set(FITTED))
+    told, asked = blind_rigs.rig(3)
+    assert asked.friction_state == "force" and asked.records[0].noise is None and told.records[0].noise is not None
+    np.testing.assert_array_equal(told.records[0].measured, blind_rigs.rig(3)[1].records[0].measured)
+    assert all(parameter.start is None for parameter in asked.parameters.values() if parameter.free)
+
+
+@pytest.mark.slow
+def test_two_rigs_end_in_their_optimum():
+    found = json.loads(json.dumps([blind_rigs.identified(number) for number in (0, 3)]))
+    for each in found:
+        for method in ("joint", "sequential"):
+            assert not blind_rigs.missed(each, method) and each[method]["converged"]
+            assert blind_rigs.smallest_error(each, method) > 0.5
