@@ -1,5 +1,6 @@
 """Stacks put together of hysteresis, asymmetry and creep move as NumPy makes them of the textbook's definitions."""
 
+import dataclasses
 import itertools
 import pickle
 from functools import cache
@@ -10,13 +11,15 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from pdssjax import Actuator, Effector
 from pdssjax.actuator import DrivenPlatform
 from pdssjax.core import member, member_name, quantities
 from pdssjax.drive.sampled import Sampled
+from pdssjax.friction.simplified_lugre import SimplifiedLuGre
 from pdssjax.integration import Accuracy
 from pdssjax.piezo import Composition
 from pdssjax.piezo._composition import composition_of
-from pdssjax.simulation import PlatformOnly, measured
+from pdssjax.simulation import PlatformOnly, StickSlip, measured
 
 TIMES = np.arange(61) * 5e-3
 VOLTS = 20.0 + 15.0 * np.sin(2 * np.pi * 7.0 * TIMES) + 6.0 * np.sin(2 * np.pi * 19.0 * TIMES)
@@ -138,6 +141,36 @@ def test_a_composed_stack_moves_as_numpy_makes_it_move(name):
     still = aim_by_numpy(stack, composition, np.array([float(stack.initial_voltage)]), np.zeros(1))[0]
     expected = filtered(stack, composition, aim, fine, still * (stack.dynamics.modes[0].share if "rod" in name else 1))
     np.testing.assert_allclose(predict(stack, times), expected[::60], rtol=0.0, atol=2e-6 * np.ptp(expected))
+
+
+@pytest.mark.parametrize("name", ["second-order+play-4+asymmetry-3+creep-2", "second-order+maxwell-slip-2"])
+def test_what_rides_on_a_composed_stack_moves_as_scipy_makes_it_move(name):
+    """With the contact's reaction on the platform, whose hysteresis stays the voltage's."""
+    stack, composition = dataclasses.replace(made(name), mass=0.3), composition_of(name)
+    friction, mass = SimplifiedLuGre(sigma0=3e3, sigma1=2.0, f_ss=2e-3), 0.1
+    system = StickSlip(Actuator(stack, friction, Effector(mass), feedback=True), Sampled(TIMES, VOLTS))
+    times = np.linspace(0.0, TIMES[-1], 97)
+    run = jax.jit(lambda system, times: measured(system, times, Accuracy(max_steps=20000), segments=TIMES.size + 1))
+    found = np.asarray(run(system, jnp.asarray(times)))
+
+    fine = np.linspace(0.0, TIMES[-1], 60 * 96 + 1)
+    aim = aim_by_numpy(stack, composition, np.interp(fine, TIMES, VOLTS), fine)
+    still = aim_by_numpy(stack, composition, np.array([float(stack.initial_voltage)]), np.zeros(1))[0]
+    w, xi = SLOW["natural_frequency"] if "play" in name else 180.0, float(stack.dynamics.modes[0].damping)
+
+    def field(t, x):
+        platform, speed, _, rides, z = x
+        v = speed - rides
+        slip = v - 3e3 * abs(v) * z / 2e-3
+        force = 3e3 * z + 2.0 * slip
+        push = w**2 * (np.interp(t, fine, aim) - platform) - 2.0 * xi * w * speed
+        return [speed, push - force / 0.3, rides, force / mass, slip]
+
+    begin = [still, 0.0, still, 0.0, 0.0]
+    solved = solve_ivp(field, times[[0, -1]], begin, "LSODA", times, rtol=1e-9, atol=1e-15, max_step=2e-4)
+    way = solved.y[2]
+    assert np.ptp(solved.y[0] - way) > 0.2 * np.ptp(solved.y[0]), "it slips"
+    np.testing.assert_allclose(found, way, rtol=0.0, atol=1e-5 * np.ptp(way))
 
 
 def test_bouc_wen_with_creep_moves_as_numpy_makes_it_move():
