@@ -1,0 +1,204 @@
+"""What do the three errors of a parameter cover when the friction law, the voltage and the noise are wrong?
+
+A contact of LuGre with a Stribeck curve is driven by a sawtooth whose fall takes 0.3 ms and rings on at 1.5 kHz, and
+recorded with autoregressive noise.  It is fitted by the simplified law with a sawtooth of straight flanks and a free
+fall time.  Counted is how often the 95 % intervals hold the pseudo-true parameters, those of the fit without noise.
+
+    python -m experiments.wrong_law [DRAWS]    # resumes where it was left
+"""
+
+import concurrent.futures
+import dataclasses
+import functools
+import os
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+from matplotlib.figure import Figure
+
+import pdssjax
+from experiments.common import BLUE, GREEN, OUT, VERMILION, Row, print_table, save, styled
+from experiments.draws import read_tasks, run_tasks
+from pdssjax import Record, Study
+from pdssjax.core import prepare_jax
+from pdssjax.drive.sampled import Sampled
+from pdssjax.drive.sawtooth import Sawtooth
+
+NAME = "wrong_law"
+DRAWS = 60
+NOISE, CORRELATION = 2e-8, 0.8
+"""Of the records [m], and of neighbouring samples of it."""
+FREQUENCY, VOLTAGE, CYCLES = 20.0, 60.0, 8
+"""Of the walks [Hz, V]."""
+FALL, RINGING, DECAY, OVERSHOOT = 3e-4, 1500.0, 2500.0, 0.1
+"""The fall of the voltage [s], what it rings with [Hz], how that decays [1/s], and its height beside the voltage."""
+MODELS = {"white": BLUE, "coloured": VERMILION, "with-misfit": GREEN}
+
+TEXT = """\
+format = "pdssjax-study/1"
+title = "The wrong law"
+[actuator]
+piezo = "second-order"
+friction = "{law}"
+[parameters]
+"effector.mass" = {{ value = "86 g" }}
+"piezo.gain" = {{ start = "0.1 um/V" }}
+"piezo.natural_frequency" = {{ start = "6700 rad/s" }}
+"piezo.damping_ratio" = {{ start = 0.18 }}
+{more}
+[[record]]
+name = "step"
+file = "step.csv"
+columns = {{ time = "time_ms", displacement = "y_um" }}
+measures = "platform"
+sampling = {{ start = "-1 ms", end = "20 ms", interval = "50 us" }}
+drive = {{ waveform = "step", voltage = "60 V" }}
+"""
+WALK = """
+[[record]]
+name = "{direction}"
+file = "{direction}.csv"
+columns = {{ time = "time_s", displacement = "x_um" }}
+measures = "effector"
+sampling = {{ end = "{end} s", interval = "0.5 ms" }}
+drive = {{ waveform = "sawtooth", direction = "{direction}", voltage = "{voltage} V", frequency = "{frequency} Hz" }}
+"""
+RIGHT = {"sigma0": "1 N/um", "sigma1": "45 N s/m", "f_c": "0.55 N", "f_s": "0.65 N", "v_s": "1 mm/s"}
+WRONG = {"sigma0": "1 N/um", "sigma1": "45 N s/m", "f_ss": "0.6 N"}
+
+Result = dict[str, Any]
+"""Of one draw: by parameter, its value and three standard errors."""
+
+
+def planned(law: str, contact: dict[str, str], more: str = "") -> Study:
+    """The study with one of the laws, its records still to be made."""
+    listed = "".join(f'"friction.{name}" = {{ start = "{start}" }}\n' for name, start in contact.items())
+    numbers = dict(end=CYCLES / FREQUENCY, voltage=VOLTAGE, frequency=FREQUENCY)
+    walks = "".join(WALK.format(direction=direction, **numbers) for direction in ("forward", "backward"))
+    folder = OUT / NAME
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / f"{law}.toml"
+    file.write_text(TEXT.format(law=law, more=listed + more) + walks, encoding="utf-8")
+    return pdssjax.load_study(file, virtual=True)
+
+
+def ringing(record: Record) -> Record:
+    """The record under a voltage that falls in a time and rings on; as it is where that does not walk."""
+    drive = record.drive
+    if not isinstance(drive, Sawtooth):
+        return record
+    falls = dataclasses.replace(drive, fall_time=FALL)
+    starts = np.arange(CYCLES + 1) / FREQUENCY
+    after = np.linspace(0.0, 2e-3, 41)
+    times = np.unique(np.concatenate([starts, (starts[:, None] + FALL + after).ravel()]))
+    since = np.mod(times, 1.0 / FREQUENCY) - FALL
+    forward = float(drive.direction) > 0
+    rings = (since > 0) & (since < 2e-3) & ((times > 1.0 / FREQUENCY) | (not forward))
+    sign = -1.0 if forward else 1.0
+    ring = OVERSHOOT * VOLTAGE * np.exp(-DECAY * since) * np.sin(2.0 * np.pi * RINGING * since)
+    volts = np.asarray(falls.at(jnp.asarray(times))) + np.where(rings, sign * ring, 0.0)
+    return dataclasses.replace(record, drive=Sampled(times, volts))
+
+
+@functools.cache
+def made() -> tuple[Study, tuple[Float[np.ndarray, " n"], ...], dict[str, float]]:
+    """The study to fit, what there is to be measured [m], and the pseudo-true parameters [SI]."""
+    prepare_jax()  # in another process, too
+    right = planned("lugre", RIGHT)
+    right = dataclasses.replace(right, records=tuple(map(ringing, right.records)))
+    truth = {path: float((p.start if p.free else p.value) or 0.0) for path, p in right.parameters.items()}
+    motions = tuple(np.asarray(motion) for motion in right.predict(truth))
+    study = planned("simplified-lugre", WRONG, '"drive.fall_time" = { start = "0.3 ms" }\n')
+    clean = pdssjax.identify(measured(study, motions, noise=NOISE))
+    return study, motions, {path: p.value for path, p in clean.parameters.items() if p.free}
+
+
+def measured(study: Study, motions: Sequence[Float[np.ndarray, " n"]], noise: float | None = None) -> Study:
+    """The study with its records."""
+    records = tuple(
+        dataclasses.replace(record, measured=motion, noise=noise)
+        for record, motion in zip(study.records, motions, strict=True)
+    )
+    return dataclasses.replace(study, records=records)
+
+
+def coloured(size: int, random: np.random.Generator) -> Float[np.ndarray, " n"]:
+    """Autoregressive noise [m]."""
+    out = random.standard_normal(size)
+    for i in range(1, size):
+        out[i] = CORRELATION * out[i - 1] + np.sqrt(1.0 - CORRELATION**2) * out[i]
+    return NOISE * out
+
+
+def drawn(number: int) -> Result:
+    """A draw of the noise, fitted from the pseudo-true parameters on."""
+    study, motions, pseudo = made()
+    random = np.random.default_rng([24, number])
+    begun = {path: dataclasses.replace(study.parameters[path], start=value) for path, value in pseudo.items()}
+    study = dataclasses.replace(study, parameters=dict(study.parameters) | begun)
+    found = pdssjax.identify(measured(study, [motion + coloured(motion.size, random) for motion in motions]))
+    return {
+        "pseudo": pseudo,
+        "converged": bool(found.converged),
+        "parameters": {
+            path: [found.parameters[path].value] + [found.parameters[path].errors[m].standard_error for m in MODELS]
+            for path in pseudo
+        },
+    }
+
+
+def coverage(results: Sequence[Result]) -> Float[np.ndarray, "models p"]:
+    """Share of the 95 % intervals that hold the pseudo-true parameter."""
+    inside = [
+        [[abs(value - each["pseudo"][path]) < 1.96 * error for error in errors] for path, (value, *errors) in told]
+        for each in results
+        for told in [each["parameters"].items()]
+    ]
+    return np.mean(inside, axis=0).T
+
+
+def rows(results: Sequence[Result]) -> list[Row]:
+    """Coverage of every parameter by every model, per cent."""
+    shares, paths = coverage(results), list(results[0]["parameters"])
+    return [
+        Row(f"{path}: {', '.join(MODELS)}", None, " / ".join(f"{100 * share:.0f}" for share in shares[:, i]), "%")
+        for i, path in enumerate(paths)
+    ]
+
+
+def draw(results: Sequence[Result]) -> Figure:
+    """The same as a picture."""
+    figure = Figure(figsize=(7.4, 3.4), layout="constrained")
+    axes, paths = figure.subplots(), list(results[0]["parameters"])
+    axes.axhspan(93.0, 97.0, color="0.88", linewidth=0)
+    for place, ((model, colour), shares) in enumerate(zip(MODELS.items(), coverage(results), strict=True)):
+        heights = 100.0 * shares
+        error = 1.96 * np.sqrt(np.maximum(heights * (100.0 - heights), 25.0) / len(results))
+        places = np.arange(heights.size) + 0.2 * (place - 1)
+        axes.errorbar(places, heights, error, fmt="o", color=colour, markersize=4, label=model.replace("-", " "))
+    axes.set_xticks(range(len(paths)), [path.split(".")[1] for path in paths], rotation=20)
+    axes.set_ylabel("95 % intervals that hold\nthe pseudo-true parameter (%)")
+    axes.set_title(f"LuGre and a ringing voltage, fitted by the simplified law; {len(results)} draws", loc="left")
+    axes.legend(loc="lower left", ncols=3)
+    return figure
+
+
+def main(draws: int = DRAWS) -> None:
+    """Print the table and draw the figure."""
+    tasks = {f"{number:04d}": (number,) for number in range(draws)}
+    made()  # before threads ask for it
+    with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as executor:
+        report = lambda text: print(f"\r{text}", end="", flush=True)
+        run_tasks(tasks, drawn, OUT / NAME, executor, report=report)
+    results = [result for _, result in read_tasks(tasks, OUT / NAME)]
+    print_table(f"Coverage of the pseudo-true parameters, {draws} draws", rows(results), NAME)
+    with styled():
+        save(draw(results), NAME)
+
+
+if __name__ == "__main__":
+    main(*map(int, sys.argv[1:2]))
