@@ -2,8 +2,8 @@
 
 The records of the packaged study (two walks of 5 Hz, three steps) are made anew with parameters scattered by 1.2 to
 1.6 either way, by both readings of the friction's state, with noise that the study tells or not.  Each rig is
-identified jointly and in two steps.  A fit has missed the optimum where the truth fits better than it by more than 1
-in chi-square.
+identified jointly and in two steps.  A fit has missed the optimum where the truth fits better than it by more than 10
+in chi-square: a fit in two steps is no minimum of the whole.
 
     python -m experiments.blind_rigs        # resumes where it was left
     python -m experiments.blind_rigs 500    # so many
@@ -36,7 +36,7 @@ SCATTER = {"piezo.gain": 1.2, "piezo.natural_frequency": 1.2, "friction.f_ss_a":
 """Largest factor either way."""
 OTHERS = 1.6
 """The same of all that is not named."""
-MISSED = 1.0
+MISSED = 10.0
 """Chi-square above that of the truth."""
 WAYS = {"joint": "joint", "sequential": "sequential, corrected", "naive": "sequential, naive"}
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ..core import Document, InputError
 
-FORMAT = "pdssjax-draws/1"
+FORMAT = "pdssjax-draws/2"
 
 DRAWS = "draws.jsonl"
 """The file in a folder of results (`results_folder` knows it)."""
@@ -68,7 +68,8 @@ class DrawsFile:
         whole = text[: text.rfind("\n") + 1]
         entries = [self._parsed(number, line) for number, line in enumerate(whole.splitlines(), 1)]
         if not entries or entries[0].get("format") != FORMAT:
-            raise InputError(f'{self._file}: line 1: found no "format": "{FORMAT}", expected a file of draws.')
+            expected = "expected a file of draws that this version of pdssjax wrote"
+            raise InputError(f'{self._file}: line 1: found no "format": "{FORMAT}", {expected}.')
         if whole != text:
             os.truncate(self._file, len(whole.encode("utf-8")))
         self._begun, self._entries = entries[0], entries[1:]

@@ -81,7 +81,9 @@ def reason_at_first(fit: Fit, contest: Contest) -> str | None:
 
 def reason_in_the_end(fit: Fit, starts: dict[str, float], contest: Contest, raced: bool) -> str | None:
     """Why a `fit` is to be raced against others although it stands; `raced` tells whether it was before."""
-    if _may_lie_elsewhere(fit, contest.problem, starts, contest.study, raced):
+    problem = contest.problem
+    # The starts given or searched for, or a bound, may not have let the fit go where the best optimum is.
+    if is_poor(fit, problem) if raced else _at_new_bound(fit, problem, starts):
         return "elsewhere"
     return "long way" if fit.iterations > _LONG and not raced and len(contest.found) > 1 else None
 
@@ -137,14 +139,6 @@ def _without_starts(study: Study) -> dict[str, Parameter]:
     """The parameters as a search may start them anywhere; the starts of what the platform shows are better."""
     keep = lambda path, parameter: not parameter.free or shown_by_platform(path)
     return {path: p if keep(path, p) else dataclasses.replace(p, start=None) for path, p in study.parameters.items()}
-
-
-def _may_lie_elsewhere(fit: Fit, problem: Problem, starts: dict[str, float], study: Study, raced: bool) -> bool:
-    """The best optimum may be where the starts given, or a bound, have not let the fit go."""
-    if not raced:
-        return _at_new_bound(fit, problem, starts)
-    given = any(p.free and p.start is not None and not shown_by_platform(path) for path, p in study.parameters.items())
-    return given and is_poor(fit, problem)
 
 
 def _at_new_bound(fit: Fit, problem: Problem, starts: dict[str, float]) -> bool:
