@@ -13,7 +13,7 @@ import functools
 import os
 import sys
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -23,10 +23,11 @@ from matplotlib.figure import Figure
 import pdssjax
 from experiments.common import BLUE, GREEN, OUT, VERMILION, Row, print_table, save, styled
 from experiments.draws import read_tasks, run_tasks
-from pdssjax import Record, Study
+from pdssjax import Estimate, Record, Study
 from pdssjax.core import prepare_jax
 from pdssjax.drive.sampled import Sampled
 from pdssjax.drive.sawtooth import Sawtooth
+from pdssjax.inference import joint, with_error_models
 
 NAME = "wrong_law"
 DRAWS = 60
@@ -104,23 +105,38 @@ def ringing(record: Record) -> Record:
     return dataclasses.replace(record, drive=Sampled(times, volts))
 
 
+class Made(NamedTuple):
+    """What all draws share."""
+
+    study: Study
+    """The one to fit."""
+    motions: tuple[Float[np.ndarray, " n"], ...]
+    """What there is to be measured [m]."""
+    clean: Estimate
+    """Of records without noise: its parameters are the pseudo-true ones."""
+
+    @property
+    def pseudo(self) -> dict[str, float]:
+        """The pseudo-true parameters that are fitted [SI]."""
+        return {path: p.value for path, p in self.clean.parameters.items() if p.free}
+
+
 @functools.cache
-def made() -> tuple[Study, tuple[Float[np.ndarray, " n"], ...], dict[str, float]]:
-    """The study to fit, what there is to be measured [m], and the pseudo-true parameters [SI]."""
+def made() -> Made:
+    """What all draws share, made once."""
     prepare_jax()  # in another process, too
     right = planned("lugre", RIGHT)
     right = dataclasses.replace(right, records=tuple(map(ringing, right.records)))
     truth = {path: float((p.start if p.free else p.value) or 0.0) for path, p in right.parameters.items()}
     motions = tuple(np.asarray(motion) for motion in right.predict(truth))
     study = planned("simplified-lugre", WRONG, '"drive.fall_time" = { start = "0.3 ms" }\n')
-    clean = pdssjax.identify(measured(study, motions, noise=NOISE))
-    return study, motions, {path: p.value for path, p in clean.parameters.items() if p.free}
+    return Made(study, motions, pdssjax.identify(measured(study, motions)))
 
 
-def measured(study: Study, motions: Sequence[Float[np.ndarray, " n"]], noise: float | None = None) -> Study:
-    """The study with its records."""
+def measured(study: Study, motions: Sequence[Float[np.ndarray, " n"]]) -> Study:
+    """The study with its records, and the size of their noise."""
     records = tuple(
-        dataclasses.replace(record, measured=motion, noise=noise)
+        dataclasses.replace(record, measured=motion, noise=NOISE)
         for record, motion in zip(study.records, motions, strict=True)
     )
     return dataclasses.replace(study, records=records)
@@ -135,20 +151,31 @@ def coloured(size: int, random: np.random.Generator) -> Float[np.ndarray, " n"]:
 
 
 def drawn(number: int) -> Result:
-    """A draw of the noise, fitted from the pseudo-true parameters on."""
-    study, motions, pseudo = made()
+    """A draw of the noise, fitted from the pseudo-true parameters on: no search, which is another matter."""
+    study, motions, clean = made()
     random = np.random.default_rng([24, number])
-    begun = {path: dataclasses.replace(study.parameters[path], start=value) for path, value in pseudo.items()}
-    study = dataclasses.replace(study, parameters=dict(study.parameters) | begun)
-    found = pdssjax.identify(measured(study, [motion + coloured(motion.size, random) for motion in motions]))
+    quiet = lambda message: None
+    pseudo = made().pseudo
+    noisy = measured(_started(study, pseudo), [motion + coloured(motion.size, random) for motion in motions])
+    problem, starts = pdssjax.pose_problem(noisy)
+    fit = joint(problem, problem.decode(np.asarray(starts)), quiet)
+    samples = sum(motion.size for motion in motions)
+    reduced = fit.chi2 / (samples - fit.free.size - len(motions))
+    estimate = dataclasses.replace(
+        clean, statistics=dataclasses.replace(clean.statistics, chi2=fit.chi2, reduced_chi2=reduced)
+    )
+    found, values = with_error_models(estimate, problem, fit, quiet), problem.decode(fit.free)
+    errors = {path: [found.parameters[path].errors[m].standard_error for m in MODELS] for path in pseudo}
     return {
         "pseudo": pseudo,
-        "converged": bool(found.converged),
-        "parameters": {
-            path: [found.parameters[path].value] + [found.parameters[path].errors[m].standard_error for m in MODELS]
-            for path in pseudo
-        },
+        "converged": bool(fit.success),
+        "parameters": {path: [float(values[path]), *errors[path]] for path in pseudo},
     }
+
+
+def _started(study: Study, starts: dict[str, float]) -> Study:
+    begun = {path: dataclasses.replace(study.parameters[path], start=value) for path, value in starts.items()}
+    return dataclasses.replace(study, parameters=dict(study.parameters) | begun)
 
 
 def coverage(results: Sequence[Result]) -> Float[np.ndarray, "models p"]:

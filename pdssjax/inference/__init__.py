@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from .uncertainty.influence import influence_of as influence_of
     from .uncertainty.influence import principal_directions as principal_directions
     from .uncertainty.parameter_errors import all_error_models as all_error_models
+    from .uncertainty.parameter_errors import with_error_models as with_error_models
 else:
     from ..core.lazy import lazy_exports
 
@@ -51,7 +52,7 @@ else:
             "solver.iterations": ["iterates"],
             "least_squares": ["Fit", "Method", "joint", "sequential", "with_piezo_held"],
             "solver.levenberg_marquardt": ["BoundedLevenbergMarquardt"],
-            "uncertainty.parameter_errors": ["all_error_models"],
+            "uncertainty.parameter_errors": ["all_error_models", "with_error_models"],
             "parameter_transform": ["transform_of"],
             "stack_first.peak_picking": ["PickedStack", "pick_peaks"],
             "problem": ["Problem", "pose_problem"],
