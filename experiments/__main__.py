@@ -17,7 +17,7 @@ from markdown_it import MarkdownIt
 from experiments.common import OUT
 
 HERE = Path(__file__).parent
-LIMIT = 900.0
+LIMIT = 7200.0
 """Seconds after which an experiment is given up."""
 
 STYLE = """

@@ -197,7 +197,7 @@ def draw(results: Sequence[Result]) -> Figure:
     )
     axes.set_ylabel("95 % intervals that hold the truth (%)")
     axes.set_title(f"{len(results)} random rigs, identified without starts", loc="left")
-    axes.legend(loc="lower left", ncols=3)
+    figure.legend(loc="outside lower center", ncols=3)
     return figure
 
 

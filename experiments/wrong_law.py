@@ -210,7 +210,7 @@ def draw(results: Sequence[Result]) -> Figure:
     axes.set_xticks(range(len(paths)), [path.split(".")[1] for path in paths], rotation=20)
     axes.set_ylabel("95 % intervals that hold\nthe pseudo-true parameter (%)")
     axes.set_title(f"LuGre and a ringing voltage, fitted by the simplified law; {len(results)} draws", loc="left")
-    axes.legend(loc="lower left", ncols=3)
+    figure.legend(loc="outside lower center", ncols=3)
     return figure
 
 
