@@ -23,8 +23,9 @@ from matplotlib.figure import Figure
 
 import pdssjax
 from experiments.common import BLUE, GREEN, OUT, VERMILION, Row, print_table, save, styled
+from experiments.coverage_figure import draw_coverage
 from experiments.draws import read_tasks, run_tasks
-from experiments.three_ways import NOISE, known_truth
+from experiments.three_ways import NOISE, known_truth, started
 from pdssjax import Estimate, InputWarning, Study
 from pdssjax.core import prepare_jax
 from pdssjax.files import EXAMPLE
@@ -87,7 +88,7 @@ def identified(number: int) -> Result:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)
         truth = truth_of(number)
-        judge, _ = pdssjax.pose_problem(_started(told, truth))
+        judge, _ = pdssjax.pose_problem(started(told, truth))
         found = {method: pdssjax.identify(asked, method) for method in ("joint", "sequential")}
     fisher = _fisher_errors(judge, truth)
     return {
@@ -97,11 +98,6 @@ def identified(number: int) -> Result:
         "told": number % 4 < 2,
         **{method: _told(estimate, judge, fisher) for method, estimate in found.items()},
     }
-
-
-def _started(study: Study, starts: Mapping[str, float]) -> Study:
-    parameters = {path: dataclasses.replace(p, start=starts[path]) for path, p in study.parameters.items() if p.free}
-    return dataclasses.replace(study, parameters=dict(study.parameters) | parameters)
 
 
 def _chi2(problem: Problem, values: Mapping[str, float]) -> float:
@@ -183,22 +179,15 @@ def coverage(results: Sequence[Result], way: str) -> dict[str, float]:
 
 def draw(results: Sequence[Result]) -> Figure:
     """Coverage of every parameter in every way, with its own uncertainty."""
-    figure = Figure(figsize=(7.4, 3.6), layout="constrained")
-    axes = figure.subplots()
-    for place, ((way, name), colour) in enumerate(zip(WAYS.items(), (BLUE, GREEN, VERMILION), strict=True)):
-        shares = coverage(results, way)
-        heights = np.array(list(shares.values()))
-        error = 1.96 * np.sqrt(np.maximum(heights * (100.0 - heights), 25.0) / len(results))
-        places = np.arange(heights.size) + 0.2 * (place - 1)
-        axes.errorbar(places, heights, error, fmt="o", color=colour, markersize=4, label=name)
-    axes.axhspan(93.0, 97.0, color="0.88", linewidth=0)
-    axes.set_xticks(
-        range(len(coverage(results, "joint"))), [p.split(".")[1] for p in coverage(results, "joint")], rotation=25
+    found = {name: coverage(results, way) for way, name in WAYS.items()}
+    return draw_coverage(
+        {name: np.array(list(shares.values())) for name, shares in found.items()},
+        (BLUE, GREEN, VERMILION),
+        list(found[WAYS["joint"]]),
+        len(results),
+        f"{len(results)} random rigs, identified without starts",
+        "95 % intervals that hold the truth (%)",
     )
-    axes.set_ylabel("95 % intervals that hold the truth (%)")
-    axes.set_title(f"{len(results)} random rigs, identified without starts", loc="left")
-    figure.legend(loc="outside lower center", ncols=3)
-    return figure
 
 
 def main(rigs: int = RIGS) -> None:

@@ -22,7 +22,9 @@ from matplotlib.figure import Figure
 
 import pdssjax
 from experiments.common import BLUE, GREEN, OUT, VERMILION, Row, print_table, save, styled
+from experiments.coverage_figure import draw_coverage
 from experiments.draws import read_tasks, run_tasks
+from experiments.three_ways import started
 from pdssjax import Estimate, Record, Study
 from pdssjax.core import prepare_jax
 from pdssjax.drive.sampled import Sampled
@@ -156,7 +158,7 @@ def drawn(number: int) -> Result:
     random = np.random.default_rng([24, number])
     quiet = lambda message: None
     pseudo = made().pseudo
-    noisy = measured(_started(study, pseudo), [motion + coloured(motion.size, random) for motion in motions])
+    noisy = measured(started(study, pseudo), [motion + coloured(motion.size, random) for motion in motions])
     problem, starts = pdssjax.pose_problem(noisy)
     fit = joint(problem, problem.decode(np.asarray(starts)), quiet)
     samples = sum(motion.size for motion in motions)
@@ -171,11 +173,6 @@ def drawn(number: int) -> Result:
         "converged": bool(fit.success),
         "parameters": {path: [float(values[path]), *errors[path]] for path in pseudo},
     }
-
-
-def _started(study: Study, starts: dict[str, float]) -> Study:
-    begun = {path: dataclasses.replace(study.parameters[path], start=value) for path, value in starts.items()}
-    return dataclasses.replace(study, parameters=dict(study.parameters) | begun)
 
 
 def coverage(results: Sequence[Result]) -> Float[np.ndarray, "models p"]:
@@ -199,19 +196,14 @@ def rows(results: Sequence[Result]) -> list[Row]:
 
 def draw(results: Sequence[Result]) -> Figure:
     """The same as a picture."""
-    figure = Figure(figsize=(7.4, 3.4), layout="constrained")
-    axes, paths = figure.subplots(), list(results[0]["parameters"])
-    axes.axhspan(93.0, 97.0, color="0.88", linewidth=0)
-    for place, ((model, colour), shares) in enumerate(zip(MODELS.items(), coverage(results), strict=True)):
-        heights = 100.0 * shares
-        error = 1.96 * np.sqrt(np.maximum(heights * (100.0 - heights), 25.0) / len(results))
-        places = np.arange(heights.size) + 0.2 * (place - 1)
-        axes.errorbar(places, heights, error, fmt="o", color=colour, markersize=4, label=model.replace("-", " "))
-    axes.set_xticks(range(len(paths)), [path.split(".")[1] for path in paths], rotation=20)
-    axes.set_ylabel("95 % intervals that hold\nthe pseudo-true parameter (%)")
-    axes.set_title(f"LuGre and a ringing voltage, fitted by the simplified law; {len(results)} draws", loc="left")
-    figure.legend(loc="outside lower center", ncols=3)
-    return figure
+    return draw_coverage(
+        {model.replace("-", " "): 100.0 * shares for model, shares in zip(MODELS, coverage(results), strict=True)},
+        list(MODELS.values()),
+        list(results[0]["parameters"]),
+        len(results),
+        f"LuGre and a ringing voltage, fitted by the simplified law; {len(results)} draws",
+        "95 % intervals that hold\nthe pseudo-true parameter (%)",
+    )
 
 
 def main(draws: int = DRAWS) -> None:

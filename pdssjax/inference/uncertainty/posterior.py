@@ -72,8 +72,6 @@ class Chains(NamedTuple):
     """Of the model, but for a constant."""
     accepted: Bool[np.ndarray, "chains draws"]
     """The model took the polynomial's draw; else the draw is the one before."""
-    tried: int
-    """Residuals that were randomized for all draws; more than these where some had no solution between the bounds."""
 
 
 class Model(NamedTuple):
@@ -191,7 +189,7 @@ def _judged(model: Model, polynomial: ResidualPolynomial, seed: int, task: tuple
     chi2 = [float(np.sum(np.asarray(model.residuals(free)) ** 2)) for free in proposed.free]
     # JSON has no infinity.
     density = [-0.5 * value / model.factor if np.isfinite(value) else None for value in chi2]
-    told = {"free": proposed.free.tolist(), "proposed": proposed.log_proposed.tolist(), "tried": proposed.tried}
+    told = {"free": proposed.free.tolist(), "proposed": proposed.log_proposed.tolist()}
     return {"chain": task[0], "block": task[1], **told, "log_density": density}
 
 
@@ -205,10 +203,8 @@ def _corrected(blocks: Sequence[Document], wanted: int, seed: int, chain: int) -
         free=whole("free")[places],
         log_density=density[places],
         accepted=places == np.arange(wanted),
-        tried=sum(int(block["tried"]) for block in blocks),
     )
 
 
 def _joined(chains: Sequence[Chains]) -> Chains:
-    parts = list(zip(*chains, strict=True))
-    return Chains(*(np.stack(part) for part in parts[:-1]), tried=sum(parts[-1]))
+    return Chains(*(np.stack(parts) for parts in zip(*chains, strict=True)))

@@ -66,8 +66,6 @@ class Proposals(NamedTuple):
     """log q, but for a constant."""
     log_learned: Float[np.ndarray, " draws"]
     """The same of the density that the polynomial stands for."""
-    tried: int
-    """Residuals that were randomized until as many draws were there."""
 
 
 class _Solution(NamedTuple):
@@ -107,7 +105,7 @@ def propose(
         have, tried = have + int(np.sum(good)), tried + _SIDE_BY_SIDE
         if have >= count:
             whole = _Solution(*(np.concatenate(parts)[:count] for parts in zip(*found, strict=True)))
-            return Proposals(np.asarray(whole.x), np.asarray(whole.log_proposed), np.asarray(whole.log_learned), tried)
+            return Proposals(np.asarray(whole.x), np.asarray(whole.log_proposed), np.asarray(whole.log_learned))
     raise InputError(
         f"posterior: found parameters between the bounds for {have} of {tried} randomized residuals, expected "
         f"{count}; the records say too little about them, or the optimum lies at bounds. Fix some, or give bounds."
