@@ -150,7 +150,7 @@ def _with_intervals(estimate: Estimate, found: Found, request: _Request) -> Esti
     """`estimate` with the intervals asked for; linear ones where nothing can be drawn around where the fit ended."""
     problem, fit, intervals = found.problem, found.fit, request.intervals
     if intervals == "profile":
-        return with_profile_intervals(estimate, problem, fit, request.report)
+        return with_profile_intervals(estimate, problem, fit, request.executor, request.report)
     if intervals in DRAWN and not estimate.converged:
         note = f"No {intervals}: the fit did not converge, and its intervals are linear."
         return dataclasses.replace(estimate, notes=(*estimate.notes, note))

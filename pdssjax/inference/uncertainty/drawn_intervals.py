@@ -99,7 +99,7 @@ def with_posterior(
         return dataclasses.replace(estimate, notes=(*estimate.notes, note))
     optimum = Point(np.asarray(fit.free, float), np.asarray(fit.state.residual), np.asarray(fit.state.jacobian))
     report("posterior: curvature at the optimum")
-    curvature = learn_curvature(problem.linearised, optimum, 1.0, problem.bounds)
+    curvature = learn_curvature(problem.linearised, optimum, 1.0, problem.bounds, executor=executor).at_optimum
     axes = principal_axes(optimum, np.flatnonzero(moving), factor)
     model = Model(problem.linearised, problem.whitened, optimum, axes, problem.bounds, factor)
     first = of_second_order(optimum, curvature, axes)

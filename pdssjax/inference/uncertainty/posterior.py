@@ -150,7 +150,7 @@ def learn(
         exact = np.array([-0.5 * point.chi2 / model.factor for point in there])
         agreement = in_common(exact - proposed.log_proposed, proposed.log_learned - proposed.log_proposed)
         points += there
-        polynomial = learned_polynomial(model.optimum, points, model.axes, model.factor)
+        polynomial = learned_polynomial(model.optimum, points, model.axes, model.factor).turned()
         if agreement > _AGREEMENT:
             break
     return polynomial

@@ -1,8 +1,9 @@
 """The curve of chi-square between an optimum and an end of a likelihood interval.
 
 The valley between two points at which all is known is a cubic in the profiled parameter, by values and tangents
-of the others.  The point halfway is evaluated, the linear model there tells what the others still gain, and each
-half is treated alike.  So the curve has values and slopes at a few points, and cubics between them.
+of the others; what is known of how residuals bend brings a point nearer to its floor.  The point halfway is evaluated,
+the linear model there tells what the others still gain, and where it misses the cubic each half is treated alike.  So
+the curve has values and slopes at a few points, and cubics between them.
 """
 
 import itertools
@@ -11,14 +12,21 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from .profile_likelihood import REACH, Box, End, Evaluate, linearise
-from .second_order import Point
+from .end_search import End
+from .probes import standard_errors
+from .profile_likelihood import REACH, Box, Evaluate, linearise
+from .quadratic_end import Aim, lowest
+from .second_order import Point, SecondOrder
+from .shared_curvature import SharedCurvature
 
 _HALVINGS = 2
-"""Of each side: 3 points between the optimum and the end."""
+"""Of each side, at most: 3 points between the optimum and the end."""
 
-_SHOWN = 3
-"""Points shown from one that is evaluated to the next: 25 points where both ends are found."""
+_BENT = 0.02
+"""Share of the threshold by which a point misses the cubic, from which each half has a point of its own."""
+
+_SHOWN = 12
+"""Points shown of each side besides the optimum."""
 
 _OFF = 0.02
 """Share of the threshold that the others may still gain at a point by the linear model; beyond it they move."""
@@ -59,10 +67,14 @@ def profile_curve(
     ends: tuple[End, End],
     threshold: float,
     bounds: Box,
+    shared: SharedCurvature,
     reach: float = REACH,
 ) -> Curve:
-    """Both sides of the profile of the parameter `index`, between its `ends`: lower and upper."""
-    sides = [_Side(evaluate, optimum, index, threshold, bounds, reach).run(end.point) for end in ends]
+    """Both sides of the profile of the parameter `index`, between its `ends`: lower and upper.
+
+    `shared` is what the searches for the ends have learned.
+    """
+    sides = [_Side(evaluate, optimum, index, threshold, bounds, shared, reach).run(end.point) for end in ends]
     low, high = sides
     return Curve(
         np.concatenate([low.value[::-1], high.value[1:]]),
@@ -75,9 +87,20 @@ def profile_curve(
 
 
 class _Side:
-    def __init__(self, evaluate: Evaluate, optimum: Point, index: int, threshold: float, bounds: Box, reach: float):
+    def __init__(
+        self,
+        evaluate: Evaluate,
+        optimum: Point,
+        index: int,
+        threshold: float,
+        bounds: Box,
+        shared: SharedCurvature,
+        reach: float,
+    ):
         self.evaluate, self.optimum, self.index, self.threshold = evaluate, optimum, index, threshold
         self.low, self.high = np.maximum(bounds[0], optimum.at - reach), np.minimum(bounds[1], optimum.at + reach)
+        sizes = standard_errors(optimum, threshold, reach)[0]
+        self.aim, self.shared = Aim(index, 1.0, optimum.chi2, self.low, self.high, sizes), shared
         self.evaluations, self.missed = 0, float("nan")
 
     def run(self, end: Point) -> Curve:
@@ -90,14 +113,15 @@ class _Side:
         at = np.array([node.point.at[self.index] for node in nodes])
         heights = np.array([node.excess for node in nodes])
         segments = list(itertools.pairwise(nodes))
-        value = np.concatenate([[at[0]], *(np.linspace(*pair, _SHOWN + 1)[1:] for pair in itertools.pairwise(at))])
+        shown = _SHOWN // len(segments)
+        value = np.concatenate([[at[0]], *(np.linspace(*pair, shown + 1)[1:] for pair in itertools.pairwise(at))])
         excess = [
             _cubic(*segment, self.index, v)
             for k, segment in enumerate(segments)
-            for v in value[1:].reshape(-1, _SHOWN)[k]
+            for v in value[1:].reshape(-1, shown)[k]
         ]
         falls = float(np.max(np.maximum.accumulate(heights) - heights)) / self.threshold
-        computed = np.arange(value.size) % _SHOWN == 0
+        computed = np.arange(value.size) % shown == 0
         return Curve(value, np.array([0.0, *excess]), computed, self.missed, falls, self.evaluations)
 
     def _between(self, one_end: _Node, other_end: _Node, halvings: int) -> list[_Node]:
@@ -108,9 +132,13 @@ class _Side:
         node = self._corrected(self._linearised(self._valley(one_end, other_end, at)))
         if not np.isfinite(node.excess):
             return []
-        if halvings < _HALVINGS:
-            foretold = _cubic(one_end, other_end, self.index, at)
-            self.missed = float(np.fmax(self.missed, abs(node.excess - foretold) / self.threshold))
+        foretold = _cubic(one_end, other_end, self.index, at)
+        missed = abs(node.excess - foretold) / self.threshold
+        if halvings < _HALVINGS or missed < _BENT:
+            # Of a cubic between points half as far apart: a sixteenth of what was missed before it was halved.
+            self.missed = float(np.fmax(self.missed, missed if halvings < _HALVINGS else missed / 16.0))
+        if missed < _BENT:
+            return [node]
         return [
             *self._between(one_end, node, halvings - 1),
             node,
@@ -134,7 +162,12 @@ class _Side:
         near, far = one_end.point.at, other_end.point.at
         guess = _hermite(near[self.index], far[self.index], near, far, one_end.tangent, other_end.tangent, at)
         guess[self.index] = at
-        return np.clip(guess, self.low, self.high)
+        guess = np.clip(guess, self.low, self.high)
+        nearer = min((one_end.point, other_end.point), key=lambda point: abs(point.at[self.index] - at))
+        curvature = self.shared.at(0.5 * (guess + nearer.at))
+        if curvature is None:
+            return guess
+        return nearer.at + lowest(SecondOrder(nearer, curvature), nearer.at, guess - nearer.at, self.aim)
 
     def _node(self, point: Point) -> _Node:
         """What the linear model makes of a point near the valley."""

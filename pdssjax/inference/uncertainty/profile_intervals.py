@@ -1,16 +1,19 @@
 """Replaces an estimate's linear intervals by those of the likelihood, with curves and a verdict for each parameter."""
 
 import dataclasses
+from concurrent.futures import Executor
 
 import numpy as np
 from jaxtyping import Float
 
 from ...study import Estimate, FittedParameter, Profile
+from ..draws import each_done
 from ..least_squares import Fit, Progress
 from ..problem import Problem
+from .end_search import End, Verdict
 from .profile_curve import Curve, profile_curve
-from .profile_likelihood import End, Verdict, interval_end, learn_curvature, linear_half_widths
-from .second_order import Curvature, Point
+from .profile_likelihood import interval_ends, learn_curvature, linear_half_widths
+from .second_order import Point
 from .variance_factor import NORMAL_95, variance_factor
 
 SIDES = -1.0, 1.0
@@ -19,7 +22,9 @@ FALLS = 0.05
 """Share of the threshold by which chi-square may fall on the way outwards before that counts as another minimum."""
 
 
-def with_profile_intervals(estimate: Estimate, problem: Problem, fit: Fit, report: Progress) -> Estimate:
+def with_profile_intervals(
+    estimate: Estimate, problem: Problem, fit: Fit, executor: Executor | None, report: Progress
+) -> Estimate:
     """`estimate` with 95 % intervals that end where chi-square, minimised over all else, exceeds its threshold.
 
     The threshold grows with a reduced chi-square above one, as the standard errors do.  Parameters at a bound and
@@ -31,26 +36,27 @@ def with_profile_intervals(estimate: Estimate, problem: Problem, fit: Fit, repor
     kept = [path for path in paths if not estimate.parameters[path].at_bound and estimate.parameters[path].identifiable]
     optimum = Point(np.asarray(fit.free, float), np.asarray(fit.state.residual), np.asarray(fit.state.jacobian))
     report("curvature at the optimum")
-    curvature = learn_curvature(problem.linearised, optimum, threshold, problem.bounds)
+    shared = learn_curvature(problem.linearised, optimum, threshold, problem.bounds, executor=executor)
+    which = [(paths.index(path), side) for path in kept for side in SIDES]
+    told = lambda done: report(f"intervals: {done} of {len(which)} ends")
+    found = interval_ends(
+        problem.linearised, optimum, which, threshold, problem.bounds, shared, executor=executor, report=told
+    )
+    pairs = {path: (found[2 * number], found[2 * number + 1]) for number, path in enumerate(kept)}
+    draw = lambda path: profile_curve(
+        problem.linearised, optimum, paths.index(path), pairs[path], threshold, problem.bounds, shared
+    )
+    curves: dict[str, Curve] = {}
+    for path, curve in each_done(draw, kept, executor):
+        curves[path] = curve
+        report(f"profiles: {len(curves)} of {len(kept)} parameters")
     parameters, notes, profiles = dict(estimate.parameters), list(estimate.notes), []
-    for number, path in enumerate(kept, 1):
-        index, parameter = paths.index(path), estimate.parameters[path]
-        report(f"profile of {path} ({number} of {len(kept)})")
-        ends = tuple(_end(problem, optimum, index, side, threshold, curvature) for side in SIDES)
-        curve = profile_curve(problem.linearised, optimum, index, (ends[0], ends[1]), threshold, problem.bounds)
+    for path in kept:
+        index, parameter, ends = paths.index(path), estimate.parameters[path], pairs[path]
         parameters[path] = _with_ends(parameter, problem, index, ends)
-        profiles.append(_profile(problem, optimum, index, curve, ends, threshold))
+        profiles.append(_profile(problem, optimum, index, curves[path], ends, threshold))
         notes += _notes(parameter, problem, ends)
     return dataclasses.replace(estimate, parameters=parameters, notes=tuple(notes), profiles=tuple(profiles))
-
-
-def _end(problem: Problem, optimum: Point, index: int, side: float, threshold: float, curvature: Curvature) -> End:
-    """One end; where it is not followed, another attempt that learns its curvature on the way alone."""
-    end = interval_end(problem.linearised, optimum, index, side, threshold, problem.bounds, curvature=curvature)
-    if end.verdict != Verdict.LOST:
-        return end
-    again = interval_end(problem.linearised, optimum, index, side, threshold, problem.bounds)
-    return again._replace(evaluations=again.evaluations + end.evaluations)
 
 
 def verdict_of(ends: tuple[End, ...], curve: Curve) -> str:

@@ -115,6 +115,26 @@ def best_of_others(model: Parabola, at: Float[np.ndarray, " p"], aim: Aim) -> Fl
     return _within(at, aim, lambda held, step: _outwards(model, aim, held | profiled, np.where(profiled, 0.0, step)))
 
 
+def lowest(
+    model: SecondOrder, at: Float[np.ndarray, " p"], step: Float[np.ndarray, " p"], aim: Aim
+) -> Float[np.ndarray, " p"]:
+    """The step at which a model of second order is least with the profiled parameter where `step` has it.
+
+    The `step` itself where no other is lower.
+    """
+    best, least = step, float(np.sum(model(step)[0] ** 2))
+    for _ in range(_STEPS):
+        more = best_of_others(parabola(model, step), at + step, aim)
+        step = step + more
+        found = float(np.sum(model(step)[0] ** 2))
+        if not found < least:
+            break
+        best, least = step, found
+        if float(np.max(np.abs(more / aim.sizes))) < _SMALLEST:
+            break
+    return best
+
+
 def _within(at: Float[np.ndarray, " p"], aim: Aim, solve: Solve) -> Float[np.ndarray, " p"]:
     """What `solve` makes of the model, where what would leave the box moves to its side and no further."""
     low, high = aim.low - at, aim.high - at

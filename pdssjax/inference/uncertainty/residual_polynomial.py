@@ -7,8 +7,10 @@ and first derivatives at once (Hermite data), so that one linearisation tells 1 
 Sums of squares need no samples: the triangular factor of C gives the same (`factor`).
 """
 
+import functools
 import itertools
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -81,9 +83,42 @@ def of_second_order(optimum: Point, curvature: Curvature, axes: Float[np.ndarray
     return ResidualPolynomial(optimum.at, np.linalg.pinv(axes), _triangle(np.concatenate(columns, axis=1)), 2)
 
 
+class SampledPolynomial(NamedTuple):
+    """The same with every sample kept, so that its second derivatives go with residuals that are known elsewhere."""
+
+    centre: Float[np.ndarray, " p"]
+    inverse: Float[np.ndarray, "q p"]
+    """From x - x0 to z."""
+    coefficients: Float[np.ndarray, "n k"]
+    degree: int
+
+    def turned(self) -> ResidualPolynomial:
+        """The polynomial whose sum of squares is this one's."""
+        return ResidualPolynomial(self.centre, self.inverse, _triangle(self.coefficients), self.degree)
+
+    def curvature(self, at: Float[np.ndarray, " p"], scale: Float[np.ndarray, "p p"]) -> Curvature:
+        """Second derivatives `at` a point, in coordinates w of x = `scale` w."""
+        bends = np.asarray(_bends(jnp.asarray(self.inverse @ (at - self.centre)), self.degree))
+        along = self.inverse @ scale
+        bends = along.T @ bends @ along
+        return Curvature((self.coefficients @ bends.reshape(bends.shape[0], -1)).reshape(-1, *bends.shape[1:]), scale)
+
+
+@functools.partial(jax.jit, static_argnums=1)
+def _bends(z: Float[Array, " q"], degree: int) -> Float[Array, "k q q"]:
+    return jax.hessian(lambda z: terms(z, degree))(z)
+
+
+@functools.partial(jax.jit, static_argnums=1)
+def _hermite_row(z: Float[Array, " q"], degree: int) -> Float[Array, "1+q k"]:
+    """The terms and their derivatives, the latter with their weight."""
+    slopes = jax.jacfwd(lambda z: terms(z, degree))(z)
+    return jnp.concatenate([terms(z, degree)[None], _SLOPES * slopes.T])
+
+
 def learned_polynomial(
     optimum: Point, points: Sequence[Point], axes: Float[np.ndarray, "p q"], factor: float
-) -> ResidualPolynomial:
+) -> SampledPolynomial:
     """The polynomial that explains residuals and Jacobians at an `optimum` and at `points` best.
 
     **Arguments:** `axes` of what moves, as many standard deviations long as is the linear model's; the `factor` by
@@ -91,23 +126,26 @@ def learned_polynomial(
     take no part, as long as enough others are there.
     """
     moving, degree = axes.shape[1], degree_for(axes.shape[1])
-    used, excess = _near(optimum, points, factor, count_terms(moving, degree) // (1 + moving) + 1)
+    used, excess = _near(optimum, points, factor, count_points(moving))
     inverse = np.linalg.pinv(axes)
     offsets = np.stack([point.at - optimum.at for point in used]) @ inverse.T
     widths = np.linalg.cholesky(offsets.T @ offsets / len(used) + 1e-6 * np.eye(moving))
-    z = jnp.asarray(np.linalg.solve(widths, offsets.T).T)
-    values = np.asarray(jax.vmap(lambda z: terms(z, degree))(z))
-    slopes = np.asarray(jax.vmap(jax.jacfwd(lambda z: terms(z, degree)))(z))
+    z = np.linalg.solve(widths, offsets.T).T
     weights = 1.0 / np.sqrt(1.0 + np.maximum(excess - moving, 0.0) / _DOUBTFUL)
-    rows = np.concatenate([values[:, None], _SLOPES * slopes.transpose(0, 2, 1)], axis=1) * weights[:, None, None]
-    ridge = np.sqrt(len(used)) * np.where(np.arange(values.shape[1]) > moving, _RIDGE, 1e-9)
-    matrix = np.concatenate([rows.reshape(-1, values.shape[1]), np.diag(ridge)])
+    rows = np.stack([np.asarray(_hermite_row(jnp.asarray(each), degree)) for each in z]) * weights[:, None, None]
+    ridge = np.sqrt(len(used)) * np.where(np.arange(rows.shape[2]) > moving, _RIDGE, 1e-9)
+    matrix = np.concatenate([rows.reshape(-1, ridge.size), np.diag(ridge)])
     solve = np.linalg.pinv(matrix)[:, : -ridge.size].reshape(ridge.size, len(used), 1 + moving)
     coefficients = np.zeros((optimum.residual.size, ridge.size))
     for number, point in enumerate(used):  # one at a time: all Jacobians side by side are many
         told = np.concatenate([point.residual[:, None], _SLOPES * (point.jacobian @ (axes @ widths))], axis=1)
         coefficients += weights[number] * told @ solve[:, number].T
-    return ResidualPolynomial(optimum.at, np.linalg.solve(widths, inverse), _triangle(coefficients), degree)
+    return SampledPolynomial(optimum.at, np.linalg.solve(widths, inverse), coefficients, degree)
+
+
+def count_points(directions: int) -> int:
+    """How many linearisations determine a polynomial."""
+    return count_terms(directions, degree_for(directions)) // (1 + directions) + 1
 
 
 def _near(

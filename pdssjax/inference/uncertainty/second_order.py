@@ -8,6 +8,7 @@ T).  Where a valley of chi-square is narrow and bent, though not its floor, this
 Sums of squares of the model need no samples: one triangular factor of all its columns says the same.
 """
 
+import copy
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -104,6 +105,12 @@ class SecondOrder:
         linear = self.factor[:, 1 : 1 + size]
         residual = self.factor[:, 0] + linear @ w + 0.5 * bend @ w
         return residual, (linear + bend) @ self.inverse
+
+    def straight(self) -> "SecondOrder":
+        """The linear model at the same point."""
+        found = copy.copy(self)
+        found.tensor = np.zeros_like(self.tensor)
+        return found
 
     def hessian(self, step: Float[np.ndarray, " p"]) -> Float[np.ndarray, "p p"]:
         """Half the Hessian of chi-square."""

@@ -37,7 +37,7 @@ def drawn(residuals, centre, drawing, bounds=EVERYWHERE, factor=1.0, chains=4):
     optimum = Point(np.array(centre), *map(np.asarray, evaluate(centre)))
     axes = posterior.principal_axes(optimum, np.arange(2), factor)
     model = posterior.Model(evaluate, residuals, optimum, axes, bounds, factor)
-    curvature = learn_curvature(evaluate, optimum, 1.0, bounds)
+    curvature = learn_curvature(evaluate, optimum, 1.0, bounds).at_optimum
     first = of_second_order(optimum, curvature, axes)
     return posterior.sample_posterior(model, first, drawing, None, lambda message: None, chains)
 

@@ -42,7 +42,7 @@ def test_many_directions_allow_the_second_order_only(directions, degree):
 
 def test_a_cubic_is_found_from_fewer_points_than_it_has_terms():
     optimum, others = points(cubic, 12)
-    polynomial = learned_polynomial(optimum, others, AXES, 1.0)
+    polynomial = learned_polynomial(optimum, others, AXES, 1.0).turned()
     for point in points(cubic, 20, seed=1)[1]:
         turned = np.asarray(polynomial(jnp.asarray(point.at)))
         assert np.sum(turned**2) == pytest.approx(point.chi2, rel=1e-4, abs=1e-4)
@@ -52,10 +52,10 @@ def test_a_cubic_is_found_from_fewer_points_than_it_has_terms():
 
 def test_what_lies_far_above_or_cannot_be_simulated_takes_no_part():
     optimum, others = points(cubic, 12)
-    whole = learned_polynomial(optimum, others, AXES, 1.0)
+    whole = learned_polynomial(optimum, others, AXES, 1.0).turned()
     broken = Point(CENTRE + 0.1, np.full(12, np.nan), np.full((12, 3), np.nan))
     far = Point(CENTRE - 0.1, np.full(12, 50.0), np.zeros((12, 3)))
-    same = learned_polynomial(optimum, [*others, broken, far], AXES, 1.0)
+    same = learned_polynomial(optimum, [*others, broken, far], AXES, 1.0).turned()
     np.testing.assert_allclose(same(jnp.asarray(CENTRE + 0.05)), whole(jnp.asarray(CENTRE + 0.05)))
 
 
@@ -63,6 +63,6 @@ def test_the_nearest_are_used_where_all_lie_far_above():
     shifted = lambda x: cubic(x) + 100.0 * (x[0] - CENTRE[0])
     optimum, others = points(shifted, 12)
     assert min(point.chi2 for point in others) > 0.0
-    polynomial = learned_polynomial(optimum, others, AXES, 1e-6)
+    polynomial = learned_polynomial(optimum, others, AXES, 1e-6).turned()
     turned = polynomial(jnp.asarray(others[0].at))
     assert float(jnp.sum(turned**2)) == pytest.approx(others[0].chi2, rel=1e-2)

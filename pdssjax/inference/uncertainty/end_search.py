@@ -1,0 +1,203 @@
+"""The search for one end of a likelihood interval, asking for one linearisation at a time.
+
+At the current point the end of a model of second order, whose residuals may bend (`second_order`), is the next point.
+Where steps vanish the gradient has no component but the parameter's own, and chi-square is the threshold's, whatever
+the model left out.  What bends is told by what all searches share, or learned on the way by one alone.
+"""
+
+import enum
+from collections.abc import Generator
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from .probes import probe_places
+from .quadratic_end import Aim, best_of_others, follow, parabola
+from .second_order import Point, SecondOrder, learned
+from .shared_curvature import SharedCurvature
+
+Asking = Generator[Float[np.ndarray, " p"], Point, "End"]
+"""Yields where to linearise next, and is sent what was found there."""
+
+MOST_EVALUATIONS = 60
+"""For one end."""
+
+_GAINED = 2e-3
+"""Share of the threshold that the others may still gain at an end: so little is foretold to a tenth of it."""
+
+_MISSED = 5e-3
+"""Share of the threshold by which the profile may miss it at the last point: its slope then tells the end."""
+
+_KINKED = 2e-2
+"""What may be missed and gained where chi-square has kinks: one per cent of the half width."""
+
+_TRUSTED = 0.1, 1.0
+"""Least and largest first radius of trust, in half widths of the linear interval."""
+
+_OFF = 5.0
+"""How far above the target, in thresholds, a point may lie from which the way is known by what all searches share."""
+
+_SMALLEST = 1e-3
+"""Radius below which chi-square does not follow its model: it has a discontinuity there."""
+
+_PATIENCE = 15
+"""Evaluations after which curvature is learned anew where the search is."""
+
+
+class Verdict(enum.StrEnum):
+    """How a search for an end ended."""
+
+    BOUNDED = "bounded"
+    """Chi-square reaches the threshold at the end given."""
+    AT_BOUND = "held by a bound"
+    """It stays below the threshold up to the parameter's bound, which is the end given."""
+    FLAT = "flat"
+    """It stays below the threshold farther than can be followed."""
+    LOWER = "several minima"
+    """A point with a smaller chi-square than the optimum's was found on the way."""
+    LOST = "not followed"
+    """It has a discontinuity on the way, cannot be evaluated, or takes too many evaluations."""
+
+
+class End(NamedTuple):
+    """One end of the interval of a parameter."""
+
+    value: float
+    """On the fit's scale; infinite where flat, NaN where not followed."""
+    verdict: Verdict
+    point: Point
+    """All parameters there, with residual and Jacobian."""
+    evaluations: int
+
+
+class EndSearch:
+    """The search for the end that `aim` says, from the `optimum`."""
+
+    def __init__(self, optimum: Point, aim: Aim, bound: float, reach: float, threshold: float, shared: SharedCurvature):
+        self.optimum, self.aim, self.bound, self.reach, self.threshold = optimum, aim, bound, reach, threshold
+        self.shared, self.local = shared, shared.at_optimum
+        self.alone = False
+        self.evaluations, self.learned_at = 0, 0
+        self.learned_for: Point | None = None
+        self.nearest = np.inf, optimum
+
+    def run(self) -> Asking:
+        """Follow the models' ends until they stay where they are."""
+        point, model = self.optimum, self._model(self.optimum)
+        radius = self._first_radius(model)
+        while self.evaluations < MOST_EVALUATIONS:
+            step = follow(model, self.aim.shifted(point.at, radius))
+            found, length = (yield from self._linearised(point.at + step)), self._length(step)
+            foretold = float(np.sum(model(step)[0] ** 2))
+            missed = abs(found.chi2 - foretold) / (abs(foretold - point.chi2) + self.threshold)
+            # Off the valley by little: the next step comes back to it.
+            off = (found.chi2 - max(point.chi2, self.aim.target)) / self.threshold
+            if (missed < 0.5 and off < 1.0) or (off < _OFF and self.shared.known and not self.alone):
+                radius *= 3.0 if missed < 0.1 else 1.0
+                if self.alone or not self.shared.known:
+                    self.local = self.local.with_step(point, found)
+                point, model = found, self._model(found)
+                end = self._ended(point, model)
+                if end is not None:
+                    return end
+                impatient = self.evaluations - self.learned_at >= _PATIENCE
+                if impatient and self.nearest[0] < _KINKED and self.learned_for is not None:
+                    break
+            else:
+                radius = 0.25 * min(radius, max(length, _SMALLEST))
+                impatient = radius < _SMALLEST
+                if impatient and self.learned_for is point:
+                    break
+                if not self.shared.known and self._misled(point, step, found.chi2, foretold):
+                    self.local = learned(point, [], self.local.scale)
+                model = self._model(point)
+            if impatient:
+                yield from self._learn_anew(point)
+                radius, model = max(radius, 0.3), self._model(point)
+        return self._given_up()
+
+    def _first_radius(self, model: SecondOrder) -> float:
+        """As far as what the model leaves out may be expected to stay below the threshold.
+
+        At a radius h residuals change by h linearly, by q h^2 as they bend and, if that goes on, by q^2 h^3 beyond.
+        """
+        along = self.shared.scale @ self.shared.scale[self.aim.index]
+        step = along * (self.aim.sizes[self.aim.index] / max(abs(along[self.aim.index]), 1e-300))
+        bend = model(step)[0] - model.straight()(step)[0]
+        q = float(np.linalg.norm(bend)) / np.sqrt(self.threshold)
+        return float(np.clip(max(q, 1e-300) ** (-2.0 / 3.0), *_TRUSTED))
+
+    def _model(self, point: Point) -> SecondOrder:
+        shared = None if self.alone else self.shared.at(point.at)
+        return SecondOrder(point, self.local if shared is None else shared)
+
+    def _misled(self, point: Point, step: Float[np.ndarray, " p"], found: float, foretold: float) -> bool:
+        """Whether what passes for curvature is none (a kink near the optimum does)."""
+        plain = float(np.sum((point.residual + point.jacobian @ step) ** 2))
+        return bool(np.isfinite(found) and abs(found - plain) < abs(found - foretold))
+
+    def _learn_anew(self, point: Point) -> Generator[Float[np.ndarray, " p"], Point, None]:
+        """The curvature at a point far from the optimum."""
+        probes: list[Point] = []
+        for place in probe_places(point.at, self.aim.sizes, self.local.scale, (self.aim.low, self.aim.high)):
+            found = yield from self._linearised(place)
+            probes.append(found)
+        self.alone, self.local = True, learned(point, probes, self.local.scale)
+        self.learned_at, self.learned_for = self.evaluations, point
+
+    def _ended(self, point: Point, model: SecondOrder) -> End | None:
+        """The end, where the search is over at this `point`."""
+        if point.chi2 < self.optimum.chi2 - 0.01 * self.threshold:
+            return self._end(point, Verdict.LOWER)
+        gain, slope = self._valley(point, model)
+        missed = (point.chi2 - gain - self.aim.target) / self.threshold
+        error = abs(missed) + gain / self.threshold
+        if error < self.nearest[0]:
+            self.nearest = error, point
+        if gain > _GAINED * self.threshold:
+            return None
+        if abs(missed) < _MISSED and slope * self.aim.side > 0.0:
+            return self._end(point, Verdict.BOUNDED, -missed * self.threshold / slope)
+        at = point.at[self.aim.index]
+        if missed < 0.0 and at == self.bound:
+            return self._end(point, Verdict.AT_BOUND)
+        if missed < 0.0 and abs(at - self.optimum.at[self.aim.index]) >= self.reach:
+            return self._end(point, Verdict.FLAT)
+        return None
+
+    def _valley(self, point: Point, model: SecondOrder) -> tuple[float, float]:
+        """By how much the other parameters may still lower chi-square within the bounds, and how it rises there.
+
+        By the model or by a linear one, whichever says more: curvature may be wrong, where the gradient is not.
+        """
+        found = []
+        for each in (model, model.straight()):
+            touching = parabola(each, np.zeros(point.at.size))
+            step = best_of_others(touching, point.at, self.aim)
+            rest = touching.residual + touching.jacobian @ step
+            found.append((point.chi2 - touching(step), 2.0 * float(touching.jacobian[:, self.aim.index] @ rest)))
+        return max(found)
+
+    def _given_up(self) -> End:
+        """The nearest point to an end, where chi-square has kinks that no model knows."""
+        error, point = self.nearest
+        return self._end(point, Verdict.BOUNDED if error < _KINKED else Verdict.LOST)
+
+    def _length(self, step: Float[np.ndarray, " p"]) -> float:
+        """Of what the radius of trust limits: the profiled parameter's part, or the others' beyond their room."""
+        index = self.aim.index
+        return float(abs(step[index]) / self.aim.sizes[index])
+
+    def _linearised(self, at: Float[np.ndarray, " p"]) -> Generator[Float[np.ndarray, " p"], Point, Point]:
+        self.evaluations += 1
+        return (yield np.clip(at, self.aim.low, self.aim.high))
+
+    def _end(self, point: Point, verdict: Verdict, beyond: float = 0.0) -> End:
+        index = self.aim.index
+        value = float(np.clip(point.at[index] + beyond, self.aim.low[index], self.aim.high[index]))
+        if verdict == Verdict.FLAT:
+            value = self.aim.side * np.inf
+        if verdict == Verdict.LOST:
+            value = float("nan")
+        return End(value, verdict, point, self.evaluations)
