@@ -118,7 +118,7 @@ def _told(estimate: Estimate, judge: Problem, fisher: Mapping[str, float]) -> Re
     chosen = {path: estimate.parameters[path] for path in fisher}
     return {
         "chi2": _chi2(judge, {path: p.value for path, p in chosen.items()}),
-        "converged": bool(estimate.converged),
+        "converged": bool(estimate.success),
         "message": estimate.message,
         "iterations": estimate.statistics.iterations,
         "parameters": {

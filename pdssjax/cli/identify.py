@@ -46,10 +46,17 @@ def identify(options: argparse.Namespace) -> int:
         written &= _compared(list(estimates.values()), options.out)
     if written:
         say(f"Results are in {options.out}")
-    unconverged: list[Method] = [method for method, estimate in estimates.items() if not estimate.converged]
-    for name in unconverged:
-        print(f"pdssjax: warning: the {name} fit did not converge: {estimates[name].message}", file=sys.stderr)
-    return NOT_WRITTEN if not written else 3 if unconverged else 0
+    # Of several ways the first is the best: the others need not explain what is compared.
+    failed = [e for n, e in enumerate(estimates.values()) if not (e.converged if n else e.success)]
+    for estimate in failed:
+        print(f"pdssjax: warning: the {estimate.method} fit {estimate.verdict}: {_why(estimate)}", file=sys.stderr)
+    return NOT_WRITTEN if not written else 3 if failed else 0
+
+
+def _why(estimate: "Estimate") -> str:
+    if not estimate.converged:
+        return estimate.message
+    return "they leave more than noise. The law lacks something, or the optimum is a wrong one; see the notes"
 
 
 _SIDE_BY_SIDE: "list[Method]" = ["joint", "sequential", "peaks"]

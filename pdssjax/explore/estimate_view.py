@@ -52,6 +52,8 @@ def estimate_view(document: Document) -> EstimateView:
     """What is shown of an estimate, as estimate.json tells it."""
     told, statistics = document["parameters"], document["statistics"]
     ended = "converged" if document["converged"] else "NOT CONVERGED"
+    if document["converged"] and not document.get("explained", True):
+        ended += ", BUT DOES NOT EXPLAIN ITS RECORDS"
     headline = (
         f"{document['title']}: {document['method']} fit, {ended}; chi-square a degree of freedom "
         f"{_number(statistics['reduced_chi2']):.4g} over {statistics['samples']} samples"

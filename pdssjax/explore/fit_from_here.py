@@ -28,8 +28,7 @@ def fit_from_here(study: Study, settings: Settings, report: Report) -> FitResult
         return FitResult(interrupt.estimate, _cancelled(interrupt.estimate))
     except KeyboardInterrupt:
         return FitResult(None, _cancelled(None))
-    ended = "converged" if estimate.converged else "did not converge"
-    return FitResult(estimate, f"The fit {ended} in {estimate.seconds:.3g} s: {estimate.message}.")
+    return FitResult(estimate, f"The fit {estimate.verdict} in {estimate.seconds:.3g} s: {estimate.message}.")
 
 
 def _cancelled(estimate: Estimate | None) -> str:

@@ -155,10 +155,21 @@ class Estimate:
     covariances: Mapping[str, Float[np.ndarray, "p p"]] = field(default_factory=dict)
     """By error model as in `errors`, in the product of the SI units, in the order of `names`."""
 
+    @property
+    def success(self) -> bool:
+        """It converged, and its residuals are no more than noise."""
+        return self.converged and self.explained
+
+    @property
+    def verdict(self) -> str:
+        """How it ended, in the words that follow "the fit"."""
+        if not self.converged:
+            return "did not converge"
+        return "converged" if self.explained else "converged, but does not explain its records"
+
     def __repr__(self) -> str:
-        ended = "converged" if self.converged else "did not converge"
         free = f"{len(self.names)} free of {len(self.parameters)} parameters"
-        return f"Estimate({self.title!r}, {self.method} fit {ended}, {free}, {len(self.records)} records)"
+        return f"Estimate({self.title!r}, {self.method} fit {self.verdict}, {free}, {len(self.records)} records)"
 
     def _repr_html_(self) -> str:
         return presenter().as_html(self)

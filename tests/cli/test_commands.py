@@ -1,5 +1,6 @@
 """The command line: exit status, what it prints, what it writes and what it leaves alone."""
 
+import json
 import warnings
 from types import SimpleNamespace
 
@@ -68,6 +69,19 @@ def test_a_fit_that_did_not_converge_is_written_and_gives_status_3(calls, tmp_pa
     assert cli.main(["identify", "--out", str(tmp_path)]) == 3
     assert '"converged": false' in (tmp_path / "estimate.json").read_text()
     assert "pdssjax: warning: the joint fit did not converge" in capsys.readouterr().err
+
+
+def test_so_does_one_that_does_not_explain_its_records(calls, tmp_path, capsys):
+    calls.explained = False
+    assert cli.main(["identify", "--out", str(tmp_path / "joint")]) == 3
+    shown = capsys.readouterr()
+    assert "joint fit CONVERGED, BUT DOES NOT EXPLAIN ITS RECORDS: " in shown.out
+    assert "pdssjax: warning: the joint fit converged, but does not explain its records" in shown.err
+    document = json.loads((tmp_path / "joint" / "estimate.json").read_text())
+    assert (document["converged"], document["explained"]) == (True, False)
+    # Side by side only the joint fit has to: peaks are compared because they may not.
+    assert cli.main(["identify", "--out", str(tmp_path / "both"), "--method", "both"]) == 3
+    assert capsys.readouterr().err.count("does not explain its records") == 1
 
 
 def test_results_are_not_overwritten_unasked(calls, tmp_path, capsys):

@@ -32,6 +32,7 @@ def test_numbers_are_taken_in_si():
 def test_the_headline_says_whether_it_converged():
     assert "converged; chi-square a degree of freedom 0.9987" in estimate_view(document()).headline
     assert "NOT CONVERGED" in estimate_view(document(converged=False)).headline
+    assert "BUT DOES NOT EXPLAIN ITS RECORDS" in estimate_view({**document(), "explained": False}).headline
 
 
 def test_correlations_profiles_and_advice_are_shown_where_there_are_any():

@@ -14,7 +14,8 @@ from pdssjax import InputError
 @pytest.fixture
 def calls(monkeypatch) -> SimpleNamespace:
     """Notes what was asked and returns a made-up estimate."""
-    noted = SimpleNamespace(studies=[], methods=[], converged=True, study=SimpleNamespace(parameters={}), peaks=False)
+    noted = SimpleNamespace(studies=[], methods=[], converged=True, explained=True)
+    noted.study, noted.peaks = SimpleNamespace(parameters={}), False
 
     def load_study(path):
         noted.studies.append(path)
@@ -25,7 +26,7 @@ def calls(monkeypatch) -> SimpleNamespace:
         progress(f"[1/2] {method}")
         noted.methods.append(method)
         whole = fabricated.estimate(method, noted.converged)
-        return dataclasses.replace(whole, records=whole.records[:1])
+        return dataclasses.replace(whole, records=whole.records[:1], explained=noted.explained)
 
     def pick_peaks(study):
         if not noted.peaks:

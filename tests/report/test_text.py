@@ -67,6 +67,13 @@ def test_a_fit_that_failed_says_so_at_the_top():
     assert line_of(text, "joint fit") == "joint fit DID NOT CONVERGE: No progress after 50 iterations."
 
 
+def test_a_fit_that_does_not_explain_its_records_does_not_count_as_converged():
+    found = dataclasses.replace(fabricated.estimate(), explained=False)
+    assert "joint fit CONVERGED, BUT DOES NOT EXPLAIN ITS RECORDS: The step" in format_report(found)
+    assert (fabricated.estimate().success, found.success) == (True, False)
+    assert "joint fit converged, but does not explain its records, 8 free" in repr(found)
+
+
 def test_a_sequential_fit_shows_the_naive_error_beside_the_corrected_one():
     line = line_of(format_report(fabricated.estimate("sequential")).split("[[Amplification")[0], "friction.sigma1_a")
     assert "11.4 % 0.735 %" in line

@@ -26,7 +26,7 @@ def estimate_html(estimate: Estimate) -> str:
 
 
 def _outcome(estimate: Estimate) -> str:
-    verdict = "converged" if estimate.converged else "DID NOT CONVERGE"
+    verdict = estimate.verdict if estimate.success else estimate.verdict.upper()
     known = not estimate.statistics.noise_estimated
     chi2 = f", reduced chi-square {estimate.statistics.reduced_chi2:.5g}" if known else ""
     more = "" if estimate.explained else "; it leaves more than noise, see the notes"

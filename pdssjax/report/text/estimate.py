@@ -44,7 +44,7 @@ def format_report(estimate: Estimate) -> str:
 
 
 def _outcome(estimate: Estimate) -> str:
-    verdict = "converged" if estimate.converged else "DID NOT CONVERGE"
+    verdict = estimate.verdict if estimate.success else estimate.verdict.upper()
     loss = "" if estimate.loss == "squares" else f" with {estimate.loss.capitalize()}'s loss"
     outcome = f"    {estimate.method} fit{loss} {verdict}: {estimate.message}\n"
     if estimate.converged and not estimate.explained:
