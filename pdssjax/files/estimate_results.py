@@ -15,6 +15,7 @@ def write_estimate(estimate: Estimate, folder: Path) -> None:
     from ..report.figures import (
         amplification_figure,
         correlation_figure,
+        draws_figure,
         error_figure,
         multistart_figure,
         profile_figure,
@@ -30,6 +31,7 @@ def write_estimate(estimate: Estimate, folder: Path) -> None:
         if estimate.draws is not None:
             units = {path: parameter.unit for path, parameter in estimate.parameters.items()}
             write_draws(estimate.draws, units, staging)
+            draws_figure(estimate).savefig(staging / "plots" / "draws.png")
         if estimate.multistart is not None:
             multistart_figure(estimate.multistart).savefig(staging / "plots" / "multistart.png")
         if estimate.profiles:

@@ -41,6 +41,7 @@ def _estimate_figure(estimate: Estimate, what: str | None) -> Figure:
     from .figures import (
         amplification_figure,
         correlation_figure,
+        draws_figure,
         error_figure,
         estimate_figure,
         multistart_figure,
@@ -51,6 +52,8 @@ def _estimate_figure(estimate: Estimate, what: str | None) -> Figure:
     known = {"errors": lambda: error_figure(estimate), "correlations": lambda: correlation_figure(estimate)}
     if estimate.profiles:
         known["profiles"] = lambda: profile_figure(estimate.profiles, estimate.parameters)
+    if estimate.draws is not None:
+        known["draws"] = lambda: draws_figure(estimate)
     if (starts := estimate.multistart) is not None:
         known["starts"] = lambda: multistart_figure(starts)
     if (amplification := estimate.amplification) is not None:

@@ -178,7 +178,8 @@ class Estimate:
         """A figure of matplotlib: every record against its prediction.
 
         **Arguments:** `what` else to draw: the name of one record, "errors", "correlations", and where the estimate
-        has them "profiles", "starts" (`identify(starts=...)`), "amplification".
+        has them "profiles", "draws" (of a bootstrap or a posterior), "starts" (`identify(starts=...)`),
+        "amplification".
 
         **Raises:** `InputError` for anything else.
         """

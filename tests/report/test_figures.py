@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from pdssjax import InputError
 from pdssjax.metrics import lack_of_fit
 from pdssjax.report.figures import (
     amplification_figure,
     comparison_figure,
     correlation_figure,
+    draws_figure,
     error_figure,
     has_loops,
     loop_figure,
@@ -186,6 +188,29 @@ def test_profiles_stand_beside_their_parabolas_with_the_verdict():
         assert axes.get_title(loc="left") == f"{profile.path}\n{profile.verdict}"
         assert axes.get_ylim()[1] > profile.threshold
     assert figure.axes[0].lines[1].get_xdata()[0] == pytest.approx(1e6 * profiles[0].value[0])
+
+
+@pytest.mark.parametrize("kind, count", [("bootstrap", "40 draws"), ("posterior", "4 chains of 25 draws")])
+def test_draws_stand_beside_the_linear_model(kind, count):
+    estimate = fabricated.estimate()
+    draws = fabricated.draws(estimate.parameters, kind)
+    figure = drawn(draws_figure(dataclasses.replace(estimate, draws=draws)))
+    first, hidden, both, second = figure.axes
+    assert [axes.get_visible() for axes in figure.axes] == [True, False, True, True]
+    assert (first.get_title(loc="left"), second.get_title(loc="left")) == ("piezo\ngain", "friction\nsigma1_a")
+    points, ellipse, centre = both.lines
+    np.testing.assert_allclose(points.get_xdata(), 1e6 * draws.values[:, :, 0].ravel())
+    np.testing.assert_allclose(points.get_ydata(), draws.values[:, :, 1].ravel())
+    # As wide as the 95 % of two normal numbers.
+    error = estimate.parameters["piezo.gain"].standard_error
+    assert np.ptp(ellipse.get_xdata()) == pytest.approx(2e6 * error * np.sqrt(-2.0 * np.log(0.05)), rel=2e-3)
+    assert both.get_xlabel() == "gain\n[um/V]" and not hidden.get_visible() and len(centre.get_xdata()) == 1
+    assert figure.legends[0].get_title().get_text() == f"{kind}: {count}"
+
+
+def test_draws_are_shown_only_where_there_are_any():
+    with pytest.raises(InputError, match="found an estimate without draws"):
+        draws_figure(fabricated.estimate())
 
 
 def test_starts_are_sorted_by_chi_square_and_their_optima_compared():

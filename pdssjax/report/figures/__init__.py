@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from .correlations import correlation_figure as correlation_figure
     from .cycles import cycle_figure as cycle_figure
     from .directions import directions_figure as directions_figure
+    from .draws import draws_figure as draws_figure
     from .loops import has_loops as has_loops
     from .loops import loop_figure as loop_figure
     from .multistart import multistart_figure as multistart_figure
@@ -34,6 +35,7 @@ else:
             "correlations": ["correlation_figure"],
             "cycles": ["cycle_figure"],
             "directions": ["directions_figure"],
+            "draws": ["draws_figure"],
             "record_guess": ["guess_figure"],
             "loops": ["has_loops", "loop_figure"],
             "multistart": ["multistart_figure"],
