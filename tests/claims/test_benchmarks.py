@@ -4,6 +4,7 @@ import importlib
 import json
 import math
 import pkgutil
+import sys
 
 import jax
 import jax.numpy as jnp
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 import benchmarks
+from benchmarks import gradient
 from benchmarks.grid import Grid, in_blocks
 from benchmarks.measure import Curve, Entry, Outcome, Rung, climb
 from benchmarks.peer_fits import AbstractFit, OutOfTime, Residual
@@ -202,3 +204,19 @@ def test_results_are_shown_and_kept():
     kept = json.loads(as_json(head, outcomes))
     assert kept["entries"][0]["median_seconds"] == 0.002
     assert kept["curves"][0]["wrong"] and kept["facts"] == {"count": 3}
+
+
+def test_a_gradient_s_table_tells_errors_and_ratios():
+    right = gradient.Entry("tight", 10.0, np.array([1.0, -2.0]), 1.0, 1.0)
+    ours = gradient.Entry("ours", 10.0 + 1e-7, np.array([1.0, -2.002]), 3.0, 0.01)
+    other = gradient.Entry("other", 10.5, np.array([1.1, -2.0]), 2.0, 0.4)
+    rows = gradient._table(right, [ours, other]).splitlines()[2:]
+    assert [row.split("|")[2:6] for row in rows] == [
+        [" 1.0e-07 ", " 1.0e-03 ", " 0.01 ", " 1 "],
+        [" 5.0e-01 ", " 1.0e-01 ", " 0.4 ", " 40 "],
+    ]
+
+
+def test_an_interpreter_without_jaxonomy_is_named():
+    with pytest.raises(SystemExit, match=r"could not run jaxonomy_gradient\.py: ModuleNotFoundError"):
+        gradient._jaxonomy(sys.executable, 1e-6)

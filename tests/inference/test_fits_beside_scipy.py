@@ -8,6 +8,7 @@ from four_kinds import plan, startless
 from liu_record import LAWS, liu
 
 import pdssjax
+from experiments import blind_rigs
 from pdssjax import Accuracy
 from pdssjax.files import EXAMPLE
 from pdssjax.inference import Ending
@@ -64,3 +65,12 @@ def test_the_four_kinds_of_records(tmp_path):
     fit, _, best = beside_scipy(dataclasses.replace(study, records=records))
     assert fit.success, fit.message
     assert is_not_beaten(fit, best)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [2, 5])
+def test_random_rigs(number):
+    """One of each reading, without starts; of 100 none is beaten by 0.03."""
+    fit, _, best = beside_scipy(blind_rigs.rig(number)[0])
+    assert fit.success, fit.message
+    assert fit.chi2 <= best + 0.1
