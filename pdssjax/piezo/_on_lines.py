@@ -19,7 +19,7 @@ TOGETHER = 512
 """Samples evaluated at once: the intermediate results of many, with their derivatives, would fill the memory."""
 
 
-class Ceramic(NamedTuple):
+class CeramicArrays(NamedTuple):
     """Numbers of hysteresis, asymmetry and creep, as arrays."""
 
     memoryless: tuple[ScalarLike, ...]
@@ -53,7 +53,7 @@ class Line(NamedTuple):
     """[V/s]"""
 
 
-def aim_on_line(ceramic: Ceramic, line: Line, stops: Float[Array, " n"], crept: Float[Array, " m"]) -> Aim:
+def aim_on_line(ceramic: CeramicArrays, line: Line, stops: Float[Array, " n"], crept: Float[Array, " m"]) -> Aim:
     """What is aimed at from the begin of a line on."""
     begin, slope = line
     base = shifted_powers((0.0, *ceramic.memoryless), begin, slope)
@@ -65,7 +65,9 @@ def aim_on_line(ceramic: Ceramic, line: Line, stops: Float[Array, " n"], crept: 
     return Aim((level, rise, *base[2:]), ceramic.weights * slope, begins, crept - steady, 1.0 / ceramic.times)
 
 
-def advanced(ceramic: Ceramic, dynamics: AbstractDynamics, line: Line, begin: Moment, elapsed: ScalarLike) -> Moment:
+def advanced(
+    ceramic: CeramicArrays, dynamics: AbstractDynamics, line: Line, begin: Moment, elapsed: ScalarLike
+) -> Moment:
     """The stack `elapsed` [s] after the `begin` of a line, without a force."""
     aim = aim_on_line(ceramic, line, begin.stops, begin.crept)
     mechanics = dynamics.advanced(tuple(begin.mechanics), aim, elapsed)
@@ -77,7 +79,7 @@ def advanced(ceramic: Ceramic, dynamics: AbstractDynamics, line: Line, begin: Mo
 
 
 def begins_of_lines(
-    ceramic: Ceramic,
+    ceramic: CeramicArrays,
     dynamics: AbstractDynamics,
     lines: Line,
     durations: Float[Array, " k"],
@@ -110,7 +112,7 @@ def begins_of_lines(
 
 
 def inside_lines(
-    ceramic: Ceramic, dynamics: AbstractDynamics, lines: Line, begins: Moment, elapsed: Float[Array, " samples"]
+    ceramic: CeramicArrays, dynamics: AbstractDynamics, lines: Line, begins: Moment, elapsed: Float[Array, " samples"]
 ) -> Moment:
     """The stack `elapsed` [s] after the begins of as many lines."""
     of_sample = lambda at: advanced(ceramic, dynamics, *at)

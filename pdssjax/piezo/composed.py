@@ -22,7 +22,8 @@ P. Krejci and K. Kuhnen, IEE Proceedings Control Theory and Applications 148(3),
 of Control 9(4), 2003 (modified, with asymmetry); creep as in `creep`; Bouc-Wen as in `bouc-wen`.
 """
 
-from ._composed_model import ComposedModel, composed_class
+from ._composed_class import composed_class, composed_variant
+from ._composed_model import ComposedModel
 from ._composition import Composition
 
 Composed: type[ComposedModel] = composed_class(Composition())
@@ -33,4 +34,4 @@ def __getattr__(name: str) -> type[ComposedModel]:
     begin, mark, text = name.partition(":")
     if begin != "Composed" or not mark:
         raise AttributeError(name)
-    return ComposedModel.variant(text)
+    return composed_variant(text)

@@ -1,0 +1,39 @@
+"""Where a fit of a composed stack may start, as far as records show it."""
+
+from collections.abc import Mapping
+
+from ._composition import Composition
+from .base import USUAL_SWING, Shown
+
+_SHARE = 0.2
+"""Of the displacement that is hysteresis, where a fit begins."""
+
+
+def composed_guess(
+    made: Composition, nominal: Mapping[str, float], shown: Shown, known: Mapping[str, float], guess: dict[str, float]
+) -> dict[str, float]:
+    """`guess`, what records show of any stack, with what follows for one that is `made` so; numbers by name.
+
+    **Arguments:** `nominal` numbers of its parameters; what its records have `shown`; `known` numbers are given.
+    """
+    guess = dict(guess)
+    swing = shown.swing or USUAL_SWING
+    gain = known.get("gain", guess.get("gain", nominal["gain"]))
+    if made.hysteresis in ("play", "bouc-wen"):
+        # The records show what follows in the end.
+        guess["gain"] = (1.0 - _SHARE) * gain
+    if made.has_elements:
+        word = "play" if made.hysteresis == "play" else "stop"
+        guess |= {f"{word}_range": nominal[f"{word}_range"] * swing / USUAL_SWING}
+        guess |= {f"{word}_{j}": _SHARE * gain / made.elements for j in range(1, made.elements + 1)}
+    if made.hysteresis == "bouc-wen":
+        beta = known.get("beta", nominal["beta"] * USUAL_SWING / swing)
+        guess |= {"hysteresis": _SHARE * gain, "beta": beta, "gamma": beta / 3.0}
+    guess |= {f"asymmetry_{k}": 0.01 * gain / swing ** (k - 1) for k in range(2, made.asymmetry + 1)}
+    guess |= {f"initial_creep_{j}": 0.01 * gain * swing for j in range(1, made.creep + 1)}
+    guess |= {f"creep_{j}": 0.01 * gain for j in range(1, made.creep + 1)}
+    if made.creep and shown.duration:
+        guess["creep_time"] = 10.0 * shown.duration / 10.0**made.creep
+    if shown.interval and "time_constant" in nominal:
+        guess["time_constant"] = 2.0 * shown.interval
+    return guess
