@@ -3,6 +3,8 @@
 import re
 from collections.abc import Sequence
 
+from record_tables import record_table, sawtooth_table, step_table
+
 LAWS = {
     "simplified-lugre": {"sigma0": "1 N/um", "sigma1": "45 N s/m", "f_ss": "0.65 N"},
     "lugre": {"sigma0": "1 N/um", "sigma1": "45 N s/m", "f_c": "0.55 N", "f_s": "0.65 N", "v_s": "1 mm/s"},
@@ -26,49 +28,44 @@ friction = "{law}"
 {more}
 """
 
-_WALK = """
-[[record]]
-name = "{direction}"
-file = "{direction}.csv"
-columns = {{ time = "time_s", displacement = "x_um" }}
-measures = "effector"
-noise = "0.01 um"
-sampling = {{ end = "{end} s", interval = "0.5 ms" }}
-drive = {{ waveform = "sawtooth", direction = "{direction}", voltage = "60 V", frequency = "20 Hz" }}
-"""
+_NOISE = 'noise = "0.01 um"'
+
+_SAWTOOTH = 'drive = { waveform = "sawtooth", direction = "forward", voltage = "60 V", frequency = "20 Hz" }'
+
+
+def _walk(direction: str) -> str:
+    sampling = 'sampling = { end = "{end} s", interval = "0.5 ms" }'
+    columns = {"time": "time_s", "displacement": "x_um"}
+    return "\n" + sawtooth_table(_NOISE, sampling, name=direction, direction=direction, columns=columns)
+
 
 RECORDS = {
-    "step": """
-[[record]]
-name = "step"
-file = "step.csv"
-columns = { time = "time_ms", displacement = "y_um" }
-measures = "platform"
-noise = "0.01 um"
-sampling = { start = "-1 ms", end = "20 ms", interval = "50 us" }
-drive = { waveform = "step", voltage = "60 V" }
-""",
-    "forward": _WALK.format(direction="forward", end="{end}"),
-    "backward": _WALK.format(direction="backward", end="{end}"),
-    "loops": """
-[[record]]
-name = "loops"
-file = "loops.csv"
-columns = { time = "time_s", motion = "d_um", force = "f_mN" }
-measures = "friction"
-noise = "5 mN"
-sampling = { end = "1.5 s", interval = "5 ms", amplitude = "3 um", frequency = "1 Hz" }
-""",
-    "blocked": """
-[[record]]
-name = "blocked"
-file = "blocked.csv"
-columns = { time = "time_s", force = "f_mN" }
-measures = "force"
-noise = "2 mN"
-sampling = { end = "0.4 s", interval = "0.5 ms" }
-drive = { waveform = "sawtooth", direction = "forward", voltage = "60 V", frequency = "20 Hz" }
-""",
+    "step": "\n"
+    + step_table(
+        _NOISE,
+        'sampling = { start = "-1 ms", end = "20 ms", interval = "50 us" }',
+        voltage="60 V",
+        columns={"time": "time_ms", "displacement": "y_um"},
+    ),
+    "forward": _walk("forward"),
+    "backward": _walk("backward"),
+    "loops": "\n"
+    + record_table(
+        "loops",
+        "friction",
+        'noise = "5 mN"',
+        'sampling = { end = "1.5 s", interval = "5 ms", amplitude = "3 um", frequency = "1 Hz" }',
+        columns={"time": "time_s", "motion": "d_um", "force": "f_mN"},
+    ),
+    "blocked": "\n"
+    + record_table(
+        "blocked",
+        "force",
+        'noise = "2 mN"',
+        'sampling = { end = "0.4 s", interval = "0.5 ms" }',
+        _SAWTOOTH,
+        columns={"time": "time_s", "force": "f_mN"},
+    ),
 }
 """One of the platform, two walks of the end-effector, the contact alone, and a walk against a force sensor."""
 

@@ -2,6 +2,8 @@
 
 import itertools
 
+from record_tables import record_table
+
 from pdssjax import AbstractMeasurement
 from pdssjax.core import choices, member, members
 
@@ -61,21 +63,15 @@ def label(measurement: AbstractMeasurement) -> str:
 def record(measurement: AbstractMeasurement, drive: str = "", end: str = "25 ms") -> str:
     """The [[record]] of a measurement."""
     unit = measurement.unit
-    name = label(measurement)
-    columns = ", ".join(f'{quantity} = "{quantity}_{si}"' for quantity, si in measurement.columns.items())
     planned = "".join(f', {key} = "{PLAN[si]}"' for key, si in measurement.plan.items())
     lines = [
-        "[[record]]",
-        f'name = "{name}"',
-        f'file = "{name}.csv"',
-        f"columns = {{ {columns} }}",
-        f'measures = "{measurement.name}"',
         *(f'{key} = "{word}"' for key, word in told(measurement).items()),
         *([f'noise = "{NOISE[unit]}"'] if unit in NOISE else []),
         f'sampling = {{ end = "{end}", interval = "0.1 ms"{planned} }}',
         *([drive or (WALK if measurement.effector_moves else STEP)] if measurement.driven else []),
     ]
-    return "\n".join(lines) + "\n"
+    columns = {quantity: f"{quantity}_{si}" for quantity, si in measurement.columns.items()}
+    return record_table(label(measurement), measurement.name, *lines, columns=columns)
 
 
 def study(

@@ -3,7 +3,9 @@
 import math
 from pathlib import Path
 
-STUDY = """\
+from record_tables import sawtooth_table, step_table
+
+_HEAD = """\
 format = "pdssjax-study/1"
 title = "Small rig"
 
@@ -21,24 +23,17 @@ feedback = false
 "friction.sigma1" = {}
 "friction.f_ss" = {}
 "drive.fall_time" = { value = "1 ms" }
-
-[[record]]
-name = "step"
-file = "step.csv"
-columns = { time = "time_s", displacement = "displacement_um" }
-measures = "platform"
-noise = "0.01 um"
-drive = { waveform = "step", voltage = "48.2 V" }
-
-[[record]]
-name = "walk"
-file = "walk.csv"
-columns = { time = "time_s", displacement = "displacement_um" }
-measures = "effector"
-role = "validate"
-offset = "2 um"
-drive = { waveform = "sawtooth", direction = "backward", voltage = "64.2 V", frequency = "5 Hz" }
 """
+
+STUDY = "\n".join(
+    [
+        _HEAD,
+        step_table('noise = "0.01 um"', voltage="48.2 V"),
+        sawtooth_table(
+            'role = "validate"', 'offset = "2 um"', direction="backward", voltage="64.2 V", frequency="5 Hz"
+        ),
+    ]
+)
 
 
 def csv(interval: float, samples: int) -> str:

@@ -7,11 +7,12 @@ import fabricated
 import numpy as np
 import platform_study
 import xarray
+from record_tables import sawtooth_table, step_table
 
 from pdssjax import load_study
 from pdssjax.files import estimate_text
 
-STUDY = """\
+_HEAD = """\
 format = "pdssjax-study/1"
 title = "Walking rig"
 
@@ -28,23 +29,9 @@ friction = "simplified-lugre"
 "friction.sigma1" = { value = 45 }
 "friction.f_ss" = { value = "0.65 N" }
 "drive.fall_time" = { value = 0 }
-
-[[record]]
-name = "step"
-file = "step.csv"
-columns = { time = "time_s", displacement = "displacement_um" }
-measures = "platform"
-noise = "0.01 um"
-drive = { waveform = "step", voltage = "50 V" }
-
-[[record]]
-name = "walk"
-file = "walk.csv"
-columns = { time = "time_s", displacement = "displacement_um" }
-measures = "effector"
-role = "validate"
-drive = { waveform = "sawtooth", direction = "forward", voltage = "64 V", frequency = "20 Hz" }
 """
+
+STUDY = "\n".join([_HEAD, step_table(platform_study.NOISE_LINE), sawtooth_table('role = "validate"', voltage="64 V")])
 
 
 def write_walking(folder):

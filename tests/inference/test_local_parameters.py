@@ -5,6 +5,7 @@ import json
 import fabricated
 import numpy as np
 import pytest
+from record_tables import SHORT, step_table
 
 import pdssjax
 from pdssjax import InputError
@@ -24,16 +25,6 @@ friction = "coulomb"
 "piezo.natural_frequency" = {}
 "piezo.damping_ratio" = {}
 """
-RECORD = """
-[[record]]
-name = "{name}"
-file = "{name}.csv"
-columns = {{ time = "time_s", displacement = "y_um" }}
-measures = "platform"
-noise = "0.01 um"
-{line}
-drive = {{ waveform = "step", voltage = "50 V" }}
-"""
 
 
 def write(folder, text=STUDY, lines=("", 'conditions = ["other"]', 'conditions = ["other", "warm"]')):
@@ -42,7 +33,7 @@ def write(folder, text=STUDY, lines=("", 'conditions = ["other"]', 'conditions =
         motion = fabricated.step_motion(TIME, 50.0 * gain, RATE, DAMPING) + random.normal(0.0, NOISE, TIME.size)
         rows = np.stack([TIME, 1e6 * motion], axis=1)
         np.savetxt(folder / f"r{i}.csv", rows, "%.7f", ",", header="time_s,y_um", comments="")
-        text += RECORD.format(name=f"r{i}", line=line)
+        text += "\n" + step_table('noise = "0.01 um"', line, name=f"r{i}", columns=SHORT)
     (folder / "study.toml").write_text(text)
     return folder / "study.toml"
 

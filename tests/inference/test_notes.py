@@ -7,6 +7,7 @@ import math
 import fabricated
 import numpy as np
 import pytest
+from record_tables import SHORT, step_table
 
 import pdssjax
 from pdssjax import Accuracy, Record
@@ -37,16 +38,6 @@ friction = "coulomb"
 "piezo.natural_frequency" = { start = "6500 rad/s" }
 "piezo.damping_ratio" = { start = 0.18 }
 """
-RECORD = """
-[[record]]
-name = "{name}"
-file = "{name}.csv"
-columns = {{ time = "time_s", displacement = "y_um" }}
-measures = "platform"
-role = "{role}"
-{noise}
-drive = {{ waveform = "step", voltage = "50 V" }}
-"""
 GIVEN = 'noise = "0.01 um"'
 
 
@@ -60,7 +51,7 @@ def write(folder, records, text=STUDY):
     for name, (time, motion, noise, role, line) in records.items():
         rows = np.stack([time, 1e6 * (motion + np.random.default_rng(3).normal(0.0, noise, time.size))], axis=1)
         np.savetxt(folder / f"{name}.csv", rows, "%.7f", ",", header="time_s,y_um", comments="")
-        text += RECORD.format(name=name, role=role, noise=line)
+        text += "\n" + step_table(f'role = "{role}"', line, name=name, columns=SHORT)
     (folder / "study.toml").write_text(text)
     return pdssjax.load_study(folder / "study.toml")
 

@@ -5,6 +5,7 @@ import json
 import fabricated
 import numpy as np
 import pytest
+from record_tables import SHORT, step_table
 
 import pdssjax
 from pdssjax import InputError
@@ -13,7 +14,7 @@ from pdssjax.cli.main import main
 TRUTH = {"piezo.gain": 1.1e-7, "piezo.natural_frequency": 6000.0, "piezo.damping_ratio": 0.2}
 ZERO, NOISE = 0.3e-6, 1e-8
 TIME = np.arange(-0.005, 0.035, 5e-5)
-STUDY = """\
+_HEAD = """\
 format = "pdssjax-study/1"
 [actuator]
 piezo = "second-order"
@@ -22,13 +23,8 @@ friction = "coulomb"
 "piezo.gain" = {}
 "piezo.natural_frequency" = {}
 "piezo.damping_ratio" = {}
-[[record]]
-name = "step"
-file = "step.csv"
-columns = { time = "time_s", displacement = "y_um" }
-measures = "platform"
-drive = { waveform = "step", voltage = "50 V" }
 """
+STUDY = _HEAD + step_table(columns=SHORT)
 
 
 def write(folder, glitches, seed=3):

@@ -1,0 +1,34 @@
+"""The [[record]] tables of study files, as text."""
+
+from collections.abc import Mapping
+
+COLUMNS = {"time": "time_s", "displacement": "displacement_um"}
+SHORT = {"time": "time_s", "displacement": "y_um"}
+"""Columns of a displacement, by quantity."""
+
+
+def record_table(name: str, measures: str, *lines: str, columns: Mapping[str, str] = COLUMNS) -> str:
+    """A record whose file has its name; `lines` follow what it `measures`, its drive among them."""
+    named = ", ".join(f'{quantity} = "{column}"' for quantity, column in columns.items())
+    head = ["[[record]]", f'name = "{name}"', f'file = "{name}.csv"', f"columns = {{ {named} }}"]
+    return "\n".join([*head, f'measures = "{measures}"', *lines]) + "\n"
+
+
+def step_table(*lines: str, name: str = "step", voltage: str = "50 V", columns: Mapping[str, str] = COLUMNS) -> str:
+    """The platform under a step; `lines` stand before its drive."""
+    drive = f'drive = {{ waveform = "step", voltage = "{voltage}" }}'
+    return record_table(name, "platform", *lines, drive, columns=columns)
+
+
+def sawtooth_table(
+    *lines: str,
+    name: str = "walk",
+    direction: str = "forward",
+    voltage: str = "60 V",
+    frequency: str = "20 Hz",
+    columns: Mapping[str, str] = COLUMNS,
+) -> str:
+    """The end-effector under a sawtooth; `lines` stand before its drive."""
+    numbers = f'direction = "{direction}", voltage = "{voltage}", frequency = "{frequency}"'
+    drive = f'drive = {{ waveform = "sawtooth", {numbers} }}'
+    return record_table(name, "effector", *lines, drive, columns=columns)
