@@ -168,7 +168,7 @@ def _loss(name: str, method: str, intervals: str) -> AbstractLoss:
     if name not in known:
         raise InputError(f'loss: found "{name}"; {nearest(name, known)}')
     loss = member("inference.losses", name)()
-    if loss.is_robust and (method != "joint" or intervals != "linear"):
+    if not loss.supports(method, intervals):
         raise InputError(
             f'loss: found "{name}" with method "{method}" and intervals "{intervals}", expected "joint" and "linear".'
         )

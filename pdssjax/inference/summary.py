@@ -40,9 +40,7 @@ def summarise(
     free, fitted = problem.residual.transform, {**starts, **problem.residual.transform.decode(fit.free)}
     values = {path: float(value) for path, value in fitted.items()}
     statistics = _statistics(problem, fit)
-    enlarged = _variance_factor(statistics, problem, fit, stack)
-    picked = None if stack is None else stack.covariance / enlarged
-    known, naive = _covariances(method, problem, fit, picked)
+    known, naive, enlarged = _errors(method, problem, fit, statistics, stack)
     deviation = np.sqrt(np.diag(known.matrix) * enlarged)
     weakly_determined = known.identifiable & (deviation > WEAKLY_DETERMINED)
     known = known._replace(identifiable=known.identifiable & ~weakly_determined)
@@ -83,11 +81,21 @@ def summarise(
     )
 
 
-def _variance_factor(statistics: Statistics, problem: Problem, fit: Fit, stack: PickedStack | None) -> float:
-    """By how much variances are enlarged; under a robust loss they take the scatter from the residuals already."""
-    if problem.residual.loss.is_robust:
-        return 1.0
-    return variance_factor(statistics) if stack is None else second_step_factor(problem, fit)
+def _errors(
+    method: Method, problem: Problem, fit: Fit, statistics: Statistics, stack: PickedStack | None
+) -> tuple[Covariance, Float[np.ndarray, "p p"] | None, float]:
+    """The two covariances of `_covariances`, and by how much variances are enlarged.
+
+    Under a robust loss they take the scatter from the residuals already.
+    """
+    loss = problem.residual.loss
+    if loss.is_robust:
+        jacobian = np.asarray(fit.state.jacobian)
+        held = _at_bound(fit, problem.residual.transform)
+        return robust_covariance(np.asarray(fit.state.residual), jacobian, held, loss), None, 1.0
+    enlarged = variance_factor(statistics) if stack is None else second_step_factor(problem, fit)
+    picked = None if stack is None else stack.covariance / enlarged
+    return *_covariances(method, problem, fit, picked), enlarged
 
 
 def _with_naive_errors(
@@ -114,9 +122,6 @@ def _covariances(
     jacobian = np.asarray(fit.state.jacobian)
     free = problem.residual.transform
     held = _at_bound(fit, free)
-    loss = problem.residual.loss
-    if loss.is_robust:
-        return robust_covariance(np.asarray(fit.state.residual), jacobian, held, loss), None
     whole = least_squares_covariance(jacobian, held)
     if method == "joint":
         return whole, None

@@ -15,6 +15,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from .neighbours import scatter_between_corners
 from .voltage_flanks import Samples, VoltageFlanks, period_of, voltage_flanks
 
 MOST_MISFIT = 0.015
@@ -73,7 +74,7 @@ def _detect(time: Samples, volts: Samples) -> Waveform:
         step = _step(time, volts, flanks, interval)
         if step.misfit < MOST_MISFIT and abs(low) < _AT_ZERO * high:
             return step
-    limit = MOST_MISFIT + 2.0 * _noise(volts) / (high - low)
+    limit = MOST_MISFIT + 2.0 * scatter_between_corners(volts) / (high - low)
     if max(len(flanks.rises), len(flanks.falls)) >= 2 and min(len(flanks.rises), len(flanks.falls)) >= 1:
         candidates = [fit(time, volts, flanks, interval) for fit in (_sawtooth, _triangle, _sine, _trapezoid)]
         fitting = [c for c in candidates if c is not None and c.misfit < limit]
@@ -91,14 +92,9 @@ def _detect(time: Samples, volts: Samples) -> Waveform:
     return Waveform("sampled", {"voltage": float(np.max(np.abs(volts)))}, "", start, begins, 0.0)
 
 
-def _noise(volts: Samples) -> float:
-    """Of neighbouring samples, robust against corners [V]."""
-    return 1.4826 * float(np.median(np.abs(np.diff(volts, 2)))) / math.sqrt(6.0) if volts.size > 3 else 0.0
-
-
 def _rest(time: Samples, volts: Samples, extent: float) -> float | None:
     """When a voltage that begins at a constant 0 V leaves it [s]; None where it does not begin so."""
-    noise = max(5.0 * _noise(volts), 2e-3 * extent)
+    noise = max(5.0 * scatter_between_corners(volts), 2e-3 * extent)
     away = np.flatnonzero(np.abs(volts - np.median(volts[:3])) > noise)
     leaves = int(away[0]) if away.size else volts.size
     quiet = volts[:leaves]

@@ -42,6 +42,14 @@ def test_influence_and_curvature_are_the_derivatives_and_the_root_leads_back(nam
 
 
 @pytest.mark.parametrize("name", NAMES)
+def test_the_scatter_of_normal_residuals_is_their_standard_deviation(name):
+    loss, random = LOSSES[name], np.random.default_rng(4)
+    roots = np.asarray(loss.root(jnp.asarray(random.normal(0.0, 1.7, 4000))))
+    assert loss.scatter(roots, 4000.0) == pytest.approx(1.7, rel=0.03)
+    assert loss.scatter(roots, 1000.0) == pytest.approx(3.4 if name == "squares" else 1.7, rel=0.03)
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_the_location_is_that_of_least_loss_with_the_derivative_of_differences(name):
     loss, random = LOSSES[name], np.random.default_rng(1)
     data = jnp.asarray(np.concatenate([random.normal(3.0, 0.1, 60), random.normal(40.0, 5.0, 6)]))

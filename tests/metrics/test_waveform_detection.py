@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from pdssjax.metrics import detect_waveform, resolution_of, scatter_floor
+from pdssjax.metrics import detect_waveform, neighbour_scatter, resolution_of, scatter_floor
+from pdssjax.metrics.neighbours import scatter_between_corners
 
 INTERVAL = 1e-4
 
@@ -169,3 +170,15 @@ def test_drives_at_random_are_found_or_taken_as_sampled_but_never_for_others():
         near = abs(found.numbers["voltage"] / voltage - 1.0) < 0.01 and late < 1.1
         told.append(near and abs(found.numbers["frequency"] / frequency - 1.0) < 1e-3)
     assert np.mean(told) > 0.97
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.05])
+def test_the_noise_of_a_voltage_is_told_beside_corners_that_every_fourth_sample_is_next_to(noise):
+    volts = 60.0 * np.mod(np.arange(400) / 8.0, 1.0) + np.random.default_rng(2).normal(0.0, noise, 400)
+    # A quarter of the samples with motion in them shift the median to where a third lie.
+    assert scatter_between_corners(volts) == pytest.approx(1.43 * noise, rel=0.2)
+    assert scatter_between_corners(volts[:3]) == 0.0
+
+
+def test_the_scatter_of_neighbours_takes_corners_for_noise_where_nothing_else_scatters():
+    assert neighbour_scatter(60.0 * np.mod(np.arange(400) / 8.0, 1.0)) > 1.0

@@ -9,10 +9,14 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jaxtyping import Array, Float
 
 from ...core import Scalar
+
+_NORMAL_MEDIAN = 1.4826
+"""Standard deviation of normal noise, over the median of its absolute values."""
 
 _ROUNDS = 30
 """Of reweighting; each leaves a twentieth of the error."""
@@ -42,6 +46,18 @@ class AbstractLoss(eqx.Module):
     @abc.abstractmethod
     def curvature(self, r: Float[Array, "*n"]) -> Float[Array, "*n"]:
         """rho''(r) / 2 of residuals divided by their noise: 1 for a sum of squares."""
+
+    def scatter(self, roots: Float[np.ndarray, " n"], freedom: float) -> float:
+        """The standard deviation of the noise over what it was taken for, by the roots of n residuals.
+
+        By the median of absolute residuals, which glitches hardly move; `freedom`, the number of residuals less what
+        the fit took of them, is for losses that sum.
+        """
+        return _NORMAL_MEDIAN * float(np.median(np.abs(self.original(jnp.asarray(roots)))))
+
+    def supports(self, method: str, intervals: str) -> bool:
+        """Whether a fit by `method` with `intervals`, words of `identify`, knows what to make of it."""
+        return method == "joint" and intervals == "linear"
 
     def location(self, difference: Float[Array, " n"], weight: Scalar) -> Scalar:
         """The z at which the loss of (difference - z) weight is least; differentiable in `difference`.

@@ -1,8 +1,10 @@
 """The sum of squares: rho = r^2, best for normal noise."""
 
+import math
 from typing import ClassVar
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from ...core import Scalar
@@ -25,6 +27,13 @@ class Squares(AbstractLoss):
 
     def curvature(self, r: Float[Array, "*n"]) -> Float[Array, "*n"]:
         return jnp.ones_like(r)
+
+    def scatter(self, roots: Float[np.ndarray, " n"], freedom: float) -> float:
+        """By the sum of squares, per degree of freedom."""
+        return math.sqrt(float(np.sum(roots**2)) / max(freedom, 1.0))
+
+    def supports(self, method: str, intervals: str) -> bool:
+        return True
 
     def location(self, difference: Float[Array, " n"], weight: Scalar) -> Scalar:
         return jnp.mean(difference)

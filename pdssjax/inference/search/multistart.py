@@ -9,7 +9,6 @@ that ends at a discontinuity is restarted from perturbed points.
 
 from concurrent.futures import ThreadPoolExecutor
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -28,9 +27,6 @@ _FIRST = 12
 
 _PROMISING = 2.0
 """Reduced chi-square at that moment."""
-
-_NORMAL_MEDIAN = 1.4826
-"""Standard deviation of normal noise, over the median of its absolute values."""
 
 
 def best_fit(
@@ -90,14 +86,8 @@ def with_noise(fit: Fit, problem: Problem, run: FitMethod, report: Progress) -> 
 
 
 def _noise_left(problem: Problem, fit: Fit) -> Float[np.ndarray, " records"]:
-    """Standard deviation of each record's residuals, in its unit, degrees of freedom shared by samples.
-
-    Under a robust loss, by the median of absolute residuals, which glitches hardly move.
-    """
-    loss, parts = problem.residual.loss, by_record(problem, fit)
-    if loss.is_robust:
-        return problem.noise * [_NORMAL_MEDIAN * np.median(np.abs(loss.original(jnp.asarray(p)))) for p in parts]
+    """Standard deviation of each record's residuals, in its unit, degrees of freedom shared by samples."""
     sizes = np.array([record.time.size for record in problem.records])
     degrees_taken = fit.free.size * sizes / sizes.sum() + [record.offset is None for record in problem.records]
-    squares = np.array([np.sum(part**2) for part in parts])
-    return problem.noise * np.sqrt(squares / np.maximum(sizes - degrees_taken, 1.0))
+    scatter, parts = problem.residual.loss.scatter, by_record(problem, fit)
+    return problem.noise * [scatter(*pair) for pair in zip(parts, sizes - degrees_taken, strict=True)]
