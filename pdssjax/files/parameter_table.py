@@ -1,11 +1,97 @@
-"""A parameter, as its entry in a study's [parameters] describes it."""
+"""The [parameters] of a study file: which there are, which are needed, and what the entry of each says."""
 
-from ..core import InputError, Quantity, check_range
-from ..study import Parameter
+import dataclasses
+import re
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from ..core import InputError, Quantity, check_range, nearest
+from ..study import MARK, Parameter, Record, Study, legal_quantities, split_path
 from .toml_table import Table
 
+_MANY = "_*"
+"""What the path of all parameters ends in that differ by a number."""
 
-def read_parameter(path: str, table: Table, quantity: Quantity) -> Parameter:
+
+def read_parameters(top: Table, study: Study) -> dict[str, Parameter]:
+    """The parameters that the table `top` of a study file lists, by path, in its order; `study` lacks them still.
+
+    **Raises:** `InputError` if one is missing, unknown or illegal.
+    """
+    legal = legal_quantities(study)
+    table = _expanded(top.table("parameters", "a table of parameters"), legal)
+    for path in table.entries:
+        if any(known.startswith(f"{path}.") for known in legal):
+            raise InputError(f'{table.where}: found {path} without quotes, expected the whole path as in "{path}....".')
+        base, condition = split_path(path)
+        if base not in legal:
+            raise InputError(f'{table.where}: found the unknown parameter "{base}"; {nearest(base, legal)}')
+        if MARK in path:
+            _check_condition(table, base, condition, study.records)
+    for path in _required(study, legal, table.entries):
+        if path not in table.entries:
+            raise InputError(
+                f'{table.where}: the parameter "{path}" is missing, '
+                f"expected it fixed as in {{ value = ... }} or free as in {{}}."
+            )
+    expected = "a table such as { start = ... }, { value = ... } or {}"
+    return {
+        path: _read_parameter(
+            path, dataclasses.replace(table.table(path, expected), where=table.at(path)), legal[split_path(path)[0]]
+        )
+        for path in table.entries
+    }
+
+
+def _required(study: Study, legal: dict[str, Quantity], listed: Iterable[str]) -> list[str]:
+    """The parameters that the study must list."""
+    needed: set[str] = set().union(*(record.measurement.parts() for record in study.records))
+    if not study.records:
+        needed |= {"piezo", "friction", "effector"}
+    if study.feedback:
+        needed |= {"friction", "effector"}
+    paths = [path for path, declared in legal.items() if not declared.optional and path.split(".")[0] in needed]
+    slews = "amplifier.slew" in listed
+    carries = study.feedback and "piezo.mass" in legal
+    return paths + ["piezo.mass"] * carries + ["amplifier.bandwidth"] * slews
+
+
+def _expanded(table: Table, legal: Iterable[str]) -> Table:
+    """The table with "piezo.play_*" as play_1, play_2, ..., but for those that are listed themselves."""
+    entries: dict[str, Any] = {}
+    for path, entry in table.entries.items():
+        base, mark, condition = path.partition(MARK)
+        if not base.endswith(_MANY):
+            entries[path] = entry
+            continue
+        numbered_paths = re.compile(re.escape(base.removesuffix("*")) + r"\d+")
+        found = [f"{known}{mark}{condition}" for known in legal if numbered_paths.fullmatch(known)]
+        if not found:
+            raise InputError(f'{table.where}: found "{path}", but no numbered parameter of that name is known.')
+        entries |= {numbered: entry for numbered in found if numbered not in table.entries}
+    return dataclasses.replace(table, entries=entries)
+
+
+def _check_condition(table: Table, base: str, condition: str, records: Sequence[Record]) -> None:
+    """A parameter that holds under a condition needs records with and its usual number without that."""
+    where, known = f'{table.where}: "{base}{MARK}{condition}"', sorted({c for r in records for c in r.conditions})
+    if condition not in known:
+        told = nearest(condition, known) if known else 'no record has any, as in conditions = ["wet"].'
+        raise InputError(f'{where}: found the condition "{condition}" that no record has; {told}')
+    if base not in table.entries:
+        raise InputError(
+            f'{where}: the parameter "{base}" is missing, expected it, too, for records without the condition.'
+        )
+    for record in records:
+        rivals = [c for c in record.conditions if c != condition and f"{base}{MARK}{c}" in table.entries]
+        if condition in record.conditions and rivals:
+            raise InputError(
+                f'{where}: record "{record.name}" also has the condition "{rivals[0]}" with a "{base}" of its own, '
+                "expected one of them."
+            )
+
+
+def _read_parameter(path: str, table: Table, quantity: Quantity) -> Parameter:
     """The parameter `path` as the `table` of its entry describes it: free unless it has a value.
 
     **Raises:** `InputError` if a number is outside the quantity's legal range, the start

@@ -8,17 +8,23 @@ from jaxtyping import Float
 from ..core import InputError, to_si
 from ..metrics import decimated
 from ..study import check_increasing
-from .record_columns import Columns, Layout, read_columns
+from .record_columns import Columns, Layout
 from .toml_table import Table
 
 
-def record_samples(table: Table, file: Path, layout: Layout) -> tuple[dict[str, Float[np.ndarray, " samples"]], float]:
-    """The columns of the samples kept, by quantity [SI], checked, and the first time in the file [s].
+def window_of(table: Table) -> tuple[float, float] | None:
+    """From when to when the record's `table` takes its samples, on the clock of the file [s]; None for all.
+
+    **Raises:** `InputError` if the key is at fault.
+    """
+    return _interval(table.entries["window"], table.at("window")) if "window" in table.entries else None
+
+
+def kept_samples(table: Table, file: Path, layout: Layout, read: Columns) -> dict[str, Float[np.ndarray, " samples"]]:
+    """Of what was `read` the samples kept, by quantity [SI], checked.
 
     **Raises:** `InputError` if the file or a key of the record's `table` is at fault, or nothing is left.
     """
-    window = _interval(table.entries["window"], table.at("window")) if "window" in table.entries else None
-    read = read_columns(file, layout, window)
     keep, whole = _kept(table, read)
     columns = read.kept(keep)
     columns.check_numbers()
@@ -31,7 +37,7 @@ def record_samples(table: Table, file: Path, layout: Layout) -> tuple[dict[str, 
                 f'{file}: column "{columns.channels[quantity].name}": found the same {quantity} in all '
                 f"{data[quantity].size} samples, expected a record that moves."
             )
-    return data, read.begin
+    return data
 
 
 def _decimated(table: Table, columns: Columns, stretch: np.ndarray) -> dict[str, np.ndarray]:

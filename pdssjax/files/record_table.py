@@ -11,8 +11,8 @@ from ..study import MARK, STEP_TIME, AbstractMeasurement, Record, check_meets_dr
 from .conditioning import conditioned
 from .drive_table import read_drive
 from .layout_table import record_layout
-from .record_columns import Layout
-from .record_samples import record_samples
+from .record_columns import Layout, read_columns
+from .record_samples import kept_samples, window_of
 from .toml_table import Table
 
 _FAMILY = "study.measurement"
@@ -62,7 +62,8 @@ def read_record(table: Table, folder: Path, virtual: bool = False) -> Record:
         data = _planned(table, measurement)
         begin = float(data["time"][0])
     else:
-        data, begin = record_samples(table, file, layout)
+        read = read_columns(file, layout, window_of(table))
+        data, begin = kept_samples(table, file, layout, read), read.begin
     where = f'{file}: record "{name}"'
     check_meets_drive(where, begin, data["time"], drive, start)
     start -= earlier

@@ -29,7 +29,6 @@ class Squares(AbstractLoss):
         return jnp.ones_like(r)
 
     def scatter(self, roots: Float[np.ndarray, " n"], freedom: float) -> float:
-        """By the sum of squares, per degree of freedom."""
         return math.sqrt(float(np.sum(roots**2)) / max(freedom, 1.0))
 
     def supports(self, method: str, intervals: str) -> bool:

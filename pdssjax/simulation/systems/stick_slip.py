@@ -8,7 +8,7 @@ the bracket with friction feedback (5.25), without it (5.27).  The field is smoo
 keeps its sign.  At v = 0 the force may jump from F(-) to F(+): a set-valued law (Coulomb) and the
 switching parameters of (5.22) are both of this shape.  There the contact sticks, or v takes
 a sign (`_sticking`).  Laws, piezos, amplifiers and the stop (`_stop_contact`) add guards of their own.
-`_sensed_motion` has the sensor, `_settling` what is left where nothing moves but the creeping platform.
+`_sensed_motion` has the sensor's state, `_settling` what is left where nothing moves but the creeping platform.
 """
 
 import jax
@@ -23,7 +23,7 @@ from ._contact_state import ADVANCING, RETREATING, STUCK, State, kind
 from ._sensed_motion import SensedMotion
 from ._settling import is_settled, project_to_steady, slowest_frequency
 from ._sticking import mode_from_rest, sticking_force, sticking_margins
-from ._stop_contact import external_force, stop_guards
+from ._stop_contact import external_force, push_on_stop, stop_guards
 
 _SPURIOUS_AMPLITUDE = 1e-17
 """Amplitude [m] of an oscillation that is rounding."""
@@ -201,15 +201,21 @@ class StickSlip(AbstractHybridSystem):
 
     def shown_displacement(self, x: State[Scalar]) -> Scalar:
         """Displacement [m] of platform or end-effector that the sensor shows."""
-        return self._sensed.displacement(x)
+        y, _ = self.actuator.driven_platform.platform(x.driven)
+        return self.sensor.shown_displacement(self._motion_lag(x), y - x.d * (1.0 - self.on_platform))
 
     def shown_velocity(self, x: State[Scalar]) -> Scalar:
         """Velocity [m/s] of platform or end-effector that a sensor of velocity shows."""
-        return self._sensed.velocity(x)
+        return self.sensor.shown_velocity(self._motion_lag(x), self._sensed.speed(x))
 
     def shown_force(self, x: State[Scalar]) -> ScalarLike:
         """Force [N] that the sensor in the way, the stop, shows."""
-        return self._sensed.force(x)
+        return x.sensor_lag[0] if x.sensor_lag else constant(push_on_stop(self.actuator, x))
+
+    def _motion_lag(self, x: State[Scalar]) -> tuple[Scalar, ...]:
+        if self.actuator.stop is not None and x.sensor_lag:
+            raise ValueError("Expected a sensor without a filter beside a stop, whose force it filters, but got one.")
+        return x.sensor_lag
 
     def output_components(self) -> tuple[int, ...]:
         """The components, counted as the leaves of `State`, of which the measured motion is made."""
