@@ -48,7 +48,7 @@ class AbstractLoss(eqx.Module):
         """rho''(r) / 2 of residuals divided by their noise: 1 for a sum of squares."""
 
     def scatter(self, roots: Float[np.ndarray, " n"], freedom: float) -> float:
-        """The standard deviation of the noise over what it was taken for, by the roots of n residuals.
+        """The standard deviation of the noise over what it was taken for, by `roots` of residuals divided by that.
 
         By the median of absolute residuals, which glitches hardly move; `freedom`, the number of residuals less what
         the fit took of them, is for losses that sum.
