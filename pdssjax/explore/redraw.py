@@ -6,8 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from ..metrics import scatter_floor
 from ..simulation import Inside, Observation
-from ..study import Record, cycles_a_second, noise_floor
+from ..study import Record, cycles_a_second
 
 DRAWN = 4000
 """Samples that are drawn of a record at most."""
@@ -71,7 +72,7 @@ def known_noise(record: Record) -> float:
     """The standard deviation of a record's noise: given, or seen between neighbouring samples; NaN for too few."""
     if record.noise is not None:
         return record.noise
-    return noise_floor(record) if record.time.size >= 8 else math.nan
+    return scatter_floor(record.measured) if record.time.size >= 8 else math.nan
 
 
 def enlarged_at_first(record: Record) -> tuple[float, float]:

@@ -11,11 +11,12 @@ from ..core import InputError, clear_bar, member, members, nearest, need_double_
 from ..integration import Accuracy
 from ..study import Estimate, Study
 from .draws import Drawing
+from .estimated_noise import with_noise
 from .kept_fit import Found, as_asked, kept, restored
 from .least_squares import FitMethod, Method, Progress, evaluated, joint, quiet, sequential
 from .losses.base import AbstractLoss
 from .search.best_point import BestPoint, Point, completed
-from .search.multistart import best_fit, with_noise
+from .search.multistart import best_fit
 from .search.requested_starts import best_of_starts, check_starts
 from .sensor_signs import question_signs
 from .stack_first.held_stack import rejoined, with_stack_held

@@ -13,7 +13,8 @@ from jaxtyping import Array, Bool, Float
 
 from ..core import Scalar, need_double_precision
 from ..integration import Accuracy
-from ..study import Record, Study, Values, noise_floor
+from ..metrics import scatter_floor
+from ..study import Record, Study, Values
 from .initial_values.guess import initial_guess
 from .losses.base import AbstractLoss
 from .parameter_transform import transform_of
@@ -120,7 +121,7 @@ def pose(study: Study, starts: Mapping[str, float], accuracy: Accuracy, loss: Ab
     records = tuple(record for record in study.records if record.role == "fit")
     fixed = {path: starts[path] for path, parameter in study.parameters.items() if not parameter.free}
     residual = Residual(study.models, records, transform_of(study.parameters, starts), fixed, accuracy, loss)
-    noise = np.array([noise_floor(r) if r.noise is None else r.noise for r in records])
+    noise = np.array([scatter_floor(r.measured) if r.noise is None else r.noise for r in records])
     return Problem(residual, records, noise)
 
 

@@ -8,10 +8,10 @@ from jaxtyping import Bool, Float
 
 from ..study import Estimate, FittedParameter, FittedRecord, Parameter, Statistics, Study, compare
 from .diagnostics.diagnose import diagnose
-from .goodness import is_poor
 from .least_squares import START_FAILED, Fit, Method, of_piezo, of_platform_alone, reduced_chi2
 from .notes.of_fit import notes_of
 from .parameter_transform import ParameterTransform
+from .poor_fit import is_poor
 from .problem import Problem
 from .residual import free_offset
 from .stack_first.peak_picking import PATHS, PickedStack

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from .goodness_of_fit import error_index as error_index
     from .goodness_of_fit import r_squared as r_squared
     from .goodness_of_fit import rmse as rmse
-    from .neighbours import neighbour_scatter as neighbour_scatter
     from .outlying_samples import outliers as outliers
     from .per_cycle import FLANK as FLANK
     from .per_cycle import cycle_metrics as cycle_metrics
@@ -38,8 +37,9 @@ if TYPE_CHECKING:
     from .record_guess import guess_record as guess_record
     from .residual_split import ResidualSplit as ResidualSplit
     from .residual_split import split_residuals as split_residuals
-    from .scatter import resolution_of as resolution_of
-    from .scatter import scatter_floor as scatter_floor
+    from .sample_noise import neighbour_scatter as neighbour_scatter
+    from .sample_noise import scatter_floor as scatter_floor
+    from .sensor_resolution import resolution_of as resolution_of
     from .smoothing import smoothed as smoothed
     from .waveform_detection import Waveform as Waveform
     from .waveform_detection import detect_waveform as detect_waveform
@@ -62,12 +62,12 @@ else:
             "characterisation": ["Characterisation", "SI_UNITS", "Summary", "characterisation_of"],
             "decimation": ["decimated"],
             "goodness_of_fit": ["error_index", "r_squared", "rmse"],
-            "neighbours": ["neighbour_scatter"],
             "outlying_samples": ["outliers"],
             "pure_error": ["CycleSplit", "LackOfFit", "lack_of_fit", "split_by_phase"],
             "record_guess": ["RecordGuess", "guess_record"],
             "residual_split": ["ResidualSplit", "split_residuals"],
-            "scatter": ["resolution_of", "scatter_floor"],
+            "sample_noise": ["neighbour_scatter", "scatter_floor"],
+            "sensor_resolution": ["resolution_of"],
             "smoothing": ["smoothed"],
             "waveform_detection": ["Waveform", "detect_waveform"],
             "per_cycle": ["FLANK", "cycle_metrics", "force_metrics", "turning_points"],

@@ -1,4 +1,4 @@
-"""How well a prediction matches a record, and how well an actuator moves (thesis, sections 3.4 and 3.5).
+"""How well an actuator moves and pushes, cycle by cycle (thesis, sections 3.4 and 3.5).
 
 In every cycle of a sawtooth drive the end-effector rides forward with the platform (stick) and
 slides back when the platform does (slip).  With the stroke S of the stick phase, the back-slip S_0

@@ -8,7 +8,8 @@ from jaxtyping import Float
 
 from ..core import InputError
 from .cycle_detection import find_cycles
-from .scatter import resolution_of, scatter_floor
+from .sample_noise import scatter_floor
+from .sensor_resolution import resolution_of
 from .waveform_detection import Waveform, begun, detect_waveform
 
 _FOLLOWS = 0.97

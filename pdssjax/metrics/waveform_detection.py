@@ -15,7 +15,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from .neighbours import scatter_between_corners
+from .sample_noise import scatter_between_corners
 from .voltage_flanks import Samples, VoltageFlanks, period_of, voltage_flanks
 
 MOST_MISFIT = 0.015

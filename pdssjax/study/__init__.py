@@ -34,9 +34,6 @@ if TYPE_CHECKING:
     from .models import Models as Models
     from .models import Values as Values
     from .multistart import Multistart as Multistart
-    from .noise import noise_floor as noise_floor
-    from .numbers import UsedNumber as UsedNumber
-    from .numbers import numbers_used as numbers_used
     from .parameter import REACH as REACH
     from .parameter import Parameter as Parameter
     from .prediction import Lowered as Lowered
@@ -60,6 +57,8 @@ if TYPE_CHECKING:
     from .shared_drive import shared_fields as shared_fields
     from .study import Study as Study
     from .study import legal_quantities as legal_quantities
+    from .used_numbers import UsedNumber as UsedNumber
+    from .used_numbers import numbers_used as numbers_used
     from .virtual_rig import Recording as Recording
     from .virtual_rig import make_recordings as make_recordings
     from .virtual_rig import truth as truth
@@ -77,8 +76,7 @@ else:
             "measurement.base": ["AbstractMeasurement", "MOVING", "Samples"],
             "models": ["Models", "Values"],
             "multistart": ["Multistart"],
-            "noise": ["noise_floor"],
-            "numbers": ["UsedNumber", "numbers_used"],
+            "used_numbers": ["UsedNumber", "numbers_used"],
             "parameter": ["Parameter", "REACH"],
             "prediction": ["Lowered", "Predictor", "failures", "predicted", "with_room"],
             "profile": ["Profile"],

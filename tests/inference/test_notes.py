@@ -16,10 +16,10 @@ from pdssjax.core import member
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.inference import least_squares as fitting
 from pdssjax.inference import summary
-from pdssjax.inference.goodness import exceeds_floor, exceeds_given_noise, highest_by_chance
 from pdssjax.inference.notes.about_models import about_models, about_resonances
 from pdssjax.inference.notes.about_parameters import about_information
 from pdssjax.inference.notes.about_records import about_records
+from pdssjax.inference.poor_fit import exceeds_floor, exceeds_given_noise, highest_by_chance
 from pdssjax.inference.problem import pose
 from pdssjax.report.text import format_report
 from pdssjax.study import FittedParameter, Models, compare

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pdssjax.metrics import detect_waveform, neighbour_scatter, resolution_of, scatter_floor
-from pdssjax.metrics.neighbours import scatter_between_corners
+from pdssjax.metrics.sample_noise import scatter_between_corners
 
 INTERVAL = 1e-4
 

@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...drive.base import AbstractDrive
-from ...study import Record, Samples, drive_with, noise_floor
+from ...metrics import scatter_floor
+from ...study import Record, Samples, drive_with
 from .step_peaks import half_period_to_frequency, overshoot_to_damping, rest_before
 
 _VISIBLE = 6.0
@@ -103,7 +104,7 @@ def _from_step(record: Record) -> dict[str, float]:
     rise = (y[after] - zero) / ((end - zero) or 1e-12)
     peak = int(np.argmax(rise))
     delay = max(float(time[after][peak]), interval_of(record))
-    visible = rise[peak] - 1.0 > _VISIBLE * noise_floor(record) / (abs(end - zero) or 1e-12)
+    visible = rise[peak] - 1.0 > _VISIBLE * scatter_floor(record.measured) / (abs(end - zero) or 1e-12)
     if not (visible and delay < _SOON * max(float(time[-1]), interval_of(record))):
         return found
     overshoot = float(np.clip(rise[peak] - 1.0, 1e-3, 0.98))

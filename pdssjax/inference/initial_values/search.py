@@ -18,8 +18,9 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from ...integration import Accuracy
+from ...metrics import scatter_floor
 from ...piezo.base import Shown
-from ...study import MARK, Models, Parameter, Record, check_begins_early, noise_floor, split_path
+from ...study import MARK, Models, Parameter, Record, check_begins_early, split_path
 from ..parameter_transform import transform_of
 from ..residual import Residual, as_weights
 from .record_features import (
@@ -237,7 +238,7 @@ def _search(
     first = {path: float(np.exp(x)) for path, x in zip(paths, points[0], strict=True)}
     ordered = transform_of({path: searched[path] for path in paths}, first)
     residual = Residual(models, used, ordered, known, Accuracy(tolerance=1e-9, settle_tolerance=1e-10))
-    weights = as_weights([noise_floor(record) for record in used], [True] * len(used))
+    weights = as_weights([scatter_floor(record.measured) for record in used], [True] * len(used))
     encoded = np.stack([ordered.encode(dict(zip(paths, np.exp(point), strict=True))) for point in points])
     costs = _tried(residual, encoded, weights)
     order = np.argsort(np.where(np.isfinite(costs), costs, np.inf))

@@ -1,7 +1,7 @@
 """Records that contradict each other, in words."""
 
 from ...study import Diagnosis
-from ..goodness import SIGMAS
+from ..poor_fit import SIGMAS
 from .words import listed
 
 NOTICEABLE = 2.0

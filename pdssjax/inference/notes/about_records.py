@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...study import FittedRecord, Statistics
-from ..goodness import (
+from ..poor_fit import (
     EXCESS,
     above_floor,
     exceeds_floor,

@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ...study import Parameter, Study, Values
-from ..goodness import is_poor
 from ..initial_values.search import rank_starts, scatter_starts
 from ..least_squares import (
     Fit,
@@ -21,6 +20,7 @@ from ..least_squares import (
     piezo_alone,
     shown_by_platform,
 )
+from ..poor_fit import is_poor
 from ..problem import Problem
 from .perturbed_restarts import MOST_RESTARTS, restarts
 from .successive_halving import successive_halving

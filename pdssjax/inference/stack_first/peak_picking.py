@@ -18,8 +18,9 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core import InputError
+from ...metrics import scatter_floor
 from ...piezo.second_order import SecondOrder
-from ...study import MARK, Record, Study, noise_floor
+from ...study import MARK, Record, Study
 from ..initial_values.record_features import is_step, voltages
 from ..initial_values.step_peaks import APART, Extremes, OneMode, extremes, one_mode, rest_before, step_response
 
@@ -162,7 +163,7 @@ def _read(record: Record, where: str) -> StepRecord:
             'or an offset, to count heights from for method "peaks".'
         )
     zero, count = rest_before(record.time, record.measured) if record.offset is None else (record.offset, 0)
-    noise = noise_floor(record) if record.noise is None else record.noise
+    noise = scatter_floor(record.measured) if record.noise is None else record.noise
     height = np.sign(voltage) * (record.measured[after] - zero)
     zero_error = noise / np.sqrt(count) if count else 0.0
     step = StepRecord(record.name, record.time[after], height, abs(voltage), noise, float(zero_error), 2)

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from ...core import LENGTH
 from ...simulation import DISPLACEMENT
 from ..models import Models
-from ..setups import AbstractSetup, sensor_on
+from ..setups import AbstractSetup, FreeActuator
 from .base import AbstractMeasurement, Samples
 
 
@@ -25,7 +25,7 @@ class Effector(AbstractMeasurement):
         return frozenset({"piezo", "friction", "effector"})
 
     def setup(self, models: Models) -> AbstractSetup:
-        return sensor_on(0.0, DISPLACEMENT, models)
+        return FreeActuator(DISPLACEMENT)
 
     def displacement(self, samples: Samples) -> Float[np.ndarray, " samples"] | None:
         return samples.measured

@@ -1,17 +1,7 @@
-"""A first guess of the noise of samples, from the scatter of neighbours."""
+"""The step in which a sensor counts, seen in its samples."""
 
 import numpy as np
 from jaxtyping import Float
-
-from .neighbours import neighbour_scatter
-
-
-def scatter_floor(measured: Float[np.ndarray, " samples"]) -> float:
-    """A first guess of the noise from the scatter of second differences, in the samples' unit; above zero."""
-    scatter = neighbour_scatter(measured)
-    if measured.size < 8:
-        return scatter or 1e-9
-    return max(scatter, 1e-4 * float(np.std(measured)), 1e-12)
 
 
 def resolution_of(measured: Float[np.ndarray, " samples"]) -> float | None:

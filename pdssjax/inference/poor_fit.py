@@ -2,7 +2,7 @@
 
 Where a record's noise is given, its residuals are judged by chi-square.  Where it is not, the
 noise is estimated from the residuals and chi-square is their number whatever the fit; the
-witness then is the scatter of second differences (`noise.noise_floor`), which a smooth
+witness then is the scatter of second differences (`metrics.scatter_floor`), which a smooth
 misfit hardly enters.
 """
 

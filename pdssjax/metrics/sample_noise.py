@@ -1,4 +1,4 @@
-"""How far neighbouring samples scatter, whatever slower motion there is."""
+"""The noise of samples: how far neighbours scatter, whatever slower motion there is."""
 
 import numpy as np
 from jaxtyping import Float
@@ -37,6 +37,14 @@ def scatter_between_corners(values: Float[np.ndarray, " n"]) -> float:
     too much where a quarter are.  Of fewer than four values, 0.
     """
     return _typical(np.abs(np.diff(values, 2))) / _BEND if values.size > 3 else 0.0
+
+
+def scatter_floor(measured: Float[np.ndarray, " samples"]) -> float:
+    """A first guess of the noise from the scatter of second differences, in the samples' unit; above zero."""
+    scatter = neighbour_scatter(measured)
+    if measured.size < 8:
+        return scatter or 1e-9
+    return max(scatter, 1e-4 * float(np.std(measured)), 1e-12)
 
 
 def _typical(bends: Float[np.ndarray, " n"]) -> float:
