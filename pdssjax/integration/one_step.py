@@ -12,11 +12,12 @@ from .accuracy import Accuracy
 from .event_location import first_crossing
 from .loop_state import LoopState, kept
 from .polynomials import horner
+from .repeated_period import new_period
 from .step_bound import longest_step
 from .step_length import shortened
 from .step_methods.base import AbstractStepMethod, Piece
 from .step_table import BECAME_SETTLED, CORNER, EVENT, WHICH, written
-from .system import SETTLED, AbstractHybridSystem, InputSegment, State, Unflatten, field_of, has_guards, unflattener
+from .system import SETTLED, AbstractHybridSystem, InputSegment, State, field_of, has_guards, unflattener
 from .taylor_series import Series, polynomial
 
 
@@ -73,7 +74,7 @@ def one_step(
         x = jax.tree.map(lambda a, b: jnp.where(corner, a, b), started, x)
     opening = opening / opaque_one
     cycle = system.period() if repeating else None
-    opens, repeats = _new_period(cycle, system, finely.settle_tolerance, unflatten, loop, ahead, x, mode, corner)
+    opens, repeats = new_period(cycle, system, finely.settle_tolerance, unflatten, loop, ahead, x, mode, corner)
     finite = jnp.isfinite(sum(jax.tree.leaves(x))) & (duration >= 0)
     hopeless = ~piece.accepted & (loop.rejected > finely.patience)
     failure = jnp.where((piece.accepted & ~finite) | hopeless, 2.0, 0.0)
@@ -164,28 +165,3 @@ def _afterwards(
     projected = system.project_to_steady(segment, t_local, x, mode)
     x = jax.tree.map(lambda a, b: jnp.where(becomes_settled > 0, a, b), projected, x)
     return x, jnp.where(becomes_settled > 0, SETTLED, mode), becomes_settled
-
-
-def _new_period(
-    cycle: tuple[int, int] | None,
-    system: AbstractHybridSystem,
-    settle_tolerance: Scalar,
-    unflatten: Unflatten,
-    loop: LoopState,
-    ahead: Scalar,
-    x: State,
-    mode: Scalar,
-    corner: Truth,
-) -> tuple[Truth | bool, Truth]:
-    """Whether a period of the drive opens here, and whether it repeats the last one.
-
-    It does where both began at rest and in the same state but for a shift: a contact may
-    also rest while it sticks, each time with another force, or while the platform rings.
-    """
-    if cycle is None:
-        return False, jnp.zeros((), bool)
-    first, every = cycle
-    opens = corner & (ahead >= first) & ((ahead - first) % every == 0)
-    # Each is within `rest` of the steady solution; the factor keeps that from looking like a difference.
-    same = system.same_state(x, unflatten(loop.period_start), 4.0 * settle_tolerance)
-    return opens, opens & (loop.period_start_settled > 0) & (mode == SETTLED) & same
