@@ -88,9 +88,14 @@ class Fit(NamedTuple):
 
 
 def reduced_chi2(fit: Fit, problem: Problem) -> float:
-    """Chi-square per degree of freedom, the free offsets counted."""
+    """Chi-square per degree of freedom."""
+    return fit.chi2 / degrees_of_freedom(fit, problem)
+
+
+def degrees_of_freedom(fit: Fit, problem: Problem) -> int:
+    """Samples less what is fitted, the free offsets counted; at least 1."""
     offsets = sum(record.offset is None for record in problem.records)
-    return fit.chi2 / max(np.size(fit.state.residual) - fit.free.size - offsets, 1)
+    return max(np.size(fit.state.residual) - fit.free.size - offsets, 1)
 
 
 def by_record(problem: Problem, fit: Fit) -> list[Float[np.ndarray, " samples"]]:

@@ -9,7 +9,7 @@ misfit hardly enters.
 import numpy as np
 
 from ..study import FittedRecord, repeated_residuals
-from .least_squares import Fit, by_record, reduced_chi2
+from .least_squares import Fit, by_record, degrees_of_freedom
 from .problem import Problem
 
 EXCESS = 1.2
@@ -82,11 +82,15 @@ def repeats(record: FittedRecord) -> bool:
 def is_poor(fit: Fit, problem: Problem) -> bool:
     """Residuals are more than noise: in their size, in what repeats every cycle, or in how neighbours are correlated.
 
-    The size shows little where no noise is given, and a slip at a wrong moment hides in it.
+    The size shows little where no noise is given, and a slip at a wrong moment hides in it.  It is the scatter as the
+    loss sees it: glitches that a robust loss is for do not make a fit poor.
     """
+    if not np.isfinite(fit.chi2):
+        return True
     known = all(record.noise is not None for record in problem.records)
     samples = np.size(fit.state.residual)
-    small = reduced_chi2(fit, problem) < (1.0 + SIGMAS * np.sqrt(2.0 / samples) if known else _POOR)
+    scatter = problem.residual.loss.scatter(np.asarray(fit.state.residual), degrees_of_freedom(fit, problem))
+    small = scatter**2 < (1.0 + SIGMAS * np.sqrt(2.0 / samples) if known else _POOR)
     if not small:
         return True
     parts = by_record(problem, fit)

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from pdssjax.inference.least_squares import Fit
+from pdssjax.inference.losses.squares import Squares
 from pdssjax.inference.solver.ending import Ending
 
 PATHS = ("piezo.gain", "friction.f_c")
@@ -21,7 +22,7 @@ class Waves:
 
     bounds = np.full(2, -10.0), np.full(2, 10.0)
     noise = np.ones(1)
-    residual = SimpleNamespace(transform=SimpleNamespace(paths=PATHS))
+    residual = SimpleNamespace(transform=SimpleNamespace(paths=PATHS), loss=Squares())
 
     def __init__(self, frequency: float, ripple: float, platform_alone: bool = False):
         self.frequency, self.ripple = frequency, ripple

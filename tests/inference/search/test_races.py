@@ -10,6 +10,8 @@ import pytest
 from waves import PATHS, Waves, at, run
 
 from pdssjax.core import quantity
+from pdssjax.inference.losses.huber import Huber
+from pdssjax.inference.losses.squares import Squares
 from pdssjax.inference.search import multistart, races
 from pdssjax.inference.search.multistart import best_fit
 from pdssjax.inference.search.perturbed_restarts import MOST_RESTARTS
@@ -232,3 +234,16 @@ def test_residuals_are_poor_by_size_by_neighbours_and_by_what_repeats():
     assert poor(np.convolve(white, [0.7, 0.7], "same"))  # as large, neighbours alike
     phases = np.tile(random.normal(size=100), 10)
     assert poor(0.9 * white + 0.4 * phases)  # as large, alike in every cycle
+
+
+@pytest.mark.parametrize("loss, poor", [(Squares(), True), (Huber(), False)])
+def test_glitches_make_a_fit_poor_unless_its_loss_is_for_them(loss, poor):
+    problem, random = Waves(1.0, 0.0), np.random.default_rng(2)
+    problem.residual = SimpleNamespace(loss=loss)
+    problem.records = (
+        SimpleNamespace(**vars(problem.records[0]) | {"time": np.arange(0.0, 1.0, 1e-3), "noise": None}),
+    )
+    residual = random.normal(size=1000)
+    residual[random.choice(1000, 40, replace=False)] += random.normal(0.0, 100.0, 40)
+    fit = run(Waves(1.0, 0.0), at(1.0, 1.0), None)
+    assert races.is_poor(fit._replace(state=SimpleNamespace(residual=np.asarray(loss.root(residual)))), problem) is poor
