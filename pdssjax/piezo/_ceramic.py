@@ -4,11 +4,11 @@ It is the sum of a polynomial of the voltage, of what follows it with hysteresis
 the equation.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from ..core import ScalarLike
 from ..integration import N
-from ._composed_state import Parts
+from ._composed_state import Entry, Parts
 from ._hysteresis import AbstractHysteresis
 
 
@@ -26,14 +26,14 @@ class Ceramic(NamedTuple):
     def aim(self, voltage: N, stops: tuple[N, ...], crept: tuple[N, ...]) -> N:
         """The displacement [m] that the ceramic would have at rest."""
         gain, *curves = self.memoryless
-        total: Any = voltage * gain
+        total: Entry = voltage * gain
         for k, curve in enumerate(curves, start=2):
             total = total + _power(voltage, k) * curve
         for stop, weight in zip(stops, self.hysteresis.weights, strict=True):
             total = total + (voltage - stop) * weight
         return sum(crept, total)
 
-    def aim_rate(self, x: Parts[Any], slope: Any) -> Any:
+    def aim_rate(self, x: Parts[Entry], slope: Entry) -> Entry:
         """Its rate [m/s], while that of the voltage is `slope` [V/s]."""
         gain, *curves = self.memoryless
         total = slope * gain
@@ -43,7 +43,7 @@ class Ceramic(NamedTuple):
             total = total + (slope - rate) * weight
         return sum(self.creep_rates(x), total)
 
-    def aim_bend(self, x: Parts[Any], slope: Any, bend: Any) -> Any:
+    def aim_bend(self, x: Parts[Entry], slope: Entry, bend: Entry) -> Entry:
         """The rate of its rate [m/s2], while that of the voltage's is `bend` [V/s2]."""
         gain, *curves = self.memoryless
         total = x.seen * 0.0 + bend * gain
@@ -57,19 +57,19 @@ class Ceramic(NamedTuple):
             total = total + (slope * share - rate) * (1.0 / time)
         return total
 
-    def stop_rates(self, x: Parts[Any], slope: Any) -> tuple[Any, ...]:
+    def stop_rates(self, x: Parts[Entry], slope: Entry) -> tuple[Entry, ...]:
         """Of the elements of hysteresis [V/s]."""
         return self.hysteresis.rates(x.stops, x.rises, x.marks, slope)
 
-    def creep_rates(self, x: Parts[Any]) -> tuple[Any, ...]:
+    def creep_rates(self, x: Parts[Entry]) -> tuple[Entry, ...]:
         """Of the elements of creep [m/s]."""
         elements = zip(x.crept, self.shares, self.times, strict=True)
         return tuple((x.seen * share - c) * (1.0 / time) for c, share, time in elements)
 
 
-def _power(x: Any, exponent: int) -> Any:
+def _power(x: Entry, exponent: int) -> Entry:
     """x to a whole power from 0 on, a number or a series; also of numbers that are not positive."""
-    product: Any = 1.0
+    product: Entry = 1.0
     for _ in range(exponent):
         product = x * product
     return product

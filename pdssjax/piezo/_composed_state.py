@@ -1,8 +1,12 @@
 """The state of a composed stack: its parts by name, and all of them joined in the tuple that is integrated."""
 
-from typing import Any, Generic, NamedTuple
+from typing import Any, Generic, NamedTuple, TypeAlias
 
 from ..integration import N, N_co
+
+Entry: TypeAlias = Any
+"""An entry of a state, or its rate: a number or a series.  Both go through the same functions, mixed, the flags of a
+series being numbers, and a result is of the kind of what it is made of, which no type variable says."""
 
 
 class Parts(NamedTuple, Generic[N_co]):
@@ -22,12 +26,12 @@ class Parts(NamedTuple, Generic[N_co]):
     """The sign of the voltage's rate; then one a stop, what its law of hysteresis knows of it."""
 
     @property
-    def rises(self) -> Any:
+    def rises(self) -> Entry:
         """1 where the voltage rises, -1 where it falls; 0 where there is no hysteresis to know it."""
         return self.flags[0] if self.flags else 0.0
 
     @property
-    def marks(self) -> tuple[Any, ...]:
+    def marks(self) -> tuple[Entry, ...]:
         """The flags of the stops."""
         return self.flags[1:]
 
@@ -45,7 +49,7 @@ class Layout(NamedTuple):
         """None without hysteresis."""
         return 1 + self.stops if self.stops else 0
 
-    def split(self, state: tuple[N, ...]) -> Parts[Any]:
+    def split(self, state: tuple[N, ...]) -> Parts[Entry]:
         """The parts of a state."""
         left = list(state)
         found = []
@@ -56,7 +60,7 @@ class Layout(NamedTuple):
         return Parts(mechanics, seen[0], slope[0] if slope else None, stops, crept, flags)
 
 
-def joined(x: Parts[Any]) -> tuple[Any, ...]:
+def joined(x: Parts[Entry]) -> tuple[Entry, ...]:
     """The state that has these parts."""
     slope = () if x.slope is None else (x.slope,)
     return (*x.mechanics, x.seen, *slope, *x.stops, *x.crept, *x.flags)

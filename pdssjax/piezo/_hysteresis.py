@@ -5,13 +5,13 @@
 """
 
 import abc
-from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 
 from ..core import Scalar, ScalarLike
 from ._bouc_wen_path import after_jump
+from ._composed_state import Entry
 
 _ROUNDING = 1e-12
 """Part of its threshold by which an element that slips may seem short of it."""
@@ -38,17 +38,19 @@ class AbstractHysteresis(eqx.Module):
         """The stops after the voltage has run a way of `change` [V]."""
 
     @abc.abstractmethod
-    def rates(self, stops: tuple[Any, ...], rises: Any, marks: tuple[Any, ...], slope: Any) -> tuple[Any, ...]:
+    def rates(
+        self, stops: tuple[Entry, ...], rises: Entry, marks: tuple[Entry, ...], slope: Entry
+    ) -> tuple[Entry, ...]:
         """Time derivatives of the stops [V/s] under a voltage of this `slope` [V/s]."""
 
     @abc.abstractmethod
     def bends(
-        self, stops: tuple[Any, ...], rises: Any, marks: tuple[Any, ...], slope: Any, bend: Any
-    ) -> tuple[Any, ...]:
+        self, stops: tuple[Entry, ...], rises: Entry, marks: tuple[Entry, ...], slope: Entry, bend: Entry
+    ) -> tuple[Entry, ...]:
         """Second derivatives of the stops [V/s2]; `bend` [V/s2] is that of the voltage."""
 
     @abc.abstractmethod
-    def guards(self, stops: tuple[Any, ...], rises: Any, marks: tuple[Any, ...]) -> tuple[Any, ...]:
+    def guards(self, stops: tuple[Entry, ...], rises: Entry, marks: tuple[Entry, ...]) -> tuple[Entry, ...]:
         """Positive while each stop keeps its mark."""
 
     @abc.abstractmethod
@@ -74,15 +76,17 @@ class Elements(AbstractHysteresis):
     def driven(self, stops: tuple[Scalar, ...], change: ScalarLike) -> tuple[Scalar, ...]:
         return tuple(jnp.clip(s + change, -r, r) for s, r in zip(stops, self.thresholds, strict=True))
 
-    def rates(self, stops: tuple[Any, ...], rises: Any, marks: tuple[Any, ...], slope: Any) -> tuple[Any, ...]:
+    def rates(
+        self, stops: tuple[Entry, ...], rises: Entry, marks: tuple[Entry, ...], slope: Entry
+    ) -> tuple[Entry, ...]:
         return tuple(slope * (1.0 - slip) for slip in marks)
 
     def bends(
-        self, stops: tuple[Any, ...], rises: Any, marks: tuple[Any, ...], slope: Any, bend: Any
-    ) -> tuple[Any, ...]:
+        self, stops: tuple[Entry, ...], rises: Entry, marks: tuple[Entry, ...], slope: Entry, bend: Entry
+    ) -> tuple[Entry, ...]:
         return tuple((1.0 - slip) * bend for slip in marks)
 
-    def guards(self, stops: tuple[Any, ...], rises: Any, marks: tuple[Any, ...]) -> tuple[Any, ...]:
+    def guards(self, stops: tuple[Entry, ...], rises: Entry, marks: tuple[Entry, ...]) -> tuple[Entry, ...]:
         elements = zip(stops, marks, self.thresholds, strict=True)
         return tuple((r - s * rises) * (1.0 - slip) + slip for s, slip, r in elements)
 
@@ -112,16 +116,18 @@ class BoucWen(AbstractHysteresis):
     def driven(self, stops: tuple[Scalar, ...], change: ScalarLike) -> tuple[Scalar, ...]:
         return (after_jump(stops[0], change, 1.0, self.beta, self.gamma),)
 
-    def rates(self, stops: tuple[Any, ...], rises: Any, marks: tuple[Any, ...], slope: Any) -> tuple[Any, ...]:
+    def rates(
+        self, stops: tuple[Entry, ...], rises: Entry, marks: tuple[Entry, ...], slope: Entry
+    ) -> tuple[Entry, ...]:
         return (slope - slope * stops[0] * self._decay(rises, marks),)
 
     def bends(
-        self, stops: tuple[Any, ...], rises: Any, marks: tuple[Any, ...], slope: Any, bend: Any
-    ) -> tuple[Any, ...]:
+        self, stops: tuple[Entry, ...], rises: Entry, marks: tuple[Entry, ...], slope: Entry, bend: Entry
+    ) -> tuple[Entry, ...]:
         (rate,) = self.rates(stops, rises, marks, slope)
         return (bend - (stops[0] * bend + slope * rate) * self._decay(rises, marks),)
 
-    def guards(self, stops: tuple[Any, ...], rises: Any, marks: tuple[Any, ...]) -> tuple[Any, ...]:
+    def guards(self, stops: tuple[Entry, ...], rises: Entry, marks: tuple[Entry, ...]) -> tuple[Entry, ...]:
         return (stops[0] * marks[0],)
 
     def marks_after(self, marks: tuple[Scalar, ...], which: Scalar) -> tuple[Scalar, ...]:
@@ -131,6 +137,6 @@ class BoucWen(AbstractHysteresis):
         h = stops[0]
         return (jnp.where(h == 0.0, rises, jnp.where(h > 0.0, 1.0, -1.0)),)
 
-    def _decay(self, rises: Any, marks: tuple[Any, ...]) -> Any:
+    def _decay(self, rises: Entry, marks: tuple[Entry, ...]) -> Entry:
         """Of h along the path of the voltage [1/V], signed as its slope."""
         return rises * self.beta + marks[0] * self.gamma
