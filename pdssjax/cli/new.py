@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 MANY = 100_000
 """Samples of a record from which the user is told how to keep fewer."""
 
-LARGE = 2e-6
-"""Gain of a platform [m/V] from which the voltage may be that before an amplifier."""
+LARGE, SMALL = 2e-6, 5e-10
+"""Gain [m/V] from which, and up to which, a unit or a scale may be wrong."""
 
 
 def new(options: argparse.Namespace) -> int:
@@ -51,7 +51,7 @@ def new(options: argparse.Namespace) -> int:
 
 def _warn(records: Sequence["NewRecord"], told: "Told") -> None:
     """Says what the user should not overlook."""
-    import numpy as np
+    from ..metrics import gain_of
 
     said = []
     if told.mass is None and any(record.guess.measures == "effector" for record in records):
@@ -60,10 +60,17 @@ def _warn(records: Sequence["NewRecord"], told: "Told") -> None:
         guess, file = record.guess, record.roles.file
         if (count := guess.time.size) > MANY:
             said.append(f"{file}: {count} samples make a slow fit; the keys window and decimate keep fewer")
-        gain = 0.0 if guess.volts is None else float(np.ptp(guess.motion) / np.ptp(guess.volts))
-        if guess.measures == "platform" and gain > LARGE:
+        gain = gain_of(guess)
+        if gain > LARGE:
             told_gain = f"{1e6 * gain:.3g} um/V, more than a stack moves"
-            said.append(f"{file}: found {told_gain}; of a voltage before its amplifier say --scale voltage=20 or so")
+            said.append(
+                f"{file}: found {told_gain}; of a voltage before its amplifier say --scale voltage=20 or so, "
+                "of a sensor's millivolts --unit displacement=mV beside its scale"
+            )
+        if gain < SMALL:
+            said.append(
+                f"{file}: found {1e9 * gain:.3g} nm/V, less than a stack moves: is the displacement's unit right?"
+            )
     for line in said:
         print(f"pdssjax: warning: {line}", file=sys.stderr)
 

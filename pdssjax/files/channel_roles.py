@@ -67,12 +67,29 @@ def roles_of(file: Path, hints: Hints) -> Roles:
     chosen: dict[str, Channel] = {}
     guessed: set[str] = set()
     clocked = hints.interval is not None or any(channel.interval for channel in channels)
-    if not clocked or "time" in hints.columns:
-        look.choose("time", chosen, guessed, look.increases)
-    if hints.columns.get("voltage") != "none":
-        look.choose("voltage", chosen, guessed, look.is_a_drive)
-    look.choose("displacement", chosen, guessed, lambda channel: True)
-    look.check_units(chosen)
+    wanted: dict[str, Callable[[Channel], bool]] = {
+        "time": look.increases,
+        "voltage": look.is_a_drive,
+        "displacement": lambda channel: True,
+    }
+    if clocked and "time" not in hints.columns:
+        del wanted["time"]
+    if hints.columns.get("voltage") == "none":
+        del wanted["voltage"]
+    faults: list[str] = []
+    for quantity, shaped in wanted.items():
+        try:
+            look.choose(quantity, chosen, guessed, shaped)
+        except InputError as fault:
+            # Of two channels, the answer to the first question tells the other one.
+            if not faults or len(channels) - len(chosen) > 2:
+                faults.append(str(fault))
+    try:
+        look.check_units(chosen)
+    except InputError as fault:
+        faults.append(str(fault))
+    if faults:
+        raise InputError("; ".join([faults[0], *(fault.removeprefix(f"{file}: ") for fault in faults[1:])]))
     columns = {quantity: name_for_study(channel, channels) for quantity, channel in chosen.items()}
     layout = Layout(columns, SI, hints.units, hints.scales, hints.interval, 0.0, hints.decimal)
     return Roles(file, chosen, frozenset(guessed), layout)

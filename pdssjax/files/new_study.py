@@ -181,7 +181,10 @@ def _parameters(records: Sequence[NewRecord], told: Told, piezo: str, friction: 
         unseen = any(record.guess.volts is None for record in records)
         fitted = '{ start = "1 ms", min = 0, max = "10 ms" }  # guess: no voltage was recorded, so it is fitted'
         ideal = "{ value = 0 }  # guess: shorter than what the samples tell; free it where the amplifier is slow"
-        lines.append(f'"drive.fall_time" = {fitted if unseen else ideal}')
+        by_record = "{ value = 0 }  # of a record without a fall_time of its own; below each has one"
+        sawteeth = [r.guess.waveform.numbers for r in records if r.guess.waveform.name == "sawtooth"]
+        each = bool(sawteeth) and all("fall_time" in numbers for numbers in sawteeth)
+        lines.append(f'"drive.fall_time" = {fitted if unseen else by_record if each else ideal}')
     return lines
 
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..core import InputError, column_unit, factor, split_text
+from ..core import InputError, column_unit, factor, split_text, unit_named
 from .channel_samples import Clock, find_channel, open_file, read_samples
 from .readers.base import AbstractReader, Channel
 
@@ -109,10 +109,11 @@ def _clock(file: Path, layout: Layout, chosen: Mapping[str, Channel], factors: M
 def _factor(file: Path, layout: Layout, quantity: str, channel: Channel) -> float:
     """What the numbers of a channel are multiplied with to be in SI."""
     where, si = f'{file}: column "{channel.name}"', layout.si_units[quantity]
-    name = layout.units.get(quantity) or channel.unit or column_unit(channel.name)
+    told, ending = layout.units.get(quantity) or channel.unit, column_unit(channel.name)
     if quantity in layout.scales:
-        return _scaled(layout.scales[quantity], name, si, f"{where}: scale")
-    if name:
+        # "U_mon" ends in no unit, and with a scale needs none.
+        return _scaled(layout.scales[quantity], told or unit_named(ending), si, f"{where}: scale")
+    if name := told or ending:
         return factor(name, si, where)
     like = quantity if channel.name == str(channel.number) else channel.name
     raise InputError(

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from .pure_error import lack_of_fit as lack_of_fit
     from .pure_error import split_by_phase as split_by_phase
     from .record_guess import RecordGuess as RecordGuess
+    from .record_guess import gain_of as gain_of
     from .record_guess import guess_record as guess_record
     from .residual_split import ResidualSplit as ResidualSplit
     from .residual_split import split_residuals as split_residuals
@@ -64,7 +65,7 @@ else:
             "goodness_of_fit": ["error_index", "r_squared", "rmse"],
             "outlying_samples": ["outliers"],
             "pure_error": ["CycleSplit", "LackOfFit", "lack_of_fit", "split_by_phase"],
-            "record_guess": ["RecordGuess", "guess_record"],
+            "record_guess": ["RecordGuess", "gain_of", "guess_record"],
             "residual_split": ["ResidualSplit", "split_residuals"],
             "sample_noise": ["neighbour_scatter", "scatter_floor"],
             "sensor_resolution": ["resolution_of"],

@@ -106,6 +106,20 @@ def guess_record(
     )
 
 
+def gain_of(guess: RecordGuess) -> float:
+    """How far the platform moves with a volt [m/V], roughly; of an end-effector, while it sticks to it.  NaN without
+    a recorded voltage."""
+    if guess.volts is None:
+        return math.nan
+    frequency = guess.waveform.numbers.get("frequency")
+    if guess.measures == "platform" or frequency is None:
+        return float(np.ptp(guess.motion) / np.ptp(guess.volts))
+    # A quarter of a period later is on the same slow flank, for most samples.
+    quarter = max(1, round(0.25 / frequency / float(np.median(np.diff(guess.time)))))
+    motion, volts = (float(np.median(np.abs(c[quarter:] - c[:-quarter]))) for c in (guess.motion, guess.volts))
+    return motion / volts if volts > 0 else math.nan
+
+
 def _measured(waveform: Waveform, explained: float, walks: bool, where: str) -> str:
     """What a motion of which the voltage explains a share, and that walks or not, is of: platform or effector."""
     if waveform.name == "step" or explained > _FOLLOWS:

@@ -16,6 +16,7 @@ from collections.abc import Callable
 import numpy as np
 
 from .sample_noise import scatter_between_corners
+from .sawtooth_flanks import sharpened_sawtooth
 from .voltage_flanks import Samples, VoltageFlanks, period_of, voltage_flanks
 
 MOST_MISFIT = 0.015
@@ -26,6 +27,9 @@ _AT_ZERO = 0.02
 
 _JUMP = 1.6
 """Sampling intervals up to which a flank cannot be told from a jump."""
+
+_LOCATED = 0.1
+"""Sampling intervals from the clock's zero up to which a start that samples on a flank locate is taken to be there."""
 
 _FASTER = 0.3
 """A flank that takes less than this part of the other one makes a sawtooth."""
@@ -86,7 +90,8 @@ def _detect(time: Samples, volts: Samples) -> Waveform:
                 # A record may begin while the voltage of a drive that runs is low.
                 low_for = (1.0 - simplest.numbers["width"]) / simplest.numbers["frequency"]
                 rests = rests if rests - time[0] > 1.05 * low_for else None
-            return begun(simplest, time, rests, 1.5 * interval)
+            located = 1.5 if simplest.uncertain else _LOCATED
+            return begun(simplest, time, rests, 1.5 * interval, located * interval)
     start = float(time[0]) if rests is None else rests
     begins = "running" if rests is None else "seen"
     return Waveform("sampled", {"voltage": float(np.max(np.abs(volts)))}, "", start, begins, 0.0)
@@ -118,13 +123,13 @@ def _step(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: float)
         shown = np.where(time >= start - 1e-9 * interval, voltage, 0.0)
     else:
         start = middle - 0.5 * flanks.rise
-        start = 0.0 if abs(start) < interval else start
+        start = 0.0 if abs(start) < _LOCATED * interval else start
         shown = voltage * np.clip((time - start) / flanks.rise, 0.0, 1.0)
     near = np.abs(time - middle) <= 1.5 * interval
     # A ramp that never comes to rest is no step.
     misfit = _rms((volts - shown)[~near]) / abs(voltage) if late.size >= max(4, volts.size // 20) else math.inf
     numbers = {"voltage": voltage} | ({} if ideal else {"rise_time": flanks.rise})
-    bound = (f"rise_time: below {interval:.3g} s",) if ideal else ()
+    bound = (f"rise_time: below {_JUMP * interval:.3g} s; start: within {interval:.3g} s",) if ideal else ()
     return Waveform("step", numbers, "", start, "seen", misfit, bound)
 
 
@@ -141,7 +146,7 @@ def _sawtooth(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: fl
     middles = flanks.falls if forward else flanks.rises
     if len(middles) >= 2:
         period = float(np.polyfit(np.arange(len(middles)), middles, 1)[0])
-    ideal = fast < _JUMP * interval
+    seen, ideal = fast, fast < _JUMP * interval
     fast = 0.0 if ideal else fast
     # Numbers of cycles, and samples away from the fast flanks.
     turn = (time - middles[0]) / period
@@ -163,11 +168,18 @@ def _sawtooth(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: fl
     # The slow flank numbered 0 begins at 0 V forward, backward at the peak, right after the fast one.
     start = -a / slope - fast if forward else (voltage - a) / slope - fast
     misfit = _rms(volts[kept] - design @ np.array([a, slope, drop])) / voltage
-    numbers = {"voltage": voltage, "frequency": 1.0 / period} | ({} if ideal else {"fall_time": fast})
-    bound = (f"fall_time: below {interval:.3g} s",) if ideal else ()
     # Where the lowest level is not 0 V, the line does not meet the fast flanks.
     if abs(start + 0.5 * fast - middles[0]) > 1.5 * interval + _AT_ZERO * period:
         return None
+    all_cycles = kept | (~slow & (time > middles[0] + 0.5 * period))
+    sharp = sharpened_sawtooth(
+        time[all_cycles], volts[all_cycles], forward, (voltage, period, start, fast), seen, interval
+    )
+    if sharp is not None:
+        (voltage, period, start, fast), ideal = sharp, False
+    numbers = {"voltage": voltage, "frequency": 1.0 / period} | ({} if ideal else {"fall_time": fast})
+    open_part = f"which leaves {100 * _JUMP * interval / period:.2g} % of the voltage open"
+    bound = (f"fall_time: below {_JUMP * interval:.3g} s, {open_part}",) if ideal else ()
     return Waveform("sawtooth", numbers, "forward" if forward else "backward", start, "running", misfit, bound)
 
 
@@ -298,11 +310,12 @@ def _sine(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: float)
     return Waveform("sine", numbers, "", start, "running", misfit)
 
 
-def begun(found: Waveform, time: Samples, rests: float | None, tolerance: float) -> Waveform:
+def begun(found: Waveform, time: Samples, rests: float | None, tolerance: float, located: float = math.inf) -> Waveform:
     """A waveform whose `start` is that of some cycle, with that of the drive in its place.
 
     **Arguments:** `rests` tells when it leaves a rest at 0 V in the record [s], None where it does not; `tolerance`
-    [s] how near a cycle's begin must be to the clock's zero for the clock to count from the drive's start.
+    [s] how near a cycle's begin must be to the clock's zero for the clock to count from the drive's start, and
+    `located` [s] how near for it to be that zero.
     """
     period = 1.0 / found.numbers["frequency"]
     if rests is not None:
@@ -311,6 +324,7 @@ def begun(found: Waveform, time: Samples, rests: float | None, tolerance: float)
     # A clock that counts from the drive's start shows a cycle that begins at 0.
     phase = found.start / period
     if time[0] >= -tolerance and abs(phase - round(phase)) * period <= tolerance:
-        return dataclasses.replace(found, start=0.0, begins="clock")
+        beside = found.start - round(phase) * period
+        return dataclasses.replace(found, start=0.0 if abs(beside) <= located else beside, begins="clock")
     before = math.floor((float(time[0]) - found.start) / period + 1e-6)
     return dataclasses.replace(found, start=found.start + before * period)

@@ -286,6 +286,55 @@ def test_what_should_not_be_overlooked_is_said(tmp_path, capsys, monkeypatch):
     assert "um/V, more than a stack moves" in lines[1] and "--scale voltage=20" in lines[1]
 
 
+def walk_of(volts_per_um, gain=1e-7):
+    """A sawtooth of 60 V, 20 Hz, and an end-effector that sticks on its slow flanks, as a sensor in volts shows it."""
+    time = 1e-4 * np.arange(6000)
+    turn = 20.0 * time
+    volts = 60.0 * np.mod(turn, 1.0)
+    moved = 1e6 * gain * (volts + 20.0 * np.floor(turn))
+    return time, volts, volts_per_um * moved
+
+
+@pytest.mark.parametrize(
+    ("volts_per_um", "scale", "told"),
+    [
+        (200.0, "displacement=5 um/V", ["more than a stack moves", "--unit displacement=mV"]),
+        (2e-4, "displacement=5 um/V", ["less than a stack moves"]),
+        (0.2, "displacement=5 um/V", []),
+    ],
+)
+def test_a_wrong_scale_of_an_end_effector_is_questioned(tmp_path, capsys, volts_per_um, scale, told):
+    (tmp_path / "run.csv").write_text(text_of("t,U_mon,sensor", *walk_of(volts_per_um)))
+    options = ["--time", "1", "--voltage", "U_mon", "--displacement", "sensor", "--unit", "time=s", "--mass", "86 g"]
+    options += ["--unit", "voltage=V", "--scale", scale]
+    assert cli.main(["new", str(tmp_path / "rig"), "--files", str(tmp_path / "run.csv"), *options]) == 0
+    errors = capsys.readouterr().err
+    assert all(part in errors for part in told) and bool(errors) == bool(told)
+
+
+def test_a_name_that_ends_in_no_unit_may_have_a_scale(tmp_path):
+    time, volts, motion = walk_of(0.2)
+    (tmp_path / "run.csv").write_text(text_of("t,U_mon,sensor", time, volts / 20.0, motion))
+    hints = Hints(
+        {"voltage": "U_mon", "displacement": "sensor"}, {"time": "s"}, {"voltage": 20.0, "displacement": "5 um/V"}
+    )
+    found = guess_file(tmp_path / "run.csv", hints, Told())
+    assert found.guess.waveform.numbers["voltage"] == pytest.approx(60.0, rel=1e-3)
+
+
+def test_one_file_is_asked_about_once_for_all(tmp_path):
+    time, volts, motion = walk_of(0.2)
+    trigger = 5.0 * (time > 0.1)
+    (tmp_path / "run.csv").write_text(
+        text_of("t,U_mon,platform,slider,trigger", time, volts, motion, motion[::-1], trigger)
+    )
+    with pytest.raises(InputError) as asked:
+        guess_file(tmp_path / "run.csv", Hints({}, {}, {}), Told())
+    for question in ("--voltage", "--displacement", "--unit time=s"):
+        assert question in str(asked.value)
+    assert str(asked.value).count("run.csv") == 1
+
+
 def test_the_command_asks_all_its_questions_at_once_and_writes_nothing(tmp_path, capsys):
     (tmp_path / "bare.csv").write_text(BARE)
     (tmp_path / "alike.csv").write_text(ALIKE)

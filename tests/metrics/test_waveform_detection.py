@@ -94,6 +94,41 @@ def test_the_start_of_a_drive_is_seen_where_it_rests_before(name):
     assert found.start == pytest.approx(0.2137, abs=1.01 * INTERVAL)
 
 
+@pytest.mark.parametrize("forward", [True, False])
+@pytest.mark.parametrize(
+    ("fall", "interval", "start"),
+    [(1.5e-4, 1e-4, 33e-6), (5e-5, 1e-4, 61e-6), (1.5e-4, 1.03e-4, 33e-6), (4e-5, 1.03e-4, 33e-6), (1e-4, 2e-5, 7e-6)],
+)
+def test_a_few_samples_on_the_fast_flanks_locate_them(fall, interval, start, forward):
+    """Without them the voltage is wrong by the fall time in parts of the period, 0.1 to 0.3 %, and the start by it."""
+    time = interval * np.arange(round(-0.01 / interval), round(0.5 / interval))
+    level = sawtooth(np.mod(20.0 * (time - start), 1.0), 20.0 * fall, forward)
+    first = np.where(20.0 * (time - start) < 1.0, 20.0 * (time - start), level) if forward else level
+    noise = 0.03 * np.random.default_rng(5).normal(size=time.size)
+    found = detect_waveform(time, 60.0 * np.where(time < start, 0.0, first) + noise)
+    assert (found.name, found.begins) == ("sawtooth", "seen")
+    assert found.numbers["voltage"] == pytest.approx(60.0, rel=2e-4)
+    assert found.numbers["fall_time"] == pytest.approx(fall, abs=0.1 * interval)
+    assert found.start == pytest.approx(start, abs=0.1 * interval)
+
+
+@pytest.mark.parametrize("forward", [True, False])
+def test_a_jump_between_samples_has_no_fall_time(forward):
+    time = 1e-3 * np.arange(2000)
+    volts = 60.0 * sawtooth(np.mod(5.0 * (time - 3.1e-4), 1.0), 0.0, forward)
+    found = detect_waveform(time, volts + 0.02 * np.random.default_rng(5).normal(size=time.size))
+    assert "fall_time" not in found.numbers
+    assert found.uncertain == ("fall_time: below 0.0016 s, which leaves 0.8 % of the voltage open",)
+
+
+def test_a_ramp_that_is_seen_locates_a_step_beside_the_clocks_zero():
+    time = 1e-5 * np.arange(-200, 3000)
+    volts = 60.0 * np.clip((time - 3.7e-6) / 40e-6, 0.0, 1.0) + 0.03 * np.random.default_rng(5).normal(size=time.size)
+    found = detect_waveform(time, volts)
+    assert found.start == pytest.approx(3.7e-6, abs=5e-7)
+    assert found.numbers["rise_time"] == pytest.approx(40e-6, rel=0.02)
+
+
 @pytest.mark.parametrize(("rise", "start"), [(0.0, 0.0), (0.0, 0.0312), (4e-3, 0.0312), (4e-3, 0.0)])
 @pytest.mark.parametrize("voltage", [48.2, -75.0])
 def test_a_step_is_found(rise, start, voltage):

@@ -38,8 +38,10 @@ def guess_figure(name: str, guess: RecordGuess) -> Figure:
 def _draw(volts: Axes, motion: Axes, guess: RecordGuess, part: np.ndarray, factor: float) -> None:
     time = factor * guess.time[part]
     marks = {"marker": ".", "markersize": 3.0} if factor != 1.0 else {}
+    # Enlarged, the samples themselves: a line between them would be a flank that nobody recorded.
+    shown = {"linestyle": "none", "marker": ".", "markersize": 7.0} if marks else {"linewidth": 2.4}
     if guess.volts is not None:
-        volts.plot(time, guess.volts[part], color=GREY, linewidth=2.4, label="recorded", **marks)
+        volts.plot(time, guess.volts[part], color=GREY, label="recorded", **shown)
     if guess.waveform.name != "sampled":
         fine = np.linspace(guess.time[part][0], guess.time[part][-1], 4000)
         label = guess.waveform.name + (", not recorded" if guess.volts is None else "")
@@ -48,7 +50,11 @@ def _draw(volts: Axes, motion: Axes, guess: RecordGuess, part: np.ndarray, facto
     if guess.time[part][0] <= guess.start <= guess.time[part][-1]:
         for panel in (volts, motion):
             panel.axvline(factor * guess.start, color="0.2", linewidth=0.8, linestyle=":")
-        volts.annotate("t = 0", (factor * guess.start, 0.5), xycoords=("data", "axes fraction"), fontsize=8.0)
+        # On white, beside the voltage's flank.
+        backed = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0}
+        place = (factor * guess.start, 0.5)
+        label = volts.annotate("t = 0", place, (3.0, 0.0), ("data", "axes fraction"), "offset points", fontsize=8.0)
+        label.set_bbox(backed)
 
 
 def waveform_at(guess: RecordGuess, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
@@ -80,5 +86,10 @@ def _caption(name: str, guess: RecordGuess) -> str:
             scale, unit = units.get(field, (1.0, ""))
             title = "" if field in ("voltage", "frequency") else field.replace("_", " ") + " "
             told.append(f"{title}{scale * number:.5g} {unit}".strip())
-    told.append(f"t = 0 at {guess.start:.6g} s")
+    told.append(f"t = 0 at {_shown_time(guess.start)}")
     return f"{name}\n{', '.join(told)}; noise {MICROMETRES * guess.noise:.3g} µm"
+
+
+def _shown_time(seconds: float) -> str:
+    """In milliseconds where it is short, as the enlarged panels show it."""
+    return f"{1e3 * seconds:.4g} ms" if abs(seconds) < 0.1 else f"{seconds:.7g} s"
