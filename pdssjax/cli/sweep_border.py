@@ -4,11 +4,12 @@ import argparse
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from ..core import InputError, Quantity, nearest
+from ..core import InputError, nearest
 from .console import progress, say
 from .results import keep_results, say_where
 
 if TYPE_CHECKING:
+    from ..core import Quantity
     from ..study import Study
 
 _COARSE = 9
@@ -62,7 +63,7 @@ def check_alone(options: argparse.Namespace) -> None:
             raise InputError(f"option --border: found with --{name}, expected without: it is looked for by halving.")
 
 
-def _along(path: str, texts: Mapping[str, str], legal: Mapping[str, Quantity]) -> tuple[tuple[float, float], int]:
+def _along(path: str, texts: Mapping[str, str], legal: "Mapping[str, Quantity]") -> tuple[tuple[float, float], int]:
     """The ends [SI] of the range of `path`, and how many values of it are looked at first."""
     from .axis import read_range
 

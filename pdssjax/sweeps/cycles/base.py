@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ...core import Count, Scalar
+from ...core import Count, Scalar, Truth
 from ...drive.base import AbstractDrive
 from ...integration import AbstractHybridSystem, Accuracy, Solution
 from ...metrics import FLANK
@@ -52,7 +52,9 @@ class Opening(NamedTuple):
     repeats: Count
     """After how many cycles the motion is there again; 0 where that is not asked, or where it is not."""
     multiplier: Scalar
-    """Modulus of the largest Floquet multiplier; NaN where it is not known."""
+    """Modulus of the largest Floquet multiplier, where a reversal grazes what integrated cycles show; NaN: unknown."""
+    grazes: Truth
+    """A reversal of the orbit that Newton's method found grazes: the opening is that of integrated cycles."""
     failure: Count
     """Index into `pdssjax.integration.FAILURES`."""
 
@@ -122,7 +124,7 @@ class AbstractCycle(eqx.Module):
         return np.zeros(len(found), bool)
 
     def patient(self, system: StickSlip, accuracy: Accuracy) -> tuple[Float[Array, " metrics"], Count]:
-        """As `measure`, for the few points that are `unfinished`; one after the other."""
+        """As `measure`, for the few points that are `unfinished`; one after the other.  Fails with `GRAZING`, too."""
         return self.measure(system, accuracy)
 
 
