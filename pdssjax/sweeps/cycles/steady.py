@@ -76,7 +76,8 @@ class Steady(AbstractCycle):
         when, opening = timing(system.drive), _opening(system, accuracy)
         # From the orbit on it repeats at once; where none was found these cycles are the last that were seen.
         cycles = integrate_cycles(_from(system, opening), when.period, when.phases, accuracy, 0.0, PERIODS + 1)
-        measured = _measured(system, cycles, opening.repeats, opening.multiplier)
+        decay = jnp.where(jnp.isfinite(opening.multiplier), opening.multiplier, _ratio(cycles))
+        measured = _measured(system, cycles, opening.repeats, decay)
         failure = jnp.where(cycles.failure > 0, cycles.failure, opening.failure)
         return measured, jnp.where((failure == 0) & opening.grazes, GRAZING, failure)
 
