@@ -2,6 +2,7 @@
 
 import json
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -9,13 +10,18 @@ import xarray
 from quick_blocks import example_study, found_at
 
 import pdssjax
-from pdssjax import Accuracy, InputError
+from pdssjax import Accuracy, Actuator, InputError
 from pdssjax.cli.main import main
+from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.files import EXAMPLE
+from pdssjax.friction.stribeck import Stribeck
+from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.report.figures import directions_figure
 from pdssjax.report.text import format_sweep
 from pdssjax.simulation import STOP_FORCE, StickSlip, measured
 from pdssjax.sweeps import FURTHER, Listed, compared_directions, execution, plan_sweep
+from pdssjax.sweeps.cycles.numbered import Numbered
+from pdssjax.sweeps.cycles.peak_friction import peak_friction
 from pdssjax.sweeps.job import job_document, point_function
 from pdssjax.sweeps.point import compute_block, per_unit
 from pdssjax.sweeps.point_status import GRAZING, INCOMPLETE, POINT_FAILURES
@@ -295,3 +301,19 @@ def test_peak_friction_has_the_derivatives_of_central_differences_at_random_actu
         slope = found[f"peak_friction_by_{path.replace('.', '_')}"].values
         expected, scale = (4 * narrow - wide) / 3, found.peak_friction.values / here[path]
         assert (np.abs(slope - expected) <= 1e-5 * np.abs(slope) + 1e-7 * scale).all(), path
+
+
+@pytest.mark.slow
+def test_a_peak_at_a_breakaway_moves_with_the_event():
+    """A contact that sticks lets go at its static force: that is the peak, and nothing else changes it."""
+
+    def peak(numbers):
+        f_s, f_c, voltage, damping = numbers
+        actuator = Actuator(SecondOrder(damping_ratio=damping), Stribeck(f_c=f_c, f_s=f_s))
+        system, cycle = StickSlip(actuator, Sawtooth(voltage, 20.0, 5e-4)), Numbered(2)
+        return peak_friction(cycle.course(system, cycle.opening(system)))
+
+    numbers = jnp.array([0.65, 0.55, 80.0, 0.1772])
+    height, slopes = jax.jit(lambda n: (peak(n), jax.jacfwd(peak)(n)))(numbers)
+    assert float(height) == pytest.approx(0.65, rel=1e-9)
+    np.testing.assert_allclose(slopes * numbers / 0.65, [1.0, 0.0, 0.0, 0.0], rtol=0.0, atol=1e-6)
