@@ -3,7 +3,8 @@
 Every point is its own simulation from rest.  Points are computed side by side, a block at a time.
 """
 
-from collections.abc import Mapping
+import dataclasses
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import equinox as eqx
@@ -123,7 +124,8 @@ class PointFunction(eqx.Module):
 
         if not self.by:
             _, (found, seen) = look(jnp.zeros(0), opening.x)
-            grazes = seen.grazes if "multiplier" in asked else opening.grazes
+            # Of a numbered cycle only the multiplier and derivatives suffer.
+            grazes = seen.grazes & ((opening.repeats > 0) | ("multiplier" in asked))
             return found.metrics, {}, _told(seen._replace(grazes=grazes))
         at = jnp.stack([jnp.asarray(self._number(values, path), float) for path in self.by])
         # Each a pair: by the numbers, and by the state of the opening.
@@ -162,8 +164,7 @@ def compute_block(
     left = np.flatnonzero(function.cycle.unfinished(found[:, :-1]))
     for begin in range(0, len(left), _FEW):
         few = left[begin : begin + _FEW]
-        asked = points[np.resize(few, _FEW)]
-        found[few] = _rows(_one_by_one(function, jnp.asarray(asked)))[: len(few)]
+        found[few] = np.column_stack(_found_of(_one_by_one, function, points[few]))
     return _with_details(function, points, found) if function.further or function.by else found
 
 
@@ -177,13 +178,29 @@ def _with_details(
     sound = np.flatnonzero(np.isin(found[: last + 1, -1], (0, GRAZING)))
     for begin in range(0, len(sound), _FEW):
         few = sound[begin : begin + _FEW]
-        numbers, failure = (np.asarray(a) for a in _detailed(function, jnp.asarray(points[np.resize(few, _FEW)])))
-        known = np.where(np.isfinite(numbers) & np.isin(failure, (0, GRAZING))[:, None], numbers, np.nan)[: len(few)]
+        numbers, failure = _found_of(_detailed, function, points[few])
+        known = np.where(np.isfinite(numbers) & np.isin(failure, (0, GRAZING))[:, None], numbers, np.nan)
         details[few] = known
         whole = np.where(np.isfinite(known).all(axis=1), 0, INCOMPLETE)
-        found[few, -1] = np.where((failure[: len(few)] == GRAZING) | (found[few, -1] == GRAZING), GRAZING, whole)
+        found[few, -1] = np.where((failure == GRAZING) | (found[few, -1] == GRAZING), GRAZING, whole)
     details[last + 1 :], found[last + 1 :] = details[last], found[last]
     return np.column_stack([found[:, :-1], details, found[:, -1]])
+
+
+def _found_of(
+    look: Callable[[PointFunction, Array], tuple[Array, Array]],
+    function: PointFunction,
+    points: Float[np.ndarray, "few paths"],
+) -> tuple[Float[np.ndarray, "few columns"], Int[np.ndarray, " few"]]:
+    """What `look` finds of at most `_FEW` points, and their failures; where a reversal grazes it looks once more."""
+    few, asked = len(points), jnp.asarray(np.resize(points, (_FEW, points.shape[1])))
+    numbers, failure = (np.array(found)[:few] for found in look(function, asked))
+    grazes, cycle = failure == GRAZING, function.cycle.where_grazing()
+    if grazes.any() and cycle is not function.cycle:
+        other = dataclasses.replace(function, cycle=cycle)
+        again, failed = (np.array(found)[:few] for found in look(other, asked))
+        numbers[grazes], failure[grazes] = again[grazes], np.where(failed == 0, GRAZING, failed)[grazes]
+    return numbers, failure
 
 
 def _last_of_its_kind(points: Float[np.ndarray, "lanes paths"]) -> int:

@@ -9,7 +9,7 @@ from quick_blocks import example_study
 from pdssjax import Accuracy
 from pdssjax.integration import integrate_to_times
 from pdssjax.sweeps import GRAZES, GRAZING, plan_sweep
-from pdssjax.sweeps.point import compute_block
+from pdssjax.sweeps.point import _detailed, _found_of, _one_by_one, compute_block
 
 FREQUENCY = 150.0
 
@@ -23,11 +23,9 @@ def function():
 @pytest.fixture(scope="module")
 def looked_at(function):
     """Reversals, grazing, multiplier and failure of steady cycles at eight voltages."""
-    details = jax.jit(lambda points: jax.lax.map(function.details, points))
 
     def look(volts):
-        found, failure = details(jnp.column_stack([jnp.asarray(volts), jnp.full(8, FREQUENCY)]))
-        return np.column_stack([found, failure]).T
+        return np.column_stack(_found_of(_detailed, function, np.column_stack([volts, np.full(8, FREQUENCY)]))).T
 
     return look
 
@@ -62,10 +60,10 @@ def test_a_cycle_with_a_grazing_reversal_is_integrated_and_says_so(function, loo
     assert (failure[:4] == GRAZING).all() and np.isnan(multiplier[:4]).all() and (grazing[:4] < GRAZES).all()
     assert (failure[4:] == 0).all() and (multiplier[4:] < 1.0).all() and (reversals > 0).all()
     # Left to Newton's method it is integrated, too: to what 200 cycles lead to.
-    values = jnp.array([grazing_voltage, FREQUENCY])
-    patient, failed = jax.jit(lambda values: function(values, patient=True))(values)
-    expected = float(jax.jit(lambda values: net_step_after(function, values))(values))
-    assert int(failed) == GRAZING and np.isfinite(patient).all()
+    values = np.array([grazing_voltage, FREQUENCY])
+    (patient,), failed = _found_of(_one_by_one, function, values[None])
+    expected = float(jax.jit(lambda values: net_step_after(function, values))(jnp.asarray(values)))
+    assert failed.tolist() == [GRAZING] and np.isfinite(patient).all()
     assert float(patient[0]) == pytest.approx(expected, abs=1e-10)
 
 

@@ -54,7 +54,7 @@ class Opening(NamedTuple):
     multiplier: Scalar
     """Modulus of the largest Floquet multiplier, where a reversal grazes what integrated cycles show; NaN: unknown."""
     grazes: Truth
-    """A reversal of the orbit that Newton's method found grazes: the opening is that of integrated cycles."""
+    """A reversal of the orbit that Newton's method found grazes: this opening is that of integrated cycles instead."""
     failure: Count
     """Index into `pdssjax.integration.FAILURES`."""
 
@@ -118,6 +118,10 @@ class AbstractCycle(eqx.Module):
     ) -> Float[Array, "components by"]:
         """Derivatives of the opening's state, given those of the state that ends the course; at rest there are none."""
         return jnp.zeros_like(driven)
+
+    def where_grazing(self) -> "AbstractCycle":
+        """How to find the cycle again where `patient`, or what is derived of a course, says `GRAZING`."""
+        return self
 
     def unfinished(self, found: Float[np.ndarray, "points metrics"]) -> Bool[np.ndarray, " points"]:
         """Which points are worth a `patient` look; none by default."""

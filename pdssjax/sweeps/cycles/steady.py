@@ -5,6 +5,7 @@ Newton's method on the cycle map (`pdssjax.integration.steady_motion`).  An orbi
 integrated for many cycles instead.
 """
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -50,6 +51,9 @@ _OWN = {
 class Steady(AbstractCycle):
     """The steady cycle; where the motion repeats after 2 or 3 cycles only, the mean of them."""
 
+    of_integrated: bool = eqx.field(static=True, default=False)
+    """Newton's method is not asked: the cycle is the last of many that are integrated, as where a reversal grazes."""
+
     @property
     def metrics(self) -> dict[str, Metric]:
         return METRICS | _OWN
@@ -73,16 +77,25 @@ class Steady(AbstractCycle):
         return np.isfinite(found[:, 0]) & (found[:, list(self.metrics).index("cycles_to_repeat")] == 0)
 
     def patient(self, system: StickSlip, accuracy: Accuracy) -> tuple[Float[Array, " metrics"], Count]:
-        when, opening = timing(system.drive), _opening(system, accuracy)
+        when, opening = timing(system.drive), self._opening(system, accuracy)
         # From the orbit on it repeats at once; where none was found these cycles are the last that were seen.
         cycles = integrate_cycles(_from(system, opening), when.period, when.phases, accuracy, 0.0, PERIODS + 1)
         decay = jnp.where(jnp.isfinite(opening.multiplier), opening.multiplier, _ratio(cycles))
         measured = _measured(system, cycles, opening.repeats, decay)
         failure = jnp.where(cycles.failure > 0, cycles.failure, opening.failure)
-        return measured, jnp.where((failure == 0) & opening.grazes, GRAZING, failure)
+        grazes = opening.grazes
+        if not self.of_integrated:
+            grazes = (opening.repeats > 0) & (grazing(_course(system, opening, accuracy)) < GRAZES)
+        return measured, jnp.where((failure == 0) & grazes, GRAZING, failure)
 
     def opening(self, system: StickSlip) -> Opening:
-        return _opening(lax.stop_gradient(system), Accuracy(max_steps=_ROOM))
+        return lax.stop_gradient(self._opening(lax.stop_gradient(system), Accuracy(max_steps=_ROOM)))
+
+    def _opening(self, system: StickSlip, accuracy: Accuracy) -> Opening:
+        return (_integrated_opening if self.of_integrated else _orbit)(system, accuracy)
+
+    def where_grazing(self) -> "Steady":
+        return self if self.of_integrated else Steady(of_integrated=True)
 
     def course(self, system: StickSlip, opening: Opening) -> Course:
         return _course(system, opening, Accuracy(max_steps=_ROOM))
@@ -114,13 +127,10 @@ def _course(system: StickSlip, opening: Opening, accuracy: Accuracy) -> Course:
     return Course(system, again, run, jnp.zeros(()), span, PERIODS, failure)
 
 
-def _opening(system: StickSlip, accuracy: Accuracy) -> Opening:
-    """Of the orbit that Newton's method finds, or of the last of many integrated cycles where a reversal grazes."""
+def _orbit(system: StickSlip, accuracy: Accuracy) -> Opening:
+    """Of the orbit that Newton's method finds; without one it is that of integrated cycles."""
     found = steady_state(system, timing(system.drive).period, accuracy, 0.1 * TOLERANCE)
-    orbit = Opening(found.x, found.period, found.multipliers[0], jnp.zeros((), bool), found.failure)
-    # Without an orbit the opening is that of integrated cycles already.
-    grazes = (orbit.repeats > 0) & (grazing(_course(system, orbit, accuracy)) < GRAZES)
-    return lax.stop_gradient(lax.cond(grazes, lambda: _integrated_opening(system, accuracy), lambda: orbit))
+    return Opening(found.x, found.period, found.multipliers[0], jnp.zeros((), bool), found.failure)
 
 
 def _integrated_opening(system: StickSlip, accuracy: Accuracy) -> Opening:
