@@ -48,7 +48,8 @@ def _draw(axes: Axes, data: "xarray.Dataset", names: list[str]) -> None:
         rows = np.unique(np.linspace(0, len(values) - 1, _LINES).round().astype(int))
         for i, row in enumerate(rows):
             colour = matplotlib.colormaps["viridis"](i / max(len(rows) - 1, 1) * 0.9)
-            axes.plot(places, border[:, row], ".-", color=colour, markersize=4, label=_named(names[1], float(values[row])))
+            label = _named(names[1], float(values[row]))
+            axes.plot(places, border[:, row], ".-", color=colour, markersize=4, label=label)
         axes.legend(title=what)
     if in_equal_ratios(places):
         axes.set_xscale("log")
