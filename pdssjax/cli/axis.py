@@ -27,13 +27,13 @@ def read_axis(
     where = f'sweep: path "{path}"'
     if words is not None and path in words:
         return np.array([_word(part.strip(), words[path], where) for part in text.split(",")])
-    unit = _unit(path, legal)
+    unit = unit_of(path, legal)
     parts = [part.strip() for part in text.split(":")]
     if len(parts) == 1:
-        return np.array([_number(part.strip(), unit, where) for part in text.split(",")])
+        return np.array([read_number(part.strip(), unit, where) for part in text.split(",")])
     if len(parts) not in (3, 4) or not parts[2].isdigit() or int(parts[2]) < 1 or parts[3:] not in ([], ["log"]):
         raise InputError(f'{where}: found "{text}", {_EXPECTED}.')
-    low, high = (_number(part, unit, where) for part in parts[:2])
+    low, high = (read_number(part, unit, where) for part in parts[:2])
     _check_order(low, high, text, where)
     if parts[3:] and not low > 0:
         raise InputError(f'{where}: found "{text}", expected ends above 0 for equal ratios.')
@@ -47,10 +47,10 @@ def read_range(path: str, text: str, legal: Mapping[str, Quantity]) -> tuple[flo
     **Raises:** `InputError` as `read_axis` does.
     """
     where = f'sweep: path "{path}"'
-    unit, parts = _unit(path, legal), [part.strip() for part in text.split(":")]
+    unit, parts = unit_of(path, legal), [part.strip() for part in text.split(":")]
     if len(parts) != 2:
         raise InputError(f'{where}: found "{text}", expected FROM:TO such as "20:80", of which the sample is taken.')
-    low, high = (_number(part, unit, where) for part in parts)
+    low, high = (read_number(part, unit, where) for part in parts)
     _check_order(low, high, text, where)
     return low, high
 
@@ -60,7 +60,8 @@ def _check_order(low: float, high: float, text: str, where: str) -> None:
         raise InputError(f'{where}: found "{text}", expected the lower end first.')
 
 
-def _unit(path: str, legal: Mapping[str, Quantity]) -> str:
+def unit_of(path: str, legal: Mapping[str, Quantity]) -> str:
+    """The unit of `path`; **raises** `InputError` where it is unknown."""
     # Quantities of the drive need not be parameters of the study.
     unit = legal[path].unit if path in legal else {"drive.voltage": "V", "drive.frequency": "Hz"}.get(path)
     if unit is None:
@@ -76,7 +77,8 @@ def _word(text: str, words: Mapping[str, float], where: str) -> float:
     return words[text]
 
 
-def _number(text: str, unit: str, where: str) -> float:
+def read_number(text: str, unit: str, where: str) -> float:
+    """The number [SI] that `text` is, with a unit or without; **raises** `InputError` that begins with `where`."""
     try:
         return to_si(float(text), unit, where)
     except ValueError:

@@ -13,6 +13,7 @@ from .console import counter, progress, say
 from .numbers import add_numbers, study_of
 from .results import add_out, keep_results, say_where
 from .subcommands import Subcommands
+from .sweep_border import add_border, check_alone, sweep_border
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -29,6 +30,8 @@ def sweep(options: argparse.Namespace) -> int:
     from ..files import check_free, check_store, write_sweep
     from ..report.text import format_numbers, format_sweep
 
+    if options.border is not None:
+        check_alone(options)
     if not options.explain:
         check_free(options.out, options.overwrite or options.resume)
     check_store(options.store)
@@ -37,6 +40,8 @@ def sweep(options: argparse.Namespace) -> int:
     from ..sweeps import with_bands
 
     study = study_of(options)
+    if options.border is not None:
+        return sweep_border(study, _texts(study, options), options)
     points = _points(study, options)
     if options.bands is not None:
         points = _about_the_estimate(study, points, options)
@@ -83,21 +88,28 @@ def _swept(
         )
 
 
+def _texts(study: "Study", options: argparse.Namespace) -> dict[str, str]:
+    """The axes that the options ask for, by path, as they were written."""
+    from ..sweeps import driven_record, sweepable_choices
+
+    given = [(f"drive.{name}", getattr(options, name)) for name in ("voltage", "frequency")]
+    texts = dict([*((path, text) for path, text in given if text is not None), *map(_axis, options.vary)])
+    if options.both_directions:
+        if "drive.direction" not in sweepable_choices(driven_record(study, options.record)):
+            raise InputError(
+                'option --both-directions: found a drive without a direction, expected one such as "sawtooth".'
+            )
+        texts["drive.direction"] = "forward,backward"
+    return texts
+
+
 def _points(study: "Study", options: argparse.Namespace) -> "AbstractPoints":
     """The points that the options ask for."""
     from ..sweeps import Grid, LatinHypercube, Sobol, driven_record, sweepable, sweepable_choices
     from .axis import read_axis, read_range
 
     base = driven_record(study, options.record)
-    legal, words = sweepable(study, base), sweepable_choices(base)
-    given = [(f"drive.{name}", getattr(options, name)) for name in ("voltage", "frequency")]
-    texts = dict([*((path, text) for path, text in given if text is not None), *map(_axis, options.vary)])
-    if options.both_directions:
-        if "drive.direction" not in words:
-            raise InputError(
-                'option --both-directions: found a drive without a direction, expected one such as "sawtooth".'
-            )
-        texts["drive.direction"] = "forward,backward"
+    legal, words, texts = sweepable(study, base), sweepable_choices(base), _texts(study, options)
     if options.sample is None:
         return Grid({path: read_axis(path, text, legal, words) for path, text in texts.items()})
     kind, _, count = options.sample.partition(":")
@@ -263,6 +275,7 @@ def add_parser(subcommands: Subcommands) -> None:
         help='the cycle that is measured (default 4), or "steady": that after the transient',
     )
     _add_further(parser)
+    add_border(parser)
     parser.add_argument("--store", choices=["netcdf", "zarr"], default="netcdf", help="format (default netcdf)")
     parser.add_argument("--workers", type=int, metavar="N", help="threads on this machine (default: one a core)")
     parser.add_argument(

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from .study_toml import load_study as load_study
     from .sweep_results import check_store as check_store
     from .sweep_results import read_sweep as read_sweep
+    from .sweep_results import write_border as write_border
     from .sweep_results import write_sweep as write_sweep
     from .sweep_store import SWEEP_STORE as SWEEP_STORE
     from .sweep_store import SweepStore as SweepStore
@@ -65,7 +66,7 @@ else:
             "study_copy": ["save_study"],
             "study_schema": ["schema_text"],
             "study_toml": ["load_study"],
-            "sweep_results": ["check_store", "read_sweep", "write_sweep"],
+            "sweep_results": ["check_store", "read_sweep", "write_border", "write_sweep"],
             "sweep_store": ["SWEEP_STORE", "SweepStore", "bytes_needed", "check_room", "check_zarr"],
         },
     )

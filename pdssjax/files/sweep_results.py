@@ -1,4 +1,4 @@
-"""Writes a sweep: its dataset and its map."""
+"""Writes a sweep, or the border that one looked for: the dataset and its figures."""
 
 import importlib.util
 import json
@@ -21,14 +21,27 @@ def write_sweep(data: "xarray.Dataset", folder: Path, store: str) -> None:
     from ..report.figures import directions_figure, sweep_figure
 
     with staging_folder(folder) as staging:
-        write_numbers(json.loads(data.attrs["parameters"]), staging)
-        if store == "zarr":
-            data.to_zarr(staging / "sweep.zarr", consolidated=False)
-        else:
-            data.to_netcdf(staging / "sweep.nc", engine="scipy")
+        _put(data, staging, "sweep", store)
         sweep_figure(data).savefig(staging / "sweep.png")
         if data.sizes.get("drive_direction") == 2:
             directions_figure(data).savefig(staging / "directions.png")
+
+
+def write_border(data: "xarray.Dataset", folder: Path, store: str) -> None:
+    """Put what `find_border` found into `folder` as border.nc or border.zarr, drawn, with `parameters.json`."""
+    from ..report.figures import border_figure
+
+    with staging_folder(folder) as staging:
+        _put(data, staging, "border", store)
+        border_figure(data).savefig(staging / "border.png")
+
+
+def _put(data: "xarray.Dataset", staging: Path, name: str, store: str) -> None:
+    write_numbers(json.loads(data.attrs["parameters"]), staging)
+    if store == "zarr":
+        data.to_zarr(staging / f"{name}.zarr", consolidated=False)
+    else:
+        data.to_netcdf(staging / f"{name}.nc", engine="scipy")
 
 
 def check_store(store: str) -> None:

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
     from .dataset import register_plot as register_plot
     from .directions import compared_directions as compared_directions
     from .job import differences as differences
-    from .point import POINT_FAILURES as POINT_FAILURES
+    from .point_status import GRAZING as GRAZING
+    from .point_status import POINT_FAILURES as POINT_FAILURES
     from .points.base import AbstractPoints as AbstractPoints
     from .points.covariance_draws import CovarianceDraws as CovarianceDraws
     from .points.crossed import Crossed as Crossed
@@ -60,7 +61,7 @@ else:
             "cycles.further_metrics": ["FURTHER", "GRAZES", "SMOOTH"],
             "dataset": ["register_plot"],
             "job": ["differences"],
-            "point": ["POINT_FAILURES"],
+            "point_status": ["GRAZING", "POINT_FAILURES"],
             "points.base": ["AbstractPoints"],
             "points.covariance_draws": ["CovarianceDraws"],
             "points.crossed": ["Crossed"],

@@ -6,6 +6,7 @@ bends or breaks within the uncertainty, so that first order does not do (`SigmaP
 
 from typing import TYPE_CHECKING
 
+from .point_status import GRAZING
 from .points.sigma_points import STEP
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ def with_bands(data: "xarray.Dataset") -> "xarray.Dataset":
     **Arguments:** `data` has the dimension "draw" of `CovarianceDraws` or "sigma_point" of `SigmaPoints`.
 
     **Returns:** for every metric its value (the mean of the draws, or that at the estimate), `METRIC_sd`,
-    `METRIC_low` and `METRIC_high`; `failure`, of the first point that failed; and to first order
+    `METRIC_low` and `METRIC_high`; `failure`, of a point that failed; and to first order
     `METRIC_straight`, 1 where that holds.  A point that failed is left out of draws; of sigma points it leaves none.
 
     **Raises:** `ValueError` for a dataset with neither dimension.
@@ -48,7 +49,9 @@ def with_bands(data: "xarray.Dataset") -> "xarray.Dataset":
     along = [name for name in data.coords if dimension in data[name].dims]
     kept = data.drop_vars(along)
     found = kept.drop_vars(list(kept.data_vars))
-    found["failure"] = kept.failure.max(dimension, keep_attrs=True)
+    # A point with a reversal that grazes has its metrics: what failed says more.
+    failed = kept.failure.where(kept.failure != GRAZING, 0).max(dimension, keep_attrs=True)
+    found["failure"] = failed.where(failed > 0, kept.failure.max(dimension))
     for name in [str(name) for name in kept.data_vars if name != "failure"]:
         told = kept[name].attrs
         for kind, values in bands(kept[name], dimension).items():

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from ..core import Document
 from .block_plan import BlockPlan
-from .point import NOT_COMPUTED
+from .point_status import NOT_COMPUTED
 
 
 class AbstractBlockStore(abc.ABC):

@@ -4,6 +4,7 @@ A coarse grid finds between which neighbours it lies, and those alone are halved
 are near enough: log2 of the ratio of grid to tolerance more points a border in place of that ratio.
 """
 
+import json
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
@@ -16,7 +17,7 @@ from ..study import Study
 from .points.base import check_ranges
 from .points.grid import Grid
 from .points.listed import Listed
-from .sweeping import plan_sweep, sweep
+from .sweeping import PlannedSweep, plan_sweep, sweep
 
 if TYPE_CHECKING:
     import xarray
@@ -49,7 +50,8 @@ def find_border(
     looked at first: what passes twice between two of them is not seen.  The rest is as for `sweep`.
 
     **Returns:** an `xarray.Dataset` over the axes of `over` with `border` [SI], NaN where there is none, `passes`, how
-    often the level is passed on the coarse grid, and the attribute `points`, how many were simulated.
+    often the level is passed on the coarse grid, and attributes that say what was asked; `points` is how many were
+    simulated.
 
     **Raises:** `InputError` for ends the wrong way round, a tolerance that is not positive, an unknown metric, and
     what `sweep` refuses.
@@ -74,7 +76,10 @@ def find_border(
         return (values if signed else np.abs(values)) - level
 
     border, passes = _searched(probe, grid.values(), np.linspace(*ends, coarse), tolerance)
-    return _labelled(grid, border, passes, path, planned.declared[path].unit, asked)
+    unit = planned.function.cycle.metrics[metric].unit
+    asked_for = dict(path=path, low=ends[0], high=ends[1], tolerance=tolerance, metric=metric, level=level)
+    said = {"of": f"{metric} = {level:g}" + (f" {unit}" if unit != "1" else ""), "points": asked}
+    return _labelled(planned, grid, border, passes, asked_for | said)
 
 
 def _searched(
@@ -102,22 +107,28 @@ def _above(values: Float[np.ndarray, " points"]) -> Bool[np.ndarray, " points"]:
 
 
 def _labelled(
+    planned: PlannedSweep,
     grid: Grid,
     border: Float[np.ndarray, " points"],
     passes: Float[np.ndarray, " points"],
-    path: str,
-    unit: str,
-    asked: int,
+    asked: Mapping[str, str | float],
 ) -> "xarray.Dataset":
     import xarray
 
     names, shape = list(grid.dimensions()), tuple(grid.dimensions().values())
+    unit, said = planned.declared[str(asked["path"])].unit or "1", f"border along {asked['path']}"
     data = {
-        "border": (names, border.reshape(shape), {"units": unit or "1", "long_name": f"border along {path}"}),
+        "border": (names, border.reshape(shape), {"units": unit, "long_name": said}),
         "passes": (names, passes.reshape(shape), {"long_name": "how often the level is passed on the coarse grid"}),
     }
     coordinates = {
-        found.replace(".", "_"): (dimension, values, {"long_name": found})
+        found.replace(".", "_"): (
+            dimension,
+            values,
+            {"units": planned.declared[found].unit or "1", "long_name": found},
+        )
         for found, (dimension, values) in grid.coordinates().items()
     }
-    return xarray.Dataset(data, coordinates, {"points": asked})
+    told = {"title": planned.study.title, "record": planned.base.name, "cycles": planned.function.cycle.described}
+    numbers = {"parameters": json.dumps(planned.used)}
+    return xarray.Dataset(data, coordinates, told | dict(asked) | numbers)

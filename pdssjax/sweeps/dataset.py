@@ -11,7 +11,8 @@ from jaxtyping import Float
 from ..core import Figure, Quantity, presenter
 from ..study import Record, Study, UsedNumber
 from .cycles.base import Metric
-from .point import POINT_FAILURES, PointFunction
+from .point import PointFunction
+from .point_status import POINT_FAILURES
 from .points.base import AbstractPoints
 from .varied_record import drive_of
 

@@ -3,7 +3,8 @@
 Every point is its own simulation from rest.  Points are computed side by side, a block at a time.
 """
 
-from collections.abc import Mapping
+import dataclasses
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import equinox as eqx
@@ -12,25 +13,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..core import Count, Quantity, Scalar, ScalarLike
+from ..core import Count, Quantity, Scalar, ScalarLike, Truth
 from ..drive.base import AbstractDrive
-from ..integration import FAILURES, Accuracy
+from ..integration import Accuracy
 from ..simulation import StickSlip
 from ..study import Models
 from .cycles.base import METRICS, AbstractCycle, Metric
 from .cycles.course import closing, step_metrics
-from .cycles.further_metrics import FURTHER, SMOOTH, counted, output_force, peak_friction
-
-SKIPPED, NOT_COMPUTED, INCOMPLETE = (len(FAILURES) + i for i in range(3))
-
-POINT_FAILURES = (
-    *FAILURES,
-    "skipped: the numbers of its drive contradict each other",
-    "its block of points could not be computed",
-    "its cycle was measured, but the further metrics or derivatives could not be found: too many steps, or no finite "
-    "number",
-)
-"""What the failure of a point means; 0 is none."""
+from .cycles.further_metrics import FURTHER, GRAZES, SMOOTH, counted, grazing, output_force
+from .cycles.peak_friction import peak_friction
+from .point_status import GRAZING, INCOMPLETE
 
 _FEW = 8
 """Points that are looked at patiently in one call."""
@@ -42,6 +34,15 @@ class Look(NamedTuple):
     metrics: dict[str, Scalar]
     end: Float[Array, " components"]
     """The state that ends it."""
+
+
+class Seen(NamedTuple):
+    """What is seen of a course besides."""
+
+    grazes: Truth
+    """A reversal grazes: there are neither derivatives nor multipliers."""
+    failure: Count
+    """Index into `pdssjax.integration.FAILURES`."""
 
 
 class PointFunction(eqx.Module):
@@ -85,7 +86,8 @@ class PointFunction(eqx.Module):
         """The metrics of one point, and its failure, an index into `POINT_FAILURES`."""
         look = self.cycle.patient if patient else self.cycle.measure
         metrics, failure = look(self.system(values), self.accuracy)
-        return jnp.where(failure > 0, jnp.nan, metrics), jnp.where(jnp.isfinite(metrics).all(), failure, 2)
+        failed = (failure > 0) & (failure != GRAZING)
+        return jnp.where(failed, jnp.nan, metrics), jnp.where(jnp.isfinite(metrics).all(), failure, 2)
 
     def system(
         self, values: Float[Array, " paths"], moved: Mapping[str, ScalarLike] | None = None, blocked: bool = False
@@ -111,24 +113,28 @@ class PointFunction(eqx.Module):
         """Metrics of a point's course by name, the derivatives of those that are smooth, and the failure."""
         opening = self.cycle.opening(self.system(values, blocked=blocked))
 
-        def look(at: Float[Array, " by"], x: Float[Array, " components"]) -> tuple[Look, tuple[Look, Count]]:
+        def look(at: Float[Array, " by"], x: Float[Array, " components"]) -> tuple[Look, tuple[Look, Seen]]:
             system = self.system(values, dict(zip(self.by, at, strict=True)), blocked)
             course = self.cycle.course(system, opening._replace(x=x))
             found = {"output_force": output_force(course)} if blocked else step_metrics(course)
-            others = {} if blocked else counted(course, opening.multiplier)
-            others |= {"peak_friction": peak_friction(course)} if "peak_friction" in asked else {}
-            return Look(found, closing(course)), (Look(found | others, x), course.failure)
+            found |= {"peak_friction": peak_friction(course)} if "peak_friction" in asked else {}
+            grazes = opening.grazes | (grazing(course) < GRAZES)
+            others = {} if blocked else counted(course, jnp.where(grazes, jnp.nan, opening.multiplier))
+            return Look(found, closing(course)), (Look(found | others, x), Seen(grazes, course.failure))
 
         if not self.by:
-            _, (found, failure) = look(jnp.zeros(0), opening.x)
-            return found.metrics, {}, failure
+            _, (found, seen) = look(jnp.zeros(0), opening.x)
+            # Of a numbered cycle only the multiplier and derivatives suffer.
+            grazes = seen.grazes & ((opening.repeats > 0) | ("multiplier" in asked))
+            return found.metrics, {}, _told(seen._replace(grazes=grazes))
         at = jnp.stack([jnp.asarray(self._number(values, path), float) for path in self.by])
         # Each a pair: by the numbers, and by the state of the opening.
-        derived, (found, failure) = jax.jacfwd(look, (0, 1), has_aux=True)(at, opening.x)
+        derived, (found, seen) = jax.jacfwd(look, (0, 1), has_aux=True)(at, opening.x)
         driven, monodromy = derived.end
         moved = self.cycle.moved_opening(self.system(values, blocked=blocked), opening, monodromy, driven)
+        moved = jnp.where(seen.grazes, jnp.nan, moved)
         slopes = {name: by_number + by_state @ moved for name, (by_number, by_state) in derived.metrics.items()}
-        return found.metrics, slopes, failure
+        return found.metrics, slopes, _told(seen)
 
     def _number(self, values: Float[Array, " paths"], path: str) -> ScalarLike:
         return values[self.paths.index(path)] if path in self.paths else self.numbers[path]
@@ -136,6 +142,11 @@ class PointFunction(eqx.Module):
     def _declared(self) -> dict[str, Quantity]:
         """What is declared of the models' parameters and of the drive, by path."""
         return self.models.declared() | {f"drive.{field}": q for field, q in self.drive.declared().items()}
+
+
+def _told(seen: Seen) -> Count:
+    """The failure of a point, an index into `POINT_FAILURES`."""
+    return jnp.where((seen.failure == 0) & seen.grazes, GRAZING, seen.failure)
 
 
 def per_unit(unit: str, of: str) -> str:
@@ -153,8 +164,7 @@ def compute_block(
     left = np.flatnonzero(function.cycle.unfinished(found[:, :-1]))
     for begin in range(0, len(left), _FEW):
         few = left[begin : begin + _FEW]
-        asked = points[np.resize(few, _FEW)]
-        found[few] = _rows(_one_by_one(function, jnp.asarray(asked)))[: len(few)]
+        found[few] = np.column_stack(_found_of(_one_by_one, function, points[few]))
     return _with_details(function, points, found) if function.further or function.by else found
 
 
@@ -165,15 +175,32 @@ def _with_details(
     details = np.full((len(points), len(function.columns) - len(function.cycle.metrics)), np.nan)
     # What fills up a block is its last point again, and need not be computed again.
     last = _last_of_its_kind(points)
-    sound = np.flatnonzero(found[: last + 1, -1] == 0)
+    sound = np.flatnonzero(np.isin(found[: last + 1, -1], (0, GRAZING)))
     for begin in range(0, len(sound), _FEW):
         few = sound[begin : begin + _FEW]
-        numbers, failure = (np.asarray(a) for a in _detailed(function, jnp.asarray(points[np.resize(few, _FEW)])))
-        known = np.where(np.isfinite(numbers) & (failure == 0)[:, None], numbers, np.nan)[: len(few)]
+        numbers, failure = _found_of(_detailed, function, points[few])
+        known = np.where(np.isfinite(numbers) & np.isin(failure, (0, GRAZING))[:, None], numbers, np.nan)
         details[few] = known
-        found[few, -1] = np.where(np.isfinite(known).all(axis=1), 0, INCOMPLETE)
+        whole = np.where(np.isfinite(known).all(axis=1), 0, INCOMPLETE)
+        found[few, -1] = np.where((failure == GRAZING) | (found[few, -1] == GRAZING), GRAZING, whole)
     details[last + 1 :], found[last + 1 :] = details[last], found[last]
     return np.column_stack([found[:, :-1], details, found[:, -1]])
+
+
+def _found_of(
+    look: Callable[[PointFunction, Array], tuple[Array, Array]],
+    function: PointFunction,
+    points: Float[np.ndarray, "few paths"],
+) -> tuple[Float[np.ndarray, "few columns"], Int[np.ndarray, " few"]]:
+    """What `look` finds of at most `_FEW` points, and their failures; where a reversal grazes it looks once more."""
+    few, asked = len(points), jnp.asarray(np.resize(points, (_FEW, points.shape[1])))
+    numbers, failure = (np.array(found)[:few] for found in look(function, asked))
+    grazes, cycle = failure == GRAZING, function.cycle.where_grazing()
+    if grazes.any() and cycle is not function.cycle:
+        other = dataclasses.replace(function, cycle=cycle)
+        again, failed = (np.array(found)[:few] for found in look(other, asked))
+        numbers[grazes], failure[grazes] = again[grazes], np.where(failed == 0, GRAZING, failed)[grazes]
+    return numbers, failure
 
 
 def _last_of_its_kind(points: Float[np.ndarray, "lanes paths"]) -> int:

@@ -23,7 +23,8 @@ from .block_store import AbstractBlockStore, MemoryStore
 from .dataset import labelled
 from .execution import run_blocks
 from .job import job_document, measured_cycle
-from .point import SKIPPED, PointFunction
+from .point import PointFunction
+from .point_status import SKIPPED
 from .points.base import AbstractPoints
 from .points.grid import Grid
 from .varied_record import drive_of, driven_record

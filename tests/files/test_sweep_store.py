@@ -11,6 +11,7 @@ from collections import namedtuple
 import numpy as np
 import pytest
 import xarray
+import zarr
 from quick_blocks import example_study, found_at
 from quick_blocks import quick as quick
 
@@ -189,6 +190,39 @@ def test_a_sweep_that_was_killed_ends_as_if_it_had_not_been(tmp_path, study):
     subprocess.run([*command, str(tmp_path / "whole")], check=True, stdout=subprocess.DEVNULL)
     found, whole = (xarray.open_dataset(tmp_path / n / "sweep.nc", engine="scipy").load() for n in ("killed", "whole"))
     xarray.testing.assert_identical(found, whole)
+
+
+@pytest.mark.slow
+def test_a_sweep_that_was_killed_at_ten_random_moments_ends_as_if_it_had_not_been(tmp_path, study):
+    arguments = ["sweep", str(written(tmp_path, study)), "--voltage", "20:80:64", "--frequency", "20:50:64"]
+    command = [sys.executable, "-m", "pdssjax", *arguments, "--workers", "1", "--resume", "--out"]
+    place, rng, stored = tmp_path / "killed", np.random.default_rng(13), [0]
+    for turn in range(10):
+        killed = subprocess.Popen([*command, str(place)], stderr=subprocess.PIPE, text=True)
+        computes = turn % 2 == 1
+        # While it begins, or while it computes: a line is told for each tenth that is done.
+        assert not computes or " of 4096 points" in killed.stderr.readline()
+        time.sleep(rng.uniform(0.0, 0.3 if computes else 4.0))
+        killed.send_signal(signal.SIGKILL)
+        killed.communicate()
+        assert killed.returncode == -signal.SIGKILL
+        stored.append(blocks_done(place / "points.zarr"))
+    # Nothing that was stored is lost, and there was something to lose and something left.
+    assert stored == sorted(stored) and len(set(stored)) >= 5 and 0 < stored[-1] < 64, stored
+    assert not (place / "sweep.nc").exists()
+    for folder in ("killed", "whole"):
+        subprocess.run(
+            [*command, str(tmp_path / folder)], check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+    found, whole = (xarray.open_dataset(tmp_path / n / "sweep.nc", engine="scipy").load() for n in ("killed", "whole"))
+    xarray.testing.assert_identical(found, whole)
+
+
+def blocks_done(place):
+    """How many blocks a store holds; none where there is no store yet."""
+    if not place.exists():
+        return 0
+    return int((np.asarray(zarr.open_group(place, mode="r")["status"]) == DONE).sum())
 
 
 def test_who_interrupts_the_command_is_told_how_to_go_on(tmp_path, quick, capsys, study, monkeypatch):

@@ -13,7 +13,7 @@ from pdssjax import InputError
 from pdssjax.cli.main import main
 from pdssjax.files import EXAMPLE
 from pdssjax.files.estimate_json import read_covariance
-from pdssjax.sweeps import CovarianceDraws, Crossed, Grid, SigmaPoints, execution, with_bands
+from pdssjax.sweeps import GRAZING, CovarianceDraws, Crossed, Grid, SigmaPoints, execution, with_bands
 
 MEANS = np.array([2.0, -1.0])
 COVARIANCE = np.array([[4e-4, 3e-4], [3e-4, 2.5e-3]])
@@ -50,6 +50,14 @@ def test_where_a_metric_breaks_within_the_uncertainty_first_order_is_said_not_to
     broken = with_bands(swept(SigmaPoints(DRAWS), lambda voltage, a, c: np.where((voltage < 1.5) | (a < 2.0), a, 2.5)))
     np.testing.assert_array_equal(broken.net_step_straight, [1.0, 0.0, 0.0])
     assert with_bands(swept(SigmaPoints(DRAWS), linear)).net_step_straight.all()
+
+
+def test_a_point_that_failed_says_more_than_one_that_grazes():
+    data = swept(SigmaPoints(DRAWS), linear)
+    data.failure[:, 1] = GRAZING
+    data.failure[1, 2] = 2
+    found = with_bands(data).failure
+    assert found.values.tolist() == [GRAZING, 2, GRAZING] and found.dtype == np.int8 and "meanings" in found.attrs
 
 
 def test_a_dataset_without_draws_has_no_bands():

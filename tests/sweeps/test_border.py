@@ -1,11 +1,16 @@
 """A border is found to its tolerance with few points."""
 
+import json
+
 import numpy as np
 import pytest
+import xarray
 from quick_blocks import example_study
 
 import pdssjax
 from pdssjax import InputError
+from pdssjax.cli.main import main
+from pdssjax.files import EXAMPLE
 from pdssjax.sweeps import execution, find_border
 
 FREQUENCIES = np.linspace(5.0, 50.0, 10)
@@ -25,7 +30,7 @@ def dead(monkeypatch):
 
     def computed_block(function, points):
         asked.append(len(points))
-        frequency, voltage = points.T
+        frequency, voltage = points[:, 0], points[:, -1]
         efficiency = np.maximum(0.01 + 0.05 * (voltage - 12.0 - 0.7 * frequency), 0.0)
         return np.column_stack([*[efficiency] * 5, np.zeros(len(points))])
 
@@ -59,6 +64,58 @@ def test_what_has_no_border_is_refused_before_any_work(study, dead, change, esse
     with pytest.raises(InputError) as refused:
         find_border(study, **asked)
     assert essential in str(refused.value) and not dead
+
+
+@pytest.fixture
+def command(study, tmp_path):
+    """`pdssjax sweep` of the example with its true values."""
+    estimate = tmp_path / "estimate.json"
+    known = {path: {"value": value} for path, value in study.values().items()}
+    estimate.write_text(json.dumps({"format": "pdssjax-estimate/1", "converged": True, "parameters": known}))
+    return ["sweep", str(EXAMPLE / "study.toml"), "--estimate", str(estimate), "--out", str(tmp_path / "out")]
+
+
+def test_the_command_finds_the_border_and_draws_it(command, dead, tmp_path, capsys):
+    asked = ["--voltage", "8:150", "--frequency", "5:50:10", "--border", "drive.voltage=200 mV"]
+    assert main([*command, *asked]) == 0
+    found = xarray.open_dataset(tmp_path / "out" / "border.nc", engine="scipy").load()
+    np.testing.assert_allclose(found.border, TRUTH, rtol=0.0, atol=0.1)
+    assert found.drive_frequency.attrs["units"] == "Hz" and found.attrs["metric"] == "efficiency"
+    assert found.attrs["points"] == 10 * (9 + 7)
+    assert (tmp_path / "out" / "border.png").stat().st_size > 5_000
+    told = capsys.readouterr().out
+    assert "Border of efficiency = 0.01, told to 0.2 V between 8 and 150 V" in told
+    assert "drive.frequency (Hz)" in told and "there is none" not in told
+
+
+def test_the_command_finds_where_another_metric_passes_a_level(command, dead, tmp_path, capsys):
+    asked = ["--voltage", "8:40:5", "--frequency", "5,50", "--both-directions", "--border", "drive.voltage=0.2"]
+    assert main([*command, *asked, "--border-at", "stroke=0.01 mm"]) == 0
+    found = xarray.open_dataset(tmp_path / "out" / "border.nc", engine="scipy").load()
+    assert found.border.dims == ("drive_frequency", "drive_direction")
+    # A metric without a sign of its own begins at zero: 0.01 + 0.05 (voltage - ...) passes 1e-5 where it begins.
+    np.testing.assert_allclose(found.border[0], 12.0 + 0.7 * 5.0 - 0.2, rtol=0.0, atol=0.1)
+    assert np.isnan(found.border[1]).all()
+    assert "At 2 of 4 there is none" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("asked", "essential"),
+    [
+        (["--border", "drive.voltage"], 'found "drive.voltage", expected a name and a number'),
+        (["--border", "drive.fall_time=1 ms"], 'found no range for "drive.fall_time"'),
+        (["--border", "drive.voltage=0.2 s"], "option --border"),
+        (["--border", "drive.voltage=0.2", "--border-at", "spede=0"], 'unknown metric "spede"; did you mean "speed"'),
+        (["--border", "drive.voltage=0.2", "--bands"], "found with --bands, expected without"),
+        (["--border", "drive.voltage=0.2", "--resume"], "found with --resume, expected without"),
+        (["--border", "drive.voltage=0.2", "--voltage", "8:40:x"], "FROM:TO or FROM:TO:COUNT"),
+        (["--border", "drive.voltage=0.2", "--voltage", "40:8"], "expected the lower end first"),
+    ],
+)
+def test_a_border_that_makes_no_sense_is_refused_in_a_line(command, dead, tmp_path, capsys, asked, essential):
+    assert main([*command, "--voltage", "8:150", "--frequency", "5:50:10", *asked]) == 2
+    told = capsys.readouterr().err.strip()
+    assert essential in told and "\n" not in told and not dead and not (tmp_path / "out").exists()
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@
 
 import json
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -9,20 +10,26 @@ import xarray
 from quick_blocks import example_study, found_at
 
 import pdssjax
-from pdssjax import Accuracy, InputError
+from pdssjax import Accuracy, Actuator, InputError
 from pdssjax.cli.main import main
+from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.files import EXAMPLE
+from pdssjax.friction.stribeck import Stribeck
+from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.report.figures import directions_figure
 from pdssjax.report.text import format_sweep
 from pdssjax.simulation import STOP_FORCE, StickSlip, measured
 from pdssjax.sweeps import FURTHER, Listed, compared_directions, execution, plan_sweep
+from pdssjax.sweeps.cycles.numbered import Numbered
+from pdssjax.sweeps.cycles.peak_friction import peak_friction
 from pdssjax.sweeps.job import job_document, point_function
-from pdssjax.sweeps.point import INCOMPLETE, POINT_FAILURES, compute_block, per_unit
+from pdssjax.sweeps.point import compute_block, per_unit
+from pdssjax.sweeps.point_status import GRAZING, INCOMPLETE, POINT_FAILURES
 
 DRIVES = {"drive.voltage": [64.0, 120.0], "drive.frequency": [50.0, 150.0]}
 STOP = {"stop.stiffness": [1e5, 1e5]}
 BY = ("piezo.gain", "friction.f_ss_a", "drive.frequency")
-SMOOTH = ("net_step", "speed", "efficiency", "stroke", "back_slip", "output_force")
+SMOOTH = ("net_step", "speed", "efficiency", "stroke", "back_slip")
 
 
 @pytest.fixture(scope="module")
@@ -113,10 +120,40 @@ def test_a_point_whose_details_fail_keeps_its_cycle_and_says_so(study, monkeypat
     monkeypatch.setattr("pdssjax.sweeps.point._detailed", detailed)
     points = np.array([[64.0, 50.0], [120.0, 150.0], [80.0, 5.0], *[[80.0, 5.0]] * 61])
     found = compute_block(planned.function, points)
-    assert found[:3, -1].tolist() == [0, INCOMPLETE, 0] and len(POINT_FAILURES) == INCOMPLETE + 1
+    assert found[:3, -1].tolist() == [0, INCOMPLETE, 0] and len(POINT_FAILURES) == GRAZING + 1
     assert np.isfinite(found[:3, :5]).all() and np.isnan(found[1, 5:-1]).all() and np.isfinite(found[2]).all()
     # What fills up a block is not looked at.
     assert len(asked) == 1 and np.isfinite(found[3:]).all()
+
+
+def test_a_point_that_grazes_keeps_its_metrics_and_says_so(study, monkeypatch):
+    """Found by Newton's method, or seen where derivatives are asked for."""
+    planned = plan_sweep(study, DRIVES, cycles="steady", metrics=("reversals",), derivatives=("piezo.gain",))
+    # The first repeats at once, the second grazes, the third was left to Newton's method and grazes.
+    first = np.array([[1.0] * 5 + [repeats, 0.5] for repeats in (1.0, 1.0, 0.0)])
+    blocks = {
+        "_side_by_side": lambda f, p: (first, np.zeros(3)),
+        "_one_by_one": lambda f, p: (np.full((len(p), 7), 2.0), np.full(len(p), GRAZING)),
+        "_detailed": lambda f, p: (
+            np.where((np.arange(6) > 0) & (np.asarray(p)[:, :1] > 70.0), np.nan, 4.0),
+            np.where(np.asarray(p)[:, 0] > 70.0, GRAZING, 0),
+        ),
+    }
+    for name, instead in blocks.items():
+        monkeypatch.setattr(f"pdssjax.sweeps.point.{name}", instead)
+    found = compute_block(planned.function, np.array([[64.0, 50.0], [80.0, 50.0], [120.0, 150.0]]))
+    assert found[:, -1].tolist() == [0, GRAZING, GRAZING]
+    np.testing.assert_array_equal(found[:, 0], [1.0, 1.0, 2.0])
+    # The reversals are there, the derivatives are not.
+    np.testing.assert_array_equal(found[:, 7], 4.0)
+    np.testing.assert_array_equal(np.isnan(found[:, 8:-1]), np.array([[False], [True], [True]]).repeat(5, axis=1))
+
+
+def test_the_report_counts_points_that_graze_apart_from_those_that_failed():
+    data = both_ways(0.5)
+    data.failure[2, 3, 0], data.failure[4, 1, 1], data.failure[5, 1, 1] = GRAZING, GRAZING, INCOMPLETE
+    told = format_sweep(data)
+    assert "At 2 points a reversal of its cycle grazes" in told and "1 points failed" in told
 
 
 def both_ways(ratio):
@@ -189,9 +226,11 @@ def test_the_command_asks_for_metrics_and_derivatives(study, tmp_path, monkeypat
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("cycles", [4, "steady"])
-def test_derivatives_are_those_of_central_differences(study, cycles):
-    names = ("output_force",)
+@pytest.mark.parametrize(
+    ("cycles", "names"),
+    [(4, ("output_force", "peak_friction")), ("steady", ("peak_friction",)), ("steady", ("output_force",))],
+)
+def test_derivatives_are_those_of_central_differences(study, cycles, names):
     fine = dict(accuracy=Accuracy(max_steps=4096), metrics=names, workers=1)
     here = {path: np.full(2, study.values().get(path, np.nan)) for path in BY} | DRIVES | STOP
     found = pdssjax.sweep(study, Listed(here), cycles=cycles, derivatives=BY, **fine)
@@ -204,7 +243,7 @@ def test_derivatives_are_those_of_central_differences(study, cycles):
     points = Listed({path: np.concatenate([row[path] for row in rows]) for path in here})
     moved = pdssjax.sweep(study, points, cycles=late, **fine)
     for i, path in enumerate(BY):
-        for name in SMOOTH:
+        for name in (*SMOOTH, *names):
             at = dict(zip(parts, moved[name].values.reshape(len(BY), len(parts), 2)[i], strict=True))
             wide, narrow = ((at[k] - at[-k]) / (2e-4 * k * np.asarray(here[path])) for k in (2, 1))
             slope = found[f"{name}_by_{path.replace('.', '_')}"].values
@@ -220,9 +259,14 @@ def test_the_output_force_is_that_of_a_single_run_against_the_stop(study):
     for i, row in enumerate(Listed(DRIVES | STOP).values()):
         system = function.system(jnp.asarray(row), blocked=True)
         assert isinstance(system, StickSlip)
-        ends = jnp.array([4.0]) / row[1] * (1.0 - 1e-9)
-        expected = float(measured(system, ends, Accuracy(max_steps=20_000), STOP_FORCE)[0])
-        assert float(data.output_force[i]) == pytest.approx(expected, rel=0.02)
+        period, fall = 1.0 / row[1], system.drive.flanks().fast
+        # A line through the plateau of the fourth cycle tells the end of its flank, whether six samples or many.
+        for count, apart in ((6, 1e-6), (401, 0.02)):
+            parts = np.linspace(0.751, 0.949, count)
+            times = jnp.asarray(3.0 * period + fall + (period - fall) * parts)
+            pushed = np.asarray(measured(system, times, Accuracy(max_steps=20_000), STOP_FORCE))
+            line = np.polyfit(parts - 1.0, pushed, 1)
+            assert float(data.output_force[i]) == pytest.approx(line[1], rel=apart)
 
 
 @pytest.mark.slow
@@ -240,3 +284,38 @@ def test_where_reversals_come_and_go_one_grazes(study):
         inside = int(np.flatnonzero(np.diff(found.reversals.values.ravel()))[0])
         low, high = volts[inside], volts[inside + 1]
     assert float(found.grazing.min()) < 0.1 * float(coarse.grazing.median())
+
+
+@pytest.mark.slow
+def test_peak_friction_has_the_derivatives_of_central_differences_at_random_actuators(study):
+    rng, by = np.random.default_rng(3), ("piezo.gain", "friction.sigma0_a", "friction.sigma1_a", "friction.f_ss_a")
+    here = {path: np.asarray(study.values()[path]) * np.exp(rng.uniform(-0.2, 0.2, 6)) for path in by}
+    here |= {"drive.voltage": rng.uniform(15.0, 140.0, 6), "drive.frequency": 10 ** rng.uniform(0.7, 2.3, 6)}
+    asked = dict(metrics=("peak_friction",), workers=1)
+    found = pdssjax.sweep(study, Listed(here), derivatives=by, **asked)
+    assert not found.failure.any()
+    parts = (-2, -1, 1, 2)
+    rows = [here | {path: (1.0 + 1e-4 * part) * here[path]} for path in by for part in parts]
+    moved = pdssjax.sweep(study, Listed({path: np.concatenate([row[path] for row in rows]) for path in here}), **asked)
+    peaks = moved.peak_friction.values.reshape(len(by), len(parts), 6)
+    for path, at in zip(by, peaks, strict=True):
+        wide, narrow = (at[3] - at[0]) / (4e-4 * here[path]), (at[2] - at[1]) / (2e-4 * here[path])
+        slope = found[f"peak_friction_by_{path.replace('.', '_')}"].values
+        expected, scale = (4 * narrow - wide) / 3, found.peak_friction.values / here[path]
+        assert (np.abs(slope - expected) <= 1e-5 * np.abs(slope) + 1e-7 * scale).all(), path
+
+
+@pytest.mark.slow
+def test_a_peak_at_a_breakaway_moves_with_the_event():
+    """A contact that sticks lets go at its static force: that is the peak, and nothing else changes it."""
+
+    def peak(numbers):
+        f_s, f_c, voltage, damping = numbers
+        actuator = Actuator(SecondOrder(damping_ratio=damping), Stribeck(f_c=f_c, f_s=f_s))
+        system, cycle = StickSlip(actuator, Sawtooth(voltage, 20.0, 5e-4)), Numbered(2)
+        return peak_friction(cycle.course(system, cycle.opening(system)))
+
+    numbers = jnp.array([0.65, 0.55, 80.0, 0.1772])
+    height, slopes = jax.jit(lambda n: (peak(n), jax.jacfwd(peak)(n)))(numbers)
+    assert float(height) == pytest.approx(0.65, rel=1e-9)
+    np.testing.assert_allclose(slopes * numbers / 0.65, [1.0, 0.0, 0.0, 0.0], rtol=0.0, atol=1e-6)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from .amplification import amplification_figure as amplification_figure
+    from .border import border_figure as border_figure
     from .comparison import comparison_figure as comparison_figure
     from .correlations import correlation_figure as correlation_figure
     from .cycles import cycle_figure as cycle_figure
@@ -31,6 +32,7 @@ else:
         __name__,
         {
             "amplification": ["amplification_figure"],
+            "border": ["border_figure"],
             "comparison": ["comparison_figure"],
             "correlations": ["correlation_figure"],
             "cycles": ["cycle_figure"],

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...core import display_unit
-from ...sweeps import DEAD
+from ...sweeps import DEAD, GRAZING
 from ._style import STYLE
 
 if TYPE_CHECKING:
@@ -36,7 +36,8 @@ def sweep_figure(data: "xarray.Dataset") -> Figure:
         for axes, name in zip(figure.subplots(2, 2).ravel(), PANELS, strict=True):
             show(axes, shown, name, names)
         held = held_fixed(data, middle)
-        failed = int((data.failure.values != 0).sum())
+        # A point with a reversal that grazes has its metrics.
+        failed = int(np.isin(data.failure.values, (0, GRAZING), invert=True).sum())
         failures = [f"{failed} of {data.failure.size} points failed"] if failed else []
         title = ", ".join([str(data.attrs["title"]), f"drive of {data.attrs['record']}", *held, *failures])
         figure.suptitle(title, x=0.01, ha="left", fontsize=9.5)

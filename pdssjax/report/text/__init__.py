@@ -6,6 +6,7 @@ Imports results from the rooms below, never files.
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from .border import format_border as format_border
     from .catalogue import format_catalogue as format_catalogue
     from .catalogue import format_entry as format_entry
     from .channels import format_channels as format_channels
@@ -23,6 +24,7 @@ else:
     __getattr__, __dir__, __all__ = lazy_exports(
         __name__,
         {
+            "border": ["format_border"],
             "catalogue": ["format_catalogue", "format_entry"],
             "channels": ["format_channels"],
             "characterisation": ["format_characterisation"],

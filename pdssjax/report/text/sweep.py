@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...core import display_unit
-from ...sweeps import FURTHER
+from ...sweeps import FURTHER, GRAZING, POINT_FAILURES
 from ._layout import aligned_table, heading
 
 if TYPE_CHECKING:
@@ -29,13 +29,16 @@ def format_sweep(data: "xarray.Dataset") -> str:
         least, most = (f"{float(end) * scale:.5g}" for end in (values.min(), values.max()))
         half = [f"{_half_band(data, name) * scale:.2g}"] if banded else []
         rows.append([values.attrs["long_name"], unit, least, most, *half, ", ".join(where)])
-    failed = int((data.failure.values != 0).sum())
+    grazing = int((data.failure.values == GRAZING).sum())
+    failed = int((data.failure.values != 0).sum()) - grazing
     text = heading(f"Sweep of {data.failure.size} points") + aligned_table("<<>>" + ">" * banded + "<", [head, *rows])
     bent = int((data.speed_straight.values == 0).sum()) if "speed_straight" in data else 0
     if bent:
         text += f"    First order does not hold for the speed at {bent} of the points: ask for --bands draws there.\n"
     if data.sizes.get("drive_direction") == 2:
         text += _both_directions(data)
+    if grazing:
+        text += f"    At {grazing} points {POINT_FAILURES[GRAZING]}.\n"
     return text + (f"    {failed} points failed: {data.failure.attrs['meanings']}\n" if failed else "")
 
 

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ...core import Count, Scalar
+from ...core import Count, Scalar, Truth
 from ...drive.base import AbstractDrive
 from ...integration import AbstractHybridSystem, Accuracy, Solution
 from ...metrics import FLANK
@@ -52,7 +52,9 @@ class Opening(NamedTuple):
     repeats: Count
     """After how many cycles the motion is there again; 0 where that is not asked, or where it is not."""
     multiplier: Scalar
-    """Modulus of the largest Floquet multiplier; NaN where it is not known."""
+    """Modulus of the largest Floquet multiplier, where a reversal grazes what integrated cycles show; NaN: unknown."""
+    grazes: Truth
+    """A reversal of the orbit that Newton's method found grazes: this opening is that of integrated cycles instead."""
     failure: Count
     """Index into `pdssjax.integration.FAILURES`."""
 
@@ -117,12 +119,16 @@ class AbstractCycle(eqx.Module):
         """Derivatives of the opening's state, given those of the state that ends the course; at rest there are none."""
         return jnp.zeros_like(driven)
 
+    def where_grazing(self) -> "AbstractCycle":
+        """How to find the cycle again where `patient`, or what is derived of a course, says `GRAZING`."""
+        return self
+
     def unfinished(self, found: Float[np.ndarray, "points metrics"]) -> Bool[np.ndarray, " points"]:
         """Which points are worth a `patient` look; none by default."""
         return np.zeros(len(found), bool)
 
     def patient(self, system: StickSlip, accuracy: Accuracy) -> tuple[Float[Array, " metrics"], Count]:
-        """As `measure`, for the few points that are `unfinished`; one after the other."""
+        """As `measure`, for the few points that are `unfinished`; one after the other.  Fails with `GRAZING`, too."""
         return self.measure(system, accuracy)
 
 

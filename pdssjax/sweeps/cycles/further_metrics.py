@@ -19,11 +19,11 @@ from .course import mean_over_cycles, steps_within, visited
 
 SMOOTH = {
     "output_force": Metric("N", "output force against a stop"),
+    "peak_friction": Metric("N", "peak of the friction force in a cycle"),
 }
 """Those that have derivatives by the parameters."""
 
 COUNTED = {
-    "peak_friction": Metric("N", "peak of the friction force in a cycle"),
     "reversals": Metric("1", "reversals of the relative motion in a cycle"),
     "settled": Metric("1", "part of a cycle for which all had settled"),
     "grazing": Metric("1", "nearness of a reversal to grazing; 1: none near"),
@@ -36,9 +36,6 @@ FURTHER = SMOOTH | COUNTED
 
 GRAZES = 1e-2
 """`grazing` below this: a small change of the parameters takes a reversal away, and derivatives may break there."""
-
-_WITHIN = 8
-"""Parts of a step between which the friction force is looked at."""
 
 _SMALL = 1e-9
 """Motions [m] below this graze often, and it does not matter."""
@@ -103,28 +100,6 @@ def grazing(course: Course) -> Scalar:
     return jnp.min(jnp.where(located, found, 1.0))
 
 
-def peak_friction(course: Course) -> Scalar:
-    """The largest magnitude of the friction force [N] in a cycle.
-
-    It is looked for between the steps' ends, and refined by the parabola through its neighbours.  It may lie at an
-    event, whose time moves with the parameters: its derivative is not given.
-    """
-    inside, _ = steps_within(course)
-    parts = jnp.linspace(0.0, 1.0, _WITHIN + 1)
-    force = lambda j, part: jnp.abs(_friction(course, j, part))
-    rows = jnp.arange(inside.shape[0])
-    still = jax.lax.stop_gradient(jax.vmap(lambda j: jax.vmap(lambda part: force(j, part))(parts))(rows))
-    known = jnp.where(inside[:, None] & jnp.isfinite(still), still, -jnp.inf)
-    j, k = jnp.divmod(jnp.argmax(known), _WITHIN + 1)
-    middle = jnp.clip(k, 1, _WITHIN - 1)
-    low, top, high = known[j, middle - 1], known[j, middle], known[j, middle + 1]
-    bend = 2.0 * top - low - high
-    away = jnp.where(bend > 0, 0.5 * (high - low) / jnp.where(bend > 0, bend, 1.0), 0.0)
-    refined = (middle + jnp.clip(away, -1.0, 1.0)) / _WITHIN
-    refined = jax.lax.stop_gradient(jnp.where(k == middle, refined, k / _WITHIN))
-    return force(j, refined)
-
-
 def output_force(blocked: Course) -> Scalar:
     """The force [N] on the stop at the end of the slow flank, of an actuator that runs against it; differentiable."""
     when = timing(blocked.system.drive)
@@ -136,22 +111,6 @@ def output_force(blocked: Course) -> Scalar:
     times = (jnp.arange(blocked.most)[:, None] * when.period + phases).ravel()
     found = force_metrics(times, pushed, when.frequency, 0.0, blocked.most, when.fall)
     return mean_over_cycles(blocked, found.output)
-
-
-def _friction(course: Course, j: Array, part: Scalar) -> Scalar:
-    """The friction force [N] `part` of the way through step `j`."""
-    steps, following = (jax.tree.map(lambda column, i=i: column[i], course.run.steps) for i in (j, j + 1))
-    elapsed = jax.lax.stop_gradient(part * steps.duration)
-    theta = elapsed / jnp.where(steps.step_radius > 0, steps.step_radius, 1.0)
-    x = jnp.polyval(steps.polynomials.T[::-1], theta)
-    restored = lambda leaves: jax.tree.unflatten(jax.tree.structure(course.system.initial()), list(leaves))
-    segment = cast(Segment, course.moving.segment(steps.index))
-    state = course.system.exact(segment, steps.t_local, restored(steps.x), elapsed, restored(x))
-    inside = course.system.force(segment, steps.t_local + elapsed, state, steps.mode)
-    # A contact that sticks lets go at its peak, where the next step begins.
-    let_go = course.system.force(segment, following.t_local, restored(following.x), steps.mode)
-    lets_go = (part == 1.0) & (steps.mode == 0.0) & (following.index == steps.index) & (j + 1 < course.run.count)
-    return jnp.where(lets_go, let_go, inside)
 
 
 def _turns(course: Course) -> Array:

@@ -38,7 +38,7 @@ class Numbered(AbstractCycle):
 
     def opening(self, system: StickSlip) -> Opening:
         none = jnp.zeros((), int)
-        return Opening(flat(system.initial()), none, jnp.full((), jnp.nan), none)
+        return Opening(flat(system.initial()), none, jnp.full((), jnp.nan), jnp.zeros((), bool), none)
 
     def course(self, system: StickSlip, opening: Opening) -> Course:
         when = timing(system.drive)

@@ -1,9 +1,11 @@
 """The cycle that is left when the transient has died out.
 
 Points side by side are integrated until their motion repeats; the few that take longer are found one by one, by
-Newton's method on the cycle map (`pdssjax.integration.steady_motion`).
+Newton's method on the cycle map (`pdssjax.integration.steady_motion`).  An orbit with a reversal that grazes is
+integrated for many cycles instead.
 """
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,19 +14,24 @@ from jaxtyping import Array, Bool, Float
 
 from ...core import Count, Scalar
 from ...integration import (
+    MOST,
     PERIODS,
+    SHORT,
     Accuracy,
     Continued,
     Cycles,
     Taylor,
     integrate,
     integrate_cycles,
+    last_seen,
     moved_orbit,
     steady_state,
 )
 from ...metrics import cycle_metrics
 from ...simulation import StickSlip
+from ..point_status import GRAZING
 from .base import METRICS, AbstractCycle, Course, Metric, Opening, effector_at, timing
+from .further_metrics import GRAZES, grazing
 
 TOLERANCE = 2e-11
 """How far [m] a cycle may be from its limit."""
@@ -43,6 +50,9 @@ _OWN = {
 
 class Steady(AbstractCycle):
     """The steady cycle; where the motion repeats after 2 or 3 cycles only, the mean of them."""
+
+    of_integrated: bool = eqx.field(static=True, default=False)
+    """Newton's method is not asked: the cycle is the last of many that are integrated, as where a reversal grazes."""
 
     @property
     def metrics(self) -> dict[str, Metric]:
@@ -67,29 +77,28 @@ class Steady(AbstractCycle):
         return np.isfinite(found[:, 0]) & (found[:, list(self.metrics).index("cycles_to_repeat")] == 0)
 
     def patient(self, system: StickSlip, accuracy: Accuracy) -> tuple[Float[Array, " metrics"], Count]:
-        when = timing(system.drive)
-        found = steady_state(system, when.period, accuracy, 0.1 * TOLERANCE)
-        period = system.period()
-        assert period is not None
+        when, opening = timing(system.drive), self._opening(system, accuracy)
         # From the orbit on it repeats at once; where none was found these cycles are the last that were seen.
-        again = Continued(system, found.x, float(period[0]))
-        cycles = integrate_cycles(again, when.period, when.phases, accuracy, 0.0, PERIODS + 1)
-        measured = _measured(system, cycles, found.period, found.multipliers[0])
-        return measured, jnp.where(cycles.failure > 0, cycles.failure, found.failure)
+        cycles = integrate_cycles(_from(system, opening), when.period, when.phases, accuracy, 0.0, PERIODS + 1)
+        decay = jnp.where(jnp.isfinite(opening.multiplier), opening.multiplier, _ratio(cycles))
+        measured = _measured(system, cycles, opening.repeats, decay)
+        failure = jnp.where(cycles.failure > 0, cycles.failure, opening.failure)
+        grazes = opening.grazes
+        if not self.of_integrated:
+            grazes = (opening.repeats > 0) & (grazing(_course(system, opening, accuracy)) < GRAZES)
+        return measured, jnp.where((failure == 0) & grazes, GRAZING, failure)
 
     def opening(self, system: StickSlip) -> Opening:
-        fine = Accuracy(max_steps=_ROOM)
-        found = steady_state(lax.stop_gradient(system), timing(system.drive).period, fine, 0.1 * TOLERANCE)
-        return lax.stop_gradient(Opening(found.x, found.period, found.multipliers[0], found.failure))
+        return lax.stop_gradient(self._opening(lax.stop_gradient(system), Accuracy(max_steps=_ROOM)))
+
+    def _opening(self, system: StickSlip, accuracy: Accuracy) -> Opening:
+        return (_integrated_opening if self.of_integrated else _orbit)(system, accuracy)
+
+    def where_grazing(self) -> "Steady":
+        return self if self.of_integrated else Steady(of_integrated=True)
 
     def course(self, system: StickSlip, opening: Opening) -> Course:
-        when, period = timing(system.drive), system.period()
-        assert period is not None
-        span = jnp.where(opening.repeats > 0, opening.repeats, PERIODS)
-        again = Continued(system, opening.x, float(period[0]))
-        run = integrate(again, span * when.period + when.phases[-1], Accuracy(max_steps=_ROOM))
-        failure = jnp.where(opening.failure > 0, opening.failure, run.failure)
-        return Course(system, again, run, jnp.zeros(()), span, PERIODS, failure)
+        return _course(system, opening, Accuracy(max_steps=_ROOM))
 
     def moved_opening(
         self,
@@ -101,6 +110,34 @@ class Steady(AbstractCycle):
         """(I - M)^-1 dP/dp, without what nothing depends on; NaN where the motion does not repeat."""
         moved = moved_orbit(system, monodromy, driven)
         return jnp.where(opening.repeats > 0, moved, jnp.nan)
+
+
+def _from(system: StickSlip, opening: Opening) -> Continued:
+    """The system from the opening of a cycle on."""
+    period = system.period()
+    assert period is not None
+    return Continued(system, opening.x, float(period[0]))
+
+
+def _course(system: StickSlip, opening: Opening, accuracy: Accuracy) -> Course:
+    when, again = timing(system.drive), _from(system, opening)
+    span = jnp.where(opening.repeats > 0, opening.repeats, PERIODS)
+    run = integrate(again, span * when.period + when.phases[-1], accuracy)
+    failure = jnp.where(opening.failure > 0, opening.failure, run.failure)
+    return Course(system, again, run, jnp.zeros(()), span, PERIODS, failure)
+
+
+def _orbit(system: StickSlip, accuracy: Accuracy) -> Opening:
+    """Of the orbit that Newton's method finds; without one it is that of integrated cycles."""
+    found = steady_state(system, timing(system.drive).period, accuracy, 0.1 * TOLERANCE)
+    return Opening(found.x, found.period, found.multipliers[0], jnp.zeros((), bool), found.failure)
+
+
+def _integrated_opening(system: StickSlip, accuracy: Accuracy) -> Opening:
+    """That of the last of at most `MOST` cycles from rest: near a grazing reversal a linearised cycle says little."""
+    period = timing(system.drive).period
+    cycles = integrate_cycles(system, period, period[None] * (1.0 - SHORT), accuracy, TOLERANCE, MOST)
+    return Opening(last_seen(cycles), cycles.period, _ratio(cycles), jnp.ones((), bool), cycles.failure)
 
 
 def _measured(system: StickSlip, cycles: Cycles, period: Count, decay: Scalar) -> Float[Array, " metrics"]:
