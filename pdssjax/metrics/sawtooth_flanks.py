@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 
+from .sample_noise import scatter_between_corners
 from .voltage_flanks import Samples
 
 Flanked = tuple[float, float, float, float]
@@ -62,7 +63,7 @@ def sharpened_sawtooth(
         found = least_squares(residual, np.clip(first, low, high), bounds=(low, high), x_scale=scale, max_nfev=60)
         best = found if best is None or found.cost < best.cost else best
     assert best is not None
-    noise = _noise(volts)
+    noise = scatter_between_corners(volts)
     left = math.sqrt(2.0 * best.cost / max(time.size - 4, 1))
     if left > _EXPLAINED * noise + 2e-4 * about[0]:
         return None
@@ -82,15 +83,10 @@ def _sawtooth(time: Samples, forward: bool, voltage: float, period: float, start
     return voltage * (1.0 - fallen if forward else fallen)
 
 
-def _noise(volts: Samples) -> float:
-    """Of neighbouring samples, robust against corners [V]."""
-    return 1.4826 * float(np.median(np.abs(np.diff(volts, 2)))) / math.sqrt(6.0)
-
-
 def _error_of_last(jacobian: np.ndarray, noise: float) -> float:
     """Standard error of the last number of a least-squares fit; infinite where it is not determined."""
     size = np.linalg.norm(jacobian, axis=0)
     if np.any(size == 0.0):
         return math.inf
-    triangle = np.linalg.qr(jacobian / size, mode="r")
+    triangle = np.asarray(np.linalg.qr(jacobian / size, mode="r"))
     return noise / (abs(float(triangle[-1, -1])) * float(size[-1]) + 1e-300)

@@ -1,5 +1,7 @@
 """Figure of what the samples of a file suggest: voltage and waveform, motion, the drive's start."""
 
+from typing import Any
+
 import matplotlib
 import numpy as np
 from jaxtyping import Float
@@ -39,7 +41,7 @@ def _draw(volts: Axes, motion: Axes, guess: RecordGuess, part: np.ndarray, facto
     time = factor * guess.time[part]
     marks = {"marker": ".", "markersize": 3.0} if factor != 1.0 else {}
     # Enlarged, the samples themselves: a line between them would be a flank that nobody recorded.
-    shown = {"linestyle": "none", "marker": ".", "markersize": 7.0} if marks else {"linewidth": 2.4}
+    shown: dict[str, Any] = {"linestyle": "none", "marker": ".", "markersize": 7.0} if marks else {"linewidth": 2.4}
     if guess.volts is not None:
         volts.plot(time, guess.volts[part], color=GREY, label="recorded", **shown)
     if guess.waveform.name != "sampled":
