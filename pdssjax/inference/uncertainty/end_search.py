@@ -35,6 +35,9 @@ _KINKED = 2e-2
 _TRUSTED = 0.1, 1.0
 """Least and largest first radius of trust, in half widths of the linear interval."""
 
+_ANEW = 0.3
+"""The same where curvature has just been learned anew."""
+
 _OFF = 5.0
 """How far above the target, in thresholds, a point may lie from which the way is known by what all searches share."""
 
@@ -114,7 +117,7 @@ class EndSearch:
                 model = self._model(point)
             if impatient:
                 yield from self._learn_anew(point)
-                radius, model = max(radius, 0.3), self._model(point)
+                radius, model = max(radius, _ANEW), self._model(point)
         return self._given_up()
 
     def _first_radius(self, model: SecondOrder) -> float:

@@ -24,7 +24,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ...core import Document, InputError
 from ..draws import CHAINS, DRAWS, Drawing, each_done
 from ..least_squares import Progress
-from .profile_likelihood import Evaluate, linearise
+from .profile_likelihood import Evaluate, linearise_all
 from .quadratic_end import factors
 from .randomize_then_optimize import Proposals, Widths, propose
 from .residual_polynomial import (
@@ -144,9 +144,7 @@ def learn(
     for number in range(_ROUNDS):
         report(f"posterior: learning the residuals, round {number + 1}")
         proposed = model.proposals(polynomial, _TO_LEARN, count, (seed, _LEARNING + number))
-        work = functools.partial(_linearised, model, proposed.free)
-        found = dict(each_done(work, range(count), executor))
-        there = [found[i] for i in range(count)]
+        there = linearise_all(model.evaluate, list(proposed.free), executor)
         exact = np.array([-0.5 * point.chi2 / model.factor for point in there])
         agreement = in_common(exact - proposed.log_proposed, proposed.log_learned - proposed.log_proposed)
         points += there
@@ -154,10 +152,6 @@ def learn(
         if agreement > _AGREEMENT:
             break
     return polynomial
-
-
-def _linearised(model: Model, places: Float[np.ndarray, "n p"], number: int) -> Point:
-    return linearise(model.evaluate, places[number])
 
 
 def in_common(first: Float[np.ndarray, " n"], second: Float[np.ndarray, " n"]) -> float:
