@@ -10,6 +10,8 @@ from ..core import InputError, member, quantities
 from ..metrics import RecordGuess, guess_record
 from .channel_roles import Hints, Roles, roles_of
 from .record_columns import Columns, read_columns
+from .toml_text import quoted
+from .unseen_flanks import condition_of, early_start, flank_parameters, is_open, sampling_interval
 
 _HYSTERESIS = 0.01
 """Root mean square that a line of the voltage leaves of a platform, in parts of its motion, from which it is told."""
@@ -112,7 +114,7 @@ def study_text(records: Sequence[NewRecord], told: Told, folder: Path, title: st
     parts = [
         "# Made by pdssjax new: what is marked as a guess was read off the samples; check/ shows it.",
         'format = "pdssjax-study/1"',
-        f"title = {_quoted(title)}",
+        f"title = {quoted(title)}",
         "",
         "[actuator]",
         f'piezo = "{piezo}"  # guess: {_WHY_PIEZO[piezo]}',
@@ -142,7 +144,8 @@ def _laws(records: Sequence[NewRecord]) -> tuple[str, str]:
     guesses = [record.guess for record in records]
     walks = [guess for guess in guesses if guess.measures == "effector"]
     fast = any(
-        guess.waveform.name in ("step", "sawtooth", "trapezoid") and _interval(guess) < _SLOW_TICKS for guess in guesses
+        guess.waveform.name in ("step", "sawtooth", "trapezoid") and sampling_interval(guess) < _SLOW_TICKS
+        for guess in guesses
     )
     loops = any(
         guess.hysteresis > _HYSTERESIS for guess in guesses if guess.waveform.name in ("sine", "triangle", "sampled")
@@ -150,10 +153,6 @@ def _laws(records: Sequence[NewRecord]) -> tuple[str, str]:
     piezo = "bouc-wen" if loops and not fast else "second-order" if fast or walks else "static"
     both = {guess.waveform.direction for guess in walks} >= {"forward", "backward"}
     return piezo, "anisotropic-lugre" if both else "simplified-lugre"
-
-
-def _interval(guess: RecordGuess) -> float:
-    return float((guess.time[-1] - guess.time[0]) / (guess.time.size - 1))
 
 
 def _parameters(records: Sequence[NewRecord], told: Told, piezo: str, friction: str) -> list[str]:
@@ -180,12 +179,9 @@ def _parameters(records: Sequence[NewRecord], told: Told, piezo: str, friction: 
         ]
         unseen = any(record.guess.volts is None for record in records)
         fitted = '{ start = "1 ms", min = 0, max = "10 ms" }  # guess: no voltage was recorded, so it is fitted'
-        ideal = "{ value = 0 }  # guess: shorter than what the samples tell; free it where the amplifier is slow"
-        by_record = "{ value = 0 }  # of a record without a fall_time of its own; below each has one"
-        sawteeth = [r.guess.waveform.numbers for r in records if r.guess.waveform.name == "sawtooth"]
-        each = bool(sawteeth) and all("fall_time" in numbers for numbers in sawteeth)
-        lines.append(f'"drive.fall_time" = {fitted if unseen else by_record if each else ideal}')
-    return lines
+        by_record = "{ value = 0 }  # of a record without one of its own; below each has one"
+        lines.append(f'"drive.fall_time" = {fitted if unseen else by_record}')
+    return [*lines, *flank_parameters([(record.name, record.guess) for record in records])]
 
 
 def _record(record: NewRecord, told: Told, folder: Path) -> list[str]:
@@ -197,21 +193,25 @@ def _record(record: NewRecord, told: Told, folder: Path) -> list[str]:
     by_shape = f"  # guess: {' and '.join(shape)} told by the shape of the samples" if shape else ""
     lines = [
         "[[record]]",
-        f"name = {_quoted(record.name)}",
-        f"file = {_quoted(Path(os.path.relpath(record.roles.file, folder)).as_posix())}",
+        f"name = {quoted(record.name)}",
+        f"file = {quoted(Path(os.path.relpath(record.roles.file, folder)).as_posix())}",
         f"columns = {{ {listed} }}{by_shape}",
     ]
     if layout.interval is not None:
         lines.append(f'time = {{ interval = "{layout.interval:.9g} s" }}')
     units = {q: unit for q, unit in layout.units.items() if q in record.roles.channels}
     if units:
-        lines.append("units = { " + ", ".join(f"{q} = {_quoted(unit)}" for q, unit in units.items()) + " }")
+        lines.append("units = { " + ", ".join(f"{q} = {quoted(unit)}" for q, unit in units.items()) + " }")
     if layout.decimal:
-        lines.append(f"decimal = {_quoted(layout.decimal)}")
+        lines.append(f"decimal = {quoted(layout.decimal)}")
     lines += _scale(guess, layout.scales)
     lines.append(f'measures = "{guess.measures}"{told_by}')
     lines.append(f'noise = "{1e6 * guess.noise:.3g} um"  # guess: {_why_noise(guess)}')
-    lines += [f'start = "{guess.start:.9g} s"  # guess: {_WHY_START[guess.waveform.begins]}'] * (guess.start != 0)
+    start, why = guess.start, _WHY_START[guess.waveform.begins]
+    if is_open(guess):
+        start, why = early_start(guess), f"{why}, or up to two samples later: sensor.delay"
+        lines.append(f"conditions = [{quoted(condition_of(record.name))}]")
+    lines += [f'start = "{start:.9g} s"  # guess: {why}'] * (start != 0)
     return [*lines, *_drive(record)]
 
 
@@ -270,10 +270,4 @@ def _drive(record: NewRecord) -> list[str]:
 
 
 def _value(given: float | str) -> str:
-    return _quoted(given) if isinstance(given, str) else f"{given:g}"
-
-
-def _quoted(text: str) -> str:
-    """A text as TOML writes it."""
-    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
-    return '"' + re.sub(r"[\x00-\x1f\x7f]", " ", escaped) + '"'
+    return quoted(given) if isinstance(given, str) else f"{given:g}"

@@ -24,7 +24,7 @@ def _entries(table: Document) -> list[str]:
 
 
 def _key(key: str) -> str:
-    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _quoted(key)
+    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else quoted(key)
 
 
 def _value(given: object) -> str:
@@ -37,9 +37,9 @@ def _value(given: object) -> str:
         return str(given).lower()
     if isinstance(given, int | float):
         return repr(given)
-    return _quoted(str(given))
+    return quoted(str(given))
 
 
-def _quoted(text: str) -> str:
+def quoted(text: str) -> str:
     # What JSON escapes TOML escapes alike, but for the last control character.
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

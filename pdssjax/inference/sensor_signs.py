@@ -1,22 +1,16 @@
 """Questions a record that moves against its drive: a sensor that counts the other way, or the other direction.
 
-The record is explained by a line in time and the voltage, x = a + b t + c u.  A platform, and an end-effector that
-walks, follow the voltage between the slips, so c > 0; where the voltage explains half of what the line leaves and
-c < 0, something is the wrong way round.
+A platform follows the voltage, an end-effector late on the slow flanks of its drive; where one goes the other way,
+something is the wrong way round.
 """
 
 import warnings
 from collections.abc import Sequence
 
-import numpy as np
-from jaxtyping import Float
-
 from ..core import InputWarning
+from ..metrics import goes_against, rides_against
 from ..study import Record
 from .initial_values.record_features import voltages
-
-_CLEAR = -0.7
-"""Correlation of motion and voltage, both without their lines in time, below which a record moves against its drive."""
 
 _FEWEST = 8
 """Samples from which it is looked at."""
@@ -25,7 +19,7 @@ _FEWEST = 8
 def question_signs(records: Sequence[Record]) -> None:
     """Warns with `InputWarning` of records of displacements that move against their drives."""
     for record in records:
-        if _told(record) and _follows(record.time, record.measured, voltages(record)) < _CLEAR:
+        if _told(record) and _against(record):
             turned = " or the drive's direction is the other one" if _has_flanks(record) else ""
             warnings.warn(
                 f'{record.file}: record "{record.name}": found a motion against the voltage, expected one with it; the '
@@ -33,6 +27,14 @@ def question_signs(records: Sequence[Record]) -> None:
                 InputWarning,
                 stacklevel=2,
             )
+
+
+def _against(record: Record) -> bool:
+    samples = record.time, record.measured, voltages(record)
+    frequency = record.drive.cycle_frequency() if record.drive is not None else None
+    if frequency is None or not _has_flanks(record) or record.measurement.platform_alone:
+        return goes_against(*samples)
+    return rides_against(*samples, 1.0 / float(frequency))
 
 
 def _has_flanks(record: Record) -> bool:
@@ -44,13 +46,3 @@ def _told(record: Record) -> bool:
     if record.drive is None or record.measurement.unit != "m" or record.time.size < _FEWEST:
         return False
     return _has_flanks(record) or (record.measurement.platform_alone and record.drive.cycle_frequency() is None)
-
-
-def _follows(time: Float[np.ndarray, " n"], motion: Float[np.ndarray, " n"], volts: Float[np.ndarray, " n"]) -> float:
-    """Correlation of motion and voltage, both without their lines in time; 0 where the voltage is a line."""
-    line = np.stack([np.ones(time.size), time - time.mean()], axis=1)
-    bent = [column - line @ np.linalg.lstsq(line, column, rcond=None)[0] for column in (motion, volts)]
-    size = [float(np.linalg.norm(column)) for column in bent]
-    if size[1] <= 1e-6 * np.linalg.norm(volts) or size[0] == 0:
-        return 0.0
-    return float(bent[0] @ bent[1]) / (size[0] * size[1])

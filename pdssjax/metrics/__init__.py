@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from .goodness_of_fit import error_index as error_index
     from .goodness_of_fit import r_squared as r_squared
     from .goodness_of_fit import rmse as rmse
+    from .motion_against_voltage import goes_against as goes_against
+    from .motion_against_voltage import rides_against as rides_against
     from .outlying_samples import outliers as outliers
     from .per_cycle import FLANK as FLANK
     from .per_cycle import cycle_metrics as cycle_metrics
@@ -63,6 +65,7 @@ else:
             "characterisation": ["Characterisation", "SI_UNITS", "Summary", "characterisation_of"],
             "decimation": ["decimated"],
             "goodness_of_fit": ["error_index", "r_squared", "rmse"],
+            "motion_against_voltage": ["goes_against", "rides_against"],
             "outlying_samples": ["outliers"],
             "pure_error": ["CycleSplit", "LackOfFit", "lack_of_fit", "split_by_phase"],
             "record_guess": ["RecordGuess", "gain_of", "guess_record"],

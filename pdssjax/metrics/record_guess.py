@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 from ..core import InputError
 from .cycle_detection import find_cycles
+from .motion_against_voltage import goes_against, rides_against
 from .sample_noise import scatter_floor
 from .sensor_resolution import resolution_of
 from .waveform_detection import Waveform, begun, detect_waveform
@@ -17,9 +18,6 @@ _FOLLOWS = 0.97
 
 _LOOSELY = 0.8
 """The same of a platform with hysteresis, under a voltage that makes nothing slip."""
-
-_AGAINST = -0.7
-"""Correlation with the voltage, both without lines in time, below which a sensor counts the other way."""
 
 _STANDS = 0.02
 """Part of its stroke that a motion may go on in a cycle and still stand where it began."""
@@ -79,15 +77,15 @@ def guess_record(
     not clear; `ValueError` where the voltage never changes.
     """
     if volts is None:
-        waveform, follows, leaves = _by_motion(time, motion, peak or math.nan, frequency, where), 0.0, math.nan
+        waveform, leaves = _by_motion(time, motion, peak or math.nan, frequency, where), math.nan
         seen = measures or "effector"
     else:
         waveform = detect_waveform(time, volts)
-        follows, explained, leaves = _following(time, motion, volts)
+        explained, leaves = _following(motion, volts)
         seen = measures or _measured(waveform, explained, _walks(time, motion, volts, waveform), where)
         if seen == "platform" and waveform.name == "sine" and waveform.begins == "running":
             waveform = _set_in(time, motion, waveform)
-    against = follows < _AGAINST
+    against = volts is not None and _against(time, motion, volts, waveform, seen)
     resolution = resolution_of(motion)
     start = waveform.start
     if waveform.begins == "running" and waveform.name != "sampled":
@@ -104,6 +102,18 @@ def guess_record(
         turned=against,
         hysteresis=leaves if seen == "platform" else math.nan,
     )
+
+
+def _against(
+    time: Float[np.ndarray, " n"],
+    motion: Float[np.ndarray, " n"],
+    volts: Float[np.ndarray, " n"],
+    waveform: Waveform,
+    seen: str,
+) -> bool:
+    if seen == "effector" and waveform.name == "sawtooth":
+        return rides_against(time, motion, volts, 1.0 / waveform.numbers["frequency"], waveform.start)
+    return goes_against(time, motion, volts)
 
 
 def gain_of(guess: RecordGuess) -> float:
@@ -196,15 +206,9 @@ def _plainest(value: float, tolerance: float) -> float:
     return value
 
 
-def _following(
-    time: Float[np.ndarray, " n"], motion: Float[np.ndarray, " n"], volts: Float[np.ndarray, " n"]
-) -> tuple[float, float, float]:
-    """Of motion and voltage: correlation without lines in time, and of a line of the voltage its r2 and its rest."""
-    line = np.stack([np.ones(time.size), time - time.mean()], axis=1)
-    bent = [column - line @ np.linalg.lstsq(line, column, rcond=None)[0] for column in (motion, volts)]
-    size = [float(np.linalg.norm(column)) for column in bent]
-    correlation = float(bent[0] @ bent[1]) / (size[0] * size[1]) if min(size) > 0 else 0.0
-    straight = np.stack([np.ones(time.size), volts], axis=1)
+def _following(motion: Float[np.ndarray, " n"], volts: Float[np.ndarray, " n"]) -> tuple[float, float]:
+    """What a line of the voltage explains of a motion, r2, and what it leaves, in parts of the motion."""
+    straight = np.stack([np.ones(volts.size), volts], axis=1)
     left = motion - straight @ np.linalg.lstsq(straight, motion, rcond=None)[0]
     explained = 1.0 - float(np.var(left) / (np.var(motion) or 1.0))
-    return correlation, explained, float(np.std(left) / (np.ptp(motion) or 1.0))
+    return explained, float(np.std(left) / (np.ptp(motion) or 1.0))

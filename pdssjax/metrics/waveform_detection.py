@@ -54,6 +54,8 @@ class Waveform:
     """Root mean square of what the waveform leaves, in parts of the voltage."""
     uncertain: tuple[str, ...] = ()
     """Fields that the samples tell only within a bound, in words."""
+    unseen_flank: float = 0.0
+    """A fast flank that no sample shows is shorter than this [s]; 0 where samples show it."""
 
 
 def detect_waveform(time: Samples, volts: Samples) -> Waveform:
@@ -130,7 +132,7 @@ def _step(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: float)
     misfit = _rms((volts - shown)[~near]) / abs(voltage) if late.size >= max(4, volts.size // 20) else math.inf
     numbers = {"voltage": voltage} | ({} if ideal else {"rise_time": flanks.rise})
     bound = (f"rise_time: below {_JUMP * interval:.3g} s; start: within {interval:.3g} s",) if ideal else ()
-    return Waveform("step", numbers, "", start, "seen", misfit, bound)
+    return Waveform("step", numbers, "", start, "seen", misfit, bound, _JUMP * interval if ideal else 0.0)
 
 
 def _rms(values: Samples) -> float:
@@ -180,7 +182,8 @@ def _sawtooth(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: fl
     numbers = {"voltage": voltage, "frequency": 1.0 / period} | ({} if ideal else {"fall_time": fast})
     open_part = f"which leaves {100 * _JUMP * interval / period:.2g} % of the voltage open"
     bound = (f"fall_time: below {_JUMP * interval:.3g} s, {open_part}",) if ideal else ()
-    return Waveform("sawtooth", numbers, "forward" if forward else "backward", start, "running", misfit, bound)
+    unseen = _JUMP * interval if ideal else 0.0
+    return Waveform("sawtooth", numbers, "forward" if forward else "backward", start, "running", misfit, bound, unseen)
 
 
 def _triangle(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: float) -> Waveform | None:

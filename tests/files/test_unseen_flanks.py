@@ -1,0 +1,59 @@
+"""What no sample of a voltage shows is left to the fit: how long a fast flank lasts and when it begins."""
+
+import numpy as np
+import pytest
+
+from pdssjax import load_study
+from pdssjax.files.channel_roles import Hints
+from pdssjax.files.new_study import Told, guess_file, study_text
+
+DT = 5e-5
+
+
+def written(file, level):
+    """A record of a platform that follows a voltage, `level` of the time [s], without ringing."""
+    time = np.arange(-0.005, 0.4, DT)
+    volts = level(time)
+    table = np.stack([time + 1.0, volts, 0.1 * volts], 1)
+    np.savetxt(file, table, delimiter=",", header="t_s,u_V,x_um", comments="")
+
+
+def study_of(tmp_path, level, measures, name="run@60 V"):
+    written(tmp_path / f"{name}.csv", level)
+    found = guess_file(tmp_path / f"{name}.csv", Hints({}, {}, {}), Told(measures=measures, mass=0.1))
+    (tmp_path / "study.toml").write_text(study_text([found], Told(mass=0.1), tmp_path, "t"), encoding="utf-8")
+    return load_study(tmp_path / "study.toml")
+
+
+@pytest.mark.parametrize("late", [0.1, 0.5, 0.9])
+def test_a_step_between_two_samples_may_begin_and_last_as_the_ringing_tells(tmp_path, late):
+    begins = late * DT  # after the sample at 0
+    study = study_of(tmp_path, lambda t: np.where(t >= begins, 60.0, 0.0), "platform")
+    delay, rise = study.parameters["sensor.delay@run at 60 V"], study.parameters["drive.rise_time@run at 60 V"]
+    (record,) = study.records
+    start = 1.0 + begins - record.start
+    low, high = delay.bounds()
+    assert delay.free and low <= start <= high
+    assert rise.free and rise.bounds() == (0.0, pytest.approx(1.6 * DT))
+    assert not study.parameters["sensor.delay"].free and not study.parameters["drive.rise_time"].free
+
+
+def test_a_sawtooth_that_falls_between_two_samples_may_take_its_time(tmp_path):
+    study = study_of(tmp_path, lambda t: np.where(t >= 0, 60.0 * np.mod(20.0 * t, 1.0), 0.0), "effector")
+    fall = study.parameters["drive.fall_time@run at 60 V"]
+    assert fall.free and fall.bounds() == (0.0, pytest.approx(1.6 * DT))
+    assert study.parameters["sensor.delay@run at 60 V"].free and not study.parameters["drive.fall_time"].free
+
+
+def test_a_flank_that_samples_show_leaves_nothing_open(tmp_path):
+    rise = 4 * DT
+    study = study_of(tmp_path, lambda t: 60.0 * np.clip(t / rise, 0.0, 1.0), "platform")
+    assert not any("@" in path for path in study.parameters)
+    (record,) = study.records
+    assert float(record.drive.rise_time) == pytest.approx(rise, rel=1e-3)
+
+
+def test_samples_too_far_apart_for_the_ringing_leave_a_step_as_it_is(tmp_path, monkeypatch):
+    monkeypatch.setattr("pdssjax.files.unseen_flanks._RINGS", 0.5 * DT)
+    study = study_of(tmp_path, lambda t: np.where(t >= 0, 60.0, 0.0), "platform")
+    assert not any("@" in path for path in study.parameters)
