@@ -209,7 +209,7 @@ def _record(record: NewRecord, told: Told, folder: Path) -> list[str]:
     lines.append(f'noise = "{1e6 * guess.noise:.3g} um"  # guess: {_why_noise(guess)}')
     start, why = guess.start, _WHY_START[guess.waveform.begins]
     if is_open(guess):
-        start, why = early_start(guess), f"{why}, or up to two samples later: sensor.delay"
+        start, why = early_start(guess), f"{why}, or later by sensor.delay"
         lines.append(f"conditions = [{quoted(condition_of(record.name))}]")
     lines += [f'start = "{start:.9g} s"  # guess: {why}'] * (start != 0)
     return [*lines, *_drive(record)]
@@ -259,6 +259,8 @@ def _drive(record: NewRecord) -> list[str]:
     units = {"voltage": "V", "bias": "V", "phase": "rad", "frequency": "Hz", "fall_time": "s", "rise_time": "s"}
     keys = [f'waveform = "{wave.name}"'] + [f'direction = "{wave.direction}"'] * bool(wave.direction)
     for field, number in wave.numbers.items():
+        if field in ("rise_time", "fall_time") and is_open(record.guess):
+            continue
         keys.append(f'{field} = "{number:.7g} {units[field]}"' if field in units else f"{field} = {number:.6g}")
     left = (
         f"it leaves {100 * max(wave.misfit, 1e-4):.2g} % of the voltage"

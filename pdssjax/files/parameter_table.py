@@ -1,6 +1,7 @@
 """The [parameters] of a study file: which there are, which are needed, and what the entry of each says."""
 
 import dataclasses
+import math
 import re
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -94,20 +95,37 @@ def _check_condition(table: Table, base: str, condition: str, records: Sequence[
 def _read_parameter(path: str, table: Table, quantity: Quantity) -> Parameter:
     """The parameter `path` as the `table` of its entry describes it: free unless it has a value.
 
+    A value with a standard error was measured apart: the parameter is free, and the fit takes that for one more
+    measurement of it.
+
     **Raises:** `InputError` if a number is outside the quantity's legal range, the start
-    outside its bounds, the bounds crossed, or a value given together with any of them.
+    outside its bounds, the bounds crossed, or a value given together with a start, or with bounds and no error.
     """
-    table.only(["value", "start", "min", "max"])
-    fixed = "value" in table.entries
-    if fixed and len(table.entries) > 1:
-        extra = next(key for key in table.entries if key != "value")
-        raise InputError(f'{table.where}: found "value" together with "{extra}", expected one or the other.')
-    if fixed:
+    table.only(["value", "start", "min", "max", "standard_error"])
+    measured_apart, key = "standard_error" in table.entries, "start"
+    if measured_apart:
+        key = "value"
+        if "value" not in table.entries or "start" in table.entries:
+            raise InputError(
+                f'{table.where}: found "standard_error", expected it beside the "value" that was measured.'
+            )
+    elif "value" in table.entries:
+        extra = next((key for key in table.entries if key != "value"), None)
+        if extra:
+            raise InputError(f'{table.where}: found "value" together with "{extra}", expected one or the other.')
         return Parameter(path, quantity.unit, quantity, value=table.quantity("value", quantity))
-    start = table.quantity("start", quantity) if "start" in table.entries else None
+    start = table.quantity(key, quantity) if key in table.entries else None
     low, high = _bound(table, "min", quantity, quantity.low), _bound(table, "max", quantity, quantity.high)
-    _check_order(table, quantity, start, low, high)
-    return Parameter(path, quantity.unit, quantity, start=start, low=low, high=high)
+    _check_order(table, key, quantity, start, low, high)
+    error = _standard_error(table, quantity) if measured_apart else None
+    return Parameter(path, quantity.unit, quantity, start=start, low=low, high=high, standard_error=error)
+
+
+def _standard_error(table: Table, quantity: Quantity) -> float:
+    error = table.number("standard_error", quantity.unit, None)
+    if error is None or not 0 < error < math.inf:
+        raise InputError(f"{table.at('standard_error')}: found {error} {quantity.unit}, expected a number above 0.")
+    return error
 
 
 def _bound(table: Table, key: str, quantity: Quantity, end: float) -> float | None:
@@ -119,11 +137,13 @@ def _bound(table: Table, key: str, quantity: Quantity, end: float) -> float | No
     return bound
 
 
-def _check_order(table: Table, quantity: Quantity, start: float | None, low: float | None, high: float | None) -> None:
+def _check_order(
+    table: Table, key: str, quantity: Quantity, start: float | None, low: float | None, high: float | None
+) -> None:
     unit = f" {quantity.unit}".rstrip()
     if low is not None and high is not None and low >= high:
         raise InputError(f"{table.at('min')}: found {low:g}{unit}, expected less than the max, {high:g}{unit}.")
     if start is not None and low is not None and start < low:
-        raise InputError(f"{table.at('start')}: found {start:g}{unit}, expected at least the min, {low:g}{unit}.")
+        raise InputError(f"{table.at(key)}: found {start:g}{unit}, expected at least the min, {low:g}{unit}.")
     if start is not None and high is not None and start > high:
-        raise InputError(f"{table.at('start')}: found {start:g}{unit}, expected at most the max, {high:g}{unit}.")
+        raise InputError(f"{table.at(key)}: found {start:g}{unit}, expected at most the max, {high:g}{unit}.")

@@ -132,6 +132,7 @@ def _parameter(declared: Quantity, told: str) -> Document:
         "start": "Where the fit begins; left out: found in the data.",
         "min": "Lower bound.",
         "max": "Upper bound.",
+        "standard_error": "Of a value that was measured apart: the fit takes it for one more measurement.",
     }
     return _table({key: _quantity(declared.unit, what) for key, what in keys.items()}, description=told)
 

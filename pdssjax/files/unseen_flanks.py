@@ -1,26 +1,35 @@
-"""Of drives whose fast flanks pass between two samples: their durations and starts, as parameters of their records.
+"""What the samples of a voltage leave open of a drive's fast flanks, as parameters of its record.
 
-Where no sample lies on a flank, the voltage tells neither its duration nor, by as much, when it begins; the motion
-does.  Taken for exact they bias all other parameters: the ringing after a step that is 20 us late is not that of any
-damping.
+A sample or two on a flank, with noise, or none, tell how long it lasts and when it begins within bounds only; the
+motion tells the rest.  Taken for exact they bias all other parameters: the ringing after a step that is 20 us late is
+not that of any damping.
 """
 
 from collections.abc import Sequence
 
-from ..metrics import RecordGuess
+from ..metrics import RecordGuess, Timing, gain_of
 from .toml_text import quoted
 
 _RINGS = 2.5e-4
 """Interval [s] up to which samples show the ringing after a step, which tells when it was."""
+
+_TOLD = 0.1
+"""Part of a sample's noise below which what the voltage leaves open moves no sample."""
 
 _FLANK = {"step": "drive.rise_time", "sawtooth": "drive.fall_time"}
 """By waveform, the duration of its fast flank."""
 
 
 def is_open(guess: RecordGuess) -> bool:
-    """Whether the motion of a record has to tell what its voltage leaves open."""
-    seen = guess.waveform.name == "sawtooth" or sampling_interval(guess) <= _RINGS
-    return guess.volts is not None and guess.waveform.unseen_flank > 0 and seen
+    """Whether the motion of a record tells more of its drive's flanks than its voltage does."""
+    wave, gain = guess.waveform, gain_of(guess)
+    if wave.timing is None or guess.volts is None:
+        return False
+    if wave.name == "step" and sampling_interval(guess) > _RINGS:
+        return False
+    shortest, longest, *_ = wave.timing
+    moved = gain * abs(wave.numbers["voltage"]) * (longest - shortest) / max(longest, sampling_interval(guess))
+    return moved > _TOLD * guess.noise
 
 
 def condition_of(name: str) -> str:
@@ -35,7 +44,12 @@ def sampling_interval(guess: RecordGuess) -> float:
 
 def early_start(guess: RecordGuess) -> float:
     """When the drive starts at the earliest [s]: a sensor's delay in the fit makes it later."""
-    return guess.start - sampling_interval(guess)
+    return guess.start - _timing(guess).within
+
+
+def _timing(guess: RecordGuess) -> Timing:
+    assert guess.waveform.timing is not None
+    return guess.waveform.timing
 
 
 def flank_parameters(named: Sequence[tuple[str, RecordGuess]]) -> list[str]:
@@ -48,13 +62,24 @@ def flank_parameters(named: Sequence[tuple[str, RecordGuess]]) -> list[str]:
         lines.append('"drive.rise_time" = { value = 0 }')
     for name, guess in open_records:
         held = lambda path, name=name: quoted(f"{path}@{condition_of(name)}")
-        interval, most = sampling_interval(guess), guess.waveform.unseen_flank
-        lines += [
-            f"{held(_FLANK[guess.waveform.name])} = {_free(0.3 * interval, most)}  # no sample lies on the flank",
-            f"{held('sensor.delay')} = {_free(interval, 2.0 * interval)}  # nor tells when it begins",
-        ]
+        flank = _FLANK[guess.waveform.name]
+        shortest, longest, within, errors = _timing(guess)
+        if errors is None:
+            told = "# as far as the voltage tells"
+            duration = _between(shortest, 0.5 * (shortest + longest) if shortest else 0.3 * longest, longest)
+            delay = _between(0.0, within, 2.0 * within)
+        else:
+            told = "# by the samples on the flanks"
+            duration = _about(guess.waveform.numbers[flank.partition(".")[2]], errors[0])
+            delay = _about(within, errors[1])
+        lines += [f"{held(flank)} = {duration}  {told}", f"{held('sensor.delay')} = {delay}  # of the drive's start"]
     return lines
 
 
-def _free(start: float, most: float) -> str:
-    return f'{{ start = "{1e6 * start:.4g} us", min = 0, max = "{1e6 * most:.4g} us" }}'
+def _about(number: float, error: float) -> str:
+    return f'{{ value = "{1e6 * number:.7g} us", standard_error = "{1e6 * error:.3g} us" }}'
+
+
+def _between(low: float, start: float, high: float) -> str:
+    low, start, high = (1e6 * number for number in (low, start, high))
+    return f'{{ start = "{start:.6g} us", min = "{low:.6g} us", max = "{high:.6g} us" }}'

@@ -86,6 +86,9 @@ def _plain(value: object) -> object:
 def _fingerprint(study: Study) -> str:
     """Of what was measured, and when."""
     digest = hashlib.sha256()
+    for parameter in study.parameters.values():
+        if parameter.measured_apart is not None:
+            digest.update(f"{parameter.path} {parameter.measured_apart}".encode())
     for record in study.records:
         if record.role == "fit":
             digest.update(np.ascontiguousarray(record.time, float).tobytes())

@@ -9,14 +9,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..study import Lowered, Record, Values
-from .parameter_transform import ParameterTransform
+from ..study import Lowered, Values
 from .problem import Problem
 from .residual import Residual, as_weights
 from .solver.ending import SUCCESSES, Ending
 from .solver.iterations import iterate, iterates
 from .solver.levenberg_marquardt import BoundedLevenbergMarquardt
 from .solver.lm_state import LMState
+from .stack_parameters import of_platform, of_platform_alone, of_stack
 from .variable_projection import FEWEST, linear_parameters, project
 
 Progress: TypeAlias = Callable[[str], None]
@@ -100,8 +100,7 @@ def degrees_of_freedom(fit: Fit, problem: Problem) -> int:
 
 def by_record(problem: Problem, fit: Fit) -> list[Float[np.ndarray, " samples"]]:
     """The whitened residuals of each record."""
-    sizes = [record.time.size for record in problem.records]
-    return np.split(np.asarray(fit.state.residual), np.cumsum(sizes)[:-1])
+    return [np.asarray(fit.state.residual)[rows] for rows in problem.rows]
 
 
 def joint(problem: Problem, starts: Values, report: Progress, limit: int = MAX_ITERATIONS) -> Fit:
@@ -112,7 +111,7 @@ def joint(problem: Problem, starts: Values, report: Progress, limit: int = MAX_I
     """
     platform = of_platform_alone(problem.records)
     free = problem.residual.transform.encode(starts)
-    piezo = of_platform(problem.residual.transform)
+    piezo = of_platform(problem)
     spent = []
     carries = any(record.measurement.effector_moves for record in problem.records)
     if platform.any() and carries and piezo.any() and not piezo.all():
@@ -126,7 +125,7 @@ def sequential(problem: Problem, starts: Values, report: Progress, limit: int = 
     """The piezo from the platform records; then, with the piezo held, the others from the rest."""
     platform = of_platform_alone(problem.records)
     free = problem.residual.transform.encode(starts)
-    piezo = of_piezo(problem.residual.transform)
+    piezo = of_stack(problem)
     first = _least_squares(problem, free, platform, piezo, "piezo", report, limit)
     last = with_piezo_held(problem, first.free, report, limit)
     return summed(last._replace(success=first.success and last.success), [first])
@@ -137,7 +136,7 @@ def with_piezo_held(
 ) -> Fit:
     """The other parameters from the records that do not show the platform alone, from the point `free`."""
     platform = of_platform_alone(problem.records)
-    piezo = of_piezo(problem.residual.transform)
+    piezo = of_stack(problem)
     second = _least_squares(problem, free, ~platform, ~piezo, "friction", report, limit)
     # Both steps' residuals, for the statistics and the errors.
     whole = evaluated(problem, second.free, report)
@@ -153,7 +152,7 @@ def evaluated(problem: Problem, free: Float[np.ndarray, " p"], report: Progress)
 def piezo_alone(problem: Problem, starts: Values, report: Progress) -> dict[str, float]:
     """The free parameters that the platform alone shows, from its records, the others held at their starts."""
     names = problem.residual.transform
-    piezo = of_platform(names)
+    piezo = of_platform(problem)
     used = of_platform_alone(problem.records)
     if not (piezo.any() and used.any()):
         return {}
@@ -167,26 +166,6 @@ def lowered(problem: Problem, starts: Values) -> Lowered:
     free = problem.residual.transform.encode(starts)
     everything = np.ones(len(problem.records), bool), np.ones(free.size, bool)
     return iterate.lower(*_solver_arguments(problem, free, *everything))  # pyright: ignore[reportFunctionMemberAccess]
-
-
-def of_piezo(transform: ParameterTransform) -> Bool[np.ndarray, " p"]:
-    """Which free parameters belong to the piezo."""
-    return np.array([path.startswith("piezo.") for path in transform.paths])
-
-
-def of_platform(transform: ParameterTransform) -> Bool[np.ndarray, " p"]:
-    """Which free parameters the platform shows without the end-effector."""
-    return np.array([shown_by_platform(path) for path in transform.paths])
-
-
-def of_platform_alone(records: Sequence[Record]) -> Bool[np.ndarray, " records"]:
-    """Which of the records show the platform without the end-effector."""
-    return np.array([record.measurement.platform_alone for record in records])
-
-
-def shown_by_platform(path: str) -> bool:
-    """Of the piezo, of what drives it, or of what looks at it."""
-    return path.startswith(("piezo.", "amplifier.", "sensor."))
 
 
 def summed(last: Fit, earlier: Sequence[Fit]) -> Fit:
@@ -274,6 +253,6 @@ def _begin(
     options: dict[str, Float[np.ndarray, " p"]],
 ) -> LMState:
     # Known without tracing the residual, which takes long.
-    out, aux = (jax.ShapeDtypeStruct((size,), y.dtype) for size in (residual.samples, weights.size))
+    out, aux = (jax.ShapeDtypeStruct((size,), y.dtype) for size in (residual.size, weights.size))
     bounds = {end: jnp.asarray(at) for end, at in options.items()}
     return solver.init(residual, jnp.asarray(y), weights, bounds, out, aux, frozenset())

@@ -3,6 +3,7 @@
 Any solver can take it; `pose_problem` makes it of a study.
 """
 
+import itertools
 from collections.abc import Mapping
 from typing import Any, NamedTuple, Protocol, TypeAlias
 
@@ -37,8 +38,8 @@ def unwatched(problem: "Problem", used: Bool[np.ndarray, " records"], fit: objec
 class Problem(NamedTuple):
     """What a fit needs, made once for all its steps.
 
-    Parameters are p numbers on the scale of the fit (`parameter_transform`), and there are n samples; `encode` and
-    `decode` lead from and to numbers in SI by path.
+    Parameters are p numbers on the scale of the fit (`parameter_transform`), and there are n residuals: of all samples
+    and of what was measured apart; `encode` and `decode` lead from and to numbers in SI by path.
     """
 
     residual: Residual
@@ -47,6 +48,18 @@ class Problem(NamedTuple):
     noise: Float[np.ndarray, " records"]
     """Standard deviation of each, in its unit."""
     watch: Watch = unwatched
+
+    @property
+    def rows(self) -> list[slice]:
+        """Where each record's samples stand among the residuals."""
+        ends = np.cumsum([0, *(record.time.size for record in self.records)])
+        return [slice(int(a), int(b)) for a, b in itertools.pairwise(ends)]
+
+    @property
+    def rows_apart(self) -> slice:
+        """Where what was measured apart stands among them, in the order of `residual.apart`: behind the samples."""
+        samples = sum(record.time.size for record in self.records)
+        return slice(samples, samples + len(self.residual.apart))
 
     @property
     def bounds(self) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]]:
@@ -120,7 +133,8 @@ def pose(study: Study, starts: Mapping[str, float], accuracy: Accuracy, loss: Ab
     """The fit of a study's records with role "fit", parameters scaled after their `search`."""
     records = tuple(record for record in study.records if record.role == "fit")
     fixed = {path: starts[path] for path, parameter in study.parameters.items() if not parameter.free}
-    residual = Residual(study.models, records, transform_of(study.parameters, starts), fixed, accuracy, loss)
+    apart = {path: told for path, p in study.parameters.items() if (told := p.measured_apart) is not None}
+    residual = Residual(study.models, records, transform_of(study.parameters, starts), fixed, accuracy, loss, apart)
     noise = np.array([scatter_floor(r.measured) if r.noise is None else r.noise for r in records])
     return Problem(residual, records, noise)
 

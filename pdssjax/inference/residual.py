@@ -6,7 +6,7 @@ taken out here (variable projection: G. H. Golub and V. Pereyra, SIAM J. Numeric
 the other parameters, is that of the fit with the offsets free.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -31,6 +31,8 @@ class Residual(eqx.Module):
     fixed: dict[str, Float[np.ndarray, ""]]
     accuracy: Accuracy
     loss: AbstractLoss
+    apart: dict[str, Float[np.ndarray, "2"]]
+    """By path of a free parameter that was measured apart: its number and standard error [SI]."""
 
     def __init__(
         self,
@@ -40,6 +42,7 @@ class Residual(eqx.Module):
         fixed: dict[str, float],
         accuracy: Accuracy,
         loss: AbstractLoss | None = None,
+        apart: Mapping[str, tuple[float, float]] | None = None,
     ):
         self.predictor = Predictor(models, records)
         self.measured = tuple(record.measured for record in records)
@@ -48,17 +51,19 @@ class Residual(eqx.Module):
         self.fixed = {path: np.asarray(value, float) for path, value in fixed.items()}
         self.accuracy = accuracy
         self.loss = Squares() if loss is None else loss
+        self.apart = {path: np.asarray(told, float) for path, told in (apart or {}).items()}
 
     @property
-    def samples(self) -> int:
-        """Of all records together."""
-        return sum(measured.size for measured in self.measured)
+    def size(self) -> int:
+        """How many residuals there are: samples of all records, then what was measured apart."""
+        return sum(measured.size for measured in self.measured) + len(self.apart)
 
     def __call__(
         self, free: Float[Array | np.ndarray, " p"], weights: Float[Array | np.ndarray, " records"]
     ) -> tuple[Float[Array, " n"], Float[Array, " records"]]:
         """Stacked residuals, under a robust loss their roots (`losses.base`), and each record's offset, in its unit.
 
+        After the samples comes how far each parameter that was measured apart is from that, in standard errors.
         `weights` are 1/noise [1/m] of the records, 0 to leave one out.
         """
         values = self.fixed | self.transform.decode(free)
@@ -70,7 +75,8 @@ class Residual(eqx.Module):
             zero = self.loss.location(difference, weight) if offset is None else jnp.asarray(offset, float)
             parts.append(jnp.where(weight > 0, self.loss.root((difference - zero) * weight), 0.0))
             zeros.append(zero)
-        return jnp.concatenate(parts), jnp.stack(zeros)
+        told = [(values[path] - number) / error for path, (number, error) in self.apart.items()]
+        return jnp.concatenate([*parts, jnp.asarray(told, float)]), jnp.stack(zeros)
 
 
 def free_offset(

@@ -8,13 +8,14 @@ from jaxtyping import Bool, Float
 
 from ..study import Estimate, FittedParameter, FittedRecord, Parameter, Statistics, Study, compare
 from .diagnostics.diagnose import diagnose
-from .least_squares import START_FAILED, Fit, Method, of_piezo, of_platform_alone, reduced_chi2
+from .least_squares import START_FAILED, Fit, Method, reduced_chi2
 from .notes.of_fit import notes_of
 from .parameter_transform import ParameterTransform
 from .poor_fit import is_poor
 from .problem import Problem
 from .residual import free_offset
 from .stack_first.peak_picking import PATHS, PickedStack
+from .stack_parameters import of_stack, stack_rows
 from .start_failure import failed_start
 from .uncertainty.amplification import amplification_of
 from .uncertainty.covariance import Covariance, correlation, least_squares_covariance, propagated
@@ -125,17 +126,17 @@ def _covariances(
     whole = least_squares_covariance(jacobian, held)
     if method == "joint":
         return whole, None
-    sizes = [record.time.size for record in problem.records]
-    platform = np.repeat(of_platform_alone(problem.records), sizes)
-    piezo = of_piezo(free) & whole.identifiable
-    earlier, later = np.flatnonzero(piezo), np.flatnonzero(~of_piezo(free) & whole.identifiable)
+    platform, stack = stack_rows(problem), of_stack(problem)
+    earlier, later = np.flatnonzero(stack & whole.identifiable), np.flatnonzero(~stack & whole.identifiable)
+    unknown = ~whole.identifiable
     if picked is None:
         first = least_squares_covariance(jacobian[platform][:, earlier], np.zeros(earlier.size, bool)).matrix
     else:
+        read = np.array([path in PATHS for path in free.paths])
+        unknown, earlier = unknown | (stack & ~read), earlier[read[earlier]]
         places = [PATHS.index(free.paths[i]) for i in earlier]
         first = picked[np.ix_(places, places)]
     plain, full = propagated(jacobian[~platform], first, later, earlier)
-    unknown = ~whole.identifiable
     for matrix in (plain, full):
         matrix[unknown] = np.nan
         matrix[:, unknown] = np.nan

@@ -12,11 +12,12 @@
 import dataclasses
 import math
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
 from .sample_noise import scatter_between_corners
-from .sawtooth_flanks import sharpened_sawtooth
+from .sharpened_flanks import SharpFlanks, sharpened_sawtooth, sharpened_step
 from .voltage_flanks import Samples, VoltageFlanks, period_of, voltage_flanks
 
 MOST_MISFIT = 0.015
@@ -33,6 +34,24 @@ _LOCATED = 0.1
 
 _FASTER = 0.3
 """A flank that takes less than this part of the other one makes a sawtooth."""
+
+
+_SURE = 5.0
+"""Standard errors within which what least squares tell of a flank is taken to lie."""
+
+
+class Timing(NamedTuple):
+    """What the samples of a voltage leave open of its fast flanks."""
+
+    shortest: float
+    """Duration that such a flank may have [s]."""
+    longest: float
+    """The same."""
+    within: float
+    """By so much the drive may start earlier or later [s]."""
+    errors: tuple[float, float] | None = None
+    """Standard errors of duration and start [s] where samples on flanks locate them; None where only bounds are known.
+    """
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,8 +73,8 @@ class Waveform:
     """Root mean square of what the waveform leaves, in parts of the voltage."""
     uncertain: tuple[str, ...] = ()
     """Fields that the samples tell only within a bound, in words."""
-    unseen_flank: float = 0.0
-    """A fast flank that no sample shows is shorter than this [s]; 0 where samples show it."""
+    timing: Timing | None = None
+    """Of a step or a sawtooth."""
 
 
 def detect_waveform(time: Samples, volts: Samples) -> Waveform:
@@ -92,8 +111,9 @@ def _detect(time: Samples, volts: Samples) -> Waveform:
                 # A record may begin while the voltage of a drive that runs is low.
                 low_for = (1.0 - simplest.numbers["width"]) / simplest.numbers["frequency"]
                 rests = rests if rests - time[0] > 1.05 * low_for else None
-            located = 1.5 if simplest.uncertain else _LOCATED
-            return begun(simplest, time, rests, 1.5 * interval, located * interval)
+            located = (1.5 if simplest.uncertain else _LOCATED) * interval
+            located = located if simplest.timing is None else min(located, simplest.timing.within)
+            return begun(simplest, time, rests, 1.5 * interval, located)
     start = float(time[0]) if rests is None else rests
     begins = "running" if rests is None else "seen"
     return Waveform("sampled", {"voltage": float(np.max(np.abs(volts)))}, "", start, begins, 0.0)
@@ -117,22 +137,38 @@ def _step(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: float)
     middle = flanks.rises[0]
     late = volts[time > middle + 0.6 * flanks.rise]
     voltage = float(np.median(late)) if late.size else float(volts[-1])
-    ideal = flanks.rise < _JUMP * interval
-    if ideal:
+    rise = flanks.rise
+    sharp = sharpened_step(time, volts, (voltage, middle - 0.5 * rise, rise), interval)
+    ideal = sharp is None and rise < _JUMP * interval
+    if sharp is not None:
+        voltage, start, rise = sharp.voltage, sharp.start, sharp.duration
+        shown = voltage * np.clip((time - start) / rise, 0.0, 1.0)
+    elif ideal:
         start = float(time[np.searchsorted(time, middle)])
         before = start - interval
         start = 0.0 if before <= 0.0 <= start else start
         shown = np.where(time >= start - 1e-9 * interval, voltage, 0.0)
     else:
-        start = middle - 0.5 * flanks.rise
+        start = middle - 0.5 * rise
         start = 0.0 if abs(start) < _LOCATED * interval else start
-        shown = voltage * np.clip((time - start) / flanks.rise, 0.0, 1.0)
+        shown = voltage * np.clip((time - start) / rise, 0.0, 1.0)
     near = np.abs(time - middle) <= 1.5 * interval
     # A ramp that never comes to rest is no step.
     misfit = _rms((volts - shown)[~near]) / abs(voltage) if late.size >= max(4, volts.size // 20) else math.inf
-    numbers = {"voltage": voltage} | ({} if ideal else {"rise_time": flanks.rise})
+    numbers = {"voltage": voltage} | ({} if ideal else {"rise_time": rise})
     bound = (f"rise_time: below {_JUMP * interval:.3g} s; start: within {interval:.3g} s",) if ideal else ()
-    return Waveform("step", numbers, "", start, "seen", misfit, bound, _JUMP * interval if ideal else 0.0)
+    timing = _timing(sharp, 0.0 if ideal else rise, interval)
+    return Waveform("step", numbers, "", start, "seen", misfit, bound, timing)
+
+
+def _timing(sharp: SharpFlanks | None, seen: float, interval: float) -> Timing:
+    """Of fast flanks that were located, or else seen between two levels to last so long, 0 where no sample shows it."""
+    most = _JUMP * interval
+    if sharp is None:
+        return Timing(0.5 * seen, 1.5 * seen + interval, 0.5 * seen + interval) if seen else Timing(0.0, most, interval)
+    errors = min(sharp.duration_error, most), min(sharp.start_error, most)
+    about, within = (_SURE * error for error in errors)
+    return Timing(max(sharp.duration - about, 0.0), sharp.duration + about, within, errors)
 
 
 def _rms(values: Samples) -> float:
@@ -178,12 +214,13 @@ def _sawtooth(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: fl
         time[all_cycles], volts[all_cycles], forward, (voltage, period, start, fast), seen, interval
     )
     if sharp is not None:
-        (voltage, period, start, fast), ideal = sharp, False
+        voltage, period, start, fast, *_ = sharp
+        ideal = False
     numbers = {"voltage": voltage, "frequency": 1.0 / period} | ({} if ideal else {"fall_time": fast})
     open_part = f"which leaves {100 * _JUMP * interval / period:.2g} % of the voltage open"
     bound = (f"fall_time: below {_JUMP * interval:.3g} s, {open_part}",) if ideal else ()
-    unseen = _JUMP * interval if ideal else 0.0
-    return Waveform("sawtooth", numbers, "forward" if forward else "backward", start, "running", misfit, bound, unseen)
+    timing = _timing(sharp, 0.0 if ideal else fast, interval)
+    return Waveform("sawtooth", numbers, "forward" if forward else "backward", start, "running", misfit, bound, timing)
 
 
 def _triangle(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: float) -> Waveform | None:

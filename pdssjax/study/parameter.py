@@ -26,6 +26,8 @@ class Parameter:
     """Lower bound given; None: the legal range alone bounds it."""
     high: float | None = None
     """Upper bound given; None: the legal range alone bounds it."""
+    standard_error: float | None = None
+    """Of the start of a free parameter, where that was measured apart; None: only the records tell it."""
     source: str = ""
     """Where its number comes from, if not from the study's file."""
 
@@ -37,6 +39,8 @@ class Parameter:
     @property
     def origin(self) -> str:
         """Where its number comes from, in words."""
+        if self.standard_error:
+            return "measured apart"
         return self.source or ("value in the study" if self.start is None else "start in the study")
 
     def bounds(self, start: float | None = None) -> tuple[float, float]:
@@ -48,6 +52,13 @@ class Parameter:
         if start is not None and self.quantity.positive:
             low, high = max(low, start / REACH), min(high * (1.0 - 1e-6), start * REACH)
         return low if self.low is None else self.low, high if self.high is None else self.high
+
+    @property
+    def measured_apart(self) -> tuple[float, float] | None:
+        """The number and its standard error, of a free parameter that was measured apart."""
+        if self.value is not None or self.start is None or self.standard_error is None:
+            return None
+        return self.start, self.standard_error
 
     @property
     def free(self) -> bool:

@@ -57,3 +57,18 @@ def test_samples_too_far_apart_for_the_ringing_leave_a_step_as_it_is(tmp_path, m
     monkeypatch.setattr("pdssjax.files.unseen_flanks._RINGS", 0.5 * DT)
     study = study_of(tmp_path, lambda t: np.where(t >= 0, 60.0, 0.0), "platform")
     assert not any("@" in path for path in study.parameters)
+
+
+def test_what_samples_on_a_flank_tell_is_measured_apart_with_its_error(tmp_path):
+    rise, begins, noise = 3.0 * DT, 0.3 * DT, 0.05
+    random = np.random.default_rng(3)
+    level = lambda t: 60.0 * np.clip((t - begins) / rise, 0.0, 1.0) + noise * random.normal(size=t.size)
+    study = study_of(tmp_path, level, "platform")
+    found, error = study.parameters["drive.rise_time@run at 60 V"].measured_apart
+    # Three samples lie on the slope, whose error is theirs over the root of 2 and their distance.
+    assert error == pytest.approx(rise * noise / (np.sqrt(2.0) * DT) / (60.0 / rise), rel=0.05)
+    assert abs(found - rise) < 4.0 * error
+    (record,) = study.records
+    late, unsure = study.parameters["sensor.delay@run at 60 V"].measured_apart
+    assert abs(1.0 + begins - record.start - late) < 4.0 * unsure
+    assert "drive.rise_time" not in record.overrides and "rise_time" not in record.overrides

@@ -29,6 +29,10 @@ class Waves:
         shows = SimpleNamespace(platform_alone=platform_alone, effector_moves=not platform_alone)
         self.records = (SimpleNamespace(measurement=shows, noise=1.0, offset=0.0, drive=None, time=np.arange(4.0)),)
 
+    @property
+    def rows(self):
+        return [slice(0, record.time.size) for record in self.records]
+
     def whitened(self, free):
         beside = np.asarray(free) - 1.0
         return np.concatenate([beside, self.ripple * np.sin(0.5 * self.frequency * beside)])

@@ -5,7 +5,7 @@ import pytest
 
 import pdssjax
 from pdssjax.files import EXAMPLE
-from pdssjax.inference.diagnostics.agreement import agreement, score_of
+from pdssjax.inference.diagnostics.agreement import agreement, score_of, white_score
 from pdssjax.inference.diagnostics.combinations import best_remedy, combinations
 from pdssjax.inference.diagnostics.diagnose import record_groups
 from pdssjax.inference.notes.about_diagnosis import about_agreement
@@ -79,7 +79,10 @@ def judged(parts, group):
     whole = sum(s.information for s in scores)
     errors = np.sqrt(np.diag(np.linalg.inv(whole)))
     inside = np.array([i in group for i in range(len(parts))])
-    (found,) = agreement(scores, {("record", tuple(f"r{i}" for i in group)): inside}, errors, ("zero", "slope"))
+    nothing = white_score(np.zeros(0), np.zeros((0, 2)))
+    (found,) = agreement(
+        scores, nothing, {("record", tuple(f"r{i}" for i in group)): inside}, errors, ("zero", "slope")
+    )
     return found, errors
 
 
@@ -117,6 +120,38 @@ def test_noise_that_is_correlated_is_no_contradiction():
         joint = np.linalg.lstsq(np.concatenate([jacobian] * 3), np.concatenate(data), rcond=None)[0]
         beyond += judged([(jacobian @ joint - y, jacobian) for y in data], [1])[0].sigmas > 4.0
     assert beyond <= 2  # white errors would call half of them contradictions
+
+
+def test_a_fit_that_ended_beside_its_optimum_makes_no_contradiction():
+    """Of what one record tells alone, the pull is what the fit left, and its variance that of rounding."""
+    x = np.linspace(0.0, 1.0, 200)
+    known = [np.stack([np.ones(200), x, 0.0 * x], axis=1), np.stack([np.ones(200), x, 1e3 * x**2], axis=1)]
+    random = np.random.default_rng(8)
+    data = [random.normal(size=200) for _ in known]
+    joint = np.linalg.lstsq(np.concatenate(known), np.concatenate(data), rcond=None)[0]
+    errors = np.sqrt(np.diag(np.linalg.inv(sum(j.T @ j for j in known))))
+    for beside in (0.0, 0.03):
+        scores = [score_of(j @ (joint + beside * errors) - y, j) for y, j in zip(data, known, strict=True)]
+        apart = white_score(np.zeros(0), np.zeros((0, 3)))
+        (found,) = agreement(scores, apart, {("record", ("b",)): np.array([False, True])}, errors, ("a", "b", "c"))
+        assert abs(found.sigmas) < 3.0
+        assert np.isnan(found.shifts["c"]) and abs(found.shifts["b"]) < 5.0
+
+
+def test_what_was_measured_apart_holds_what_no_other_record_tells():
+    """Left out the only record of a slope, it would be that measured apart."""
+    x = np.linspace(0.0, 1.0, 100)
+    record = np.stack([np.ones(100), x], axis=1)
+    data, apart = np.random.default_rng(9).normal(size=100), np.array([[0.0, 10.0]])
+    told = np.array([10.0 * 0.3])  # a slope of 0.3 +/- 0.1
+    flat = record * [1.0, 0.0]
+    joint = np.linalg.lstsq(np.concatenate([record, flat, apart]), np.concatenate([data, data, told]), rcond=None)[0]
+    rows = np.concatenate([record, flat, apart])
+    errors = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))
+    scores = [score_of(record @ joint - data, record), score_of(flat @ joint - data, flat)]
+    known = white_score(apart @ joint - told, apart)
+    (found,) = agreement(scores, known, {("record", ("a",)): np.array([True, False])}, errors, ("zero", "slope"))
+    assert found.shifts["slope"] * errors[1] == pytest.approx(0.3 - joint[1], rel=1e-9)
 
 
 def test_what_only_one_record_determines_has_no_shift():

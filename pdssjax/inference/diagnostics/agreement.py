@@ -13,7 +13,15 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...study import Agreement
-from ..uncertainty.covariance import NO_INFORMATION
+
+_LEAST = 1e-10
+"""Share of the information below which a direction is not told."""
+
+_TESTED = 1e-6
+"""The same, below which it is not tested."""
+
+_MOVES = 1e-3
+"""Part of a parameter's standard error in a direction that is not told from which the parameter is not told."""
 
 
 class Score(NamedTuple):
@@ -42,58 +50,88 @@ def score_of(residual: Float[np.ndarray, " n"], jacobian: Float[np.ndarray, "n p
     return Score(jacobian.T @ residual, information, variance_factor * information)
 
 
+def white_score(residual: Float[np.ndarray, " n"], jacobian: Float[np.ndarray, "n p"]) -> Score:
+    """Of residuals with independent errors of standard deviation 1: what was measured apart."""
+    information = jacobian.T @ jacobian
+    return Score(jacobian.T @ residual, information, information)
+
+
 def agreement(
     scores: Sequence[Score],
+    apart: Score,
     groups: Mapping[tuple[str, tuple[str, ...]], Bool[np.ndarray, " records"]],
     errors: Float[np.ndarray, " p"],
     paths: Sequence[str],
 ) -> tuple[Agreement, ...]:
     """How far each group of records disagrees with the others, and what leaving it out would change.
 
-    **Arguments:** the `scores` of all records in the parameters at `paths`, with their standard `errors` on the fit's
-    scale; `groups` by what is common and the records' names: which records belong to it, but never all.
+    **Arguments:** the `scores` of all records, and of what was measured `apart`, in the parameters at `paths`, with
+    their standard `errors` on the fit's scale; `groups` by what is common and the records' names: which records belong
+    to it, but never all.
     """
-    everything = sum(score.information for score in scores)
+    whitening = _whitening(np.sum([score.information for score in (*scores, apart)], axis=0))
+    seen = [_seen(score, whitening) for score in (*scores, apart)]
     return tuple(
-        _of_group(scores, inside, np.asarray(everything), what, names, errors, paths)
+        _of_group(seen, np.append(inside, False), whitening, what, names, errors, paths)
         for (what, names), inside in groups.items()
+    )
+
+
+def _whitening(everything: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p k"]:
+    """Directions of the parameters in which all records together have information 1: none that they do not tell."""
+    scale = np.sqrt(np.maximum(np.diag(everything), 1e-300))
+    values, vectors = np.linalg.eigh(everything / np.outer(scale, scale))
+    kept = values > _LEAST * max(values[-1], 1e-300)
+    return vectors[:, kept] / np.sqrt(values[kept]) / scale[:, None]
+
+
+def _seen(score: Score, whitening: Float[np.ndarray, "p k"]) -> Score:
+    """A score in those directions."""
+    return Score(
+        whitening.T @ score.gradient,
+        whitening.T @ score.information @ whitening,
+        whitening.T @ score.variance @ whitening,
     )
 
 
 def _of_group(
     scores: Sequence[Score],
     inside: Bool[np.ndarray, " records"],
-    everything: Float[np.ndarray, "p p"],
+    whitening: Float[np.ndarray, "p k"],
     what: str,
     names: tuple[str, ...],
     errors: Float[np.ndarray, " p"],
     paths: Sequence[str],
 ) -> Agreement:
-    pull = np.sum([s.gradient for s, is_in in zip(scores, inside, strict=True) if is_in], axis=0)
-    share = np.sum([s.information for s, is_in in zip(scores, inside, strict=True) if is_in], axis=0)
-    fraction = share @ _inverse(everything)
-    size = everything.shape[0]
-    variance = np.zeros_like(everything)
+    fraction = np.sum([s.information for s, is_in in zip(scores, inside, strict=True) if is_in], axis=0)
+    # Of a fit that ended a little beside its optimum the scores do not add up to zero: what is left is shared out.
+    left = np.sum([s.gradient for s in scores], axis=0)
+    pull = np.sum([s.gradient for s, is_in in zip(scores, inside, strict=True) if is_in], axis=0) - fraction @ left
+    size = whitening.shape[1]
+    variance = np.zeros((size, size))
     for score, is_in in zip(scores, inside, strict=True):
         part = is_in * np.eye(size) - fraction
         variance += part @ score.variance @ part.T
-    sigmas = _sigmas(pull, variance)
-    others = everything - share
-    shift = _inverse(others) @ pull
-    determined = _determined(others, everything)
-    shifts = np.where(determined, shift / errors, np.nan)
-    return Agreement(names, what, sigmas, {path: float(s) for path, s in zip(paths, shifts, strict=True)})
+    values, vectors = np.linalg.eigh(np.eye(size) - fraction)
+    told = values > _LEAST
+    shift = whitening @ (vectors[:, told] / values[told] @ (vectors[:, told].T @ pull))
+    untold = np.abs(whitening @ vectors[:, ~told]) > _MOVES * np.linalg.norm(whitening, axis=1)[:, None]
+    shifts = np.where(np.any(untold, axis=1), np.nan, shift / errors)
+    return Agreement(names, what, _sigmas(pull, variance), {p: float(s) for p, s in zip(paths, shifts, strict=True)})
 
 
-def _sigmas(pull: Float[np.ndarray, " p"], variance: Float[np.ndarray, "p p"]) -> float:
-    """How unlikely so large a pull is, as a normal deviate (E. B. Wilson and M. M. Hilferty, PNAS 17(12), 1931)."""
-    scale = np.sqrt(np.maximum(np.diag(variance), 1e-300))
-    values, vectors = np.linalg.eigh(variance / np.outer(scale, scale))
-    kept = values > 1e-6 * max(values[-1], 1e-300)
+def _sigmas(pull: Float[np.ndarray, " k"], variance: Float[np.ndarray, "k k"]) -> float:
+    """How unlikely so large a pull is, as a normal deviate (E. B. Wilson and M. M. Hilferty, PNAS 17(12), 1931).
+
+    In units of what all records tell: directions of which the group tells all but a millionth, or a millionth, are left
+    out.
+    """
+    values, vectors = np.linalg.eigh(variance)
+    kept = values > _TESTED
     freedom = int(np.sum(kept))
     if not freedom:
         return 0.0
-    statistic = float(np.sum((vectors[:, kept].T @ (pull / scale)) ** 2 / values[kept]))
+    statistic = float(np.sum((vectors[:, kept].T @ pull) ** 2 / values[kept]))
     spread = 2.0 / (9.0 * freedom)
     return float(((statistic / freedom) ** (1.0 / 3.0) - (1.0 - spread)) / np.sqrt(spread))
 
@@ -101,14 +139,4 @@ def _sigmas(pull: Float[np.ndarray, " p"], variance: Float[np.ndarray, "p p"]) -
 def _inverse(information: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
     """Of what is known; nothing where nothing is."""
     scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    return np.linalg.pinv(information / np.outer(scale, scale), rcond=NO_INFORMATION, hermitian=True) / np.outer(
-        scale, scale
-    )
-
-
-def _determined(others: Float[np.ndarray, "p p"], everything: Float[np.ndarray, "p p"]) -> Bool[np.ndarray, " p"]:
-    """Which parameters the records left still determine: none that takes part in a direction without information."""
-    scale = np.sqrt(np.maximum(np.diag(everything), 1e-300))
-    values, vectors = np.linalg.eigh(others / np.outer(scale, scale))
-    open_directions = vectors[:, values <= NO_INFORMATION * max(values[-1], 1e-300)]
-    return np.all(np.abs(open_directions) < 1e-3, axis=1)
+    return np.linalg.pinv(information / np.outer(scale, scale), rcond=_LEAST, hermitian=True) / np.outer(scale, scale)

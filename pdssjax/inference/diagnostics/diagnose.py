@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float
 from ...study import Diagnosis, Record
 from ..least_squares import Fit
 from ..problem import Problem
-from .agreement import agreement, score_of
+from .agreement import agreement, score_of, white_score
 from .combinations import best_remedy, combinations
 
 
@@ -26,12 +26,11 @@ def diagnose(problem: Problem, fit: Fit, covariance: Float[np.ndarray, "p p"]) -
     groups = record_groups(problem.records)
     parts = []
     if groups and known.size:
-        ends = np.cumsum([record.time.size for record in problem.records])[:-1]
-        residuals = np.split(np.asarray(fit.state.residual), ends)
-        jacobians = np.split(np.asarray(fit.state.jacobian)[:, known], ends)
-        scores = [score_of(residual, jacobian) for residual, jacobian in zip(residuals, jacobians, strict=True)]
+        residual, jacobian = np.asarray(fit.state.residual), np.asarray(fit.state.jacobian)[:, known]
+        scores = [score_of(residual[rows], jacobian[rows]) for rows in problem.rows]
+        apart = white_score(residual[problem.rows_apart], jacobian[problem.rows_apart])
         errors = np.sqrt(np.diag(covariance))[known]
-        parts = agreement(scores, groups, errors, [transform.paths[i] for i in known])
+        parts = agreement(scores, apart, groups, errors, [transform.paths[i] for i in known])
     return Diagnosis(combinations(changes, transform.paths), best_remedy(changes, transform.paths), tuple(parts))
 
 

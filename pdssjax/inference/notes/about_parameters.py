@@ -13,6 +13,10 @@ FAR = 10.0
 """Factor by which a parameter must have moved from its start to be worth a word."""
 
 
+CONTRADICTED = 3.5
+"""Standard errors from what was measured apart that are worth a word."""
+
+
 def about_information(
     null: Sequence[Float[np.ndarray, " p"]], paths: Sequence[str], parameters: Mapping[str, FittedParameter]
 ) -> list[str]:
@@ -132,3 +136,20 @@ def about_distance(parameters: Iterable[FittedParameter], scale: ParameterTransf
         f"Far from where the fit began: {'; '.join(parts)}. If that is not what is known of the rig, another optimum "
         "may be the true one: give a start near what is known, or min and max, and fit again."
     ]
+
+
+def about_measured_apart(declared: Mapping[str, Parameter], parameters: Mapping[str, FittedParameter]) -> list[str]:
+    """Parameters that the records want elsewhere than where they were measured apart."""
+    notes = []
+    for path, parameter in declared.items():
+        if parameter.measured_apart is None:
+            continue
+        number, error = parameter.measured_apart
+        off = (parameters[path].value - number) / error
+        if abs(off) > CONTRADICTED:
+            told = f"{shown(number, parameter.unit)} +/- {shown(error, parameter.unit)}"
+            notes.append(
+                f"The records contradict {path} as it was measured apart, {told}: it ended {abs(off):.2g} of these "
+                "standard errors away. One of them is wrong, or the model is."
+            )
+    return notes

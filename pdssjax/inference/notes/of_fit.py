@@ -11,7 +11,13 @@ from ..least_squares import START_FAILED, Fit
 from ..parameter_transform import ParameterTransform
 from .about_diagnosis import about_agreement
 from .about_models import about_models, about_resonances
-from .about_parameters import about_bounds, about_distance, about_information, about_weak_determination
+from .about_parameters import (
+    about_bounds,
+    about_distance,
+    about_information,
+    about_measured_apart,
+    about_weak_determination,
+)
 from .about_records import about_peaks, about_records
 
 
@@ -41,6 +47,7 @@ def notes_of(
         *about_weak_determination(unsure),
         *about_bounds(study.parameters, fit.free, transform, parameters),
         *about_distance([parameters[path] for path in transform.paths if path not in silent], transform),
+        *about_measured_apart(study.parameters, parameters),
         *about_models(study.models, values),
         *about_resonances(study.models, values, [p for p in transform.paths if p not in unknown], study.records),
         *_about_fitted(estimate, study, second_step_factor),

@@ -6,8 +6,9 @@ import numpy as np
 from jaxtyping import Bool
 
 from ...study import Values
-from ..least_squares import MAX_ITERATIONS, Fit, FitMethod, Progress, evaluated, of_platform_alone
+from ..least_squares import MAX_ITERATIONS, Fit, FitMethod, Progress, evaluated
 from ..problem import Problem, unwatched
+from ..stack_parameters import of_platform_alone
 
 
 class Point(NamedTuple):

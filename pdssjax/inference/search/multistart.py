@@ -43,7 +43,7 @@ def best_fit(
     found = ranked(study, study.parameters, problem, starts, report) if missing else []
     contest = Contest(study, problem, found, missing and platform_unobserved(study, problem), run, report)
     fit = _first(problem, found[0], run, report) if missing else run(problem, starts, report)
-    starts = shown(found[0], starts, contest.platform_unobserved) if missing else starts
+    starts = shown(found[0], starts, contest) if missing else starts
     raced = reason_at_first(fit, contest)
     if raced:
         fit, starts = race(raced, fit, starts, contest)

@@ -12,16 +12,10 @@ import numpy as np
 
 from ...study import Parameter, Study, Values
 from ..initial_values.search import rank_starts, scatter_starts
-from ..least_squares import (
-    Fit,
-    FitMethod,
-    Progress,
-    of_platform_alone,
-    piezo_alone,
-    shown_by_platform,
-)
+from ..least_squares import Fit, FitMethod, Progress, piezo_alone
 from ..poor_fit import is_poor
 from ..problem import Problem
+from ..stack_parameters import of_platform_alone, shown_by_platform
 from .perturbed_restarts import MOST_RESTARTS, restarts
 from .successive_halving import successive_halving
 
@@ -90,7 +84,7 @@ def reason_in_the_end(fit: Fit, starts: dict[str, float], contest: Contest, race
 
 def race(reason: str, fit: Fit, starts: dict[str, float], contest: Contest) -> tuple[Fit, dict[str, float]]:
     """The best of `fit` and of the fits from the other starts that the `reason` asks for, and its starts."""
-    (rounds, until_good, announced, scattered), (_, problem, _, unobserved, run, report) = RACES[reason], contest
+    (rounds, until_good, announced, scattered), (_, problem, _, _, run, report) = RACES[reason], contest
     if announced:
         report(announced)
     others = _scattered(fit, starts, contest) if scattered else _searched(starts, contest)
@@ -101,7 +95,7 @@ def race(reason: str, fit: Fit, starts: dict[str, float], contest: Contest) -> t
     if scattered:
         report("restarting the best from perturbed points")
         return restarts(best, problem, run, 2 * MOST_RESTARTS), begun
-    return best, shown(begun, starts, unobserved)
+    return best, shown(begun, starts, contest)
 
 
 def ranked(
@@ -113,32 +107,37 @@ def ranked(
     return rank_starts(study.models, parameters, study.records, piezo)
 
 
-def shown(begun: dict[str, float], earlier: dict[str, float], platform_unobserved: bool) -> dict[str, float]:
+def shown(begun: dict[str, float], earlier: dict[str, float], contest: Contest) -> dict[str, float]:
     """The starts to report: what the platform shows has those from before its own fit, unless searched for."""
-    piezo = {} if platform_unobserved else {path: number for path, number in earlier.items() if shown_by_platform(path)}
-    return begun | piezo
+    if contest.platform_unobserved:
+        return begun
+    return begun | {path: number for path, number in earlier.items() if shown_by_platform(path, contest.problem)}
 
 
 def _searched(starts: dict[str, float], contest: Contest) -> list[dict[str, float]]:
     """What a search found beside the first; where the study gives all starts, what one finds without them."""
     if contest.found:
         return contest.found[1:]
-    return ranked(contest.study, _without_starts(contest.study), contest.problem, starts, contest.report)
+    return ranked(contest.study, _without_starts(contest), contest.problem, starts, contest.report)
 
 
 def _scattered(fit: Fit, starts: dict[str, float], contest: Contest) -> list[dict[str, float]]:
     """Starts that differ in every parameter but for what the platform alone shows, held where the `fit` has it."""
     study, problem = contest.study, contest.problem
     platform = of_platform_alone(problem.records).any()
-    held = [path for path in problem.residual.transform.paths if platform and shown_by_platform(path)]
+    held = [path for path in problem.residual.transform.paths if platform and shown_by_platform(path, problem)]
     around = starts | {path: float(number) for path, number in problem.decode(fit.free).items() if path in held}
     return scatter_starts(study.models, study.parameters, study.records, around, held)
 
 
-def _without_starts(study: Study) -> dict[str, Parameter]:
-    """The parameters as a search may start them anywhere; the starts of what the platform shows are better."""
-    keep = lambda path, parameter: not parameter.free or shown_by_platform(path)
-    return {path: p if keep(path, p) else dataclasses.replace(p, start=None) for path, p in study.parameters.items()}
+def _without_starts(contest: Contest) -> dict[str, Parameter]:
+    """The parameters as a search may start them anywhere, but for those that are known better.
+
+    They are those that the platform shows and those that were measured apart.
+    """
+    known = lambda path, p: not p.free or p.standard_error or shown_by_platform(path, contest.problem)
+    listed = contest.study.parameters.items()
+    return {path: p if known(path, p) else dataclasses.replace(p, start=None) for path, p in listed}
 
 
 def _at_new_bound(fit: Fit, problem: Problem, starts: dict[str, float]) -> bool:

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ...integration import Accuracy
-from ...study import Study
+from ...study import Study, split_path
 from ..least_squares import Progress, evaluated, summed
 from ..problem import Problem, pose
 from ..search.best_point import Point
@@ -20,10 +20,15 @@ from ..search.best_point import Point
 def with_stack_held(study: Study, stack: Mapping[str, float]) -> Study:
     """The study with its free parameters among the `stack`, numbers by path [SI], fixed at those.
 
-    Of its records those fitted are left that do not show the platform alone.
+    Of its records those fitted are left that do not show the platform alone; parameters that hold in others only are
+    fixed where they start.
     """
-    held = {path: number for path, number in stack.items() if path in study.parameters and study.parameters[path].free}
     records = tuple(r for r in study.records if r.role == "fit" and not r.measurement.platform_alone)
+    conditions = {"", *(condition for record in records for condition in record.conditions)}
+    held = {path: number for path, number in stack.items() if path in study.parameters and study.parameters[path].free}
+    for path, parameter in study.parameters.items():
+        if parameter.free and split_path(path)[1] not in conditions:
+            held[path] = parameter.quantity.nominal if parameter.start is None else parameter.start
     return dataclasses.replace(study.with_values(held), records=records)
 
 

@@ -7,8 +7,9 @@ import numpy as np
 from jaxtyping import Bool
 
 from ...study import Amplification
-from ..least_squares import Fit, of_piezo, of_platform_alone
+from ..least_squares import Fit
 from ..problem import Problem
+from ..stack_parameters import of_stack, stack_rows
 from .covariance import moved_by
 
 
@@ -23,9 +24,8 @@ def amplification_of(problem: Problem, fit: Fit, identifiable: Bool[np.ndarray, 
     found = problem.decode(fit.free)
     values = np.array([float(found[path]) for path in transform.paths])
     known = identifiable & (values != 0.0)
-    earlier, later = np.flatnonzero(of_piezo(transform) & known), np.flatnonzero(~of_piezo(transform) & known)
-    sizes = [record.time.size for record in problem.records]
-    used = ~np.repeat(of_platform_alone(problem.records), sizes)
+    stack, used = of_stack(problem), ~stack_rows(problem)
+    earlier, later = np.flatnonzero(stack & known), np.flatnonzero(~stack & known)
     if not (earlier.size and later.size and used.any()):
         return None
     jacobian = np.asarray(fit.state.jacobian)[used]

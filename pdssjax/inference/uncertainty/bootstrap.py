@@ -79,9 +79,8 @@ def fitted_replicate(
     """The fit to the data of replicate `number`; also in another process, which prepares JAX for it."""
     _prepare_process()
     random = np.random.default_rng([seed, number])
-    drawn = eqx.tree_at(
-        lambda residual: residual.measured, problem.residual, redrawn(problem, centre, resampled, random)
-    )
+    data = redrawn(problem, centre, resampled, random), apart_redrawn(problem, centre, random)
+    drawn = eqx.tree_at(lambda residual: (residual.measured, residual.apart), problem.residual, data)
     fit = run(problem._replace(residual=drawn), problem.decode(centre.free), quiet)
     return Replicate(number, np.asarray(fit.free, float), bool(fit.success and np.isfinite(fit.chi2)), fit.message)
 
@@ -98,7 +97,7 @@ def redrawn(
     problem: Problem, centre: _Centre, resampled: Resampled, random: np.random.Generator
 ) -> tuple[Float[np.ndarray, " samples"], ...]:
     """New data of every record, in its unit."""
-    parts = np.split(centre.residual, np.cumsum([record.time.size for record in problem.records])[:-1])
+    parts = [centre.residual[rows] for rows in problem.rows]
     measured = []
     for record, part, noise, before in zip(
         problem.records, parts, problem.noise, problem.residual.measured, strict=True
@@ -110,6 +109,15 @@ def redrawn(
             drawn = cycles_redrawn(part, cycle, random)
         measured.append(before + noise * (drawn - part))
     return tuple(measured)
+
+
+def apart_redrawn(problem: Problem, centre: _Centre, random: np.random.Generator) -> dict[str, Float[np.ndarray, "2"]]:
+    """New numbers of what was measured apart, with the same standard errors."""
+    left = centre.residual[problem.rows_apart]
+    return {
+        path: np.array([number + error * (off - random.standard_normal()), error])
+        for (path, (number, error)), off in zip(problem.residual.apart.items(), left, strict=True)
+    }
 
 
 def samples_per_cycle(record: Record) -> int | None:

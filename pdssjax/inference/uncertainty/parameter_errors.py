@@ -1,7 +1,6 @@
 """The errors of every parameter by all error models."""
 
 import dataclasses
-import itertools
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -10,9 +9,10 @@ from jaxtyping import Bool, Float, Int
 
 from ...core import member, members
 from ...study import Estimate, FittedParameter, ParameterError, cycles_a_second
-from ..least_squares import Fit, Method, Progress, evaluated, of_piezo, of_platform_alone
+from ..least_squares import Fit, Method, Progress, evaluated
 from ..parameter_transform import ParameterTransform
 from ..problem import Problem
+from ..stack_parameters import of_platform_alone, of_stack, stack_rows
 from .covariance import least_squares_covariance
 from .error_advice import EVIDENT, advise
 from .error_models.base import AbstractErrorModel, RecordErrors
@@ -38,12 +38,6 @@ class FittedPoint(NamedTuple):
     """The parameters that the records move: not held at a bound."""
     known: Bool[np.ndarray, " p"]
     """Those of them that the records determine."""
-
-    @property
-    def rows(self) -> list[slice]:
-        """Where each record's samples stand among all residuals."""
-        ends = np.cumsum([0, *(record.time.size for record in self.problem.records)])
-        return [slice(int(a), int(b)) for a, b in itertools.pairwise(ends)]
 
 
 def all_error_models() -> list[AbstractErrorModel]:
@@ -115,7 +109,7 @@ def record_errors(
             variance_factor,
             record.time.size * used - (record.offset is None),
         )
-        for record, rows in zip(point.problem.records, point.rows, strict=True)
+        for record, rows in zip(point.problem.records, point.problem.rows, strict=True)
     ]
 
 
@@ -127,8 +121,11 @@ def _covariances(
 ) -> dict[str, tuple[Float[np.ndarray, "p p"], list[float]]]:
     """By name of the model: the covariance on the fit's scale, NaN where not known, and the evidence of each record."""
     records, out = record_errors(point, factor, curvatures), {}
+    # What was measured apart has errors of its own, whatever those of the samples.
+    apart = _influence(point, curvatures)[point.problem.rows_apart]
     for model in models:
         matrix, evidence = model.covariance(records)
+        matrix = matrix + factor * apart.T @ apart
         matrix[~point.known] = np.nan
         matrix[:, ~point.known] = np.nan
         out[model.name] = matrix, evidence
@@ -151,10 +148,8 @@ def _two_steps(
     point: FittedPoint,
 ) -> tuple[Float[np.ndarray, "n p"], Float[np.ndarray, "n p"], Int[np.ndarray, " q"], Int[np.ndarray, " r"]]:
     """The Jacobians of the steps of a sequential fit, and the places of the parameters fitted in each."""
-    alone = of_platform_alone(point.problem.records)
-    first = np.repeat(alone, [record.time.size for record in point.problem.records])[:, None]
-    piezo = of_piezo(point.problem.residual.transform)
-    earlier, later = np.flatnonzero(piezo & point.known), np.flatnonzero(~piezo & point.known)
+    first, stack = stack_rows(point.problem)[:, None], of_stack(point.problem)
+    earlier, later = np.flatnonzero(stack & point.known), np.flatnonzero(~stack & point.known)
     return point.jacobian * first, point.jacobian * ~first, earlier, later
 
 
@@ -177,10 +172,8 @@ def _curvatures(point: FittedPoint, report: Progress) -> list[Float[np.ndarray, 
     def jacobian_at(free: Float[np.ndarray, " p"]) -> Float[np.ndarray, "n p"]:
         return np.asarray(evaluated(point.problem, free, lambda message: None).state.jacobian)
 
-    free = point.problem.residual.transform
-    return curvature_of(
-        jacobian_at, point.fit.free, point.residual, point.jacobian, directions, point.rows, (free.low, free.high)
-    )
+    rows, bounds = point.problem.rows, point.problem.bounds
+    return curvature_of(jacobian_at, point.fit.free, point.residual, point.jacobian, directions, rows, bounds)
 
 
 def _with_errors(

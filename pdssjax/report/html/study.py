@@ -35,7 +35,10 @@ def _parameter(parameter: Parameter) -> list[str]:
     given = [end for end in (parameter.low, parameter.high) if end is not None]
     low, high = (math.nan if end is None else end * scale for end in (parameter.low, parameter.high))
     bounds = f"{low:.4g} .. {high:.4g}".replace("nan", "") if given else ""
-    return [parameter.path, "free" if parameter.free else "fixed", number, unit, bounds]
+    if parameter.standard_error:
+        number += f" +/- {parameter.standard_error * scale:.2g}"
+    kind = "measured apart" if parameter.standard_error else "free" if parameter.free else "fixed"
+    return [parameter.path, kind, number, unit, bounds]
 
 
 def _record(record: Record) -> list[str]:

@@ -27,6 +27,7 @@ class LineResidual(eqx.Module):
 
     measured: tuple[np.ndarray, ...]
     transform: ParameterTransform
+    apart: dict[str, np.ndarray] = eqx.field(default_factory=dict)
 
 
 def of_a_line(measured) -> tuple[Problem, Fit]:

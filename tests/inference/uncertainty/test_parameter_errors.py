@@ -28,7 +28,7 @@ def transform(high=np.inf) -> ParameterTransform:
 def record(name, time, platform_alone, frequency):
     drive = SimpleNamespace(cycle_frequency=lambda: frequency)
     measurement = SimpleNamespace(platform_alone=platform_alone)
-    return SimpleNamespace(name=name, time=time, offset=None, drive=drive, measurement=measurement)
+    return SimpleNamespace(name=name, time=time, offset=None, drive=drive, measurement=measurement, conditions=())
 
 
 def linear(noise=1.0, misfit=0.0, high=np.inf):
@@ -47,8 +47,11 @@ def linear(noise=1.0, misfit=0.0, high=np.inf):
     used = jacobian[:, [0, 1, 2, 3]]
     residual = off - used @ np.linalg.lstsq(used, off, rcond=None)[0]
     records = (record("step", step, True, None), record("5 Hz", cycles, False, 5.0))
-    at = SimpleNamespace(transform=transform(high))
-    problem = SimpleNamespace(records=records, residual=at, jacobian=jacobian)
+    at = SimpleNamespace(transform=transform(high), apart={})
+    bounds, rows = (at.transform.low, at.transform.high), [slice(0, 60), slice(60, 220)]
+    problem = SimpleNamespace(
+        records=records, residual=at, jacobian=jacobian, bounds=bounds, rows=rows, rows_apart=slice(220, 220)
+    )
     state = SimpleNamespace(jacobian=jacobian, residual=residual)
     return problem, SimpleNamespace(free=np.log(VALUES), state=state)
 

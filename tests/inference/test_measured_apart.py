@@ -1,0 +1,101 @@
+"""A parameter that was measured apart is fitted with that as one more measurement of it."""
+
+import dataclasses
+
+import numpy as np
+import platform_study
+import pytest
+from scipy.optimize import least_squares
+
+import pdssjax
+from pdssjax import InputError, load_study
+from pdssjax.inference.draws import Drawing
+
+APART = '"piezo.gain" = { value = "0.11015 um/V", standard_error = "0.00001 um/V" }'
+
+
+@pytest.fixture(scope="module")
+def studies(tmp_path_factory):
+    """The platform's study, and the same with a gain measured apart."""
+    folders = [tmp_path_factory.mktemp(name) for name in ("alone", "apart")]
+    text = platform_study.PLATFORM.replace('"friction.sigma0" = {}', '"friction.sigma0" = { value = 1e6 }')
+    texts = text, text.replace('"piezo.gain" = {}', APART)
+    return [load_study(platform_study.write_platform(*pair)) for pair in zip(folders, texts, strict=True)]
+
+
+@pytest.fixture(scope="module")
+def estimates(studies):
+    return [pdssjax.identify(study) for study in studies]
+
+
+def by_hand(alone, number, error):
+    """The least-squares combination of an estimate with one more measurement of its first parameter."""
+    values = np.array([alone.parameters[path].value for path in alone.names])
+    covariance = np.asarray(alone.covariance)
+    gain = covariance[:, 0] / (covariance[0, 0] + error**2)
+    return values + gain * (number - values[0]), covariance - np.outer(gain, covariance[0])
+
+
+def test_it_is_weighed_with_the_records_as_its_error_says(estimates):
+    alone, both = estimates
+    assert both.converged and both.names == alone.names == ("piezo.gain", *alone.names[1:])
+    factor = max(1.0, both.statistics.reduced_chi2) / max(1.0, alone.statistics.reduced_chi2)
+    values, covariance = by_hand(alone, 1.1015e-7, 1e-11)
+    errors = np.sqrt(np.diag(covariance))
+    found = np.array([both.parameters[path].value for path in both.names])
+    np.testing.assert_allclose((found - values) / errors, 0.0, atol=0.01)
+    np.testing.assert_allclose(np.sqrt(np.diag(both.covariance) / factor), errors, rtol=2e-3)
+    # Neither the records' nor what was measured apart alone.
+    assert 0.2 < (found[0] - alone.parameters["piezo.gain"].value) / (1.1015e-7 - found[0]) < 5.0
+    assert both.statistics.samples == alone.statistics.samples + 1
+
+
+def test_all_error_models_count_it(estimates):
+    alone, both = estimates
+    for model in ("white", "coloured", "with-misfit"):
+        before, after = (e.parameters["piezo.gain"].errors[model].standard_error for e in (alone, both))
+        assert after == pytest.approx(1.0 / np.hypot(1.0 / before, 1.0 / 1e-11), rel=0.05)
+
+
+def test_scipy_finds_the_same_with_the_problem_posed(studies, estimates):
+    problem, start = pdssjax.pose_problem(studies[1])
+    assert problem.rows_apart == slice(800, 801) and problem.whitened(start).shape == (801,)
+    found = least_squares(problem.whitened, start, problem.jacobian, problem.bounds, x_scale="jac")
+    values = problem.decode(found.x)
+    for path in estimates[1].names:
+        assert float(values[path]) == pytest.approx(estimates[1].parameters[path].value, rel=1e-6)
+
+
+def test_records_that_contradict_it_are_named(studies):
+    study = studies[1]
+    gain = dataclasses.replace(study.parameters["piezo.gain"], start=1.105e-7, standard_error=5e-12)
+    off = dataclasses.replace(study, parameters=study.parameters | {"piezo.gain": gain})
+    notes = pdssjax.identify(off).notes
+    assert any("contradict piezo.gain as it was measured apart, 0.1105 um/V +/- " in note for note in notes)
+    assert not any("measured apart" in note for note in pdssjax.identify(study).notes)
+
+
+def test_replicates_of_a_bootstrap_draw_it_anew(studies, estimates):
+    found = pdssjax.identify(studies[1], intervals="bootstrap", drawing=Drawing(60, 3))
+    low, high = found.parameters["piezo.gain"].interval
+    half = 1.96 * estimates[1].parameters["piezo.gain"].standard_error
+    assert high - low == pytest.approx(2.0 * half, rel=0.35)
+
+
+@pytest.mark.parametrize(
+    ("entry", "told"),
+    [
+        ('{ standard_error = "1 um/V" }', 'found "standard_error", expected it beside the "value"'),
+        ('{ start = "0.1 um/V", standard_error = "1 um/V" }', 'found "standard_error", expected it beside the "value"'),
+        ('{ value = "0.1 um/V", standard_error = "-1 um/V" }', "found -1e-06 m/V, expected a number above 0"),
+        ('{ value = "0.1 um/V", standard_error = "1 um" }', "standard_error"),
+        (
+            '{ value = "0.1 um/V", standard_error = 1e-9, min = "0.2 um/V" }',
+            "found 1e-07 m/V, expected at least the min",
+        ),
+    ],
+)
+def test_entries_at_fault_are_refused(tmp_path, entry, told):
+    text = platform_study.PLATFORM.replace('"piezo.gain" = {}', f'"piezo.gain" = {entry}')
+    with pytest.raises(InputError, match=told.replace("+", r"\+")):
+        load_study(platform_study.write_platform(tmp_path, text))
