@@ -20,9 +20,9 @@ def save_study(
 ) -> Path:
     """Write the study in `source` to `target` with other numbers, and see that it can be read; the file's whole path.
 
-    **Arguments:** `values` [SI] by the path of a parameter, which keeps its bounds and stays free or fixed, but for what was
-    measured apart, which stays as it is; `drives` by the name of a record, the fields of its drive that change, numbers
-    in SI or words.  Files are named relative to `target`.  Comments are not kept.
+    **Arguments:** `values` [SI] by the path of a parameter, which keeps its bounds and stays free or fixed, but for
+    what was measured apart, which stays as it is; `drives` by the name of a record, the fields of its drive that
+    change, numbers in SI or words.  Files are named relative to `target`.  Comments are not kept.
 
     **Raises:** `InputError` if `target` is there and `overwrite` is false, is no .toml file or has no folder, or if
     the numbers make no legal study; nothing is written then.
