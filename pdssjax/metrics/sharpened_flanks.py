@@ -23,6 +23,9 @@ _MOST = 30_000
 _CORNER = 0.05
 """Part of a fast flank beside its ends, where a sample may as well be off it."""
 
+_LOCATED = 0.5
+"""Standard error of start and duration, in sampling intervals, above which samples on a flank do not locate it."""
+
 _EXPLAINED = 1.5
 """Standard deviations of the voltage's noise up to which straight flanks explain it."""
 
@@ -78,7 +81,8 @@ def sharpened_sawtooth(
         return None
     voltage, period, start, duration = (float(number) for number in found.numbers)
     flanks = round((time[-1] - time[0]) / period)
-    if _on_flank(np.mod(time - start, period) / duration) < max(1, flanks // 4):
+    told = max(found.errors[2:]) < _LOCATED * interval
+    if not told or _on_flank(np.mod(time - start, period) / duration) < max(1, flanks // 4):
         return None
     return SharpFlanks(voltage, period, start, duration, float(found.errors[2]), float(found.errors[3]))
 
@@ -97,7 +101,7 @@ def sharpened_step(
     if found is None:
         return None
     voltage, start, duration = (float(number) for number in found.numbers)
-    if not _on_flank((time - start) / duration):
+    if max(found.errors[1:]) > _LOCATED * interval or not _on_flank((time - start) / duration):
         return None
     return SharpFlanks(voltage, math.inf, start, duration, float(found.errors[1]), float(found.errors[2]))
 

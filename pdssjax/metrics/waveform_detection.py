@@ -92,6 +92,7 @@ def detect_waveform(time: Samples, volts: Samples) -> Waveform:
 
 def _detect(time: Samples, volts: Samples) -> Waveform:
     low, high = (float(level) for level in np.percentile(volts, [0.2, 99.8]))
+    low = min(low, float(volts[0]))  # a step may begin with the second sample
     interval = float(np.median(np.diff(time)))
     flanks = voltage_flanks(time, volts, low, high)
     rests = _rest(time, volts, high - low)
@@ -163,11 +164,13 @@ def _step(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: float)
 
 def _timing(sharp: SharpFlanks | None, seen: float, interval: float) -> Timing:
     """Of fast flanks that were located, or else seen between two levels to last so long, 0 where no sample shows it."""
-    most = _JUMP * interval
+    if sharp is None and seen:
+        # Two levels with few samples between tell too long a flank.
+        return Timing(max(0.5 * seen - interval, 0.0), 1.5 * seen + interval, 0.5 * seen + interval)
     if sharp is None:
-        return Timing(0.5 * seen, 1.5 * seen + interval, 0.5 * seen + interval) if seen else Timing(0.0, most, interval)
-    errors = min(sharp.duration_error, most), min(sharp.start_error, most)
-    about, within = (_SURE * error for error in errors)
+        return Timing(0.0, _JUMP * interval, 2.0 * interval)
+    about, within = _SURE * sharp.duration_error, _SURE * sharp.start_error
+    errors = sharp.duration_error, sharp.start_error
     return Timing(max(sharp.duration - about, 0.0), sharp.duration + about, within, errors)
 
 

@@ -217,3 +217,13 @@ def test_the_noise_of_a_voltage_is_told_beside_corners_that_every_fourth_sample_
 
 def test_the_scatter_of_neighbours_takes_corners_for_noise_where_nothing_else_scatters():
     assert neighbour_scatter(60.0 * np.mod(np.arange(400) / 8.0, 1.0)) > 1.0
+
+
+@pytest.mark.parametrize("rests", [1, 3, 20])
+def test_a_step_may_come_with_the_second_sample(rests):
+    time = 2e-5 * np.arange(4000)
+    volts = np.where(np.arange(4000) < rests, 0.0, 33.0) + 0.04 * np.random.default_rng(5).normal(size=4000)
+    found = detect_waveform(time, volts)
+    assert found.name == "step" and found.numbers["voltage"] == pytest.approx(33.0, rel=1e-3)
+    assert found.timing is not None
+    assert found.start - found.timing.within <= time[rests] <= found.start + found.timing.within
