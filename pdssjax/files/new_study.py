@@ -179,8 +179,11 @@ def _parameters(records: Sequence[NewRecord], told: Told, piezo: str, friction: 
         ]
         unseen = any(record.guess.volts is None for record in records)
         fitted = '{ start = "1 ms", min = 0, max = "10 ms" }  # guess: no voltage was recorded, so it is fitted'
+        ideal = "{ value = 0 }  # guess: shorter than what the samples tell; free it where the amplifier is slow"
         by_record = "{ value = 0 }  # of a record without one of its own; below each has one"
-        lines.append(f'"drive.fall_time" = {fitted if unseen else by_record}')
+        sawteeth = [r.guess for r in records if r.guess.waveform.name == "sawtooth"]
+        each = bool(sawteeth) and all(is_open(guess) or "fall_time" in guess.waveform.numbers for guess in sawteeth)
+        lines.append(f'"drive.fall_time" = {fitted if unseen else by_record if each else ideal}')
     return [*lines, *flank_parameters([(record.name, record.guess) for record in records])]
 
 

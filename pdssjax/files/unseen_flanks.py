@@ -5,13 +5,15 @@ motion tells the rest.  Taken for exact they bias all other parameters: the ring
 not that of any damping.
 """
 
+import math
 from collections.abc import Sequence
 
 from ..metrics import RecordGuess, Timing, gain_of
 from .toml_text import quoted
 
 _RINGS = 2.5e-4
-"""Interval [s] up to which samples show the ringing after a step, which tells when it was."""
+"""Interval [s] up to which samples show the ringing after a flank, which tells when it was; beyond, a drive's start and
+a contact that is seen in aliases would be taken for each other."""
 
 _TOLD = 0.1
 """Part of a sample's noise below which what the voltage leaves open moves no sample."""
@@ -25,7 +27,7 @@ def is_open(guess: RecordGuess) -> bool:
     wave, gain = guess.waveform, gain_of(guess)
     if wave.timing is None or guess.volts is None:
         return False
-    if wave.name == "step" and sampling_interval(guess) > _RINGS:
+    if wave.timing.errors is None and sampling_interval(guess) > _RINGS:
         return False
     shortest, longest, *_ = wave.timing
     moved = gain * abs(wave.numbers["voltage"]) * (longest - shortest) / max(longest, sampling_interval(guess))
@@ -66,8 +68,9 @@ def flank_parameters(named: Sequence[tuple[str, RecordGuess]]) -> list[str]:
         shortest, longest, within, errors = _timing(guess)
         if errors is None:
             told = "# as far as the voltage tells"
-            duration = _between(shortest, 0.5 * (shortest + longest) if shortest else 0.3 * longest, longest)
-            delay = _between(0.0, within, 2.0 * within)
+            # The standard deviation of a number that may lie anywhere between bounds.
+            duration = _about(0.5 * (shortest + longest), (longest - shortest) / math.sqrt(12.0))
+            delay = _about(within, within / math.sqrt(3.0))
         else:
             told = "# by the samples on the flanks"
             duration = _about(guess.waveform.numbers[flank.partition(".")[2]], errors[0])
@@ -78,8 +81,3 @@ def flank_parameters(named: Sequence[tuple[str, RecordGuess]]) -> list[str]:
 
 def _about(number: float, error: float) -> str:
     return f'{{ value = "{1e6 * number:.7g} us", standard_error = "{1e6 * error:.3g} us" }}'
-
-
-def _between(low: float, start: float, high: float) -> str:
-    low, start, high = (1e6 * number for number in (low, start, high))
-    return f'{{ start = "{start:.6g} us", min = "{low:.6g} us", max = "{high:.6g} us" }}'
