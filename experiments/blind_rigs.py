@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from scipy import stats
 
 import pdssjax
 from experiments.common import BLUE, GREEN, OUT, VERMILION, Row, print_table, save, styled
@@ -163,12 +164,27 @@ def table(results: Sequence[Result]) -> list[Row]:
         rows.append(Row(f"{method}: in the optimum, said not to have converged", None, f"{refused}"))
         least = min(smallest_error(result, method) for result in results)
         rows.append(Row(f"{method}: least standard error over the Fisher information's", None, least))
+    above, likely = distance_of_truth(results)
+    count = len(results[0]["joint"]["parameters"])
+    rows.append(Row("joint: chi-square of the truth less the fit's, mean", None, above, "", f"{count} expected"))
+    rows.append(Row("joint: chance of such a distribution of it", None, likely, "", "Kolmogorov and Smirnov"))
     for way, name in WAYS.items():
         shares = coverage(results, way)
         rows.append(
             Row(f"{name}: 95 % intervals hold", None, f"{min(shares.values()):.1f} .. {max(shares.values()):.1f}", "%")
         )
     return rows
+
+
+def distance_of_truth(results: Sequence[Result]) -> tuple[float, float]:
+    """How far chi-square falls from the truth to the joint fit, on average; and how likely that is of a right fit.
+
+    Then it is distributed as chi-square of as many degrees of freedom as there are parameters, whatever its shape
+    nearby: all of them together, so to speak, are held as often as they should be.
+    """
+    fallen = np.array([r["chi2"] - r["joint"]["chi2"] for r in results if not missed(r, "joint")])
+    expected = stats.chi2(len(results[0]["joint"]["parameters"]))
+    return float(np.mean(fallen)), float(stats.kstest(fallen, expected.cdf).pvalue)
 
 
 def coverage(results: Sequence[Result], way: str) -> dict[str, float]:

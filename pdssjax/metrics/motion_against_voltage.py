@@ -22,7 +22,7 @@ def goes_against(
     time: Float[np.ndarray, " n"], motion: Float[np.ndarray, " n"], volts: Float[np.ndarray, " n"]
 ) -> bool:
     """Whether `motion` [m] goes against `volts` [V] at `time` [s], of a platform or of what follows it."""
-    return correlation(time, motion, volts) < _CLEAR
+    return _correlation(time, motion, volts) < _CLEAR
 
 
 def rides_against(
@@ -47,7 +47,7 @@ def rides_against(
     return bool(np.mean(ways[0] * ways[1] < 0) > _MOST)
 
 
-def correlation(
+def _correlation(
     time: Float[np.ndarray, " n"], motion: Float[np.ndarray, " n"], volts: Float[np.ndarray, " n"]
 ) -> float:
     """Of motion and voltage, both without their lines in time; 0 where one of them is a line."""

@@ -34,6 +34,18 @@ def test_intervals_misses_and_errors_are_counted():
     np.testing.assert_allclose(naive, 67.3, atol=6.0)
 
 
+def test_chi_square_falls_from_the_truth_to_a_right_fit_as_chance_has_it():
+    random = np.random.default_rng(1)
+    results = [result(number) for number in range(300)]
+    for each in results:
+        each["joint"] = each["joint"] | {"chi2": each["chi2"] - random.chisquare(len(FITTED))}
+    mean, likely = blind_rigs.distance_of_truth(results)
+    assert mean == pytest.approx(9.0, abs=1.0) and likely > 0.01
+    for each in results:
+        each["joint"]["chi2"] -= 1.5
+    assert blind_rigs.distance_of_truth(results)[1] < 0.001
+
+
 def test_what_is_not_finite_has_missed():
     assert blind_rigs.missed({"chi2": 1.0, "joint": {"chi2": float("nan")}}, "joint")
 
