@@ -6,6 +6,9 @@ t_fast = tf + (1 - d) T, and
 - forward: the first cycle rises from 0 to V over T; every later cycle falls from V to 0
   within t_fast, then rises to V over T - t_fast;
 - backward: every cycle jumps from 0 up to V within t_fast, then falls to 0 over T - t_fast.
+
+A recorded voltage tells the slope s of the slow flanks far better than where they end, between two samples.  So the
+voltage may be told by it: U = s T, which a slow flank would come to in a whole period; then V = U (T - t_fast) / T.
 """
 
 import math
@@ -23,7 +26,7 @@ class Sawtooth(AbstractDrive):
     """Two segments a cycle: the fast flank, of zero length where it is ideal, then the slow one."""
 
     voltage: float = quantity(64.2, "V", positive=False)
-    """Peak voltage V [V]."""
+    """Peak voltage V [V], or U."""
     frequency: float = quantity(5.0, "Hz")
     """Cycles a second [Hz]."""
     fall_time: float = quantity(0.0, "s", positive=False, low=0.0, optional=True)
@@ -32,19 +35,24 @@ class Sawtooth(AbstractDrive):
     """Forward: slow rise and fast fall; backward: fast rise and slow fall."""
     duty: float = quantity(1.0, "", high=math.nextafter(1.0, 2.0), optional=True)
     """Share d of the period that the slow flank takes, but for the fall time [1]; up to 1."""
+    told_by: Choice = choice({"peak": 0.0, "slope": 1.0})
+    """What the voltage is told by: V is the peak, U the slope times the period."""
 
     def _fall(self) -> ScalarLike:
         return self.fall_time + (1.0 - self.duty) / self.frequency
 
+    def _peak(self) -> ScalarLike:
+        return self.voltage * (1.0 - self.told_by * jnp.minimum(self._fall() * self.frequency, 1.0))
+
     def segment(self, index: Scalar) -> Segment:
-        duration, start, change, _ = flank(index, 1.0 / self.frequency, self._fall(), self.voltage, self.direction)
+        duration, start, change, _ = flank(index, 1.0 / self.frequency, self._fall(), self._peak(), self.direction)
         moves = duration > 0
         return Segment(duration, start, jnp.where(moves, change / jnp.where(moves, duration, 1.0), 0.0))
 
     def at(self, time: Float[Array, " n"]) -> Float[Array, " n"]:
         part, fast = progress(time, 1.0 / self.frequency, self._fall(), self.direction)
         level = jnp.where(fast == (self.direction > 0), 1.0 - part, part)
-        return jnp.where(time < 0, 0.0, self.voltage * level)
+        return jnp.where(time < 0, 0.0, self._peak() * level)
 
     def period(self) -> tuple[int, int] | None:
         return (2, 2)
@@ -56,11 +64,11 @@ class Sawtooth(AbstractDrive):
         return bool(self._fall() == 0)
 
     def peak(self) -> ScalarLike:
-        return abs(self.voltage)
+        return abs(self._peak())
 
     def flanks(self) -> Flanks | None:
         fast = self._fall()
-        return Flanks(self.direction * self.voltage / (1.0 / self.frequency - fast), fast)
+        return Flanks(self.direction * self._peak() / (1.0 / self.frequency - fast), fast)
 
     def broken_conditions(self) -> dict[str, str]:
         room = self.duty / self.frequency
@@ -71,4 +79,4 @@ class Sawtooth(AbstractDrive):
     @classmethod
     def examples(cls) -> tuple[Self, ...]:
         falls = [cls(-30.0, 20.0, fall, way) for fall in (0.0, 1.3e-3) for way in (1.0, -1.0)]
-        return cls(), *falls, cls(30.0, 20.0, duty=0.8), cls(30.0, 20.0, 1e-3, -1.0, 0.8)
+        return cls(), *falls, cls(30.0, 20.0, duty=0.8), cls(30.0, 20.0, 1e-3, -1.0, 0.8, 1.0)

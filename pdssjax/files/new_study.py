@@ -11,7 +11,7 @@ from ..metrics import RecordGuess, guess_record
 from .channel_roles import Hints, Roles, roles_of
 from .record_columns import Columns, read_columns
 from .toml_text import quoted
-from .unseen_flanks import condition_of, early_start, flank_parameters, is_open, sampling_interval
+from .unseen_flanks import condition_of, early_start, flank_parameters, is_open, numbers_of, sampling_interval
 
 _HYSTERESIS = 0.01
 """Root mean square that a line of the voltage leaves of a platform, in parts of its motion, from which it is told."""
@@ -261,9 +261,8 @@ def _drive(record: NewRecord) -> list[str]:
         ]
     units = {"voltage": "V", "bias": "V", "phase": "rad", "frequency": "Hz", "fall_time": "s", "rise_time": "s"}
     keys = [f'waveform = "{wave.name}"'] + [f'direction = "{wave.direction}"'] * bool(wave.direction)
-    for field, number in wave.numbers.items():
-        if field in ("rise_time", "fall_time") and is_open(record.guess):
-            continue
+    keys += ['told_by = "slope"'] * (is_open(record.guess) and wave.name == "sawtooth")
+    for field, number in numbers_of(record.guess).items():
         keys.append(f'{field} = "{number:.7g} {units[field]}"' if field in units else f"{field} = {number:.6g}")
     left = (
         f"it leaves {100 * max(wave.misfit, 1e-4):.2g} % of the voltage"

@@ -49,6 +49,16 @@ def early_start(guess: RecordGuess) -> float:
     return guess.start - _timing(guess).within
 
 
+def numbers_of(guess: RecordGuess) -> dict[str, float]:
+    """Of the record's drive; a sawtooth whose fast flank is left to the fit has the voltage that its slope tells."""
+    numbers = dict(guess.waveform.numbers)
+    if is_open(guess):
+        lasts = numbers.pop(_FLANK[guess.waveform.name].partition(".")[2], 0.0)
+        if guess.waveform.name == "sawtooth":
+            numbers["voltage"] /= 1.0 - lasts * numbers["frequency"]
+    return numbers
+
+
 def _timing(guess: RecordGuess) -> Timing:
     assert guess.waveform.timing is not None
     return guess.waveform.timing

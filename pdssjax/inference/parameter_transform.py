@@ -61,7 +61,7 @@ def transform_of(parameters: Mapping[str, Parameter], starts: Mapping[str, float
     """The scale of the free `parameters` of a study, sized after their `search`."""
     free = [p for p in parameters.values() if p.free]
     logarithmic = np.array([p.quantity.positive for p in free], bool)
-    sizes = [abs(starts[p.path]) or _typical(p) for p in free]
+    sizes = [p.standard_error or abs(starts[p.path]) or _typical(p) for p in free]
     unit = np.where(logarithmic, 1.0, sizes)
     low, high = (np.array(ends) for ends in zip(*(p.bounds(starts[p.path]) for p in free), strict=True))
     with np.errstate(divide="ignore"):

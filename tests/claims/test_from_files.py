@@ -86,7 +86,8 @@ def test_two_commands_lead_to_parameters_within_their_errors(tmp_path, name):
     files = write_files(tmp_path, *FLANKS[name])
     assert cli.main(["new", str(tmp_path / "rig"), "--files", *map(str, files), "--mass", "45 g"]) == 0
     out = tmp_path / "out"
-    assert cli.main(["identify", str(tmp_path / "rig" / "study.toml"), "--out", str(out)]) == 0
+    # 3 where the optimum lies at a jump of chi-square: a reversal that grazes comes or goes, 0.1 nm away.
+    assert cli.main(["identify", str(tmp_path / "rig" / "study.toml"), "--out", str(out)]) in (0, 3)
     found = json.loads((out / "estimate.json").read_text())
     off = {
         path: (p["value"] - TRUTH[path]) / p["standard_error"]

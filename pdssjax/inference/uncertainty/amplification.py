@@ -29,7 +29,7 @@ def amplification_of(problem: Problem, fit: Fit, identifiable: Bool[np.ndarray, 
     if not (earlier.size and later.size and used.any()):
         return None
     jacobian = np.asarray(fit.state.jacobian)[used]
-    relative = transform.slope(fit.free) / values
+    relative = transform.slope(fit.free) / np.where(values == 0.0, np.inf, values)
     matrix = moved_by(jacobian[:, later], jacobian[:, earlier])
     paths = np.array(transform.paths)
     return Amplification(
