@@ -22,7 +22,7 @@ class Waves:
 
     bounds = np.full(2, -10.0), np.full(2, 10.0)
     noise = np.ones(1)
-    residual = SimpleNamespace(transform=SimpleNamespace(paths=PATHS), loss=Squares())
+    residual = SimpleNamespace(transform=SimpleNamespace(paths=PATHS), loss=Squares(), apart={})
 
     def __init__(self, frequency: float, ripple: float, platform_alone: bool = False):
         self.frequency, self.ripple = frequency, ripple

@@ -122,10 +122,14 @@ def _searched(starts: dict[str, float], contest: Contest) -> list[dict[str, floa
 
 
 def _scattered(fit: Fit, starts: dict[str, float], contest: Contest) -> list[dict[str, float]]:
-    """Starts that differ in every parameter but for what the platform alone shows, held where the `fit` has it."""
+    """Starts that differ in every parameter but for what is known better, held where the `fit` has it.
+
+    That is what the platform alone shows, and what was measured apart.
+    """
     study, problem = contest.study, contest.problem
     platform = of_platform_alone(problem.records).any()
-    held = [path for path in problem.residual.transform.paths if platform and shown_by_platform(path, problem)]
+    known = lambda path: path in problem.residual.apart or (platform and shown_by_platform(path, problem))
+    held = [path for path in problem.residual.transform.paths if known(path)]
     around = starts | {path: float(number) for path, number in problem.decode(fit.free).items() if path in held}
     return scatter_starts(study.models, study.parameters, study.records, around, held)
 

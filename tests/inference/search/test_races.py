@@ -154,6 +154,17 @@ def test_a_fit_that_ran_into_a_bound_is_compared_with_starts_that_differ_in_ever
     assert len(rig.of("restarts")) == 1
 
 
+def test_what_was_measured_apart_is_held_where_the_fit_put_it_when_others_are_scattered(monkeypatch):
+    problem = Waves(1.0, 0.0)
+    told = SimpleNamespace(apart={"friction.f_c": np.array([3.0, 0.1])}, transform=SimpleNamespace(paths=PATHS))
+    monkeypatch.setattr(problem, "residual", told)
+    monkeypatch.setattr(races, "scatter_starts", lambda models, parameters, records, around, held: [(around, held)])
+    study = SimpleNamespace(models=None, parameters={}, records=())
+    contest = races.Contest(study, problem, [], False, run, lambda message: None)
+    ((around, held),) = races._scattered(SimpleNamespace(free=np.array([2.0, 3.01])), at(5.0, 5.0), contest)
+    assert held == ["friction.f_c"] and around == at(5.0, 3.01)
+
+
 def test_what_the_platform_shows_is_held_where_the_fit_put_it_when_others_are_scattered(monkeypatch):
     problem = Waves(1.0, 0.0, platform_alone=True)
     problem.bounds = np.full(2, -10.0), np.array([10.0, 0.5])
