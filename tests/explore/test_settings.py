@@ -53,7 +53,7 @@ def test_a_text_that_is_no_legal_number_is_refused(study, text, said):
 def test_what_a_drive_shares_with_the_study_is_turned_there(study):
     step, walk = study.records
     assert [knob.path for knob in drive_knobs(study, walk)] == ["drive.voltage", "drive.frequency", "drive.duty"]
-    assert [choice.path for choice in drive_choices(walk)] == ["drive.direction"]
+    assert [choice.path for choice in drive_choices(walk)] == ["drive.direction", "drive.told_by"]
     assert "drive.voltage" in [knob.path for knob in drive_knobs(study, step)]
 
 
