@@ -25,7 +25,6 @@ from experiments.draws import read_tasks, run_tasks
 from experiments.three_ways import started
 from pdssjax import InputWarning
 from pdssjax.core import prepare_jax
-from pdssjax.study import FittedParameter
 
 NAME = "profile_coverage"
 COUNT = 100
@@ -47,14 +46,12 @@ def both_intervals(number: int) -> Result:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)
         found = pdssjax.identify(started(told, values), intervals="profile")
-    ends = {path: [float(end) for end in found.parameters[path].interval] for path in found.names}
-    return {"truth": kept["truth"], "linear": {path: _linear(found.parameters[path]) for path in ends}, "profile": ends}
-
-
-def _linear(parameter: FittedParameter) -> list[float]:
-    """The interval of the standard error, symmetric in the logarithm as all parameters are fitted."""
-    half = 1.959964 * parameter.standard_error / parameter.value
-    return [float(parameter.value * np.exp(sign * half)) for sign in (-1.0, 1.0)]
+    parameters = {path: found.parameters[path] for path in found.names}
+    return {
+        "truth": kept["truth"],
+        "linear": {path: list(parameter.errors["white"].interval) for path, parameter in parameters.items()},
+        "profile": {path: list(parameter.interval) for path, parameter in parameters.items()},
+    }
 
 
 def coverage(results: Sequence[Result], way: str) -> dict[str, float]:

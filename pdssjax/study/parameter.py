@@ -39,7 +39,7 @@ class Parameter:
     @property
     def origin(self) -> str:
         """Where its number comes from, in words."""
-        if self.standard_error:
+        if self.measured_apart is not None:
             return "measured apart"
         return self.source or ("value in the study" if self.start is None else "start in the study")
 

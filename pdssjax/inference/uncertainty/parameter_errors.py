@@ -97,7 +97,10 @@ def record_errors(
 
     **Arguments:** `curvatures` of the records, as `influence_of` takes their sum.
     """
-    effect = _influence(point, curvatures)
+    return _record_errors(point, variance_factor, _influence(point, curvatures))
+
+
+def _record_errors(point: FittedPoint, variance_factor: float, effect: Float[np.ndarray, "n p"]) -> list[RecordErrors]:
     used = 1.0 - point.fit.free.size / point.residual.size
     return [
         RecordErrors(
@@ -120,9 +123,10 @@ def _covariances(
     curvatures: Sequence[Float[np.ndarray, "p k"]] | None,
 ) -> dict[str, tuple[Float[np.ndarray, "p p"], list[float]]]:
     """By name of the model: the covariance on the fit's scale, NaN where not known, and the evidence of each record."""
-    records, out = record_errors(point, factor, curvatures), {}
+    effect = _influence(point, curvatures)
+    records, out = _record_errors(point, factor, effect), {}
     # What was measured apart has errors of its own, whatever those of the samples.
-    apart = _influence(point, curvatures)[point.problem.rows_apart]
+    apart = effect[point.problem.rows_apart]
     for model in models:
         matrix, evidence = model.covariance(records)
         matrix = matrix + factor * apart.T @ apart

@@ -35,9 +35,9 @@ def _parameter(parameter: Parameter) -> list[str]:
     given = [end for end in (parameter.low, parameter.high) if end is not None]
     low, high = (math.nan if end is None else end * scale for end in (parameter.low, parameter.high))
     bounds = f"{low:.4g} .. {high:.4g}".replace("nan", "") if given else ""
-    if parameter.standard_error:
-        number += f" +/- {parameter.standard_error * scale:.2g}"
-    kind = "measured apart" if parameter.standard_error else "free" if parameter.free else "fixed"
+    kind = "free" if parameter.free else "fixed"
+    if parameter.measured_apart is not None:
+        kind, number = "measured apart", f"{number} +/- {parameter.measured_apart[1] * scale:.2g}"
     return [parameter.path, kind, number, unit, bounds]
 
 
