@@ -108,7 +108,10 @@ def test_it_ends_where_a_plain_fit_does(posed, plain):
     problem, free = posed
     found = searched(problem, free)
     assert found.chi2 == pytest.approx(2.0 * plain.cost, rel=1e-8)
-    np.testing.assert_allclose(found.free, plain.x, rtol=1e-8)
+    # In standard errors: where records tell little, rounding moves a parameter along with another.
+    jacobian = np.asarray(problem.jacobian(plain.x))
+    errors = np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian)))
+    np.testing.assert_allclose((found.free - plain.x) / errors, 0.0, atol=1e-4)
 
 
 def test_the_linear_ones_alone_are_an_ordinary_linear_fit(posed):
