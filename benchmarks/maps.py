@@ -10,6 +10,7 @@ import argparse
 import dataclasses
 import functools
 import json
+import os
 import resource
 import subprocess
 import sys
@@ -82,10 +83,13 @@ def measured(voltages: int, frequencies: int, both: bool, cycles: int | str, wor
     return dict(points=data.failure.size, first=first, second=second, unsteady=unsteady, failed=failed, peak=peak)
 
 
-def fresh(*arguments: object) -> dict[str, float]:
-    """`measured` in a process of its own."""
+def fresh(*arguments: object, devices: int = 1) -> dict[str, float]:
+    """`measured` in a process of its own, which sees the CPU as so many devices."""
     program = f"import json; from benchmarks.maps import measured; print(json.dumps(measured(*{arguments!r})))"
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count={devices}"
+    environment = os.environ | {"XLA_FLAGS": flags}
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     if done.returncode:
         raise RuntimeError(f"the map failed: {done.stderr[-2000:]}")
     return json.loads(done.stdout.splitlines()[-1])
@@ -171,6 +175,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cycles", default="steady")
     parser.add_argument("--workers", type=int, help="threads (default: one a core)")
+    parser.add_argument("--devices", type=int, default=1, metavar="N", help="as which the CPU is seen (default 1)")
     parser.add_argument("--against", type=int, default=0, metavar="POINTS", help="compare with 200 cycles at each")
     parser.add_argument("--kept", type=Path, default=Path("out/maps_against.jsonl"), help="file of what was compared")
     parser.add_argument("--minutes", type=float, default=10.0, help="of comparing, a reading, at most (default 10)")
@@ -182,7 +187,7 @@ def main() -> None:
     cycles = int(options.cycles) if options.cycles.isdigit() else options.cycles
     sizes = [(*FULL, False), (*FULL, True), (10, 100, False), (options.largest // 100, 100, False)]
     for voltages, frequencies, both in sizes:
-        found = fresh(voltages, frequencies, both, cycles, options.workers)
+        found = fresh(voltages, frequencies, both, cycles, options.workers, devices=options.devices)
         print(
             f"{found['points']} points{', both directions' if both else ''}: first call {found['first']:.2f} s, second "
             f"{found['second']:.2f} s, peak memory {found['peak'] / 1e6:.0f} MB, {found['unsteady']} not steady, "

@@ -5,6 +5,7 @@ a temporary file and renames it, so that a chunk is there whole or not at all; a
 computed again.  The store is made beside its place and renamed, too.
 """
 
+import dataclasses
 import importlib.metadata
 import shutil
 import tempfile
@@ -161,9 +162,9 @@ def _resumed(place: Path, group: Group, document: Document, plan: BlockPlan) -> 
     **Raises:** `InputError` that says what differs where the store is that of another sweep.
     """
     other = differences(document, group.attrs["job"])
-    if not other and group.attrs["lanes"] != plan.lanes:
-        other = [f"blocks of {group.attrs['lanes']} points, not {plan.lanes}"]
     points = group.attrs["points"]
+    # Begun on a machine with other devices, it goes on in the blocks that it has.
+    plan = dataclasses.replace(plan, lanes=group.attrs["lanes"])
     whole = None if other else extended(plan, np.asarray(group["values"][:points]))
     if whole is None:
         other = other or [f"{points} points, not all of them among these {len(plan.order)}"]

@@ -1,11 +1,11 @@
 """What a sweep will take, from a few of its blocks: seconds, before it is run."""
 
 import dataclasses
-import os
 import time
 
 import numpy as np
 
+from .device_mesh import default_workers
 from .execution import computed_block
 from .sweeping import PlannedSweep
 
@@ -38,7 +38,7 @@ class Forecast:
 
 def forecast(planned: PlannedSweep, workers: int | None = None) -> Forecast:
     """Times a few blocks of a `planned` sweep, and what compiles them, for `workers`, one a core by default."""
-    plan, workers = planned.plan, workers or os.cpu_count() or 1
+    plan, workers = planned.plan, workers or default_workers()
     numbers = sorted({int(part * plan.blocks) for part in _TIMED}) if plan.blocks else []
     seconds = [_seconds(planned, number) for number in [*numbers[:1], *numbers]]
     first, others = (seconds[0], seconds[1:]) if seconds else (0.0, [0.0])

@@ -7,7 +7,6 @@ seen the job builds it from the text and keeps it, compiled.
 import contextlib
 import functools
 import itertools
-import os
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import (
     FIRST_COMPLETED,
@@ -26,6 +25,7 @@ from jaxtyping import Float
 
 from ..core import Document, InputError, prepare_jax
 from .block_plan import BlockPlan
+from .device_mesh import default_workers
 from .job import check_travels, job_text, package_version, point_function
 from .point import PointFunction, compute_block
 
@@ -54,7 +54,7 @@ def run_blocks(
     twice as many as it has workers.
     """
     if executor is None:
-        yield from _on_threads(function, plan, iter(numbers), workers or os.cpu_count() or 1, in_flight)
+        yield from _on_threads(function, plan, iter(numbers), workers or default_workers(), in_flight)
         return
     check_travels(document)
     text = job_text(document)

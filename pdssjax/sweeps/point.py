@@ -4,7 +4,7 @@ Every point is its own simulation from rest.  Points are computed side by side, 
 """
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import NamedTuple
 
 import equinox as eqx
@@ -22,10 +22,11 @@ from .cycles.base import METRICS, AbstractCycle, Metric
 from .cycles.course import closing, step_metrics
 from .cycles.further_metrics import FURTHER, GRAZES, SMOOTH, counted, grazing, output_force
 from .cycles.peak_friction import peak_friction
+from .device_mesh import shared_out, whole_shares
 from .point_status import GRAZING, INCOMPLETE
 
 _FEW = 8
-"""Points that are looked at patiently in one call."""
+"""Points that are looked at patiently in one call, or one a device where there are more of these."""
 
 
 class Look(NamedTuple):
@@ -160,10 +161,9 @@ def compute_block(
     function: PointFunction, points: Float[np.ndarray, "lanes paths"]
 ) -> Float[np.ndarray, "lanes columns"]:
     """Metrics and failure of each point of a block, one row a point."""
-    found = _rows(_side_by_side(function, jnp.asarray(points)))
+    found = _rows(_side_by_side(function, _filled_up(points, whole_shares(len(points)))))[: len(points)]
     left = np.flatnonzero(function.cycle.unfinished(found[:, :-1]))
-    for begin in range(0, len(left), _FEW):
-        few = left[begin : begin + _FEW]
+    for few in _in_turns(left):
         found[few] = np.column_stack(_found_of(_one_by_one, function, points[few]))
     return _with_details(function, points, found) if function.further or function.by else found
 
@@ -176,8 +176,7 @@ def _with_details(
     # What fills up a block is its last point again, and need not be computed again.
     last = _last_of_its_kind(points)
     sound = np.flatnonzero(np.isin(found[: last + 1, -1], (0, GRAZING)))
-    for begin in range(0, len(sound), _FEW):
-        few = sound[begin : begin + _FEW]
+    for few in _in_turns(sound):
         numbers, failure = _found_of(_detailed, function, points[few])
         known = np.where(np.isfinite(numbers) & np.isin(failure, (0, GRAZING))[:, None], numbers, np.nan)
         details[few] = known
@@ -192,8 +191,8 @@ def _found_of(
     function: PointFunction,
     points: Float[np.ndarray, "few paths"],
 ) -> tuple[Float[np.ndarray, "few columns"], Int[np.ndarray, " few"]]:
-    """What `look` finds of at most `_FEW` points, and their failures; where a reversal grazes it looks once more."""
-    few, asked = len(points), jnp.asarray(np.resize(points, (_FEW, points.shape[1])))
+    """What `look` finds of points of one turn, and their failures; where a reversal grazes it looks once more."""
+    few, asked = len(points), _filled_up(points, whole_shares(_FEW))
     numbers, failure = (np.array(found)[:few] for found in look(function, asked))
     grazes, cycle = failure == GRAZING, function.cycle.where_grazing()
     if grazes.any() and cycle is not function.cycle:
@@ -201,6 +200,17 @@ def _found_of(
         again, failed = (np.array(found)[:few] for found in look(other, asked))
         numbers[grazes], failure[grazes] = again[grazes], np.where(failed == 0, GRAZING, failed)[grazes]
     return numbers, failure
+
+
+def _in_turns(chosen: Int[np.ndarray, " chosen"]) -> Iterator[Int[np.ndarray, " few"]]:
+    """The points that are looked at in one call, call after call."""
+    most = whole_shares(_FEW)
+    return (chosen[begin : begin + most] for begin in range(0, len(chosen), most))
+
+
+def _filled_up(points: Float[np.ndarray, "some paths"], count: int) -> Float[Array, "count paths"]:
+    """`count` points: these, and some of them again."""
+    return jnp.asarray(np.resize(points, (count, points.shape[1])))
 
 
 def _last_of_its_kind(points: Float[np.ndarray, "lanes paths"]) -> int:
@@ -212,21 +222,21 @@ def _last_of_its_kind(points: Float[np.ndarray, "lanes paths"]) -> int:
 def _side_by_side(
     function: PointFunction, points: Float[Array, "lanes paths"]
 ) -> tuple[Float[Array, "lanes metrics"], Int[Array, " lanes"]]:
-    return jax.vmap(function)(points)
+    return shared_out(jax.vmap(function), points)
 
 
 @eqx.filter_jit
 def _one_by_one(
     function: PointFunction, points: Float[Array, "few paths"]
 ) -> tuple[Float[Array, "few metrics"], Int[Array, " few"]]:
-    return jax.lax.map(lambda values: function(values, patient=True), points)
+    return shared_out(lambda share: jax.lax.map(lambda values: function(values, patient=True), share), points)
 
 
 @eqx.filter_jit
 def _detailed(
     function: PointFunction, points: Float[Array, "few paths"]
 ) -> tuple[Float[Array, "few details"], Int[Array, " few"]]:
-    return jax.lax.map(function.details, points)
+    return shared_out(lambda share: jax.lax.map(function.details, share), points)
 
 
 def _rows(found: tuple[Float[Array, "lanes metrics"], Int[Array, " lanes"]]) -> Float[np.ndarray, "lanes columns"]:

@@ -21,6 +21,7 @@ from .axes import check_axes, contradictions
 from .block_plan import BlockPlan, plan_blocks
 from .block_store import AbstractBlockStore, MemoryStore
 from .dataset import labelled
+from .device_mesh import lanes_here
 from .execution import run_blocks
 from .job import job_document, measured_cycle
 from .point import PointFunction
@@ -76,7 +77,7 @@ def plan_sweep(
         study.models, drive_of(base), points.paths, numbers, cycle, fine, tuple(metrics), tuple(derivatives)
     )
     sound = np.flatnonzero(~contradictions(drive_of(base), points.paths, values, numbers))
-    plan = plan_blocks(points.paths, values[sound])
+    plan = plan_blocks(points.paths, values[sound], lanes_here())
     plan = dataclasses.replace(plan, order=sound[plan.order])
     return PlannedSweep(study, base, points, declared, used, function, job_document(function), plan)
 
@@ -110,6 +111,7 @@ def sweep(
     `derivatives` names parameters and quantities of the drive by which all smooth metrics are derived
     (`speed_by_piezo_gain`).  `progress(done, points)` is called after each block;
     in a notebook a bar shows it if there is none.
+    All devices of the machine share a block of points.
     `workers` is the number of threads, one a core by default.  An `executor` of `concurrent.futures` runs the blocks
     in place of the threads, at most `in_flight` at a time; its processes start by spawn, since JAX does not outlive
     a fork.  A `store` keeps what was found block by block and goes on where it stopped.

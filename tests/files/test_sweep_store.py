@@ -20,7 +20,7 @@ from pdssjax import InputError
 from pdssjax.cli.main import main
 from pdssjax.files import EXAMPLE, SweepStore
 from pdssjax.files.sweep_store import DONE, FAILED
-from pdssjax.sweeps import execution
+from pdssjax.sweeps import execution, sweeping
 
 OVER = {"drive.voltage": np.linspace(20.0, 80.0, 20), "drive.frequency": np.linspace(2.0, 50.0, 20)}
 """400 points: seven blocks."""
@@ -121,6 +121,17 @@ def test_an_extension_that_was_interrupted_leaves_the_sweep_as_it_was(tmp_path, 
     store._group.attrs["points"] = 400
     resumed = pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr", resume=True))
     xarray.testing.assert_identical(resumed, whole)
+
+
+def test_a_sweep_begun_where_blocks_are_larger_goes_on_in_those(tmp_path, study, quick, monkeypatch):
+    whole = pdssjax.sweep(study, OVER)
+    with monkeypatch.context() as many:
+        many.setattr(sweeping, "lanes_here", lambda: 192)
+        SweepStore(tmp_path / "s.zarr").open(*planned(study))
+    quick.clear()
+    resumed = pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr", resume=True))
+    xarray.testing.assert_identical(resumed, whole)
+    assert [len(points) for points in quick] == [192, 192, 192]
 
 
 def test_a_store_that_is_there_is_neither_resumed_nor_replaced_unasked(tmp_path, study, quick):
