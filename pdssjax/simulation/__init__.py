@@ -6,6 +6,9 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from .grazing_reversals import GRAZES as GRAZES
+    from .grazing_reversals import grazing as grazing
+    from .grazing_reversals import turns as turns
     from .observation import Inside as Inside
     from .observation import Observation as Observation
     from .observation import observe as observe
@@ -32,6 +35,7 @@ else:
     __getattr__, __dir__, __all__ = lazy_exports(
         __name__,
         {
+            "grazing_reversals": ["GRAZES", "grazing", "turns"],
             "observation": ["Inside", "Observation", "observe"],
             "outputs": [
                 "ACCELERATION",

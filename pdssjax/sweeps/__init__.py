@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from .cost import forecast as forecast
     from .cycles.base import METRICS as METRICS
     from .cycles.further_metrics import FURTHER as FURTHER
-    from .cycles.further_metrics import GRAZES as GRAZES
     from .cycles.further_metrics import SMOOTH as SMOOTH
     from .dataset import register_plot as register_plot
     from .directions import compared_directions as compared_directions
@@ -58,7 +57,7 @@ else:
             "varied_record": ["driven_record"],
             "cycles.base": ["METRICS"],
             "directions": ["compared_directions"],
-            "cycles.further_metrics": ["FURTHER", "GRAZES", "SMOOTH"],
+            "cycles.further_metrics": ["FURTHER", "SMOOTH"],
             "dataset": ["register_plot"],
             "job": ["differences"],
             "point_status": ["GRAZING", "POINT_FAILURES"],

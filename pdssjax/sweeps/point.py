@@ -16,11 +16,11 @@ from jaxtyping import Array, Float, Int
 from ..core import Count, Quantity, Scalar, ScalarLike, Truth
 from ..drive.base import AbstractDrive
 from ..integration import Accuracy
-from ..simulation import StickSlip
+from ..simulation import GRAZES, StickSlip
 from ..study import Models
 from .cycles.base import METRICS, AbstractCycle, Metric
 from .cycles.course import closing, step_metrics
-from .cycles.further_metrics import FURTHER, GRAZES, SMOOTH, counted, grazing, output_force
+from .cycles.further_metrics import FURTHER, SMOOTH, counted, nearest_to_grazing, output_force
 from .cycles.peak_friction import peak_friction
 from .device_mesh import shared_out, whole_shares
 from .point_status import GRAZING, INCOMPLETE
@@ -119,7 +119,7 @@ class PointFunction(eqx.Module):
             course = self.cycle.course(system, opening._replace(x=x))
             found = {"output_force": output_force(course)} if blocked else step_metrics(course)
             found |= {"peak_friction": peak_friction(course)} if "peak_friction" in asked else {}
-            grazes = opening.grazes | (grazing(course) < GRAZES)
+            grazes = opening.grazes | (nearest_to_grazing(course) < GRAZES)
             others = {} if blocked else counted(course, jnp.where(grazes, jnp.nan, opening.multiplier))
             return Look(found, closing(course)), (Look(found | others, x), Seen(grazes, course.failure))
 

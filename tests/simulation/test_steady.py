@@ -11,6 +11,7 @@ from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.drive.step import Step
 from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
 from pdssjax.piezo.second_order import SecondOrder
+from pdssjax.simulation import GRAZES
 from pdssjax.simulation.steady_cycles import steady_cycle
 
 CHOSEN = jnp.array([100.0, 120.0, 0.1772, 54.4])
@@ -53,6 +54,7 @@ def test_a_steady_motion_is_that_after_many_cycles():
         actuator, drive, jnp.concatenate([jnp.array([39.9999999]) / drive.frequency, 40 / drive.frequency + times])
     )
     assert bool(steady.repeated) and int(steady.failure) == 0
+    assert steady.grazing is not None and late.grazing is None and GRAZES < float(steady.grazing) <= 1.0
     np.testing.assert_allclose(steady.voltage[1:], late.voltage[2:], atol=1e-6)
     np.testing.assert_allclose(steady.effector[1:], late.effector[2:] - late.effector[0], rtol=0.0, atol=2e-10)
     np.testing.assert_allclose(steady.platform[1:], late.platform[2:], rtol=0.0, atol=1e-12)

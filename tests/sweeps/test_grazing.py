@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from quick_blocks import example_study
 
+import pdssjax
 from pdssjax import Accuracy
 from pdssjax.integration import integrate_to_times
-from pdssjax.sweeps import GRAZES, GRAZING, plan_sweep
+from pdssjax.simulation import GRAZES
+from pdssjax.sweeps import GRAZING, plan_sweep
 from pdssjax.sweeps.point import _detailed, _found_of, _one_by_one, compute_block
 
 FREQUENCY = 150.0
@@ -59,6 +61,12 @@ def test_a_cycle_with_a_grazing_reversal_is_integrated_and_says_so(function, loo
     reversals, grazing, multiplier, failure = looked_at(volts)
     assert (failure[:4] == GRAZING).all() and np.isnan(multiplier[:4]).all() and (grazing[:4] < GRAZES).all()
     assert (failure[4:] == 0).all() and (multiplier[4:] < 1.0).all() and (reversals > 0).all()
+    # A steady trajectory of the same actuator says as much.
+    for voltage, near in zip(volts[[0, 4]], grazing[[0, 4]], strict=True):
+        system = function.system(jnp.array([voltage, FREQUENCY]))
+        times = jnp.linspace(0.0, 0.999, 20) / FREQUENCY
+        moving = pdssjax.simulate(system.actuator, system.drive, times, Accuracy(max_steps=2048), cycles="steady")
+        assert float(moving.grazing) == pytest.approx(near, rel=0.1, abs=1e-3)
     # Left to Newton's method it is integrated, too: to what 200 cycles lead to.
     values = np.array([grazing_voltage, FREQUENCY])
     (patient,), failed = _found_of(_one_by_one, function, values[None])

@@ -28,10 +28,10 @@ from ...integration import (
     steady_state,
 )
 from ...metrics import cycle_metrics
-from ...simulation import StickSlip
+from ...simulation import GRAZES, StickSlip
 from ..point_status import GRAZING
 from .base import METRICS, AbstractCycle, Course, Metric, Opening, effector_at, timing
-from .further_metrics import GRAZES, grazing
+from .further_metrics import nearest_to_grazing
 
 TOLERANCE = 2e-11
 """How far [m] a cycle may be from its limit."""
@@ -85,7 +85,7 @@ class Steady(AbstractCycle):
         failure = jnp.where(cycles.failure > 0, cycles.failure, opening.failure)
         grazes = opening.grazes
         if not self.of_integrated:
-            grazes = (opening.repeats > 0) & (grazing(_course(system, opening, accuracy)) < GRAZES)
+            grazes = (opening.repeats > 0) & (nearest_to_grazing(_course(system, opening, accuracy)) < GRAZES)
         return measured, jnp.where((failure == 0) & grazes, GRAZING, failure)
 
     def opening(self, system: StickSlip) -> Opening:
