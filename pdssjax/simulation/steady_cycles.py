@@ -15,7 +15,7 @@ from .systems.stick_slip import StickSlip
 TOLERANCE = 1e-12
 """How far [m] a steady cycle may be from repeating."""
 
-_STEPS = 2048
+_STEPS = 8192
 """Room for the steps of three cycles."""
 
 

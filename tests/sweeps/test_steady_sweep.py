@@ -60,8 +60,8 @@ def after_many(function, cycles=200):
         system = function.system(values)
         assert isinstance(system, StickSlip)
         times = jnp.arange(cycles - 1, cycles + 1) / system.drive.cycle_frequency() * (1.0 - 1e-12)
-        reached = integrate_to_times(system, times, Accuracy(max_steps=400_000))
-        return reached.x.d[0] - reached.x.d[1]
+        reached = integrate_to_times(system, times, Accuracy(max_steps=4_000_000))
+        return jnp.where(reached.failure > 0, jnp.nan, reached.x.d[0] - reached.x.d[1])
 
     return run
 
