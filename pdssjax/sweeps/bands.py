@@ -18,10 +18,10 @@ COVERED = 0.95
 NORMAL = 1.959964
 """Half the width of the band of a normal distribution, in standard deviations."""
 
-STRAIGHT = 0.08
+STRAIGHT = 0.06
 """The second order may add this part of the standard deviation to the mean where first order does.
 
-Standard deviations were then within 4 % of those of draws, and within 7 % at one point (`experiments.bands`).
+Standard deviations were then within 3 % of those of 30000 draws, widths of bands within 5 %.
 """
 
 _KINDS = {
