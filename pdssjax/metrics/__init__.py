@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from .characterisation import Summary as Summary
     from .characterisation import characterisation_of as characterisation_of
     from .decimation import decimated as decimated
+    from .flank_timing import Timing as Timing
     from .goodness_of_fit import error_index as error_index
     from .goodness_of_fit import r_squared as r_squared
     from .goodness_of_fit import rmse as rmse
@@ -44,7 +45,6 @@ if TYPE_CHECKING:
     from .sample_noise import scatter_floor as scatter_floor
     from .sensor_resolution import resolution_of as resolution_of
     from .smoothing import smoothed as smoothed
-    from .waveform_detection import Timing as Timing
     from .waveform_detection import Waveform as Waveform
     from .waveform_detection import detect_waveform as detect_waveform
 else:
@@ -65,6 +65,7 @@ else:
             "chain_convergence": ["effective_size", "effective_size_of_tails", "rhat"],
             "characterisation": ["Characterisation", "SI_UNITS", "Summary", "characterisation_of"],
             "decimation": ["decimated"],
+            "flank_timing": ["Timing"],
             "goodness_of_fit": ["error_index", "r_squared", "rmse"],
             "motion_against_voltage": ["goes_against", "rides_against"],
             "outlying_samples": ["outliers"],
@@ -74,7 +75,7 @@ else:
             "sample_noise": ["neighbour_scatter", "scatter_floor"],
             "sensor_resolution": ["resolution_of"],
             "smoothing": ["smoothed"],
-            "waveform_detection": ["Timing", "Waveform", "detect_waveform"],
+            "waveform_detection": ["Waveform", "detect_waveform"],
             "per_cycle": ["FLANK", "cycle_metrics", "force_metrics", "turning_points"],
         },
     )

@@ -12,12 +12,12 @@
 import dataclasses
 import math
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 
+from .flank_timing import JUMP, Timing, timing_of
 from .sample_noise import scatter_between_corners
-from .sharpened_flanks import SharpFlanks, sharpened_sawtooth, sharpened_step
+from .sharpened_flanks import sharpened_sawtooth, sharpened_step
 from .voltage_flanks import Samples, VoltageFlanks, period_of, voltage_flanks
 
 MOST_MISFIT = 0.015
@@ -26,32 +26,11 @@ MOST_MISFIT = 0.015
 _AT_ZERO = 0.02
 """Part of the voltage up to which a level counts as 0 V."""
 
-_JUMP = 1.6
-"""Sampling intervals up to which a flank cannot be told from a jump."""
-
 _LOCATED = 0.1
 """Sampling intervals from the clock's zero up to which a start that samples on a flank locate is taken to be there."""
 
 _FASTER = 0.3
 """A flank that takes less than this part of the other one makes a sawtooth."""
-
-
-_SURE = 5.0
-"""Standard errors within which what least squares tell of a flank is taken to lie."""
-
-
-class Timing(NamedTuple):
-    """What the samples of a voltage leave open of its fast flanks."""
-
-    shortest: float
-    """Duration that such a flank may have [s]."""
-    longest: float
-    """The same."""
-    within: float
-    """By so much the drive may start earlier or later [s]."""
-    errors: tuple[float, float] | None = None
-    """Standard errors of duration and start [s] where samples on flanks locate them; None where only bounds are known.
-    """
 
 
 @dataclasses.dataclass(frozen=True)
@@ -140,7 +119,7 @@ def _step(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: float)
     voltage = float(np.median(late)) if late.size else float(volts[-1])
     rise = flanks.rise
     sharp = sharpened_step(time, volts, (voltage, middle - 0.5 * rise, rise), interval)
-    ideal = sharp is None and rise < _JUMP * interval
+    ideal = sharp is None and rise < JUMP * interval
     if sharp is not None:
         voltage, start, rise = sharp.voltage, sharp.start, sharp.duration
         shown = voltage * np.clip((time - start) / rise, 0.0, 1.0)
@@ -157,21 +136,9 @@ def _step(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: float)
     # A ramp that never comes to rest is no step.
     misfit = _rms((volts - shown)[~near]) / abs(voltage) if late.size >= max(4, volts.size // 20) else math.inf
     numbers = {"voltage": voltage} | ({} if ideal else {"rise_time": rise})
-    bound = (f"rise_time: below {_JUMP * interval:.3g} s; start: within {interval:.3g} s",) if ideal else ()
-    timing = _timing(sharp, 0.0 if ideal else rise, interval)
+    bound = (f"rise_time: below {JUMP * interval:.3g} s; start: within {interval:.3g} s",) if ideal else ()
+    timing = timing_of(sharp, 0.0 if ideal else rise, interval)
     return Waveform("step", numbers, "", start, "seen", misfit, bound, timing)
-
-
-def _timing(sharp: SharpFlanks | None, seen: float, interval: float) -> Timing:
-    """Of fast flanks that were located, or else seen between two levels to last so long, 0 where no sample shows it."""
-    if sharp is None and seen:
-        # Two levels with few samples between tell too long a flank.
-        return Timing(max(0.5 * seen - interval, 0.0), 1.5 * seen + interval, 0.5 * seen + interval)
-    if sharp is None:
-        return Timing(0.0, _JUMP * interval, 2.0 * interval)
-    about, within = _SURE * sharp.duration_error, _SURE * sharp.start_error
-    errors = sharp.duration_error, sharp.start_error
-    return Timing(max(sharp.duration - about, 0.0), sharp.duration + about, within, errors)
 
 
 def _rms(values: Samples) -> float:
@@ -187,7 +154,7 @@ def _sawtooth(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: fl
     middles = flanks.falls if forward else flanks.rises
     if len(middles) >= 2:
         period = float(np.polyfit(np.arange(len(middles)), middles, 1)[0])
-    seen, ideal = fast, fast < _JUMP * interval
+    seen, ideal = fast, fast < JUMP * interval
     fast = 0.0 if ideal else fast
     # Numbers of cycles, and samples away from the fast flanks.
     turn = (time - middles[0]) / period
@@ -220,9 +187,9 @@ def _sawtooth(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: fl
         voltage, period, start, fast, *_ = sharp
         ideal = False
     numbers = {"voltage": voltage, "frequency": 1.0 / period} | ({} if ideal else {"fall_time": fast})
-    open_part = f"which leaves {100 * _JUMP * interval / period:.2g} % of the voltage open"
-    bound = (f"fall_time: below {_JUMP * interval:.3g} s, {open_part}",) if ideal else ()
-    timing = _timing(sharp, 0.0 if ideal else fast, interval)
+    open_part = f"which leaves {100 * JUMP * interval / period:.2g} % of the voltage open"
+    bound = (f"fall_time: below {JUMP * interval:.3g} s, {open_part}",) if ideal else ()
+    timing = timing_of(sharp, 0.0 if ideal else fast, interval)
     return Waveform("sawtooth", numbers, "forward" if forward else "backward", start, "running", misfit, bound, timing)
 
 
@@ -252,7 +219,7 @@ def _trapezoid_by(time: Samples, volts: Samples, flanks: VoltageFlanks, interval
     period = period_of(flanks)
     if period is None:
         return None
-    rise, fall = (0.0 if length < _JUMP * interval else length for length in (flanks.rise, flanks.fall))
+    rise, fall = (0.0 if length < JUMP * interval else length for length in (flanks.rise, flanks.fall))
     start = float(flanks.rises[0]) - 0.5 * rise
     after = flanks.falls[flanks.falls > flanks.rises[0]]
     if not after.size:
