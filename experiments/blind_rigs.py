@@ -9,10 +9,8 @@ in chi-square: a fit in two steps is no minimum of the whole.
     python -m experiments.blind_rigs 500    # so many
 """
 
-import concurrent.futures
 import dataclasses
 import functools
-import os
 import sys
 import warnings
 from collections.abc import Mapping, Sequence
@@ -25,7 +23,7 @@ from scipy import stats
 import pdssjax
 from experiments.common import BLUE, GREEN, OUT, VERMILION, Row, print_table, save, styled
 from experiments.coverage_figure import draw_coverage
-from experiments.draws import read_tasks, run_tasks
+from experiments.draws import numbered_results
 from experiments.three_ways import NOISE, known_truth, started
 from pdssjax import Estimate, InputWarning, Study
 from pdssjax.core import prepare_jax
@@ -208,11 +206,7 @@ def draw(results: Sequence[Result]) -> Figure:
 
 def main(rigs: int = RIGS) -> None:
     """Print the table and draw the figure."""
-    tasks = {f"{number:04d}": (number,) for number in range(rigs)}
-    report = lambda text: print(f"\r{text}", end="", flush=True)
-    with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as executor:
-        run_tasks(tasks, identified, OUT / NAME, executor, report=report)
-    results = [result for _, result in read_tasks(tasks, OUT / NAME)]
+    results = numbered_results(rigs, identified, OUT / NAME)
     print_table(f"{len(results)} random rigs, without starts", table(results), NAME)
     with styled():
         save(draw(results), NAME)

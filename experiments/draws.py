@@ -47,6 +47,15 @@ def run_tasks(
     return done
 
 
+def numbered_results(count: int, compute: Callable[[int], Any], folder: Path, workers: int | None = None) -> list[Any]:
+    """What `compute` finds of the numbers below `count`, on so many threads, one a core by default; told as it goes."""
+    tasks = {f"{number:04d}": (number,) for number in range(count)}
+    report = lambda text: print(f"\r{text}", end="", flush=True)
+    with concurrent.futures.ThreadPoolExecutor(workers or os.cpu_count()) as executor:
+        run_tasks(tasks, compute, folder, executor, report=report)
+    return [result for _, result in read_tasks(tasks, folder)]
+
+
 def read_tasks(tasks: Tasks, folder: Path) -> Iterator[tuple[str, Any]]:
     """Name and result of every task, in their order.
 

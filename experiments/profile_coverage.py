@@ -7,7 +7,6 @@ those of the profile likelihood beside each other.  Needs the results that `expe
     python -m experiments.profile_coverage 193    # of so many rigs
 """
 
-import concurrent.futures
 import sys
 import warnings
 from collections.abc import Sequence
@@ -21,7 +20,7 @@ from experiments.blind_rigs import NAME as RIGS
 from experiments.blind_rigs import missed, rig
 from experiments.common import BLUE, GREEN, OUT, Row, print_table, save, styled
 from experiments.coverage_figure import draw_coverage
-from experiments.draws import read_tasks, run_tasks
+from experiments.draws import numbered_results, read_tasks
 from experiments.three_ways import started
 from pdssjax import InputWarning
 from pdssjax.core import prepare_jax
@@ -87,11 +86,8 @@ def draw(results: Sequence[Result]) -> Figure:
 
 def main(count: int = COUNT) -> None:
     """Print the table and draw the figure."""
-    tasks = {f"{number:04d}": (number,) for number in range(count)}
-    report = lambda text: print(f"\r{text}", end="", flush=True)
-    with concurrent.futures.ThreadPoolExecutor(1) as executor:  # the ends of a rig are searched for on all cores
-        run_tasks(tasks, both_intervals, OUT / NAME, executor, report=report)
-    results = [result for _, result in read_tasks(tasks, OUT / NAME) if result]
+    # One at a time: the ends of a rig are searched for on all cores.
+    results = [result for result in numbered_results(count, both_intervals, OUT / NAME, workers=1) if result]
     print_table(f"{len(results)} random rigs", table(results), NAME)
     with styled():
         save(draw(results), NAME)

@@ -7,10 +7,8 @@ fall time.  Counted is how often the 95 % intervals hold the pseudo-true paramet
     python -m experiments.wrong_law [DRAWS]    # resumes where it was left
 """
 
-import concurrent.futures
 import dataclasses
 import functools
-import os
 import sys
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -23,7 +21,7 @@ from matplotlib.figure import Figure
 import pdssjax
 from experiments.common import BLUE, GREEN, OUT, VERMILION, Row, print_table, save, styled
 from experiments.coverage_figure import draw_coverage
-from experiments.draws import read_tasks, run_tasks
+from experiments.draws import numbered_results
 from experiments.three_ways import started
 from pdssjax import Estimate, Record, Study
 from pdssjax.core import prepare_jax
@@ -208,12 +206,8 @@ def draw(results: Sequence[Result]) -> Figure:
 
 def main(draws: int = DRAWS) -> None:
     """Print the table and draw the figure."""
-    tasks = {f"{number:04d}": (number,) for number in range(draws)}
     made()  # before threads ask for it
-    with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as executor:
-        report = lambda text: print(f"\r{text}", end="", flush=True)
-        run_tasks(tasks, drawn, OUT / NAME, executor, report=report)
-    results = [result for _, result in read_tasks(tasks, OUT / NAME)]
+    results = numbered_results(draws, drawn, OUT / NAME)
     print_table(f"Coverage of the pseudo-true parameters, {draws} draws", rows(results), NAME)
     with styled():
         save(draw(results), NAME)
