@@ -139,19 +139,20 @@ def _about_the_estimate(study: "Study", points: "AbstractPoints", options: argpa
     """Every point with draws about the estimate, or with its sigma points."""
     import numpy as np
 
-    from ..files import read_covariance
-    from ..sweeps import CovarianceDraws, Crossed, SigmaPoints
+    from ..files import read_covariance, read_draws
+    from ..sweeps import CovarianceDraws, Crossed, GivenDraws, SigmaPoints
 
     if options.estimate is None:
         raise InputError("option --bands: found no --estimate, expected the estimate.json that says what is known.")
-    names, covariance = read_covariance(options.estimate)
-    legal, values = study.legal(), study.values()
+    legal, values, kept = study.legal(), study.values(), options.bands in ("bootstrap", "posterior")
+    names, told = read_draws(options.estimate, options.bands) if kept else read_covariance(options.estimate)
     # A parameter that holds under a condition only has no part in a sweep.
     rows = [i for i, name in enumerate(names) if name in legal and name not in points.paths]
-    means, positive = (np.array([pick(names[i]) for i in rows]) for pick in (values.get, lambda n: legal[n].positive))
-    about = CovarianceDraws(
-        [names[i] for i in rows], means, covariance[np.ix_(rows, rows)], positive, options.draws, options.seed
-    )
+    varied = [names[i] for i in rows]
+    if kept:
+        return Crossed(points, GivenDraws(varied, told[:, rows], options.draws))
+    means, positive = np.array([values[n] for n in varied]), np.array([legal[n].positive for n in varied])
+    about = CovarianceDraws(varied, means, told[np.ix_(rows, rows)], positive, options.draws, options.seed)
     return Crossed(points, about if options.bands == "draws" else SigmaPoints(about))
 
 
@@ -262,8 +263,9 @@ def add_parser(subcommands: Subcommands) -> None:
         "--bands",
         nargs="?",
         const="linear",
-        choices=["linear", "draws"],
-        help="95 %% bands by what is known of the parameters (--estimate): to first order (default), or from draws",
+        choices=["linear", "draws", "bootstrap", "posterior"],
+        help="95 %% bands by what is known of the parameters (--estimate): to first order (default), or from draws: of "
+        "its covariance, or those of a bootstrap or a posterior that lie beside it",
     )
     parser.add_argument("--draws", type=int, default=200, help="how many a point (default 200)")
     parser.add_argument("--record", metavar="NAME", help="the effector record whose drive to vary (default: the first)")

@@ -1,4 +1,4 @@
-"""Writes the draws of a bootstrap or a posterior, all of them, in SI.
+"""Writes the draws of a bootstrap or a posterior, all of them, in SI, and reads them again.
 
 A posterior goes to posterior.nc, in the groups that ArviZ expects: `arviz.from_netcdf("posterior.nc")` opens it, as
 `xarray.open_datatree` does.  A bootstrap goes to bootstrap.csv, a column a parameter.
@@ -8,17 +8,59 @@ import importlib.util
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
+from ..core import InputError
 from ..study import Draws
+
+FILES = {"bootstrap": "bootstrap.csv", "posterior": "posterior.nc"}
+"""In a folder of results, by the kind of the draws."""
 
 
 def write_draws(draws: Draws, units: dict[str, str], folder: Path) -> None:
     """Put all draws into `folder`; `units` by path of the parameter."""
     if draws.kind == "bootstrap":
         head = ",".join(f"{path} [{units[path]}]" if units[path] else path for path in draws.names)
-        np.savetxt(folder / "bootstrap.csv", draws.values[0], "%.10g", ",", header=head, comments="")
+        np.savetxt(folder / FILES["bootstrap"], draws.values[0], "%.10g", ",", header=head, comments="")
     else:
-        _write_posterior(draws, units, folder / "posterior.nc")
+        _write_posterior(draws, units, folder / FILES["posterior"])
+
+
+def read_draws(estimate: Path, kind: str) -> tuple[tuple[str, ...], Float[np.ndarray, "draws p"]]:
+    """The paths of the parameters that were drawn, and all draws [SI], beside an `estimate`, an estimate.json.
+
+    **Arguments:** `kind` is "bootstrap" or "posterior".
+
+    **Raises:** `InputError` where there are none, or the file cannot be read.
+    """
+    place = estimate.parent / FILES[kind]
+    if not place.exists():
+        raise InputError(
+            f"{place}: there is no such file, expected the draws of `pdssjax identify --intervals {kind}` beside the "
+            "estimate."
+        )
+    try:
+        return (_read_bootstrap if kind == "bootstrap" else _read_posterior)(place)
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        told = str(error).strip().partition("\n")[0]
+        raise InputError(f"{place}: cannot be read ({told}), expected the draws of pdssjax identify.") from None
+
+
+def _read_bootstrap(file: Path) -> tuple[tuple[str, ...], Float[np.ndarray, "draws p"]]:
+    with file.open(encoding="utf-8") as lines:
+        names = tuple(column.partition(" [")[0] for column in lines.readline().strip().split(","))
+        return names, np.loadtxt(lines, delimiter=",", ndmin=2)
+
+
+def _read_posterior(file: Path) -> tuple[tuple[str, ...], Float[np.ndarray, "draws p"]]:
+    import xarray
+
+    with file.open("rb") as begin:
+        grouped = begin.read(4) == b"\x89HDF"
+    engine, group = ("h5netcdf", "posterior") if grouped else ("scipy", None)
+    with xarray.open_dataset(file, engine=engine, group=group) as data:
+        names = tuple(str(name) for name in data.data_vars)
+        return names, np.stack([np.asarray(data[name]).ravel() for name in names], axis=1)
 
 
 def _write_posterior(draws: Draws, units: dict[str, str], file: Path) -> None:

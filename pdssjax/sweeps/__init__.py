@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from .points.base import AbstractPoints as AbstractPoints
     from .points.covariance_draws import CovarianceDraws as CovarianceDraws
     from .points.crossed import Crossed as Crossed
+    from .points.given_draws import GivenDraws as GivenDraws
     from .points.grid import Grid as Grid
     from .points.latin_hypercube import LatinHypercube as LatinHypercube
     from .points.listed import Listed as Listed
@@ -64,6 +65,7 @@ else:
             "points.base": ["AbstractPoints"],
             "points.covariance_draws": ["CovarianceDraws"],
             "points.crossed": ["Crossed"],
+            "points.given_draws": ["GivenDraws"],
             "points.grid": ["Grid"],
             "points.latin_hypercube": ["LatinHypercube"],
             "points.listed": ["Listed"],

@@ -103,8 +103,8 @@ def sweep(
     takes those of an estimate.  `over` maps paths to the values [SI] of an axis, in the order of the axes,
     for every combination of them: quantities of the drive ("drive.voltage", "drive.frequency", "drive.fall_time") and
     parameters of the study's models ("friction.f_ss_a"); or it is a set of points from `pdssjax.sweeps`: `Grid`,
-    `Listed`, `Sobol`, `LatinHypercube`, `CovarianceDraws`, `Crossed`.  `record` names the effector record whose drive
-    is varied, the first one by default.  The last of `cycles` cycles is measured; one more is run,
+    `Listed`, `Sobol`, `LatinHypercube`, `CovarianceDraws`, `GivenDraws`, `Crossed`.  `record` names the effector
+    record whose drive is varied, the first one by default.  The last of `cycles` cycles is measured; one more is run,
     whose flank tells the last slip.  With `cycles="steady"` it is the cycle that
     is left when the transient has died out, and two more numbers say after how many cycles it repeats, and what is
     left of a deviation after a cycle.  `metrics` names what is found besides, of `pdssjax.sweeps.FURTHER`;

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import xarray
 
+from pdssjax import InputError
 from pdssjax.files import write_estimate
-from pdssjax.files.draws_results import write_draws
+from pdssjax.files.draws_results import read_draws, write_draws
 
 
 def whole(kind=None, **more):
@@ -33,6 +34,29 @@ def test_a_posterior_has_the_groups_of_arviz(tmp_path):
         np.testing.assert_array_equal(gain.values, draws.values[:, :, 0])
         np.testing.assert_array_equal(tree["sample_stats"]["lp"].values, -7.0)
         assert tree["posterior"].attrs["inference_library"] == "pdssjax"
+
+
+@pytest.mark.parametrize("kind", ["posterior", "bootstrap"])
+@pytest.mark.parametrize("grouped", [True, False])
+def test_draws_are_read_again(tmp_path, kind, grouped, monkeypatch):
+    draws = whole(kind).draws
+    assert draws is not None
+    with monkeypatch.context() as lacking:
+        if not grouped:
+            lacking.setattr("importlib.util.find_spec", lambda name: None)
+        write_draws(draws, UNITS, tmp_path)
+    names, values = read_draws(tmp_path / "estimate.json", kind)
+    assert names == draws.names
+    np.testing.assert_allclose(values, draws.values.reshape(-1, len(names)), rtol=1e-9)
+
+
+@pytest.mark.parametrize(("kind", "name"), [("posterior", "posterior.nc"), ("bootstrap", "bootstrap.csv")])
+def test_draws_that_are_not_there_or_broken_are_told_in_a_line(tmp_path, kind, name):
+    with pytest.raises(InputError, match=rf"{name}: there is no such file, .* --intervals {kind}"):
+        read_draws(tmp_path / "estimate.json", kind)
+    (tmp_path / name).write_text("piezo.gain [m/V]\nno number\n")
+    with pytest.raises(InputError, match=f"{name}: cannot be read"):
+        read_draws(tmp_path / "estimate.json", kind)
 
 
 def test_arviz_opens_it(tmp_path):

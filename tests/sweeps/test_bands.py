@@ -87,12 +87,14 @@ def test_the_covariance_of_an_estimate_is_read_without_what_nothing_is_known_of(
     assert np.sqrt(covariance[0, 0]) == pytest.approx(0.01 * 1.007e-7, rel=1e-3)
 
 
-@pytest.mark.parametrize("kind", ["linear", "draws"])
+@pytest.mark.parametrize("kind", ["linear", "draws", "bootstrap"])
 def test_the_command_gives_bands(tmp_path, estimate, quick, capsys, monkeypatch, kind):
     linear_in_gain = lambda function, points: np.column_stack(
         [*[1e7 * points[:, 1:2] * points[:, :1]] * 5, 0 * points[:, :1]]
     )
     monkeypatch.setattr(execution, "computed_block", linear_in_gain)
+    gains = 1.007e-7 * (1.0 + 0.01 * np.random.default_rng(6).standard_normal(1000))
+    np.savetxt(tmp_path / "bootstrap.csv", gains, "%.10g", header="piezo.gain [m/V]", comments="")
     shutil.copytree(EXAMPLE, tmp_path / "study")
     command = ["sweep", str(tmp_path / "study" / "study.toml"), "--voltage", "20:80:4", "--estimate", str(estimate)]
     assert main([*command, "--bands", kind, "--draws", "400", "--out", str(tmp_path / "out")]) == 0

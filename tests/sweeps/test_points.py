@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pdssjax import InputError
-from pdssjax.sweeps import CovarianceDraws, Crossed, Grid, LatinHypercube, Listed, Sobol
+from pdssjax.sweeps import CovarianceDraws, Crossed, GivenDraws, Grid, LatinHypercube, Listed, Sobol
 from pdssjax.sweeps.block_plan import plan_blocks
 
 RANGES = {"drive.voltage": (20.0, 80.0), "drive.frequency": (2.0, 50.0)}
@@ -46,6 +46,14 @@ def test_draws_have_the_covariance_of_the_estimate():
     np.testing.assert_allclose(np.cov(values.T), covariance, rtol=0.05)
 
 
+def test_draws_made_elsewhere_are_taken_evenly():
+    table = np.arange(20.0).reshape(10, 2)
+    drawn = GivenDraws(["a.b", "c.d"], table, 4)
+    assert drawn.dimensions() == {"draw": 4} and drawn.paths == ("a.b", "c.d")
+    np.testing.assert_array_equal(drawn.values(), table[[0, 3, 6, 9]])
+    np.testing.assert_array_equal(GivenDraws(["a.b", "c.d"], table, 200).values(), table)
+
+
 def test_a_grid_crossed_with_a_sample_has_the_sample_at_every_point():
     crossed = Crossed(Grid({"drive.voltage": [30.0, 64.0]}), Sobol({"effector.load": (0.0, 0.1)}, 3))
     assert crossed.dimensions() == {"drive_voltage": 2, "point": 3}
@@ -67,6 +75,9 @@ def test_a_grid_crossed_with_a_sample_has_the_sample_at_every_point():
         (lambda: Crossed(Grid({"a.b": [1.0]}), Listed({"a.b": [1.0]})), "twice"),
         (lambda: Crossed(Listed({"a.b": [1.0]}), Listed({"a.c": [1.0]})), 'along "point"'),
         (lambda: CovarianceDraws(["a.b"], np.ones(1), np.full((1, 1), np.nan), np.ones(1, bool), 3), "no finite"),
+        (lambda: GivenDraws(["a.b"], np.ones((3, 2))), "1 columns"),
+        (lambda: GivenDraws(["a.b"], np.full((3, 1), np.nan)), "finite"),
+        (lambda: GivenDraws(["a.b"], np.ones((3, 1)), 0), "at least 1"),
     ],
 )
 def test_what_is_no_set_of_points_is_refused(made, essential):
