@@ -1,10 +1,12 @@
-"""Where a walk ends, with derivatives by ten parameters: pdssjax beside jaxonomy, in an environment of its own.
+"""Where a walk ends, with derivatives by ten parameters: pdssjax beside others, in environments of their own.
 
     python -m venv somewhere && somewhere/bin/pip install jaxonomy==3.4.1
-    python -m benchmarks.gradient --jaxonomy somewhere/bin/python
+    python3.12 -m venv elsewhere && elsewhere/bin/pip install sbmlode==0.3.1 diffrax pandas
+    python -m benchmarks.gradient --jaxonomy somewhere/bin/python --sbmlode elsewhere/bin/python
 
 jaxonomy differentiates through zero crossings in reverse mode only, and only what is there at the end: so one number
-is differentiated, which suits it best.  A Jacobian of n samples would take it n such runs.
+is differentiated, which suits it best.  A Jacobian of n samples would take it n such runs.  sbmlode writes diffrax code
+that solves each segment with an `Event`; that has forward and reverse mode.
 """
 
 import argparse
@@ -22,7 +24,8 @@ CYCLES = 7.9
 """Before the last drop, which the other would meet at the very end."""
 TOLERANCES = 1e-6, 1e-8, 1e-10
 REPEATS = 9
-SCRIPT = Path(__file__).parent / "apart" / "jaxonomy_gradient.py"
+PEERS = {"jaxonomy": ("reverse",), "sbmlode": ("forward", "reverse")}
+"""Their modes; each has a script in the folder `apart`."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,14 +46,17 @@ class Entry:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, and print the table."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.gradient", description=__doc__)
-    parser.add_argument("--jaxonomy", metavar="PYTHON", help="interpreter of an environment that has it")
-    options = parser.parse_args(arguments)
+    for peer in PEERS:
+        parser.add_argument(f"--{peer}", metavar="PYTHON", help="interpreter of an environment that has it")
+    given = vars(parser.parse_args(arguments))
     right, entries = _ours()
-    for tolerance in TOLERANCES if options.jaxonomy else ():
-        entries.append(_jaxonomy(options.jaxonomy, tolerance))
+    for peer, modes in PEERS.items():
+        for mode in modes if given[peer] else ():
+            entries += [_apart(peer, given[peer], mode, tolerance) for tolerance in TOLERANCES]
     print(_table(right, entries))
-    if not options.jaxonomy:
-        print("jaxonomy was left out: give the interpreter of its environment, --jaxonomy PYTHON.")
+    for peer in PEERS:
+        if not given[peer]:
+            print(f"{peer} was left out: give the interpreter of its environment, --{peer} PYTHON.")
     return 0
 
 
@@ -98,19 +104,19 @@ def _timed(name: str, run: Callable[[], tuple[object, object]]) -> Entry:
     return Entry(name, float(value), np.asarray(gradient), seconds[0], float(np.median(seconds[1:])))
 
 
-def _jaxonomy(python: str, tolerance: float) -> Entry:
+def _apart(peer: str, python: str, mode: str, tolerance: float) -> Entry:
     from .problem import PARAMETERS, Problem
 
     problem = Problem()
-    asked = {"voltage": problem.voltage, "frequency": problem.frequency, "cycles": CYCLES, "mode": "reverse"}
+    script = Path(__file__).parent / "apart" / f"{peer}_gradient.py"
+    asked = {"voltage": problem.voltage, "frequency": problem.frequency, "cycles": CYCLES, "mode": mode}
     asked |= {"parameters": PARAMETERS.tolist(), "tolerance": tolerance}
-    done = subprocess.run([python, str(SCRIPT), json.dumps(asked)], capture_output=True, text=True)
+    done = subprocess.run([python, str(script), json.dumps(asked)], capture_output=True, text=True)
     if done.returncode:
-        sys.exit(f"gradient: {python} could not run {SCRIPT.name}: {done.stderr.strip().splitlines()[-1]}")
+        sys.exit(f"gradient: {python} could not run {script.name}: {done.stderr.strip().splitlines()[-1]}")
     told = json.loads(done.stdout.strip().splitlines()[-1])
-    return Entry(
-        f"jaxonomy, reverse, {tolerance:.0e}", told["value"], np.array(told["gradient"]), told["first"], told["run"]
-    )
+    name = f"{peer}, {mode}, {tolerance:.0e}"
+    return Entry(name, told["value"], np.array(told["gradient"]), told["first"], told["run"])
 
 
 def _table(right: Entry, entries: Sequence[Entry]) -> str:

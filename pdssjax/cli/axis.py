@@ -12,6 +12,9 @@ _EXPECTED = (
     "or one value"
 )
 
+_MOST = 10_000_000
+"""Values on an axis: more are a slip of the pen."""
+
 
 def read_axis(
     path: str, text: str, legal: Mapping[str, Quantity], words: Mapping[str, Mapping[str, float]] | None = None
@@ -33,6 +36,8 @@ def read_axis(
         return np.array([read_number(part.strip(), unit, where) for part in text.split(",")])
     if len(parts) not in (3, 4) or not parts[2].isdigit() or int(parts[2]) < 1 or parts[3:] not in ([], ["log"]):
         raise InputError(f'{where}: found "{text}", {_EXPECTED}.')
+    if int(parts[2]) > _MOST:
+        raise InputError(f'{where}: found "{text}", expected at most {_MOST} values on an axis.')
     low, high = (read_number(part, unit, where) for part in parts[:2])
     _check_order(low, high, text, where)
     if parts[3:] and not low > 0:

@@ -24,6 +24,7 @@ from .dataset import labelled
 from .device_mesh import lanes_here
 from .execution import run_blocks
 from .job import job_document, measured_cycle
+from .memory import check_memory
 from .point import PointFunction
 from .point_status import SKIPPED
 from .points.base import AbstractPoints
@@ -65,11 +66,12 @@ def plan_sweep(
 ) -> PlannedSweep:
     """What `sweep` of the same does, without doing it; **raises** what it raises before any work."""
     points = over if isinstance(over, AbstractPoints) else Grid(over)
-    base, values = driven_record(study, record), points.values()
+    base, cycle = driven_record(study, record), measured_cycle(cycles)
+    check_memory(len(points), len(points.paths), len(cycle.metrics) + len(metrics))
+    values = points.values()
     declared = check_axes(study, base, points.paths, values)
     used = numbers_used(study, [*points.paths, *(f"drive.{field}" for field in base.overrides)])
     numbers = {path: told["value"] for path, told in used.items()}
-    cycle = measured_cycle(cycles)
     fine = accuracy or cycle.accuracy
     check_asked(metrics, cycle, [*points.paths, *numbers])
     numbers |= numbers_by(derivatives, study, base, [*points.paths, *numbers])

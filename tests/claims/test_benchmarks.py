@@ -217,6 +217,7 @@ def test_a_gradient_s_table_tells_errors_and_ratios():
     ]
 
 
-def test_an_interpreter_without_jaxonomy_is_named():
-    with pytest.raises(SystemExit, match=r"could not run jaxonomy_gradient\.py: ModuleNotFoundError"):
-        gradient._jaxonomy(sys.executable, 1e-6)
+@pytest.mark.parametrize("peer", gradient.PEERS)
+def test_an_interpreter_without_a_peer_is_named(peer):
+    with pytest.raises(SystemExit, match=rf"could not run {peer}_gradient\.py: ModuleNotFoundError"):
+        gradient._apart(peer, sys.executable, "reverse", 1e-6)

@@ -98,6 +98,7 @@ def test_progress_is_told_block_by_block(study):
         ({"drive.frequency": [0.0]}, "above 0"),
         ({"drive.frequency": []}, "expected some values"),
         ({"drive.frequency": [np.nan]}, "finite"),
+        ({"drive.frequency": np.arange(1.0, 1e6), "drive.voltage": np.arange(1.0, 1e6)}, "GB of memory"),
     ],
 )
 def test_what_cannot_be_swept_is_refused(study, over, essential):
@@ -121,7 +122,9 @@ def test_axes_are_read_with_units_and_spacing(study):
     np.testing.assert_allclose(read_axis("drive.voltage", "64 V", legal), [64.0])
 
 
-@pytest.mark.parametrize("text", ["1:2", "1:2:0", "1:2:x", "1:2:3:lin", "0:2:3:log", "1 kg:2 kg:3", "a:b:3"])
+@pytest.mark.parametrize(
+    "text", ["1:2", "1:2:0", "1:2:x", "1:2:3:lin", "1:2:100000000000", "0:2:3:log", "1 kg:2 kg:3", "a:b:3"]
+)
 def test_an_axis_at_fault_is_refused(study, text):
     with pytest.raises(InputError, match=r"drive\.voltage"):
         read_axis("drive.voltage", text, study.legal())

@@ -1,6 +1,5 @@
 """A grid: every combination of the values of its axes."""
 
-import itertools
 from collections.abc import Mapping
 
 import numpy as np
@@ -29,7 +28,8 @@ class Grid(AbstractPoints):
         return {path.replace(".", "_"): values.size for path, values in self.axes.items()}
 
     def values(self) -> Float[np.ndarray, "points paths"]:
-        return np.array(list(itertools.product(*self.axes.values()))).reshape(len(self), len(self.axes))
+        crossed = np.meshgrid(*self.axes.values(), indexing="ij")
+        return np.stack([values.ravel() for values in crossed], axis=1) if crossed else np.empty((1, 0))
 
     def coordinates(self) -> dict[str, tuple[str, Float[np.ndarray, " values"]]]:
         return {path: (path.replace(".", "_"), values) for path, values in self.axes.items()}
