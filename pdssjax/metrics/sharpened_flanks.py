@@ -8,7 +8,7 @@ within nanoseconds.  So they are looked for from many starts, and the errors hol
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -84,32 +84,26 @@ def sharpened_sawtooth(
     voltage, period, start = about
     turn = np.mod((time - start) / period + 0.5, 1.0) - 0.5
     near = np.abs(turn) * period < 2.0 * max(seen, interval) + 4.0 * interval
-    if np.count_nonzero(~near) < 8:
-        return None
     noise = max(scatter_between_corners(volts), 1e-6 * voltage)
-    line, triangle = _slow_flanks(time[~near], volts[~near], start, period, noise)
+    slow = _slow_flanks(time[~near], volts[~near], start, period, noise)
+    if slow is None:
+        return None
+    line, triangle = slow
 
     def residuals(numbers: np.ndarray) -> Samples:
         shown = _sawtooth(time[near], forward, *numbers)
         return np.append((shown - volts[near]) / noise, triangle @ (_line_of(numbers, forward) - line))
 
-    random = np.random.default_rng(0)
-    durations = [seen, *(share * interval for share in _TRIED)]
-    lines = line + np.linalg.solve(triangle, 1.5 * random.standard_normal((3, _STARTS))).T
-    drawn = zip(lines, random.uniform(0.05, 1.2 * max(seen / interval, _TRIED[-1]), _STARTS) * interval, strict=True)
-    firsts = [_numbers_of(*pair, forward) for pair in [*((line, duration) for duration in durations), *drawn]]
-    low, high = (
-        [0.5 * voltage, 0.9 * period, -np.inf, 1e-3 * interval],
-        [2.0 * voltage, 1.1 * period, np.inf, 0.5 * period],
-    )
-    scale = [voltage, period / time.size, interval, interval]
-    found = _least_squares(residuals, firsts, (low, high), scale)
+    firsts = _starts(line, triangle, forward, seen, interval)
+    low = np.array([0.5 * voltage, 0.9 * period, -np.inf, 1e-3 * interval])
+    high = np.array([2.0 * voltage, 1.1 * period, np.inf, 0.5 * period])
+    scale = np.array([voltage, period / time.size, interval, interval])
+    found = _least_squares(residuals, firsts, low, high, scale)
     # With the period that a generator may have been set to.
     period = 1.0 / float(f"{1.0 / found.numbers[1]:.{_DIGITS}g}")
-    part, whole = lambda values: np.delete(values, 1), lambda numbers: np.insert(numbers, 1, period)
-    held = _least_squares(
-        lambda numbers: residuals(whole(numbers)), list(map(part, firsts)), (part(low), part(high)), part(scale)
-    )
+    whole = lambda numbers: np.insert(numbers, 1, period)
+    others = [np.delete(values, 1, axis=-1) for values in (firsts, low, high, scale)]
+    held = _least_squares(lambda numbers: residuals(whole(numbers)), *others)
     if held.least < found.least + _ROUND:
         numbers = whole(held.numbers)
         # Another period may explain the samples as well, with other flanks.
@@ -131,12 +125,11 @@ def sharpened_step(
     durations = (rise, *(share * interval for share in _TRIED))
     shifts = (-0.3, 0.0, 0.3)
     firsts = [[voltage, middle - 0.5 * long + shift * interval, long] for long in durations for shift in shifts]
-    bounds = [0.5 * voltage, -np.inf, 1e-3 * interval], [2.0 * voltage, np.inf, np.inf]
+    low, high = np.array([0.5 * voltage, -np.inf, 1e-3 * interval]), np.array([2.0 * voltage, np.inf, np.inf])
     noise = max(scatter_between_corners(volts), 1e-6 * abs(voltage))
     shape = lambda numbers: numbers[0] * np.clip((time - numbers[1]) / numbers[2], 0.0, 1.0)
-    found = _least_squares(
-        lambda numbers: (shape(numbers) - volts) / noise, firsts, bounds, [voltage, interval, interval]
-    )
+    scale = np.array([voltage, interval, interval])
+    found = _least_squares(lambda numbers: (shape(numbers) - volts) / noise, np.array(firsts), low, high, scale)
     voltage, start, duration = (float(number) for number in found.numbers)
     if not _explains(found, time.size, noise, voltage):
         return None
@@ -147,10 +140,15 @@ def sharpened_step(
 
 def _slow_flanks(
     time: Samples, volts: Samples, start: float, period: float, noise: float
-) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 3"]]:
-    """Of slow flanks u = a + s t - c n, n the number of the cycle: (a, s, c), and the root of their information."""
-    cycle = np.floor((time - start) / period)
-    orthogonal, triangle = np.linalg.qr(np.stack([np.ones(time.size), time, -cycle], axis=1) / noise)
+) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 3"]] | None:
+    """Of slow flanks u = a + s t - c n, n the number of the cycle: (a, s, c), and the root of their information.
+
+    None where they do not tell them.
+    """
+    design = np.stack([np.ones(time.size), time, -np.floor((time - start) / period)], axis=1)
+    if np.linalg.matrix_rank(design) < 3:
+        return None
+    orthogonal, triangle = np.linalg.qr(design / noise)
     return np.linalg.solve(triangle, orthogonal.T @ volts / noise), triangle
 
 
@@ -170,18 +168,30 @@ def _numbers_of(line: np.ndarray, duration: float, forward: bool) -> list[float]
     return [voltage, period, (-a / slope if forward else (voltage - a) / slope) - duration, duration]
 
 
+def _starts(
+    line: Float[np.ndarray, "3"], triangle: Float[np.ndarray, "3 3"], forward: bool, seen: float, interval: float
+) -> Float[np.ndarray, "starts 4"]:
+    """Sawteeth from which one is looked for: durations near that `seen`, and draws of them and of the slow flanks."""
+    random = np.random.default_rng(0)
+    durations = [seen, *(share * interval for share in _TRIED)]
+    lines = line + np.linalg.solve(triangle, 1.5 * random.standard_normal((3, _STARTS))).T
+    drawn = random.uniform(0.05, 1.2 * max(seen / interval, _TRIED[-1]), _STARTS) * interval
+    pairs = [*((line, duration) for duration in durations), *zip(lines, drawn, strict=True)]
+    return np.array([_numbers_of(slow, duration, forward) for slow, duration in pairs])
+
+
 def _least_squares(
     residuals: Residuals,
-    firsts: Sequence[Sequence[float]],
-    bounds: tuple[Sequence[float], Sequence[float]],
-    scale: Sequence[float],
+    firsts: Float[np.ndarray, "starts p"],
+    low: Float[np.ndarray, " p"],
+    high: Float[np.ndarray, " p"],
+    scale: Float[np.ndarray, " p"],
 ) -> _Fitted:
     """All minima that explain the samples as well as the best as one: their mean, and errors that hold them all."""
     from scipy.optimize import least_squares
 
-    ends = [
-        least_squares(residuals, np.clip(first, *bounds), bounds=bounds, x_scale=scale, max_nfev=60) for first in firsts
-    ]
+    solve = lambda first: least_squares(residuals, first, bounds=(low, high), x_scale=scale, max_nfev=60)
+    ends = [solve(np.clip(first, low, high)) for first in firsts]
     ends.sort(key=lambda end: end.cost)
     least = 2.0 * ends[0].cost
     minima: list[tuple[float, np.ndarray, np.ndarray]] = []

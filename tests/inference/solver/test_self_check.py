@@ -98,7 +98,7 @@ def walled(y, args):
 def at_wall(short, height, before, base=0.0):
     """A run that begins `before` a wall, which stands `short` of the minimum, in standard errors of the sum.
 
-    **Returns:** where it ended, how, and how far from the minimum without the wall, in standard errors of each parameter.
+    **Returns:** where it ended, how, and how far from the minimum without the wall, in standard errors.
     """
     smooth = solve(stepped, {"at": jnp.zeros(3), "jump": jnp.asarray(0.0)}).value
     jacobian = jax.jacfwd(decay)(smooth)
