@@ -104,7 +104,9 @@ def _note(entry: Document) -> str:
         return "fixed"
     if not entry["informed"]:
         return "no information"
-    return "at a bound" if entry["at_bound"] else ""
+    if entry["at_bound"]:
+        return "at a bound"
+    return "interval ends at a bound" if entry.get("interval_at_bound") else ""
 
 
 def _profile(entry: Document, parameter: Document) -> ProfileCurve:

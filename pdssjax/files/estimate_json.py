@@ -101,6 +101,8 @@ def estimate_document(estimate: Estimate) -> Document:
             "free": parameter.free,
             "start": parameter.start,
             "at_bound": parameter.at_bound,
+            "bounds": parameter.bounds,
+            "interval_at_bound": parameter.interval_at_bound,
             "informed": parameter.identifiable,
         }
         if parameter.verdicts is not None:

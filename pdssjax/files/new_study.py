@@ -214,7 +214,7 @@ def _record(record: NewRecord, told: Told, folder: Path) -> list[str]:
     if is_open(guess):
         start, why = early_start(guess), f"{why}, or later by sensor.delay"
         lines.append(f"conditions = [{quoted(condition_of(record.name))}]")
-    lines += [f'start = "{start:.9g} s"  # guess: {why}'] * (start != 0)
+    lines += [f'start = "{start:.12g} s"  # guess: {why}'] * (start != 0)
     return [*lines, *_drive(record)]
 
 
@@ -263,7 +263,7 @@ def _drive(record: NewRecord) -> list[str]:
     keys = [f'waveform = "{wave.name}"'] + [f'direction = "{wave.direction}"'] * bool(wave.direction)
     keys += ['told_by = "slope"'] * (is_open(record.guess) and wave.name == "sawtooth")
     for field, number in numbers_of(record.guess).items():
-        keys.append(f'{field} = "{number:.7g} {units[field]}"' if field in units else f"{field} = {number:.6g}")
+        keys.append(f'{field} = "{number:.10g} {units[field]}"' if field in units else f"{field} = {number:.6g}")
     left = (
         f"it leaves {100 * max(wave.misfit, 1e-4):.2g} % of the voltage"
         if record.guess.volts is not None

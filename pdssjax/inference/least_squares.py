@@ -30,6 +30,9 @@ MAX_ITERATIONS = 200
 INVISIBLE = 0.01
 """Decrease of chi-square, in units of the reduced chi-square, that is a tenth of a standard error: not to be seen."""
 
+SMALL_JUMP = 0.1
+"""Jump of chi-square, in the same units, at which a fit may end: a third of a standard error at most."""
+
 START_FAILED = "the actuator cannot be simulated at the start"
 
 MESSAGES = {
@@ -44,8 +47,10 @@ MESSAGES = {
     Ending.DISCONTINUITY: "chi-square has a discontinuity here, where an event of the contact comes or goes",
     Ending.WRONG_DERIVATIVE: "the Jacobian disagrees with differences of the residual",
     Ending.START_FAILED: START_FAILED,
+    Ending.SMALL_JUMP: "but for a jump of chi-square of {jump:.1g} here, where an event of the contact comes or goes: "
+    "too small to move any parameter by a third of its standard error",
 }
-"""What the user reads of each ending."""
+"""What the user reads of each ending; of a jump, with its size."""
 
 AT_BOUNDS = "at bounds: the gradient is small for all other parameters"
 
@@ -140,7 +145,9 @@ def with_piezo_held(
     second = _least_squares(problem, free, ~platform, ~piezo, "friction", report, limit)
     # Both steps' residuals, for the statistics and the errors.
     whole = evaluated(problem, second.free, report)
-    return summed(whole._replace(success=second.success, message=second.message), [second])
+    state = whole.state._replace(iterations=second.state.iterations, evaluations=second.state.evaluations)
+    ended = {"success": second.success, "message": second.message, "ending": second.ending}
+    return summed(whole._replace(state=state, **ended), [second])
 
 
 def evaluated(problem: Problem, free: Float[np.ndarray, " p"], report: Progress) -> Fit:
@@ -209,7 +216,7 @@ def _least_squares(
         report(f"{name}: iteration {int(state.iterations)}, chi-square {chi2:.6g}")
     ending = Ending(int(state.ending))
     iterations = max(int(state.iterations), 1 - int(state.unevaluated))
-    message = _message(ending, np.asarray(y), options, fitted, limit)
+    message = _message(ending, np.asarray(y), options, fitted, limit).format(jump=float(state.jump))
     evaluations = int(state.evaluations) + spent
     return Fit(np.asarray(y), state, ending in SUCCESSES, message, iterations, evaluations, ending)
 
@@ -237,7 +244,11 @@ def _solver_arguments(
     # A step that lowers chi-square by 1e-4 is a hundredth of a standard error, one by 0.05 a quarter.
     visible: float = np.float64(1.0 / samples)  # an array: a new Python float would compile anew
     solver = BoundedLevenbergMarquardt(
-        rtol=1e-4 * visible, atol=1e-4, slow=0.05 * visible, invisible=INVISIBLE * visible
+        rtol=1e-4 * visible,
+        atol=1e-4,
+        slow=0.05 * visible,
+        invisible=INVISIBLE * visible,
+        small_jump=SMALL_JUMP * visible,
     )
     y = np.clip(np.asarray(free, float), options["lower"], options["upper"])
     state = _begin(solver, problem.residual, y, weights, options)

@@ -19,8 +19,9 @@ from .stack_parameters import of_stack, stack_rows
 from .start_failure import failed_start
 from .uncertainty.amplification import amplification_of
 from .uncertainty.covariance import Covariance, correlation, least_squares_covariance, propagated
+from .uncertainty.linear_intervals import linear_intervals
 from .uncertainty.robust_covariance import robust_covariance
-from .uncertainty.variance_factor import NORMAL_95, second_step_factor, variance_factor
+from .uncertainty.variance_factor import second_step_factor, variance_factor
 
 WEAKLY_DETERMINED = float(np.log(10.0))
 """Standard error on the fit's scale from which a parameter counts as one without information."""
@@ -47,9 +48,11 @@ def summarise(
     known = known._replace(identifiable=known.identifiable & ~weakly_determined)
     deviation = np.where(weakly_determined, np.nan, deviation)
     slopes = np.abs(free.slope(fit.free))
+    bounds = {path: study.parameters[path].bounds() for path in free.paths}
+    intervals = linear_intervals(fit.free, deviation, free, bounds)
     place = lambda declared: free.paths.index(declared.path) if declared.free else None
     parameters = {
-        path: _parameter(declared, values[path], starts[path], place(declared), fit, free, deviation, known)
+        path: _parameter(declared, values[path], starts[path], place(declared), fit, free, deviation, intervals, known)
         for path, declared in study.parameters.items()
     }
     if naive is not None:
@@ -151,6 +154,7 @@ def _parameter(
     fit: Fit,
     free: ParameterTransform,
     deviation: Float[np.ndarray, " p"],
+    intervals: Mapping[str, tuple[float, float]],
     known: Covariance,
 ) -> FittedParameter:
     nan = float("nan")
@@ -168,12 +172,11 @@ def _parameter(
     if i is None:
         return held
     at_bound = bool(_at_bound(fit, free)[i])
-    half = NORMAL_95 * deviation[i]
-    ends = [float(free.decode(fit.free + side * half)[declared.path]) for side in (-1.0, 1.0)]
     return dataclasses.replace(
         held,
         standard_error=float(deviation[i] * abs(free.slope(fit.free)[i])),
-        interval=(ends[0], ends[1]) if np.isfinite(half) else (nan, nan),
+        interval=intervals[declared.path],
+        bounds=declared.bounds(),
         free=True,
         start=start,
         at_bound=at_bound,
@@ -182,21 +185,22 @@ def _parameter(
 
 
 def _statistics(problem: Problem, fit: Fit) -> Statistics:
-    samples = int(np.size(fit.state.residual))
+    measured = int(np.size(fit.state.residual))
     free = fit.free.size + sum(record.offset is None for record in problem.records)
     sizes = np.array([record.time.size for record in problem.records])
     # Minus twice the log-likelihood: the noise counts, where it is estimated.
-    deviance = fit.chi2 + 2.0 * np.sum(sizes * np.log(problem.noise)) + samples * np.log(2.0 * np.pi)
+    deviance = fit.chi2 + 2.0 * np.sum(sizes * np.log(problem.noise)) + measured * np.log(2.0 * np.pi)
     return Statistics(
         chi2=fit.chi2,
         reduced_chi2=reduced_chi2(fit, problem),
         aic=float(deviance + 2.0 * free),
-        bic=float(deviance + np.log(samples) * free),
+        bic=float(deviance + np.log(measured) * free),
         evaluations=fit.evaluations,
         iterations=fit.iterations,
-        samples=samples,
+        samples=int(sizes.sum()),
         free=free,
         noise_estimated=all(record.noise is None for record in problem.records),
+        measured_apart=measured - int(sizes.sum()),
     )
 
 

@@ -2,11 +2,14 @@
 
 A voltage V and a start that come from a sawtooth's slow flanks alone are wrong by what is wrong in the fall time tf: by
 V = s (T - tf), s the slope, and by tf.  One sample on each fast flank tells tf far below the sampling interval.
+
+Which samples lie on a flank depends on where it is: several flanks may explain the same samples equally well, each
+within nanoseconds.  So they are looked for from many starts, and the errors hold all that are found.
 """
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from jaxtyping import Float
@@ -17,8 +20,8 @@ from .voltage_flanks import Samples
 _TRIED = (0.3, 0.8, 1.3, 1.8, 2.4)
 """Sampling intervals from which the duration of a flank is looked for."""
 
-_MOST = 30_000
-"""Samples of the slow flanks that are used."""
+_STARTS = 60
+"""Of least squares, drawn around them."""
 
 _CORNER = 0.05
 """Part of a fast flank beside its ends, where a sample may as well be off it."""
@@ -28,6 +31,15 @@ _LOCATED = 0.5
 
 _EXPLAINED = 1.5
 """Standard deviations of the voltage's noise up to which straight flanks explain it."""
+
+_AS_WELL = 12.0
+"""Chi-square above the least one up to which other flanks explain the samples as well; each weighs as it is likely."""
+
+_ROUND = 9.0
+"""Chi-square that a frequency of few digits may cost: generators are set to such."""
+
+_DIGITS = 3
+"""Of such a frequency."""
 
 
 class SharpFlanks(NamedTuple):
@@ -50,38 +62,55 @@ class SharpFlanks(NamedTuple):
 class _Fitted(NamedTuple):
     numbers: Float[np.ndarray, " p"]
     errors: Float[np.ndarray, " p"]
+    least: float
+    """Chi-square of the best."""
+
+
+Residuals: TypeAlias = Callable[[np.ndarray], Samples]
+"""Of the numbers, in standard deviations of the noise."""
 
 
 def sharpened_sawtooth(
-    time: Samples, volts: Samples, forward: bool, about: tuple[float, float, float, float], seen: float, interval: float
+    time: Samples, volts: Samples, forward: bool, about: tuple[float, float, float], seen: float, interval: float
 ) -> SharpFlanks | None:
     """The periodic sawtooth of least squares near `about`, all flanks straight, the fast ones included.
 
-    **Arguments:** `volts` [V] at `time` [s], `interval` [s] apart; `about` holds voltage [V], period, begin of a fast
-    flank and its duration [s], `seen` is that duration as two levels tell it.  **Returns:** None where too few samples
-    lie on fast flanks, or where straight flanks do not explain the voltage within its noise.
+    **Arguments:** `volts` [V] at `time` [s], `interval` [s] apart; `about` holds voltage [V], period and begin of a
+    fast flank [s], `seen` is its duration as two levels tell it.  **Returns:** None where too few samples
+    lie on fast flanks, where several flanks explain them that differ by more than half an interval, or where straight
+    flanks do not explain the voltage within its noise.  Where the samples allow it, a frequency of three digits is
+    taken.
     """
-    voltage, period, start, fast = about
+    voltage, period, start = about
     turn = np.mod((time - start) / period + 0.5, 1.0) - 0.5
     near = np.abs(turn) * period < 2.0 * max(seen, interval) + 4.0 * interval
-    thin = np.arange(time.size) % max(1, time.size // _MOST) == 0
-    time, volts = time[near | thin], volts[near | thin]
-    firsts = []
-    for duration in (seen, *(share * interval for share in _TRIED)):
-        # The slow flanks fix slope and place: a longer fast flank means less voltage, and falls begin earlier.
-        longer = duration - fast
-        firsts.append([voltage * (1.0 - longer / period), period, start - longer if forward else start, duration])
-    bounds = (
-        [0.5 * voltage, 0.9 * period, -np.inf, 1e-3 * interval],
-        [2.0 * voltage, 1.1 * period, np.inf, 0.5 * period],
-    )
-    shape = lambda numbers: _sawtooth(time, forward, *numbers)
-    found = _least_squares(shape, volts, firsts, bounds, [voltage, period / max(time.size, 1), interval, interval])
-    if found is None:
+    noise = max(scatter_between_corners(volts), 1e-6 * voltage)
+    slow = _slow_flanks(time[~near], volts[~near], start, period, noise)
+    if slow is None:
         return None
+    line, triangle = slow
+
+    def residuals(numbers: np.ndarray) -> Samples:
+        shown = _sawtooth(time[near], forward, *numbers)
+        return np.append((shown - volts[near]) / noise, triangle @ (_line_of(numbers, forward) - line))
+
+    firsts = _starts(line, triangle, forward, seen, interval)
+    low = np.array([0.5 * voltage, 0.9 * period, -np.inf, 1e-3 * interval])
+    high = np.array([2.0 * voltage, 1.1 * period, np.inf, 0.5 * period])
+    scale = np.array([voltage, period / time.size, interval, interval])
+    found = _least_squares(residuals, firsts, low, high, scale)
+    # With the period that a generator may have been set to.
+    period = 1.0 / float(f"{1.0 / found.numbers[1]:.{_DIGITS}g}")
+    whole = lambda numbers: np.insert(numbers, 1, period)
+    others = [np.delete(values, 1, axis=-1) for values in (firsts, low, high, scale)]
+    held = _least_squares(lambda numbers: residuals(whole(numbers)), *others)
+    if held.least < found.least + _ROUND:
+        numbers = whole(held.numbers)
+        # Another period may explain the samples as well, with other flanks.
+        found = _Fitted(numbers, np.hypot(found.errors, numbers - found.numbers), held.least)
     voltage, period, start, duration = (float(number) for number in found.numbers)
     flanks = round((time[-1] - time[0]) / period)
-    told = max(found.errors[2:]) < _LOCATED * interval
+    told = max(found.errors[2:]) < _LOCATED * interval and _explains(found, int(np.count_nonzero(near)), noise, voltage)
     if not told or _on_flank(np.mod(time - start, period) / duration) < max(1, flanks // 4):
         return None
     return SharpFlanks(voltage, period, start, duration, float(found.errors[2]), float(found.errors[3]))
@@ -94,38 +123,95 @@ def sharpened_step(
     voltage, start, rise = about
     middle = start + 0.5 * rise
     durations = (rise, *(share * interval for share in _TRIED))
-    firsts = [[voltage, middle - 0.5 * duration, duration] for duration in durations]
-    bounds = [0.5 * voltage, -np.inf, 1e-3 * interval], [2.0 * voltage, np.inf, np.inf]
+    shifts = (-0.3, 0.0, 0.3)
+    firsts = [[voltage, middle - 0.5 * long + shift * interval, long] for long in durations for shift in shifts]
+    low, high = np.array([0.5 * voltage, -np.inf, 1e-3 * interval]), np.array([2.0 * voltage, np.inf, np.inf])
+    noise = max(scatter_between_corners(volts), 1e-6 * abs(voltage))
     shape = lambda numbers: numbers[0] * np.clip((time - numbers[1]) / numbers[2], 0.0, 1.0)
-    found = _least_squares(shape, volts, firsts, bounds, [voltage, interval, interval])
-    if found is None:
-        return None
+    scale = np.array([voltage, interval, interval])
+    found = _least_squares(lambda numbers: (shape(numbers) - volts) / noise, np.array(firsts), low, high, scale)
     voltage, start, duration = (float(number) for number in found.numbers)
+    if not _explains(found, time.size, noise, voltage):
+        return None
     if max(found.errors[1:]) > _LOCATED * interval or not _on_flank((time - start) / duration):
         return None
     return SharpFlanks(voltage, math.inf, start, duration, float(found.errors[1]), float(found.errors[2]))
 
 
+def _slow_flanks(
+    time: Samples, volts: Samples, start: float, period: float, noise: float
+) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 3"]] | None:
+    """Of slow flanks u = a + s t - c n, n the number of the cycle: (a, s, c), and the root of their information.
+
+    None where they do not tell them.
+    """
+    design = np.stack([np.ones(time.size), time, -np.floor((time - start) / period)], axis=1)
+    if np.linalg.matrix_rank(design) < 3:
+        return None
+    orthogonal, triangle = np.linalg.qr(design / noise)
+    return np.linalg.solve(triangle, orthogonal.T @ volts / noise), triangle
+
+
+def _line_of(numbers: np.ndarray, forward: bool) -> Float[np.ndarray, "3"]:
+    """(a, s, c) of the slow flanks of a sawtooth of these numbers."""
+    voltage, period, start, duration = numbers
+    slope = voltage / (period - duration)
+    foot = slope * (start + duration)
+    return np.array([-foot, slope, slope * period] if forward else [voltage + foot, -slope, -slope * period])
+
+
+def _numbers_of(line: np.ndarray, duration: float, forward: bool) -> list[float]:
+    """The sawtooth whose slow flanks are on a `line`, and whose fast ones last so long."""
+    a, slope, drop = line
+    period = drop / slope
+    voltage = abs(slope) * (period - duration)
+    return [voltage, period, (-a / slope if forward else (voltage - a) / slope) - duration, duration]
+
+
+def _starts(
+    line: Float[np.ndarray, "3"], triangle: Float[np.ndarray, "3 3"], forward: bool, seen: float, interval: float
+) -> Float[np.ndarray, "starts 4"]:
+    """Sawteeth from which one is looked for: durations near that `seen`, and draws of them and of the slow flanks."""
+    random = np.random.default_rng(0)
+    durations = [seen, *(share * interval for share in _TRIED)]
+    lines = line + np.linalg.solve(triangle, 1.5 * random.standard_normal((3, _STARTS))).T
+    drawn = random.uniform(0.05, 1.2 * max(seen / interval, _TRIED[-1]), _STARTS) * interval
+    pairs = [*((line, duration) for duration in durations), *zip(lines, drawn, strict=True)]
+    return np.array([_numbers_of(slow, duration, forward) for slow, duration in pairs])
+
+
 def _least_squares(
-    shape: Callable[[np.ndarray], Samples],
-    volts: Samples,
-    firsts: list[list[float]],
-    bounds: tuple[list[float], list[float]],
-    scale: list[float],
-) -> _Fitted | None:
-    """The best of the fits from the `firsts`, with standard errors; None where it leaves more than noise."""
+    residuals: Residuals,
+    firsts: Float[np.ndarray, "starts p"],
+    low: Float[np.ndarray, " p"],
+    high: Float[np.ndarray, " p"],
+    scale: Float[np.ndarray, " p"],
+) -> _Fitted:
+    """All minima that explain the samples as well as the best as one: their mean, and errors that hold them all."""
     from scipy.optimize import least_squares
 
-    best = None
-    for first in firsts:
-        start = np.clip(first, *bounds)
-        found = least_squares(lambda n: shape(n) - volts, start, bounds=bounds, x_scale=scale, max_nfev=60)
-        best = found if best is None or found.cost < best.cost else best
-    assert best is not None
-    left = math.sqrt(2.0 * best.cost / max(volts.size - best.x.size, 1))
-    if left > _EXPLAINED * scatter_between_corners(volts) + 2e-4 * best.x[0]:
-        return None
-    return _Fitted(best.x, _errors(best.jac, left))
+    solve = lambda first: least_squares(residuals, first, bounds=(low, high), x_scale=scale, max_nfev=60)
+    ends = [solve(np.clip(first, low, high)) for first in firsts]
+    ends.sort(key=lambda end: end.cost)
+    least = 2.0 * ends[0].cost
+    minima: list[tuple[float, np.ndarray, np.ndarray]] = []
+    for end in ends:
+        above, errors = 2.0 * end.cost - least, _errors(end.jac)
+        if above > _AS_WELL:
+            break
+        if not any(np.all(np.abs(end.x - other) <= errors) for _, other, errors in minima):
+            minima.append((above, end.x, errors))
+    weights = np.exp([-0.5 * above for above, *_ in minima])
+    weights /= weights.sum()
+    numbers = np.sum([w * x for w, (_, x, _) in zip(weights, minima, strict=True)], axis=0)
+    squares = [w * (errors**2 + (x - numbers) ** 2) for w, (_, x, errors) in zip(weights, minima, strict=True)]
+    return _Fitted(numbers, np.sqrt(np.sum(squares, axis=0)), least)
+
+
+def _explains(found: _Fitted, samples: int, noise: float, voltage: float) -> bool:
+    """The samples are as near to straight flanks as their noise lets them be."""
+    left = math.sqrt(found.least / max(samples - found.numbers.size, 1))
+    return left * noise < _EXPLAINED * noise + 2e-4 * abs(voltage)
 
 
 def _on_flank(passed: Samples) -> int:
@@ -140,7 +226,7 @@ def _sawtooth(time: Samples, forward: bool, voltage: float, period: float, start
     return voltage * (1.0 - fallen if forward else fallen)
 
 
-def _errors(jacobian: Float[np.ndarray, "n p"], noise: float) -> Float[np.ndarray, " p"]:
+def _errors(jacobian: Float[np.ndarray, "n p"]) -> Float[np.ndarray, " p"]:
     """Standard errors of the numbers of a least-squares fit; infinite where they are not determined."""
     size = np.linalg.norm(jacobian, axis=0)
     if np.any(size == 0.0):
@@ -148,4 +234,4 @@ def _errors(jacobian: Float[np.ndarray, "n p"], noise: float) -> Float[np.ndarra
     triangle = np.asarray(np.linalg.qr(jacobian / size, mode="r"))
     if np.min(np.abs(np.diag(triangle))) < 1e-10:
         return np.full(size.size, math.inf)
-    return noise * np.linalg.norm(np.linalg.inv(triangle), axis=1) / size
+    return np.linalg.norm(np.linalg.inv(triangle), axis=1) / size

@@ -180,9 +180,7 @@ def _sawtooth(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: fl
     if abs(start + 0.5 * fast - middles[0]) > 1.5 * interval + _AT_ZERO * period:
         return None
     all_cycles = kept | (~slow & (time > middles[0] + 0.5 * period))
-    sharp = sharpened_sawtooth(
-        time[all_cycles], volts[all_cycles], forward, (voltage, period, start, fast), seen, interval
-    )
+    sharp = sharpened_sawtooth(time[all_cycles], volts[all_cycles], forward, (voltage, period, start), seen, interval)
     if sharp is not None:
         voltage, period, start, fast, *_ = sharp
         ideal = False

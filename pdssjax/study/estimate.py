@@ -24,7 +24,8 @@ class ParameterError(NamedTuple):
     standard_error: float
     """One standard deviation [unit]; NaN where the data say nothing."""
     interval: tuple[float, float]
-    """Lower and upper end of the 95 % interval [unit], symmetric on the scale of the fit; NaN like the error."""
+    """Lower and upper end of the 95 % interval [unit], symmetric on the scale of the fit and cut at the bounds of the
+    parameter; NaN like the error."""
 
 
 class ErrorAdvice(NamedTuple):
@@ -67,6 +68,25 @@ class FittedParameter:
     errors: Mapping[str, ParameterError] = field(default_factory=dict)
     """By error model, from the strictest assumption to the weakest: "white", "coloured", "with-misfit".  The first is
     `standard_error`.  Empty where fixed."""
+    bounds: tuple[float, float] = (-np.inf, np.inf)
+    """Where it may lie [unit]: the bounds that the study gives, or else those of its legal range."""
+
+    @property
+    def interval_at_bound(self) -> tuple[str, ...]:
+        """Which ends of the 95 % interval, "lower" and "upper", are bounds of the parameter."""
+        open_ends = [verdict == "flat" for verdict in self.verdicts or ("", "")]
+        ends = zip(("lower", "upper"), self.interval, self.bounds, open_ends, strict=True)
+        is_bound = lambda end, bound: np.isfinite(bound) and np.isclose(end, bound, rtol=1e-9, atol=0.0)
+        return tuple(name for name, end, bound, is_open in ends if is_bound(end, bound) and not is_open)
+
+    @property
+    def remark(self) -> str:
+        """What tables say of it besides its numbers."""
+        if not self.free:
+            return "fixed"
+        marks = ["at bound"] * self.at_bound + ["no information"] * (not self.identifiable)
+        cut = [] if self.at_bound else [f"interval ends at its {name} bound" for name in self.interval_at_bound]
+        return ", ".join([*marks, *cut])
 
 
 @dataclass(frozen=True)
@@ -91,6 +111,8 @@ class Statistics:
     """Free numbers: parameters and offsets."""
     noise_estimated: bool = False
     """The noise of every record fitted is that of its own residuals, so that reduced_chi2 is 1 by construction."""
+    measured_apart: int = 0
+    """Parameters that were measured apart: so many more measurements than samples."""
 
 
 @dataclass(frozen=True)

@@ -49,7 +49,7 @@ def run(problem, starts, report, limit=200):
     begun = np.clip(problem.encode(starts), *problem.bounds)
     found = least_squares(problem.whitened, begun, bounds=problem.bounds, max_nfev=limit)
     ended = Ending.CONVERGED if found.success else Ending.RUNNING
-    state = SimpleNamespace(residual=found.fun, jacobian=found.jac)
+    state = SimpleNamespace(residual=found.fun, jacobian=found.jac, iterations=found.nfev, evaluations=found.nfev)
     # SciPy stays within the bounds by a hair.
     free = np.select([found.active_mask < 0, found.active_mask > 0], problem.bounds, found.x)
     return Fit(free, state, found.success, found.message, found.nfev, found.nfev, ended)  # pyright: ignore

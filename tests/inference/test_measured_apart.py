@@ -10,6 +10,7 @@ from scipy.optimize import least_squares
 import pdssjax
 from pdssjax import InputError, load_study
 from pdssjax.inference.draws import Drawing
+from pdssjax.report.text import format_report
 
 APART = '"piezo.gain" = { value = "0.11015 um/V", standard_error = "0.00001 um/V" }'
 
@@ -47,7 +48,10 @@ def test_it_is_weighed_with_the_records_as_its_error_says(estimates):
     np.testing.assert_allclose(np.sqrt(np.diag(both.covariance) / factor), errors, rtol=2e-3)
     # Neither the records' nor what was measured apart alone.
     assert 0.2 < (found[0] - alone.parameters["piezo.gain"].value) / (1.1015e-7 - found[0]) < 5.0
-    assert both.statistics.samples == alone.statistics.samples + 1
+    assert (alone.statistics.measured_apart, both.statistics.measured_apart) == (0, 1)
+    assert both.statistics.samples == alone.statistics.samples == 800
+    assert "samples fitted     = 800, and 1 measured apart\n" in format_report(both)
+    assert "samples fitted     = 800\n" in format_report(alone)
 
 
 def test_all_error_models_count_it(estimates):

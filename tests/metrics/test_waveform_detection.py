@@ -112,6 +112,31 @@ def test_a_few_samples_on_the_fast_flanks_locate_them(fall, interval, start, for
     assert found.start == pytest.approx(start, abs=0.1 * interval)
 
 
+def test_errors_hold_all_flanks_that_explain_the_same_samples():
+    """Drawn where single samples lie on flanks: the same samples may belong to flanks microseconds apart."""
+    off = []
+    for seed in range(12):
+        random = np.random.default_rng([7, seed])
+        interval, fall, noise = random.uniform([3e-5, 2e-5, 0.01], [8e-5, 4e-5, 0.06])
+        # A generator set to 10 Hz, by the clock of an instrument that is some 1e-5 fast or slow.
+        frequency = 10.0 * (1.0 + 1e-5 * random.uniform(-1.0, 1.0) * (seed % 2))
+        start, forward = random.uniform(0.0, 2.0 * interval), bool(seed // 2 % 2)
+        time = interval * np.arange(round(-0.005 / interval), round(0.5 / interval))
+        turn = frequency * (time - start)
+        level = sawtooth(np.mod(turn, 1.0), frequency * fall, forward)
+        level = np.where(turn < 0.0, 0.0, np.where((turn < 1.0) & forward, turn, level))
+        found = detect_waveform(time, 42.0 * level + noise * random.standard_normal(time.size))
+        assert found.numbers["frequency"] == pytest.approx(frequency, rel=2e-5)
+        if found.timing.errors is None:
+            lasts, error = 0.5 * (found.timing.shortest + found.timing.longest), found.timing.longest
+            off.append((lasts - fall) / error)
+        else:
+            lasts, begins = found.timing.errors
+            off += [(found.numbers["fall_time"] - fall) / lasts, (found.start - start) / begins]
+    assert len(off) > 12 and np.max(np.abs(off)) < 3.5
+    assert np.sqrt(np.mean(np.square(off))) < 1.4
+
+
 @pytest.mark.parametrize("forward", [True, False])
 def test_a_jump_between_samples_has_no_fall_time(forward):
     time = 1e-3 * np.arange(2000)

@@ -1,12 +1,14 @@
 """The report says what a user must know, in units people read and with digits that mean something."""
 
 import dataclasses
+import json
 
 import fabricated
 import numpy as np
 import pytest
 
 from pdssjax.core import decimals_for, display_unit, percent, rounded
+from pdssjax.files.estimate_json import estimate_text
 from pdssjax.report.text import format_comparison, format_report
 
 
@@ -42,6 +44,27 @@ def test_a_parameter_is_shown_with_error_interval_and_start():
 )
 def test_what_is_special_about_a_parameter_is_said(path, remark):
     assert line_of(format_report(fabricated.estimate()), path).endswith(remark)
+
+
+def test_an_interval_that_ends_at_a_bound_says_so_wherever_it_is_shown():
+    found = fabricated.estimate()
+    path, other = "friction.f_ss_a", "friction.sigma1_a"
+    cut = dataclasses.replace(found.parameters[path], interval=(0.79, 0.8184), bounds=(0.79, np.inf))
+    wide = dataclasses.replace(found.parameters[other], bounds=(0.0, np.inf))
+    found = dataclasses.replace(found, parameters=found.parameters | {path: cut, other: wide})
+    said = "interval ends at its lower bound"
+    assert line_of(format_report(found), path).endswith(said)
+    assert format_report(found).count(said) == 1 and found._repr_html_().count(said) == 1
+    document = json.loads(estimate_text(found))["parameters"]
+    assert document[path]["bounds"] == [0.79, None] and document[path]["interval_at_bound"] == ["lower"]
+    assert document[other]["interval_at_bound"] == [] == document["effector.mass"]["interval_at_bound"]
+
+
+@pytest.mark.parametrize(("verdict", "ends"), [("held by a bound", ("lower",)), ("flat", ())])
+def test_an_open_end_of_a_profile_is_no_bound(verdict, ends):
+    plain = fabricated.estimate().parameters["friction.f_ss_a"]
+    found = dataclasses.replace(plain, interval=(0.0, 0.9), bounds=(0.0, np.inf), verdicts=(verdict, "bounded"))
+    assert found.interval_at_bound == ends
 
 
 def test_statistics_records_and_notes_are_there():

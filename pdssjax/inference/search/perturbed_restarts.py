@@ -10,12 +10,12 @@ import numpy as np
 
 from ..least_squares import Fit, FitMethod, Progress, quiet
 from ..problem import Problem
-from ..solver.ending import Ending
+from ..solver.ending import STOPPED, Ending
 
 _DISCONTINUOUS = 2.2
 """Evaluations per iteration above which the residual counts as discontinuous; smooth: 1, after a rejection: 2."""
 
-_DISCONTINUOUS_ENDINGS = (Ending.SLOW_STEPS, Ending.STALLED, Ending.REJECTED, Ending.DISCONTINUITY)
+_DISCONTINUOUS_ENDINGS = (*STOPPED, Ending.DISCONTINUITY, Ending.SMALL_JUMP)
 
 MOST_RESTARTS = 4
 """Perturbed restarts in a row that may fail to lower chi-square."""
@@ -67,7 +67,9 @@ def restarts(
 
 def _is_discontinuous(fit: Fit) -> bool:
     """Many steps were rejected on the way, or the last ones: chi-square is not what its gradient predicts."""
-    return fit.ending in _DISCONTINUOUS_ENDINGS or fit.evaluations - 5 > _DISCONTINUOUS * fit.iterations
+    # Of its last run alone: the evaluations of a fit are also those of all that it was compared with.
+    last = fit.state
+    return fit.ending in _DISCONTINUOUS_ENDINGS or int(last.evaluations) - 5 > _DISCONTINUOUS * int(last.iterations)
 
 
 def _isotropic_step(fit: Fit, factor: float, random: np.random.Generator) -> np.ndarray:

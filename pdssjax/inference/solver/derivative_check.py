@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ...core import Count, Scalar, ScalarLike
+from ...core import Count, Scalar, ScalarLike, Truth
 
 SIZES = (4.0, 0.5, 0.06, 0.008)
 """Change of the residual by each half of a difference, in standard deviations of the residual."""
@@ -83,12 +83,14 @@ def next_check(
     difference: Float[Array, " n"],
     predicted: Float[Array, " n"],
     scale: Scalar,
+    thorough: Truth,
 ) -> tuple[Scalar, Count, Count]:
     """What one more difference of the residual says of the derivative.
 
     **Arguments:** `checked`, the number of this check, along direction `checked // len(SIZES)` with size
     `checked % len(SIZES)`; the discrepancies found `earlier` along that direction; the difference and the one
-    `predicted` by the Jacobian; the `scale` of the residual's noise.
+    `predicted` by the Jacobian; the `scale` of the residual's noise; `thorough`, whether all sizes are tried along the
+    proposed direction although a larger one agrees: what stops a search there need not be seen in it.
 
     **Returns:** the discrepancy, the verdict so far, and the number of the next check.
     """
@@ -106,5 +108,18 @@ def next_check(
     verdict = jnp.where(jumps, DISCONTINUOUS, jnp.where(wrong, WRONG, AGREES))
     verdict = jnp.where(far & decisive, verdict, AGREES)
     undecided = far & ((size == 0) | (size == 1) & wrong | (size == 2))
+    undecided |= thorough & (checked >= len(SIZES)) & (size < len(SIZES) - 1) & (verdict == AGREES)
     following = jnp.where(undecided, checked + 1, (checked // len(SIZES) + 1) * len(SIZES))
     return error, verdict, following
+
+
+def jump_of(ends: Float[Array, "2 n"], linear: Float[Array, "2 n"]) -> Scalar:
+    """What a jump between a point and the `ends` of a difference amounts to, where the `linear` model is right.
+
+    The larger of two sums of squares: its height, by which the sum of squares jumps, and the square of the residual's
+    jump, by the root of which no parameter moves more standard errors.
+    """
+    left = ends - linear
+    height = jnp.abs(jnp.sum(left * (ends + linear), axis=-1))
+    jump = jnp.max(jnp.maximum(height, jnp.sum(left**2, axis=-1)))
+    return jnp.where(jnp.isfinite(jump), jump, jnp.inf)

@@ -1,4 +1,4 @@
-"""How a least-squares run may end; only two of the ways are success."""
+"""How a least-squares run may end; only three of the ways are success."""
 
 import enum
 
@@ -23,6 +23,11 @@ class Ending(enum.IntEnum):
     """The Jacobian disagrees with differences of the residual."""
     START_FAILED = 8
     """The start could not be evaluated."""
+    SMALL_JUMP = 9
+    """Converged but for a jump of the residual that is too small to matter; the predicted reduction is no larger."""
 
 
-SUCCESSES = (Ending.CONVERGED, Ending.WITHIN_ROUNDING)
+STOPPED = (Ending.SLOW_STEPS, Ending.STALLED, Ending.REJECTED)
+"""Endings of runs whose steps led no further although the linear model promised more."""
+
+SUCCESSES = (Ending.CONVERGED, Ending.WITHIN_ROUNDING, Ending.SMALL_JUMP)

@@ -51,3 +51,5 @@ class LMState(NamedTuple):
     """Differences compared with the Jacobian so far."""
     discrepancies: Float[Array, "directions sizes"]
     """What the Jacobian leaves of each difference, as a norm; infinite where it could not be taken."""
+    jump: Float[Array, ""]
+    """Largest jump found by these differences, as a sum of squares (`derivative_check.jump_of`); 0 without any."""

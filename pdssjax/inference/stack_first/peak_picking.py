@@ -20,7 +20,7 @@ from jaxtyping import Float
 from ...core import InputError
 from ...metrics import scatter_floor
 from ...piezo.second_order import SecondOrder
-from ...study import MARK, Record, Study
+from ...study import MARK, Record, Study, split_path
 from ..initial_values.record_features import is_step, voltages
 from ..initial_values.step_peaks import APART, Extremes, OneMode, extremes, one_mode, rest_before, step_response
 
@@ -47,6 +47,9 @@ _TOGETHER = 100
 
 PATHS = ("piezo.gain", "piezo.natural_frequency", "piezo.damping_ratio")
 """What peaks tell, in this order."""
+
+_BETWEEN = ("amplifier.", "sensor.", "drive.rise_time")
+"""How paths begin of what delays, bends or smoothes a step."""
 
 
 class StepRecord(NamedTuple):
@@ -96,6 +99,7 @@ def pick_peaks(study: Study) -> PickedStack:
             f"{where}: found no fitted record of the platform under an ideal step of voltage, from which peaks could "
             'be picked; expected at least one, or method "sequential".'
         )
+    _check_between(study, steps, where)
     read = tuple(_read(record, where) for record in steps)
     values = _mean([_picked(step) for step in read])
     for path, number in zip(PATHS, values, strict=True):
@@ -112,12 +116,6 @@ def _check_models(study: Study, where: str) -> None:
             f'{where}: [actuator]: found feedback = true, expected false for method "peaks": the peaks must be the '
             "stack's own."
         )
-    between = [path for path in study.parameters if path.startswith(("amplifier.", "sensor."))]
-    if between:
-        raise InputError(
-            f'{where}: parameters: found "{between[0]}", expected none of amplifier or sensor for method "peaks", '
-            "which takes the step for ideal and sees the platform directly."
-        )
     listed = study.parameters
     local = [path for path in listed if path.startswith("piezo.") and MARK in path]
     if local:
@@ -127,6 +125,22 @@ def _check_models(study: Study, where: str) -> None:
     if not any(path in listed and listed[path].free for path in PATHS):
         raise InputError(
             f'{where}: parameters: found none of {", ".join(PATHS)} free, expected one for method "peaks".'
+        )
+
+
+def _check_between(study: Study, steps: Sequence[Record], where: str) -> None:
+    """Nothing lies between the step that is commanded and what is seen of it, but for what is 0."""
+    conditions = {"", *(condition for record in steps for condition in record.conditions)}
+    between = [
+        path
+        for path, parameter in study.parameters.items()
+        if path.startswith(_BETWEEN) and split_path(path)[1] in conditions and parameter.value != 0.0
+    ]
+    if between:
+        raise InputError(
+            f'{where}: parameters: found "{between[0]}", expected no amplifier, sensor or rise time in records of '
+            'steps for method "peaks", which takes a step for ideal, and when it begins for exact; expected method '
+            '"sequential", which fits them.'
         )
 
 

@@ -23,7 +23,8 @@ from .influence import (
     influence_of,
     principal_directions,
 )
-from .variance_factor import NORMAL_95, variance_factor
+from .linear_intervals import linear_intervals
+from .variance_factor import variance_factor
 
 
 class FittedPoint(NamedTuple):
@@ -191,11 +192,9 @@ def _with_errors(
     slopes = np.abs(free.slope(at))
     for name, matrix in matrices.items():
         deviation = np.sqrt(np.diag(matrix))
-        half = NORMAL_95 * np.nan_to_num(deviation)
-        low, high = free.decode(at - half), free.decode(at + half)
-        for i, path in enumerate(free.paths):
-            error = float(deviation[i] * slopes[i])
-            errors[path][name] = ParameterError(error, (float(low[path]), float(high[path])))
+        intervals = linear_intervals(at, deviation, free, {path: parameters[path].bounds for path in free.paths})
+        for path, error in zip(free.paths, deviation * slopes, strict=True):
+            errors[path][name] = ParameterError(float(error), intervals[path])
     return {
         path: dataclasses.replace(p, errors=errors[path]) if p.free and np.isfinite(p.standard_error) else p
         for path, p in parameters.items()

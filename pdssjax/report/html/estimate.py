@@ -37,7 +37,6 @@ def _parameter(parameter: FittedParameter) -> list[str]:
     unit, scale = display_unit(parameter.unit)
     places = decimals_for(parameter.standard_error * scale)
     low, high = (rounded(end * scale, places) for end in parameter.interval)
-    marks = ["at bound"] * parameter.at_bound + ["no information"] * (not parameter.identifiable)
     return [
         parameter.path,
         rounded(parameter.value * scale, places),
@@ -45,7 +44,7 @@ def _parameter(parameter: FittedParameter) -> list[str]:
         percent(parameter.standard_error, parameter.value) if parameter.free else "",
         unit,
         f"{low} .. {high}" if parameter.free and parameter.identifiable else "",
-        ", ".join(marks) if parameter.free else "fixed",
+        parameter.remark,
     ]
 
 

@@ -57,9 +57,10 @@ def _outcome(estimate: Estimate) -> str:
 def _statistics(estimate: Estimate) -> str:
     statistics = estimate.statistics
     fitted = sum(record.role == "fit" for record in estimate.records)
+    apart = f", and {statistics.measured_apart} measured apart" if statistics.measured_apart else ""
     lines = [
         ("records fitted", f"{fitted} of {len(estimate.records)}"),
-        ("samples fitted", f"{statistics.samples}"),
+        ("samples fitted", f"{statistics.samples}{apart}"),
         ("free parameters", f"{len(estimate.names)}, with offsets {statistics.free}"),
         ("iterations", f"{statistics.iterations} ({statistics.evaluations} evaluations, {estimate.seconds:.1f} s)"),
         ("chi-square", f"{statistics.chi2:.6g}"),
@@ -123,7 +124,7 @@ def _parameter(parameter: FittedParameter, models: Sequence[str]) -> list[str]:
         _naive(parameter),
         "-" if low == high == "-" else f"{low} .. {high}",
         start or "-",
-        _remark(parameter),
+        parameter.remark,
     ]
 
 
@@ -131,13 +132,6 @@ def _naive(parameter: FittedParameter) -> str:
     if parameter.naive_standard_error is None:
         return "-"
     return percent(parameter.naive_standard_error, parameter.value)
-
-
-def _remark(parameter: FittedParameter) -> str:
-    if not parameter.free:
-        return "fixed"
-    marks = ["at bound"] * parameter.at_bound + ["no information"] * (not parameter.identifiable)
-    return ", ".join(marks)
 
 
 def _correlations(estimate: Estimate) -> str:

@@ -68,9 +68,13 @@ def test_restarts_go_from_valley_to_valley():
     assert best.evaluations > start.evaluations
     # Nothing to leave where every step was accepted, and the end is an ordinary one.
     assert beyond_discontinuity(start, scaled, run, print) is start
-    messages = []
-    beyond_discontinuity(start._replace(ending=Ending.DISCONTINUITY), scaled, run, told(messages))
-    assert messages
+    # However many evaluations went into the fits that it was compared with.
+    raced = start._replace(evaluations=100 * start.evaluations)
+    assert beyond_discontinuity(raced, scaled, run, print) is raced
+    for ending in (Ending.DISCONTINUITY, Ending.SMALL_JUMP):
+        messages = []
+        beyond_discontinuity(start._replace(ending=ending), scaled, run, told(messages))
+        assert messages
 
 
 @pytest.mark.parametrize("begun, ended, new", [(0.0, 10.0, True), (10.0, 10.0, False), (0.0, 9.0, False)])

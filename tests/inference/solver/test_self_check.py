@@ -41,7 +41,7 @@ def stepped(y, args):
 @eqx.filter_jit
 def solve(fn, args, start=(2.0, 1.0, 0.0)):
     """With thresholds as for a chi-square."""
-    solver = BoundedLevenbergMarquardt(rtol=1e-6, atol=1e-4, slow=1e-3, invisible=1e-4)
+    solver = BoundedLevenbergMarquardt(rtol=1e-6, atol=1e-4, slow=1e-3, invisible=1e-4, small_jump=0.1 / 60)
     ends = {"lower": jnp.full(3, -10.0), "upper": jnp.full(3, 10.0)}
     start = jnp.asarray(start)
     return optx.least_squares(fn, solver, start, args, has_aux=True, options=ends, max_steps=300, throw=False)
@@ -84,6 +84,57 @@ def test_a_jump_that_the_data_cannot_show_is_let_pass():
     smooth = solve(stepped, {"at": jnp.zeros(3), "jump": jnp.asarray(0.0)})
     ripple = solve(stepped, {"at": smooth.value - 1e-9, "jump": jnp.asarray(1e-4)})
     assert ending(ripple) in (Ending.CONVERGED, Ending.WITHIN_ROUNDING)
+
+
+def walled(y, args):
+    """`decay`, and a wall across the parameters' sum beyond which the sum of squares is higher by what `args` say.
+
+    The residual that it adds jumps by less where it is not 0 before: by `base`.
+    """
+    height = jnp.where(jnp.sum(y) > args["at"], args["height"], 0.0)
+    return jnp.append(decay(y), jnp.sqrt(args["base"] ** 2 + height)), None
+
+
+def at_wall(short, height, before, base=0.0):
+    """A run that begins `before` a wall, which stands `short` of the minimum, in standard errors of the sum.
+
+    **Returns:** where it ended, how, and how far from the minimum without the wall, in standard errors.
+    """
+    smooth = solve(stepped, {"at": jnp.zeros(3), "jump": jnp.asarray(0.0)}).value
+    jacobian = jax.jacfwd(decay)(smooth)
+    covariance = jnp.linalg.inv(jacobian.T @ jacobian)
+    error = jnp.sqrt(jnp.sum(covariance))
+    # Along it the other parameters make the best of the sum.
+    step = jnp.sum(covariance, axis=1) / error
+    args = {"at": jnp.sum(smooth) - short * error, "base": jnp.asarray(base), "height": jnp.asarray(height)}
+    found = solve(walled, args, smooth - (short + before) * step)
+    return found, ending(found), (found.value - smooth) / jnp.sqrt(jnp.diag(covariance))
+
+
+@pytest.mark.parametrize("base", [0.0, 1.0], ids=["seen in a large difference", "seen in small ones only"])
+@pytest.mark.parametrize("short", [0.12, 0.2])
+def test_a_search_that_a_small_jump_stops_beside_its_minimum_has_converged(short, base):
+    found, how, off = at_wall(short, 0.05, 0.01, base)
+    state = found.stats["state"]
+    assert how == Ending.SMALL_JUMP and found.result == optx.RESULTS.successful
+    assert float(state.jump) == pytest.approx(0.05, rel=1e-3)
+    assert float(state.predicted_reduction) == pytest.approx(short**2, rel=0.1)
+    assert float(jnp.max(jnp.abs(off))) < 1.1 * short
+
+
+@pytest.mark.parametrize("base", [0.0, 1.0])
+@pytest.mark.parametrize("short", [0.4, 3.0, 20.0])
+def test_a_search_goes_on_over_a_small_jump_that_is_worth_it(short, base):
+    _, how, off = at_wall(short, 0.05, 0.01, base)
+    assert how in (Ending.CONVERGED, Ending.WITHIN_ROUNDING)
+    assert float(jnp.max(jnp.abs(off))) < 0.02
+
+
+@pytest.mark.parametrize(("short", "height"), [(0.01, 0.5), (0.2, 0.5), (0.5, 0.5), (0.2, 50.0), (2.0, 50.0)])
+def test_a_search_that_a_large_jump_stops_has_not_converged(short, height):
+    found, how, _ = at_wall(short, height, 0.01)
+    assert how in (Ending.DISCONTINUITY, Ending.REJECTED, Ending.SLOW_STEPS)
+    assert found.result != optx.RESULTS.successful
 
 
 def kinked(y, args):

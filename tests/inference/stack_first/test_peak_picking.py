@@ -5,7 +5,8 @@ import math
 
 import numpy as np
 import pytest
-from platform_study import DAMPING, GAIN, PLATFORM, RATE, write_platform
+from platform_study import DAMPING, GAIN, NOISE_LINE, PLATFORM, RATE, write_platform
+from record_tables import step_table
 
 import pdssjax
 from pdssjax import InputError
@@ -162,6 +163,10 @@ def test_a_record_that_begins_late_has_no_zero(platform):
     assert "found its first sample 0.1 ms after the step, expected some before it" in refusal(study)
 
 
+_DELAYED = '"sensor.delay" = { value = 0 }\n"sensor.delay@warm" = { value = "9 us", standard_error = "5 us" }'
+"""As `pdssjax new` writes it of a step between two samples."""
+
+
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
@@ -173,6 +178,8 @@ def test_a_record_that_begins_late_has_no_zero(platform):
         ('voltage = "50 V"', 'voltage = "50 V", rise_time = "1 ms"', "ideal step"),
         ('measures = "platform"', 'measures = "platform"\nrole = "validate"', "no fitted record"),
         ('"friction.sigma0"', '"sensor.bandwidth" = {}\n"friction.sigma0"', 'found "sensor.bandwidth"'),
+        ('"friction.sigma0"', '"drive.rise_time" = { value = "0.1 ms" }\n"friction.sigma0"', 'found "drive.rise_time"'),
+        ('"friction.sigma0"', _DELAYED + '\n"friction.sigma0"', 'found "sensor.delay@warm"'),
         ('"piezo.gain" = {}', '"piezo.gain" = {}\n"piezo.gain@warm" = {}', 'found "piezo.gain@warm"'),
         ('"piezo.gain" = {}', '"piezo.gain" = { start = 1e-8, max = 2e-8 }', "within its bounds, 0 to 2e-08"),
         ('piezo = "second-order"', 'piezo = "second-order"\nfeedback = true', "found feedback = true"),
@@ -188,6 +195,14 @@ def test_what_peaks_cannot_be_picked_from_is_said_in_a_line(tmp_path, old, new, 
             "[parameters]", '[parameters]\n"piezo.mass" = { value = 0.5 }\n"effector.mass" = { value = 0.1 }'
         )
     assert said in refusal(pdssjax.load_study(write_platform(tmp_path, text)))
+
+
+def test_what_bends_other_records_or_nothing_leaves_peaks_as_they_are(tmp_path, platform):
+    begun = "[parameters]\n" + _DELAYED.replace("warm", "later") + '\n"drive.rise_time" = { value = 0 }\n'
+    later = step_table(NOISE_LINE).replace('name = "step"', 'name = "later"\nrole = "validate"\nconditions = ["later"]')
+    text = SEEN.replace("[parameters]\n", begun) + later
+    found = pick_peaks(pdssjax.load_study(write_platform(tmp_path, text)))
+    assert found.values == pick_peaks(platform).values
 
 
 def test_a_rod_has_more_than_one_mode(tmp_path):
