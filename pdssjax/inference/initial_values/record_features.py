@@ -160,8 +160,10 @@ def peak_bend(record: Record, rate: float, known: Mapping[str, float]) -> float:
     frequency = frequency_of(record)
     last = _PERIODS / frequency if frequency else float(record.time[-1])
     finer = rate * _FINER
-    times = np.arange(-_FINER, min(int(max(last, 0.0) * finer), _MOST) + 3 * _FINER) / finer
-    level = np.asarray(_voltage(drive, times))
+    count = min(int(max(last, 0.0) * finer), _MOST) + 4 * _FINER
+    # A power of two: whatever the rate, the drive is compiled for few numbers of times.
+    times = (np.arange(1 << (count - 1).bit_length()) - _FINER) / finer
+    level = np.asarray(_voltage(drive, times))[:count]
     bend = level[2 * _FINER :] - 2.0 * level[_FINER:-_FINER] + level[: -2 * _FINER]
     return float(np.max(np.abs(bend))) * rate**2
 
