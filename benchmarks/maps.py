@@ -129,22 +129,30 @@ def compared(points: int, reading: str, kept: Path, minutes: float) -> list[Comp
 @functools.cache
 def after_200(reading: str):
     """A function of voltage and frequency: the net step [m] of the last of 200 cycles from rest."""
+    from pdssjax.sweeps import Listed, plan_sweep
+
+    asked = dataclasses.replace(study(), friction_state=reading)
+    function = plan_sweep(asked, Listed({"drive.voltage": np.ones(1), "drive.frequency": np.ones(1)})).function
+    return net_step_after(function)
+
+
+def net_step_after(function, cycles: int = 200):
+    """Of a planned sweep's `function`: by a point's numbers the net step [m] of the last of so many cycles from rest.
+
+    NaN where the integration failed.
+    """
     import jax
     import jax.numpy as jnp
 
     from pdssjax import Accuracy
     from pdssjax.integration import integrate_to_times
-    from pdssjax.sweeps import Listed, plan_sweep
-
-    asked = dataclasses.replace(study(), friction_state=reading)
-    function = plan_sweep(asked, Listed({"drive.voltage": np.ones(1), "drive.frequency": np.ones(1)})).function
 
     @jax.jit
     def run(values):
         system = function.system(values)
-        times = jnp.arange(199, 201) / jnp.asarray(system.drive.cycle_frequency(), float) * (1.0 - 1e-12)
-        reached = integrate_to_times(system, times, Accuracy(max_steps=400_000)).x
-        return reached.d[0] - reached.d[1]
+        times = jnp.arange(cycles - 1, cycles + 1) / jnp.asarray(system.drive.cycle_frequency(), float) * (1.0 - 1e-12)
+        reached = integrate_to_times(system, times, Accuracy(max_steps=4_000_000))
+        return jnp.where(reached.failure > 0, jnp.nan, reached.x.d[0] - reached.x.d[1])
 
     return run
 

@@ -6,18 +6,16 @@ prints the end-effector's place at the end [um], its derivatives by the logarith
 
 import json
 import sys
-import time
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxonomy import LeafSystem, SimulatorOptions, simulate  # pyright: ignore[reportMissingImports]
+from timed_gradient import tell
 
 NAMES = tuple("omega damping gain mass s0_a s0_b s1_a s1_b f_ss_a f_ss_b".split())
 RATE = 1e3
 """Speeds are in um times it a second, so that all states are of like size."""
 MOST_EVENTS = 4000
-REPEATS = 3
 
 
 class Rig(LeafSystem):  # pyright: ignore[reportUntypedBaseClass]
@@ -74,15 +72,7 @@ def main() -> None:
         span = 0.0, asked["cycles"] / asked["frequency"]
         return simulate(rig, context, span, options=options).context.continuous_state[2]
 
-    both = {"reverse": jax.value_and_grad(end), "forward": lambda x: (end(x), jax.jacfwd(end)(x))}[asked["mode"]]
-    run, zeros, seconds = jax.jit(both), jnp.zeros(len(NAMES)), []
-    value, gradient = jnp.nan, zeros
-    for _ in range(1 + REPEATS):
-        begun = time.perf_counter()
-        value, gradient = jax.block_until_ready(run(zeros))
-        seconds.append(time.perf_counter() - begun)
-    told = {"value": float(value), "gradient": np.asarray(gradient).tolist()}
-    print(json.dumps(told | {"first": seconds[0], "run": float(np.median(seconds[1:]))}))
+    tell(end, asked["mode"], len(NAMES))
 
 
 if __name__ == "__main__":

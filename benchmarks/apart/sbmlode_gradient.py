@@ -8,14 +8,12 @@ import importlib.util
 import json
 import sys
 import tempfile
-import time
 from pathlib import Path
 
-import jax
 import jax.numpy as jnp
 import libsbml  # pyright: ignore[reportMissingImports]
-import numpy as np
 from sbmlode import OdeSystem  # pyright: ignore[reportMissingImports]
+from timed_gradient import tell
 
 NAMES = tuple("omega damping gain mass s0_a s0_b s1_a s1_b f_ss_a f_ss_b".split())
 RATES = {
@@ -37,7 +35,6 @@ EVENTS = {
     "drop": ("time >= (drops + 1) / frequency", {"drops": "drops + 1"}),
     "reversal": ("(w - w_e) * sense < 0", {"sense": "-sense"}),
 }
-REPEATS = 3
 
 
 def sbml(constants: dict[str, float]) -> libsbml.SBMLDocument:
@@ -94,8 +91,7 @@ def main() -> None:
     import diffrax
 
     places = jnp.array([walk.PIDS.index(name) for name in NAMES])
-    forward = asked["mode"] == "forward"
-    adjoint = diffrax.ForwardMode() if forward else diffrax.RecursiveCheckpointAdjoint()
+    adjoint = diffrax.ForwardMode() if asked["mode"] == "forward" else diffrax.RecursiveCheckpointAdjoint()
     times = jnp.array([0.0, asked["cycles"] / asked["frequency"]])
 
     def end(logarithms):
@@ -104,15 +100,7 @@ def main() -> None:
         simulation = walk.simulate(times, p, solver=diffrax.Tsit5(), adjoint=adjoint, **limits)
         return simulation.x[-1, walk.XIDS.index("x_e")]
 
-    run = jax.jit((lambda x: (end(x), jax.jacfwd(end)(x))) if forward else jax.value_and_grad(end))
-    zeros, seconds = jnp.zeros(len(NAMES)), []
-    value, gradient = jnp.nan, zeros
-    for _ in range(1 + REPEATS):
-        begun = time.perf_counter()
-        value, gradient = jax.block_until_ready(run(zeros))
-        seconds.append(time.perf_counter() - begun)
-    told = {"value": float(value), "gradient": np.asarray(gradient).tolist()}
-    print(json.dumps(told | {"first": seconds[0], "run": float(np.median(seconds[1:]))}))
+    tell(end, asked["mode"], len(NAMES))
 
 
 if __name__ == "__main__":

@@ -1,14 +1,13 @@
 """Where a reversal of a steady cycle grazes, the cycle is integrated in place of Newton's method, and that is said."""
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from quick_blocks import example_study
 
 import pdssjax
+from benchmarks.maps import net_step_after
 from pdssjax import Accuracy
-from pdssjax.integration import integrate_to_times
 from pdssjax.simulation import GRAZES
 from pdssjax.sweeps import GRAZING, plan_sweep
 from pdssjax.sweeps.point import _detailed, _found_of, _one_by_one, compute_block
@@ -46,14 +45,6 @@ def grazing_voltage(looked_at):
     pytest.fail("no voltage at which a reversal grazes")
 
 
-def net_step_after(function, values, cycles=200):
-    """Net step [m] of the last of many cycles at a point."""
-    system = function.system(values)
-    times = jnp.arange(cycles - 1, cycles + 1) / system.drive.cycle_frequency() * (1.0 - 1e-12)
-    reached = integrate_to_times(system, times, Accuracy(max_steps=400_000))
-    return reached.x.d[0] - reached.x.d[1]
-
-
 @pytest.mark.slow
 def test_a_cycle_with_a_grazing_reversal_is_integrated_and_says_so(function, looked_at, grazing_voltage):
     volts = np.full(8, grazing_voltage)
@@ -70,7 +61,7 @@ def test_a_cycle_with_a_grazing_reversal_is_integrated_and_says_so(function, loo
     # Left to Newton's method it is integrated, too: to what 200 cycles lead to.
     values = np.array([grazing_voltage, FREQUENCY])
     (patient,), failed = _found_of(_one_by_one, function, values[None])
-    expected = float(jax.jit(lambda values: net_step_after(function, values))(jnp.asarray(values)))
+    expected = float(net_step_after(function)(values))
     assert failed.tolist() == [GRAZING] and np.isfinite(patient).all()
     assert float(patient[0]) == pytest.approx(expected, abs=1e-10)
 

@@ -10,10 +10,10 @@ from quick_blocks import example_study
 from random_rigs import Structure
 
 import pdssjax
+from benchmarks.maps import net_step_after
 from pdssjax import Accuracy, InputError
 from pdssjax.core import member, members
 from pdssjax.integration import integrate_to_times
-from pdssjax.simulation import StickSlip
 from pdssjax.study.parameter import Parameter
 from pdssjax.sweeps import Listed, plan_sweep
 from pdssjax.sweeps.job import job_document, point_function
@@ -52,20 +52,6 @@ def test_another_word_is_refused(study, cycles):
         pdssjax.sweep(study, POINTS, cycles=cycles)
 
 
-def after_many(function, cycles=200):
-    """Net step [m] of the last of many cycles at a point."""
-
-    @jax.jit
-    def run(values):
-        system = function.system(values)
-        assert isinstance(system, StickSlip)
-        times = jnp.arange(cycles - 1, cycles + 1) / system.drive.cycle_frequency() * (1.0 - 1e-12)
-        reached = integrate_to_times(system, times, Accuracy(max_steps=4_000_000))
-        return jnp.where(reached.failure > 0, jnp.nan, reached.x.d[0] - reached.x.d[1])
-
-    return run
-
-
 @pytest.mark.slow
 def test_random_points_agree_with_200_cycles(study):
     rng = np.random.default_rng(5)
@@ -73,7 +59,7 @@ def test_random_points_agree_with_200_cycles(study):
     for reading in ("deflection", "force"):
         asked = dataclasses.replace(study, friction_state=reading)
         data = pdssjax.sweep(asked, points, cycles="steady", workers=1)
-        brute = after_many(plan_sweep(asked, points, cycles="steady").function)
+        brute = net_step_after(plan_sweep(asked, points, cycles="steady").function)
         expected = np.array([float(brute(values)) for values in points.values()])
         np.testing.assert_allclose(data.net_step, expected, rtol=0.0, atol=1e-10)
 
@@ -108,7 +94,7 @@ LAWS += [("anisotropic-lugre", "deflection"), ("anisotropic-lugre", "force")]
 def test_random_actuators_of_every_law_agree_with_200_cycles(law, state):
     study, points = random_actuators(law, state, 9)
     data = pdssjax.sweep(study, points, cycles="steady", workers=1)
-    brute = after_many(plan_sweep(study, points).function)
+    brute = net_step_after(plan_sweep(study, points).function)
     expected = np.array([float(brute(values)) for values in points.values()])
     told = data.failure == 0
     assert told.sum() >= 8
@@ -120,7 +106,7 @@ def test_a_transient_that_dies_out_slowly_is_left_to_newton(study):
     light = study.with_values({"piezo.damping_ratio": 0.004, "friction.sigma1_a": 1.0, "friction.sigma1_b": 1.0})
     points = Listed({"drive.voltage": [3.0, 3.0], "drive.frequency": [150.0, 200.0]})
     data = pdssjax.sweep(light, points, cycles="steady", workers=1)
-    brute = after_many(plan_sweep(light, points).function, 1000)
+    brute = net_step_after(plan_sweep(light, points).function, 1000)
     expected = [float(brute(values)) for values in points.values()]
     assert (data.decay > 0.7).any() and (data.cycles_to_repeat == 1).all()
     np.testing.assert_allclose(data.net_step, expected, rtol=0.0, atol=1e-10)
