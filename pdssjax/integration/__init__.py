@@ -22,9 +22,8 @@ if TYPE_CHECKING:
     from .steady_cycle import PERIODS as PERIODS
     from .steady_cycle import Cycles as Cycles
     from .steady_cycle import integrate_cycles as integrate_cycles
-    from .steady_motion import MOST as MOST
+    from .steady_motion import GRAZES as GRAZES
     from .steady_motion import SteadyState as SteadyState
-    from .steady_motion import last_seen as last_seen
     from .steady_motion import steady_state as steady_state
     from .step_methods.base import AbstractStepMethod as AbstractStepMethod
     from .step_methods.diffrax_solver import OneStep as OneStep
@@ -54,7 +53,7 @@ else:
             "periodic_orbit": ["SHORT", "moved_orbit"],
             "solution": ["FAILURES", "Solution", "integrate", "states_at"],
             "steady_cycle": ["Cycles", "PERIODS", "integrate_cycles"],
-            "steady_motion": ["MOST", "SteadyState", "last_seen", "steady_state"],
+            "steady_motion": ["GRAZES", "SteadyState", "steady_state"],
             "step_methods.base": ["AbstractStepMethod"],
             "step_methods.diffrax_solver": ["OneStep"],
             "step_methods.taylor": ["Taylor"],

@@ -10,7 +10,9 @@ from jaxtyping import Array, Float
 
 from ..core import Count, Scalar, ScalarLike, Truth
 from .accuracy import Accuracy
+from .continued import Continued
 from .periodic_orbit import CONFIRMED, SHORT, Orbit, multipliers, newton_orbit, refined
+from .solution import Solution, integrate
 from .steady_cycle import PERIODS, Cycles, integrate_cycles
 from .system import AbstractHybridSystem
 
@@ -23,6 +25,15 @@ MOST = 200
 Carry = TypeVar("Carry")
 """A pytree of arrays."""
 
+Ends = tuple[Float[Array, " components"], Float[Array, " components"]]
+"""The state at the opening of a period, and what the motion gains until it repeats."""
+
+GRAZES = 1e-2
+"""`SteadyState.grazing` below this: a small change of the system takes an event away; derivatives may break there."""
+
+Nearness = Callable[[AbstractHybridSystem, Solution], Scalar]
+"""How near the events of a motion, given by what was integrated and its steps, are to grazing; 1: far from it."""
+
 
 class SteadyState(NamedTuple):
     """A motion that repeats, and how it was found."""
@@ -34,7 +45,11 @@ class SteadyState(NamedTuple):
     period: Count
     """After how many periods of the input it repeats; 0 where it does not, and `x` is only the last state seen."""
     multipliers: Float[Array, " components"]
-    """Moduli of its Floquet multipliers, largest first; NaN where the motion does not repeat."""
+    """Moduli of its Floquet multipliers, largest first; NaN where the motion does not repeat, or grazes."""
+    ratio: Scalar
+    """What was left of the distance between cycles in the last one that was integrated."""
+    grazing: Scalar
+    """How near an event of the orbit that Newton's method found is to grazing, 0 to 1; NaN where there is no orbit."""
     distance: Scalar
     """How far [m] the state is from that after it repeated."""
     cycles: Count
@@ -50,18 +65,26 @@ class _Tried(NamedTuple):
     moduli: Float[Array, " components"]
     count: Count  # pyright: ignore[reportIncompatibleMethodOverride]
     accepted: Truth
+    grazing: Scalar
 
 
 def steady_state(
-    system: AbstractHybridSystem, duration: ScalarLike, accuracy: Accuracy, tolerance: ScalarLike
+    system: AbstractHybridSystem,
+    duration: ScalarLike,
+    accuracy: Accuracy,
+    tolerance: ScalarLike,
+    nearness: Nearness = lambda moving, run: jnp.ones(()),
 ) -> SteadyState:
     """The motion of `system` after the transient, by the state at the opening of a period of `duration` [s].
 
     A periodic orbit counts where it is met to within `tolerance` [m], all its multipliers lie inside the unit circle,
     and two cycles in a row agree with it.  Repetition in every period is tried first, then in every second
-    and third, from where `FIRST` cycles lead; where none is found, from where `MOST` do.
+    and third, from where `FIRST` cycles lead; where none is found, from where `MOST` do.  A linearised cycle says
+    little of an orbit that by its `nearness` grazes: there the motion is the last of `MOST` cycles, or of those until
+    it repeats.
 
-    `x` and `gain` are differentiable in every floating-point leaf of `system` and in `duration`.
+    `x` and `gain` are differentiable in every floating-point leaf of `system` and in `duration`; their derivatives
+    are NaN where the motion does not repeat, or grazes.
     """
     still, long = lax.stop_gradient(system), jnp.asarray(lax.stop_gradient(duration), float)
     phases = long[None] * (1.0 - SHORT)
@@ -70,22 +93,47 @@ def steady_state(
         attempts, _ = before
         cycles = integrate_cycles(still, long, phases, accuracy, tolerance, jnp.where(attempts > 0, MOST, FIRST))
         tried = _first_accepted(still, last_seen(cycles), long, accuracy, tolerance)
-        return attempts + 1, (cycles, tried)
+        moving = Continued(still, tried.orbit.x, float((still.period() or (0, 1))[0]))
+        run = integrate(moving, tried.count * phases[0], accuracy)
+        return attempts + 1, (cycles, tried._replace(grazing=jnp.where(tried.accepted, nearness(moving, run), jnp.nan)))
 
-    goes_on = lambda now: (now[0] < 2) & ~now[1][1].accepted
+    goes_on = lambda now: (now[0] < 2) & ~(now[1][1].grazing >= GRAZES)
     _, (cycles, tried) = lax.while_loop(goes_on, attempt, _blank(lambda: attempt((jnp.zeros((), int), None))))  # pyright: ignore[reportArgumentType]
-    x, gain = refined(system, tried.orbit, duration, accuracy, tried.count)
-    ok = tried.accepted
+    ok = tried.grazing >= GRAZES
+    period = jnp.where(ok, tried.count, jnp.where(tried.accepted, cycles.period, 0))
+    orbit = refined(system, tried.orbit, duration, accuracy, tried.count)
+    x, gain = _chosen(ok, orbit, (last_seen(cycles), _gained(system, cycles, period)))
     return SteadyState(
-        x=jnp.where(ok, x, last_seen(cycles)),
-        gain=jnp.where(ok, gain, 0.0),
-        period=jnp.where(ok, tried.count, 0),
+        x=x,
+        gain=gain,
+        period=period,
         multipliers=jnp.where(ok, tried.moduli, jnp.nan),
+        ratio=cycles.ratio,
+        grazing=tried.grazing,
         distance=jnp.where(ok, tried.orbit.distance, cycles.remaining[0]),
         cycles=cycles.cycles,
         looks=tried.orbit.looks,
         failure=jnp.where(ok, 0, cycles.failure),
     )
+
+
+@jax.custom_jvp
+def _chosen(ok: Truth, orbit: Ends, integrated: Ends) -> Ends:
+    """What belongs to the `orbit`, or what was `integrated`, which has no derivatives: they are NaN."""
+    return jax.tree.map(lambda a, b: jnp.where(ok, a, b), orbit, integrated)
+
+
+@_chosen.defjvp
+def _(primals: tuple[Truth, Ends, Ends], tangents: tuple[Truth, Ends, Ends]) -> tuple[Ends, Ends]:
+    known = jnp.where(primals[0], 1.0, jnp.nan)
+    return _chosen(*primals), jax.tree.map(lambda moved: known * moved, tangents[1])
+
+
+def _gained(system: AbstractHybridSystem, cycles: Cycles, period: Count) -> Float[Array, " components"]:
+    """What shifts, and nothing else, has gained in the last `period` of some cycles."""
+    ends = jnp.stack([leaf[:, -1] for leaf in jax.tree.leaves(cycles.x)], axis=1)
+    shifts = jnp.array([i in system.shifting_components() for i in range(ends.shape[1])])
+    return jnp.where(shifts, ends[-1] - ends[-1 - period], 0.0)
 
 
 def last_seen(cycles: Cycles) -> Float[Array, " components"]:
@@ -107,9 +155,9 @@ def _first_accepted(
         orbit = newton_orbit(system, begin, duration, accuracy, tolerance, before.count + 1)
         moduli = multipliers(system, orbit)
         accepted = (orbit.confirmed >= CONFIRMED) & (orbit.failure == 0) & (moduli[0] < 1.0)
-        return _Tried(orbit, moduli, before.count + 1, accepted)
+        return _Tried(orbit, moduli, before.count + 1, accepted, jnp.zeros(()))
 
-    nothing = _blank(lambda: attempt(_Tried(None, None, none, None)))  # pyright: ignore[reportArgumentType]
+    nothing = _blank(lambda: attempt(_Tried(None, None, none, None, None)))  # pyright: ignore[reportArgumentType]
     goes_on = lambda tried: ~tried.accepted & (tried.count < PERIODS)
     return lax.while_loop(goes_on, attempt, nothing)
 

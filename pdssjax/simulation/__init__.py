@@ -6,7 +6,6 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from .grazing_reversals import GRAZES as GRAZES
     from .grazing_reversals import grazing as grazing
     from .grazing_reversals import turns as turns
     from .observation import Inside as Inside
@@ -35,7 +34,7 @@ else:
     __getattr__, __dir__, __all__ = lazy_exports(
         __name__,
         {
-            "grazing_reversals": ["GRAZES", "grazing", "turns"],
+            "grazing_reversals": ["grazing", "turns"],
             "observation": ["Inside", "Observation", "observe"],
             "outputs": [
                 "ACCELERATION",

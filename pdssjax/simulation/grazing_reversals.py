@@ -14,9 +14,6 @@ from ..drive.base import Segment
 from ..integration import AbstractHybridSystem, Solution
 from .systems.stick_slip import StickSlip
 
-GRAZES = 1e-2
-"""`grazing` below this: a small change of the parameters takes a reversal away, and derivatives may break there."""
-
 _SMALL = 1e-9
 """Motions [m] below this graze often, and it does not matter."""
 

@@ -1,15 +1,18 @@
 """The steady motion of an actuator: what is left of it when the transient has died out."""
 
 import dataclasses
+from functools import partial
 
 import jax
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import Array, Float
 
 from ..actuator import Actuator
 from ..core import ScalarLike, need_double_precision
 from ..drive.base import AbstractDrive
 from ..integration import Accuracy, Continued, SteadyState, steady_state
+from .grazing_reversals import grazing
 from .systems.stick_slip import StickSlip
 
 TOLERANCE = 1e-12
@@ -25,7 +28,8 @@ def steady_cycle(
     """The motion of `actuator` under a periodic `drive` after the transient, with its multipliers.
 
     Differentiable in every parameter of `actuator` and `drive`; works under `jit`, `vmap`, `jvp` and `jacfwd`, on a
-    CPU.  Where the motion repeats neither in every cycle nor in every second or third, `period` is 0.
+    CPU.  Where the motion repeats neither in every cycle nor in every second or third, `period` is 0.  Where a
+    reversal grazes, the motion is that of integrated cycles, and its derivatives and multipliers are NaN.
 
     **Raises:** `ValueError` for a drive that never repeats.
     """
@@ -34,7 +38,9 @@ def steady_cycle(
     if frequency is None or drive.period() is None:
         raise ValueError("Expected a drive that repeats, but its cycle has no frequency.")
     fine = Accuracy(max_steps=_STEPS) if accuracy is None else accuracy
-    return steady_state(StickSlip(actuator, drive), 1.0 / jnp.asarray(frequency, float), fine, tolerance)
+    system = StickSlip(actuator, drive)
+    nearness = partial(grazing, lax.stop_gradient(system))
+    return steady_state(system, 1.0 / jnp.asarray(frequency, float), fine, tolerance, nearness)
 
 
 def steady_system(actuator: Actuator, drive: AbstractDrive, accuracy: Accuracy) -> tuple[Continued, SteadyState]:

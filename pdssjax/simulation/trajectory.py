@@ -11,7 +11,6 @@ from ..core import Figure, InputError, need_double_precision, presenter
 from ..drive.base import AbstractDrive
 from ..integration import FAILURES, Accuracy, integrate, states_at
 from ..piezo.base import AbstractPiezo
-from .grazing_reversals import grazing
 from .outputs import from_rest, measured
 from .steady_cycles import steady_system
 from .systems.platform_only import PlatformOnly
@@ -53,8 +52,8 @@ class Trajectory(NamedTuple):
     failure: Int[Array, ""]
     """0, or an index into `pdssjax.integration.solution.FAILURES`; the motion is then NaN."""
     grazing: Float[Array, ""] | None = None
-    """Of a steady motion: how near a reversal in the run is to one that a small change takes away, 0 to 1; below
-    `pdssjax.simulation.GRAZES` derivatives and Floquet multipliers may break."""
+    """Of a steady motion: how near a reversal in it is to one that a small change takes away, 0 to 1, NaN where it
+    does not repeat; below `pdssjax.integration.GRAZES` it is the last of many cycles, without derivatives."""
 
     @property
     def message(self) -> str:
@@ -104,7 +103,7 @@ def simulate(
     **Arguments:** `times` ascend; those before 0 see the actuator at rest.  With `cycles="steady"` it is the motion
     that is left when the transient has died out: t = 0 opens one of its cycles, with the end-effector at 0, and
     `repeated` says whether the motion repeats at all, after 1, 2 or 3 cycles (`steady_cycle` tells more), and
-    `grazing` how near its derivatives are to breaking.
+    `grazing` whether it has derivatives (else they are NaN).
 
     Differentiable in every parameter of `actuator` and `drive`; works under `jit`,
     `vmap`, `jvp` and `grad`.  A run that cannot finish gives NaN and says why in `failure`.
@@ -112,13 +111,15 @@ def simulate(
     need_double_precision()
     system, times, fine = StickSlip(actuator, drive), jnp.asarray(times, float), accuracy or Accuracy()
     if cycles is None:
-        moving, repeats, clock = system, None, times
+        moving, repeats, near, clock = system, None, None, times
     else:
         moving, steady = steady_system(actuator, drive, fine)
-        repeats, clock = steady.period > 0, times + 1.0 / jnp.asarray(drive.cycle_frequency(), float)
+        repeats, near, clock = (
+            steady.period > 0,
+            steady.grazing,
+            times + 1.0 / jnp.asarray(drive.cycle_frequency(), float),
+        )
     run = integrate(moving, times[-1], fine)
-    still = jax.lax.stop_gradient
-    near = None if repeats is None else grazing(still(system), still(moving), still(run))
     x, segment, t_local, mode = states_at(moving, run, times)
     shown = from_rest(times, run.failure)
     friction = jax.vmap(system.force)(segment, t_local, x, mode)

@@ -3,7 +3,6 @@
 Every point is its own simulation from rest.  Points are computed side by side, a block at a time.
 """
 
-import dataclasses
 from collections.abc import Callable, Iterator, Mapping
 from typing import NamedTuple
 
@@ -15,8 +14,8 @@ from jaxtyping import Array, Float, Int
 
 from ..core import Count, Quantity, Scalar, ScalarLike, Truth
 from ..drive.base import AbstractDrive
-from ..integration import Accuracy
-from ..simulation import GRAZES, StickSlip
+from ..integration import GRAZES, Accuracy
+from ..simulation import StickSlip
 from ..study import Models
 from .cycles.base import METRICS, AbstractCycle, Metric
 from .cycles.course import closing, step_metrics
@@ -119,8 +118,9 @@ class PointFunction(eqx.Module):
             course = self.cycle.course(system, opening._replace(x=x))
             found = {"output_force": output_force(course)} if blocked else step_metrics(course)
             found |= {"peak_friction": peak_friction(course)} if "peak_friction" in asked else {}
-            grazes = opening.grazes | (nearest_to_grazing(course) < GRAZES)
-            others = {} if blocked else counted(course, jnp.where(grazes, jnp.nan, opening.multiplier))
+            near = jnp.fmin(opening.grazing, nearest_to_grazing(course))
+            grazes = near < GRAZES
+            others = {} if blocked else counted(course, jnp.where(grazes, jnp.nan, opening.multiplier), near)
             return Look(found, closing(course)), (Look(found | others, x), Seen(grazes, course.failure))
 
         if not self.by:
@@ -191,15 +191,9 @@ def _found_of(
     function: PointFunction,
     points: Float[np.ndarray, "few paths"],
 ) -> tuple[Float[np.ndarray, "few columns"], Int[np.ndarray, " few"]]:
-    """What `look` finds of points of one turn, and their failures; where a reversal grazes it looks once more."""
-    few, asked = len(points), _filled_up(points, whole_shares(_FEW))
-    numbers, failure = (np.array(found)[:few] for found in look(function, asked))
-    grazes, cycle = failure == GRAZING, function.cycle.where_grazing()
-    if grazes.any() and cycle is not function.cycle:
-        other = dataclasses.replace(function, cycle=cycle)
-        again, failed = (np.array(found)[:few] for found in look(other, asked))
-        numbers[grazes], failure[grazes] = again[grazes], np.where(failed == 0, GRAZING, failed)[grazes]
-    return numbers, failure
+    """What `look` finds of points of one turn, and their failures."""
+    numbers, failure = look(function, _filled_up(points, whole_shares(_FEW)))
+    return np.asarray(numbers)[: len(points)], np.asarray(failure)[: len(points)]
 
 
 def _in_turns(chosen: Int[np.ndarray, " chosen"]) -> Iterator[Int[np.ndarray, " few"]]:

@@ -10,8 +10,8 @@ from pdssjax import Accuracy, Actuator
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.drive.step import Step
 from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
+from pdssjax.integration import GRAZES
 from pdssjax.piezo.second_order import SecondOrder
-from pdssjax.simulation import GRAZES
 from pdssjax.simulation.steady_cycles import steady_cycle
 
 CHOSEN = jnp.array([100.0, 120.0, 0.1772, 54.4])

@@ -1,5 +1,6 @@
 """Where a reversal of a steady cycle grazes, the cycle is integrated in place of Newton's method, and that is said."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from quick_blocks import example_study
 import pdssjax
 from benchmarks.maps import net_step_after
 from pdssjax import Accuracy
-from pdssjax.simulation import GRAZES
+from pdssjax.integration import GRAZES
 from pdssjax.sweeps import GRAZING, plan_sweep
 from pdssjax.sweeps.point import _detailed, _found_of, _one_by_one, compute_block
 
@@ -52,18 +53,25 @@ def test_a_cycle_with_a_grazing_reversal_is_integrated_and_says_so(function, loo
     reversals, grazing, multiplier, failure = looked_at(volts)
     assert (failure[:4] == GRAZING).all() and np.isnan(multiplier[:4]).all() and (grazing[:4] < GRAZES).all()
     assert (failure[4:] == 0).all() and (multiplier[4:] < 1.0).all() and (reversals > 0).all()
-    # A steady trajectory of the same actuator says as much.
-    for voltage, near in zip(volts[[0, 4]], grazing[[0, 4]], strict=True):
-        system = function.system(jnp.array([voltage, FREQUENCY]))
-        times = jnp.linspace(0.0, 0.999, 20) / FREQUENCY
-        moving = pdssjax.simulate(system.actuator, system.drive, times, Accuracy(max_steps=2048), cycles="steady")
-        assert float(moving.grazing) == pytest.approx(near, rel=0.1, abs=1e-3)
     # Left to Newton's method it is integrated, too: to what 200 cycles lead to.
     values = np.array([grazing_voltage, FREQUENCY])
     (patient,), failed = _found_of(_one_by_one, function, values[None])
     expected = float(net_step_after(function)(values))
     assert failed.tolist() == [GRAZING] and np.isfinite(patient).all()
     assert float(patient[0]) == pytest.approx(expected, abs=1e-10)
+
+    # So is a steady trajectory, which has derivatives where no reversal grazes.
+    def net_step(voltage):
+        system = function.system(jnp.stack([voltage, jnp.asarray(FREQUENCY)]))
+        times = jnp.array([0.0, 1.0 - 1e-10]) / FREQUENCY
+        moving = pdssjax.simulate(system.actuator, system.drive, times, Accuracy(max_steps=2048), cycles="steady")
+        return moving.effector[1] - moving.effector[0], moving.grazing
+
+    look = jax.jit(jax.jacfwd(lambda voltage: (net_step(voltage)[0], net_step(voltage)), has_aux=True))
+    slope, (net, near) = look(jnp.asarray(grazing_voltage))
+    assert float(net) == pytest.approx(expected, abs=1e-10) and float(near) < GRAZES and np.isnan(float(slope))
+    slope, (_, near) = look(jnp.asarray(64.0))
+    assert float(near) == pytest.approx(grazing[4], rel=0.1) and np.isfinite(float(slope))
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ...core import Count, Scalar, Truth
+from ...core import Count, Scalar
 from ...drive.base import AbstractDrive
 from ...integration import AbstractHybridSystem, Accuracy, Solution
 from ...metrics import FLANK
@@ -53,8 +53,9 @@ class Opening(NamedTuple):
     """After how many cycles the motion is there again; 0 where that is not asked, or where it is not."""
     multiplier: Scalar
     """Modulus of the largest Floquet multiplier, where a reversal grazes what integrated cycles show; NaN: unknown."""
-    grazes: Truth
-    """A reversal of the orbit that Newton's method found grazes: this opening is that of integrated cycles instead."""
+    grazing: Scalar
+    """How near a reversal of the orbit that Newton's method found is to grazing; where it grazes, this is the opening
+    of integrated cycles instead.  NaN: there is no orbit."""
     failure: Count
     """Index into `pdssjax.integration.FAILURES`."""
 
@@ -118,10 +119,6 @@ class AbstractCycle(eqx.Module):
     ) -> Float[Array, "components by"]:
         """Derivatives of the opening's state, given those of the state that ends the course; at rest there are none."""
         return jnp.zeros_like(driven)
-
-    def where_grazing(self) -> "AbstractCycle":
-        """How to find the cycle again where `patient`, or what is derived of a course, says `GRAZING`."""
-        return self
 
     def unfinished(self, found: Float[np.ndarray, "points metrics"]) -> Bool[np.ndarray, " points"]:
         """Which points are worth a `patient` look; none by default."""

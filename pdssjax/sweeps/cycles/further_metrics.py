@@ -38,12 +38,12 @@ _PLATEAU = (0.751, 0.949)
 """Where they are on the slow flank; `pdssjax.metrics.force_metrics` takes those from 0.75 to 0.95 of it."""
 
 
-def counted(course: Course, multiplier: Scalar) -> dict[str, Scalar]:
-    """`COUNTED` of a course."""
+def counted(course: Course, multiplier: Scalar, near: Scalar) -> dict[str, Scalar]:
+    """`COUNTED` of a course, of which the last two are known."""
     return {
         "reversals": reversals(course),
         "settled": settled(course),
-        "grazing": nearest_to_grazing(course),
+        "grazing": near,
         "multiplier": multiplier,
     }
 

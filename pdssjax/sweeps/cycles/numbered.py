@@ -37,8 +37,8 @@ class Numbered(AbstractCycle):
         return jnp.stack([getattr(measured, name)[0] for name in METRICS]), failure
 
     def opening(self, system: StickSlip) -> Opening:
-        none = jnp.zeros((), int)
-        return Opening(flat(system.initial()), none, jnp.full((), jnp.nan), jnp.zeros((), bool), none)
+        none, unknown = jnp.zeros((), int), jnp.full((), jnp.nan)
+        return Opening(flat(system.initial()), none, unknown, unknown, none)
 
     def course(self, system: StickSlip, opening: Opening) -> Course:
         when = timing(system.drive)

@@ -1,11 +1,12 @@
 """The cycle that is left when the transient has died out.
 
 Points side by side are integrated until their motion repeats; the few that take longer are found one by one, by
-Newton's method on the cycle map (`pdssjax.integration.steady_motion`).  An orbit with a reversal that grazes is
-integrated for many cycles instead.
+Newton's method on the cycle map (`pdssjax.integration.steady_motion`), or, near one with a reversal that grazes, by
+integrating many cycles.
 """
 
-import equinox as eqx
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -14,24 +15,21 @@ from jaxtyping import Array, Bool, Float
 
 from ...core import Count, Scalar
 from ...integration import (
-    MOST,
+    GRAZES,
     PERIODS,
-    SHORT,
     Accuracy,
     Continued,
     Cycles,
     Taylor,
     integrate,
     integrate_cycles,
-    last_seen,
     moved_orbit,
     steady_state,
 )
 from ...metrics import cycle_metrics
-from ...simulation import GRAZES, StickSlip
+from ...simulation import StickSlip, grazing
 from ..point_status import GRAZING
 from .base import METRICS, AbstractCycle, Course, Metric, Opening, effector_at, timing
-from .further_metrics import nearest_to_grazing
 
 TOLERANCE = 2e-11
 """How far [m] a cycle may be from its limit."""
@@ -51,9 +49,6 @@ _OWN = {
 class Steady(AbstractCycle):
     """The steady cycle; where the motion repeats after 2 or 3 cycles only, the mean of them."""
 
-    of_integrated: bool = eqx.field(static=True, default=False)
-    """Newton's method is not asked: the cycle is the last of many that are integrated, as where a reversal grazes."""
-
     @property
     def metrics(self) -> dict[str, Metric]:
         return METRICS | _OWN
@@ -70,32 +65,22 @@ class Steady(AbstractCycle):
     def measure(self, system: StickSlip, accuracy: Accuracy) -> tuple[Float[Array, " metrics"], Count]:
         when = timing(system.drive)
         cycles = integrate_cycles(system, when.period, when.phases, accuracy, TOLERANCE, _CYCLES)
-        return _measured(system, cycles, cycles.period, _ratio(cycles)), cycles.failure
+        return _measured(system, cycles, cycles.period, _told(cycles.ratio)), cycles.failure
 
     def unfinished(self, found: Float[np.ndarray, "points metrics"]) -> Bool[np.ndarray, " points"]:
         """Those that did not repeat; others that are not finite failed."""
         return np.isfinite(found[:, 0]) & (found[:, list(self.metrics).index("cycles_to_repeat")] == 0)
 
     def patient(self, system: StickSlip, accuracy: Accuracy) -> tuple[Float[Array, " metrics"], Count]:
-        when, opening = timing(system.drive), self._opening(system, accuracy)
+        when, opening = timing(system.drive), _orbit(system, accuracy)
         # From the orbit on it repeats at once; where none was found these cycles are the last that were seen.
         cycles = integrate_cycles(_from(system, opening), when.period, when.phases, accuracy, 0.0, PERIODS + 1)
-        decay = jnp.where(jnp.isfinite(opening.multiplier), opening.multiplier, _ratio(cycles))
-        measured = _measured(system, cycles, opening.repeats, decay)
+        measured = _measured(system, cycles, opening.repeats, opening.multiplier)
         failure = jnp.where(cycles.failure > 0, cycles.failure, opening.failure)
-        grazes = opening.grazes
-        if not self.of_integrated:
-            grazes = (opening.repeats > 0) & (nearest_to_grazing(_course(system, opening, accuracy)) < GRAZES)
-        return measured, jnp.where((failure == 0) & grazes, GRAZING, failure)
+        return measured, jnp.where((failure == 0) & (opening.grazing < GRAZES), GRAZING, failure)
 
     def opening(self, system: StickSlip) -> Opening:
-        return lax.stop_gradient(self._opening(lax.stop_gradient(system), Accuracy(max_steps=_ROOM)))
-
-    def _opening(self, system: StickSlip, accuracy: Accuracy) -> Opening:
-        return (_integrated_opening if self.of_integrated else _orbit)(system, accuracy)
-
-    def where_grazing(self) -> "Steady":
-        return self if self.of_integrated else Steady(of_integrated=True)
+        return lax.stop_gradient(_orbit(lax.stop_gradient(system), Accuracy(max_steps=_ROOM)))
 
     def course(self, system: StickSlip, opening: Opening) -> Course:
         return _course(system, opening, Accuracy(max_steps=_ROOM))
@@ -128,16 +113,12 @@ def _course(system: StickSlip, opening: Opening, accuracy: Accuracy) -> Course:
 
 
 def _orbit(system: StickSlip, accuracy: Accuracy) -> Opening:
-    """Of the orbit that Newton's method finds; without one it is that of integrated cycles."""
-    found = steady_state(system, timing(system.drive).period, accuracy, 0.1 * TOLERANCE)
-    return Opening(found.x, found.period, found.multipliers[0], jnp.zeros((), bool), found.failure)
-
-
-def _integrated_opening(system: StickSlip, accuracy: Accuracy) -> Opening:
-    """That of the last of at most `MOST` cycles from rest: near a grazing reversal a linearised cycle says little."""
+    """Of the steady motion; of the last cycle that was integrated where it does not repeat."""
     period = timing(system.drive).period
-    cycles = integrate_cycles(system, period, period[None] * (1.0 - SHORT), accuracy, TOLERANCE, MOST)
-    return Opening(last_seen(cycles), cycles.period, _ratio(cycles), jnp.ones((), bool), cycles.failure)
+    found = steady_state(system, period, accuracy, 0.1 * TOLERANCE, partial(grazing, system))
+    known = jnp.isfinite(found.multipliers[0])
+    decay = jnp.where(known, found.multipliers[0], _told(found.ratio))
+    return Opening(found.x, found.period, decay, found.grazing, found.failure)
 
 
 def _measured(system: StickSlip, cycles: Cycles, period: Count, decay: Scalar) -> Float[Array, " metrics"]:
@@ -158,6 +139,6 @@ def _measured(system: StickSlip, cycles: Cycles, period: Count, decay: Scalar) -
     return jnp.stack([by_name[name] for name in (METRICS | _OWN)])
 
 
-def _ratio(cycles: Cycles) -> Scalar:
+def _told(ratio: Scalar) -> Scalar:
     """What is left of a deviation after a cycle; nothing where two cycles are equal."""
-    return jnp.where(jnp.isfinite(cycles.ratio), cycles.ratio, 0.0)
+    return jnp.where(jnp.isfinite(ratio), ratio, 0.0)
