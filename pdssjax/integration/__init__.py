@@ -9,13 +9,13 @@ if TYPE_CHECKING:
     from .accuracy import Accuracy as Accuracy
     from .closed_form import exact_states_at as exact_states_at
     from .closed_form import is_closed as is_closed
-    from .continued import Continued as Continued
-    from .continued import flat as flat
     from .event_location import LOOK_AHEAD as LOOK_AHEAD
+    from .failure import FAILURES as FAILURES
     from .forward_pass import integrate_to_times as integrate_to_times
     from .periodic_orbit import SHORT as SHORT
     from .periodic_orbit import moved_orbit as moved_orbit
-    from .solution import FAILURES as FAILURES
+    from .restart import flat as flat
+    from .restart import restarted as restarted
     from .solution import Solution as Solution
     from .solution import integrate as integrate
     from .solution import states_at as states_at
@@ -47,11 +47,12 @@ else:
         {
             "accuracy": ["Accuracy"],
             "closed_form": ["exact_states_at", "is_closed"],
-            "continued": ["Continued", "flat"],
             "event_location": ["LOOK_AHEAD"],
+            "failure": ["FAILURES"],
             "forward_pass": ["integrate_to_times"],
             "periodic_orbit": ["SHORT", "moved_orbit"],
-            "solution": ["FAILURES", "Solution", "integrate", "states_at"],
+            "restart": ["flat", "restarted"],
+            "solution": ["Solution", "integrate", "states_at"],
             "steady_cycle": ["Cycles", "PERIODS", "integrate_cycles"],
             "steady_motion": ["GRAZES", "SteadyState", "steady_state"],
             "step_methods.base": ["AbstractStepMethod"],

@@ -40,7 +40,7 @@ class Reached(NamedTuple):
     """Accepted."""
     rejected: Count
     failure: Count
-    """Index into `solution.FAILURES`; 0 where the integration finished."""
+    """Index into `failure.FAILURES`; 0 where the integration finished."""
 
 
 def find_steps(system: AbstractHybridSystem, horizon: Scalar, accuracy: Accuracy) -> tuple[Table, LoopState]:

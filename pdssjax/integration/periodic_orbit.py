@@ -19,7 +19,7 @@ from jaxtyping import Array, Bool, Float
 
 from ..core import Count, Scalar, ScalarLike
 from .accuracy import Accuracy
-from .continued import Continued
+from .restart import flat, restarted
 from .solution import integrate
 from .system import AbstractHybridSystem, unflattener
 
@@ -49,7 +49,7 @@ class Orbit(NamedTuple):
     confirmed: Count
     """How often in a row, from where the last look led, the distance was below the tolerance."""
     failure: Count
-    """Index into `solution.FAILURES`; 0 where the integration went well."""
+    """Index into `failure.FAILURES`; 0 where the integration went well."""
 
 
 def newton_orbit(
@@ -125,18 +125,14 @@ def cycle_end(
 
     Differentiable in `system`, `x` and `duration` [s].
     """
-    period = system.period()
-    if period is None:
-        raise ValueError("Expected a system whose input repeats, but its period is None.")
     duration = jnp.asarray(duration, float) * count
-    horizon = duration * (1.0 - SHORT)
-    run = integrate(Continued(system, x, float(period[0])), horizon, accuracy, keep=(0,))
+    horizon, moving = duration * (1.0 - SHORT), restarted(system, x)
+    run = integrate(moving, horizon, accuracy, keep=(0,))
     # What is left to the end of the period, in value and in derivative: where the last step ends moves with the events.
     last = jnp.maximum(run.count - 1, 0)
     at = lax.stop_gradient(run.steps.t_local[last] + run.steps.duration[last])
-    segment = system.segment(run.steps.index[last] + period[0])
-    rates = system.rates(segment, at, unflattener(system)(list(run.end.x)), run.steps.mode[last])
-    rate = jnp.stack([jnp.asarray(leaf, float) for leaf in jax.tree.leaves(rates)])
+    segment = moving.segment(run.steps.index[last])
+    rate = flat(system.rates(segment, at, unflattener(system)(list(run.end.x)), run.steps.mode[last]))
     return run.end.x + lax.stop_gradient(rate) * (duration - run.end.time), run.failure
 
 

@@ -27,13 +27,6 @@ from .polynomials import horner
 from .sensitivities import differentiable_steps
 from .system import AbstractHybridSystem, State, Visited, unflattener
 
-FAILURES = (
-    "",
-    "the integration ran out of steps before the end of the record: look for a stiffness, frequency or bandwidth that "
-    "is too high, take a shorter record, or allow more steps (in Python: `Accuracy(max_steps=...)`)",
-    "the motion did not stay finite",
-)
-
 
 class Steps(NamedTuple):
     """The steps of a run, in order; the first axis has room to spare."""
@@ -79,7 +72,7 @@ class Solution(NamedTuple):
     events: Count
     """Switches of the mode that were located."""
     failure: Count
-    """Index into `FAILURES`; 0 where the integration finished."""
+    """Index into `failure.FAILURES`; 0 where the integration finished."""
 
 
 def integrate(

@@ -10,8 +10,8 @@ from jaxtyping import Array, Float
 
 from ..core import Count, Scalar, ScalarLike, Truth
 from .accuracy import Accuracy
-from .continued import Continued
 from .periodic_orbit import CONFIRMED, SHORT, Orbit, multipliers, newton_orbit, refined
+from .restart import restarted
 from .solution import Solution, integrate
 from .steady_cycle import PERIODS, Cycles, integrate_cycles
 from .system import AbstractHybridSystem
@@ -57,7 +57,7 @@ class SteadyState(NamedTuple):
     looks: Count
     """How often Newton's method integrated and linearised a cycle; two confirm what the integration found."""
     failure: Count
-    """Index into `solution.FAILURES`; 0 where the integration went well."""
+    """Index into `failure.FAILURES`; 0 where the integration went well."""
 
 
 class _Tried(NamedTuple):
@@ -93,7 +93,7 @@ def steady_state(
         attempts, _ = before
         cycles = integrate_cycles(still, long, phases, accuracy, tolerance, jnp.where(attempts > 0, MOST, FIRST))
         tried = _first_accepted(still, last_seen(cycles), long, accuracy, tolerance)
-        moving = Continued(still, tried.orbit.x, float((still.period() or (0, 1))[0]))
+        moving = restarted(still, tried.orbit.x)
         run = integrate(moving, tried.count * phases[0], accuracy)
         return attempts + 1, (cycles, tried._replace(grazing=jnp.where(tried.accepted, nearness(moving, run), jnp.nan)))
 

@@ -11,14 +11,14 @@ if TYPE_CHECKING:
     from .observation import Inside as Inside
     from .observation import Observation as Observation
     from .observation import observe as observe
-    from .outputs import ACCELERATION as ACCELERATION
-    from .outputs import DISPLACEMENT as DISPLACEMENT
-    from .outputs import FRICTION_FORCE as FRICTION_FORCE
-    from .outputs import STOP_FORCE as STOP_FORCE
-    from .outputs import VELOCITY as VELOCITY
-    from .outputs import Output as Output
-    from .outputs import measured as measured
-    from .outputs import why_failed as why_failed
+    from .sensor_output import ACCELERATION as ACCELERATION
+    from .sensor_output import DISPLACEMENT as DISPLACEMENT
+    from .sensor_output import FRICTION_FORCE as FRICTION_FORCE
+    from .sensor_output import STOP_FORCE as STOP_FORCE
+    from .sensor_output import VELOCITY as VELOCITY
+    from .sensor_output import Output as Output
+    from .sensor_output import measured as measured
+    from .sensor_output import why_failed as why_failed
     from .steady_cycles import steady_cycle as steady_cycle
     from .systems.platform_only import PlatformOnly as PlatformOnly
     from .systems.prescribed_motion import PrescribedMotion as PrescribedMotion
@@ -36,7 +36,7 @@ else:
         {
             "grazing_reversals": ["grazing", "turns"],
             "observation": ["Inside", "Observation", "observe"],
-            "outputs": [
+            "sensor_output": [
                 "ACCELERATION",
                 "DISPLACEMENT",
                 "FRICTION_FORCE",

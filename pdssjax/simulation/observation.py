@@ -9,7 +9,7 @@ from jaxtyping import Array, Float, Int
 
 from ..drive.base import AbstractDrive
 from ..integration import FAILURES, Accuracy, Visited, exact_states_at, integrate, is_closed, states_at
-from .outputs import Output, System, from_rest
+from .sensor_output import Output, System, from_rest
 from .systems.platform_only import PlatformOnly
 from .systems.prescribed_motion import PrescribedMotion
 

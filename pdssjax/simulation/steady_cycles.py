@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from ..actuator import Actuator
 from ..core import ScalarLike, need_double_precision
 from ..drive.base import AbstractDrive
-from ..integration import Accuracy, Continued, SteadyState, steady_state
+from ..integration import AbstractHybridSystem, Accuracy, SteadyState, restarted, steady_state
 from .grazing_reversals import grazing
 from .systems.stick_slip import StickSlip
 
@@ -43,13 +43,14 @@ def steady_cycle(
     return steady_state(system, 1.0 / jnp.asarray(frequency, float), fine, tolerance, nearness)
 
 
-def steady_system(actuator: Actuator, drive: AbstractDrive, accuracy: Accuracy) -> tuple[Continued, SteadyState]:
+def steady_system(
+    actuator: Actuator, drive: AbstractDrive, accuracy: Accuracy
+) -> tuple[AbstractHybridSystem, SteadyState]:
     """The actuator from the opening of a steady cycle on, and that cycle; the end-effector is at 0 then."""
     found = steady_cycle(actuator, drive, dataclasses.replace(accuracy, max_steps=min(accuracy.max_steps, _STEPS)))
     system = StickSlip(actuator, drive)
     x = found.x if actuator.stop is not None else found.x.at[0].set(_platform(system, found.x))
-    first, _ = drive.period() or (0, 1)
-    return Continued(system, x, float(first)), found
+    return restarted(system, x), found
 
 
 def _platform(system: StickSlip, x: Float[Array, " components"]) -> Array:

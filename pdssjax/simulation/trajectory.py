@@ -11,7 +11,7 @@ from ..core import Figure, InputError, need_double_precision, presenter
 from ..drive.base import AbstractDrive
 from ..integration import FAILURES, Accuracy, integrate, states_at
 from ..piezo.base import AbstractPiezo
-from .outputs import from_rest, measured
+from .sensor_output import from_rest, measured
 from .steady_cycles import steady_system
 from .systems.platform_only import PlatformOnly
 from .systems.stick_slip import StickSlip
@@ -50,7 +50,7 @@ class Trajectory(NamedTuple):
     repeated: Bool[Array, ""]
     """The steady cycle was reached, and the later ones are copies of it; of a steady motion, that it repeats."""
     failure: Int[Array, ""]
-    """0, or an index into `pdssjax.integration.solution.FAILURES`; the motion is then NaN."""
+    """0, or an index into `pdssjax.integration.FAILURES`; the motion is then NaN."""
     grazing: Float[Array, ""] | None = None
     """Of a steady motion: how near a reversal in it is to one that a small change takes away, 0 to 1, NaN where it
     does not repeat; below `pdssjax.integration.GRAZES` it is the last of many cycles, without derivatives."""

@@ -109,7 +109,7 @@ def _predict(group: _Group, models: Models, values: Values, accuracy: Accuracy) 
 
 @eqx.filter_jit
 def failures(predictor: Predictor, values: Values, accuracy: Accuracy) -> list[Count]:
-    """For each record an index into `solution.FAILURES`: why it cannot be predicted; 0 where it can."""
+    """For each record an index into `pdssjax.integration.FAILURES`: why it cannot be predicted; 0 where it can."""
     found: dict[int, Count] = {}
     for group in predictor.groups:
         found |= dict(zip(group.places, _failures(group, predictor.models, values, accuracy), strict=True))

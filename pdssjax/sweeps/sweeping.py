@@ -16,7 +16,6 @@ from jaxtyping import Float
 from ..core import Document, InputError, Quantity, counted_in_notebook, need_double_precision
 from ..integration import Accuracy
 from ..study import Record, Study, UsedNumber, numbers_used
-from .asked import check_asked, numbers_by
 from .axes import check_axes, contradictions
 from .block_plan import BlockPlan, plan_blocks
 from .block_store import AbstractBlockStore, MemoryStore
@@ -29,6 +28,7 @@ from .point import PointFunction
 from .point_status import SKIPPED
 from .points.base import AbstractPoints
 from .points.grid import Grid
+from .request_check import check_asked, numbers_by
 from .varied_record import drive_of, driven_record
 
 if TYPE_CHECKING:

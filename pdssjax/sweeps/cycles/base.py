@@ -97,7 +97,7 @@ class AbstractCycle(eqx.Module):
 
     @abc.abstractmethod
     def measure(self, system: StickSlip, accuracy: Accuracy) -> tuple[Float[Array, " metrics"], Count]:
-        """The `metrics`, and an index into `pdssjax.integration.solution.FAILURES`; points are side by side."""
+        """The `metrics`, and an index into `pdssjax.integration.FAILURES`; points are side by side."""
 
     @abc.abstractmethod
     def opening(self, system: StickSlip) -> Opening:

@@ -18,12 +18,12 @@ from ...integration import (
     GRAZES,
     PERIODS,
     Accuracy,
-    Continued,
     Cycles,
     Taylor,
     integrate,
     integrate_cycles,
     moved_orbit,
+    restarted,
     steady_state,
 )
 from ...metrics import cycle_metrics
@@ -74,7 +74,7 @@ class Steady(AbstractCycle):
     def patient(self, system: StickSlip, accuracy: Accuracy) -> tuple[Float[Array, " metrics"], Count]:
         when, opening = timing(system.drive), _orbit(system, accuracy)
         # From the orbit on it repeats at once; where none was found these cycles are the last that were seen.
-        cycles = integrate_cycles(_from(system, opening), when.period, when.phases, accuracy, 0.0, PERIODS + 1)
+        cycles = integrate_cycles(restarted(system, opening.x), when.period, when.phases, accuracy, 0.0, PERIODS + 1)
         measured = _measured(system, cycles, opening.repeats, opening.multiplier)
         failure = jnp.where(cycles.failure > 0, cycles.failure, opening.failure)
         return measured, jnp.where((failure == 0) & (opening.grazing < GRAZES), GRAZING, failure)
@@ -97,15 +97,8 @@ class Steady(AbstractCycle):
         return jnp.where(opening.repeats > 0, moved, jnp.nan)
 
 
-def _from(system: StickSlip, opening: Opening) -> Continued:
-    """The system from the opening of a cycle on."""
-    period = system.period()
-    assert period is not None
-    return Continued(system, opening.x, float(period[0]))
-
-
 def _course(system: StickSlip, opening: Opening, accuracy: Accuracy) -> Course:
-    when, again = timing(system.drive), _from(system, opening)
+    when, again = timing(system.drive), restarted(system, opening.x)
     span = jnp.where(opening.repeats > 0, opening.repeats, PERIODS)
     run = integrate(again, span * when.period + when.phases[-1], accuracy)
     failure = jnp.where(opening.failure > 0, opening.failure, run.failure)

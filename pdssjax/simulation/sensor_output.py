@@ -124,7 +124,7 @@ def why_failed(
     output: Output = DISPLACEMENT,
     segments: int | None = None,
 ) -> Int[Array, ""]:
-    """An index into `pdssjax.integration.solution.FAILURES` for `measured` of the same; 0 where it works."""
+    """An index into `pdssjax.integration.FAILURES` for `measured` of the same; 0 where it works."""
     if segments is not None and is_closed(system):
         return jnp.zeros((), int)
     return integrate(system, times[-1], accuracy, output.components(system)).failure

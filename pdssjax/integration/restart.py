@@ -8,7 +8,7 @@ from ..core import Scalar, ScalarLike, Truth
 from .system import AbstractHybridSystem, AnySegment, InputSegment, State, Term, unflattener
 
 
-class Continued(AbstractHybridSystem):
+class Restarted(AbstractHybridSystem):
     """`system` from the state `begin` on, just before the corner that opens segment number `first`.
 
     Its segments are counted from there.  The system tells the mode from the state: its `on_segment_start` is given
@@ -77,3 +77,14 @@ class Continued(AbstractHybridSystem):
 def flat(x: State) -> Float[Array, " components"]:
     """The components of a state as a vector."""
     return jnp.stack([jnp.asarray(leaf, float) for leaf in jax.tree.leaves(x)])
+
+
+def restarted(system: AbstractHybridSystem, x: Float[Array, " components"]) -> Restarted:
+    """`system` from the state `x` on, just before the corner that opens a period of its input.
+
+    **Raises:** `ValueError` for a system whose input never repeats.
+    """
+    period = system.period()
+    if period is None:
+        raise ValueError("Expected a system whose input repeats, but its period is None.")
+    return Restarted(system, x, float(period[0]))
