@@ -36,9 +36,10 @@ def explore(options: argparse.Namespace) -> int:
 
 
 def _check_installed() -> None:
-    """**Raises** `InputError` where Panel is missing."""
-    if importlib.util.find_spec("panel") is None:
-        raise InputError('explore: found no panel, expected it installed: pip install "pdssjax[explore]"')
+    """**Raises** `InputError` where what the page needs is missing."""
+    for library in ("panel", "tomlkit"):
+        if importlib.util.find_spec(library) is None:
+            raise InputError(f'explore: found no {library}, expected it installed: pip install "pdssjax[explore]"')
 
 
 def _study(options: argparse.Namespace) -> "Study":

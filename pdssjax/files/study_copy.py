@@ -1,14 +1,17 @@
 """Writes a study anew with other numbers: starts of what is free, values of what is fixed, drives of records."""
 
 import os
+import re
 import tempfile
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 
+import tomlkit
+
 from ..core import Document, InputError
 from .study_toml import load_study
-from .toml_text import toml_text
+
+_HEAD = "# Made by pdssjax explore from"
 
 
 def save_study(
@@ -22,7 +25,8 @@ def save_study(
 
     **Arguments:** `values` [SI] by the path of a parameter, which keeps its bounds and stays free or fixed, but for
     what was measured apart, which stays as it is; `drives` by the name of a record, the fields of its drive that
-    change, numbers in SI or words.  Files are named relative to `target`.  Comments are not kept.
+    change, numbers in SI or words.  Files are named relative to `target`.  Everything else stays as it was written,
+    comments too.
 
     **Raises:** `InputError` if `target` is there and `overwrite` is false, is no .toml file or has no folder, or if
     the numbers make no legal study; nothing is written then.
@@ -61,9 +65,14 @@ def _text(
     values: Mapping[str, float],
     drives: Mapping[str, Mapping[str, float | str]],
 ) -> str:
-    document: Document = tomllib.loads(source.read_text(encoding="utf-8-sig"))
+    before = source.read_text(encoding="utf-8-sig")
+    document = tomlkit.parse(re.sub(rf"\A{re.escape(_HEAD)}.*\n", "", before))
+    parameters: Document = document["parameters"]
     for path, number in values.items():
-        entry = document["parameters"].setdefault(path, {"value": number})
+        if path not in parameters:
+            parameters[path] = tomlkit.inline_table()
+            parameters[path]["value"] = number
+        entry = parameters[path]
         if "standard_error" not in entry:  # what was measured apart stays what it was
             entry["value" if "value" in entry else "start"] = number
     for record in document.get("record", []):
@@ -71,8 +80,7 @@ def _text(
         changed = drives.get(record.get("name", Path(record["file"]).stem), {})
         if changed:
             record["drive"].update(changed)
-    head = f"# Made by pdssjax explore from {source.name}; numbers without a unit are in SI.\n"
-    return head + toml_text(document, ("actuator", "parameters"), ("record",))
+    return f"{_HEAD} {source.name}; numbers without a unit are in SI.\n{tomlkit.dumps(document)}"
 
 
 def _move_files(record: Document, before: Path, after: Path) -> None:

@@ -22,6 +22,9 @@ FIRST = 24
 MOST = 200
 """Cycles that are integrated at most, where it found nothing from there."""
 
+_NEUTRAL = 1e-6
+"""As near to 1 as this a multiplier is 1 but for rounding: what began never dies out."""
+
 Carry = TypeVar("Carry")
 """A pytree of arrays."""
 
@@ -45,11 +48,9 @@ class SteadyState(NamedTuple):
     period: Count
     """After how many periods of the input it repeats; 0 where it does not, and `x` is only the last state seen."""
     multipliers: Float[Array, " components"]
-    """Moduli of its Floquet multipliers, largest first; NaN where the motion does not repeat, or grazes."""
-    ratio: Scalar
-    """What was left of the distance between cycles in the last one that was integrated."""
+    """Moduli of its Floquet multipliers, largest first; NaN where the motion is that of integrated cycles."""
     grazing: Scalar
-    """How near an event of the orbit that Newton's method found is to grazing, 0 to 1; NaN where there is no orbit."""
+    """How near an event of the orbit that Newton's method found is to grazing, 0 to 1; NaN where none attracts."""
     distance: Scalar
     """How far [m] the state is from that after it repeated."""
     cycles: Count
@@ -80,11 +81,12 @@ def steady_state(
     A periodic orbit counts where it is met to within `tolerance` [m], all its multipliers lie inside the unit circle,
     and two cycles in a row agree with it.  Repetition in every period is tried first, then in every second
     and third, from where `FIRST` cycles lead; where none is found, from where `MOST` do.  A linearised cycle says
-    little of an orbit that by its `nearness` grazes: there the motion is the last of `MOST` cycles, or of those until
-    it repeats.
+    little of an orbit that by its `nearness` grazes.  There, and where no orbit attracts, the motion is the last of
+    `MOST` cycles, or of those until it repeats: it may repeat all the same, where what is left of the start neither
+    grows nor shrinks.
 
     `x` and `gain` are differentiable in every floating-point leaf of `system` and in `duration`; their derivatives
-    are NaN where the motion does not repeat, or grazes.
+    are NaN where the motion is that of integrated cycles.
     """
     still, long = lax.stop_gradient(system), jnp.asarray(lax.stop_gradient(duration), float)
     phases = long[None] * (1.0 - SHORT)
@@ -100,15 +102,13 @@ def steady_state(
     goes_on = lambda now: (now[0] < 2) & ~(now[1][1].grazing >= GRAZES)
     _, (cycles, tried) = lax.while_loop(goes_on, attempt, _blank(lambda: attempt((jnp.zeros((), int), None))))  # pyright: ignore[reportArgumentType]
     ok = tried.grazing >= GRAZES
-    period = jnp.where(ok, tried.count, jnp.where(tried.accepted, cycles.period, 0))
     orbit = refined(system, tried.orbit, duration, accuracy, tried.count)
-    x, gain = _chosen(ok, orbit, (last_seen(cycles), _gained(system, cycles, period)))
+    x, gain = _chosen(ok, orbit, (last_seen(cycles), _gained(system, cycles)))
     return SteadyState(
         x=x,
         gain=gain,
-        period=period,
+        period=jnp.where(ok, tried.count, cycles.period),
         multipliers=jnp.where(ok, tried.moduli, jnp.nan),
-        ratio=cycles.ratio,
         grazing=tried.grazing,
         distance=jnp.where(ok, tried.orbit.distance, cycles.remaining[0]),
         cycles=cycles.cycles,
@@ -129,11 +129,11 @@ def _(primals: tuple[Truth, Ends, Ends], tangents: tuple[Truth, Ends, Ends]) -> 
     return _chosen(*primals), jax.tree.map(lambda moved: known * moved, tangents[1])
 
 
-def _gained(system: AbstractHybridSystem, cycles: Cycles, period: Count) -> Float[Array, " components"]:
-    """What shifts, and nothing else, has gained in the last `period` of some cycles."""
+def _gained(system: AbstractHybridSystem, cycles: Cycles) -> Float[Array, " components"]:
+    """What shifts, and nothing else, has gained in the last of some cycles, as many as it takes to repeat."""
     ends = jnp.stack([leaf[:, -1] for leaf in jax.tree.leaves(cycles.x)], axis=1)
     shifts = jnp.array([i in system.shifting_components() for i in range(ends.shape[1])])
-    return jnp.where(shifts, ends[-1] - ends[-1 - period], 0.0)
+    return jnp.where(shifts, ends[-1] - ends[-1 - cycles.period], 0.0)
 
 
 def last_seen(cycles: Cycles) -> Float[Array, " components"]:
@@ -154,7 +154,7 @@ def _first_accepted(
     def attempt(before: _Tried) -> _Tried:
         orbit = newton_orbit(system, begin, duration, accuracy, tolerance, before.count + 1)
         moduli = multipliers(system, orbit)
-        accepted = (orbit.confirmed >= CONFIRMED) & (orbit.failure == 0) & (moduli[0] < 1.0)
+        accepted = (orbit.confirmed >= CONFIRMED) & (orbit.failure == 0) & (moduli[0] < 1.0 - _NEUTRAL)
         return _Tried(orbit, moduli, before.count + 1, accepted, jnp.zeros(()))
 
     nothing = _blank(lambda: attempt(_Tried(None, None, none, None, None)))  # pyright: ignore[reportArgumentType]

@@ -65,3 +65,22 @@ def test_texts_with_quotes_and_other_letters_survive(source, tmp_path):
     source.write_text(text, encoding="utf-8")
     target = save_study(source, tmp_path / "new.toml", {}, {})
     assert load_study(target).title == 'Small "rig" \\ äöü µ' == load_study(source).title
+
+
+def test_all_that_does_not_change_stays_as_it_was_written(source, tmp_path):
+    lines = source.read_text().splitlines()
+    lines.insert(lines.index("[parameters]"), "# Weighed on Monday.")
+    gain = next(i for i, line in enumerate(lines) if line.startswith('"piezo.gain"'))
+    lines[gain] += "  # of the data sheet"
+    source.write_text("\n".join(lines) + "\n")
+    first = save_study(source, tmp_path / "rig" / "first.toml", {"piezo.gain": 1.1e-7}, {})
+    second = save_study(first, tmp_path / "rig" / "second.toml", {"piezo.gain": 1.2e-7}, {})
+    head, *saved = second.read_text().splitlines()
+    assert head.startswith("# Made by pdssjax explore from first.toml")
+    assert saved[:gain] == lines[:gain] and saved[gain + 1 :] == lines[gain + 1 :]
+    assert saved[gain].endswith("  # of the data sheet") and "1.2e-07" in saved[gain]
+
+
+def test_a_number_that_the_study_left_out_is_added(source, tmp_path):
+    target = save_study(source, tmp_path / "new.toml", {"piezo.mass": 0.01}, {})
+    assert load_study(target).parameters["piezo.mass"].value == 0.01

@@ -10,6 +10,7 @@ from pdssjax import Accuracy, Actuator
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.drive.step import Step
 from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
+from pdssjax.friction.bristle import Bristle
 from pdssjax.integration import GRAZES
 from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.simulation.steady_cycles import steady_cycle
@@ -58,3 +59,22 @@ def test_a_steady_motion_is_that_after_many_cycles():
     np.testing.assert_allclose(steady.voltage[1:], late.voltage[2:], atol=1e-6)
     np.testing.assert_allclose(steady.effector[1:], late.effector[2:] - late.effector[0], rtol=0.0, atol=2e-10)
     np.testing.assert_allclose(steady.platform[1:], late.platform[2:], rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.slow
+def test_bonds_that_snap_never_repeat_and_bonds_that_only_stretch_do():
+    """The stretch of a new bond comes from a sequence that never returns: no cycle is like another."""
+
+    @jax.jit
+    def found(voltage, damping):
+        actuator = Actuator(SecondOrder(), Bristle(sigma2=damping, bristles=2))
+        return pdssjax.steady_cycle(actuator, Sawtooth(voltage, 150.0, 5e-4), FINE)
+
+    snaps, rings, stretches = found(64.0, 0.0), found(2.0, 0.0), found(2.0, 20.0)
+    assert int(snaps.period) == 0 and int(snaps.cycles) == 200 and int(snaps.failure) == 0
+    assert np.isnan(snaps.multipliers).all() and float(snaps.x[-1]) > 5000
+    # Without damping the end-effector rings on the bonds for ever.
+    assert int(rings.period) == 0 and float(rings.x[-1]) == 0
+    # The bonds remember how they were at the start: the motion repeats, but no orbit attracts it.
+    assert int(stretches.period) == 1 and float(stretches.x[-1]) == 0 and abs(float(stretches.gain[0])) < 1e-12
+    assert np.isnan(stretches.multipliers).all() and np.isnan(float(stretches.grazing))

@@ -83,7 +83,7 @@ def random_actuators(law, state, count):
     return dataclasses.replace(study, parameters=parameters), Listed(columns)
 
 
-ASIDE = {"bristle": "every tooth of its force is an event, thousands a cycle: minutes a point"}
+ASIDE = {"bristle": "its cycles never repeat where a bond snaps (tests/simulation/test_steady.py)"}
 """Laws that are not compared, and why."""
 LAWS = [(law, "") for law in sorted(members("friction")) if law not in (*ASIDE, "anisotropic-lugre")]
 LAWS += [("anisotropic-lugre", "deflection"), ("anisotropic-lugre", "force")]

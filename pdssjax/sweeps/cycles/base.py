@@ -52,10 +52,10 @@ class Opening(NamedTuple):
     repeats: Count
     """After how many cycles the motion is there again; 0 where that is not asked, or where it is not."""
     multiplier: Scalar
-    """Modulus of the largest Floquet multiplier, where a reversal grazes what integrated cycles show; NaN: unknown."""
+    """Modulus of the largest Floquet multiplier; NaN: there is no orbit, or it grazes."""
     grazing: Scalar
     """How near a reversal of the orbit that Newton's method found is to grazing; where it grazes, this is the opening
-    of integrated cycles instead.  NaN: there is no orbit."""
+    of integrated cycles instead.  NaN: there is none that attracts."""
     failure: Count
     """Index into `pdssjax.integration.FAILURES`."""
 

@@ -65,7 +65,7 @@ class Steady(AbstractCycle):
     def measure(self, system: StickSlip, accuracy: Accuracy) -> tuple[Float[Array, " metrics"], Count]:
         when = timing(system.drive)
         cycles = integrate_cycles(system, when.period, when.phases, accuracy, TOLERANCE, _CYCLES)
-        return _measured(system, cycles, cycles.period, _told(cycles.ratio)), cycles.failure
+        return _measured(system, cycles, cycles.period, _ratio(cycles)), cycles.failure
 
     def unfinished(self, found: Float[np.ndarray, "points metrics"]) -> Bool[np.ndarray, " points"]:
         """Those that did not repeat; others that are not finite failed."""
@@ -75,7 +75,8 @@ class Steady(AbstractCycle):
         when, opening = timing(system.drive), _orbit(system, accuracy)
         # From the orbit on it repeats at once; where none was found these cycles are the last that were seen.
         cycles = integrate_cycles(restarted(system, opening.x), when.period, when.phases, accuracy, 0.0, PERIODS + 1)
-        measured = _measured(system, cycles, opening.repeats, opening.multiplier)
+        decay = jnp.where(jnp.isfinite(opening.multiplier), opening.multiplier, _ratio(cycles))
+        measured = _measured(system, cycles, opening.repeats, decay)
         failure = jnp.where(cycles.failure > 0, cycles.failure, opening.failure)
         return measured, jnp.where((failure == 0) & (opening.grazing < GRAZES), GRAZING, failure)
 
@@ -92,9 +93,9 @@ class Steady(AbstractCycle):
         monodromy: Float[Array, "components components"],
         driven: Float[Array, "components by"],
     ) -> Float[Array, "components by"]:
-        """(I - M)^-1 dP/dp, without what nothing depends on; NaN where the motion does not repeat."""
+        """(I - M)^-1 dP/dp, without what nothing depends on; NaN where Newton's method found no orbit."""
         moved = moved_orbit(system, monodromy, driven)
-        return jnp.where(opening.repeats > 0, moved, jnp.nan)
+        return jnp.where(jnp.isfinite(opening.multiplier), moved, jnp.nan)
 
 
 def _course(system: StickSlip, opening: Opening, accuracy: Accuracy) -> Course:
@@ -109,9 +110,7 @@ def _orbit(system: StickSlip, accuracy: Accuracy) -> Opening:
     """Of the steady motion; of the last cycle that was integrated where it does not repeat."""
     period = timing(system.drive).period
     found = steady_state(system, period, accuracy, 0.1 * TOLERANCE, partial(grazing, system))
-    known = jnp.isfinite(found.multipliers[0])
-    decay = jnp.where(known, found.multipliers[0], _told(found.ratio))
-    return Opening(found.x, found.period, decay, found.grazing, found.failure)
+    return Opening(found.x, found.period, found.multipliers[0], found.grazing, found.failure)
 
 
 def _measured(system: StickSlip, cycles: Cycles, period: Count, decay: Scalar) -> Float[Array, " metrics"]:
@@ -132,6 +131,6 @@ def _measured(system: StickSlip, cycles: Cycles, period: Count, decay: Scalar) -
     return jnp.stack([by_name[name] for name in (METRICS | _OWN)])
 
 
-def _told(ratio: Scalar) -> Scalar:
+def _ratio(cycles: Cycles) -> Scalar:
     """What is left of a deviation after a cycle; nothing where two cycles are equal."""
-    return jnp.where(jnp.isfinite(ratio), ratio, 0.0)
+    return jnp.where(jnp.isfinite(cycles.ratio), cycles.ratio, 0.0)
