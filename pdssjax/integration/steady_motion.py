@@ -14,7 +14,7 @@ from .periodic_orbit import CONFIRMED, SHORT, Orbit, multipliers, newton_orbit, 
 from .restart import restarted
 from .solution import Solution, integrate
 from .steady_cycle import PERIODS, Cycles, integrate_cycles
-from .system import AbstractHybridSystem
+from .system import AbstractHybridSystem, unflattener
 
 FIRST = 24
 """Cycles that are integrated before Newton's method is asked."""
@@ -24,6 +24,9 @@ MOST = 200
 
 _NEUTRAL = 1e-6
 """As near to 1 as this a multiplier is 1 but for rounding: what began never dies out."""
+
+_FAR = 10.0
+"""An orbit is not what the cycles approach, so many times as far from the last one as their distances let expect."""
 
 Carry = TypeVar("Carry")
 """A pytree of arrays."""
@@ -94,7 +97,7 @@ def steady_state(
     def attempt(before: tuple[Count, tuple[Cycles, _Tried]]) -> tuple[Count, tuple[Cycles, _Tried]]:
         attempts, _ = before
         cycles = integrate_cycles(still, long, phases, accuracy, tolerance, jnp.where(attempts > 0, MOST, FIRST))
-        tried = _first_accepted(still, last_seen(cycles), long, accuracy, tolerance)
+        tried = _first_accepted(still, cycles, long, accuracy, tolerance)
         moving = restarted(still, tried.orbit.x)
         run = integrate(moving, tried.count * phases[0], accuracy)
         return attempts + 1, (cycles, tried._replace(grazing=jnp.where(tried.accepted, nearness(moving, run), jnp.nan)))
@@ -143,18 +146,24 @@ def last_seen(cycles: Cycles) -> Float[Array, " components"]:
 
 def _first_accepted(
     system: AbstractHybridSystem,
-    begin: Float[Array, " components"],
+    cycles: Cycles,
     duration: ScalarLike,
     accuracy: Accuracy,
     tolerance: ScalarLike,
 ) -> _Tried:
-    """The orbit near `begin` that repeats after the fewest periods, and whether it is accepted."""
-    none = jnp.zeros((), int)
+    """The orbit near the end of some cycles that repeats after the fewest periods, and whether it is accepted."""
+    none, unflatten = jnp.zeros((), int), unflattener(system)
+    seen = jnp.stack([leaf[:, -1] for leaf in jax.tree.leaves(cycles.x)], axis=1)
+    apart = lambda a, b: system.state_distance(unflatten(list(a)), unflatten(list(b)))
 
     def attempt(before: _Tried) -> _Tried:
-        orbit = newton_orbit(system, begin, duration, accuracy, tolerance, before.count + 1)
+        orbit = newton_orbit(system, seen[-1], duration, accuracy, tolerance, before.count + 1)
         moduli = multipliers(system, orbit)
-        accepted = (orbit.confirmed >= CONFIRMED) & (orbit.failure == 0) & (moduli[0] < 1.0 - _NEUTRAL)
+        attracts = moduli[0] < 1.0 - _NEUTRAL
+        # Newton's method may jump to another orbit than the one that the cycles approach.
+        to_come = apart(seen[-1], seen[-2 - before.count]) / jnp.where(attracts, 1.0 - moduli[0], 1.0)
+        reached = apart(orbit.x, seen[-1]) <= _FAR * to_come + tolerance
+        accepted = (orbit.confirmed >= CONFIRMED) & (orbit.failure == 0) & attracts & reached
         return _Tried(orbit, moduli, before.count + 1, accepted, jnp.zeros(()))
 
     nothing = _blank(lambda: attempt(_Tried(None, None, none, None, None)))  # pyright: ignore[reportArgumentType]

@@ -1,6 +1,7 @@
 """The contract of a measured cycle: what is found of a system at a point of a sweep."""
 
 import abc
+import dataclasses
 from typing import NamedTuple
 
 import equinox as eqx
@@ -11,10 +12,13 @@ from jaxtyping import Array, Bool, Float
 
 from ...core import Count, Scalar
 from ...drive.base import AbstractDrive
-from ...integration import AbstractHybridSystem, Accuracy, Solution
+from ...integration import TIGHT, AbstractHybridSystem, Accuracy, Solution
 from ...metrics import FLANK
 from ...simulation import StickSlip
 from ...simulation.systems.stick_slip import State
+
+FINE = dataclasses.replace(TIGHT, max_steps=8192)
+"""Of a course: its derivatives are right to 1e-5 then, at the default accuracy to 4e-5."""
 
 _LINE = 6
 """Samples by which the line of a flank is found."""

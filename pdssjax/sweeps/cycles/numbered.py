@@ -8,10 +8,7 @@ from ...core import Count
 from ...integration import Accuracy, Taylor, flat, integrate, integrate_to_times
 from ...metrics import cycle_metrics
 from ...simulation import StickSlip
-from .base import METRICS, AbstractCycle, Course, Opening, effector_at, timing
-
-_ROOM = 4096
-"""Steps from rest to the end of the measured cycle, at most."""
+from .base import FINE, METRICS, AbstractCycle, Course, Opening, effector_at, timing
 
 
 class Numbered(AbstractCycle):
@@ -42,5 +39,5 @@ class Numbered(AbstractCycle):
 
     def course(self, system: StickSlip, opening: Opening) -> Course:
         when = timing(system.drive)
-        run = integrate(system, self.number * when.period + when.phases[-1], Accuracy(max_steps=_ROOM))
+        run = integrate(system, self.number * when.period + when.phases[-1], FINE)
         return Course(system, system, run, (self.number - 1) * when.period, jnp.ones((), int), 1, run.failure)

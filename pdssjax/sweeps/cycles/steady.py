@@ -29,7 +29,7 @@ from ...integration import (
 from ...metrics import cycle_metrics
 from ...simulation import StickSlip, grazing
 from ..point_status import GRAZING
-from .base import METRICS, AbstractCycle, Course, Metric, Opening, effector_at, timing
+from .base import FINE, METRICS, AbstractCycle, Course, Metric, Opening, effector_at, timing
 
 TOLERANCE = 2e-11
 """How far [m] a cycle may be from its limit."""
@@ -37,8 +37,6 @@ TOLERANCE = 2e-11
 _CYCLES = 24
 """Integrated side by side; what has not become steady then waits for Newton's method."""
 
-_ROOM = 4096
-"""Steps of a course at most."""
 
 _OWN = {
     "cycles_to_repeat": Metric("1", "cycles until the motion repeats; 0: it does not"),
@@ -81,10 +79,10 @@ class Steady(AbstractCycle):
         return measured, jnp.where((failure == 0) & (opening.grazing < GRAZES), GRAZING, failure)
 
     def opening(self, system: StickSlip) -> Opening:
-        return lax.stop_gradient(_orbit(lax.stop_gradient(system), Accuracy(max_steps=_ROOM)))
+        return lax.stop_gradient(_orbit(lax.stop_gradient(system), FINE))
 
     def course(self, system: StickSlip, opening: Opening) -> Course:
-        return _course(system, opening, Accuracy(max_steps=_ROOM))
+        return _course(system, opening, FINE)
 
     def moved_opening(
         self,

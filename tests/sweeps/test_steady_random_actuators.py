@@ -1,0 +1,101 @@
+"""Steady cycles of random actuators of every law are those after very many, with their derivatives and multipliers."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from random_sweeps import random_actuators
+
+import pdssjax
+from benchmarks.maps import net_step_after
+from pdssjax import Accuracy
+from pdssjax.core import members
+from pdssjax.integration import integrate_to_times
+from pdssjax.sweeps import Listed, plan_sweep
+
+ASIDE = {"bristle": "its cycles never repeat where a bond snaps (tests/simulation/test_steady.py)"}
+"""Laws that are not compared, and why."""
+LAWS = [(law, "") for law in sorted(members("friction")) if law not in (*ASIDE, "anisotropic-lugre")]
+LAWS += [("anisotropic-lugre", "deflection"), ("anisotropic-lugre", "force")]
+pytestmark = [pytest.mark.slow, pytest.mark.parametrize(("law", "state"), LAWS)]
+
+LATE = 80
+"""A cycle of this number is steady where multipliers are below `SLOW`, and so many show how a transient dies out."""
+SLOW = 0.7
+STEPS = (1e-3, 3e-5)
+"""Of differences, relative: one of them is small enough for the fastest ripple and large enough for rounding."""
+PARTS = (-1.0, -0.5, 0.5, 1.0)
+
+
+def test_net_steps_are_those_after_200_cycles(law, state):
+    study, columns = random_actuators(law, state, 9)
+    points = Listed(columns)
+    data = pdssjax.sweep(study, points, cycles="steady", workers=1)
+    brute = net_step_after(plan_sweep(study, points).function)
+    expected = np.array([float(brute(values)) for values in points.values()])
+    told = data.failure == 0
+    assert told.sum() >= 8
+    np.testing.assert_allclose(data.net_step[told], expected[told], rtol=0.0, atol=1e-10)
+
+
+def test_derivatives_are_those_of_late_cycles_and_multipliers_the_decay_seen(law, state):
+    study, here = random_actuators(law, state, 6, slowly=True)
+    by = [path for path in here if path != "drive.direction"]
+    points = Listed(here)
+    found = pdssjax.sweep(study, points, cycles="steady", derivatives=by, metrics=("multiplier",), workers=1)
+    told = (found.failure.values == 0) & (found.multiplier.values < SLOW)
+    assert told.sum() >= 3
+    errors = derivative_errors(study, here, by, found)
+    assert (errors[..., told] < 1e-5).all()
+    seen = [decay_seen(plan_sweep(study, points).function, values) for values in points.values()[told]]
+    compared = np.isfinite(seen)
+    assert compared.any()
+    np.testing.assert_allclose(np.array(seen)[compared], found.multiplier.values[told][compared], rtol=1e-3)
+
+
+def derivative_errors(study, here, by, found):
+    """Of net step and stroke by each path, shape (2, paths, points), beside the sizes of derivative and metric.
+
+    The derivatives are found by (I - M)^-1; a late cycle has them from every cycle before it.
+    """
+    rows = [here | {path: (1.0 + step * part) * here[path]} for path in by for step in STEPS for part in PARTS]
+    points = Listed({path: np.concatenate([row[path] for row in rows]) for path in here})
+    fine = Accuracy(tolerance=1e-14, max_steps=1_000_000)
+    moved, count = pdssjax.sweep(study, points, cycles=LATE, accuracy=fine, workers=1), found.failure.size
+    errors = []
+    for name in ("net_step", "stroke"):
+        at = moved[name].values.reshape(len(by), len(STEPS), len(PARTS), count)
+        slopes = np.stack([found[f"{name}_by_{path.replace('.', '_')}"].values * here[path] for path in by])
+        differences = [
+            (4.0 * (at[:, k, 2] - at[:, k, 1]) / step - (at[:, k, 3] - at[:, k, 0]) / (2.0 * step)) / 3.0
+            for k, step in enumerate(STEPS)
+        ]
+        size = np.abs(found[name].values)
+        errors.append(np.minimum(*(np.abs(slopes - one) / (np.abs(one) + size) for one in differences)))
+    return np.stack(errors)
+
+
+@eqx.filter_jit
+def shifts(function, values):
+    """How far the states at the openings of cycles are from those a cycle earlier, shape (components, cycles) [m]."""
+    system = function.system(values)
+    times = jnp.arange(1, LATE + 2) / system.drive.cycle_frequency() * (1.0 - 1e-12)
+    reached = integrate_to_times(system, times, Accuracy(1e-14, 1e-15, max_steps=800_000)).x
+    x = jnp.stack([*jax.tree.leaves(reached.driven), reached.v])
+    # The states are in metres, once time is counted in the slowest oscillation's 1/w.
+    scale = jnp.stack([*jax.tree.leaves(system.state_scale().driven), system.state_scale().v])
+    return jnp.diff(x, axis=1) * scale[:, None]
+
+
+def decay_seen(function, values):
+    """By what late shifts shrink, which follow a recurrence of second order; NaN where they are gone too soon."""
+    shift = np.asarray(shifts(function, values))
+    size = np.linalg.norm(shift, axis=0)
+    late = np.flatnonzero((size[:-2] < 1e-3 * size.max()) & (size[2:] > 3e-13))[-12:]
+    if late.size < 9:
+        return np.nan
+    two = np.concatenate([shift[:, [k, k + 1]] / size[k] for k in late])
+    third = np.concatenate([shift[:, k + 2] / size[k] for k in late])
+    (last, first), *_ = np.linalg.lstsq(two, third, rcond=None)
+    return np.abs(np.roots([1.0, -first, -last])).max()
