@@ -2,8 +2,8 @@
 
 Rigs are drawn at random: all nine parameters, voltage, sampling interval, how long the step and the sawteeth take for
 their fast flanks, when they begin between two samples, and the noise of the voltage's monitor.  Each writes what an
-oscilloscope would store, CSV with a clock of its own; `pdssjax new` and `pdssjax identify` do the rest, in processes of
-their own.
+instrument would store, with a clock of its own, as CSV, MATLAB, TDMS or HDF5; `pdssjax new` and `pdssjax identify` do
+the rest, in processes of their own.
 
     python -m experiments.from_files        # resumes where it was left
     python -m experiments.from_files 100    # so many
@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 from matplotlib.figure import Figure
 from scipy import stats
 
@@ -101,6 +102,8 @@ class Rig(NamedTuple):
     begins: tuple[float, float, float] = (61e-6, 33e-6, 3.7e-6)
     """When the drive of each record starts, by its clock [s]."""
     seed: int = 6
+    ending: str = ".csv"
+    """Of its files: one of `STORED`."""
 
 
 def drawn_rig(number: int) -> Rig:
@@ -118,11 +121,53 @@ def drawn_rig(number: int) -> Rig:
         voltage=between(20.0, 80.0),
         begins=tuple(float(share) * interval for share in random.uniform(0.0, 2.0, 3)),  # pyright: ignore
         seed=number,
+        ending=list(STORED)[number % len(STORED)],
     )
 
 
+CHANNELS = {"Time": "s", "Monitor": "V", "Position": "um"}
+"""What an instrument stores, and the units."""
+
+Table = Float[np.ndarray, "samples 3"]
+
+
+def _csv(file: Path, table: Table) -> None:
+    head = ",".join(f"{name} ({unit})" for name, unit in CHANNELS.items())
+    np.savetxt(file, table, ("%.11g", "%.7g", "%.9g"), ",", header=head, comments="")
+
+
+def _mat(file: Path, table: Table) -> None:
+    from scipy.io import savemat
+
+    savemat(file, {f"{name}_{unit}": column for (name, unit), column in zip(CHANNELS.items(), table.T, strict=True)})
+
+
+def _tdms(file: Path, table: Table) -> None:
+    from nptdms import ChannelObject, TdmsWriter
+
+    with TdmsWriter(file) as made:
+        made.write_segment(
+            [
+                ChannelObject("Scope", name, column.copy(), {"unit_string": unit})
+                for (name, unit), column in zip(CHANNELS.items(), table.T, strict=True)
+            ]
+        )
+
+
+def _hdf5(file: Path, table: Table) -> None:
+    from h5py import File
+
+    with File(file, "w") as made:
+        for (name, unit), column in zip(CHANNELS.items(), table.T, strict=True):
+            made.create_dataset(f"scope/{name}", data=column).attrs["units"] = unit
+
+
+STORED = {".csv": _csv, ".mat": _mat, ".tdms": _tdms, ".h5": _hdf5}
+"""What writes a file, by its ending."""
+
+
 def write_files(folder: Path, rig: Rig) -> list[Path]:
-    """What an oscilloscope would store of the rig: clock, monitor of the voltage and position."""
+    """What an instrument would store of the rig: clock, monitor of the voltage and position."""
     saw = f'waveform = "sawtooth", voltage = {rig.voltage}, frequency = 10, fall_time = {rig.fall}'
     runs = {
         "step": ("platform", f'waveform = "step", voltage = {rig.voltage}, rise_time = {rig.rise}'),
@@ -145,10 +190,8 @@ def write_files(folder: Path, rig: Rig) -> list[Path]:
         volts = volts + random.normal(0.0, rig.volts_noise, volts.size)
         motion = made.true + random.normal(0.0, NOISE, volts.size)
         table = np.stack([times[name] + 1.0, volts, 1e6 * motion], axis=1)
-        files.append(folder / f"{name}.csv")
-        np.savetxt(
-            files[-1], table, ("%.11g", "%.7g", "%.9g"), ",", header="Time (s),Monitor (V),Position (um)", comments=""
-        )
+        files.append(folder / f"{name}{rig.ending}")
+        STORED[rig.ending](files[-1], table)
     return files
 
 

@@ -30,6 +30,6 @@ def random_actuators(law, state, count, slowly=False):
     columns["drive.frequency"] = 10 ** random.uniform(0.3, 2.4, count)
     columns["drive.direction"] = random.choice([-1.0, 1.0], count)
     if slowly:
-        columns["piezo.damping_ratio"] = 10 ** random.uniform(-2.0, -1.0, count)
+        columns["piezo.damping_ratio"] = 10 ** random.uniform(-2.5, -1.2, count)
         columns["drive.frequency"] = random.uniform(60.0, 250.0, count)
     return dataclasses.replace(study, parameters=parameters), columns

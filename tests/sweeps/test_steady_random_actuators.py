@@ -20,12 +20,14 @@ LAWS = [(law, "") for law in sorted(members("friction")) if law not in (*ASIDE, 
 LAWS += [("anisotropic-lugre", "deflection"), ("anisotropic-lugre", "force")]
 pytestmark = [pytest.mark.slow, pytest.mark.parametrize(("law", "state"), LAWS)]
 
-LATE = 80
+LATE = 100
 """A cycle of this number is steady where multipliers are below `SLOW`, and so many show how a transient dies out."""
-SLOW = 0.7
+SLOW = 0.75
 STEPS = (1e-3, 3e-5)
 """Of differences, relative: one of them is small enough for the fastest ripple and large enough for rounding."""
 PARTS = (-1.0, -0.5, 0.5, 1.0)
+ROUNDING = 1e-12
+"""Shifts [m] below this do not shrink evenly."""
 
 
 def test_net_steps_are_those_after_200_cycles(law, state):
@@ -48,10 +50,20 @@ def test_derivatives_are_those_of_late_cycles_and_multipliers_the_decay_seen(law
     assert told.sum() >= 3
     errors = derivative_errors(study, here, by, found)
     assert (errors[..., told] < 1e-5).all()
-    seen = [decay_seen(plan_sweep(study, points).function, values) for values in points.values()[told]]
-    compared = np.isfinite(seen)
-    assert compared.any()
-    np.testing.assert_allclose(np.array(seen)[compared], found.multiplier.values[told][compared], rtol=1e-3)
+    function = plan_sweep(study, points).function
+    moduli = np.stack([multipliers(function, values) for values in points.values()])
+    np.testing.assert_allclose(moduli[:, 0], found.multiplier.values, rtol=1e-6)
+    seen = np.array([decay_seen(function, values) for values in points.values()])
+    compared = np.isfinite(seen) & (found.failure.values == 0)
+    # What a transient is made of may leave the slowest out, for as long as it can be seen.
+    assert (np.abs(moduli / seen[:, None] - 1.0).min(axis=1)[compared] < 2e-3).all()
+    assert (np.abs(moduli[:, 0] / seen - 1.0)[compared] < 2e-3).sum() >= max(1, compared.sum() - 1)
+
+
+@eqx.filter_jit
+def multipliers(function, values):
+    system = function.system(jnp.asarray(values))
+    return pdssjax.steady_cycle(system.actuator, system.drive).multipliers
 
 
 def derivative_errors(study, here, by, found):
@@ -89,13 +101,19 @@ def shifts(function, values):
 
 
 def decay_seen(function, values):
-    """By what late shifts shrink, which follow a recurrence of second order; NaN where they are gone too soon."""
+    """By what the last shifts before rounding shrink: a recurrence of second order, of the two largest multipliers.
+
+    NaN where they are gone too soon, or where a third one is seen.
+    """
     shift = np.asarray(shifts(function, values))
     size = np.linalg.norm(shift, axis=0)
-    late = np.flatnonzero((size[:-2] < 1e-3 * size.max()) & (size[2:] > 3e-13))[-12:]
-    if late.size < 9:
+    late = np.flatnonzero((size[:-2] < 1e-4 * size.max()) & (size[2:] > ROUNDING))
+    if late.size < 8:
         return np.nan
+    late = late[-8:]
     two = np.concatenate([shift[:, [k, k + 1]] / size[k] for k in late])
     third = np.concatenate([shift[:, k + 2] / size[k] for k in late])
-    (last, first), *_ = np.linalg.lstsq(two, third, rcond=None)
-    return np.abs(np.roots([1.0, -first, -last])).max()
+    # Where one multiplier is left the least coefficients are taken: the second root is smaller then.
+    last, first = np.linalg.lstsq(two, third, rcond=1e-3)[0]
+    alone = np.linalg.norm(two @ [last, first] - third) < 1e-3 * np.linalg.norm(third)
+    return np.abs(np.roots([1.0, -first, -last])).max() if alone else np.nan
