@@ -7,10 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from quick_blocks import example_study
-from random_rigs import Structure
 
 import pdssjax
 from benchmarks.maps import net_step_after
+from experiments.random_actuators import Structure
 from pdssjax import Accuracy, InputError
 from pdssjax.core import member, members
 from pdssjax.integration import integrate_to_times
