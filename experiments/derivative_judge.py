@@ -1,6 +1,6 @@
 """How right are the derivatives of one actuator's record?
 
-Those at the default accuracy are judged by central differences of the values at the tightest one, column by column.
+Those at the default accuracy are judged by central differences of the values at the finest one, column by column.
 Where a column seems off, differences with other steps are taken, too: the best of them judges, and where they
 disagree by as much as the derivative is off, the record lies at a discontinuity, which they show as well.
 """
@@ -14,10 +14,11 @@ from jaxtyping import Array, Float
 
 from experiments.random_actuators import Structure
 from pdssjax import Accuracy
-from pdssjax.integration import TIGHT
 
+FINEST = Accuracy(tolerance=1e-15, settle_tolerance=1e-15)
+"""To rounding: records within 2e-14 m of those of order 20, where 1e-14 m a step leaves 3e-13 m."""
 ROOM = 30_000
-"""Steps at the tightest accuracy of an actuator that hardly settles."""
+"""Steps at the finest accuracy of an actuator that hardly settles."""
 STEP, OTHERS = 1e-5, (1e-6, 1e-4)
 """Of the central differences, in the logarithm of a parameter."""
 SEEN = 1e-3
@@ -43,8 +44,8 @@ class Verdict(NamedTuple):
     """Norm of that column, relative to the largest."""
     discontinuity: float | None
     """What the differences with different steps disagree by there; None where one step was enough."""
-    tight: float | None
-    """The error of that column at the tightest accuracy; None where one step was enough."""
+    finest: float | None
+    """The error of that column at the finest accuracy; None where one step was enough."""
     above: int
     """How many columns have a larger error than is asked, and no discontinuity."""
     value: float
@@ -52,7 +53,7 @@ class Verdict(NamedTuple):
     reverse: float
     """What forward and reverse mode disagree by, relative to the norm of a column; the worst of them."""
     failure: str
-    """"usual" or "tight" where the integration at that accuracy did not finish; else empty."""
+    """"usual" or "finest" where the integration at that accuracy did not finish; else empty."""
 
     @property
     def is_cliff(self) -> bool:
@@ -83,9 +84,9 @@ class Judge:
         return np.asarray(found[0]), np.asarray(found[1])
 
     def differences(self, factors: Float[np.ndarray, " parameters"], step: float) -> Columns:
-        """d shown / d factors by central differences at the tightest accuracy, shape (samples, parameters)."""
+        """d shown / d factors by central differences at the finest accuracy, shape (samples, parameters)."""
         ends = [
-            self.values(factors + step * e, TIGHT) - self.values(factors - step * e, TIGHT)
+            self.values(factors + step * e, FINEST) - self.values(factors - step * e, FINEST)
             for e in np.eye(factors.size)
         ]
         return np.stack(ends, axis=1) / (2.0 * step)
@@ -93,17 +94,17 @@ class Judge:
     def verdict(self, factors: Float[np.ndarray, " parameters"]) -> Verdict:
         """The judgement on one actuator."""
         jacobian, back = self.slopes(factors, Accuracy())
-        value = np.abs(self.values(factors, Accuracy()) - self.values(factors, TIGHT)).max()
+        value = np.abs(self.values(factors, Accuracy()) - self.values(factors, FINEST)).max()
         found = [self.differences(factors, STEP)]
         error = _distance(jacobian, found[0])
-        failure = "usual" if not np.isfinite(jacobian).all() else "tight" if not np.isfinite(value) else ""
-        disagree, tight = np.zeros(factors.size), None
+        failure = "usual" if not np.isfinite(jacobian).all() else "finest" if not np.isfinite(value) else ""
+        disagree, finest = np.zeros(factors.size), None
         if not error.max() <= SUSPECT and not failure:
             found += [self.differences(factors, step) for step in OTHERS]
             each = np.array([_distance(jacobian, columns) for columns in found])
             error = np.min(each, axis=0)
             disagree = np.max([_distance(columns, found[0]) for columns in found], axis=0)
-            tight = np.min([_distance(self.slopes(factors, TIGHT)[0], columns) for columns in found], axis=0)
+            finest = np.min([_distance(self.slopes(factors, FINEST)[0], columns) for columns in found], axis=0)
         beyond = np.where(np.isfinite(error), error, np.inf) - 2.0 * disagree
         worst = int(np.argmax(beyond if np.any(beyond > 0.0) else error))
         sizes = np.linalg.norm(jacobian, axis=0)
@@ -111,8 +112,8 @@ class Judge:
             column=list(self.structure.nominal)[worst],
             error=float(error[worst]),
             weight=float(sizes[worst] / sizes.max()),
-            discontinuity=None if tight is None else float(disagree[worst]),
-            tight=None if tight is None else float(tight[worst]),
+            discontinuity=None if finest is None else float(disagree[worst]),
+            finest=None if finest is None else float(finest[worst]),
             above=int(np.sum((error > ASKED) & (beyond > 0.0))),
             value=float(value),
             reverse=_apart(back, jacobian, self.weights),
