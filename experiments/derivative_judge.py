@@ -1,7 +1,7 @@
 """How right are the derivatives of one actuator's record?
 
 Those at the default accuracy are judged by central differences of the values at the finest one, column by column.
-Where a column seems off, differences with other steps are taken, too: the best of them judges, and where they
+Where a column seems off, differences with a finer step are taken, too: the better of the two judges, and where they
 disagree by as much as the derivative is off, the record lies at a discontinuity, which they show as well.
 """
 
@@ -19,12 +19,12 @@ FINEST = Accuracy(tolerance=1e-15, settle_tolerance=1e-15)
 """To rounding: records within 2e-14 m of those of order 20, where 1e-14 m a step leaves 3e-13 m."""
 ROOM = 30_000
 """Steps at the finest accuracy of an actuator that hardly settles."""
-STEP, OTHERS = 1e-5, (1e-6, 1e-4)
+STEP, FINER = 1e-5, 1e-6
 """Of the central differences, in the logarithm of a parameter."""
 SEEN = 1e-3
 """A column below this part of the largest is not judged."""
 ASKED, SUSPECT = 1e-3, 5e-4
-"""Error of a column, relative to its norm, that is asked for; and above which other differences are taken."""
+"""Error of a column, relative to its norm, that is asked for; and above which finer differences are taken."""
 REVERSE = 1e-8
 """What forward and reverse mode may disagree by."""
 VALUES = {"m": 1e-10, "m/s": 1e-6, "m/s2": 1e-2, "N": 1e-4}
@@ -37,13 +37,13 @@ class Verdict(NamedTuple):
     """How right one actuator's record and derivatives are."""
 
     column: str
-    """The parameter whose derivative is the furthest off, among those that the record shows."""
+    """The parameter whose derivative is the furthest off; of those at no discontinuity, if one of them is above."""
     error: float
-    """Of that column, relative to its norm; by the best of the differences."""
+    """Of that column, relative to its norm; by the better of the differences."""
     weight: float
     """Norm of that column, relative to the largest."""
     discontinuity: float | None
-    """What the differences with different steps disagree by there; None where one step was enough."""
+    """What the differences with two steps disagree by there; None where one step was enough."""
     finest: float | None
     """The error of that column at the finest accuracy; None where one step was enough."""
     above: int
@@ -58,7 +58,7 @@ class Verdict(NamedTuple):
     @property
     def is_cliff(self) -> bool:
         """A discontinuity, which the differences show as well."""
-        return self.discontinuity is not None and self.error <= 2.0 * self.discontinuity
+        return self.error > ASKED and self.discontinuity is not None and self.error <= 2.0 * self.discontinuity
 
     @property
     def is_right(self) -> bool:
@@ -100,13 +100,15 @@ class Judge:
         failure = "usual" if not np.isfinite(jacobian).all() else "finest" if not np.isfinite(value) else ""
         disagree, finest = np.zeros(factors.size), None
         if not error.max() <= SUSPECT and not failure:
-            found += [self.differences(factors, step) for step in OTHERS]
-            each = np.array([_distance(jacobian, columns) for columns in found])
-            error = np.min(each, axis=0)
-            disagree = np.max([_distance(columns, found[0]) for columns in found], axis=0)
-            finest = np.min([_distance(self.slopes(factors, FINEST)[0], columns) for columns in found], axis=0)
-        beyond = np.where(np.isfinite(error), error, np.inf) - 2.0 * disagree
-        worst = int(np.argmax(beyond if np.any(beyond > 0.0) else error))
+            found += [self.differences(factors, FINER)]
+            exact, _ = self.slopes(factors, FINEST)
+            error, finest = (
+                np.min([_distance(each, columns) for columns in found], axis=0) for each in (jacobian, exact)
+            )
+            disagree = _distance(found[1], found[0])
+        error = np.where(np.isfinite(error), error, np.inf)
+        wrong = (error > ASKED) & (error > 2.0 * disagree)
+        worst = int(np.argmax(np.where(wrong, error, 0.0) if wrong.any() else error))
         sizes = np.linalg.norm(jacobian, axis=0)
         return Verdict(
             column=list(self.structure.nominal)[worst],
@@ -114,7 +116,7 @@ class Judge:
             weight=float(sizes[worst] / sizes.max()),
             discontinuity=None if finest is None else float(disagree[worst]),
             finest=None if finest is None else float(finest[worst]),
-            above=int(np.sum((error > ASKED) & (beyond > 0.0))),
+            above=int(wrong.sum()),
             value=float(value),
             reverse=_apart(back, jacobian, self.weights),
             failure=failure,
