@@ -1,6 +1,6 @@
 """How right are the derivatives of one actuator's record?
 
-Those at the default accuracy are judged by central differences of the values at the finest one, column by column.
+Those at the default accuracy are judged by central differences of the values at the tightest one, column by column.
 Where a column seems off, differences with a finer step are taken, too: the better of the two judges, and where they
 disagree by as much as the derivative is off, the record lies at a discontinuity, which they show as well.
 """
@@ -14,11 +14,10 @@ from jaxtyping import Array, Float
 
 from experiments.random_actuators import Structure
 from pdssjax import Accuracy
+from pdssjax.integration import TIGHT
 
-FINEST = Accuracy(tolerance=1e-15, settle_tolerance=1e-15)
-"""To rounding: records within 2e-14 m of those of order 20, where 1e-14 m a step leaves 3e-13 m."""
 ROOM = 30_000
-"""Steps at the finest accuracy of an actuator that hardly settles."""
+"""Steps at the tightest accuracy of an actuator that hardly settles."""
 STEP, FINER = 1e-5, 1e-6
 """Of the central differences, in the logarithm of a parameter."""
 SEEN = 1e-3
@@ -44,8 +43,8 @@ class Verdict(NamedTuple):
     """Norm of that column, relative to the largest."""
     discontinuity: float | None
     """What the differences with two steps disagree by there; None where one step was enough."""
-    finest: float | None
-    """The error of that column at the finest accuracy; None where one step was enough."""
+    tight: float | None
+    """The error of that column at the tightest accuracy; None where one step was enough."""
     above: int
     """How many columns have a larger error than is asked, and no discontinuity."""
     value: float
@@ -53,7 +52,7 @@ class Verdict(NamedTuple):
     reverse: float
     """What forward and reverse mode disagree by, relative to the norm of a column; the worst of them."""
     failure: str
-    """"usual" or "finest" where the integration at that accuracy did not finish; else empty."""
+    """"usual" or "tight" where the integration at that accuracy did not finish; else empty."""
 
     @property
     def is_cliff(self) -> bool:
@@ -84,9 +83,9 @@ class Judge:
         return np.asarray(found[0]), np.asarray(found[1])
 
     def differences(self, factors: Float[np.ndarray, " parameters"], step: float) -> Columns:
-        """d shown / d factors by central differences at the finest accuracy, shape (samples, parameters)."""
+        """d shown / d factors by central differences at the tightest accuracy, shape (samples, parameters)."""
         ends = [
-            self.values(factors + step * e, FINEST) - self.values(factors - step * e, FINEST)
+            self.values(factors + step * e, TIGHT) - self.values(factors - step * e, TIGHT)
             for e in np.eye(factors.size)
         ]
         return np.stack(ends, axis=1) / (2.0 * step)
@@ -94,15 +93,15 @@ class Judge:
     def verdict(self, factors: Float[np.ndarray, " parameters"]) -> Verdict:
         """The judgement on one actuator."""
         jacobian, back = self.slopes(factors, Accuracy())
-        value = np.abs(self.values(factors, Accuracy()) - self.values(factors, FINEST)).max()
+        value = np.abs(self.values(factors, Accuracy()) - self.values(factors, TIGHT)).max()
         found = [self.differences(factors, STEP)]
         error = _distance(jacobian, found[0])
-        failure = "usual" if not np.isfinite(jacobian).all() else "finest" if not np.isfinite(value) else ""
-        disagree, finest = np.zeros(factors.size), None
+        failure = "usual" if not np.isfinite(jacobian).all() else "tight" if not np.isfinite(value) else ""
+        disagree, tight = np.zeros(factors.size), None
         if not error.max() <= SUSPECT and not failure:
             found += [self.differences(factors, FINER)]
-            exact, _ = self.slopes(factors, FINEST)
-            error, finest = (
+            exact, _ = self.slopes(factors, TIGHT)
+            error, tight = (
                 np.min([_distance(each, columns) for columns in found], axis=0) for each in (jacobian, exact)
             )
             disagree = _distance(found[1], found[0])
@@ -114,8 +113,8 @@ class Judge:
             column=list(self.structure.nominal)[worst],
             error=float(error[worst]),
             weight=float(sizes[worst] / sizes.max()),
-            discontinuity=None if finest is None else float(disagree[worst]),
-            finest=None if finest is None else float(finest[worst]),
+            discontinuity=None if tight is None else float(disagree[worst]),
+            tight=None if tight is None else float(tight[worst]),
             above=int(wrong.sum()),
             value=float(value),
             reverse=_apart(back, jacobian, self.weights),

@@ -1,7 +1,7 @@
 """Are derivatives right away from the published actuator, for every law, piezo, waveform, part and record?
 
 Actuators are drawn at random, so many of every structure that a study can have; every column of the Jacobian at the
-default accuracy is judged by central differences of values at the finest one, values by these, and reverse mode by
+default accuracy is judged by central differences of values at the tightest one, values by these, and reverse mode by
 forward mode.  Every actuator's verdict is a file; after a change of the package begin with an empty folder.
 
     python -m experiments.map_of_rightness        # resumes where it was left
@@ -96,7 +96,7 @@ def wrong(verdict: Verdict, allowed: float) -> str:
         by = "at a cliff" if verdict.is_cliff else f"{verdict.above} above, differences agree to"
         said.append(
             f"{verdict.column} off by {verdict.error:.1e} ({verdict.weight:.1e} of the largest column; "
-            f"{by} {verdict.discontinuity:.1e}; at the finest accuracy {verdict.finest:.1e})"
+            f"{by} {verdict.discontinuity:.1e}; at the tightest accuracy {verdict.tight:.1e})"
         )
     if not (verdict.value <= allowed or verdict.is_cliff):
         said.append(f"value off by {verdict.value:.1e}")

@@ -6,6 +6,7 @@ Knows no actuator: a system tells its field, its guards and its resets.  Imports
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from .accuracy import TIGHT as TIGHT
     from .accuracy import Accuracy as Accuracy
     from .closed_form import exact_states_at as exact_states_at
     from .closed_form import is_closed as is_closed
@@ -46,7 +47,7 @@ else:
     __getattr__, __dir__, __all__ = lazy_exports(
         __name__,
         {
-            "accuracy": ["Accuracy"],
+            "accuracy": ["Accuracy", "TIGHT"],
             "closed_form": ["exact_states_at", "is_closed"],
             "continued": ["Continued", "flat"],
             "event_location": ["LOOK_AHEAD"],

@@ -1,6 +1,6 @@
 """Derivatives and values are right for actuators drawn at random, of every structure.
 
-Required at the default accuracy: values within 1e-4 um (1e-4 N) of the finest; every column that the record
+Required at the default accuracy: values within 1e-4 um (1e-4 N) of the tightest; every column that the record
 shows within 1e-3 of central differences, or a discontinuity that the differences show, too; forward and reverse mode
 alike.  The quick version has few actuators of the published structure; `experiments.map_of_rightness` has many.
 """
@@ -74,7 +74,7 @@ def test_a_wrong_column_a_discontinuity_a_failure_and_a_wrong_reverse_mode_are_t
     assert right.is_right and right.error < 1e-8 and right.discontinuity is None and right.above == 0
     wrong = made_judge(Made(wrong=2e-3)).verdict(at)
     assert not wrong.is_right and not wrong.is_cliff and wrong.column == "b.jump" and wrong.above == 1
-    assert wrong.error == pytest.approx(2e-3, rel=1e-3) and wrong.finest == pytest.approx(2e-3, rel=1e-3)
+    assert wrong.error == pytest.approx(2e-3, rel=1e-3) and wrong.tight == pytest.approx(2e-3, rel=1e-3)
     cliff = made_judge(Made(jump=1e-6)).verdict(at)
     assert cliff.is_cliff and cliff.is_right and cliff.above == 0 and cliff.error > 1e-3
     assert made_judge(Made(), failed=True).verdict(at).failure == "usual"

@@ -8,8 +8,8 @@ from experiments.derivative_judge import Verdict
 from experiments.random_actuators import STRUCTURES
 
 RIGHT = Verdict("piezo.gain", 2e-6, 0.5, None, None, 0, 1e-13, 1e-12, "")
-WRONG = RIGHT._replace(error=3e-3, discontinuity=1e-5, finest=2e-6, above=1)
-CLIFF = RIGHT._replace(error=0.5, discontinuity=0.4, finest=0.5, value=1e-7)
+WRONG = RIGHT._replace(error=3e-3, discontinuity=1e-5, tight=2e-6, above=1)
+CLIFF = RIGHT._replace(error=0.5, discontinuity=0.4, tight=0.5, value=1e-7)
 FAILED = RIGHT._replace(error=np.nan, value=np.nan, reverse=np.nan, failure="usual")
 FOUND = {"lugre": [RIGHT] * 3, "stop": [RIGHT, WRONG, CLIFF, FAILED, RIGHT._replace(reverse=1e-6, value=1e-3)]}
 
