@@ -11,8 +11,8 @@ from .step_methods.taylor import Taylor
 class Accuracy(eqx.Module):
     """How finely to integrate."""
 
-    tolerance: float = 5e-14
-    """Local error allowed in one step, as a displacement [m]; hundreds of steps and reversals make 1e-10 m of it."""
+    tolerance: float = 1e-14
+    """Local error allowed in one step, as a displacement [m]; hundreds of steps and reversals make 1e-11 m of it."""
     settle_tolerance: float = 3e-14
     """Deviation [m] from the steady solution below which the remainder of a segment is not stepped."""
     method: AbstractStepMethod = Taylor(16)
@@ -26,5 +26,5 @@ class Accuracy(eqx.Module):
         return jnp.maximum(self.settle_tolerance, self.method.noise * self.tolerance)
 
 
-TIGHT = Accuracy(tolerance=1e-14, settle_tolerance=1e-15)
-"""To rounding: trajectories to about 1e-7 um, derivatives to 1e-6, at twice the steps."""
+TIGHT = Accuracy(tolerance=1e-15, settle_tolerance=1e-15)
+"""To rounding: trajectories to about 1e-7 um, weak columns of derivatives to some 1e-5."""

@@ -1,42 +1,82 @@
-"""Derivatives and values are right for actuators drawn at random, of every structure: a map of rightness.
+"""Derivatives and values are right for actuators drawn at random, of every structure.
 
-Required at the default accuracy: values within 1e-4 um (1e-4 N) of the tight solution; every column that the record
-shows within 1e-3 of central differences, or a discontinuity that the differences show, too; forward and
-reverse mode alike.  The quick version has few seeds and the structures in which something was found wrong.
+Required at the default accuracy: values within 1e-4 um (1e-4 N) of the tightest; every column that the record
+shows within 1e-3 of central differences, or a discontinuity that the differences show, too; forward and reverse mode
+alike.  The quick version has few actuators of the published structure; `experiments.map_of_rightness` has many.
 """
 
 from functools import cache
 
 import numpy as np
 import pytest
-from random_rigs import ALL, Judge
 
-QUICK = {"anisotropic, deflection, backward, 5 Hz": 6}
-MANY = 40
+from experiments.derivative_judge import REVERSE, VALUES, Judge, Verdict
+from experiments.map_of_rightness import drawn, wrongs
+from experiments.random_actuators import DRIVES, PUBLISHED, STRUCTURES
+from pdssjax.core import member, members
 
-judge = cache(lambda name: Judge(ALL[name]))
+QUICK = {"deflection, backward, 5 Hz": 6}
+MANY = 3
+
+judge = cache(lambda name: Judge(STRUCTURES[name]))
 
 
-def check(name: str, seeds: range, reverse: int) -> None:
-    """The first `reverse` of the seeds in reverse mode, too."""
-    structure = ALL[name]
-    tolerance = 1e-4 if structure.shows == "friction" or "stop" in structure.parts else 1e-10
-    wrong = []
-    for seed in seeds:
-        verdict = judge(name).verdict(structure.draw(np.random.default_rng(seed)), reverse=seed < reverse)
-        off = verdict.error > 1e-3 and verdict.error > 2.0 * verdict.discontinuity
-        if off or not verdict.finished or verdict.value > tolerance or verdict.reverse > 1e-8:
-            wrong.append((seed, verdict))
-    assert not wrong
+def check(name: str, count: int) -> None:
+    found = [Verdict(**drawn(judge(name), number)) for number in range(count)]
+    told = {number: said for number, said in enumerate(wrongs(name, found)) if said}
+    assert not told
 
 
 @pytest.mark.parametrize("name", QUICK)
 def test_some_actuators(name):
-    # Reverse mode is another compilation; `tests/integration/test_system.py` has it.
-    check(name, range(QUICK[name]), reverse=0)
+    check(name, QUICK[name])
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ALL)
-def test_many_actuators(name):
-    check(name, range(MANY), reverse=3)
+@pytest.mark.parametrize("name", STRUCTURES)
+def test_actuators_of_every_structure(name):
+    check(name, MANY)
+
+
+def test_every_waveform_and_every_unit_has_its_structure():
+    assert {type(drive) for drive in DRIVES.values()} >= {member("drive", name) for name in members("drive")}
+    assert {structure.unit for structure in STRUCTURES.values()} == set(VALUES)
+    assert len(PUBLISHED) == 4
+
+
+class Made:
+    """A structure of two parameters whose record is given in closed form."""
+
+    def __init__(self, wrong=0.0, jump=0.0):
+        self.nominal, self.times = {"a.slow": 1.0, "b.jump": 1.0}, np.linspace(0.0, 1.0, 20)
+        self.wrong, self.jump = wrong, jump
+
+    def slopes(self, factors):
+        """The derivative of `values`, the second column off by the part `wrong`."""
+        return np.stack([np.cos(factors[0] + self.times), (1.0 + self.wrong) * np.ones(20)], axis=1)
+
+    def values(self, factors):
+        return np.sin(factors[0] + self.times) + factors[1] + self.jump * (factors[1] > 0.0)
+
+
+def made_judge(made, failed=False, back=1.0):
+    """A judge to whom both accuracies show the same."""
+    found = Judge(made)
+    found.values = lambda factors, accuracy: made.values(factors)
+    jacobian = lambda factors: made.slopes(factors) * (np.nan if failed else 1.0)
+    found.slopes = lambda factors, accuracy: (jacobian(factors), back * (found.weights @ jacobian(factors)))
+    return found
+
+
+def test_a_wrong_column_a_discontinuity_a_failure_and_a_wrong_reverse_mode_are_told_apart():
+    at = np.zeros(2)
+    right = made_judge(Made()).verdict(at)
+    assert right.is_right and right.error < 1e-8 and right.discontinuity is None and right.above == 0
+    wrong = made_judge(Made(wrong=2e-3)).verdict(at)
+    assert not wrong.is_right and not wrong.is_cliff and wrong.column == "b.jump" and wrong.above == 1
+    assert wrong.error == pytest.approx(2e-3, rel=1e-3) and wrong.tight == pytest.approx(2e-3, rel=1e-3)
+    cliff = made_judge(Made(jump=1e-6)).verdict(at)
+    assert cliff.is_cliff and cliff.is_right and cliff.above == 0 and cliff.error > 1e-3
+    assert made_judge(Made(), failed=True).verdict(at).failure == "usual"
+    backward = made_judge(Made(), back=1.0 + 1e-6).verdict(at)
+    assert not backward.is_right and backward.reverse > REVERSE

@@ -4,8 +4,8 @@ import dataclasses
 
 import numpy as np
 from quick_blocks import example_study
-from random_rigs import Structure
 
+from experiments.random_actuators import Structure
 from pdssjax.core import member
 from pdssjax.study.parameter import Parameter
 

@@ -1,0 +1,198 @@
+"""Actuators drawn at random over the range that searches and bounds allow, of every structure a study can have.
+
+What a record of theirs shows is a function of the logarithms of their parameters; `derivative_judge` judges it.
+"""
+
+import dataclasses
+from functools import cached_property
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from pdssjax import AbstractDrive, Accuracy, Actuator, Amplifier, Effector, Sensor, Stop
+from pdssjax.actuator import IDEAL, ZeroOrderHold
+from pdssjax.core import member, members, quantities
+from pdssjax.drive.cycloidal import Cycloidal
+from pdssjax.drive.sampled import Sampled
+from pdssjax.drive.sawtooth import Sawtooth
+from pdssjax.drive.sine import Sine
+from pdssjax.drive.step import Step
+from pdssjax.drive.trapezoid import Trapezoid
+from pdssjax.drive.triangle import Triangle
+from pdssjax.simulation import (
+    ACCELERATION,
+    DISPLACEMENT,
+    FRICTION_FORCE,
+    STOP_FORCE,
+    VELOCITY,
+    Output,
+    PlatformOnly,
+    PrescribedMotion,
+    StickSlip,
+    measured,
+)
+
+SAMPLES = 100
+WIDE, USUAL = 10.0, 1.5
+"""Factors either way: of a contact's stiffness and damping, of everything else."""
+_WIDELY = ("sigma0", "sigma1", "stiffness", "attraction")
+_UNITS = {VELOCITY: "m/s", ACCELERATION: "m/s2", STOP_FORCE: "N", FRICTION_FORCE: "N"}
+_PARTS = {"amplifier": Amplifier, "sensor": Sensor, "stop": Stop}
+
+
+@dataclasses.dataclass(frozen=True)
+class Structure:
+    """What is chosen before any number: members, parts, waveform, and what the record measures."""
+
+    friction: str = "simplified-lugre"
+    state: str = ""
+    piezo: str = "second-order"
+    drive: AbstractDrive = Sawtooth(64.0, 20.0, 2e-4)
+    draws_drive: bool = False
+    """The numbers of the drive are drawn, too."""
+    cycles: float = 2.0
+    feedback: bool = False
+    parts: tuple[str, ...] = ()
+    """Of "amplifier", "sensor", "stop"."""
+    of: str = "effector"
+    """effector, platform, unloaded (the platform without an end-effector) or contact (moved as prescribed)."""
+    output: Output = DISPLACEMENT
+    """What is measured of it."""
+
+    @property
+    def unit(self) -> str:
+        """Of the record."""
+        return _UNITS.get(self.output, "m")
+
+    @property
+    def times(self) -> np.ndarray:
+        """Half of the samples while it slips."""
+        cycle = float(1.0 / (self.drive.cycle_frequency() or 20.0))
+        slow = self.cycles * cycle * (np.arange(SAMPLES // 2) + 0.61) / (SAMPLES // 2)
+        each = int(SAMPLES // 2 / self.cycles)
+        fast = [k * cycle + 1.3e-5 + 0.1 * cycle * np.arange(each) / each for k in range(int(self.cycles))]
+        return np.sort(np.concatenate([slow, *fast]))
+
+    @cached_property
+    def models(self) -> dict[str, type]:
+        """The models whose quantities are drawn, by the name of their part."""
+        named: dict[str, type] = {} if self.of == "contact" else {"piezo": member("piezo", self.piezo)}
+        if self.of != "unloaded":
+            named["friction"] = member("friction", self.friction)
+        if self.of not in ("unloaded", "contact"):
+            named["effector"] = Effector
+        return named | {part: _PARTS[part] for part in self.parts}
+
+    @cached_property
+    def nominal(self) -> dict[str, float]:
+        """What is drawn, by path; what is 0 by default stays so, and the mass m_g counts with feedback only."""
+        declared = {f"{part}.{f}": q for part, model in self.models.items() for f, q in quantities(model).items()}
+        numbers = {path: float(q.nominal) for path, q in declared.items()}
+        if self.draws_drive:
+            numbers |= {f"drive.{field}": float(number) for field, number in self.drive.numbers().items()}
+        idle = {"amplifier.slew"} | (set() if self.feedback else {"piezo.mass"})
+        return {path: number for path, number in numbers.items() if number != 0.0 and path not in idle}
+
+    def draw(self, random: np.random.Generator) -> np.ndarray:
+        """Logarithms of factors on the nominal values."""
+        spread = [WIDE if path.split(".")[1].startswith(_WIDELY) else USUAL for path in self.nominal]
+        return np.log(spread) * random.uniform(-1.0, 1.0, len(spread))
+
+    def shown(self, factors: Any, accuracy: Accuracy) -> Any:
+        """What the record shows [its `unit`], shape (samples,), of actuators with these logarithms of factors."""
+        numbers = {path: value * jnp.exp(factors[i]) for i, (path, value) in enumerate(self.nominal.items())}
+        built = {part: model(**self._own(part, numbers)) for part, model in self.models.items()}
+        drive, times = self.drive.with_numbers(_of_part("drive", numbers)), jnp.asarray(self.times)
+        if self.of == "contact":
+            moved = 4e-6 * np.sin(2 * np.pi * 15.0 * self.times) + 2e-6 * np.sin(2 * np.pi * 47.0 * self.times)
+            contact = PrescribedMotion(built["friction"], times, jnp.asarray(moved))
+            return measured(contact, times, accuracy, self.output)
+        sensor = built.get("sensor", IDEAL)
+        effector, law = built.get("effector", Effector()), built.get("friction", member("friction", "coulomb")())
+        actuator = Actuator(
+            built["piezo"], law, effector, self.feedback, stop=built.get("stop"), amplifier=built.get("amplifier")
+        )
+        if self.of == "unloaded":
+            return measured(PlatformOnly(actuator.driven_platform, drive, sensor), times, accuracy, self.output)
+        system = StickSlip(actuator, drive, sensor, 1.0 * (self.of == "platform"))
+        return measured(system, times, accuracy, self.output)
+
+    def _own(self, part: str, numbers: dict[str, Any]) -> dict[str, Any]:
+        return _of_part(part, numbers) | ({"state": self.state} if part == "friction" and self.state else {})
+
+
+def _of_part(part: str, numbers: dict[str, Any]) -> dict[str, Any]:
+    return {path.split(".")[1]: number for path, number in numbers.items() if path.startswith(f"{part}.")}
+
+
+def _readings(**chosen: Any) -> dict[str, Structure]:
+    """The anisotropic law in both readings."""
+    return {state: Structure("anisotropic-lugre", state, cycles=3.0, **chosen) for state in ("deflection", "force")}
+
+
+PUBLISHED = {
+    f"{state}, {way}, 5 Hz": structure
+    for way, sign in (("forward", 1.0), ("backward", -1.0))
+    for state, structure in _readings(drive=Sawtooth(64.0, 5.0, 0.0, sign)).items()
+}
+"""The published actuator: its law in both readings, in both directions."""
+QUICKLY = {f"{state}, 20 Hz": structure for state, structure in _readings().items()}
+"""The same at 20 Hz, with a fall time."""
+ASIDE = {
+    "anisotropic-lugre": "among the PUBLISHED, in both readings",
+    "bristle": "every tooth of its force is an event, thousands a cycle",
+}
+"""Laws that LAWS leaves out, and why."""
+LAWS = {law: Structure(law, cycles=3.0) for law in members("friction") if law not in ASIDE}
+"""Every law, found by its file."""
+LONE = {
+    f"{piezo}, unloaded": Structure(piezo=piezo, of="unloaded", cycles=3.0)
+    for piezo in (*members("piezo"), "composed:second-order+play-3+asymmetry-2+creep-2")
+    if piezo != "static"  # which jumps as the voltage does: nothing is stepped
+}
+"""Every piezo, found by its file."""
+LOADED = {f"{piezo}, loaded": Structure(piezo=piezo) for piezo in ("creep", "bouc-wen", "distributed-rod", "composed")}
+"""Piezos under a contact."""
+
+_INSTANTS = np.linspace(0.0, 0.1, 51)
+_UNEVEN = 40.0 * (1200.0 * _INSTANTS % 60.0) / 60.0 + 6.0 * np.sin(300.0 * _INSTANTS)
+_SAWTOOTH = Sawtooth(64.0, 20.0, 2e-4, duty=0.6)
+DRIVES: dict[str, AbstractDrive] = {
+    "sawtooth": _SAWTOOTH,
+    "triangle": Triangle(64.0, 20.0),
+    "trapezoid": Trapezoid(64.0, 20.0, 0.5, 1e-3, 2e-3),
+    "sine": Sine(64.0, 20.0),
+    "sine that begins with a jump": Sine(64.0, 20.0, 10.0, 0.5),
+    "step": Step(64.0, 1e-3),
+    "cycloidal": Cycloidal(64.0, 20.0, 2e-3),
+    "sampled": Sampled(_INSTANTS, _UNEVEN),
+    "sampled, held": Sampled(_INSTANTS, _UNEVEN, "held"),
+    "sawtooth, held": ZeroOrderHold(_SAWTOOTH, 1e-3),
+}
+"""Every waveform; a test holds them against the family."""
+WAVEFORMS = {f"under a {name}": Structure(drive=drive, draws_drive=True) for name, drive in DRIVES.items()}
+PARTS = {
+    "feedback": Structure(feedback=True, cycles=3.0),
+    "amplifier": Structure(parts=("amplifier",), cycles=3.0),
+    "sensor": Structure(parts=("sensor",), cycles=3.0),
+    "stop": Structure(parts=("stop",), output=STOP_FORCE),
+    "stop and sensor": Structure(parts=("stop", "sensor"), output=STOP_FORCE),
+    "platform behind amplifier and sensor": Structure(
+        parts=("amplifier", "sensor"), of="unloaded", drive=Step(64.0), cycles=1.0
+    ),
+}
+RECORDS = {
+    "platform with feedback": Structure(feedback=True, of="platform", cycles=3.0),
+    "velocity": Structure(output=VELOCITY),
+    "acceleration": Structure(output=ACCELERATION),
+    "platform's acceleration": Structure(feedback=True, of="platform", output=ACCELERATION),
+    "friction record": Structure("lugre", of="contact", output=FRICTION_FORCE, cycles=3.0),
+    "friction record, anisotropic": Structure(
+        "anisotropic-lugre", "deflection", of="contact", output=FRICTION_FORCE, cycles=3.0
+    ),
+}
+"""Kinds of records that those above leave out."""
+RINGING = {"coulomb, corners while it rings": Structure("coulomb", drive=Sawtooth(64.0, 20.0, 2e-3), cycles=3.0)}
+"""A contact that sticks for good while the platform still rings at the next corner."""
+STRUCTURES = PUBLISHED | QUICKLY | LAWS | LONE | LOADED | WAVEFORMS | PARTS | RECORDS | RINGING
