@@ -1,17 +1,13 @@
 """Records that contradict each other, in words."""
 
 from ...study import Diagnosis
-from ..poor_fit import SIGMAS
+from ..poor_fit import contradicting
 from .words import listed
-
-NOTICEABLE = 2.0
-"""Standard errors by which records must move a parameter for their disagreement to be worth a word."""
 
 
 def about_agreement(diagnosis: Diagnosis | None) -> list[str]:
     """Records, or all of one direction or kind, that ask for other parameters than the rest."""
-    found = [] if diagnosis is None else [i for i in diagnosis.agreement if i.sigmas > SIGMAS]
-    found = [i for i in found if abs(i.largest()[1]) > NOTICEABLE]
+    found = [] if diagnosis is None else contradicting(diagnosis.agreement)
     if not found:
         return []
     worst = max(found, key=lambda agreement: agreement.sigmas)
