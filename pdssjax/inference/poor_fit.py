@@ -14,10 +14,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..study import Agreement, FittedRecord, repeated_residuals
+from .covariance import least_squares_covariance
 from .diagnostics.diagnose import records_agreement
 from .least_squares import Fit, by_record, degrees_of_freedom, reduced_chi2
 from .problem import Problem
-from .uncertainty.covariance import least_squares_covariance
 
 EXCESS = 1.2
 """Chi-square per degree of freedom below which an excess is not worth a word, however certain it is."""

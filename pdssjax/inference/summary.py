@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..study import Estimate, FittedParameter, FittedRecord, Parameter, Statistics, Study, compare
+from .covariance import Covariance, correlation, least_squares_covariance, propagated
 from .diagnostics.diagnose import diagnose
 from .least_squares import START_FAILED, Fit, Method, reduced_chi2
 from .notes.of_fit import notes_of
@@ -18,7 +19,6 @@ from .stack_first.peak_picking import PATHS, PickedStack
 from .stack_parameters import of_stack, stack_rows
 from .start_failure import failed_start
 from .uncertainty.amplification import amplification_of
-from .uncertainty.covariance import Covariance, correlation, least_squares_covariance, propagated
 from .uncertainty.linear_intervals import linear_intervals
 from .uncertainty.robust_covariance import robust_covariance
 from .uncertainty.variance_factor import second_step_factor, variance_factor

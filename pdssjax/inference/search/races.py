@@ -26,7 +26,8 @@ class Race(NamedTuple):
     rounds: tuple[tuple[int, int], ...]
     """Successive halving: how many starts, and the iterations of each; the best go on."""
     until_good: bool
-    """It ends with the first fit that converged and is not poor; else when the best starts are used up or improve nothing."""
+    """It ends with the first fit that converged and is not poor; else when the best starts are used up or improve
+    nothing."""
     announced: str = ""
     """What the user reads of the reason."""
     scattered: bool = False
