@@ -85,8 +85,11 @@ def test_records_contradict_each_other_in_a_wrong_optimum_whose_residuals_look_l
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number, method", [(338, "joint"), (338, "sequential"), (331, "joint"), (412, "sequential")])
-def test_rigs_that_had_ended_in_a_wrong_optimum_are_compared_with_other_starts_and_end_in_theirs(number, method):
+@pytest.mark.parametrize(
+    "number, method", [(338, "joint"), (338, "sequential"), (331, "joint"), (412, "sequential"), (184, "joint")]
+)
+def test_rigs_that_had_ended_elsewhere_or_on_their_way_are_compared_with_other_starts_and_end_right(number, method):
+    """Rig 184 had ended at a discontinuity in its right optimum."""
     found = blind_rigs.identified(number, (method,))
     assert not blind_rigs.missed(found, method) and found[method]["converged"]
 

@@ -75,10 +75,11 @@ class Rig:
 
     @property
     def races(self):
-        """Of each, the starts it had, its rounds, and whether a perfect fit ends it."""
+        """Of each, the starts it had, its rounds, and whether a perfect fit ends it; one on its way never does."""
         perfect = run(self.problem, at(1.0, 1.0), None)
         assert perfect.ending == Ending.CONVERGED
         of = [arguments for name, *(arguments,) in self.of("race")]
+        assert not any(good(perfect._replace(success=False)) for _, _, _, _, _, good, _, _ in of)
         return [(others, [tuple(r) for r in rounds], good(perfect)) for _, _, _, others, rounds, good, _, _ in of]
 
     def of(self, name):
