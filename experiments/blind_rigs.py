@@ -28,7 +28,7 @@ from experiments.three_ways import NOISE, known_truth, started
 from pdssjax import Estimate, InputWarning, Study
 from pdssjax.core import prepare_jax
 from pdssjax.files import EXAMPLE
-from pdssjax.inference import Problem
+from pdssjax.inference import Method, Problem
 
 NAME = "blind_rigs"
 RIGS = 100
@@ -80,15 +80,15 @@ def rig(number: int) -> tuple[Study, Study]:
     return dataclasses.replace(study, records=told), dataclasses.replace(study, records=asked)
 
 
-def identified(number: int) -> Result:
-    """A rig, identified in both ways."""
+def identified(number: int, methods: Sequence[Method] = ("joint", "sequential")) -> Result:
+    """A rig, identified in these ways."""
     prepare_jax()  # in another process, too
     told, asked = rig(number)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)
         truth = truth_of(number)
         judge, _ = pdssjax.pose_problem(started(told, truth))
-        found = {method: pdssjax.identify(asked, method) for method in ("joint", "sequential")}
+        found = {method: pdssjax.identify(asked, method) for method in methods}
     fisher = _fisher_errors(judge, truth)
     return {
         "truth": truth,

@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
+from scipy import stats
 
 import pdssjax
 from experiments.common import BLUE, GREEN, OUT, VERMILION, Row, print_table, save, styled
@@ -183,13 +184,28 @@ def coverage(results: Sequence[Result]) -> Float[np.ndarray, "models p"]:
     return np.mean(inside, axis=0).T
 
 
+def widths(results: Sequence[Result]) -> dict[str, tuple[float, float]]:
+    """By parameter, errors with misfit over coloured ones, and the coverage of the pseudo-true one that follows.
+
+    The misfit is the same in every draw, so that estimates scatter by the coloured errors alone.
+    """
+    told = [[each["parameters"][path][2:] for each in results] for path in results[0]["parameters"]]
+    ratios = [float(np.sqrt(np.divide(*np.mean(np.square(errors), axis=0)[::-1]))) for errors in told]
+    return {
+        path: (ratio, float(2.0 * stats.norm.cdf(1.96 * ratio) - 1.0))
+        for path, ratio in zip(results[0]["parameters"], ratios, strict=True)
+    }
+
+
 def rows(results: Sequence[Result]) -> list[Row]:
-    """Coverage of every parameter by every model, per cent."""
-    shares, paths = coverage(results), list(results[0]["parameters"])
-    return [
-        Row(f"{path}: {', '.join(MODELS)}", None, " / ".join(f"{100 * share:.0f}" for share in shares[:, i]), "%")
-        for i, path in enumerate(paths)
-    ]
+    """Coverage of every parameter by every model, per cent, and what errors with misfit let one expect."""
+    shares = coverage(results)
+    out = []
+    for i, (path, (ratio, follows)) in enumerate(widths(results).items()):
+        held = " / ".join(f"{100 * share:.0f}" for share in shares[:, i])
+        out.append(Row(f"{path}: {', '.join(MODELS)}", None, held, "%"))
+        out.append(Row(f"{path}: with misfit over coloured", None, ratio, "", f"{100 * follows:.1f} % follow"))
+    return out
 
 
 def draw(results: Sequence[Result]) -> Figure:

@@ -56,7 +56,10 @@ def identify(options: argparse.Namespace) -> int:
 def _why(estimate: "Estimate") -> str:
     if not estimate.converged:
         return estimate.message
-    return "they leave more than noise. The law lacks something, or the optimum is a wrong one; see the notes"
+    return (
+        "they leave more than noise, or contradict each other. The law lacks something, or the optimum is a wrong one; "
+        "see the notes"
+    )
 
 
 _SIDE_BY_SIDE: "list[Method]" = ["joint", "sequential", "peaks"]

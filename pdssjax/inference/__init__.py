@@ -6,6 +6,8 @@ Imports `study` and the rooms below it.
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from .covariance import least_squares_covariance as least_squares_covariance
+    from .covariance import propagated as propagated
     from .draws import Drawing as Drawing
     from .draws import Store as Store
     from .identification import FitInterrupted as FitInterrupted
@@ -29,8 +31,6 @@ if TYPE_CHECKING:
     from .solver.levenberg_marquardt import BoundedLevenbergMarquardt as BoundedLevenbergMarquardt
     from .stack_first.peak_picking import PickedStack as PickedStack
     from .stack_first.peak_picking import pick_peaks as pick_peaks
-    from .uncertainty.covariance import least_squares_covariance as least_squares_covariance
-    from .uncertainty.covariance import propagated as propagated
     from .uncertainty.influence import curvature_of as curvature_of
     from .uncertainty.influence import influence_of as influence_of
     from .uncertainty.influence import principal_directions as principal_directions
@@ -42,7 +42,7 @@ else:
     __getattr__, __dir__, __all__ = lazy_exports(
         __name__,
         {
-            "uncertainty.covariance": ["least_squares_covariance", "propagated"],
+            "covariance": ["least_squares_covariance", "propagated"],
             "draws": ["Drawing", "Store"],
             "solver.ending": ["Ending", "SUCCESSES"],
             "identification": ["FitInterrupted", "Intervals", "identify"],

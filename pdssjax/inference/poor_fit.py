@@ -4,12 +4,19 @@ Where a record's noise is given, its residuals are judged by chi-square.  Where 
 noise is estimated from the residuals and chi-square is their number whatever the fit; the
 witness then is the scatter of second differences (`metrics.scatter_floor`), which a smooth
 misfit hardly enters.
+
+In a wrong optimum that is nearly as good as the right one the records ask for different parameters long before their
+residuals are visibly too large: each record has a wrong optimum of its own there, at other parameters.
 """
+
+from collections.abc import Sequence
 
 import numpy as np
 
-from ..study import FittedRecord, repeated_residuals
-from .least_squares import Fit, by_record, degrees_of_freedom
+from ..study import Agreement, FittedRecord, repeated_residuals
+from .covariance import least_squares_covariance
+from .diagnostics.diagnose import records_agreement
+from .least_squares import Fit, by_record, degrees_of_freedom, reduced_chi2
 from .problem import Problem
 
 EXCESS = 1.2
@@ -26,6 +33,9 @@ FEWEST = 50
 
 SIGMAS = 4.0
 """Standard deviations beyond which an excess is not chance."""
+
+NOTICEABLE = 2.0
+"""Standard errors by which records must move a parameter for their disagreement to count."""
 
 
 def highest_by_chance(freedom: float) -> float:
@@ -79,7 +89,23 @@ def repeats(record: FittedRecord) -> bool:
     return record.lack_of_fit is not None and record.lack_of_fit.sigmas > SIGMAS
 
 
+def contradicting(found: Sequence[Agreement]) -> list[Agreement]:
+    """Which groups of records ask for other parameters than the rest: beyond chance, and visibly."""
+    return [group for group in found if group.sigmas > SIGMAS and abs(group.largest()[1]) > NOTICEABLE]
+
+
 def is_poor(fit: Fit, problem: Problem) -> bool:
+    """The fit leaves more than noise, or records contradict each other there."""
+    if leaves_more_than_noise(fit, problem):
+        return True
+    low, high = problem.bounds
+    held = (fit.free <= low) | (fit.free >= high)
+    covariance = least_squares_covariance(np.asarray(fit.state.jacobian), held).matrix
+    enlarged = covariance * max(1.0, reduced_chi2(fit, problem))
+    return bool(contradicting(records_agreement(problem, fit, enlarged)))
+
+
+def leaves_more_than_noise(fit: Fit, problem: Problem) -> bool:
     """Residuals are more than noise: in their size, in what repeats every cycle, or in how neighbours are correlated.
 
     The size shows little where no noise is given, and a slip at a wrong moment hides in it.  It is the scatter as the

@@ -7,18 +7,18 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..study import Estimate, FittedParameter, FittedRecord, Parameter, Statistics, Study, compare
+from .covariance import Covariance, correlation, least_squares_covariance, propagated
 from .diagnostics.diagnose import diagnose
 from .least_squares import START_FAILED, Fit, Method, reduced_chi2
 from .notes.of_fit import notes_of
 from .parameter_transform import ParameterTransform
-from .poor_fit import is_poor
+from .poor_fit import contradicting, leaves_more_than_noise
 from .problem import Problem
 from .residual import free_offset
 from .stack_first.peak_picking import PATHS, PickedStack
 from .stack_parameters import of_stack, stack_rows
 from .start_failure import failed_start
 from .uncertainty.amplification import amplification_of
-from .uncertainty.covariance import Covariance, correlation, least_squares_covariance, propagated
 from .uncertainty.linear_intervals import linear_intervals
 from .uncertainty.robust_covariance import robust_covariance
 from .uncertainty.variance_factor import second_step_factor, variance_factor
@@ -59,8 +59,9 @@ def summarise(
         parameters = _with_naive_errors(parameters, free.paths, np.sqrt(np.diag(naive) * enlarged) * slopes)
     records = _compared(study, problem, fit, known.matrix * enlarged, values)
     diagnosis = diagnose(problem, fit, known.matrix * enlarged) if np.isfinite(fit.chi2) else None
-    if diagnosis and method != "joint":  # only at a joint optimum do the scores of the records add up to zero
+    if diagnosis and stack is not None:  # its records are not fitted, and pull wherever the peaks were misread
         diagnosis = dataclasses.replace(diagnosis, agreement=())
+    contradicted = diagnosis is not None and bool(contradicting(diagnosis.agreement))
     estimate = Estimate(
         title=study.title,
         method=method,
@@ -76,7 +77,7 @@ def summarise(
         seconds=0.0,
         amplification=amplification_of(problem, fit, known.identifiable),
         diagnosis=diagnosis,
-        explained=not is_poor(fit, problem),
+        explained=not (contradicted or leaves_more_than_noise(fit, problem)),
         loss=type(problem.residual.loss).__name__.lower(),
     )
     factor = None if stack is None else enlarged

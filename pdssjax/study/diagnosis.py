@@ -34,8 +34,8 @@ class Agreement:
     sigmas: float
     """How far they disagree with the other records, as a normal deviate; above 4 it is no chance."""
     shifts: dict[str, float]
-    """By path, what leaving them out would change in a parameter, in its standard errors; NaN where only these
-    records determine it."""
+    """By path, what leaving them out would change in a parameter of a joint fit, in the standard errors of this one;
+    NaN where only these records determine it."""
 
     def largest(self) -> tuple[str, float]:
         """The parameter that leaving these records out would move most, and its shift; ("", 0.0) where none is."""

@@ -50,4 +50,9 @@ def test_coverage_is_counted_by_model_and_parameter():
         for _ in range(3000)
     ]
     np.testing.assert_allclose(wrong_law.coverage(results), [[0.673] * 2, [0.95] * 2, [0.9999] * 2], atol=0.03)
-    assert wrong_law.rows(results)[0].name == "a: white, coloured, with-misfit"
+    rows = {row.name: row for row in wrong_law.rows(results)}
+    assert list(rows)[:2] == ["a: white, coloured, with-misfit", "a: with misfit over coloured"]
+    assert rows["a: with misfit over coloured"].ours == pytest.approx(2.0)
+    # What the last model covers follows from how much wider it is than the one that is right.
+    for ratio, follows in wrong_law.widths(results).values():
+        assert (ratio, follows) == (pytest.approx(2.0), pytest.approx(0.9999, abs=1e-4))

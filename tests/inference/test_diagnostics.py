@@ -138,6 +138,18 @@ def test_a_fit_that_ended_beside_its_optimum_makes_no_contradiction():
         assert np.isnan(found.shifts["c"]) and abs(found.shifts["b"]) < 5.0
 
 
+def test_records_disagree_as_much_where_a_fit_in_two_steps_ended_as_at_the_joint_optimum():
+    """Exactly, in a linear model: what the scores do not add up to is shared out."""
+    parts, joint = line_records([1.0, 1.0, 1.8], np.random.default_rng(2), noise=0.3)
+    (first, known), *_ = parts
+    alone = joint + np.linalg.lstsq(known, -first, rcond=None)[0]  # the first record's own optimum, kept for all
+    at_joint, _ = judged(parts, [2])
+    kept, _ = judged([(r + j @ (alone - joint), j) for r, j in parts], [2])
+    assert np.linalg.norm((alone - joint) / joint) > 0.1
+    assert kept.sigmas == pytest.approx(at_joint.sigmas, rel=1e-9) and kept.sigmas > 4.0
+    assert kept.shifts == pytest.approx(at_joint.shifts, rel=1e-9)
+
+
 def test_what_was_measured_apart_holds_what_no_other_record_tells():
     """Left out the only record of a slope, it would be that measured apart."""
     x = np.linspace(0.0, 1.0, 100)
@@ -179,6 +191,8 @@ def test_report_and_notes_put_it_into_words():
     assert "without it friction.a would be 4.2 standard errors smaller" in note
     assert 'So do "run" and "walk", less' in note and "calm" not in note
     assert "If effector.mass were known from elsewhere, errors would fall: friction.a from 10 to 2 %." in text
+    (note,) = about_agreement(diagnosis, "sequential")
+    assert "without it friction.a of a joint fit would be 4.2 standard errors smaller" in note
     assert about_agreement(None) == []
     # Beyond chance, but nothing that a user would notice.
     assert about_agreement(Diagnosis((), None, (Agreement(("a",), "record", 9.0, {"x": 0.5}),))) == []

@@ -124,6 +124,13 @@ def test_the_fisher_information_at_the_truth_is_the_known_one(example):
         assert 100.0 * error == pytest.approx(REACHABLE[path], rel=0.02), path
 
 
+def test_records_agree_as_well_in_two_steps_as_jointly(joint, sequential):
+    one, other = ([group.sigmas for group in found.diagnosis.agreement] for found in (joint, sequential))
+    assert len(one) == 7 and max(one) < 4.0
+    np.testing.assert_allclose(other, one, atol=0.1)
+    assert joint.success and sequential.success
+
+
 def test_the_sequential_fit_agrees_and_its_errors_are_carried_on(joint, sequential):
     assert sequential.converged
     for path in REACHABLE:

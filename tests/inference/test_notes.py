@@ -82,10 +82,28 @@ def test_a_record_that_does_not_fit_is_named_although_a_larger_one_hides_it(tmp_
     note = the_note(estimate, "does not explain")
     assert '"crooked"' in note and "calm" not in note
     assert estimate.converged and not estimate.explained
-    assert "leaves more than noise" in format_report(estimate)
+    assert "leave more than noise" in format_report(estimate)
     assert "hides it" in note
     assert f"{poor.reduced_chi2:.3g}" in note
     assert '"calm"' in the_note(estimate, "smaller than the noise given")
+
+
+def test_records_that_contradict_each_other_deny_success_although_they_leave_no_more_than_noise(tmp_path):
+    """Two steps of one voltage that differ by 0.2 %: their residuals are 2 % larger than noise."""
+    time, random = np.arange(-0.02, 0.02, 5e-5), np.random.default_rng(4)
+    noisy = lambda gain: gain * rung(time) + random.normal(0.0, NOISE, time.size)
+    records = lambda gain: {
+        "one": (time, noisy(1.0), 0.0, "fit", ""),
+        "other": (time, noisy(gain), 0.0, "fit", ""),
+    }
+    agreeing = pdssjax.identify(write(tmp_path, records(1.0)))
+    assert agreeing.success and not agreeing.notes
+    estimate = pdssjax.identify(write(tmp_path, records(1.002)))
+    assert estimate.converged and not estimate.success
+    assert all(record.rmse < 1.05 * NOISE for record in estimate.records)
+    assert "contradicts the other records" in the_note(estimate, "piezo.gain")
+    assert "CONVERGED, BUT DOES NOT EXPLAIN ITS RECORDS" in format_report(estimate)
+    assert "or contradict each other" in format_report(estimate)
 
 
 def test_figures_of_each_record_are_written_and_printed(tmp_path, capsys):

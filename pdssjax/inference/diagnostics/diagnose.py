@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ...study import Diagnosis, Record
+from ...study import Agreement, Diagnosis, Record
 from ..least_squares import Fit
 from ..problem import Problem
 from .agreement import agreement, score_of, white_score
@@ -22,16 +22,24 @@ def diagnose(problem: Problem, fit: Fit, covariance: Float[np.ndarray, "p p"]) -
     values = np.array([abs(float(found[path])) for path in transform.paths])
     relative = np.where(values > 0.0, np.abs(transform.slope(fit.free)) / np.where(values > 0.0, values, 1.0), np.nan)
     changes = covariance * np.outer(relative, relative)
+    parts = records_agreement(problem, fit, covariance)
+    return Diagnosis(combinations(changes, transform.paths), best_remedy(changes, transform.paths), parts)
+
+
+def records_agreement(problem: Problem, fit: Fit, covariance: Float[np.ndarray, "p p"]) -> tuple[Agreement, ...]:
+    """How far records, and groups of them, disagree with the others at the joint optimum next to the `fit`.
+
+    **Arguments:** as of `diagnose`.
+    """
     known = np.flatnonzero(np.isfinite(np.diag(covariance)))
     groups = record_groups(problem.records)
-    parts = []
-    if groups and known.size:
-        residual, jacobian = np.asarray(fit.state.residual), np.asarray(fit.state.jacobian)[:, known]
-        scores = [score_of(residual[rows], jacobian[rows]) for rows in problem.rows]
-        apart = white_score(residual[problem.rows_apart], jacobian[problem.rows_apart])
-        errors = np.sqrt(np.diag(covariance))[known]
-        parts = agreement(scores, apart, groups, errors, [transform.paths[i] for i in known])
-    return Diagnosis(combinations(changes, transform.paths), best_remedy(changes, transform.paths), tuple(parts))
+    if not (groups and known.size):
+        return ()
+    residual, jacobian = np.asarray(fit.state.residual), np.asarray(fit.state.jacobian)[:, known]
+    scores = [score_of(residual[rows], jacobian[rows]) for rows in problem.rows]
+    apart = white_score(residual[problem.rows_apart], jacobian[problem.rows_apart])
+    errors = np.sqrt(np.diag(covariance))[known]
+    return agreement(scores, apart, groups, errors, [problem.residual.transform.paths[i] for i in known])
 
 
 def record_groups(records: Sequence[Record]) -> dict[tuple[str, tuple[str, ...]], Bool[np.ndarray, " records"]]:

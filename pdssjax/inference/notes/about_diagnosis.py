@@ -1,21 +1,18 @@
 """Records that contradict each other, in words."""
 
 from ...study import Diagnosis
-from ..poor_fit import SIGMAS
+from ..poor_fit import contradicting
 from .words import listed
 
-NOTICEABLE = 2.0
-"""Standard errors by which records must move a parameter for their disagreement to be worth a word."""
 
-
-def about_agreement(diagnosis: Diagnosis | None) -> list[str]:
+def about_agreement(diagnosis: Diagnosis | None, method: str = "joint") -> list[str]:
     """Records, or all of one direction or kind, that ask for other parameters than the rest."""
-    found = [] if diagnosis is None else [i for i in diagnosis.agreement if i.sigmas > SIGMAS]
-    found = [i for i in found if abs(i.largest()[1]) > NOTICEABLE]
+    found = [] if diagnosis is None else contradicting(diagnosis.agreement)
     if not found:
         return []
     worst = max(found, key=lambda agreement: agreement.sigmas)
     path, shift = worst.largest()
+    path += "" if method == "joint" else " of a joint fit"
     names = listed(f'"{name}"' for name in worst.records)
     alone = len(worst.records) == 1
     others = "the other records" if alone else f"those of another {worst.what}"
@@ -24,6 +21,7 @@ def about_agreement(diagnosis: Diagnosis | None) -> list[str]:
     return [
         f"{names} {'contradicts' if alone else 'contradict'} {others} ({worst.sigmas:.3g} standard deviations beyond "
         f"chance): without {'it' if alone else 'them'} {path} would be {abs(shift):.2g} standard errors "
-        f"{'larger' if shift > 0 else 'smaller'}.{also} No one set of parameters explains all: look for a wrong "
-        "voltage, direction, unit or sign, a surface that differs, or a law that lacks something."
+        f"{'larger' if shift > 0 else 'smaller'}.{also} These parameters do not explain all: look for a wrong "
+        "voltage, direction, unit or sign, a surface that differs, a law that lacks something, or a better optimum "
+        "elsewhere (--starts 50)."
     ]

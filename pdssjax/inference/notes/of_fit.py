@@ -51,7 +51,7 @@ def notes_of(
         *about_models(study.models, values),
         *about_resonances(study.models, values, [p for p in transform.paths if p not in unknown], study.records),
         *_about_fitted(estimate, study, second_step_factor),
-        *about_agreement(estimate.diagnosis),
+        *about_agreement(estimate.diagnosis, estimate.method),
     )
 
 

@@ -26,7 +26,8 @@ class Race(NamedTuple):
     rounds: tuple[tuple[int, int], ...]
     """Successive halving: how many starts, and the iterations of each; the best go on."""
     until_good: bool
-    """It ends with the first fit that is not poor; else when the best starts are used up or improve nothing."""
+    """It ends with the first fit that converged and is not poor; else when the best starts are used up or improve
+    nothing."""
     announced: str = ""
     """What the user reads of the reason."""
     scattered: bool = False
@@ -90,7 +91,7 @@ def race(reason: str, fit: Fit, starts: dict[str, float], contest: Contest) -> t
     others = _scattered(fit, starts, contest) if scattered else _searched(starts, contest)
     if scattered and not others:
         return fit, starts
-    good = lambda fit: until_good and not is_poor(fit, problem)
+    good = lambda fit: until_good and fit.success and not is_poor(fit, problem)
     best, begun = successive_halving(fit, problem, starts, others, rounds, good, run, report)
     if scattered:
         report("restarting the best from perturbed points")

@@ -7,10 +7,10 @@ import numpy as np
 from jaxtyping import Bool
 
 from ...study import Amplification
+from ..covariance import moved_by
 from ..least_squares import Fit
 from ..problem import Problem
 from ..stack_parameters import of_stack, stack_rows
-from .covariance import moved_by
 
 
 def amplification_of(problem: Problem, fit: Fit, identifiable: Bool[np.ndarray, " p"]) -> Amplification | None:

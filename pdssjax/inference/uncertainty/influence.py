@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from jaxtyping import Float, Int
 
-from .covariance import NO_INFORMATION
+from ..covariance import NO_INFORMATION
 
 LEAST_CURVATURE, MOST_CURVATURE = 0.2, 5.0
 """Least and most curvature of the sum of squares that is believed, as a share of that of J' J; beyond, the picture is

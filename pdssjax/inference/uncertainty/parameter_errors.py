@@ -9,11 +9,11 @@ from jaxtyping import Bool, Float, Int
 
 from ...core import member, members
 from ...study import Estimate, FittedParameter, ParameterError, cycles_a_second
+from ..covariance import least_squares_covariance
 from ..least_squares import Fit, Method, Progress, evaluated
 from ..parameter_transform import ParameterTransform
 from ..problem import Problem
 from ..stack_parameters import of_platform_alone, of_stack, stack_rows
-from .covariance import least_squares_covariance
 from .error_advice import EVIDENT, advise
 from .error_models.base import AbstractErrorModel, RecordErrors
 from .influence import (

@@ -4,8 +4,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ..covariance import Covariance, least_squares_covariance
 from ..losses.base import AbstractLoss
-from .covariance import Covariance, least_squares_covariance
 
 
 def robust_covariance(

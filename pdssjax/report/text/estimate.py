@@ -49,7 +49,8 @@ def _outcome(estimate: Estimate) -> str:
     outcome = f"    {estimate.method} fit{loss} {verdict}: {estimate.message}\n"
     if estimate.converged and not estimate.explained:
         outcome += (
-            "    It leaves more than noise: the law lacks something, or the optimum is a wrong one; see the notes.\n"
+            "    The records leave more than noise, or contradict each other: the law lacks something, or the optimum "
+            "is\n    a wrong one; see the notes.\n"
         )
     return outcome
 

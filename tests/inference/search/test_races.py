@@ -10,8 +10,10 @@ import pytest
 from waves import PATHS, Waves, at, run
 
 from pdssjax.core import quantity
+from pdssjax.inference.least_squares import Fit
 from pdssjax.inference.losses.huber import Huber
 from pdssjax.inference.losses.squares import Squares
+from pdssjax.inference.poor_fit import leaves_more_than_noise
 from pdssjax.inference.search import multistart, races
 from pdssjax.inference.search.multistart import best_fit
 from pdssjax.inference.search.perturbed_restarts import MOST_RESTARTS
@@ -73,10 +75,11 @@ class Rig:
 
     @property
     def races(self):
-        """Of each, the starts it had, its rounds, and whether a perfect fit ends it."""
+        """Of each, the starts it had, its rounds, and whether a perfect fit ends it; one on its way never does."""
         perfect = run(self.problem, at(1.0, 1.0), None)
         assert perfect.ending == Ending.CONVERGED
         of = [arguments for name, *(arguments,) in self.of("race")]
+        assert not any(good(perfect._replace(success=False)) for _, _, _, _, _, good, _, _ in of)
         return [(others, [tuple(r) for r in rounds], good(perfect)) for _, _, _, others, rounds, good, _, _ in of]
 
     def of(self, name):
@@ -236,7 +239,7 @@ def test_residuals_are_poor_by_size_by_neighbours_and_by_what_repeats():
 
     def poor(residual, noise=1.0):
         problem.records = (SimpleNamespace(**vars(record) | {"time": time, "noise": noise, "drive": drive}),)
-        return races.is_poor(fit._replace(state=SimpleNamespace(residual=residual)), problem)
+        return leaves_more_than_noise(fit._replace(state=SimpleNamespace(residual=residual)), problem)
 
     white = random.normal(size=time.size)
     assert not poor(white)
@@ -257,4 +260,33 @@ def test_glitches_make_a_fit_poor_unless_its_loss_is_for_them(loss, poor):
     residual = random.normal(size=1000)
     residual[random.choice(1000, 40, replace=False)] += random.normal(0.0, 100.0, 40)
     fit = run(Waves(1.0, 0.0), at(1.0, 1.0), None)
-    assert races.is_poor(fit._replace(state=SimpleNamespace(residual=np.asarray(loss.root(residual)))), problem) is poor
+    state = SimpleNamespace(residual=np.asarray(loss.root(residual)))
+    assert leaves_more_than_noise(fit._replace(state=state), problem) is poor
+
+
+class Lines(Waves):
+    """Two records of a straight line each, with 400 samples and noise of 1; the second as if its slope were other."""
+
+    def __init__(self, other: float):
+        super().__init__(1.0, 0.0)
+        time, random = np.linspace(0.0, 1.0, 400), np.random.default_rng(4)
+        given = vars(self.records[0]) | {"time": time, "noise": None}
+        self.records = tuple(SimpleNamespace(**given | {"name": name}) for name in ("first", "second"))
+        self.jacobian = np.stack([np.ones(800), np.tile(time, 2)], axis=1)
+        self.measured = np.concatenate([random.normal(size=400), other * time + random.normal(size=400)])
+
+    rows, rows_apart = [slice(0, 400), slice(400, 800)], slice(800, 800)
+
+    def fitted(self):
+        free, *_ = np.linalg.lstsq(self.jacobian, self.measured)
+        state = SimpleNamespace(residual=self.jacobian @ free - self.measured, jacobian=self.jacobian)
+        return Fit(free, state, True, "", 1, 1, Ending.CONVERGED)  # pyright: ignore
+
+
+@pytest.mark.parametrize("other, poor", [(0.0, False), (0.25, False), (1.0, True)])
+def test_records_that_contradict_each_other_make_a_fit_poor_although_it_leaves_no_more_than_noise(other, poor):
+    problem = Lines(other)
+    fit = problem.fitted()
+    assert not leaves_more_than_noise(fit, problem)
+    assert races.is_poor(fit, problem) is poor
+    assert reason_in_the_end(problem, fit, at(*fit.free), True) == ("elsewhere" if poor else None)

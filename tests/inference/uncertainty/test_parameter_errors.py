@@ -7,9 +7,9 @@ import fabricated
 import numpy as np
 import pytest
 
+from pdssjax.inference.covariance import least_squares_covariance
 from pdssjax.inference.parameter_transform import ParameterTransform
 from pdssjax.inference.uncertainty import parameter_errors
-from pdssjax.inference.uncertainty.covariance import least_squares_covariance
 from pdssjax.inference.uncertainty.parameter_errors import all_error_models, fitted_point, with_error_models
 
 RANDOM = np.random.default_rng(9)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pdssjax.inference import least_squares_covariance
-from pdssjax.inference.uncertainty.covariance import correlation, moved_by, propagated
+from pdssjax.inference.covariance import correlation, moved_by, propagated
 
 RANDOM = np.random.default_rng(7)
 DESIGN = RANDOM.normal(size=(40, 4)) * np.array([1e-6, 1.0, 3e3, 1e8])
