@@ -20,9 +20,9 @@ LAWS = [(law, "") for law in sorted(members("friction")) if law not in (*ASIDE, 
 LAWS += [("anisotropic-lugre", "deflection"), ("anisotropic-lugre", "force")]
 pytestmark = [pytest.mark.slow, pytest.mark.parametrize(("law", "state"), LAWS)]
 
-LATE = 100
+LATE = 200
 """A cycle of this number is steady where multipliers are below `SLOW`, and so many show how a transient dies out."""
-SLOW = 0.75
+SLOW = 0.85
 STEPS = (1e-3, 3e-5)
 """Of differences, relative: one of them is small enough for the fastest ripple and large enough for rounding."""
 PARTS = (-1.0, -0.5, 0.5, 1.0)
@@ -47,7 +47,7 @@ def test_derivatives_are_those_of_late_cycles_and_multipliers_the_decay_seen(law
     points = Listed(here)
     found = pdssjax.sweep(study, points, cycles="steady", derivatives=by, metrics=("multiplier",), workers=1)
     told = (found.failure.values == 0) & (found.multiplier.values < SLOW)
-    assert told.sum() >= 3
+    assert told.sum() >= 2
     errors = derivative_errors(study, here, by, found)
     assert (errors[..., told] < 1e-5).all()
     function = plan_sweep(study, points).function
