@@ -139,7 +139,7 @@ def _csv(file: Path, table: Table) -> None:
 def _mat(file: Path, table: Table) -> None:
     from scipy.io import savemat
 
-    savemat(file, {f"{name}_{unit}": column for (name, unit), column in zip(CHANNELS.items(), table.T, strict=True)})
+    savemat(file, dict(zip(CHANNELS, table.T, strict=True)))
 
 
 def _tdms(file: Path, table: Table) -> None:
@@ -195,6 +195,12 @@ def write_files(folder: Path, rig: Rig) -> list[Path]:
     return files
 
 
+def units(rig: Rig) -> list[str]:
+    """The options that `pdssjax new` asks for where a file has no units: MATLAB's arrays."""
+    told = ("time=s", "voltage=V", "displacement=um") if rig.ending == ".mat" else ()
+    return [word for unit in told for word in ("--unit", unit)]
+
+
 def true_flanks(rig: Rig, study: Path) -> dict[str, float]:
     """What there is to be found of the flanks that `study` leaves open, by path [s]."""
     found: dict[str, float] = {}
@@ -213,7 +219,7 @@ def identified(number: int) -> Result:
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         files = write_files(folder, rig)
-        made, words, _ = _command("new", folder / "rig", "--files", *files, "--mass", "45 g")
+        made, words, _ = _command("new", folder / "rig", "--files", *files, "--mass", "45 g", *units(rig))
         result: Result = {"rig": rig._asdict(), "new": made, "words": words}
         if made:
             return result
