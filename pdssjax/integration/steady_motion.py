@@ -106,7 +106,7 @@ def steady_state(
     _, (cycles, tried) = lax.while_loop(goes_on, attempt, _blank(lambda: attempt((jnp.zeros((), int), None))))  # pyright: ignore[reportArgumentType]
     ok = tried.grazing >= GRAZES
     orbit = refined(system, tried.orbit, duration, accuracy, tried.count)
-    x, gain = _chosen(ok, orbit, (last_seen(cycles), _gained(system, cycles)))
+    x, gain = _chosen(ok, orbit, (_openings(cycles)[-1], _gained(system, cycles)))
     return SteadyState(
         x=x,
         gain=gain,
@@ -134,14 +134,14 @@ def _(primals: tuple[Truth, Ends, Ends], tangents: tuple[Truth, Ends, Ends]) -> 
 
 def _gained(system: AbstractHybridSystem, cycles: Cycles) -> Float[Array, " components"]:
     """What shifts, and nothing else, has gained in the last of some cycles, as many as it takes to repeat."""
-    ends = jnp.stack([leaf[:, -1] for leaf in jax.tree.leaves(cycles.x)], axis=1)
+    ends = _openings(cycles)
     shifts = jnp.array([i in system.shifting_components() for i in range(ends.shape[1])])
     return jnp.where(shifts, ends[-1] - ends[-1 - cycles.period], 0.0)
 
 
-def last_seen(cycles: Cycles) -> Float[Array, " components"]:
-    """The state at the last phase of the last of some cycles."""
-    return jnp.stack([leaf[-1, -1] for leaf in jax.tree.leaves(cycles.x)])
+def _openings(cycles: Cycles) -> Float[Array, "cycles components"]:
+    """The states at the last phase of some cycles, oldest first."""
+    return jnp.stack([leaf[:, -1] for leaf in jax.tree.leaves(cycles.x)], axis=1)
 
 
 def _first_accepted(
@@ -153,7 +153,7 @@ def _first_accepted(
 ) -> _Tried:
     """The orbit near the end of some cycles that repeats after the fewest periods, and whether it is accepted."""
     none, unflatten = jnp.zeros((), int), unflattener(system)
-    seen = jnp.stack([leaf[:, -1] for leaf in jax.tree.leaves(cycles.x)], axis=1)
+    seen = _openings(cycles)
     apart = lambda a, b: system.state_distance(unflatten(list(a)), unflatten(list(b)))
 
     def attempt(before: _Tried) -> _Tried:
