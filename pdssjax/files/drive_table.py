@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..actuator import ZeroOrderHold
-from ..core import InputError, choices, member, members, quantities
+from ..core import InputError, Quantity, choices, member, members, quantities
 from ..drive.base import AbstractDrive
 from ..metrics import smoothed
 from .layout_table import decimal_at, interval_at, name_at
@@ -24,10 +24,11 @@ _QUIET = 0.02
 """Part of the peak up to which a measured voltage counts as 0 V."""
 
 
-def read_drive(table: Table, record: Table, folder: Path) -> tuple[AbstractDrive, frozenset[str]]:
+def read_drive(table: Table, record: Table, folder: Path, told: Table) -> tuple[AbstractDrive, frozenset[str]]:
     """The drive that the `drive` table of a `record` describes, and the fields it sets itself.
 
-    With `zero_order_hold` it is the staircase of a converter that renews the voltage that often.
+    With `zero_order_hold` it is the staircase of a converter that renews the voltage that often.  A number that it
+    needs and leaves out is that of the study's parameter: what is `told` of it, by path, if anything.
 
     **Raises:** `InputError` if the waveform or a field is unknown, missing or illegal.
     """
@@ -39,7 +40,7 @@ def read_drive(table: Table, record: Table, folder: Path) -> tuple[AbstractDrive
     fields: dict[str, Any] = {key: table.option(key, options, next(iter(options))) for key, options in named.items()}
     for key, declared in numbers.items():
         if key in table.entries or not declared.optional:
-            fields[key] = table.quantity(key, declared)
+            fields[key] = _number(table, key, declared, told)
     overrides = frozenset(fields) & frozenset(table.entries)
     if sampled:
         fields |= _voltages(table, record, folder)
@@ -47,6 +48,15 @@ def read_drive(table: Table, record: Table, folder: Path) -> tuple[AbstractDrive
     for key, clause in made.broken_conditions().items():
         raise InputError(f"{table.at(key)}: found {clause}.")
     return (ZeroOrderHold(made, _hold_interval(table, made)) if "hold" in table.entries else made), overrides
+
+
+def _number(table: Table, key: str, declared: Quantity, told: Table) -> float:
+    """What the drive's `table` says of a field, or else its parameter: the value, or where a fit starts."""
+    path = f"drive.{key}"
+    if key in table.entries or path not in told.entries:
+        return table.quantity(key, declared)
+    parameter = told.table(path, "a table such as { value = ... }")
+    return parameter.quantity("start" if "start" in parameter.entries else "value", declared)
 
 
 def _voltages(table: Table, record: Table, folder: Path) -> dict[str, Any]:

@@ -11,7 +11,15 @@ from ..metrics import RecordGuess, guess_record
 from .channel_roles import Hints, Roles, roles_of
 from .record_columns import Columns, read_columns
 from .toml_text import quoted
-from .unseen_flanks import condition_of, early_start, flank_parameters, is_open, numbers_of, sampling_interval
+from .unseen_flanks import (
+    condition_of,
+    early_start,
+    is_open,
+    is_unsure,
+    numbers_of,
+    open_parameters,
+    sampling_interval,
+)
 
 _HYSTERESIS = 0.01
 """Root mean square that a line of the voltage leaves of a platform, in parts of its motion, from which it is told."""
@@ -184,7 +192,7 @@ def _parameters(records: Sequence[NewRecord], told: Told, piezo: str, friction: 
         sawteeth = [r.guess for r in records if r.guess.waveform.name == "sawtooth"]
         each = bool(sawteeth) and all(is_open(guess) or "fall_time" in guess.waveform.numbers for guess in sawteeth)
         lines.append(f'"drive.fall_time" = {fitted if unseen else by_record if each else ideal}')
-    return [*lines, *flank_parameters([(record.name, record.guess) for record in records])]
+    return [*lines, *open_parameters([(record.name, record.guess) for record in records])]
 
 
 def _record(record: NewRecord, told: Told, folder: Path) -> list[str]:
@@ -213,6 +221,7 @@ def _record(record: NewRecord, told: Told, folder: Path) -> list[str]:
     start, why = guess.start, _WHY_START[guess.waveform.begins]
     if is_open(guess):
         start, why = early_start(guess), f"{why}, or later by sensor.delay"
+    if is_open(guess) or is_unsure(guess):
         lines.append(f"conditions = [{quoted(condition_of(record.name))}]")
     lines += [f'start = "{start:.12g} s"  # guess: {why}'] * (start != 0)
     return [*lines, *_drive(record)]
@@ -263,6 +272,8 @@ def _drive(record: NewRecord) -> list[str]:
     keys = [f'waveform = "{wave.name}"'] + [f'direction = "{wave.direction}"'] * bool(wave.direction)
     keys += ['told_by = "slope"'] * (is_open(record.guess) and wave.name == "sawtooth")
     for field, number in numbers_of(record.guess).items():
+        if field == "voltage" and is_unsure(record.guess):
+            continue
         keys.append(f'{field} = "{number:.10g} {units[field]}"' if field in units else f"{field} = {number:.6g}")
     left = (
         f"it leaves {100 * max(wave.misfit, 1e-4):.2g} % of the voltage"

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..core import InputError, InputWarning, choices, member, members
 from ..drive.base import AbstractDrive
-from ..study import MARK, STEP_TIME, AbstractMeasurement, Record, check_meets_drive
+from ..study import MARK, STEP_TIME, AbstractMeasurement, Record, check_meets_drive, split_path
 from .conditioning import conditioned
 from .drive_table import read_drive
 from .layout_table import record_layout
@@ -28,11 +28,11 @@ RECORD_KEYS = [
 """Keys of every record, whatever it measures."""
 
 
-def read_record(table: Table, folder: Path, virtual: bool = False) -> Record:
+def read_record(table: Table, parameters: Table, folder: Path, virtual: bool = False) -> Record:
     """The record that a [[record]] `table` describes; its file is relative to `folder`.
 
-    Of a `virtual` rig the record is still to be made: where the table has `sampling`, nothing
-    is read, and what was measured is zero.
+    What its drive leaves out the study's `parameters` tell.  Of a `virtual` rig the record is still to be made: where
+    the table has `sampling`, nothing is read, and what was measured is zero.
 
     **Raises:** `InputError` if the table or the file is at fault, or if the record's clock cannot
     meet its drive.  Warns with `InputWarning` if the times look like milliseconds or end before
@@ -44,10 +44,10 @@ def read_record(table: Table, folder: Path, virtual: bool = False) -> Record:
     name = table.text("name", "a name", file.stem)
     measurement = _measurement(table)
     unit = measurement.unit
-    drive, overrides = None, frozenset()
+    drive, overrides, conditions = None, frozenset(), _conditions(table)
     if measurement.driven:
         described = table.table("drive", 'a table such as { waveform = "step", voltage = "48.2 V" }')
-        drive, overrides = read_drive(described, table, folder)
+        drive, overrides = read_drive(described, table, folder, _told_of_drives(parameters, conditions))
     elif "drive" in table.entries:
         raise InputError(
             f'{table.at("drive")}: found a drive, expected none: the "motion" of a {measurement.name} record is '
@@ -85,7 +85,7 @@ def read_record(table: Table, folder: Path, virtual: bool = False) -> Record:
         motion=data.get("motion"),
         resolution=_positive(table, "resolution", unit) or 0.0,
         columns={q: (str(name), layout.units.get(q, "")) for q, name in layout.columns.items()},
-        conditions=_conditions(table),
+        conditions=conditions,
         start=start,
     )
 
@@ -98,6 +98,14 @@ def _conditions(table: Table) -> frozenset[str]:
         if not isinstance(name, str) or not name or MARK in name:
             raise InputError(f"{table.at('conditions')}: found {name!r}, expected {expected}, without {MARK}.")
     return frozenset(found)
+
+
+def _told_of_drives(parameters: Table, conditions: frozenset[str]) -> Table:
+    """Of the parameters of drives, by path, the entries that hold under these `conditions`."""
+    told = {path: split_path(path) for path in parameters.entries if path.startswith("drive.")}
+    usual = {base: parameters.entries[path] for path, (base, condition) in told.items() if not condition}
+    here = {base: parameters.entries[path] for path, (base, condition) in told.items() if condition in conditions}
+    return Table(usual | here, parameters.where)
 
 
 def _measurement(table: Table) -> AbstractMeasurement:

@@ -118,9 +118,9 @@ def _parameters(entries: Mapping[str, Entry]) -> Document:
             for field, declared in entry.parameters.items():
                 found.setdefault(f"{family}.{field}", declared)
         elif family == "drive":
-            optional = {f: d for f, d in entry.parameters.items() if d[0].optional}
-            for field, declared in optional.items():
-                found.setdefault(f"drive.{field}", declared)
+            for field, declared in entry.parameters.items():
+                if field != "frequency":
+                    found.setdefault(f"drive.{field}", declared)
     tables = {path: _parameter(*declared) for path, declared in found.items()}
     marked = {f"^{re.escape(path)}@.+$": table for path, table in tables.items()}
     return _table(tables, patternProperties=marked | _composed_parameters())
@@ -187,11 +187,12 @@ def _drive(entries: Mapping[str, Entry]) -> Document:
         keys |= {field: _quantity(declared.unit, told) for field, (declared, told) in entry.parameters.items()}
         keys |= {field: {"enum": words} for field, words in entry.choices.items()}
         keys["hold"] = _quantity("s", "Interval of a converter's staircase.")
-        needed = [field for field, (declared, _) in entry.parameters.items() if not declared.optional]
+        # Other numbers that are left out the study's parameters may tell.
+        needed = ["waveform", *(["frequency"] if "frequency" in entry.parameters else [])]
         if waveform == "sampled":
             keys |= {key: {"description": "Where the voltages are."} for key in SAMPLED_KEYS}
             needed.append("column")
-        tables.append(_table(keys, ["waveform", *needed]))
+        tables.append(_table(keys, needed))
     return {"type": "object", "oneOf": tables, "description": "The voltage on the piezo."}
 
 

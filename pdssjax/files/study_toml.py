@@ -94,13 +94,14 @@ def _check_format(top: Table) -> None:
 
 def _read_records(top: Table, folder: Path, virtual: bool) -> tuple[Record, ...]:
     expected = "one [[record]] table for each record"
+    parameters = top.table("parameters", "a table of parameters")
     records: list[Record] = []
     for number, entries in enumerate(top.get("record", list, expected, []), start=1):
         if not isinstance(entries, dict):
             raise InputError(f"{top.at('record')}: found {entries}, expected {expected}.")
         name = entries.get("name")
         label = f'record "{name}"' if isinstance(name, str) else f"record {number}"
-        record = read_record(Table(entries, f"{top.where}: {label}"), folder, virtual)
+        record = read_record(Table(entries, f"{top.where}: {label}"), parameters, folder, virtual)
         if record.name in [other.name for other in records]:
             raise InputError(f'{top.where}: found two records named "{record.name}", expected different names.')
         records.append(record)

@@ -1,8 +1,9 @@
-"""What the samples of a voltage leave open of a drive's fast flanks, as parameters of its record.
+"""What the samples of a voltage leave open of a drive, as parameters of its record: fast flanks, the voltage itself.
 
 A sample or two on a flank, with noise, or none, tell how long it lasts and when it begins within bounds only; the
 motion tells the rest.  Taken for exact they bias all other parameters: the ringing after a step that is 20 us late is
-not that of any damping.
+not that of any damping.  The noise of all samples leaves the voltage open, and with it how far the platform moves with
+a volt.
 """
 
 import math
@@ -18,6 +19,9 @@ a contact that is seen in aliases would be taken for each other."""
 _TOLD = 0.1
 """Part of a sample's noise below which what the voltage leaves open moves no sample."""
 
+_FELT = 0.5
+"""Part of what a motion's noise leaves open of its extent, from which what the voltage's noise leaves open counts."""
+
 _FLANK = {"step": "drive.rise_time", "sawtooth": "drive.fall_time"}
 """By waveform, the duration of its fast flank."""
 
@@ -32,6 +36,11 @@ def is_open(guess: RecordGuess) -> bool:
     shortest, longest, *_ = wave.timing
     moved = gain * abs(wave.numbers["voltage"]) * (longest - shortest) / max(longest, sampling_interval(guess))
     return moved > _TOLD * guess.noise
+
+
+def is_unsure(guess: RecordGuess) -> bool:
+    """Whether the noise of the voltage leaves more open of how far a volt moves than that of the motion lets pass."""
+    return gain_of(guess) * guess.waveform.voltage_error > _FELT * guess.noise / math.sqrt(guess.time.size)
 
 
 def condition_of(name: str) -> str:
@@ -64,8 +73,26 @@ def _timing(guess: RecordGuess) -> Timing:
     return guess.waveform.timing
 
 
-def flank_parameters(named: Sequence[tuple[str, RecordGuess]]) -> list[str]:
+def open_parameters(named: Sequence[tuple[str, RecordGuess]]) -> list[str]:
     """Lines of a study's parameters for those of the named records that leave something open."""
+    return [*_flank_parameters(named), *_voltage_parameters(named)]
+
+
+def _voltage_parameters(named: Sequence[tuple[str, RecordGuess]]) -> list[str]:
+    unsure = [(name, guess) for name, guess in named if is_unsure(guess)]
+    if not unsure:
+        return []
+    # A sweep, which belongs to no record, takes that of the first walk.
+    first = next((guess for _, guess in unsure if guess.measures == "effector"), unsure[0][1])
+    lines = [f'"drive.voltage" = {{ value = "{numbers_of(first)["voltage"]:.10g} V" }}  # of a record without one']
+    for name, guess in unsure:
+        told = f'"{numbers_of(guess)["voltage"]:.10g} V", standard_error = "{guess.waveform.voltage_error:.3g} V"'
+        path = quoted(f"drive.voltage@{condition_of(name)}")
+        lines.append(f"{path} = {{ value = {told} }}  # by its samples and their noise")
+    return lines
+
+
+def _flank_parameters(named: Sequence[tuple[str, RecordGuess]]) -> list[str]:
     open_records = [(name, guess) for name, guess in named if is_open(guess)]
     if not open_records:
         return []

@@ -1,7 +1,8 @@
 """When the fast flanks of a step or a sawtooth begin and how long they last, from the few samples that lie on them.
 
 A voltage V and a start that come from a sawtooth's slow flanks alone are wrong by what is wrong in the fall time tf: by
-V = s (T - tf), s the slope, and by tf.  One sample on each fast flank tells tf far below the sampling interval.
+V = s (T - tf), s the slope, and by tf.  One sample on each fast flank tells tf far below the sampling interval.  So the
+voltage that is looked for is U = s T, to which a slow flank would come in a whole period.
 
 Which samples lie on a flank depends on where it is: several flanks may explain the same samples equally well, each
 within nanoseconds.  So they are looked for from many starts, and the errors hold all that are found.
@@ -57,6 +58,8 @@ class SharpFlanks(NamedTuple):
     """[s]"""
     duration_error: float
     """[s]"""
+    voltage_error: float
+    """[V]; of a sawtooth that of the voltage which its slow flanks would come to in a whole period."""
 
 
 class _Fitted(NamedTuple):
@@ -108,12 +111,14 @@ def sharpened_sawtooth(
         numbers = whole(held.numbers)
         # Another period may explain the samples as well, with other flanks.
         found = _Fitted(numbers, np.hypot(found.errors, numbers - found.numbers), held.least)
-    voltage, period, start, duration = (float(number) for number in found.numbers)
+    whole_rise, period, start, duration = (float(number) for number in found.numbers)
+    voltage = _peak(whole_rise, period, duration)
     flanks = round((time[-1] - time[0]) / period)
     told = max(found.errors[2:]) < _LOCATED * interval and _explains(found, int(np.count_nonzero(near)), noise, voltage)
     if not told or _on_flank(np.mod(time - start, period) / duration) < max(1, flanks // 4):
         return None
-    return SharpFlanks(voltage, period, start, duration, float(found.errors[2]), float(found.errors[3]))
+    of_voltage, _, of_start, of_duration = (float(error) for error in found.errors)
+    return SharpFlanks(voltage, period, start, duration, of_start, of_duration, of_voltage)
 
 
 def sharpened_step(
@@ -135,7 +140,8 @@ def sharpened_step(
         return None
     if max(found.errors[1:]) > _LOCATED * interval or not _on_flank((time - start) / duration):
         return None
-    return SharpFlanks(voltage, math.inf, start, duration, float(found.errors[1]), float(found.errors[2]))
+    of_voltage, of_start, of_duration = (float(error) for error in found.errors)
+    return SharpFlanks(voltage, math.inf, start, duration, of_start, of_duration, of_voltage)
 
 
 def _slow_flanks(
@@ -154,18 +160,25 @@ def _slow_flanks(
 
 def _line_of(numbers: np.ndarray, forward: bool) -> Float[np.ndarray, "3"]:
     """(a, s, c) of the slow flanks of a sawtooth of these numbers."""
-    voltage, period, start, duration = numbers
-    slope = voltage / (period - duration)
+    whole_rise, period, start, duration = numbers
+    slope = whole_rise / period
     foot = slope * (start + duration)
-    return np.array([-foot, slope, slope * period] if forward else [voltage + foot, -slope, -slope * period])
+    peak = _peak(whole_rise, period, duration)
+    return np.array([-foot, slope, whole_rise] if forward else [peak + foot, -slope, -whole_rise])
+
+
+def _peak(whole_rise: float, period: float, duration: float) -> float:
+    """Of a sawtooth whose slow flank would come to `whole_rise` [V] in a period [s]."""
+    return whole_rise * (1.0 - duration / period)
 
 
 def _numbers_of(line: np.ndarray, duration: float, forward: bool) -> list[float]:
     """The sawtooth whose slow flanks are on a `line`, and whose fast ones last so long."""
     a, slope, drop = line
     period = drop / slope
-    voltage = abs(slope) * (period - duration)
-    return [voltage, period, (-a / slope if forward else (voltage - a) / slope) - duration, duration]
+    whole_rise = abs(drop)
+    peak = _peak(whole_rise, period, duration)
+    return [whole_rise, period, (-a / slope if forward else (peak - a) / slope) - duration, duration]
 
 
 def _starts(
@@ -219,11 +232,12 @@ def _on_flank(passed: Samples) -> int:
     return int(np.count_nonzero((passed > _CORNER) & (passed < 1.0 - _CORNER)))
 
 
-def _sawtooth(time: Samples, forward: bool, voltage: float, period: float, start: float, duration: float) -> Samples:
-    """Peak to 0 V within `duration` and back over the rest of a period; not `forward`: the other way."""
+def _sawtooth(time: Samples, forward: bool, whole_rise: float, period: float, start: float, duration: float) -> Samples:
+    """Peak to 0 V within `duration` and back, towards `whole_rise` [V], over the rest of a period; not `forward`: the
+    other way."""
     passed = np.mod(time - start, period)
     fallen = np.where(passed < duration, passed / duration, (period - passed) / (period - duration))
-    return voltage * (1.0 - fallen if forward else fallen)
+    return _peak(whole_rise, period, duration) * (1.0 - fallen if forward else fallen)
 
 
 def _errors(jacobian: Float[np.ndarray, "n p"]) -> Float[np.ndarray, " p"]:

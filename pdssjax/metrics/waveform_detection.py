@@ -54,6 +54,8 @@ class Waveform:
     """Fields that the samples tell only within a bound, in words."""
     timing: Timing | None = None
     """Of a step or a sawtooth."""
+    voltage_error: float = 0.0
+    """Standard error of the voltage [V]; of a sawtooth, of what its slow flank would come to in a whole period."""
 
 
 def detect_waveform(time: Samples, volts: Samples) -> Waveform:
@@ -117,11 +119,13 @@ def _step(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: float)
     middle = flanks.rises[0]
     late = volts[time > middle + 0.6 * flanks.rise]
     voltage = float(np.median(late)) if late.size else float(volts[-1])
+    # That of a median of normal numbers.
+    error = 1.25 * float(np.std(late)) / math.sqrt(late.size) if late.size else 0.0
     rise = flanks.rise
     sharp = sharpened_step(time, volts, (voltage, middle - 0.5 * rise, rise), interval)
     ideal = sharp is None and rise < JUMP * interval
     if sharp is not None:
-        voltage, start, rise = sharp.voltage, sharp.start, sharp.duration
+        voltage, start, rise, error = sharp.voltage, sharp.start, sharp.duration, sharp.voltage_error
         shown = voltage * np.clip((time - start) / rise, 0.0, 1.0)
     elif ideal:
         start = float(time[np.searchsorted(time, middle)])
@@ -138,7 +142,7 @@ def _step(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: float)
     numbers = {"voltage": voltage} | ({} if ideal else {"rise_time": rise})
     bound = (f"rise_time: below {JUMP * interval:.3g} s; start: within {interval:.3g} s",) if ideal else ()
     timing = timing_of(sharp, 0.0 if ideal else rise, interval)
-    return Waveform("step", numbers, "", start, "seen", misfit, bound, timing)
+    return Waveform("step", numbers, "", start, "seen", misfit, bound, timing, error)
 
 
 def _rms(values: Samples) -> float:
@@ -175,20 +179,25 @@ def _sawtooth(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: fl
     voltage = abs(slope) * (period - fast)
     # The slow flank numbered 0 begins at 0 V forward, backward at the peak, right after the fast one.
     start = -a / slope - fast if forward else (voltage - a) / slope - fast
-    misfit = _rms(volts[kept] - design @ np.array([a, slope, drop])) / voltage
+    left = _rms(volts[kept] - design @ np.array([a, slope, drop]))
+    # What the numbers of the cycles tell that no line does is what tells the drop.
+    line, number_of = design[:, :2], design[:, 2]
+    alone = number_of - line @ np.linalg.lstsq(line, number_of, rcond=None)[0]
+    misfit, error = left / voltage, left / float(np.linalg.norm(alone))
     # Where the lowest level is not 0 V, the line does not meet the fast flanks.
     if abs(start + 0.5 * fast - middles[0]) > 1.5 * interval + _AT_ZERO * period:
         return None
     all_cycles = kept | (~slow & (time > middles[0] + 0.5 * period))
     sharp = sharpened_sawtooth(time[all_cycles], volts[all_cycles], forward, (voltage, period, start), seen, interval)
     if sharp is not None:
-        voltage, period, start, fast, *_ = sharp
-        ideal = False
+        voltage, period, start, fast = sharp[:4]
+        ideal, error = False, sharp.voltage_error
     numbers = {"voltage": voltage, "frequency": 1.0 / period} | ({} if ideal else {"fall_time": fast})
     open_part = f"which leaves {100 * JUMP * interval / period:.2g} % of the voltage open"
     bound = (f"fall_time: below {JUMP * interval:.3g} s, {open_part}",) if ideal else ()
     timing = timing_of(sharp, 0.0 if ideal else fast, interval)
-    return Waveform("sawtooth", numbers, "forward" if forward else "backward", start, "running", misfit, bound, timing)
+    direction = "forward" if forward else "backward"
+    return Waveform("sawtooth", numbers, direction, start, "running", misfit, bound, timing, error)
 
 
 def _triangle(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: float) -> Waveform | None:
@@ -267,10 +276,10 @@ def _laid_over(
     (base, voltage), *_ = np.linalg.lstsq(np.stack([np.ones(level.size), level], axis=1), volts[kept], rcond=None)
     if voltage <= 0 or abs(base) > _AT_ZERO * voltage:
         return None
-    misfit = _rms(volts[kept] - voltage * level) / voltage
-    return Waveform(
-        name, {"voltage": float(voltage), "frequency": 1.0 / period, **numbers}, "", start, "running", misfit
-    )
+    left = _rms(volts[kept] - voltage * level)
+    numbers = {"voltage": float(voltage), "frequency": 1.0 / period, **numbers}
+    error = left / math.sqrt(level.size * float(np.var(level)))
+    return Waveform(name, numbers, "", start, "running", left / voltage, voltage_error=error)
 
 
 def _refined(
@@ -309,13 +318,14 @@ def _sine(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: float)
     waves = np.stack([np.ones(time.size), np.cos(rate * moved), np.sin(rate * moved)], axis=1)
     level, cosine, sine = np.linalg.lstsq(waves[kept], volts[kept], rcond=None)[0]
     amplitude = math.hypot(cosine, sine)
-    misfit = _rms(volts[kept] - waves[kept] @ np.array([level, cosine, sine])) / (2.0 * amplitude)
+    left = _rms(volts[kept] - waves[kept] @ np.array([level, cosine, sine]))
+    error = 2.0 * left * math.sqrt(2.0 / np.count_nonzero(kept))
     bias = level - amplitude
     # Lowest where the cosine of the wave's turn is -1.
     start = float(time[0]) + (math.atan2(sine, cosine) + math.pi) / rate
     numbers = {"voltage": 2.0 * amplitude, "frequency": rate / (2.0 * math.pi)}
     numbers |= {} if abs(bias) < _AT_ZERO * amplitude else {"bias": bias}
-    return Waveform("sine", numbers, "", start, "running", misfit)
+    return Waveform("sine", numbers, "", start, "running", left / (2.0 * amplitude), voltage_error=error)
 
 
 def begun(found: Waveform, time: Samples, rests: float | None, tolerance: float, located: float = math.inf) -> Waveform:

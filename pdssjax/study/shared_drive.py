@@ -10,12 +10,11 @@ from .record import Record
 def shared_fields(record: Record) -> dict[str, str]:
     """The fields of the record's drive that the study sets, each with the path of its parameter.
 
-    A field that may be left out is the study's unless the record sets it; none without a drive.
+    A field is the study's unless the record sets it; none without a drive.
     """
     if record.drive is None:
         return {}
-    declared = record.drive.declared()
-    return {field: f"drive.{field}" for field, q in declared.items() if q.optional and field not in record.overrides}
+    return {field: f"drive.{field}" for field in record.drive.declared() if field not in record.overrides}
 
 
 def drive_with(record: Record, values: Mapping[str, ScalarLike]) -> AbstractDrive:

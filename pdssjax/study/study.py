@@ -164,6 +164,7 @@ def legal_quantities(study: Study) -> dict[str, Quantity]:
     legal = study.models.declared()
     # Also those of waveforms that no record uses: to list them does nothing, and no harm.
     for drive in members("drive"):
-        optional = {f: q for f, q in quantities(member("drive", drive)).items() if q.optional}
-        legal |= {f"drive.{f}": q for f, q in optional.items()}
+        # But the frequency: how many cycles a record holds is known before a fit.
+        numbers = quantities(member("drive", drive))
+        legal |= {f"drive.{f}": q for f, q in numbers.items() if f != "frequency"}
     return legal | {path: legal[split_path(path)[0]] for path in study.parameters}

@@ -64,6 +64,11 @@ STUDIES = {
     "bound outside the legal range": ("max = 2e-7", "max = -2e-7", ['"piezo.gain"', '"max"', "-2e-07", "above 0"]),
     "value and start": ('{ value = "86 g" }', "{ value = 0.086, start = 0.1 }", ['"value"', '"start"', "one or the"]),
     "step without voltage": (STEP_DRIVE, '{ waveform = "step" }', ['record "step": drive', '"voltage" is missing']),
+    "step with a voltage to be guessed": (
+        f"drive = {STEP_DRIVE}",
+        'drive = { waveform = "step" }\n[parameters."drive.voltage"]',
+        ["parameters: drive.voltage", '"value" is missing'],
+    ),
     "sawtooth without voltage": ('voltage = "64.2 V", ', "", ['record "walk": drive', '"voltage" is missing', "V"]),
     "sawtooth without frequency": (', frequency = "5 Hz"', "", ['record "walk": drive', '"frequency" is missing']),
     "no volts": ('"48.2 V"', '"0 V"', ['"voltage"', "0 V", "moves the actuator"]),

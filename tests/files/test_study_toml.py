@@ -55,6 +55,26 @@ def test_record_holds_si_numbers(tmp_path):
     np.testing.assert_allclose(step.measured[1], 0.8415e-6)
 
 
+@pytest.mark.parametrize(
+    ("parameters", "volts"),
+    [
+        ('"drive.voltage" = { value = "50 V", standard_error = "3 mV" }', 50.0),
+        ('"drive.voltage" = { value = "40 V" }\n"drive.voltage@hot" = { start = "51 V" }', 51.0),
+    ],
+)
+def test_a_voltage_that_a_drive_leaves_out_is_a_parameter(tmp_path, parameters, volts):
+    text = changed('"drive.fall_time"', f'{parameters}\n"drive.fall_time"', changed(', voltage = "48.2 V"', ""))
+    text = changed('name = "step"', 'name = "step"\nconditions = ["hot"]', text)
+    study = load_study(write_study(tmp_path, text))
+    step, walk = study.records
+    assert float(step.drive.voltage) == volts and float(walk.drive.voltage) == 64.2
+    path = max(path for path in study.parameters if path.startswith("drive.voltage"))
+    numbers = {"friction.sigma0": 1e6, "friction.sigma1": 30.0, "friction.f_ss": 0.4, "piezo.natural_frequency": 6e3}
+    usual, twice = (study.with_values(numbers | {path: factor * volts}).predict() for factor in (1.0, 2.0))
+    np.testing.assert_allclose(twice[0], 2.0 * np.asarray(usual[0]), rtol=1e-12)
+    np.testing.assert_array_equal(twice[1], usual[1])
+
+
 def test_drive_is_the_waveform_with_its_fields(tmp_path):
     step, walk = load_study(write_study(tmp_path)).records
     assert eqx.tree_equal(step.drive, Step(voltage=48.2, rise_time=0.0))

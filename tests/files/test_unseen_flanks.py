@@ -6,6 +6,7 @@ import pytest
 from pdssjax import load_study
 from pdssjax.files.channel_roles import Hints
 from pdssjax.files.new_study import Told, guess_file, study_text
+from pdssjax.metrics import detect_waveform
 
 DT = 5e-5
 
@@ -72,3 +73,32 @@ def test_what_samples_on_a_flank_tell_is_measured_apart_with_its_error(tmp_path)
     late, unsure = study.parameters["sensor.delay@run at 60 V"].measured_apart
     assert abs(1.0 + begins - record.start - late) < 4.0 * unsure
     assert "drive.rise_time" not in record.overrides and "rise_time" not in record.overrides
+
+
+@pytest.mark.parametrize(("noise", "told"), [(0.05, True), (1e-5, False)])
+def test_a_voltage_is_measured_apart_where_its_noise_counts(tmp_path, noise, told):
+    random = np.random.default_rng(4)
+    level = lambda t: np.where(t >= 0.2, 60.0, 0.0) + noise * random.normal(size=t.size)
+    study = study_of(tmp_path, level, "platform")
+    (record,) = study.records
+    path = "drive.voltage@run at 60 V"
+    assert (path in study.parameters) == told == ("voltage" not in record.overrides)
+    assert float(record.drive.voltage) == pytest.approx(60.0, abs=4.0 * noise)
+    if told:
+        volts, error = study.parameters[path].measured_apart
+        # 4000 samples after the step, by their median.
+        assert error == pytest.approx(1.25 * noise / np.sqrt(4000.0), rel=0.05)
+        assert float(record.drive.voltage) == volts and abs(volts - 60.0) < 4.0 * error
+        assert not study.parameters["drive.voltage"].free
+
+
+def test_a_sawtooth_has_the_error_that_its_slow_flanks_leave(tmp_path):
+    found = []
+    for seed in range(24):
+        random = np.random.default_rng(seed)
+        time = np.arange(0.0, 0.4, DT)
+        volts = 60.0 * np.mod(10.0 * time, 1.0) + 0.05 * random.normal(size=time.size)
+        wave = detect_waveform(time, volts)
+        whole = wave.numbers["voltage"] / (1.0 - wave.numbers.get("fall_time", 0.0) * wave.numbers["frequency"])
+        found.append((whole - 60.0) / wave.voltage_error)
+    assert 0.75 < np.sqrt(np.mean(np.square(found))) < 1.3
