@@ -14,6 +14,11 @@ if TYPE_CHECKING:
     from ..files import Hints, NewRecord, Told
 
 
+QUANTITIES = {"time": "s", "voltage": "V", "displacement": "m", "velocity": "m/s"}
+"""What a channel may be, and its unit."""
+
+QUANTITIES_NAMED = "time, voltage, displacement or velocity"
+
 MANY = 100_000
 """Samples of a record from which the user is told how to keep fewer."""
 
@@ -78,7 +83,7 @@ def _warn(records: Sequence["NewRecord"], told: "Told") -> None:
 def _hints(options: argparse.Namespace) -> "Hints":
     from ..files import Hints
 
-    columns = {q: getattr(options, q) for q in ("time", "voltage", "displacement") if getattr(options, q)}
+    columns = {q: getattr(options, q) for q in QUANTITIES if getattr(options, q)}
     scales: dict[str, float | str] = {
         quantity: _plain(text) for quantity, text in _pairs(options.scale, "--scale").items()
     }
@@ -114,9 +119,9 @@ def _pairs(given: list[str], option: str) -> dict[str, str]:
     pairs = {}
     for text in given:
         quantity, _, value = (part.strip() for part in text.partition("="))
-        if quantity not in ("time", "voltage", "displacement") or not value:
+        if quantity not in QUANTITIES or not value:
             raise InputError(
-                f'option {option}: found "{text}", expected time, voltage or displacement, "=" and what it has: '
+                f'option {option}: found "{text}", expected {QUANTITIES_NAMED}, "=" and what it has: '
                 f'"displacement={"um" if option == "--unit" else "0.5 um/V"}".'
             )
         pairs[quantity] = value
@@ -131,13 +136,13 @@ def add_parser(subcommands: Subcommands) -> None:
     parser.add_argument("folder", type=Path, metavar="DIR", help="new or empty folder for the study")
     text = "records (CSV, MATLAB, TDMS, HDF5, oscilloscope); one of each run of the rig"
     parser.add_argument("--files", nargs="+", type=Path, required=True, metavar="FILE", help=text)
-    for quantity, unit in (("time", "s"), ("voltage", "V"), ("displacement", "m")):
+    for quantity, unit in QUANTITIES.items():
         text = f"channel of the {quantity}, by name or number; left out: told by unit [{unit}], name or shape"
         text += '; "none" where none was recorded' if quantity == "voltage" else ""
         parser.add_argument(f"--{quantity}", metavar="COL", help=text)
-    text = "unit of time, voltage or displacement, where the file does not tell it; repeatable"
+    text = f"unit of {QUANTITIES_NAMED}, where the file does not tell it; repeatable"
     parser.add_argument("--unit", action="append", default=[], metavar="QUANTITY=UNIT", help=text)
-    text = 'factor of voltage or displacement, such as "displacement=0.5 um/V"; repeatable'
+    text = 'factor of voltage, displacement or velocity, such as "displacement=0.5 um/V"; repeatable'
     parser.add_argument("--scale", action="append", default=[], metavar="QUANTITY=FACTOR", help=text)
     parser.add_argument("--interval", metavar="T", help='between samples where no clock was stored, such as "50 us"')
     parser.add_argument("--decimal", choices=[",", "."], help="decimal sign of texts; left out: told by the file")

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from .arrays import Truth as Truth
     from .display_units import LENGTH as LENGTH
     from .display_units import MICROMETRES as MICROMETRES
+    from .display_units import VELOCITY as VELOCITY
     from .display_units import Display as Display
     from .display_units import decimals_for as decimals_for
     from .display_units import display_unit as display_unit
@@ -57,7 +58,7 @@ else:
         {
             "arrays": ["Count", "Document", "Scalar", "ScalarLike", "Truth"],
             "display_units": [
-                *("Display", "LENGTH", "MICROMETRES", "decimals_for", "display_unit"),
+                *("Display", "LENGTH", "MICROMETRES", "VELOCITY", "decimals_for", "display_unit"),
                 *("percent", "rounded", "strongest_pairs"),
             ],
             "errors": ["InputError", "InputWarning", "nearest"],

@@ -40,6 +40,9 @@ class Display(NamedTuple):
 LENGTH = Display("displacement", "lengths", *_UNITS["m"])
 """Of most records."""
 
+VELOCITY = Display("velocity", "velocities", "mm/s", 1e3)
+"""Of a laser vibrometer's."""
+
 
 def display_unit(unit: str) -> tuple[str, float]:
     """The unit to show in place of the SI `unit`, and the factor from SI to it."""

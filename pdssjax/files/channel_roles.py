@@ -16,15 +16,19 @@ from .channel_samples import Clock, find_channel, open_file, read_samples
 from .readers.base import AbstractReader, Channel
 from .record_columns import Layout
 
-SI = {"time": "s", "voltage": "V", "displacement": "m"}
+SI = {"time": "s", "voltage": "V", "displacement": "m", "velocity": "m/s"}
 """What is looked for, and its unit."""
 
 _NAMES = {
     "time": ("time", "zeit", "t_"),
     "voltage": ("voltage", "volt", "spannung", "u_", "drive", "piezo"),
     "displacement": ("displacement", "position", "weg", "x_", "motion"),
+    "velocity": ("velocity", "speed", "geschwindigkeit", "v_"),
 }
 """How names begin that are preferred to others of the same unit."""
+
+_OTHERS = {"N": "force", "m/s^2": "acceleration"}
+"""What a study reads, too, but this does not guess."""
 
 _MOST = 4_000_000
 """Samples of a file that are looked at."""
@@ -55,6 +59,11 @@ class Roles:
     layout: Layout
     """How a study reads them."""
 
+    @property
+    def motion(self) -> str:
+        """What was measured of the motion: "displacement" or "velocity"."""
+        return "velocity" if "velocity" in self.channels else "displacement"
+
 
 def roles_of(file: Path, hints: Hints) -> Roles:
     """Which channels of `file` are what.
@@ -70,7 +79,7 @@ def roles_of(file: Path, hints: Hints) -> Roles:
     wanted: dict[str, Callable[[Channel], bool]] = {
         "time": look.increases,
         "voltage": look.is_a_drive,
-        "displacement": lambda channel: True,
+        look.motion(): lambda channel: True,
     }
     if clocked and "time" not in hints.columns:
         del wanted["time"]
@@ -113,6 +122,28 @@ class _Look:
     reader: AbstractReader
     channels: Sequence[Channel]
     hints: Hints
+
+    def motion(self) -> str:
+        """What the file holds of a motion: a displacement, or where it has none, a velocity.
+
+        **Raises:** `InputError` where it has neither, but what a study reads and nothing here guesses.
+        """
+        told = [quantity for quantity in ("displacement", "velocity") if quantity in self.hints.columns]
+        if len(told) == 2:
+            raise InputError(f"{self.file}: found both --displacement and --velocity, expected one of them.")
+        if told:
+            return told[0]
+        has = lambda unit: any(self._measures(channel, unit) for channel in self.channels)
+        if has(SI["displacement"]) or not any(map(has, (SI["velocity"], *_OTHERS))):
+            return "displacement"
+        if has(SI["velocity"]):
+            return "velocity"
+        unit, kind = next((unit, kind) for unit, kind in _OTHERS.items() if has(unit))
+        raise InputError(
+            f"{self.file}: found no displacement or velocity, but a channel in {unit}, of which nothing is guessed: "
+            f'leave the file out, and add a [[record]] with measures = "{kind}" to the study that is made '
+            '("What can be measured" in docs/study-file.md), or name a motion by --displacement.'
+        )
 
     def choose(
         self, quantity: str, chosen: dict[str, Channel], guessed: set[str], shaped: Callable[[Channel], bool]
@@ -161,7 +192,8 @@ class _Look:
         ]
         if missing:
             told = ", ".join(f'the {q} in channel {chosen[q].number} ("{chosen[q].name}")' for q in missing)
-            options = " ".join(f"--unit {q}={'um' if q == 'displacement' else SI[q]}" for q in missing)
+            usual = SI | {"displacement": "um", "velocity": "mm/s"}
+            options = " ".join(f"--unit {q}={usual[q]}" for q in missing)
             raise InputError(f"{self.file}: found no unit of {told}, expected options such as {options}.")
 
     def _measures(self, channel: Channel, unit: str) -> bool:

@@ -3,7 +3,7 @@
 import dataclasses
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from ..core import InputError, member, quantities
@@ -63,16 +63,17 @@ def guess_file(file: Path, hints: Hints, told: Told) -> NewRecord:
     columns.check_numbers()
     if columns.data["time"].size < 16:
         raise InputError(f"{file}: found {columns.data['time'].size} samples, expected a record of 16 at least.")
-    return NewRecord(file.stem, roles, _guessed(file, columns, told))
+    return NewRecord(file.stem, roles, _guessed(file, columns, roles.motion, told))
 
 
-def _guessed(file: Path, columns: Columns, told: Told) -> RecordGuess:
+def _guessed(file: Path, columns: Columns, quantity: str, told: Told) -> RecordGuess:
     data = columns.data
     try:
         return guess_record(
             data["time"],
-            data["displacement"],
+            data[quantity],
             data.get("voltage"),
+            velocity=quantity == "velocity",
             measures=told.measures,
             peak=told.peak,
             frequency=told.frequency,
@@ -200,7 +201,7 @@ def _record(record: NewRecord, told: Told, folder: Path) -> list[str]:
     told_by = "" if told.measures else f"  # guess: {_WHY_MEASURES[guess.measures]}"
     columns = {q: name for q, name in layout.columns.items() if q != "voltage"}
     listed = ", ".join(f"{quantity} = {_value(name)}" for quantity, name in columns.items())
-    shape = [q for q in ("time", "voltage", "displacement") if q in record.roles.by_shape]
+    shape = [q for q in ("time", "voltage", record.roles.motion) if q in record.roles.by_shape]
     by_shape = f"  # guess: {' and '.join(shape)} told by the shape of the samples" if shape else ""
     lines = [
         "[[record]]",
@@ -215,9 +216,12 @@ def _record(record: NewRecord, told: Told, folder: Path) -> list[str]:
         lines.append("units = { " + ", ".join(f"{q} = {quoted(unit)}" for q, unit in units.items()) + " }")
     if layout.decimal:
         lines.append(f"decimal = {quoted(layout.decimal)}")
-    lines += _scale(guess, layout.scales)
-    lines.append(f'measures = "{guess.measures}"{told_by}')
-    lines.append(f'noise = "{1e6 * guess.noise:.3g} um"  # guess: {_why_noise(guess)}')
+    lines += _scale(guess, layout.scales.get(record.roles.motion))
+    if guess.velocity is None:
+        lines.append(f'measures = "{guess.measures}"{told_by}')
+    else:
+        lines += ['measures = "velocity"', f'of = "{guess.measures}"{told_by}']
+    lines.append(f'noise = "{_shown(guess, guess.noise)}"  # guess: {_why_noise(guess)}')
     start, why = guess.start, _WHY_START[guess.waveform.begins]
     if is_open(guess):
         start, why = early_start(guess), f"{why}, or later by sensor.delay"
@@ -241,13 +245,17 @@ _WHY_START = {
 
 
 def _why_noise(guess: RecordGuess) -> str:
-    counted = f"; counted in steps of {1e6 * guess.resolution:.3g} um" if guess.resolution else ""
+    counted = f"; counted in steps of {_shown(guess, guess.resolution)}" if guess.resolution else ""
     return f"the scatter of neighbouring samples{counted}"
 
 
-def _scale(guess: RecordGuess, scales: Mapping[str, float | str]) -> list[str]:
-    """The scale of the motion, with the sign that turns it."""
-    given = scales.get("displacement")
+def _shown(guess: RecordGuess, number: float) -> str:
+    """Of what was measured, with its unit."""
+    return f"{guess.display.scale * number:.3g} {guess.display.unit}"
+
+
+def _scale(guess: RecordGuess, given: float | str | None) -> list[str]:
+    """The scale of the motion that was `given`, with the sign that turns it."""
     if not guess.turned:
         return [] if given is None else [f"scale = {_value(given)}"]
     turned: float | str = -1

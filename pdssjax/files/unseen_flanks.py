@@ -35,12 +35,12 @@ def is_open(guess: RecordGuess) -> bool:
         return False
     shortest, longest, *_ = wave.timing
     moved = gain * abs(wave.numbers["voltage"]) * (longest - shortest) / max(longest, sampling_interval(guess))
-    return moved > _TOLD * guess.noise
+    return moved > _TOLD * guess.motion_noise
 
 
 def is_unsure(guess: RecordGuess) -> bool:
     """Whether the noise of the voltage leaves more open of how far a volt moves than that of the motion lets pass."""
-    return gain_of(guess) * guess.waveform.voltage_error > _FELT * guess.noise / math.sqrt(guess.time.size)
+    return gain_of(guess) * guess.waveform.voltage_error > _FELT * guess.motion_noise / math.sqrt(guess.time.size)
 
 
 def condition_of(name: str) -> str:

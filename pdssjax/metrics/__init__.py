@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from .goodness_of_fit import error_index as error_index
     from .goodness_of_fit import r_squared as r_squared
     from .goodness_of_fit import rmse as rmse
+    from .integrated_velocity import integrated as integrated
+    from .integrated_velocity import rest_of as rest_of
     from .motion_against_voltage import goes_against as goes_against
     from .motion_against_voltage import rides_against as rides_against
     from .outlying_samples import outliers as outliers
@@ -67,6 +69,7 @@ else:
             "decimation": ["decimated"],
             "flank_timing": ["Timing"],
             "goodness_of_fit": ["error_index", "r_squared", "rmse"],
+            "integrated_velocity": ["integrated", "rest_of"],
             "motion_against_voltage": ["goes_against", "rides_against"],
             "outlying_samples": ["outliers"],
             "pure_error": ["CycleSplit", "LackOfFit", "lack_of_fit", "split_by_phase"],

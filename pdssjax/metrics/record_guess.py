@@ -6,8 +6,9 @@ import math
 import numpy as np
 from jaxtyping import Float
 
-from ..core import InputError
+from ..core import LENGTH, VELOCITY, Display, InputError
 from .cycle_detection import find_cycles
+from .integrated_velocity import integrated, rest_of
 from .motion_against_voltage import goes_against, rides_against
 from .sample_noise import scatter_floor
 from .sensor_resolution import resolution_of
@@ -48,13 +49,27 @@ class RecordGuess:
     measures: str
     """"platform" or "effector"."""
     noise: float
-    """Standard deviation [m]."""
+    """Standard deviation of what was measured [m], of a velocity [m/s]."""
     resolution: float | None
-    """Step in which the sensor counts [m]; None where none is seen."""
+    """Step in which the sensor counts, in the same unit; None where none is seen."""
     turned: bool
     """The motion was turned: it goes against the voltage."""
     hysteresis: float
     """Of a platform, what a straight line of the voltage leaves, root mean square in parts of the motion; else NaN."""
+    velocity: Float[np.ndarray, " n"] | None = None
+    """Where that was measured [m/s], turned like the motion, to which it adds up; else None."""
+
+    @property
+    def display(self) -> Display:
+        """How what was measured is shown."""
+        return LENGTH if self.velocity is None else VELOCITY
+
+    @property
+    def motion_noise(self) -> float:
+        """Noise that would hide as much of the motion [m] as that of what was measured does."""
+        if self.velocity is None:
+            return self.noise
+        return self.noise * float(np.std(self.motion) / (np.std(self.velocity) or 1.0))
 
 
 def guess_record(
@@ -65,28 +80,33 @@ def guess_record(
     measures: str = "",
     peak: float | None = None,
     frequency: float | None = None,
+    velocity: bool = False,
     where: str = "",
 ) -> RecordGuess:
-    """What `motion` [m] and `volts` [V] at increasing `time` [s] suggest.
+    """What `motion` [m], or [m/s] where it is a `velocity`, and `volts` [V] at increasing `time` [s] suggest.
 
     **Arguments:** `measures` is "platform" or "effector" where that is known.  Without `volts` a sawtooth of the
     `peak` voltage [V] is looked for in the motion, of the `frequency` [Hz] or the one found.  `where` begins
     messages.
 
-    **Raises:** `InputError` where no cycles are found in a motion without a voltage, or where what was measured is
-    not clear; `ValueError` where the voltage never changes.
+    **Raises:** `InputError` where no cycles are found in a motion without a voltage, where a velocity has none, or
+    where what was measured is not clear; `ValueError` where the voltage never changes.
     """
+    measured = motion
+    if volts is None and velocity:
+        raise InputError(f"{where}: found a velocity without a voltage, expected --voltage with the channel of it.")
     if volts is None:
         waveform, leaves = _by_motion(time, motion, peak or math.nan, frequency, where), math.nan
         seen = measures or "effector"
     else:
         waveform = detect_waveform(time, volts)
+        motion = _travelled(time, motion, volts, waveform) if velocity else motion
         explained, leaves = _following(motion, volts)
         seen = measures or _measured(waveform, explained, _walks(time, motion, volts, waveform), where)
         if seen == "platform" and waveform.name == "sine" and waveform.begins == "running":
             waveform = _set_in(time, motion, waveform)
     against = volts is not None and _against(time, motion, volts, waveform, seen)
-    resolution = resolution_of(motion)
+    resolution = resolution_of(measured)
     start = waveform.start
     if waveform.begins == "running" and waveform.name != "sampled":
         start -= _RUNNING / waveform.numbers["frequency"]
@@ -97,11 +117,26 @@ def guess_record(
         waveform=waveform,
         start=float(start),
         measures=seen,
-        noise=max(scatter_floor(motion), (resolution or 0.0) / math.sqrt(12.0)),
+        noise=max(scatter_floor(measured), (resolution or 0.0) / math.sqrt(12.0)),
         resolution=resolution,
         turned=against,
         hysteresis=leaves if seen == "platform" else math.nan,
+        velocity=(-measured if against else measured) if velocity else None,
     )
+
+
+def _travelled(
+    time: Float[np.ndarray, " n"],
+    speed: Float[np.ndarray, " n"],
+    volts: Float[np.ndarray, " n"],
+    waveform: Waveform,
+) -> Float[np.ndarray, " n"]:
+    """The way [m] of a velocity [m/s], which nothing but the record tells the zero of."""
+    early = time - waveform.start if waveform.begins == "seen" else time - time[0]
+    held = np.where(early > 0.0, waveform.numbers["voltage"], 0.0) if waveform.name == "step" else volts
+    zero = rest_of(early, speed, held, returns=True)
+    assert zero is not None
+    return integrated(time, speed - zero)
 
 
 def _against(

@@ -8,7 +8,6 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...core import MICROMETRES
 from ...metrics import RecordGuess
 from ._style import BLUE, GREY, STYLE, VERMILION, YELLOW
 
@@ -26,7 +25,7 @@ def guess_figure(name: str, guess: RecordGuess) -> Figure:
         volts.axvspan(*moment, color=YELLOW, alpha=0.45, linewidth=0, zorder=0)
         motion.axvspan(*moment, color=YELLOW, alpha=0.45, linewidth=0, zorder=0)
         volts.set_ylabel("voltage (V)")
-        motion.set_ylabel(f"{guess.measures} (µm)" + (", turned" if guess.turned else ""))
+        motion.set_ylabel(f"{guess.measures} ({_unit(guess)})" + (", turned" if guess.turned else ""))
         motion.set_xlabel("time on the file's clock (s)")
         near_motion.set_xlabel("time (ms)")
         near_volts.set_title("the shaded moment", loc="left")
@@ -48,7 +47,8 @@ def _draw(volts: Axes, motion: Axes, guess: RecordGuess, part: np.ndarray, facto
         fine = np.linspace(guess.time[part][0], guess.time[part][-1], 4000)
         label = guess.waveform.name + (", not recorded" if guess.volts is None else "")
         volts.plot(factor * fine, waveform_at(guess, fine), color=VERMILION, linewidth=0.9, label=label)
-    motion.plot(time, MICROMETRES * guess.motion[part], color=BLUE, linewidth=0.8, **marks)
+    shown_motion = guess.motion if guess.velocity is None else guess.velocity
+    motion.plot(time, guess.display.scale * shown_motion[part], color=BLUE, linewidth=0.8, **marks)
     if guess.time[part][0] <= guess.start <= guess.time[part][-1]:
         for panel in (volts, motion):
             panel.axvline(factor * guess.start, color="0.2", linewidth=0.8, linestyle=":")
@@ -89,7 +89,11 @@ def _caption(name: str, guess: RecordGuess) -> str:
             title = "" if field in ("voltage", "frequency") else field.replace("_", " ") + " "
             told.append(f"{title}{scale * number:.5g} {unit}".strip())
     told.append(f"t = 0 at {_shown_time(guess.start)}")
-    return f"{name}\n{', '.join(told)}; noise {MICROMETRES * guess.noise:.3g} µm"
+    return f"{name}\n{', '.join(told)}; noise {guess.display.scale * guess.noise:.3g} {_unit(guess)}"
+
+
+def _unit(guess: RecordGuess) -> str:
+    return guess.display.unit.replace("um", "µm")
 
 
 def _shown_time(seconds: float) -> str:

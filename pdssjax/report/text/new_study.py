@@ -2,14 +2,13 @@
 
 from collections.abc import Sequence
 
-from ...core import MICROMETRES
 from ...metrics import RecordGuess
 from ._layout import aligned_table, heading
 
 
 def format_guesses(guesses: Sequence[tuple[str, RecordGuess]]) -> str:
     """A table of what each named record is taken to be."""
-    head = ["", "measures", "drive", "", "V", "Hz", "t = 0 (s)", "", "noise (um)"]
+    head = ["", "measures", "drive", "", "V", "Hz", "t = 0 (s)", "", "noise"]
     return heading("Guessed from the files") + aligned_table("<<<<>>><>", [head, *(_row(*pair) for pair in guesses)])
 
 
@@ -25,5 +24,5 @@ def _row(name: str, guess: RecordGuess) -> list[str]:
         "" if frequency is None else f"{frequency:.6g}",
         f"{guess.start:.6g}",
         {"seen": "seen", "clock": "by the clock", "running": "ran before", "motion": "by the motion"}[wave.begins],
-        f"{MICROMETRES * guess.noise:.3g}",
+        guess.display.text(guess.noise),
     ]

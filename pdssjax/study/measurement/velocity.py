@@ -11,24 +11,20 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Float
 
-from ...core import Choice, Display, choice
+from ...core import VELOCITY as SHOWN
+from ...core import Choice, choice
+from ...metrics import integrated, rest_of
 from ...simulation import VELOCITY
 from ..models import Models
 from ..setups import AbstractSetup, sensor_on
 from .base import AbstractMeasurement, Samples
-
-_FEWEST = 8
-"""Samples whose mean is taken for a zero."""
-
-_RESTS = 1e-3
-"""Part of the largest voltage by which it may vary where the rig is taken to rest."""
 
 
 class Velocity(AbstractMeasurement):
     """The end-effector or the platform, by a laser vibrometer."""
 
     columns: ClassVar = {"time": "s", "velocity": "m/s"}
-    display: ClassVar = Display("velocity", "velocities", "mm/s", 1e3)
+    display: ClassVar = SHOWN
 
     of: Choice = choice({"effector": 0.0, "platform": 1.0})
     """What moves past the sensor."""
@@ -43,24 +39,8 @@ class Velocity(AbstractMeasurement):
         return "its velocity has no bound there"
 
     def displacement(self, samples: Samples) -> Float[np.ndarray, " samples"] | None:
-        zero = self._zero(samples)
+        zero = samples.offset
         if zero is None:
-            return None
-        speed = samples.measured - zero
-        steps = 0.5 * (speed[1:] + speed[:-1]) * np.diff(samples.time)
-        return np.concatenate([np.zeros(1), np.cumsum(steps)])
-
-    def _zero(self, samples: Samples) -> float | None:
-        """What the sensor shows of a thing at rest [m/s]; None where no part of the record tells it."""
-        if samples.offset is not None:
-            return samples.offset
-        late = samples.voltage[-max(samples.voltage.size // 5, _FEWEST) :]
-        if np.sum(samples.time < 0) >= _FEWEST:
-            rests = samples.measured[samples.time < 0]
-        elif np.ptp(late) <= _RESTS * np.max(np.abs(samples.voltage)):
-            rests = samples.measured[-late.size :]
-        elif self.of == 1.0:
-            rests = samples.measured  # in the end the platform is about where it began
-        else:
-            return None
-        return float(np.mean(rests))
+            # In the end the platform is about where it began.
+            zero = rest_of(samples.time, samples.measured, samples.voltage, returns=self.of == 1.0)
+        return None if zero is None else integrated(samples.time, samples.measured - zero)
