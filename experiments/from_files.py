@@ -78,6 +78,9 @@ drive = {{ {drive} }}
 sampling = {{ start = {start}, end = {end}, interval = {interval} }}
 """
 
+FREQUENCY = 10.0
+"""Of the sawteeth [Hz]."""
+
 LENGTHS = {"step": 0.1, "forward": 0.5, "backward": 0.5}
 """Of the records, after the clock's 0 [s]."""
 
@@ -168,7 +171,7 @@ STORED = {".csv": _csv, ".mat": _mat, ".tdms": _tdms, ".h5": _hdf5}
 
 def write_files(folder: Path, rig: Rig) -> list[Path]:
     """What an instrument would store of the rig: clock, monitor of the voltage and position."""
-    saw = f'waveform = "sawtooth", voltage = {rig.voltage}, frequency = 10, fall_time = {rig.fall}'
+    saw = f'waveform = "sawtooth", voltage = {rig.voltage}, frequency = {FREQUENCY}, fall_time = {rig.fall}'
     runs = {
         "step": ("platform", f'waveform = "step", voltage = {rig.voltage}, rise_time = {rig.rise}'),
         "forward": ("effector", f'{saw}, direction = "forward"'),
@@ -202,13 +205,15 @@ def units(rig: Rig) -> list[str]:
 
 
 def true_flanks(rig: Rig, study: Path) -> dict[str, float]:
-    """What there is to be found of the flanks that `study` leaves open, by path [s]."""
+    """What there is to be found of the flanks and voltages that `study` leaves open, by path [s, V]."""
     found: dict[str, float] = {}
     for record, begins in zip(tomllib.loads(study.read_text(encoding="utf-8"))["record"], rig.begins, strict=True):
         name, start = record["name"], float(record.get("start", "0 s").split()[0])
         found[f"sensor.delay@{name}"] = 1.0 + begins - start
         flank, lasts = ("drive.rise_time", rig.rise) if name == "step" else ("drive.fall_time", rig.fall)
         found[f"{flank}@{name}"] = lasts
+        whole = rig.voltage / (1.0 - FREQUENCY * rig.fall)
+        found[f"drive.voltage@{name}"] = whole if record.get("drive", {}).get("told_by") == "slope" else rig.voltage
     return found
 
 

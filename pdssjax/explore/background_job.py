@@ -1,13 +1,26 @@
 """Work in a thread of its own, that tells how it goes and can be asked to stop."""
 
 import threading
+import weakref
 from collections.abc import Callable
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 Result = TypeVar("Result")
 
 Report = Callable[[str], None]
 """Told what is being done.  Raises `KeyboardInterrupt` once where the work is asked to stop."""
+
+
+_STARTED: "weakref.WeakSet[BackgroundJob[Any]]" = weakref.WeakSet()
+
+
+def end_jobs(seconds: float) -> None:
+    """Asks all jobs to stop and waits for them, each so long at most: one that compiles must not meet the end of
+    Python, which it would abort."""
+    for job in list(_STARTED):
+        job.cancel()
+    for job in list(_STARTED):
+        job.join(seconds)
 
 
 class BackgroundJob(Generic[Result]):
@@ -22,6 +35,7 @@ class BackgroundJob(Generic[Result]):
         self._work, self._told, self._ended = work, told, ended
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
+        _STARTED.add(self)
         self._thread.start()
 
     def cancel(self) -> None:

@@ -4,9 +4,13 @@ import webbrowser
 from collections.abc import Callable
 
 from ..core import InputError
+from .background_job import end_jobs
 from .workbench import Workbench
 
 ADDRESS = "127.0.0.1"
+
+_PATIENCE = 60.0
+"""Seconds for which what is being compiled is waited for at the end."""
 
 
 def serve(bench: Workbench, port: int, show: bool, said: Callable[[str], None]) -> None:
@@ -33,3 +37,4 @@ def serve(bench: Workbench, port: int, show: bool, said: Callable[[str], None]) 
         server.io_loop.start()
     finally:
         server.stop()
+        end_jobs(_PATIENCE)

@@ -7,7 +7,7 @@ import panel as pn
 from bokeh.palettes import RdBu11
 
 from ..estimate_view import EstimateView, ProfileCurve
-from .style import BLUE, GREY, TABLE, VERMILION, Model, Widget, models, pane, plain_figure
+from .style import BLUE, GREY, TABLE, VERMILION, Model, Widget, models, plain_figure
 
 _NOTHING = (
     "<p>No estimate yet: press <b>Fit from here</b>, or start with "
@@ -26,7 +26,8 @@ class EstimateTab:
             margin=(4, 12),
             css_classes=["estimate"],
         )
-        self._plots: Widget = pn.Row(sizing_mode="stretch_width", margin=(0, 8), styles={"flex-wrap": "wrap"})
+        # A row would be as wide as all its plots, and the page with it.
+        self._plots: Widget = pn.FlexBox(sizing_mode="stretch_width", margin=(0, 8))
         self.view: Widget = pn.Column(
             self._text, self._plots, sizing_mode="stretch_both", margin=0, styles={"overflow": "auto"}
         )
@@ -100,5 +101,6 @@ def _profile(curve: ProfileCurve) -> Widget:
 
 
 def _sized(made: Model, width: int, height: int) -> Widget:
-    """A plot that fills a place of a fixed size, which may come into sight later."""
-    return pn.Column(pane(made), width=width, height=height, margin=4)
+    """A plot of a fixed size."""
+    made.update(sizing_mode="fixed", width=width, height=height)
+    return pn.pane.Bokeh(made, width=width, height=height, margin=4)

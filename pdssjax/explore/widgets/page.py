@@ -103,7 +103,7 @@ class Page:
             self._scores_table.view,
             sizing_mode="stretch_width",
             margin=0,
-            styles={"max-height": "152px", "overflow-y": "auto", "flex": "0 0 auto"},
+            styles={"max-height": "176px", "overflow-y": "auto", "flex": "0 0 auto"},
         )
         return pn.Column(self._record_place, table, sizing_mode="stretch_both", margin=0)
 
@@ -274,6 +274,7 @@ class Page:
     def _all_scores(self, settings: Settings, report: Report) -> dict[str, Score]:
         found = {}
         for record in self._study.records:
+            report(record.name)  # between records it can be asked to stop
             instants = instants_of(record, *enlarged_at_first(record))
             found[record.name] = self._bench.records.score(record.name, settings, instants)
         return found

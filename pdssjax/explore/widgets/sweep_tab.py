@@ -79,7 +79,8 @@ class SweepTab:
         said = [_said(self._map, path, numbers[path]) for path in self._map.axes]
         point = self._number()
         said += [
-            f"{label.split(' (')[0]} {values[point]:.4g}{_unit(label)}" for label, values in self._map.metrics.values()
+            f"{label.partition(' (')[0].partition(';')[0]}: {values[point]:.4g}{_unit(label)}"
+            for label, values in self._map.metrics.values()
         ]
         self._told.object = (
             f"<b>point {point}</b>: " + ", ".join(said) + (f"; {motion.message}" if motion.message else "")
@@ -121,7 +122,7 @@ class SweepTab:
 
 
 def _select(name: str) -> Widget:
-    return pn.widgets.Select(name=name, options=[], width=170, margin=(0, 8), css_classes=[f"map-{name}"])
+    return pn.widgets.Select(name=name, options=[], width=200, margin=(0, 8), css_classes=[f"map-{name}"])
 
 
 def _unit(label: str) -> str:
@@ -131,7 +132,7 @@ def _unit(label: str) -> str:
 
 def _said(found: SweepMap, path: str, number: float) -> str:
     axis = found.axes[path]
-    return f"{path} {number * axis.scale:.4g} {axis.unit}".rstrip()
+    return f"{path}: {number * axis.scale:.4g} {axis.unit}".rstrip()
 
 
 def _map_plot(
