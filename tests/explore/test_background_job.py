@@ -5,7 +5,7 @@ import threading
 import pytest
 
 from pdssjax import InputError
-from pdssjax.explore.background_job import BackgroundJob
+from pdssjax.explore.background_job import BackgroundJob, end_jobs
 
 
 def run(work, during=lambda job: None):
@@ -60,3 +60,17 @@ def test_a_request_to_stop_is_raised_once_at_the_next_line():
         asked.set()
 
     assert run(work, cancel) == (["putting things in order"], "best so far", None)
+
+
+def test_all_jobs_end_where_the_page_does():
+    begun, errors = threading.Event(), []
+
+    def work(report):
+        begun.set()
+        while True:
+            report("still")
+
+    job = BackgroundJob(work, lambda line: None, lambda result, error: errors.append(error))
+    assert begun.wait(10)
+    end_jobs(10)
+    assert not job.runs and isinstance(errors[0], KeyboardInterrupt)

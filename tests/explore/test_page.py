@@ -2,33 +2,13 @@
 
 import contextlib
 import http.client
-import os
-import re
-import shutil
-import signal
-import subprocess
-import sys
 from urllib.parse import urlsplit
 
 import pytest
+from browser import DEEP, PATIENCE, opened_page, said, served, show_tab, visible_plots
 from walking_study import write_made_estimate, write_made_sweep, write_walking
 
 from pdssjax import load_study
-
-BROWSERS = "chromium", "chromium-browser", "google-chrome", "chrome"
-
-PATIENCE = 120_000
-"""Milliseconds in which something must have come: what is compiled on a machine that does much else."""
-
-
-def browser_path():
-    """The browser; skips where there is none, but fails in CI, which installs one."""
-    found = next((path for name in BROWSERS if (path := shutil.which(name))), None)
-    if found is None and os.environ.get("CI"):
-        pytest.fail(f"found no browser ({', '.join(BROWSERS)}), expected one in CI: apt-get install chromium")
-    if found is None:
-        pytest.skip(f"found no browser ({', '.join(BROWSERS)})")
-    return found
 
 
 @pytest.fixture(scope="module")
@@ -43,59 +23,19 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def address(folder):
-    """The command at work, and where its page is; Ctrl-C ends it well."""
-    browser_path()
-    files = ["study.toml", "--estimate", "results/estimate.json", "--sweep", "map"]
-    command = [sys.executable, "-m", "pdssjax", "explore", *files, "--no-browser"]
-    paths = os.pathsep.join(filter(None, [os.getcwd(), os.environ.get("PYTHONPATH")]))
-    with subprocess.Popen(
-        command, cwd=folder, stdout=subprocess.PIPE, text=True, env={**os.environ, "PYTHONPATH": paths}
-    ) as server:
-        assert server.stdout is not None
-        told = re.search(r"http://127\.0\.0\.1:\d+/", server.stdout.readline())
-        assert told, "the command says where the page is"
-        yield told[0]
-        server.send_signal(signal.SIGINT)
-        assert server.wait(60) == 0
+    with served(folder, "study.toml", "--estimate", "results/estimate.json", "--sweep", "map") as told:
+        yield told
 
 
 @pytest.fixture(scope="module")
 def opened(address):
-    """The page, and what its console and its network had to say."""
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=browser_path(), args=["--no-sandbox"])
-        page = browser.new_page(viewport={"width": 1366, "height": 768})
-        errors, hosts = [], set()
-        page.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
-        page.on("pageerror", lambda error: errors.append(str(error)))
-        page.on("request", lambda request: hosts.add(urlsplit(request.url).hostname or "within the page"))
-        page.on("websocket", lambda socket: hosts.add(urlsplit(socket.url).hostname))
-        page.goto(address)
-        page.wait_for_function(CHI2, timeout=PATIENCE)
-        yield page, errors, hosts
-        browser.close()
+    with opened_page(address) as found:
+        yield found
 
 
 @pytest.fixture
 def page(opened):
     return opened[0]
-
-
-DEEP = """
-const deep = (selector, root = document) => {
-  const here = root.querySelector(selector);
-  if (here) return here;
-  for (const e of root.querySelectorAll('*')) {
-    if (e.shadowRoot) { const found = deep(selector, e.shadowRoot); if (found) return found; }
-  }
-  return null;
-};
-"""
-"""Finds an element also within the widgets, each of which has a tree of its own."""
-
-CHI2 = "() => {" + DEEP + "const e = deep('.headline'); return e && e.shadowRoot.textContent.includes('chi-square'); }"
 
 
 def chi2(page) -> float:
@@ -111,11 +51,6 @@ def handle(page, name):
     return page.locator(f".slider-{name} .noUi-handle")
 
 
-def said(page, where, text):
-    """Waits until a line says `text`."""
-    page.locator(f".{where}", has_text=re.compile(text)).first.wait_for(timeout=PATIENCE)
-
-
 def redrawn(page, act) -> tuple[float, float]:
     """Chi-square before and after something that changes it."""
     before = chi2(page)
@@ -127,10 +62,6 @@ def redrawn(page, act) -> tuple[float, float]:
         timeout=PATIENCE,
     )
     return before, chi2(page)
-
-
-def show_tab(page, name):
-    page.locator(".bk-tab", has_text=name).click()
 
 
 def test_it_opens_at_the_estimate_and_fits_the_screen(page):
@@ -219,19 +150,24 @@ def test_the_contact_and_the_estimate_have_tabs(page):
     show_tab(page, "Estimate")
     said(page, "estimate", r"95 % interval.*piezo\.natural_frequency")
     page.locator(".estimate table").wait_for(state="visible")
+    # Plots of the correlations and of every profile, which do not make the page wider than the screen.
+    assert page.evaluate("document.scrollingElement.scrollWidth") <= 1366
+    boxes = visible_plots(page, "estimate-plots")
+    assert len(boxes) >= 4
+    assert all(box["x"] + box["width"] <= 1366 for box in boxes)
 
 
 def test_a_point_of_the_map_is_clicked_and_walks(page):
     show_tab(page, "Sweep")
-    said(page, "point-told", "point 6: drive.voltage 60 V, drive.frequency 10 Hz")
+    said(page, "point-told", "point 6: drive.voltage: 60 V, drive.frequency: 10 Hz")
     page.wait_for_timeout(300)
     box = page.locator(".map canvas").first.bounding_box()
     page.mouse.click(box["x"] + 0.25 * box["width"], box["y"] + 0.25 * box["height"])
-    said(page, "point-told", r"point [0-5]: drive.voltage (30|45) V")
+    said(page, "point-told", r"point [0-5]: drive.voltage: (30|45) V")
     number = page.locator(".map-point input")
     number.fill("11")
     number.press("Enter")
-    said(page, "point-told", "point 11: drive.voltage 75 V, drive.frequency 40 Hz")
+    said(page, "point-told", "point 11: drive.voltage: 75 V, drive.frequency: 40 Hz")
 
 
 def test_a_fit_is_cancelled_and_the_page_goes_on(page):

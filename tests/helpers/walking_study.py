@@ -45,7 +45,7 @@ def write_walking(folder):
 
 
 def write_made_estimate(study_file, folder):
-    """An estimate.json whose parameters are those of the study, with a profile; its path."""
+    """An estimate.json whose parameters are those of the study, with a profile of each free one; its path."""
     study, made = load_study(study_file), fabricated.estimate()
     found = {}
     for path, p in study.parameters.items():
@@ -54,12 +54,13 @@ def write_made_estimate(study_file, folder):
         found[path] = told if p.free else fabricated.fixed(path, number, p.unit)
     names = tuple(path for path, p in study.parameters.items() if p.free)
     (profile, *_) = fabricated.profiles(made.parameters)
+    profiles = tuple(dataclasses.replace(profile, path=name) for name in names)
     whole = dataclasses.replace(
         made,
         parameters=found,
         names=names,
         correlation=np.array([[1.0, 0.4, -0.1], [0.4, 1.0, 0.72], [-0.1, 0.72, 1.0]]),
-        profiles=(profile,),
+        profiles=profiles,
     )
     folder.mkdir(exist_ok=True)
     (folder / "estimate.json").write_text(estimate_text(whole), encoding="utf-8")

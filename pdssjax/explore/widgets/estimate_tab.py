@@ -7,7 +7,7 @@ import panel as pn
 from bokeh.palettes import RdBu11
 
 from ..estimate_view import EstimateView, ProfileCurve
-from .style import BLUE, GREY, TABLE, VERMILION, Model, Widget, models, plain_figure
+from .style import BLUE, GREY, TABLE, VERMILION, Model, Widget, models, pane, plain_figure
 
 _NOTHING = (
     "<p>No estimate yet: press <b>Fit from here</b>, or start with "
@@ -26,8 +26,9 @@ class EstimateTab:
             margin=(4, 12),
             css_classes=["estimate"],
         )
-        # A row would be as wide as all its plots, and the page with it.
-        self._plots: Widget = pn.FlexBox(sizing_mode="stretch_width", margin=(0, 8))
+        # One that stretches is as wide as all its plots at least, and the page with it.
+        styles = {"flex-wrap": "wrap", "width": "calc(100% - 16px)"}
+        self._plots: Widget = pn.Row(margin=(0, 8), styles=styles, css_classes=["estimate-plots"])
         self.view: Widget = pn.Column(
             self._text, self._plots, sizing_mode="stretch_both", margin=0, styles={"overflow": "auto"}
         )
@@ -91,7 +92,7 @@ def _profile(curve: ProfileCurve) -> Widget:
     made.line("value", "excess", source=source, color=BLUE, line_width=1.5, legend_label="profile")
     made.add_layout(models.Span(location=curve.threshold, dimension="width", line_color=VERMILION))
     made.add_layout(models.Span(location=curve.estimate, dimension="height", line_color=GREY))
-    made.y_range.update(start=0.0, end=1.4 * curve.threshold)
+    made.y_range.update(start=0.0, end=1.55 * curve.threshold)
     made.legend.label_text_font_size = "10px"
     made.legend.border_line_color = None
     made.legend.location = "top_center"
@@ -101,6 +102,5 @@ def _profile(curve: ProfileCurve) -> Widget:
 
 
 def _sized(made: Model, width: int, height: int) -> Widget:
-    """A plot of a fixed size."""
-    made.update(sizing_mode="fixed", width=width, height=height)
-    return pn.pane.Bokeh(made, width=width, height=height, margin=4)
+    """A plot that fills a place of a fixed size, which may come into sight later."""
+    return pn.Column(pane(made), width=width, height=height, margin=4)
