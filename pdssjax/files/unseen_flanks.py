@@ -19,7 +19,7 @@ a contact that is seen in aliases would be taken for each other."""
 _TOLD = 0.1
 """Part of a sample's noise below which what the voltage leaves open moves no sample."""
 
-_FELT = 0.5
+_FELT = 1.0
 """Part of what a motion's noise leaves open of its extent, from which what the voltage's noise leaves open counts."""
 
 _FLANK = {"step": "drive.rise_time", "sawtooth": "drive.fall_time"}
