@@ -97,5 +97,5 @@ def _unit(guess: RecordGuess) -> str:
 
 
 def _shown_time(seconds: float) -> str:
-    """In milliseconds where it is short, as the enlarged panels show it."""
-    return f"{1e3 * seconds:.4g} ms" if abs(seconds) < 0.1 else f"{seconds:.7g} s"
+    """To the nanosecond; in milliseconds where it is short, as the enlarged panels show it."""
+    return f"{round(1e3 * seconds, 6) + 0.0:.4g} ms" if abs(seconds) < 0.1 else f"{seconds:.7g} s"

@@ -22,7 +22,7 @@ def _row(name: str, guess: RecordGuess) -> list[str]:
         wave.direction,
         f"{wave.numbers['voltage']:.5g}",
         "" if frequency is None else f"{frequency:.6g}",
-        f"{guess.start:.6g}",
+        f"{round(guess.start, 9) + 0.0:.6g}",
         {"seen": "seen", "clock": "by the clock", "running": "ran before", "motion": "by the motion"}[wave.begins],
         guess.display.text(guess.noise),
     ]
