@@ -170,8 +170,11 @@ DRIVES: dict[str, AbstractDrive] = {
     "sampled, held": Sampled(_INSTANTS, _UNEVEN, "held"),
     "sawtooth, held": ZeroOrderHold(_SAWTOOTH, 1e-3),
 }
-"""Every waveform; a test holds them against the family."""
+"""Waveforms with numbers that show what is special of them."""
+_OTHERS = {name: member("drive", name) for name in members("drive")}
+DRIVES |= {name: kind() for name, kind in _OTHERS.items() if kind not in {type(drive) for drive in DRIVES.values()}}
 WAVEFORMS = {f"under a {name}": Structure(drive=drive, draws_drive=True) for name, drive in DRIVES.items()}
+"""Every waveform, found by its file: those above, and of others the nominal one."""
 PARTS = {
     "feedback": Structure(feedback=True, cycles=3.0),
     "amplifier": Structure(parts=("amplifier",), cycles=3.0),
