@@ -115,7 +115,7 @@ def test_the_fisher_information_at_the_truth_is_the_known_one(example):
     problem = pose(example, TRUTH, Accuracy())
     at_truth = problem.residual.transform.encode(TRUTH)
     everything = np.ones(len(problem.records), bool)
-    fit = fitting._least_squares(problem, at_truth, everything, np.zeros(9, bool), "truth", lambda message: None)
+    fit = fitting.fit_phase(problem, at_truth, everything, np.zeros(9, bool), "truth", lambda message: None)
     assert fit.iterations == 1
     information = np.asarray(fit.state.jacobian).T @ np.asarray(fit.state.jacobian)
     size = np.sqrt(np.diag(information))
