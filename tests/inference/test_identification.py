@@ -49,11 +49,7 @@ def sequential(example, joint):
 
 def starting(study, estimate):
     """`study` with its free parameters starting a little off an earlier estimate."""
-    moved = {
-        path: dataclasses.replace(p, start=1.05 * estimate.parameters[path].value) if p.free else p
-        for path, p in study.parameters.items()
-    }
-    return dataclasses.replace(study, parameters=moved)
+    return study.with_starts({path: 1.05 * found.value for path, found in estimate.parameters.items()})
 
 
 def test_the_example_is_found_without_starts(joint):
