@@ -53,7 +53,7 @@ def measure(effort: Effort) -> Outcome:
 
 
 def _peers(outcome: Outcome, job: str, starts: dict[str, float], best: Found, most: float, effort: Effort) -> None:
-    """Adds the fits of the others from the same `search`, each broken off after `most` seconds."""
+    """Adds the fits of the others from the same `starts`, each broken off after `most` seconds."""
     study = example()
     able = [(peer, fit) for peer in peers() if peer.fit_tolerance for fit in FITS]
     # lmfit over the quickest of them is enough, and SciPy's LSODA with the quicker of its fields.
