@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from .characterisation import Characterisation as Characterisation
     from .characterisation import Summary as Summary
     from .characterisation import characterisation_of as characterisation_of
+    from .cycle_drift import CycleDrift as CycleDrift
+    from .cycle_drift import drift_per_cycle as drift_per_cycle
     from .decimation import decimated as decimated
     from .flank_timing import Timing as Timing
     from .goodness_of_fit import error_index as error_index
@@ -64,6 +66,7 @@ else:
             "channel_summary": ["ChannelSummary"],
             "chain_convergence": ["effective_size", "effective_size_of_tails", "rhat"],
             "characterisation": ["Characterisation", "SI_UNITS", "Summary", "characterisation_of"],
+            "cycle_drift": ["CycleDrift", "drift_per_cycle"],
             "decimation": ["decimated"],
             "flank_timing": ["Timing"],
             "goodness_of_fit": ["error_index", "r_squared", "rmse"],

@@ -106,6 +106,42 @@ def test_records_that_contradict_each_other_deny_success_although_they_leave_no_
     assert "or contradict each other" in format_report(estimate)
 
 
+CARRIED = """\
+format = "pdssjax-study/1"
+[actuator]
+piezo = "static"
+friction = "coulomb"
+[parameters]
+"piezo.gain" = { start = "0.1 um/V" }
+"effector.mass" = { value = "86 g" }
+"friction.f_c" = { start = "0.5 N" }
+[[record]]
+name = "carried"
+file = "carried.csv"
+columns = { time = "time_s", displacement = "y_um" }
+measures = "effector"
+noise = "0.01 um"
+drive = { waveform = "sine", voltage = "10 V", frequency = "20 Hz" }
+"""
+
+
+def test_a_record_without_a_slip_is_called_so(tmp_path):
+    time = np.arange(0.0, 0.25, 5e-4)
+    motion = 5.0 * GAIN * (1.0 - np.cos(2.0 * np.pi * 20.0 * time))
+    noisy = 1e6 * (motion + np.random.default_rng(7).normal(0.0, NOISE, time.size))
+    np.savetxt(
+        tmp_path / "carried.csv", np.stack([time, noisy], axis=1), "%.7f", ",", header="time_s,y_um", comments=""
+    )
+    (tmp_path / "study.toml").write_text(CARRIED)
+    estimate = pdssjax.identify(pdssjax.load_study(tmp_path / "study.toml"))
+    assert estimate.parameters["piezo.gain"].value == pytest.approx(GAIN, rel=3e-3)
+    assert "friction.f_c" in the_note(estimate, "The data say nothing about")
+    note = the_note(estimate, "No record that was fitted walks")
+    assert '"carried"' in note and "never slips" in note
+    walking = dataclasses.replace(estimate.records[0], measured=estimate.records[0].measured + 2e-7 * 20.0 * time)
+    assert not any("walks" in said for said in about_records([walking], estimate.statistics))
+
+
 def test_figures_of_each_record_are_written_and_printed(tmp_path, capsys):
     records = {
         "told": (TIME, rung(TIME), NOISE, "fit", GIVEN),

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ...metrics import drift_per_cycle
 from ...study import FittedRecord, Statistics
 from ..poor_fit import (
     EXCESS,
@@ -19,6 +20,9 @@ from .words import listed, quoted
 
 CORRELATED = 0.3
 """Correlation of neighbouring residuals from which they are no noise."""
+
+_NO_WALK = 0.01
+"""Net step over stroke below which a motion is no walk."""
 
 
 def about_peaks(read: Sequence[FittedRecord]) -> list[str]:
@@ -73,6 +77,7 @@ def about_records(records: Sequence[FittedRecord], statistics: Statistics) -> li
         + _about_outliers(fitted)
         + _about_validation(known)
         + _about_correlation(fitted)
+        + _about_walking(fitted)
         + _about_failures(records)
     )
 
@@ -137,6 +142,25 @@ def _about_correlation(fitted: Sequence[FittedRecord]) -> list[str]:
     return [
         f"Neighbouring residuals are correlated, as the model's errors are and noise is not, in {quoted(correlated)}. "
         "The true errors are larger than the white standard errors."
+    ]
+
+
+def _about_walking(fitted: Sequence[FittedRecord]) -> list[str]:
+    """Where no record walks, and none shows a force, what friction does when it slides may be in none."""
+    moving = [r for r in fitted if r.measures == "effector" and r.frequency]
+    if not moving or any(r.measures in ("friction", "force") for r in fitted):
+        return []
+    told = []
+    for record in moving:
+        drift = drift_per_cycle(record.time, record.measured, record.frequency or 0.0)
+        if drift is None or abs(drift.net) > max(_NO_WALK * drift.stroke, 3.0 * drift.standard_error):
+            return []
+        text = record.display.text
+        told.append(f"{text(drift.net)} +/- {text(drift.standard_error)} a cycle in {quoted([record])}")
+    return [
+        f"No record that was fitted walks: the end-effector comes back ({listed(told)}). Either it never slips, and "
+        "then nothing tells at which force it would, or every slip takes back the whole stroke. Add a record of "
+        "a higher voltage or with a steeper fast flank."
     ]
 
 

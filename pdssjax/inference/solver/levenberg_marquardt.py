@@ -276,6 +276,9 @@ def _linearised(fn: ResidualFunction, y: Float[Array, " p"], args: Arguments, st
     (jacobian, aux_jacobian), (residual, aux) = jax.jacfwd(both, has_aux=True)(y)
     usable = jnp.all(jnp.isfinite(jacobian))
     jacobian = jnp.where(usable, jacobian, state.jacobian)
+    # What is left of a column by rounding would have its parameter thrown about, and no gradient ever small.
+    reach = jnp.linalg.norm(jacobian, axis=0) * jnp.maximum(jnp.abs(y), 1.0)
+    jacobian = jnp.where(reach > jnp.finfo(y.dtype).eps * jnp.linalg.norm(residual), jacobian, 0.0)
     size = jnp.maximum(jnp.linalg.norm(jacobian, axis=0), state.size)
     upper, projected = triangle(jacobian, residual)
     return state._replace(

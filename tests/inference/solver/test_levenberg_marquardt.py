@@ -43,11 +43,16 @@ def summed(y):
     return _padded(*(jnp.exp(y[0] + y[1]) - jnp.array([2.0, 2.2])))
 
 
+def traced(y):
+    """The second leaves a trace that rounding would, where nothing can be explained whole."""
+    return _padded(y[0] - 1.0, 2.0 * y[0] - 3.0) + 1e-31 * y[1]
+
+
 def _padded(first, second):
     return jnp.stack([first, second, 0.0 * first, 0.0 * first])
 
 
-PROBLEMS = (line, steep, logarithm, root, lying, summed)
+PROBLEMS = (line, steep, logarithm, root, lying, summed, traced)
 """Of two parameters and four residuals each, so that one compiled function solves them all."""
 
 
@@ -214,6 +219,13 @@ def test_a_parameter_without_influence_stays_where_it_is():
     assert solution.result == optx.RESULTS.successful
     np.testing.assert_allclose(solution.value[:2], [1.0, 1.0], rtol=1e-4)
     assert float(solution.value[2]) == 7.0
+
+
+def test_a_parameter_whose_influence_is_rounding_stays_where_it_is():
+    found = solve(traced, [5.0, 0.3], [-1e3, -1e3], [1e3, 1e3])
+    assert found.result == optx.RESULTS.successful
+    np.testing.assert_allclose(found.value, [1.4, 0.3], rtol=1e-12)
+    assert not np.asarray(found.stats["state"].jacobian)[:, 1].any()
 
 
 def test_two_parameters_known_by_their_sum_alone_still_converge():
