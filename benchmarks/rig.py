@@ -28,17 +28,9 @@ def stepped(study: Study) -> Study:
     return dataclasses.replace(study, records=tuple(records))
 
 
-def started(study: Study, values: dict[str, float]) -> Study:
-    """The study with a start for every free parameter, so that none is searched for."""
-    parameters = {
-        path: dataclasses.replace(p, start=values[path]) if p.free else p for path, p in study.parameters.items()
-    }
-    return dataclasses.replace(study, parameters=parameters)
-
-
 def sawtooths(every_cycle: bool = False) -> Study:
     """Only the two 5 Hz records that are fitted, the parameters started at the truth."""
-    study = started(example(every_cycle), truth())
+    study = example(every_cycle).with_starts(truth())
     used = tuple(r for r in study.records if r.measures == "effector" and r.role == "fit")
     study = dataclasses.replace(study, records=used)
     _ = study.predictor  # made here, where nothing is traced

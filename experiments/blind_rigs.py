@@ -24,7 +24,7 @@ import pdssjax
 from experiments.common import BLUE, GREEN, OUT, VERMILION, Row, print_table, save, styled
 from experiments.coverage_figure import draw_coverage
 from experiments.draws import numbered_results
-from experiments.three_ways import NOISE, known_truth, started
+from experiments.three_ways import NOISE, known_truth
 from pdssjax import Estimate, InputWarning, Study
 from pdssjax.core import prepare_jax
 from pdssjax.files import EXAMPLE
@@ -48,9 +48,8 @@ Result = dict[str, Any]
 def packaged() -> Study:
     """The packaged study, its free parameters without starts and the records that it fits."""
     study = pdssjax.load_study(EXAMPLE / "study.toml")
-    parameters = {path: dataclasses.replace(p, start=None) if p.free else p for path, p in study.parameters.items()}
     fitted = tuple(record for record in study.records if record.role == "fit")
-    return dataclasses.replace(study, parameters=parameters, records=fitted)
+    return dataclasses.replace(study.with_starts(dict.fromkeys(study.parameters)), records=fitted)
 
 
 def truth_of(number: int) -> dict[str, float]:
@@ -87,7 +86,7 @@ def identified(number: int, methods: Sequence[Method] = ("joint", "sequential"))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)
         truth = truth_of(number)
-        judge, _ = pdssjax.pose_problem(started(told, truth))
+        judge, _ = pdssjax.pose_problem(told.with_starts(truth))
         found = {method: pdssjax.identify(asked, method) for method in methods}
     fisher = _fisher_errors(judge, truth)
     return {

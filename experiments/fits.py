@@ -66,7 +66,7 @@ class Curves:
     """The predictions of a study's records, and their derivatives."""
 
     def __init__(self, study: Study, accuracy: Accuracy, starts: Mapping[str, float]):
-        """`search` [SI] size the parameters; compiles at the first use."""
+        """`starts` [SI] size the parameters; compiles at the first use."""
         fitted = {path: dataclasses.replace(p, value=None) for path, p in study.parameters.items()}
         self.study = study
         self.transform = transform_of(fitted, starts)
@@ -104,7 +104,7 @@ class Curves:
         used: Sequence[Bool[np.ndarray, " n"]],
         limit: int = 40,
     ) -> Found:
-        """Levenberg-Marquardt from `search` over the `free` parameters and the samples `used` of every record.
+        """Levenberg-Marquardt from `starts` over the `free` parameters and the samples `used` of every record.
 
         A record of which no sample is used gets its offset all the same, for the comparison.
         """

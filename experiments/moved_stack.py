@@ -21,7 +21,7 @@ import pdssjax
 from experiments.common import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, Row, print_table
 from experiments.measured_fits import EARLIER, FOLDER, STARTS
 from experiments.step_responses import CHAPTER_4, CHAPTER_5
-from experiments.three_ways import ACCURACY, SCENARIOS, amplification, known_truth, rig_of, started, with_measured
+from experiments.three_ways import ACCURACY, SCENARIOS, amplification, known_truth, rig_of, with_measured
 from pdssjax import Study
 from pdssjax.inference import Problem, least_squares_covariance, with_piezo_held
 
@@ -136,7 +136,7 @@ def liu() -> tuple[dict[str, float], list[Moved]]:
     study = _liu_study()
     known = json.loads(STARTS.read_text(encoding="utf-8"))["starts"]["simplified-lugre"]
     starts = {path: known[path] for path in study.parameters} | PAPER | {"friction.sigma1": USUAL_DAMPING}
-    problem, _ = pdssjax.pose_problem(started(study, starts), ACCURACY)
+    problem, _ = pdssjax.pose_problem(study.with_starts(starts), ACCURACY)
     fit = with_piezo_held(problem, problem.encode(starts), _quiet)
     found = {path: float(number) for path, number in problem.decode(fit.free).items()}
     whole = least_squares_covariance(np.asarray(fit.state.jacobian), np.zeros(fit.free.size, bool))

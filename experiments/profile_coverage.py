@@ -21,7 +21,6 @@ from experiments.blind_rigs import missed, rig
 from experiments.common import BLUE, GREEN, OUT, Row, print_table, save, styled
 from experiments.coverage_figure import draw_coverage
 from experiments.draws import numbered_results, read_tasks
-from experiments.three_ways import started
 from pdssjax import InputWarning
 from pdssjax.core import prepare_jax
 
@@ -44,7 +43,7 @@ def both_intervals(number: int) -> Result:
     values = kept["truth"] | {path: found[0] for path, found in kept["joint"]["parameters"].items()}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)
-        found = pdssjax.identify(started(told, values), intervals="profile")
+        found = pdssjax.identify(told.with_starts(values), intervals="profile")
     parameters = {path: found.parameters[path] for path in found.names}
     return {
         "truth": kept["truth"],

@@ -10,8 +10,9 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from pdssjax import AbstractDrive, Accuracy, Actuator, Amplifier, Effector, Sensor, Stop
+from pdssjax import AbstractDrive, Accuracy, Actuator, Effector
 from pdssjax.actuator import IDEAL, ZeroOrderHold
+from pdssjax.actuator import PARTS as RIG_PARTS
 from pdssjax.core import member, members, quantities
 from pdssjax.drive.cycloidal import Cycloidal
 from pdssjax.drive.sampled import Sampled
@@ -38,7 +39,6 @@ WIDE, USUAL = 10.0, 1.5
 """Factors either way: of a contact's stiffness and damping, of everything else."""
 _WIDELY = ("sigma0", "sigma1", "stiffness", "attraction")
 _UNITS = {VELOCITY: "m/s", ACCELERATION: "m/s2", STOP_FORCE: "N", FRICTION_FORCE: "N"}
-_PARTS = {"amplifier": Amplifier, "sensor": Sensor, "stop": Stop}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -82,7 +82,7 @@ class Structure:
             named["friction"] = member("friction", self.friction)
         if self.of not in ("unloaded", "contact"):
             named["effector"] = Effector
-        return named | {part: _PARTS[part] for part in self.parts}
+        return named | {part: RIG_PARTS[part] for part in self.parts}
 
     @cached_property
     def nominal(self) -> dict[str, float]:
@@ -170,8 +170,11 @@ DRIVES: dict[str, AbstractDrive] = {
     "sampled, held": Sampled(_INSTANTS, _UNEVEN, "held"),
     "sawtooth, held": ZeroOrderHold(_SAWTOOTH, 1e-3),
 }
-"""Every waveform; a test holds them against the family."""
+"""Waveforms with numbers that show what is special of them."""
+_OTHERS = {name: member("drive", name) for name in members("drive")}
+DRIVES |= {name: kind() for name, kind in _OTHERS.items() if kind not in {type(drive) for drive in DRIVES.values()}}
 WAVEFORMS = {f"under a {name}": Structure(drive=drive, draws_drive=True) for name, drive in DRIVES.items()}
+"""Every waveform, found by its file: those above, and of others the nominal one."""
 PARTS = {
     "feedback": Structure(feedback=True, cycles=3.0),
     "amplifier": Structure(parts=("amplifier",), cycles=3.0),

@@ -129,7 +129,7 @@ def rig_of(scenario: Scenario) -> Rig:
 @functools.cache
 def _made(scenario: Scenario) -> Rig:
     prepare_jax()  # in another process, too
-    study = started(pdssjax.load_study(EXAMPLE / "study.toml"), known_truth())
+    study = pdssjax.load_study(EXAMPLE / "study.toml").with_starts(known_truth())
     records = tuple(_sampled(record, scenario) for record in study.records if record.role == "fit")
     study = dataclasses.replace(study, records=records)
     behind = scenario.interval if scenario.late else 0.0
@@ -143,14 +143,6 @@ def _made(scenario: Scenario) -> Rig:
     unused = [scenario.one_step and is_step(record) and record.name != KEPT for record in records]
     problem = problem._replace(noise=np.where(unused, np.inf, problem.noise))
     return Rig(scenario, study, problem, tuple(np.asarray(motion) for motion in motions))
-
-
-def started(study: Study, starts: dict[str, float]) -> Study:
-    """`study` with its free parameters starting there."""
-    parameters = {
-        path: dataclasses.replace(p, start=starts[path]) if p.free else p for path, p in study.parameters.items()
-    }
-    return dataclasses.replace(study, parameters=parameters)
 
 
 def is_step(record: Record) -> bool:

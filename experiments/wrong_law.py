@@ -23,7 +23,6 @@ import pdssjax
 from experiments.common import BLUE, GREEN, OUT, VERMILION, Row, print_table, save, styled
 from experiments.coverage_figure import draw_coverage
 from experiments.draws import numbered_results
-from experiments.three_ways import started
 from pdssjax import Estimate, Record, Study
 from pdssjax.core import prepare_jax
 from pdssjax.drive.sampled import Sampled
@@ -157,7 +156,7 @@ def drawn(number: int) -> Result:
     random = np.random.default_rng([24, number])
     quiet = lambda message: None
     pseudo = made().pseudo
-    noisy = measured(started(study, pseudo), [motion + coloured(motion.size, random) for motion in motions])
+    noisy = measured(study.with_starts(pseudo), [motion + coloured(motion.size, random) for motion in motions])
     problem, starts = pdssjax.pose_problem(noisy)
     fit = joint(problem, problem.decode(np.asarray(starts)), quiet)
     samples = sum(motion.size for motion in motions)

@@ -2,6 +2,7 @@
 
 import ast
 import importlib.util
+import inspect
 import json
 import subprocess
 import sys
@@ -9,6 +10,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
+import pdssjax
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "pdssjax"
@@ -223,6 +226,16 @@ SWAPPED = """
     sweep(study, study)
     study.predict({"piezo.gain": path})
 """
+
+
+def test_what_pdssjax_offers_takes_no_two_arguments_of_one_type_by_position():
+    """So that the checker finds any two that are swapped; of one type they are named."""
+    for name in pdssjax.__all__:
+        offered = getattr(pdssjax, name)
+        if inspect.isfunction(inspect.unwrap(offered)):
+            given = inspect.signature(offered).parameters.values()
+            types = [str(p.annotation) for p in given if p.kind is inspect.Parameter.POSITIONAL_OR_KEYWORD]
+            assert len(types) == len(set(types)), f"{name}: {types}"
 
 
 @pytest.mark.slow  # the checker reads all of JAX: some 8 s

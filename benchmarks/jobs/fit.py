@@ -16,7 +16,7 @@ from ..measure import Curve, Effort, Entry, Outcome, Rung, interleave, seconds_o
 from ..peer_fits import FITS, Fitted, Residual
 from ..peers import peers
 from ..peers.base import AbstractPeer
-from ..rig import example, started, stepped
+from ..rig import example, stepped
 
 JOB = "joint fit"
 NEAR = "joint fit, starts 5 % off"
@@ -35,11 +35,11 @@ def measure(effort: Effort) -> Outcome:
     search = seconds_of(lambda: starts.update(pdssjax.initial_guess(example())))
     again = seconds_of(lambda: pdssjax.initial_guess(example()))
     searched, _ = _ours(JOB, "pdssjax identify, starts searched for", lambda: example(), effort)
-    given, best = _ours(JOB, "pdssjax identify, from given starts", lambda: started(example(), starts), effort)
-    every, _ = _ours(JOB, "the same, every cycle stepped", lambda: started(stepped(example()), starts), effort)
+    given, best = _ours(JOB, "pdssjax identify, from given starts", lambda: example().with_starts(starts), effort)
+    every, _ = _ours(JOB, "the same, every cycle stepped", lambda: stepped(example()).with_starts(starts), effort)
     signs = {path: 1.0 if place % 2 else -1.0 for place, path in enumerate(best)}
     near = starts | {path: value * (1.0 + _OFF * signs[path]) for path, (value, _) in best.items()}
-    close, best_close = _ours(NEAR, "pdssjax identify", lambda: started(example(), near), effort)
+    close, best_close = _ours(NEAR, "pdssjax identify", lambda: example().with_starts(near), effort)
     interleave([searched, given, every, close], effort)
     outcome = Outcome([searched, given, every, close])
     outcome.lines.append(f"joint fit: the search for starts takes {search:.2f} s at first and {again:.2f} s warm")
@@ -53,7 +53,7 @@ def measure(effort: Effort) -> Outcome:
 
 
 def _peers(outcome: Outcome, job: str, starts: dict[str, float], best: Found, most: float, effort: Effort) -> None:
-    """Adds the fits of the others from the same `search`, each broken off after `most` seconds."""
+    """Adds the fits of the others from the same `starts`, each broken off after `most` seconds."""
     study = example()
     able = [(peer, fit) for peer in peers() if peer.fit_tolerance for fit in FITS]
     # lmfit over the quickest of them is enough, and SciPy's LSODA with the quicker of its fields.

@@ -10,11 +10,11 @@ import time
 import diffrax
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from ..grid import Grid, in_blocks
-from ..problem import NAMES, PARAMETERS, Problem
-from .base import AbstractPeer, Prepared, ladder
+from ..problem import PARAMETERS
+from ._jax_peer import AbstractJaxPeer, in_order
+from .base import Prepared, ladder
 
 _RATE = 6736.0
 """Scale of the velocities [1/s], so that one tolerance suits displacements and velocities."""
@@ -34,7 +34,7 @@ def field(time, state, args):
 
 
 @dataclasses.dataclass(frozen=True)
-class PlainDiffrax(AbstractPeer):
+class PlainDiffrax(AbstractJaxPeer):
     """`diffrax.diffeqsolve` with a solver of diffrax."""
 
     solver: diffrax.AbstractSolver
@@ -47,16 +47,6 @@ class PlainDiffrax(AbstractPeer):
     def name(self) -> str:
         return f"diffrax {type(self.solver).__name__}"
 
-    def trajectory(self, problem: Problem) -> Prepared:
-        return self._compiled(lambda p, tolerance: self._run(p, tolerance, problem))
-
-    def jacobian(self, problem: Problem) -> Prepared:
-        def run(p, tolerance):
-            logarithmic = lambda q: self._run(p * jnp.exp(q), tolerance, problem)
-            return jax.jacfwd(logarithmic)(jnp.zeros(len(NAMES)))
-
-        return self._compiled(run)
-
     def sweep(self, grid: Grid) -> Prepared:
         points, times = in_blocks(grid.points), in_blocks(grid.times)
 
@@ -68,13 +58,9 @@ class PlainDiffrax(AbstractPeer):
         ready = run.lower(PARAMETERS, 1e-5, points[0], times[0]).compile()
         seconds = time.perf_counter() - begun
 
-        def every_block(p, tolerance):
-            blocks = [ready(p, tolerance, *block) for block in zip(points, times, strict=True)]
-            return np.concatenate(blocks)[: len(grid.points)]
+        return Prepared(in_order(ready, points, times, len(grid.points)), seconds)
 
-        return Prepared(every_block, seconds)
-
-    def _run(self, p, tolerance, problem):
+    def run(self, p, tolerance, problem):
         times = jnp.asarray(problem.times)
         return self._solve(p, tolerance, problem.voltage, 1.0 / problem.frequency, problem.cycles, times)
 
@@ -98,12 +84,6 @@ class PlainDiffrax(AbstractPeer):
             throw=False,
         )
         return solution.ys[:, 2]  # pyright: ignore[reportOptionalSubscript]
-
-    def _compiled(self, function) -> Prepared:
-        begun = time.perf_counter()
-        ready = jax.jit(function).lower(PARAMETERS, 1e-5).compile()
-        seconds = time.perf_counter() - begun
-        return Prepared(lambda p, tolerance: np.asarray(ready(p, tolerance)), seconds)
 
 
 PEERS = (

@@ -16,12 +16,13 @@ from pdssjax.integration import integrate_to_times
 from pdssjax.simulation import StickSlip
 
 from ..grid import Grid, in_blocks
-from ..problem import NAMES, PARAMETERS, UM, EveryCycle, Problem, actuator, effector
-from .base import AbstractPeer, Prepared, ladder
+from ..problem import PARAMETERS, UM, EveryCycle, actuator, effector
+from ._jax_peer import AbstractJaxPeer, in_order
+from .base import Prepared, ladder
 
 
 @dataclasses.dataclass(frozen=True)
-class PdssJax(AbstractPeer):
+class PdssJax(AbstractJaxPeer):
     """`displacements`, as a fit uses it.  The deviation taken for rest is the tolerance."""
 
     order: int
@@ -35,25 +36,11 @@ class PdssJax(AbstractPeer):
     def name(self) -> str:
         return f"pdssjax, order {self.order}" + (", every cycle stepped" if self.every_cycle else "")
 
-    def trajectory(self, problem: Problem) -> Prepared:
-        return self._compiled(lambda p, tolerance: self._run(p, tolerance, problem))
-
-    def jacobian(self, problem: Problem) -> Prepared:
-        def run(p, tolerance):
-            logarithmic = lambda q: self._run(p * jnp.exp(q), tolerance, problem)
-            return jax.jacfwd(logarithmic)(jnp.zeros(len(NAMES)))
-
-        return self._compiled(run)
-
     def sweep(self, grid: Grid) -> Prepared:
         points, times = in_blocks(grid.points), in_blocks(grid.times)
         ready, seconds = _side_by_side(self, points[0].shape, times[0].shape)
 
-        def every_block(p, tolerance):
-            blocks = [ready(p, tolerance, *block) for block in zip(points, times, strict=True)]
-            return np.concatenate(blocks)[: len(grid.points)]
-
-        return Prepared(every_block, seconds)
+        return Prepared(in_order(ready, points, times, len(grid.points)), seconds)
 
     def point(self, p, tolerance, point, times):
         """The end-effector at the times of one point: what `pdssjax.sweep` runs side by side, but for its metrics."""
@@ -63,16 +50,10 @@ class PdssJax(AbstractPeer):
         y, _ = jax.vmap(rig.driven_platform.platform)(state.driven)
         return jnp.where(failure > 0, jnp.nan, UM * (y - state.d))
 
-    def _run(self, p, tolerance, problem):
+    def run(self, p, tolerance, problem):
         accuracy = Accuracy(1e-6 * tolerance, 1e-6 * tolerance, Taylor(self.order))
         drive = EveryCycle(problem.voltage, problem.frequency) if self.every_cycle else problem.drive()
         return effector(p, problem, accuracy, drive)
-
-    def _compiled(self, function) -> Prepared:
-        begun = time.perf_counter()
-        ready = jax.jit(function).lower(PARAMETERS, 1e-5).compile()
-        seconds = time.perf_counter() - begun
-        return Prepared(lambda p, tolerance: np.asarray(ready(p, tolerance)), seconds)
 
 
 @functools.cache

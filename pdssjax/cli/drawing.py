@@ -2,13 +2,14 @@
 
 import argparse
 import os
-from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
 
 from ..core import InputError
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     from ..inference import Drawing, Intervals
 
 DRAWN = "bootstrap", "posterior"
@@ -47,11 +48,13 @@ class More(TypedDict, total=False):
 
     drawing: "Drawing"
     starts: int
-    executor: Executor
+    executor: "Executor"
 
 
 def more_of(options: argparse.Namespace, intervals: "Intervals", folder: Path) -> More:
     """What is drawn and kept in `folder`, and how many starts are compared, on all cores."""
+    from concurrent.futures import ThreadPoolExecutor
+
     from ..files import DrawsFile
     from ..inference import Drawing
 

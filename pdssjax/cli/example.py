@@ -1,7 +1,6 @@
 """`pdssjax example`: copies the packaged study."""
 
 import argparse
-import shutil
 from pathlib import Path
 
 from ..core import InputError
@@ -10,6 +9,8 @@ from .subcommands import Subcommands
 
 
 def example(options: argparse.Namespace) -> int:
+    import shutil
+
     folder = options.folder
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"{folder}: found something there already, expected an empty folder or nothing.")

@@ -1,7 +1,6 @@
 """`pdssjax explore`: a page in the browser on which the numbers of a study are turned."""
 
 import argparse
-import dataclasses
 import importlib.util
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -47,6 +46,8 @@ def _study(options: argparse.Namespace) -> "Study":
 
     **Raises:** `InputError` where it has no record, and for parameters without a number.
     """
+    import dataclasses
+
     import pdssjax
 
     study = pdssjax.load_study(options.study)

@@ -1,6 +1,5 @@
 """What is said when the input is at fault, or legal but suspicious."""
 
-import difflib
 from collections.abc import Iterable
 
 
@@ -18,6 +17,8 @@ class InputWarning(UserWarning):
 
 def nearest(name: str, known: Iterable[str]) -> str:
     """The end of a message about an unknown `name`: the nearest known one, or all of them."""
+    import difflib  # for messages alone: the command line starts without it
+
     known = list(known)
     close = difflib.get_close_matches(name, known, n=1)
     if close:

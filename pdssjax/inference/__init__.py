@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from .least_squares import Fit as Fit
     from .least_squares import Method as Method
     from .least_squares import joint as joint
-    from .least_squares import sequential as sequential
-    from .least_squares import with_piezo_held as with_piezo_held
     from .parameter_transform import transform_of as transform_of
     from .problem import Problem as Problem
     from .problem import pose_problem as pose_problem
@@ -31,6 +29,8 @@ if TYPE_CHECKING:
     from .solver.levenberg_marquardt import BoundedLevenbergMarquardt as BoundedLevenbergMarquardt
     from .stack_first.peak_picking import PickedStack as PickedStack
     from .stack_first.peak_picking import pick_peaks as pick_peaks
+    from .stack_first.sequential import sequential as sequential
+    from .stack_first.sequential import with_piezo_held as with_piezo_held
     from .uncertainty.influence import curvature_of as curvature_of
     from .uncertainty.influence import influence_of as influence_of
     from .uncertainty.influence import principal_directions as principal_directions
@@ -50,11 +50,12 @@ else:
             "initial_values.guess": ["initial_guess"],
             "initial_values.search": ["guess_starts"],
             "solver.iterations": ["iterates"],
-            "least_squares": ["Fit", "Method", "joint", "sequential", "with_piezo_held"],
+            "least_squares": ["Fit", "Method", "joint"],
             "solver.levenberg_marquardt": ["BoundedLevenbergMarquardt"],
             "uncertainty.parameter_errors": ["all_error_models", "with_error_models"],
             "parameter_transform": ["transform_of"],
             "stack_first.peak_picking": ["PickedStack", "pick_peaks"],
+            "stack_first.sequential": ["sequential", "with_piezo_held"],
             "problem": ["Problem", "pose_problem"],
             "residual": ["Residual", "as_weights"],
         },

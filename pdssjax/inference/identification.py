@@ -13,7 +13,7 @@ from ..study import Estimate, Study
 from .draws import Drawing
 from .estimated_noise import with_noise
 from .kept_fit import Found, as_asked, kept, restored
-from .least_squares import FitMethod, Method, Progress, evaluated, joint, quiet, sequential
+from .least_squares import FitMethod, Method, Progress, evaluated, joint, quiet
 from .losses.base import AbstractLoss
 from .search.best_point import BestPoint, Point, completed
 from .search.multistart import best_fit
@@ -21,6 +21,7 @@ from .search.requested_starts import best_of_starts, check_starts
 from .sensor_signs import question_signs
 from .stack_first.held_stack import rejoined, with_stack_held
 from .stack_first.peak_picking import PickedStack, pick_peaks
+from .stack_first.sequential import sequential
 from .summary import summarise
 from .uncertainty.drawn_intervals import with_bootstrap, with_posterior
 from .uncertainty.parameter_errors import with_error_models

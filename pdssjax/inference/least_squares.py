@@ -16,7 +16,7 @@ from .solver.ending import SUCCESSES, Ending
 from .solver.iterations import iterate, iterates
 from .solver.levenberg_marquardt import BoundedLevenbergMarquardt
 from .solver.lm_state import LMState
-from .stack_parameters import of_platform, of_platform_alone, of_stack
+from .stack_parameters import of_platform, of_platform_alone
 from .variable_projection import FEWEST, linear_parameters, project
 
 Progress: TypeAlias = Callable[[str], None]
@@ -92,17 +92,6 @@ class Fit(NamedTuple):
         return value if self.iterations and np.isfinite(value) else np.inf
 
 
-def reduced_chi2(fit: Fit, problem: Problem) -> float:
-    """Chi-square per degree of freedom."""
-    return fit.chi2 / degrees_of_freedom(fit, problem)
-
-
-def degrees_of_freedom(fit: Fit, problem: Problem) -> int:
-    """Samples less what is fitted, the free offsets counted; at least 1."""
-    offsets = sum(record.offset is None for record in problem.records)
-    return max(np.size(fit.state.residual) - fit.free.size - offsets, 1)
-
-
 def by_record(problem: Problem, fit: Fit) -> list[Float[np.ndarray, " samples"]]:
     """The whitened residuals of each record."""
     return [np.asarray(fit.state.residual)[rows] for rows in problem.rows]
@@ -120,40 +109,16 @@ def joint(problem: Problem, starts: Values, report: Progress, limit: int = MAX_I
     spent = []
     carries = any(record.measurement.effector_moves for record in problem.records)
     if platform.any() and carries and piezo.any() and not piezo.all():
-        first = _least_squares(problem, free, platform, piezo, "piezo", report, limit)
+        first = fit_phase(problem, free, platform, piezo, "piezo", report, limit)
         free, spent = first.free, [first]
-    last = _least_squares(problem, free, np.ones(platform.size, bool), np.ones(free.size, bool), "all", report, limit)
+    last = fit_phase(problem, free, np.ones(platform.size, bool), np.ones(free.size, bool), "all", report, limit)
     return summed(last, spent)
-
-
-def sequential(problem: Problem, starts: Values, report: Progress, limit: int = MAX_ITERATIONS) -> Fit:
-    """The piezo from the platform records; then, with the piezo held, the others from the rest."""
-    platform = of_platform_alone(problem.records)
-    free = problem.residual.transform.encode(starts)
-    piezo = of_stack(problem)
-    first = _least_squares(problem, free, platform, piezo, "piezo", report, limit)
-    last = with_piezo_held(problem, first.free, report, limit)
-    return summed(last._replace(success=first.success and last.success), [first])
-
-
-def with_piezo_held(
-    problem: Problem, free: Float[np.ndarray, " p"], report: Progress, limit: int = MAX_ITERATIONS
-) -> Fit:
-    """The other parameters from the records that do not show the platform alone, from the point `free`."""
-    platform = of_platform_alone(problem.records)
-    piezo = of_stack(problem)
-    second = _least_squares(problem, free, ~platform, ~piezo, "friction", report, limit)
-    # Both steps' residuals, for the statistics and the errors.
-    whole = evaluated(problem, second.free, report)
-    state = whole.state._replace(iterations=second.state.iterations, evaluations=second.state.evaluations)
-    ended = {"success": second.success, "message": second.message, "ending": second.ending}
-    return summed(whole._replace(state=state, **ended), [second])
 
 
 def evaluated(problem: Problem, free: Float[np.ndarray, " p"], report: Progress) -> Fit:
     """All records at the point `free`, where nothing is fitted."""
     everything = np.ones(len(problem.records), bool)
-    return _least_squares(problem, free, everything, np.zeros(free.size, bool), "all", report)
+    return fit_phase(problem, free, everything, np.zeros(free.size, bool), "all", report)
 
 
 def piezo_alone(problem: Problem, starts: Values, report: Progress) -> dict[str, float]:
@@ -163,7 +128,7 @@ def piezo_alone(problem: Problem, starts: Values, report: Progress) -> dict[str,
     used = of_platform_alone(problem.records)
     if not (piezo.any() and used.any()):
         return {}
-    fit = _least_squares(problem, names.encode(starts), used, piezo, "piezo", report)
+    fit = fit_phase(problem, names.encode(starts), used, piezo, "piezo", report)
     found = names.decode(fit.free)
     return {path: float(found[path]) for path, wanted in zip(names.paths, piezo, strict=True) if wanted}
 
@@ -187,7 +152,7 @@ def quiet(message: str) -> None:
     """Reports no progress."""
 
 
-def _least_squares(
+def fit_phase(
     problem: Problem,
     free: Float[np.ndarray, " p"],
     used: Bool[np.ndarray, " records"],

@@ -58,7 +58,7 @@ class ParameterTransform(eqx.Module):
 
 
 def transform_of(parameters: Mapping[str, Parameter], starts: Mapping[str, float]) -> ParameterTransform:
-    """The scale of the free `parameters` of a study, sized after their `search`."""
+    """The scale of the free `parameters` of a study, sized after their `starts`."""
     free = [p for p in parameters.values() if p.free]
     logarithmic = np.array([p.quantity.positive for p in free], bool)
     sizes = [p.standard_error or abs(starts[p.path]) or _typical(p) for p in free]

@@ -16,7 +16,8 @@ import numpy as np
 from ..study import Agreement, FittedRecord, repeated_residuals
 from .covariance import least_squares_covariance
 from .diagnostics.diagnose import records_agreement
-from .least_squares import Fit, by_record, degrees_of_freedom, reduced_chi2
+from .fit_statistics import degrees_of_freedom, reduced_chi2
+from .least_squares import Fit, by_record
 from .problem import Problem
 
 EXCESS = 1.2

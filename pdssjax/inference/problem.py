@@ -130,7 +130,7 @@ def _linearised(
 
 
 def pose(study: Study, starts: Mapping[str, float], accuracy: Accuracy, loss: AbstractLoss | None = None) -> Problem:
-    """The fit of a study's records with role "fit", parameters scaled after their `search`."""
+    """The fit of a study's records with role "fit", parameters scaled after their `starts`."""
     records = tuple(record for record in study.records if record.role == "fit")
     fixed = {path: starts[path] for path, parameter in study.parameters.items() if not parameter.free}
     apart = {path: told for path, p in study.parameters.items() if (told := p.measured_apart) is not None}

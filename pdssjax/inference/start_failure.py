@@ -20,7 +20,7 @@ ELECTRONICS = ("amplifier", "sensor")
 def failed_start(problem: Problem, starts: Values) -> str:
     """One or two sentences: what fails, and the parameter with which it would not.
 
-    **Arguments:** `problem` of a fit, and the `search` [SI] of all parameters, at which some of its records cannot
+    **Arguments:** `problem` of a fit, and the `starts` [SI] of all parameters, at which some of its records cannot
     be simulated.  Every parameter is changed by itself, those of the rig's electronics first.
     """
     at = {path: float(number) for path, number in (problem.residual.fixed | dict(starts)).items()}

@@ -9,7 +9,8 @@ from jaxtyping import Bool, Float
 from ..study import Estimate, FittedParameter, FittedRecord, Parameter, Statistics, Study, compare
 from .covariance import Covariance, correlation, least_squares_covariance, propagated
 from .diagnostics.diagnose import diagnose
-from .least_squares import START_FAILED, Fit, Method, reduced_chi2
+from .fit_statistics import statistics_of
+from .least_squares import START_FAILED, Fit, Method
 from .notes.of_fit import notes_of
 from .parameter_transform import ParameterTransform
 from .poor_fit import contradicting, leaves_more_than_noise
@@ -41,7 +42,7 @@ def summarise(
     """
     free, fitted = problem.residual.transform, {**starts, **problem.residual.transform.decode(fit.free)}
     values = {path: float(value) for path, value in fitted.items()}
-    statistics = _statistics(problem, fit)
+    statistics = statistics_of(problem, fit)
     known, naive, enlarged = _errors(method, problem, fit, statistics, stack)
     deviation = np.sqrt(np.diag(known.matrix) * enlarged)
     weakly_determined = known.identifiable & (deviation > WEAKLY_DETERMINED)
@@ -182,26 +183,6 @@ def _parameter(
         start=start,
         at_bound=at_bound,
         identifiable=bool(known.identifiable[i]) or at_bound,
-    )
-
-
-def _statistics(problem: Problem, fit: Fit) -> Statistics:
-    measured = int(np.size(fit.state.residual))
-    free = fit.free.size + sum(record.offset is None for record in problem.records)
-    sizes = np.array([record.time.size for record in problem.records])
-    # Minus twice the log-likelihood: the noise counts, where it is estimated.
-    deviance = fit.chi2 + 2.0 * np.sum(sizes * np.log(problem.noise)) + measured * np.log(2.0 * np.pi)
-    return Statistics(
-        chi2=fit.chi2,
-        reduced_chi2=reduced_chi2(fit, problem),
-        aic=float(deviance + 2.0 * free),
-        bic=float(deviance + np.log(measured) * free),
-        evaluations=fit.evaluations,
-        iterations=fit.iterations,
-        samples=int(sizes.sum()),
-        free=free,
-        noise_estimated=all(record.noise is None for record in problem.records),
-        measured_apart=measured - int(sizes.sum()),
     )
 
 

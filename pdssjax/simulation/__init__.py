@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from .sensor_output import measured as measured
     from .sensor_output import why_failed as why_failed
     from .steady_cycles import steady_cycle as steady_cycle
+    from .systems._stick_slip_state import StickSlipState as StickSlipState
     from .systems.platform_only import PlatformOnly as PlatformOnly
     from .systems.prescribed_motion import PrescribedMotion as PrescribedMotion
     from .systems.stick_slip import StickSlip as StickSlip
@@ -47,6 +48,7 @@ else:
                 "why_failed",
             ],
             "steady_cycles": ["steady_cycle"],
+            "systems._stick_slip_state": ["StickSlipState"],
             "systems.platform_only": ["PlatformOnly"],
             "systems.prescribed_motion": ["PrescribedMotion"],
             "systems.stick_slip": ["StickSlip"],

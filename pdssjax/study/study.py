@@ -136,6 +136,21 @@ class Study:
             parameters[path] = Parameter(path, legal[path].unit, legal[path], value=float(number), source=source)
         return dataclasses.replace(self, parameters=parameters)
 
+    def with_starts(self, starts: Mapping[str, float | None]) -> "Study":
+        """The study with its free parameters among `starts` [SI], by path, starting there; None: looked for anew.
+
+        What is fixed, was measured apart and starts there, or is no parameter of the study, stays as it is.
+
+        **Raises:** `InputError` for a number outside its legal range.
+        """
+        parameters = dict(self.parameters)
+        for path, start in starts.items():
+            if path in parameters and parameters[path].free and parameters[path].standard_error is None:
+                if start is not None:
+                    check_range(float(start), parameters[path].quantity, f'starts: "{path}"')
+                parameters[path] = dataclasses.replace(parameters[path], start=start)
+        return dataclasses.replace(self, parameters=parameters)
+
     @functools.cached_property
     def models(self) -> Models:
         """The chosen family members."""

@@ -7,7 +7,7 @@ import pytest
 
 import pdssjax
 from experiments import blind_rigs
-from experiments.three_ways import known_truth, started
+from experiments.three_ways import known_truth
 from pdssjax.inference.least_squares import evaluated
 from pdssjax.inference.poor_fit import is_poor, leaves_more_than_noise
 
@@ -77,7 +77,7 @@ ELSEWHERE = {
 def test_records_contradict_each_other_in_a_wrong_optimum_whose_residuals_look_like_noise(number):
     _, asked = blind_rigs.rig(number)
     truth = blind_rigs.truth_of(number)
-    problem, _ = pdssjax.pose_problem(started(asked, truth))
+    problem, _ = pdssjax.pose_problem(asked.with_starts(truth))
     wrong = truth | dict(zip(FITTED, ELSEWHERE[number], strict=True))
     for values, poor in ((truth, False), (wrong, True)):
         fit = evaluated(problem, problem.encode(values), lambda message: None)

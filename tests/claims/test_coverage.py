@@ -29,14 +29,6 @@ def example() -> Study:
     return dataclasses.replace(study, records=tuple(r for r in study.records if r.role == "fit"))
 
 
-def started(study: Study, starts: dict[str, float]) -> Study:
-    """`study` with its free parameters starting at `search`."""
-    parameters = {
-        path: dataclasses.replace(p, start=starts[path]) if p.free else p for path, p in study.parameters.items()
-    }
-    return dataclasses.replace(study, parameters=parameters)
-
-
 def scattered(seed: int) -> dict[str, float]:
     """The truth times a factor of up to 2 either way, of up to 1.2 for the natural frequency."""
     random = np.random.default_rng(seed)
@@ -45,7 +37,7 @@ def scattered(seed: int) -> dict[str, float]:
 
 
 def test_starts_a_factor_of_two_off_lead_to_one_optimum_within_25_iterations(example):
-    found = [pdssjax.identify(started(example, scattered(seed))) for seed in SEEDS]
+    found = [pdssjax.identify(example.with_starts(scattered(seed))) for seed in SEEDS]
     chi2 = np.array([estimate.statistics.chi2 for estimate in found])
     assert np.sum(chi2 < chi2.min() + 0.5) >= 19
     assert np.median([estimate.statistics.iterations for estimate in found]) <= 25
@@ -64,7 +56,7 @@ def test_the_truth_lies_as_many_errors_away_as_it_should(example):
             )
             for record, motion in zip(example.records, motions, strict=True)
         )
-        found = pdssjax.identify(started(dataclasses.replace(example, records=records), TRUTH)).parameters
+        found = pdssjax.identify(dataclasses.replace(example, records=records).with_starts(TRUTH)).parameters
         free = [path for path in found if found[path].free]
         scores.append([(found[path].value - TRUTH[path]) / found[path].standard_error for path in free])
         inside.append([found[path].interval[0] < TRUTH[path] < found[path].interval[1] for path in free])

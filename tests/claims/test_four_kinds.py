@@ -28,19 +28,14 @@ def made(folder: Path, seed: int = 1, **kind) -> tuple[Study, dict[str, float]]:
     file.write_text(four_kinds.plan(**kind))
     planned = pdssjax.load_study(file, virtual=True)
     records = tuple(recording.record for recording in make_recordings(planned, seed))
-    startless = {path: dataclasses.replace(p, start=None) for path, p in planned.parameters.items()}
-    return dataclasses.replace(planned, records=records, parameters=startless), planned.values()
+    return dataclasses.replace(
+        planned.with_starts(dict.fromkeys(planned.parameters)), records=records
+    ), planned.values()
 
 
 def alone(study: Study, *names: str) -> Study:
     """The study with the records of these names only."""
     return dataclasses.replace(study, records=tuple(r for r in study.records if r.name in names))
-
-
-def started(study: Study, values: dict[str, float]) -> Study:
-    """The study with `values` as starts of what is free."""
-    begun = {path: dataclasses.replace(p, start=values[path]) for path, p in study.parameters.items() if p.free}
-    return dataclasses.replace(study, parameters={**study.parameters, **begun})
 
 
 def pulls(estimate, true: dict[str, float]) -> dict[str, float]:
@@ -90,7 +85,7 @@ def test_four_kinds_fitted_together_give_the_truth_within_its_errors(rig):
     study, true = rig
     rough = {path: true[path] * (0.9, 1.1)[i % 2] for i, path in enumerate(sorted(free(study)))}
     quick = Accuracy(tolerance=1e-10, settle_tolerance=1e-11, method=Taylor(8))
-    estimate = pdssjax.identify(started(study, rough), accuracy=quick)
+    estimate = pdssjax.identify(study.with_starts(rough), accuracy=quick)
     assert estimate.converged and likely(estimate)
     told = pulls(estimate, true)
     assert set(told) == free(study)

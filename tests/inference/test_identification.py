@@ -49,11 +49,7 @@ def sequential(example, joint):
 
 def starting(study, estimate):
     """`study` with its free parameters starting a little off an earlier estimate."""
-    moved = {
-        path: dataclasses.replace(p, start=1.05 * estimate.parameters[path].value) if p.free else p
-        for path, p in study.parameters.items()
-    }
-    return dataclasses.replace(study, parameters=moved)
+    return study.with_starts({path: 1.05 * found.value for path, found in estimate.parameters.items()})
 
 
 def test_the_example_is_found_without_starts(joint):
@@ -115,7 +111,7 @@ def test_the_fisher_information_at_the_truth_is_the_known_one(example):
     problem = pose(example, TRUTH, Accuracy())
     at_truth = problem.residual.transform.encode(TRUTH)
     everything = np.ones(len(problem.records), bool)
-    fit = fitting._least_squares(problem, at_truth, everything, np.zeros(9, bool), "truth", lambda message: None)
+    fit = fitting.fit_phase(problem, at_truth, everything, np.zeros(9, bool), "truth", lambda message: None)
     assert fit.iterations == 1
     information = np.asarray(fit.state.jacobian).T @ np.asarray(fit.state.jacobian)
     size = np.sqrt(np.diag(information))

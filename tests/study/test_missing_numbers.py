@@ -1,5 +1,6 @@
 """Nothing is filled in silently: a number that is missing is asked for by name, and what was used is told."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -155,3 +156,17 @@ def test_numbers_of_a_fit_that_did_not_converge_are_told_apart(tmp_path, platfor
         study = with_estimate(pdssjax.load_study(platform), file)
     others = set(study.parameters) - {"piezo.gain"}
     assert numbers_used(study, others)["piezo.gain"]["source"] == f"estimate {file} (not converged)"
+
+
+def test_starts_are_those_told_and_what_is_fixed_stays(platform):
+    study = pdssjax.load_study(platform)
+    apart = dataclasses.replace(study.parameters["piezo.damping_ratio"], start=0.2, standard_error=0.01)
+    study = dataclasses.replace(study, parameters=study.parameters | {"piezo.damping_ratio": apart})
+    told = {"piezo.gain": 2e-7, "friction.sigma1": 1.0, "piezo.damping_ratio": 0.3, "no.such": 1.0}
+    begun = study.with_starts(told)
+    assert begun.parameters["piezo.gain"].start == 2e-7 and begun.parameters["piezo.gain"].free
+    assert begun.parameters["friction.sigma1"] == study.parameters["friction.sigma1"]
+    assert begun.parameters["piezo.damping_ratio"] == apart and "no.such" not in begun.parameters
+    assert begun.with_starts(dict.fromkeys(study.parameters)).parameters["piezo.gain"].start is None
+    with pytest.raises(InputError, match=r'starts: "piezo\.gain": found -1 m/V, expected'):
+        study.with_starts({"piezo.gain": -1.0})

@@ -134,8 +134,8 @@ def test_what_a_step_shows_of_the_platform_is_told_before_any_fit(tmp_path):
     study = load_study(plan, virtual=True)
     true = study.values()
     records = tuple(recording.record for recording in make_recordings(study, 2))
-    startless = {path: dataclasses.replace(p, start=None) for path, p in study.parameters.items()}
-    guessed = pdssjax.initial_guess(dataclasses.replace(study, records=records, parameters=startless))
+    startless = study.with_starts(dict.fromkeys(study.parameters))
+    guessed = pdssjax.initial_guess(dataclasses.replace(startless, records=records))
     for path, number in guessed.items():
         assert number == pytest.approx(true[path], rel=0.1), path
 

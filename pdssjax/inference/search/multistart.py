@@ -12,8 +12,9 @@ from concurrent.futures import ThreadPoolExecutor
 from ...integration import Accuracy
 from ...study import Study
 from ..estimated_noise import with_noise
+from ..fit_statistics import reduced_chi2
 from ..initial_values.search import guess_starts
-from ..least_squares import Fit, FitMethod, Progress, lowered, reduced_chi2, summed
+from ..least_squares import Fit, FitMethod, Progress, lowered, summed
 from ..losses.base import AbstractLoss
 from ..problem import Problem, pose
 from ..variable_projection import is_separable

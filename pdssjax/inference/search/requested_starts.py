@@ -15,8 +15,9 @@ from jaxtyping import Float
 from ...core import InputError, sobol_points
 from ...study import Multistart, Study
 from ..draws import each_done
+from ..fit_statistics import reduced_chi2
 from ..initial_values.search import scatter_ranges
-from ..least_squares import Fit, FitMethod, Progress, quiet, reduced_chi2
+from ..least_squares import Fit, FitMethod, Progress, quiet
 from ..problem import Problem
 
 APART = 1.0

@@ -56,8 +56,8 @@ _EPSILONS = 4.0
 """Relative rounding errors that parameters and residual gather."""
 
 
-Point: TypeAlias = Float[Array, " p"]
-"""The parameters."""
+Free: TypeAlias = Float[Array, " p"]
+"""The free parameters."""
 
 ResidualFunction: TypeAlias = Callable[[Float[Array, " p"], Any], tuple[Float[Array, " n"], Auxiliary]]
 """(y, args) to the residuals and what goes with them."""
@@ -132,8 +132,8 @@ class BoundedLevenbergMarquardt(
         )
 
     def step(
-        self, fn: ResidualFunction, y: Point, args: Arguments, options: Bounds, state: LMState, tags: frozenset[object]
-    ) -> tuple[Point, LMState, Auxiliary]:
+        self, fn: ResidualFunction, y: Free, args: Arguments, options: Bounds, state: LMState, tags: frozenset[object]
+    ) -> tuple[Free, LMState, Auxiliary]:
         checking = state.ending != Ending.RUNNING
         proposal = best_step(state, y, options, state.size, state.radius)
         apart = _apart(state, y, options, self.atol)
@@ -141,8 +141,8 @@ class BoundedLevenbergMarquardt(
         bending = ~checking & ~state.unevaluated & (state.rejected > 0)
 
         def evaluate(
-            carry: tuple[Point, Float[Array, " n"]], second: Truth
-        ) -> tuple[tuple[Point, Float[Array, " n"]], Float[Array, " n"]]:
+            carry: tuple[Free, Float[Array, " n"]], second: Truth
+        ) -> tuple[tuple[Free, Float[Array, " n"]], Float[Array, " n"]]:
             """A probe along the step, then the proposed point, bent as the probe says; or the ends of a difference."""
             step, _ = carry
             at = jnp.where(second, trial_point(y, step, proposal, options), y + PROBE * proposal.step)

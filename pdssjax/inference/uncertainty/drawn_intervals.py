@@ -16,7 +16,7 @@ from .bootstrap import Replicate, bootstrap, samples_per_cycle
 from .posterior import Model, principal_axes, sample_posterior
 from .profile_likelihood import learn_curvature
 from .residual_polynomial import of_second_order
-from .second_order import Point
+from .second_order import linearisation_at
 from .variance_factor import variance_factor
 
 TAILS = 0.025, 0.975
@@ -97,7 +97,7 @@ def with_posterior(
     if not moving.any():
         note = "No posterior: the data say nothing about any parameter."
         return dataclasses.replace(estimate, notes=(*estimate.notes, note))
-    optimum = Point(np.asarray(fit.free, float), np.asarray(fit.state.residual), np.asarray(fit.state.jacobian))
+    optimum = linearisation_at(fit)
     report("posterior: curvature at the optimum")
     curvature = learn_curvature(problem.linearised, optimum, 1.0, problem.bounds, executor=executor).at_optimum
     axes = principal_axes(optimum, np.flatnonzero(moving), factor)

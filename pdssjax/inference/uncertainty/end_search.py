@@ -14,10 +14,10 @@ from jaxtyping import Float
 
 from .probes import probe_places
 from .quadratic_end import Aim, best_of_others, follow, parabola
-from .second_order import Point, SecondOrder, learned
+from .second_order import Linearisation, SecondOrder, learned
 from .shared_curvature import SharedCurvature
 
-Asking = Generator[Float[np.ndarray, " p"], Point, "End"]
+Asking = Generator[Float[np.ndarray, " p"], Linearisation, "End"]
 """Yields where to linearise next, and is sent what was found there."""
 
 MOST_EVALUATIONS = 60
@@ -69,7 +69,7 @@ class End(NamedTuple):
     value: float
     """On the fit's scale; infinite where flat, NaN where not followed."""
     verdict: Verdict
-    point: Point
+    point: Linearisation
     """All parameters there, with residual and Jacobian."""
     evaluations: int
 
@@ -77,12 +77,14 @@ class End(NamedTuple):
 class EndSearch:
     """The search for the end that `aim` says, from the `optimum`."""
 
-    def __init__(self, optimum: Point, aim: Aim, bound: float, reach: float, threshold: float, shared: SharedCurvature):
+    def __init__(
+        self, optimum: Linearisation, aim: Aim, bound: float, reach: float, threshold: float, shared: SharedCurvature
+    ):
         self.optimum, self.aim, self.bound, self.reach, self.threshold = optimum, aim, bound, reach, threshold
         self.shared, self.local = shared, shared.at_optimum
         self.alone = False
         self.evaluations, self.learned_at = 0, 0
-        self.learned_for: Point | None = None
+        self.learned_for: Linearisation | None = None
         self.nearest = np.inf, optimum
 
     def run(self) -> Asking:
@@ -131,25 +133,25 @@ class EndSearch:
         q = float(np.linalg.norm(bend)) / np.sqrt(self.threshold)
         return float(np.clip(max(q, 1e-300) ** (-2.0 / 3.0), *_TRUSTED))
 
-    def _model(self, point: Point) -> SecondOrder:
+    def _model(self, point: Linearisation) -> SecondOrder:
         shared = None if self.alone else self.shared.at(point.at)
         return SecondOrder(point, self.local if shared is None else shared)
 
-    def _misled(self, point: Point, step: Float[np.ndarray, " p"], found: float, foretold: float) -> bool:
+    def _misled(self, point: Linearisation, step: Float[np.ndarray, " p"], found: float, foretold: float) -> bool:
         """Whether what passes for curvature is none (a kink near the optimum does)."""
         plain = float(np.sum((point.residual + point.jacobian @ step) ** 2))
         return bool(np.isfinite(found) and abs(found - plain) < abs(found - foretold))
 
-    def _learn_anew(self, point: Point) -> Generator[Float[np.ndarray, " p"], Point, None]:
+    def _learn_anew(self, point: Linearisation) -> Generator[Float[np.ndarray, " p"], Linearisation, None]:
         """The curvature at a point far from the optimum."""
-        probes: list[Point] = []
+        probes: list[Linearisation] = []
         for place in probe_places(point.at, self.aim.sizes, self.local.scale, (self.aim.low, self.aim.high)):
             found = yield from self._linearised(place)
             probes.append(found)
         self.alone, self.local = True, learned(point, probes, self.local.scale)
         self.learned_at, self.learned_for = self.evaluations, point
 
-    def _ended(self, point: Point, model: SecondOrder) -> End | None:
+    def _ended(self, point: Linearisation, model: SecondOrder) -> End | None:
         """The end, where the search is over at this `point`."""
         if point.chi2 < self.optimum.chi2 - 0.01 * self.threshold:
             return self._end(point, Verdict.LOWER)
@@ -169,7 +171,7 @@ class EndSearch:
             return self._end(point, Verdict.FLAT)
         return None
 
-    def _valley(self, point: Point, model: SecondOrder) -> tuple[float, float]:
+    def _valley(self, point: Linearisation, model: SecondOrder) -> tuple[float, float]:
         """By how much the other parameters may still lower chi-square within the bounds, and how it rises there.
 
         By the model or by a linear one, whichever says more: curvature may be wrong, where the gradient is not.
@@ -192,11 +194,13 @@ class EndSearch:
         index = self.aim.index
         return float(abs(step[index]) / self.aim.sizes[index])
 
-    def _linearised(self, at: Float[np.ndarray, " p"]) -> Generator[Float[np.ndarray, " p"], Point, Point]:
+    def _linearised(
+        self, at: Float[np.ndarray, " p"]
+    ) -> Generator[Float[np.ndarray, " p"], Linearisation, Linearisation]:
         self.evaluations += 1
         return (yield np.clip(at, self.aim.low, self.aim.high))
 
-    def _end(self, point: Point, verdict: Verdict, beyond: float = 0.0) -> End:
+    def _end(self, point: Linearisation, verdict: Verdict, beyond: float = 0.0) -> End:
         index = self.aim.index
         value = float(np.clip(point.at[index] + beyond, self.aim.low[index], self.aim.high[index]))
         if verdict == Verdict.FLAT:

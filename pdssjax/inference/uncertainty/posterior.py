@@ -33,7 +33,7 @@ from .residual_polynomial import (
     degree_for,
     learned_polynomial,
 )
-from .second_order import Point
+from .second_order import Linearisation
 
 BLOCK = 50
 """Draws between two moments at which they are kept."""
@@ -80,7 +80,7 @@ class Model(NamedTuple):
     evaluate: Evaluate
     """Residuals and Jacobian."""
     residuals: Residuals
-    optimum: Point
+    optimum: Linearisation
     axes: Float[np.ndarray, "p q"]
     """Along which parameters move."""
     bounds: tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]]
@@ -92,7 +92,7 @@ class Model(NamedTuple):
         return propose(polynomial, self.axes, self.factor, widths, self.bounds, count, seed)
 
 
-def principal_axes(optimum: Point, moving: Int[np.ndarray, " q"], factor: float) -> Float[np.ndarray, "p q"]:
+def principal_axes(optimum: Linearisation, moving: Int[np.ndarray, " q"], factor: float) -> Float[np.ndarray, "p q"]:
     """A with A A' the covariance of the linear model at an `optimum`, of the parameters at the places `moving`."""
     _, singular, rows, norms = factors(optimum.jacobian[:, moving])
     axes = np.zeros((optimum.at.size, moving.size))
@@ -140,7 +140,7 @@ def learn(
     """A polynomial that agrees with the model over the posterior, as far as one does."""
     moving = model.axes.shape[1]
     count = max(_FEWEST, int(_SURPLUS * count_terms(moving, degree_for(moving)) / (1 + moving)))
-    points: list[Point] = []
+    points: list[Linearisation] = []
     for number in range(_ROUNDS):
         report(f"posterior: learning the residuals, round {number + 1}")
         proposed = model.proposals(polynomial, _TO_LEARN, count, (seed, _LEARNING + number))

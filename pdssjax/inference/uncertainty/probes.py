@@ -4,14 +4,14 @@ import numpy as np
 from jaxtyping import Float
 
 from .quadratic_end import factors
-from .second_order import Point
+from .second_order import Linearisation
 
 PROBED = 0.05
 """How far from the point its curvature is probed, in half widths of the linear intervals."""
 
 
 def standard_errors(
-    optimum: Point, threshold: float, reach: float
+    optimum: Linearisation, threshold: float, reach: float
 ) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p p"]]:
     """Half widths of the linear intervals, none longer than can be followed; and a scale: J scale is orthonormal."""
     _, singular, rows, norms = factors(optimum.jacobian)

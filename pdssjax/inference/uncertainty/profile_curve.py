@@ -16,7 +16,7 @@ from .end_search import End
 from .probes import standard_errors
 from .profile_likelihood import REACH, Box, Evaluate, linearise
 from .quadratic_end import Aim, lowest
-from .second_order import Point, SecondOrder
+from .second_order import Linearisation, SecondOrder
 from .shared_curvature import SharedCurvature
 
 _HALVINGS = 2
@@ -52,7 +52,7 @@ class Curve(NamedTuple):
 class _Node(NamedTuple):
     """A point of the valley."""
 
-    point: Point
+    point: Linearisation
     excess: float
     slope: float
     """Of the excess, by the profiled parameter."""
@@ -62,7 +62,7 @@ class _Node(NamedTuple):
 
 def profile_curve(
     evaluate: Evaluate,
-    optimum: Point,
+    optimum: Linearisation,
     index: int,
     ends: tuple[End, End],
     threshold: float,
@@ -90,7 +90,7 @@ class _Side:
     def __init__(
         self,
         evaluate: Evaluate,
-        optimum: Point,
+        optimum: Linearisation,
         index: int,
         threshold: float,
         bounds: Box,
@@ -103,7 +103,7 @@ class _Side:
         self.aim, self.shared = Aim(index, 1.0, optimum.chi2, self.low, self.high, sizes), shared
         self.evaluations, self.missed = 0, float("nan")
 
-    def run(self, end: Point) -> Curve:
+    def run(self, end: Linearisation) -> Curve:
         """From the optimum to the `end`."""
         first, last = self._node(self.optimum), self._node(end)
         if not (np.isfinite(last.excess) and end.at[self.index] != self.optimum.at[self.index]):
@@ -145,7 +145,7 @@ class _Side:
             *self._between(node, other_end, halvings - 1),
         ]
 
-    def _corrected(self, point: Point) -> _Node:
+    def _corrected(self, point: Linearisation) -> _Node:
         """The node at a `point`, after steps of the others that bring it into the valley where it is off."""
         node, share = self._node(point), 1.0
         for _ in range(_CORRECTIONS):
@@ -169,7 +169,7 @@ class _Side:
             return guess
         return nearer.at + lowest(SecondOrder(nearer, curvature), nearer.at, guess - nearer.at, self.aim)
 
-    def _node(self, point: Point) -> _Node:
+    def _node(self, point: Linearisation) -> _Node:
         """What the linear model makes of a point near the valley."""
         if not np.isfinite(point.chi2):
             return _Node(point, np.inf, np.nan, np.zeros(point.at.size))
@@ -181,17 +181,17 @@ class _Side:
         tangent[self.index] = 1.0
         return _Node(point, float(residual @ residual) - self.optimum.chi2, slope, tangent)
 
-    def _best(self, point: Point) -> Float[np.ndarray, " p"]:
+    def _best(self, point: Linearisation) -> Float[np.ndarray, " p"]:
         """The step of the others that lowers chi-square most, by the linear model and within the bounds."""
         others, step = self._others(point), np.zeros(point.at.size)
         step[others] = -_solved(point.jacobian[:, others], point.residual)
         return np.clip(point.at + step, self.low, self.high) - point.at
 
-    def _others(self, point: Point) -> Bool[np.ndarray, " p"]:
+    def _others(self, point: Linearisation) -> Bool[np.ndarray, " p"]:
         """Those besides the profiled one that are not at a bound."""
         return (point.at > self.low) & (point.at < self.high) & (np.arange(point.at.size) != self.index)
 
-    def _linearised(self, at: Float[np.ndarray, " p"]) -> Point:
+    def _linearised(self, at: Float[np.ndarray, " p"]) -> Linearisation:
         self.evaluations += 1
         return linearise(self.evaluate, at)
 

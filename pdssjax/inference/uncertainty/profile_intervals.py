@@ -13,7 +13,7 @@ from ..problem import Problem
 from .end_search import End, Verdict
 from .profile_curve import Curve, profile_curve
 from .profile_likelihood import interval_ends, learn_curvature, linear_half_widths
-from .second_order import Point
+from .second_order import Linearisation, linearisation_at
 from .variance_factor import NORMAL_95, variance_factor
 
 SIDES = -1.0, 1.0
@@ -34,7 +34,7 @@ def with_profile_intervals(
     threshold = NORMAL_95**2 * variance_factor(estimate.statistics)
     paths = problem.residual.transform.paths
     kept = [path for path in paths if not estimate.parameters[path].at_bound and estimate.parameters[path].identifiable]
-    optimum = Point(np.asarray(fit.free, float), np.asarray(fit.state.residual), np.asarray(fit.state.jacobian))
+    optimum = linearisation_at(fit)
     report("curvature at the optimum")
     shared = learn_curvature(problem.linearised, optimum, threshold, problem.bounds, executor=executor)
     which = [(paths.index(path), side) for path in kept for side in SIDES]
@@ -77,7 +77,7 @@ def verdict_of(ends: tuple[End, ...], curve: Curve) -> str:
 
 
 def _profile(
-    problem: Problem, optimum: Point, index: int, curve: Curve, ends: tuple[End, ...], threshold: float
+    problem: Problem, optimum: Linearisation, index: int, curve: Curve, ends: tuple[End, ...], threshold: float
 ) -> Profile:
     path = problem.residual.transform.paths[index]
     half_width = linear_half_widths(optimum, threshold)[index]

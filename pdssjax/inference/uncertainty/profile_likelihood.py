@@ -15,7 +15,7 @@ from ..draws import each_done
 from .end_search import Asking, End, EndSearch
 from .probes import probe_places, standard_errors
 from .quadratic_end import Aim
-from .second_order import Point
+from .second_order import Linearisation
 from .shared_curvature import SharedCurvature
 
 Evaluate = Callable[[Float[np.ndarray, " p"]], tuple[Float[Array | np.ndarray, " n"], Float[Array | np.ndarray, "n p"]]]
@@ -31,15 +31,15 @@ REACH = 7.0
 """How far a parameter is followed before it counts as flat, on the fit's scale: a factor of a thousand."""
 
 
-def linearise(evaluate: Evaluate, at: Float[np.ndarray, " p"]) -> Point:
+def linearise(evaluate: Evaluate, at: Float[np.ndarray, " p"]) -> Linearisation:
     """`evaluate` at a point, as arrays of NumPy."""
     residual, jacobian = evaluate(at)
-    return Point(np.array(at, float), np.asarray(residual), np.asarray(jacobian))
+    return Linearisation(np.array(at, float), np.asarray(residual), np.asarray(jacobian))
 
 
 def linearise_all(
     evaluate: Evaluate, places: Sequence[Float[np.ndarray, " p"]], executor: Executor | None = None
-) -> list[Point]:
+) -> list[Linearisation]:
     """`evaluate` at several points, side by side in the threads of the `executor`."""
     work = lambda number: linearise(evaluate, places[number])
     found = dict(each_done(work, range(len(places)), executor))
@@ -48,7 +48,7 @@ def linearise_all(
 
 def learn_curvature(
     evaluate: Evaluate,
-    optimum: Point,
+    optimum: Linearisation,
     threshold: float,
     bounds: Box,
     reach: float = REACH,
@@ -60,14 +60,14 @@ def learn_curvature(
     return SharedCurvature(optimum, linearise_all(evaluate, places, executor), scale)
 
 
-def linear_half_widths(optimum: Point, threshold: float, reach: float = REACH) -> Float[np.ndarray, " p"]:
+def linear_half_widths(optimum: Linearisation, threshold: float, reach: float = REACH) -> Float[np.ndarray, " p"]:
     """How far from the `optimum` the ends are by the linear model, none farther than `reach`."""
     return standard_errors(optimum, threshold, reach)[0]
 
 
 def interval_ends(
     evaluate: Evaluate,
-    optimum: Point,
+    optimum: Linearisation,
     which: Sequence[Which],
     threshold: float,
     bounds: Box,

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from .second_order import Curvature, Point
+from .second_order import Curvature, Linearisation
 
 MOST_TERMS = 1000
 """A polynomial with more is of second order."""
@@ -73,7 +73,7 @@ def terms(z: Float[Array, " q"], degree: int) -> Float[Array, " k"]:
     return jnp.concatenate(found)
 
 
-def of_second_order(optimum: Point, curvature: Curvature, axes: Float[np.ndarray, "p q"]) -> ResidualPolynomial:
+def of_second_order(optimum: Linearisation, curvature: Curvature, axes: Float[np.ndarray, "p q"]) -> ResidualPolynomial:
     """The polynomial that a `curvature` at an optimum stands for, along the `axes` of what moves."""
     bends = np.linalg.solve(curvature.scale, axes)
     second = np.einsum("nij,ia,jb->nab", curvature.second, bends, bends, optimize=True)
@@ -117,7 +117,7 @@ def _hermite_row(z: Float[Array, " q"], degree: int) -> Float[Array, "1+q k"]:
 
 
 def learned_polynomial(
-    optimum: Point, points: Sequence[Point], axes: Float[np.ndarray, "p q"], factor: float
+    optimum: Linearisation, points: Sequence[Linearisation], axes: Float[np.ndarray, "p q"], factor: float
 ) -> SampledPolynomial:
     """The polynomial that explains residuals and Jacobians at an `optimum` and at `points` best.
 
@@ -149,8 +149,8 @@ def count_points(directions: int) -> int:
 
 
 def _near(
-    optimum: Point, points: Sequence[Point], factor: float, fewest: int
-) -> tuple[list[Point], Float[np.ndarray, " points"]]:
+    optimum: Linearisation, points: Sequence[Linearisation], factor: float, fewest: int
+) -> tuple[list[Linearisation], Float[np.ndarray, " points"]]:
     """The `optimum` and the points that tell of the posterior, each with its excess of chi-square."""
     simulated = [point for point in points if np.isfinite(point.chi2)]
     ordered = sorted([optimum, *simulated], key=lambda point: point.chi2)

@@ -15,6 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from ..least_squares import Fit
+
 _UNDETERMINED = 1e-3
 """Share of the largest weight below which a direction has been seen by no difference: no curvature there."""
 
@@ -23,8 +25,8 @@ _SHORT = 0.05
 """Length of a step, in the scale's units, below which a kink would pass for a large curvature."""
 
 
-class Point(NamedTuple):
-    """A point at which residuals have been linearised."""
+class Linearisation(NamedTuple):
+    """Residuals and their Jacobian at a point."""
 
     at: Float[np.ndarray, " p"]
     residual: Float[np.ndarray, " n"]
@@ -38,13 +40,18 @@ class Point(NamedTuple):
         return value if np.isfinite(value) and np.isfinite(self.jacobian).all() else np.inf
 
 
+def linearisation_at(fit: Fit) -> Linearisation:
+    """Where a `fit` ended."""
+    return Linearisation(np.asarray(fit.free, float), np.asarray(fit.state.residual), np.asarray(fit.state.jacobian))
+
+
 class Curvature(NamedTuple):
     """Second derivatives of residuals in coordinates w, x = scale w."""
 
     second: Float[np.ndarray, "n p p"]
     scale: Float[np.ndarray, "p p"]
 
-    def with_step(self, begin: Point, end: Point) -> "Curvature":
+    def with_step(self, begin: Linearisation, end: Linearisation) -> "Curvature":
         """The nearest one that explains the change of the Jacobian from `begin` to `end`.
 
         M. J. D. Powell's symmetric form of Broyden's update, for each residual.
@@ -58,7 +65,7 @@ class Curvature(NamedTuple):
         return self._replace(second=self.second + change)
 
 
-def learned(optimum: Point, probes: Sequence[Point], scale: Float[np.ndarray, "p p"]) -> Curvature:
+def learned(optimum: Linearisation, probes: Sequence[Linearisation], scale: Float[np.ndarray, "p p"]) -> Curvature:
     """The curvature that explains best, by least squares, how the Jacobian changes from `optimum` to each probe."""
     size = scale.shape[1]
     seen, told = np.zeros((size, size)), np.zeros((optimum.residual.size, size, size))
@@ -75,7 +82,9 @@ def learned(optimum: Point, probes: Sequence[Point], scale: Float[np.ndarray, "p
     return Curvature(axes @ np.where(known, rotated / np.where(known, both, 1.0), 0.0) @ axes.T, scale)
 
 
-def _step_in(scale: Float[np.ndarray, "p p"], begin: Point, end: Point) -> tuple[Float[np.ndarray, " p"], float]:
+def _step_in(
+    scale: Float[np.ndarray, "p p"], begin: Linearisation, end: Linearisation
+) -> tuple[Float[np.ndarray, " p"], float]:
     """The direction from `begin` to `end` in the coordinates of `scale`, and how far it is."""
     step = np.linalg.solve(scale, end.at - begin.at)
     length = max(float(np.linalg.norm(step)), 1e-300)
@@ -85,7 +94,7 @@ def _step_in(scale: Float[np.ndarray, "p p"], begin: Point, end: Point) -> tuple
 class SecondOrder:
     """The model at a point, as functions of the step d from it."""
 
-    def __init__(self, point: Point, curvature: Curvature):
+    def __init__(self, point: Linearisation, curvature: Curvature):
         self.scale, size = curvature.scale, point.at.size
         self.first, self.second = np.triu_indices(size)
         share = np.where(self.first == self.second, 0.5, 1.0)  # of w_i w_j in T[w, w] / 2

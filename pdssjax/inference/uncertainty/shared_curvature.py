@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .residual_polynomial import SampledPolynomial, count_points, learned_polynomial
-from .second_order import Curvature, Point, learned
+from .second_order import Curvature, Linearisation, learned
 
 
 class SharedCurvature:
@@ -20,10 +20,16 @@ class SharedCurvature:
     those of the noise given.
     """
 
-    def __init__(self, optimum: Point, probes: Sequence[Point], scale: Float[np.ndarray, "p p"], factor: float = 1.0):
+    def __init__(
+        self,
+        optimum: Linearisation,
+        probes: Sequence[Linearisation],
+        scale: Float[np.ndarray, "p p"],
+        factor: float = 1.0,
+    ):
         self.optimum, self.scale, self.factor = optimum, scale, factor
         self.at_optimum = learned(optimum, probes, scale)
-        self.points: list[Point] = list(probes)
+        self.points: list[Linearisation] = list(probes)
         # Without probes some directions may have been seen by none: only what is learned on the way counts.
         self.learns = bool(probes)
         self.polynomial: SampledPolynomial | None = None
@@ -33,7 +39,7 @@ class SharedCurvature:
         """There is a polynomial."""
         return self.polynomial is not None
 
-    def learn(self, points: Sequence[Point]) -> None:
+    def learn(self, points: Sequence[Linearisation]) -> None:
         """Of further linearisations."""
         self.points += points
         if self.learns and len(self.points) + 1 >= count_points(self.optimum.at.size):

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from ...actuator import Actuator, Sensor
 from ...core import Scalar, ScalarLike
 from ...integration import N, Term
-from ._contact_state import State
+from ._stick_slip_state import StickSlipState
 from ._stop_contact import push_on_stop
 
 
@@ -20,19 +20,19 @@ class SensedMotion(NamedTuple):
     on_platform: ScalarLike
     """1 where it looks at the platform, 0 at the end-effector."""
 
-    def rate(self, x: State[Term], active: ScalarLike) -> tuple[Term, ...]:
+    def rate(self, x: StickSlipState[Term], active: ScalarLike) -> tuple[Term, ...]:
         """Time derivative of the sensor's state; of a lag 0 where nothing is `active`, of a force never."""
         if self.actuator.stop is not None:
             return tuple((push_on_stop(self.actuator, x) - shown) * self.sensor.pole() for shown in x.sensor_lag)
         return tuple(rate * active for rate in self.sensor.rate(x.sensor_lag, self.speed(x)))
 
-    def after_platform_jump(self, x: State[Scalar], jump: Scalar) -> tuple[Scalar, ...]:
+    def after_platform_jump(self, x: StickSlipState[Scalar], jump: Scalar) -> tuple[Scalar, ...]:
         """The sensor's state after the platform has jumped by `jump` [m]; the end-effector has not, nor a force."""
         if self.actuator.stop is not None:
             return x.sensor_lag
         return self.sensor.after_jump(x.sensor_lag, jump * self.on_platform)
 
-    def speed(self, x: State[N]) -> N:
+    def speed(self, x: StickSlipState[N]) -> N:
         """Of what it looks at [m/s]."""
         _, w = self.actuator.driven_platform.platform(x.driven)
         return w - x.v * (1.0 - self.on_platform)

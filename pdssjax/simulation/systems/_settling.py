@@ -7,13 +7,18 @@ from ...actuator import Actuator, DrivenPlatformState, chosen
 from ...core import Scalar, ScalarLike, Truth
 from ...drive.base import Segment
 from ...integration import constant
-from ._contact_state import ADVANCING, RETREATING, STUCK, State
 from ._sensed_motion import SensedMotion
+from ._stick_slip_state import ADVANCING, RETREATING, STUCK, StickSlipState
 from ._sticking import sticking_margins
 
 
 def is_settled(
-    sensed: SensedMotion, segment: Segment, t_local: ScalarLike, x: State[Scalar], mode: Scalar, tolerance: ScalarLike
+    sensed: SensedMotion,
+    segment: Segment,
+    t_local: ScalarLike,
+    x: StickSlipState[Scalar],
+    mode: Scalar,
+    tolerance: ScalarLike,
 ) -> Truth:
     """Whether every deviation from the steady solution is below `tolerance` [m].
 
@@ -47,8 +52,8 @@ def is_settled(
 
 
 def project_to_steady(
-    sensed: SensedMotion, segment: Segment, t_local: ScalarLike, x: State[Scalar], mode: Scalar
-) -> State[Scalar]:
+    sensed: SensedMotion, segment: Segment, t_local: ScalarLike, x: StickSlipState[Scalar], mode: Scalar
+) -> StickSlipState[Scalar]:
     """The state with the last of the deviations gone; a contact that slid recovers its elastic displacement."""
     actuator, slid = sensed.actuator, jnp.abs(mode) == 1.0
     contact, displacement = _equilibrium_state(actuator, x)
@@ -77,12 +82,14 @@ def slowest_frequency(actuator: Actuator) -> Scalar:
 
 
 def _steady_platform(
-    actuator: Actuator, segment: Segment, t_local: ScalarLike, x: State[Scalar]
+    actuator: Actuator, segment: Segment, t_local: ScalarLike, x: StickSlipState[Scalar]
 ) -> DrivenPlatformState[Scalar]:
     return actuator.driven_platform.steady(segment, t_local, x.driven, _settled_friction(actuator))
 
 
-def _steady_lag(sensed: SensedMotion, segment: Segment, t_local: ScalarLike, x: State[Scalar]) -> tuple[Scalar, ...]:
+def _steady_lag(
+    sensed: SensedMotion, segment: Segment, t_local: ScalarLike, x: StickSlipState[Scalar]
+) -> tuple[Scalar, ...]:
     # At a stop the sensor's state is the force that it shows, which has no steady value.
     if not x.sensor_lag or sensed.actuator.stop is not None:
         return x.sensor_lag
@@ -95,6 +102,6 @@ def _settled_friction(actuator: Actuator) -> ScalarLike:
     return actuator.effector.pull() if actuator.feedback else 0.0
 
 
-def _equilibrium_state(actuator: Actuator, x: State[Scalar]) -> tuple[tuple[Scalar, ...], Scalar]:
+def _equilibrium_state(actuator: Actuator, x: StickSlipState[Scalar]) -> tuple[tuple[Scalar, ...], Scalar]:
     """The state in which the contact at rest carries the constant force, and the displacement [m] on the way there."""
     return actuator.friction.equilibrium_state(x.contact_state, -1.0 * jnp.asarray(actuator.effector.pull(), float))

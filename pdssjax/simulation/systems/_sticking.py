@@ -15,11 +15,11 @@ from ...actuator import Actuator
 from ...core import Scalar, ScalarLike
 from ...drive.base import Segment
 from ...integration import LOOK_AHEAD, Term, constant
-from ._contact_state import ADVANCING, RETREATING, STUCK, State
+from ._stick_slip_state import ADVANCING, RETREATING, STUCK, StickSlipState
 from ._stop_contact import external_force
 
 
-def sticking_force(actuator: Actuator, free_acceleration: Term, x: State[Term]) -> Term:
+def sticking_force(actuator: Actuator, free_acceleration: Term, x: StickSlipState[Term]) -> Term:
     """F* [N] where the platform would accelerate by `free_acceleration` [m/s2] without friction."""
     inertial = free_acceleration * actuator.effector.mass - external_force(actuator, x)
     if not actuator.feedback:
@@ -28,7 +28,7 @@ def sticking_force(actuator: Actuator, free_acceleration: Term, x: State[Term]) 
     return inertial * (mass / (mass + actuator.effector.mass))
 
 
-def sticking_margins(actuator: Actuator, segment: Segment, t_local: Term, x: State[Term]) -> tuple[Term, Term]:
+def sticking_margins(actuator: Actuator, segment: Segment, t_local: Term, x: StickSlipState[Term]) -> tuple[Term, Term]:
     """How far F* is below F(+) and above F(-) [N]: both positive while the contact sticks."""
     sticking = sticking_force(actuator, actuator.driven_platform.acceleration(segment, t_local, x.driven), x)
     contact = tuple(cast("Scalar", constant(m)) for m in x.contact_state)  # as it is while v = 0
@@ -37,7 +37,7 @@ def sticking_margins(actuator: Actuator, segment: Segment, t_local: Term, x: Sta
 
 
 def mode_from_rest(
-    actuator: Actuator, segment: Segment, t_local: ScalarLike, x: State[Scalar], ended: ScalarLike
+    actuator: Actuator, segment: Segment, t_local: ScalarLike, x: StickSlipState[Scalar], ended: ScalarLike
 ) -> Scalar:
     """The mode that begins at v = 0, ties broken by looking ahead; `ended` is the one that ended there, 0 for none."""
     driven_platform = actuator.driven_platform

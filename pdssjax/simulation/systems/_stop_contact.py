@@ -5,17 +5,17 @@ The state has a flag for it, 1 while they touch; without a stop there is no flag
 
 from ...actuator import Actuator
 from ...integration import Term
-from ._contact_state import State
+from ._stick_slip_state import StickSlipState
 
 
-def push_on_stop(actuator: Actuator, x: State[Term]) -> Term:
+def push_on_stop(actuator: Actuator, x: StickSlipState[Term]) -> Term:
     """Force [N] on the stop of an actuator that has one; 0 while the end-effector does not touch it."""
     assert actuator.stop is not None
     y, w = actuator.driven_platform.platform(x.driven)
     return x.in_contact[0] * actuator.stop.push(y - x.d, w - x.v)
 
 
-def stop_guards(actuator: Actuator, x: State[Term]) -> tuple[Term, ...]:
+def stop_guards(actuator: Actuator, x: StickSlipState[Term]) -> tuple[Term, ...]:
     """Positive while the end-effector goes on touching the stop, or not touching it [m]; none without a stop."""
     if actuator.stop is None:
         return ()
@@ -23,7 +23,7 @@ def stop_guards(actuator: Actuator, x: State[Term]) -> tuple[Term, ...]:
     return (actuator.stop.depth(y - x.d) * (x.in_contact[0] * 2.0 - 1.0),)
 
 
-def external_force(actuator: Actuator, x: State[Term]) -> Term:
+def external_force(actuator: Actuator, x: StickSlipState[Term]) -> Term:
     """Every force on the end-effector but friction [N]: its load, gravity, and the stop."""
     pull = actuator.effector.pull()
     return pull if actuator.stop is None else push_on_stop(actuator, x) * (-1.0) + pull

@@ -19,11 +19,14 @@ from ...core import Scalar, ScalarLike, Truth
 from ...drive.base import AbstractDrive, Segment
 from ...friction.base import AbstractFriction
 from ...integration import SETTLED, AbstractHybridSystem, Term, constant, weighted
-from ._contact_state import ADVANCING, RETREATING, STUCK, State, kind
 from ._sensed_motion import SensedMotion
 from ._settling import is_settled, project_to_steady, slowest_frequency
+from ._stick_slip_state import ADVANCING, RETREATING, STUCK, StickSlipState, kind
 from ._sticking import mode_from_rest, sticking_force, sticking_margins
 from ._stop_contact import external_force, push_on_stop, stop_guards
+
+State = StickSlipState
+"""As sweeps call it."""
 
 _SPURIOUS_AMPLITUDE = 1e-17
 """Amplitude [m] of an oscillation that is rounding."""
@@ -38,16 +41,16 @@ class StickSlip(AbstractHybridSystem):
     on_platform: ScalarLike = 0.0
     """1 where the sensor looks at the platform, 0 at the end-effector; with a stop it shows the force."""
 
-    def initial(self) -> State[Scalar]:
+    def initial(self) -> StickSlipState[Scalar]:
         zero = jnp.zeros(())
         in_contact = () if self.actuator.stop is None else (zero,)
         driven, contact = self.actuator.driven_platform.initial(), self.actuator.friction.initial()
-        return State(zero, zero, driven, contact, in_contact, self.sensor.initial())
+        return StickSlipState(zero, zero, driven, contact, in_contact, self.sensor.initial())
 
     def segment(self, index: Scalar) -> Segment:
         return self.drive.segment(index)
 
-    def field(self, segment: Segment, t_local: Term, x: State[Term], mode: Scalar) -> State[Term]:
+    def field(self, segment: Segment, t_local: Term, x: StickSlipState[Term], mode: Scalar) -> StickSlipState[Term]:
         """Time derivative of the state in `mode`, `t_local` [s] into a segment."""
         moves, sticks, _ = kind(mode)
         driven_platform = self.actuator.driven_platform
@@ -59,7 +62,7 @@ class StickSlip(AbstractHybridSystem):
         if self.actuator.feedback:
             reaction = (force * moves + sticking_force(self.actuator, free, x) * sticks) * (-1.0)
         rates = self.actuator.friction.rate(x.contact_state, x.v, mode)
-        return State(
+        return StickSlipState(
             x.v * moves,
             relative * moves,
             driven_platform.rate(segment, t_local, x.driven, reaction, moves + sticks),
@@ -68,11 +71,13 @@ class StickSlip(AbstractHybridSystem):
             self._sensed.rate(x, moves + sticks),
         )
 
-    def rates(self, segment: Segment, t_local: Scalar, x: State[Scalar], mode: Scalar) -> State[Scalar]:
+    def rates(
+        self, segment: Segment, t_local: Scalar, x: StickSlipState[Scalar], mode: Scalar
+    ) -> StickSlipState[Scalar]:
         """The true time derivative in any mode: a contact that has settled sticks, on a platform that may ring on."""
         return super().rates(segment, t_local, x, jnp.where(mode == SETTLED, STUCK, mode))
 
-    def guards(self, segment: Segment, t_local: Term, x: State[Term], mode: Scalar) -> tuple[Term, ...]:
+    def guards(self, segment: Segment, t_local: Term, x: StickSlipState[Term], mode: Scalar) -> tuple[Term, ...]:
         """Positive inside the mode: two of the contact, then those of law, platform and stop."""
         moves, sticks, settled = kind(mode)
         upper, lower = sticking_margins(self.actuator, segment, t_local, x)
@@ -86,8 +91,8 @@ class StickSlip(AbstractHybridSystem):
         )
 
     def after_event(
-        self, segment: Segment, t_local: ScalarLike, x: State[Scalar], mode: Scalar, which: Scalar
-    ) -> tuple[State[Scalar], Scalar]:
+        self, segment: Segment, t_local: ScalarLike, x: StickSlipState[Scalar], mode: Scalar, which: Scalar
+    ) -> tuple[StickSlipState[Scalar], Scalar]:
         """State and mode after guard `which` has reached zero."""
         friction, driven_platform = self.actuator.friction, self.actuator.driven_platform
         laws = len(friction.guards(x.contact_state, x.v, mode))
@@ -112,12 +117,12 @@ class StickSlip(AbstractHybridSystem):
         following = jnp.where(turns, following, mode)
         return x._replace(v=v, contact_state=contact, driven=driven, in_contact=in_contact), following
 
-    def state_scale(self) -> State[Scalar]:
+    def state_scale(self) -> StickSlipState[Scalar]:
         """What one unit of each state amounts to as a displacement [m]."""
         metre, stop = jnp.ones(()), self.actuator.stop
         of_sensor = metre if stop is None else 1.0 / jnp.asarray(stop.stiffness, float)
         first = self.initial()
-        return State(
+        return StickSlipState(
             metre,
             1.0 / slowest_frequency(self.actuator),
             self.actuator.driven_platform.error_scale(),
@@ -126,7 +131,9 @@ class StickSlip(AbstractHybridSystem):
             tuple(of_sensor for _ in first.sensor_lag),
         )
 
-    def on_segment_start(self, segment: Segment, x: State[Scalar], mode: Scalar) -> tuple[State[Scalar], Scalar]:
+    def on_segment_start(
+        self, segment: Segment, x: StickSlipState[Scalar], mode: Scalar
+    ) -> tuple[StickSlipState[Scalar], Scalar]:
         """State and mode in which a new segment begins: the end-effector goes on as it was."""
         driven_platform = self.actuator.driven_platform
         if driven_platform.state_jumps:
@@ -157,28 +164,35 @@ class StickSlip(AbstractHybridSystem):
         return self.drive.period()
 
     def is_settled(
-        self, segment: Segment, t_local: ScalarLike, x: State[Scalar], mode: Scalar, tolerance: ScalarLike
+        self, segment: Segment, t_local: ScalarLike, x: StickSlipState[Scalar], mode: Scalar, tolerance: ScalarLike
     ) -> Truth:
         return is_settled(self._sensed, segment, t_local, x, mode, tolerance)
 
-    def project_to_steady(self, segment: Segment, t_local: ScalarLike, x: State[Scalar], mode: Scalar) -> State[Scalar]:
+    def project_to_steady(
+        self, segment: Segment, t_local: ScalarLike, x: StickSlipState[Scalar], mode: Scalar
+    ) -> StickSlipState[Scalar]:
         return project_to_steady(self._sensed, segment, t_local, x, mode)
 
     def shifting_components(self) -> tuple[int, ...]:
         """Where the end-effector is; with a stop that matters, too."""
         return () if self.initial().in_contact else (0,)
 
-    def extra_error_terms(self, x: State[Term], mode: Scalar) -> tuple[Term, ...]:
+    def extra_error_terms(self, x: StickSlipState[Term], mode: Scalar) -> tuple[Term, ...]:
         """What a step has to resolve besides the state, as displacements [m]."""
         return self.actuator.friction.extra_error_terms(x.contact_state, x.v, mode)
 
     def closed_components(self) -> tuple[int, ...]:
-        """The components, counted as the leaves of `State`, that `exact` knows: a platform that feels nothing."""
+        """The components, counted as the leaves of the state, that `exact` knows: a platform that feels nothing."""
         return self._stack_components() if self.actuator.platform_closed else ()
 
     def exact(
-        self, segment: Segment, t_local: ScalarLike, begin: State[Scalar], elapsed: ScalarLike, end: State[Scalar]
-    ) -> State[Scalar]:
+        self,
+        segment: Segment,
+        t_local: ScalarLike,
+        begin: StickSlipState[Scalar],
+        elapsed: ScalarLike,
+        end: StickSlipState[Scalar],
+    ) -> StickSlipState[Scalar]:
         """`end` with what is known in closed form put right: the platform without feedback."""
         if not self.actuator.platform_closed:
             return end
@@ -192,33 +206,33 @@ class StickSlip(AbstractHybridSystem):
         reverses = (jnp.abs(mode) == 1.0) & (which < 2)
         return reverses & (jnp.abs(slope) < _SPURIOUS_AMPLITUDE * self.actuator.piezo.frequency_scale() ** 2)
 
-    def force(self, segment: Segment, t_local: Scalar, x: State[Scalar], mode: Scalar) -> Scalar:
+    def force(self, segment: Segment, t_local: Scalar, x: StickSlipState[Scalar], mode: Scalar) -> Scalar:
         """Friction force [N] in any mode; settled and stuck it is F*, the force that keeps v = 0."""
         free = self.actuator.driven_platform.acceleration(segment, t_local, x.driven)
         sliding = self.actuator.friction.force(x.contact_state, x.v, mode)
         sticking = sticking_force(self.actuator, free, x)
         return jnp.where(jnp.abs(mode) == 1.0, constant(sliding), constant(sticking))
 
-    def shown_displacement(self, x: State[Scalar]) -> Scalar:
+    def shown_displacement(self, x: StickSlipState[Scalar]) -> Scalar:
         """Displacement [m] of platform or end-effector that the sensor shows."""
         y, _ = self.actuator.driven_platform.platform(x.driven)
         return self.sensor.shown_displacement(self._motion_lag(x), y - x.d * (1.0 - self.on_platform))
 
-    def shown_velocity(self, x: State[Scalar]) -> Scalar:
+    def shown_velocity(self, x: StickSlipState[Scalar]) -> Scalar:
         """Velocity [m/s] of platform or end-effector that a sensor of velocity shows."""
         return self.sensor.shown_velocity(self._motion_lag(x), self._sensed.speed(x))
 
-    def shown_force(self, x: State[Scalar]) -> ScalarLike:
+    def shown_force(self, x: StickSlipState[Scalar]) -> ScalarLike:
         """Force [N] that the sensor in the way, the stop, shows."""
         return x.sensor_lag[0] if x.sensor_lag else constant(push_on_stop(self.actuator, x))
 
-    def _motion_lag(self, x: State[Scalar]) -> tuple[Scalar, ...]:
+    def _motion_lag(self, x: StickSlipState[Scalar]) -> tuple[Scalar, ...]:
         if self.actuator.stop is not None and x.sensor_lag:
             raise ValueError("Expected a sensor without a filter beside a stop, whose force it filters, but got one.")
         return x.sensor_lag
 
     def output_components(self) -> tuple[int, ...]:
-        """The components, counted as the leaves of `State`, of which the measured motion is made."""
+        """The components, counted as the leaves of the state, of which the measured motion is made."""
         count = len(jax.tree.leaves(self.initial()))
         if self.actuator.stop is not None:
             return tuple(range(count))

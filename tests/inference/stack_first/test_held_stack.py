@@ -26,11 +26,6 @@ def example():
     return pdssjax.load_study(EXAMPLE / "study.toml")
 
 
-def started(study):
-    parameters = {p: dataclasses.replace(q, start=TRUTH[p]) if q.free else q for p, q in study.parameters.items()}
-    return dataclasses.replace(study, parameters=parameters)
-
-
 def test_the_second_step_sees_the_walks_and_the_stack_held(example):
     stack = pick_peaks(example)
     second = with_stack_held(example, stack.values)
@@ -63,7 +58,7 @@ def test_peaks_need_a_walk_to_go_on_with(example):
 
 @pytest.mark.slow
 def test_by_peaks_the_friction_is_far_less_sure_than_it_looks_and_says_so(example):
-    found = pdssjax.identify(started(example), "peaks", accuracy=ACCURACY)
+    found = pdssjax.identify(example.with_starts(TRUTH), "peaks", accuracy=ACCURACY)
     assert found.converged and found.method == "peaks"
     picked = pick_peaks(example)
     for path in PATHS:
@@ -88,7 +83,7 @@ def test_a_fit_by_peaks_that_is_broken_off_leaves_its_best_point(example):
             raise KeyboardInterrupt
 
     with pytest.raises(pdssjax.FitInterrupted) as broken:
-        pdssjax.identify(started(example), "peaks", progress=at_the_third_iteration, accuracy=ACCURACY)
+        pdssjax.identify(example.with_starts(TRUTH), "peaks", progress=at_the_third_iteration, accuracy=ACCURACY)
     found = broken.value.estimate
     assert found is not None and not found.converged and found.method == "peaks"
     assert found.parameters["piezo.gain"].value == pytest.approx(pick_peaks(example).values["piezo.gain"])

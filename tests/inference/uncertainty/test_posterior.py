@@ -10,7 +10,7 @@ from pdssjax.inference.draws import Drawing, InMemory
 from pdssjax.inference.uncertainty import posterior
 from pdssjax.inference.uncertainty.profile_likelihood import learn_curvature
 from pdssjax.inference.uncertainty.residual_polynomial import of_second_order
-from pdssjax.inference.uncertainty.second_order import Point
+from pdssjax.inference.uncertainty.second_order import Linearisation
 from pdssjax.metrics import effective_size, rhat
 
 DESIGN = np.random.default_rng(0).normal(size=(7, 2)) * [1.0, 100.0] @ np.array([[1.0, 0.3], [0.2, 1.0]])
@@ -34,7 +34,7 @@ def drawn(residuals, centre, drawing, bounds=EVERYWHERE, factor=1.0, chains=4):
     residuals = jax.jit(residuals)
     slope = jax.jit(jax.jacfwd(residuals))
     evaluate = lambda at: (residuals(jnp.asarray(at)), slope(jnp.asarray(at)))
-    optimum = Point(np.array(centre), *map(np.asarray, evaluate(centre)))
+    optimum = Linearisation(np.array(centre), *map(np.asarray, evaluate(centre)))
     axes = posterior.principal_axes(optimum, np.arange(2), factor)
     model = posterior.Model(evaluate, residuals, optimum, axes, bounds, factor)
     curvature = learn_curvature(evaluate, optimum, 1.0, bounds).at_optimum
@@ -123,7 +123,7 @@ def test_a_run_that_was_broken_off_ends_as_if_it_had_not_been():
 
 def test_what_cannot_be_simulated_is_said():
     nowhere = lambda x: jnp.full(7, jnp.nan) * x[0]
-    optimum = Point(np.zeros(2), np.full(7, np.nan), np.full((7, 2), np.nan))
+    optimum = Linearisation(np.zeros(2), np.full(7, np.nan), np.full((7, 2), np.nan))
     model = posterior.Model(
         lambda at: (nowhere(at), jax.jacfwd(nowhere)(at)), nowhere, optimum, np.eye(2), EVERYWHERE, 1.0
     )

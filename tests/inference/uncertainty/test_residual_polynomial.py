@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pdssjax.inference.uncertainty.residual_polynomial import count_terms, degree_for, learned_polynomial, terms
-from pdssjax.inference.uncertainty.second_order import Point
+from pdssjax.inference.uncertainty.second_order import Linearisation
 
 AXES = np.diag([0.3, 0.1, 0.2])
 CENTRE = np.array([1.0, -2.0, 0.5])
@@ -21,7 +21,9 @@ def cubic(x):
 
 
 def points(residuals, count, seed=0):
-    evaluate = lambda at: Point(at, np.asarray(residuals(at)), np.asarray(jax.jacfwd(residuals)(jnp.asarray(at))))
+    evaluate = lambda at: Linearisation(
+        at, np.asarray(residuals(at)), np.asarray(jax.jacfwd(residuals)(jnp.asarray(at)))
+    )
     random = np.random.default_rng(seed)
     return evaluate(CENTRE), [evaluate(CENTRE + AXES @ random.standard_normal(3)) for _ in range(count)]
 
@@ -53,8 +55,8 @@ def test_a_cubic_is_found_from_fewer_points_than_it_has_terms():
 def test_what_lies_far_above_or_cannot_be_simulated_takes_no_part():
     optimum, others = points(cubic, 12)
     whole = learned_polynomial(optimum, others, AXES, 1.0).turned()
-    broken = Point(CENTRE + 0.1, np.full(12, np.nan), np.full((12, 3), np.nan))
-    far = Point(CENTRE - 0.1, np.full(12, 50.0), np.zeros((12, 3)))
+    broken = Linearisation(CENTRE + 0.1, np.full(12, np.nan), np.full((12, 3), np.nan))
+    far = Linearisation(CENTRE - 0.1, np.full(12, 50.0), np.zeros((12, 3)))
     same = learned_polynomial(optimum, [*others, broken, far], AXES, 1.0).turned()
     np.testing.assert_allclose(same(jnp.asarray(CENTRE + 0.05)), whole(jnp.asarray(CENTRE + 0.05)))
 

@@ -12,7 +12,7 @@ ADVANCING, STUCK, RETREATING = 1.0, 0.0, -1.0
 """Modes: v > 0, v = 0 held by friction, v < 0; the fourth is `SETTLED`."""
 
 
-class State(NamedTuple, Generic[N_co]):
+class StickSlipState(NamedTuple, Generic[N_co]):
     """All that moves; the parts that an actuator has not are empty."""
 
     d: N_co
