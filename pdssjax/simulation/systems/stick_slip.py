@@ -25,9 +25,6 @@ from ._stick_slip_state import ADVANCING, RETREATING, STUCK, StickSlipState, kin
 from ._sticking import mode_from_rest, sticking_force, sticking_margins
 from ._stop_contact import external_force, push_on_stop, stop_guards
 
-State = StickSlipState
-"""As sweeps call it."""
-
 _SPURIOUS_AMPLITUDE = 1e-17
 """Amplitude [m] of an oscillation that is rounding."""
 

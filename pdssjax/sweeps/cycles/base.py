@@ -14,8 +14,7 @@ from ...core import Count, Scalar
 from ...drive.base import AbstractDrive
 from ...integration import TIGHT, AbstractHybridSystem, Accuracy, Solution
 from ...metrics import FLANK
-from ...simulation import StickSlip
-from ...simulation.systems.stick_slip import State
+from ...simulation import StickSlip, StickSlipState
 
 FINE = dataclasses.replace(TIGHT, max_steps=8192)
 """Of a course: its derivatives are right to 1e-5 then, at the default accuracy to 4e-5."""
@@ -158,7 +157,7 @@ def timing(drive: AbstractDrive) -> Timing:
     return Timing(frequency, fall, phases)
 
 
-def effector_at(system: StickSlip, x: State[Float[Array, " m"]]) -> Float[Array, " m"]:
+def effector_at(system: StickSlip, x: StickSlipState[Float[Array, " m"]]) -> Float[Array, " m"]:
     """Displacement [m] of the end-effector in many states."""
     y, _ = jax.vmap(system.actuator.driven_platform.platform)(x.driven)
     return y - x.d
