@@ -22,10 +22,10 @@ def explore(options: argparse.Namespace) -> int:
     from ..explore import Workbench, serve, settings_of
     from ..files import read_estimate, read_sweep
 
-    study = _study(options)
+    study, numbered = _study(options)
     estimate = None if options.estimate is None else read_estimate(options.estimate)
     sweep = None if options.sweep is None else read_sweep(options.sweep)
-    bench = Workbench(study, settings_of(study), estimate, sweep)
+    bench = Workbench(study, settings_of(numbered), estimate, sweep)
     with progress() as tell:
         tell("compiling for the first record")
         bench.warm()
@@ -41,8 +41,8 @@ def _check_installed() -> None:
             raise InputError(f'explore: found no {library}, expected it installed: pip install "pdssjax[explore]"')
 
 
-def _study(options: argparse.Namespace) -> "Study":
-    """The study with a number for every parameter; what its file leaves free stays free.
+def _study(options: argparse.Namespace) -> tuple["Study", "Study"]:
+    """The study, what its file leaves free with a start, and the same with the numbers of where the page begins.
 
     **Raises:** `InputError` where it has no record, and for parameters without a number.
     """
@@ -54,10 +54,9 @@ def _study(options: argparse.Namespace) -> "Study":
     if not study.records:
         raise InputError(f"{study.path}: found no record, expected one at least to be shown.")
     numbered = with_numbers(study, options)
-    values = numbered.values()
     free = {path: p for path, p in study.parameters.items() if p.free}
-    begun = {path: dataclasses.replace(p, start=values[path]) for path, p in free.items()}
-    return dataclasses.replace(numbered, parameters=numbered.parameters | begun)
+    begun = dataclasses.replace(numbered, parameters=numbered.parameters | free)
+    return begun.with_starts({path: numbered.values()[path] for path in free}), numbered
 
 
 def add_parser(subcommands: Subcommands) -> None:

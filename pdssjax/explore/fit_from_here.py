@@ -5,7 +5,7 @@ from typing import NamedTuple
 from ..inference import FitInterrupted, identify
 from ..study import Estimate, Study
 from .background_job import Report
-from .settings import Settings, study_at
+from .settings import Settings, to_be_fitted
 
 
 class FitResult(NamedTuple):
@@ -23,7 +23,7 @@ def fit_from_here(study: Study, settings: Settings, report: Report) -> FitResult
     **Raises:** `InputError` where there is nothing to fit.
     """
     try:
-        estimate = identify(study_at(study, settings), progress=report)
+        estimate = identify(to_be_fitted(study, settings), progress=report)
     except FitInterrupted as interrupt:
         return FitResult(interrupt.estimate, _cancelled(interrupt.estimate))
     except KeyboardInterrupt:

@@ -63,6 +63,13 @@ def study_at(study: Study, settings: Settings) -> Study:
     return dataclasses.replace(study, parameters=parameters, records=records)
 
 
+def to_be_fitted(study: Study, settings: Settings) -> Study:
+    """`study_at`, but for what was measured apart: the fit may move it, a slider not what was measured."""
+    there = study_at(study, settings)
+    apart = {path: p for path, p in study.parameters.items() if p.measured_apart}
+    return dataclasses.replace(there, parameters=there.parameters | apart)
+
+
 def _between(number: float, low: float | None, high: float | None) -> float:
     """A start lies within the bounds of its parameter."""
     number = number if low is None else max(number, low)

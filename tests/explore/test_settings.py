@@ -6,7 +6,7 @@ import study_files
 
 from pdssjax import InputError, load_study
 from pdssjax.explore.knobs import drive_choices, drive_knobs, parameter_knobs
-from pdssjax.explore.settings import changed_drives, settings_of, study_at
+from pdssjax.explore.settings import changed_drives, settings_of, study_at, to_be_fitted
 
 TEXT = study_files.changed('"piezo.natural_frequency" = {}', '"piezo.natural_frequency" = { start = "1 kHz" }')
 for _name, _number in {"sigma0": 1e6, "sigma1": 45, "f_ss": 0.65}.items():
@@ -71,6 +71,18 @@ def test_the_study_at_the_sliders_numbers(study):
     assert step is study.records[0]
     assert changed_drives(study, turned) == {"walk": {"drive.frequency": 8.0, "drive.direction": 1.0}}
     assert begun == settings_of(study), "settings are never changed"
+
+
+def test_a_slider_does_not_turn_what_was_measured_apart(tmp_path):
+    apart = TEXT.replace(
+        '"effector.mass" = { value = "86 g" }', '"effector.mass" = { value = "86 g", standard_error = "1 g" }'
+    )
+    study = load_study(study_files.write_study(tmp_path, apart))
+    turned = settings_of(study).with_value("effector.mass", 0.1).with_value("piezo.gain", 1.2e-7)
+    assert study_at(study, turned).values()["effector.mass"] == 0.1
+    there = to_be_fitted(study, turned).parameters
+    assert there["effector.mass"].measured_apart == (0.086, 0.001)
+    assert there["piezo.gain"].start == 1.2e-7
 
 
 def test_a_start_beyond_a_bound_is_put_on_it(study):
