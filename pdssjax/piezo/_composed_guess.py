@@ -8,6 +8,9 @@ from .base import USUAL_SWING, Shown
 _SHARE = 0.2
 """Of the displacement that is hysteresis, where a fit begins."""
 
+_PASSED = 1.5
+"""Voltage before the record over that at which the last element slips: at 1 it tells nothing yet, from 2 on no more."""
+
 
 def composed_guess(
     made: Composition, nominal: Mapping[str, float], shown: Shown, known: Mapping[str, float], guess: dict[str, float]
@@ -26,9 +29,10 @@ def composed_guess(
         word = "play" if made.hysteresis == "play" else "stop"
         guess |= {f"{word}_range": nominal[f"{word}_range"] * swing / USUAL_SWING}
         guess |= {f"{word}_{j}": _SHARE * gain / made.elements for j in range(1, made.elements + 1)}
+        guess["initial_peak"] = _PASSED * known.get(f"{word}_range", guess[f"{word}_range"])
     if made.hysteresis == "bouc-wen":
         beta = known.get("beta", nominal["beta"] * USUAL_SWING / swing)
-        guess |= {"hysteresis": _SHARE * gain, "beta": beta, "gamma": beta / 3.0}
+        guess |= {"hysteresis": _SHARE * gain, "beta": beta, "gamma": beta / 3.0, "initial_peak": 0.5 * swing}
     guess |= {f"asymmetry_{k}": 0.01 * gain / swing ** (k - 1) for k in range(2, made.asymmetry + 1)}
     guess |= {f"initial_creep_{j}": 0.01 * gain * swing for j in range(1, made.creep + 1)}
     guess |= {f"creep_{j}": 0.01 * gain for j in range(1, made.creep + 1)}

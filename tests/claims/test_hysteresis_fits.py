@@ -78,3 +78,39 @@ def test_a_study_of_the_platform_alone_needs_no_parameters_of_the_contact(tmp_pa
     (tmp_path / "study.toml").write_text(walks)
     with pytest.raises(InputError, match=r"friction\.f_c"):
         pdssjax.load_study(tmp_path / "study.toml", virtual=True)
+
+
+DRIVEN_BEFORE = """\
+format = "pdssjax-study/1"
+[actuator]
+piezo = {{ dynamics = "static", hysteresis = {{ law = "play", elements = 3 }} }}
+[parameters]
+"piezo.gain" = {{ {gain} }}
+"piezo.play_1" = {{ {play} }}
+"piezo.play_2" = {{ {play} }}
+"piezo.play_3" = {{ {play} }}
+"piezo.play_range" = {{ value = "12 V" }}
+"piezo.initial_peak" = {{ {peak} }}
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("peak", "told"), [(7.0, True), (15.0, True), (22.0, False)])
+def test_how_far_a_stack_had_been_driven_before_its_record_is_found_or_said_not_to_show(tmp_path, peak, told):
+    """From 20 V on no element slips in a loop up to 20 V: then it is not in the record."""
+    loop = dict(start="0 s", end="0.5 s", interval="1 ms", drive='"triangle", voltage = "20 V", frequency = "4 Hz"')
+    known = dict(gain='start = "0.1 um/V"', play='start = "0.008 um/V"', peak=f'start = "{peak} V"')
+    (tmp_path / "study.toml").write_text(DRIVEN_BEFORE.format(**known) + RECORD.format(name="loop", **loop))
+    assert main(["record", str(tmp_path / "study.toml"), "--out", str(tmp_path / "made"), "--seed", "1"]) == 0
+    made = tmp_path / "made" / "records" / "study.toml"
+    begin = made.read_text().index("[[record]]")
+    made.write_text(DRIVEN_BEFORE.format(gain="", play="", peak="") + made.read_text()[begin:])
+    estimate = pdssjax.identify(pdssjax.load_study(made))
+    assert estimate.success
+    found = estimate.parameters["piezo.initial_peak"]
+    assert found.identifiable == told
+    if told:
+        assert found.standard_error < 0.1 * peak
+        assert abs(found.value - peak) < 3.5 * found.standard_error
+    else:
+        assert any("say nothing about piezo.initial_peak" in note for note in estimate.notes)
