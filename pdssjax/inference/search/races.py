@@ -80,7 +80,9 @@ def reason_in_the_end(fit: Fit, starts: dict[str, float], contest: Contest, race
     # The starts given or searched for, or a bound, may not have let the fit go where the best optimum is.
     if is_poor(fit, problem) if raced else _at_new_bound(fit, problem, starts):
         return "elsewhere"
-    return "long way" if fit.iterations > _LONG and not raced and len(contest.found) > 1 else None
+    # Starts that the study gives are left alone where they lead to an end.
+    doubted = len(contest.found) > 1 or not fit.success
+    return "long way" if fit.iterations > _LONG and not raced and doubted else None
 
 
 def race(reason: str, fit: Fit, starts: dict[str, float], contest: Contest) -> tuple[Fit, dict[str, float]]:

@@ -44,6 +44,8 @@ class Rig:
         monkeypatch.setattr(races, "successive_halving", self.watched("race", races.successive_halving))
         monkeypatch.setattr(races, "restarts", self.watched("restarts", races.restarts))
 
+    first_is_lost = False
+
     def noted(self, name, found):
         def search(models, parameters, records, *more):
             free = [path for path, parameter in parameters.items() if parameter.start is None]
@@ -67,7 +69,8 @@ class Rig:
             limits.append(limit)
             fit = run(problem, starts, report, limit)
             more = self.longer if len(limits) == 1 or limit == 200 else 0
-            return fit._replace(iterations=fit.iterations + more, evaluations=fit.evaluations + more)
+            ended = fit.success and not (self.first_is_lost and len(limits) == 1)
+            return fit._replace(iterations=fit.iterations + more, evaluations=fit.evaluations + more, success=ended)
 
         fit, _, starts = best_fit(self.study, Accuracy(), counted, self.messages.append)  # pyright: ignore
         self.limits = limits
@@ -201,6 +204,16 @@ def test_a_long_way_from_starts_given_has_nothing_to_be_compared_with(monkeypatc
     rig = Rig(monkeypatch, Waves(1.0, 0.0), BAD, [WORSE], longer=100)
     fit, starts = rig.fitted()
     assert rig.events == [] and starts == BAD and fit.iterations > 100
+
+
+def test_a_long_way_from_starts_given_that_leads_to_no_end_is_compared_with_a_search_without_them(monkeypatch):
+    rig = Rig(monkeypatch, Waves(1.0, 0.0), BAD, everywhere(), longer=100)
+    rig.first_is_lost = True
+    fit, starts = rig.fitted()
+    # What the platform shows is reported with the start that was given.
+    assert fit.success and starts in [begun | {"piezo.gain": BAD["piezo.gain"]} for begun in everywhere()]
+    assert rig.races == [(everywhere(), HALVING, False)]
+    assert "that was a long way: comparing with other starts" in rig.messages
 
 
 def reason_in_the_end(problem, fit, starts, raced):

@@ -70,7 +70,9 @@ def test_by_peaks_the_friction_is_far_less_sure_than_it_looks_and_says_so(exampl
     assert all(p.naive_standard_error < p.standard_error for p in friction)
     weakest = found.parameters["friction.sigma1_b"]
     assert weakest.standard_error > 1.5 * weakest.naive_standard_error
-    assert all(p.interval[0] < TRUTH[p.path] < p.interval[1] for p in friction)
+    off = {p.path: abs(np.log(p.value / TRUTH[p.path])) * p.value for p in friction}
+    assert all(off[p.path] < 3.0 * p.standard_error for p in friction)
+    assert any(off[p.path] > 3.0 * p.naive_standard_error for p in friction)
     assert [record.name for record in found.records] == [record.name for record in example.records]
     notes = " ".join(found.notes)
     assert "The stack was read off peaks, not fitted" in notes and "contradict" not in notes and "enlarged" not in notes
