@@ -5,6 +5,7 @@ import http.client
 from urllib.parse import urlsplit
 
 import pytest
+import watched_explore
 from browser import DEEP, PATIENCE, opened_page, said, served, show_tab, visible_plots
 from walking_study import write_made_estimate, write_made_sweep, write_walking
 
@@ -23,7 +24,8 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def address(folder):
-    with served(folder, "study.toml", "--estimate", "results/estimate.json", "--sweep", "map") as told:
+    program = (watched_explore.__file__,)
+    with served(folder, "study.toml", "--estimate", "results/estimate.json", "--sweep", "map", program=program) as told:
         yield told
 
 
@@ -218,6 +220,11 @@ def test_nothing_failed_in_the_browser_and_nothing_left_this_machine(opened):
     assert errors == []
     assert hosts <= {"127.0.0.1", "within the page"}
     assert "127.0.0.1" in hosts
+
+
+def test_no_change_of_a_plot_overtook_the_plot(opened, folder):
+    log = folder / watched_explore.LOG
+    assert not log.exists(), log.read_text()
 
 
 def greeting(address, origin) -> int:

@@ -43,10 +43,10 @@ CHI2 = "() => {" + DEEP + "const e = deep('.headline'); return e && e.shadowRoot
 
 
 @contextlib.contextmanager
-def served(folder, *files):
+def served(folder, *files, program=("-m", "pdssjax")):
     """The command at work in a `folder`, and where its page is; Ctrl-C ends it well."""
     browser_path()
-    command = [sys.executable, "-m", "pdssjax", "explore", *files, "--no-browser"]
+    command = [sys.executable, *program, "explore", *files, "--no-browser"]
     paths = os.pathsep.join(filter(None, [os.getcwd(), os.environ.get("PYTHONPATH")]))
     with subprocess.Popen(
         command, cwd=folder, stdout=subprocess.PIPE, text=True, env={**os.environ, "PYTHONPATH": paths}

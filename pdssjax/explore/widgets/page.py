@@ -22,6 +22,7 @@ from .contact_tab import ContactTab
 from .control_column import ControlGroup
 from .estimate_tab import EstimateTab
 from .fit_box import FitBox
+from .in_order import in_order
 from .record_tab import RecordTab, keyboard_buttons
 from .save_box import SaveBox
 from .score_table import ScoreTable
@@ -174,6 +175,7 @@ class Page:
         )
         self._drive_place.objects = [group.view]
 
+    @in_order
     def _choose(self, name: str) -> None:
         """Shows another record."""
         self._record = record = self._bench.record(name)
@@ -186,6 +188,7 @@ class Page:
         self._record_place.objects = [self._record_tab.view]
         self._contact_place.objects = [self._contact_tab.view]
 
+    @in_order
     def _enlarge(self, begin: float, end: float) -> None:
         self._window = within(self._record, begin, end)
         self._record_tab.enlarge(self._window)
@@ -204,7 +207,7 @@ class Page:
 
     def _later(self, act: Callable[[], None]) -> None:
         """Calls `act` in the thread of the page, from any thread."""
-        self._document.add_next_tick_callback(act)
+        self._document.add_next_tick_callback(in_order(act))
 
     def _ask_redraw(self) -> None:
         """Draws once, soon, however often it is asked meanwhile."""
