@@ -20,8 +20,8 @@ from pdssjax.cli.main import _parser
 from pdssjax.core import members
 from pdssjax.files import schema_text
 from pdssjax.files.record_table import RECORD_KEYS
+from pdssjax.study import Study
 from pdssjax.study.catalogue import FAMILIES
-from pdssjax.study.study import Study
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]

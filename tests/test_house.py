@@ -221,6 +221,14 @@ def test_scripts_know_the_package_by_its_faces_and_its_members(folder):
             assert set(names) <= known, f"{name} imports {sorted(set(names) - known)} of pdssjax.{module}"
 
 
+@pytest.mark.parametrize("path", sorted((ROOT / "tests").rglob("*.py")), ids=lambda path: path.stem)
+def test_tests_take_from_a_face_what_it_shows(path):
+    for module, names in inside(path):
+        room, *below = module.split(".")
+        if below and not is_member(module):
+            assert not set(names) <= shown(room), f"{path.name} imports {names} of {module}, which {room} shows"
+
+
 @pytest.mark.parametrize("dependency", HOMES)
 def test_heavy_dependencies_stay_at_home(dependency):
     users = {dotted(path) for path in MODULES if dependency in {m.split(".")[0] for m, _ in imported(path)}}

@@ -13,8 +13,7 @@ from pdssjax.actuator import DrivenPlatform
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.drive.sine import Sine
 from pdssjax.drive.step import Step
-from pdssjax.integration import integrate, states_at
-from pdssjax.integration.accuracy import TIGHT
+from pdssjax.integration import TIGHT, integrate, states_at
 from pdssjax.piezo.bouc_wen import BoucWen
 from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.piezo.static import Static

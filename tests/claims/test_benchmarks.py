@@ -25,7 +25,7 @@ from benchmarks.problem import NAMES, PARAMETERS, Problem, effector, pieces
 from benchmarks.rig import sawtooths, truth
 from benchmarks.table import as_json, as_markdown, as_text
 from pdssjax import Accuracy, Taylor
-from pdssjax.integration.accuracy import TIGHT
+from pdssjax.integration import TIGHT
 
 SHORT = Problem(cycles=2, samples=101)
 needs_gcc = pytest.mark.skipif(CFloor().missing() is not None, reason="there is no gcc")

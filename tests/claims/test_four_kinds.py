@@ -16,7 +16,7 @@ from pdssjax.actuator import DrivenPlatform
 from pdssjax.cli.main import main
 from pdssjax.drive.step import Step
 from pdssjax.inference import guess_starts
-from pdssjax.integration.accuracy import TIGHT
+from pdssjax.integration import TIGHT
 from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.simulation import PlatformOnly, measured
 from pdssjax.study import make_recordings

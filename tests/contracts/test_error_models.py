@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from pdssjax.core import member, members
+from pdssjax.inference import influence_of
 from pdssjax.inference.uncertainty.error_models.base import AbstractErrorModel, RecordErrors
-from pdssjax.inference.uncertainty.influence import influence_of
 
 NAMES = members("inference.uncertainty.error_models")
 every = pytest.mark.parametrize(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pdssjax import load_study
-from pdssjax.files.channel_roles import Hints
+from pdssjax.files import Hints
 from pdssjax.files.new_study import Told, guess_file, study_text
 from pdssjax.metrics import detect_waveform
 

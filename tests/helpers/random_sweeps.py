@@ -7,7 +7,7 @@ from quick_blocks import example_study
 
 from experiments.random_actuators import Structure
 from pdssjax.core import member
-from pdssjax.study.parameter import Parameter
+from pdssjax.study import Parameter
 
 
 def random_actuators(law, state, count, slowly=False):

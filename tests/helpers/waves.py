@@ -5,9 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 from scipy.optimize import least_squares
 
-from pdssjax.inference.least_squares import Fit
+from pdssjax.inference import Ending, Fit
 from pdssjax.inference.losses.squares import Squares
-from pdssjax.inference.solver.ending import Ending
 
 PATHS = ("piezo.gain", "friction.f_c")
 

@@ -11,8 +11,7 @@ import pdssjax
 from experiments import blind_rigs
 from pdssjax import Accuracy
 from pdssjax.files import EXAMPLE
-from pdssjax.inference import Ending
-from pdssjax.inference.least_squares import joint
+from pdssjax.inference import Ending, joint
 from pdssjax.inference.search.multistart import best_fit
 from pdssjax.study import make_recordings
 

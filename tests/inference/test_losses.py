@@ -8,7 +8,7 @@ import pytest
 import scipy.optimize
 
 from pdssjax.core import member, members
-from pdssjax.inference.covariance import least_squares_covariance
+from pdssjax.inference import least_squares_covariance
 from pdssjax.inference.uncertainty.robust_covariance import robust_covariance
 
 NAMES = members("inference.losses")

@@ -8,7 +8,7 @@ from independent import Rig
 from rigs import NAMES, SAMPLES, compiled, jacobian, models, trajectory, values, varied
 
 from pdssjax import Accuracy
-from pdssjax.integration.accuracy import TIGHT
+from pdssjax.integration import TIGHT
 from pdssjax.simulation import displacements
 
 TIMES = 0.00031 + np.arange(SAMPLES) * 0.005

@@ -14,8 +14,7 @@ from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.drive.triangle import Triangle
 from pdssjax.friction.coulomb import Coulomb
 from pdssjax.friction.simplified_lugre import SimplifiedLuGre
-from pdssjax.integration import SETTLED, sensitivities
-from pdssjax.integration.accuracy import TIGHT
+from pdssjax.integration import SETTLED, TIGHT, sensitivities
 from pdssjax.piezo.bouc_wen import BoucWen
 from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.simulation import DISPLACEMENT, STOP_FORCE, PlatformOnly, StickSlip, measured

@@ -9,7 +9,7 @@ from independent import Rig
 from rigs import NAMES, SAMPLES, models, trajectory, values
 
 from pdssjax import Accuracy, OneStep, Taylor, simulate
-from pdssjax.integration.accuracy import TIGHT
+from pdssjax.integration import TIGHT
 from pdssjax.integration.taylor_series import taylor_coefficients
 
 TIMES = 0.00031 + np.arange(SAMPLES) * 0.0034

@@ -12,8 +12,7 @@ from pdssjax import Actuator
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.files.record_columns import Layout, read_columns
 from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
-from pdssjax.metrics import cycle_metrics, turning_points
-from pdssjax.metrics.per_cycle import force_metrics
+from pdssjax.metrics import cycle_metrics, force_metrics, turning_points
 from pdssjax.piezo.second_order import SecondOrder
 
 EXAMPLE = Path(pdssjax.__file__).parent / "example"

@@ -19,7 +19,7 @@ from pdssjax.drive.sine import Sine
 from pdssjax.drive.step import Step
 from pdssjax.drive.triangle import Triangle
 from pdssjax.friction.simplified_lugre import SimplifiedLuGre
-from pdssjax.integration.accuracy import TIGHT
+from pdssjax.integration import TIGHT
 from pdssjax.piezo import damped, mode_responses, underdamped
 from pdssjax.piezo.bouc_wen import BoucWen
 from pdssjax.piezo.creep import Creep

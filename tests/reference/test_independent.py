@@ -11,7 +11,7 @@ from rigs import SAMPLES, trajectory
 from pdssjax import Accuracy, Actuator, Effector
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.friction.simplified_lugre import SimplifiedLuGre
-from pdssjax.integration.accuracy import TIGHT
+from pdssjax.integration import TIGHT
 from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.simulation import displacements
 

@@ -21,7 +21,7 @@ from pdssjax import Accuracy, Actuator, Effector
 from pdssjax import simulate as simulated
 from pdssjax.core import member, members
 from pdssjax.drive.sawtooth import Sawtooth
-from pdssjax.integration.accuracy import TIGHT
+from pdssjax.integration import TIGHT
 from pdssjax.piezo.second_order import SecondOrder
 
 SAMPLES = 150

@@ -9,7 +9,7 @@ from independent import Rig, simulate
 from rigs import NAMES, jacobian, trajectory, values, varied
 
 from pdssjax import Accuracy
-from pdssjax.integration.accuracy import TIGHT
+from pdssjax.integration import TIGHT
 
 REFERENCE = json.loads((Path(__file__).parents[1] / "data" / "sawtooth.json").read_text())
 TIMES = np.array(REFERENCE["times_s"])

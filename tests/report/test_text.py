@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pdssjax.core import decimals_for, display_unit, percent, rounded
-from pdssjax.files.estimate_json import estimate_text
+from pdssjax.files import estimate_text
 from pdssjax.report.text import format_comparison, format_report
 
 

@@ -13,7 +13,7 @@ from sliding import Contact
 from pdssjax import Accuracy
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
-from pdssjax.integration.accuracy import TIGHT
+from pdssjax.integration import TIGHT
 
 TIMES = 0.00031 + np.arange(SAMPLES) * 0.005
 SAME = replace(Rig(), s0=(1e6, 1e6), s1=(45.0, 45.0), f_ss=(0.65, 0.65))

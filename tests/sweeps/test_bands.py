@@ -11,8 +11,7 @@ from quick_blocks import quick as quick
 
 from pdssjax import InputError
 from pdssjax.cli.main import main
-from pdssjax.files import EXAMPLE
-from pdssjax.files.estimate_json import read_covariance
+from pdssjax.files import EXAMPLE, read_covariance
 from pdssjax.sweeps import GRAZING, CovarianceDraws, Crossed, Grid, SigmaPoints, execution, with_bands
 
 MEANS = np.array([2.0, -1.0])

@@ -23,6 +23,10 @@ pytestmark = [pytest.mark.slow, pytest.mark.parametrize(("law", "state"), LAWS)]
 LATE = 200
 """A cycle of this number is steady where multipliers are below `SLOW`, and so many show how a transient dies out."""
 SLOW = 0.85
+FAST = 0.08
+"""Points with smaller multipliers are compared apart: their cycles are steady soon."""
+LEFT = 1e-13
+"""Of a transient, at a cycle that counts as steady."""
 STEPS = (3e-3, 1e-3, 3e-5)
 """Of differences, relative: one of them is small enough for the fastest ripple and large enough for rounding.
 
@@ -30,6 +34,8 @@ Also for what the flag of Dahl's law does: a saturation that a parameter 4e-5 aw
 0.35 um by 1.3e-14 m.
 """
 PARTS = (-1.0, -0.5, 0.5, 1.0)
+LEAST = 5e-13
+"""Of a derivative by the logarithm of a parameter, this much [m] is rounding: courses are right to about 1e-13 m."""
 ROUNDING = 1e-12
 """Shifts [m] below this do not shrink evenly."""
 
@@ -45,15 +51,27 @@ def test_net_steps_are_those_after_200_cycles(law, state):
     np.testing.assert_allclose(data.net_step[told], expected[told], rtol=0.0, atol=1e-10)
 
 
+def test_derivatives_are_those_of_late_cycles(law, state):
+    study, here = random_actuators(law, state, 16)
+    found, by = with_derivatives(study, here)
+    told = (found.failure.values == 0) & (found.multiplier.values < SLOW)
+    fast = told & (found.multiplier.values < FAST)
+    assert told.sum() >= 12
+    for at in map(np.flatnonzero, (fast, told & ~fast)):
+        if at.size:
+            few = {path: column[at] for path, column in here.items()}
+            assert (derivative_errors(study, few, by, found.isel(point=at)) < 1e-5).all()
+
+
 def test_derivatives_are_those_of_late_cycles_and_multipliers_the_decay_seen(law, state):
     study, here = random_actuators(law, state, 6, slowly=True)
-    by = [path for path in here if path != "drive.direction"]
-    points = Listed(here)
-    found = pdssjax.sweep(study, points, cycles="steady", derivatives=by, metrics=("multiplier",), workers=1)
+    found, by = with_derivatives(study, here)
     told = (found.failure.values == 0) & (found.multiplier.values < SLOW)
     assert told.sum() >= 2
-    errors = derivative_errors(study, here, by, found)
-    assert (errors[..., told] < 1e-5).all()
+    at = np.flatnonzero(told)
+    few = {path: column[at] for path, column in here.items()}
+    assert (derivative_errors(study, few, by, found.isel(point=at)) < 1e-5).all()
+    points = Listed(here)
     function = plan_sweep(study, points).function
     moduli = np.stack([multipliers(function, values) for values in points.values()])
     np.testing.assert_allclose(moduli[:, 0], found.multiplier.values, rtol=1e-6)
@@ -62,6 +80,13 @@ def test_derivatives_are_those_of_late_cycles_and_multipliers_the_decay_seen(law
     # What a transient is made of may leave the slowest out, for as long as it can be seen.
     assert (np.abs(moduli / seen[:, None] - 1.0).min(axis=1)[compared] < 2e-3).all()
     assert (np.abs(moduli[:, 0] / seen - 1.0)[compared] < 2e-3).sum() >= max(1, compared.sum() - 1)
+
+
+def with_derivatives(study, here):
+    """Steady cycles with derivatives by every column but the direction, and these."""
+    by = [path for path in here if path != "drive.direction"]
+    metrics = ("multiplier",)
+    return pdssjax.sweep(study, Listed(here), cycles="steady", derivatives=by, metrics=metrics, workers=1), by
 
 
 @eqx.filter_jit
@@ -77,8 +102,9 @@ def derivative_errors(study, here, by, found):
     """
     rows = [here | {path: (1.0 + step * part) * here[path]} for path in by for step in STEPS for part in PARTS]
     points = Listed({path: np.concatenate([row[path] for row in rows]) for path in here})
+    cycles = int(np.ceil(np.log(LEFT) / np.log(max(1e-3, found.multiplier.values.max()))))
     fine = Accuracy(tolerance=1e-15, max_steps=1_000_000)
-    moved, count = pdssjax.sweep(study, points, cycles=LATE, accuracy=fine, workers=1), found.failure.size
+    moved, count = pdssjax.sweep(study, points, cycles=cycles, accuracy=fine, workers=1), found.failure.size
     errors = []
     for name in ("net_step", "stroke"):
         at = moved[name].values.reshape(len(by), len(STEPS), len(PARTS), count)
@@ -88,7 +114,8 @@ def derivative_errors(study, here, by, found):
             for k, step in enumerate(STEPS)
         ]
         size = np.abs(found[name].values)
-        errors.append(np.min([np.abs(slopes - one) / (np.abs(one) + size) for one in differences], axis=0))
+        apart = [np.maximum(np.abs(slopes - one) - LEAST, 0.0) / (np.abs(one) + size) for one in differences]
+        errors.append(np.min(apart, axis=0))
     return np.stack(errors)
 
 

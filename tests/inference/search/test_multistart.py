@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from waves import Waves, at, run
 
-from pdssjax.inference.least_squares import Fit
+from pdssjax.inference import Ending, Fit
 from pdssjax.inference.search.perturbed_restarts import MOST_RESTARTS, beyond_discontinuity, restarts
 from pdssjax.inference.search.races import _at_new_bound
 from pdssjax.inference.search.successive_halving import PATIENCE, successive_halving
-from pdssjax.inference.solver.ending import Ending
 
 
 def told(messages):

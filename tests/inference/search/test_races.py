@@ -10,14 +10,13 @@ import pytest
 from waves import PATHS, Waves, at, run
 
 from pdssjax.core import quantity
-from pdssjax.inference.least_squares import Fit
+from pdssjax.inference import Ending, Fit
 from pdssjax.inference.losses.huber import Huber
 from pdssjax.inference.losses.squares import Squares
 from pdssjax.inference.poor_fit import leaves_more_than_noise
 from pdssjax.inference.search import multistart, races
 from pdssjax.inference.search.multistart import best_fit
 from pdssjax.inference.search.perturbed_restarts import MOST_RESTARTS
-from pdssjax.inference.solver.ending import Ending
 from pdssjax.integration import Accuracy
 from pdssjax.study import Parameter
 

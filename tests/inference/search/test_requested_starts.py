@@ -10,11 +10,10 @@ from scipy.stats import qmc
 
 from pdssjax import InputError
 from pdssjax.core import sobol_points
-from pdssjax.inference.least_squares import Fit
+from pdssjax.inference import Ending, Fit
 from pdssjax.inference.parameter_transform import ParameterTransform
 from pdssjax.inference.search import requested_starts
 from pdssjax.inference.search.requested_starts import best_of_starts, check_starts, optima
-from pdssjax.inference.solver.ending import Ending
 
 PATHS = "a", "b"
 RANGES = {"a": (0.5, 20.0)}

@@ -9,10 +9,9 @@ import pytest
 
 from pdssjax import InputError
 from pdssjax.files import DrawsFile
+from pdssjax.inference import Fit, Problem
 from pdssjax.inference.draws import Drawing, InMemory
-from pdssjax.inference.least_squares import Fit
 from pdssjax.inference.parameter_transform import ParameterTransform
-from pdssjax.inference.problem import Problem
 from pdssjax.inference.uncertainty.bootstrap import bootstrap, cycles_redrawn, samples_per_cycle
 from pdssjax.inference.uncertainty.drawn_intervals import _about_replicates, summary_of_replicates
 

@@ -6,6 +6,7 @@ from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
 from pdssjax.core import member
+from pdssjax.inference import influence_of
 from pdssjax.inference.uncertainty.error_models._phase_process import (
     _basis,
     distances,
@@ -17,7 +18,6 @@ from pdssjax.inference.uncertainty.error_models.base import RecordErrors
 from pdssjax.inference.uncertainty.error_models.coloured import Coloured
 from pdssjax.inference.uncertainty.error_models.white import White
 from pdssjax.inference.uncertainty.error_models.with_misfit import WithMisfit, misfit_of, noise_of_means
-from pdssjax.inference.uncertainty.influence import influence_of
 from pdssjax.metrics import ResidualSplit, StationaryNoise, split_residuals
 
 RANDOM = np.random.default_rng(4)

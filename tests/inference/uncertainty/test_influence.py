@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pdssjax.inference.covariance import propagated
+from pdssjax.inference import propagated
 from pdssjax.inference.uncertainty.influence import (
     curvature_of,
     directions_in_two_steps,

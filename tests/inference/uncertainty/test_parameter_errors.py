@@ -7,7 +7,7 @@ import fabricated
 import numpy as np
 import pytest
 
-from pdssjax.inference.covariance import least_squares_covariance
+from pdssjax.inference import least_squares_covariance
 from pdssjax.inference.parameter_transform import ParameterTransform
 from pdssjax.inference.uncertainty import parameter_errors
 from pdssjax.inference.uncertainty.parameter_errors import all_error_models, fitted_point, with_error_models
