@@ -29,6 +29,9 @@ _AT_ZERO = 0.02
 _LOCATED = 0.1
 """Sampling intervals from the clock's zero up to which a start that samples on a flank locate is taken to be there."""
 
+_TOLD = 1e-3
+"""Part of the frequency up to which its bound of two standard errors goes unsaid."""
+
 _FASTER = 0.3
 """A flank that takes less than this part of the other one makes a sawtooth."""
 
@@ -56,6 +59,8 @@ class Waveform:
     """Of a step or a sawtooth."""
     voltage_error: float = 0.0
     """Standard error of the voltage [V]; of a sawtooth, of what its slow flank would come to in a whole period."""
+    frequency_error: float = 0.0
+    """Standard error of the frequency by the noise, in parts of it."""
 
 
 def detect_waveform(time: Samples, volts: Samples) -> Waveform:
@@ -95,10 +100,17 @@ def _detect(time: Samples, volts: Samples) -> Waveform:
                 rests = rests if rests - time[0] > 1.05 * low_for else None
             located = (1.5 if simplest.uncertain else _LOCATED) * interval
             located = located if simplest.timing is None else min(located, simplest.timing.within)
-            return begun(simplest, time, rests, 1.5 * interval, located)
+            return begun(_bounded(simplest), time, rests, 1.5 * interval, located)
     start = float(time[0]) if rests is None else rests
     begins = "running" if rests is None else "seen"
     return Waveform("sampled", {"voltage": float(np.max(np.abs(volts)))}, "", start, begins, 0.0)
+
+
+def _bounded(found: Waveform) -> Waveform:
+    """`found`, which says how well its frequency is told where noise and length leave it open."""
+    within = 2.0 * found.frequency_error
+    said = () if within < _TOLD else (f"frequency: within {100 * within:.2g} %",)
+    return dataclasses.replace(found, uncertain=found.uncertain + said)
 
 
 def _rest(time: Samples, volts: Samples, extent: float) -> float | None:
@@ -184,6 +196,8 @@ def _sawtooth(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: fl
     line, number_of = design[:, :2], design[:, 2]
     alone = number_of - line @ np.linalg.lstsq(line, number_of, rcond=None)[0]
     misfit, error = left / voltage, left / float(np.linalg.norm(alone))
+    gradient = np.array([0.0, -1.0 / slope, 1.0 / drop])
+    of_frequency = left * math.sqrt(gradient @ np.linalg.inv(design.T @ design) @ gradient)
     # Where the lowest level is not 0 V, the line does not meet the fast flanks.
     if abs(start + 0.5 * fast - middles[0]) > 1.5 * interval + _AT_ZERO * period:
         return None
@@ -197,7 +211,7 @@ def _sawtooth(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: fl
     bound = (f"fall_time: below {JUMP * interval:.3g} s, {open_part}",) if ideal else ()
     timing = timing_of(sharp, 0.0 if ideal else fast, interval)
     direction = "forward" if forward else "backward"
-    return Waveform("sawtooth", numbers, direction, start, "running", misfit, bound, timing, error)
+    return Waveform("sawtooth", numbers, direction, start, "running", misfit, bound, timing, error, of_frequency)
 
 
 def _triangle(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: float) -> Waveform | None:
@@ -265,8 +279,9 @@ def _laid_over(
 
     Where it has no jumps (no `margin`), start and period are those of least squares.
     """
+    of_frequency = 0.0
     if margin == 0.0:
-        start, period = _refined(time, volts, period, start, shape)
+        start, period, of_frequency = _refined(time, volts, period, start, shape)
     phase = np.mod((time - start) / period, 1.0)
     apart = lambda place: np.abs(np.mod(phase - place + 0.5, 1.0) - 0.5)
     kept = (apart(0.0) >= margin) & (apart(edge) >= margin) & (time >= start)
@@ -279,27 +294,33 @@ def _laid_over(
     left = _rms(volts[kept] - voltage * level)
     numbers = {"voltage": float(voltage), "frequency": 1.0 / period, **numbers}
     error = left / math.sqrt(level.size * float(np.var(level)))
-    return Waveform(name, numbers, "", start, "running", left / voltage, voltage_error=error)
+    return Waveform(
+        name, numbers, "", start, "running", left / voltage, voltage_error=error, frequency_error=of_frequency
+    )
 
 
 def _refined(
     time: Samples, volts: Samples, period: float, start: float, shape: Callable[[Samples], Samples]
-) -> tuple[float, float]:
-    """Start and period of a waveform without jumps, by two steps of Gauss and Newton."""
+) -> tuple[float, float, float]:
+    """Start and period of a waveform without jumps, by two steps of Gauss and Newton; the period's relative error."""
     from_rest = time >= start
     time, volts = time[from_rest], volts[from_rest]
     level = lambda begin, length: shape(np.mod((time - begin) / length, 1.0))
+    error = math.inf
     for _ in range(2):
         here, step = level(start, period), 1e-4 * period
         by_start = (level(start + step, period) - level(start - step, period)) / (2.0 * step)
         by_period = (level(start, period + 1e-2 * step) - level(start, period - 1e-2 * step)) / (2e-2 * step)
         height = float(here @ volts / (here @ here))
         design = np.stack([here, height * by_start, height * by_period], axis=1)
-        _, later, longer = np.linalg.lstsq(design, volts - height * here, rcond=None)[0]
+        found = np.linalg.lstsq(design, volts - height * here, rcond=None)[0]
+        _, later, longer = found
         if not (abs(later) < 0.05 * period and abs(longer) < 0.05 * period):
             break
         start, period = start + float(later), period + float(longer)
-    return start, period
+        left = _rms(volts - height * here - design @ found)
+        error = left * math.sqrt(np.linalg.inv(design.T @ design)[2, 2]) / period
+    return start, period, error
 
 
 def _sine(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: float) -> Waveform | None:
@@ -320,12 +341,18 @@ def _sine(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: float)
     amplitude = math.hypot(cosine, sine)
     left = _rms(volts[kept] - waves[kept] @ np.array([level, cosine, sine]))
     error = 2.0 * left * math.sqrt(2.0 / np.count_nonzero(kept))
+    tangent = (moved * (sine * waves[:, 1] - cosine * waves[:, 2]))[kept]
+    alone = tangent - waves[kept] @ np.linalg.lstsq(waves[kept], tangent, rcond=None)[0]
+    of_frequency = left / float(np.linalg.norm(alone)) / rate
     bias = level - amplitude
     # Lowest where the cosine of the wave's turn is -1.
     start = float(time[0]) + (math.atan2(sine, cosine) + math.pi) / rate
     numbers = {"voltage": 2.0 * amplitude, "frequency": rate / (2.0 * math.pi)}
     numbers |= {} if abs(bias) < _AT_ZERO * amplitude else {"bias": bias}
-    return Waveform("sine", numbers, "", start, "running", left / (2.0 * amplitude), voltage_error=error)
+    return Waveform(
+        "sine", numbers, "", start, "running", left / (2.0 * amplitude),
+        voltage_error=error, frequency_error=of_frequency,
+    )  # fmt: skip
 
 
 def begun(found: Waveform, time: Samples, rests: float | None, tolerance: float, located: float = math.inf) -> Waveform:

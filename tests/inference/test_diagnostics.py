@@ -193,6 +193,8 @@ def test_report_and_notes_put_it_into_words():
     assert "If effector.mass were known from elsewhere, errors would fall: friction.a from 10 to 2 %." in text
     (note,) = about_agreement(diagnosis, "sequential")
     assert "without it friction.a of a joint fit would be 4.2 standard errors smaller" in note
+    (note,) = about_agreement(Diagnosis((), None, (Agreement(("step",), "record", 9.1, {"friction.a": -7.6e3}),)))
+    assert "without it friction.a would be over 100 standard errors smaller" in note
     assert about_agreement(None) == []
     # Beyond chance, but nothing that a user would notice.
     assert about_agreement(Diagnosis((), None, (Agreement(("a",), "record", 9.0, {"x": 0.5}),))) == []

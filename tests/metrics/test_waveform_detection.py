@@ -1,5 +1,7 @@
 """The drive that went in is found in samples of its voltage: kind, frequency, voltage, flanks, direction, start."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -213,6 +215,26 @@ def drawn(random):
     return name, time, voltage * (level + noise * random.normal(size=time.size)), frequency, voltage, start
 
 
+@pytest.mark.parametrize("name", ["backward", "skew triangle", "sine"])
+def test_how_well_noise_leaves_the_frequency_told_is_known(name):
+    time, pulls = 4e-3 * np.arange(130), []
+    clean = 60.0 * SHAPES[name][2](np.mod((time - 0.0123) * 5.3, 1.0))
+    for seed in range(60):
+        found = detect_waveform(time, clean + 0.3 * np.random.default_rng(seed).normal(size=time.size))
+        pulls.append((found.numbers["frequency"] / 5.3 - 1.0) / found.frequency_error)
+    # Three standard deviations of the root mean square of as many normal numbers.
+    assert np.sqrt(np.mean(np.square(pulls))) == pytest.approx(1.0, abs=0.28)
+
+
+def test_a_frequency_that_noise_leaves_open_is_said_to_be():
+    time = 4e-3 * np.arange(130)
+    clean = 60.0 * SHAPES["backward"][2](np.mod((time - 0.0123) * 5.3, 1.0))
+    noise = np.random.default_rng(1).normal(size=time.size)
+    (bound,) = [text for text in detect_waveform(time, clean + 0.3 * noise).uncertain if "frequency" in text]
+    assert re.fullmatch(r"frequency: within 0\.1\d? %", bound)
+    assert not any("frequency" in text for text in detect_waveform(time, clean + 0.03 * noise).uncertain)
+
+
 @pytest.mark.slow
 def test_drives_at_random_are_found_or_taken_as_sampled_but_never_for_others():
     random = np.random.default_rng(2026)
@@ -227,8 +249,13 @@ def test_drives_at_random_are_found_or_taken_as_sampled_but_never_for_others():
         assert found.direction == SHAPES[name][1]
         turns, interval = (found.start - start) * frequency, time[1] - time[0]
         late = abs(turns - round(turns)) / frequency / interval
-        near = abs(found.numbers["voltage"] / voltage - 1.0) < 0.01 and late < 1.1
-        told.append(near and abs(found.numbers["frequency"] / frequency - 1.0) < 1e-3)
+        near = abs(found.numbers["voltage"] / voltage - 1.0) < 0.01
+        exact = abs(found.numbers["frequency"] / frequency - 1.0) < 1e-3
+        told.append(near and exact and late < 1.1)
+        # What is not told is said not to be.
+        said = " ".join(found.uncertain)
+        assert near or "of the voltage open" in said, name
+        assert exact or "frequency: within" in said, name
     assert np.mean(told) > 0.97
 
 

@@ -52,11 +52,13 @@ def test_net_steps_are_those_after_200_cycles(law, state):
 
 
 def test_derivatives_are_those_of_late_cycles(law, state):
-    study, here = random_actuators(law, state, 16)
+    # Four elements of generalized Maxwell slip take half an hour of 16.
+    count = 8 if law == "generalized-maxwell-slip" else 16
+    study, here = random_actuators(law, state, count)
     found, by = with_derivatives(study, here)
     told = (found.failure.values == 0) & (found.multiplier.values < SLOW)
     fast = told & (found.multiplier.values < FAST)
-    assert told.sum() >= 12
+    assert told.sum() >= 0.75 * count
     for at in map(np.flatnonzero, (fast, told & ~fast)):
         if at.size:
             few = {path: column[at] for path, column in here.items()}
