@@ -35,7 +35,7 @@ Also for what the flag of Dahl's law does: a saturation that a parameter 4e-5 aw
 """
 PARTS = (-1.0, -0.5, 0.5, 1.0)
 LEAST = 5e-13
-"""Of a derivative by the logarithm of a parameter, this much [m] is rounding: courses are right to about 1e-13 m."""
+"""Of a derivative by the logarithm of a parameter [m], so little is lost in the truncation of steps of 1e-15 m."""
 ROUNDING = 1e-12
 """Shifts [m] below this do not shrink evenly."""
 
