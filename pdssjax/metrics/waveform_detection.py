@@ -11,7 +11,7 @@
 
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -157,6 +157,13 @@ def _step(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: float)
     return Waveform("step", numbers, "", start, "seen", misfit, bound, timing, error)
 
 
+def _spread(design: Samples, gradient: Sequence[float]) -> float:
+    """Standard error of a number by its `gradient` in the coefficients of least squares, for samples with error 1."""
+    sizes = np.linalg.norm(design, axis=0)
+    _, triangle = np.linalg.qr(design / sizes)
+    return float(np.linalg.norm(np.linalg.solve(triangle.T, np.asarray(gradient) / sizes)))
+
+
 def _rms(values: Samples) -> float:
     return float(np.sqrt(np.mean(values**2))) if values.size else math.inf
 
@@ -192,12 +199,8 @@ def _sawtooth(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: fl
     # The slow flank numbered 0 begins at 0 V forward, backward at the peak, right after the fast one.
     start = -a / slope - fast if forward else (voltage - a) / slope - fast
     left = _rms(volts[kept] - design @ np.array([a, slope, drop]))
-    # What the numbers of the cycles tell that no line does is what tells the drop.
-    line, number_of = design[:, :2], design[:, 2]
-    alone = number_of - line @ np.linalg.lstsq(line, number_of, rcond=None)[0]
-    misfit, error = left / voltage, left / float(np.linalg.norm(alone))
-    gradient = np.array([0.0, -1.0 / slope, 1.0 / drop])
-    of_frequency = left * math.sqrt(gradient @ np.linalg.inv(design.T @ design) @ gradient)
+    misfit, error = left / voltage, left * _spread(design, [0.0, 0.0, 1.0])
+    of_frequency = left * _spread(design, [0.0, -1.0 / slope, 1.0 / drop])
     # Where the lowest level is not 0 V, the line does not meet the fast flanks.
     if abs(start + 0.5 * fast - middles[0]) > 1.5 * interval + _AT_ZERO * period:
         return None
@@ -319,7 +322,7 @@ def _refined(
             break
         start, period = start + float(later), period + float(longer)
         left = _rms(volts - height * here - design @ found)
-        error = left * math.sqrt(np.linalg.inv(design.T @ design)[2, 2]) / period
+        error = left * _spread(design, [0.0, 0.0, 1.0]) / period
     return start, period, error
 
 
@@ -341,9 +344,8 @@ def _sine(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: float)
     amplitude = math.hypot(cosine, sine)
     left = _rms(volts[kept] - waves[kept] @ np.array([level, cosine, sine]))
     error = 2.0 * left * math.sqrt(2.0 / np.count_nonzero(kept))
-    tangent = (moved * (sine * waves[:, 1] - cosine * waves[:, 2]))[kept]
-    alone = tangent - waves[kept] @ np.linalg.lstsq(waves[kept], tangent, rcond=None)[0]
-    of_frequency = left / float(np.linalg.norm(alone)) / rate
+    joined = np.column_stack([waves, moved * (sine * waves[:, 1] - cosine * waves[:, 2])])[kept]
+    of_frequency = left * _spread(joined, [0.0, 0.0, 0.0, 1.0]) / rate
     bias = level - amplitude
     # Lowest where the cosine of the wave's turn is -1.
     start = float(time[0]) + (math.atan2(sine, cosine) + math.pi) / rate
