@@ -80,15 +80,18 @@ def _detect(time: Samples, volts: Samples) -> Waveform:
     low, high = (float(level) for level in np.percentile(volts, [0.2, 99.8]))
     low = min(low, float(volts[0]))  # a step may begin with the second sample
     interval = float(np.median(np.diff(time)))
-    flanks = voltage_flanks(time, volts, low, high)
+    # On a clock that counts from 1970 a line through the samples would be lost in rounding.
+    first = float(time[0])
+    own = time - first
+    flanks = voltage_flanks(own, volts, low, high)
     rests = _rest(time, volts, high - low)
     if len(flanks.rises) + len(flanks.falls) == 1 and len(flanks.rises) == 1:
-        step = _step(time, volts, flanks, interval)
+        step = _step(own, volts, flanks, interval, -first)
         if step.misfit < MOST_MISFIT and abs(low) < _AT_ZERO * high:
-            return step
+            return dataclasses.replace(step, start=step.start + first)
     limit = MOST_MISFIT + 2.0 * scatter_between_corners(volts) / (high - low)
     if max(len(flanks.rises), len(flanks.falls)) >= 2 and min(len(flanks.rises), len(flanks.falls)) >= 1:
-        candidates = [fit(time, volts, flanks, interval) for fit in (_sawtooth, _triangle, _sine, _trapezoid)]
+        candidates = [fit(own, volts, flanks, interval) for fit in (_sawtooth, _triangle, _sine, _trapezoid)]
         fitting = [c for c in candidates if c is not None and c.misfit < limit]
         if fitting:
             # A trapezoid with a short plateau is a sawtooth, too: the simpler one is taken.
@@ -100,7 +103,8 @@ def _detect(time: Samples, volts: Samples) -> Waveform:
                 rests = rests if rests - time[0] > 1.05 * low_for else None
             located = (1.5 if simplest.uncertain else _LOCATED) * interval
             located = located if simplest.timing is None else min(located, simplest.timing.within)
-            return begun(_bounded(simplest), time, rests, 1.5 * interval, located)
+            simplest = dataclasses.replace(_bounded(simplest), start=simplest.start + first)
+            return begun(simplest, time, rests, 1.5 * interval, located)
     start = float(time[0]) if rests is None else rests
     begins = "running" if rests is None else "seen"
     return Waveform("sampled", {"voltage": float(np.max(np.abs(volts)))}, "", start, begins, 0.0)
@@ -127,7 +131,8 @@ def _rest(time: Samples, volts: Samples, extent: float) -> float | None:
     return None if abs(drift) > 0.3 * abs(ahead) and abs(ahead) > 0 else float(time[leaves - 1])
 
 
-def _step(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: float) -> Waveform:
+def _step(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: float, zero: float) -> Waveform:
+    """A step, which may start at the `zero` of its clock."""
     middle = flanks.rises[0]
     late = volts[time > middle + 0.6 * flanks.rise]
     voltage = float(np.median(late)) if late.size else float(volts[-1])
@@ -142,11 +147,11 @@ def _step(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: float)
     elif ideal:
         start = float(time[np.searchsorted(time, middle)])
         before = start - interval
-        start = 0.0 if before <= 0.0 <= start else start
+        start = zero if before <= zero <= start else start
         shown = np.where(time >= start - 1e-9 * interval, voltage, 0.0)
     else:
         start = middle - 0.5 * rise
-        start = 0.0 if abs(start) < _LOCATED * interval else start
+        start = zero if abs(start - zero) < _LOCATED * interval else start
         shown = voltage * np.clip((time - start) / rise, 0.0, 1.0)
     near = np.abs(time - middle) <= 1.5 * interval
     # A ramp that never comes to rest is no step.

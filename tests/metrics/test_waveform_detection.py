@@ -235,6 +235,18 @@ def test_a_frequency_that_noise_leaves_open_is_said_to_be():
     assert not any("frequency" in text for text in detect_waveform(time, clean + 0.03 * noise).uncertain)
 
 
+@pytest.mark.parametrize("first", [1e5, 1e7, 1.7e9])
+@pytest.mark.parametrize("name", ["forward", "backward, slow rise", "skew triangle", "trapezoid"])
+def test_what_a_clock_counts_from_changes_nothing(name, first):
+    kind, direction, shape, numbers = SHAPES[name]
+    time, volts = samples(shape, 7.3, 64.2, 0.0123, 0.3)
+    found, late = detect_waveform(time, volts), detect_waveform(time + first, volts)
+    check(late, kind, 7.3, 64.2, numbers, direction)
+    assert late.numbers == pytest.approx(found.numbers, rel=1e-5)
+    assert late.frequency_error == pytest.approx(found.frequency_error, rel=1e-3)
+    assert late.start - first == pytest.approx(found.start, abs=0.02 * INTERVAL)
+
+
 @pytest.mark.slow
 def test_drives_at_random_are_found_or_taken_as_sampled_but_never_for_others():
     random = np.random.default_rng(2026)
