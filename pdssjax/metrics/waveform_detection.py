@@ -82,16 +82,16 @@ def _detect(time: Samples, volts: Samples) -> Waveform:
     interval = float(np.median(np.diff(time)))
     # On a clock that counts from 1970 a line through the samples would be lost in rounding.
     first = float(time[0])
-    own = time - first
-    flanks = voltage_flanks(own, volts, low, high)
+    elapsed = time - first
+    flanks = voltage_flanks(elapsed, volts, low, high)
     rests = _rest(time, volts, high - low)
     if len(flanks.rises) + len(flanks.falls) == 1 and len(flanks.rises) == 1:
-        step = _step(own, volts, flanks, interval, -first)
+        step = _step(elapsed, volts, flanks, interval, -first)
         if step.misfit < MOST_MISFIT and abs(low) < _AT_ZERO * high:
             return dataclasses.replace(step, start=step.start + first)
     limit = MOST_MISFIT + 2.0 * scatter_between_corners(volts) / (high - low)
     if max(len(flanks.rises), len(flanks.falls)) >= 2 and min(len(flanks.rises), len(flanks.falls)) >= 1:
-        candidates = [fit(own, volts, flanks, interval) for fit in (_sawtooth, _triangle, _sine, _trapezoid)]
+        candidates = [fit(elapsed, volts, flanks, interval) for fit in (_sawtooth, _triangle, _sine, _trapezoid)]
         fitting = [c for c in candidates if c is not None and c.misfit < limit]
         if fitting:
             # A trapezoid with a short plateau is a sawtooth, too: the simpler one is taken.

@@ -12,9 +12,11 @@ of the sampling rate may be the image of another.
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import ScalarLike
 
 from ..core import Scalar
 from ..friction.base import AbstractFriction
@@ -66,6 +68,14 @@ def resonances(models: Models, values: dict[str, float]) -> list[Resonance]:
 
 def linearised(contact: AbstractFriction, sign: float) -> tuple[float, float]:
     """Stiffness [N/m] and damping [N s/m] of an undisturbed `contact` that begins to move in the direction `sign`."""
+    # As arrays, numbers do not make another function of each contact.
+    contact, sign = jax.tree.map(lambda x: jnp.asarray(x) if isinstance(x, float) else x, (contact, sign))
+    stiffness, damping = _linearised(contact, sign)
+    return float(stiffness), float(damping)
+
+
+@eqx.filter_jit
+def _linearised(contact: AbstractFriction, sign: Scalar) -> tuple[ScalarLike, Scalar]:
     state, still = contact.initial(), jnp.zeros(())
     numbers = lambda rates: tuple(jnp.asarray(rate, float) for rate in rates)
 
@@ -76,7 +86,7 @@ def linearised(contact: AbstractFriction, sign: float) -> tuple[float, float]:
     stiffness = jax.jvp(force_rate, (still,), (jnp.ones(()),))[1] if state else 0.0
     force = lambda v: jnp.asarray(contact.force(state, v, sign), float)
     damping = jax.jvp(force, (still,), (jnp.ones(()),))[1]
-    return float(stiffness), float(damping)
+    return stiffness, damping
 
 
 def depends_on(models: Models, values: dict[str, float], paths: Sequence[str]) -> dict[Resonance, list[str]]:

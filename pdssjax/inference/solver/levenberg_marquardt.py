@@ -6,8 +6,8 @@ Lecture Notes in Mathematics 630, 1978).  As the radius shrinks the step turns i
 gradient step, so that every limit is a point where the projected gradient vanishes (A. R. Conn, N. I. M.
 Gould and P. L. Toint, Trust-Region Methods, SIAM 2000, chapter 12).  Columns are scaled to unit norm and
 factored by QR.  A step to where the residual is not finite is an ordinary rejection, and nothing is linearised
-again on a rejection; the next step is bent along the curvature that a probe finds (geodesic acceleration:
-M. K. Transtrum and J. P. Sethna, arXiv:1201.5885).
+again on a rejection; after a step that found less than was predicted, or was rejected, the next ones are bent along
+the curvature that a probe finds (geodesic acceleration: M. K. Transtrum and J. P. Sethna, arXiv:1201.5885).
 
 It has converged where two things are small, and only there: the cosine between the residual and every
 column that is free to move (MINPACK's test of the gradient), and the decrease that the linear model
@@ -52,6 +52,12 @@ _AT_BOUND = 1e-9
 _ROUNDING = 1e-13
 """Relative decrease of the sum of squares that rounding may hide."""
 
+_STRAIGHT = 0.75
+"""Share of the predicted decrease that a straight step finds where the residual hardly bends."""
+
+_FINE = 1e-6
+"""Predicted decrease, relative to the sum of squares, below which steps are short enough to be straight."""
+
 _EPSILONS = 4.0
 """Relative rounding errors that parameters and residual gather."""
 
@@ -81,7 +87,7 @@ class BoundedLevenbergMarquardt(
     """Converged also where what they stand for, a decrease of the sum of squares, is below this."""
     norm: Callable[[Float[Array, " p"]], Scalar] = eqx.field(static=True, default=optx.max_norm)
     slow: float = 0.0
-    """A step that lowers the sum of squares by less than this share is slow."""
+    """A step that lowers the sum of squares by less than this share, or than rounding may, is slow."""
     invisible: float = 0.0
     """Predicted reduction, relative to the sum of squares, that the data could not show."""
     small_jump: float = 0.0
@@ -126,6 +132,7 @@ class BoundedLevenbergMarquardt(
             rejected=none,
             slow_steps=none,
             ending=none,
+            curved=jnp.array(False),
             checked=none,
             discrepancies=jnp.full((DIRECTIONS, len(SIZES)), jnp.inf),
             jump=0.0 * unity,
@@ -137,8 +144,8 @@ class BoundedLevenbergMarquardt(
         checking = state.ending != Ending.RUNNING
         proposal = best_step(state, y, options, state.size, state.radius)
         apart = _apart(state, y, options, self.atol)
-        # A straight step costs one evaluation; where one was rejected, a bent one may be worth two.
-        bending = ~checking & ~state.unevaluated & (state.rejected > 0)
+        # A straight step costs one evaluation; where one fell short, a bent one may be worth two, and those after it.
+        bending = ~checking & ~state.unevaluated & ((state.rejected > 0) | state.curved)
 
         def evaluate(
             carry: tuple[Free, Float[Array, " n"]], second: Truth
@@ -165,11 +172,12 @@ class BoundedLevenbergMarquardt(
 
         def move(state: LMState) -> LMState:
             moved = _linearised(fn, proposed, args, state)
-            slow = ~state.unevaluated & (gained < self.slow * squares)
+            slow = ~state.unevaluated & (gained < jnp.maximum(self.slow * squares, state.rounding))
             moved = moved._replace(
                 radius=jnp.where(state.unevaluated, first_radius(moved, proposed), radius),
                 rejected=jnp.zeros_like(state.rejected),
                 slow_steps=jnp.where(slow, state.slow_steps + 1, 0),
+                curved=~state.unevaluated & (bending | (ratio < _STRAIGHT)) & (predicted > _FINE * squares),
                 iterations=state.iterations + ~state.unevaluated,
                 unevaluated=jnp.array(False),
             )

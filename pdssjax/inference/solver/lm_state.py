@@ -45,6 +45,8 @@ class LMState(NamedTuple):
     """Proposed steps rejected in a row."""
     slow_steps: Count
     """Accepted steps in a row that hardly lowered the sum of squares."""
+    curved: Truth
+    """The last step found less than the linear model predicted, or was bent itself."""
     ending: Count
     """An `Ending`; RUNNING until the run is over."""
     checked: Count

@@ -23,6 +23,17 @@ def steep(y):
     return _padded(10.0 * (y[1] - y[0] ** 2), 1.0 - y[0])
 
 
+def narrow(y):
+    """The same valley, ten times as steep."""
+    return _padded(100.0 * (y[1] - y[0] ** 2), 1.0 - y[0])
+
+
+def decays(y):
+    """Two exponentials that can be fitted exactly."""
+    times = jnp.array([0.5, 1.0, 2.0, 4.0])
+    return jnp.exp(-y[0] * times) + jnp.exp(-y[1] * times) - jnp.exp(-0.3 * times) - jnp.exp(-times)
+
+
 def logarithm(y):
     """Not a number up to 100 in the first."""
     return _padded(jnp.log(y[0] - 100.0) + 4.0, 0.1 * (y[1] - 1.0))
@@ -52,7 +63,7 @@ def _padded(first, second):
     return jnp.stack([first, second, 0.0 * first, 0.0 * first])
 
 
-PROBLEMS = (line, steep, logarithm, root, lying, summed, traced)
+PROBLEMS = (line, steep, narrow, decays, logarithm, root, lying, summed, traced)
 """Of two parameters and four residuals each, so that one compiled function solves them all."""
 
 
@@ -180,14 +191,28 @@ def test_all_parameters_held_end_at_once():
     np.testing.assert_array_equal(solution.value, [-1.2, 1.0])
 
 
-def test_the_scale_of_the_columns_changes_nothing():
-    # As far as rounding lets the two go alike: the valley ends in an exact zero.
-    units = jnp.array([1e-8, 1e8])
-    plain = steps(steep, [-1.2, 1.0], [-jnp.inf] * 2, [jnp.inf] * 2, 7)
-    scaled = steps(steep, jnp.array([-1.2, 1.0]) / units, [-jnp.inf] * 2, [jnp.inf] * 2, 7, units)
+@pytest.mark.parametrize("start", [(-1.2, 1.0), (-3.0, -4.0), (6.0, -30.0)])
+def test_the_scale_of_the_columns_changes_nothing(start):
+    units, free = jnp.array([1e-8, 1e8]), ([-jnp.inf] * 2, [jnp.inf] * 2)
+    plain = steps(steep, start, *free, 20)
+    scaled = steps(steep, jnp.array(start) / units, *free, 20, units)
     for (y, state), (other, same) in zip(plain, scaled, strict=True):
-        assert int(state.iterations) == int(same.iterations)
         np.testing.assert_allclose(other * np.asarray(units), y, rtol=1e-5, atol=1e-7)
+        if np.linalg.norm(state.residual) > 1e-11:  # the valley ends in an exact zero, where rounding decides
+            assert int(state.iterations) == int(same.iterations)
+    assert int(plain[-1][1].iterations) >= 3 and np.linalg.norm(plain[-1][1].residual) < 1e-11
+
+
+def test_steps_along_a_curved_valley_are_bent_before_one_is_rejected():
+    solution = solve(narrow, [-5.0, 25.0])
+    np.testing.assert_allclose(solution.value, [1.0, 1.0], rtol=1e-8)
+    assert int(solution.stats["state"].iterations) <= 20  # bent after rejections alone: 87
+
+
+def test_an_exact_fit_ends_where_rounding_is_all_that_is_left():
+    solution = solve(decays, [0.1, 5.0], rtol=1e-12, atol=0.0)
+    assert solution.result == optx.RESULTS.successful
+    np.testing.assert_allclose(solution.value, [0.3, 1.0], rtol=1e-12)
 
 
 def test_trials_that_cannot_be_evaluated_are_rejected():
