@@ -56,7 +56,7 @@ def one_step(
     piece = attempt(system, segment, loop, finely.method, finely.tolerance, remaining, opaque_one)
     duration, event, which, x = until_event(system, segment, loop, piece, opaque_one)
     t_local = loop.t_local + duration
-    ended = ~event & (piece.step_radius >= remaining)
+    ended = ~event & (duration >= remaining)
     corner = ended & ~last
     x, mode, becomes_settled = _afterwards(
         system, segment, loop, t_local, x, event, which, ended, finely.settle_tolerance, opaque_one
@@ -134,12 +134,12 @@ def until_event(
     clock = polynomial([loop.t_local, piece.step_radius])
     motion = unflatten([polynomial(c) for c in piece.polynomials])
     guards = cast("tuple[Series, ...]", system.guards(segment, clock, motion, loop.mode))  # of series, series
-    crossing, which = first_crossing(guards, len(piece.polynomials[0]), piece.step_radius)
+    crossing, event, which = first_crossing(guards, len(piece.polynomials[0]), piece.step_radius)
     crossing = crossing / opaque_one
     duration = piece.step_radius * crossing
     x = [horner(c, crossing) for c in piece.polynomials]
     x = system.exact(segment, loop.t_local, unflatten(loop.x), duration, unflatten(x))
-    return duration, crossing < 1.0, which, kept(x, opaque_one)
+    return duration, event, which, kept(x, opaque_one)
 
 
 def _afterwards(

@@ -16,7 +16,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import ScalarLike
 
 from ..core import Scalar
 from ..friction.base import AbstractFriction
@@ -69,13 +68,13 @@ def resonances(models: Models, values: dict[str, float]) -> list[Resonance]:
 def linearised(contact: AbstractFriction, sign: float) -> tuple[float, float]:
     """Stiffness [N/m] and damping [N s/m] of an undisturbed `contact` that begins to move in the direction `sign`."""
     # As arrays, numbers do not make another function of each contact.
-    contact, sign = jax.tree.map(lambda x: jnp.asarray(x) if isinstance(x, float) else x, (contact, sign))
-    stiffness, damping = _linearised(contact, sign)
+    contact = jax.tree.map(lambda x: jnp.asarray(x) if isinstance(x, float) else x, contact)
+    stiffness, damping = _linearised(contact, jnp.asarray(sign))
     return float(stiffness), float(damping)
 
 
 @eqx.filter_jit
-def _linearised(contact: AbstractFriction, sign: Scalar) -> tuple[ScalarLike, Scalar]:
+def _linearised(contact: AbstractFriction, sign: Scalar) -> tuple[Scalar, Scalar]:
     state, still = contact.initial(), jnp.zeros(())
     numbers = lambda rates: tuple(jnp.asarray(rate, float) for rate in rates)
 
@@ -83,7 +82,7 @@ def _linearised(contact: AbstractFriction, sign: Scalar) -> tuple[ScalarLike, Sc
         moves = numbers(contact.rate(state, v, sign))
         return jax.jvp(lambda s: jnp.asarray(contact.force(s, still, sign), float), (state,), (moves,))[1]
 
-    stiffness = jax.jvp(force_rate, (still,), (jnp.ones(()),))[1] if state else 0.0
+    stiffness = jax.jvp(force_rate, (still,), (jnp.ones(()),))[1] if state else still
     force = lambda v: jnp.asarray(contact.force(state, v, sign), float)
     damping = jax.jvp(force, (still,), (jnp.ones(()),))[1]
     return stiffness, damping

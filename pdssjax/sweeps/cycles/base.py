@@ -1,7 +1,6 @@
 """The contract of a measured cycle: what is found of a system at a point of a sweep."""
 
 import abc
-import dataclasses
 from typing import NamedTuple
 
 import equinox as eqx
@@ -12,12 +11,15 @@ from jaxtyping import Array, Bool, Float
 
 from ...core import Count, Scalar
 from ...drive.base import AbstractDrive
-from ...integration import TIGHT, AbstractHybridSystem, Accuracy, Solution
+from ...integration import AbstractHybridSystem, Accuracy, Solution
 from ...metrics import FLANK
 from ...simulation import StickSlip, StickSlipState
 
-FINE = dataclasses.replace(TIGHT, max_steps=8192)
-"""Of a course: its derivatives are right to 1e-5 then, at the default accuracy to 4e-5."""
+FINE = Accuracy(tolerance=1e-17, settle_tolerance=1e-15)
+"""Of a course: derivatives of a net step that is the difference of far longer motions are lost in coarser steps.
+
+What is left of a motion below 1e-15 m reverses where rounding has it, and such an event has no derivative.
+"""
 
 _LINE = 6
 """Samples by which the line of a flank is found."""
