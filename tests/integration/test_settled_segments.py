@@ -14,7 +14,7 @@ from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.drive.triangle import Triangle
 from pdssjax.friction.coulomb import Coulomb
 from pdssjax.friction.simplified_lugre import SimplifiedLuGre
-from pdssjax.integration import SETTLED, TIGHT, sensitivities
+from pdssjax.integration import SETTLED, TIGHT, integrate, sensitivities
 from pdssjax.piezo.bouc_wen import BoucWen
 from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.simulation import DISPLACEMENT, STOP_FORCE, PlatformOnly, StickSlip, measured
@@ -76,3 +76,12 @@ def test_a_platform_that_rings_under_a_settled_contact_moves_at_its_own_rate():
     assert abs(expected.stack[1]) > 0.1, "it rings"
     np.testing.assert_allclose(rates.driven.stack, expected.stack, rtol=1e-9)
     assert float(rates.d) == 0.0 and float(rates.v) == 0.0
+
+
+def test_what_is_below_rounding_is_not_stepped():
+    # Reversals that rounding makes have no derivative.
+    steps = [
+        int(integrate(walk(2e4), jnp.asarray(1.0), Accuracy(settle_tolerance=tolerance)).count)
+        for tolerance in (1e-15, 0.0)
+    ]
+    assert steps[0] == steps[1]

@@ -35,8 +35,6 @@ Also for what the flag of Dahl's law does: a saturation that a parameter 4e-5 aw
 0.35 um by 1.3e-14 m.
 """
 PARTS = (-1.0, -0.5, 0.5, 1.0)
-LEAST = 5e-13
-"""Of a derivative by the logarithm of a parameter [m], so little is lost in the truncation of steps of 1e-15 m."""
 ROUNDING = 1e-12
 """Shifts [m] below this do not shrink evenly."""
 
@@ -103,7 +101,8 @@ def derivative_errors(study, here, by, found, chosen):
     rows = [here | {path: (1.0 + step * part) * here[path]} for path in by for step in STEPS for part in PARTS]
     points = Listed({path: np.concatenate([row[path] for row in rows]) for path in here})
     cycles = int(np.ceil(np.log(LEFT) / np.log(max(1e-3, found.multiplier.values.max()))))
-    fine = Accuracy(tolerance=1e-15, max_steps=1_000_000)
+    # Steps of 1e-15 m would share what courses lose of a net step that is the difference of far longer motions.
+    fine = Accuracy(tolerance=1e-17, max_steps=1_000_000)
     moved, count = pdssjax.sweep(study, points, cycles=cycles, accuracy=fine, workers=1), found.failure.size
     errors = []
     for name in ("net_step", "stroke"):
@@ -114,7 +113,7 @@ def derivative_errors(study, here, by, found, chosen):
             for k, step in enumerate(STEPS)
         ]
         size = np.abs(found[name].values)
-        apart = [np.maximum(np.abs(slopes - one) - LEAST, 0.0) / (np.abs(one) + size) for one in differences]
+        apart = [np.abs(slopes - one) / (np.abs(one) + size) for one in differences]
         errors.append(np.min(apart, axis=0))
     return np.stack(errors)
 

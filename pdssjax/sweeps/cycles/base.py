@@ -16,10 +16,7 @@ from ...metrics import FLANK
 from ...simulation import StickSlip, StickSlipState
 
 FINE = Accuracy(tolerance=1e-17, settle_tolerance=1e-15)
-"""Of a course: derivatives of a net step that is the difference of far longer motions are lost in coarser steps.
-
-What is left of a motion below 1e-15 m reverses where rounding has it, and such an event has no derivative.
-"""
+"""Of a course: derivatives of a net step that is the difference of far longer motions are lost in coarser steps."""
 
 _LINE = 6
 """Samples by which the line of a flank is found."""
