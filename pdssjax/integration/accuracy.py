@@ -7,7 +7,6 @@ from ..core import Scalar
 from .step_methods.base import AbstractStepMethod
 from .step_methods.taylor import Taylor
 
-
 ROUNDING = 1e-15
 """Deviation [m] that is never stepped: at 1e-17 m derivatives of one random actuator in forty were lost."""
 

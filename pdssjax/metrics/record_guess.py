@@ -12,7 +12,8 @@ from .integrated_velocity import integrated, rest_of
 from .motion_against_voltage import goes_against, rides_against
 from .sample_noise import scatter_floor
 from .sensor_resolution import resolution_of
-from .waveform_detection import Waveform, begun, detect_waveform
+from .waveform_detection import begun, detect_waveform
+from .waveform_fits import Waveform
 
 _FOLLOWS = 0.97
 """Share of the motion that the voltage explains from which a platform is taken to be seen."""

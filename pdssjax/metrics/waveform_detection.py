@@ -3,64 +3,25 @@
 1.  Levels: the extremes; a voltage below zero is turned round.
 2.  Flanks: passages from the lowest quarter to the highest and back, each with the moments at which it passes them.
 3.  One flank only is a step.  Else the period follows from a line through the middles of the slower flanks.
-4.  Sawtooth, triangle, trapezoid and sine are laid over the samples with the flanks' times; a sawtooth's slow flanks
-    are fitted by u = a + s t - c n, n the number of the cycle, which gives period c/s, voltage and start below a
-    sample.  The one that leaves the least is taken, if it leaves less than `MOST_MISFIT` of the voltage; else the
-    samples themselves have to be the drive.
+4.  Sawtooth, triangle, trapezoid and sine are laid over the samples with the flanks' times (`waveform_fits.py`).  The
+    one that leaves the least is taken, if it leaves less than `MOST_MISFIT` of the voltage; else the samples
+    themselves have to be the drive.
 """
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from .flank_timing import JUMP, Timing, timing_of
 from .sample_noise import scatter_between_corners
-from .sharpened_flanks import sharpened_sawtooth, sharpened_step
-from .voltage_flanks import Samples, VoltageFlanks, period_of, voltage_flanks
+from .voltage_flanks import Samples, voltage_flanks
+from .waveform_fits import AT_ZERO, FITS, LOCATED, Waveform, fit_step
 
 MOST_MISFIT = 0.015
 """Root mean square that a waveform may leave, in parts of the voltage, beside the noise."""
 
-_AT_ZERO = 0.02
-"""Part of the voltage up to which a level counts as 0 V."""
-
-_LOCATED = 0.1
-"""Sampling intervals from the clock's zero up to which a start that samples on a flank locate is taken to be there."""
-
 _TOLD = 1e-3
 """Part of the frequency up to which its bound of two standard errors goes unsaid."""
-
-_FASTER = 0.3
-"""A flank that takes less than this part of the other one makes a sawtooth."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Waveform:
-    """A drive as a study describes it, in SI, on the clock of the samples."""
-
-    name: str
-    """Member of the family of drives; "sampled" where no other explains the samples."""
-    numbers: dict[str, float]
-    """By field of the drive."""
-    direction: str
-    """Of a sawtooth: "forward" or "backward"; else ""."""
-    start: float
-    """When the drive starts [s]: t = 0 of the study."""
-    begins: str
-    """"seen": it rests in the record before; "clock": the clock's zero begins a cycle; "running": it ran before;
-    "motion": the motion sets in with the record."""
-    misfit: float
-    """Root mean square of what the waveform leaves, in parts of the voltage."""
-    uncertain: tuple[str, ...] = ()
-    """Fields that the samples tell only within a bound, in words."""
-    timing: Timing | None = None
-    """Of a step or a sawtooth."""
-    voltage_error: float = 0.0
-    """Standard error of the voltage [V]; of a sawtooth, of what its slow flank would come to in a whole period."""
-    frequency_error: float = 0.0
-    """Standard error of the frequency by the noise, in parts of it."""
 
 
 def detect_waveform(time: Samples, volts: Samples) -> Waveform:
@@ -86,12 +47,12 @@ def _detect(time: Samples, volts: Samples) -> Waveform:
     flanks = voltage_flanks(elapsed, volts, low, high)
     rests = _rest(time, volts, high - low)
     if len(flanks.rises) + len(flanks.falls) == 1 and len(flanks.rises) == 1:
-        step = _step(elapsed, volts, flanks, interval, -first)
-        if step.misfit < MOST_MISFIT and abs(low) < _AT_ZERO * high:
+        step = fit_step(elapsed, volts, flanks, interval, -first)
+        if step.misfit < MOST_MISFIT and abs(low) < AT_ZERO * high:
             return dataclasses.replace(step, start=step.start + first)
     limit = MOST_MISFIT + 2.0 * scatter_between_corners(volts) / (high - low)
     if max(len(flanks.rises), len(flanks.falls)) >= 2 and min(len(flanks.rises), len(flanks.falls)) >= 1:
-        candidates = [fit(elapsed, volts, flanks, interval) for fit in (_sawtooth, _triangle, _sine, _trapezoid)]
+        candidates = [fit(elapsed, volts, flanks, interval) for fit in FITS]
         fitting = [c for c in candidates if c is not None and c.misfit < limit]
         if fitting:
             # A trapezoid with a short plateau is a sawtooth, too: the simpler one is taken.
@@ -101,7 +62,7 @@ def _detect(time: Samples, volts: Samples) -> Waveform:
                 # A record may begin while the voltage of a drive that runs is low.
                 low_for = (1.0 - simplest.numbers["width"]) / simplest.numbers["frequency"]
                 rests = rests if rests - time[0] > 1.05 * low_for else None
-            located = (1.5 if simplest.uncertain else _LOCATED) * interval
+            located = (1.5 if simplest.uncertain else LOCATED) * interval
             located = located if simplest.timing is None else min(located, simplest.timing.within)
             simplest = dataclasses.replace(_bounded(simplest), start=simplest.start + first)
             return begun(simplest, time, rests, 1.5 * interval, located)
@@ -123,243 +84,12 @@ def _rest(time: Samples, volts: Samples, extent: float) -> float | None:
     away = np.flatnonzero(np.abs(volts - np.median(volts[:3])) > noise)
     leaves = int(away[0]) if away.size else volts.size
     quiet = volts[:leaves]
-    if leaves < 4 or abs(float(np.mean(quiet))) > _AT_ZERO * extent:
+    if leaves < 4 or abs(float(np.mean(quiet))) > AT_ZERO * extent:
         return None
     # A slow flank that has just begun is no rest: it has the slope that it goes on with.
     ahead = volts[min(2 * leaves, volts.size) - 1] - volts[leaves - 1]
     drift = float(np.mean(quiet[leaves // 2 :]) - np.mean(quiet[: leaves // 2])) * 2.0
     return None if abs(drift) > 0.3 * abs(ahead) and abs(ahead) > 0 else float(time[leaves - 1])
-
-
-def _step(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: float, zero: float) -> Waveform:
-    """A step, which may start at the `zero` of its clock."""
-    middle = flanks.rises[0]
-    late = volts[time > middle + 0.6 * flanks.rise]
-    voltage = float(np.median(late)) if late.size else float(volts[-1])
-    # That of a median of normal numbers.
-    error = 1.25 * float(np.std(late)) / math.sqrt(late.size) if late.size else 0.0
-    rise = flanks.rise
-    sharp = sharpened_step(time, volts, (voltage, middle - 0.5 * rise, rise), interval)
-    ideal = sharp is None and rise < JUMP * interval
-    if sharp is not None:
-        voltage, start, rise, error = sharp.voltage, sharp.start, sharp.duration, sharp.voltage_error
-        shown = voltage * np.clip((time - start) / rise, 0.0, 1.0)
-    elif ideal:
-        start = float(time[np.searchsorted(time, middle)])
-        before = start - interval
-        start = zero if before <= zero <= start else start
-        shown = np.where(time >= start - 1e-9 * interval, voltage, 0.0)
-    else:
-        start = middle - 0.5 * rise
-        start = zero if abs(start - zero) < _LOCATED * interval else start
-        shown = voltage * np.clip((time - start) / rise, 0.0, 1.0)
-    near = np.abs(time - middle) <= 1.5 * interval
-    # A ramp that never comes to rest is no step.
-    misfit = _rms((volts - shown)[~near]) / abs(voltage) if late.size >= max(4, volts.size // 20) else math.inf
-    numbers = {"voltage": voltage} | ({} if ideal else {"rise_time": rise})
-    bound = (f"rise_time: below {JUMP * interval:.3g} s; start: within {interval:.3g} s",) if ideal else ()
-    timing = timing_of(sharp, 0.0 if ideal else rise, interval)
-    return Waveform("step", numbers, "", start, "seen", misfit, bound, timing, error)
-
-
-def _spread(design: Samples, gradient: Sequence[float]) -> float:
-    """Standard error of a number by its `gradient` in the coefficients of least squares, for samples with error 1."""
-    sizes = np.linalg.norm(design, axis=0)
-    _, triangle = np.linalg.qr(design / sizes)
-    return float(np.linalg.norm(np.linalg.solve(triangle.T, np.asarray(gradient) / sizes)))
-
-
-def _rms(values: Samples) -> float:
-    return float(np.sqrt(np.mean(values**2))) if values.size else math.inf
-
-
-def _sawtooth(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: float) -> Waveform | None:
-    period = period_of(flanks)
-    if period is None or not min(flanks.rise, flanks.fall) < _FASTER * max(flanks.rise, flanks.fall):
-        return None
-    forward = flanks.fall < flanks.rise
-    fast = flanks.fall if forward else flanks.rise
-    middles = flanks.falls if forward else flanks.rises
-    if len(middles) >= 2:
-        period = float(np.polyfit(np.arange(len(middles)), middles, 1)[0])
-    seen, ideal = fast, fast < JUMP * interval
-    fast = 0.0 if ideal else fast
-    # Numbers of cycles, and samples away from the fast flanks.
-    turn = (time - middles[0]) / period
-    number = np.round(turn)
-    margin = 0.5 * fast / period + 1.2 * interval / period
-    slow = np.abs(turn - number) > margin
-    count = np.floor(turn)
-    rested = slow & (np.abs(volts) <= 1e-3 * np.max(volts)) & (time < middles[0])
-    # The first slow flank of a drive that starts from rest may be another one.
-    kept = slow & (time > middles[0]) if len(middles) >= 2 else slow & ~rested
-    design = np.stack([np.ones(time.size), time, -count], axis=1)[kept]
-    if np.linalg.matrix_rank(design) < 3:
-        return None
-    a, slope, drop = np.linalg.lstsq(design, volts[kept], rcond=None)[0]
-    if slope == 0 or drop / slope <= 0:
-        return None
-    period = drop / slope
-    voltage = abs(slope) * (period - fast)
-    # The slow flank numbered 0 begins at 0 V forward, backward at the peak, right after the fast one.
-    start = -a / slope - fast if forward else (voltage - a) / slope - fast
-    left = _rms(volts[kept] - design @ np.array([a, slope, drop]))
-    misfit, error = left / voltage, left * _spread(design, [0.0, 0.0, 1.0])
-    of_frequency = left * _spread(design, [0.0, -1.0 / slope, 1.0 / drop])
-    # Where the lowest level is not 0 V, the line does not meet the fast flanks.
-    if abs(start + 0.5 * fast - middles[0]) > 1.5 * interval + _AT_ZERO * period:
-        return None
-    all_cycles = kept | (~slow & (time > middles[0] + 0.5 * period))
-    sharp = sharpened_sawtooth(time[all_cycles], volts[all_cycles], forward, (voltage, period, start), seen, interval)
-    if sharp is not None:
-        voltage, period, start, fast = sharp[:4]
-        ideal, error = False, sharp.voltage_error
-    numbers = {"voltage": voltage, "frequency": 1.0 / period} | ({} if ideal else {"fall_time": fast})
-    open_part = f"which leaves {100 * JUMP * interval / period:.2g} % of the voltage open"
-    bound = (f"fall_time: below {JUMP * interval:.3g} s, {open_part}",) if ideal else ()
-    timing = timing_of(sharp, 0.0 if ideal else fast, interval)
-    direction = "forward" if forward else "backward"
-    return Waveform("sawtooth", numbers, direction, start, "running", misfit, bound, timing, error, of_frequency)
-
-
-def _triangle(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: float) -> Waveform | None:
-    period = period_of(flanks)
-    if period is None or not 0 < flanks.rise < period:
-        return None
-    symmetry = flanks.rise / (flanks.rise + flanks.fall)
-    shape = lambda phase: np.where(phase < symmetry, phase / symmetry, (1.0 - phase) / (1.0 - symmetry))
-    start = float(flanks.rises[0]) - 0.5 * symmetry * period
-    numbers = {} if abs(symmetry - 0.5) < 0.01 else {"symmetry": symmetry}
-    return _laid_over(time, volts, "triangle", numbers, period, start, shape, 0.0)
-
-
-def _trapezoid(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: float) -> Waveform | None:
-    found = _trapezoid_by(time, volts, flanks, interval)
-    if found is None:
-        return None
-    # On plateaus noise widens the extremes, and with them the flanks.
-    share = found.numbers["voltage"] / flanks.extent
-    return _trapezoid_by(
-        time, volts, dataclasses.replace(flanks, rise=share * flanks.rise, fall=share * flanks.fall), interval
-    )
-
-
-def _trapezoid_by(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: float) -> Waveform | None:
-    period = period_of(flanks)
-    if period is None:
-        return None
-    rise, fall = (0.0 if length < JUMP * interval else length for length in (flanks.rise, flanks.fall))
-    start = float(flanks.rises[0]) - 0.5 * rise
-    after = flanks.falls[flanks.falls > flanks.rises[0]]
-    if not after.size:
-        return None
-    width = (float(after[0]) - 0.5 * fall - start) / period
-    if not rise / period < width < 1.0 - fall / period:
-        return None
-    up, down = rise / period, fall / period
-
-    def shape(phase: Samples) -> Samples:
-        risen = np.clip(phase / up, 0.0, 1.0) if up else np.ones(phase.size)
-        fallen = np.clip((phase - width) / down, 0.0, 1.0) if down else (phase >= width) * 1.0
-        return risen - fallen
-
-    numbers = {"width": width} | ({"rise_time": rise} if rise else {}) | ({"fall_time": fall} if fall else {})
-    found = _laid_over(time, volts, "trapezoid", numbers, period, start, shape, 1.2 * interval / period, width)
-    if found is None or rise or fall:
-        return found
-    # Jumps are located to a sample, and nothing between them tells more.
-    cycles = max(len(flanks.rises), len(flanks.falls)) - 1
-    return dataclasses.replace(found, uncertain=(f"frequency: within {100 * interval / (cycles * period):.2g} %",))
-
-
-def _laid_over(
-    time: Samples,
-    volts: Samples,
-    name: str,
-    numbers: dict[str, float],
-    period: float,
-    start: float,
-    shape: Callable[[Samples], Samples],
-    margin: float,
-    edge: float = 0.0,
-) -> Waveform | None:
-    """A waveform between 0 V and its voltage, of the given `shape` of the phase; samples near an edge do not count.
-
-    Where it has no jumps (no `margin`), start and period are those of least squares.
-    """
-    of_frequency = 0.0
-    if margin == 0.0:
-        start, period, of_frequency = _refined(time, volts, period, start, shape)
-    phase = np.mod((time - start) / period, 1.0)
-    apart = lambda place: np.abs(np.mod(phase - place + 0.5, 1.0) - 0.5)
-    kept = (apart(0.0) >= margin) & (apart(edge) >= margin) & (time >= start)
-    level = shape(phase)[kept]
-    if level.size < 8:
-        return None
-    (base, voltage), *_ = np.linalg.lstsq(np.stack([np.ones(level.size), level], axis=1), volts[kept], rcond=None)
-    if voltage <= 0 or abs(base) > _AT_ZERO * voltage:
-        return None
-    left = _rms(volts[kept] - voltage * level)
-    numbers = {"voltage": float(voltage), "frequency": 1.0 / period, **numbers}
-    error = left / math.sqrt(level.size * float(np.var(level)))
-    return Waveform(
-        name, numbers, "", start, "running", left / voltage, voltage_error=error, frequency_error=of_frequency
-    )
-
-
-def _refined(
-    time: Samples, volts: Samples, period: float, start: float, shape: Callable[[Samples], Samples]
-) -> tuple[float, float, float]:
-    """Start and period of a waveform without jumps, by two steps of Gauss and Newton; the period's relative error."""
-    from_rest = time >= start
-    time, volts = time[from_rest], volts[from_rest]
-    level = lambda begin, length: shape(np.mod((time - begin) / length, 1.0))
-    error = math.inf
-    for _ in range(2):
-        here, step = level(start, period), 1e-4 * period
-        by_start = (level(start + step, period) - level(start - step, period)) / (2.0 * step)
-        by_period = (level(start, period + 1e-2 * step) - level(start, period - 1e-2 * step)) / (2e-2 * step)
-        height = float(here @ volts / (here @ here))
-        design = np.stack([here, height * by_start, height * by_period], axis=1)
-        found = np.linalg.lstsq(design, volts - height * here, rcond=None)[0]
-        _, later, longer = found
-        if not (abs(later) < 0.05 * period and abs(longer) < 0.05 * period):
-            break
-        start, period = start + float(later), period + float(longer)
-        left = _rms(volts - height * here - design @ found)
-        error = left * _spread(design, [0.0, 0.0, 1.0]) / period
-    return start, period, error
-
-
-def _sine(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: float) -> Waveform | None:
-    period = period_of(flanks)
-    if period is None:
-        return None
-    rate, moved = 2.0 * np.pi / period, time - time[0]
-    kept = time >= flanks.rises[0] - 0.25 * period
-    for _ in range(6):
-        waves = np.stack([np.ones(time.size), np.cos(rate * moved), np.sin(rate * moved)], axis=1)
-        level, cosine, sine = np.linalg.lstsq(waves[kept], volts[kept], rcond=None)[0]
-        # Newton's step of the rate, with the amplitudes free.
-        tangent = moved * (sine * waves[:, 1] - cosine * waves[:, 2])
-        joined = np.column_stack([waves, tangent])[kept]
-        rate += np.linalg.lstsq(joined, volts[kept], rcond=None)[0][3]
-    waves = np.stack([np.ones(time.size), np.cos(rate * moved), np.sin(rate * moved)], axis=1)
-    level, cosine, sine = np.linalg.lstsq(waves[kept], volts[kept], rcond=None)[0]
-    amplitude = math.hypot(cosine, sine)
-    left = _rms(volts[kept] - waves[kept] @ np.array([level, cosine, sine]))
-    error = 2.0 * left * math.sqrt(2.0 / np.count_nonzero(kept))
-    joined = np.column_stack([waves, moved * (sine * waves[:, 1] - cosine * waves[:, 2])])[kept]
-    of_frequency = left * _spread(joined, [0.0, 0.0, 0.0, 1.0]) / rate
-    bias = level - amplitude
-    # Lowest where the cosine of the wave's turn is -1.
-    start = float(time[0]) + (math.atan2(sine, cosine) + math.pi) / rate
-    numbers = {"voltage": 2.0 * amplitude, "frequency": rate / (2.0 * math.pi)}
-    numbers |= {} if abs(bias) < _AT_ZERO * amplitude else {"bias": bias}
-    return Waveform(
-        "sine", numbers, "", start, "running", left / (2.0 * amplitude),
-        voltage_error=error, frequency_error=of_frequency,
-    )  # fmt: skip
 
 
 def begun(found: Waveform, time: Samples, rests: float | None, tolerance: float, located: float = math.inf) -> Waveform:
