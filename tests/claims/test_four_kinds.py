@@ -39,9 +39,12 @@ def alone(study: Study, *names: str) -> Study:
 
 
 def pulls(estimate, true: dict[str, float]) -> dict[str, float]:
-    """By how many standard errors each free parameter is off; those without an error are left out."""
+    """By how many standard errors each free parameter is off, in the logarithm, as all of them are fitted.
+
+    Those without an error are left out.
+    """
     told = {path: p for path, p in estimate.parameters.items() if p.free and np.isfinite(p.standard_error)}
-    return {path: (p.value - true[path]) / p.standard_error for path, p in told.items()}
+    return {path: np.log(p.value / true[path]) / (p.standard_error / p.value) for path, p in told.items()}
 
 
 def likely(estimate) -> bool:
