@@ -90,14 +90,8 @@ def _crossing(coefficients: list[Guards], ahead: Scalar) -> Guards:
     (low, _, _), (high, _, _) = ends
     low, high = choose(falls, dip[0][0], low), choose(falls, bottom, high)
     root = choose(falls, jnp.clip(parabola, low, high), _cubic_root(*ends))
-    begin, moved = low, root
-    for _ in range(_ITERATIONS):
-        value = horner(g, root)
-        low, high = choose(value > 0.0, root, low), choose(value > 0.0, high, root)
-        rate = horner(slope, root)
-        newton = root - value / choose(rate < 0.0, rate, -1.0)
-        closer = choose((rate < 0.0) & (newton >= low) & (newton <= high), newton, 0.5 * (low + high))
-        moved, root = jnp.abs(closer - root), closer
+    begin = low
+    root, moved = _newton(g, slope, root, low, high, _ITERATIONS)
     # Halfway, where the guard is far from what the next step would take for zero.
     halfway = 0.5 * (begin + root)
     root = choose((moved > _LOCATED) & (halfway > _ADVANCE), -halfway, root)
@@ -135,14 +129,23 @@ def _cubic_root(low: Place, high: Place) -> Guards:
     a, b, fall = rate * length, rate_end * length, value_end - value
     cubic = [value, a, 3.0 * fall - 2.0 * a - b, a + b - 2.0 * fall]
     slope = _slope(cubic)
-    left, right = jnp.zeros_like(value), jnp.ones_like(value)
     u = value / choose(fall < 0.0, -fall, 1.0)
-    for _ in range(_CUBIC):
-        now, rising = horner(cubic, u), horner(slope, u)
-        left, right = choose(now > 0.0, u, left), choose(now > 0.0, right, u)
-        newton = u - now / choose(rising < 0.0, rising, -1.0)
-        u = choose((rising < 0.0) & (newton >= left) & (newton <= right), newton, 0.5 * (left + right))
+    u, _ = _newton(cubic, slope, u, jnp.zeros_like(value), jnp.ones_like(value), _CUBIC)
     return begin + u * length
+
+
+def _newton(
+    g: list[Guards], slope: list[Guards], root: Guards, low: Guards, high: Guards, iterations: int
+) -> tuple[Guards, Guards]:
+    """Where `g` falls through zero between `low` and `high`, and by how much the last of the iterations moved it."""
+    moved = root
+    for _ in range(iterations):
+        value, rate = horner(g, root), horner(slope, root)
+        low, high = choose(value > 0.0, root, low), choose(value > 0.0, high, root)
+        newton = root - value / choose(rate < 0.0, rate, -1.0)
+        closer = choose((rate < 0.0) & (newton >= low) & (newton <= high), newton, 0.5 * (low + high))
+        moved, root = jnp.abs(closer - root), closer
+    return root, moved
 
 
 def _minimum(slope: list[Guards], low: Place, high: Place) -> Guards:
