@@ -2,6 +2,7 @@
 
 import contextlib
 import importlib
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
@@ -36,7 +37,7 @@ def refusing(file: Path, expected: str) -> Iterator[None]:
     except PermissionError as error:
         raise InputError(f"{file}: cannot be read ({error.strerror}), expected {expected}.") from None
     except Exception as error:  # libraries raise errors of many types
-        said = " ".join(str(error).split())[:120] or type(error).__name__
+        said = " ".join(str(error).replace(f"{file.parent}{os.sep}", "").split())[:120] or type(error).__name__
         raise InputError(f"{file}: found a broken file ({said}), expected {expected}.") from None
 
 

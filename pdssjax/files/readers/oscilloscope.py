@@ -1,6 +1,7 @@
 """Binary files of oscilloscopes, by RigolWFM: Rigol, Tektronix, LeCroy, Keysight, Siglent, Yokogawa, R&S.
 
-The clock is the oscilloscope's, with 0 at the trigger.  A file is read as a whole.
+The clock is the oscilloscope's, with 0 at the trigger.  A file is read as a whole.  Rohde & Schwarz write two: NAME.bin
+describes the samples in NAME.Wfm.bin, which must lie beside it.
 """
 
 import contextlib
@@ -19,6 +20,9 @@ from .base import BLOCK, AbstractReader, Block, Channel
 
 _ENDINGS = (".wfm", ".trc", ".isf", ".bin", ".wvf", ".wdf", ".hdr")
 
+_LECROY = b"WAVEDESC"
+"""How LeCroy's files begin, also those with a number for an ending; the answer of a query has some bytes before it."""
+
 _EXPECTED = "a file of an oscilloscope that RigolWFM knows (or export it as CSV)"
 
 
@@ -32,7 +36,7 @@ class Oscilloscope(AbstractReader):
 
     @classmethod
     def recognises(cls, file: Path, head: bytes) -> bool:
-        return file.suffix.lower() in _ENDINGS
+        return file.suffix.lower() in _ENDINGS or _LECROY in head[:64]
 
     def channels(self) -> list[Channel]:
         return [_channel(shown, number) for number, shown in enumerate(self._shown(), start=1)]
@@ -48,7 +52,10 @@ class Oscilloscope(AbstractReader):
     def _shown(self) -> list[Any]:
         """The channels that were on, as the library gives them."""
         wfm = library("RigolWFM.wfm", "oscilloscope", self.file)
-        with refusing(self.file, _EXPECTED):
+        expected = _EXPECTED
+        if self.file.name.lower().endswith(".wfm.bin"):
+            expected = f"{self.file.name[:-8]}.bin, which describes the samples that are in this one"
+        with refusing(self.file, expected):
             read = _quietly(wfm.Wfm.from_file, str(self.file))
         shown = [c for c in read.channels if c.enabled and c.volts is not None and len(c.volts) > 1]
         if not shown:
