@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from ...core import InputError
 from ._errors import library, refusing, same_length
@@ -22,6 +23,9 @@ _ENDINGS = (".wfm", ".trc", ".isf", ".bin", ".wvf", ".wdf", ".hdr")
 
 _LECROY = b"WAVEDESC"
 """How LeCroy's files begin, also those with a number for an ending; the answer of a query has some bytes before it."""
+
+Shown = list[tuple[Channel, Float[np.ndarray, " samples"]]]
+"""Channels that were on, each with its samples."""
 
 _EXPECTED = "a file of an oscilloscope that RigolWFM knows (or export it as CSV)"
 
@@ -39,40 +43,46 @@ class Oscilloscope(AbstractReader):
         return file.suffix.lower() in _ENDINGS or _LECROY in head[:64]
 
     def channels(self) -> list[Channel]:
-        return [_channel(shown, number) for number, shown in enumerate(self._shown(), start=1)]
+        return [channel for channel, _ in self._shown()]
 
     def blocks(self, numbers: Sequence[int], first: int = 0) -> Iterator[Block]:
         shown = self._shown()
         chosen = [shown[number - 1] for number in numbers]
-        count = same_length(self.file, {s.name: s.volts.size for s in chosen})
+        count = same_length(self.file, {channel.name: samples.size for channel, samples in chosen})
         for begin in range(first, count, BLOCK):
             end = min(begin + BLOCK, count)
-            yield Block(np.column_stack([s.volts[begin:end] for s in chosen]), np.arange(begin + 1, end + 1))
+            yield Block(np.column_stack([samples[begin:end] for _, samples in chosen]), np.arange(begin + 1, end + 1))
 
-    def _shown(self) -> list[Any]:
-        """The channels that were on, as the library gives them."""
+    def _shown(self) -> Shown:
+        """The channels that were on."""
         wfm = library("RigolWFM.wfm", "oscilloscope", self.file)
         expected = _EXPECTED
         if self.file.name.lower().endswith(".wfm.bin"):
             expected = f"{self.file.name[:-8]}.bin, which describes the samples that are in this one"
         with refusing(self.file, expected):
-            read = _quietly(wfm.Wfm.from_file, str(self.file))
-        shown = [c for c in read.channels if c.enabled and c.volts is not None and len(c.volts) > 1]
+            shown = _quietly(lambda: _channels_of(wfm.Wfm.from_file(str(self.file)).channels))
         if not shown:
             raise InputError(f"{self.file}: found no channel that was on, expected one at least.")
         return shown
 
 
-def _quietly(read: Callable[[str], Any], file: str) -> Any:
-    """What the library reads; it prints what it makes of a file, and leaves those open that it refuses."""
+def _quietly(read: Callable[[], Shown]) -> Shown:
+    """What is read by the library, which prints what it makes of a file, and leaves files open."""
     with warnings.catch_warnings(), contextlib.redirect_stdout(io.StringIO()):
         warnings.simplefilter("ignore", ResourceWarning)
         try:
-            return read(file)
-        except Exception as error:  # of many types
+            return read()
+        except Exception as error:  # of many types; its traceback would keep the file open
             said = str(error)
-        gc.collect()
+        finally:
+            gc.collect()
     raise ValueError(said)
+
+
+def _channels_of(read: Any) -> Shown:
+    """Of the library's channels those that were on, and nothing that refers to the library's."""
+    shown = [channel for channel in read if channel.enabled and channel.volts is not None and len(channel.volts) > 1]
+    return [(_channel(on, number), np.asarray(on.volts, float)) for number, on in enumerate(shown, start=1)]
 
 
 def _channel(shown: Any, number: int) -> Channel:
