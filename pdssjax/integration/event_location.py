@@ -32,7 +32,7 @@ _ITERATIONS = 3
 _LOCATED = 1e-8
 """A theta whose last iteration moved it by no more is located to rounding."""
 
-_ADVANCE = 1e-3
+_ADVANCE = 1e-5
 """A step that ends before an event which is not located is at least so long."""
 
 _CUBIC = 5
@@ -90,6 +90,12 @@ def _crossing(coefficients: list[Guards], ahead: Scalar) -> Guards:
     (low, _, _), (high, _, _) = ends
     low, high = choose(falls, dip[0][0], low), choose(falls, bottom, high)
     root = choose(falls, jnp.clip(parabola, low, high), _cubic_root(*ends))
+    # One that begins near zero without a slope, or rising, falls at once, as a parabola that samples are too far for.
+    soon = _parabola_root(*g[:3])
+    early = (soon > 0.0) & (2.0 * soon < 1 / _SAMPLES) & (horner(g, 2.0 * soon) < 0.0)
+    found |= early
+    nearer = (root > 2.0 * soon) | (jnp.abs(horner(g, soon)) < jnp.abs(horner(g, root)))
+    low, high, root = choose(early, 0.0, low), choose(early, 2.0 * soon, high), choose(early & nearer, soon, root)
     begin = low
     root, moved = _newton(g, slope, root, low, high, _ITERATIONS)
     # Halfway, where the guard is far from what the next step would take for zero.
@@ -132,6 +138,13 @@ def _cubic_root(low: Place, high: Place) -> Guards:
     u = value / choose(fall < 0.0, -fall, 1.0)
     u, _ = _newton(cubic, slope, u, jnp.zeros_like(value), jnp.ones_like(value), _CUBIC)
     return begin + u * length
+
+
+def _parabola_root(value: Guards, rate: Guards, bend: Guards) -> Guards:
+    """Where value + rate theta + bend theta^2 falls through zero; 0 where it does not."""
+    root = jnp.sqrt(jnp.maximum(rate * rate - 4.0 * bend * value, 0.0))
+    steep = 2.0 * value / choose(root > rate, root - rate, jnp.inf)
+    return choose(rate < 0.0, steep, (rate + root) / choose(bend < 0.0, -2.0 * bend, jnp.inf))
 
 
 def _newton(
