@@ -16,7 +16,7 @@ project = "pdssjax"
 author = "pdssjax authors"
 release = version_of("pdssjax")
 
-extensions = ["myst_nb", "sphinx_copybutton", "sphinx_design", "directives"]
+extensions = ["myst_nb", "sphinx_copybutton", "sphinx_design", "sphinx_gallery.gen_gallery", "directives"]
 
 root_doc = "docs/index"
 include_patterns = [
@@ -28,6 +28,8 @@ include_patterns = [
 ]
 # docs/README.md is the list of pages for those who look at the folder on GitHub.
 exclude_patterns = [".*", "out", "dist", "build", "docs/README.md", "docs/_*", "**/.ipynb_checkpoints"]
+# Of the gallery's pages only those in reStructuredText are read: a copy of each is a notebook.
+exclude_patterns += ["docs/examples", "docs/gallery/*.ipynb"]
 
 html_theme = "furo"
 html_title = f"pdssjax {release}"
@@ -44,6 +46,18 @@ python_maximum_signature_line_length = 88
 toc_object_entries_show_parents = "hide"
 # Types of other packages are named, not linked: their inventories would have to be fetched.
 nitpick_ignore_regex = [("py:.*", ".*")]
+
+# Each script becomes a page with its figures, which begins when it has run; one that fails ends the build.
+sphinx_gallery_conf = {
+    "examples_dirs": "docs/examples",
+    "gallery_dirs": "docs/gallery",
+    "abort_on_example_error": True,
+    "download_all_examples": False,
+    "min_reported_time": 1e9,
+    "show_signature": False,
+    "within_subsection_order": "FileNameSortKey",
+    "write_computation_times": False,
+}
 
 # Tutorials: executed, and an error ends the build.  With a warm cache nothing is executed again.
 nb_execution_mode = "cache"
