@@ -28,10 +28,11 @@ def net_step(voltage, fall_time):
     return -pdssjax.steady_cycle(actuator, drive).gain[0]
 
 
+mapped = jax.jit(jax.vmap(net_step, (None, 0)))  # over fall times
+
 figure, axes = plt.subplots(figsize=(6.5, 3.4), layout="constrained")
 for voltage in (32.0, 64.0, 96.0):
-    steps = jax.jit(jax.vmap(net_step, (None, 0)))(voltage, falls)
-    axes.semilogx(1e3 * falls, 1e6 * steps, label=f"{voltage:g} V")
+    axes.semilogx(1e3 * falls, 1e6 * mapped(voltage, falls), label=f"{voltage:g} V")
 axes.axvline(2e3 * np.pi / 6736.0, color="0.6", linestyle="--")
 axes.text(2e3 * np.pi / 6736.0, 9.0, "  period of the resonance", color="0.4")
 axes.set_xlabel("fall time (ms)")
