@@ -83,6 +83,13 @@ def said(page, where, text):
     page.locator(f".{where}", has_text=re.compile(text)).first.wait_for(timeout=PATIENCE)
 
 
+def shows(box, value):
+    """Waits until a field holds `value`, a text or a pattern."""
+    from playwright.sync_api import expect
+
+    expect(box).to_have_value(value, timeout=PATIENCE)
+
+
 def show_tab(page, name):
     page.locator(".bk-tab", has_text=name).click()
 
