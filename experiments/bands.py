@@ -1,7 +1,7 @@
 """How sure is a speed, given what the records say of the parameters: to first order, and by draws?
 
 The packaged example is identified, and its forward speed asked for along two cuts of the map (`experiments.map`): over
-the frequency at 30 V, and over the voltage at 80 Hz up to where it stops working.  Bands to first order take 19
+the frequency at 30 V, and over the voltage at 80 Hz up to where it stops working.  Bands to first order take 37
 simulations a point, draws of the parameters 4000; where the speed bends or breaks within what is not known the first
 cannot be right, and says so.  Killed, it goes on where it was.
 

@@ -9,10 +9,11 @@ import xarray
 from quick_blocks import example_study
 from quick_blocks import quick as quick
 
+import pdssjax
 from pdssjax import InputError
 from pdssjax.cli.main import main
 from pdssjax.files import EXAMPLE, read_covariance
-from pdssjax.sweeps import GRAZING, CovarianceDraws, Crossed, Grid, SigmaPoints, execution, with_bands
+from pdssjax.sweeps import GRAZING, CovarianceDraws, Crossed, Grid, Listed, SigmaPoints, execution, with_bands
 
 MEANS = np.array([2.0, -1.0])
 COVARIANCE = np.array([[4e-4, 3e-4], [3e-4, 2.5e-3]])
@@ -49,6 +50,46 @@ def test_where_a_metric_breaks_within_the_uncertainty_first_order_is_said_not_to
     broken = with_bands(swept(SigmaPoints(DRAWS), lambda voltage, a, c: np.where((voltage < 1.5) | (a < 2.0), a, 2.5)))
     np.testing.assert_array_equal(broken.net_step_straight, [1.0, 0.0, 0.0])
     assert with_bands(swept(SigmaPoints(DRAWS), linear)).net_step_straight.all()
+
+
+def test_where_first_order_is_said_to_hold_a_quadratic_metric_has_its_standard_deviation():
+    """Variance of g'z + z'Hz/2 with normal z: g'g + tr(H H)/2; most of it lies in products, which no axis shows."""
+    count, random = 9, np.random.default_rng(0)
+    normal = CovarianceDraws(list("abcdefghi"), np.zeros(count), np.eye(count), np.zeros(count, bool), 1)
+    points = SigmaPoints(normal)
+    held = []
+    for bend in np.geomspace(0.003, 0.3, 300):
+        slope, root = random.standard_normal(count), random.standard_normal((count, count))
+        hessian = bend * (root + root.T)
+        metric = points.values() @ slope + 0.5 * np.einsum("ki,ij,kj->k", points.values(), hessian, points.values())
+        data = xarray.Dataset({"net_step": ("sigma_point", metric, {"units": "m", "long_name": "net step"})})
+        found = with_bands(data.assign(failure=("sigma_point", np.zeros(metric.size, np.int8))))
+        missed = 1.0 - found.net_step_sd.item() / np.sqrt(slope @ slope + 0.5 * np.sum(hessian**2))
+        held.append(bool(found.net_step_straight))
+        assert missed < 0.05 or not held[-1]
+        assert missed > 0.005 or held[-1]
+    assert 90 < sum(held) < 210
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("error", [0.003, 0.02])
+def test_where_first_order_is_said_to_hold_draws_at_random_points_agree(error):
+    study = example_study()
+    names = [name for name, value in study.values().items() if value > 0.0 and not name.startswith("effector")]
+    values, random = study.values(), np.random.default_rng(7)
+    means = np.array([values[name] for name in names])
+    about = CovarianceDraws(names, means, np.diag((error * means) ** 2), np.ones(len(names), bool), 4000)
+    drives = {"drive.voltage": random.uniform(np.log(4.0), np.log(150.0), 24)}
+    drives["drive.frequency"] = random.uniform(np.log(2.0), np.log(400.0), 24)
+    points = Listed({path: np.exp(value) for path, value in drives.items()})
+    linear, drawn = (
+        with_bands(pdssjax.sweep(study, Crossed(points, kind), cycles="steady")) for kind in (SigmaPoints(about), about)
+    )
+    for name, least in {"speed": 3, "stroke": 10, "efficiency": 3, "back_slip": 3}.items():
+        holds = linear[f"{name}_straight"].values == 1
+        assert holds.sum() >= least, name
+        ratio = (linear[f"{name}_sd"] / drawn[f"{name}_sd"]).values[holds]
+        np.testing.assert_allclose(ratio, 1.0, atol=0.05, err_msg=name)
 
 
 def test_a_point_that_failed_says_more_than_one_that_grazes():
