@@ -6,7 +6,6 @@ from pathlib import Path
 
 from ..core import InputError
 from .console import say
-from .subcommands import Subcommands
 
 
 def channels(options: argparse.Namespace) -> int:
@@ -23,10 +22,8 @@ def channels(options: argparse.Namespace) -> int:
     return status
 
 
-def add_parser(subcommands: Subcommands) -> None:
-    """Adds the command `channels` with its options."""
-    text = "list the channels of files: CSV, MATLAB, TDMS, HDF5, oscilloscopes"
-    parser = subcommands.add_parser("channels", help=text, description=text)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `channels`."""
     parser.set_defaults(run=channels)
     parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="file of an instrument")
     parser.add_argument("--decimal", choices=[",", "."], help="decimal sign of a text; left out: told by the file")

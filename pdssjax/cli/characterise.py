@@ -7,7 +7,6 @@ from pathlib import Path
 from ..core import InputError
 from .console import say
 from .results import add_out, keep_results, say_where
-from .subcommands import Subcommands
 
 
 def characterise(options: argparse.Namespace) -> int:
@@ -72,10 +71,8 @@ def _units(given: list[str]) -> dict[str, str]:
     return units
 
 
-def add_parser(subcommands: Subcommands) -> None:
-    """Adds the command `characterise` with its options."""
-    text = "step efficiency, speed and output force from records alone (thesis, chapter 3)"
-    parser = subcommands.add_parser("characterise", help=text, description=text)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `characterise`."""
     parser.set_defaults(run=characterise)
     parser.add_argument(
         "files", nargs="+", type=Path, metavar="FILE", help="record (CSV, MATLAB, TDMS, HDF5, oscilloscope)"

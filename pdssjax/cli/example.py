@@ -5,7 +5,6 @@ from pathlib import Path
 
 from ..core import InputError
 from ..files import EXAMPLE
-from .subcommands import Subcommands
 
 
 def example(options: argparse.Namespace) -> int:
@@ -19,9 +18,7 @@ def example(options: argparse.Namespace) -> int:
     return 0
 
 
-def add_parser(subcommands: Subcommands) -> None:
-    """Adds the command `example` with its options."""
-    text = "copy the packaged study, as a start for your own"
-    parser = subcommands.add_parser("example", help=text, description=text)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `example`."""
     parser.set_defaults(run=example)
     parser.add_argument("folder", type=Path, metavar="DIR", help="new or empty folder")

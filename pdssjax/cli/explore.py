@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 from ..core import InputError
 from .console import progress, say
 from .numbers import add_numbers, with_numbers
-from .subcommands import Subcommands
 
 if TYPE_CHECKING:
     from ..study import Study
@@ -59,10 +58,8 @@ def _study(options: argparse.Namespace) -> tuple["Study", "Study"]:
     return begun.with_starts({path: numbered.values()[path] for path in free}), numbered
 
 
-def add_parser(subcommands: Subcommands) -> None:
-    """Adds the command `explore` with its options."""
-    text = "a page in the browser on which a study's numbers are turned: measured against predicted, fits, sweeps"
-    parser = subcommands.add_parser("explore", help=text, description=text)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `explore`."""
     parser.set_defaults(run=explore)
     parser.add_argument("study", type=Path, metavar="STUDY", help="study file (TOML)")
     add_numbers(parser)

@@ -10,7 +10,6 @@ from ..files import EXAMPLE
 from .console import progress, say
 from .drawing import DRAWN, More, add_drawing, check_drawing, more_of
 from .results import NOT_WRITTEN, add_out, keep_results
-from .subcommands import Subcommands
 
 if TYPE_CHECKING:
     from ..inference import Intervals, Method
@@ -136,10 +135,8 @@ def _report_and_keep(estimate: "Estimate", folder: Path) -> bool:
         raise
 
 
-def add_parser(subcommands: Subcommands) -> None:
-    """Adds the command `identify` with its options."""
-    text = "estimate an actuator's parameters, with uncertainties, from the records of a study"
-    parser = subcommands.add_parser("identify", help=text, description=text)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `identify`."""
     parser.set_defaults(run=identify)
     parser.add_argument(
         "study",

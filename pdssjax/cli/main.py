@@ -7,15 +7,31 @@ fit then leaves the best point so far in its folder, marked.
 """
 
 import argparse
+import importlib
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NoReturn
 
 from ..core import InputError, InputWarning
-from . import channels, characterise, example, explore, identify, models, new, record, schema, simulate, sweep
 from .console import announce_warnings
 from .signals import exit_status, requests_to_end
+
+COMMANDS = {
+    "identify": "estimate an actuator's parameters, with uncertainties, from the records of a study",
+    "new": "make a study of files: channels, waveforms, noise and laws guessed, marked and drawn to be checked",
+    "simulate": "predict every record of a study, at its values and starts or at those of an estimate",
+    "explore": "a page in the browser on which a study's numbers are turned: measured against predicted, fits, sweeps",
+    "channels": "list the channels of files: CSV, MATLAB, TDMS, HDF5, oscilloscopes",
+    "characterise": "step efficiency, speed and output force from records alone (thesis, chapter 3)",
+    "record": "make the records of a study on a virtual rig, with noise, zeros and rounding, from a seed",
+    "sweep": "net step, speed and step efficiency over a grid of drive quantities and parameters",
+    "models": "list the drives, piezos, friction laws, measurements and parts of a rig that a study may name, "
+    "or explain one",
+    "schema": "print the JSON schema of the study file, with which editors complete and check it",
+    "example": "copy the packaged study, as a start for your own",
+}
+"""What each does, in the order of the help; each has a module beside this one, with its options (`add_options`)."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -24,7 +40,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         warnings.simplefilter("always", InputWarning)
         warnings.showwarning = announce_warnings(warnings.showwarning)
         try:
-            options = _parser().parse_args(arguments)
+            given = sys.argv[1:] if arguments is None else list(arguments)
+            options = _parser(given).parse_args(given)
             return options.run(options)
         except (InputError, OSError) as error:
             print(f"pdssjax: error: {error}", file=sys.stderr)
@@ -49,7 +66,8 @@ class _Version(argparse.Action):
         parser.exit()
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser(given: Iterable[str] = COMMANDS) -> argparse.ArgumentParser:
+    """With the options of commands that are `given`; the modules of the others need not be loaded."""
     parser = _Parser(
         prog="pdssjax",
         description="Models and identifies piezoelectric stick-slip actuators.",
@@ -59,6 +77,8 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     subcommands = parser.add_subparsers(required=True, metavar="COMMAND")
-    for command in (identify, new, simulate, explore, channels, characterise, record, sweep, models, schema, example):
-        command.add_parser(subcommands)
+    for name, text in COMMANDS.items():
+        command = subcommands.add_parser(name, help=text, description=text)
+        if name in given:
+            importlib.import_module(f"{__package__}.{name}").add_options(command)
     return parser

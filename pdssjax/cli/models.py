@@ -2,8 +2,6 @@
 
 import argparse
 
-from .subcommands import Subcommands
-
 
 def models(options: argparse.Namespace) -> int:
     from ..report.text import format_catalogue, format_entry
@@ -13,12 +11,8 @@ def models(options: argparse.Namespace) -> int:
     return 0
 
 
-def add_parser(subcommands: Subcommands) -> None:
-    """Adds the command `models` with its options."""
-    text = (
-        "list the drives, piezos, friction laws, measurements and parts of a rig that a study may name, or explain one"
-    )
-    parser = subcommands.add_parser("models", help=text, description=text)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `models`."""
     parser.set_defaults(run=models)
     parser.add_argument(
         "name", nargs="?", metavar="NAME", help='one of them, such as "lugre": equations and parameters'

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from ..core import InputError
 from .console import say
-from .subcommands import Subcommands
 
 if TYPE_CHECKING:
     from ..files import Hints, NewRecord, Told
@@ -128,10 +127,8 @@ def _pairs(given: list[str], option: str) -> dict[str, str]:
     return pairs
 
 
-def add_parser(subcommands: Subcommands) -> None:
-    """Adds the command `new` with its options."""
-    text = "make a study of files: channels, waveforms, noise and laws guessed, marked and drawn to be checked"
-    parser = subcommands.add_parser("new", help=text, description=text)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `new`."""
     parser.set_defaults(run=new)
     parser.add_argument("folder", type=Path, metavar="DIR", help="new or empty folder for the study")
     text = "records (CSV, MATLAB, TDMS, HDF5, oscilloscope); one of each run of the rig"

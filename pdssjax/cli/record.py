@@ -6,7 +6,6 @@ from pathlib import Path
 from .console import progress, say
 from .numbers import add_numbers, study_of
 from .results import add_out, keep_results, say_where
-from .subcommands import Subcommands
 
 
 def record(options: argparse.Namespace) -> int:
@@ -36,10 +35,8 @@ def record(options: argparse.Namespace) -> int:
     return say_where(written, f"Records are in {options.out / 'records'}\nIdentify them with: {again}")
 
 
-def add_parser(subcommands: Subcommands) -> None:
-    """Adds the command `record` with its options."""
-    text = "make the records of a study on a virtual rig, with noise, zeros and rounding, from a seed"
-    parser = subcommands.add_parser("record", help=text, description=text)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `record`."""
     parser.set_defaults(run=record)
     parser.add_argument("study", type=Path, metavar="STUDY", help="study file (TOML) whose parameters all have numbers")
     add_numbers(parser)

@@ -2,8 +2,6 @@
 
 import argparse
 
-from .subcommands import Subcommands
-
 
 def schema(options: argparse.Namespace) -> int:
     from ..files import schema_text
@@ -12,8 +10,6 @@ def schema(options: argparse.Namespace) -> int:
     return 0
 
 
-def add_parser(subcommands: Subcommands) -> None:
-    """Adds the command `schema`, which has no options."""
-    text = "print the JSON schema of the study file, with which editors complete and check it"
-    parser = subcommands.add_parser("schema", help=text, description=text)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Of `schema`, which has none."""
     parser.set_defaults(run=schema)

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 from .console import progress, say
 from .numbers import add_numbers, study_of
 from .results import add_out, keep_results, say_where
-from .subcommands import Subcommands
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -49,10 +48,8 @@ def _compared(record: "Record", predicted: "ArrayLike") -> "FittedRecord":
     return compare(record, motion, noise=noise, offset=offset)
 
 
-def add_parser(subcommands: Subcommands) -> None:
-    """Adds the command `simulate` with its options."""
-    text = "predict every record of a study, at its values and starts or at those of an estimate"
-    parser = subcommands.add_parser("simulate", help=text, description=text)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `simulate`."""
     parser.set_defaults(run=simulate)
     parser.add_argument("study", type=Path, metavar="STUDY", help="study file (TOML)")
     add_numbers(parser)

@@ -12,7 +12,6 @@ from ..core import InputError
 from .console import counter, progress, say
 from .numbers import add_numbers, study_of
 from .results import add_out, keep_results, say_where
-from .subcommands import Subcommands
 from .sweep_border import add_border, check_alone, sweep_border
 
 if TYPE_CHECKING:
@@ -234,10 +233,8 @@ def _axis(text: str) -> tuple[str, str]:
     return path.strip(), values
 
 
-def add_parser(subcommands: Subcommands) -> None:
-    """Adds the command `sweep` with its options."""
-    text = "net step, speed and step efficiency over a grid of drive quantities and parameters"
-    parser = subcommands.add_parser("sweep", help=text, description=text)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `sweep`."""
     parser.set_defaults(run=sweep)
     parser.add_argument("study", type=Path, metavar="STUDY", help="study file (TOML)")
     add_numbers(parser)

@@ -5,14 +5,15 @@ one public class defined in `pdssjax/friction/anisotropic_lugre.py`.
 """
 
 import importlib
-import pkgutil
+from pathlib import Path
 from typing import Any
 
 
 def members(family: str) -> list[str]:
     """Names of the members of a family ("drive", "piezo", "friction", "simulation.systems", ...), sorted."""
     package = importlib.import_module(f"pdssjax.{family}")
-    files = (module.name for module in pkgutil.iter_modules(package.__path__))
+    # `pkgutil` would do, and load `inspect` with it, which is a tenth of the time in which the command line starts.
+    files = (file.stem for folder in package.__path__ for file in Path(folder).glob("*.py"))
     # A `_file` inside a family is a helper of its members.
     return sorted(name.replace("_", "-") for name in files if name != "base" and not name.startswith("_"))
 

@@ -14,6 +14,7 @@ from .problem import Problem
 from .residual import Residual, as_weights
 from .solver.ending import SUCCESSES, Ending
 from .solver.iterations import iterate, iterates
+from .solver.kink import along_kink
 from .solver.levenberg_marquardt import BoundedLevenbergMarquardt
 from .solver.lm_state import LMState
 from .stack_parameters import of_platform, of_platform_alone
@@ -49,8 +50,14 @@ MESSAGES = {
     Ending.START_FAILED: START_FAILED,
     Ending.SMALL_JUMP: "but for a jump of chi-square of {jump:.1g} here, where an event of the contact comes or goes: "
     "too small to move any parameter by a third of its standard error",
+    Ending.KINK: "chi-square has a kink here, where the residuals change their slope, and may be lower beyond it",
 }
 """What the user reads of each ending; of a jump, with its size."""
+
+AT_KINK = (
+    "on a kink of chi-square, where the residuals change their slope: it is higher on either side, and standard errors "
+    "hold for one of the slopes"
+)
 
 AT_BOUNDS = "at bounds: the gradient is small for all other parameters"
 
@@ -171,7 +178,7 @@ def fit_phase(
         free, spent = found.free, found.evaluations
         report(f"{name}: {linear.sum()} linear parameters projected out, chi-square {found.chi2:.6g}")
     arguments = _solver_arguments(problem, free, used, fitted)
-    y, options, state = arguments.point, arguments.options, arguments.state
+    y, state = arguments.point, arguments.state
     limit = min(limit, MAX_ITERATIONS)
     for y, state in iterates(*arguments, limit):
         chi2 = float(np.sum(np.asarray(state.residual) ** 2))
@@ -179,11 +186,30 @@ def fit_phase(
         so_far = Fit(np.asarray(y), state, False, INTERRUPTED, taken, int(state.evaluations) + spent)
         problem.watch(problem, used, so_far)
         report(f"{name}: iteration {int(state.iterations)}, chi-square {chi2:.6g}")
-    ending = Ending(int(state.ending))
+    predicted = np.inf
+    if int(state.ending) == Ending.KINK:
+        y, state, predicted = along_kink(*arguments[:2], y, *arguments[3:], state)
+    return _ended(arguments, y, state, fitted, limit, spent, predicted)
+
+
+def _ended(
+    arguments: Iteration,
+    y: Float[Array | np.ndarray, " p"],
+    state: LMState,
+    fitted: Bool[np.ndarray, " p"],
+    limit: int,
+    spent: int,
+    predicted: float,
+) -> Fit:
+    """The fit that a run was, after `spent` evaluations before it; on a kink its slopes still promise `predicted`."""
+    free, ending = np.asarray(y), Ending(int(state.ending))
     iterations = max(int(state.iterations), 1 - int(state.unevaluated))
-    message = _message(ending, np.asarray(y), options, fitted, limit).format(jump=float(state.jump))
-    evaluations = int(state.evaluations) + spent
-    return Fit(np.asarray(y), state, ending in SUCCESSES, message, iterations, evaluations, ending)
+    message, success = _message(ending, free, arguments.options, fitted, limit), ending in SUCCESSES
+    small = float(arguments.solver.small_jump) * float(np.sum(np.asarray(state.residual) ** 2))
+    if ending == Ending.KINK and predicted <= small:
+        message, success = AT_KINK, True
+    message = message.format(jump=float(state.jump))
+    return Fit(free, state, success, message, iterations, int(state.evaluations) + spent, ending)
 
 
 def _message(

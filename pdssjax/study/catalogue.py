@@ -5,9 +5,10 @@ Read from the members' own docstrings, so that there is one place for each fact.
 
 import ast
 import dataclasses
+import functools
 import inspect
+import itertools
 import sys
-import textwrap
 
 from ..actuator import PARTS
 from ..core import InputError, Quantity, choices, member, members, nearest, quantities
@@ -34,8 +35,7 @@ class Entry:
 
 def catalogue_entries() -> list[Entry]:
     """All members and parts, family by family."""
-    chosen = [(f"{said}/{name}", member(family, name)) for said, family in FAMILIES.items() for name in members(family)]
-    return [_entry(name, model) for name, model in (*chosen, *PARTS.items())]
+    return [_entry(name) for name in _names()]
 
 
 def find_entry(name: str) -> Entry:
@@ -43,20 +43,26 @@ def find_entry(name: str) -> Entry:
 
     **Raises:** `InputError` that names the nearest known one.
     """
-    entries = catalogue_entries()
-    found = [entry for entry in entries if name in (entry.name, entry.name.rpartition("/")[2])]
-    if not found:
-        known = [entry.name.rpartition("/")[2] for entry in entries]
+    named = [entry for entry in _names() if name in (entry, entry.rpartition("/")[2])]
+    if not named:
+        known = [entry.rpartition("/")[2] for entry in _names()]
         raise InputError(f'models: found the unknown name "{name}"; {nearest(name, known)}')
-    return next((entry for entry in found if entry.name == name), found[0])
+    return _entry(name if name in named else named[0])
 
 
-def _entry(name: str, model: type) -> Entry:
+def _names() -> list[str]:
+    """Of all entries, told without loading them."""
+    return [*(f"{said}/{name}" for said, family in FAMILIES.items() for name in members(family)), *PARTS]
+
+
+def _entry(name: str) -> Entry:
+    said, mark, short = name.partition("/")
+    model = member(FAMILIES[said], short) if mark else PARTS[name]
     text = inspect.cleandoc(sys.modules[model.__module__].__doc__ or "")
     told = _field_docs(model)
     declared = {field: (quantity, told.get(field, "")) for field, quantity in quantities(model).items()}
     options = {field: list(words) for field, words in choices(model).items()}
-    summary = text if "/" in name else model.__doc__ or ""
+    summary = text if mark else model.__doc__ or ""
     return Entry(name, " ".join(summary.split("\n\n")[0].split()), text, declared, options)
 
 
@@ -66,11 +72,17 @@ def _field_docs(model: type) -> dict[str, str]:
     for base in reversed(model.__mro__):
         docs |= vars(base).get("told", {})  # of a class that is put together, and has no source
         if "told" not in vars(base) and base.__module__.startswith("pdssjax."):
-            body = ast.parse(textwrap.dedent(inspect.getsource(base))).body[0]
-            assert isinstance(body, ast.ClassDef)
-            for field, below in zip(body.body, body.body[1:], strict=False):
+            body = _class_bodies(base.__module__)[base.__name__]
+            for field, below in itertools.pairwise(body):
                 if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name):
                     value = below.value if isinstance(below, ast.Expr) else None
                     if isinstance(value, ast.Constant) and isinstance(value.value, str):
                         docs[field.target.id] = inspect.cleandoc(value.value).replace("\n", " ")
     return docs
+
+
+@functools.cache
+def _class_bodies(module: str) -> dict[str, list[ast.stmt]]:
+    """The statements of each class of a module, by its name; read at once: `inspect` would read it class by class."""
+    tree = ast.parse(inspect.getsource(sys.modules[module]))
+    return {of.name: of.body for of in tree.body if isinstance(of, ast.ClassDef)}

@@ -15,7 +15,7 @@ from ..solver.ending import STOPPED, Ending
 _DISCONTINUOUS = 2.2
 """Evaluations per iteration above which the residual counts as discontinuous; smooth: 1, after a rejection: 2."""
 
-_DISCONTINUOUS_ENDINGS = (*STOPPED, Ending.DISCONTINUITY, Ending.SMALL_JUMP)
+_DISCONTINUOUS_ENDINGS = (*STOPPED, Ending.DISCONTINUITY, Ending.SMALL_JUMP, Ending.KINK)
 
 MOST_RESTARTS = 4
 """Perturbed restarts in a row that may fail to lower chi-square."""

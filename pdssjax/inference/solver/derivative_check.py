@@ -113,6 +113,24 @@ def next_check(
     return error, verdict, following
 
 
+def is_kink(ends: Float[Array, "2 n"], linear: Float[Array, "2 n"], residual: Float[Array, " n"]) -> Truth:
+    """Whether the residual's slope changes between the `ends` of a difference, and explains what the Jacobian misses.
+
+    A Jacobian that is right on either side, or for each sample on one, lies between both slopes; where the residual is
+    smooth they are the same, and a wrong one does not.
+    """
+    before, after = residual - ends[1], ends[0] - residual
+    predicted = 0.5 * (linear[0] - linear[1])
+    outside = predicted - jnp.clip(predicted, jnp.minimum(before, after), jnp.maximum(before, after))
+    # A side without a move, at a bound, shows nothing.
+    moves = jnp.linalg.norm(linear - residual, axis=-1)
+    moved = jnp.min(moves) > 0.5 * jnp.max(moves)
+    missed = jnp.maximum(jnp.linalg.norm(after - predicted), jnp.linalg.norm(before - predicted))
+    left = jnp.linalg.norm(outside)
+    explained = (left <= TOLERANCE * jnp.linalg.norm(predicted)) & (left <= 0.25 * missed)
+    return moved & explained & jnp.all(jnp.isfinite(ends))
+
+
 def jump_of(ends: Float[Array, "2 n"], linear: Float[Array, "2 n"]) -> Scalar:
     """What a jump between a point and the `ends` of a difference amounts to, where the `linear` model is right.
 

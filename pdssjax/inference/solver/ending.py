@@ -1,4 +1,4 @@
-"""How a least-squares run may end; only three of the ways are success."""
+"""How a least-squares run may end; only three of the ways are success, and a fourth may be."""
 
 import enum
 
@@ -25,6 +25,8 @@ class Ending(enum.IntEnum):
     """The start could not be evaluated."""
     SMALL_JUMP = 9
     """Converged but for a jump of the residual that is too small to matter; the predicted reduction is no larger."""
+    KINK = 10
+    """The residual's slope changes where the run ended; a minimum where the slopes on both sides say so (`kink`)."""
 
 
 STOPPED = (Ending.SLOW_STEPS, Ending.STALLED, Ending.REJECTED)

@@ -36,6 +36,8 @@ from .derivative_check import (
     DIRECTIONS,
     DISCONTINUOUS,
     SIZES,
+    WRONG,
+    is_kink,
     jump_of,
     next_check,
     noise_scale,
@@ -136,6 +138,7 @@ class BoundedLevenbergMarquardt(
             checked=none,
             discrepancies=jnp.full((DIRECTIONS, len(SIZES)), jnp.inf),
             jump=0.0 * unity,
+            across=jnp.stack([y, y]),
         )
 
     def step(
@@ -236,12 +239,15 @@ class BoundedLevenbergMarquardt(
         # A step that promises more than the jump takes would have led over it.
         explained = state.predicted_reduction <= jnp.maximum(jump, self.invisible * squares)
         discontinuous = jnp.where(explained & (jump <= small), Ending.SMALL_JUMP, Ending.DISCONTINUITY)
+        kinked = (verdict == WRONG) & is_kink(ends, linear, state.residual)
         said = jnp.where(verdict == DISCONTINUOUS, discontinuous, Ending.WRONG_DERIVATIVE)
+        said = jnp.where(kinked, Ending.KINK, said)
         final = (state.ending == Ending.DISCONTINUITY) | (state.ending == Ending.WRONG_DERIVATIVE)
         return state._replace(
             discrepancies=state.discrepancies.at[at].set(error),
             checked=following,
             jump=jump,
+            across=jnp.where(kinked, apart, state.across),
             ending=jnp.where((verdict != AGREES) & ~final, said, state.ending).astype(state.ending.dtype),
         )
 

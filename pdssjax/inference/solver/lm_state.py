@@ -55,3 +55,5 @@ class LMState(NamedTuple):
     """What the Jacobian leaves of each difference, as a norm; infinite where it could not be taken."""
     jump: Float[Array, ""]
     """Largest jump found by these differences, as a sum of squares (`derivative_check.jump_of`); 0 without any."""
+    across: Float[Array, "2 p"]
+    """A point on either side of the kink, where the run ended on one."""

@@ -6,9 +6,12 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 import pytest
+import scipy.optimize
 
 from pdssjax.inference import BoundedLevenbergMarquardt, Ending
 from pdssjax.inference.solver.derivative_check import CHECKS
+from pdssjax.inference.solver.iterations import iterate
+from pdssjax.inference.solver.kink import along_kink, least_promising
 
 X = jnp.linspace(0.0, 3.0, 60)
 NOISE = jnp.asarray(np.random.default_rng(7).normal(0.0, 1.0, 60))
@@ -38,13 +41,15 @@ def stepped(y, args):
     return decay(y) + jnp.where(at, args["jump"], 0.0) * jnp.cos(5.0 * X), None
 
 
+SOLVER = BoundedLevenbergMarquardt(rtol=1e-6, atol=1e-4, slow=1e-3, invisible=1e-4, small_jump=0.1 / 60)
+"""With thresholds as for a chi-square."""
+
+
 @eqx.filter_jit
 def solve(fn, args, start=(2.0, 1.0, 0.0)):
-    """With thresholds as for a chi-square."""
-    solver = BoundedLevenbergMarquardt(rtol=1e-6, atol=1e-4, slow=1e-3, invisible=1e-4, small_jump=0.1 / 60)
     ends = {"lower": jnp.full(3, -10.0), "upper": jnp.full(3, 10.0)}
     start = jnp.asarray(start)
-    return optx.least_squares(fn, solver, start, args, has_aux=True, options=ends, max_steps=300, throw=False)
+    return optx.least_squares(fn, SOLVER, start, args, has_aux=True, options=ends, max_steps=300, throw=False)
 
 
 def ending(solution):
@@ -151,6 +156,72 @@ def test_slopes_that_change_beside_the_minimum_are_not_a_wrong_jacobian():
     solution = solve(kinked, {"at": end, "within": jnp.asarray(2e-4)}, start=end)
     assert ending(solution) == Ending.CONVERGED
     assert np.isfinite(np.asarray(solution.stats["state"].discrepancies)[:, 2]).any()
+
+
+def folded(y, args):
+    """Slopes that change at a sum of the parameters, of the size and the sign in `args`; the derivative is right."""
+    return decay(y) + args["slope"] * jnp.abs(jnp.sum(y) - args["at"]) * NOISE, None
+
+
+BOUNDS = {"lower": np.full(3, -10.0), "upper": np.full(3, 10.0)}
+
+
+def blank(args):
+    """The state that a run on a fold begins with."""
+    y = jnp.zeros(3)
+    shape = jax.eval_shape(lambda at: folded(at, args)[0], y)
+    return SOLVER.init(folded, y, args, BOUNDS, shape, None, frozenset())
+
+
+def fold_beside(short):
+    """Where the sum of the parameters is so many of its standard errors below that of the minimum without a fold.
+
+    **Returns:** that sum, and the parameters there that leave the least, by Lagrange's rule.
+    """
+    smooth = solve(stepped, {"at": jnp.zeros(3), "jump": jnp.asarray(0.0)}).value
+    jacobian = jax.jacfwd(decay)
+    covariance = jnp.linalg.inv(jacobian(smooth).T @ jacobian(smooth))
+    at = jnp.sum(smooth) - short * jnp.sqrt(jnp.sum(covariance))
+    within = lambda two: jnp.array([two[0], two[1], at - two[0] - two[1]])
+    found = scipy.optimize.least_squares(
+        lambda two: decay(within(two)), smooth[:2], jax.jacfwd(lambda two: decay(within(two))), xtol=1e-14, gtol=1e-14
+    )
+    return at, within(found.x)
+
+
+@pytest.mark.parametrize("short", [0.1, 0.3, 1.0, 3.0, -1.0])
+def test_a_minimum_on_a_fold_is_reached_and_told_from_a_wrong_jacobian(short):
+    at, least = fold_beside(short)
+    args = {"at": at, "slope": jnp.asarray(5.0)}
+    found = solve(folded, args, least + jnp.array([0.05, -0.02, 0.01]))
+    assert ending(found) == Ending.KINK and found.result != optx.RESULTS.successful
+    begun = found.value, args, BOUNDS, blank(args), found.stats["state"]
+    y, state, predicted = along_kink(SOLVER, eqx.Partial(folded), *begun)
+    assert predicted < float(SOLVER.invisible) * float(jnp.sum(state.residual**2))
+    np.testing.assert_allclose(y, least, atol=1e-3)
+    assert float(jnp.sum(state.residual**2)) == pytest.approx(float(jnp.sum(folded(least, args)[0] ** 2)), rel=1e-4)
+
+
+def test_a_fold_that_is_a_ridge_is_no_minimum():
+    at, least = fold_beside(0.0)
+    args = {"at": at, "slope": jnp.asarray(-5.0)}
+    top = blank(args)._replace(across=jnp.stack([least + 1e-6, least - 1e-6]))
+    sides = [iterate(SOLVER, eqx.Partial(folded), y, args, BOUNDS, top)[1] for y in top.across]
+    assert least_promising(top, sides, least, BOUNDS).predicted == np.inf
+
+
+def tied(y, args):
+    """Every other sample folds the other way round: exactly on the fold each takes the slope of its side."""
+    off = jnp.sum(y) - args["at"]
+    even = jnp.arange(60) % 2 == 0
+    rising = jnp.where(even, off > 0.0, off >= 0.0)
+    return decay(y) + args["slope"] * jnp.where(rising, off, -off) * NOISE, None
+
+
+def test_a_jacobian_that_takes_the_slope_of_either_side_sample_by_sample_is_a_fold_s_too():
+    least = fold_beside(0.3)[1]
+    args = {"at": jnp.sum(least), "slope": jnp.asarray(5.0)}
+    assert ending(solve(tied, args, least)) == Ending.KINK
 
 
 def noise_free(y, columns):

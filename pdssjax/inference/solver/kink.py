@@ -1,0 +1,116 @@
+"""Where a run ended on a kink of the sum of squares: whether that is a minimum, and the way along the kink to one.
+
+Where the residual's slope changes, the sum of squares has a one-sided gradient on either side.  The point is a minimum
+to first order where the slope rises across the kink and some mixture of the two gradients vanishes (F. H. Clarke,
+Optimization and Nonsmooth Analysis, Wiley 1983, chapter 2).  As for any end of a run, a gradient vanishes where the
+linear model with that Jacobian, within the bounds, predicts a decrease too small to matter.  The step that it predicts
+for the mixture that promises least leads along the kink: were it to cross it, another mixture would promise less.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Array, Float
+from scipy.optimize import fminbound, lsq_linear
+
+from .ending import Ending
+from .iterations import ResidualFunction, iterate, iterates
+from .levenberg_marquardt import BoundedLevenbergMarquardt
+from .lm_state import LMState
+
+_MOST = 8
+"""Steps along a kink."""
+
+_WITHIN = 1e-12
+"""Room at the bounds, by effect on the residual, that a solver of box problems asks for."""
+
+_LIMIT = 100
+"""Linearisations after each step along a kink."""
+
+
+class Mixture(NamedTuple):
+    """Of the Jacobians on both sides of a kink, the one that promises least."""
+
+    predicted: float
+    """Decrease of the sum of squares; infinite where the slope falls across the kink: that is a ridge."""
+    step: Float[np.ndarray, " p"]
+    """Leads along the kink."""
+
+
+def along_kink(
+    solver: BoundedLevenbergMarquardt,
+    residual: ResidualFunction,
+    y: Float[Array | np.ndarray, " p"],
+    args: Float[Array | np.ndarray, " records"],
+    options: dict[str, Float[np.ndarray, " p"]],
+    blank: LMState,
+    state: LMState,
+) -> tuple[Float[Array | np.ndarray, " p"], LMState, float]:
+    """On from where a run ended in `Ending.KINK`, while that lowers the sum of squares.
+
+    **Arguments:** as of `iterate`, with the state `blank` that a run begins with, and the one at `y`.
+
+    **Returns:** the point, its state, and the decrease of the sum of squares that is still predicted there.
+    """
+    least = np.inf
+    for _ in range(_MOST):
+        sides = [iterate(solver, residual, side, args, options, blank)[1] for side in np.asarray(state.across)]
+        mixture = least_promising(state, sides, y, options)
+        least, squares = mixture.predicted, _squares(state)
+        if not float(solver.invisible) * squares < least < np.inf:
+            break
+        to = np.clip(np.asarray(y) + mixture.step, options["lower"], options["upper"])
+        _, started, _ = iterate(solver, residual, to, args, options, blank)
+        # No farther than that step: the whole way down this side of the kink is known to lead across it.
+        near = started._replace(radius=np.linalg.norm(np.asarray(started.size) * mixture.step))
+        further, last = deque(iterates(solver, residual, to, args, options, near, _LIMIT), maxlen=1).pop()
+        if not _squares(last) < squares:
+            break
+        y, state = further, last._replace(evaluations=last.evaluations + state.evaluations + len(sides))
+        if int(state.ending) != Ending.KINK:
+            return y, state, float(state.predicted_reduction)
+    return y, state, least
+
+
+def _squares(state: LMState) -> float:
+    return float(np.sum(np.asarray(state.residual) ** 2))
+
+
+def least_promising(
+    state: LMState,
+    sides: Sequence[LMState],
+    y: Float[Array | np.ndarray, " p"],
+    options: dict[str, Float[np.ndarray, " p"]],
+) -> Mixture:
+    """The mixture of the Jacobians on both `sides` of the kink at `y` whose best step within the bounds promises least.
+
+    **Arguments:** the states at `y` and at the two points that the first has `across` the kink.
+    """
+    y, (ahead, behind) = np.asarray(y, float), np.asarray(state.across, float)
+    here, there = (np.asarray(side.jacobian, float) for side in sides)
+    residual, *beside = (np.asarray(of.residual, float) for of in (state, *sides))
+    if not all(np.all(np.isfinite(values)) for values in (here, there, *beside)):
+        return Mixture(np.inf, np.zeros_like(y))
+    if (here.T @ beside[0] - there.T @ beside[1]) @ (ahead - behind) < 0.0:
+        return Mixture(np.inf, np.zeros_like(y))
+    low, high = (np.asarray(options[end], float) for end in ("lower", "upper"))
+    size = np.maximum(np.linalg.norm(here, axis=0), np.linalg.norm(there, axis=0))
+    free = (low < high) & (size > 0)
+    size = size[free]
+    # All that sums of squares need of the two Jacobians and the residual.
+    stacked = np.column_stack([here[:, free] / size, there[:, free] / size, residual])
+    triangle = np.asarray(np.linalg.qr(stacked, mode="r"))
+    first, second, right = triangle[:, : size.size], triangle[:, size.size : -1], triangle[:, -1]
+    box = (low - y)[free] * size - _WITHIN, (high - y)[free] * size + _WITHIN
+
+    def predicted(share: float) -> tuple[float, Float[np.ndarray, " p"]]:
+        found = lsq_linear((1.0 - share) * first + share * second, -right, bounds=box)
+        return float(right @ right - 2.0 * found.cost), found.x
+
+    inside = np.asarray(fminbound(lambda share: predicted(share)[0], 0.0, 1.0, xtol=1e-9)).item()
+    gain, scaled = min((predicted(share) for share in (0.0, inside, 1.0)), key=lambda of: of[0])
+    step = np.zeros_like(y)
+    step[free] = scaled / size
+    return Mixture(max(0.0, gain), step)
