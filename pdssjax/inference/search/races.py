@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...study import Parameter, Study, Values
+from ..fit_statistics import reduced_chi2
 from ..initial_values.search import rank_starts, scatter_starts
 from ..least_squares import Fit, FitMethod, Progress, piezo_alone
 from ..poor_fit import is_poor
@@ -45,6 +46,9 @@ RACES = {
 
 _LONG = 60
 """Iterations from which the way was long: three of 97 blind random rigs ended in a wrong optimum, all after more."""
+
+_NOTICEABLE = 4.0
+"""Decrease of chi-square that noise alone seldom leaves: two standard errors of one parameter."""
 
 
 class Contest(NamedTuple):
@@ -148,7 +152,21 @@ def _without_starts(contest: Contest) -> dict[str, Parameter]:
 
 
 def _at_new_bound(fit: Fit, problem: Problem, starts: dict[str, float]) -> bool:
-    """The fit ran into a bound that it did not start from: there may be a better optimum elsewhere."""
+    """The fit was driven into a bound that it did not start from: there may be a better optimum elsewhere.
+
+    Not where it would gain no more than noise beyond the bound: then the records just do not tell the parameter from
+    it, such as a damping from none.
+    """
     low, high = problem.bounds
     begun = problem.encode(starts)
-    return bool(np.any(((fit.free <= low) & (begun > low)) | ((fit.free >= high) & (begun < high))))
+    reached = ((fit.free <= low) & (begun > low)) | ((fit.free >= high) & (begun < high))
+    return bool(reached.any()) and _gain_beyond_bounds(fit, problem) > _NOTICEABLE
+
+
+def _gain_beyond_bounds(fit: Fit, problem: Problem) -> float:
+    """Decrease of chi-square, in units of its reduced value, that the linear model predicts without bounds."""
+    jacobian, residual = np.asarray(fit.state.jacobian), np.asarray(fit.state.residual)
+    size = np.linalg.norm(jacobian, axis=0)
+    jacobian = jacobian / np.where(size > 0, size, 1.0)
+    step = np.linalg.lstsq(jacobian, residual, rcond=1e-9)[0]
+    return float(np.sum((jacobian @ step) ** 2) / max(reduced_chi2(fit, problem), 1e-300))

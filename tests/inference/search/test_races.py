@@ -148,10 +148,21 @@ def test_where_the_platform_is_seen_alone_a_good_fit_is_enough_and_its_start_is_
     assert starts == NEAR | {"piezo.gain": 0.0}
 
 
+class Noisy(Waves):
+    """Among samples of which most are noise; what is left at a bound of one parameter is not poor, but seen."""
+
+    def __init__(self, bound, **more):
+        super().__init__(1.0, 0.0, **more)
+        self.bounds = np.full(2, -10.0), np.array([10.0, bound])
+        self.records[0].time = np.arange(64.0)
+        self.white = np.random.default_rng(0).normal(size=60)
+
+    def whitened(self, free):
+        return np.append(8.0 * super().whitened(free), self.white)
+
+
 def test_a_fit_that_ran_into_a_bound_is_compared_with_starts_that_differ_in_every_parameter(monkeypatch):
-    problem = Waves(1.0, 0.0)
-    problem.bounds = np.full(2, -10.0), np.array([10.0, 0.5])
-    problem.whitened = lambda free: 0.1 * Waves.whitened(problem, free)  # the bound is within the noise
+    problem = Noisy(0.5)
     rig = Rig(monkeypatch, problem, at(0.0, 0.0), [WORSE], [at(-3.0, 0.4)])
     fit, _ = rig.fitted()
     assert fit.free[1] == pytest.approx(0.5)
@@ -171,9 +182,7 @@ def test_what_was_measured_apart_is_held_where_the_fit_put_it_when_others_are_sc
 
 
 def test_what_the_platform_shows_is_held_where_the_fit_put_it_when_others_are_scattered(monkeypatch):
-    problem = Waves(1.0, 0.0, platform_alone=True)
-    problem.bounds = np.full(2, -10.0), np.array([10.0, 0.5])
-    problem.whitened = lambda free: 0.1 * Waves.whitened(problem, free)
+    problem = Noisy(0.5, platform_alone=True)
     rig = Rig(monkeypatch, problem, at(0.0, 0.0), [WORSE], [])
     _, starts = rig.fitted()
     ((_, _, around, held),) = rig.of("scattered")
@@ -235,11 +244,13 @@ def test_a_fit_that_a_race_left_poor_may_lie_elsewhere(raced, poor, reason):
     assert reason_in_the_end(problem, fit, BAD, raced) == reason
 
 
-def test_a_bound_that_a_fit_ran_into_hides_what_lies_beyond():
-    problem = Waves(1.0, 0.0)
-    fit = run(problem, at(0.0, 0.0), None)._replace(free=np.array([10.0, 0.0]))
-    assert reason_in_the_end(problem, fit, at(0.0, 0.0), False) == "elsewhere"
-    assert reason_in_the_end(problem, fit, at(10.0, 0.0), False) is None
+@pytest.mark.parametrize(("bound", "reason"), [(0.5, "elsewhere"), (0.9, None)], ids=["seen", "within the noise"])
+def test_a_bound_that_a_fit_ran_into_hides_what_lies_beyond_where_it_leaves_more_than_noise(bound, reason):
+    problem = Noisy(bound)
+    fit = run(problem, at(0.0, 0.0), None)
+    assert fit.free[1] == bound and not races.is_poor(fit, problem)
+    assert reason_in_the_end(problem, fit, at(0.0, 0.0), False) == reason
+    assert reason_in_the_end(problem, fit, at(0.0, bound), False) is None
 
 
 def test_residuals_are_poor_by_size_by_neighbours_and_by_what_repeats():
