@@ -2,13 +2,10 @@
 
 from types import SimpleNamespace
 
-import numpy as np
-import pytest
 from waves import Waves, at, run
 
 from pdssjax.inference import Ending, Fit
 from pdssjax.inference.search.perturbed_restarts import MOST_RESTARTS, beyond_discontinuity, restarts
-from pdssjax.inference.search.races import _at_new_bound
 from pdssjax.inference.search.successive_halving import PATIENCE, successive_halving
 
 
@@ -74,10 +71,3 @@ def test_restarts_go_from_valley_to_valley():
         messages = []
         beyond_discontinuity(start._replace(ending=ending), scaled, run, told(messages))
         assert messages
-
-
-@pytest.mark.parametrize("begun, ended, new", [(0.0, 10.0, True), (10.0, 10.0, False), (0.0, 9.0, False)])
-def test_a_bound_counts_where_the_fit_did_not_begin_there(begun, ended, new):
-    problem = Waves(1.0, 0.0)
-    fit = run(problem, at(0.0, 0.0), None)._replace(free=np.array([ended, 0.0]))
-    assert _at_new_bound(fit, problem, at(begun, 0.0)) is new
