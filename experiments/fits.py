@@ -1,9 +1,8 @@
-"""Least squares on the records of a study with one compiled function, for experiments that fit many laws.
+"""Fits of the records of a study with one compiled function, for experiments that compare many laws.
 
-`pdssjax.identify` compiles several functions and looks for starts; comparing ten laws within minutes
-needs less.  Here all predictions and their derivatives with respect to every listed parameter are one
-function.  Which parameters are free, and which samples are fitted, is chosen afterwards, so that
-variants and held-out parts cost no compilation.
+`pdssjax.identify` compiles several functions and looks for starts; comparing ten laws within minutes needs less.  Here
+the problem of a study is posed once, with every listed parameter in it.  Which of them are free, and which samples are
+fitted, is chosen afterwards, so that variants and held-out parts cost no compilation.
 
     curves = Curves(study, accuracy, starts)
     found = curves.fit(starts, free=["friction.f_c"], used=masks)
@@ -16,20 +15,16 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from pdssjax import Accuracy, Study
-from pdssjax.inference import SUCCESSES, BoundedLevenbergMarquardt, iterates, least_squares_covariance, transform_of
+from pdssjax import Accuracy, Study, pose_problem
+from pdssjax.inference import Fit, fit_phase, least_squares_covariance
 
 _AT_BOUND = 1e-6
 """So near to a bound, on the fit's scale, a parameter is at it."""
 _TELLS = 0.7
 """Part of what the bounds alone leave open below which the data have told something."""
-_ENDLESS = 1e30
-"""Derivatives this large mean that the prediction blew up."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,39 +58,17 @@ class Found:
 
 
 class Curves:
-    """The predictions of a study's records, and their derivatives."""
+    """The problem of a study, all of whose records may be fitted."""
 
     def __init__(self, study: Study, accuracy: Accuracy, starts: Mapping[str, float]):
         """`starts` [SI] size the parameters; compiles at the first use."""
-        fitted = {path: dataclasses.replace(p, value=None) for path, p in study.parameters.items()}
+        sized = {path: dataclasses.replace(p, value=None, start=starts[path]) for path, p in study.parameters.items()}
+        records = tuple(dataclasses.replace(record, role="fit") for record in study.records)
+        problem, _ = pose_problem(dataclasses.replace(study, parameters=sized, records=records), accuracy)
         self.study = study
-        self.transform = transform_of(fitted, starts)
-        predictor = study.predictor
-        sizes = [record.time.size for record in study.records]
-        measured = [record.measured for record in study.records]
-        offsets = [record.offset for record in study.records]
-        shapes = [jax.ShapeDtypeStruct((size,), float) for size in sizes]
-        blank = jax.ShapeDtypeStruct((sum(sizes),), float)
-
-        def residual(point, used):
-            """Predicted less measured where used, offsets taken out; and the predictions."""
-            predicted = predictor(self.transform.decode(point), accuracy)
-            residuals = map(_rest, predicted, measured, used, offsets)
-            return jnp.concatenate(list(residuals)), list(predicted)
-
-        # A decrease of the sum of squares by this share is 1 in units of the variance of the residuals.
-        visible = 1.0 / sum(sizes)
-        solver = BoundedLevenbergMarquardt(rtol=1e-4 * visible, slow=0.05 * visible, invisible=0.01 * visible)
-
-        self._solver, self._residual = solver, residual
-        self._begin = lambda point: solver.init(residual, point, None, {}, blank, shapes, frozenset())
-
-    def predict(self, point: Float[np.ndarray, " p"]) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """Every record's motion without offset, and its Jacobian, shape (samples, parameters); NaN where it fails."""
-        used = [np.ones(record.time.size, bool) for record in self.study.records]
-        _, state = self._run(point, np.zeros(point.size, bool), used, 0)
-        lost = np.nan if bool(state.unevaluated) else 0.0
-        return [np.asarray(o) + lost for o in state.aux], [np.asarray(slope) + lost for slope in state.aux_jacobian]
+        self.noise = float(np.max(problem.noise))
+        """What residuals are divided by [SI], the same of all records."""
+        self.problem = problem._replace(noise=np.full(len(records), self.noise))
 
     def fit(
         self,
@@ -108,63 +81,56 @@ class Curves:
 
         A record of which no sample is used gets its offset all the same, for the comparison.
         """
-        point = self.transform.encode(starts)
-        fitted = self.transform.among(free)
-        point, state = self._run(point, fitted, used, limit)
-        low, high = self.transform.low, self.transform.high
-        inside = fitted & (point > low + _AT_BOUND) & (point < high - _AT_BOUND)
-        return self._found(point, state, inside, free, used)
-
-    def _run(self, point, fitted, used, limit):
-        """Where a run of at most `limit` iterations ends."""
-        options = self.transform.bounds_where(fitted, point)
-        point = jnp.clip(point, options["lower"], options["upper"])
-        run = iterates(self._solver, self._residual, point, used, options, self._begin(point), limit)
-        *_, (point, state) = run
-        return np.asarray(point), state
-
-    def _found(self, point, state, inside, free, used) -> Found:
+        transform = self.problem.residual.transform
+        fit = self._run(transform.encode(starts), transform.among(free), used, limit)
+        values = {path: float(value) for path, value in self.problem.decode(fit.free).items()}
         offsets = sum(r.offset is None and bool(m.any()) for r, m in zip(self.study.records, used, strict=True))
         count, samples = len(free) + offsets, sum(int(mask.sum()) for mask in used)
-        residuals, jacobian = np.asarray(state.residual), np.asarray(state.jacobian)
-        lost = bool(state.unevaluated)
-        errors = np.full(point.size, np.nan)
-        if not lost and _usable(residuals, jacobian[:, inside]):
-            deviation = math.sqrt(residuals @ residuals / (samples - count))
-            # The bounds are known as well: as spread as numbers anywhere between them.
-            bounds = (self.transform.high - self.transform.low) / math.sqrt(12.0)
-            known = np.diag(deviation / bounds)
-            errors = deviation * np.sqrt(
-                np.diag(least_squares_covariance(np.vstack([jacobian, known]), ~inside).matrix)
-            )
-            errors = np.where(errors < _TELLS * bounds, errors * np.abs(self.transform.slope(point)), np.nan)
-        predicted = []
-        for record, motion, mask in zip(self.study.records, state.aux, used, strict=True):
-            motion = np.asarray(motion) + (np.nan if lost else 0.0)
-            among = mask if mask.any() else np.ones_like(mask)
-            zero = np.mean((record.measured - motion)[among]) if record.offset is None else record.offset
-            predicted.append(motion + zero)
+        errors = self._errors(fit, transform.among(free), samples - count)
         return Found(
-            values={path: float(value) for path, value in self.transform.decode(point).items()},
-            errors={path: float(errors[self.transform.paths.index(path)]) for path in free},
-            squares=math.inf if lost else float(residuals @ residuals),
+            values=values,
+            errors={path: float(errors[transform.paths.index(path)]) for path in free},
+            squares=self.noise**2 * fit.chi2,
             samples=samples,
             free=count,
-            predicted=predicted,
-            iterations=int(state.iterations),
-            converged=int(state.ending) in SUCCESSES,
+            predicted=self._predicted(fit, used),
+            iterations=int(fit.state.iterations),
+            converged=fit.success,
         )
 
+    def _run(
+        self,
+        point: Float[np.ndarray, " p"],
+        fitted: Bool[np.ndarray, " p"],
+        used: Sequence[Bool[np.ndarray, " n"]],
+        limit: int,
+    ) -> Fit:
+        """Where a run of at most `limit` iterations ends."""
+        every = np.ones(len(used), bool)
+        return fit_phase(self.problem.fitted_to(used), point, every, fitted, "", lambda message: None, limit)
 
-def _rest(predicted, measured, mask, offset):
-    """Predicted less measured where the `mask` says so, else 0; a free offset, the mean, is taken out."""
-    residuals = jnp.where(mask, predicted - measured, 0.0)
-    zero = jnp.sum(residuals) / jnp.maximum(jnp.sum(mask), 1) if offset is None else -offset
-    return jnp.where(mask, residuals - zero, 0.0)
+    def _errors(self, fit: Fit, fitted: Bool[np.ndarray, " p"], freedom: int) -> Float[np.ndarray, " p"]:
+        """Standard errors [SI], by the scatter of the residuals with so many degrees of `freedom`."""
+        transform = self.problem.residual.transform
+        low, high = self.problem.bounds
+        inside = fitted & (fit.free > low + _AT_BOUND) & (fit.free < high - _AT_BOUND)
+        residuals, jacobian = np.asarray(fit.state.residual), np.asarray(fit.state.jacobian)
+        if not (math.isfinite(fit.chi2) and np.isfinite(jacobian[:, inside]).all()):
+            return np.full(fitted.size, np.nan)
+        deviation = math.sqrt(residuals @ residuals / freedom)
+        # The bounds are known as well: as spread as numbers anywhere between them.
+        bounds = (high - low) / math.sqrt(12.0)
+        known = np.vstack([jacobian, np.diag(deviation / bounds)])
+        errors = deviation * np.sqrt(np.diag(least_squares_covariance(known, ~inside).matrix))
+        return np.where(errors < _TELLS * bounds, errors * np.abs(transform.slope(fit.free)), np.nan)
 
-
-def _usable(residuals: np.ndarray, jacobian: np.ndarray) -> bool:
-    """Whether the records could be predicted there, with a derivative."""
-    return bool(
-        np.isfinite(residuals).all() and np.isfinite(jacobian).all() and np.abs(jacobian).max(initial=0.0) < _ENDLESS
-    )
+    def _predicted(self, fit: Fit, used: Sequence[Bool[np.ndarray, " n"]]) -> list[Float[np.ndarray, " n"]]:
+        """Every record where the `fit` ended, also the samples that it was not fitted to."""
+        whole = self._run(fit.free, np.zeros(fit.free.size, bool), [np.ones_like(mask) for mask in used], 0)
+        residuals = self.noise * np.asarray(whole.state.residual) + (0.0 if math.isfinite(whole.chi2) else np.nan)
+        predicted = []
+        for record, rows, mask in zip(self.study.records, self.problem.rows, used, strict=True):
+            left = residuals[rows]
+            among = mask if mask.any() else np.ones_like(mask)
+            predicted.append(record.measured - left + (np.mean(left[among]) if record.offset is None else 0.0))
+        return predicted

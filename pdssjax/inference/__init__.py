@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from .initial_values.search import guess_starts as guess_starts
     from .least_squares import Fit as Fit
     from .least_squares import Method as Method
+    from .least_squares import fit_phase as fit_phase
     from .least_squares import joint as joint
     from .parameter_transform import transform_of as transform_of
     from .problem import Problem as Problem
@@ -50,7 +51,7 @@ else:
             "initial_values.guess": ["initial_guess"],
             "initial_values.search": ["guess_starts"],
             "solver.iterations": ["iterates"],
-            "least_squares": ["Fit", "Method", "joint"],
+            "least_squares": ["Fit", "Method", "fit_phase", "joint"],
             "solver.levenberg_marquardt": ["BoundedLevenbergMarquardt"],
             "uncertainty.parameter_errors": ["all_error_models", "with_error_models"],
             "parameter_transform": ["transform_of"],

@@ -4,7 +4,7 @@ Any solver can take it; `pose_problem` makes it of a study.
 """
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import equinox as eqx
@@ -65,6 +65,14 @@ class Problem(NamedTuple):
     def bounds(self) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]]:
         """Lower and upper, on the fit's scale."""
         return self.residual.transform.low, self.residual.transform.high
+
+    def fitted_to(self, used: Sequence[Bool[np.ndarray, " samples"]]) -> "Problem":
+        """The same with only the `used` samples of each record; the others have a residual of 0.
+
+        What is compiled is shared, so that parts may be held out in turn.  Noise and counts of samples stay those of
+        whole records.
+        """
+        return self._replace(residual=eqx.tree_at(lambda residual: residual.used, self.residual, tuple(used)))
 
     def encode(self, values: Values) -> Float[np.ndarray, " p"]:
         """Values by path [SI] on the fit's scale."""

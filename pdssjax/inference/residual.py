@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ..integration import Accuracy
 from ..study import Models, Predictor, Record
@@ -25,6 +25,8 @@ class Residual(eqx.Module):
 
     predictor: Predictor
     measured: tuple[Float[np.ndarray, " samples"], ...]
+    used: tuple[Bool[np.ndarray, " samples"], ...]
+    """Which samples of each record count: all, unless some are held out."""
     offsets: tuple[float | None, ...]
     """Given zeros of the sensors, each in its unit; None where free."""
     transform: ParameterTransform
@@ -46,6 +48,7 @@ class Residual(eqx.Module):
     ):
         self.predictor = Predictor(models, records)
         self.measured = tuple(record.measured for record in records)
+        self.used = tuple(np.ones(record.measured.size, bool) for record in records)
         self.offsets = tuple(record.offset for record in records)
         self.transform = transform
         self.fixed = {path: np.asarray(value, float) for path, value in fixed.items()}
@@ -64,14 +67,15 @@ class Residual(eqx.Module):
         """Stacked residuals, under a robust loss their roots (`losses.base`), and each record's offset, in its unit.
 
         After the samples comes how far each parameter that was measured apart is from that, in standard errors.
-        `weights` are 1/noise [1/m] of the records, 0 to leave one out.
+        `weights` are 1/noise [1/m] of the records, 0 to leave one out.  Where no sample of a record counts its
+        residuals are 0, and its offset is that of all of them.
         """
         values = self.fixed | self.transform.decode(free)
         predicted = self.predictor(values, self.accuracy)
         parts, zeros = [], []
         for i, (measured, motion, offset) in enumerate(zip(self.measured, predicted, self.offsets, strict=True)):
             difference = jnp.asarray(measured - motion)
-            weight = jnp.asarray(weights[i])
+            weight = jnp.where(self.used[i], weights[i], 0.0)
             zero = self.loss.location(difference, weight) if offset is None else jnp.asarray(offset, float)
             parts.append(jnp.where(weight > 0, self.loss.root((difference - zero) * weight), 0.0))
             zeros.append(zero)

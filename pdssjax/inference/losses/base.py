@@ -11,7 +11,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ...core import Scalar
 
@@ -59,32 +59,40 @@ class AbstractLoss(eqx.Module):
         """Whether a fit by `method` with `intervals`, words of `identify`, knows what to make of it."""
         return method == "joint" and intervals == "linear"
 
-    def location(self, difference: Float[Array, " n"], weight: Scalar) -> Scalar:
+    def location(self, difference: Float[Array, " n"], weight: Float[Array, "*n"]) -> Scalar:
         """The z at which the loss of (difference - z) weight is least; differentiable in `difference`.
 
-        In the unit of `difference`; a `weight` is one over the noise.
+        In the unit of `difference`; a `weight`, one for all or one each, is one over the noise, and 0 leaves out.
         By iterative reweighting from the median, then one step of Newton, which carries the derivative (implicit
-        function theorem).  With a `weight` of 0, of a record that is left out, any z is; it is finite.
+        function theorem).  Where all are left out all count, so that z is finite.
         """
-        inside = lax.stop_gradient(difference)
+        counts, inside = counted(difference, weight), lax.stop_gradient(difference)
 
         def reweighted(_: int, z: Scalar) -> Scalar:
             r = (inside - z) * weight
             pull = jnp.where(jnp.abs(r) > 1e-12, self.influence(r) / jnp.where(r == 0.0, 1.0, r), 1.0)
+            pull = jnp.where(counts, pull, 0.0)
             return jnp.sum(pull * inside) / jnp.sum(pull)
 
-        z = lax.stop_gradient(lax.fori_loop(0, _ROUNDS, reweighted, jnp.median(inside)))
-        curvature = lax.stop_gradient(self.curvature((inside - z) * weight))
+        middle = jnp.nanmedian(jnp.where(counts, inside, jnp.nan))
+        z = lax.stop_gradient(lax.fori_loop(0, _ROUNDS, reweighted, middle))
+        curvature = jnp.where(counts, lax.stop_gradient(self.curvature((inside - z) * weight)), 0.0)
         total = jnp.sum(curvature)
         # To first order in a change of `difference`; of zero value but for what reweighting has left.
-        step = jnp.sum(self._with_slope(difference, z, weight, curvature)) / jnp.where(total > 0.0, total, 1.0)
-        return z + step
+        steps = jnp.where(counts, self._with_slope(difference, z, weight, curvature), 0.0)
+        return z + jnp.sum(steps) / jnp.where(total > 0.0, total, 1.0)
 
     def _with_slope(
-        self, difference: Float[Array, " n"], z: Scalar, weight: Scalar, curvature: Float[Array, " n"]
+        self, difference: Float[Array, " n"], z: Scalar, weight: Float[Array, "*n"], curvature: Float[Array, " n"]
     ) -> Float[Array, " n"]:
         """influence / weight in value, `curvature` in derivative."""
         safe = jnp.where(weight > 0.0, weight, 1.0)
         still = lax.stop_gradient(difference)
         value = jnp.where(weight > 0.0, self.influence((still - z) * weight) / safe, still - z)
         return lax.stop_gradient(value) + curvature * (difference - still)
+
+
+def counted(difference: Float[Array, " n"], weight: Float[Array, "*n"]) -> Bool[Array, " n"]:
+    """Which of the differences have a `weight`, one for all or one each; all of them where none has."""
+    weighed = jnp.broadcast_to(weight > 0.0, difference.shape)
+    return weighed | ~jnp.any(weighed)

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...core import Scalar
-from .base import AbstractLoss
+from .base import AbstractLoss, counted
 
 
 class Squares(AbstractLoss):
@@ -34,5 +34,5 @@ class Squares(AbstractLoss):
     def supports(self, method: str, intervals: str) -> bool:
         return True
 
-    def location(self, difference: Float[Array, " n"], weight: Scalar) -> Scalar:
-        return jnp.mean(difference)
+    def location(self, difference: Float[Array, " n"], weight: Float[Array, "*n"]) -> Scalar:
+        return jnp.mean(difference, where=counted(difference, weight))
