@@ -250,7 +250,7 @@ def test_scattered_starts_differ_in_all_that_is_free_and_positive_and_the_best_c
 def test_forces_are_scattered_up_to_where_nothing_slips_under_the_shortest_fall(monkeypatch, high):
     models = choose()
     parameters = free(models, "piezo", "friction")
-    fall = Parameter("drive.fall_time", "s", quantities(Sawtooth(64.0, 5.0))["fall_time"], low=1e-4)
+    fall = Parameter("drive.fall_time", "s", quantities(Sawtooth)["fall_time"], low=1e-4)
     parameters |= {fall.path: fall, "friction.f_c": dataclasses.replace(parameters["friction.f_c"], high=high)}
     gain, rate, mass = 1e-7, 6000.0, 0.2
     around = {path: p.quantity.nominal for path, p in parameters.items()}
