@@ -11,7 +11,7 @@ import pdssjax
 from experiments import blind_rigs
 from pdssjax import Accuracy
 from pdssjax.files import EXAMPLE
-from pdssjax.inference import Ending, joint
+from pdssjax.inference import SUCCESSES, Ending, joint
 from pdssjax.inference.search.multistart import best_fit
 from pdssjax.study import make_recordings
 
@@ -31,10 +31,11 @@ def is_not_beaten(fit, best):
 @pytest.mark.slow
 def test_liu_s_record_with_coulomb_s_law_is_not_left_half_way(tmp_path):
     fit, _, best = beside_scipy(liu("coulomb", tmp_path))
-    assert fit.ending == Ending.CONVERGED, fit.message
-    # Of many minima: 550.07 from the starts given, 505.42 where this fit ends, 498.07 and 498.12 of earlier fits, and
-    # 494.73 in one of 30 trials with a damping ratio of 0.0016, which no stack has.  498 was asked for.
-    assert fit.chi2 < 506.0
+    # Of many minima: 550.07 from the starts given, 505.42 the best of those with less than 1 N of friction that is not
+    # all but undamped (0.001 to 0.01 of critical: 487 to 500), 480.20 with 8.3 N.  498 was asked for.
+    assert fit.chi2 < 481.0
+    # Friction and fall time are told in combination alone, in a valley in which the last steps hardly gain anything.
+    assert fit.ending in (*SUCCESSES, Ending.SLOW_STEPS), fit.message
     assert is_not_beaten(fit, best)
 
 

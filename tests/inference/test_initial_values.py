@@ -202,7 +202,7 @@ def test_a_clock_in_unix_time_is_refused(drive):
         guess_starts(choose(), free(choose(), "piezo"), [late])
 
 
-def scattered(monkeypatch, models, parameters, records, around, held=()):
+def scattered(monkeypatch, models, parameters, records, around, held=(), **how):
     """What `scatter_starts` finds where chi-square is the distance from `around`, on logarithmic scales."""
 
     def tried(residual, points, weights):
@@ -212,7 +212,7 @@ def scattered(monkeypatch, models, parameters, records, around, held=()):
 
     tried.paths = ()
     monkeypatch.setattr(search, "_tried", tried)
-    return search.scatter_starts(models, parameters, records, around, held), tried.paths
+    return search.scatter_starts(models, parameters, records, around, held, **how), tried.paths
 
 
 def test_scattered_starts_differ_in_all_that_is_free_and_positive_and_the_best_come_first(monkeypatch):
@@ -244,6 +244,27 @@ def test_scattered_starts_differ_in_all_that_is_free_and_positive_and_the_best_c
     assert values["friction.f_ss"].max() <= 0.6
     costs = sum(np.log(values[path] / around[path]) ** 2 for path in searched)
     assert (np.diff(costs) > -1e-9).all()
+
+
+@pytest.mark.parametrize("high", [None, 2.0])
+def test_forces_are_scattered_up_to_where_nothing_slips_under_the_shortest_fall(monkeypatch, high):
+    models = choose()
+    parameters = free(models, "piezo", "friction")
+    fall = Parameter("drive.fall_time", "s", quantities(Sawtooth)["fall_time"], low=1e-4)
+    parameters |= {fall.path: fall, "friction.f_c": dataclasses.replace(parameters["friction.f_c"], high=high)}
+    gain, rate, mass = 1e-7, 6000.0, 0.2
+    around = {path: p.quantity.nominal for path, p in parameters.items()}
+    around |= {"piezo.gain": gain, "piezo.natural_frequency": rate, "effector.mass": mass, fall.path: 3e-3}
+    held = [path for path in parameters if path.startswith("piezo.")]
+    time = np.arange(0.0, 0.6, 1e-3)
+    posed = [record("walk", Sawtooth(64.0, 5.0), time, 6e-6 * time, "effector")]
+    highest = lambda **how: max(
+        begun["friction.f_c"] for begun in scattered(monkeypatch, models, parameters, posed, around, held, **how)[0]
+    )
+    # A platform's peak acceleration where the voltage falls at once, nearly reached where it takes 0.6 / rate.
+    largest = mass * 64.0 * gain * rate**2
+    assert highest(to_sticking=True) == pytest.approx(high or largest, rel=0.03)
+    assert highest() < 0.06 * largest
 
 
 def test_nothing_is_scattered_without_a_record_of_the_contact_or_anything_free(monkeypatch):

@@ -55,6 +55,8 @@ USUAL_RATE = 6e3
 USUAL_BANDWIDTH = 1e3
 """Of a sensor of which nothing is known [Hz]."""
 
+FALL_TIME = "drive.fall_time"
+
 
 def guess_starts(
     models: Models, parameters: Mapping[str, Parameter], records: Sequence[Record]
@@ -93,16 +95,20 @@ def scatter_starts(
     records: Sequence[Record],
     around: Mapping[str, float],
     held: Collection[str] = (),
+    to_sticking: bool = False,
 ) -> list[dict[str, float]]:
     """Starts that differ in every free parameter, the most promising first, whether or not the study gives a start.
 
     For fits that are compared with others: a search of what is unknown alone leaves them all near one minimum.
 
     **Arguments:** numbers [SI] `around` which to search those that have no range of their own, within a
-    factor `NEAR`; the paths `held` there, as are signed parameters.
+    factor `NEAR`; the paths `held` there, as are signed parameters.  Friction forces are searched up to those
+    at which nothing slips, if `to_sticking`, else below a third of it, where motion is large.
     """
     fitted = [record for record in records if record.role == "fit"] or list(records)
     ranges = scatter_ranges(models, parameters, records, around, held)
+    if to_sticking:
+        ranges = _up_to_sticking(ranges, models, parameters, fitted, around)
     used = [record for record in fitted if not record.measurement.platform_alone]
     if not (ranges and used):
         return []
@@ -128,6 +134,25 @@ def scatter_ranges(
     }
     ranges = {path: (low, high) for path, (low, high) in near.items() if low < high}
     return ranges | _ranges(models, around, free, parameters, fitted)
+
+
+def _up_to_sticking(
+    ranges: Mapping[str, tuple[float, float]],
+    models: Models,
+    parameters: Mapping[str, Parameter],
+    records: Sequence[Record],
+    around: Mapping[str, float],
+) -> dict[str, tuple[float, float]]:
+    """`ranges` whose friction forces reach up to m a, the most that ever accelerates the end-effector.
+
+    The acceleration a is that of the shortest fall time in the ranges: the usual ranges know it where it starts alone.
+    """
+    known = dict(around) | {path: low for path, (low, _) in ranges.items() if path == FALL_TIME}
+    gain, rate = _stack(models, known)
+    largest = known.get("effector.mass", 0.1) * gain * max((peak_bend(r, rate, known) for r in records), default=0.0)
+    forces = [path for path in ranges if path.startswith("friction.") and parameters[path].quantity.unit == "N"]
+    reaching = {path: max(ranges[path][1], _within(largest, parameters[path])) for path in forces}
+    return dict(ranges) | {path: (ranges[path][0], high) for path, high in reaching.items()}
 
 
 def _split_known(
@@ -204,7 +229,7 @@ def _ranges(
     ranges["piezo.damping_ratio"] = (0.03, 0.6)
     periods = [1.0 / frequency for frequency in map(frequency_of, records) if frequency]
     longest = min(0.02, 0.1 * min(periods, default=0.1))
-    ranges["drive.fall_time"] = (min(1e-4, 0.1 * longest), longest)
+    ranges[FALL_TIME] = (min(1e-4, 0.1 * longest), longest)
     clipped = {}
     for path in unknown:
         if path in ranges:

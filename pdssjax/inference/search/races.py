@@ -39,10 +39,13 @@ class Race(NamedTuple):
 RACES = {
     "platform unobserved": Race(((30, 5), (12, 7)), until_good=False),
     "poor": Race(((10, 5), (4, 7)), until_good=True),
-    "elsewhere": Race(((32, 6), (12, 12)), False, "searching for starts that differ in every parameter", True),
+    "elsewhere": Race(((48, 6), (12, 12)), False, "searching for starts that differ in every parameter", True),
     "long way": Race(((10, 5), (4, 7)), False, "that was a long way: comparing with other starts"),
 }
 """By reason.  Where nothing shows the platform alone, a fit may be good and wrong."""
+
+_SCATTERED, _STACK_GIVEN = 32, 16
+"""Starts of "elsewhere" that differ in every parameter; and that differ in what the study does not say of the stack."""
 
 _LONG = 60
 """Iterations from which the way was long: three of 97 blind random rigs ended in a wrong optimum, all after more."""
@@ -131,14 +134,22 @@ def _searched(starts: dict[str, float], contest: Contest) -> list[dict[str, floa
 def _scattered(fit: Fit, starts: dict[str, float], contest: Contest) -> list[dict[str, float]]:
     """Starts that differ in every parameter but for what is known better, held where the `fit` has it.
 
-    That is what the platform alone shows, and what was measured apart.
+    That is what the platform alone shows, and what was measured apart.  Beside them starts with the stack as the
+    study gives it: the more parameters are scattered, the fewer starts come near a narrow basin around it.
     """
     study, problem = contest.study, contest.problem
     platform = of_platform_alone(problem.records).any()
     known = lambda path: path in problem.residual.apart or (platform and shown_by_platform(path, problem))
     held = [path for path in problem.residual.transform.paths if known(path)]
     around = starts | {path: float(number) for path, number in problem.decode(fit.free).items() if path in held}
-    return scatter_starts(study.models, study.parameters, study.records, around, held)
+    scattered = scatter_starts(study.models, study.parameters, study.records, around, held)[:_SCATTERED]
+    given = {path: p.start for path, p in study.parameters.items() if path.startswith("piezo.") and p.free}
+    given = {path: start for path, start in given.items() if start is not None and path not in held}
+    if not given:
+        return scattered
+    contest.report("searching for starts with the stack as the study gives it")
+    what = study.models, study.parameters, study.records, around | given, [*held, *given]
+    return [*scatter_starts(*what, to_sticking=True)[:_STACK_GIVEN], *scattered]
 
 
 def _without_starts(contest: Contest) -> dict[str, Parameter]:

@@ -20,7 +20,7 @@ from pdssjax.inference.search.perturbed_restarts import MOST_RESTARTS
 from pdssjax.integration import Accuracy
 from pdssjax.study import Parameter
 
-HALVING, THRICE, COMPARING = [(10, 5), (4, 7)], [(30, 5), (12, 7)], [(32, 6), (12, 12)]
+HALVING, THRICE, COMPARING = [(10, 5), (4, 7)], [(30, 5), (12, 7)], [(48, 6), (12, 12)]
 BAD, WORSE, NEAR = at(6.0, -5.0), at(8.0, -8.0), at(1.2, 0.9)
 
 
@@ -46,9 +46,9 @@ class Rig:
     first_is_lost = False
 
     def noted(self, name, found):
-        def search(models, parameters, records, *more):
+        def search(models, parameters, records, *more, **how):
             free = [path for path, parameter in parameters.items() if parameter.start is None]
-            self.events.append((name, free, *more))
+            self.events.append((name, free, *more, *how))
             return list(found)
 
         return search
@@ -112,15 +112,22 @@ def test_a_poor_fit_is_compared_with_what_else_the_search_found_until_one_is_goo
 def test_a_poor_fit_from_starts_given_is_compared_with_a_search_without_them_then_with_scattered_ones(monkeypatch):
     rig = Rig(monkeypatch, Waves(4.0, 2.0), BAD, [WORSE], everywhere())
     fit, starts = rig.fitted()
-    assert rig.races == [([WORSE], HALVING, True), (everywhere(), COMPARING, False)]
+    first, second = rig.races
+    assert first == ([WORSE], HALVING, True) and second == ([*everywhere()[:16], *everywhere()[:32]], COMPARING, False)
     # The first search may not use the starts given, but for the platform's; nothing shows that alone here.
     assert rig.of("ranked") == [("ranked", ["friction.f_c"], {})]
-    ((_, _, around, held),) = rig.of("scattered")
+    (_, _, around, held), (_, _, beside, kept, how) = rig.of("scattered")
     assert held == [] and set(around) == set(PATHS)
+    # Those that go first have the stack as the study gives it.
+    assert kept == ["piezo.gain"] and beside["piezo.gain"] == BAD["piezo.gain"] and how == "to_sticking"
     assert fit.chi2 < 1e-12 and starts in everywhere()
     (restarted,) = rig.of("restarts")
     assert restarted[1][3] == 2 * MOST_RESTARTS
-    wanted = ["searching for starts that differ in every parameter", "restarting the best from perturbed points"]
+    wanted = [
+        "searching for starts that differ in every parameter",
+        "searching for starts with the stack as the study gives it",
+        "restarting the best from perturbed points",
+    ]
     assert [message for message in rig.messages if message in wanted] == wanted
 
 
@@ -166,7 +173,7 @@ def test_a_fit_that_ran_into_a_bound_is_compared_with_starts_that_differ_in_ever
     rig = Rig(monkeypatch, problem, at(0.0, 0.0), [WORSE], [at(-3.0, 0.4)])
     fit, _ = rig.fitted()
     assert fit.free[1] == pytest.approx(0.5)
-    assert rig.races == [([at(-3.0, 0.4)], COMPARING, False)]
+    assert rig.races == [(2 * [at(-3.0, 0.4)], COMPARING, False)]
     assert len(rig.of("restarts")) == 1
 
 
