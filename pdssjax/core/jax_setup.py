@@ -1,4 +1,4 @@
-"""Sets a program up that identifies actuators: double precision, compiled code kept, less looking for garbage.
+"""Sets a program up that identifies actuators: double precision, code compiled lightly and kept, less garbage sought.
 
 Importing pdssjax changes nothing global; programs (the command line, the tests, the
 experiments) call `prepare_jax` before anything is traced.
@@ -10,6 +10,7 @@ import os
 from pathlib import Path
 
 import jax
+import jaxlib
 import platformdirs
 
 
@@ -21,9 +22,27 @@ def cache_folder() -> Path:
 _OBJECTS = 100_000
 """Made, and not yet deleted, before Python looks for cycles among them; by default a few hundred."""
 
+_LIGHT = "--xla_cpu_use_fusion_emitters=false"
+"""Whole loops are emitted at once, without setting up MLIR for each of the hundreds of small kernels of a step.
+
+A fit's function then takes a fifth of the memory and three fifths of the time to compile, and runs as fast.
+"""
+
+_KNOWN_TO = ("0.10.",)
+"""Versions of jaxlib that know the flag: one that does not would end the process."""
+
+
+def _compile_lightly() -> None:
+    """Tell XLA, which reads its flags when the first computation is asked for, unless the user told it already."""
+    given = os.environ.get("XLA_FLAGS", "")
+    in_a_file = bool(given) and not given.lstrip().startswith("-")
+    if jaxlib.__version__.startswith(_KNOWN_TO) and _LIGHT.partition("=")[0] not in given and not in_a_file:
+        os.environ["XLA_FLAGS"] = f"{given} {_LIGHT}".strip()
+
 
 def prepare_jax() -> None:
-    """Switch on 64-bit numbers and, where it can be written to, the cache of compiled code."""
+    """Switch on 64-bit numbers, light compilation and, where it can be written to, the cache of compiled code."""
+    _compile_lightly()
     # JAX traces a function with objects by the hundred thousand, nearly all of which stay: to look
     # through them for garbage again and again is a tenth of the time to the first result.
     gc.set_threshold(max(_OBJECTS, gc.get_threshold()[0]))
