@@ -10,8 +10,8 @@ import os
 from pathlib import Path
 
 import jax
-import jaxlib
 import platformdirs
+from jaxlib.version import __version__ as jaxlib_version
 
 
 def cache_folder() -> Path:
@@ -36,7 +36,7 @@ def _compile_lightly() -> None:
     """Tell XLA, which reads its flags when the first computation is asked for, unless the user told it already."""
     given = os.environ.get("XLA_FLAGS", "")
     in_a_file = bool(given) and not given.lstrip().startswith("-")
-    if jaxlib.__version__.startswith(_KNOWN_TO) and _LIGHT.partition("=")[0] not in given and not in_a_file:
+    if jaxlib_version.startswith(_KNOWN_TO) and _LIGHT.partition("=")[0] not in given and not in_a_file:
         os.environ["XLA_FLAGS"] = f"{given} {_LIGHT}".strip()
 
 

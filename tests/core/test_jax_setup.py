@@ -60,6 +60,6 @@ def test_xla_compiles_lightly_unless_it_was_told_otherwise(monkeypatch, given, t
 
 def test_a_jaxlib_that_may_not_know_the_flag_is_not_told(monkeypatch):
     monkeypatch.setenv("XLA_FLAGS", "")
-    monkeypatch.setattr("jaxlib.__version__", "99.0.0")
+    monkeypatch.setattr("pdssjax.core.jax_setup.jaxlib_version", "99.0.0")
     prepare_jax()
     assert os.environ["XLA_FLAGS"] == ""
