@@ -14,7 +14,7 @@ import warnings
 from collections.abc import Sequence
 from typing import NoReturn
 
-from ..core import InputError, InputWarning
+from ..core import InputError, InputWarning, seldom_look_for_garbage
 from .console import announce_warnings
 from .signals import exit_status, requests_to_end
 
@@ -37,6 +37,7 @@ COMMANDS = {
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit status; `arguments` default to the process's own."""
+    seldom_look_for_garbage()
     with warnings.catch_warnings(), requests_to_end() as received:
         warnings.simplefilter("always", InputWarning)
         warnings.showwarning = announce_warnings(warnings.showwarning)

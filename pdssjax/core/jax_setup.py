@@ -5,7 +5,6 @@ experiments) call `prepare_jax` before anything is traced.
 """
 
 import contextlib
-import gc
 import os
 from pathlib import Path
 
@@ -13,14 +12,13 @@ import jax
 import platformdirs
 from jaxlib.version import __version__ as jaxlib_version
 
+from .garbage import seldom_look_for_garbage
+
 
 def cache_folder() -> Path:
     """Where compiled code is kept: the environment's `PDSSJAX_CACHE`, or else the user's cache folder."""
     return Path(os.environ.get("PDSSJAX_CACHE") or platformdirs.user_cache_dir("pdssjax", appauthor=False))
 
-
-_OBJECTS = 100_000
-"""Made, and not yet deleted, before Python looks for cycles among them; by default a few hundred."""
 
 _LIGHT = "--xla_cpu_use_fusion_emitters=false"
 """Whole loops are emitted at once, without setting up MLIR for each of the hundreds of small kernels of a step.
@@ -43,9 +41,7 @@ def _compile_lightly() -> None:
 def prepare_jax() -> None:
     """Switch on 64-bit numbers, light compilation and, where it can be written to, the cache of compiled code."""
     _compile_lightly()
-    # JAX traces a function with objects by the hundred thousand, nearly all of which stay: to look
-    # through them for garbage again and again is a tenth of the time to the first result.
-    gc.set_threshold(max(_OBJECTS, gc.get_threshold()[0]))
+    seldom_look_for_garbage()
     jax.config.update("jax_enable_x64", True)
     folder = cache_folder()
     # JAX itself would warn at every function it compiles.
