@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from .driven_platform import chosen as chosen
     from .effector import GRAVITY as GRAVITY
     from .effector import Effector as Effector
+    from .part_names import PART_NAMES as PART_NAMES
     from .parts import PARTS as PARTS
     from .sensor import IDEAL as IDEAL
     from .sensor import Sensor as Sensor
@@ -28,6 +29,7 @@ else:
             "amplifier": ["Amplifier"],
             "driven_platform": ["DrivenPlatform", "DrivenPlatformState", "chosen"],
             "effector": ["Effector", "GRAVITY"],
+            "part_names": ["PART_NAMES"],
             "parts": ["PARTS"],
             "sensor": ["IDEAL", "Sensor"],
             "stop": ["Stop"],

@@ -2,8 +2,9 @@
 
 from .amplifier import Amplifier
 from .effector import Effector
+from .part_names import PART_NAMES
 from .sensor import Sensor
 from .stop import Stop
 
-PARTS: dict[str, type] = {"effector": Effector, "stop": Stop, "amplifier": Amplifier, "sensor": Sensor}
+PARTS: dict[str, type] = dict(zip(PART_NAMES, (Effector, Stop, Amplifier, Sensor), strict=True))
 """By its name, as in "effector.mass", the class whose `quantity` fields are its parameters."""

@@ -3,14 +3,23 @@
 import argparse
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, TypedDict
+from typing import TYPE_CHECKING
 
 from ..core import InputError
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
+    from typing import TypedDict
 
     from ..inference import Drawing, Intervals
+
+    class More(TypedDict, total=False):
+        """Arguments of `pdssjax.identify` that most runs do without."""
+
+        drawing: Drawing
+        starts: int
+        executor: Executor
+
 
 DRAWN = "bootstrap", "posterior"
 
@@ -43,15 +52,7 @@ def check_drawing(options: argparse.Namespace) -> None:
         raise InputError(f"option --resume: found with --intervals {options.intervals}, expected {' or '.join(DRAWN)}.")
 
 
-class More(TypedDict, total=False):
-    """Arguments of `pdssjax.identify` that most runs do without."""
-
-    drawing: "Drawing"
-    starts: int
-    executor: "Executor"
-
-
-def more_of(options: argparse.Namespace, intervals: "Intervals", folder: Path) -> More:
+def more_of(options: argparse.Namespace, intervals: "Intervals", folder: Path) -> "More":
     """What is drawn and kept in `folder`, and how many starts are compared, on all cores."""
     from concurrent.futures import ThreadPoolExecutor
 

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING
 from ..core import members
 from ..files import EXAMPLE
 from .console import progress, say
-from .drawing import DRAWN, More, add_drawing, check_drawing, more_of
+from .drawing import DRAWN, add_drawing, check_drawing, more_of
 from .results import NOT_WRITTEN, add_out, keep_results
 
 if TYPE_CHECKING:
     from ..inference import Intervals, Method
     from ..study import Estimate, Study
+    from .drawing import More
 
 
 def identify(options: argparse.Namespace) -> int:

@@ -8,12 +8,13 @@ fit then leaves the best point so far in its folder, marked.
 
 import argparse
 import importlib
+import os
 import sys
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import NoReturn
 
-from ..core import InputError, InputWarning
+from ..core import InputError, InputWarning, seldom_look_for_garbage
 from .console import announce_warnings
 from .signals import exit_status, requests_to_end
 
@@ -36,6 +37,7 @@ COMMANDS = {
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit status; `arguments` default to the process's own."""
+    seldom_look_for_garbage()
     with warnings.catch_warnings(), requests_to_end() as received:
         warnings.simplefilter("always", InputWarning)
         warnings.showwarning = announce_warnings(warnings.showwarning)
@@ -56,6 +58,24 @@ class _Parser(argparse.ArgumentParser):
         raise InputError(f"{message} (see {self.prog} --help)")
 
 
+class _Help(argparse.HelpFormatter):
+    """As wide as the terminal.  argparse makes one for every option, and loads `shutil` each first time to ask."""
+
+    def __init__(self, prog: str) -> None:
+        super().__init__(prog, width=_columns() - 2)
+
+
+def _columns() -> int:
+    """Of the terminal; the environment's `COLUMNS` go first, and 80 where there is none."""
+    told = os.environ.get("COLUMNS", "")
+    if told.isdigit() and int(told):
+        return int(told)
+    try:
+        return os.get_terminal_size(sys.__stdout__.fileno()).columns or 80  # pyright: ignore[reportOptionalMemberAccess]
+    except (AttributeError, ValueError, OSError):
+        return 80
+
+
 class _Version(argparse.Action):
     """Prints the version; what tells it is imported only then."""
 
@@ -66,19 +86,22 @@ class _Version(argparse.Action):
         parser.exit()
 
 
-def _parser(given: Iterable[str] = COMMANDS) -> argparse.ArgumentParser:
-    """With the options of commands that are `given`; the modules of the others need not be loaded."""
+def _parser(given: Sequence[str] | None = None) -> argparse.ArgumentParser:
+    """With all commands and their options; where arguments are `given` that begin with a command, with that alone."""
+    asked = list(COMMANDS) if given is None else [name for name in given[:1] if name in COMMANDS]
     parser = _Parser(
         prog="pdssjax",
+        formatter_class=_Help,
         description="Models and identifies piezoelectric stick-slip actuators.",
         epilog="Exit status: 0 it worked; 2 the input is at fault; 3 a fit did not converge, its best result is "
         "written; 4 results could not be written where asked; 130 or 143 interrupted or terminated, a fit leaves its "
         "best point so far in estimate.json.",
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
-    subcommands = parser.add_subparsers(required=True, metavar="COMMAND")
-    for name, text in COMMANDS.items():
-        command = subcommands.add_parser(name, help=text, description=text)
-        if name in given:
+    subcommands = parser.add_subparsers(required=True, metavar="COMMAND", prog=parser.prog)
+    for name in asked or COMMANDS:
+        text = COMMANDS[name]
+        command = subcommands.add_parser(name, help=text, description=text, formatter_class=_Help)
+        if asked:
             importlib.import_module(f"{__package__}.{name}").add_options(command)
     return parser

@@ -4,11 +4,23 @@ import argparse
 
 
 def models(options: argparse.Namespace) -> int:
-    from ..report.text import format_catalogue, format_entry
-    from ..study import catalogue_entries, find_entry
-
-    print(format_entry(find_entry(options.name)) if options.name else format_catalogue(catalogue_entries()), end="")
+    print(_explained(options.name) if options.name else _listed(), end="")
     return 0
+
+
+def _listed() -> str:
+    """All of them; none is loaded for it, nor JAX."""
+    from ..report.text import format_catalogue
+    from ..study import entry_summaries
+
+    return format_catalogue(entry_summaries())
+
+
+def _explained(name: str) -> str:
+    from ..report.text import format_entry
+    from ..study import find_entry
+
+    return format_entry(find_entry(name))
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

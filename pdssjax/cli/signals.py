@@ -2,7 +2,6 @@
 
 import contextlib
 import signal
-import threading
 from collections.abc import Iterator, Sequence
 
 
@@ -25,11 +24,13 @@ def requests_to_end() -> Iterator[list[int]]:
         raise Terminated(signal.Signals(signum).name)
 
     signals = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    main = threading.current_thread() is threading.main_thread()
-    ours = [s for s in signals if signal.getsignal(s) is signal.SIG_DFL] if main else []
+    ours: list[int] = []
     try:
-        for number in ours:
-            signal.signal(number, end)
+        with contextlib.suppress(ValueError):  # outside the main thread; to ask whether it is loads `threading`
+            for number in signals:
+                if signal.getsignal(number) is signal.SIG_DFL:
+                    signal.signal(number, end)
+                    ours.append(number)
         yield received
     finally:
         for number in ours:

@@ -2,7 +2,6 @@
 
 import argparse
 import contextlib
-import json
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -25,6 +24,8 @@ if TYPE_CHECKING:
 
 
 def sweep(options: argparse.Namespace) -> int:
+    import json
+
     from ..core import prepare_jax
     from ..files import check_free, check_store, write_sweep
     from ..report.text import format_numbers, format_sweep

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from .families import member as member
     from .families import member_name as member_name
     from .families import members as members
+    from .families import told_by as told_by
+    from .garbage import seldom_look_for_garbage as seldom_look_for_garbage
     from .jax_setup import need_double_precision as need_double_precision
     from .jax_setup import prepare_jax as prepare_jax
     from .notebook import clear_bar as clear_bar
@@ -62,7 +64,8 @@ else:
                 *("percent", "rounded", "strongest_pairs"),
             ],
             "errors": ["InputError", "InputWarning", "nearest"],
-            "families": ["member", "member_name", "members"],
+            "families": ["member", "member_name", "members", "told_by"],
+            "garbage": ["seldom_look_for_garbage"],
             "jax_setup": ["need_double_precision", "prepare_jax"],
             "notebook": ["clear_bar", "counted_in_notebook", "draw_in_notebook", "told_in_notebook"],
             "physical_quantity": [

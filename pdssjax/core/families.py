@@ -39,3 +39,15 @@ def member_name(model: type) -> str:
     """The name of the member that a class of a family is: that of its file, and of its variant where it is one."""
     name, variant = model.__module__.rpartition(".")[2].replace("_", "-"), getattr(model, "variant_name", "")
     return f"{name}:{variant}" if variant else name
+
+
+def told_by(module: str, name: str = "") -> str:
+    """The docstring of a `module` of pdssjax ("friction.lugre"), or of its class `name`; read without loading it."""
+    import ast
+
+    package, _, last = f"pdssjax.{module}".rpartition(".")
+    (folder,) = importlib.import_module(package).__path__
+    found: Any = ast.parse((Path(folder) / f"{last}.py").read_bytes())
+    if name:
+        (found,) = (part for part in found.body if isinstance(part, ast.ClassDef) and part.name == name)
+    return ast.get_docstring(found, clean=False) or ""

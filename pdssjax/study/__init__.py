@@ -57,6 +57,7 @@ if TYPE_CHECKING:
     from .shared_drive import shared_fields as shared_fields
     from .study import Study as Study
     from .study import legal_quantities as legal_quantities
+    from .summaries import entry_summaries as entry_summaries
     from .used_numbers import UsedNumber as UsedNumber
     from .used_numbers import numbers_used as numbers_used
     from .virtual_rig import Recording as Recording
@@ -76,6 +77,7 @@ else:
             "measurement.base": ["AbstractMeasurement", "MOVING", "Samples"],
             "models": ["Models", "Values"],
             "multistart": ["Multistart"],
+            "summaries": ["entry_summaries"],
             "used_numbers": ["UsedNumber", "numbers_used"],
             "parameter": ["Parameter", "REACH"],
             "prediction": ["Lowered", "Predictor", "failures", "predicted", "with_room"],

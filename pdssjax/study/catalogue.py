@@ -11,10 +11,8 @@ import itertools
 import sys
 
 from ..actuator import PARTS
-from ..core import InputError, Quantity, choices, member, members, nearest, quantities
-
-FAMILIES = {"drive": "drive", "piezo": "piezo", "friction": "friction", "measurement": "study.measurement"}
-"""Of these a study chooses a member: drives by `waveform`, measurements by `measures`, the others in [actuator]."""
+from ..core import InputError, Quantity, choices, member, nearest, quantities
+from .summaries import FAMILIES, entry_names, first_sentence
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,7 +33,7 @@ class Entry:
 
 def catalogue_entries() -> list[Entry]:
     """All members and parts, family by family."""
-    return [_entry(name) for name in _names()]
+    return [_entry(name) for name in entry_names()]
 
 
 def find_entry(name: str) -> Entry:
@@ -43,16 +41,11 @@ def find_entry(name: str) -> Entry:
 
     **Raises:** `InputError` that names the nearest known one.
     """
-    named = [entry for entry in _names() if name in (entry, entry.rpartition("/")[2])]
+    named = [entry for entry in entry_names() if name in (entry, entry.rpartition("/")[2])]
     if not named:
-        known = [entry.rpartition("/")[2] for entry in _names()]
+        known = [entry.rpartition("/")[2] for entry in entry_names()]
         raise InputError(f'models: found the unknown name "{name}"; {nearest(name, known)}')
     return _entry(name if name in named else named[0])
-
-
-def _names() -> list[str]:
-    """Of all entries, told without loading them."""
-    return [*(f"{said}/{name}" for said, family in FAMILIES.items() for name in members(family)), *PARTS]
 
 
 def _entry(name: str) -> Entry:
@@ -62,8 +55,8 @@ def _entry(name: str) -> Entry:
     told = _field_docs(model)
     declared = {field: (quantity, told.get(field, "")) for field, quantity in quantities(model).items()}
     options = {field: list(words) for field, words in choices(model).items()}
-    summary = text if mark else model.__doc__ or ""
-    return Entry(name, " ".join(summary.split("\n\n")[0].split()), text, declared, options)
+    summary = first_sentence(text if mark else model.__doc__ or "")
+    return Entry(name, summary, text, declared, options)
 
 
 def _field_docs(model: type) -> dict[str, str]:

@@ -4,13 +4,17 @@ Times are in seconds; what is at fault is said with its file.
 """
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from ..core import InputError
-from ..drive.base import AbstractDrive
-from .record import Record
+
+if TYPE_CHECKING:
+    # Files are read without JAX, which takes most of a second to load.
+    from ..drive.base import AbstractDrive
+    from .record import Record
 
 STEP_TIME = 0.01
 """Within this time [s] a platform under a step comes to rest; for checks of units and clocks only."""
@@ -43,7 +47,7 @@ def check_increasing(
 
 
 def check_meets_drive(
-    where: str, begin: float, time: Float[np.ndarray, " samples"], drive: AbstractDrive | None, start: float
+    where: str, begin: float, time: Float[np.ndarray, " samples"], drive: "AbstractDrive | None", start: float
 ) -> None:
     """Refuse a record whose samples cannot be of its drive.
 
@@ -68,7 +72,7 @@ def check_meets_drive(
         raise InputError(f"{found}, expected the first within {what}, {latest:g} s, of the drive's start; {on}.")
 
 
-def check_begins_early(record: Record) -> None:
+def check_begins_early(record: "Record") -> None:
     """**Raises** `InputError` where a record, of a file or made in Python, begins too late to be of its drive."""
     first, length = float(record.time[0]), float(np.ptp(record.time))
     if record.drive is not None and abs(first) > max(_LATEST, 10.0 * length):

@@ -1,4 +1,4 @@
-"""Compiled code outlives the process where it may, and a missing place for it is no trouble."""
+"""Compiled code outlives the process where it may, a missing place for it is no trouble, and it is compiled lightly."""
 
 import os
 import subprocess
@@ -6,7 +6,10 @@ import sys
 
 import pytest
 
+from pdssjax.core import prepare_jax
 from pdssjax.core.jax_setup import cache_folder
+
+LIGHT = "--xla_cpu_use_fusion_emitters=false"
 
 PROGRAM = """
 from pdssjax.core import prepare_jax
@@ -36,3 +39,27 @@ def test_compiled_code_is_kept(tmp_path):
 def test_without_a_place_for_the_cache_all_else_works(tmp_path, place):
     (tmp_path / "file").write_text("")
     assert run(tmp_path / place) == "float64"
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ("", LIGHT),
+        ("--xla_dump_to=somewhere", f"--xla_dump_to=somewhere {LIGHT}"),
+        (LIGHT, LIGHT),
+        ("--xla_cpu_use_fusion_emitters=true", "--xla_cpu_use_fusion_emitters=true"),
+        ("flags.txt", "flags.txt"),
+    ],
+)
+def test_xla_compiles_lightly_unless_it_was_told_otherwise(monkeypatch, given, told):
+    """With the installed jaxlib, which knows the flag; a newer one must be looked at before it is told."""
+    monkeypatch.setenv("XLA_FLAGS", given)
+    prepare_jax()
+    assert os.environ["XLA_FLAGS"] == told
+
+
+def test_a_jaxlib_that_may_not_know_the_flag_is_not_told(monkeypatch):
+    monkeypatch.setenv("XLA_FLAGS", "")
+    monkeypatch.setattr("pdssjax.core.jax_setup.jaxlib_version", "99.0.0")
+    prepare_jax()
+    assert os.environ["XLA_FLAGS"] == ""

@@ -4,7 +4,7 @@ import pytest
 
 from pdssjax.cli import main as cli
 from pdssjax.core import members
-from pdssjax.study import catalogue_entries, find_entry
+from pdssjax.study import catalogue_entries, entry_summaries, find_entry
 from pdssjax.study.catalogue import FAMILIES, PARTS
 
 ENTRIES = {entry.name: entry for entry in catalogue_entries()}
@@ -13,6 +13,10 @@ ENTRIES = {entry.name: entry for entry in catalogue_entries()}
 def test_every_member_and_part_has_an_entry():
     named = {f"{said}/{name}" for said, family in FAMILIES.items() for name in members(family)}
     assert set(ENTRIES) == named | set(PARTS)
+
+
+def test_the_list_that_loads_nothing_says_the_same():
+    assert entry_summaries() == {name: entry.summary for name, entry in ENTRIES.items()}
 
 
 @pytest.mark.parametrize("name", ENTRIES)

@@ -1,20 +1,24 @@
 """What can be chosen in a study, as plain text."""
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
-from ...core import display_unit
-from ...study import Entry
 from ._layout import aligned_table, heading
 
-
-def format_catalogue(entries: Sequence[Entry]) -> str:
-    """All members and parts, one line each."""
-    return aligned_table("<<", [["", "what it is"], *([entry.name, entry.summary] for entry in entries)])
+if TYPE_CHECKING:
+    from ...study import Entry
 
 
-def format_entry(entry: Entry) -> str:
+def format_catalogue(summaries: Mapping[str, str]) -> str:
+    """All members and parts, by name what each is, one line each."""
+    return aligned_table("<<", [["", "what it is"], *map(list, summaries.items())])
+
+
+def format_entry(entry: "Entry") -> str:
     """One member: its parameters, and its equations as its module tells them."""
+    from ...core import display_unit
+
     head = ["", "unit", "nominal", "", "what it is"]
     rows = [
         [name, unit, f"{declared.nominal * scale:.6g}", "optional" if declared.optional else "", told]

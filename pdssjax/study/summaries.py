@@ -1,0 +1,29 @@
+"""What each thing that a study may name is, in a sentence; read from the files, so that nothing need be loaded."""
+
+from ..actuator import PART_NAMES
+from ..core import members, told_by
+
+FAMILIES = {"drive": "drive", "piezo": "piezo", "friction": "friction", "measurement": "study.measurement"}
+"""Of these a study chooses a member: drives by `waveform`, measurements by `measures`, the others in [actuator]."""
+
+
+def entry_names() -> list[str]:
+    """Of all members and parts, family by family: "friction/lugre", "sensor"."""
+    return [*(f"{said}/{name}" for said, family in FAMILIES.items() for name in members(family)), *PART_NAMES]
+
+
+def first_sentence(told: str) -> str:
+    """Of a docstring, on one line."""
+    return " ".join(told.split("\n\n")[0].split())
+
+
+def entry_summaries() -> dict[str, str]:
+    """By name, the first sentence of each member's module, or of a part's class."""
+    return {name: first_sentence(_told(name)) for name in entry_names()}
+
+
+def _told(name: str) -> str:
+    said, mark, short = name.partition("/")
+    if mark:
+        return told_by(f"{FAMILIES[said]}.{short.replace('-', '_')}")
+    return told_by(f"actuator.{name}", name.capitalize())

@@ -1,0 +1,40 @@
+"""Commands load no more than they need: JAX takes most of a second, for which none waits that computes nothing."""
+
+import subprocess
+import sys
+
+import pytest
+
+from pdssjax.cli.main import COMMANDS
+from pdssjax.files import EXAMPLE
+
+PROGRAM = """
+import sys
+from pdssjax.cli.main import main
+try:
+    main(sys.argv[1:])
+finally:
+    print("loaded:", *(name for name in ("jax", "numpy", "pint", "shutil", "threading") if name in sys.modules))
+"""
+
+
+def loaded(*arguments: str) -> set[str]:
+    done = subprocess.run([sys.executable, "-c", PROGRAM, *arguments], capture_output=True, text=True, check=False)
+    return set(done.stdout.rpartition("loaded:")[2].split())
+
+
+@pytest.mark.parametrize("name", ["", *COMMANDS])
+def test_help_loads_nothing_that_is_slow(name):
+    assert not loaded(*name.split(), "--help")
+
+
+def test_what_is_at_fault_in_the_options_is_said_as_soon():
+    assert not loaded("identify", "nothing.toml")
+
+
+def test_models_are_listed_without_any_library():
+    assert not loaded("models") & {"jax", "numpy"}
+
+
+def test_channels_are_listed_without_jax():
+    assert "jax" not in loaded("channels", str(EXAMPLE / "sawtooth_5Hz_A.csv"))
