@@ -71,7 +71,7 @@ def _warn(records: Sequence["NewRecord"], told: "Told") -> None:
         if (count := guess.time.size) > MANY:
             said.append(f"{file}: {count} samples make a slow fit; the keys window and decimate keep fewer")
         if record.without:
-            said.append(f"{file}: found {record.lost} samples that are no numbers; the record excludes them")
+            said.append(f"{file}: found {record.left_out} samples that are no numbers; the record excludes them")
         gain = gain_of(guess)
         if gain > LARGE:
             told_gain = f"{1e6 * gain:.3g} um/V, more than a stack moves"

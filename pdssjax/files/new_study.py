@@ -61,7 +61,7 @@ class NewRecord:
     """Stretches in which the file has no numbers, from when to when [s] on its clock: what the record excludes."""
 
     @property
-    def lost(self) -> int:
+    def left_out(self) -> int:
         """Samples in these stretches."""
         return sum(int(np.sum((self.guess.time > begin) & (self.guess.time < end))) for begin, end in self.without)
 
