@@ -21,8 +21,14 @@ QUANTITIES_NAMED = "time, voltage, displacement or velocity"
 MANY = 100_000
 """Samples of a record from which the user is told how to keep fewer."""
 
-LARGE, SMALL = 2e-6, 5e-10
-"""Gain [m/V] from which, and up to which, a unit or a scale may be wrong."""
+MONITORED = 10.5
+"""Greatest voltage [V] that monitors and commands of amplifiers have."""
+
+MONITORS = ("mon", "cmd", "command", "control", "sense", "setpoint", "soll")
+"""What is in the names of such channels."""
+
+LARGE, USUAL, SMALL = 2e-6, 3e-7, 5e-10
+"""Gain [m/V] from which a unit or a scale may be wrong, that of most stacks at most, and up to which one may be."""
 
 
 def new(options: argparse.Namespace) -> int:
@@ -64,6 +70,8 @@ def _warn(records: Sequence["NewRecord"], told: "Told") -> None:
         guess, file = record.guess, record.roles.file
         if (count := guess.time.size) > MANY:
             said.append(f"{file}: {count} samples make a slow fit; the keys window and decimate keep fewer")
+        if record.without:
+            said.append(f"{file}: found {record.left_out} samples that are no numbers; the record excludes them")
         gain = gain_of(guess)
         if gain > LARGE:
             told_gain = f"{1e6 * gain:.3g} um/V, more than a stack moves"
@@ -71,12 +79,27 @@ def _warn(records: Sequence["NewRecord"], told: "Told") -> None:
                 f"{file}: found {told_gain}; of a voltage before its amplifier say --scale voltage=20 or so, "
                 "of a sensor's millivolts --unit displacement=mV beside its scale"
             )
+        elif volts := _before_an_amplifier(record, gain):
+            said.append(
+                f"{file}: found {volts} at most, as a monitor or a command of an amplifier has, "
+                "and a study wants the voltage at the piezo: of a monitor 1:20 say --scale voltage=20"
+            )
         if gain < SMALL:
             said.append(
                 f"{file}: found {1e9 * gain:.3g} nm/V, less than a stack moves: is the displacement's unit right?"
             )
     for line in said:
         print(f"pdssjax: warning: {line}", file=sys.stderr)
+
+
+def _before_an_amplifier(record: "NewRecord", gain: float) -> str:
+    """The greatest voltage of a record, in words, where it may not be that at the piezo; else ""."""
+    channel, layout = record.roles.channels.get("voltage"), record.roles.layout
+    if channel is None or "voltage" in layout.scales:
+        return ""
+    peak = abs(record.guess.waveform.numbers["voltage"])
+    named = any(word in channel.name.lower() for word in MONITORS)
+    return f"{peak:.3g} V" if peak < MONITORED and (named or gain > USUAL) else ""
 
 
 def _hints(options: argparse.Namespace) -> "Hints":

@@ -1,6 +1,7 @@
 """Work in a thread of its own, that tells how it goes and can be asked to stop."""
 
 import threading
+import time
 import weakref
 from collections.abc import Callable
 from typing import Any, Generic, TypeVar
@@ -14,13 +15,17 @@ Report = Callable[[str], None]
 _STARTED: "weakref.WeakSet[BackgroundJob[Any]]" = weakref.WeakSet()
 
 
-def end_jobs(seconds: float) -> None:
-    """Asks all jobs to stop and waits for them, each so long at most: one that compiles must not meet the end of
-    Python, which it would abort."""
+def end_jobs(seconds: float) -> bool:
+    """Asks all jobs to stop and waits for them, so long at most; whether all have ended.
+
+    One that compiles cannot be stopped, and where it meets the end of Python it aborts it.
+    """
+    until = time.monotonic() + seconds
     for job in list(_STARTED):
         job.cancel()
     for job in list(_STARTED):
-        job.join(seconds)
+        job.join(max(until - time.monotonic(), 0.0))
+    return not any(job.runs for job in list(_STARTED))
 
 
 class BackgroundJob(Generic[Result]):

@@ -9,12 +9,12 @@ from .workbench import Workbench
 
 ADDRESS = "127.0.0.1"
 
-_PATIENCE = 60.0
+_PATIENCE = 20.0
 """Seconds for which what is being compiled is waited for at the end."""
 
 
-def serve(bench: Workbench, port: int, show: bool, said: Callable[[str], None]) -> None:
-    """Serves pages of `bench` until Ctrl-C ends it.
+def serve(bench: Workbench, port: int, show: bool, said: Callable[[str], None]) -> bool:
+    """Serves pages of `bench` until Ctrl-C ends it; whether all work that was begun on it has ended, too.
 
     **Arguments:** `port` 0 takes a free one; `show` opens a browser; `said` is told the address, as a line.
 
@@ -37,4 +37,5 @@ def serve(bench: Workbench, port: int, show: bool, said: Callable[[str], None]) 
         server.io_loop.start()
     finally:
         server.stop()
-        end_jobs(_PATIENCE)
+        ended = end_jobs(_PATIENCE)
+    return ended

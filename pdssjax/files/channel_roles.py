@@ -14,7 +14,7 @@ from ..core import InputError, factor
 from ..metrics import detect_waveform
 from .channel_samples import Clock, find_channel, open_file, read_samples
 from .readers.base import AbstractReader, Channel
-from .record_columns import Layout
+from .record_columns import Layout, scaled
 
 SI = {"time": "s", "voltage": "V", "displacement": "m", "velocity": "m/s"}
 """What is looked for, and its unit."""
@@ -25,7 +25,13 @@ _NAMES = {
     "displacement": ("displacement", "position", "weg", "x_", "motion"),
     "velocity": ("velocity", "speed", "geschwindigkeit", "v_"),
 }
-"""How names begin that are preferred to others of the same unit."""
+"""How names begin that are preferred to others of the same unit, or of none."""
+
+_SYMBOLS = {"time": ("t",), "voltage": ("u",), "displacement": ("x",), "velocity": ("xdot", "xd")}
+"""Names as they stand in equations, which arrays of MATLAB often have."""
+
+_TRIGGERS = ("trig", "sync", "ttl")
+"""What is in the names of channels that show when something began, and neither a drive nor a motion."""
 
 _OTHERS = {"N": "force", "m/s^2": "acceleration"}
 """What a study reads, too, but this does not guess."""
@@ -55,7 +61,7 @@ class Roles:
     channels: Mapping[str, Channel]
     """By quantity; no "time" where the file or an option keeps the clock, no "voltage" where none was recorded."""
     by_shape: frozenset[str]
-    """Quantities that were told from their samples alone: guesses."""
+    """Quantities that were told without a unit, by their samples and names: guesses."""
     layout: Layout
     """How a study reads them."""
 
@@ -79,7 +85,7 @@ def roles_of(file: Path, hints: Hints) -> Roles:
     wanted: dict[str, Callable[[Channel], bool]] = {
         "time": look.increases,
         "voltage": look.is_a_drive,
-        look.motion(): lambda channel: True,
+        look.motion(): look.may_move,
     }
     if clocked and "time" not in hints.columns:
         del wanted["time"]
@@ -98,7 +104,8 @@ def roles_of(file: Path, hints: Hints) -> Roles:
     except InputError as fault:
         faults.append(str(fault))
     if faults:
-        raise InputError("; ".join([faults[0], *(fault.removeprefix(f"{file}: ") for fault in faults[1:])]))
+        told = [faults[0], *(fault.removeprefix(f"{file}: ") for fault in faults[1:])]
+        raise InputError("; ".join(fault.removesuffix(".") for fault in told) + ".")
     columns = {quantity: name_for_study(channel, channels) for quantity, channel in chosen.items()}
     layout = Layout(columns, SI, hints.units, hints.scales, hints.interval, 0.0, hints.decimal)
     return Roles(file, chosen, frozenset(guessed), layout)
@@ -112,6 +119,21 @@ def name_for_study(channel: Channel, channels: Sequence[Channel]) -> str | int:
             if same == [channel] and name != str(channel.number):
                 return name
     return channel.number
+
+
+def _called(channel: Channel, quantity: str) -> bool:
+    """Whether a channel's name, the last part of its path, says the `quantity`."""
+    name = channel.name.rpartition("/")[2].strip().lower()
+    return name.startswith(_NAMES[quantity]) or name in _SYMBOLS[quantity]
+
+
+def _triggers(channel: Channel) -> bool:
+    return any(word in channel.name.lower() for word in _TRIGGERS)
+
+
+def _example_of_scale(quantity: str, channel: Channel) -> str:
+    usual = {"time": "s", "voltage": "V", "displacement": "um", "velocity": "mm/s"}[quantity]
+    return f'--scale "{quantity}=0.5 {usual}/{channel.unit}"'
 
 
 @dataclasses.dataclass
@@ -148,15 +170,15 @@ class _Look:
     def choose(
         self, quantity: str, chosen: dict[str, Channel], guessed: set[str], shaped: Callable[[Channel], bool]
     ) -> None:
-        """Puts the channel of a `quantity` into `chosen`, and where only its shape told it, into `guessed`."""
+        """Puts the channel of a `quantity` into `chosen`, and where no unit told it, into `guessed`."""
         if given := self.hints.columns.get(quantity):
             chosen[quantity] = find_channel(
                 self.reader, self.file, self.channels, int(given) if given.isdigit() else given
             )
             return
         left = [channel for channel in self.channels if channel not in chosen.values()]
-        fitting = [channel for channel in left if self._measures(channel, SI[quantity])]
-        named = [c for c in fitting if c.name.rpartition("/")[2].lower().startswith(_NAMES[quantity])]
+        fitting = [channel for channel in left if self._may_be(channel, quantity)]
+        named = [channel for channel in fitting if _called(channel, quantity)]
         if len(fitting) > 1 and quantity == "voltage":
             # A command and a monitor of it, both in volts: which is at the piezo only the user knows.
             named = named if len([channel for channel in fitting if shaped(channel)]) < 2 else []
@@ -164,23 +186,30 @@ class _Look:
             if len(candidates) == 1:
                 chosen[quantity] = candidates[0]
                 return
-        # Without units, or with several that fit, the shapes decide.
+        # Without units, or with several that fit, the shapes decide, and names.
         told = {channel for channel in left if channel.unit} - set(fitting)
         shapes = [channel for channel in named or fitting or [c for c in left if c not in told] if shaped(channel)]
-        if len(shapes) == 1:
-            chosen[quantity] = shapes[0]
-            guessed.add(quantity)
-            return
-        self._ask(quantity, shapes or left)
+        by_name = [channel for channel in shapes if not fitting and _called(channel, quantity)]
+        for candidates in (shapes, by_name):
+            if len(candidates) == 1:
+                chosen[quantity] = candidates[0]
+                guessed.add(quantity)
+                return
+        self._ask(quantity, shapes, left)
 
-    def _ask(self, quantity: str, candidates: Sequence[Channel]) -> None:
-        listed = ", ".join(f'{c.number}: "{c.name}"' + (f" [{c.unit}]" if c.unit else "") for c in candidates[:8])
-        none = ' (or "none": then --peak tells the voltage)' if quantity == "voltage" else ""
-        none = none or (', or --interval "50 us"' if quantity == "time" else "")
-        found = "several channels" if len(candidates) > 1 else "no channel"
+    def _ask(self, quantity: str, shapes: Sequence[Channel], left: Sequence[Channel]) -> None:
+        moving = shapes or [channel for channel in left if self.may_move(channel)] or left
+        listed = ", ".join(f'{c.number}: "{c.name}"' + (f" [{c.unit}]" if c.unit else "") for c in moving[:8])
+        more = {
+            "time": ', or --interval "50 us" with that between samples',
+            "voltage": ' (or "none": then --peak tells the voltage)',
+        }.get(quantity, "")
+        if moving and all(channel.unit and not self._may_be(channel, quantity) for channel in moving):
+            more += f", and --scale with the factor of its numbers, such as {_example_of_scale(quantity, moving[0])}"
+        found = "several channels" if len(shapes or ([] if quantity == "time" else moving)) > 1 else "no channel"
         raise InputError(
             f"{self.file}: found {found} that may be the {quantity} ({listed or 'none is left'}), "
-            f"expected --{quantity} with a name or a number{none}."
+            f"expected --{quantity} with a name or a number{more}."
         )
 
     def check_units(self, chosen: Mapping[str, Channel]) -> None:
@@ -195,6 +224,23 @@ class _Look:
             usual = SI | {"displacement": "um", "velocity": "mm/s"}
             options = " ".join(f"--unit {q}={usual[q]}" for q in missing)
             raise InputError(f"{self.file}: found no unit of {told}, expected options such as {options}.")
+        for quantity, channel in chosen.items():
+            if channel.unit and quantity not in self.hints.units and not self._may_be(channel, quantity):
+                raise InputError(
+                    f'{self.file}: found the {quantity} in channel {channel.number} ("{channel.name}") in '
+                    f'"{channel.unit}", expected --scale with the factor of its numbers, such as '
+                    f"{_example_of_scale(quantity, channel)}, or --unit with another unit."
+                )
+
+    def _may_be(self, channel: Channel, quantity: str) -> bool:
+        """Whether a channel's unit is one of the `quantity`, with the factor where one is given."""
+        given = self.hints.scales.get(quantity)
+        if given is None or not channel.unit:
+            return self._measures(channel, SI[quantity])
+        try:
+            return bool(scaled(given, channel.unit, SI[quantity], ""))
+        except InputError:
+            return False
 
     def _measures(self, channel: Channel, unit: str) -> bool:
         try:
@@ -212,8 +258,17 @@ class _Look:
         steps = np.diff(self._values(channel))
         return bool(steps.size > 2 and np.all(steps > 0) and np.ptp(steps) < 0.5 * np.median(steps))
 
+    def may_move(self, channel: Channel) -> bool:
+        """Whether a channel may show a motion: it changes, and is not called a trigger."""
+        if _triggers(channel):
+            return False
+        values = self._values(channel)
+        return bool(values.size and np.ptp(values) > 0)
+
     def is_a_drive(self, channel: Channel) -> bool:
         """Whether a channel has one of the waveforms, which a motion has not."""
+        if _triggers(channel):
+            return False
         values = self._values(channel)
         if values.size < 16 or np.ptp(values) == 0 or self.increases(channel):
             return False

@@ -6,8 +6,10 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from ..core import InputError, member, quantities
-from ..metrics import RecordGuess, guess_record
+from ..metrics import RUNNING, RecordGuess, guess_record
 from .channel_roles import Hints, Roles, roles_of
 from .record_columns import Columns, read_columns
 from .toml_text import quoted
@@ -23,6 +25,12 @@ from .unseen_flanks import (
 
 _HYSTERESIS = 0.01
 """Root mean square that a line of the voltage leaves of a platform, in parts of its motion, from which it is told."""
+
+_FEW = 0.05
+"""Part of a record's samples that may be no numbers, and are excluded."""
+
+_NOISY = 5e-4
+"""Part of a voltage that its noise may be before its samples are smoothed: elements of hysteresis follow the peaks."""
 
 _SLOW_TICKS = 2e-3
 """Interval [s] from which samples do not show how a platform rings."""
@@ -49,6 +57,13 @@ class NewRecord:
     name: str
     roles: Roles
     guess: RecordGuess
+    without: tuple[tuple[float, float], ...] = ()
+    """Stretches in which the file has no numbers, from when to when [s] on its clock: what the record excludes."""
+
+    @property
+    def left_out(self) -> int:
+        """Samples in these stretches."""
+        return sum(int(np.sum((self.guess.time > begin) & (self.guess.time < end))) for begin, end in self.without)
 
 
 def guess_file(file: Path, hints: Hints, told: Told) -> NewRecord:
@@ -59,11 +74,37 @@ def guess_file(file: Path, hints: Hints, told: Told) -> NewRecord:
     roles = roles_of(file, hints)
     if "voltage" not in roles.channels and told.peak is None:
         raise InputError(f'{file}: found no voltage, expected --peak with that of the drive, such as --peak "30 V".')
-    columns = read_columns(file, roles.layout)
+    read = read_columns(file, roles.layout)
+    columns, without = _filled(read, roles.motion)
     columns.check_numbers()
     if columns.data["time"].size < 16:
         raise InputError(f"{file}: found {columns.data['time'].size} samples, expected a record of 16 at least.")
-    return NewRecord(file.stem, roles, _guessed(file, columns, roles.motion, told))
+    guess = _guessed(file, columns, roles.motion, told)
+    if guess.waveform.name in ("sampled", "sine") and not np.all(np.isfinite(read.data["voltage"])):
+        # The samples themselves may be the drive then, and have to be known everywhere.
+        read.check_numbers()
+    return NewRecord(file.stem, roles, guess, without)
+
+
+def _filled(columns: Columns, motion: str) -> tuple[Columns, tuple[tuple[float, float], ...]]:
+    """The columns with samples that are no numbers filled from beside them, where they are few, and when those were."""
+    time = columns.data["time"]
+    wrong = ~np.all([np.isfinite(column) for column in columns.data.values()], axis=0)
+    if not wrong.any() or not np.all(np.isfinite(time)) or np.mean(wrong) > _FEW:
+        return columns, ()
+    known, data = np.flatnonzero(~wrong), dict(columns.data)
+    for quantity in set(data) - {"time"}:
+        # A motion keeps the steps in which its sensor counts.
+        last = known[np.maximum(np.searchsorted(known, np.arange(time.size), "right") - 1, 0)]
+        held = data[quantity][last]
+        between = np.interp(time, time[known], data[quantity][known])
+        data[quantity] = np.where(wrong, held if quantity == motion else between, data[quantity])
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], wrong, [False]]).astype(int)))
+    beside = 0.25 * float(np.median(np.diff(time)))
+    gaps = zip(edges[::2], edges[1::2] - 1, strict=True)
+    return dataclasses.replace(columns, data=data), tuple(
+        (float(time[a]) - beside, float(time[b]) + beside) for a, b in gaps
+    )
 
 
 def _guessed(file: Path, columns: Columns, quantity: str, told: Told) -> RecordGuess:
@@ -126,21 +167,30 @@ def study_text(records: Sequence[NewRecord], told: Told, folder: Path, title: st
         f"title = {quoted(title)}",
         "",
         "[actuator]",
-        f'piezo = "{piezo}"  # guess: {_WHY_PIEZO[piezo]}',
+        f"piezo = {piezo if piezo == LOOPS else quoted(piezo)}  # guess: {_WHY_PIEZO[piezo]}",
         f'friction = "{friction}"  # guess: {why}',
         "",
         "[parameters]",
         *_parameters(records, told, piezo, friction),
     ]
     for record in records:
-        parts += ["", *_record(record, told, folder)]
+        parts += ["", *_record(record, told, folder, piezo == LOOPS)]
     return "\n".join(parts) + "\n"
 
 
+LOOPS = (
+    '{ dynamics = "first-order", hysteresis = { law = "play", elements = 4, asymmetry = 3 }, creep = { elements = 2 } }'
+)
+"""The stack of records that are slow and show hysteresis: the motion is linear in all but three of its parameters."""
+
+_OF_LOOPS = ("gain", "time_constant", "play_*", "play_range", "asymmetry_*", "creep_*", "creep_time")
+"""Its parameters, as a study lists them."""
+
 _WHY_PIEZO = {
+    "bouc-wen": "the platform's motion is a loop of the voltage: hysteresis; stacks put together are others",
     "second-order": "the usual one; pdssjax models lists others",
     "static": "the records are too slow to show how the platform rings",
-    "bouc-wen": "the platform's motion is a loop of the voltage: hysteresis; creep and maxwell-slip are others",
+    LOOPS: "the platform's motion is a loop of the voltage: hysteresis, creep and a lag; see docs/study-file.md",
 }
 
 _WHY_FRICTION = {
@@ -159,7 +209,8 @@ def _laws(records: Sequence[NewRecord]) -> tuple[str, str]:
     loops = any(
         guess.hysteresis > _HYSTERESIS for guess in guesses if guess.waveform.name in ("sine", "triangle", "sampled")
     )
-    piezo = "bouc-wen" if loops and not fast else "second-order" if fast or walks else "static"
+    slow = ("bouc-wen" if walks else LOOPS) if loops else "second-order" if walks else "static"
+    piezo = "second-order" if fast else slow
     both = {guess.waveform.direction for guess in walks} >= {"forward", "backward"}
     return piezo, "anisotropic-lugre" if both else "simplified-lugre"
 
@@ -175,13 +226,10 @@ def _parameters(records: Sequence[NewRecord], told: Told, piezo: str, friction: 
             else "  # guess: WEIGH IT; with another, stiffness, damping and force scale alike"
         )
         lines.append(f'"effector.mass" = {{ value = "{mass}" }}{why}')
-    for field, declared in quantities(member("piezo", piezo)).items():
-        if declared.optional:
-            continue
-        slow = piezo == "bouc-wen" and field in ("natural_frequency", "damping_ratio")
-        given = {"natural_frequency": '{ value = "1 kHz" }', "damping_ratio": '{ value = "20 %" }'}.get(field, "{}")
-        why = "  # guess: the records are too slow to show it" if slow else ""
-        lines.append(f'"piezo.{field}" = {given if slow else "{}"}{why}')
+    if piezo == LOOPS:
+        lines += [f'"piezo.{field}" = {{}}' for field in _OF_LOOPS]
+    else:
+        lines += _piezo_parameters(piezo)
     if walks:
         lines += [
             f'"friction.{f}" = {{}}' for f, d in quantities(member("friction", friction)).items() if not d.optional
@@ -196,13 +244,26 @@ def _parameters(records: Sequence[NewRecord], told: Told, piezo: str, friction: 
     return [*lines, *open_parameters([(record.name, record.guess) for record in records])]
 
 
-def _record(record: NewRecord, told: Told, folder: Path) -> list[str]:
+def _piezo_parameters(piezo: str) -> list[str]:
+    lines: list[str] = []
+    for field, declared in quantities(member("piezo", piezo)).items():
+        if declared.optional:
+            continue
+        slow = piezo == "bouc-wen" and field in ("natural_frequency", "damping_ratio")
+        given = {"natural_frequency": '{ value = "1 kHz" }', "damping_ratio": '{ value = "20 %" }'}.get(field, "{}")
+        why = "  # guess: the records are too slow to show it" if slow else ""
+        lines.append(f'"piezo.{field}" = {given if slow else "{}"}{why}')
+    return lines
+
+
+def _record(record: NewRecord, told: Told, folder: Path, loops: bool) -> list[str]:
     guess, layout = record.guess, record.roles.layout
+    by_samples = loops and guess.waveform.name == "sine" and guess.volts is not None
     told_by = "" if told.measures else f"  # guess: {_WHY_MEASURES[guess.measures]}"
     columns = {q: name for q, name in layout.columns.items() if q != "voltage"}
     listed = ", ".join(f"{quantity} = {_value(name)}" for quantity, name in columns.items())
     shape = [q for q in ("time", "voltage", record.roles.motion) if q in record.roles.by_shape]
-    by_shape = f"  # guess: {' and '.join(shape)} told by the shape of the samples" if shape else ""
+    by_shape = f"  # guess: {', '.join(shape)} told by the samples and names" if shape else ""
     lines = [
         "[[record]]",
         f"name = {quoted(record.name)}",
@@ -225,10 +286,27 @@ def _record(record: NewRecord, told: Told, folder: Path) -> list[str]:
     start, why = guess.start, _WHY_START[guess.waveform.begins]
     if is_open(guess):
         start, why = early_start(guess), f"{why}, or later by sensor.delay"
+    if record.without:
+        pairs = ", ".join(f'["{begin:.12g} s", "{end:.12g} s"]' for begin, end in record.without)
+        lines.append(f"exclude = [{pairs}]  # guess: the file has no numbers there")
     if is_open(guess) or is_unsure(guess):
         lines.append(f"conditions = [{quoted(condition_of(record.name))}]")
+    if by_samples and guess.waveform.begins == "running":
+        start, why = float(guess.time[0]), "the first sample; what ran before is in the conditioning"
+        period = 1.0 / guess.waveform.numbers["frequency"]
+        ran = f"{{ cycles = {RUNNING}, period = {quoted(f'{period:.10g} s')} }}"
+        lines.append(f"conditioning = {ran}  # guess: {_WHY_START['running']}")
     lines += [f'start = "{start:.12g} s"  # guess: {why}'] * (start != 0)
-    return [*lines, *_drive(record)]
+    return [*lines, *(_sampled_sine(record) if by_samples else _drive(record))]
+
+
+def _sampled_sine(record: NewRecord) -> list[str]:
+    """The samples of a sine, as the drive: straight lines between them are known in closed form, a sine is not."""
+    wave = record.guess.waveform
+    volts, hertz = wave.numbers["voltage"], wave.numbers["frequency"]
+    smooth = f', smooth = "{1e3 / (100.0 * hertz):.4g} ms"' if wave.misfit > _NOISY else ""
+    why = f"a sine of {volts:.10g} V and {hertz:.10g} Hz leaves {100 * max(wave.misfit, 1e-4):.2g} % of them"
+    return [f"{_of_samples(record)}{smooth} }}  # guess: {why}; hysteresis under them is quicker to compute"]
 
 
 _WHY_MEASURES = {
@@ -269,13 +347,7 @@ def _scale(guess: RecordGuess, given: float | str | None) -> list[str]:
 def _drive(record: NewRecord) -> list[str]:
     wave = record.guess.waveform
     if wave.name == "sampled":
-        layout = record.roles.layout
-        scale = f", scale = {_value(layout.scales['voltage'])}" if "voltage" in layout.scales else ""
-        column = _value(layout.columns["voltage"])
-        return [
-            f'drive = {{ waveform = "sampled", column = {column}{scale} }}  # guess: no waveform explains it, '
-            "so its samples are the drive"
-        ]
+        return [f"{_of_samples(record)} }}  # guess: no waveform explains it, so its samples are the drive"]
     units = {"voltage": "V", "bias": "V", "phase": "rad", "frequency": "Hz", "fall_time": "s", "rise_time": "s"}
     keys = [f'waveform = "{wave.name}"'] + [f'direction = "{wave.direction}"'] * bool(wave.direction)
     keys += ['told_by = "slope"'] * (is_open(record.guess) and wave.name == "sawtooth")
@@ -290,6 +362,12 @@ def _drive(record: NewRecord) -> list[str]:
     )
     bounds = "".join(f"; {bound}" for bound in wave.uncertain)
     return [f"drive = {{ {', '.join(keys)} }}  # guess: {left}{bounds}"]
+
+
+def _of_samples(record: NewRecord) -> str:
+    layout = record.roles.layout
+    scale = f", scale = {_value(layout.scales['voltage'])}" if "voltage" in layout.scales else ""
+    return f'drive = {{ waveform = "sampled", column = {_value(layout.columns["voltage"])}{scale}'
 
 
 def _value(given: float | str) -> str:

@@ -112,7 +112,7 @@ def _factor(file: Path, layout: Layout, quantity: str, channel: Channel) -> floa
     told, ending = layout.units.get(quantity) or channel.unit, column_unit(channel.name)
     if quantity in layout.scales:
         # "U_mon" ends in no unit, and with a scale needs none.
-        return _scaled(layout.scales[quantity], told or unit_named(ending), si, f"{where}: scale")
+        return scaled(layout.scales[quantity], told or unit_named(ending), si, f"{where}: scale")
     if name := told or ending:
         return factor(name, si, where)
     like = quantity if channel.name == str(channel.number) else channel.name
@@ -121,7 +121,7 @@ def _factor(file: Path, layout: Layout, quantity: str, channel: Channel) -> floa
     )
 
 
-def _scaled(scale: float | str, unit: str, si: str, where: str) -> float:
+def scaled(scale: float | str, unit: str, si: str, where: str) -> float:
     """A `scale` such as "0.5 um/V" of numbers in a `unit` such as "V"; of numbers without one, volts or none."""
     number, per = split_text(scale, where) if isinstance(scale, str) else (float(scale), "")
     if number == 0 or not math.isfinite(number):

@@ -1,5 +1,6 @@
 """Writes a study anew with other numbers: starts of what is free, values of what is fixed, drives of records."""
 
+import math
 import os
 import re
 import tempfile
@@ -65,13 +66,17 @@ def _text(
     values: Mapping[str, float],
     drives: Mapping[str, Mapping[str, float | str]],
 ) -> str:
-    before = source.read_text(encoding="utf-8-sig")
+    before, known = source.read_text(encoding="utf-8-sig"), load_study(source).parameters
     document = tomlkit.parse(re.sub(rf"\A{re.escape(_HEAD)}.*\n", "", before))
     parameters: Document = document["parameters"]
     for path, number in values.items():
+        told = known.get(path)
+        if told is not None and told.number is not None and math.isclose(told.number, number, rel_tol=1e-12):
+            continue  # as it was written, with its unit
         if path not in parameters:
+            # Free where a name with a star in it says so of several.
             parameters[path] = tomlkit.inline_table()
-            parameters[path]["value"] = number
+            parameters[path]["start" if told is not None and told.free else "value"] = number
         entry = parameters[path]
         if "standard_error" not in entry:  # what was measured apart stays what it was
             entry["value" if "value" in entry else "start"] = number

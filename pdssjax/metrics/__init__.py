@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from .pure_error import LackOfFit as LackOfFit
     from .pure_error import lack_of_fit as lack_of_fit
     from .pure_error import split_by_phase as split_by_phase
+    from .record_guess import RUNNING as RUNNING
     from .record_guess import RecordGuess as RecordGuess
     from .record_guess import gain_of as gain_of
     from .record_guess import guess_record as guess_record
@@ -76,7 +77,7 @@ else:
             "motion_against_voltage": ["goes_against", "rides_against"],
             "outlying_samples": ["outliers"],
             "pure_error": ["CycleSplit", "LackOfFit", "lack_of_fit", "split_by_phase"],
-            "record_guess": ["RecordGuess", "gain_of", "guess_record"],
+            "record_guess": ["RUNNING", "RecordGuess", "gain_of", "guess_record"],
             "residual_split": ["ResidualSplit", "split_residuals"],
             "sample_noise": ["neighbour_scatter", "scatter_floor"],
             "sensor_resolution": ["resolution_of"],

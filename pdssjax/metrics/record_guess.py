@@ -30,7 +30,7 @@ _UNLIKE = 0.04
 _ROUNDED = 5e-4
 """Part of a frequency found in a motion by which it may be rounded, if its error allows that."""
 
-_RUNNING = 2
+RUNNING = 2
 """Cycles for which a drive that ran before the record is taken to have run."""
 
 
@@ -110,7 +110,7 @@ def guess_record(
     resolution = resolution_of(measured)
     start = waveform.start
     if waveform.begins == "running" and waveform.name != "sampled":
-        start -= _RUNNING / waveform.numbers["frequency"]
+        start -= RUNNING / waveform.numbers["frequency"]
     return RecordGuess(
         time=time,
         motion=-motion if against else motion,

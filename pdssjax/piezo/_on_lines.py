@@ -119,7 +119,11 @@ def inside_lines(
     arguments = lines, begins, elapsed
     if elapsed.size <= TOGETHER:
         return jax.vmap(of_sample)(arguments)
-    return lax.map(of_sample, arguments, batch_size=TOGETHER)
+    # What a stack does not have is no part of the map, which refuses arrays without elements.
+    has = [begin.shape[-1] > 0 for begin in begins]
+    kept = lambda at: [part for part, there in zip(of_sample(at), has, strict=True) if there]
+    parts = iter(lax.map(kept, arguments, batch_size=TOGETHER))
+    return Moment(*(next(parts) if there else begin for begin, there in zip(begins, has, strict=True)))
 
 
 def _free(dynamics: AbstractDynamics, state: Float[Array, " q"], time: ScalarLike) -> Float[Array, " q"]:

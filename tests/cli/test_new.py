@@ -7,9 +7,11 @@ import fastjsonschema
 import instrument_files
 import numpy as np
 import pytest
+from walk_files import text_of
 
 from pdssjax import InputError, load_study
 from pdssjax.cli import main as cli
+from pdssjax.drive.sampled import Sampled
 from pdssjax.files import EXAMPLE, Hints, Told, guess_file
 from pdssjax.files.new_study import study_text
 from pdssjax.files.study_schema import study_schema
@@ -143,10 +145,31 @@ def test_a_platform_with_hysteresis_is_told_from_an_end_effector(tmp_path):
     assert wave.numbers == {"voltage": pytest.approx(3.6, rel=1e-2), "frequency": pytest.approx(1.0, rel=1e-3)}
     assert found.guess.start % 1.0 == pytest.approx(0.75, abs=0.005) and found.guess.start < 0.0
     text = study_text([found], Told(), tmp_path, "loops")
-    assert 'piezo = "bouc-wen"' in text and '"piezo.natural_frequency" = { value =' in text
+    assert 'piezo = { dynamics = "first-order", hysteresis = ' in text and '"piezo.play_*" = {}' in text
     assert "friction." not in text and "effector." not in text
     (tmp_path / "study.toml").write_text(text, encoding="utf-8")
-    assert load_study(tmp_path / "study.toml").records[0].measures == "platform"
+    (record,) = load_study(tmp_path / "study.toml").records
+    assert record.measures == "platform"
+    # Straight lines between the samples are quick to compute; the sine that ran before is repeated.
+    assert "conditioning = { cycles = 2" in text and isinstance(record.drive, Sampled)
+    np.testing.assert_allclose(np.asarray(record.drive.at(record.time)), found.guess.volts, atol=1e-9)
+    np.testing.assert_allclose(record.time - record.time[0], found.guess.time - found.guess.time[0], atol=1e-9)
+    assert record.time[0] == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize(("noise", "smoothed"), [(0.0, False), (0.03, True)])
+def test_a_noisy_voltage_under_hysteresis_is_smoothed(tmp_path, noise, smoothed):
+    hysteresis(tmp_path / "loops.csv")
+    table = np.loadtxt(tmp_path / "loops.csv", delimiter=",", skiprows=1)
+    table[:, 1] += noise * np.random.default_rng(3).normal(size=len(table))
+    np.savetxt(tmp_path / "loops.csv", table, fmt="%.6f", delimiter=",", header="time_s,voltage_V,x_um", comments="")
+    text = study_text([guess_file(tmp_path / "loops.csv", Hints({}, {}, {}), Told())], Told(), tmp_path, "loops")
+    assert ('smooth = "10 ms"' in text) == smoothed
+    (tmp_path / "study.toml").write_text(text, encoding="utf-8")
+    (record,) = load_study(tmp_path / "study.toml").records
+    late = slice(200, -200)
+    left = np.asarray(record.drive.at(record.time)) - 1.8 - 1.8 * np.sin(2 * np.pi * table[:, 0])
+    assert np.std(left[late]) < max(0.45 * noise, 1e-6)
 
 
 def test_a_sine_that_sets_in_with_the_record_has_a_phase(tmp_path):
@@ -181,10 +204,6 @@ BARE = "".join(f"{k * 1e-4:.4f},{k % 40},{(k % 40) ** 1.5:.3f}\n" for k in range
 TIME = 1e-4 * np.arange(4000)
 RINGS = 50.0 * np.mod(10.0 * TIME, 1.0)
 RINGING = 0.1 * RINGS - 5.0 * np.exp(-20.0 * np.mod(TIME, 0.1)) * np.cos(600.0 * np.mod(TIME, 0.1))
-
-
-def text_of(header, *columns):
-    return header + "\n" + "".join(",".join(f"{cell:.6f}" for cell in row) + "\n" for row in zip(*columns, strict=True))
 
 
 QUESTIONS = {
@@ -287,55 +306,6 @@ def test_what_should_not_be_overlooked_is_said(tmp_path, capsys, monkeypatch):
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 2 and "600 samples make a slow fit" in lines[0]
     assert "um/V, more than a stack moves" in lines[1] and "--scale voltage=20" in lines[1]
-
-
-def walk_of(volts_per_um, gain=1e-7):
-    """A sawtooth of 60 V, 20 Hz, and an end-effector that sticks on its slow flanks, as a sensor in volts shows it."""
-    time = 1e-4 * np.arange(6000)
-    turn = 20.0 * time
-    volts = 60.0 * np.mod(turn, 1.0)
-    moved = 1e6 * gain * (volts + 20.0 * np.floor(turn))
-    return time, volts, volts_per_um * moved
-
-
-@pytest.mark.parametrize(
-    ("volts_per_um", "scale", "told"),
-    [
-        (200.0, "displacement=5 um/V", ["more than a stack moves", "--unit displacement=mV"]),
-        (2e-4, "displacement=5 um/V", ["less than a stack moves"]),
-        (0.2, "displacement=5 um/V", []),
-    ],
-)
-def test_a_wrong_scale_of_an_end_effector_is_questioned(tmp_path, capsys, volts_per_um, scale, told):
-    (tmp_path / "run.csv").write_text(text_of("t,U_mon,sensor", *walk_of(volts_per_um)))
-    options = ["--time", "1", "--voltage", "U_mon", "--displacement", "sensor", "--unit", "time=s", "--mass", "86 g"]
-    options += ["--unit", "voltage=V", "--scale", scale]
-    assert cli.main(["new", str(tmp_path / "rig"), "--files", str(tmp_path / "run.csv"), *options]) == 0
-    errors = capsys.readouterr().err
-    assert all(part in errors for part in told) and bool(errors) == bool(told)
-
-
-def test_a_name_that_ends_in_no_unit_may_have_a_scale(tmp_path):
-    time, volts, motion = walk_of(0.2)
-    (tmp_path / "run.csv").write_text(text_of("t,U_mon,sensor", time, volts / 20.0, motion))
-    hints = Hints(
-        {"voltage": "U_mon", "displacement": "sensor"}, {"time": "s"}, {"voltage": 20.0, "displacement": "5 um/V"}
-    )
-    found = guess_file(tmp_path / "run.csv", hints, Told())
-    assert found.guess.waveform.numbers["voltage"] == pytest.approx(60.0, rel=1e-3)
-
-
-def test_one_file_is_asked_about_once_for_all(tmp_path):
-    time, volts, motion = walk_of(0.2)
-    trigger = 5.0 * (time > 0.1)
-    (tmp_path / "run.csv").write_text(
-        text_of("t,U_mon,platform,slider,trigger", time, volts, motion, motion[::-1], trigger)
-    )
-    with pytest.raises(InputError) as asked:
-        guess_file(tmp_path / "run.csv", Hints({}, {}, {}), Told())
-    for question in ("--voltage", "--displacement", "--unit time=s"):
-        assert question in str(asked.value)
-    assert str(asked.value).count("run.csv") == 1
 
 
 def test_the_command_asks_all_its_questions_at_once_and_writes_nothing(tmp_path, capsys):

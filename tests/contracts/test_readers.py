@@ -7,7 +7,7 @@ import instrument_files as made
 import numpy as np
 import pytest
 
-from pdssjax import InputError
+from pdssjax import InputError, InputWarning
 from pdssjax.core import factor, member, members
 from pdssjax.files.channel_samples import Clock, find_channel, open_file, read_samples
 from pdssjax.files.readers import base
@@ -140,6 +140,7 @@ def test_a_broken_file_is_refused_in_one_line(tmp_path, ending, content, expecte
     assert expected in message and ("expected" in message or "empty" in message)
 
 
+@pytest.mark.filterwarnings("ignore:.*the file ends before its samples do:pdssjax.core.errors.InputWarning")
 @pytest.mark.parametrize("name", made.BINARIES)
 def test_a_file_cut_short_is_refused_or_read_as_far_as_it_goes(tmp_path, name):
     file = written(tmp_path, name)
@@ -152,6 +153,18 @@ def test_a_file_cut_short_is_refused_or_read_as_far_as_it_goes(tmp_path, name):
         assert str(error).startswith(f"{file}: found") and "\n" not in str(error)
     else:
         np.testing.assert_allclose(read[:, 0], made.TIME[: len(read)], atol=1e-12)
+
+
+def test_a_tdms_file_that_was_broken_off_says_so_in_one_line(tmp_path, capfd):
+    nptdms = pytest.importorskip("nptdms")
+    file = tmp_path / "run.tdms"
+    with nptdms.TdmsWriter(file) as stored:
+        stored.write_segment([nptdms.ChannelObject("run", name, np.arange(500.0)) for name in "ab"])
+    file.write_bytes(file.read_bytes()[:-4100])
+    with pytest.warns(InputWarning, match='what is there is read, which is nothing of "run/b"'):
+        (channel,) = open_file(file).channels()
+    assert channel.name == "run/a" and 400 < channel.samples < 500
+    assert capfd.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize(

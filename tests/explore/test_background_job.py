@@ -1,8 +1,11 @@
 """Jobs in a thread: lines and results come back, and a request to stop is raised once."""
 
+import subprocess
+import sys
 import threading
 
 import pytest
+from walking_study import write_walking
 
 from pdssjax import InputError
 from pdssjax.explore.background_job import BackgroundJob, end_jobs
@@ -72,5 +75,33 @@ def test_all_jobs_end_where_the_page_does():
 
     job = BackgroundJob(work, lambda line: None, lambda result, error: errors.append(error))
     assert begun.wait(10)
-    end_jobs(10)
+    assert end_jobs(10)
     assert not job.runs and isinstance(errors[0], KeyboardInterrupt)
+
+
+DEAF = """
+import threading
+import pdssjax.explore as page
+from pdssjax.cli import main
+from pdssjax.explore import server
+from pdssjax.explore.background_job import BackgroundJob
+
+begun, server._PATIENCE = threading.Event(), 0.1
+
+
+def serve(bench, port, show, said):
+    BackgroundJob(lambda report: begun.set() or threading.Event().wait(), said, lambda *found: None)
+    assert begun.wait(10)
+    return server.end_jobs(server._PATIENCE)
+
+
+page.serve = serve
+print(main.main(["explore", "study.toml", "--guess", "--no-browser"]))
+"""
+
+
+@pytest.mark.slow
+def test_work_that_cannot_be_stopped_does_not_keep_the_command_from_ending_well(tmp_path):
+    write_walking(tmp_path)
+    ended = subprocess.run([sys.executable, "-c", DEAF], cwd=tmp_path, timeout=120, capture_output=True, text=True)
+    assert (ended.returncode, ended.stdout) == (0, ""), ended.stderr

@@ -33,6 +33,28 @@ def test_starts_values_bounds_and_drives_are_kept_or_changed(source, tmp_path):
         assert (one.noise, one.offset, one.role) == (other.noise, other.offset, other.role)
 
 
+def test_numbers_that_were_not_turned_stand_as_they_were_written(source, tmp_path):
+    before = load_study(source)
+    same = {path: parameter.number for path, parameter in before.parameters.items() if parameter.number is not None}
+    text = save_study(source, tmp_path / "rig" / "same.toml", same, {}).read_text()
+    assert text.partition("\n")[2] == source.read_text()
+
+
+def test_one_of_several_that_a_star_frees_stays_free(source, tmp_path):
+    loops = (
+        source.read_text()
+        .replace(
+            'piezo = "second-order"',
+            'piezo = { dynamics = "second-order", hysteresis = { law = "play", elements = 2 } }',
+        )
+        .replace("[parameters]", '[parameters]\n"piezo.play_*" = {}\n"piezo.play_range" = { value = 10 }')
+    )
+    (tmp_path / "rig" / "loops.toml").write_text(loops)
+    made = save_study(tmp_path / "rig" / "loops.toml", tmp_path / "rig" / "made.toml", {"piezo.play_2": 1e-8}, {})
+    assert load_study(made).parameters["piezo.play_2"].free
+    assert load_study(made).parameters["piezo.play_2"].start == 1e-8
+
+
 def test_nothing_is_overwritten_unasked(source, tmp_path):
     target = tmp_path / "new.toml"
     target.write_text("mine")

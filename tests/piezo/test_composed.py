@@ -143,6 +143,15 @@ def test_a_composed_stack_moves_as_numpy_makes_it_move(name):
     np.testing.assert_allclose(predict(stack, times), expected[::60], rtol=0.0, atol=2e-6 * np.ptp(expected))
 
 
+@pytest.mark.parametrize("name", ["static+play-4+creep-2", "first-order+play-3", "second-order+creep-1"])
+def test_a_long_record_of_a_stack_without_one_of_its_parts_is_that_of_a_few_samples(name):
+    """Mechanics, elements or creep that are not there are arrays without elements, which a map over samples refuses."""
+    stack = stack_class(name)(**{key: field.nominal for key, field in quantities(stack_class(name)).items()})
+    often = jnp.linspace(0.0, TIMES[-1], 16 * 64 + 1)
+    found = jax.jit(shown)(stack, often)
+    np.testing.assert_allclose(found[::16], jax.jit(shown)(stack, often[::16]), rtol=0.0, atol=1e-15)
+
+
 @pytest.mark.parametrize("name", ["second-order+play-4+asymmetry-3+creep-2", "second-order+maxwell-slip-2"])
 def test_what_rides_on_a_composed_stack_moves_as_scipy_makes_it_move(name):
     """With the contact's reaction on the platform, whose hysteresis stays the voltage's."""
