@@ -133,5 +133,8 @@ def _notes(parameter: FittedParameter, problem: Problem, ends: tuple[End, ...]) 
                 "in SI."
             )
         elif end.verdict == Verdict.LOST:
-            notes.append(f"{what} was not found: chi-square has a discontinuity on the way, or bends too much.")
+            notes.append(
+                f"{what} was not found: chi-square has a discontinuity on the way, bends too much, or cannot be "
+                "simulated there."
+            )
     return notes
