@@ -42,6 +42,7 @@ def loops(folder, text):
     return pdssjax.load_study(folder / "study.toml")
 
 
+@pytest.mark.slow
 def test_a_wrong_law_is_no_success_and_the_report_says_that_the_law_lacks_something(tmp_path):
     """Coulomb's force jumps where the bristles give way over 50 um."""
     estimate = pdssjax.identify(loops(tmp_path, head("coulomb", "f_c")))
@@ -71,6 +72,7 @@ drive = { waveform = "sine", voltage = "100 V", frequency = "50 Hz" }
 )
 
 
+@pytest.mark.slow
 def test_a_parameter_too_many_is_named_with_those_that_it_goes_with(tmp_path):
     """From displacement alone mass and force are told by their ratio only."""
     time = np.arange(0.0, 0.1, 2e-4)

@@ -154,9 +154,10 @@ def _document(replicate: Replicate) -> Document:
 
 
 def _from_document(entry: Document, size: int) -> Replicate:
-    replicate = Replicate(entry["number"], np.array(entry["free"], float), entry["success"], entry["message"])
-    if not isinstance(replicate.number, int) or not isinstance(replicate.success, bool):
-        raise TypeError(f"number = {replicate.number!r}, success = {replicate.success!r}")
-    if replicate.free.shape != (size,):
-        raise ValueError(f"{replicate.free.size} numbers for {size} parameters in replicate {replicate.number}")
-    return replicate
+    for key, kind in (("number", int), ("success", bool), ("message", str)):
+        if not isinstance(entry[key], kind):
+            raise TypeError(f"{key} = {entry[key]!r}")
+    free = np.array(entry["free"], float)
+    if free.shape != (size,):
+        raise ValueError(f"{free.size} numbers for {size} parameters in replicate {entry['number']}")
+    return Replicate(entry["number"], free, entry["success"], entry["message"])

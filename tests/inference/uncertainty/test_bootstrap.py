@@ -167,7 +167,7 @@ def test_a_wrong_drawing_is_refused(wrong, said):
 @pytest.mark.parametrize(
     ("entry", "said"),
     [
-        ({"number": 0}, "draws in memory: replicates: found no 'free', expected what a run of this version"),
+        ({"number": 0}, "draws in memory: replicates: found no 'success', expected what a run of this version"),
         ({"chain": 0, "block": 0}, "found no 'number'"),
         ({"number": 0, "free": [1.0], "success": True, "message": ""}, "1 numbers for 2 parameters in replicate 0"),
         ({"number": 0, "free": ["a", "b"], "success": True, "message": ""}, "could not convert"),
