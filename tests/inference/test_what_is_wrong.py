@@ -96,7 +96,7 @@ def test_a_parameter_too_many_is_named_with_those_that_it_goes_with(tmp_path):
 
 @pytest.mark.slow
 def test_profiles_of_records_have_verdicts_of_every_kind(tmp_path):
-    """Of a damping whose error is its own size the upper end is told; of a force held by the study neither."""
+    """Of a damping whose error is its own size the upper end is told; a force at the study's bound has a lower one."""
     text = head("simplified-lugre", "sigma0", "sigma1", "f_ss")
     study = loops(tmp_path, text)
     truth = {"friction.sigma0": STIFFNESS, "friction.sigma1": 15.0, "friction.f_ss": LEVEL}
@@ -109,6 +109,8 @@ def test_profiles_of_records_have_verdicts_of_every_kind(tmp_path):
     assert verdicts["friction.sigma0"] == "bounded"
     assert verdicts["friction.sigma1"] == "one-sided: only an upper end"
     low, high = estimate.parameters["friction.sigma1"].interval
-    assert low == 0.0 and 30.0 < high < 100.0
-    (line,) = [line for line in format_report(estimate).splitlines() if "held by a bound" in line]
-    assert line.split()[0] == "friction.f_ss"
+    assert low == 0.0 and 15.0 < high < 100.0
+    assert verdicts["friction.f_ss"] == "held by a bound: upper end"
+    low, high = estimate.parameters["friction.f_ss"].interval
+    assert estimate.parameters["friction.f_ss"].at_bound and high == pytest.approx(LEVEL - 0.01)
+    assert LEVEL - 0.02 < low < high

@@ -10,7 +10,7 @@ from ._layout import aligned_table, heading
 def format_profiles(profiles: Sequence[Profile], parameters: Mapping[str, FittedParameter]) -> str:
     """One line a parameter: the verdict, and how far both ends lie from where the standard error puts them.
 
-    Free parameters without a profile are there, too: held by a bound at the estimate, or without information.
+    Free parameters without a profile are there, too, held by a bound at the estimate or without information.
     """
     rows = [["", "verdict", "below", "above", "quality"]]
     for profile in profiles:
