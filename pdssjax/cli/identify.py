@@ -73,10 +73,14 @@ def _intervals_of(method: "Method", asked: "Intervals") -> "Intervals":
 
 
 def _possible(study: "Study") -> "list[Method]":
-    """The ways to identify a study; says why without the peaks, where its records do not show them."""
-    from ..core import InputError
-    from ..inference import pick_peaks
+    """The ways to identify a study; says why without the peaks, where its records do not show them.
 
+    **Raises:** `InputError` where they allow no two of them.
+    """
+    from ..core import InputError
+    from ..inference import check_method, pick_peaks
+
+    check_method(study, "sequential")
     try:
         pick_peaks(study)
     except InputError as error:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from .display_units import strongest_pairs as strongest_pairs
     from .errors import InputError as InputError
     from .errors import InputWarning as InputWarning
+    from .errors import check_whole as check_whole
     from .errors import nearest as nearest
     from .families import member as member
     from .families import member_name as member_name
@@ -63,9 +64,14 @@ else:
                 *("Display", "LENGTH", "MICROMETRES", "VELOCITY", "decimals_for", "display_unit"),
                 *("percent", "rounded", "strongest_pairs"),
             ],
+<<<<<<< HEAD
             "errors": ["InputError", "InputWarning", "nearest"],
             "families": ["member", "member_name", "members", "told_by"],
             "garbage": ["seldom_look_for_garbage"],
+=======
+            "errors": ["InputError", "InputWarning", "check_whole", "nearest"],
+            "families": ["member", "member_name", "members"],
+>>>>>>> h3
             "jax_setup": ["need_double_precision", "prepare_jax"],
             "notebook": ["clear_bar", "counted_in_notebook", "draw_in_notebook", "told_in_notebook"],
             "physical_quantity": [

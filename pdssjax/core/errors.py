@@ -27,3 +27,13 @@ def nearest(name: str, known: Iterable[str]) -> str:
         return "expected nothing here."
     listed = ", ".join(f'"{k}"' for k in known)
     return f"expected {'one of ' if len(known) > 1 else ''}{listed}."
+
+
+def check_whole(name: str, number: object, least: int, most: int | None = None) -> None:
+    """**Raises** `InputError` where a `number` is no integer from `least` to `most`."""
+    if isinstance(number, bool) or not isinstance(number, int):
+        raise InputError(f"{name}: found {number!r}, expected an integer.")
+    if number < least:
+        raise InputError(f"{name}: found {number}, expected {f'at least {least}' if least else '0 or more'}.")
+    if most is not None and number > most:
+        raise InputError(f"{name}: found {number}, expected at most {most}.")

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ..core import Document, InputError
 
-FORMAT = "pdssjax-draws/2"
+FORMAT = "pdssjax-draws/3"
 
 DRAWS = "draws.jsonl"
 """The file in a folder of results (`results_folder` knows it)."""
@@ -31,6 +31,9 @@ class DrawsFile:
         self._entries: list[Document] = []
         if resume:
             self._read()
+
+    def __str__(self) -> str:
+        return str(self._file)
 
     def begun(self) -> Document | None:
         return self._begun

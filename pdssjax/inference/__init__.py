@@ -8,10 +8,13 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from .covariance import least_squares_covariance as least_squares_covariance
     from .covariance import propagated as propagated
+    from .draws import MOST_DRAWN as MOST_DRAWN
+    from .draws import MOST_STARTS as MOST_STARTS
     from .draws import Drawing as Drawing
     from .draws import Store as Store
     from .identification import FitInterrupted as FitInterrupted
     from .identification import Intervals as Intervals
+    from .identification import check_method as check_method
     from .identification import identify as identify
     from .initial_values.guess import initial_guess as initial_guess
     from .initial_values.search import guess_starts as guess_starts
@@ -44,9 +47,9 @@ else:
         __name__,
         {
             "covariance": ["least_squares_covariance", "propagated"],
-            "draws": ["Drawing", "Store"],
+            "draws": ["Drawing", "MOST_DRAWN", "MOST_STARTS", "Store"],
             "solver.ending": ["Ending", "SUCCESSES"],
-            "identification": ["FitInterrupted", "Intervals", "identify"],
+            "identification": ["FitInterrupted", "Intervals", "check_method", "identify"],
             "uncertainty.influence": ["curvature_of", "influence_of", "principal_directions"],
             "initial_values.guess": ["initial_guess"],
             "initial_values.search": ["guess_starts"],

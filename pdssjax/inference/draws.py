@@ -1,11 +1,12 @@
 """How intervals by drawing are asked for, and where the draws are kept."""
 
+import contextlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, as_completed
 from dataclasses import dataclass, field
 from typing import Literal, Protocol, TypeAlias, TypeVar
 
-from ..core import Document, InputError
+from ..core import Document, InputError, check_whole
 
 Resampled: TypeAlias = Literal["noise", "cycles"]
 """What a bootstrap draws: white noise of the size found, or whole cycles of the residuals."""
@@ -15,9 +16,15 @@ Result = TypeVar("Result")
 
 REPLICATES, DRAWS, CHAINS = 1000, 1000, 4
 
+MOST_DRAWN = 1_000_000
+"""Replicates, or draws of a chain; more are a slip of the keyboard."""
+
+MOST_STARTS = 100_000
+"""The same of fits from other starts."""
+
 
 class Store(Protocol):
-    """Where draws are kept, so that a run that is broken off can go on."""
+    """Where draws are kept, so that a run that is broken off can go on; as a string, the name of that place."""
 
     def begun(self) -> Document | None:
         """What `begin` was told by the run that goes on; None where this is a new one."""
@@ -42,6 +49,9 @@ class InMemory:
     def __init__(self):
         self._begun: Document | None = None
         self._entries: list[Document] = []
+
+    def __str__(self) -> str:
+        return "draws in memory"
 
     def begun(self) -> Document | None:
         return self._begun
@@ -69,10 +79,9 @@ class Drawing:
     store: Store = field(default_factory=InMemory)
 
     def __post_init__(self):
-        if self.count is not None and self.count < 2:
-            raise InputError(f"count: found {self.count}, expected at least 2 draws.")
-        if self.seed < 0:
-            raise InputError(f"seed: found {self.seed}, expected 0 or more.")
+        if self.count is not None:
+            check_whole("count", self.count, 2, MOST_DRAWN)
+        check_whole("seed", self.seed, 0)
         if self.resampled not in ("noise", "cycles"):
             raise InputError(f'resampled: found "{self.resampled}", expected "noise" or "cycles".')
 
@@ -94,11 +103,35 @@ def each_done(
             future.cancel()
 
 
-def same_run(begun: Mapping[str, object], asked: Mapping[str, object]) -> None:
-    """**Raises** `InputError` where a run cannot go on, since what is asked differs from what was begun."""
-    for name, value in asked.items():
-        if begun.get(name) != value:
+def same_run(begun: Mapping[str, object], asked: Mapping[str, object], where: str = "") -> None:
+    """**Raises** `InputError` where a run cannot go on, since what is asked differs from what was begun.
+
+    **Arguments:** `where` in both these are parts of, for messages.
+    """
+    for name in dict.fromkeys([*asked, *(begun if where else ())]):
+        value, before, place = asked.get(name), begun.get(name), f"{where}{name}: "
+        if isinstance(value, dict) and isinstance(before, dict):
+            same_run(before, value, place)
+        elif before != value:
             raise InputError(
-                f"{name}: found {value!r} where the run that should go on has {begun.get(name)!r}; "
+                f"{place}found {_in_short(value)} where the run that should go on has {_in_short(before)}; "
                 "expected the same, or a new run."
             )
+
+
+def _in_short(value: object) -> str:
+    return "nothing" if value is None else f"a table of {len(value)}" if isinstance(value, dict) else repr(value)
+
+
+@contextlib.contextmanager
+def reading(store: Store, what: str) -> Iterator[None]:
+    """Says in a line that `what` a `store` has kept is not what a run wrote.
+
+    **Raises:** `InputError` in place of whatever wrong types, keys and shapes raise within it.
+    """
+    try:
+        yield
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        found = f"no {error}" if isinstance(error, KeyError) else str(error)
+        expected = "expected what a run of this version of pdssjax wrote; begin anew without --resume"
+        raise InputError(f"{store}: {what}: found {found}, {expected}.") from None

@@ -80,7 +80,7 @@ def identify(
     """
     need_double_precision()
     begun = time.perf_counter()
-    _check(study, method)
+    check_method(study, method)
     _check_intervals(intervals, method)
     check_starts(starts)
     cost = _loss(loss, method, intervals)
@@ -127,11 +127,10 @@ class _Request(NamedTuple):
 def _found(request: _Request, best: BestPoint) -> Found:
     """The fit, its problem and its starts: found anew, or those around which draws go on."""
     study, report, accuracy, store = request.study, request.report, request.accuracy, request.drawing.store
-    what = as_asked(study, request.method, request.intervals, request.drawing)
-    earlier = store.begun() if request.intervals in DRAWN else None
+    what = as_asked(study, request.method, request.intervals, request.drawing, request.starts, accuracy)
+    earlier = restored(request.drawing, what, study, accuracy, report) if request.intervals in DRAWN else None
     if earlier is not None:
-        report("going on around the fit that was kept")
-        return restored(earlier, what, study, accuracy, report)
+        return earlier
     report("finding starts")
     fit, problem, starts = best_fit(study, accuracy, best.watched(request.run), report, request.loss)
     table = None
@@ -206,7 +205,8 @@ def _check_intervals(intervals: Intervals, method: Method) -> None:
         )
 
 
-def _check(study: Study, method: str) -> None:
+def check_method(study: Study, method: str) -> None:
+    """**Raises** `InputError` where a `study` has nothing to fit, or not the records that a `method` needs."""
     where = study.path or study.title
     if method not in ("joint", "sequential", "peaks"):
         raise InputError(f'method: found "{method}", expected "joint", "sequential" or "peaks".')

@@ -1,14 +1,17 @@
 """A fit as plain data, so that draws around it can go on without fitting again."""
 
+import dataclasses
 import hashlib
+from collections.abc import Iterator
 from typing import NamedTuple
 
+import jax
 import numpy as np
 
-from ..core import Document
+from ..core import Document, member_name
 from ..integration import Accuracy
-from ..study import Multistart, Study
-from .draws import Drawing, same_run
+from ..study import Multistart, Parameter, Record, Study
+from .draws import Drawing, reading, same_run
 from .least_squares import Fit, Method, Progress, evaluated
 from .problem import Problem, pose
 from .solver.ending import Ending
@@ -25,15 +28,48 @@ class Found(NamedTuple):
     """Where the starts asked for led."""
 
 
-def as_asked(study: Study, method: Method, intervals: str, drawing: Drawing) -> Document:
-    """What the draws of a run have in common, by which a later one knows whether it may go on."""
+def as_asked(
+    study: Study, method: Method, intervals: str, drawing: Drawing, more_starts: int, accuracy: Accuracy
+) -> Document:
+    """What the draws of a run have in common, by which a later one knows whether it may go on.
+
+    All that chi-square depends on: models, parameters but for their starts, and the records that are fitted.
+    """
     return {
         "intervals": intervals,
         "method": method,
         "seed": drawing.seed,
         "resampled": drawing.resampled,
-        "parameters": [path for path, parameter in study.parameters.items() if parameter.free],
-        "records": _fingerprint(study),
+        "more_starts": more_starts,
+        "accuracy": _fingerprint(accuracy),
+        "actuator": {
+            "piezo": member_name(study.piezo),
+            "friction": member_name(study.friction),
+            "friction_state": study.friction_state,
+            "feedback": bool(study.feedback),
+        },
+        "parameters": {path: _declared(parameter) for path, parameter in study.parameters.items()},
+        "records": {record.name: _measured(record) for record in study.records if record.role == "fit"},
+    }
+
+
+def _declared(parameter: Parameter) -> Document:
+    apart = None if parameter.measured_apart is None else list(parameter.measured_apart)
+    return {"value": parameter.value, "min": parameter.low, "max": parameter.high, "measured_apart": apart}
+
+
+def _measured(record: Record) -> Document:
+    samples = record.time, record.measured, record.motion
+    return {
+        "noise": record.noise,
+        "offset": record.offset,
+        "resolution": float(record.resolution),
+        "conditions": sorted(record.conditions),
+        "overrides": sorted(record.overrides),
+        "measures": record.measures,
+        "measurement": _fingerprint(record.measurement),
+        "drive": _fingerprint(record.drive),
+        "samples": _fingerprint(samples),
     }
 
 
@@ -53,22 +89,44 @@ def kept(what: Document, found: Found) -> Document:
     }
 
 
-def restored(document: Document, what: Document, study: Study, accuracy: Accuracy, report: Progress) -> Found:
+def restored(drawing: Drawing, what: Document, study: Study, accuracy: Accuracy, report: Progress) -> Found | None:
     """Fit, problem and starts of a run that goes on; its residuals are computed again.
 
-    **Raises:** `InputError` where something else was asked then.
+    **Returns:** None where the store of the `drawing` has none.
+
+    **Raises:** `InputError` where something else was asked then, or what was kept is not what a run writes.
     """
+    document = drawing.store.begun()
+    if document is None:
+        return None
+    report("going on around the fit that was kept")
     same_run(document, what)
-    problem = pose(study, document["starts"], accuracy)._replace(noise=np.array(document["noise"], float))
-    whole = evaluated(problem, np.array(document["free"], float), report)
-    fit = whole._replace(
-        success=document["success"],
-        message=document["message"],
-        iterations=document["iterations"],
-        evaluations=document["evaluations"],
-        ending=Ending(document["ending"]),
-    )
-    return Found(fit, problem, document["starts"], _table(document["multistart"]))
+    with reading(drawing.store, "the fit"):
+        how = _how_it_ended(document)
+        starts = {path: float(number) for path, number in document["starts"].items()}
+        table = _table(document["multistart"])
+        free = _numbers(document, "free", sum(parameter.free for parameter in study.parameters.values()))
+        noise = _numbers(document, "noise", len(what["records"]))
+    problem = pose(study, starts, accuracy)._replace(noise=noise)
+    return Found(evaluated(problem, free, report)._replace(**how), problem, starts, table)
+
+
+_ENDED = {"success": bool, "message": str, "iterations": int, "evaluations": int, "ending": int}
+"""By key, what says how a fit ended."""
+
+
+def _how_it_ended(document: Document) -> Document:
+    for key, kind in _ENDED.items():
+        if not isinstance(document[key], kind):
+            raise TypeError(f"{key} = {document[key]!r}")
+    return {key: document[key] for key in _ENDED} | {"ending": Ending(document["ending"])}
+
+
+def _numbers(document: Document, key: str, size: int) -> np.ndarray:
+    numbers = np.array(document[key], float)
+    if numbers.shape != (size,) or not np.isfinite(numbers).all():
+        raise ValueError(f"{key} = {document[key]!r} for {size} numbers")
+    return numbers
 
 
 def _table(document: Document | None) -> Multistart | None:
@@ -83,14 +141,24 @@ def _plain(value: object) -> object:
     return value.tolist() if isinstance(value, np.ndarray) else value
 
 
-def _fingerprint(study: Study) -> str:
-    """Of what was measured, and when."""
+def _fingerprint(value: object) -> str:
+    """Of all numbers and names that a value is made of."""
     digest = hashlib.sha256()
-    for parameter in study.parameters.values():
-        if parameter.measured_apart is not None:
-            digest.update(f"{parameter.path} {parameter.measured_apart}".encode())
-    for record in study.records:
-        if record.role == "fit":
-            digest.update(np.ascontiguousarray(record.time, float).tobytes())
-            digest.update(np.ascontiguousarray(record.measured, float).tobytes())
+    for part in _parts(value):
+        digest.update(part + b";")
     return digest.hexdigest()[:16]
+
+
+def _parts(value: object) -> Iterator[bytes]:
+    if isinstance(value, np.ndarray | np.generic | jax.Array | float):
+        yield np.ascontiguousarray(value, float).tobytes()
+    elif dataclasses.is_dataclass(value) and not isinstance(value, type):
+        yield type(value).__qualname__.encode()
+        for field in dataclasses.fields(value):
+            yield field.name.encode()
+            yield from _parts(getattr(value, field.name))
+    elif isinstance(value, tuple | list):
+        for part in value:
+            yield from _parts(part)
+    else:
+        yield repr(value).encode()

@@ -4,6 +4,7 @@ import json
 import multiprocessing
 import pickle
 from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
 
 import jax
 import numpy as np
@@ -75,6 +76,51 @@ def test_the_command_goes_on_where_it_was_broken_off(tmp_path, monkeypatch, caps
     other = [number if number != "5" else "6" for number in command]
     assert main([*other, str(tmp_path / "parts"), "--resume"]) == 2
     assert "seed: found 6 where the run that should go on has 5" in capsys.readouterr().err
+    refused_where_the_study_is_another(study, [*command, str(tmp_path / "parts"), "--resume"], capsys)
+    refused_where_the_fit_is_none(tmp_path / "parts" / "draws.jsonl", [*command, str(tmp_path / "parts")], capsys)
+
+
+def refused_where_the_study_is_another(study, command, capsys):
+    """Draws around a fit of another study would go on around what is no optimum."""
+    place = Path(study)
+    text = place.read_text()
+    for old, new, said in (
+        (
+            'sigma1" = { value = 45 }',
+            'sigma1" = { value = 90 }',
+            "parameters: friction.sigma1: value: found 90.0 where",
+        ),
+        ('noise = "0.01 um"', 'noise = "0.02 um"', "records: step: noise: found 2e-08 where the run that should go on"),
+        ('"50 V"', '"51 V"', "records: step: drive: found "),
+        ('gain" = {}', 'gain" = { max = "1 um/V" }', "parameters: piezo.gain: max: found 1e-06 where"),
+    ):
+        assert text.count(old) == 1, old
+        place.write_text(text.replace(old, new))
+        assert main(command) == 2
+        assert said in capsys.readouterr().err
+    place.write_text(text)
+
+
+def refused_where_the_fit_is_none(draws, command, capsys):
+    head, *rest = draws.read_text().splitlines()
+    document = json.loads(head)
+    for changed in (
+        {"free": "x"},
+        {"free": document["free"][:1]},
+        {"noise": []},
+        {"starts": 3},
+        {"ending": 99},
+        {"success": "yes"},
+        {"multistart": "x"},
+        {"multistart": {"names": []}},
+    ):
+        draws.write_text("\n".join([json.dumps(document | changed), *rest, ""]))
+        assert main([*command, "--resume"]) == 2
+        assert "draws.jsonl: the fit: found " in capsys.readouterr().err
+    less = {key: value for key, value in document.items() if key != "message"}
+    draws.write_text("\n".join([json.dumps(less), *rest, ""]))
+    assert main([*command, "--resume"]) == 2
+    assert "draws.jsonl: the fit: found no 'message'" in capsys.readouterr().err
 
 
 def test_a_problem_can_be_sent_to_another_process(tmp_path):
@@ -118,6 +164,12 @@ def test_a_posterior_of_a_platform_is_the_linear_normal_distribution(tmp_path, c
         (["--replicates", "9"], "option --replicates: found with --intervals linear, expected bootstrap"),
         (["--intervals", "bootstrap", "--replicates", "1"], "option --replicates: found 1, expected at least 2"),
         (["--intervals", "bootstrap", "--seed", "-1"], "option --seed: found -1, expected 0 or more"),
+        (["--seed", "5"], "option --seed: found with --intervals linear, expected bootstrap or posterior"),
+        (["--resample", "cycles"], "option --resample: found with --intervals linear, expected bootstrap"),
+        (["--intervals", "posterior", "--resample", "noise"], "option --resample: found with --intervals posterior"),
+        (["--intervals", "posterior", "--draws", "1000001"], "option --draws: found 1000001, expected at most 1000000"),
+        (["--starts", "100001"], "option --starts: found 100001, expected at most 100000"),
+        (["--method", "both"], "the sequential method expects some of the platform, for the piezo, and some of the"),
         (["--resume"], "option --resume: found with --intervals linear, expected bootstrap or posterior"),
         (["--intervals", "bootstrap", "--resume"], "draws.jsonl: there is no such file"),
     ],

@@ -103,6 +103,21 @@ def test_ways_are_compared_by_their_distance_from_the_joint_fit():
     }, "neither what is zero nor what has no error"
 
 
+def test_naive_intervals_are_on_the_scale_that_whole_ones_are_on():
+    """Drawn symmetric beside intervals of a logarithm they had stuck out of them on one side."""
+    ways = [fabricated.estimate(method) for method in ("joint", "sequential")]
+    path = "friction.sigma1_a"
+    value = ways[0].parameters[path].value
+    log = lambda error: (value * np.exp(-1.96 * error), value * np.exp(1.96 * error))
+    found = dataclasses.replace(ways[1].parameters[path], interval=log(0.2), naive_standard_error=0.1 * value)
+    ways[1] = dataclasses.replace(ways[1], parameters=ways[1].parameters | {path: found})
+    figure = drawn(comparison_figure(ways))
+    panel = next(axes for axes in figure.axes if axes.get_title("left") == path)
+    (bar,) = panel.collections
+    ends = bar.get_segments()[0][:, 0]
+    np.testing.assert_allclose(ends, 100.0 * (np.array(log(0.1)) / value - 1.0), rtol=1e-3)
+
+
 def test_ways_of_which_nothing_is_known_can_be_drawn():
     nothing = dataclasses.replace(fabricated.estimate(), names=())
     drawn(comparison_figure([nothing, nothing]))

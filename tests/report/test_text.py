@@ -171,6 +171,8 @@ def test_profiles_say_how_far_the_ends_lie_from_the_linear_ones():
     assert line_of(below, "piezo.gain") == "piezo.gain bounded 1.00 1.00 0.97"
     assert line_of(below, "friction.sigma0_a") == "friction.sigma0_a bounded 0.50 1.20 0.97"
     assert line_of(below, "friction.sigma1_a") == "friction.sigma1_a one-sided 1.00 - 0.97"
+    assert line_of(below, "drive.fall_time") == "drive.fall_time held by a bound: the estimate lies there - - -"
+    assert line_of(below, "effector.load") == "effector.load flat: no information - - -"
 
 
 def test_draws_are_summed_up_beside_the_linear_errors():

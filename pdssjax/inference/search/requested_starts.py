@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ...core import InputError, sobol_points
+from ...core import check_whole, sobol_points
 from ...study import Multistart, Study
-from ..draws import each_done
+from ..draws import MOST_STARTS, each_done
 from ..fit_statistics import reduced_chi2
 from ..initial_values.search import scatter_ranges
 from ..least_squares import Fit, FitMethod, Progress, quiet
@@ -36,8 +36,7 @@ class Ended(NamedTuple):
 
 def check_starts(count: int) -> None:
     """**Raises** `InputError` where so many starts are none."""
-    if count < 0:
-        raise InputError(f"starts: found {count}, expected 0 (none but the usual) or more.")
+    check_whole("starts", count, 0, MOST_STARTS)
 
 
 def spread_starts(study: Study, around: Mapping[str, float], count: int, seed: int = 0) -> list[dict[str, float]]:

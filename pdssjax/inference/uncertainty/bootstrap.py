@@ -17,7 +17,7 @@ from jaxtyping import Float
 
 from ...core import Document, need_double_precision, prepare_jax
 from ...study import Record
-from ..draws import REPLICATES, Drawing, Resampled, each_done
+from ..draws import REPLICATES, Drawing, Resampled, each_done, reading
 from ..least_squares import Fit, FitMethod, Progress, quiet
 from ..problem import Problem
 
@@ -53,7 +53,8 @@ def bootstrap(
     `run` from the optimum, where the `executor` says; None: in this thread.
     """
     count = drawing.count or REPLICATES
-    found = {entry["number"]: _from_document(entry) for entry in drawing.store.kept()}
+    with reading(drawing.store, "replicates"):
+        found = {entry["number"]: _from_document(entry, np.size(fit.free)) for entry in drawing.store.kept()}
     missing = [number for number in range(count) if number not in found]
     centre = _Centre(np.asarray(fit.free, float), np.asarray(fit.state.residual), factor)
     work = functools.partial(fitted_replicate, problem, centre, run, drawing.resampled, drawing.seed)
@@ -152,5 +153,11 @@ def _document(replicate: Replicate) -> Document:
     }
 
 
-def _from_document(entry: Document) -> Replicate:
-    return Replicate(entry["number"], np.array(entry["free"], float), entry["success"], entry["message"])
+def _from_document(entry: Document, size: int) -> Replicate:
+    for key, kind in (("number", int), ("success", bool), ("message", str)):
+        if not isinstance(entry[key], kind):
+            raise TypeError(f"{key} = {entry[key]!r}")
+    free = np.array(entry["free"], float)
+    if free.shape != (size,):
+        raise ValueError(f"{free.size} numbers for {size} parameters in replicate {entry['number']}")
+    return Replicate(entry["number"], free, entry["success"], entry["message"])

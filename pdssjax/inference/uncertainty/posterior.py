@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ...core import Document, InputError
-from ..draws import CHAINS, DRAWS, Drawing, each_done
+from ..draws import CHAINS, DRAWS, Drawing, each_done, reading
 from ..least_squares import Progress
 from .profile_likelihood import Evaluate, linearise_all
 from .quadratic_end import factors
@@ -121,7 +121,8 @@ def sample_posterior(
         raise InputError("posterior: found a model that cannot be simulated at its optimum; expected a finished fit.")
     wanted = drawing.count or DRAWS
     blocks = -(-wanted // BLOCK)
-    kept = {(entry["chain"], entry["block"]): entry for entry in drawing.store.kept()}
+    with reading(drawing.store, "draws of the chains"):
+        kept = {_task_of(entry, model.optimum.at.size): entry for entry in drawing.store.kept()}
     due = [(chain, block) for block in range(blocks) for chain in range(chains) if (chain, block) not in kept]
     if due:
         polynomial = learn(model, first, drawing.seed, executor, report)
@@ -185,6 +186,17 @@ def _judged(model: Model, polynomial: ResidualPolynomial, seed: int, task: tuple
     density = [-0.5 * value / model.factor if np.isfinite(value) else None for value in chi2]
     told = {"free": proposed.free.tolist(), "proposed": proposed.log_proposed.tolist()}
     return {"chain": task[0], "block": task[1], **told, "log_density": density}
+
+
+def _task_of(entry: Document, size: int) -> tuple[int, int]:
+    """Which block of which chain an `entry` is."""
+    task = entry["chain"], entry["block"]
+    if not all(isinstance(number, int) for number in task):
+        raise TypeError(f"chain, block = {task!r}")
+    for name, shape in (("free", (BLOCK, size)), ("proposed", (BLOCK,)), ("log_density", (BLOCK,))):
+        if np.shape(np.array(entry[name], float)) != shape:
+            raise ValueError(f"{name} of block {task[1]} of chain {task[0]} without {BLOCK} draws of {size} parameters")
+    return task
 
 
 def _corrected(blocks: Sequence[Document], wanted: int, seed: int, chain: int) -> Chains:

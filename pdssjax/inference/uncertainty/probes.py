@@ -13,10 +13,18 @@ PROBED = 0.05
 def standard_errors(
     optimum: Linearisation, threshold: float, reach: float
 ) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p p"]]:
-    """Half widths of the linear intervals, none longer than can be followed; and a scale: J scale is orthonormal."""
-    _, singular, rows, norms = factors(optimum.jacobian)
-    scale = (rows / singular[:, None]).T / norms[:, None]
-    scale = scale * np.minimum(1.0, reach / np.maximum(np.max(np.abs(scale), axis=0), 1e-300))
+    """Half widths of the linear intervals, none longer than can be followed; and a scale: J scale is orthonormal.
+
+    What changes nothing as far as it can be followed has an axis of its own, as long as that: together with others,
+    which singular vectors of equal values would mix it with, it would shorten theirs.
+    """
+    told = reach * np.linalg.norm(optimum.jacobian, axis=0) > np.sqrt(threshold)
+    scale = np.diag(np.where(told, 0.0, reach))
+    if told.any():
+        _, singular, rows, norms = factors(optimum.jacobian[:, told])
+        axes = (rows / singular[:, None]).T / norms[:, None]
+        axes = axes * np.minimum(1.0, reach / np.maximum(np.max(np.abs(axes), axis=0), 1e-300))
+        scale[np.ix_(told, np.flatnonzero(told)[: singular.size])] = axes
     return np.minimum(np.linalg.norm(scale, axis=1) * np.sqrt(threshold), reach), scale
 
 

@@ -27,22 +27,26 @@ def with_profile_intervals(
 ) -> Estimate:
     """`estimate` with 95 % intervals that end where chi-square, minimised over all else, exceeds its threshold.
 
-    The threshold grows with a reduced chi-square above one, as the standard errors do.  Parameters at a bound and
-    those about which the data say nothing keep what they have.  A note names every end that is no ordinary one.
+    The threshold grows with a reduced chi-square above one, as the standard errors do.  A parameter at a bound has
+    that for one end, and those about which the data say nothing keep what they have.  A note names every end that is
+    no ordinary one.
     `profiles` holds the curve between the ends of each.
     """
     threshold = NORMAL_95**2 * variance_factor(estimate.statistics)
     paths = problem.residual.transform.paths
-    kept = [path for path in paths if not estimate.parameters[path].at_bound and estimate.parameters[path].identifiable]
+    kept = [path for path in paths if estimate.parameters[path].identifiable]
     optimum = linearisation_at(fit)
     report("curvature at the optimum")
     shared = learn_curvature(problem.linearised, optimum, threshold, problem.bounds, executor=executor)
-    which = [(paths.index(path), side) for path in kept for side in SIDES]
+    both = [(paths.index(path), side) for path in kept for side in SIDES]
+    which = [(index, side) for index, side in both if not _at_bound(problem, optimum, index, side)]
     told = lambda done: report(f"intervals: {done} of {len(which)} ends")
     found = interval_ends(
         problem.linearised, optimum, which, threshold, problem.bounds, shared, executor=executor, report=told
     )
-    pairs = {path: (found[2 * number], found[2 * number + 1]) for number, path in enumerate(kept)}
+    ends_at = dict(zip(which, found, strict=True))
+    ends_of = lambda path: _pair(problem, optimum, estimate.parameters[path], ends_at)
+    pairs = {path: ends_of(path) for path in kept}
     draw = lambda path: profile_curve(
         problem.linearised, optimum, paths.index(path), pairs[path], threshold, problem.bounds, shared
     )
@@ -57,6 +61,34 @@ def with_profile_intervals(
         profiles.append(_profile(problem, optimum, index, curves[path], ends, threshold))
         notes += _notes(parameter, problem, ends)
     return dataclasses.replace(estimate, parameters=parameters, notes=tuple(notes), profiles=tuple(profiles))
+
+
+def _at_bound(problem: Problem, optimum: Linearisation, index: int, side: float) -> bool:
+    """The parameter lies at the end of its range on that `side`."""
+    low, high = problem.bounds
+    return bool(optimum.at[index] >= high[index] if side > 0 else optimum.at[index] <= low[index])
+
+
+def _pair(
+    problem: Problem, optimum: Linearisation, parameter: FittedParameter, found: dict[tuple[int, float], End]
+) -> tuple[End, End]:
+    """Both ends of a `parameter`: those `found`, or the bound that it lies at."""
+    index = problem.residual.transform.paths.index(parameter.path)
+    bound = End(float(optimum.at[index]), Verdict.AT_BOUND, optimum, 0)
+    low, high = (_opened(found.get((index, side), bound), side, parameter, problem) for side in SIDES)
+    return low, high
+
+
+def _opened(end: End, side: float, parameter: FittedParameter, problem: Problem) -> End:
+    """An `end` that is where the fit could reach, and no bound of the `parameter`, as what it is: open."""
+    if end.verdict != Verdict.AT_BOUND:
+        return end
+    index = problem.residual.transform.paths.index(parameter.path)
+    bound = parameter.bounds[1 if side > 0 else 0]
+    # Of a legal range the fit leaves out a millionth at its upper end.
+    if np.isclose(_in_si(problem, end.point.at, index, end.value), bound, rtol=1e-5, atol=0.0):
+        return end
+    return end._replace(value=side * np.inf, verdict=Verdict.FLAT)
 
 
 def verdict_of(ends: tuple[End, ...], curve: Curve) -> str:
@@ -133,5 +165,8 @@ def _notes(parameter: FittedParameter, problem: Problem, ends: tuple[End, ...]) 
                 "in SI."
             )
         elif end.verdict == Verdict.LOST:
-            notes.append(f"{what} was not found: chi-square has a discontinuity on the way, or bends too much.")
+            notes.append(
+                f"{what} was not found: chi-square has a discontinuity on the way, bends too much, or cannot be "
+                "simulated there."
+            )
     return notes

@@ -7,8 +7,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...study import Estimate
+from ...study import Estimate, FittedParameter
 from ._style import BLUE, GREEN, STYLE, VERMILION
+
+NORMAL_95 = 1.959963984540054
+"""Standard deviations of a normal distribution to either end of its middle 95 %."""
 
 _COLUMNS = 3
 """Panels side by side."""
@@ -44,6 +47,17 @@ def comparison_figure(estimates: Sequence[Estimate]) -> Figure:
     return figure
 
 
+def _naive_interval(found: FittedParameter) -> tuple[float, float]:
+    """The 95 % interval by the naive error, on the scale of the fit that the interval by the whole error is on."""
+    naive, (low, high) = found.naive_standard_error or 0.0, found.interval
+    whole = found.errors["white"].interval if "white" in found.errors else (low, high)
+    logarithmic = found.value > 0.0 and min(whole) > 0.0 and np.isclose(whole[0] * whole[1], found.value**2, rtol=1e-6)
+    if logarithmic:
+        factor = float(np.exp(NORMAL_95 * naive / found.value))
+        return found.value / factor, found.value * factor
+    return found.value - NORMAL_95 * naive, found.value + NORMAL_95 * naive
+
+
 def _draw(axes: Axes, path: str, estimates: Sequence[Estimate]) -> None:
     joint = estimates[0].parameters[path].value
     for place, (estimate, colour) in enumerate(zip(estimates, _COLOURS, strict=False)):
@@ -52,8 +66,9 @@ def _draw(axes: Axes, path: str, estimates: Sequence[Estimate]) -> None:
         low, high = (100.0 * (end / joint - 1.0) for end in found.interval)
         axes.plot([low, high], [place, place], color=colour, alpha=0.35, linewidth=5.0, solid_capstyle="butt")
         if found.naive_standard_error is not None:
-            half = 196.0 * found.naive_standard_error / abs(joint)
-            axes.errorbar(off, place, xerr=half, color=colour, linewidth=1.0, capsize=2.5)
+            ends = [100.0 * (end / joint - 1.0) for end in _naive_interval(found)]
+            reach = np.abs(np.array(ends) - off)[:, None]
+            axes.errorbar(off, place, xerr=reach, color=colour, linewidth=1.0, capsize=2.5)
         axes.plot(off, place, "o", color=colour, markersize=4.0)
     axes.axvline(0.0, color="0.6", linewidth=0.7, zorder=0)
     axes.set_yticks(range(len(estimates)), [estimate.method for estimate in estimates])

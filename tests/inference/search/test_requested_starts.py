@@ -103,6 +103,10 @@ def test_ends_that_the_data_do_not_tell_apart_are_one_optimum():
     assert optima(fits, problem) == [0, 0, 1, -1, 1]  # pyright: ignore
 
 
-def test_a_negative_number_of_starts_is_refused():
-    with pytest.raises(InputError, match="starts: found -1, expected 0"):
-        check_starts(-1)
+@pytest.mark.parametrize(
+    ("count", "said"),
+    [(-1, "found -1, expected 0 or more"), (1.5, "found 1.5, expected an integer"), (10**9, "expected at most 100000")],
+)
+def test_a_number_of_starts_that_is_none_is_refused(count, said):
+    with pytest.raises(InputError, match=f"starts: {said}" if "at most" not in said else said):
+        check_starts(count)

@@ -124,7 +124,7 @@ def test_a_file_of_draws_goes_on_where_its_last_line_was_cut(tmp_path):
     path = tmp_path / "draws.jsonl"
     path.write_text(path.read_text()[:-25])
     resumed = DrawsFile(tmp_path, resume=True)
-    assert resumed.begun() == {"format": "pdssjax-draws/2", "seed": 0}
+    assert resumed.begun() == {"format": "pdssjax-draws/3", "seed": 0}
     assert len(resumed.kept()) == 5
     same(drawn(6, store=resumed)[2], whole)
     assert len(path.read_text().splitlines()) == 7
@@ -135,10 +135,10 @@ def test_a_file_of_draws_goes_on_where_its_last_line_was_cut(tmp_path):
     ("text", "said"),
     [
         (None, "there is no such file, expected that of a run to go on with"),
-        ("", 'line 1: found no "format": "pdssjax-draws/2"'),
-        ('{"format": "else"}\n', 'line 1: found no "format": "pdssjax-draws/2"'),
-        ('{"format": "pdssjax-draws/2"}\n{"number": \n', "line 2: found no valid JSON"),
-        ('{"format": "pdssjax-draws/2"}\n7\n', "line 2: found no JSON object"),
+        ("", 'line 1: found no "format": "pdssjax-draws/3"'),
+        ('{"format": "else"}\n', 'line 1: found no "format": "pdssjax-draws/3"'),
+        ('{"format": "pdssjax-draws/3"}\n{"number": \n', "line 2: found no valid JSON"),
+        ('{"format": "pdssjax-draws/3"}\n7\n', "line 2: found no JSON object"),
     ],
 )
 def test_what_cannot_be_resumed_is_said(tmp_path, text, said):
@@ -150,11 +150,35 @@ def test_what_cannot_be_resumed_is_said(tmp_path, text, said):
 
 @pytest.mark.parametrize(
     ("wrong", "said"),
-    [(dict(count=1), "count: found 1"), (dict(seed=-1), "seed: found -1"), (dict(resampled="x"), 'found "x"')],
+    [
+        (dict(count=1), "count: found 1, expected at least 2"),
+        (dict(count=2.5), "count: found 2.5, expected an integer"),
+        (dict(count=10**12), "count: found 1000000000000, expected at most 1000000"),
+        (dict(seed=-1), "seed: found -1, expected 0 or more"),
+        (dict(seed="a"), "seed: found 'a', expected an integer"),
+        (dict(resampled="x"), 'found "x"'),
+    ],
 )
 def test_a_wrong_drawing_is_refused(wrong, said):
     with pytest.raises(InputError, match=said):
         Drawing(**wrong)
+
+
+@pytest.mark.parametrize(
+    ("entry", "said"),
+    [
+        ({"number": 0}, "draws in memory: replicates: found no 'success', expected what a run of this version"),
+        ({"chain": 0, "block": 0}, "found no 'number'"),
+        ({"number": 0, "free": [1.0], "success": True, "message": ""}, "1 numbers for 2 parameters in replicate 0"),
+        ({"number": 0, "free": ["a", "b"], "success": True, "message": ""}, "could not convert"),
+        ({"number": "x", "free": [1.0, 2.0], "success": True, "message": ""}, "number = 'x'"),
+    ],
+)
+def test_a_replicate_that_is_none_is_said_in_a_line(entry, said):
+    store = InMemory()
+    store.keep(entry)
+    with pytest.raises(InputError, match=said):
+        drawn(4, store=store)
 
 
 def test_cycles_are_drawn_whole_and_what_repeats_stays():

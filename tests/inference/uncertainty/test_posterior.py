@@ -121,6 +121,21 @@ def test_a_run_that_was_broken_off_ends_as_if_it_had_not_been():
     np.testing.assert_array_equal(more.free[:, :200], whole.free)
 
 
+@pytest.mark.parametrize(
+    ("entry", "said"),
+    [
+        ({"chain": 0}, "draws in memory: draws of the chains: found no 'block'"),
+        ({"chain": 0, "block": "x"}, "chain, block = "),
+        ({"chain": 0, "block": 0, "free": [[1.0, 2.0]]}, "free of block 0 of chain 0 without 50 draws of 2 parameters"),
+    ],
+)
+def test_a_block_that_is_none_is_said_in_a_line(entry, said):
+    store = InMemory()
+    store.keep(entry)
+    with pytest.raises(InputError, match=said):
+        drawn(wavy, [0.0, 0.0], Drawing(200, seed=4, store=store), chains=2)
+
+
 def test_what_cannot_be_simulated_is_said():
     nowhere = lambda x: jnp.full(7, jnp.nan) * x[0]
     optimum = Linearisation(np.zeros(2), np.full(7, np.nan), np.full((7, 2), np.nan))
