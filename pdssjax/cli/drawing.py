@@ -60,24 +60,11 @@ def check_drawing(options: argparse.Namespace) -> None:
             check_whole(f"option --{name}", getattr(options, name), least)
 
 
-<<<<<<< HEAD
 def more_of(options: argparse.Namespace, intervals: "Intervals", folder: Path) -> "More":
-    """What is drawn and kept in `folder`, and how many starts are compared, on all cores."""
-=======
-class More(TypedDict, total=False):
-    """Arguments of `pdssjax.identify` that most runs do without."""
-
-    drawing: "Drawing"
-    starts: int
-    executor: "Executor"
-
-
-def more_of(options: argparse.Namespace, intervals: "Intervals", folder: Path) -> More:
     """What is drawn and kept in `folder`, and how many starts are compared, on all cores.
 
     **Raises:** `InputError` where that is more than anyone can want, or there is nothing to resume.
     """
->>>>>>> h3
     from concurrent.futures import ThreadPoolExecutor
 
     from ..files import DrawsFile

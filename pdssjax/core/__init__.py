@@ -64,14 +64,9 @@ else:
                 *("Display", "LENGTH", "MICROMETRES", "VELOCITY", "decimals_for", "display_unit"),
                 *("percent", "rounded", "strongest_pairs"),
             ],
-<<<<<<< HEAD
-            "errors": ["InputError", "InputWarning", "nearest"],
+            "errors": ["InputError", "InputWarning", "check_whole", "nearest"],
             "families": ["member", "member_name", "members", "told_by"],
             "garbage": ["seldom_look_for_garbage"],
-=======
-            "errors": ["InputError", "InputWarning", "check_whole", "nearest"],
-            "families": ["member", "member_name", "members"],
->>>>>>> h3
             "jax_setup": ["need_double_precision", "prepare_jax"],
             "notebook": ["clear_bar", "counted_in_notebook", "draw_in_notebook", "told_in_notebook"],
             "physical_quantity": [
