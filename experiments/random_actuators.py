@@ -4,6 +4,7 @@ What a record of theirs shows is a function of the logarithms of their parameter
 """
 
 import dataclasses
+from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
 
@@ -51,6 +52,8 @@ class Structure:
     drive: AbstractDrive = Sawtooth(64.0, 20.0, 2e-4)
     draws_drive: bool = False
     """The numbers of the drive are drawn, too."""
+    given: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    """Numbers in place of the nominal ones, by path."""
     cycles: float = 2.0
     feedback: bool = False
     parts: tuple[str, ...] = ()
@@ -92,7 +95,8 @@ class Structure:
         if self.draws_drive:
             numbers |= {f"drive.{field}": float(number) for field, number in self.drive.numbers().items()}
         idle = {"amplifier.slew"} | (set() if self.feedback else {"piezo.mass"})
-        return {path: number for path, number in numbers.items() if number != 0.0 and path not in idle}
+        usual = {path: number for path, number in numbers.items() if number != 0.0 and path not in idle}
+        return usual | dict(self.given)
 
     def draw(self, random: np.random.Generator) -> np.ndarray:
         """Logarithms of factors on the nominal values."""
@@ -178,9 +182,16 @@ WAVEFORMS = {f"under a {name}": Structure(drive=drive, draws_drive=True) for nam
 PARTS = {
     "feedback": Structure(feedback=True, cycles=3.0),
     "amplifier": Structure(parts=("amplifier",), cycles=3.0),
+    "amplifier that slews": Structure(parts=("amplifier",), given={"amplifier.slew": 1e5}, cycles=3.0),
     "sensor": Structure(parts=("sensor",), cycles=3.0),
     "stop": Structure(parts=("stop",), output=STOP_FORCE),
     "stop and sensor": Structure(parts=("stop", "sensor"), output=STOP_FORCE),
+    "stop behind an amplifier that slews": Structure(
+        parts=("stop", "amplifier"), given={"amplifier.slew": 1e5, "stop.gap": 3e-7}, output=STOP_FORCE
+    ),
+    "stop in front of a contact that sticks": Structure(
+        "coulomb", parts=("stop",), given={"stop.gap": 3e-7}, output=STOP_FORCE
+    ),
     "platform behind amplifier and sensor": Structure(
         parts=("amplifier", "sensor"), of="unloaded", drive=Step(64.0), cycles=1.0
     ),

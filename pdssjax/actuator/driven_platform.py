@@ -100,13 +100,14 @@ class DrivenPlatform(eqx.Module):
         self, segment: Segment, t_local: ScalarLike, x: DrivenPlatformState[Scalar], which: Scalar
     ) -> DrivenPlatformState[Scalar]:
         """The state just after `guards(...)[which]` has fallen through zero; `x` for others."""
-        voltage = self.voltage(segment, t_local, x)
-        piezo_guards = len(self.piezo.guards(x.stack, voltage))
+        voltage, guards = self.voltage(segment, t_local, x), len(self.guards(segment, t_local, x))
+        of_piezo = len(self.piezo.guards(x.stack, voltage))
         stack, supply = x
-        if piezo_guards:
-            stack = chosen((which >= 0) & (which < piezo_guards), self.piezo.after_event(stack, voltage, which), stack)
+        if of_piezo:
+            stack = chosen((which >= 0) & (which < of_piezo), self.piezo.after_event(stack, voltage, which), stack)
         if self.amplifier is not None:
-            supply = chosen(which >= piezo_guards, self.amplifier.after_event(supply, which - piezo_guards), supply)
+            ends = (which >= of_piezo) & (which < guards)
+            supply = chosen(ends, self.amplifier.after_event(supply, which - of_piezo), supply)
         return DrivenPlatformState(stack, supply)
 
     def steady(

@@ -101,7 +101,7 @@ def identify(
             estimate = dataclasses.replace(estimate, seconds=time.perf_counter() - begun)
     except KeyboardInterrupt as interrupt:
         point = done or best.point
-        so_far = _summarised(study, method, point, begun, report, stack) if point else None
+        so_far = _summarised(study, method, point, begun, report, stack, briefly=not done) if point else None
         raise FitInterrupted(so_far) from interrupt
     finally:
         clear_bar(report)
@@ -177,14 +177,21 @@ def _loss(name: str, method: str, intervals: str) -> AbstractLoss:
 
 
 def _summarised(
-    study: Study, method: Method, point: Point, begun: float, report: Progress, stack: PickedStack | None
+    study: Study,
+    method: Method,
+    point: Point,
+    begun: float,
+    report: Progress,
+    stack: PickedStack | None,
+    briefly: bool = False,
 ) -> Estimate:
+    # Who ends a process with a signal may kill it soon after: no second derivatives then, which take long.
     report("predicting every record")
     point = point._replace(fit=completed(point, report), covers=2)
     if stack is not None:
         point = rejoined(study, point, point.problem.residual.accuracy, report)
     estimate = summarise(study, method, point.problem, point.fit, point.starts, stack)
-    if stack is None and not point.problem.residual.loss.is_robust:
+    if stack is None and not point.problem.residual.loss.is_robust and not briefly:
         estimate = with_error_models(estimate, point.problem, point.fit, report)
     return dataclasses.replace(estimate, seconds=time.perf_counter() - begun)
 

@@ -18,31 +18,31 @@ Operand: TypeAlias = Any
 
 def plus(x: Operand, y: Operand) -> Operand:
     """x + y."""
-    pair = _alike(x, y)
+    pair = _of_one_shape(x, y)
     return x + y if pair is None else lax.add(*pair)
 
 
 def times(x: Operand, y: Operand) -> Operand:
     """x y."""
-    pair = _alike(x, y)
+    pair = _of_one_shape(x, y)
     return x * y if pair is None else lax.mul(*pair)
 
 
 def choose(condition: Operand, x: Operand, y: Operand) -> Operand:
     """x where the condition holds, else y; both and the condition of one shape, or numbers."""
-    pair = _alike(x, y)
+    pair = _of_one_shape(x, y)
     if pair is None or not isinstance(condition, Tracer) or condition.shape != np.shape(pair[0]):
         return jnp.where(condition, x, y)
     return lax.select(condition, *pair)
 
 
-def _alike(x: Any, y: Any) -> tuple[Any, Any] | None:
+def _of_one_shape(x: Any, y: Any) -> tuple[Any, Any] | None:
     """Both with one shape and type, at least one of them traced; None where that takes more than a look."""
     if isinstance(x, Tracer):
         if isinstance(y, Tracer):
             return (x, y) if x.shape == y.shape and x.dtype == y.dtype else None
         return (x, _like(x, y)) if type(y) is float and x.dtype.kind == "f" else None
-    other = _alike(y, x) if isinstance(y, Tracer) else None
+    other = _of_one_shape(y, x) if isinstance(y, Tracer) else None
     return None if other is None else other[::-1]
 
 

@@ -8,16 +8,17 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from pdssjax import Amplifier
+from pdssjax import Actuator, Amplifier, Effector, Stop
 from pdssjax.actuator import DrivenPlatform
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.drive.sine import Sine
 from pdssjax.drive.step import Step
+from pdssjax.friction.simplified_lugre import SimplifiedLuGre
 from pdssjax.integration import TIGHT, integrate, states_at
 from pdssjax.piezo.bouc_wen import BoucWen
 from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.piezo.static import Static
-from pdssjax.simulation import PlatformOnly
+from pdssjax.simulation import PlatformOnly, StickSlip
 
 W, XI, C = 6736.0, 0.1772, 1.007e-7
 
@@ -166,3 +167,33 @@ def test_hysteresis_behind_it_learns_that_the_voltage_turns_at_a_corner_of_the_c
         out += [y for y, t in zip(solved.y[0], stops, strict=True) if t in inside]
         x = solved.y[:, -1]
     np.testing.assert_allclose(shown, out, rtol=0.0, atol=2e-11)
+
+
+@pytest.mark.parametrize("slews", [0.0, 1.0, -1.0])
+@pytest.mark.parametrize("which", [-2.0, -1.0, 2.0, 3.0])
+def test_events_of_other_parts_leave_it_as_it_is(slews, which):
+    driven = DrivenPlatform(SecondOrder(), Amplifier(3e3, 4e5))
+    x = driven.initial()._replace(supply=(jnp.asarray(20.0), jnp.asarray(slews)))
+    after = driven.after_event(Sawtooth(64.0, 200.0).segment(jnp.zeros(())), 1e-3, x, jnp.asarray(which))
+    assert [float(number) for number in after.supply] == [20.0, slews]
+
+
+@pytest.mark.slow
+def test_a_stop_that_is_met_and_left_changes_nothing_of_what_the_amplifier_gives():
+    """Nor its derivatives: each touch had set it slewing for an instant, the wrong way."""
+    times, drive = jnp.linspace(1e-4, 0.012, SAMPLES), Sawtooth(64.0, 200.0)
+
+    def volts(numbers, stopped):
+        driven = DrivenPlatform(SecondOrder(), Amplifier(numbers[0], numbers[1]))
+        actuator = Actuator(driven.piezo, SimplifiedLuGre(), Effector(), False, driven.amplifier, Stop(1e5, gap=4e-7))
+        system = StickSlip(actuator, drive) if stopped else PlatformOnly(driven, drive)
+        run = integrate(system, times[-1], TIGHT)
+        x, *_ = states_at(system, run, times)
+        return x.driven.supply[0], (x.driven.supply[0], x.in_contact[0] if stopped else None)
+
+    slopes = jax.jit(jax.jacfwd(volts, has_aux=True), static_argnums=1)
+    (found, (shown, in_contact)), (expected, (alone, _)) = (slopes(jnp.array([3e3, 4e4]), s) for s in (True, False))
+    assert np.abs(np.diff(in_contact)).sum() > 2
+    np.testing.assert_allclose(shown, alone, rtol=0.0, atol=1e-6)
+    largest = np.abs(expected).max(axis=0)
+    np.testing.assert_allclose(found / largest, expected / largest, rtol=0.0, atol=1e-6)

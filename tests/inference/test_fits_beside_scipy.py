@@ -1,6 +1,7 @@
 """Fits of real and of made-up records: a fit that says it converged is not beaten by SciPy from where it ended."""
 
 import dataclasses
+from pathlib import Path
 
 import pytest
 from beside_scipy import best_of_scipy
@@ -8,12 +9,14 @@ from four_kinds import plan, startless
 from liu_record import LAWS, liu
 
 import pdssjax
-from experiments import blind_rigs
+from experiments import blind_rigs, tribometer
 from pdssjax import Accuracy
 from pdssjax.files import EXAMPLE
 from pdssjax.inference import SUCCESSES, Ending, joint
 from pdssjax.inference.search.multistart import best_fit
 from pdssjax.study import make_recordings
+
+TRIBOMETER = Path(__file__).parents[3] / "shared" / "data" / "tribometer" / "reciprocating.tsv"
 
 
 def beside_scipy(study):
@@ -65,6 +68,14 @@ def test_the_four_kinds_of_records(tmp_path):
     fit, _, best = beside_scipy(dataclasses.replace(study, records=records))
     assert fit.success, fit.message
     assert is_not_beaten(fit, best)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not TRIBOMETER.exists(), reason="the record is not part of the repository")
+@pytest.mark.parametrize("law", ["dahl, n free", "elastoplastic"])
+def test_the_tribometer_s_loops(law):
+    fit, _, best = beside_scipy(tribometer.study(*tribometer.LAWS[law], tribometer.prepared(TRIBOMETER)))
+    assert not fit.success or is_not_beaten(fit, best), (fit.chi2, best, fit.message)
 
 
 @pytest.mark.slow

@@ -61,11 +61,16 @@ def test_a_signal_leaves_the_best_point_so_far_and_no_litter(tmp_path, signum, s
     assert {path.name for path in out.iterdir()} == {"estimate.json", "report.txt"}
 
 
-def interrupting(*when: str):
-    """A progress that breaks the fit off, once, where messages with each of `when` in them have come, in order."""
+def interrupting(*when: str, told=None):
+    """A progress that breaks the fit off, once, where messages with each of `when` in them have come, in order.
+
+    What comes is `told`.
+    """
     left = list(when)
 
     def tell(message):
+        if told is not None:
+            told.append(message)
         if left and left[0] in message:
             left.pop(0)
             if not left:
@@ -75,9 +80,11 @@ def interrupting(*when: str):
 
 
 def test_python_gets_the_best_point_with_the_interrupt(tmp_path):
-    study = pdssjax.load_study(write_platform(tmp_path))
+    study, told = pdssjax.load_study(write_platform(tmp_path)), []
     with pytest.raises(KeyboardInterrupt) as broken:
-        pdssjax.identify(study, progress=interrupting("iteration 2"))
+        pdssjax.identify(study, progress=interrupting("iteration 1", told=told))
+    # Nothing more than is needed: a process that is ended is killed soon after.
+    assert told[-1] == "predicting every record"
     assert isinstance(broken.value, pdssjax.FitInterrupted)
     found = broken.value.estimate
     assert found is not None and not found.converged
@@ -99,7 +106,7 @@ def test_before_the_first_iteration_there_is_nothing_to_keep(tmp_path, capsys, m
     assert broken.value.estimate is None
     monkeypatch.setattr("pdssjax.inference.identification.best_fit", lambda *given: interrupting("")("now"))
     assert main(["identify", str(study), "--out", str(tmp_path / "out")]) == 130
-    told = "pdssjax: nothing was fitted yet, and nothing is written\npdssjax: interrupted\n"
+    told = "pdssjax: only starts had been looked for, and nothing is written\npdssjax: interrupted\n"
     assert capsys.readouterr().err.endswith(told)
     assert not (tmp_path / "out").exists()
 

@@ -27,7 +27,7 @@ class SweepPage:
         self._map: SweepMap | None = None
         self._walker: Walker | None = None
         self._job: BackgroundJob[xarray.Dataset] | None = None
-        self._walk: BackgroundJob[Walk] | None = None
+        self._walk_job: BackgroundJob[Walk] | None = None
         self._wanted: int | None = None
         if bench.sweep is not None:
             self._show(bench.sweep)
@@ -51,7 +51,7 @@ class SweepPage:
     def _choose(self, point: int) -> None:
         """Walks the point chosen; of points chosen meanwhile the last."""
         self._wanted = point
-        if self._walk is None or not self._walk.runs:
+        if self._walk_job is None or not self._walk_job.runs:
             self._walk_wanted()
 
     def _walk_wanted(self) -> None:
@@ -60,14 +60,14 @@ class SweepPage:
             return
         self._wanted = None
         numbers = found.numbers(point)
-        self._walk = BackgroundJob(
+        self._walk_job = BackgroundJob(
             lambda report: walker.motion(numbers),
             lambda line: None,
             lambda motion, error: self._later(lambda: self._walked(numbers, motion, error)),
         )
 
     def _walked(self, numbers: dict[str, float], motion: Walk | None, error: BaseException | None) -> None:
-        self._walk = None
+        self._walk_job = None
         if motion is None:
             self._say(f"The point cannot be simulated: {error}")
         else:

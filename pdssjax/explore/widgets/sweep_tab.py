@@ -43,7 +43,7 @@ class SweepTab:
         top = pn.Row(self.make, self.stop, self.said, margin=0)
         self.view = pn.Column(top, self._body, sizing_mode="stretch_both", margin=0)
         self._walk_source = models.ColumnDataSource({"time": [], "effector": [], "platform": [], "voltage": []})
-        self._walk = _walk_plot(self._walk_source)
+        self._walk_figure = _walk_plot(self._walk_source)
         self._told = pn.pane.HTML("", margin=(0, 8), css_classes=["point-told"])
 
     def show(self, found: SweepMap) -> None:
@@ -112,7 +112,7 @@ class SweepTab:
         controls = pn.Row(*self._selects.values(), self._point, margin=0)
         plots = pn.Row(
             pane(made, 1.1),
-            pane(self._walk),
+            pane(self._walk_figure),
             sizing_mode="stretch_both",
             margin=0,
             styles={"flex": "1 1 0", "min-height": "0"},

@@ -318,7 +318,8 @@ def _with_prediction(state: LMState, y: Float[Array, " p"], options: Bounds) -> 
     blocked |= options["lower"] >= options["upper"]
     return state._replace(
         proposed_step=best.step,
-        predicted_reduction=jnp.maximum(best.predicted, 0.0),
+        # Below zero only by rounding; one far below would be that of a step gone wrong, and no sign of an end.
+        predicted_reduction=jnp.abs(best.predicted),
         cosine=jnp.max(jnp.where(blocked, 0.0, cosines), initial=0.0),
         rounding=_EPSILONS * jnp.finfo(y.dtype).eps * norm * jnp.linalg.norm(norms * y),
     )

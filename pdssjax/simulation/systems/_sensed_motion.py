@@ -5,6 +5,8 @@ Of a motion that state is the sensor's lag; of a force, which does not drift, it
 
 from typing import NamedTuple
 
+import jax.numpy as jnp
+
 from ...actuator import Actuator, Sensor
 from ...core import Scalar, ScalarLike
 from ...integration import N, Term
@@ -21,10 +23,17 @@ class SensedMotion(NamedTuple):
     """1 where it looks at the platform, 0 at the end-effector."""
 
     def rate(self, x: StickSlipState[Term], active: ScalarLike) -> tuple[Term, ...]:
-        """Time derivative of the sensor's state; of a lag 0 where nothing is `active`, of a force never."""
+        """Time derivative of the sensor's state; 0 where nothing is `active`."""
         if self.actuator.stop is not None:
-            return tuple((push_on_stop(self.actuator, x) - shown) * self.sensor.pole() for shown in x.sensor_lag)
-        return tuple(rate * active for rate in self.sensor.rate(x.sensor_lag, self.speed(x)))
+            rates = tuple((push_on_stop(self.actuator, x) - shown) * self.sensor.pole() for shown in x.sensor_lag)
+        else:
+            rates = self.sensor.rate(x.sensor_lag, self.speed(x))
+        return tuple(rate * active for rate in rates)
+
+    def state_scale(self) -> Scalar:
+        """What one unit of the sensor's state amounts to as a displacement [m]."""
+        stop = self.actuator.stop
+        return jnp.ones(()) if stop is None else 1.0 / jnp.asarray(stop.stiffness, float)
 
     def after_platform_jump(self, x: StickSlipState[Scalar], jump: Scalar) -> tuple[Scalar, ...]:
         """The sensor's state after the platform has jumped by `jump` [m]; the end-effector has not, nor a force."""

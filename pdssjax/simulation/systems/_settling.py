@@ -32,8 +32,8 @@ def is_settled(
     contact, _ = _equilibrium_state(actuator, x)
     lengths = actuator.friction.error_scale()
     of_contact = [jnp.abs(a - b) * c for a, b, c in zip(x.contact_state, contact, lengths, strict=True)]
-    steady_lag = _steady_lag(sensed, segment, t_local, x)
-    of_sensor = [jnp.abs(a - b) for a, b in zip(x.sensor_lag, steady_lag, strict=True)]
+    steady_lag, metres = _steady_lag(sensed, segment, t_local, x), sensed.state_scale()
+    of_sensor = [jnp.abs(a - b) * metres for a, b in zip(x.sensor_lag, steady_lag, strict=True)]
     still = 2.0 * jnp.abs(x.v) / slowest_frequency(actuator) < tolerance
     for distance in [*of_contact, *of_sensor]:
         still &= distance < tolerance
@@ -41,7 +41,7 @@ def is_settled(
     upper, lower = (constant(margin) for margin in sticking_margins(actuator, segment, t_local, x))
     shake = 4.0 * actuator.effector.mass * actuator.piezo.frequency_scale() ** 2 * ringing
     safe = jnp.minimum(upper, lower) > shake
-    if x.sensor_lag or not actuator.platform_closed:
+    if x.sensor_lag or not _may_ring_on(actuator):
         safe &= ringing < tolerance
     for distance in of_sensor:
         safe &= distance < tolerance
@@ -60,10 +60,18 @@ def project_to_steady(
     return x._replace(
         d=jnp.where(slid, x.d + displacement, x.d),
         v=jnp.zeros_like(x.v),
-        driven=x.driven if actuator.platform_closed else _steady_platform(actuator, segment, t_local, x),
+        driven=x.driven if _may_ring_on(actuator) else _steady_platform(actuator, segment, t_local, x),
         contact_state=chosen(slid, contact, x.contact_state),
         sensor_lag=_steady_lag(sensed, segment, t_local, x),
     )
+
+
+def _may_ring_on(actuator: Actuator) -> bool:
+    """The platform may ring on once the contact has settled: it is known in closed form, and meets nothing.
+
+    What is stepped of it then is a straight line, which would tell a stop in front too early or too late.
+    """
+    return actuator.platform_closed and actuator.stop is None
 
 
 def slowest_frequency(actuator: Actuator) -> Scalar:
@@ -90,9 +98,11 @@ def _steady_platform(
 def _steady_lag(
     sensed: SensedMotion, segment: Segment, t_local: ScalarLike, x: StickSlipState[Scalar]
 ) -> tuple[Scalar, ...]:
-    # At a stop the sensor's state is the force that it shows, which has no steady value.
-    if not x.sensor_lag or sensed.actuator.stop is not None:
-        return x.sensor_lag
+    if not x.sensor_lag:
+        return ()
+    # With a stop it is the force shown: none is left once nothing touches.
+    if sensed.actuator.stop is not None:
+        return tuple(jnp.zeros_like(shown) for shown in x.sensor_lag)
     steady = _steady_platform(sensed.actuator, segment, t_local, x)
     return sensed.sensor.steady(x.sensor_lag, sensed.actuator.driven_platform.platform(steady)[1])
 

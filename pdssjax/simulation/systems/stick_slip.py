@@ -116,16 +116,14 @@ class StickSlip(AbstractHybridSystem):
 
     def state_scale(self) -> StickSlipState[Scalar]:
         """What one unit of each state amounts to as a displacement [m]."""
-        metre, stop = jnp.ones(()), self.actuator.stop
-        of_sensor = metre if stop is None else 1.0 / jnp.asarray(stop.stiffness, float)
-        first = self.initial()
+        metre, first = jnp.ones(()), self.initial()
         return StickSlipState(
             metre,
             1.0 / slowest_frequency(self.actuator),
             self.actuator.driven_platform.error_scale(),
             self.actuator.friction.error_scale(),
             tuple(metre for _ in first.in_contact),
-            tuple(of_sensor for _ in first.sensor_lag),
+            tuple(self._sensed.state_scale() for _ in first.sensor_lag),
         )
 
     def on_segment_start(

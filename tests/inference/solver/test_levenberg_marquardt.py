@@ -7,7 +7,9 @@ import optimistix as optx
 import pytest
 from jax import lax
 
-from pdssjax.inference import BoundedLevenbergMarquardt
+from pdssjax.inference import SUCCESSES, BoundedLevenbergMarquardt, Ending
+from pdssjax.inference.solver import levenberg_marquardt
+from pdssjax.inference.solver.trust_region import best_step
 
 LINES = jnp.array([[1.0, 2.0], [3.0, -1.0], [0.5, 1.0], [2.0, 2.0]])
 """Rows of a small linear problem."""
@@ -237,6 +239,23 @@ def test_running_out_of_steps_is_not_success():
 def test_a_fall_without_a_floor_ends_as_a_stall_not_as_success():
     solution = solve(lying, [0.7, 0.0], rtol=1e-12)
     assert solution.result != optx.RESULTS.successful
+
+
+def test_a_predicted_reduction_below_zero_is_not_a_small_one(monkeypatch):
+    below = lambda *given: best_step(*given)._replace(predicted=jnp.asarray(-0.04))
+    monkeypatch.setattr(levenberg_marquardt, "best_step", below)
+    bounds = {"lower": jnp.full(2, -jnp.inf), "upper": jnp.full(2, jnp.inf)}
+    found = optx.least_squares(
+        lambda y, _: (line(y), None),
+        BoundedLevenbergMarquardt(),
+        jnp.array([2.0, -3.0]),
+        None,
+        has_aux=True,
+        options=bounds,
+        max_steps=100,
+        throw=False,
+    )
+    assert Ending(int(found.stats["state"].ending)) not in SUCCESSES
 
 
 def test_a_parameter_without_influence_stays_where_it_is():
