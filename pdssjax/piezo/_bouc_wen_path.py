@@ -10,15 +10,16 @@ def after_jump(h: Scalar, change: ScalarLike, slope: ScalarLike, beta: ScalarLik
 
     **Arguments:** `slope` is dh/du where h vanishes; on a branch dh = (slope - (beta +- gamma) h) du.
     """
-    path, side = jnp.abs(change), jnp.where(change < 0.0, -1.0, 1.0)
-    ahead = side * h
+    side = jnp.where(change < 0.0, -1.0, 1.0)
+    # Not |change|, which JAX gives no slope at 0, nor below a minimum of two zeros, which it halves: a stack begins so.
+    path, ahead = side * change, side * h
     unloads, loads = beta - gamma, beta + gamma
     behind = jnp.minimum(ahead, 0.0)
     # The way on which the unloading branch reaches h = 0; it may never.
     growth = -behind * unloads / jnp.where(slope > 0.0, slope, 1.0)
     far = jnp.where((growth > -1.0) & (slope > 0.0), -behind / jnp.where(slope > 0.0, slope, 1.0), jnp.inf)
     way = jnp.where(jnp.isfinite(far), jnp.where(jnp.isfinite(far), far, 0.0) * _log_ratio(growth), jnp.inf)
-    first = jnp.minimum(way, path)
+    first = jnp.where(ahead < 0.0, jnp.minimum(way, path), 0.0)
     remainder = path - first
     unloaded = jnp.where(first < way, _branch(behind, slope, unloads, first), 0.0)
     begun = jnp.where(ahead < 0.0, unloaded, ahead)

@@ -9,7 +9,9 @@ import pytest
 from jax import lax
 from scipy.integrate import solve_ivp
 
+from pdssjax.core import member
 from pdssjax.drive.base import Segment, Voltage
+from pdssjax.piezo._bouc_wen_path import after_jump
 from pdssjax.piezo.bouc_wen import BoucWen
 from pdssjax.piezo.maxwell_slip import MaxwellSlip
 
@@ -116,3 +118,19 @@ def test_bouc_and_wens_jump_follows_the_path(beta, gamma, change, h):
     flow = lambda _, x: [0.3 * piezo.gain * change - beta * abs(change) * x[0] - gamma * change * abs(x[0])]
     path = solve_ivp(flow, (0.0, 1.0), [h], method="DOP853", rtol=1e-12, atol=1e-22, max_step=1e-3)
     assert float(piezo.on_segment_start(begun, at)[2]) == pytest.approx(path.y[0, -1], rel=1e-5, abs=1e-13)
+
+
+@pytest.mark.parametrize("h", [-0.4, 0.0, 0.7])
+def test_a_jump_of_no_height_has_the_derivative_of_a_small_one(h):
+    after = jax.jit(lambda change: after_jump(jnp.asarray(h), change, 1.0, 0.03, 0.01))
+    small = 1e-6
+    assert float(jax.grad(after)(0.0)) == pytest.approx(float(after(small) - after(0.0)) / small, rel=1e-4)
+
+
+@pytest.mark.parametrize("path", ["initial_voltage", "initial_peak"])
+def test_a_stack_that_has_rested_at_0_V_has_the_derivatives_of_one_that_rested_near_it(path):
+    stack = member("piezo", "composed:second-order+bouc-wen")
+    begun = jax.jit(lambda volts: jnp.stack([jnp.asarray(number) for number in stack(**{path: volts}).initial()]))
+    expected = (begun(1e-5) - begun(0.0)) / 1e-5
+    found = jax.jacfwd(begun)(0.0)
+    np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-5 * float(jnp.abs(expected).max()) + 1e-6)
