@@ -36,4 +36,5 @@ def calls(monkeypatch) -> SimpleNamespace:
     monkeypatch.setitem(vars(pdssjax), "load_study", load_study)
     monkeypatch.setitem(vars(pdssjax), "identify", identify)
     monkeypatch.setitem(vars(pdssjax.inference), "pick_peaks", pick_peaks)
+    monkeypatch.setitem(vars(pdssjax.inference), "check_method", lambda study, method: None)
     return noted
