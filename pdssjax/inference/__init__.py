@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from .uncertainty.influence import principal_directions as principal_directions
     from .uncertainty.parameter_errors import all_error_models as all_error_models
     from .uncertainty.parameter_errors import with_error_models as with_error_models
+    from .uncertainty.variance_factor import NORMAL_95 as NORMAL_95
 else:
     from ..core.lazy import lazy_exports
 
@@ -62,5 +63,6 @@ else:
             "stack_first.sequential": ["sequential", "with_piezo_held"],
             "problem": ["Problem", "pose_problem"],
             "residual": ["Residual", "as_weights"],
+            "uncertainty.variance_factor": ["NORMAL_95"],
         },
     )

@@ -2,10 +2,10 @@
 
 import json
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
+from tribometer_record import TRIBOMETER
 
 import pdssjax
 from experiments import fits, identification, measured_fits, measured_laws, tribometer
@@ -13,9 +13,6 @@ from pdssjax import Accuracy, Taylor
 from pdssjax.files import EXAMPLE
 from pdssjax.inference import guess_starts
 from pdssjax.metrics import r_squared
-
-TRIBOMETER = Path(__file__).parents[3] / "shared" / "data" / "tribometer" / "reciprocating.tsv"
-"""Beside the repository where it was developed; not part of it."""
 
 
 @pytest.fixture

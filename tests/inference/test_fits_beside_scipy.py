@@ -1,12 +1,12 @@
 """Fits of real and of made-up records: a fit that says it converged is not beaten by SciPy from where it ended."""
 
 import dataclasses
-from pathlib import Path
 
 import pytest
 from beside_scipy import best_of_scipy
 from four_kinds import plan, startless
 from liu_record import LAWS, liu
+from tribometer_record import TRIBOMETER
 
 import pdssjax
 from experiments import blind_rigs, tribometer
@@ -15,8 +15,6 @@ from pdssjax.files import EXAMPLE
 from pdssjax.inference import SUCCESSES, Ending, joint
 from pdssjax.inference.search.multistart import best_fit
 from pdssjax.study import make_recordings
-
-TRIBOMETER = Path(__file__).parents[3] / "shared" / "data" / "tribometer" / "reciprocating.tsv"
 
 
 def beside_scipy(study):

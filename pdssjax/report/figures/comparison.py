@@ -7,11 +7,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ...inference import NORMAL_95
 from ...study import Estimate, FittedParameter
 from ._style import BLUE, GREEN, STYLE, VERMILION
-
-NORMAL_95 = 1.959963984540054
-"""Standard deviations of a normal distribution to either end of its middle 95 %."""
 
 _COLUMNS = 3
 """Panels side by side."""

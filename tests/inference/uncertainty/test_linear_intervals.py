@@ -7,9 +7,9 @@ import platform_study
 import pytest
 
 import pdssjax
+from pdssjax.inference import NORMAL_95
 from pdssjax.inference.parameter_transform import ParameterTransform
 from pdssjax.inference.uncertainty.linear_intervals import linear_intervals
-from pdssjax.inference.uncertainty.variance_factor import NORMAL_95
 
 RATE = "piezo.natural_frequency"
 
