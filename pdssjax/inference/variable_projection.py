@@ -38,6 +38,10 @@ _FACTORS = (5.0, 2.0)
 _MOST = 30
 """Steps of either kind."""
 
+_DECADE, _BRIEF, _UNSEEN = 10.0, 3, 2.0
+"""Factor of the starts to which a search is compared that left an element unused: so many steps from each; and the
+standard errors from its bound within which an element is unused."""
+
 _BEGIN, _LEAST, _LARGEST = 1e-3, 1e-12, 1e6
 """Damping of the steps, in columns of unit norm: at first, at least, and where no step is left."""
 
@@ -97,7 +101,8 @@ def project(
     here = _solved(task, np.clip(free, task.low, task.high))
     count = 1
     if searched.any() and np.isfinite(here.chi2):
-        for search in (_by_factors, _by_gauss_newton, _by_quasi_newton):
+        local = _by_gauss_newton, _by_quasi_newton
+        for search in local if _is_at_bottom(task, here) else (_by_factors, *local, _by_decades):
             here, more = search(task, here)
             count += more
     return Projected(here.free if np.isfinite(here.chi2) else free, here.chi2, 2 * count)
@@ -113,15 +118,16 @@ class _Task(NamedTuple):
     high: Float[np.ndarray, " p"]
 
 
-def _by_factors(task: _Task, here: _Point) -> tuple[_Point, int]:
-    """At first: times and thresholds one by one by large factors, since there may be several valleys.
-
-    Not where the search begins at the bottom of one, as it does when a fit is made again with another noise.
-    """
-    count, columns = 0, _columns(task, here, task.searched)
+def _is_at_bottom(task: _Task, here: _Point) -> bool:
+    """Whether a search begins at the bottom of a valley, as it does when a fit is made again with another noise."""
+    columns = _columns(task, here, task.searched)
     basis = jnp.linalg.qr(columns / _norms(columns))[0]
-    if float(jnp.sum((basis.T @ here.residual) ** 2)) < _NEAR * here.chi2:
-        return here, count
+    return float(jnp.sum((basis.T @ here.residual) ** 2)) < _NEAR * here.chi2
+
+
+def _by_factors(task: _Task, here: _Point) -> tuple[_Point, int]:
+    """At first: times and thresholds one by one by large factors, since there may be several valleys."""
+    count = 0
     for factor in _FACTORS:
         for place in np.flatnonzero(task.positive):
             tried = []
@@ -133,10 +139,41 @@ def _by_factors(task: _Task, here: _Point) -> tuple[_Point, int]:
     return here, count
 
 
-def _by_gauss_newton(task: _Task, here: _Point) -> tuple[_Point, int]:
+def _by_decades(task: _Task, here: _Point) -> tuple[_Point, int]:
+    """In the end, where an element is unused: the times or thresholds may stand a decade off, in another valley."""
+    if not _leaves_unused(task, here):
+        return here, 0
+    count, rivals = 0, []
+    for place in np.flatnonzero(task.positive):
+        for way in (-1.0, 1.0):
+            step = way * np.log(_DECADE) * (np.arange(here.free.size) == place)
+            there = _solved(task, np.clip(here.free + step, task.low, task.high))
+            there, taken = _by_gauss_newton(task, there, _BRIEF) if np.isfinite(there.chi2) else (there, 0)
+            rivals, count = [*rivals, there], count + 1 + taken
+    best = min(rivals, key=lambda point: point.chi2, default=here)
+    if not np.isfinite(best.chi2):
+        return here, count
+    for search in (_by_gauss_newton, _by_quasi_newton):
+        best, more = search(task, best)
+        count += more
+    return (best if best.chi2 < here.chi2 else here), count
+
+
+def _leaves_unused(task: _Task, here: _Point) -> bool:
+    """Whether a linear parameter is at its bound, or not to be told from it."""
+    moves = task.searched | task.linear
+    columns = np.asarray(here.jacobian)[:, moves]
+    size = np.asarray(_norms(jnp.asarray(columns)))
+    scatter = np.sqrt(here.chi2 / max(columns.shape[0] - columns.shape[1], 1))
+    errors = scatter * np.sqrt(np.diag(np.linalg.pinv((columns / size).T @ (columns / size)))) / size
+    room = np.minimum(here.free - task.low, task.high - here.free)[moves]
+    return bool((room < _UNSEEN * errors)[task.linear[moves]].any())
+
+
+def _by_gauss_newton(task: _Task, here: _Point, most: int = _MOST) -> tuple[_Point, int]:
     """Far from the end: where damped steps lead, and how many points were solved at."""
     damping, count = _BEGIN, 0
-    while count < _MOST and damping <= _LARGEST:
+    while count < most and damping <= _LARGEST:
         step = np.zeros(here.free.size)
         step[task.searched] = _gauss_newton(task, here, damping)
         there, count = _solved(task, np.clip(here.free + step, task.low, task.high)), count + 1
@@ -218,8 +255,8 @@ def _box_step(
 
 def _columns(task: _Task, here: _Point, searched: Bool[np.ndarray, " p"]) -> Float[Array, "n s"]:
     """Of what is `searched`, without the span of the linear ones that no bound holds."""
-    spanning = task.linear & (here.free > task.low) & (here.free < task.high)
-    return _outside(here.jacobian[:, searched], here.jacobian[:, spanning])
+    spanning = (here.free > task.low) & (here.free < task.high)
+    return _outside(here.jacobian[:, searched], here.jacobian[:, task.linear], spanning[task.linear])
 
 
 def _gauss_newton(task: _Task, here: _Point, damping: float) -> Float[np.ndarray, " s"]:
@@ -231,10 +268,12 @@ def _gauss_newton(task: _Task, here: _Point, damping: float) -> Float[np.ndarray
     return np.asarray(solve_in_box(upper, projected, jnp.asarray(damping), *ends).x / norms)
 
 
-def _outside(columns: Float[Array, "n s"], span: Float[Array, "n q"]) -> Float[Array, "n s"]:
-    """`columns` without what lies in the `span` of others."""
-    if not span.shape[1]:
-        return columns
+@jax.jit
+def _outside(
+    columns: Float[Array, "n s"], others: Float[Array, "n q"], spanning: Bool[np.ndarray, " q"]
+) -> Float[Array, "n s"]:
+    """`columns` without the span of those of the `others` that are `spanning`; their number compiles nothing anew."""
+    span = jnp.where(spanning, others, 0.0)
     left, singular, _ = jnp.linalg.svd(span / _norms(span), full_matrices=False)
     basis = jnp.where(singular > _DAMPING * singular[0], left, 0.0)
     return columns - basis @ (basis.T @ columns)

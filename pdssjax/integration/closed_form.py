@@ -10,8 +10,8 @@ from .system import AbstractHybridSystem, State, Visited
 
 
 def is_closed(system: AbstractHybridSystem) -> bool:
-    """Every component of the state is known in closed form on a segment, and no guard ends it."""
-    return len(system.closed_components()) == len(jax.tree.leaves(system.initial()))
+    """Its states at any times are known without a step: all at once, or on each segment, which no guard ends."""
+    return system.has_closed_states() or len(system.closed_components()) == len(jax.tree.leaves(system.initial()))
 
 
 def exact_states_at(system: AbstractHybridSystem, times: Float[Array, " m"], segments: int) -> Visited:
@@ -21,8 +21,8 @@ def exact_states_at(system: AbstractHybridSystem, times: Float[Array, " m"], seg
 
     **Returns:** as `states_at` does.
     """
-    if (found := system.closed_states(times, segments)) is not None:
-        return found
+    if system.has_closed_states():
+        return system.closed_states(times, segments)
 
     def pass_segment(
         carry: tuple[Scalar, State, Scalar], index: Scalar

@@ -147,12 +147,16 @@ class AbstractHybridSystem(eqx.Module):
         """`end`, `elapsed` [s] after `begin` at `t_local`, with what is known in closed form put right."""
         return end
 
-    def closed_states(self, times: Float[Array, " m"], segments: int) -> Visited | None:
-        """The states of a closed system at `times` [s], none before 0, where there is a quicker way than by `exact`.
+    def has_closed_states(self) -> bool:
+        """Whether `closed_states` knows them, from the begin of the drive on, with nothing stepped."""
+        return False
 
-        `segments` is how many of them the times may reach into.  None, the default: there is none.
+    def closed_states(self, times: Float[Array, " m"], segments: int) -> Visited:
+        """Where `has_closed_states`: those at `times` [s], none before 0.
+
+        `segments` is how many of the drive's the times may reach into.
         """
-        return None
+        raise NotImplementedError(f"{type(self).__name__} knows no states in closed form")
 
     def is_spurious_event(self, slope: Scalar, mode: Scalar, which: Scalar) -> Truth:
         """Whether an event with this `slope` of its guard is rounding: then its time has no derivative."""

@@ -18,6 +18,7 @@ from ._dynamics import AbstractDynamics, FirstOrder, Modal, Mode, Static
 from ._hysteresis import AbstractHysteresis, BoucWen, Elements
 from ._on_lines import CeramicArrays, Line, Moment, advanced, begins_of_lines, inside_lines
 from ._rod import Rod, modes
+from ._straightened import lines_a_segment, place_among_lines, straightened
 from .base import AbstractPiezo, Shown, State, Terms, slew_sign
 
 
@@ -153,12 +154,17 @@ class ComposedModel(AbstractPiezo):
         self, segments: Segment, places: Int[Array, " m"], t_local: Float[Array, " m"]
     ) -> tuple[Float[Array, " m"], ...]:
         ceramic, dynamics, x = self._arrays(), self.dynamics, self._parts(self.initial())
+        now = jax.vmap(Segment.voltage)(jax.tree.map(lambda array: array[places], segments), t_local)
+        if segments.wave is not None:
+            many = lines_a_segment(segments.start.size)
+            places, t_local = place_among_lines(segments, places, t_local, many)
+            segments = straightened(segments, many)
         lines = Line(segments.start, segments.slope)
         durations = jnp.where(jnp.isfinite(segments.duration), segments.duration, 0.0)
         begins = begins_of_lines(ceramic, dynamics, lines, durations, x.seen, self._moment(x))
         here, line = (jax.tree.map(lambda array: array[places], tree) for tree in (begins, lines))
         moments = inside_lines(ceramic, dynamics, line, here, t_local)
-        return jax.vmap(self._state_at)(moments, line.start + line.slope * t_local, line.slope)
+        return jax.vmap(self._state_at)(moments, now.level, now.slope)
 
     def error_scale(self) -> State:
         metre, volt, mechanics = jnp.ones(()), self.static_gain(), self.dynamics.scales()

@@ -5,6 +5,7 @@ import itertools
 import numpy as np
 import pytest
 from scipy.optimize import least_squares, lsq_linear
+from scipy.signal import lfilter
 
 import pdssjax
 from pdssjax import InputError
@@ -213,3 +214,49 @@ def test_the_platform_alone_needs_no_friction_law(tmp_path):
     path.write_text(path.read_text().replace('measures = "platform"', 'measures = "effector"'))
     with pytest.raises(InputError, match='the key "friction" is missing'):
         pdssjax.load_study(path)
+
+
+LADDER = """\
+format = "pdssjax-study/1"
+title = "A ladder of creep that a search begins decades off"
+
+[actuator]
+piezo = { dynamics = "first-order", hysteresis = { law = "play", elements = 2 }, creep = { elements = 2 } }
+
+[parameters]
+"piezo.gain" = {}
+"piezo.time_constant" = {}
+"piezo.play_*" = {}
+"piezo.play_range" = {}
+"piezo.creep_*" = {}
+"piezo.creep_time" = {}
+
+[[record]]
+name = "sine"
+file = "sine.csv"
+columns = { time = "time_s", displacement = "y_um" }
+measures = "platform"
+noise = "1 nm"
+drive = { waveform = "sine", voltage = "80 V", frequency = "1 Hz" }
+"""
+
+
+def test_a_ladder_of_creep_a_decade_off_is_left(tmp_path):
+    interval, fine, taus = 0.01, 20, (0.02, 0.2)
+    times = np.arange(1000 * fine) * interval / fine
+    volts = 40.0 * (1.0 - np.cos(2 * np.pi * times))
+    lag = lambda signal, tau: lfilter(
+        [0.0, 1.0 - np.exp(-interval / fine / tau)], [1.0, -np.exp(-interval / fine / tau)], signal
+    )
+    z, thresholds, aim = np.zeros(2), np.array([15.0, 30.0]), 8e-8 * volts
+    for k, volt in enumerate(volts):
+        z = np.clip(z, volt - thresholds, volt + thresholds)
+        aim[k] += z @ [1e-8, 0.8e-8]
+    aim += sum(share * lag(volts, tau) for share, tau in zip((1.5e-9, 2e-9), taus, strict=True))
+    motion = 1e6 * lag(aim, 1e-3)[::fine] + np.random.default_rng(0).normal(0.0, 1e-3, 1000)
+    rows = np.stack([times[::fine], motion], 1)
+    np.savetxt(tmp_path / "sine.csv", rows, "%.7g", ",", header="time_s,y_um", comments="")
+    (tmp_path / "study.toml").write_text(LADDER)
+    found = pdssjax.identify(pdssjax.load_study(tmp_path / "study.toml")).parameters["piezo.creep_time"]
+    # The other valley, where the first element takes the place of the second and that is unused, is 10 higher.
+    assert abs(found.value - taus[0]) < 4.0 * found.standard_error < 0.01

@@ -14,12 +14,14 @@ from scipy.integrate import solve_ivp
 from pdssjax import Actuator, Effector
 from pdssjax.actuator import DrivenPlatform
 from pdssjax.core import member, member_name, quantities
+from pdssjax.drive.cycloidal import Cycloidal
 from pdssjax.drive.sampled import Sampled
+from pdssjax.drive.sine import Sine
 from pdssjax.friction.simplified_lugre import SimplifiedLuGre
 from pdssjax.integration import Accuracy
 from pdssjax.piezo import Composition
 from pdssjax.piezo._composition import composition_of
-from pdssjax.simulation import PlatformOnly, StickSlip, measured
+from pdssjax.simulation import DISPLACEMENT, VELOCITY, PlatformOnly, StickSlip, measured
 
 TIMES = np.arange(61) * 5e-3
 VOLTS = 20.0 + 15.0 * np.sin(2 * np.pi * 7.0 * TIMES) + 6.0 * np.sin(2 * np.pi * 19.0 * TIMES)
@@ -225,6 +227,55 @@ def test_stepped_and_in_closed_form_are_the_same(name, monkeypatch):
     monkeypatch.setattr(type(stack), "closed_on_lines", False)
     stepped = np.asarray(shown(stack, times, tight=True))
     np.testing.assert_allclose(stepped, exact, rtol=0.0, atol=1e-12)
+
+
+WAVES = [Sine(30.0, 7.0), Sine(-25.0, 9.0, 20.0, 1.0), Cycloidal(30.0, 9.0, 4e-3, -1.0), Cycloidal(25.0, 9.0)]
+
+
+@pytest.mark.parametrize(
+    ("name", "drive", "output"),
+    [
+        ("second-order+play-4+asymmetry-3+creep-2", WAVES[1], DISPLACEMENT),
+        ("second-order+play-4+asymmetry-3+creep-2", WAVES[3], DISPLACEMENT),
+        ("static+maxwell-slip-3+creep-1", WAVES[0], DISPLACEMENT),
+        ("static+maxwell-slip-3+creep-1", WAVES[2], VELOCITY),
+    ],
+)
+def test_waves_are_followed_as_lines_as_fine_as_the_sensor_sees(name, drive, output, monkeypatch):
+    times = jnp.linspace(0.0, 0.4, 301) + 1e-4
+    system = PlatformOnly(DrivenPlatform(made(name)), drive)
+    seen = lambda accuracy: np.asarray(measured(system, times, accuracy, output, drive.segments(0.4)))
+    lines = seen(Accuracy())
+    monkeypatch.setattr(PlatformOnly, "has_closed_states", lambda _: False)
+    stepped = seen(Accuracy(tolerance=1e-13, max_steps=20000))
+    # A chord of 1/2000 of a period is off by (2 pi / 2000)^2 / 16 of the swing, and an element that lets go at the end
+    # of a chord instead of its middle has jumped in velocity by then.
+    swing = np.ptp(stepped)
+    assert swing > 0.0
+    if output is DISPLACEMENT:
+        np.testing.assert_allclose(lines, stepped, rtol=0.0, atol=2e-6 * swing)
+    else:
+        assert np.median(np.abs(lines - stepped)) < 1e-6 * swing
+
+
+def test_derivatives_under_waves_agree_with_differences():
+    leaves, tree = jax.tree.flatten((made("second-order+play-4+asymmetry-3+creep-2"), WAVES[1]))
+    numbers = np.array([float(leaf) for leaf in leaves])
+    scale = np.where(numbers == 0.0, 1e-3, np.abs(numbers))
+    times = jnp.linspace(0.0, 0.4, 101) + 1e-4
+
+    @jax.jit
+    def of(x):
+        stack, drive = jax.tree.unflatten(tree, [x[i] * scale[i] for i in range(len(leaves))])
+        return measured(PlatformOnly(DrivenPlatform(stack), drive), times, Accuracy(), segments=5)
+
+    jacobian = np.asarray(jax.jit(jax.jacfwd(of))(numbers / scale))
+    step = 1e-5
+    for i, column in enumerate(jacobian.T):
+        e = np.eye(len(leaves))[i] * step
+        difference = np.asarray(of(numbers / scale + e) - of(numbers / scale - e)) / (2.0 * step)
+        size = np.abs(difference).max()
+        np.testing.assert_allclose(column, difference, rtol=0.0, atol=2e-4 * size + 1e-15, err_msg=str(i))
 
 
 def test_a_name_says_it_all_also_to_another_process():

@@ -15,6 +15,7 @@ from ..estimated_noise import with_noise
 from ..fit_statistics import reduced_chi2
 from ..initial_values.search import guess_starts
 from ..least_squares import Fit, FitMethod, Progress, lowered, summed
+from ..long_records import question_lengths
 from ..losses.base import AbstractLoss
 from ..problem import Problem, pose
 from ..variable_projection import is_separable
@@ -37,6 +38,7 @@ def best_fit(
     """
     starts, missing = guess_starts(study.models, study.parameters, study.records)
     problem = pose(study, starts, accuracy, loss)
+    question_lengths(problem, starts)
     _compile(problem, study, starts)
     if is_separable(problem):  # what is searched is little, and no contact makes wrong optima of it
         fit, problem = with_noise(run(problem, starts, report), problem, run, report)

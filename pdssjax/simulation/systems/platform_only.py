@@ -101,9 +101,9 @@ class PlatformOnly(AbstractHybridSystem):
 
     @property
     def _closed(self) -> bool:
-        """Known in closed form; where guards may have to be passed, only if nothing at all has to be stepped."""
-        on_lines = self.driven_platform.closed_on_lines and not self.sensor.initial()
-        return self.driven_platform.closed or (on_lines and self.drive.segment(jnp.zeros(())).wave is None)
+        """Known in closed form on a segment."""
+        on_lines = self.has_closed_states() and self.drive.segment(jnp.zeros(())).wave is None
+        return self.driven_platform.closed or on_lines
 
     def exact(
         self, segment: Segment, t_local: ScalarLike, begin: State[Scalar], elapsed: ScalarLike, end: State[Scalar]
@@ -113,10 +113,12 @@ class PlatformOnly(AbstractHybridSystem):
             return end
         return end._replace(driven=self.driven_platform.motion(segment, t_local, begin.driven, elapsed))
 
-    def closed_states(self, times: Float[Array, " m"], segments: int) -> Visited | None:
-        """By the piezo, where it knows all corners of a chain of straight lines at once."""
-        if self.driven_platform.closed or not self._closed:
-            return None
+    def has_closed_states(self) -> bool:
+        """Where guards may have to be passed, only if nothing at all has to be stepped."""
+        return self.driven_platform.closed_on_lines and not self.driven_platform.closed and not self.sensor.initial()
+
+    def closed_states(self, times: Float[Array, " m"], segments: int) -> Visited:
+        """By the piezo, which knows all corners of a chain of straight lines at once and follows waves as lines."""
         chain = jax.vmap(self.drive.segment)(jnp.arange(segments) * 1.0)
         lasts = jnp.isfinite(chain.duration)
         ends = jnp.cumsum(jnp.where(lasts, chain.duration, jnp.inf))

@@ -1,0 +1,57 @@
+"""A record that would be stepped until the memory is full is questioned; one that needs no steps is not."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+import pdssjax
+from pdssjax import InputWarning
+from pdssjax.inference import pose_problem
+from pdssjax.inference.long_records import question_lengths
+
+STUDY = """\
+format = "pdssjax-study/1"
+title = "Loops"
+
+[actuator]
+piezo = {{ dynamics = "first-order", hysteresis = {{ law = "{law}" }}, creep = {{ elements = 2 }} }}
+
+[parameters]
+{parameters}
+
+[[record]]
+name = "sine"
+file = "sine.csv"
+columns = {{ time = "time_s", displacement = "y_um" }}
+measures = "platform"
+noise = "1 nm"
+drive = {{ waveform = "sine", voltage = "80 V", frequency = "1 Hz" }}
+"""
+
+
+LAWS = {"play": ["play_*", "play_range"], "bouc-wen": ["hysteresis", "beta", "gamma"]}
+
+
+def questioned(folder, law, seconds):
+    times = np.arange(0.0, seconds, 0.1)
+    rows = np.stack([times, 4.0 - 4.0 * np.cos(2 * np.pi * times)], 1)
+    np.savetxt(folder / "sine.csv", rows, "%.4f", ",", header="time_s,y_um", comments="")
+    names = ["gain", "time_constant", "creep_*", "creep_time", *LAWS[law]]
+    parameters = "\n".join(f'"piezo.{name}" = {{}}' for name in names)
+    (folder / "study.toml").write_text(STUDY.format(law=law, parameters=parameters))
+    study = pdssjax.load_study(folder / "study.toml")
+    question_lengths(pose_problem(study)[0], pdssjax.initial_guess(study))
+
+
+def test_a_long_record_that_is_stepped_is_questioned(tmp_path):
+    told = r'record "sine": 99.9 s of it are stepped, with room for 6\d{5} steps: .* take about 7\.\d GB'
+    with pytest.warns(InputWarning, match=told):
+        questioned(tmp_path, "bouc-wen", 100.0)
+
+
+@pytest.mark.parametrize(("law", "seconds"), [("bouc-wen", 10.0), ("play", 100.0)])
+def test_short_ones_and_those_in_closed_form_are_not(tmp_path, law, seconds):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        questioned(tmp_path, law, seconds)
