@@ -3,6 +3,7 @@
 import warnings
 
 import jax
+import jax.numpy as jnp
 
 from ..core import InputWarning
 from ..integration import is_closed
@@ -23,12 +24,14 @@ def question_lengths(problem: Problem, starts: Values) -> None:
     """
     residual = problem.residual
     for record in problem.records:
-        setup, run = record.measurement.setup(residual.predictor.models), Run(record.drive, record.time, record.motion)
-        system = setup.system(residual.predictor.models, {**residual.fixed, **starts}, run)
+        models, motion = residual.predictor.models, record.motion
+        setup = record.measurement.setup(models)
+        run = Run(record.drive, jnp.asarray(record.time), None if motion is None else jnp.asarray(motion))
+        system = setup.system(models, {**residual.fixed, **starts}, run)
         if is_closed(system):
             continue
         segments, last = setup.segments(record.drive, record.time), float(record.time[-1])
-        steps = with_room(residual.accuracy, setup, residual.predictor.models, segments, last).max_steps
+        steps = with_room(residual.accuracy, setup, models, segments, last).max_steps
         directions = 1 + len(residual.transform.paths)
         size = _A_STEP * steps * len(jax.tree.leaves(system.initial())) * directions
         if size > _MUCH:

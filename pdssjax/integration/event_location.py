@@ -50,7 +50,7 @@ def first_crossing(guards: tuple[Series, ...], size: int, step_radius: Scalar) -
 
     Right after an event a guard starts from zero; one power of theta is then divided out,
     which takes the root at the start away.  Where what is left falls short of zero by rounding,
-    and is above it within `LOOK_AHEAD`, one more is.  An end point of exactly 1 is no crossing.
+    and is above it within `LOOK_AHEAD`, one or two more are.  An end point of exactly 1 is no crossing.
     """
     if not guards:
         return jnp.ones(()), jnp.zeros((), bool), jnp.zeros(())
@@ -72,11 +72,14 @@ def _crossing(coefficients: list[Guards], ahead: Scalar) -> Guards:
     """
     starts_at_zero = coefficients[0] <= 0.0
     once = [*coefficients[1:], 0.0 * coefficients[0]]
-    twice = [*once[1:], once[-1]]
-    slack = starts_at_zero & (once[0] <= 0.0) & (-once[0] <= 2.0 * ahead * once[1])
+    twice = [*once[1:], 0.0 * once[0]]
+    thrice = [*twice[1:], 0.0 * once[0]]
+    short = starts_at_zero & (once[0] <= 0.0)
+    rises = short & (twice[0] > 0.0) & (-once[0] <= 2.0 * ahead * twice[0])
+    bends = short & ~rises & (thrice[0] > 0.0) & (once[0] + 2.0 * ahead * (twice[0] + 2.0 * ahead * thrice[0]) > 0.0)
     g = [
-        choose(slack & (once[1] > 0.0), c, choose(starts_at_zero, b, a))
-        for a, b, c in zip(coefficients, once, twice, strict=True)
+        choose(bends, d, choose(rises, c, choose(starts_at_zero, b, a)))
+        for a, b, c, d in zip(coefficients, once, twice, thrice, strict=True)
     ]
     slope = _slope(g)
     found, ends, dips, dip = _bracket(g, slope)

@@ -197,3 +197,19 @@ def test_a_stop_that_is_met_and_left_changes_nothing_of_what_the_amplifier_gives
     np.testing.assert_allclose(shown, alone, rtol=0.0, atol=1e-6)
     largest = np.abs(expected).max(axis=0)
     np.testing.assert_allclose(found / largest, expected / largest, rtol=0.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("ulps", [-4, -1, 0, 1, 4])
+def test_at_a_corner_at_which_the_contact_rests_the_bend_tells_where_it_goes(ulps):
+    # Behind an amplifier neither velocity nor acceleration nor its rate jump there, and the margins are rounding.
+    drive = Sawtooth(64.0, 20.0, 2e-4)
+    stack, law = SecondOrder(), SimplifiedLuGre(sigma0=1.1e6, sigma1=220.0, f_ss=0.6)
+    amplifier = Amplifier(bandwidth=7400.0, slew=1e9)
+    system = StickSlip(Actuator(stack, law, Effector(), amplifier=amplifier), drive)
+    slow, fast = (system.segment(jnp.asarray(float(index))) for index in (3, 4))
+    platform = system.actuator.driven_platform
+    rest = platform.steady(slow, slow.duration, platform.initial(), 0.0)
+    voltage = rest.supply[0] * (1.0 + ulps * np.finfo(float).eps)
+    x = system.initial()._replace(driven=rest._replace(supply=(voltage, rest.supply[1])))
+    _, mode = system.on_segment_start(fast, x, jnp.asarray(2.0))
+    assert float(mode) == -1.0

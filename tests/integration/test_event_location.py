@@ -112,6 +112,14 @@ def test_a_root_at_the_start_is_that_of_the_event_before():
     assert root(0.0) == 1.0
 
 
+@pytest.mark.parametrize("noise", [0.0, -1e-16, -1e-13])
+def test_rounding_at_the_start_is_no_fall(noise):
+    # A step of a tenth of a millisecond: within a nanosecond, 1e-5 of it, what is left rises above zero.
+    assert where([0.0, noise, 1.0, 0.0, -4.0]) == pytest.approx(0.5, abs=1e-12)
+    assert where([0.0, 1e-2 * noise, -1e-13, 1.0, 0.0, -4.0]) == pytest.approx(0.5, abs=1e-12)
+    assert where([0.0, -1e-4, 0.0, -1.0]) == 0.0
+
+
 def test_which_guard_crosses_first():
     theta, _, which = located(padded([0.7, -1.0], [1.0]))
     assert (float(which), float(theta)) == (0.0, pytest.approx(0.7, abs=1e-14))
