@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from .display_units import strongest_pairs as strongest_pairs
     from .errors import InputError as InputError
     from .errors import InputWarning as InputWarning
+    from .errors import check_kind as check_kind
     from .errors import check_whole as check_whole
     from .errors import nearest as nearest
     from .families import member as member
@@ -64,7 +65,7 @@ else:
                 *("Display", "LENGTH", "MICROMETRES", "VELOCITY", "decimals_for", "display_unit"),
                 *("percent", "rounded", "strongest_pairs"),
             ],
-            "errors": ["InputError", "InputWarning", "check_whole", "nearest"],
+            "errors": ["InputError", "InputWarning", "check_kind", "check_whole", "nearest"],
             "families": ["member", "member_name", "members", "told_by"],
             "garbage": ["seldom_look_for_garbage"],
             "jax_setup": ["need_double_precision", "prepare_jax"],

@@ -37,3 +37,11 @@ def check_whole(name: str, number: object, least: int, most: int | None = None) 
         raise InputError(f"{name}: found {number}, expected {f'at least {least}' if least else '0 or more'}.")
     if most is not None and number > most:
         raise InputError(f"{name}: found {number}, expected at most {most}.")
+
+
+def check_kind(name: str, given: object, kind: type, remedy: str = "") -> None:
+    """**Raises** `InputError` where what is `given` for an argument is nothing of its `kind`; `remedy` makes one."""
+    if not isinstance(given, kind):
+        article = "an" if kind.__name__[0] in "AEIO" else "a"
+        expected = f"{article} {kind.__name__}" + (f", as {remedy} gives it" if remedy else "")
+        raise InputError(f"{name}: found {given!r:.80}, expected {expected}.")

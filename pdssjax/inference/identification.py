@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 
-from ..core import InputError, clear_bar, member, members, nearest, need_double_precision, told_in_notebook
+from ..core import InputError, check_kind, clear_bar, member, members, nearest, need_double_precision, told_in_notebook
 from ..integration import Accuracy
 from ..study import Estimate, Study
 from .draws import Drawing
@@ -80,6 +80,10 @@ def identify(
     """
     need_double_precision()
     begun = time.perf_counter()
+    check_kind("study", study, Study, "load_study")
+    for name, given, kind in (("drawing", drawing, Drawing), ("executor", executor, Executor)):
+        check_kind(name, given, kind) if given is not None else None
+    check_kind("accuracy", accuracy or Accuracy(), Accuracy)
     check_method(study, method)
     _check_intervals(intervals, method)
     check_starts(starts)

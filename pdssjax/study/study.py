@@ -15,6 +15,7 @@ from ..core import (
     Quantity,
     Scalar,
     ScalarLike,
+    check_kind,
     check_range,
     member,
     member_name,
@@ -168,6 +169,7 @@ def _numbers(values: Values | Estimate, legal: Mapping[str, Quantity]) -> dict[s
     """`values` as numbers by path; **raises** `InputError` for a path that is not `legal`."""
     if isinstance(values, Estimate):
         values = {path: parameter.value for path, parameter in values.parameters.items()}
+    check_kind("values", values, Mapping)
     for path in values:
         if path not in legal:
             raise InputError(f'values: found the unknown parameter "{path}"; {nearest(path, legal)}')

@@ -13,7 +13,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Float
 
-from ..core import Document, InputError, Quantity, counted_in_notebook, need_double_precision
+from ..core import Document, InputError, Quantity, check_kind, counted_in_notebook, need_double_precision
 from ..integration import Accuracy
 from ..study import Record, Study, UsedNumber, numbers_used
 from .axes import check_axes, contradictions
@@ -65,6 +65,9 @@ def plan_sweep(
     derivatives: Sequence[str] = (),
 ) -> PlannedSweep:
     """What `sweep` of the same does, without doing it; **raises** what it raises before any work."""
+    check_kind("study", study, Study, "load_study")
+    if not isinstance(over, AbstractPoints):
+        check_kind("over", over, Mapping)
     points = over if isinstance(over, AbstractPoints) else Grid(over)
     base, cycle = driven_record(study, record), measured_cycle(cycles)
     check_memory(len(points), len(points.paths), len(cycle.metrics) + len(metrics))

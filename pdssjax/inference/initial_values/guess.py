@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ...core import InputError
+from ...core import InputError, check_kind
 from ...study import Study
 from .search import rank_starts
 
@@ -16,6 +16,7 @@ def initial_guess(study: Study) -> dict[str, float]:
 
     **Raises:** `InputError` where a guess is needed from records that are still to be made.
     """
+    check_kind("study", study, Study, "load_study")
     missing = study.missing()
     unmade = [record.name for record in study.records if not np.any(record.measured)]
     if missing and unmade:
