@@ -80,13 +80,9 @@ def identify(
     """
     need_double_precision()
     begun = time.perf_counter()
-    check_kind("study", study, Study, "load_study")
-    for name, given, kind in (("drawing", drawing, Drawing), ("executor", executor, Executor)):
-        check_kind(name, given, kind) if given is not None else None
-    check_kind("accuracy", accuracy or Accuracy(), Accuracy)
+    _check_arguments(study, drawing, executor, accuracy, starts)
     check_method(study, method)
     _check_intervals(intervals, method)
-    check_starts(starts)
     cost = _loss(loss, method, intervals)
     question_signs([record for record in study.records if record.role == "fit"])
     stack = pick_peaks(study) if method == "peaks" else None
@@ -206,6 +202,19 @@ _METHODS: dict[str, tuple[str, ...]] = {
     "posterior": ("joint",),
 }
 """By kind of intervals, the methods that have them; all have linear ones."""
+
+
+def _check_arguments(study: object, drawing: object, executor: object, accuracy: object, starts: int) -> None:
+    """**Raises** `InputError` where one is nothing of its kind."""
+    check_kind("study", study, Study, "load_study")
+    check_starts(starts)
+    for name, given, kind in (
+        ("drawing", drawing, Drawing),
+        ("executor", executor, Executor),
+        ("accuracy", accuracy, Accuracy),
+    ):
+        if given is not None:
+            check_kind(name, given, kind)
 
 
 def _check_intervals(intervals: Intervals, method: Method) -> None:

@@ -67,7 +67,7 @@ def summarise(
         title=study.title,
         method=method,
         converged=fit.success,
-        message=f"{START_FAILED}: {failed_start(problem, starts)}" if fit.message == START_FAILED else fit.message,
+        message=f"{START_FAILED}: {failed_start(problem, values)}" if fit.message == START_FAILED else fit.message,
         parameters=parameters,
         names=free.paths,
         correlation=correlation(known.matrix),

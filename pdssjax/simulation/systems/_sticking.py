@@ -40,7 +40,7 @@ def mode_from_rest(
     actuator: Actuator, segment: Segment, t_local: ScalarLike, x: StickSlipState[Scalar], ended: ScalarLike
 ) -> Scalar:
     """The mode that begins at v = 0, ties broken by looking ahead; `ended` is the one that ended there, 0 for none."""
-    driven_platform, zero, one = actuator.driven_platform, jnp.zeros_like(x.v), jnp.ones_like(x.v)
+    driven_platform, zero, unit = actuator.driven_platform, jnp.zeros_like(x.v), jnp.ones_like(x.v)
     sticking = sticking_force(actuator, driven_platform.acceleration(segment, t_local, x.driven), x)
     reaction = -sticking if actuator.feedback else 0.0
     rates = driven_platform.rate(segment, t_local, x.driven, reaction, 1.0)
@@ -53,15 +53,15 @@ def mode_from_rest(
         found = sticking_margins(actuator, segment, t_local + elapsed, x._replace(driven=driven))
         return jnp.stack([constant(m) for m in found])
 
-    now, rate = jax.jvp(margins, (zero,), (one,))
+    now, rate = jax.jvp(margins, (zero,), (unit,))
     ahead = now + LOOK_AHEAD * rate
     if actuator.amplifier is not None:
         # Behind an amplifier a corner of the drive shows in the bend of the margins first.
         numbers = lambda tree: jax.tree.map(lambda number: jnp.asarray(number, float), tree)
         rates_along = lambda e: numbers(driven_platform.rate(segment, t_local + e, along(e), reaction, 1.0))
-        _, bends = jax.jvp(rates_along, (zero,), (one,))
-        margins_rate = lambda e: jax.jvp(lambda e: margins(e, bends), (e,), (one,))[1]
-        ahead = ahead + 0.5 * LOOK_AHEAD**2 * jax.jvp(margins_rate, (zero,), (one,))[1]
+        _, bends = jax.jvp(rates_along, (zero,), (unit,))
+        margins_rate = lambda e: jax.jvp(lambda e: margins(e, bends), (e,), (unit,))[1]
+        ahead = ahead + 0.5 * LOOK_AHEAD**2 * jax.jvp(margins_rate, (zero,), (unit,))[1]
     upper, lower = ahead
     unstable_branch = jnp.where(ended == 0.0, ADVANCING, -ended)
     freed = jnp.where(upper < 0, ADVANCING, RETREATING)
