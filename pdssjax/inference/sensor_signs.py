@@ -19,14 +19,23 @@ _FEWEST = 8
 def question_signs(records: Sequence[Record]) -> None:
     """Warns with `InputWarning` of records of displacements that move against their drives."""
     for record in records:
-        if _told(record) and _against(record):
-            turned = " or the drive's direction is the other one" if _has_flanks(record) else ""
-            warnings.warn(
-                f'{record.file}: record "{record.name}": found a motion against the voltage, expected one with it; the '
-                f"sensor counts the other way (scale = -1 in the record turns it){turned}.",
-                InputWarning,
-                stacklevel=2,
-            )
+        if found := _doubt(record):
+            warnings.warn(f"{record.file}: {found}", InputWarning, stacklevel=2)
+
+
+def about_signs(records: Sequence[Record]) -> list[str]:
+    """The same as sentences for a report."""
+    return [f"{found[0].upper()}{found[1:]}" for record in records if (found := _doubt(record))]
+
+
+def _doubt(record: Record) -> str | None:
+    if not (_told(record) and _against(record)):
+        return None
+    turned = " or the drive's direction is the other one" if _has_flanks(record) else ""
+    return (
+        f'record "{record.name}": found a motion against the voltage, expected one with it; the sensor counts the '
+        f"other way (scale = -1 in the record turns it; where it has a scale, the other sign){turned}."
+    )
 
 
 def _against(record: Record) -> bool:

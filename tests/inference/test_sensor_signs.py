@@ -7,7 +7,7 @@ import pytest
 
 from pdssjax import InputWarning, load_study
 from pdssjax.files import EXAMPLE
-from pdssjax.inference.sensor_signs import question_signs
+from pdssjax.inference.sensor_signs import about_signs, question_signs
 
 RECORDS = load_study(EXAMPLE / "study.toml").records
 
@@ -17,6 +17,7 @@ def test_records_that_move_with_their_drives_are_not_questioned():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         question_signs(RECORDS)
+    assert about_signs(RECORDS) == []
 
 
 @pytest.mark.parametrize("record", RECORDS, ids=lambda record: record.name)
@@ -32,3 +33,9 @@ def test_the_other_direction_is_questioned():
     turned = dataclasses.replace(walk.drive, direction=-walk.drive.direction)
     with pytest.warns(InputWarning, match="the drive's direction is the other one"):
         question_signs([dataclasses.replace(walk, drive=turned)])
+
+
+def test_the_report_says_so_too():
+    walk = next(record for record in RECORDS if record.name == "5 Hz A")
+    (note,) = about_signs([dataclasses.replace(walk, measured=-walk.measured)])
+    assert note.startswith('Record "5 Hz A": found a motion against the voltage')

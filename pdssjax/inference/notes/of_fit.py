@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float
 from ...study import Estimate, Study
 from ..least_squares import START_FAILED, Fit
 from ..parameter_transform import ParameterTransform
+from ..sensor_signs import about_signs
 from .about_diagnosis import about_agreement
 from .about_models import about_models, about_resonances
 from .about_parameters import (
@@ -50,6 +51,7 @@ def notes_of(
         *about_measured_apart(study.parameters, parameters),
         *about_models(study.models, values),
         *about_resonances(study.models, values, [p for p in transform.paths if p not in unknown], study.records),
+        *about_signs([record for record in study.records if record.role == "fit"]),
         *_about_fitted(estimate, study, second_step_factor),
         *about_agreement(estimate.diagnosis, estimate.method),
     )
