@@ -3,6 +3,7 @@
 Any solver can take it; `pose_problem` makes it of a study.
 """
 
+import dataclasses
 import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, Protocol, TypeAlias
@@ -15,7 +16,7 @@ from jaxtyping import Array, Bool, Float
 from ..core import Scalar, need_double_precision
 from ..integration import Accuracy
 from ..metrics import scatter_floor
-from ..study import Record, Study, Values
+from ..study import Parameter, Record, Study, Values
 from .initial_values.guess import initial_guess
 from .losses.base import AbstractLoss
 from .parameter_transform import transform_of
@@ -137,12 +138,29 @@ def _linearised(
     return whitened, jacobian
 
 
+SHORTEST = 1e-9
+"""Of a flank whose length is free [s]: as good as a jump."""
+
+
+def _with_lengths(study: Study) -> dict[str, Parameter]:
+    """The parameters, free flanks no shorter than `SHORTEST` where a jump is not their limit.
+
+    A flank of no length has the derivative of what is linear, not that of hysteresis or of an amplifier that slews.
+    """
+    if study.models.piezo.closed and "amplifier" not in study.models.parts:
+        return dict(study.parameters)
+    is_length = lambda p: p.path.startswith("drive.") and p.quantity.unit == "s" and p.bounds()[0] == 0.0
+    floored = lambda p: dataclasses.replace(p, low=SHORTEST) if p.free and is_length(p) else p
+    return {path: floored(parameter) for path, parameter in study.parameters.items()}
+
+
 def pose(study: Study, starts: Mapping[str, float], accuracy: Accuracy, loss: AbstractLoss | None = None) -> Problem:
     """The fit of a study's records with role "fit", parameters scaled after their `starts`."""
     records = tuple(record for record in study.records if record.role == "fit")
     fixed = {path: starts[path] for path, parameter in study.parameters.items() if not parameter.free}
     apart = {path: told for path, p in study.parameters.items() if (told := p.measured_apart) is not None}
-    residual = Residual(study.models, records, transform_of(study.parameters, starts), fixed, accuracy, loss, apart)
+    transform = transform_of(_with_lengths(study), starts)
+    residual = Residual(study.models, records, transform, fixed, accuracy, loss, apart)
     noise = np.array([scatter_floor(r.measured) if r.noise is None else r.noise for r in records])
     return Problem(residual, records, noise)
 

@@ -1,0 +1,56 @@
+"""A flank whose length is free is no shorter than 1 ns where hysteresis or a slew limit stands behind it."""
+
+import numpy as np
+import pytest
+
+import pdssjax
+from pdssjax.inference.problem import SHORTEST
+
+STUDY = """\
+format = "pdssjax-study/1"
+title = "Falls"
+
+[actuator]
+piezo = {piezo}
+
+[parameters]
+"piezo.gain" = {{ start = 8e-8 }}
+"piezo.natural_frequency" = {{ value = 6000 }}
+"piezo.damping_ratio" = {{ value = 0.2 }}
+{more}
+"drive.fall_time" = {{ start = 0 }}
+
+[[record]]
+name = "falls"
+file = "falls.csv"
+columns = {{ time = "time_s", displacement = "y_um" }}
+measures = "platform"
+noise = "1 nm"
+drive = {{ waveform = "sawtooth", voltage = "60 V", frequency = "100 Hz", direction = "forward" }}
+"""
+HYSTERETIC = '{ dynamics = "second-order", hysteresis = { law = "play", elements = 2 } }'
+PLAY = '"piezo.play_*" = { value = 1e-8 }\n"piezo.play_range" = { value = 25 }'
+
+
+def posed(folder, piezo, more):
+    times = 2.03e-4 * np.arange(1, 120)
+    rows = np.stack([times, np.sin(times)], 1)
+    np.savetxt(folder / "falls.csv", rows, "%.7f", ",", header="time_s,y_um", comments="")
+    (folder / "study.toml").write_text(STUDY.format(piezo=piezo, more=more))
+    return pdssjax.pose_problem(pdssjax.load_study(folder / "study.toml"))
+
+
+def test_a_jump_behind_play_begins_as_a_short_flank_with_the_right_derivative(tmp_path):
+    problem, start = posed(tmp_path, HYSTERETIC, PLAY)
+    assert float(problem.decode(start)["drive.fall_time"]) == pytest.approx(SHORTEST)
+    place = problem.residual.transform.paths.index("drive.fall_time")
+    column = np.asarray(problem.jacobian(start))[:, place]
+    step = 1e-7 / problem.residual.transform.unit[place] * (np.arange(start.size) == place)
+    ends = [np.asarray(problem.whitened(start + k * step)) for k in (0, 1, 2)]
+    difference = (-3.0 * ends[0] + 4.0 * ends[1] - ends[2]) / (2.0 * step[place])
+    np.testing.assert_allclose(column, difference, rtol=0.0, atol=2e-3 * np.abs(difference).max())
+
+
+def test_a_jump_in_front_of_what_is_linear_stays_one(tmp_path):
+    problem, start = posed(tmp_path, '"second-order"', "")
+    assert float(problem.decode(start)["drive.fall_time"]) == 0.0
