@@ -55,7 +55,7 @@ def _draw_overview(motion: Axes, residual: Axes, record: FittedRecord) -> None:
     motion.plot(record.time, scale * record.measured, color=GREY, linewidth=2.4, label="measured")
     motion.plot(record.time, scale * record.predicted, color=VERMILION, linewidth=0.9, label="predicted")
     motion.set_ylabel(f"{record.display.quantity} ({unit})")
-    motion.legend(loc="best")
+    motion.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.0)
     residual.plot(record.time, _residual(record), color=BLUE, linewidth=0.6)
     residual.set_ylabel(f"residual ({unit})")
     residual.set_xlabel("time (s)")
