@@ -88,15 +88,15 @@ def draw(both: xarray.Dataset, banded: xarray.Dataset) -> Figure:
     """Speeds in both directions, and how well they are known."""
     figure = Figure(figsize=(11.5, 3.7), layout="constrained")
     axes = figure.subplots(1, 3, sharex=True, sharey=True)
-    for one, way, name in zip(axes, (1.0, -1.0), ("forward", "backward"), strict=False):
+    for panel, way, name in zip(axes, (1.0, -1.0), ("forward", "backward"), strict=False):
         part = both.sel(drive_direction=way)
         x, y, speed = part.drive_frequency, part.drive_voltage, 1e6 * abs(part.speed.values)
         works = part.efficiency.values > DEAD
-        one.pcolormesh(x, y, np.where(works, speed, np.nan), norm=COLOURS, rasterized=True, shading="nearest")
-        lines = one.contour(x, y, np.where(works, speed, np.nan), levels=[1e6 * v for v in LEVELS], colors="w")
-        one.clabel(lines, fmt=lambda value: f"{value:g}", fontsize=7)
-        _dead(one, part)
-        one.set_title(f"speed {name}", loc="left")
+        panel.pcolormesh(x, y, np.where(works, speed, np.nan), norm=COLOURS, rasterized=True, shading="nearest")
+        lines = panel.contour(x, y, np.where(works, speed, np.nan), levels=[1e6 * v for v in LEVELS], colors="w")
+        panel.clabel(lines, fmt=lambda value: f"{value:g}", fontsize=7)
+        _dead(panel, part)
+        panel.set_title(f"speed {name}", loc="left")
     figure.colorbar(axes[0].collections[0], ax=axes[:2], label="speed (µm/s)")
     half = (50.0 * (banded.speed_high - banded.speed_low) / abs(banded.speed)).where(banded.efficiency > DEAD)
     norm = matplotlib.colors.LogNorm(0.1, 100.0)
@@ -108,15 +108,15 @@ def draw(both: xarray.Dataset, banded: xarray.Dataset) -> Figure:
     axes[2].set_title("how sure: half the 95 % band of the speed forward", loc="left")
     figure.colorbar(image, ax=axes[2], label="of the speed (%)")
     _dead(axes[2], both.sel(drive_direction=1.0))
-    for one in axes:
-        one.plot(*np.array(THESIS).T[::-1], "*", color="w", markeredgecolor="k", markersize=9, label="thesis")
-        one.plot(ASKED[1], ASKED[0], "o", color="none", markeredgecolor="k", markersize=7, label="30 V, 80 Hz")
-        one.set_xscale("log")
-        one.set_yscale("log")
-        one.set_yticks([2, 5, 10, 20, 50, 100], labels=["2", "5", "10", "20", "50", "100"])
-        one.set_yticks([], minor=True)
-        one.set_xlabel("frequency (Hz)")
-        one.grid(False)
+    for panel in axes:
+        panel.plot(*np.array(THESIS).T[::-1], "*", color="w", markeredgecolor="k", markersize=9, label="thesis")
+        panel.plot(ASKED[1], ASKED[0], "o", color="none", markeredgecolor="k", markersize=7, label="30 V, 80 Hz")
+        panel.set_xscale("log")
+        panel.set_yscale("log")
+        panel.set_yticks([2, 5, 10, 20, 50, 100], labels=["2", "5", "10", "20", "50", "100"])
+        panel.set_yticks([], minor=True)
+        panel.set_xlabel("frequency (Hz)")
+        panel.grid(False)
     axes[2].legend(loc="lower left", frameon=True, framealpha=1.0, fontsize=7)
     axes[0].set_ylabel("voltage (V)")
     return figure

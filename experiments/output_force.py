@@ -135,8 +135,8 @@ def main() -> None:
         print_table(f"Figure 3.11 with the published parameters, {reading} state", rows(forces))
         for reading, forces in found.items()
     ]
-    lost = sum(int(np.isnan(forces.steady).sum()) for forces in found.values())
-    note = f"{lost} of {2 * found['force'].steady.size} runs did not finish and are left out." if lost else ""
+    broken = sum(int(np.isnan(forces.steady).sum()) for forces in found.values())
+    note = f"{broken} of {2 * found['force'].steady.size} runs did not finish and are left out." if broken else ""
     texts.append(print_table("Figure 3.11: ratios", comparison(found), None, [note] if note else []))
     write("\n\n".join(texts), NAME)
     with styled():

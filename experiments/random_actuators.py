@@ -106,7 +106,7 @@ class Structure:
     def shown(self, factors: Any, accuracy: Accuracy) -> Any:
         """What the record shows [its `unit`], shape (samples,), of actuators with these logarithms of factors."""
         numbers = {path: value * jnp.exp(factors[i]) for i, (path, value) in enumerate(self.nominal.items())}
-        built = {part: model(**self._own(part, numbers)) for part, model in self.models.items()}
+        built = {part: model(**self._numbers(part, numbers)) for part, model in self.models.items()}
         drive, times = self.drive.with_numbers(_of_part("drive", numbers)), jnp.asarray(self.times)
         if self.of == "contact":
             moved = 4e-6 * np.sin(2 * np.pi * 15.0 * self.times) + 2e-6 * np.sin(2 * np.pi * 47.0 * self.times)
@@ -122,7 +122,7 @@ class Structure:
         system = StickSlip(actuator, drive, sensor, 1.0 * (self.of == "platform"))
         return measured(system, times, accuracy, self.output)
 
-    def _own(self, part: str, numbers: dict[str, Any]) -> dict[str, Any]:
+    def _numbers(self, part: str, numbers: dict[str, Any]) -> dict[str, Any]:
         return _of_part(part, numbers) | ({"state": self.state} if part == "friction" and self.state else {})
 
 

@@ -48,11 +48,11 @@ WITHOUT_SENSOR = tuple(i for i in ALL if i != STIFFNESS)
 
 
 Found = dict[tuple[str, Reading], tuple[Fit, list[float]]]
-"""By stage and reading: the best fit, and chi-square from every start."""
+"""By case and reading: the best fit, and chi-square from every start."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Stage:
+class Case:
     """One fit of the series."""
 
     name: str
@@ -64,20 +64,20 @@ class Stage:
 
 _WEAK = {FALL: 0.7, MASS: 80.0, F_A: 480.0, F_B: 390.0, F_ISOTROPIC: 480.0, STIFFNESS: 800.0}
 EVERYTHING, WALKS_ALONE, ANY_SIZE = "everything", "everything, without the forces", "size of friction left open"
-STAGES = (
-    Stage("published, ideal sawtooth", (STIFFNESS,), ({},)),
-    Stage("fall time", (STIFFNESS, FALL), ({FALL: 0.6},)),
-    Stage("fall time, mass", (STIFFNESS, FALL, MASS), ({FALL: 0.6},)),
-    Stage("fall time, mass, tilt", (STIFFNESS, FALL, MASS, TILT), ({FALL: 0.7, MASS: 97.0},)),
-    Stage(EVERYTHING, ALL, ({FALL: 0.5}, _WEAK)),
-    Stage(WALKS_ALONE, WITHOUT_SENSOR, ({FALL: 0.5}, {FALL: 0.9, MASS: 120.0}), False),
-    Stage(ANY_SIZE, ALL, ({FALL: 0.7}, _WEAK), True, (F_A, F_B)),
+CASES = (
+    Case("published, ideal sawtooth", (STIFFNESS,), ({},)),
+    Case("fall time", (STIFFNESS, FALL), ({FALL: 0.6},)),
+    Case("fall time, mass", (STIFFNESS, FALL, MASS), ({FALL: 0.6},)),
+    Case("fall time, mass, tilt", (STIFFNESS, FALL, MASS, TILT), ({FALL: 0.7, MASS: 97.0},)),
+    Case(EVERYTHING, ALL, ({FALL: 0.5}, _WEAK)),
+    Case(WALKS_ALONE, WITHOUT_SENSOR, ({FALL: 0.5}, {FALL: 0.9, MASS: 120.0}), False),
+    Case(ANY_SIZE, ALL, ({FALL: 0.7}, _WEAK), True, (F_A, F_B)),
 )
 
 
-def best(stage: Stage, reading: Reading) -> tuple[Fit, list[float]]:
-    """The best fit of a stage, and chi-square from every start."""
-    fits = [fit(reading, start, stage.free, stage.pushes, stage.unknown) for start in stage.starts]
+def best(case: Case, reading: Reading) -> tuple[Fit, list[float]]:
+    """The best fit of a case, and chi-square from every start."""
+    fits = [fit(reading, start, case.free, case.pushes, case.unknown) for start in case.starts]
     return min(fits, key=lambda f: f.chi2), [f.chi2 for f in fits]
 
 
@@ -97,11 +97,11 @@ def gradient_error(found: Fit, reading: Reading) -> float:
 
 
 def ladder(found: Found) -> list[Row]:
-    """Chi-square of every stage."""
+    """Chi-square of every case."""
     rows = []
-    for (name, reading), (stage, starts) in found.items():
+    for (name, reading), (case, starts) in found.items():
         why = f"from other starts {', '.join(f'{c:.4g}' for c in starts)}" if len(starts) > 1 else ""
-        rows.append(Row(f"{name}, {reading} state: chi-square", f"{stage.degrees} expected", stage.chi2, "", why))
+        rows.append(Row(f"{name}, {reading} state: chi-square", f"{case.degrees} expected", case.chi2, "", why))
     return rows
 
 
@@ -182,7 +182,7 @@ def conclusions(found: Found) -> list[str]:
 def main() -> None:
     """Fit, print the tables and draw the figure."""
     prepare_jax()
-    found: Found = {(stage.name, reading): best(stage, reading) for reading in READINGS for stage in STAGES}
+    found: Found = {(case.name, reading): best(case, reading) for reading in READINGS for case in CASES}
     texts = [print_table("How far does each parameter help?", ladder(found))]
     for reading in READINGS:
         for name in (EVERYTHING, WALKS_ALONE, ANY_SIZE):
@@ -199,17 +199,17 @@ def main() -> None:
 
 
 def draw(found: Found) -> Figure:
-    """Left, chi-square of every stage; right, what three fits miss of each published number."""
+    """Left, chi-square of every case; right, what three fits miss of each published number."""
     figure = Figure(figsize=(9.4, 4.2), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.25))
-    places = np.arange(len(STAGES))[::-1]
+    places = np.arange(len(CASES))[::-1]
     for reading, offset, colour in zip(READINGS, (0.19, -0.19), (BLUE, VERMILION), strict=True):
-        chi2 = [found[stage.name, reading][0].chi2 for stage in STAGES]
+        chi2 = [found[case.name, reading][0].chi2 for case in CASES]
         left.barh(places + offset, chi2, 0.36, color=colour, label=f"{reading} state")
-    expected = [found[stage.name, "force"][0].degrees for stage in STAGES]
+    expected = [found[case.name, "force"][0].degrees for case in CASES]
     left.plot(expected, places, "k|", markersize=18, label="expected")
     left.set_xscale("log")
-    left.set_yticks(places, [stage.name.replace(", ", ",\n", 1) for stage in STAGES])
+    left.set_yticks(places, [case.name.replace(", ", ",\n", 1) for case in CASES])
     left.set_xlabel("chi-square")
     left.grid(axis="y", visible=False)
     rows = np.arange(len(PUBLISHED))[::-1]

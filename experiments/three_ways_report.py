@@ -69,13 +69,13 @@ def table(cells: Sequence[Cell], paths: Sequence[str]) -> str:
         row += [_shown(cell, i) for i in friction]
         row += [f"{100 * cell.covered(errors, friction):.0f} %" for errors in (cell.said, cell.naive)]
         lines.append("| " + " | ".join(row) + " |")
-    draws, lost = sum(c.converged.size for c in cells), sum(int(np.sum(~c.converged)) for c in cells)
+    draws, unconverged = sum(c.converged.size for c in cells), sum(int(np.sum(~c.converged)) for c in cells)
     lines += [
         "",
         "Frequency and gain of the stack: bias and spread together. Said: the median of the standard errors that the "
         "way gives, of the fits in two steps with the stack's errors carried on (Murphy and Topel 1985); naive: "
         f"without them. Hold: 95 % intervals of the friction parameters that hold the truth. "
-        f"{cells[0].converged.size} draws each, {lost} of {draws} fits did not say converged.",
+        f"{cells[0].converged.size} draws each, {unconverged} of {draws} fits did not say converged.",
     ]
     return "\n".join(lines)
 

@@ -147,7 +147,7 @@ def fit(law: str, parts: dict[str, Float[np.ndarray, "n 3"]]) -> Fitted:
         spread = np.exp(random.uniform(-1.2, 1.2, len(free))) if number else np.ones(len(free))
         starts = middle | {path: middle[path] * float(factor) for path, factor in zip(free, spread, strict=True)}
         tried.append(curves.fit(starts, free, used, limit=12))
-    found = curves.fit(min(tried, key=lambda one: one.squares).values, free, used, limit=60)
+    found = curves.fit(min(tried, key=lambda fitted: fitted.squares).values, free, used, limit=60)
     index = {
         record.name: error_index(record.measured, predicted)
         for record, predicted in zip(posed.records, found.predicted, strict=True)

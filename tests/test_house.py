@@ -262,6 +262,14 @@ def test_nothing_has_a_name_of_the_old_dialect(path):
     assert not found, f"words of the old dialect, listed in CONTRIBUTING.md: {', '.join(found)}"
 
 
+@pytest.mark.parametrize("folder", ["experiments", "benchmarks"])
+def test_nor_has_what_runs_the_package(folder):
+    # A walk is what the thesis's actuator does.
+    old = DIALECT - {"walk"}
+    places = {f"{path.name}:{line}": name for path in (ROOT / folder).rglob("*.py") for name, line in words_of(path)}
+    assert not {place: name for place, name in places.items() if name.strip("_") in old}
+
+
 def test_the_words_of_the_old_dialect_are_listed_for_who_contributes():
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     assert not [word for word in DIALECT if f"`{word}`" not in text]

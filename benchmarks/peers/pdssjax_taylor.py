@@ -67,4 +67,4 @@ def _side_by_side(peer: PdssJax, *shapes: tuple[int, ...]) -> tuple[Callable[...
 
 SWEEPING = tuple(PdssJax(order, sweep_tolerances=ladder(1e-4, 1e-5, 4)) for order in (8, 12))
 """Those that sweep."""
-PEERS = tuple(peer for one in SWEEPING for peer in (one, PdssJax(one.order, every_cycle=True)))
+PEERS = tuple(peer for sweeping in SWEEPING for peer in (sweeping, PdssJax(sweeping.order, every_cycle=True)))

@@ -92,8 +92,8 @@ def test_the_isotropic_stand_in_is_the_mean_of_both_directions_and_knows_none():
 @pytest.mark.slow
 @pytest.mark.parametrize("reading", published.READINGS)
 def test_a_fall_of_some_tenths_of_a_millisecond_reconciles_the_walks_and_less_anisotropy_than_published(reading):
-    stage = next(s for s in reconciliation.STAGES if s.name == reconciliation.WALKS_ALONE)
-    found, _ = reconciliation.best(stage, reading)
+    case = next(s for s in reconciliation.CASES if s.name == reconciliation.WALKS_ALONE)
+    found, _ = reconciliation.best(case, reading)
     assert found.chi2 < found.degrees
     assert 0.4 < found.values[performance.FALL] < 0.9
     assert 80.0 < found.values[performance.MASS] < 110.0
