@@ -189,6 +189,12 @@ def test_text_and_older_matlab_need_no_library_of_an_extra(tmp_path, monkeypatch
         open_file(tmp_path / "scope.wfm").channels()
 
 
+@pytest.mark.parametrize(("header", "unit"), [("t,u,s", ""), ("time [ms],u,s", ""), ("s,u,V", "s")])
+def test_beside_a_clock_that_is_called_so_s_is_a_displacement(tmp_path, header, unit):
+    (tmp_path / "a.csv").write_text(header + "\n" + "".join(f"{0.1 * k},{k},{2 * k}\n" for k in range(20)))
+    assert {c.name: c.unit for c in open_file(tmp_path / "a.csv").channels()}["s"] == unit
+
+
 def test_channels_are_found_by_name_by_number_and_by_the_end_of_a_path(tmp_path):
     file = written(tmp_path, "HDF5")
     reader = open_file(file)

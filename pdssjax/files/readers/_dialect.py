@@ -35,6 +35,9 @@ _SCOPE_CLOCK = re.compile(r"(start|increment)\s*[=,;]\s*([-+\d.eE]+)", re.IGNORE
 _UNITS_ALONE = set("s ms us µs μs ns v mv kv m mm um µm μm nm n mn a ma second seconds sec volt volts".split())
 """What a column is called where its name is but its unit."""
 
+_CLOCKS = ("t", "time", "zeit", "temps")
+"""What a clock is called."""
+
 
 class Column(NamedTuple):
     """One column that holds numbers."""
@@ -181,7 +184,9 @@ def _table(lines: Sequence[str], encoding: str, separator: str, decimal: str) ->
     told = {key.lower(): float(value) for key, value in _SCOPE_CLOCK.findall(_aligned(names, units, preamble))}
     clock = (told.get("start", 0.0), told["increment"]) if told.get("increment", 0.0) > 0 else None
     names, units = _from_preamble(lines[: max(first, _BESIDE)], separator, names, units, numeric, width)
-    columns = tuple(_column(j, names[j] if names else "", units[j] if units else "") for j in numeric)
+    # Beside a clock that is called so "s" is a displacement, not the seconds of another clock.
+    clocked = any(_BRACKETS.sub("", name).strip().lower() in _CLOCKS for name in names)
+    columns = tuple(_column(j, names[j] if names else "", units[j] if units else "", clocked) for j in numeric)
     return Dialect(encoding, separator, decimal, first, width, columns, bool(names), tuple(above), clock)
 
 
@@ -262,11 +267,11 @@ def _from_preamble(
     return names, units
 
 
-def _column(position: int, written: str, below: str) -> Column:
+def _column(position: int, written: str, below: str, clocked: bool) -> Column:
     bare = _BRACKETS.sub("", written).strip()
     inside = [part.strip()[1:-1] for part in _BRACKETS.findall(written)]
     tails = re.findall(r"(?:\s/\s*|\s+in\s+|^in\s+|,\s*)(\S+)$", bare)
-    alone = [bare] if bare.lower() in _UNITS_ALONE else []
+    alone = [bare] if bare.lower() in _UNITS_ALONE and not (clocked and bare.lower() == "s") else []
     suffix = [bare.rpartition("_")[2]] if "_" in bare else []
     unit = next((unit_named(text) for text in [below, *suffix, *inside, *tails, *alone] if unit_named(text)), "")
     return Column(position, bare or written, written, unit)
