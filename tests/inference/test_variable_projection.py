@@ -241,6 +241,7 @@ drive = { waveform = "sine", voltage = "80 V", frequency = "1 Hz" }
 """
 
 
+@pytest.mark.slow
 def test_a_ladder_of_creep_a_decade_off_is_left(tmp_path):
     interval, fine, taus = 0.01, 20, (0.02, 0.2)
     times = np.arange(1000 * fine) * interval / fine
