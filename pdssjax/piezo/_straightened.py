@@ -44,5 +44,5 @@ def place_among_lines(
     """The line of `straightened` in which a moment is, `t_local` [s] into its segment, and how far into it [s]."""
     lasts = segments.duration[places] / many
     part = jnp.floor(t_local / jnp.where(lasts > 0.0, lasts, 1.0)).astype(int)
-    part = jnp.clip(jax.lax.stop_gradient(part), 0, many - 1)
+    part = jnp.clip(part, 0, many - 1)
     return places * many + part, t_local - part * lasts
