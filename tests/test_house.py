@@ -30,6 +30,7 @@ HOMES = {
         "inference.solver.iterations",
     },
     "matplotlib": {"report.figures", "core.presentation"},  # the latter the type alone
+    "numpyro": {"inference.uncertainty.no_u_turn"},
     "pint": {"core.units"},
     "rich": {"cli.console"},
     "panel": {"explore.widgets"},

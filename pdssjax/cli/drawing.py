@@ -28,6 +28,7 @@ _BELONGS_TO = {
     "replicates": ("bootstrap",),
     "resample": ("bootstrap",),
     "draws": ("posterior",),
+    "sampler": ("posterior",),
     "seed": DRAWN,
     "resume": DRAWN,
 }
@@ -40,6 +41,11 @@ def add_drawing(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("of --intervals bootstrap and posterior")
     group.add_argument("--replicates", type=int, metavar="N", help="fits of the bootstrap (default 1000)")
     group.add_argument("--draws", type=int, metavar="N", help="of each of the posterior's 4 chains (default 1000)")
+    text = (
+        "how the posterior is drawn: randomize-then-optimize (default), or, as a second opinion that takes several "
+        "times as long, the No-U-Turn sampler of NumPyro"
+    )
+    group.add_argument("--sampler", choices=["rto", "nuts"], help=text)
     text = "of the random numbers (default 0); the same seed gives the same draws"
     group.add_argument("--seed", type=int, metavar="N", help=text)
     text = "the bootstrap draws white noise (default), or whole cycles of the residuals where a drive repeats"
@@ -79,7 +85,7 @@ def more_of(options: argparse.Namespace, intervals: "Intervals", folder: Path) -
         file.forget()
     if intervals in DRAWN:
         count = options.replicates if intervals == "bootstrap" else options.draws
-        more["drawing"] = Drawing(count, options.seed or 0, options.resample or "noise", file)
+        more["drawing"] = Drawing(count, options.seed or 0, options.resample or "noise", file, options.sampler or "rto")
     if options.starts:
         more["starts"] = options.starts
     if more or intervals == "profile":

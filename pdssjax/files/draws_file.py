@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ..core import Document, InputError
 
-FORMAT = "pdssjax-draws/3"
+FORMAT = "pdssjax-draws/4"
 
 DRAWS = "draws.jsonl"
 """The file in a folder of results (`results_folder` knows it)."""

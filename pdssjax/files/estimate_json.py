@@ -149,6 +149,6 @@ def _draws_document(draws: Draws | None) -> Document | None:
     if draws is None:
         return None
     chains, each, _ = draws.values.shape
-    keys = "kind description names failed seed".split()
+    keys = "kind description names failed failure seed".split()
     document = {key: getattr(draws, key) for key in keys} | {"chains": chains, "draws": each}
     return document | {"parameters": {drawn.path: vars(drawn) for drawn in draws.parameters}}

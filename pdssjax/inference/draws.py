@@ -1,6 +1,7 @@
 """How intervals by drawing are asked for, and where the draws are kept."""
 
 import contextlib
+import importlib.util
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, as_completed
 from dataclasses import dataclass, field
@@ -10,6 +11,9 @@ from ..core import Document, InputError, check_whole
 
 Resampled: TypeAlias = Literal["noise", "cycles"]
 """What a bootstrap draws: white noise of the size found, or whole cycles of the residuals."""
+
+Sampler: TypeAlias = Literal["rto", "nuts"]
+"""Of a posterior: randomize-then-optimize, or the No-U-Turn sampler."""
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -77,6 +81,9 @@ class Drawing:
     resampled: Resampled = "noise"
     """What a bootstrap draws."""
     store: Store = field(default_factory=InMemory)
+    sampler: Sampler = "rto"
+    """Of a posterior: "rto", independent draws by randomize-then-optimize, corrected by the model, or "nuts", the
+    No-U-Turn sampler of NumPyro, which takes several times as long."""
 
     def __post_init__(self):
         if self.count is not None:
@@ -84,6 +91,11 @@ class Drawing:
         check_whole("seed", self.seed, 0)
         if self.resampled not in ("noise", "cycles"):
             raise InputError(f'resampled: found "{self.resampled}", expected "noise" or "cycles".')
+        if self.sampler not in ("rto", "nuts"):
+            raise InputError(f'sampler: found "{self.sampler}", expected "rto" or "nuts".')
+        if self.sampler == "nuts" and importlib.util.find_spec("numpyro") is None:
+            needed = 'expected it installed: pip install "pdssjax[posterior]"'
+            raise InputError(f'sampler: found "nuts" without NumPyro, {needed}.')
 
 
 def each_done(

@@ -40,6 +40,7 @@ def as_asked(
         "method": method,
         "seed": drawing.seed,
         "resampled": drawing.resampled,
+        "sampler": drawing.sampler,
         "more_starts": more_starts,
         "accuracy": _fingerprint(accuracy),
         "actuator": {

@@ -98,6 +98,11 @@ class Problem(NamedTuple):
         """`whitened` and `jacobian` at once, for the price of the second; compiled."""
         return _linearised(self.residual, free, self._weights())
 
+    @property
+    def linearisation(self) -> "Linearisation":
+        """`linearised` as data and what is compiled, for what is compiled with it."""
+        return Linearisation(self.residual, self._weights())
+
     def _weights(self) -> Float[np.ndarray, " records"]:
         return 1.0 / np.asarray(self.noise)
 

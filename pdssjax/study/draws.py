@@ -40,9 +40,13 @@ class Draws:
     values: Float[np.ndarray, "chains draws p"]
     """In SI; a bootstrap is one chain."""
     failed: int
-    """Replicates that did not converge, which a bootstrap leaves out, or proposals of a posterior that the model
-    refused: the draw before counts once more."""
+    """Of what `failure` says."""
+    failure: str
+    """In words: replicates that did not converge, which a bootstrap leaves out; proposals of a posterior that the model
+    refused, where the draw before counts once more; or trajectories that ended at an edge, which are draws all the
+    same."""
     seed: int
     parameters: tuple[ParameterDraws, ...]
     statistics: dict[str, Num[np.ndarray, "chains draws"]] = field(default_factory=dict)
-    """Of a posterior, for each draw: "lp", the logarithm of its density but for a constant, and "accepted" [1]."""
+    """Of a posterior, for each draw, by ArviZ's names: "lp", the logarithm of its density but for a constant, and
+    "accepted" [1], or of the No-U-Turn sampler "acceptance_rate" [1], "n_steps" and "diverging" [1]."""

@@ -3,7 +3,7 @@
 import json
 import multiprocessing
 import pickle
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 
 import jax
@@ -13,7 +13,7 @@ from platform_study import write_platform
 
 import pdssjax
 from pdssjax.cli.main import main
-from pdssjax.files import DrawsFile
+from pdssjax.files import EXAMPLE, DrawsFile
 from pdssjax.inference.draws import InMemory
 
 STACK = "piezo.gain", "piezo.natural_frequency", "piezo.damping_ratio"
@@ -141,9 +141,10 @@ def test_replicates_may_be_fitted_in_other_processes(tmp_path):
         np.testing.assert_allclose(asked(processes).values, asked(None).values, rtol=1e-9)
 
 
-def test_a_posterior_of_a_platform_is_the_linear_normal_distribution(tmp_path, capsys):
+@pytest.mark.parametrize("sampler", ["rto", "nuts"])
+def test_a_posterior_of_a_platform_is_the_linear_normal_distribution(tmp_path, capsys, sampler):
     command = ["identify", str(write_platform(tmp_path)), "--intervals", "posterior", "--draws", "500"]
-    assert main([*command, "--out", str(tmp_path / "out")]) == 0
+    assert main([*command, "--sampler", sampler, "--out", str(tmp_path / "out")]) == 0
     assert "[[Posterior]]" in capsys.readouterr().out
     document = json.loads((tmp_path / "out" / "estimate.json").read_text())
     assert (tmp_path / "out" / "posterior.nc").exists()
@@ -170,6 +171,7 @@ def test_a_posterior_of_a_platform_is_the_linear_normal_distribution(tmp_path, c
         (["--intervals", "posterior", "--draws", "1000001"], "option --draws: found 1000001, expected at most 1000000"),
         (["--starts", "100001"], "option --starts: found 100001, expected at most 100000"),
         (["--method", "both"], "the sequential method expects some of the platform, for the piezo, and some of the"),
+        (["--sampler", "nuts"], "option --sampler: found with --intervals linear, expected posterior"),
         (["--resume"], "option --resume: found with --intervals linear, expected bootstrap or posterior"),
         (["--intervals", "bootstrap", "--resume"], "draws.jsonl: there is no such file"),
     ],
@@ -178,3 +180,21 @@ def test_wrong_options_are_refused_before_any_work(tmp_path, capsys, options, sa
     assert main(["identify", str(write_platform(tmp_path)), "--out", str(tmp_path / "out"), *options]) == 2
     assert said in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow  # ten minutes of a core
+def test_both_samplers_draw_the_same_posterior_of_the_example():
+    study, executor = pdssjax.load_study(EXAMPLE / "study.toml"), ThreadPoolExecutor(2)
+    asked = lambda sampler, count: pdssjax.identify(
+        study, intervals="posterior", drawing=pdssjax.Drawing(count, sampler=sampler), executor=executor
+    )
+    independent, walked = asked("rto", 4000), asked("nuts", 1000)
+    assert not walked.notes
+    for first, second in zip(independent.draws.parameters, walked.draws.parameters, strict=True):
+        assert second.rhat < 1.01 and min(second.effective, second.effective_tails) > 400
+        sizes = [min(drawn.effective, drawn.effective_tails) for drawn in (first, second)]
+        error = first.deviation * sum(1.0 / size for size in sizes) ** 0.5
+        assert abs(first.mean - second.mean) < 4.0 * error
+        assert second.deviation == pytest.approx(first.deviation, rel=4.0 * sum(0.5 / size for size in sizes) ** 0.5)
+        # A quantile at 2.5 % of a normal distribution scatters 2.67 times as much as its mean.
+        np.testing.assert_allclose(second.percentile, first.percentile, atol=4.0 * 2.67 * error)

@@ -198,4 +198,6 @@ def draws(parameters, kind: Literal["bootstrap", "posterior"]) -> Draws:
         for i, name in enumerate(names)
     )
     statistics = {"lp": np.full(shape, -7.0), "accepted": np.ones(shape, bool)}
-    return Draws(kind, "white noise", names, values, 3, 5, summaries, {} if kind == "bootstrap" else statistics)
+    more = {} if kind == "bootstrap" else statistics
+    failure = "did not converge and are left out" if kind == "bootstrap" else "proposals refused by the model"
+    return Draws(kind, "white noise", names, values, 3, failure, 5, summaries, more)

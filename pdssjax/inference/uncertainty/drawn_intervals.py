@@ -1,7 +1,9 @@
 """Puts intervals by drawing, of a bootstrap or a posterior, into an estimate."""
 
 import dataclasses
+from collections.abc import Callable
 from concurrent.futures import Executor
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -13,7 +15,8 @@ from ..draws import Drawing
 from ..least_squares import Fit, FitMethod, Progress
 from ..problem import Problem
 from .bootstrap import Replicate, bootstrap, samples_per_cycle
-from .posterior import Model, principal_axes, sample_posterior
+from .no_u_turn import sample_by_trajectories
+from .posterior import Chains, Model, principal_axes, sample_posterior
 from .profile_likelihood import learn_curvature
 from .residual_polynomial import of_second_order
 from .second_order import linearisation_at
@@ -60,6 +63,7 @@ def with_bootstrap(
         names=estimate.names,
         values=problem.residual.transform.in_si(free)[None],
         failed=failed,
+        failure="did not converge and are left out",
         seed=drawing.seed,
         parameters=tuple(summary_of_replicates(problem, fit.free, free)),
     )
@@ -101,22 +105,26 @@ def with_posterior(
     report("posterior: curvature at the optimum")
     curvature = learn_curvature(problem.linearised, optimum, 1.0, problem.bounds, executor=executor).at_optimum
     axes = principal_axes(optimum, np.flatnonzero(moving), factor)
-    model = Model(problem.linearised, problem.whitened, optimum, axes, problem.bounds, factor)
+    model = Model(problem.linearisation, problem.whitened, optimum, axes, problem.bounds, factor)
     first = of_second_order(optimum, curvature, axes)
-    chains = sample_posterior(model, first, drawing, executor, report)
+    sampler = _SAMPLERS[drawing.sampler]
+    chains = sampler.sample(model, first, drawing, executor, report)
     values = problem.residual.transform.in_si(chains.free)
     held = [path for path, moves in zip(estimate.names, moving, strict=True) if not moves]
     draws = Draws(
         kind="posterior",
-        description=_density_in_words(estimate, held),
+        description=f"{_density_in_words(estimate, held)}; by {sampler.name}",
         names=estimate.names,
         values=values,
-        failed=int(np.sum(~chains.accepted)),
+        failed=chains.failed,
+        failure=sampler.failure,
         seed=drawing.seed,
         parameters=tuple(summary_of_chains(estimate.names, values, moving)),
-        statistics={"lp": chains.log_density, "accepted": chains.accepted},
+        statistics=chains.statistics,
     )
-    return with_draws(estimate, draws, [*estimate.notes, *_about_chains(draws)])
+    return with_draws(
+        estimate, draws, [*estimate.notes, *_about_chains(draws), *_about_proposals(draws, sampler.fewest)]
+    )
 
 
 def summary_of_chains(
@@ -157,13 +165,39 @@ def _about_chains(draws: Draws) -> list[str]:
             f"The posterior's draws are worth {min(sizes):.0f} independent ones only, expected {FEWEST_EFFECTIVE} or "
             "more for the ends of an interval."
         )
-    accepted = 1.0 - draws.failed / draws.values[:, :, 0].size
-    if accepted < FEW_ACCEPTED:
-        notes.append(
-            f"The model accepted {percent(accepted, 1.0)} of the draws proposed for the posterior, expected "
-            f"{percent(FEW_ACCEPTED, 1.0)} or more: residuals have kinks there, or bend more than a polynomial does."
-        )
     return notes
+
+
+def _about_proposals(draws: Draws, fewest: float) -> list[str]:
+    accepted = 1.0 - draws.failed / draws.values[:, :, 0].size
+    if accepted >= fewest:
+        return []
+    return [
+        f"The model accepted {percent(accepted, 1.0)} of the draws proposed for the posterior, expected "
+        f"{percent(fewest, 1.0)} or more: residuals have kinks there, or bend more than a polynomial does."
+    ]
+
+
+class _PosteriorSampler(NamedTuple):
+    """A way to draw from a posterior."""
+
+    name: str
+    sample: Callable[..., Chains]
+    failure: str
+    """What draws that failed did."""
+    fewest: float
+    """Share of draws that must not fail, lest chains move little."""
+
+
+_SAMPLERS = {
+    "rto": _PosteriorSampler(
+        "randomize-then-optimize", sample_posterior, "proposals refused by the model", FEW_ACCEPTED
+    ),
+    # A trajectory that ends at an edge is a draw all the same.
+    "nuts": _PosteriorSampler(
+        "the No-U-Turn sampler", sample_by_trajectories, "trajectories that ended at an edge", 0.0
+    ),
+}
 
 
 def with_draws(estimate: Estimate, draws: Draws, notes: list[str]) -> Estimate:

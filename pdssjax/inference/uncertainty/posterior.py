@@ -19,7 +19,7 @@ from concurrent.futures import Executor
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, Num
 
 from ...core import Document, InputError
 from ..draws import CHAINS, DRAWS, Drawing, each_done, reading
@@ -68,10 +68,11 @@ class Chains(NamedTuple):
 
     free: Float[np.ndarray, "chains draws p"]
     """On the scale of the fit."""
-    log_density: Float[np.ndarray, "chains draws"]
-    """Of the model, but for a constant."""
-    accepted: Bool[np.ndarray, "chains draws"]
-    """The model took the polynomial's draw; else the draw is the one before."""
+    failed: int
+    """Draws that are no new ones, or trajectories that were broken off."""
+    statistics: dict[str, Num[np.ndarray, "chains draws"]]
+    """Of each draw, by ArviZ's names: "lp", the logarithm of the model's density but for a constant, and what else the
+    sampler knows."""
 
 
 class Model(NamedTuple):
@@ -133,6 +134,16 @@ def sample_posterior(
             report(f"posterior: the model has judged {done * BLOCK} of {len(due) * BLOCK} draws")
     each = [[kept[chain, block] for block in range(blocks)] for chain in range(chains)]
     return _joined([_corrected(each[chain], wanted, drawing.seed, chain) for chain in range(chains)])
+
+
+class _Corrected(NamedTuple):
+    """Draws of a chain, or of several."""
+
+    free: Float[np.ndarray, "*chains draws p"]
+    log_density: Float[np.ndarray, "*chains draws"]
+    """Of the model, but for a constant."""
+    accepted: Bool[np.ndarray, "*chains draws"]
+    """The model took the polynomial's draw; else the draw is the one before."""
 
 
 def learn(
@@ -199,18 +210,19 @@ def _task_of(entry: Document, size: int) -> tuple[int, int]:
     return task
 
 
-def _corrected(blocks: Sequence[Document], wanted: int, seed: int, chain: int) -> Chains:
+def _corrected(blocks: Sequence[Document], wanted: int, seed: int, chain: int) -> _Corrected:
     """One chain of the model's draws, without its axis."""
     whole = lambda name: np.concatenate([np.array(block[name], float) for block in blocks])[:wanted]
     density = whole("log_density")
     density = np.where(np.isfinite(density), density, -np.inf)
     places = corrected(density - whole("proposed"), np.random.default_rng([seed, chain]))
-    return Chains(
+    return _Corrected(
         free=whole("free")[places],
         log_density=density[places],
         accepted=places == np.arange(wanted),
     )
 
 
-def _joined(chains: Sequence[Chains]) -> Chains:
-    return Chains(*(np.stack(parts) for parts in zip(*chains, strict=True)))
+def _joined(chains: Sequence[_Corrected]) -> Chains:
+    free, density, accepted = (np.stack(parts) for parts in zip(*chains, strict=True))
+    return Chains(free, int(np.sum(~accepted)), {"lp": density, "accepted": accepted})

@@ -18,7 +18,9 @@ from .quadratic_end import Aim
 from .second_order import Linearisation
 from .shared_curvature import SharedCurvature
 
-Evaluate = Callable[[Float[np.ndarray, " p"]], tuple[Float[Array | np.ndarray, " n"], Float[Array | np.ndarray, "n p"]]]
+Evaluate = Callable[
+    [Float[Array | np.ndarray, " p"]], tuple[Float[Array | np.ndarray, " n"], Float[Array | np.ndarray, "n p"]]
+]
 """Whitened residual and its Jacobian at a point; not finite where the model cannot be evaluated."""
 
 Box = tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]]

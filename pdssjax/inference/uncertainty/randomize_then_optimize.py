@@ -123,7 +123,7 @@ def _proposals(
 ) -> _Solution:
     """Draws for several `targets`: u, or w for those that are `linear`; x = x0 + A w."""
     place = lambda w: jnp.asarray(polynomial.centre) + axes @ w
-    solve, along = _solver(polynomial, axes)
+    solve, along, _ = randomized_equation(polynomial, axes)
     log_normal = lambda u, variances: -0.5 * jnp.sum(u**2) / variances - 0.5 * u.size * jnp.log(variances)
     shares = jnp.log(1.0 - widths.share) - jnp.log(len(widths.solved)), jnp.log(widths.share)
 
@@ -142,10 +142,19 @@ def _proposals(
     return jax.vmap(drawn)(jnp.asarray(targets), jnp.asarray(linear))
 
 
-def _solver(
-    polynomial: ResidualPolynomial, axes: Float[Array | np.ndarray, "p q"]
-) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """What solves Q' r = u for w, with log |det Q' J| there and whether there is a solution; and Q' r itself."""
+class Equation(NamedTuple):
+    """Q' r(x0 + A w) = u."""
+
+    solve: Callable[..., Any]
+    """From u to w, with log |det Q' J| there and whether there is a solution."""
+    along: Callable[..., Any]
+    """Q' r at w."""
+    slopes: Callable[..., Any]
+    """Its derivatives, shape (q, q)."""
+
+
+def randomized_equation(polynomial: ResidualPolynomial, axes: Float[Array | np.ndarray, "p q"]) -> Equation:
+    """The equation of a `polynomial` along the `axes` of what moves."""
     place = lambda w: jnp.asarray(polynomial.centre) + axes @ w
     origin = jnp.zeros(axes.shape[1])
     basis, _ = jnp.linalg.qr(jax.jacfwd(lambda w: polynomial(place(w)))(origin))
@@ -169,4 +178,4 @@ def _solver(
         left = jnp.linalg.norm(along(w) - u)
         return w, volume, (left < _SOLVED * (1.0 + jnp.linalg.norm(u))) & jnp.all(signs == sign)
 
-    return solve, along
+    return Equation(solve, along, slopes)

@@ -11,8 +11,7 @@ def format_draws(draws: Draws, parameters: Mapping[str, FittedParameter]) -> str
     """A line a parameter: mean and deviation of the draws, their intervals, and whether chains agree."""
     chains, each, _ = draws.values.shape
     drawn = f"{chains} chains of {each} draws" if draws.kind == "posterior" else f"{each} replicates"
-    wrong = "proposals refused by the model" if draws.kind == "posterior" else "did not converge and are left out"
-    lines = f"    {drawn}, seed {draws.seed}; {draws.failed} {wrong}\n    drawn: {draws.description}\n"
+    lines = f"    {drawn}, seed {draws.seed}; {draws.failed} {draws.failure}\n    drawn: {draws.description}\n"
     head = ["", "unit", "mean", "+/-", "", "95 % of the draws"]
     head += ["R-hat", "effective"] if draws.kind == "posterior" else ["mirrored", "linear +/-"]
     rows = [head, *(_row(draw, parameters[draw.path], draws.kind == "posterior") for draw in draws.parameters)]

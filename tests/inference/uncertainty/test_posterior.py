@@ -1,5 +1,7 @@
 """Draws from a posterior: of Gaussian and banana-shaped densities that are known, in parts and in one go."""
 
+import sys
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -8,6 +10,7 @@ import pytest
 from pdssjax import InputError
 from pdssjax.inference.draws import Drawing, InMemory
 from pdssjax.inference.uncertainty import posterior
+from pdssjax.inference.uncertainty.no_u_turn import sample_by_trajectories
 from pdssjax.inference.uncertainty.profile_likelihood import learn_curvature
 from pdssjax.inference.uncertainty.residual_polynomial import of_second_order
 from pdssjax.inference.uncertainty.second_order import Linearisation
@@ -30,6 +33,11 @@ def wavy(x):
     return linear(x) + 0.2 * jnp.sin(4.0 * linear(x))
 
 
+SAMPLERS = {"rto": posterior.sample_posterior, "nuts": sample_by_trajectories}
+both = pytest.mark.parametrize("sampler", SAMPLERS)
+slow_nuts = pytest.mark.parametrize("sampler", ["rto", pytest.param("nuts", marks=pytest.mark.slow)])
+
+
 def drawn(residuals, centre, drawing, bounds=EVERYWHERE, factor=1.0, chains=4):
     residuals = jax.jit(residuals)
     slope = jax.jit(jax.jacfwd(residuals))
@@ -39,14 +47,15 @@ def drawn(residuals, centre, drawing, bounds=EVERYWHERE, factor=1.0, chains=4):
     model = posterior.Model(evaluate, residuals, optimum, axes, bounds, factor)
     curvature = learn_curvature(evaluate, optimum, 1.0, bounds).at_optimum
     first = of_second_order(optimum, curvature, axes)
-    return posterior.sample_posterior(model, first, drawing, None, lambda message: None, chains)
+    return SAMPLERS[drawing.sampler](model, first, drawing, None, lambda message: None, chains)
 
 
-def test_of_a_gaussian_they_have_its_moments_to_the_monte_carlo_error():
+@both
+def test_of_a_gaussian_they_have_its_moments_to_the_monte_carlo_error(sampler):
     for factor in (1.0, 4.0):
-        chains = drawn(linear, [0.0, 0.0], Drawing(500), factor=factor)
+        chains = drawn(linear, [0.0, 0.0], Drawing(500, sampler=sampler), factor=factor)
         covariance = factor * np.linalg.inv(DESIGN.T @ DESIGN)
-        assert np.mean(chains.accepted) > 0.8
+        assert chains.failed < 0.2 * chains.free[:, :, 0].size
         for i in range(2):
             draws = chains.free[:, :, i]
             size, deviation = effective_size(draws), np.sqrt(covariance[i, i])
@@ -55,29 +64,31 @@ def test_of_a_gaussian_they_have_its_moments_to_the_monte_carlo_error():
             assert np.std(draws) == pytest.approx(deviation, rel=4.0 * np.sqrt(0.5 / effective_size(draws**2)))
 
 
+@slow_nuts
 @pytest.mark.parametrize("stiffness", [20.0, 2000.0])
-def test_of_a_banana_too_however_narrow_it_is(stiffness):
+def test_of_a_banana_too_however_narrow_it_is(stiffness, sampler):
     """x0 is normal around 1, x1 around its square: means 1 and 2, variances 1 and 6 + 1 / stiffness^2."""
     residuals = lambda x: bent(x, stiffness)
-    chains = drawn(residuals, [1.0, 1.0], Drawing(1000, seed=1))
+    chains = drawn(residuals, [1.0, 1.0], Drawing(1000, seed=1, sampler=sampler))
     for i, (mean, variance) in enumerate([(1.0, 1.0), (2.0, 6.0 + stiffness**-2)]):
         draws = chains.free[:, :, i]
         size = effective_size(draws)
         assert rhat(draws) < 1.01 and size > 400
         assert np.mean(draws) == pytest.approx(mean, abs=4.0 * np.sqrt(variance / size))
         assert np.var(draws) == pytest.approx(variance, rel=0.25)
-    assert np.mean(chains.accepted) > 0.8
+    assert chains.failed < 0.2 * chains.free[:, :, 0].size
     straight = chains.free[:, :, 1] - chains.free[:, :, 0] ** 2
     assert np.std(straight) == pytest.approx(1.0 / stiffness, rel=0.1)
 
 
-def test_what_no_polynomial_describes_is_drawn_from_the_model_all_the_same():
-    chains = drawn(wavy, [0.0, 0.0], Drawing(2000, seed=2))
+@pytest.mark.parametrize(("sampler", "count"), [("rto", 2000), pytest.param("nuts", 600, marks=pytest.mark.slow)])
+def test_what_no_polynomial_describes_is_drawn_from_the_model_all_the_same(sampler, count):
+    chains = drawn(wavy, [0.0, 0.0], Drawing(count, seed=2, sampler=sampler))
     low, high = np.quantile(chains.free, [0.0005, 0.9995], axis=(0, 1))
     axes = [np.linspace(2 * low[i], 2 * high[i], 801) for i in range(2)]
     grid = jnp.stack(jnp.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
     density = np.exp(-0.5 * np.sum(np.asarray(jax.vmap(wavy)(grid)) ** 2, axis=1))
-    assert 0.1 < np.mean(chains.accepted) < 0.99
+    assert 0.01 < chains.failed / chains.free[:, :, 0].size < 0.9
     for i in range(2):
         draws = chains.free[:, :, i]
         deviation = np.sqrt(np.sum(density * np.asarray(grid[:, i]) ** 2) / np.sum(density))
@@ -85,10 +96,11 @@ def test_what_no_polynomial_describes_is_drawn_from_the_model_all_the_same():
         assert np.std(draws) == pytest.approx(deviation, rel=4.0 * np.sqrt(0.5 / effective_size(draws**2)))
 
 
-def test_a_bound_ends_them():
+@slow_nuts
+def test_a_bound_ends_them(sampler):
     """A half of a normal distribution: its mean is sqrt(2 / pi) of a standard deviation."""
     low = np.array([0.0, -np.inf])
-    chains = drawn(linear, [0.0, 0.0], Drawing(500), (low, EVERYWHERE[1]))
+    chains = drawn(linear, [0.0, 0.0], Drawing(500, sampler=sampler), (low, EVERYWHERE[1]))
     draws = chains.free[:, :, 0]
     assert np.min(draws) >= 0.0
     deviation = np.sqrt(np.linalg.inv(DESIGN.T @ DESIGN)[0, 0])
@@ -105,19 +117,21 @@ class Broken(InMemory):
         super().keep(entry)
 
 
-def test_a_run_that_was_broken_off_ends_as_if_it_had_not_been():
-    whole = drawn(wavy, [0.0, 0.0], Drawing(200, seed=4), chains=2)
+@both
+def test_a_run_that_was_broken_off_ends_as_if_it_had_not_been(sampler):
+    whole = drawn(wavy, [0.0, 0.0], Drawing(200, seed=4, sampler=sampler), chains=2)
     store = Broken()
     with pytest.raises(KeyboardInterrupt):
-        drawn(wavy, [0.0, 0.0], Drawing(200, seed=4, store=store), chains=2)
+        drawn(wavy, [0.0, 0.0], Drawing(200, seed=4, store=store, sampler=sampler), chains=2)
     rest = InMemory()
     for entry in store.kept():
         rest.keep(entry)
-    resumed = drawn(wavy, [0.0, 0.0], Drawing(200, seed=4, store=rest), chains=2)
-    for one, other in zip(whole, resumed, strict=True):
-        np.testing.assert_array_equal(one, other)
-    more = drawn(wavy, [0.0, 0.0], Drawing(220, seed=4, store=rest), chains=2)
-    np.testing.assert_array_equal(more.accepted[:, :200], whole.accepted)
+    resumed = drawn(wavy, [0.0, 0.0], Drawing(200, seed=4, store=rest, sampler=sampler), chains=2)
+    assert resumed.failed == whole.failed
+    np.testing.assert_array_equal(resumed.free, whole.free)
+    for name, values in whole.statistics.items():
+        np.testing.assert_array_equal(resumed.statistics[name], values)
+    more = drawn(wavy, [0.0, 0.0], Drawing(220, seed=4, store=rest, sampler=sampler), chains=2)
     np.testing.assert_array_equal(more.free[:, :200], whole.free)
 
 
@@ -126,14 +140,29 @@ def test_a_run_that_was_broken_off_ends_as_if_it_had_not_been():
     [
         ({"chain": 0}, "draws in memory: draws of the chains: found no 'block'"),
         ({"chain": 0, "block": "x"}, "chain, block = "),
-        ({"chain": 0, "block": 0, "free": [[1.0, 2.0]]}, "free of block 0 of chain 0 without 50 draws of 2 parameters"),
+        ({"chain": 0, "block": 0, "end": [0.0], "free": [[1.0, 2.0]]}, "of block 0 of chain 0 without"),
+        ({"chain": 0, "block": -1, "end": [0.0, 0.0]}, "draws of the chains: found no '(step_size|free)'"),
     ],
 )
-def test_a_block_that_is_none_is_said_in_a_line(entry, said):
+@both
+def test_a_block_that_is_none_is_said_in_a_line(entry, said, sampler):
     store = InMemory()
     store.keep(entry)
     with pytest.raises(InputError, match=said):
-        drawn(wavy, [0.0, 0.0], Drawing(200, seed=4, store=store), chains=2)
+        drawn(wavy, [0.0, 0.0], Drawing(200, seed=4, store=store, sampler=sampler), chains=2)
+
+
+def test_without_numpyro_it_is_asked_for(monkeypatch):
+    monkeypatch.setitem(sys.modules, "numpyro", None)
+    with pytest.raises(
+        InputError, match=r'sampler: found "nuts" without NumPyro, .*pip install "pdssjax\[posterior\]"'
+    ):
+        Drawing(50, sampler="nuts")
+
+
+def test_a_sampler_that_is_none_is_refused():
+    with pytest.raises(InputError, match='sampler: found "gibbs", expected "rto" or "nuts"'):
+        Drawing(sampler="gibbs")  # pyright: ignore[reportArgumentType]
 
 
 def test_what_cannot_be_simulated_is_said():

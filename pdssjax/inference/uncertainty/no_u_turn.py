@@ -1,0 +1,260 @@
+"""Draws of a posterior by the No-U-Turn sampler of NumPyro, of the model itself.
+
+A sampler of this kind (M. D. Hoffman and A. Gelman, J. Machine Learning Research 15, 2014) wants a density that is as
+wide in every direction and not bent, and that of a fit is a narrow bent valley.  So it moves in the coordinates of
+`transported_density`, in which a few steps lead from one end of the posterior to the other.
+
+Where the polynomial behind these folds over trajectories end.  What lies beyond is reached by a proposal before
+each trajectory, from the linear model's normal distribution, widened, which the model accepts or not; from beyond a
+fold such proposals alone lead back.  Both moves leave the posterior as it is, and so does one after the other.
+"""
+
+import functools
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from ...core import Document, InputError, Scalar
+from ..draws import CHAINS, DRAWS, Drawing, each_done, reading
+from ..least_squares import Progress
+from .posterior import BLOCK, Chains, Model, learn
+from .randomize_then_optimize import Widths
+from .residual_polynomial import ResidualPolynomial
+from .transported_density import TransportedDensity, transported
+
+WARM_UP = 150
+"""Trajectories from which the length of a step is learned; they are no draws."""
+
+_WARM = -1
+"""The number of the block in which that is done."""
+
+_ACCEPTANCE = 0.8
+"""Mean probability of acceptance that the length of a step is learned for (Hoffman and Gelman's `delta`)."""
+
+_DEEPEST = 8
+"""Doublings of a trajectory, at most."""
+
+_BEGIN = Widths(solved=(1.2,), linear=1.0, share=0.0)
+"""Where chains begin."""
+
+_CANDIDATES = 20
+"""Of these the first that the model can be simulated at."""
+
+_BEYOND = 3.0
+"""By how much the variance of the proposals that reach beyond a fold exceeds that of the linear model."""
+
+
+class _Sampler(NamedTuple):
+    """What all chains have in common."""
+
+    begin: Callable[..., Any]
+    """NumPyro's state at an e, for the key of random numbers and the length of a step."""
+    go_on: Callable[[Any], Any]
+    """One trajectory on; compiled."""
+
+
+def sample_by_trajectories(
+    model: Model,
+    first: ResidualPolynomial,
+    drawing: Drawing,
+    executor: Executor | None,
+    report: Progress,
+    chains: int = CHAINS,
+) -> Chains:
+    """Draws of several chains; what the store has kept is not drawn again.
+
+    Chains run side by side in the threads of the `executor`.  Each block of a chain begins with the numbers that the
+    one before has kept, so that a run that was broken off ends as if it had not been.
+
+    **Arguments:** the polynomial `first` in use.
+
+    **Raises:** `InputError` where what was kept is not what a run writes, or chains find nowhere to begin.
+    """
+    wanted = drawing.count or DRAWS
+    blocks = range(_WARM, -(-wanted // BLOCK))
+    with reading(drawing.store, "draws of the chains"):
+        kept = {_task_of(entry, model.axes.shape): entry for entry in drawing.store.kept()}
+    if any((chain, block) not in kept for chain in range(chains) for block in blocks):
+        target = transported(model, learn(model, first, drawing.seed, executor, report))
+        report("posterior: compiling the sampler")
+        sampler = _sampler(target)
+        done = 0
+        for block in blocks:
+            due = [chain for chain in range(chains) if (chain, block) not in kept]
+            work = functools.partial(_block, target, sampler, model, drawing.seed, block, kept)
+            for chain, entry in each_done(work, due, executor):
+                drawing.store.keep(entry)
+                kept[chain, block] = entry
+                done += 1
+                report(f"posterior: {done} of {chains * len(blocks)} blocks of {BLOCK} draws")
+    each = [[kept[chain, block] for block in blocks if block != _WARM] for chain in range(chains)]
+    whole = lambda name: np.stack([np.concatenate([np.array(b[name]) for b in part])[:wanted] for part in each])
+    diverging = np.asarray(whole("diverging"), bool)
+    return Chains(
+        free=whole("free"),
+        failed=int(np.sum(diverging)),
+        statistics={
+            "lp": whole("log_density"),
+            "acceptance_rate": whole("acceptance"),
+            "n_steps": whole("steps"),
+            "diverging": diverging,
+        },
+    )
+
+
+def _sampler(target: TransportedDensity) -> _Sampler:
+    from numpyro.infer.hmc import hmc
+    from numpyro.infer.util import ParamInfo
+
+    arrays, rest = eqx.partition(target, eqx.is_array)
+
+    def potential_of(arrays: Any) -> Callable[[Float[Array, " q"]], Scalar]:
+        both = eqx.combine(arrays, rest).potential
+
+        @jax.custom_vjp
+        def potential(e: Float[Array, " q"]) -> Scalar:
+            return both(e)[0]
+
+        # The model's forward derivatives cost less than its reverse ones.
+        potential.defvjp(both, lambda slope, seed: (seed * slope,))
+        return potential
+
+    init, sample = hmc(potential_fn_gen=potential_of)
+
+    def begin(e: Float[Array, " q"], key: Int[Array, "..."], step_size: float = 0.5) -> Any:
+        info = ParamInfo(e, *target.potential(e))
+        return init(
+            info,
+            WARM_UP,
+            step_size,
+            adapt_mass_matrix=False,
+            target_accept_prob=_ACCEPTANCE,
+            max_tree_depth=_DEEPEST,
+            rng_key=key,
+            model_args=(arrays,),
+        )
+
+    trajectory = jax.jit(lambda state, arrays: sample(state, (arrays,)))
+    state = begin(jnp.zeros(target.map.axes.shape[1]), jax.random.key(0))
+    compiled = trajectory.lower(state, arrays).compile()
+    return _Sampler(begin, lambda state: compiled(state, arrays))
+
+
+def _block(
+    target: TransportedDensity,
+    sampler: _Sampler,
+    model: Model,
+    seed: int,
+    block: int,
+    kept: Mapping[tuple[int, int], Document],
+    chain: int,
+) -> Document:
+    """A block of draws of a chain, or what is learned before the first of them, as plain data."""
+    task = {"chain": chain, "block": block}
+    if block == _WARM:
+        return task | _warmed_up(target, sampler, model, (seed, chain))
+    random = np.random.default_rng((seed, chain, block))
+    begin, step_size = kept[chain, block - 1]["end"], kept[chain, _WARM]["step_size"]
+    going = _Chain(target, sampler, model, step_size, random, np.array(begin, float))
+    draws = [going.next() for _ in range(BLOCK)]
+    return task | {name: [draw[name] for draw in draws] for name in draws[0]} | {"end": going.w.tolist()}
+
+
+def _warmed_up(target: TransportedDensity, sampler: _Sampler, model: Model, seed: tuple[int, ...]) -> Document:
+    """Where a chain begins, and the length of its steps."""
+    places = model.proposals(target.map.polynomial, _BEGIN, _CANDIDATES, seed).free
+    inverse, key = np.linalg.pinv(model.axes), _key(np.random.default_rng(seed))
+    states = (sampler.begin(target.map.back(inverse @ (place - model.optimum.at))[0], key) for place in places)
+    state = next((state for state in states if np.isfinite(state.potential_energy)), None)
+    if state is None:
+        raise InputError(
+            f"posterior: found none of {_CANDIDATES} draws of the polynomial where the model can be simulated, "
+            "expected one for a chain to begin at."
+        )
+    for _ in range(WARM_UP):
+        state = sampler.go_on(state)
+    end = np.asarray(target.map.place(state.z).w).tolist()
+    return {"end": end, "step_size": float(state.adapt_state.step_size)}
+
+
+def _key(random: np.random.Generator) -> Any:
+    return jax.random.key(int(random.integers(2**31)))
+
+
+class _Chain:
+    """Where a chain is; it moves by a proposal of the linear model and a trajectory in turn."""
+
+    def __init__(
+        self,
+        target: TransportedDensity,
+        sampler: _Sampler,
+        model: Model,
+        step_size: float,
+        random: np.random.Generator,
+        w: Float[np.ndarray, " q"],
+    ):
+        self._target, self._sampler, self._model, self._random = target, sampler, model, random
+        state = sampler.begin(jnp.zeros(w.size), _key(random), step_size)
+        # What is learned of the length of a step ends with the warm-up.
+        self._state = state._replace(i=jnp.full_like(state.i, WARM_UP))
+        self._be_at(w, self._log_density(w))
+
+    def next(self) -> Document:
+        """The next draw, and what is known of its trajectory; none where the chain is beyond a fold."""
+        self._propose()
+        steps, acceptance, diverging = 0, 0.0, False
+        if self._inside:
+            self._state = state = self._sampler.go_on(self._state)
+            place = self._target.map.place(state.z)
+            self.w = np.asarray(place.w)
+            self._density = float(place.volume - state.potential_energy)
+            steps, acceptance, diverging = int(state.num_steps), float(state.accept_prob), bool(state.diverging)
+        free = np.asarray(self._target.map.at(self.w)).tolist()
+        told = {"steps": steps, "acceptance": acceptance, "diverging": diverging}
+        return {"free": free, "log_density": self._density} | told
+
+    def _propose(self) -> None:
+        proposed = np.sqrt(_BEYOND) * self._random.standard_normal(self.w.size)
+        density = self._log_density(proposed)
+        # Of the model's density over that of the proposals.
+        gained = density - self._density + 0.5 * (np.sum(proposed**2) - np.sum(self.w**2)) / _BEYOND
+        if np.log(self._random.random()) < gained:
+            self._be_at(proposed, density)
+
+    def _be_at(self, w: Float[np.ndarray, " q"], density: float) -> None:
+        self.w, self._density = w, density
+        e, self._inside = self._target.map.back(w)
+        if self._inside:
+            energy, slope = self._target.potential(e)
+            self._state = self._state._replace(z=e, potential_energy=energy, z_grad=slope)
+
+    def _log_density(self, w: Float[np.ndarray, " q"]) -> float:
+        """Of the model, but for a constant."""
+        x, (low, high) = np.asarray(self._target.map.at(w)), self._model.bounds
+        if np.any(x < low) or np.any(x > high):
+            return -np.inf
+        value = -0.5 * float(np.sum(np.asarray(self._model.residuals(x)) ** 2)) / self._model.factor
+        return value if np.isfinite(value) else -np.inf
+
+
+def _task_of(entry: Document, shape: tuple[int, int]) -> tuple[int, int]:
+    """Which block of which chain an `entry` is, of as many parameters and directions as the axes' `shape` says."""
+    task = entry["chain"], entry["block"]
+    if not all(isinstance(number, int) for number in task):
+        raise TypeError(f"chain, block = {task!r}")
+    shapes: dict[str, tuple[int, ...]] = {"end": (shape[1],)}
+    if task[1] == _WARM:
+        shapes["step_size"] = ()
+    else:
+        shapes["free"] = (BLOCK, shape[0])
+        shapes |= dict.fromkeys(("log_density", "steps", "acceptance", "diverging"), (BLOCK,))
+    for name, expected in shapes.items():
+        if np.shape(np.array(entry[name], float)) != expected:
+            raise ValueError(f"{name} of block {task[1]} of chain {task[0]} without the shape {expected}")
+    return task
