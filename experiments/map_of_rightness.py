@@ -6,6 +6,7 @@ forward mode.  Every actuator's verdict is a file; after a change of the package
 
     python -m experiments.map_of_rightness        # resumes where it was left
     python -m experiments.map_of_rightness 200    # so many of every structure, a quarter more of the published ones
+    python -m experiments.map_of_rightness 5 0 60 # so many of each of the combinations 0 to 59 of everything
 """
 
 import sys
@@ -20,7 +21,7 @@ from matplotlib.figure import Figure
 from experiments.common import BLUE, ORANGE, OUT, VERMILION, save, styled, write
 from experiments.derivative_judge import ASKED, REVERSE, VALUES, Judge, Verdict
 from experiments.draws import numbered_results
-from experiments.random_actuators import PUBLISHED, STRUCTURES
+from experiments.random_actuators import PUBLISHED, STRUCTURES, named
 from pdssjax.core import prepare_jax
 
 NAME = "map_of_rightness"
@@ -46,7 +47,7 @@ def verdicts(name: str, count: int) -> list[Verdict]:
     """Of the first so many actuators of a structure."""
     print(f"\n{name}")
     folder = OUT / NAME / "".join(letter if letter.isalnum() else "-" for letter in name)
-    found = numbered_results(count, partial(drawn, Judge(STRUCTURES[name])), folder)
+    found = numbered_results(count, partial(drawn, Judge(named(name))), folder)
     jax.clear_caches()  # compiled code of dozens of structures would fill the memory
     return [Verdict(**each) for each in found]
 
@@ -63,7 +64,7 @@ def row(name: str, found: Sequence[Verdict]) -> list[str]:
         f"{len(finished) - len(judged)}",
         f"{len(found) - len(finished)}",
         worst(verdict.error for verdict in judged),
-        f"{worst(verdict.value for verdict in judged)} {STRUCTURES[name].unit}",
+        f"{worst(verdict.value for verdict in judged)} {named(name).unit}",
         worst(verdict.reverse for verdict in finished),
     ]
 
@@ -84,7 +85,7 @@ def table(results: Mapping[str, Sequence[Verdict]]) -> str:
 
 def wrongs(name: str, found: Sequence[Verdict]) -> list[str]:
     """What is not as asked of each actuator; empty where all is right."""
-    return [wrong(verdict, VALUES[STRUCTURES[name].unit]) for verdict in found]
+    return [wrong(verdict, VALUES[named(name).unit]) for verdict in found]
 
 
 def wrong(verdict: Verdict, allowed: float) -> str:
@@ -129,16 +130,17 @@ def draw(results: Mapping[str, Sequence[Verdict]]) -> Figure:
     return figure
 
 
-def main(count: int = COUNT) -> None:
-    """Print the table and draw the figure."""
+def main(count: int = COUNT, first: int = 0, last: int = 0) -> None:
+    """Print the table and draw the figure; of combinations, if a `last` is given."""
     prepare_jax()
-    results = {name: verdicts(name, count * 5 // 4 if name in PUBLISHED else count) for name in STRUCTURES}
-    text = table(results)
+    combined = [f"combination {number}" for number in range(first, last)]
+    results = {name: verdicts(name, count * 5 // 4 if name in PUBLISHED else count) for name in combined or STRUCTURES}
+    text, kept = table(results), f"{NAME}_combined" if combined else NAME
     print(f"\n{text}")
-    write(text, NAME)
+    write(text, kept)
     with styled():
-        save(draw(results), NAME)
+        save(draw(results), kept)
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:2]))
+    main(*map(int, sys.argv[1:4]))

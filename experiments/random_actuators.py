@@ -209,4 +209,50 @@ RECORDS = {
 """Kinds of records that those above leave out."""
 RINGING = {"coulomb, corners while it rings": Structure("coulomb", drive=Sawtooth(64.0, 20.0, 2e-3), cycles=3.0)}
 """A contact that sticks for good while the platform still rings at the next corner."""
+_OUTPUTS = {
+    "effector": (DISPLACEMENT, DISPLACEMENT, VELOCITY, ACCELERATION),
+    "platform": (DISPLACEMENT, VELOCITY),
+    "unloaded": (DISPLACEMENT, VELOCITY),
+}
+"""What of a motion is drawn as a record; an end-effector's displacement twice as often."""
+
+
+def combination(number: int) -> Structure:
+    """A structure drawn at random: any law, piezo, waveform, parts and record together."""
+    random = np.random.default_rng([17, number])
+    pick = lambda names: names[int(random.integers(len(names)))]
+    law = pick([name for name in members("friction") if name != "bristle"])
+    parts = tuple(part for part in ("amplifier", "sensor", "stop") if random.random() < 0.35)
+    feedback = bool(random.random() < 0.3)
+    of = pick(["effector", "effector", "effector", "unloaded", *(["platform"] if feedback else [])])
+    if of == "unloaded":
+        parts = tuple(part for part in parts if part != "stop")
+        feedback = False
+    # A sensor beside a stop is that of the force.
+    of = "effector" if {"stop", "sensor"} <= {*parts} else of
+    pulled = "stop" in parts and of == "effector" and (random.random() < 0.5 or "sensor" in parts)
+    return Structure(
+        friction=law,
+        state=pick(["deflection", "force"]) if law == "anisotropic-lugre" else "",
+        piezo=pick([name for name in members("piezo") if name != "static"]),
+        drive=pick(list(DRIVES.values())),
+        draws_drive=bool(random.random() < 0.5),
+        given={path: low for path, low in _TOLD.items() if path.split(".")[0] in parts and random.random() < 0.5},
+        cycles=2.0,
+        feedback=feedback,
+        parts=parts,
+        of=of,
+        output=STOP_FORCE if pulled else pick(_OUTPUTS[of]),
+    )
+
+
+_TOLD = {"amplifier.slew": 1e5, "stop.gap": 3e-7}
+"""An amplifier that slews, and a stop that is met at once."""
+
+
+def named(name: str) -> Structure:
+    """One of STRUCTURES, or a "combination 7"."""
+    return STRUCTURES[name] if name in STRUCTURES else combination(int(name.split()[1]))
+
+
 STRUCTURES = PUBLISHED | QUICKLY | LAWS | LONE | LOADED | WAVEFORMS | PARTS | RECORDS | RINGING
