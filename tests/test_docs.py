@@ -191,9 +191,9 @@ def test_every_member_of_a_family_is_in_the_reference(family):
 
 def keys(schema: dict) -> set[str]:
     """All keys that a JSON schema names."""
-    own = set(schema.get("properties", {}))
+    named = set(schema.get("properties", {}))
     inner = [*schema.get("properties", {}).values(), schema.get("items"), *schema.get("oneOf", [])]
-    return own.union(*(keys(part) for part in inner if isinstance(part, dict)))
+    return named.union(*(keys(part) for part in inner if isinstance(part, dict)))
 
 
 def test_every_key_of_a_study_is_on_its_page():

@@ -262,12 +262,15 @@ def test_nothing_has_a_name_of_the_old_dialect(path):
     assert not found, f"words of the old dialect, listed in CONTRIBUTING.md: {', '.join(found)}"
 
 
-@pytest.mark.parametrize("folder", ["experiments", "benchmarks"])
+@pytest.mark.parametrize("folder", ["tests", "experiments", "benchmarks"])
 def test_nor_has_what_runs_the_package(folder):
-    # A walk is what the thesis's actuator does.
+    # A walk is what the thesis's actuator does, and a function of `ast`.
     old = DIALECT - {"walk"}
-    places = {f"{path.name}:{line}": name for path in (ROOT / folder).rglob("*.py") for name, line in words_of(path)}
-    assert not {place: name for place, name in places.items() if name.strip("_") in old}
+    named = {path.relative_to(ROOT): words_of(path) for path in (ROOT / folder).rglob("*.py")}
+    found = [
+        f"{path}:{line}: {name}" for path, words in named.items() for name, line in words if name.strip("_") in old
+    ]
+    assert not found, f"words of the old dialect, listed in CONTRIBUTING.md: {', '.join(found)}"
 
 
 def test_the_words_of_the_old_dialect_are_listed_for_who_contributes():

@@ -114,8 +114,8 @@ def test_a_run_that_was_broken_off_ends_as_if_it_had_not_been():
     for entry in store.kept():
         rest.keep(entry)
     resumed = drawn(wavy, [0.0, 0.0], Drawing(200, seed=4, store=rest), chains=2)
-    for one, other in zip(whole, resumed, strict=True):
-        np.testing.assert_array_equal(one, other)
+    for expected, found in zip(whole, resumed, strict=True):
+        np.testing.assert_array_equal(expected, found)
     more = drawn(wavy, [0.0, 0.0], Drawing(220, seed=4, store=rest), chains=2)
     np.testing.assert_array_equal(more.accepted[:, :200], whole.accepted)
     np.testing.assert_array_equal(more.free[:, :200], whole.free)
