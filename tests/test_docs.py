@@ -16,11 +16,11 @@ from storeys import boxes
 from study_keys import lines_of
 
 import pdssjax
+from pdssjax import Study
 from pdssjax.cli.main import _parser
 from pdssjax.core import members
 from pdssjax.files import schema_text
 from pdssjax.files.record_table import RECORD_KEYS
-from pdssjax.study import Study
 from pdssjax.study.catalogue import FAMILIES
 
 ROOT = Path(__file__).parents[1]

@@ -8,10 +8,10 @@ import measured_study
 import numpy as np
 import pytest
 
-from pdssjax import load_study
+from pdssjax import Study, load_study
 from pdssjax.cli.main import main
 from pdssjax.core import factor
-from pdssjax.study import MOVING, Samples, Study, legal_quantities, make_recordings
+from pdssjax.study import MOVING, Samples, legal_quantities, make_recordings
 
 VARIANTS = measured_study.variants()
 

@@ -8,8 +8,7 @@ from scipy.optimize import least_squares, lsq_linear
 from scipy.signal import lfilter
 
 import pdssjax
-from pdssjax import InputError
-from pdssjax.inference import pose_problem
+from pdssjax import InputError, pose_problem
 from pdssjax.inference.least_squares import joint, quiet
 from pdssjax.inference.variable_projection import _box_step, linear_parameters, project
 

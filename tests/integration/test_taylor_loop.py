@@ -5,12 +5,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from pdssjax import Taylor
 from pdssjax.core import member, members
 from pdssjax.drive.base import Segment, Wave
 from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
 from pdssjax.friction.dahl import Dahl
 from pdssjax.friction.stribeck import Stribeck
-from pdssjax.integration import Taylor, constant, cosine_and_sine, exp, power
+from pdssjax.integration import constant, cosine_and_sine, exp, power
 from pdssjax.integration.step_methods.base import KnownStep
 from pdssjax.integration.taylor_series import taylor_coefficients
 

@@ -7,10 +7,10 @@ import equinox as eqx
 import numpy as np
 import pytest
 
-from pdssjax import InputError
+from pdssjax import Drawing, InputError
 from pdssjax.files import DrawsFile
 from pdssjax.inference import Fit, Problem
-from pdssjax.inference.draws import Drawing, InMemory
+from pdssjax.inference.draws import InMemory
 from pdssjax.inference.parameter_transform import ParameterTransform
 from pdssjax.inference.uncertainty.bootstrap import bootstrap, cycles_redrawn, samples_per_cycle
 from pdssjax.inference.uncertainty.drawn_intervals import _about_replicates, summary_of_replicates
