@@ -16,11 +16,11 @@ from storeys import boxes
 from study_keys import lines_of
 
 import pdssjax
+from pdssjax import Study
 from pdssjax.cli.main import _parser
 from pdssjax.core import members
 from pdssjax.files import schema_text
 from pdssjax.files.record_table import RECORD_KEYS
-from pdssjax.study import Study
 from pdssjax.study.catalogue import FAMILIES
 
 ROOT = Path(__file__).parents[1]
@@ -191,9 +191,9 @@ def test_every_member_of_a_family_is_in_the_reference(family):
 
 def keys(schema: dict) -> set[str]:
     """All keys that a JSON schema names."""
-    own = set(schema.get("properties", {}))
+    named = set(schema.get("properties", {}))
     inner = [*schema.get("properties", {}).values(), schema.get("items"), *schema.get("oneOf", [])]
-    return own.union(*(keys(part) for part in inner if isinstance(part, dict)))
+    return named.union(*(keys(part) for part in inner if isinstance(part, dict)))
 
 
 def test_every_key_of_a_study_is_on_its_page():

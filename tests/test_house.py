@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+import pdssjax
+
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "pdssjax"
 
@@ -213,7 +215,7 @@ def test_scripts_know_the_package_by_its_faces_and_its_members(folder):
         for module, names in inside(path):
             room, *below = module.split(".")
             if not module:
-                known = set(importlib.import_module("pdssjax").__all__)
+                known = set(pdssjax.__all__)
             elif is_member(module):
                 known = set(names)
             else:
@@ -228,6 +230,17 @@ def test_tests_take_from_a_face_what_it_shows(path):
         room, *below = module.split(".")
         if below and not is_member(module):
             assert not set(names) <= shown(room), f"{path.name} imports {names} of {module}, which {room} shows"
+
+
+@pytest.mark.parametrize(
+    "path", [p for p in SCRIPTS if PACKAGE not in p.parents], ids=lambda p: str(p.relative_to(ROOT))
+)
+def test_what_the_package_shows_is_imported_from_itself(path):
+    """The same object, not only its name: a measurement is called Effector, too."""
+    for module, names in inside(path):
+        for name in set(names) & set(pdssjax.__all__) if module else ():
+            found = getattr(importlib.import_module(f"pdssjax.{module}"), name)
+            assert found is not getattr(pdssjax, name), f"{path.name} imports {name} from {module}, not from pdssjax"
 
 
 @pytest.mark.parametrize("dependency", HOMES)
@@ -263,12 +276,15 @@ def test_nothing_has_a_name_of_the_old_dialect(path):
     assert not found, f"words of the old dialect, listed in CONTRIBUTING.md: {', '.join(found)}"
 
 
-@pytest.mark.parametrize("folder", ["experiments", "benchmarks"])
+@pytest.mark.parametrize("folder", ["tests", "experiments", "benchmarks"])
 def test_nor_has_what_runs_the_package(folder):
-    # A walk is what the thesis's actuator does.
+    # A walk is what the thesis's actuator does, and a function of `ast`.
     old = DIALECT - {"walk"}
-    places = {f"{path.name}:{line}": name for path in (ROOT / folder).rglob("*.py") for name, line in words_of(path)}
-    assert not {place: name for place, name in places.items() if name.strip("_") in old}
+    named = {path.relative_to(ROOT): words_of(path) for path in (ROOT / folder).rglob("*.py")}
+    found = [
+        f"{path}:{line}: {name}" for path, words in named.items() for name, line in words if name.strip("_") in old
+    ]
+    assert not found, f"words of the old dialect, listed in CONTRIBUTING.md: {', '.join(found)}"
 
 
 def test_the_words_of_the_old_dialect_are_listed_for_who_contributes():
@@ -301,7 +317,5 @@ def test_the_package_and_the_command_line_are_there_before_jax_is_loaded(module)
 
 
 def test_completion_shows_the_public_names():
-    import pdssjax
-
     assert set(pdssjax.__all__) <= set(dir(pdssjax))
     assert {"load_study", "identify", "simulate", "sweep", "characterise", "Actuator", "Accuracy"} <= set(dir(pdssjax))

@@ -124,17 +124,27 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 
-from pdssjax import Accuracy, Actuator, Effector, Study, identify, pose_problem, simulate
-from pdssjax.drive.base import AbstractDrive
-from pdssjax.friction.base import AbstractFriction
+from pdssjax import (
+    AbstractDrive,
+    AbstractFriction,
+    AbstractHybridSystem,
+    AbstractPiezo,
+    Accuracy,
+    Actuator,
+    Effector,
+    Record,
+    Study,
+    identify,
+    pose_problem,
+    simulate,
+    sweep,
+)
 from pdssjax.friction.lugre import LuGre
 from pdssjax.inference import Problem
-from pdssjax.integration import AbstractHybridSystem, integrate, states_at
-from pdssjax.piezo.base import AbstractPiezo
+from pdssjax.integration import integrate, states_at
 from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.simulation import StickSlip, measured
-from pdssjax.study import Models, Record, compare, depends_on, numbers_used
-from pdssjax.sweeps import sweep
+from pdssjax.study import Models, compare, depends_on, numbers_used
 
 
 def calls(

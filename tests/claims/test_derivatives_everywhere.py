@@ -73,8 +73,8 @@ def test_a_wrong_column_a_discontinuity_a_failure_and_a_wrong_reverse_mode_are_t
     wrong = made_judge(Made(wrong=2e-3)).verdict(at)
     assert not wrong.is_right and not wrong.is_cliff and wrong.column == "b.jump" and wrong.above == 1
     assert wrong.error == pytest.approx(2e-3, rel=1e-3) and wrong.tight == pytest.approx(2e-3, rel=1e-3)
-    cliff = made_judge(Made(jump=1e-6)).verdict(at)
-    assert cliff.is_cliff and cliff.is_right and cliff.above == 0 and cliff.error > 1e-3
+    jumping = made_judge(Made(jump=1e-6)).verdict(at)
+    assert jumping.is_cliff and jumping.is_right and jumping.above == 0 and jumping.error > 1e-3
     assert made_judge(Made(), failed=True).verdict(at).failure == "usual"
     backward = made_judge(Made(), back=1.0 + 1e-6).verdict(at)
     assert not backward.is_right and backward.reverse > REVERSE

@@ -38,15 +38,17 @@ def test_a_bootstrap_of_a_platform_has_its_linear_intervals_and_compiles_nothing
     assert counts[0] == counts[-1], "a replicate compiled anew"
     assert estimate.draws is not None and estimate.draws.failed == 0
     for path, drawn in zip(estimate.draws.names, estimate.draws.parameters, strict=True):
-        one, other = linear.parameters[path], estimate.parameters[path]
-        assert other.value == one.value
+        expected, found = linear.parameters[path], estimate.parameters[path]
+        assert found.value == expected.value
         if path in STACK:
-            assert other.standard_error == one.standard_error
+            assert found.standard_error == expected.standard_error
             # Four standard deviations of the quantile of 200 draws, and of their deviation.
-            np.testing.assert_allclose(other.interval, one.interval, atol=4 * 2.67 / 200**0.5 * one.standard_error)
-            assert drawn.deviation == pytest.approx(one.standard_error, rel=4.0 / 400**0.5)
+            np.testing.assert_allclose(
+                found.interval, expected.interval, atol=4 * 2.67 / 200**0.5 * expected.standard_error
+            )
+            assert drawn.deviation == pytest.approx(expected.standard_error, rel=4.0 / 400**0.5)
         else:
-            assert np.isnan(other.interval).all()
+            assert np.isnan(found.interval).all()
 
 
 def test_the_command_goes_on_where_it_was_broken_off(tmp_path, monkeypatch, capsys):

@@ -34,9 +34,9 @@ def blocks(monkeypatch):
         of = lambda path: points[:, function.paths.index(path)] if path in function.paths else function.numbers[path]
         way = of("drive.direction") if "drive.direction" in function.paths else 1.0
         net = np.maximum(of("drive.voltage") - 8.0 - 0.02 * of("drive.frequency"), 0.0) * of("piezo.gain")
-        stroke, one = of("drive.voltage") * of("piezo.gain"), np.ones(len(points))
+        stroke, ones = of("drive.voltage") * of("piezo.gain"), np.ones(len(points))
         found = (way * net, way * net * of("drive.frequency"), net / stroke, way * stroke, way * (stroke - net))
-        return np.column_stack([*found, one, 0.0 * one, 0.0 * one])
+        return np.column_stack([*found, ones, 0.0 * ones, 0.0 * ones])
 
     monkeypatch.setattr(execution, "computed_block", computed_block)
     return seen
@@ -55,7 +55,7 @@ def test_the_map_goes_on_where_it_was_and_answers_the_question(known, blocks, tm
     speed, half = 20.4 * 0.1007 * 80, 1.96 * 0.01 * 20.4 * 0.1007 * 80
     assert f"{speed:.2f} +/- {half:.2f}" in text and "| 9.6" in text
     panels = map.draw(both, banded).axes
-    assert [one.get_title(loc="left").split()[0] for one in panels[:3]] == ["speed", "speed", "how"]
+    assert [panel.get_title(loc="left").split()[0] for panel in panels[:3]] == ["speed", "speed", "how"]
 
 
 def test_bands_of_what_is_nearly_linear_agree_and_the_figure_shows_both(known, blocks, tmp_path, monkeypatch):

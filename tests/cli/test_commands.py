@@ -156,13 +156,13 @@ def test_simulate_writes_each_record_with_its_own_zero(calls, tmp_path, capsys):
     calls.study.values = lambda but: {}
     calls.study.predict = lambda: [ramp, ramp, np.full(101, np.nan)]
     assert cli.main(["simulate", "rig.toml", "--out", str(tmp_path)]) == 0
-    free, given, lost = (
+    free, given, failed = (
         np.genfromtxt(tmp_path / "predictions" / f"{name}.csv", delimiter=",", names=True)["residual_um"]
         for name in ("free", "given", "lost")
     )
     np.testing.assert_allclose(free, 0.0, atol=1e-9)
     np.testing.assert_allclose(given, 2.0, atol=1e-9)
-    assert np.isnan(lost).all()
+    assert np.isnan(failed).all()
     assert "simulation failed" in capsys.readouterr().out
     assert cli.main(["simulate", "rig.toml", "--out", str(tmp_path)]) == 2
 

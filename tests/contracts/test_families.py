@@ -241,9 +241,9 @@ def test_a_contact_in_equilibrium_carries_the_force_asked_for_as_it_says(law, fo
     else:
         carried = {"elastic": force, "viscous": 0.0}[law.at_rest]
         assert float(law.force(state, jnp.zeros(()), np.sign(force))) == pytest.approx(carried, rel=1e-12)
-    again, yields = law.equilibrium_state(state, jnp.asarray(force))
+    again, displacement = law.equilibrium_state(state, jnp.asarray(force))
     np.testing.assert_allclose(again, state, rtol=1e-12, atol=1e-18)
-    assert float(yields) == pytest.approx(0.0, abs=1e-18)
+    assert float(displacement) == pytest.approx(0.0, abs=1e-18)
 
 
 def test_only_the_force_reading_is_continuous_where_the_velocity_changes_sign():

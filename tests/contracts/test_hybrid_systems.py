@@ -15,8 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from pdssjax import Accuracy, Taylor
-from pdssjax.integration import SETTLED, AbstractHybridSystem, integrate, states_at
+from pdssjax import AbstractHybridSystem, Accuracy, Taylor
+from pdssjax.integration import SETTLED, integrate, states_at
 from pdssjax.simulation import systems
 
 NAMES = [found.name for found in pkgutil.iter_modules(systems.__path__) if not found.name.startswith("_")]

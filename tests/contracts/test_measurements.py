@@ -8,10 +8,10 @@ import measured_study
 import numpy as np
 import pytest
 
-from pdssjax import load_study
+from pdssjax import Study, load_study
 from pdssjax.cli.main import main
 from pdssjax.core import factor
-from pdssjax.study import MOVING, Samples, Study, legal_quantities, make_recordings
+from pdssjax.study import MOVING, Samples, legal_quantities, make_recordings
 
 VARIANTS = measured_study.variants()
 
@@ -25,7 +25,7 @@ def planned(tmp_path_factory):
 
     @functools.cache
     def load(name):
-        measurement = next(one for one in VARIANTS if measured_study.label(one) == name)
+        measurement = next(variant for variant in VARIANTS if measured_study.label(variant) == name)
         file = folder / f"{name}.toml"
         file.write_text(measured_study.study(measured_study.record(measurement)))
         return load_study(file, virtual=True)
@@ -91,7 +91,7 @@ def dear(measurement):
     return pytest.param(measurement, marks=marks, id=measured_study.label(measurement))
 
 
-@pytest.mark.parametrize("measurement", [dear(one) for one in VARIANTS])
+@pytest.mark.parametrize("measurement", [dear(variant) for variant in VARIANTS])
 def test_a_record_is_predicted_with_right_derivatives(measurement, planned):
     study = planned(measurement)
     values = {path: jnp.asarray(number) for path, number in study.values().items()}

@@ -28,9 +28,9 @@ def test_starts_values_bounds_and_drives_are_kept_or_changed(source, tmp_path):
     assert after.parameters["friction.sigma0"].start == 1.25e6
     assert after.parameters["friction.f_ss"].number is None
     assert (after.records[1].drive.frequency, after.records[1].drive.direction) == (8.0, 1.0)
-    for one, other in zip(before.records, after.records, strict=True):
-        assert np.array_equal(one.measured, other.measured)
-        assert (one.noise, one.offset, one.role) == (other.noise, other.offset, other.role)
+    for old, new in zip(before.records, after.records, strict=True):
+        assert np.array_equal(old.measured, new.measured)
+        assert (old.noise, old.offset, old.role) == (new.noise, new.offset, new.role)
 
 
 def test_numbers_that_were_not_turned_stand_as_they_were_written(source, tmp_path):

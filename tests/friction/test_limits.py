@@ -104,13 +104,13 @@ def test_maxwell_slip_follows_the_stribeck_curve_with_a_lag_that_its_attraction_
     law = lambda attraction: GeneralizedMaxwellSlip(weakened=0.6, attraction=attraction)
     curve = Stribeck(f_c=0.6 * 0.65, f_s=0.65)
     velocity = lambda t: 3e-4 + 0.2 * t
-    lag = []
+    force_lag = []
     for attraction in (3e3, 3e4, 3e5):
         state = slid(law(attraction), 6e-6, velocity(0.0))
         run = drive(law(attraction), velocity, 5e-3, state)
         at = velocity(5e-3)
         slope = 0.2 * float(jax.grad(lambda v: curve.force((), v, 1.0))(at))
         expected = -float(curve.force((), jnp.asarray(at), 1.0)) * slope / attraction
-        lag.append(run.force[-1] - float(curve.force((), jnp.asarray(at), 1.0)))
-        assert lag[-1] == pytest.approx(expected, rel=0.3 * 3e3 / attraction + 1e-3)
-    assert lag[0] > 9.0 * lag[1] > 81.0 * lag[2] > 0.0
+        force_lag.append(run.force[-1] - float(curve.force((), jnp.asarray(at), 1.0)))
+        assert force_lag[-1] == pytest.approx(expected, rel=0.3 * 3e3 / attraction + 1e-3)
+    assert force_lag[0] > 9.0 * force_lag[1] > 81.0 * force_lag[2] > 0.0

@@ -44,7 +44,7 @@ def begun(name: str, path: float, sign: float) -> np.ndarray:
     return m
 
 
-def expanded(law, m, sign, lapse, one, order=ORDER):
+def expanded(law, m, sign, elapsed, opaque_one, order=ORDER):
     """State and force after `lapse` [s] while the velocity grows steadily, by one power series.
 
     Run as it stands: to compile it for every law would take most of the time of the suite.  That the same series
@@ -55,38 +55,38 @@ def expanded(law, m, sign, lapse, one, order=ORDER):
         velocity = sign * (PACE + CHANGE * time)
         return [*law.rate(tuple(x), velocity, sign)]
 
-    series = taylor_coefficients(field, 0.0, list(m), order, one) if len(m) else []
-    memory = tuple(polynomial(c) for c in series)
+    series = taylor_coefficients(field, 0.0, list(m), order, opaque_one) if len(m) else []
+    contact_state = tuple(polynomial(c) for c in series)
     velocity = polynomial([sign * PACE, sign * CHANGE])
-    values = lambda s: sum(s[k] * lapse**k for k in range(order + 1)) if isinstance(s, Series) else s
-    guards = [values(g) for g in law.guards(memory, velocity, sign)]
-    return [values(s) for s in memory], values(law.force(memory, velocity, sign)), guards
+    values = lambda s: sum(s[k] * elapsed**k for k in range(order + 1)) if isinstance(s, Series) else s
+    guards = [values(g) for g in law.guards(contact_state, velocity, sign)]
+    return [values(s) for s in contact_state], values(law.force(contact_state, velocity, sign)), guards
 
 
 SLOPES = jax.jacfwd(lambda *given: expanded(*given, order=COARSE)[1])
 
 
-def integrated(law, m, sign, lapse) -> tuple[np.ndarray, float]:
+def integrated(law, m, sign, elapsed) -> tuple[np.ndarray, float]:
     contact = Contact(law)
     velocity = lambda t: sign * (PACE + CHANGE * t)
     field = lambda t, y: contact.rate(y, velocity(t), sign)
     if len(m):
-        m = solve_ivp(field, (0.0, lapse), m, method="DOP853", rtol=1e-13, atol=1e-20).y[:, -1]
-    return m, contact.force(m, velocity(lapse), sign)
+        m = solve_ivp(field, (0.0, elapsed), m, method="DOP853", rtol=1e-13, atol=1e-20).y[:, -1]
+    return m, contact.force(m, velocity(elapsed), sign)
 
 
 @pytest.mark.parametrize("name", LAWS)
 @pytest.mark.parametrize("branch", BRANCHES, ids=lambda b: b[0])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_the_power_series_of_a_law_is_its_solution(name, branch, sign):
-    law, (_, path, lapse) = LAWS[name], branch
+    law, (_, path, elapsed) = LAWS[name], branch
     m = begun(name, path, sign)
-    state, force, guards = expanded(law, tuple(m), sign, lapse, 1.0)
-    expected, expected_force = integrated(law, m, sign, lapse)
+    state, force, guards = expanded(law, tuple(m), sign, elapsed, 1.0)
+    expected, expected_force = integrated(law, m, sign, elapsed)
     np.testing.assert_allclose(np.array(state, float), expected, rtol=1e-9, atol=1e-17)
     assert float(force) == pytest.approx(expected_force, rel=1e-9)
     contact = Contact(law)
-    numbers = contact.guards(expected, sign * (PACE + CHANGE * lapse), sign)
+    numbers = contact.guards(expected, sign * (PACE + CHANGE * elapsed), sign)
     np.testing.assert_allclose(np.array(guards, float), numbers, rtol=1e-6, atol=1e-14)
     assert (numbers >= 0.0).all()  # the branch has not ended
 
@@ -94,17 +94,17 @@ def test_the_power_series_of_a_law_is_its_solution(name, branch, sign):
 @pytest.mark.parametrize("name", LAWS)
 @pytest.mark.parametrize("branch", BRANCHES, ids=lambda b: b[0])
 def test_a_force_can_be_differentiated_by_every_parameter_of_its_law(name, branch):
-    law, path, lapse = LAWS[name], branch[1], 0.2 * branch[2]
+    law, path, elapsed = LAWS[name], branch[1], 0.2 * branch[2]
     m = begun(name, path, 1.0)
-    slopes = SLOPES(law, tuple(m), 1.0, lapse, 1.0)
-    size = abs(float(integrated(law, m, 1.0, lapse)[1]))
+    slopes = SLOPES(law, tuple(m), 1.0, elapsed, 1.0)
+    size = abs(float(integrated(law, m, 1.0, elapsed)[1]))
     for parameter in quantities(type(law)):
         value = float(getattr(law, parameter))
         step = 1e-4 * value if value else 1e-3
 
         def force(change, parameter=parameter, value=value):
             changed = dataclasses.replace(law, **{parameter: value + change})
-            return integrated(changed, m, 1.0, lapse)[1]
+            return integrated(changed, m, 1.0, elapsed)[1]
 
         near, far = force(step) - force(-step), force(2.0 * step) - force(-2.0 * step)
         expected = (8.0 * near - far) / (12.0 * step)

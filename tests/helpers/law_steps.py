@@ -43,26 +43,26 @@ def misfit(law: AbstractFriction) -> Misfit:
     v, slope, sign, state = _begins(law)
     room = np.where(slope * sign < 0.0, np.minimum(np.abs(v / slope), LONGEST), LONGEST)
     series = _expanded(law, v, slope, sign, state, order)
-    memory, motion = [polynomial(c) for c in series], polynomial([v, slope])
-    extra = law.extra_error_terms(tuple(memory), motion, sign)
+    contact_state, motion = [polynomial(c) for c in series], polynomial([v, slope])
+    extra = law.extra_error_terms(tuple(contact_state), motion, sign)
     radius = np.minimum(room, _resolved(law, series, [[e[k] for k in range(order + 1)] for e in extra]))
     time = PARTS * radius[:, None]
     at = lambda given: _values(given, time, order)
     open_until = np.full(v.shape, PARTS.size)
-    for guard in law.guards(tuple(memory), motion, sign):
+    for guard in law.guards(tuple(contact_state), motion, sign):
         # At its begin a guard may be zero: there the last event was.
         falls = (at(guard)[:, 1:] < 0.0) if isinstance(guard, Series) else np.zeros(time[:, 1:].shape, bool)
         open_until = np.where(falls.any(axis=1), np.minimum(open_until, 1 + falls.argmax(axis=1)), open_until)
     inside = np.arange(PARTS.size) < open_until[:, None]
     speed = v[:, None] + slope[:, None] * time
-    then, way = tuple(at(m) for m in memory), sign[:, None]
-    off = np.abs(at(law.force(tuple(memory), motion, sign)) - np.asarray(law.force(then, speed, way))) * inside
+    then, way = tuple(at(m) for m in contact_state), sign[:, None]
+    off = np.abs(at(law.force(tuple(contact_state), motion, sign)) - np.asarray(law.force(then, speed, way))) * inside
     drift = np.zeros(())
     for given, exact, unit in zip(
-        law.rate(tuple(memory), motion, sign), law.rate(then, speed, way), law.error_scale(), strict=True
+        law.rate(tuple(contact_state), motion, sign), law.rate(then, speed, way), law.error_scale(), strict=True
     ):
-        lost = np.abs(at(given) - np.asarray(exact)) * float(unit) * inside
-        drift = np.maximum(drift, lost / np.abs(speed).max(axis=1, keepdims=True))
+        rate_error = np.abs(at(given) - np.asarray(exact)) * float(unit) * inside
+        drift = np.maximum(drift, rate_error / np.abs(speed).max(axis=1, keepdims=True))
     worst = int(off.max(axis=1).argmax())
     return Misfit(float(off.max()), float(np.max(drift)), f"{v[worst]:g} m/s, {slope[worst]:g} m/s2")
 

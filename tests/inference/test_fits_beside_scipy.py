@@ -59,10 +59,10 @@ def test_the_four_kinds_of_records(tmp_path):
     (tmp_path / "study.toml").write_text(plan(), encoding="utf-8")
     planned = pdssjax.load_study(tmp_path / "study.toml", virtual=True)
     records = tuple(made.record for made in make_recordings(planned, 1))
-    blind = tmp_path / "blind"
-    blind.mkdir()
-    (blind / "study.toml").write_text(startless(plan()), encoding="utf-8")
-    study = pdssjax.load_study(blind / "study.toml", virtual=True)
+    without_starts = tmp_path / "without_starts"
+    without_starts.mkdir()
+    (without_starts / "study.toml").write_text(startless(plan()), encoding="utf-8")
+    study = pdssjax.load_study(without_starts / "study.toml", virtual=True)
     fit, _, best = beside_scipy(dataclasses.replace(study, records=records))
     assert fit.success, fit.message
     assert is_not_beaten(fit, best)

@@ -121,19 +121,19 @@ def test_the_fisher_information_at_the_truth_is_the_known_one(example):
 
 
 def test_records_agree_as_well_in_two_steps_as_jointly(joint, sequential):
-    one, other = ([group.sigmas for group in found.diagnosis.agreement] for found in (joint, sequential))
-    assert len(one) == 7 and max(one) < 4.0
-    np.testing.assert_allclose(other, one, atol=0.1)
+    of_joint, of_sequential = ([group.sigmas for group in found.diagnosis.agreement] for found in (joint, sequential))
+    assert len(of_joint) == 7 and max(of_joint) < 4.0
+    np.testing.assert_allclose(of_sequential, of_joint, atol=0.1)
     assert joint.success and sequential.success
 
 
 def test_the_sequential_fit_agrees_and_its_errors_are_carried_on(joint, sequential):
     assert sequential.converged
     for path in REACHABLE:
-        one, other = joint.parameters[path], sequential.parameters[path]
-        assert abs(one.value - other.value) < 2.0 * other.standard_error
-        assert other.naive_standard_error <= other.standard_error * (1.0 + 1e-9)
-        assert other.standard_error > 0.95 * one.standard_error
+        from_joint, from_sequential = joint.parameters[path], sequential.parameters[path]
+        assert abs(from_joint.value - from_sequential.value) < 2.0 * from_sequential.standard_error
+        assert from_sequential.naive_standard_error <= from_sequential.standard_error * (1.0 + 1e-9)
+        assert from_sequential.standard_error > 0.95 * from_joint.standard_error
     shift = [sequential.parameters[path] for path in REACHABLE if path.startswith("friction")]
     assert any(p.naive_standard_error < 0.999 * p.standard_error for p in shift)
 

@@ -109,8 +109,8 @@ def test_elements_of_maxwell_slip_do_slip_at_a_small_voltage():
 def test_a_rod_starts_with_the_mode_that_a_step_shows():
     gain, rate, damping = 4e-6, 900.0, 0.15
     time = np.arange(-0.01, 0.2, 2e-4)
-    ring, lapse = rate * math.sqrt(1.0 - damping**2), np.maximum(time, 0.0)
-    fade = np.exp(-damping * rate * lapse) * (np.cos(ring * lapse) + damping * rate / ring * np.sin(ring * lapse))
+    ring, elapsed = rate * math.sqrt(1.0 - damping**2), np.maximum(time, 0.0)
+    fade = np.exp(-damping * rate * elapsed) * (np.cos(ring * elapsed) + damping * rate / ring * np.sin(ring * elapsed))
     models = choose("distributed-rod")
     starts, _ = guess_starts(models, free(models, "piezo"), [record("s", Step(3.0), time, 3.0 * gain * (1.0 - fade))])
     piezo = models.actuator(starts).piezo

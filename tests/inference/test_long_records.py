@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import pdssjax
-from pdssjax import InputWarning
-from pdssjax.inference import pose_problem
+from pdssjax import InputWarning, pose_problem
 from pdssjax.inference.long_records import question_lengths
 
 STUDY = """\

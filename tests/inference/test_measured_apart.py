@@ -8,8 +8,7 @@ import pytest
 from scipy.optimize import least_squares
 
 import pdssjax
-from pdssjax import InputError, load_study
-from pdssjax.inference import Drawing
+from pdssjax import Drawing, InputError, load_study
 from pdssjax.report.text import format_report
 
 APART = '"piezo.gain" = { value = "0.11015 um/V", standard_error = "0.00001 um/V" }'

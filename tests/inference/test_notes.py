@@ -248,11 +248,11 @@ def test_a_parameter_far_from_its_start_is_told(tmp_path):
 def test_a_fit_that_is_lost_says_the_cause_and_nothing_that_would_mean_nothing(tmp_path, monkeypatch):
     study = write(tmp_path, {"step": (TIME, rung(TIME), 3.0 * NOISE, "fit", GIVEN)})
     problem = pose(study, pdssjax.initial_guess(study), Accuracy())
-    lost = fitting.joint(problem, pdssjax.initial_guess(study), print)._replace(
+    failed = fitting.joint(problem, pdssjax.initial_guess(study), print)._replace(
         success=False, message=fitting.START_FAILED
     )
     monkeypatch.setattr(summary, "failed_start", lambda posed, starts: "the cause")
-    estimate = summary.summarise(study, "joint", problem, lost, pdssjax.initial_guess(study))
+    estimate = summary.summarise(study, "joint", problem, failed, pdssjax.initial_guess(study))
     assert estimate.message == f"{fitting.START_FAILED}: the cause"
     assert estimate.notes == ()
 
@@ -312,6 +312,6 @@ def test_conditions_between_parameters_that_are_broken_are_told():
 
 
 def test_a_record_that_was_lost_is_told_and_nothing_else_of_it():
-    lost = dataclasses.replace(fabricated.estimate().records[3])
-    (note,) = about_records([lost], fabricated.estimate().statistics)
+    failed = dataclasses.replace(fabricated.estimate().records[3])
+    (note,) = about_records([failed], fabricated.estimate().statistics)
     assert "could not finish" in note and '"lost/run"' in note

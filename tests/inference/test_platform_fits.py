@@ -80,9 +80,9 @@ def test_profile_intervals_of_a_platform_are_the_linear_ones_and_an_open_end_is_
     study = pdssjax.load_study(write_platform(tmp_path))
     linear, profile = pdssjax.identify(study), pdssjax.identify(study, intervals="profile")
     for path in ("piezo.gain", "piezo.natural_frequency", "piezo.damping_ratio"):
-        one, other = linear.parameters[path], profile.parameters[path]
-        np.testing.assert_allclose(other.interval, one.interval, rtol=0.0, atol=0.05 * one.standard_error)
-        assert (one.verdicts, other.verdicts) == (None, ("bounded", "bounded"))
+        expected, found = linear.parameters[path], profile.parameters[path]
+        np.testing.assert_allclose(found.interval, expected.interval, rtol=0.0, atol=0.05 * expected.standard_error)
+        assert (expected.verdicts, found.verdicts) == (None, ("bounded", "bounded"))
     assert profile.parameters["friction.sigma0"].verdicts is None
     with pytest.raises(pdssjax.InputError, match='intervals: found "profil" with method "joint"'):
         pdssjax.identify(study, intervals="profil")  # pyright: ignore[reportArgumentType]

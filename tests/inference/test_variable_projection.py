@@ -8,8 +8,7 @@ from scipy.optimize import least_squares, lsq_linear
 from scipy.signal import lfilter
 
 import pdssjax
-from pdssjax import InputError
-from pdssjax.inference import pose_problem
+from pdssjax import InputError, pose_problem
 from pdssjax.inference.least_squares import joint, quiet
 from pdssjax.inference.variable_projection import _box_step, linear_parameters, project
 
@@ -246,15 +245,15 @@ def test_a_ladder_of_creep_a_decade_off_is_left(tmp_path):
     interval, fine, taus = 0.01, 20, (0.02, 0.2)
     times = np.arange(1000 * fine) * interval / fine
     volts = 40.0 * (1.0 - np.cos(2 * np.pi * times))
-    lag = lambda signal, tau: lfilter(
+    low_pass = lambda signal, tau: lfilter(
         [0.0, 1.0 - np.exp(-interval / fine / tau)], [1.0, -np.exp(-interval / fine / tau)], signal
     )
     z, thresholds, aim = np.zeros(2), np.array([15.0, 30.0]), 8e-8 * volts
     for k, volt in enumerate(volts):
         z = np.clip(z, volt - thresholds, volt + thresholds)
         aim[k] += z @ [1e-8, 0.8e-8]
-    aim += sum(share * lag(volts, tau) for share, tau in zip((1.5e-9, 2e-9), taus, strict=True))
-    motion = 1e6 * lag(aim, 1e-3)[::fine] + np.random.default_rng(0).normal(0.0, 1e-3, 1000)
+    aim += sum(share * low_pass(volts, tau) for share, tau in zip((1.5e-9, 2e-9), taus, strict=True))
+    motion = 1e6 * low_pass(aim, 1e-3)[::fine] + np.random.default_rng(0).normal(0.0, 1e-3, 1000)
     rows = np.stack([times[::fine], motion], 1)
     np.savetxt(tmp_path / "sine.csv", rows, "%.7g", ",", header="time_s,y_um", comments="")
     (tmp_path / "study.toml").write_text(LADDER)

@@ -17,8 +17,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from pdssjax import Accuracy, Taylor
-from pdssjax.integration import AbstractHybridSystem, steady_state
+from pdssjax import AbstractHybridSystem, Accuracy, Taylor
+from pdssjax.integration import steady_state
 
 RESTITUTION, RATE = 0.5, 2.0 * np.pi
 FINE = Accuracy(tolerance=1e-14, method=Taylor(4), max_steps=256)

@@ -17,8 +17,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from pdssjax import Accuracy, Taylor
-from pdssjax.integration import AbstractHybridSystem, cosine_and_sine, integrate_cycles, steady_state
+from pdssjax import AbstractHybridSystem, Accuracy, Taylor
+from pdssjax.integration import cosine_and_sine, integrate_cycles, steady_state
 
 FINE = Accuracy(tolerance=1e-14, method=Taylor(16), max_steps=256)
 TOLERANCE = 1e-11

@@ -34,11 +34,11 @@ def run_with(accuracy: Accuracy, rig: Rig, times: np.ndarray):
     ids=lambda solver: type(solver).__name__,
 )
 def test_solvers_of_diffrax_agree_with_the_series(solver):
-    loose = isinstance(solver, diffrax.HalfSolver)  # of second order: small tolerances would take for ever
-    run = run_with(Accuracy(3e-11 if loose else 1e-12, method=OneStep(solver), max_steps=16384), Rig(), TIMES)
+    second_order = isinstance(solver, diffrax.HalfSolver)  # of second order: small tolerances would take for ever
+    run = run_with(Accuracy(3e-11 if second_order else 1e-12, method=OneStep(solver), max_steps=16384), Rig(), TIMES)
     exact = trajectory(Rig(), TIMES, TIGHT)
     assert int(run.failure) == 0
-    np.testing.assert_allclose(run.effector * 1e6, exact.effector * 1e6, rtol=0.0, atol=1e-2 if loose else 1e-3)
+    np.testing.assert_allclose(run.effector * 1e6, exact.effector * 1e6, rtol=0.0, atol=1e-2 if second_order else 1e-3)
 
 
 @pytest.mark.slow

@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from pdssjax import Accuracy, Taylor
-from pdssjax.integration import SETTLED, AbstractHybridSystem, integrate, states_at
+from pdssjax import AbstractHybridSystem, Accuracy, Taylor
+from pdssjax.integration import SETTLED, integrate, states_at
 
 USUAL = Accuracy(method=Taylor(6), max_steps=64)
 

@@ -5,12 +5,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from pdssjax import Taylor
 from pdssjax.core import member, members
 from pdssjax.drive.base import Segment, Wave
 from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
 from pdssjax.friction.dahl import Dahl
 from pdssjax.friction.stribeck import Stribeck
-from pdssjax.integration import Taylor, constant, cosine_and_sine, exp, power
+from pdssjax.integration import constant, cosine_and_sine, exp, power
 from pdssjax.integration.step_methods.base import KnownStep
 from pdssjax.integration.taylor_series import taylor_coefficients
 
@@ -46,12 +47,12 @@ def both(field, states, radii):
 def unrolled(field, states, radii):
     """Coefficients in the time over the step radius, shape (solutions, components, ORDER + 1)."""
 
-    def one(state, radius):
+    def coefficients(state, radius):
         known = taylor_coefficients(field, jnp.asarray(0.3), list(state), ORDER, 1.0)
         powers = radius ** jnp.arange(ORDER + 1)
         return jnp.stack([jnp.stack([jnp.asarray(c, float) for c in row]) * powers for row in known])
 
-    return jax.vmap(one)(states, radii)
+    return jax.vmap(coefficients)(states, radii)
 
 
 def looped(field, states, radii):
@@ -83,8 +84,8 @@ def test_every_operation_gives_the_unrolled_coefficients_and_their_derivatives(n
 
     (values, slopes), (expected, right) = jax.jit(lambda: (values_and_slopes(looped), values_and_slopes(unrolled)))()
     assert_same(values, expected)
-    for one, other in zip(slopes, right, strict=True):
-        assert_same(one, other, 1e-12)
+    for slope, expected_slope in zip(slopes, right, strict=True):
+        assert_same(slope, expected_slope, 1e-12)
 
 
 @pytest.mark.parametrize("name", [name for name, law in LAWS.items() if law.initial()])

@@ -76,8 +76,8 @@ def test_the_found_frequency_costs_precision_and_a_given_one_does_not(tmp_path):
     found, given = characterise(file), characterise(file, frequency=5.0)
     assert found.summary["net_step"].standard_error > given.summary["net_step"].standard_error
     assert given.cycles.frequency == 5.0
-    for one in (found, given):
-        assert abs(one.summary["net_step"].mean - 3.3e-6) < 4 * one.summary["net_step"].standard_error
+    for result in (found, given):
+        assert abs(result.summary["net_step"].mean - 3.3e-6) < 4 * result.summary["net_step"].standard_error
 
 
 def test_the_packaged_records_walk_by_the_stroke_of_their_platform():

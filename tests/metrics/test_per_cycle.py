@@ -26,9 +26,9 @@ def stick_slip(time, fall=0.0, bend=0.0, stroke=STROKE, back=BACK, frequency=FRE
     `bend` lifts the middle of the slow flank off its chord, as hysteresis does.
     """
     cycle, phase = jnp.divmod(time * frequency, 1.0)
-    lost = fall * frequency
-    rise = jnp.clip((phase - lost) / (1 - lost), 0.0)
-    drop = jnp.clip(phase / lost, 0.0, 1.0) if fall else 1.0
+    fall_share = fall * frequency
+    rise = jnp.clip((phase - fall_share) / (1 - fall_share), 0.0)
+    drop = jnp.clip(phase / fall_share, 0.0, 1.0) if fall else 1.0
     return cycle * (stroke - back) - back * drop + stroke * rise + 4 * bend * rise * (1 - rise)
 
 

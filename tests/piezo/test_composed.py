@@ -11,14 +11,13 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from pdssjax import Actuator, Effector
+from pdssjax import Accuracy, Actuator, Effector
 from pdssjax.actuator import DrivenPlatform
 from pdssjax.core import member, member_name, quantities
 from pdssjax.drive.cycloidal import Cycloidal
 from pdssjax.drive.sampled import Sampled
 from pdssjax.drive.sine import Sine
 from pdssjax.friction.simplified_lugre import SimplifiedLuGre
-from pdssjax.integration import Accuracy
 from pdssjax.piezo import Composition
 from pdssjax.piezo._composition import composition_of
 from pdssjax.simulation import DISPLACEMENT, VELOCITY, PlatformOnly, StickSlip, measured

@@ -59,8 +59,8 @@ def test_major_loops_dissipate_and_close(name):
 def test_no_closed_path_of_the_voltage_creates_energy(name, seed):
     turns = np.random.default_rng(seed).uniform(-50.0, 50.0, 8)
     # Shrinking loops wear off what is stored, so that at the end there is nothing left to give back.
-    fading = [60.0 * (-0.8) ** k for k in range(30)]
-    path = np.concatenate([[[0.0, 0.0]], loop(PIEZOS[name](), [0.0, *turns, *fading, 0.0])])
+    shrinking = [60.0 * (-0.8) ** k for k in range(30)]
+    path = np.concatenate([[[0.0, 0.0]], loop(PIEZOS[name](), [0.0, *turns, *shrinking, 0.0])])
     u, d = path.T
     assert np.sum(0.5 * (u[1:] + u[:-1]) * np.diff(d)) > 0
 

@@ -202,8 +202,8 @@ def test_creep_adds_as_much_in_every_decade():
     times = jnp.geomspace(0.004, 0.4, 97)
     shown = moved(Creep(creep=k, creep_time=t1), Step(volts), times, *USUAL)
     # The oscillator follows what has crept; behind it by its lag 2 xi / w.
-    lag = 2 * 0.1772 / 6736.0
-    crept = jnp.sum(1 - jnp.exp(-(times - lag) / (t1 * jnp.array([[1.0], [10.0], [100.0]]))), axis=0)
+    delay = 2 * 0.1772 / 6736.0
+    crept = jnp.sum(1 - jnp.exp(-(times - delay) / (t1 * jnp.array([[1.0], [10.0], [100.0]]))), axis=0)
     late = times > 0.02  # when the oscillator has died down to e^-24
     np.testing.assert_allclose(np.asarray(shown)[late], 1.007e-7 * volts * (1 + k * crept)[late], rtol=1e-6)
     growth = np.diff(np.interp(np.log10([0.01, 0.1]), np.log10(times), shown)) / (1.007e-7 * volts)

@@ -179,12 +179,15 @@ def test_twenty_modes_solve_the_equations_of_the_rod(rod):
 
 @pytest.mark.parametrize("damping", [0.01, 0.2083, 0.97, 1.0, 1.0 + 1e-9, 1.02, 3.0, 400.0])
 def test_a_mode_of_any_damping_steps_like_its_transfer_function(damping):
-    one = jnp.ones(1)
+    ones = jnp.ones(1)
     times = np.linspace(0.0, 20.0, 400)
-    found = step_response(Modes(one, one, damping * one, one, one), 1.0, times)
+    found = step_response(Modes(ones, ones, damping * ones, ones, ones), 1.0, times)
     system = TransferFunction([1.0], [1.0, 2.0 * damping, 1.0])
     np.testing.assert_allclose(found, lsim(system, np.ones_like(times), times)[1], atol=1e-9)
-    assert step_response(Modes(one, one, damping * one, one, one), 1.0, np.array([-1.0, 0.0])).tolist() == [0.0, 0.0]
+    assert step_response(Modes(ones, ones, damping * ones, ones, ones), 1.0, np.array([-1.0, 0.0])).tolist() == [
+        0.0,
+        0.0,
+    ]
 
 
 def test_high_modes_far_beyond_critical_damping_neither_overflow_nor_lose_their_gradient():

@@ -52,7 +52,7 @@ def corners(rig: Rig, until: float) -> list[tuple[float, float, float, float]]:
 
 def simulate(rig: Rig, times: np.ndarray, tolerance: float = 1e-12) -> np.ndarray:
     """Platform and end-effector [m] and friction force [N] at ascending `times` > 0, shape (m, 3)."""
-    state, mode = np.zeros(5), None  # y, y', x_e, x_e', memory
+    state, mode = np.zeros(5), None  # y, y', x_e, x_e', contact state
     out = np.zeros((len(times), 3))
     for begin, end, voltage, slope in corners(rig, times[-1] * (1 + 1e-15)):
         here = Piece(rig, begin, voltage, slope)
@@ -80,14 +80,14 @@ class Piece:
         return r.frequency**2 * (r.gain * u - x[0]) - 2 * r.damping * r.frequency * x[1]
 
     def contact(self, x, mode):
-        """Force on the end-effector and rate of the memory, with the branch `mode` of the law."""
+        """Force on the end-effector and rate of the contact state, with the branch `mode` of the law."""
         r, k = self.rig, 0 if mode > 0 else 1
         v, s0, s1 = x[1] - x[3], r.s0[k], r.s1[k]
         elastic = s0 * x[4] if r.reading == "deflection" else x[4]
         flow = v - mode * v * elastic / r.f_ss[k]
         return elastic + s1 * flow, flow if r.reading == "deflection" else s0 * flow
 
-    def holding(self, t, x):
+    def sticking_force(self, t, x):
         """The force that makes both move as one body."""
         r = self.rig
         if not r.feedback:
@@ -96,7 +96,7 @@ class Piece:
 
     def rates(self, t, x, mode):
         r = self.rig
-        force, flow = (self.holding(t, x), 0.0) if mode == 0 else self.contact(x, mode)
+        force, flow = (self.sticking_force(t, x), 0.0) if mode == 0 else self.contact(x, mode)
         back = force / r.stack if r.feedback else 0.0
         return np.array([x[1], self.push(t, x) - back, x[3], (force + r.load) / r.mass, flow])
 
@@ -105,17 +105,17 @@ class Piece:
         rates = self.rates(t, x, mode)
         return rates[1] - rates[3]
 
-    def leaves(self, t, x, came):
+    def leaves(self, t, x, previous_mode):
         """The mode after v = 0: 0 where both sides push back."""
         x = x.copy()
         x[3] = x[1]
-        if came == 0:  # a corner, or a contact that lets go: look a little ahead, riding along
+        if previous_mode == 0:  # a corner, or a contact that lets go: look a little ahead, riding along
             for _ in range(10):
                 x = x + 1e-9 * self.rates(t, x, 0)
                 t += 1e-9
         forward, backward = self.relative(t, x, 1) > 0, self.relative(t, x, -1) < 0
         if forward and backward:
-            return -came if came else 1
+            return -previous_mode if previous_mode else 1
         return 1 if forward else -1 if backward else 0
 
     def still(self, t, x, mode):
@@ -123,8 +123,8 @@ class Piece:
         r = self.rig
         if mode != 0 and abs(x[1] - x[3]) > STILL * r.frequency:
             return False
-        lag = 2 * r.damping / r.frequency
-        away = x[0] - r.gain * (self.voltage + self.slope * (t - self.begin - lag))
+        delay = 2 * r.damping / r.frequency
+        away = x[0] - r.gain * (self.voltage + self.slope * (t - self.begin - delay))
         away -= r.load / (r.stack * r.frequency**2) if r.feedback else 0.0
         settled = abs(away) < STILL and abs(x[1] - r.gain * self.slope) < STILL * r.frequency
         return settled and (mode == 0 or abs(self.contact(x, mode)[0] + r.load) < STILL * r.s0[0])
@@ -138,10 +138,10 @@ def advance(here, now, end, state, mode, times, out, tolerance):
         return mode * (x[1] - x[3])
 
     def frees_forward(t, x):
-        return here.contact(here_at_rest(x), 1)[0] - here.holding(t, x)
+        return here.contact(here_at_rest(x), 1)[0] - here.sticking_force(t, x)
 
     def frees_backward(t, x):
-        return here.holding(t, x) - here.contact(here_at_rest(x), -1)[0]
+        return here.sticking_force(t, x) - here.contact(here_at_rest(x), -1)[0]
 
     def calm(t, x):
         return 0.5 - here.still(t, x, mode)
@@ -168,7 +168,7 @@ def advance(here, now, end, state, mode, times, out, tolerance):
         out[inside, 0], out[inside, 1] = seen[0], seen[2]
         riding = resting or not sliding
         force = [
-            here.holding(t, x) if riding else here.contact(x, mode)[0]
+            here.sticking_force(t, x) if riding else here.contact(x, mode)[0]
             for t, x in zip(times[inside], seen.T, strict=True)
         ]
         out[inside, 2] = force

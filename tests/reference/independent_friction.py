@@ -9,13 +9,13 @@ from typing import Any
 
 
 class Law:
-    """A contact: `z` its continuous memory, `form` all else it remembers, `d` the relative displacement [m].
+    """A contact: `z` its continuous state, `form` all else it remembers, `d` the relative displacement [m].
 
     `way` is the sign of the relative velocity `v` [m/s].
     """
 
     atol: tuple[float, ...] = ()
-    """Absolute tolerance of each continuous memory."""
+    """Absolute tolerance of each continuous state."""
     undamped = False
     """It rings on for hundreds of reversals a cycle, and the default accuracy leaves 1.3e-4 N after 500 of them."""
 
@@ -32,7 +32,7 @@ class Law:
         raise NotImplementedError
 
     def flow(self, z, form, d, v, way) -> list[float]:
-        """Rates of the memory."""
+        """Rates of the continuous state."""
         return []
 
     def room(self, z, form, d, v, way) -> list[float]:

@@ -34,7 +34,7 @@ class LawRig(Rig):
 
 @dataclasses.dataclass(frozen=True)
 class Contact(Piece):
-    """The equations of motion on one straight piece of voltage; x holds y, y', x_e, x_e' and the law's memory."""
+    """The equations of motion on one straight piece of voltage; x holds y, y', x_e, x_e' and the law's state."""
 
     def push(self, t, x):
         r = self.rig
@@ -57,7 +57,7 @@ class Contact(Piece):
         """All rates while both move as one body."""
         r: Any = self.rig
         x = x.tolist()
-        force = self.holding(t, x)
+        force = self.sticking_force(t, x)
         back = force / r.stack if r.feedback else 0.0
         return np.array([x[1], self.push(t, x) - back, x[3], (force + r.load) / r.mass] + [0.0] * (len(x) - 4))
 
@@ -67,16 +67,16 @@ class Contact(Piece):
         turned = law.turned(x[4:], form, x[0] - x[2], way)
         return self.on_law(law.force, x, turned, way, 0.0)
 
-    def next_mode(self, t, x, form, came):
+    def next_mode(self, t, x, form, previous_mode):
         """+1 or -1 as it starts to slide, 0 where neither direction has enough force."""
         x = x.copy()
         x[3] = x[1]
-        if came == 0:
+        if previous_mode == 0:
             x, t = x + AHEAD * self.riding(t, x), t + AHEAD
-        needed = self.holding(t, x)
+        needed = self.sticking_force(t, x)
         forward, backward = needed > self.bound(x, form, 1), needed < self.bound(x, form, -1)
         if forward and backward:
-            return -came if came else 1
+            return -previous_mode if previous_mode else 1
         return 1 if forward else -1 if backward else 0
 
     def calm(self, t, x, form, mode):
@@ -121,8 +121,8 @@ def advance(here, span, state, form, mode, times, out, accuracy):
         count = len(here.on_law(law.room, state, form, mode))
         events += [lambda t, x, i=i: here.on_law(law.room, x, form, mode)[i] for i in range(count)]
     elif mode == 0:
-        events.append(lambda t, x: here.bound(x, form, 1) - here.holding(t, x))
-        events.append(lambda t, x: here.holding(t, x) - here.bound(x, form, -1))
+        events.append(lambda t, x: here.bound(x, form, 1) - here.sticking_force(t, x))
+        events.append(lambda t, x: here.sticking_force(t, x) - here.bound(x, form, -1))
     if mode != REST:
         events.append(lambda t, x: 0.5 - here.calm(t, x, form, mode))
     for event in events:
@@ -146,7 +146,7 @@ def advance(here, span, state, form, mode, times, out, accuracy):
         force = here.on_law
         out[inside, 0], out[inside, 1] = seen[0], seen[2]
         out[inside, 2] = [
-            force(law.force, x, form, mode) if slides else here.holding(t, x)
+            force(law.force, x, form, mode) if slides else here.sticking_force(t, x)
             for t, x in zip(times[inside], seen.T, strict=True)
         ]
     if mode == REST or solved.status == 0:

@@ -210,7 +210,7 @@ def test_draws_stand_beside_the_linear_model(kind, count):
     estimate = fabricated.estimate()
     draws = fabricated.draws(estimate.parameters, kind)
     figure = drawn(draws_figure(dataclasses.replace(estimate, draws=draws)))
-    first, hidden, both, second = figure.axes
+    first, unused, both, second = figure.axes
     assert [axes.get_visible() for axes in figure.axes] == [True, False, True, True]
     assert (first.get_title(loc="left"), second.get_title(loc="left")) == ("piezo\ngain", "friction\nsigma1_a")
     points, ellipse, centre = both.lines
@@ -219,7 +219,7 @@ def test_draws_stand_beside_the_linear_model(kind, count):
     # As wide as the 95 % of two normal numbers.
     error = estimate.parameters["piezo.gain"].standard_error
     assert np.ptp(ellipse.get_xdata()) == pytest.approx(2e6 * error * np.sqrt(-2.0 * np.log(0.05)), rel=2e-3)
-    assert both.get_xlabel() == "gain\n[um/V]" and not hidden.get_visible() and len(centre.get_xdata()) == 1
+    assert both.get_xlabel() == "gain\n[um/V]" and not unused.get_visible() and len(centre.get_xdata()) == 1
     assert figure.legends[0].get_title().get_text() == f"{kind}: {count}"
 
 

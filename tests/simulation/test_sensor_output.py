@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from pdssjax import Accuracy, Taylor
-from pdssjax.integration import FAILURES, AbstractHybridSystem
+from pdssjax import AbstractHybridSystem, Accuracy, Taylor
+from pdssjax.integration import FAILURES
 from pdssjax.simulation import (
     ACCELERATION,
     DISPLACEMENT,

@@ -27,7 +27,7 @@ KINDS = [
 
 def shown(folder, measurements, drive=measured_study.WALK, **kind):
     """What each of these shows of one walk, at `TIMES`."""
-    records = "".join(measured_study.record(one, drive) for one in measurements)
+    records = "".join(measured_study.record(measurement, drive) for measurement in measurements)
     (folder / "study.toml").write_text(measured_study.study(records, **kind))
     study = load_study(folder / "study.toml", virtual=True)
     dense = [dataclasses.replace(r, time=TIMES, measured=np.zeros(TIMES.shape)) for r in study.records]

@@ -40,7 +40,7 @@ def dense(study):
 
 def shown(folder, measurements, **kind):
     """What each of these shows of one walk, at `TIMES`."""
-    walks = [measured_study.record(one, measured_study.WALK) for one in measurements]
+    walks = [measured_study.record(measurement, measured_study.WALK) for measurement in measurements]
     return [np.asarray(values) for values in dense(planned(folder, walks, **kind)).predict()]
 
 
@@ -77,7 +77,7 @@ def test_a_slow_sensor_shows_the_velocity_low_passed_and_late(true, tmp_path, fe
 
 def test_where_friction_acts_back_both_places_share_one_compiled_function(tmp_path):
     seen = [Platform(), Velocity("platform"), Effector(), Velocity("effector")]
-    walks = [measured_study.record(one, measured_study.WALK) for one in seen]
+    walks = [measured_study.record(measurement, measured_study.WALK) for measurement in seen]
     groups = planned(tmp_path, walks, feedback=True).predictor.groups
     assert [group.places for group in groups] == [(0, 2), (1, 3)]
     alone = planned(tmp_path, walks).predictor.groups

@@ -69,7 +69,7 @@ def found_by_a_sweep():
 @pytest.mark.slow
 def test_a_sweep_over_eight_devices_is_that_of_one(tmp_path):
     run(SWEPT, 8, tmp_path / "eight.npz")
-    eight, one = np.load(tmp_path / "eight.npz"), found_by_a_sweep()
-    assert not eight["failure"].any() and (eight["light_cycles_to_repeat"] == 1).all() and set(eight) == set(one)
-    for name, found in one.items():
+    eight, single = np.load(tmp_path / "eight.npz"), found_by_a_sweep()
+    assert not eight["failure"].any() and (eight["light_cycles_to_repeat"] == 1).all() and set(eight) == set(single)
+    for name, found in single.items():
         np.testing.assert_allclose(eight[name], found, rtol=1e-14, atol=1e-14, err_msg=name)

@@ -195,7 +195,7 @@ def test_the_report_says_where_a_direction_moves_the_wrong_way():
 @pytest.mark.parametrize("cut", [{}, {"drive_frequency": 2}])
 def test_directions_are_drawn_beside_each_other(cut):
     figure = directions_figure(both_ways(0.5).isel(cut))
-    panels = [one for one in figure.axes if one.get_label() != "<colorbar>"]
+    panels = [axes for axes in figure.axes if axes.get_label() != "<colorbar>"]
     assert len(panels) == (2 if cut else 3)
     if cut:
         np.testing.assert_allclose(panels[1].lines[0].get_ydata()[-1], 100.0 * 2.0 / 3.0)

@@ -126,8 +126,8 @@ def derivative_errors(study, here, by, found, chosen):
             for k, step in enumerate(STEPS)
         ]
         size = np.abs(found[name].values)
-        apart = [np.abs(slopes - one) / (np.abs(one) + size) for one in differences]
-        between = [np.abs(one - other) / (np.abs(one) + size) for one, other in combinations(differences, 2)]
+        apart = [np.abs(slopes - difference) / (np.abs(difference) + size) for difference in differences]
+        between = [np.abs(first - second) / (np.abs(first) + size) for first, second in combinations(differences, 2)]
         error = np.min(apart, axis=0)
         errors.append(error)
         cliffs.append((error >= ASKED) & (np.min(between, axis=0) > CLIFF))

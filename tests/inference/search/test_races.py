@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from waves import PATHS, Waves, at, run
 
+from pdssjax import Accuracy
 from pdssjax.core import quantity
 from pdssjax.inference import Ending, Fit
 from pdssjax.inference.losses.huber import Huber
@@ -17,7 +18,6 @@ from pdssjax.inference.poor_fit import leaves_more_than_noise
 from pdssjax.inference.search import multistart, races
 from pdssjax.inference.search.multistart import best_fit
 from pdssjax.inference.search.perturbed_restarts import MOST_RESTARTS
-from pdssjax.integration import Accuracy
 from pdssjax.study import Parameter
 
 HALVING, THRICE, COMPARING = [(10, 5), (4, 7)], [(30, 5), (12, 7)], [(48, 6), (12, 12)]

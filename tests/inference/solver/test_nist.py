@@ -28,8 +28,8 @@ def _solved(y, problem, options):
 def solve(name, start):
     """From a padded `start`; what is padded is held."""
     problem = regression(name)
-    own = np.arange(start.size) < len(DATA[name]["certified"])
-    options = {"lower": np.where(own, -np.inf, start), "upper": np.where(own, np.inf, start)}
+    free = np.arange(start.size) < len(DATA[name]["certified"])
+    options = {"lower": np.where(free, -np.inf, start), "upper": np.where(free, np.inf, start)}
     return _solved(jnp.asarray(start), problem, options)
 
 
@@ -55,7 +55,7 @@ def test_certified_values_are_found(name, which):
 def test_scipy_gets_no_lower_from_there(name):
     solution = solve(name, starts(name)[0])
     problem, y = regression(name), np.asarray(solution.value)
-    own = np.arange(y.size) < len(DATA[name]["certified"])
-    low, high = np.where(own, -np.inf, y), np.where(own, np.inf, y)
+    free = np.arange(y.size) < len(DATA[name]["certified"])
+    low, high = np.where(free, -np.inf, y), np.where(free, np.inf, y)
     best = best_of_scipy(lambda b: _RESIDUAL(b, problem), lambda b: _JACOBIAN(b, problem), y, low, high)
     assert float(np.sum(solution.stats["state"].residual ** 2)) <= 1.005 * best

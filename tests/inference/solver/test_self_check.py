@@ -77,12 +77,12 @@ def test_a_wrong_jacobian_is_said_and_is_not_success(columns):
     assert solution.result != optx.RESULTS.successful
 
 
-def test_a_cliff_is_told_from_a_wrong_jacobian():
+def test_a_discontinuity_is_told_from_a_wrong_jacobian():
     smooth = solve(stepped, {"at": jnp.zeros(3), "jump": jnp.asarray(0.0)})
     assert ending(smooth) == Ending.CONVERGED
-    cliff = solve(stepped, {"at": smooth.value - 1e-9, "jump": jnp.asarray(3.0)})
-    assert ending(cliff) == Ending.DISCONTINUITY
-    assert cliff.result != optx.RESULTS.successful
+    discontinuous = solve(stepped, {"at": smooth.value - 1e-9, "jump": jnp.asarray(3.0)})
+    assert ending(discontinuous) == Ending.DISCONTINUITY
+    assert discontinuous.result != optx.RESULTS.successful
 
 
 def test_a_jump_that_the_data_cannot_show_is_let_pass():
@@ -230,13 +230,13 @@ def noise_free(y, columns):
     Two of the parameters, on a scale on which they hardly show, move it by as little as rounding does.
     """
     y0, y1, y2 = y
-    motion = y0 * jnp.exp(-(0.5 + columns["faint"] * y1) * X) + columns["faint"] * y2
+    motion = y0 * jnp.exp(-(0.5 + columns["scale"] * y1) * X) + columns["scale"] * y2
     return motion - 3.0 * jnp.exp(-0.5 * X), None
 
 
-@pytest.mark.parametrize("faint", [1.0, 1e-6, 1e-9, 1e-12])
-def test_rounding_is_no_discontinuity_where_a_fit_explains_its_data_perfectly(faint):
-    solution = solve(noise_free, {"faint": jnp.asarray(faint)}, (2.9, 0.0, 0.0))
+@pytest.mark.parametrize("scale", [1.0, 1e-6, 1e-9, 1e-12])
+def test_rounding_is_no_discontinuity_where_a_fit_explains_its_data_perfectly(scale):
+    solution = solve(noise_free, {"scale": jnp.asarray(scale)}, (2.9, 0.0, 0.0))
     assert float(jnp.sum(solution.stats["state"].residual ** 2)) < 1e-26
     assert ending(solution) in (Ending.CONVERGED, Ending.WITHIN_ROUNDING)
 

@@ -116,8 +116,8 @@ def test_more_records_do_not_help_where_a_peak_lies_between_samples(platform):
 def test_where_noise_alone_counts_more_records_do_help(platform):
     # At 1 um of noise a peak wanders over hundreds of samples of 1 us.
     deviation = lambda voltages: np.sqrt(np.diag(pick_peaks(stepped(platform, TRUTH, 2e-6, 4e-8, voltages)).covariance))
-    one, four = deviation((50.0,)), deviation((50.0,) * 4)
-    assert 1.7 < one[1] / four[1] < 2.3
+    single, four = deviation((50.0,)), deviation((50.0,) * 4)
+    assert 1.7 < single[1] / four[1] < 2.3
 
 
 @pytest.mark.parametrize(("voltage", "offset"), [(-50.0, None), (50.0, 3e-7)])

@@ -7,10 +7,10 @@ import equinox as eqx
 import numpy as np
 import pytest
 
-from pdssjax import InputError
+from pdssjax import Drawing, InputError
 from pdssjax.files import DrawsFile
 from pdssjax.inference import Fit, Problem
-from pdssjax.inference.draws import Drawing, InMemory
+from pdssjax.inference.draws import InMemory
 from pdssjax.inference.parameter_transform import ParameterTransform
 from pdssjax.inference.uncertainty.bootstrap import bootstrap, cycles_redrawn, samples_per_cycle
 from pdssjax.inference.uncertainty.drawn_intervals import _about_replicates, summary_of_replicates
@@ -80,7 +80,7 @@ def test_a_larger_variance_than_the_noise_given_is_drawn():
 
 def same(some, others):
     assert [replicate.number for replicate in some] == [replicate.number for replicate in others]
-    assert all(np.array_equal(one.free, other.free) for one, other in zip(some, others, strict=True))
+    assert all(np.array_equal(first.free, second.free) for first, second in zip(some, others, strict=True))
 
 
 def test_where_it_runs_and_in_what_order_makes_no_difference():

@@ -33,8 +33,8 @@ def test_a_fit_in_two_steps_has_the_covariance_that_is_propagated():
     earlier, later = np.array([1, 3]), np.array([0, 2])
     first, second = DESIGN * rows, DESIGN * ~rows
     whole = influence_in_two_steps(first, second, earlier, later)
-    one = influence_of(first[:, earlier])
-    _, expected = propagated(second[20:], one.T @ one, later, earlier)
+    first_influence = influence_of(first[:, earlier])
+    _, expected = propagated(second[20:], first_influence.T @ first_influence, later, earlier)
     size = np.linalg.norm(DESIGN, axis=0)
     np.testing.assert_allclose(whole.T @ whole * np.outer(size, size), expected * np.outer(size, size), rtol=1e-9)
 
@@ -104,11 +104,13 @@ def test_in_two_steps_too():
     error /= np.linalg.norm(error)
     moved = (both(MEASURED + 1e-5 * error) - both(MEASURED - 1e-5 * error)) / 2e-5
     ends = first(MEASURED), both(MEASURED)
-    (one, two), rows = (decay(end) for end in ends), (EARLY, ~EARLY)
-    slopes = [step[1] * use[:, None] for step, use in zip((one, two), rows, strict=True)]
+    (early, late), rows = (decay(end) for end in ends), (EARLY, ~EARLY)
+    slopes = [step[1] * use[:, None] for step, use in zip((early, late), rows, strict=True)]
     steps = *slopes, np.array([0]), np.array([1])
     along = directions_in_two_steps(*steps)
-    curved = [second((s[0] - MEASURED) * use, end) @ along for s, use, end in zip((one, two), rows, ends, strict=True)]
+    curved = [
+        second((s[0] - MEASURED) * use, end) @ along for s, use, end in zip((early, late), rows, ends, strict=True)
+    ]
     found = influence_in_two_steps(*steps, (curved[0], curved[1]))
     np.testing.assert_allclose(found.T @ error, moved, rtol=1e-5)
 

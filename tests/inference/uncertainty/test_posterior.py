@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from pdssjax import InputError
-from pdssjax.inference.draws import Drawing, InMemory
+from pdssjax import Drawing, InputError
+from pdssjax.inference.draws import InMemory
 from pdssjax.inference.uncertainty import posterior
 from pdssjax.inference.uncertainty.no_u_turn import sample_by_trajectories
 from pdssjax.inference.uncertainty.profile_likelihood import learn_curvature

@@ -84,12 +84,12 @@ def test_of_a_linear_model_they_are_the_textbook_s(index, side):
 def test_what_changes_nothing_as_far_as_it_can_be_followed_leaves_the_half_widths_of_others_alone():
     """A stiffness that has run to where its records no longer show it had made others' 5000 times too short."""
     optimum = linearise(of(lambda at: LINE @ at - NOISE), np.zeros(3))
-    faint = optimum._replace(jacobian=optimum.jacobian * [1.0, 1.0, 1e-8])
+    weakly_determined = optimum._replace(jacobian=optimum.jacobian * [1.0, 1.0, 1e-8])
     alone = standard_errors(optimum._replace(at=np.zeros(2), jacobian=LINE[:, :2]), THRESHOLD, 7.0)[0]
-    sizes, scale = standard_errors(faint, THRESHOLD, 7.0)
+    sizes, scale = standard_errors(weakly_determined, THRESHOLD, 7.0)
     np.testing.assert_allclose(sizes, [*alone, 7.0], rtol=1e-12)
     np.testing.assert_allclose(scale[2], [0.0, 0.0, 7.0])
-    told = faint.jacobian @ scale[:, :2]
+    told = weakly_determined.jacobian @ scale[:, :2]
     np.testing.assert_allclose(told.T @ told, np.eye(2), atol=1e-12)
 
 

@@ -7,7 +7,7 @@ from independent_friction import Law
 
 @dataclasses.dataclass(frozen=True)
 class ResetIntegrator(Law):
-    """Form: the displacement at which the bond is loose, or the way that it is dragged; and whether it is."""
+    """Form: where the bond carries no force [m], or the way that it is dragged; and whether it is dragged."""
 
     sigma0: float = 1e6
     f_c: float = 0.55
@@ -18,9 +18,9 @@ class ResetIntegrator(Law):
         return 0.0, False
 
     def turned(self, z, form, d, way):
-        loose, dragged = form
+        zero_or_way, dragged = form
         # At the end of a slide in the other direction the bond begins to let up.
-        return (d + way * self.f_c / self.sigma0, False) if dragged and loose != way else form
+        return (d + way * self.f_c / self.sigma0, False) if dragged and zero_or_way != way else form
 
     def force(self, z, form, d, v, way):
         if form[1]:
