@@ -179,14 +179,25 @@ def in_common(first: Float[np.ndarray, " n"], second: Float[np.ndarray, " n"]) -
 
 
 def corrected(log_weights: Float[np.ndarray, " n"], random: np.random.Generator) -> Int[np.ndarray, " n"]:
-    """Which of n proposals an independence chain is at, after each of them."""
+    """Which of n proposals an independence chain is at, after each of them.
+
+    It begins at one of the first, each as probable as its weight, lest it has to find the posterior.
+    """
+    at, places = _begin(log_weights[:BLOCK], random), np.zeros(log_weights.size, int)
     chances = np.log(random.random(log_weights.size))
-    at, places = 0, np.zeros(log_weights.size, int)
     for number in range(log_weights.size):
         if chances[number] + log_weights[at] <= log_weights[number]:
             at = number
         places[number] = at
     return places
+
+
+def _begin(log_weights: Float[np.ndarray, " n"], random: np.random.Generator) -> int:
+    highest = np.max(log_weights)
+    if not np.isfinite(highest):
+        return 0
+    weights = np.exp(log_weights - highest)
+    return int(random.choice(log_weights.size, p=weights / np.sum(weights)))
 
 
 def _judged(model: Model, polynomial: ResidualPolynomial, seed: int, task: tuple[int, int]) -> Document:
