@@ -1,24 +1,24 @@
 """Where in a step a guard first falls through zero.
 
-The guard is a polynomial in theta = elapsed/step_radius, one kernel of plain arithmetic: no loop,
+The guard is a polynomial in the time elapsed since the step's begin, one kernel of plain arithmetic: no loop,
 no branch.
 """
 
+from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ..core import Scalar, Truth
-from .polynomials import horner
 from .taylor_series import Series
-from .traced_arithmetic import choose, times
+from .traced_arithmetic import choose, plus, times
 
 Guards: TypeAlias = Float[Array, " guards"]
 """One number a guard: the guards are looked at side by side."""
 
 Place: TypeAlias = tuple[Guards, Guards, Guards]
-"""A theta, and the value and the slope that each guard has there."""
+"""A time [s], and the value and the slope [1/s] that each guard has there."""
 
 LOOK_AHEAD = 1e-9
 """Time [s] by which a tie is broken: far below every time constant.  What a guard does within it is rounding."""
@@ -29,11 +29,14 @@ _SAMPLES = 6
 _ITERATIONS = 3
 """Iterations that locate an event within its bracket, to rounding, but where a guard is nearly flat."""
 
+_ROUNDING = 1e-12
+"""A guard that begins no higher than this part of how deep it is at the first sample begins at zero."""
+
 _LOCATED = 1e-8
-"""A theta whose last iteration moved it by no more is located to rounding."""
+"""A root whose last iteration moved it by no more of the step is located to rounding."""
 
 _ADVANCE = 1e-5
-"""A step that ends before an event which is not located is at least so long."""
+"""A step that ends before an event which is not located is at least so much of what it could be."""
 
 _CUBIC = 5
 """Iterations of their first guess, by values and slopes at the ends of the bracket alone."""
@@ -43,84 +46,132 @@ _REFINEMENTS = 1
 
 
 def first_crossing(guards: tuple[Series, ...], size: int, step_radius: Scalar) -> tuple[Scalar, Truth, Scalar]:
-    """Where the step ends: the first theta in (0, 1] at which a guard has fallen through zero, else 1.
+    """When the step ends: the first time [s] at which a guard has fallen through zero, or else `step_radius` [s].
 
-    **Returns:** theta; whether a guard falls there; and which.  Where a guard is so flat that its root is not
-    located yet, theta is a little before it and none falls: the next step begins there.
+    **Arguments:** the guards as series in the time since the step's begin, of which `size` coefficients count.
 
-    Right after an event a guard starts from zero; one power of theta is then divided out,
+    **Returns:** that time; whether a guard falls there; and which.  Where a guard is so flat that its root is not
+    located yet, the time is a little before it and none falls: the next step begins there.
+
+    Right after an event a guard starts from zero; one power of the time is then divided out,
     which takes the root at the start away.  Where what is left falls short of zero by rounding,
-    and is above it within `LOOK_AHEAD`, one or two more are.  An end point of exactly 1 is no crossing.
+    and is above it within `LOOK_AHEAD`, one or two more are.  The end of the step itself is no crossing.
     """
     if not guards:
-        return jnp.ones(()), jnp.zeros((), bool), jnp.zeros(())
+        return step_radius, jnp.zeros((), bool), jnp.zeros(())
     # Side by side: one kernel for all guards, and half the code to compile.
     sides = [jnp.stack([jnp.asarray(guard[k], float) for guard in guards]) for k in range(size)]
-    crossings = _crossing(sides, LOOK_AHEAD / choose(step_radius > 0, step_radius, 1.0))
+    crossings = _crossing(_Divided(sides), step_radius)
     distances = jnp.abs(crossings)
     first = distances.min()
-    end = choose(first > 1.0, 1.0, jnp.minimum(first, 1.0 - 1e-15))
-    return end, (end < 1.0) & ~((crossings == -first) & (crossings < 0.0)).any(), jnp.argmin(distances) * 1.0
+    falls = first <= step_radius
+    end = choose(falls, jnp.minimum(first, (1.0 - 1e-15) * step_radius), step_radius)
+    return end, falls & ~((crossings == -first) & (crossings < 0.0)).any(), jnp.argmin(distances) * 1.0
 
 
-def _crossing(coefficients: list[Guards], ahead: Scalar) -> Guards:
-    """The first root in [0, 1], or 2; where it is not located, a theta before it, with the sign reversed.
+class _Divided:
+    """Guards over the powers of the time that are divided out.
+
+    Horner's scheme gives them without a division: one rung above its lowest stands the polynomial without its
+    lowest coefficient, over the time.
+    """
+
+    def __init__(self, coefficients: Sequence[Guards]):
+        missing = [0.0 * coefficients[0]] * max(0, 6 - len(coefficients))
+        self._coefficients = [*coefficients, *missing]
+        none, once, twice, thrice = self._coefficients[:4]
+        self.begins_at_zero = none <= 0.0
+        short, soon = self.begins_at_zero & (once <= 0.0), 2.0 * LOOK_AHEAD
+        self._rises = short & (twice > 0.0) & (-once <= soon * twice)
+        self._bends = short & ~self._rises & (thrice > 0.0) & (once + soon * (twice + soon * thrice) > 0.0)
+
+    def _of(self, rungs: Sequence[Guards]) -> Guards:
+        """Which of the four lowest rungs counts."""
+        none, once, twice, thrice = rungs[:4]
+        return choose(self._bends, thrice, choose(self._rises, twice, choose(self.begins_at_zero, once, none)))
+
+    def coefficient(self, k: int) -> Guards:
+        """The lowest ones, k up to 2."""
+        return self._of(self._coefficients[k:])
+
+    def value(self, time: Guards) -> Guards:
+        """At a `time`."""
+        return self._expansion(time, 1)[0]
+
+    def at(self, time: Guards) -> tuple[Guards, Guards]:
+        """Value and slope at a `time`."""
+        value, slope = self._expansion(time, 2)
+        return value, slope
+
+    def parabola(self, time: Guards) -> tuple[Guards, Guards, Guards]:
+        """Value, slope and half the second derivative at a `time`."""
+        value, slope, half_bend = self._expansion(time, 3)
+        return value, slope, half_bend
+
+    def _expansion(self, time: Guards, count: int) -> list[Guards]:
+        """So many coefficients of the polynomial in the time since `time`."""
+        rungs, found = self._coefficients, []
+        for _ in range(count):
+            rungs = _ladder(rungs, time)
+            found.append(self._of(rungs))
+            rungs = [*rungs[1:], 0.0 * time]
+        return found
+
+
+def _ladder(coefficients: Sequence[Guards], time: Guards) -> list[Guards]:
+    """Horner's scheme, lowest rung first."""
+    rungs = [coefficients[-1]]
+    for coefficient in coefficients[-2::-1]:
+        rungs.append(plus(times(rungs[-1], time), coefficient))
+    return rungs[::-1]
+
+
+def _crossing(g: _Divided, step_radius: Scalar) -> Guards:
+    """The first root [s] within the step, or infinity; where it is not located, a time before it, the sign reversed.
 
     It is bracketed by samples; then Newton's method, kept within the bracket.
     A guard may also dip below zero between two samples and come back.  It then has a minimum there,
     and the root lies before it, about where the parabola through the minimum crosses zero.
     """
-    starts_at_zero = coefficients[0] <= 0.0
-    once = [*coefficients[1:], 0.0 * coefficients[0]]
-    twice = [*once[1:], 0.0 * once[0]]
-    thrice = [*twice[1:], 0.0 * once[0]]
-    short = starts_at_zero & (once[0] <= 0.0)
-    rises = short & (twice[0] > 0.0) & (-once[0] <= 2.0 * ahead * twice[0])
-    bends = short & ~rises & (thrice[0] > 0.0) & (once[0] + 2.0 * ahead * (twice[0] + 2.0 * ahead * thrice[0]) > 0.0)
-    g = [
-        choose(bends, d, choose(rises, c, choose(starts_at_zero, b, a)))
-        for a, b, c, d in zip(coefficients, once, twice, thrice, strict=True)
-    ]
-    slope = _slope(g)
-    found, ends, dips, dip = _bracket(g, slope)
-    # A root may also lie on a sample exactly; then it is found there.
-    at_once = (g[0] <= 0.0) & (horner(g, 1 / _SAMPLES) < 0.0)
-    bottom = _minimum(slope, *dip)
-    g_bottom = horner(g, bottom)
+    value, rate, bend = (g.coefficient(k) for k in range(3))
+    samples = [jnp.full_like(value, i / _SAMPLES) * step_radius for i in range(_SAMPLES + 1)]
+    place: Callable[[Guards], Place] = lambda at: (at, *g.at(at))
+    places = [(samples[0], value, rate), *map(place, samples[1:])]
+    found, ends, dips, dip = _bracket(places)
+    # A root may also lie on a sample; then it is found there.
+    at_once = (places[1][1] < 0.0) & (value <= -_ROUNDING * places[1][1])
+    bottom = _minimum(g, *dip)
+    g_bottom, _, half_bend = g.parabola(bottom)
     falls = dips & (g_bottom < 0.0)
-    bend = horner(_slope(slope), bottom)
-    parabola = bottom - jnp.sqrt(2.0 * jnp.maximum(-g_bottom, 0.0) / choose(bend > 0.0, bend, jnp.inf))
+    parabola = bottom - jnp.sqrt(jnp.maximum(-g_bottom, 0.0) / choose(half_bend > 0.0, half_bend, jnp.inf))
     (low, _, _), (high, _, _) = ends
     low, high = choose(falls, dip[0][0], low), choose(falls, bottom, high)
     root = choose(falls, jnp.clip(parabola, low, high), _cubic_root(*ends))
     # One that begins near zero without a slope, or rising, falls at once, as a parabola that samples are too far for.
-    soon = _parabola_root(*g[:3])
-    early = (soon > 0.0) & (2.0 * soon < 1 / _SAMPLES) & (horner(g, 2.0 * soon) < 0.0)
+    soon = _parabola_root(value, rate, bend)
+    early = (soon > 0.0) & (2.0 * soon < samples[1]) & (g.value(2.0 * soon) < 0.0)
     found |= early
-    nearer = (root > 2.0 * soon) | (jnp.abs(horner(g, soon)) < jnp.abs(horner(g, root)))
+    nearer = (root > 2.0 * soon) | (jnp.abs(g.value(soon)) < jnp.abs(g.value(root)))
     low, high, root = choose(early, 0.0, low), choose(early, 2.0 * soon, high), choose(early & nearer, soon, root)
     begin = low
-    root, moved = _newton(g, slope, root, low, high, _ITERATIONS)
+    root, moved = _newton(g.at, root, low, high, _ITERATIONS)
     # Halfway, where the guard is far from what the next step would take for zero.
     halfway = 0.5 * (begin + root)
-    root = choose((moved > _LOCATED) & (halfway > _ADVANCE), -halfway, root)
-    return choose(found | falls, choose(at_once, 0.0, root), 2.0)
+    located = (moved <= _LOCATED * step_radius) | (halfway <= _ADVANCE * step_radius)
+    return choose(found | falls, choose(at_once, 0.0, choose(located, root, -halfway)), jnp.inf)
 
 
 def _bracket(
-    g: list[Guards], slope: list[Guards]
+    places: Sequence[Place],
 ) -> tuple[Bool[Array, " guards"], tuple[Place, Place], Bool[Array, " guards"], tuple[Place, Place]]:
-    """The sample before the first at which `g` is negative, and that one.
+    """The sample before the first at which the guard is negative, and that one.
 
-    And the first interval before it at whose ends `g` is positive but which may hide a dip below zero:
+    And the first interval before it at whose ends the guard is positive but which may hide a dip below zero:
     falling at its begin, rising at its end, and the two tangents meet below zero.
     """
-    before: Place = (jnp.zeros_like(g[0]), g[0], slope[0])
-    found = dips = jnp.zeros_like(g[0], bool)
-    low = high = dip_low = dip_high = before
-    for i in range(1, _SAMPLES + 1):
-        at = jnp.full_like(g[0], i / _SAMPLES)
-        now = at, horner(g, at), horner(slope, at)
+    before = low = high = dip_low = dip_high = places[0]
+    found = dips = jnp.zeros_like(before[0], bool)
+    for now in places[1:]:
         (start, value, rate), (end, value_then, rate_then) = before, now
         meet_below = value * rate_then - value_then * rate + rate * rate_then * (end - start) < 0.0
         dip = ~found & ~dips & (value_then >= 0.0) & (rate < 0.0) & (rate_then > 0.0) & meet_below
@@ -136,27 +187,33 @@ def _cubic_root(low: Place, high: Place) -> Guards:
     (begin, value, rate), (end, value_end, rate_end) = low, high
     length = end - begin
     a, b, fall = rate * length, rate_end * length, value_end - value
-    cubic = [value, a, 3.0 * fall - 2.0 * a - b, a + b - 2.0 * fall]
-    slope = _slope(cubic)
+    square, cube = 3.0 * fall - 2.0 * a - b, a + b - 2.0 * fall
+
+    def cubic(u: Guards) -> tuple[Guards, Guards]:
+        return value + u * (a + u * (square + u * cube)), a + u * (2.0 * square + u * (3.0 * cube))
+
     u = value / choose(fall < 0.0, -fall, 1.0)
-    u, _ = _newton(cubic, slope, u, jnp.zeros_like(value), jnp.ones_like(value), _CUBIC)
+    u, _ = _newton(cubic, u, jnp.zeros_like(value), jnp.ones_like(value), _CUBIC)
     return begin + u * length
 
 
 def _parabola_root(value: Guards, rate: Guards, bend: Guards) -> Guards:
-    """Where value + rate theta + bend theta^2 falls through zero; 0 where it does not."""
+    """Where value + rate t + bend t^2 falls through zero; 0 where it does not."""
     root = jnp.sqrt(jnp.maximum(rate * rate - 4.0 * bend * value, 0.0))
     steep = 2.0 * value / choose(root > rate, root - rate, jnp.inf)
     return choose(rate < 0.0, steep, (rate + root) / choose(bend < 0.0, -2.0 * bend, jnp.inf))
 
 
 def _newton(
-    g: list[Guards], slope: list[Guards], root: Guards, low: Guards, high: Guards, iterations: int
+    at: Callable[[Guards], tuple[Guards, Guards]], root: Guards, low: Guards, high: Guards, iterations: int
 ) -> tuple[Guards, Guards]:
-    """Where `g` falls through zero between `low` and `high`, and by how much the last of the iterations moved it."""
+    """Where what has the value and slope `at` a time falls through zero between `low` and `high`.
+
+    And by how much the last of the iterations moved it.
+    """
     moved = root
     for _ in range(iterations):
-        value, rate = horner(g, root), horner(slope, root)
+        value, rate = at(root)
         low, high = choose(value > 0.0, root, low), choose(value > 0.0, high, root)
         newton = root - value / choose(rate < 0.0, rate, -1.0)
         closer = choose((rate < 0.0) & (newton >= low) & (newton <= high), newton, 0.5 * (low + high))
@@ -164,12 +221,11 @@ def _newton(
     return root, moved
 
 
-def _minimum(slope: list[Guards], low: Place, high: Place) -> Guards:
+def _minimum(g: _Divided, low: Place, high: Place) -> Guards:
     """Where the slope rises through zero between the ends.
 
     From the parabola that has its two ends' slopes, and under it what the guard falls.
     """
-    bend = _slope(slope)
     (begin, value, rate), (end, value_end, rate_end) = low, high
     length = end - begin
     a, b, fall = rate * length, rate_end * length, value_end - value
@@ -179,13 +235,9 @@ def _minimum(slope: list[Guards], low: Place, high: Place) -> Guards:
     u = -a / choose(denominator > 0.0, denominator, 1.0)
     bottom = begin + jnp.clip(u, 0.0, 1.0) * length
     for _ in range(_REFINEMENTS):
-        curve = horner(bend, bottom)
-        bottom = jnp.clip(bottom - horner(slope, bottom) / choose(curve > 0.0, curve, jnp.inf), begin, end)
+        _, slope, half_bend = g.parabola(bottom)
+        bottom = jnp.clip(bottom - slope / choose(half_bend > 0.0, 2.0 * half_bend, jnp.inf), begin, end)
     return bottom
-
-
-def _slope(coefficients: list[Guards]) -> list[Guards]:
-    return [times(float(k), c) for k, c in enumerate(coefficients)][1:]
 
 
 def _either(condition: Bool[Array, " guards"], new: Place, old: Place) -> Place:

@@ -131,13 +131,12 @@ def until_event(
 ) -> tuple[Scalar, Truth, Scalar, State]:
     """How long the piece is used [s], whether an event ends it, of which guard, and the state there."""
     unflatten = unflattener(system)
-    clock = polynomial([loop.t_local, piece.step_radius])
+    clock = polynomial([loop.t_local, 1.0])
     motion = unflatten([polynomial(c) for c in piece.polynomials])
     guards = cast("tuple[Series, ...]", system.guards(segment, clock, motion, loop.mode))  # of series, series
-    crossing, event, which = first_crossing(guards, len(piece.polynomials[0]), piece.step_radius)
-    crossing = crossing / opaque_one
-    duration = piece.step_radius * crossing
-    x = [horner(c, crossing) for c in piece.polynomials]
+    duration, event, which = first_crossing(guards, len(piece.polynomials[0]), piece.step_radius)
+    duration = duration / opaque_one
+    x = [horner(c, duration) for c in piece.polynomials]
     x = system.exact(segment, loop.t_local, unflatten(loop.x), duration, unflatten(x))
     return duration, event, which, kept(x, opaque_one)
 

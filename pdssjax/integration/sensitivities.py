@@ -148,13 +148,12 @@ def _linearised(
         polynomials = method.expand(step, inputs, known)
         shown = _kept(polynomials, keep)
         step_radius, duration = known[:, 2], known[:, 3]
-        theta = duration / jnp.where(step_radius > 0, step_radius, 1.0)
         # Always true, also where a number is not finite.
         true = ~(step_radius[0] < 0.0)
         side_by_side = lambda f: (
             lambda *args: jax.vmap(lambda i, k, *found: f(*again(i, k), *found))(inputs, known, *args)
         )
-        x = computed_once(true, lambda polynomials: [horner(list(c), theta) for c in polynomials], polynomials)
+        x = computed_once(true, lambda polynomials: [horner(list(c), duration) for c in polynomials], polynomials)
         x = computed_once(true, side_by_side(_exact_end), x)
         shift = computed_once(true, side_by_side(_event_shift), x)
         return (side_by_side(_end)(x, shift), shown), shown

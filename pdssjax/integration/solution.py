@@ -123,12 +123,10 @@ def states_at(
     ordered = jnp.where(real, lax.stop_gradient(begins), jnp.inf)
     j = jnp.clip(jnp.searchsorted(ordered, lax.stop_gradient(within), side="right") - 1, 0)
     elapsed = jnp.maximum(within - begins[j], 0.0)
-    step_radius = steps.step_radius[j]
-    theta = elapsed / jnp.where(step_radius > 0, step_radius, 1.0)
     polynomials = steps.polynomials[j]
     unflatten = unflattener(system)
     degree = polynomials.shape[-1]
-    shown = horner([polynomials[:, :, k] for k in range(degree)], theta[:, None])
+    shown = horner([polynomials[:, :, k] for k in range(degree)], elapsed[:, None])
     values = shown if keep is None else steps.x[j].at[:, jnp.array(keep)].set(shown)
     gained = (x_stop - steps.x[run.period]) * laps[:, None]
 

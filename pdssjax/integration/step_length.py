@@ -9,7 +9,6 @@ from collections.abc import Sequence
 import jax.numpy as jnp
 
 from ..core import Scalar, ScalarLike
-from .polynomials import rescaled
 from .step_methods.base import Piece
 from .taylor_series import Series
 
@@ -29,5 +28,5 @@ def shortened(piece: Piece, extra: Sequence[Series], tolerance: Scalar, opaque_o
     """As much of `piece` as also resolves the series `extra`, made of its polynomials, to `tolerance`."""
     size = len(piece.polynomials[0])
     rows = [[series[k] for k in range(size)] for series in extra]
-    part = jnp.minimum(resolved_radius(rows, [1.0 / tolerance] * len(rows)), 1.0) / opaque_one
-    return piece._replace(polynomials=rescaled(piece.polynomials, part), step_radius=piece.step_radius * part)
+    enough = jnp.minimum(resolved_radius(rows, [1.0 / tolerance] * len(rows)), piece.step_radius)
+    return piece._replace(step_radius=enough / opaque_one)

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from ..core import Count, Scalar, ScalarLike, Truth
+from ..core import Count, ScalarLike, Truth
 from . import taylor_series as series
 from .taylor_series import Field, Order, Rule, Series, Weight, is_zero
 
@@ -55,21 +55,19 @@ class Record(eqx.Module):
     nodes: tuple[Node, ...] = eqx.field(static=True)
     rates: tuple[int | None, ...] = eqx.field(static=True)
     """Where the rate of each component stands; None for the integer 0."""
-    step_radius: Float[Array, " m"]
-    """The unit of time [s]."""
     numbers: list[list[Float[Array, " m"]]]
     """Of each node those that are arrays."""
     starts: list[Float[Array, " m"] | None]
     """Of each node coefficient 0; None for what is known to vanish."""
 
 
-def recorded(field: Field, time: ScalarLike, state: Sequence[ScalarLike], step_radius: Scalar) -> Record:
-    """What `field(t, x)` does to the series of `time` and `state` in the time over `step_radius`, all of them scalars.
+def recorded(field: Field, time: ScalarLike, state: Sequence[ScalarLike]) -> Record:
+    """What `field(t, x)` does to the series of `time` and `state`, all of them scalars.
 
     The other arguments are those of `taylor_series.taylor_coefficients`.
     """
     unknowns = [series.unknown(jnp.asarray(x, float)) for x in state]
-    rates = field(series.polynomial([time, step_radius]), list(unknowns))
+    rates = field(series.polynomial([time, 1.0]), list(unknowns))
     rates = [x if isinstance(x, Series) or is_zero(x) else series.polynomial([x]) for x in rates]
     order: dict[int, Series] = {}
     seen: set[int] = set()
@@ -96,7 +94,6 @@ def recorded(field: Field, time: ScalarLike, state: Sequence[ScalarLike], step_r
     return Record(
         nodes,
         tuple(None if is_zero(rate) else place[id(rate)] for rate in rates),
-        step_radius,
         [[jnp.asarray(n, float) for n in node.numbers if not is_literal(n)] for node in order.values()],
         [None if is_zero(node[0]) else jnp.asarray(node[0], float) for node in order.values()],
     )
@@ -105,17 +102,17 @@ def recorded(field: Field, time: ScalarLike, state: Sequence[ScalarLike], step_r
 def looped_coefficients(
     record: Record, order: int, opaque_one: Float[Array, " m"]
 ) -> list[Float[Array, "coefficients m"]]:
-    """Taylor coefficients of many solutions side by side, those of `taylor_series.taylor_coefficients` rescaled.
+    """Taylor coefficients of many solutions side by side, those of `taylor_series.taylor_coefficients`.
 
     **Arguments:** the arrays of `record` and `opaque_one` have shape (m,).
 
-    **Returns:** for each component the coefficients in the time over the step radius, shape (order + 1, m).
+    **Returns:** for each component the coefficients, shape (order + 1, m).
     """
     constant = _constants(record)
     components = range(len(record.rates))
     start = lambda i: 0 if record.starts[i] is None else record.starts[i]
     row = lambda x: jnp.broadcast_to(jnp.asarray(x, float), opaque_one.shape)
-    rate_of = lambda i, rates, k: rates(record.rates[i]) * (record.step_radius / (k * opaque_one))
+    rate_of = lambda i, rates, k: rates(record.rates[i]) * (1.0 / (k * opaque_one))
     moving = [i for i in components if not constant[i]]
     kept = sorted(_looking_back(record, constant) | set(moving))
     # Coefficient i stands at order - i; behind it zeros, so that a shifted stretch never ends.

@@ -180,7 +180,8 @@ def taylor_coefficients(
     for k in range(order):
         orders = [rate[k] if isinstance(rate, Series) else (rate if k == 0 else 0) for rate in rates]
         moving = [i for i, c in enumerate(orders) if not is_zero(c)]
-        vector = jnp.stack([jnp.asarray(orders[i], float) for i in moving]) / ((k + 1) * opaque_one) if moving else None
+        part = 1.0 / (k + 1) * opaque_one
+        vector = jnp.stack([jnp.asarray(orders[i], float) for i in moving]) * part if moving else None
         for i, series in enumerate(known):
             series.append(vector[moving.index(i)] if vector is not None and i in moving else 0)
     return [[series[k] for k in range(order + 1)] for series in known]

@@ -87,17 +87,16 @@ def inside_states(name: str):
     @jax.jit
     @jax.vmap
     def look(step):
-        def at(theta):
-            polynomial = lambda theta: jnp.stack([jnp.polyval(c[::-1], theta) for c in step.polynomials])
-            part = theta * step.duration / step.step_radius
-            values, slopes = jax.jvp(polynomial, (part,), (jnp.ones(()),))
+        def at(part):
+            polynomial = lambda time: jnp.stack([jnp.polyval(c[::-1], time) for c in step.polynomials])
+            values, slopes = jax.jvp(polynomial, (part * step.duration,), (jnp.ones(()),))
             state = jax.tree.unflatten(structure, list(values))
-            place = (system.segment(step.index), step.t_local + theta * step.duration, state, step.mode)
+            place = (system.segment(step.index), step.t_local + part * step.duration, state, step.mode)
             rates = jnp.stack([jnp.asarray(rate, float) for rate in jax.tree.leaves(system.field(*place))])
             guards = jnp.stack([jnp.asarray(guard, float) for guard in system.guards(*place)])
-            return values, slopes / step.step_radius, rates, guards
+            return values, slopes, rates, guards
 
-        return jax.tree.map(lambda *found: jnp.stack(found), *(at(theta) for theta in (*INSIDE, 1.0)))
+        return jax.tree.map(lambda *found: jnp.stack(found), *(at(part) for part in (*INSIDE, 1.0)))
 
     walked = jax.tree.map(lambda a: a[(steps.duration > 0.0) & (steps.mode != SETTLED)], steps)
     return system, walked, jax.tree.map(np.asarray, look(walked))

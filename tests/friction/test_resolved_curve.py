@@ -31,11 +31,11 @@ def left_over():
             system, system.segment(0.0), loop, accuracy.method, accuracy.tolerance, jnp.asarray(0.01), jnp.ones(())
         )
         duration, *_ = until_event(system, system.segment(0.0), loop, piece, jnp.ones(()))
-        theta = 0.999 * duration / piece.step_radius  # where it ends at v = 0, just before
+        time = 0.999 * duration  # where it ends at v = 0, just before
         coefficients = piece.polynomials[1]
         series = law._weakening(polynomial(coefficients))
-        end = horner([series[k] * 1.0 for k in range(len(coefficients))], theta)
-        return end - law._weakening(horner(coefficients, theta)), duration
+        end = horner([series[k] * 1.0 for k in range(len(coefficients))], time)
+        return end - law._weakening(horner(coefficients, time)), duration
 
     return jax.jit(compared)
 

@@ -39,26 +39,25 @@ STATES = jnp.array([[0.8, 1.1, 0.6], [1.7, 0.4, 2.0], [1.0, 1.0, 1.0]])
 """Three solutions side by side, each with its three components."""
 
 
-def both(field, states, radii):
+def both(field, states):
     """By the loop, and unrolled."""
-    return jax.jit(lambda states: (looped(field, states, radii), unrolled(field, states, radii)))(states)
+    return jax.jit(lambda states: (looped(field, states), unrolled(field, states)))(states)
 
 
-def unrolled(field, states, radii):
-    """Coefficients in the time over the step radius, shape (solutions, components, ORDER + 1)."""
+def unrolled(field, states):
+    """Coefficients, shape (solutions, components, ORDER + 1)."""
 
-    def coefficients(state, radius):
+    def coefficients(state):
         known = taylor_coefficients(field, jnp.asarray(0.3), list(state), ORDER, 1.0)
-        powers = radius ** jnp.arange(ORDER + 1)
-        return jnp.stack([jnp.stack([jnp.asarray(c, float) for c in row]) * powers for row in known])
+        return jnp.stack([jnp.stack([jnp.asarray(c, float) for c in row]) for row in known])
 
-    return jax.vmap(coefficients)(states, radii)
+    return jax.vmap(coefficients)(states)
 
 
-def looped(field, states, radii):
+def looped(field, states):
     """The same by the loop."""
-    step = lambda state, radius: KnownStep(field, jnp.asarray(0.3), list(state), [], radius)
-    return jnp.stack(Taylor(ORDER).expand(step, states, radii)).transpose(2, 0, 1)
+    step = lambda state: KnownStep(field, jnp.asarray(0.3), list(state), [], jnp.asarray(1.0))
+    return jnp.stack(Taylor(ORDER).expand(step, states)).transpose(2, 0, 1)
 
 
 def assert_same(found, expected, rounding=1e-13):
@@ -71,13 +70,10 @@ def assert_same(found, expected, rounding=1e-13):
 
 @pytest.mark.parametrize("name", FIELDS)
 def test_every_operation_gives_the_unrolled_coefficients_and_their_derivatives(name):
-    radii = jnp.array([0.5, 0.3, 1.2])
     rate = jnp.asarray(0.9)
 
     def values_and_slopes(expand):
-        scaled = lambda p, s: expand(
-            lambda t, x: [0 if isinstance(r, int) else r * p for r in FIELDS[name](t, x)], s, radii
-        )
+        scaled = lambda p, s: expand(lambda t, x: [0 if isinstance(r, int) else r * p for r in FIELDS[name](t, x)], s)
         directions = jnp.eye(1 + STATES.shape[1])
         along = lambda d: jax.jvp(scaled, (rate, STATES), (d[0], jnp.broadcast_to(d[1:], STATES.shape)))
         return jax.vmap(along, out_axes=(None, 0))(directions)
@@ -96,8 +92,7 @@ def test_every_law_gives_the_unrolled_coefficients(name):
     states = [jnp.stack(law.on_reversal((law.initial()[0] + z, *flags), 1.0)) for z in stretches]
     field = lambda t, x: [*law.rate(tuple(x), 4e-4 + 4.0 * t, 1.0)]
     moved = lambda t, x: field(t - 0.3, x)
-    radii = jnp.array([1e-5, 2e-5, 5e-6])
-    assert_same(*both(moved, jnp.stack(states), radii))
+    assert_same(*both(moved, jnp.stack(states)))
 
 
 @pytest.mark.parametrize("name", PIEZOS)
@@ -107,5 +102,4 @@ def test_every_piezo_gives_the_unrolled_coefficients(name):
     first = jnp.stack([jnp.asarray(x, float) for x in piezo.initial()])
     states = first + jnp.array([[1e-8], [3e-8], [-1e-8]])
     field = lambda t, x: [*piezo.rate(tuple(x), segment.voltage(t), 0.5)]
-    radii = jnp.array([1e-5, 2e-5, 5e-6])
-    assert_same(*both(field, states, radii))
+    assert_same(*both(field, states))

@@ -90,7 +90,9 @@ class OneStep(AbstractStepMethod):
         inner = solver.interpolation_cls(t0=begin, t1=end, **dense)
         nodes, fit = _fit(self.degree)
         values = jax.vmap(inner.evaluate)(jnp.asarray(nodes) + 0.0 * t_local)
-        coefficients = (jnp.asarray(fit) @ values) / scale
+        # The solver's time runs from 0 to 1.
+        unit = jnp.where(step_radius > 0, step_radius, 1.0)
+        coefficients = (jnp.asarray(fit) @ values) / scale / unit ** jnp.arange(self.degree + 1.0)[:, None]
         polynomials = [[coefficients[k, i] for k in range(self.degree + 1)] for i in range(len(x))]
         return polynomials, error, result == diffrax.RESULTS.successful
 

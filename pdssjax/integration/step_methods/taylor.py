@@ -9,7 +9,6 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ...core import Scalar
-from ..polynomials import rescaled
 from ..step_length import resolved_radius
 from ..taylor_loop import Record, looped_coefficients, recorded
 from ..taylor_series import Field, taylor_coefficients
@@ -42,14 +41,14 @@ class Taylor(AbstractStepMethod):
         series = taylor_coefficients(field, t_local, x, self.order, opaque_one)
         step_radius = jnp.minimum(resolved_radius(series, units), remaining) / opaque_one
         # Always accepted: a series that is not finite would not be so the next time either.
-        return Piece(rescaled(series, step_radius), step_radius, jnp.ones((), bool), step_radius)
+        return Piece(series, step_radius, jnp.ones((), bool), step_radius)
 
     def expand(
         self, step: Callable[..., KnownStep], *rows: Float[Array, "rows ..."]
     ) -> list[Float[Array, "coefficients rows"]]:
-        def opened(*row: Float[Array, "..."]) -> Record:
+        def opened(*row: Float[Array, "..."]) -> tuple[Record, Scalar]:
             start = step(*row)
-            return recorded(start.field, start.t_local, start.x, start.step_radius)
+            return recorded(start.field, start.t_local, start.x), 1.0 + 0.0 * start.step_radius
 
-        record = jax.vmap(opened)(*rows)
-        return looped_coefficients(record, self.order, 1.0 + 0.0 * record.step_radius)
+        record, opaque_one = jax.vmap(opened)(*rows)
+        return looped_coefficients(record, self.order, opaque_one)

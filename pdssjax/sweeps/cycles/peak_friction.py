@@ -84,8 +84,7 @@ def _magnitude(course: Course, step: Array, part: Scalar) -> Scalar:
     # In value the step's own length, free of the rounding of times; in derivative how the two ends move apart.
     moved = jnp.where(step + 1 < course.run.count, moved, steps.duration)
     elapsed = part * (steps.duration + moved - lax.stop_gradient(moved))
-    theta = elapsed / jnp.where(steps.step_radius > 0, steps.step_radius, 1.0)
-    x = jnp.polyval(steps.polynomials.T[::-1], theta)
+    x = jnp.polyval(steps.polynomials.T[::-1], elapsed)
     restored = lambda leaves: jax.tree.unflatten(jax.tree.structure(course.system.initial()), list(leaves))
     segment = cast(Segment, course.moving.segment(steps.index))
     state = course.system.exact(segment, steps.t_local, restored(steps.x), elapsed, restored(x))
