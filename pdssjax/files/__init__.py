@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from .estimate_results import write_essentials as write_essentials
     from .estimate_results import write_estimate as write_estimate
     from .example import EXAMPLE as EXAMPLE
-    from .new_study import NewRecord as NewRecord
-    from .new_study import Told as Told
-    from .new_study import guess_file as guess_file
+    from .guessed_record import NewRecord as NewRecord
+    from .guessed_record import Told as Told
+    from .guessed_record import guess_file as guess_file
     from .new_study import write_study as write_study
     from .prediction_results import write_predictions as write_predictions
     from .recording_results import write_recordings as write_recordings
@@ -61,7 +61,8 @@ else:
             "draws_results": ["read_draws"],
             "estimate_results": ["write_essentials", "write_estimate"],
             "example": ["EXAMPLE"],
-            "new_study": ["NewRecord", "Told", "guess_file", "write_study"],
+            "guessed_record": ["NewRecord", "Told", "guess_file"],
+            "new_study": ["write_study"],
             "prediction_results": ["write_predictions"],
             "recording_results": ["write_recordings"],
             "results_folder": ["check_free", "write_aside"],

@@ -6,13 +6,9 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from ..core import InputError, member, quantities
-from ..metrics import RUNNING, RecordGuess, guess_record
-from .channel_roles import Hints, Roles, roles_of
-from .missing_samples import filled
-from .record_columns import Columns, read_columns
+from ..metrics import RUNNING, RecordGuess
+from .guessed_record import NewRecord, Told
 from .toml_text import quoted
 from .unseen_flanks import (
     condition_of,
@@ -32,75 +28,6 @@ _NOISY = 5e-4
 
 _SLOW_TICKS = 2e-3
 """Interval [s] from which samples do not show how a platform rings."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Told:
-    """What the user says of the rig and of all records."""
-
-    measures: str = ""
-    """"platform" or "effector"; "": to be guessed."""
-    peak: float | None = None
-    """Of the drive [V], where no voltage was recorded."""
-    frequency: float | None = None
-    """Of the drive [Hz], where no voltage was recorded; None: found in the motion."""
-    mass: float | None = None
-    """Of the end-effector [kg]."""
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class NewRecord:
-    """A file, and what it suggests."""
-
-    name: str
-    roles: Roles
-    guess: RecordGuess
-    without: tuple[tuple[float, float], ...] = ()
-    """Stretches in which the file has no numbers, from when to when [s] on its clock: what the record excludes."""
-
-    @property
-    def left_out(self) -> int:
-        """Samples in these stretches."""
-        return sum(int(np.sum((self.guess.time > begin) & (self.guess.time < end))) for begin, end in self.without)
-
-
-def guess_file(file: Path, hints: Hints, told: Told) -> NewRecord:
-    """What `file` suggests for a record of a study.
-
-    **Raises:** `InputError` where a channel, a unit or the drive is not clear, with the option that tells it.
-    """
-    roles = roles_of(file, hints)
-    if "voltage" not in roles.channels and told.peak is None:
-        raise InputError(f'{file}: found no voltage, expected --peak with that of the drive, such as --peak "30 V".')
-    read = read_columns(file, roles.layout)
-    columns, without = filled(read, roles.motion)
-    columns.check_numbers()
-    if columns.data["time"].size < 16:
-        raise InputError(f"{file}: found {columns.data['time'].size} samples, expected a record of 16 at least.")
-    guess = _guessed(file, columns, roles.motion, told)
-    if guess.waveform.name in ("sampled", "sine") and not np.all(np.isfinite(read.data["voltage"])):
-        # The samples themselves may be the drive then, and have to be known everywhere.
-        read.check_numbers()
-    return NewRecord(file.stem, roles, guess, without)
-
-
-def _guessed(file: Path, columns: Columns, quantity: str, told: Told) -> RecordGuess:
-    data = columns.data
-    try:
-        return guess_record(
-            data["time"],
-            data[quantity],
-            data.get("voltage"),
-            velocity=quantity == "velocity",
-            measures=told.measures,
-            peak=told.peak,
-            frequency=told.frequency,
-            where=str(file),
-        )
-    except ValueError as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{file}: {error}.") from None
 
 
 def write_study(records: Sequence[NewRecord], told: Told, folder: Path, title: str) -> Path:

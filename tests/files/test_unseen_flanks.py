@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from pdssjax import load_study
-from pdssjax.files import Hints
-from pdssjax.files.new_study import Told, guess_file, study_text
+from pdssjax.files import Hints, Told, guess_file
+from pdssjax.files.new_study import study_text
 from pdssjax.metrics import detect_waveform
 
 DT = 5e-5

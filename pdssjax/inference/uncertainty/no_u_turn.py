@@ -4,9 +4,11 @@ A sampler of this kind (M. D. Hoffman and A. Gelman, J. Machine Learning Researc
 wide in every direction and not bent, and that of a fit is a narrow bent valley.  So it moves in the coordinates of
 `transported_density`, in which a few steps lead from one end of the posterior to the other.
 
-Where the polynomial behind these folds over trajectories end.  What lies beyond is reached by a proposal before
-each trajectory, from the linear model's normal distribution, widened, which the model accepts or not; from beyond a
-fold such proposals alone lead back.  Both moves leave the posterior as it is, and so does one after the other.
+Where the polynomial behind these folds over trajectories end, and beside a fold, where the density of the coordinates
+has a spike, their steps are too long to leave it.  So two moves come before each trajectory, which the model accepts
+or not: a proposal from the linear model's normal distribution, widened, which reaches beyond folds and alone leads
+back from there; and a short step along the gradient (G. O. Roberts and R. L. Tweedie, Bernoulli 2(4), 1996), of a
+length drawn anew every time.  Each move leaves the posterior as it is, and so does one after the other.
 """
 
 import functools
@@ -45,6 +47,9 @@ _BEGIN = Widths(solved=(1.2,), linear=1.0, share=0.0)
 
 _CANDIDATES = 20
 """Of these the first that the model can be simulated at."""
+
+_SHORT = (0.02, 0.5)
+"""Of these lengths are the short steps, in standard deviations."""
 
 _BEYOND = 3.0
 """By how much the variance of the proposals that reach beyond a fold exceeds that of the linear model."""
@@ -210,6 +215,7 @@ class _Chain:
         self._propose()
         steps, acceptance, diverging = 0, 0.0, False
         if self._inside:
+            self._step_along_gradient()
             self._state = state = self._sampler.go_on(self._state)
             place = self._target.map.place(state.z)
             self.w = np.asarray(place.w)
@@ -226,6 +232,16 @@ class _Chain:
         gained = density - self._density + 0.5 * (np.sum(proposed**2) - np.sum(self.w**2)) / _BEYOND
         if np.log(self._random.random()) < gained:
             self._be_at(proposed, density)
+
+    def _step_along_gradient(self) -> None:
+        length = np.exp(self._random.uniform(*np.log(_SHORT)))
+        noise = self._random.standard_normal(self.w.size)
+        begin, energy, slope = self._state.z, self._state.potential_energy, self._state.z_grad
+        end = begin - 0.5 * length**2 * slope + length * noise
+        energy_then, slope_then = self._target.potential(end)
+        back = (begin - end + 0.5 * length**2 * slope_then) / length
+        if np.log(self._random.random()) < energy - energy_then + 0.5 * (noise @ noise - back @ back):
+            self._state = self._state._replace(z=end, potential_energy=energy_then, z_grad=slope_then)
 
     def _be_at(self, w: Float[np.ndarray, " q"], density: float) -> None:
         self.w, self._density = w, density
