@@ -41,9 +41,6 @@ _ADVANCE = 1e-5
 _CUBIC = 5
 """Iterations of their first guess, by values and slopes at the ends of the bracket alone."""
 
-_REFINEMENTS = 1
-"""Iterations that locate the bottom of a dip: an error e there hides a dip no deeper than e^2 times the bend."""
-
 
 def first_crossing(guards: tuple[Series, ...], size: int, step_radius: Scalar) -> tuple[Scalar, Truth, Scalar]:
     """When the step ends: the first time [s] at which a guard has fallen through zero, or else `step_radius` [s].
@@ -140,8 +137,8 @@ def _crossing(g: _Divided, step_radius: Scalar) -> Guards:
     found, ends, dips, dip = _bracket(places)
     # A root may also lie on a sample; then it is found there.
     at_once = (places[1][1] < 0.0) & (value <= -_ROUNDING * places[1][1])
-    bottom = _minimum(g, *dip)
-    g_bottom, _, half_bend = g.parabola(bottom)
+    bottom, half_bend = _minimum(g, *dip)
+    g_bottom = g.value(bottom)
     falls = dips & (g_bottom < 0.0)
     parabola = bottom - jnp.sqrt(jnp.maximum(-g_bottom, 0.0) / choose(half_bend > 0.0, half_bend, jnp.inf))
     (low, _, _), (high, _, _) = ends
@@ -221,8 +218,8 @@ def _newton(
     return root, moved
 
 
-def _minimum(g: _Divided, low: Place, high: Place) -> Guards:
-    """Where the slope rises through zero between the ends.
+def _minimum(g: _Divided, low: Place, high: Place) -> tuple[Guards, Guards]:
+    """Where the slope rises through zero between the ends, and about half the second derivative there.
 
     From the parabola that has its two ends' slopes, and under it what the guard falls.
     """
@@ -233,11 +230,10 @@ def _minimum(g: _Divided, low: Place, high: Place) -> Guards:
     half, square = 3.0 * fall - 2.0 * a - b, 3.0 * (a + b - 2.0 * fall)
     denominator = half + jnp.sqrt(jnp.maximum(half * half - a * square, 0.0))
     u = -a / choose(denominator > 0.0, denominator, 1.0)
-    bottom = begin + jnp.clip(u, 0.0, 1.0) * length
-    for _ in range(_REFINEMENTS):
-        _, slope, half_bend = g.parabola(bottom)
-        bottom = jnp.clip(bottom - slope / choose(half_bend > 0.0, 2.0 * half_bend, jnp.inf), begin, end)
-    return bottom
+    near = begin + jnp.clip(u, 0.0, 1.0) * length
+    _, slope, half_bend = g.parabola(near)
+    # Once is enough: an error e hides a dip no deeper than e^2 times the bend.
+    return jnp.clip(near - slope / choose(half_bend > 0.0, 2.0 * half_bend, jnp.inf), begin, end), half_bend
 
 
 def _either(condition: Bool[Array, " guards"], new: Place, old: Place) -> Place:

@@ -19,7 +19,6 @@ from ...integration import (
     PERIODS,
     Accuracy,
     Cycles,
-    Taylor,
     integrate,
     integrate_cycles,
     moved_orbit,
@@ -58,7 +57,7 @@ class Steady(AbstractCycle):
     @property
     def accuracy(self) -> Accuracy:
         """Finer than for a numbered cycle: errors of the steps must not look like a transient."""
-        return Accuracy(tolerance=1e-12, method=Taylor(8), max_steps=16384)
+        return Accuracy(tolerance=1e-12, max_steps=16384)
 
     def measure(self, system: StickSlip, accuracy: Accuracy) -> tuple[Float[Array, " metrics"], Count]:
         when = timing(system.drive)
