@@ -6,9 +6,9 @@ wide in every direction and not bent, and that of a fit is a narrow bent valley.
 
 Where the polynomial behind these folds over trajectories end, and beside a fold, where the density of the coordinates
 has a spike, their steps are too long to leave it.  So two moves come before each trajectory, which the model accepts
-or not: a proposal from the linear model's normal distribution, widened, which reaches beyond folds and alone leads
-back from there; and a short step along the gradient (G. O. Roberts and R. L. Tweedie, Bernoulli 2(4), 1996), of a
-length drawn anew every time.  Each move leaves the posterior as it is, and so does one after the other.
+or not: a proposal of `randomize_then_optimize`, which reaches beyond folds and alone leads back from there; and a short
+step along the gradient (G. O. Roberts and R. L. Tweedie, Bernoulli 2(4), 1996), of a length drawn anew every time.
+Each move leaves the posterior as it is, and so does one after the other.
 """
 
 import functools
@@ -25,8 +25,8 @@ from jaxtyping import Array, Float, Int
 from ...core import Document, InputError, Scalar
 from ..draws import CHAINS, DRAWS, Drawing, each_done, reading
 from ..least_squares import Progress
-from .posterior import BLOCK, Chains, Model, learn
-from .randomize_then_optimize import Widths
+from .posterior import BLOCK, TO_JUDGE, Chains, Learned, Model, learn
+from .randomize_then_optimize import Widths, log_proposed
 from .residual_polynomial import ResidualPolynomial
 from .transported_density import TransportedDensity, transported
 
@@ -42,7 +42,7 @@ _ACCEPTANCE = 0.8
 _DEEPEST = 8
 """Doublings of a trajectory, at most."""
 
-_BEGIN = Widths(solved=(1.2,), linear=1.0, share=0.0)
+_BEGIN = Widths(solved=(1.2,), linear=1.0, share=0.0, elsewhere=0.0)
 """Where chains begin."""
 
 _CANDIDATES = 20
@@ -50,9 +50,6 @@ _CANDIDATES = 20
 
 _SHORT = (0.02, 0.5)
 """Of these lengths are the short steps, in standard deviations."""
-
-_BEYOND = 3.0
-"""By how much the variance of the proposals that reach beyond a fold exceeds that of the linear model."""
 
 
 class _Sampler(NamedTuple):
@@ -86,13 +83,14 @@ def sample_by_trajectories(
     with reading(drawing.store, "draws of the chains"):
         kept = {_task_of(entry, model.axes.shape): entry for entry in drawing.store.kept()}
     if any((chain, block) not in kept for chain in range(chains) for block in blocks):
-        target = transported(model, learn(model, first, drawing.seed, executor, report))
+        learned = learn(model, first, drawing.seed, executor, report)
+        target = transported(model, learned.polynomial)
         report("posterior: compiling the sampler")
         sampler = _sampler(target)
         done = 0
         for block in blocks:
             due = [chain for chain in range(chains) if (chain, block) not in kept]
-            work = functools.partial(_block, target, sampler, model, drawing.seed, block, kept)
+            work = functools.partial(_block, learned, target, sampler, model, drawing.seed, block, kept)
             for chain, entry in each_done(work, due, executor):
                 drawing.store.keep(entry)
                 kept[chain, block] = entry
@@ -152,6 +150,7 @@ def _sampler(target: TransportedDensity) -> _Sampler:
 
 
 def _block(
+    learned: Learned,
     target: TransportedDensity,
     sampler: _Sampler,
     model: Model,
@@ -163,17 +162,20 @@ def _block(
     """A block of draws of a chain, or what is learned before the first of them, as plain data."""
     task = {"chain": chain, "block": block}
     if block == _WARM:
-        return task | _warmed_up(target, sampler, model, (seed, chain))
+        return task | _warmed_up(learned, target, sampler, model, (seed, chain))
     random = np.random.default_rng((seed, chain, block))
     begin, step_size = kept[chain, block - 1]["end"], kept[chain, _WARM]["step_size"]
-    going = _Chain(target, sampler, model, step_size, random, np.array(begin, float))
-    draws = [going.next() for _ in range(BLOCK)]
+    going = _Chain(learned, target, sampler, model, step_size, random, np.array(begin, float))
+    proposals = model.proposals(learned, TO_JUDGE, BLOCK, (seed, chain, block))
+    draws = [going.next(*proposed) for proposed in zip(proposals.free, proposals.log_proposed, strict=True)]
     return task | {name: [draw[name] for draw in draws] for name in draws[0]} | {"end": going.w.tolist()}
 
 
-def _warmed_up(target: TransportedDensity, sampler: _Sampler, model: Model, seed: tuple[int, ...]) -> Document:
+def _warmed_up(
+    learned: Learned, target: TransportedDensity, sampler: _Sampler, model: Model, seed: tuple[int, ...]
+) -> Document:
     """Where a chain begins, and the length of its steps."""
-    places = model.proposals(target.map.polynomial, _BEGIN, _CANDIDATES, seed).free
+    places = model.proposals(learned, _BEGIN, _CANDIDATES, seed).free
     inverse, key = np.linalg.pinv(model.axes), _key(np.random.default_rng(seed))
     states = (sampler.begin(target.map.back(inverse @ (place - model.optimum.at))[0], key) for place in places)
     state = next((state for state in states if np.isfinite(state.potential_energy)), None)
@@ -193,10 +195,11 @@ def _key(random: np.random.Generator) -> Any:
 
 
 class _Chain:
-    """Where a chain is; it moves by a proposal of the linear model and a trajectory in turn."""
+    """Where a chain is; it moves by a proposal, a short step and a trajectory in turn."""
 
     def __init__(
         self,
+        learned: Learned,
         target: TransportedDensity,
         sampler: _Sampler,
         model: Model,
@@ -204,15 +207,19 @@ class _Chain:
         random: np.random.Generator,
         w: Float[np.ndarray, " q"],
     ):
-        self._target, self._sampler, self._model, self._random = target, sampler, model, random
+        self._learned, self._target, self._sampler, self._model = learned, target, sampler, model
+        self._random, self._inverse = random, np.linalg.pinv(model.axes)
         state = sampler.begin(jnp.zeros(w.size), _key(random), step_size)
         # What is learned of the length of a step ends with the warm-up.
         self._state = state._replace(i=jnp.full_like(state.i, WARM_UP))
         self._be_at(w, self._log_density(w))
 
-    def next(self) -> Document:
-        """The next draw, and what is known of its trajectory; none where the chain is beyond a fold."""
-        self._propose()
+    def next(self, proposed: Float[np.ndarray, " p"], log_proposed: float) -> Document:
+        """The next draw, and what is known of its trajectory; none where the chain is beyond a fold.
+
+        **Arguments:** a draw of what was learned, and how probable it is there.
+        """
+        self._judge(self._inverse @ (proposed - self._model.optimum.at), log_proposed)
         steps, acceptance, diverging = 0, 0.0, False
         if self._inside:
             self._step_along_gradient()
@@ -225,12 +232,11 @@ class _Chain:
         told = {"steps": steps, "acceptance": acceptance, "diverging": diverging}
         return {"free": free, "log_density": self._density} | told
 
-    def _propose(self) -> None:
-        proposed = np.sqrt(_BEYOND) * self._random.standard_normal(self.w.size)
-        density = self._log_density(proposed)
+    def _judge(self, proposed: Float[np.ndarray, " q"], log_there: float) -> None:
+        density, (polynomial, origins) = self._log_density(proposed), self._learned
+        log_here = log_proposed(polynomial, self._model.axes, self._model.factor, TO_JUDGE, origins, self.w)
         # Of the model's density over that of the proposals.
-        gained = density - self._density + 0.5 * (np.sum(proposed**2) - np.sum(self.w**2)) / _BEYOND
-        if np.log(self._random.random()) < gained:
+        if np.log(self._random.random()) < density - log_there - self._density + float(log_here):
             self._be_at(proposed, density)
 
     def _step_along_gradient(self) -> None:

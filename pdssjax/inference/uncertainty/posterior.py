@@ -50,11 +50,20 @@ _FEWEST = 24
 _AGREEMENT = 0.85
 """What model and polynomial have in common, from which the polynomial is good; with `_FEWEST` points 1 is seldom."""
 
-_TO_LEARN = Widths(solved=(1.2, 3.0), linear=1.0, share=0.0)
+_TO_LEARN = Widths(solved=(1.2, 3.0), linear=1.0, share=0.0, elsewhere=0.5)
 """Draws at which the model is asked while the polynomial is learned."""
 
-_TO_JUDGE = Widths(solved=(1.2,), linear=3.0, share=0.1)
+TO_JUDGE = Widths(solved=(1.2,), linear=3.0, share=0.1, elsewhere=0.2)
 """Proposals."""
+
+_TO_SPREAD, _SPREAD = Widths(solved=(1.2,), linear=1.0, share=0.0, elsewhere=0.5), 400
+"""Draws, and how many, that tell where the ends of the posterior are."""
+
+_FOLDED = 0.01
+"""Share of draws from the optimum that have no solution, from which the residuals fold over where it counts."""
+
+_ENDS = (0.03, 0.97)
+"""Quantiles of the direction in which it is the longest, from where it is drawn, too."""
 
 _LEARNING = CHAINS
 """Where the draws of the rounds of learning have the number of a chain in their seed."""
@@ -88,9 +97,18 @@ class Model(NamedTuple):
     factor: float
     """By which variances exceed those of the noise given."""
 
-    def proposals(self, polynomial: ResidualPolynomial, widths: Widths, count: int, seed: tuple[int, ...]) -> Proposals:
-        """Draws of a `polynomial`, with variances enlarged by the `widths`."""
-        return propose(polynomial, self.axes, self.factor, widths, self.bounds, count, seed)
+    def proposals(self, learned: "Learned", widths: Widths, count: int, seed: tuple[int, ...]) -> Proposals:
+        """Draws of what was `learned`, with variances enlarged by the `widths`."""
+        return propose(learned.polynomial, self.axes, self.factor, widths, self.bounds, count, seed, learned.origins)
+
+
+class Learned(NamedTuple):
+    """What stands for the model."""
+
+    polynomial: ResidualPolynomial
+    origins: Float[np.ndarray, "k q"]
+    """Along the axes: the optimum, and a point near either end of the posterior, from which it is drawn beyond
+    folds."""
 
 
 def principal_axes(optimum: Linearisation, moving: Int[np.ndarray, " q"], factor: float) -> Float[np.ndarray, "p q"]:
@@ -126,8 +144,8 @@ def sample_posterior(
         kept = {_task_of(entry, model.optimum.at.size): entry for entry in drawing.store.kept()}
     due = [(chain, block) for block in range(blocks) for chain in range(chains) if (chain, block) not in kept]
     if due:
-        polynomial = learn(model, first, drawing.seed, executor, report)
-        work = functools.partial(_judged, model, polynomial, drawing.seed)
+        learned = learn(model, first, drawing.seed, executor, report)
+        work = functools.partial(_judged, model, learned, drawing.seed)
         for done, (task, entry) in enumerate(each_done(work, due, executor), 1):
             drawing.store.keep(entry)
             kept[task] = entry
@@ -148,22 +166,45 @@ class _Corrected(NamedTuple):
 
 def learn(
     model: Model, polynomial: ResidualPolynomial, seed: int, executor: Executor | None, report: Progress
-) -> ResidualPolynomial:
-    """A polynomial that agrees with the model over the posterior, as far as one does."""
+) -> Learned:
+    """A polynomial that agrees with the model over the posterior, as far as one does, and where to draw it from."""
     moving = model.axes.shape[1]
+    learned = Learned(polynomial, np.zeros((1 + len(_ENDS), moving)))
     count = max(_FEWEST, int(_SURPLUS * count_terms(moving, degree_for(moving)) / (1 + moving)))
     points: list[Linearisation] = []
     for number in range(_ROUNDS):
         report(f"posterior: learning the residuals, round {number + 1}")
-        proposed = model.proposals(polynomial, _TO_LEARN, count, (seed, _LEARNING + number))
+        proposed = model.proposals(learned, _TO_LEARN, count, (seed, _LEARNING + number))
         there = linearise_all(model.evaluate, list(proposed.free), executor)
         exact = np.array([-0.5 * point.chi2 / model.factor for point in there])
         agreement = in_common(exact - proposed.log_proposed, proposed.log_learned - proposed.log_proposed)
         points += there
         polynomial = learned_polynomial(model.optimum, points, model.axes, model.factor).turned()
-        if agreement > _AGREEMENT:
+        learned = learned._replace(polynomial=polynomial)
+        # The first round has drawn from the optimum alone, and does not know what lies beyond folds.
+        if number and agreement > _AGREEMENT:
             break
-    return polynomial
+        learned = learned._replace(origins=_origins(model, learned, (seed, _LEARNING + number)))
+    return learned
+
+
+def _origins(model: Model, learned: Learned, seed: tuple[int, ...]) -> Float[np.ndarray, "k q"]:
+    """The optimum, and draws of the polynomial near either end of the direction in which it is the longest.
+
+    The optimum alone where nothing folds.
+    """
+    from_optimum = model.proposals(learned, _TO_SPREAD._replace(elsewhere=0.0), _SPREAD, (*seed, 0))
+    if from_optimum.unsolved < _FOLDED:
+        return np.zeros_like(learned.origins)
+    drawn = model.proposals(learned, _TO_SPREAD, _SPREAD, (*seed, 1))
+    w = (drawn.free - model.optimum.at) @ np.linalg.pinv(model.axes).T
+    weights = np.exp(drawn.log_learned - drawn.log_proposed - np.max(drawn.log_learned - drawn.log_proposed))
+    weights /= np.sum(weights)
+    apart = w - weights @ w
+    along = apart @ np.linalg.eigh((apart * weights[:, None]).T @ apart)[1][:, -1]
+    order = np.argsort(along)
+    ends = np.searchsorted(np.cumsum(weights[order]), _ENDS).clip(max=_SPREAD - 1)
+    return np.concatenate([np.zeros((1, w.shape[1])), w[order[ends]]])
 
 
 def in_common(first: Float[np.ndarray, " n"], second: Float[np.ndarray, " n"]) -> float:
@@ -200,9 +241,9 @@ def _begin(log_weights: Float[np.ndarray, " n"], random: np.random.Generator) ->
     return int(random.choice(log_weights.size, p=weights / np.sum(weights)))
 
 
-def _judged(model: Model, polynomial: ResidualPolynomial, seed: int, task: tuple[int, int]) -> Document:
+def _judged(model: Model, learned: Learned, seed: int, task: tuple[int, int]) -> Document:
     """A block of proposals and what the model says of it; all of it, so that the block need not be drawn again."""
-    proposed = model.proposals(polynomial, _TO_JUDGE, BLOCK, (seed, *task))
+    proposed = model.proposals(learned, TO_JUDGE, BLOCK, (seed, *task))
     chi2 = [float(np.sum(np.asarray(model.residuals(free)) ** 2)) for free in proposed.free]
     # JSON has no infinity.
     density = [-0.5 * value / model.factor if np.isfinite(value) else None for value in chi2]

@@ -2,18 +2,20 @@
 
     u ~ N(0, v I),    Q' r(x) = u    gives x with the density    q(x) ~ |det Q' J(x)| exp(-|Q' r(x)|^2 / (2 v))
 
-Q is an orthonormal basis of the columns of the Jacobian J at the optimum (J. M. Bardsley, A. Solonen, H. Haario and
-M. Laine, SIAM J. Scientific Computing 36(4), 2014).  A valley that is narrow and bent in the parameters is neither in
-the coordinates Q' r: what is left is the intrinsic curvature of the residuals, which is mostly small beside that from
-the choice of parameters (D. M. Bates and D. G. Watts, J. Royal Statistical Society B 42(1), 1980).
+Q is an orthonormal basis of the columns of the Jacobian J at the optimum, or at another origin o, with Q' (r(x) - r(o))
+in place of Q' r(x) (J. M. Bardsley, A. Solonen, H. Haario and M. Laine, SIAM J. Scientific Computing 36(4), 2014).  A
+valley that is narrow and bent in the parameters is neither in the coordinates Q' r: what is left is the intrinsic
+curvature of the residuals, which is mostly small beside that from the choice of parameters (D. M. Bates and D. G.
+Watts, J. Royal Statistical Society B 42(1), 1980).
 
-The equation is solved by Newton's method along the straight way from the optimum to u.  Where the determinant changes
-its sign on the way the residuals fold over, and beyond there is no solution that belongs to the optimum: such a u is
-replaced by another, which leaves q as it is where there is one.  What lies beyond a fold, or far outside of what the
-polynomial knows, comes from the linear model's normal distribution, widened: draws are of a mixture of both, so that
+The equation is solved by Newton's method along the straight way from the origin to u.  Where the determinant changes
+its sign on the way the residuals fold over, and beyond there is no solution that belongs to the origin: such a u is
+replaced by another, which leaves q as it is where there is one.  What lies beyond a fold is reached from other origins,
+and what no polynomial knows by the linear model's normal distribution, widened: draws are of a mixture of all, so that
 weights over q stay bounded (T. Hesterberg, Technometrics 37(2), 1995).
 """
 
+import threading
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -39,6 +41,9 @@ _SOLVED = 1e-8
 _SAME = 1e-6
 """Distance of a solution, beside 1 + |w|, at which it is the point that u was taken from."""
 
+_ALONE = threading.Lock()
+"""Two threads that solve hundreds of equations each were seen to wait for each other within XLA for ever."""
+
 _SIDE_BY_SIDE = 128
 """Equations solved at a time."""
 
@@ -55,6 +60,8 @@ class Widths(NamedTuple):
     """Of the linear model's normal distribution."""
     share: float
     """Of the draws that come from the linear model."""
+    elsewhere: float
+    """Of the others so many come from other origins than the optimum."""
 
 
 class Proposals(NamedTuple):
@@ -66,6 +73,8 @@ class Proposals(NamedTuple):
     """log q, but for a constant."""
     log_learned: Float[np.ndarray, " draws"]
     """The same of the density that the polynomial stands for."""
+    unsolved: float
+    """Share of the randomized residuals that had no solution between the bounds."""
 
 
 class _Solution(NamedTuple):
@@ -83,11 +92,13 @@ def propose(
     bounds: tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]],
     count: int,
     seed: tuple[int, ...],
+    origins: Float[np.ndarray, "k q"],
 ) -> Proposals:
     """`count` independent draws of parameters between the `bounds`.
 
     **Arguments:** the `polynomial` that stands for the residuals around its centre; the `axes` along which parameters
-    move; the `variance` of each residual, and the `widths` of what to draw.
+    move; the `variance` of each residual, and the `widths` of what to draw; the `origins` along the axes, the optimum
+    first.
 
     **Raises:** `InputError` where nearly no randomized residual has a solution between the bounds.
     """
@@ -98,14 +109,18 @@ def propose(
         normal = random.standard_normal((_SIDE_BY_SIDE, axes.shape[1]))
         wide, linear = random.choice(widths.solved, _SIDE_BY_SIDE), random.random(_SIDE_BY_SIDE) < widths.share
         targets = np.where(linear, np.sqrt(widths.linear), np.sqrt(variance * wide))[:, None] * normal
-        some = _proposals(polynomial, axes, jnp.asarray(variance), jax.tree.map(np.asarray, widths), targets, linear)
-        some = jax.tree.map(np.asarray, some)
+        begins = origins[random.choice(len(origins), _SIDE_BY_SIDE, p=_shares(len(origins), widths.elsewhere))]
+        numbers = jnp.asarray(variance), jax.tree.map(np.asarray, widths), origins
+        with _ALONE:
+            some = _proposals(polynomial, axes, *numbers, targets, linear, begins)
+            some = jax.tree.map(np.asarray, some)
         good = some.solved & np.all((some.x >= low) & (some.x <= high), axis=1)
         found.append(jax.tree.map(lambda values, good=good: values[good], some))
         have, tried = have + int(np.sum(good)), tried + _SIDE_BY_SIDE
         if have >= count:
             whole = _Solution(*(np.concatenate(parts)[:count] for parts in zip(*found, strict=True)))
-            return Proposals(np.asarray(whole.x), np.asarray(whole.log_proposed), np.asarray(whole.log_learned))
+            densities = np.asarray(whole.log_proposed), np.asarray(whole.log_learned)
+            return Proposals(np.asarray(whole.x), *densities, unsolved=1.0 - have / tried)
     raise InputError(
         f"posterior: found parameters between the bounds for {have} of {tried} randomized residuals, expected "
         f"{count}; the records say too little about them, or the optimum lies at bounds. Fix some, or give bounds."
@@ -118,48 +133,80 @@ def _proposals(
     axes: Float[Array | np.ndarray, "p q"],
     variance: ScalarLike,
     widths: Widths,
+    origins: Float[Array | np.ndarray, "k q"],
     targets: Float[Array | np.ndarray, "n q"],
     linear: Bool[Array | np.ndarray, " n"],
+    begins: Float[Array | np.ndarray, "n q"],
 ) -> _Solution:
-    """Draws for several `targets`: u, or w for those that are `linear`; x = x0 + A w."""
+    """Draws for several `targets`: u from where each `begins`, or w for those that are `linear`; x = x0 + A w."""
     place = lambda w: jnp.asarray(polynomial.centre) + axes @ w
-    solve, along, _ = randomized_equation(polynomial, axes)
-    log_normal = lambda u, variances: -0.5 * jnp.sum(u**2) / variances - 0.5 * u.size * jnp.log(variances)
-    shares = jnp.log(1.0 - widths.share) - jnp.log(len(widths.solved)), jnp.log(widths.share)
 
-    def drawn(target: Float[Array, " q"], linear: Bool[Array, ""]) -> _Solution:
-        goal = jnp.where(linear, along(target), target)
-        w, volume, solved = solve(goal)
-        # A draw of the linear model might have come from the solver too, where that ends there.
-        solved &= ~linear | (jnp.linalg.norm(w - target) < _SAME * (1.0 + jnp.linalg.norm(target)))
+    def drawn(target: Float[Array, " q"], linear: Bool[Array, ""], begin: Float[Array, " q"]) -> _Solution:
+        w, _, solved = randomized_equation(polynomial, axes, begin).solve(target)
         w = jnp.where(linear, target, w)
-        by_solver = [shares[0] + volume + log_normal(goal, variance * width) for width in widths.solved]
-        by_solver = [jnp.where(solved, height, -jnp.inf) for height in by_solver]
-        proposed = jax.nn.logsumexp(jnp.stack([*by_solver, shares[1] + log_normal(w, widths.linear)]))
+        proposed = log_proposed(polynomial, axes, variance, widths, origins, w)
         learned = -0.5 * jnp.sum(polynomial(place(w)) ** 2) / variance
-        return _Solution(place(w), proposed, learned, solved | linear)
+        return _Solution(place(w), proposed, learned, (solved | linear) & jnp.isfinite(proposed))
 
-    return jax.vmap(drawn)(jnp.asarray(targets), jnp.asarray(linear))
+    return jax.vmap(drawn)(jnp.asarray(targets), jnp.asarray(linear), jnp.asarray(begins))
+
+
+@eqx.filter_jit
+def log_proposed(
+    polynomial: ResidualPolynomial,
+    axes: Float[Array | np.ndarray, "p q"],
+    variance: ScalarLike,
+    widths: Widths,
+    origins: Float[Array | np.ndarray, "k q"],
+    w: Float[Array | np.ndarray, " q"],
+) -> Scalar:
+    """log q at a point along the axes, but for a constant; the arguments are those of `propose`."""
+    log_normal = lambda u, variances: -0.5 * jnp.sum(u**2) / variances - 0.5 * u.size * jnp.log(variances)
+    log_solved, log_linear = jnp.log((1.0 - widths.share) / len(widths.solved)), jnp.log(widths.share)
+    at = jnp.asarray(w)
+
+    def heights(origin: Float[Array, " q"], log_share: Scalar) -> Float[Array, " widths"]:
+        """From one origin: a point may have been drawn only where the way to its u ends there."""
+        equation = randomized_equation(polynomial, axes, origin)
+        u = equation.along(at)
+        again, volume, solved = equation.solve(u)
+        solved &= jnp.linalg.norm(again - at) < _SAME * (1.0 + jnp.linalg.norm(at))
+        found = jnp.stack([log_share + volume + log_normal(u, variance * width) for width in widths.solved])
+        return jnp.where(solved, found, -jnp.inf)
+
+    log_shares = log_solved + jnp.log(_shares(origins.shape[0], widths.elsewhere))
+    by_solver = lax.map(lambda args: heights(*args), (jnp.asarray(origins), log_shares))
+    return jax.nn.logsumexp(jnp.append(by_solver.ravel(), log_linear + log_normal(at, widths.linear)))
+
+
+def _shares(origins: int, elsewhere: Any) -> Any:
+    """Of the solved draws, those from each origin."""
+    others = elsewhere / max(1, origins - 1) * np.ones(origins - 1)
+    return (jnp if isinstance(elsewhere, jax.Array) else np).append(others, 1.0 - elsewhere)[::-1]
 
 
 class Equation(NamedTuple):
-    """Q' r(x0 + A w) = u."""
+    """Q' r(x0 + A w) = u; from another origin than the optimum, w = 0, without the r there."""
 
     solve: Callable[..., Any]
     """From u to w, with log |det Q' J| there and whether there is a solution."""
     along: Callable[..., Any]
-    """Q' r at w."""
+    """The left side at w."""
     slopes: Callable[..., Any]
     """Its derivatives, shape (q, q)."""
 
 
-def randomized_equation(polynomial: ResidualPolynomial, axes: Float[Array | np.ndarray, "p q"]) -> Equation:
-    """The equation of a `polynomial` along the `axes` of what moves."""
+def randomized_equation(
+    polynomial: ResidualPolynomial, axes: Float[Array | np.ndarray, "p q"], origin: Float[Array | np.ndarray, " q"]
+) -> Equation:
+    """The equation of a `polynomial` along the `axes` of what moves, from an `origin` along them."""
     place = lambda w: jnp.asarray(polynomial.centre) + axes @ w
-    origin = jnp.zeros(axes.shape[1])
+    origin = jnp.asarray(origin)
     basis, _ = jnp.linalg.qr(jax.jacfwd(lambda w: polynomial(place(w)))(origin))
     projection = eqx.tree_at(lambda p: p.factor, polynomial, basis.T @ jnp.asarray(polynomial.factor))
-    along = lambda w: projection(place(w))
+    # At an optimum at its bounds Q' r does not vanish, and leads beyond them.
+    shift = jnp.where(jnp.any(origin != 0.0), 1.0, 0.0) * projection(place(origin))
+    along = lambda w: projection(place(w)) - shift
     slopes = jax.jacfwd(along)
 
     def improved(w: Float[Array, " q"], u: Float[Array, " q"], times: int) -> Float[Array, " q"]:

@@ -51,7 +51,7 @@ class TransportMap(eqx.Module):
 
     @eqx.filter_jit
     def place(self, e: Float[Array, " q"]) -> Place:
-        equation = randomized_equation(self.polynomial, self.axes)
+        equation = randomized_equation(self.polynomial, self.axes, np.zeros(self.axes.shape[1]))
         w, volume, solved = equation.solve(jnp.sqrt(self.variance) * e)
         pull = jax.grad(lambda w: jnp.linalg.slogdet(equation.slopes(w))[1])(w)
         return Place(w, volume, pull, equation.slopes(w), solved)
@@ -59,7 +59,7 @@ class TransportMap(eqx.Module):
     @eqx.filter_jit
     def back(self, w: Float[Array | np.ndarray, " q"]) -> tuple[Float[Array, " q"], Bool[Array, ""]]:
         """The e of a point, and whether it leads there again: not so beyond a fold."""
-        equation = randomized_equation(self.polynomial, self.axes)
+        equation = randomized_equation(self.polynomial, self.axes, np.zeros(self.axes.shape[1]))
         u = equation.along(w)
         again, _, solved = equation.solve(u)
         near = jnp.linalg.norm(again - w) < _SAME * (1.0 + jnp.linalg.norm(again))

@@ -88,7 +88,8 @@ def test_what_no_polynomial_describes_is_drawn_from_the_model_all_the_same(sampl
     axes = [np.linspace(2 * low[i], 2 * high[i], 801) for i in range(2)]
     grid = jnp.stack(jnp.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
     density = np.exp(-0.5 * np.sum(np.asarray(jax.vmap(wavy)(grid)) ** 2, axis=1))
-    assert 0.01 < chains.failed / chains.free[:, :, 0].size < 0.9
+    # Of the proposals; how many trajectories end at an edge depends on where the polynomial folds.
+    assert (0.01 if sampler == "rto" else 0.0) <= chains.failed / chains.free[:, :, 0].size < 0.9
     for i in range(2):
         draws = chains.free[:, :, i]
         deviation = np.sqrt(np.sum(density * np.asarray(grid[:, i]) ** 2) / np.sum(density))
