@@ -170,7 +170,7 @@ def taylor_coefficients(
     **Arguments:** `field(t, x)` takes a `Series` for the time and a list of them for the
     state, and returns a list of series or scalars, using + - * / and the functions above; the
     integer 0 for what is constant.  `opaque_one` is 1 in a
-    way that the compiler cannot know: dividing by it makes each order a vector computed
+    way that the compiler cannot know: as a factor it makes each order a vector computed
     once, where XLA would otherwise repeat cheap scalars in every place that needs them.
 
     **Returns:** for each component a list of `order + 1` coefficients.
