@@ -188,11 +188,11 @@ def _shares(origins: int, elsewhere: Any) -> Any:
 class Equation(NamedTuple):
     """Q' r(x0 + A w) = u; from another origin than the optimum, w = 0, without the r there."""
 
-    solve: Callable[..., Any]
+    solve: Callable[[Float[Array, " q"]], tuple[Float[Array, " q"], Scalar, Bool[Array, ""]]]
     """From u to w, with log |det Q' J| there and whether there is a solution."""
-    along: Callable[..., Any]
+    along: Callable[[Float[Array, " q"]], Float[Array, " q"]]
     """The left side at w."""
-    slopes: Callable[..., Any]
+    slopes: Callable[[Float[Array, " q"]], Float[Array, "q q"]]
     """Its derivatives, shape (q, q)."""
 
 

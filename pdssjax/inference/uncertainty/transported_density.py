@@ -60,7 +60,7 @@ class TransportMap(eqx.Module):
     def back(self, w: Float[Array | np.ndarray, " q"]) -> tuple[Float[Array, " q"], Bool[Array, ""]]:
         """The e of a point, and whether it leads there again: not so beyond a fold."""
         equation = randomized_equation(self.polynomial, self.axes, np.zeros(self.axes.shape[1]))
-        u = equation.along(w)
+        u = equation.along(jnp.asarray(w))
         again, _, solved = equation.solve(u)
         near = jnp.linalg.norm(again - w) < _SAME * (1.0 + jnp.linalg.norm(again))
         return u / jnp.sqrt(self.variance), solved & near

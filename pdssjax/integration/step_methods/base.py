@@ -76,5 +76,6 @@ class AbstractStepMethod(eqx.Module):
 
         `step` says from one row of each of `rows` which step it is.
 
-        **Returns:** for each component the coefficients, lowest first, shape (degree + 1, rows).
+        **Returns:** for each component the coefficients in the time [s], lowest first, shape (degree + 1, rows), in
+        the unit of the component.
         """

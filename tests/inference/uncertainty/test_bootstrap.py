@@ -124,7 +124,7 @@ def test_a_file_of_draws_goes_on_where_its_last_line_was_cut(tmp_path):
     path = tmp_path / "draws.jsonl"
     path.write_text(path.read_text()[:-25])
     resumed = DrawsFile(tmp_path, resume=True)
-    assert resumed.begun() == {"format": "pdssjax-draws/3", "seed": 0}
+    assert resumed.begun() == {"format": "pdssjax-draws/4", "seed": 0}
     assert len(resumed.kept()) == 5
     same(drawn(6, store=resumed)[2], whole)
     assert len(path.read_text().splitlines()) == 7
@@ -135,10 +135,10 @@ def test_a_file_of_draws_goes_on_where_its_last_line_was_cut(tmp_path):
     ("text", "said"),
     [
         (None, "there is no such file, expected that of a run to go on with"),
-        ("", 'line 1: found no "format": "pdssjax-draws/3"'),
-        ('{"format": "else"}\n', 'line 1: found no "format": "pdssjax-draws/3"'),
-        ('{"format": "pdssjax-draws/3"}\n{"number": \n', "line 2: found no valid JSON"),
-        ('{"format": "pdssjax-draws/3"}\n7\n', "line 2: found no JSON object"),
+        ("", 'line 1: found no "format": "pdssjax-draws/4"'),
+        ('{"format": "else"}\n', 'line 1: found no "format": "pdssjax-draws/4"'),
+        ('{"format": "pdssjax-draws/4"}\n{"number": \n', "line 2: found no valid JSON"),
+        ('{"format": "pdssjax-draws/4"}\n7\n', "line 2: found no JSON object"),
     ],
 )
 def test_what_cannot_be_resumed_is_said(tmp_path, text, said):
