@@ -111,7 +111,7 @@ class _Divided:
         for _ in range(count):
             rungs = _ladder(rungs, time)
             found.append(self._of(rungs))
-            rungs = [*rungs[1:], 0.0 * time]
+            rungs = rungs[1:]
         return found
 
 

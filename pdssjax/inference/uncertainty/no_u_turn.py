@@ -176,8 +176,8 @@ def _warmed_up(
 ) -> Document:
     """Where a chain begins, and the length of its steps."""
     places = model.proposals(learned, _BEGIN, _CANDIDATES, seed).free
-    inverse, key = np.linalg.pinv(model.axes), _key(np.random.default_rng(seed))
-    states = (sampler.begin(target.map.back(inverse @ (place - model.optimum.at))[0], key) for place in places)
+    key = _key(np.random.default_rng(seed))
+    states = (sampler.begin(target.map.back(w)[0], key) for w in model.along_axes(places))
     state = next((state for state in states if np.isfinite(state.potential_energy)), None)
     if state is None:
         raise InputError(
@@ -207,8 +207,8 @@ class _Chain:
         random: np.random.Generator,
         w: Float[np.ndarray, " q"],
     ):
-        self._learned, self._target, self._sampler, self._model = learned, target, sampler, model
-        self._random, self._inverse = random, np.linalg.pinv(model.axes)
+        self._target, self._sampler, self._model = target, sampler, model
+        self._random, self._mixture = random, model.mixture(learned, TO_JUDGE)
         state = sampler.begin(jnp.zeros(w.size), _key(random), step_size)
         # What is learned of the length of a step ends with the warm-up.
         self._state = state._replace(i=jnp.full_like(state.i, WARM_UP))
@@ -219,7 +219,7 @@ class _Chain:
 
         **Arguments:** a draw of what was learned, and how probable it is there.
         """
-        self._judge(self._inverse @ (proposed - self._model.optimum.at), log_proposed)
+        self._judge(self._model.along_axes(proposed), log_proposed)
         steps, acceptance, diverging = 0, 0.0, False
         if self._inside:
             self._step_along_gradient()
@@ -233,8 +233,7 @@ class _Chain:
         return {"free": free, "log_density": self._density} | told
 
     def _judge(self, proposed: Float[np.ndarray, " q"], log_there: float) -> None:
-        density, (polynomial, origins) = self._log_density(proposed), self._learned
-        log_here = log_proposed(polynomial, self._model.axes, self._model.factor, TO_JUDGE, origins, self.w)
+        density, log_here = self._log_density(proposed), log_proposed(self._mixture, self.w)
         # Of the model's density over that of the proposals.
         if np.log(self._random.random()) < density - log_there - self._density + float(log_here):
             self._be_at(proposed, density)

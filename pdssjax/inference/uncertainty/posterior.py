@@ -26,7 +26,7 @@ from ..draws import CHAINS, DRAWS, Drawing, each_done, reading
 from ..least_squares import Progress
 from .profile_likelihood import Evaluate, linearise_all
 from .quadratic_end import factors
-from .randomize_then_optimize import Proposals, Widths, propose
+from .randomize_then_optimize import Mixture, Proposals, Widths, propose
 from .residual_polynomial import (
     ResidualPolynomial,
     count_terms,
@@ -97,9 +97,17 @@ class Model(NamedTuple):
     factor: float
     """By which variances exceed those of the noise given."""
 
+    def mixture(self, learned: "Learned", widths: Widths) -> Mixture:
+        """What draws of what was `learned` are from, with variances enlarged by the `widths`."""
+        return Mixture(learned.polynomial, self.axes, self.factor, widths, learned.origins)
+
     def proposals(self, learned: "Learned", widths: Widths, count: int, seed: tuple[int, ...]) -> Proposals:
-        """Draws of what was `learned`, with variances enlarged by the `widths`."""
-        return propose(learned.polynomial, self.axes, self.factor, widths, self.bounds, count, seed, learned.origins)
+        """Draws of that mixture."""
+        return propose(self.mixture(learned, widths), self.bounds, count, seed)
+
+    def along_axes(self, free: Float[np.ndarray, "*n p"]) -> Float[np.ndarray, "*n q"]:
+        """Where numbers on the scale of the fit lie along the axes, from the optimum."""
+        return (free - self.optimum.at) @ np.linalg.pinv(self.axes).T
 
 
 class Learned(NamedTuple):
@@ -197,7 +205,7 @@ def _origins(model: Model, learned: Learned, seed: tuple[int, ...]) -> Float[np.
     if from_optimum.unsolved < _FOLDED:
         return np.zeros_like(learned.origins)
     drawn = model.proposals(learned, _TO_SPREAD, _SPREAD, (*seed, 1))
-    w = (drawn.free - model.optimum.at) @ np.linalg.pinv(model.axes).T
+    w = model.along_axes(drawn.free)
     weights = np.exp(drawn.log_learned - drawn.log_proposed - np.max(drawn.log_learned - drawn.log_proposed))
     weights /= np.sum(weights)
     apart = w - weights @ w

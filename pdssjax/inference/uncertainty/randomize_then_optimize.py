@@ -17,7 +17,7 @@ weights over q stay bounded (T. Hesterberg, Technometrics 37(2), 1995).
 
 import threading
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -26,7 +26,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
-from ...core import InputError, Scalar, ScalarLike
+from ...core import InputError, Scalar
 from .residual_polynomial import ResidualPolynomial
 
 _WAY = 32
@@ -77,6 +77,34 @@ class Proposals(NamedTuple):
     """Share of the randomized residuals that had no solution between the bounds."""
 
 
+def _as_arrays(widths: Widths) -> Widths:
+    return jax.tree.map(np.asarray, widths)
+
+
+class Mixture(eqx.Module):
+    """What is drawn from; of other numbers nothing is compiled anew."""
+
+    polynomial: ResidualPolynomial
+    """Stands for the residuals around its centre."""
+    axes: Float[np.ndarray, "p q"]
+    """Along which parameters move: x = x0 + A w."""
+    variance: Float[np.ndarray, ""] = eqx.field(converter=np.asarray)
+    """Of each residual."""
+    widths: Widths = eqx.field(converter=_as_arrays)
+    origins: Float[np.ndarray, "k q"]
+    """Along the axes, the optimum first."""
+
+    def place(self, w: Float[Array, " q"]) -> Float[Array, " p"]:
+        """x0 + A w."""
+        return jnp.asarray(self.polynomial.centre) + self.axes @ w
+
+    @property
+    def shares(self) -> Float[Array, " k"]:
+        """Of the solved draws, those from each origin."""
+        others = self.origins.shape[0] - 1
+        return jnp.append(1.0 - self.widths.elsewhere, jnp.full(others, self.widths.elsewhere / max(1, others)))
+
+
 class _Solution(NamedTuple):
     x: Float[Array | np.ndarray, "*n p"]
     log_proposed: Float[Array | np.ndarray, "*n"]
@@ -85,34 +113,26 @@ class _Solution(NamedTuple):
 
 
 def propose(
-    polynomial: ResidualPolynomial,
-    axes: Float[np.ndarray, "p q"],
-    variance: float,
-    widths: Widths,
+    mixture: Mixture,
     bounds: tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]],
     count: int,
     seed: tuple[int, ...],
-    origins: Float[np.ndarray, "k q"],
 ) -> Proposals:
     """`count` independent draws of parameters between the `bounds`.
 
-    **Arguments:** the `polynomial` that stands for the residuals around its centre; the `axes` along which parameters
-    move; the `variance` of each residual, and the `widths` of what to draw; the `origins` along the axes, the optimum
-    first.
-
     **Raises:** `InputError` where nearly no randomized residual has a solution between the bounds.
     """
-    random, (low, high) = np.random.default_rng(seed), bounds
+    random, (low, high), widths = np.random.default_rng(seed), bounds, mixture.widths
+    origins, shares, directions = mixture.origins, np.asarray(mixture.shares), mixture.axes.shape[1]
     found: list[_Solution] = []
     have = tried = 0
     for _ in range(_TRIALS):
-        normal = random.standard_normal((_SIDE_BY_SIDE, axes.shape[1]))
+        normal = random.standard_normal((_SIDE_BY_SIDE, directions))
         wide, linear = random.choice(widths.solved, _SIDE_BY_SIDE), random.random(_SIDE_BY_SIDE) < widths.share
-        targets = np.where(linear, np.sqrt(widths.linear), np.sqrt(variance * wide))[:, None] * normal
-        begins = origins[random.choice(len(origins), _SIDE_BY_SIDE, p=_shares(len(origins), widths.elsewhere))]
-        numbers = jnp.asarray(variance), jax.tree.map(np.asarray, widths), origins
+        targets = np.where(linear, np.sqrt(widths.linear), np.sqrt(mixture.variance * wide))[:, None] * normal
+        begins = origins[random.choice(len(origins), _SIDE_BY_SIDE, p=shares)]
         with _ALONE:
-            some = _proposals(polynomial, axes, *numbers, targets, linear, begins)
+            some = _proposals(mixture, targets, linear, begins)
             some = jax.tree.map(np.asarray, some)
         good = some.solved & np.all((some.x >= low) & (some.x <= high), axis=1)
         found.append(jax.tree.map(lambda values, good=good: values[good], some))
@@ -129,60 +149,42 @@ def propose(
 
 @eqx.filter_jit
 def _proposals(
-    polynomial: ResidualPolynomial,
-    axes: Float[Array | np.ndarray, "p q"],
-    variance: ScalarLike,
-    widths: Widths,
-    origins: Float[Array | np.ndarray, "k q"],
+    mixture: Mixture,
     targets: Float[Array | np.ndarray, "n q"],
     linear: Bool[Array | np.ndarray, " n"],
     begins: Float[Array | np.ndarray, "n q"],
 ) -> _Solution:
-    """Draws for several `targets`: u from where each `begins`, or w for those that are `linear`; x = x0 + A w."""
-    place = lambda w: jnp.asarray(polynomial.centre) + axes @ w
+    """Draws for several `targets`: u from where each `begins`, or w for those that are `linear`."""
 
     def drawn(target: Float[Array, " q"], linear: Bool[Array, ""], begin: Float[Array, " q"]) -> _Solution:
-        w, _, solved = randomized_equation(polynomial, axes, begin).solve(target)
+        w, _, solved = randomized_equation(mixture.polynomial, mixture.axes, begin).solve(target)
         w = jnp.where(linear, target, w)
-        proposed = log_proposed(polynomial, axes, variance, widths, origins, w)
-        learned = -0.5 * jnp.sum(polynomial(place(w)) ** 2) / variance
-        return _Solution(place(w), proposed, learned, (solved | linear) & jnp.isfinite(proposed))
+        proposed, x = log_proposed(mixture, w), mixture.place(w)
+        learned = -0.5 * jnp.sum(mixture.polynomial(x) ** 2) / mixture.variance
+        return _Solution(x, proposed, learned, (solved | linear) & jnp.isfinite(proposed))
 
     return jax.vmap(drawn)(jnp.asarray(targets), jnp.asarray(linear), jnp.asarray(begins))
 
 
 @eqx.filter_jit
-def log_proposed(
-    polynomial: ResidualPolynomial,
-    axes: Float[Array | np.ndarray, "p q"],
-    variance: ScalarLike,
-    widths: Widths,
-    origins: Float[Array | np.ndarray, "k q"],
-    w: Float[Array | np.ndarray, " q"],
-) -> Scalar:
-    """log q at a point along the axes, but for a constant; the arguments are those of `propose`."""
+def log_proposed(mixture: Mixture, w: Float[Array | np.ndarray, " q"]) -> Scalar:
+    """log q at a point along the axes, but for a constant."""
+    widths, variance, at = mixture.widths, mixture.variance, jnp.asarray(w)
     log_normal = lambda u, variances: -0.5 * jnp.sum(u**2) / variances - 0.5 * u.size * jnp.log(variances)
     log_solved, log_linear = jnp.log((1.0 - widths.share) / len(widths.solved)), jnp.log(widths.share)
-    at = jnp.asarray(w)
 
     def heights(origin: Float[Array, " q"], log_share: Scalar) -> Float[Array, " widths"]:
         """From one origin: a point may have been drawn only where the way to its u ends there."""
-        equation = randomized_equation(polynomial, axes, origin)
+        equation = randomized_equation(mixture.polynomial, mixture.axes, origin)
         u = equation.along(at)
         again, volume, solved = equation.solve(u)
         solved &= jnp.linalg.norm(again - at) < _SAME * (1.0 + jnp.linalg.norm(at))
         found = jnp.stack([log_share + volume + log_normal(u, variance * width) for width in widths.solved])
         return jnp.where(solved, found, -jnp.inf)
 
-    log_shares = log_solved + jnp.log(_shares(origins.shape[0], widths.elsewhere))
-    by_solver = lax.map(lambda args: heights(*args), (jnp.asarray(origins), log_shares))
+    log_shares = log_solved + jnp.log(mixture.shares)
+    by_solver = lax.map(lambda args: heights(*args), (jnp.asarray(mixture.origins), log_shares))
     return jax.nn.logsumexp(jnp.append(by_solver.ravel(), log_linear + log_normal(at, widths.linear)))
-
-
-def _shares(origins: int, elsewhere: Any) -> Any:
-    """Of the solved draws, those from each origin."""
-    others = elsewhere / max(1, origins - 1) * np.ones(origins - 1)
-    return (jnp if isinstance(elsewhere, jax.Array) else np).append(others, 1.0 - elsewhere)[::-1]
 
 
 class Equation(NamedTuple):
