@@ -15,12 +15,13 @@ from matplotlib.figure import Figure
 
 from pdssjax import Accuracy
 from pdssjax.core import prepare_jax
+from pdssjax.integration import TIGHT
 
+from .peers.base import central_differences
 from .peers.diffrax_plain import PEERS
-from .problem import NAMES, PARAMETERS, Problem, effector
+from .problem import NAMES, PARAMETERS, Problem, column_errors, effector
 
 FIGURE = Path(__file__).parents[1] / "docs" / "figures" / "plain_differentiation.png"
-TIGHT = Accuracy(1e-15, 1e-15, max_steps=16384)
 TOLERANCE = 1e-8
 """Relative, of diffrax."""
 STEP = 1e-6
@@ -39,27 +40,21 @@ class Derivatives(NamedTuple):
 
 def derivatives(problem: Problem) -> Derivatives:
     """Of the parameters `NAMES`, at the samples of the `problem`."""
-    values = jax.jit(lambda q: effector(PARAMETERS * jnp.exp(q), problem, TIGHT))
+    values = jax.jit(lambda p: effector(p, problem, TIGHT))
     usual = lambda q: effector(PARAMETERS * jnp.exp(q), problem, Accuracy())
     tsit5 = PEERS[0].jacobian(problem)
-    moves = STEP * np.eye(len(NAMES))
     return Derivatives(
         plain=np.asarray(tsit5.run(PARAMETERS, TOLERANCE)),
         ours=np.asarray(jax.jit(jax.jacfwd(usual))(jnp.zeros(len(NAMES)))),
-        differences=np.stack([(values(move) - values(-move)) / (2.0 * STEP) for move in moves], axis=1),
+        differences=central_differences(values, PARAMETERS, STEP),
     )
-
-
-def errors(found: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Of each column, relative to its norm."""
-    return np.linalg.norm(found - right, axis=0) / np.linalg.norm(right, axis=0)
 
 
 def draw(problem: Problem, found: Derivatives) -> Figure:
     """A panel for each parameter in `SHOWN`."""
     figure = Figure(figsize=(9.6, 3.4), layout="constrained")
     every = slice(None, None, 6)
-    wrong = errors(found.plain, found.differences)
+    wrong = column_errors(found.plain, found.differences)
     for axes, name in zip(figure.subplots(1, len(SHOWN)), SHOWN, strict=True):
         i = NAMES.index(name)
         axes.plot(problem.times, found.plain[:, i], color=PLAIN, label="diffrax's Tsit5, differentiated")
@@ -80,7 +75,7 @@ def main() -> int:
     problem = Problem(cycles=3, samples=301)
     found = derivatives(problem)
     print("| parameter | diffrax's Tsit5 | pdssjax |\n|---|--:|--:|")
-    wrong = (errors(each, found.differences) for each in (found.plain, found.ours))
+    wrong = (column_errors(each, found.differences) for each in (found.plain, found.ours))
     for name, plain, ours in zip(NAMES, *wrong, strict=True):
         print(f"| {name} | {plain:.1e} | {ours:.1e} |")
     draw(problem, found).savefig(FIGURE, dpi=150)

@@ -93,11 +93,16 @@ class Reference:
 
     def jacobian_errors(self, jacobian) -> np.ndarray:
         """Relative error of every column, shape (10,)."""
-        return np.linalg.norm(np.asarray(jacobian) - self.jacobian, axis=0) / np.linalg.norm(self.jacobian, axis=0)
+        return column_errors(np.asarray(jacobian), self.jacobian)
 
     def jacobian_error(self, jacobian) -> float:
         """That of the worst column."""
         return _number(np.max(self.jacobian_errors(jacobian)))
+
+
+def column_errors(jacobian: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Of each column, relative to its norm."""
+    return np.linalg.norm(jacobian - right, axis=0) / np.linalg.norm(right, axis=0)
 
 
 @functools.cache

@@ -79,11 +79,15 @@ class AbstractPeer(abc.ABC):
 
 def differences(run: Run, parameters: np.ndarray, tolerance: float) -> np.ndarray:
     """Central differences in the logarithms, with the step that suits the tolerance."""
-    step = tolerance ** (1.0 / 3.0)
+    return central_differences(lambda p: run(p, tolerance), parameters, tolerance ** (1.0 / 3.0))
+
+
+def central_differences(run: Callable[[np.ndarray], np.ndarray], parameters: np.ndarray, step: float) -> np.ndarray:
+    """Of `run` by the logarithms of its `parameters`, a column each."""
     columns = []
     for i in range(parameters.size):
         factor = np.where(np.arange(parameters.size) == i, np.exp(step), 1.0)
-        columns.append((run(parameters * factor, tolerance) - run(parameters / factor, tolerance)) / (2.0 * step))
+        columns.append((run(parameters * factor) - run(parameters / factor)) / (2.0 * step))
     return np.stack(columns, axis=1)
 
 

@@ -2,15 +2,15 @@
 
 import numpy as np
 
-from benchmarks.plain_differentiation import SHOWN, derivatives, draw, errors
-from benchmarks.problem import NAMES, Problem
+from benchmarks.plain_differentiation import SHOWN, derivatives, draw
+from benchmarks.problem import NAMES, Problem, column_errors
 
 
 def test_a_differentiated_solver_is_wrong_where_pdssjax_is_right():
     problem = Problem(cycles=2, samples=81)
     found = derivatives(problem)
-    assert errors(found.ours, found.differences).max() < 1e-5
-    plain = dict(zip(NAMES, errors(found.plain, found.differences), strict=True))
+    assert column_errors(found.ours, found.differences).max() < 1e-5
+    plain = dict(zip(NAMES, column_errors(found.plain, found.differences), strict=True))
     assert plain["natural frequency"] > 2.0 and plain["mass"] > 0.1
     figure = draw(problem, found)
     assert [axes.get_title().split(":")[0] for axes in figure.axes] == list(SHOWN)
