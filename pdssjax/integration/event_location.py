@@ -30,7 +30,8 @@ _ITERATIONS = 3
 """Iterations that locate an event within its bracket, to rounding, but where a guard is nearly flat."""
 
 _ROUNDING = 1e-12
-"""A guard that begins no higher than this part of how deep it is at the first sample begins at zero."""
+"""A guard that begins no higher, and rises no more, than this part of how deep it is at the first sample falls at
+once."""
 
 _LOCATED = 1e-8
 """A root whose last iteration moved it by no more of the step is located to rounding."""
@@ -136,7 +137,9 @@ def _crossing(g: _Divided, step_radius: Scalar) -> Guards:
     places = [(samples[0], value, rate), *map(place, samples[1:])]
     found, ends, dips, dip = _bracket(places)
     # A root may also lie on a sample; then it is found there.
-    at_once = (places[1][1] < 0.0) & (value <= -_ROUNDING * places[1][1])
+    rounding = -_ROUNDING * places[1][1]
+    rise, bulge = rate * samples[1], bend * samples[1] * samples[1]
+    at_once = (value <= rounding) & (rise <= rounding) & ((rise < -rounding) | (bulge <= rounding)) & (rounding > 0.0)
     bottom, half_bend = _minimum(g, *dip)
     g_bottom = g.value(bottom)
     falls = dips & (g_bottom < 0.0)

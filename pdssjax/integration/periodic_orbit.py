@@ -20,8 +20,8 @@ from jaxtyping import Array, Bool, Float
 from ..core import Count, Scalar, ScalarLike
 from .accuracy import Accuracy
 from .restart import flat, restarted
-from .solution import integrate
 from .system import AbstractHybridSystem, unflattener
+from .visit import visit
 
 SHORT = 1e-10
 """A cycle is looked at this part of a period before its end, so that the corner there is the next period's.
@@ -127,12 +127,11 @@ def cycle_end(
     """
     duration = jnp.asarray(duration, float) * count
     horizon, moving = duration * (1.0 - SHORT), restarted(system, x)
-    run = integrate(moving, horizon, accuracy, keep=(0,))
+    run = visit(moving, jnp.zeros(0), accuracy, keep=(0,), horizon=horizon)
     # What is left to the end of the period, in value and in derivative: where the last step ends moves with the events.
-    last = jnp.maximum(run.count - 1, 0)
-    at = lax.stop_gradient(run.steps.t_local[last] + run.steps.duration[last])
-    segment = moving.segment(run.steps.index[last])
-    rate = flat(system.rates(segment, at, unflattener(system)(list(run.end.x)), run.steps.mode[last]))
+    end = lax.stop_gradient(run.end)
+    segment = moving.segment(end.index)
+    rate = flat(system.rates(segment, end.t_local, unflattener(system)(list(end.x)), end.mode))
     return run.end.x + lax.stop_gradient(rate) * (duration - run.end.time), run.failure
 
 

@@ -4,7 +4,7 @@ Every step is linearised about its own start, and a linear recurrence joins them
 end moves with the parameters; that shift is the saltation (docs/numerics.md), here without a matrix of its own.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, TypeAlias
 
 import equinox as eqx
@@ -14,7 +14,7 @@ from jax import lax
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float
 
-from ..core import Count, Scalar, Truth
+from ..core import Scalar, Truth
 from .accuracy import Accuracy
 from .forward_pass import find_steps
 from .loop_state import LoopState
@@ -23,6 +23,7 @@ from .step_methods.base import AbstractStepMethod, KnownStep
 from .step_table import KNOWN_COLUMNS, Table, read
 from .system import AbstractHybridSystem, InputSegment, State, field_of, has_guards, initial_state_and_mode, unflattener
 from .taylor_loop import computed_once
+from .tiles import Tile, tiled
 
 Keep: TypeAlias = tuple[int, ...]
 """Components of the state of which the polynomials are kept."""
@@ -35,30 +36,56 @@ StepArrays: TypeAlias = tuple[
 ]
 """(begins, end, polynomials, known): a begin or end is origin, local time and state of a step."""
 
-_TILE = 32
-"""Steps expanded or linearised side by side."""
-
 
 @eqx.filter_custom_jvp
 def differentiable_steps(
     system: AbstractHybridSystem, *, horizon: Scalar, accuracy: Accuracy, keep: Keep
 ) -> StepArrays:
     table, loop = find_steps(system, horizon, accuracy)
-
-    def tile(carry: Any, rows: Float[Array, "rows columns"], real: Bool[Array, " rows"]) -> tuple[Any, Any]:
-        return carry, _expanded(system, accuracy.method, jnp.asarray(accuracy.tolerance, float), keep, rows)
-
     # The loop itself keeps no polynomials: a carry that large would slow it down.
-    return _step_arrays(table, loop, _tiled(tile, None, table, loop.count)[1])
+    return _step_arrays(table, loop, tiled(values(system, accuracy, keep), None, table, loop.count)[1])
 
 
 @differentiable_steps.def_jvp
 def _differentiable_steps_jvp(
     primals: tuple[AbstractHybridSystem], tangents: tuple[Any], *, horizon: Scalar, accuracy: Accuracy, keep: Keep
 ) -> tuple[StepArrays, tuple[Any, ...]]:
-    (system,), (system_dot,) = primals, tangents
-    table, loop = find_steps(system, horizon, accuracy)
+    table, loop = find_steps(primals[0], horizon, accuracy)
+    first_dot, tile = tangents_of(primals[0], tangents[0], accuracy, keep, table.shape[1] - KNOWN_COLUMNS)
+    end_dot, (begins_dot, polynomials, polynomials_dot) = tiled(tile, first_dot, table, loop.count)
+    out = _step_arrays(table, loop, polynomials)
+    nothing = jax.tree.map(lambda _: None, out[3])
+    return out, (begins_dot, end_dot, polynomials_dot, nothing)
+
+
+def _step_arrays(table: Table, loop: LoopState, polynomials: Float[Array, "room kept coefficients"]) -> StepArrays:
     size = table.shape[1] - KNOWN_COLUMNS
+    index, mode, step_radius, duration, _ = table[:, size:].T
+    known = dict(index=index, mode=mode, step_radius=step_radius, duration=duration)
+    return table[:, :size], end_of(loop), polynomials, (known, loop)
+
+
+def end_of(loop: LoopState) -> Float[Array, " begin"]:
+    """Where a run ended, as a step's begin: origin, local time and state."""
+    return jnp.stack([loop.origin, loop.t_local, *loop.x])
+
+
+def values(system: AbstractHybridSystem, accuracy: Accuracy, keep: Keep) -> Tile[None]:
+    """Expands a tile's steps again: their polynomials, shape (rows, components kept, degree + 1)."""
+
+    def tile(carry: None, rows: Float[Array, "rows columns"], real: Bool[Array, " rows"]) -> tuple[None, Any]:
+        return carry, _expanded(system, accuracy.method, jnp.asarray(accuracy.tolerance, float), keep, rows)
+
+    return tile
+
+
+def tangents_of(
+    system: AbstractHybridSystem, system_dot: Any, accuracy: Accuracy, keep: Keep, size: int
+) -> tuple[Float[Array, " begin"], Tile[Float[Array, " begin"]]]:
+    """Along `system_dot`: the tangent of the first begin, and what takes it through a tile's steps.
+
+    Of a tile's steps the tangents of their begins, the polynomials, and the tangents of those.
+    """
     moving, fixed = eqx.partition(
         system, jax.tree.map(lambda t: t is not None, system_dot, is_leaf=lambda t: t is None)
     )
@@ -87,18 +114,7 @@ def _differentiable_steps_jvp(
         jax.tree.leaves(initial_state_and_mode(eqx.combine(rebuilt(parameters), fixed))[0])
     )
     first_dot = jnp.zeros(size).at[2:].set(jax.jvp(started, (parameters,), (parameters_dot,))[1])
-    end_dot, (begins_dot, polynomials, polynomials_dot) = _tiled(tile, first_dot, table, loop.count)
-    out = _step_arrays(table, loop, polynomials)
-    nothing = jax.tree.map(lambda _: None, out[3])
-    return out, (begins_dot, end_dot, polynomials_dot, nothing)
-
-
-def _step_arrays(table: Table, loop: LoopState, polynomials: Float[Array, "room kept coefficients"]) -> StepArrays:
-    size = table.shape[1] - KNOWN_COLUMNS
-    index, mode, step_radius, duration, _ = table[:, size:].T
-    known = dict(index=index, mode=mode, step_radius=step_radius, duration=duration)
-    end = jnp.stack([loop.origin, loop.t_local, *loop.x])
-    return table[:, :size], end, polynomials, (known, loop)
+    return first_dot, tile
 
 
 # These two are compiled functions of their own so that they are traced once, however often loops and
@@ -265,26 +281,3 @@ def _rates(
 def _tangent_only(x: Scalar) -> Scalar:
     """Zero in value, `x` in derivative."""
     return x - lax.stop_gradient(x)
-
-
-def _tiled(function: Callable[..., tuple[Any, Any]], carry: Any, table: Table, count: Count) -> tuple[Any, Any]:
-    """`function(carry, rows, real)` over the real rows, a tile at a time; zeros for the rest."""
-    room, width = table.shape
-    tiles = -(-room // _TILE)
-    real = jnp.arange(tiles * _TILE) < count
-    # Rows without a step are computed like the first one: finite, and never used.
-    rows = jnp.concatenate([table, jnp.zeros((tiles * _TILE - room, width))])
-    rows = jnp.where(real[:, None], rows, table[0])
-    tiled = (real.reshape(tiles, _TILE), rows.reshape(tiles, _TILE, width))
-    function = jax.jit(function, inline=True)  # traced once, for its shapes and for the branch
-    shapes = jax.eval_shape(function, carry, tiled[1][0], tiled[0][0])[1]
-
-    def blank(carry: Any, rows: Float[Array, "rows columns"], real: Bool[Array, " rows"]) -> tuple[Any, Any]:
-        return carry, jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shapes)
-
-    def tile(carry: Any, args: tuple[Any, Any]) -> tuple[Any, Any]:
-        real, rows = args
-        return lax.cond(real[0], function, blank, carry, rows, real)
-
-    carry, out = lax.scan(tile, carry, tiled)
-    return carry, jax.tree.map(lambda a: a.reshape(tiles * _TILE, *a.shape[2:])[:room], out)

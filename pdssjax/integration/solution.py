@@ -19,10 +19,11 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ..core import Count, Scalar, ScalarLike, Truth
 from .accuracy import Accuracy
+from .loop_state import LoopState
 from .polynomials import horner
 from .sensitivities import differentiable_steps
 from .system import AbstractHybridSystem, State, Visited, unflattener
@@ -55,6 +56,16 @@ class End(NamedTuple):
     """[s]"""
     x: Float[Array, " components"]
     """State."""
+    index: Scalar  # pyright: ignore[reportIncompatibleMethodOverride]
+    """Segment of the drive."""
+    t_local: Scalar
+    """Time in it [s]."""
+    mode: Scalar
+
+
+def ended(end: Float[Array, " begin"], loop: LoopState) -> End:
+    """Of origin, local time and state at the end of a run, and the last carry."""
+    return End(end[0] + end[1], end[2:], loop.index, end[1], loop.mode)
 
 
 class Solution(NamedTuple):
@@ -93,7 +104,7 @@ def integrate(
     steps = Steps(**known, origin=begins[:, 0], t_local=begins[:, 1], x=begins[:, 2:], polynomials=polynomials)
     return Solution(
         steps,
-        End(end[0] + end[1], end[2:]),
+        ended(end, loop),
         loop.period,
         loop.repeats,
         loop.count,
@@ -111,35 +122,70 @@ def states_at(
     Components outside `keep`, as given to `integrate`, are those of the step's beginning unless the
     system knows them in closed form.
     """
-    steps = run.steps
-    start = steps.origin[run.period]
-    stop, x_stop = run.end
-    cycle = jnp.where(run.repeats, stop - start, 1.0)
-    laps = jnp.where(run.repeats, jnp.maximum(jnp.floor((times - stop) / cycle) + 1.0, 0.0), 0.0)
-    laps = lax.stop_gradient(laps)
-    within = times - laps * cycle
-    begins = steps.origin + steps.t_local
+    steps, stop, x_stop = run.steps, run.end.time, run.end.x
+    begins, opening = steps.origin + steps.t_local, steps.origin[run.period]
     real = jnp.arange(begins.shape[0]) < run.count
-    ordered = jnp.where(real, lax.stop_gradient(begins), jnp.inf)
-    j = jnp.clip(jnp.searchsorted(ordered, lax.stop_gradient(within), side="right") - 1, 0)
-    elapsed = jnp.maximum(within - begins[j], 0.0)
-    polynomials = steps.polynomials[j]
+    row, laps = places(jnp.where(real, begins, jnp.inf), opening, stop, run.repeats, times)
+    elapsed = since_begin(begins[row], opening, stop, laps, times)
+    polynomials = steps.polynomials[row]
+    shown = horner([polynomials[:, :, k] for k in range(polynomials.shape[-1])], elapsed[:, None])
+    at_begin = Begun(steps.index[row], steps.mode[row], steps.t_local[row], steps.x[row])
+    return visited(system, at_begin, elapsed, shown, keep, (x_stop - steps.x[run.period]) * laps[:, None])
+
+
+class Begun(NamedTuple):
+    """How the steps began within which some times lie."""
+
+    index: Float[Array, " m"]  # pyright: ignore[reportIncompatibleMethodOverride]
+    """Segment of the drive."""
+    mode: Float[Array, " m"]
+    t_local: Float[Array, " m"]
+    """[s]"""
+    x: Float[Array, "m components"]
+
+
+def places(
+    begins: Float[Array, " room"], opening: Scalar, stop: Scalar, repeats: Truth, times: Float[Array, " m"]
+) -> tuple[Int[Array, " m"], Float[Array, " m"]]:
+    """Of `times` [s] the step in which each lies, and how often the last period was repeated before it.
+
+    **Arguments:** the times [s] at which steps begin, infinite where there is none, and between which the last period
+    lies.  Nothing here has a derivative.
+    """
+    begins, opening, stop, times = lax.stop_gradient((begins, opening, stop, times))
+    cycle = jnp.where(repeats, stop - opening, 1.0)
+    laps = jnp.where(repeats, jnp.maximum(jnp.floor((times - stop) / cycle) + 1.0, 0.0), 0.0)
+    within = times - laps * cycle
+    return jnp.clip(jnp.searchsorted(begins, within, side="right") - 1, 0), laps
+
+
+def since_begin(
+    begins: Float[Array, " m"], opening: Scalar, stop: Scalar, laps: Float[Array, " m"], times: Float[Array, " m"]
+) -> Float[Array, " m"]:
+    """By how much `times` [s] are later than the begins of their steps, after so many repetitions."""
+    within = times - laps * jnp.where(laps > 0, stop - opening, 1.0)
+    return jnp.maximum(within - begins, 0.0)
+
+
+def visited(
+    system: AbstractHybridSystem,
+    at_begin: Begun,
+    elapsed: Float[Array, " m"],
+    shown: Float[Array, "m kept"],
+    keep: tuple[int, ...] | None,
+    gained: Float[Array, "m components"],
+) -> Visited:
+    """The states `elapsed` [s] after their steps began, by what polynomials have `shown` of the components `keep`.
+
+    **Arguments:** repeated periods have `gained` so much.
+    """
+    values = shown if keep is None else at_begin.x.at[:, jnp.array(keep, int)].set(shown)
     unflatten = unflattener(system)
-    degree = polynomials.shape[-1]
-    shown = horner([polynomials[:, :, k] for k in range(degree)], elapsed[:, None])
-    values = shown if keep is None else steps.x[j].at[:, jnp.array(keep)].set(shown)
-    gained = (x_stop - steps.x[run.period]) * laps[:, None]
 
-    def finish(
-        index: Scalar,
-        t_local: Scalar,
-        begin: Float[Array, " components"],
-        elapsed: Scalar,
-        end: Float[Array, " components"],
-    ) -> State:
-        return system.exact(system.segment(index), t_local, unflatten(begin), elapsed, unflatten(end))
+    def finish(begun: Begun, elapsed: Scalar, end: Float[Array, " components"]) -> State:
+        segment = system.segment(begun.index)
+        return system.exact(segment, begun.t_local, unflatten(begun.x), elapsed, unflatten(end))
 
-    x = jax.vmap(finish)(steps.index[j], steps.t_local[j], steps.x[j], elapsed, values)
+    x = jax.vmap(finish)(at_begin, elapsed, values)
     x = jax.tree.map(jnp.add, x, jax.vmap(unflatten)(gained))
-    segment = jax.vmap(system.segment)(steps.index[j])
-    return Visited(x, segment, steps.t_local[j] + elapsed, steps.mode[j])
+    return Visited(x, jax.vmap(system.segment)(at_begin.index), at_begin.t_local + elapsed, at_begin.mode)

@@ -13,7 +13,7 @@ from jaxtyping import Array, Float, Int
 
 from ..core import Count, Scalar, ScalarLike
 from ..drive.base import Segment
-from ..integration import AbstractHybridSystem, Accuracy, exact_states_at, integrate, is_closed, states_at
+from ..integration import AbstractHybridSystem, Accuracy, exact_states_at, integrate, is_closed, visit
 
 System: TypeAlias = Any
 """The system of a record: one that has what is asked of it, such as `shown_displacement`."""
@@ -111,8 +111,8 @@ def measured(
     if segments is not None and is_closed(system):
         states, failure = exact_states_at(system, jnp.maximum(seen, 0.0), segments), jnp.zeros((), int)
     else:
-        run = integrate(system, times[-1], accuracy, keep)
-        states, failure = states_at(system, run, seen, keep), run.failure
+        run = visit(system, seen, accuracy, keep, times[-1])
+        states, failure = run.states, run.failure
     x, segment, t_local, mode = states
     return from_rest(seen, failure)(jax.vmap(partial(output.shown, system))(segment, t_local, x, mode))
 

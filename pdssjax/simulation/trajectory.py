@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..actuator import Actuator, DrivenPlatform
 from ..core import Figure, InputError, need_double_precision, presenter
 from ..drive.base import AbstractDrive
-from ..integration import FAILURES, Accuracy, integrate, states_at
+from ..integration import FAILURES, Accuracy, visit
 from ..piezo.base import AbstractPiezo
 from .sensor_output import from_rest, measured
 from .steady_cycles import steady_system
@@ -119,8 +119,8 @@ def simulate(
             steady.grazing,
             times + 1.0 / jnp.asarray(drive.cycle_frequency(), float),
         )
-    run = integrate(moving, times[-1], fine)
-    x, segment, t_local, mode = states_at(moving, run, times)
+    run = visit(moving, times, fine)
+    x, segment, t_local, mode = run.states
     shown = from_rest(times, run.failure)
     friction = jax.vmap(system.force)(segment, t_local, x, mode)
     y, w = jax.vmap(actuator.driven_platform.platform)(x.driven)
@@ -147,8 +147,8 @@ def displacements(
     """True platform and end-effector displacement [m] only, at less cost than `simulate`."""
     system = StickSlip(actuator, drive)
     keep = system.output_components()
-    run = integrate(system, times[-1], accuracy, keep)
-    x, *_ = states_at(system, run, times, keep)
+    run = visit(system, times, accuracy, keep)
+    x = run.states.x
     y, _ = jax.vmap(actuator.driven_platform.platform)(x.driven)
     shown = from_rest(times, run.failure)
     return shown(y), shown(y - x.d)

@@ -135,6 +135,14 @@ def test_a_guard_that_begins_with_rounding_and_falls_does_so_at_once(rounding):
     assert event and part == 0.0
 
 
+@pytest.mark.parametrize("begin", [0.0, 1e-20, 1e-16])
+def test_a_guard_that_begins_with_rounding_and_rises_falls_later(begin):
+    # A ball just thrown up from where it was found to land, and what leaves with no speed; deep at the first sample.
+    assert where([begin, 0.04, -1.0]) == pytest.approx(0.04, abs=1e-12)
+    assert where([begin, -1e-20, 0.04, -1.0]) == pytest.approx(0.04, abs=1e-12)
+    assert where([begin, 1e-20, 0.04, -1.0]) == pytest.approx(0.04, abs=1e-12)
+
+
 def test_which_guard_crosses_first():
     part, _, which = located(padded([0.7, -1.0], [1.0]))
     assert (float(which), float(part)) == (0.0, pytest.approx(0.7, abs=1e-14))
@@ -142,8 +150,12 @@ def test_which_guard_crosses_first():
     assert (float(which), float(part)) == (1.0, pytest.approx(0.2, abs=1e-14))
 
 
-def test_guards_drawn_at_random_against_the_companion_matrix():
-    """Oscillations that die out or grow, as a guard's are in a step: the first descending root, if any."""
+@pytest.mark.parametrize("begin", [None, -1e-18, 0.0, 1e-18, 1e-16])
+def test_guards_drawn_at_random_against_the_companion_matrix(begin):
+    """Oscillations that die out or grow, as a guard's are in a step: the first descending root, if any.
+
+    Well above zero at first, or beginning there but for rounding, as it does after an event, and rising.
+    """
     random = np.random.default_rng(0)
     missed = 0
     for _ in range(2000):
@@ -152,10 +164,13 @@ def test_guards_drawn_at_random_against_the_companion_matrix():
         orders = np.arange(SIZE)
         factorial = np.cumprod(np.maximum(orders, 1.0))
         guard = sum(np.real(a * r**orders) for a, r in zip(sizes, rates, strict=True)) / factorial
-        guard[0] = abs(guard[0]) + 1e-3
+        if begin is None:
+            guard[0] = abs(guard[0]) + 1e-3
+        else:
+            guard[:2] = begin, abs(guard[1]) + 1e-2
         roots = poly.polyroots(guard)
         real = np.sort(roots[np.abs(roots.imag) < 1e-9].real)
-        inside = real[(real > 0.0) & (real < 1.0)]
+        inside = real[(real > 1e-10) & (real < 1.0)]
         expected = inside[0] if inside.size else 1.0
         missed += not abs(where(guard) - expected) <= 1e-9
     assert missed == 0

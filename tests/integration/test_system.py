@@ -1,5 +1,7 @@
 """Systems that are no actuators, with the motion, the event times and all derivatives in closed form."""
 
+import dataclasses
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -8,7 +10,7 @@ import numpy as np
 import pytest
 
 from pdssjax import AbstractHybridSystem, Accuracy, Taylor
-from pdssjax.integration import SETTLED, integrate, states_at
+from pdssjax.integration import SETTLED, integrate, states_at, visit
 
 USUAL = Accuracy(method=Taylor(6), max_steps=64)
 
@@ -77,11 +79,11 @@ class Ramp(AbstractHybridSystem):
         return (jnp.ones(()),)
 
 
-def ball(parameters, times):
-    """Height and speed, up to the third impact, from the law of free fall."""
+def ball(parameters, times, impacts=3):
+    """Height and speed, up to the last of the impacts, from the law of free fall."""
     height, gravity, restitution = parameters
     first = jnp.sqrt(2.0 * height / gravity)
-    flights = 2.0 * first * restitution ** jnp.arange(1, 4)
+    flights = 2.0 * first * restitution ** jnp.arange(1, impacts + 1)
     impacts = first + jnp.concatenate([jnp.zeros(1), jnp.cumsum(flights)])
     number = jnp.searchsorted(jax.lax.stop_gradient(impacts), times, side="right")
     risen = jnp.where(number == 0, first, impacts[number - 1])
@@ -96,20 +98,66 @@ def shown(system, times):
     return jnp.stack(states_at(system, run, times)[0]), run
 
 
+def seen(system, times, accuracy=USUAL):
+    run = visit(system, times, accuracy)
+    return jnp.stack(run.states.x), run
+
+
 def with_slopes(function, differentiate=jax.jacfwd):
     """Derivatives and values of `function`, compiled together."""
     return jax.jit(differentiate(lambda p: (function(p),) * 2, has_aux=True))
 
 
-def test_a_ball_bounces_as_the_law_of_free_fall_has_it_with_every_derivative_both_ways():
+@pytest.mark.parametrize("states", [shown, seen])
+def test_a_ball_bounces_as_the_law_of_free_fall_has_it_with_every_derivative_both_ways(states):
     parameters, times = jnp.array([0.8, 9.81, 0.7]), jnp.linspace(0.01, 1.5, 40)
-    simulated = lambda p: shown(Ball(*p), times)[0]
+    simulated = lambda p: states(Ball(*p), times)[0]
     slopes, values = with_slopes(simulated)(parameters)
     np.testing.assert_allclose(values, ball(parameters, times), rtol=0.0, atol=1e-12)
     expected = jax.jit(jax.jacfwd(ball))(parameters, times)
     np.testing.assert_allclose(slopes, expected, rtol=1e-10, atol=1e-10)
     np.testing.assert_allclose(with_slopes(simulated, jax.jacrev)(parameters)[0], expected, rtol=1e-10, atol=1e-10)
     assert np.abs(expected).max() > 1.0
+
+
+def test_states_are_read_off_a_long_run_block_by_block(monkeypatch):
+    """Blocks of 32 steps, of which the run fills more than two and the last of the room none."""
+    monkeypatch.setattr("pdssjax.integration.tiles._BLOCK", 1)
+    parameters, times = jnp.array([0.8, 9.81, 0.98]), jnp.linspace(0.3, 36.0, 70)
+    roomy = dataclasses.replace(USUAL, max_steps=512)
+    height = lambda p: seen(Ball(*p), times, roomy)[0]
+    slopes, values = with_slopes(height)(parameters)
+    assert 64 < int(jax.jit(lambda: seen(Ball(*parameters), times, roomy)[1].count)()) < 480
+    expected = partial(ball, times=times, impacts=160)
+    np.testing.assert_allclose(values, expected(parameters), rtol=0.0, atol=1e-11)
+    closed = jax.jit(jax.jacfwd(expected))(parameters)
+    np.testing.assert_allclose(slopes, closed, rtol=1e-9, atol=1e-9 * np.abs(closed).max())
+    np.testing.assert_allclose(
+        with_slopes(height, jax.jacrev)(parameters)[0], closed, rtol=1e-9, atol=1e-9 * np.abs(closed).max()
+    )
+
+
+def test_states_move_with_the_times_at_which_they_are_seen():
+    parameters, times = jnp.array([0.8, 9.81, 0.7]), jnp.linspace(0.01, 1.5, 40)
+    late = lambda delay: seen(Ball(*parameters), times - delay)[0]
+    slopes, values = with_slopes(late)(jnp.asarray(0.002))
+    height, speed = np.asarray(values)
+    np.testing.assert_allclose(slopes, [-speed, np.full_like(height, parameters[1])], rtol=1e-12, atol=1e-12)
+
+
+def test_the_end_of_a_run_of_which_no_states_are_asked_moves_with_the_parameters():
+    parameters, horizon = jnp.array([0.8, 9.81, 0.7]), jnp.asarray(1.3)
+
+    def at_horizon(p):
+        """The last step keeps its length and ends later where it begins later."""
+        end = visit(Ball(*p), jnp.zeros(0), USUAL, (0,), horizon).end
+        rate = jnp.stack([end.x[1], -parameters[1]])
+        return end.x + jax.lax.stop_gradient(rate) * (horizon - end.time)
+
+    slopes, values = with_slopes(at_horizon)(parameters)
+    closed = lambda p: ball(p, horizon[None])[:, 0]
+    np.testing.assert_allclose(values, closed(parameters), rtol=1e-12)
+    np.testing.assert_allclose(slopes, jax.jit(jax.jacfwd(closed))(parameters), rtol=1e-11, atol=1e-11)
 
 
 def test_the_time_of_an_impact_moves_with_height_and_gravity():
@@ -126,9 +174,10 @@ def test_the_time_of_an_impact_moves_with_height_and_gravity():
     np.testing.assert_allclose(slopes, expected, rtol=1e-11)
 
 
-def test_a_corner_that_moves_moves_the_jump_and_the_slope_behind_it():
+@pytest.mark.parametrize("states", [shown, seen])
+def test_a_corner_that_moves_moves_the_jump_and_the_slope_behind_it(states):
     times = jnp.array([0.1, 0.29, 0.31, 0.6])
-    ramp = lambda p: shown(Ramp(*p), times)[0][0]
+    ramp = lambda p: states(Ramp(*p), times)[0][0]
     slope, turn, jump = parameters = jnp.array([2.0, 0.3, 0.05])
     late = times > turn
     closed = jnp.where(late, slope * turn + jump + 2.0 * slope * (times - turn), slope * times)
