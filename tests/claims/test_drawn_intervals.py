@@ -200,3 +200,18 @@ def test_both_samplers_draw_the_same_posterior_of_the_example():
         assert second.deviation == pytest.approx(first.deviation, rel=4.0 * sum(0.5 / size for size in sizes) ** 0.5)
         # A quantile at 2.5 % of a normal distribution scatters 2.67 times as much as its mean.
         np.testing.assert_allclose(second.percentile, first.percentile, atol=4.0 * 2.67 * error)
+
+
+@pytest.mark.slow  # four minutes of a core
+def test_the_posterior_of_the_example_ends_where_its_profiles_do_whatever_the_seed():
+    """It lacked up to a fifth of the longest tail with some seeds, all chains in agreement."""
+    study, executor = pdssjax.load_study(EXAMPLE / "study.toml"), ThreadPoolExecutor(2)
+    profiles = pdssjax.identify(study, intervals="profile", executor=executor)
+    for seed in range(4):
+        drawing = pdssjax.Drawing(1000, seed=seed)
+        drawn = pdssjax.identify(study, intervals="posterior", drawing=drawing, executor=executor)
+        assert not drawn.notes
+        for summary in drawn.draws.parameters:
+            assert summary.rhat < 1.01 and min(summary.effective, summary.effective_tails) > 1000
+            error = 2.67 * summary.deviation / summary.effective_tails**0.5
+            np.testing.assert_allclose(summary.percentile, profiles.parameters[summary.path].interval, atol=4.0 * error)

@@ -1,7 +1,7 @@
 """Puts intervals by drawing, of a bootstrap or a posterior, into an estimate."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from typing import NamedTuple
 
@@ -15,10 +15,10 @@ from ..draws import Drawing
 from ..least_squares import Fit, FitMethod, Progress
 from ..problem import Problem
 from .bootstrap import Replicate, bootstrap, samples_per_cycle
+from .end_search import Verdict
 from .no_u_turn import sample_by_trajectories
-from .posterior import Chains, Model, principal_axes, sample_posterior
-from .profile_likelihood import learn_curvature
-from .residual_polynomial import of_second_order
+from .posterior import Chains, sample_posterior
+from .posterior_model import BEYOND, LikelihoodEnd, posterior_model
 from .second_order import linearisation_at
 from .variance_factor import variance_factor
 
@@ -35,6 +35,12 @@ FEWEST_EFFECTIVE = 400
 
 FEW_ACCEPTED = 0.3
 """Share of the draws proposed for a posterior below which its chains move little."""
+
+ENOUGH_BEYOND = 8.0
+"""Independent draws expected beyond an end from which it is no chance that there are few."""
+
+FEW_BEYOND = 0.2
+"""Share of the draws expected beyond an end below which a tail of the posterior is missing."""
 
 MANY_FAILED = 0.05
 """Share of replicates that may fail before the intervals no longer stand for all of them."""
@@ -101,14 +107,18 @@ def with_posterior(
     if not moving.any():
         note = "No posterior: the data say nothing about any parameter."
         return dataclasses.replace(estimate, notes=(*estimate.notes, note))
-    optimum = linearisation_at(fit)
-    report("posterior: curvature at the optimum")
-    curvature = learn_curvature(problem.linearised, optimum, 1.0, problem.bounds, executor=executor).at_optimum
-    axes = principal_axes(optimum, np.flatnonzero(moving), factor)
-    model = Model(problem.linearisation, problem.whitened, optimum, axes, problem.bounds, factor)
-    first = of_second_order(optimum, curvature, axes)
+    model = posterior_model(
+        problem.linearisation,
+        problem.whitened,
+        linearisation_at(fit),
+        np.flatnonzero(moving),
+        problem.bounds,
+        factor,
+        executor,
+        report,
+    )
     sampler = _SAMPLERS[drawing.sampler]
-    chains = sampler.sample(model, first, drawing, executor, report)
+    chains = sampler.sample(model, drawing, executor, report)
     values = problem.residual.transform.in_si(chains.free)
     held = [path for path, moves in zip(estimate.names, moving, strict=True) if not moves]
     draws = Draws(
@@ -122,9 +132,9 @@ def with_posterior(
         parameters=tuple(summary_of_chains(estimate.names, values, moving)),
         statistics=chains.statistics,
     )
-    return with_draws(
-        estimate, draws, [*estimate.notes, *_about_chains(draws), *_about_proposals(draws, sampler.fewest)]
-    )
+    about = [*_about_chains(draws), *_about_proposals(draws, sampler.fewest)]
+    about += about_tails(draws.parameters, chains.free, model.ends)
+    return with_draws(estimate, draws, [*estimate.notes, *about])
 
 
 def summary_of_chains(
@@ -166,6 +176,26 @@ def _about_chains(draws: Draws) -> list[str]:
             "more for the ends of an interval."
         )
     return notes
+
+
+def about_tails(
+    parameters: Sequence[ParameterDraws], free: Float[np.ndarray, "chains draws p"], ends: Sequence[LikelihoodEnd]
+) -> list[str]:
+    """Notes on parameters of which fewer draws than can be chance lie beyond an end of their likelihood, far out."""
+    missing = []
+    for place, side, end in ends:
+        drawn = parameters[place]
+        expected = BEYOND * (drawn.effective_tails or 0.0)
+        beyond = float(np.mean(side * (free[:, :, place] - end.value) > 0.0)) / BEYOND
+        if end.verdict == Verdict.BOUNDED and expected > ENOUGH_BEYOND and beyond < FEW_BEYOND:
+            missing.append(f"{drawn.path} {'above' if side > 0 else 'below'}")
+    if not missing:
+        return []
+    return [
+        f"Fewer draws of the posterior than {percent(FEW_BEYOND, 1.0)} of what was expected lie beyond where the "
+        f"likelihood ends: {', '.join(missing)}. Where profiles (--intervals profile) end further out than the draws, "
+        "believe the profiles."
+    ]
 
 
 def _about_proposals(draws: Draws, fewest: float) -> list[str]:

@@ -25,7 +25,8 @@ from jaxtyping import Array, Float, Int
 from ...core import Document, InputError, Scalar
 from ..draws import CHAINS, DRAWS, Drawing, each_done, reading
 from ..least_squares import Progress
-from .posterior import BLOCK, TO_JUDGE, Chains, Learned, Model, learn
+from .posterior import BLOCK, TO_JUDGE, Chains, learn
+from .posterior_model import Model
 from .randomize_then_optimize import Widths, log_proposed
 from .residual_polynomial import ResidualPolynomial
 from .transported_density import TransportedDensity, transported
@@ -42,7 +43,7 @@ _ACCEPTANCE = 0.8
 _DEEPEST = 8
 """Doublings of a trajectory, at most."""
 
-_BEGIN = Widths(solved=(1.2,), linear=1.0, share=0.0, elsewhere=0.0)
+_BEGIN = Widths(solved=(1.2,), linear=1.0, share=0.0)
 """Where chains begin."""
 
 _CANDIDATES = 20
@@ -63,7 +64,6 @@ class _Sampler(NamedTuple):
 
 def sample_by_trajectories(
     model: Model,
-    first: ResidualPolynomial,
     drawing: Drawing,
     executor: Executor | None,
     report: Progress,
@@ -74,8 +74,6 @@ def sample_by_trajectories(
     Chains run side by side in the threads of the `executor`.  Each block of a chain begins with the numbers that the
     one before has kept, so that a run that was broken off ends as if it had not been.
 
-    **Arguments:** the polynomial `first` in use.
-
     **Raises:** `InputError` where what was kept is not what a run writes, or chains find nowhere to begin.
     """
     wanted = drawing.count or DRAWS
@@ -83,8 +81,8 @@ def sample_by_trajectories(
     with reading(drawing.store, "draws of the chains"):
         kept = {_task_of(entry, model.axes.shape): entry for entry in drawing.store.kept()}
     if any((chain, block) not in kept for chain in range(chains) for block in blocks):
-        learned = learn(model, first, drawing.seed, executor, report)
-        target = transported(model, learned.polynomial)
+        learned = learn(model, drawing.seed, executor, report)
+        target = transported(model, learned)
         report("posterior: compiling the sampler")
         sampler = _sampler(target)
         done = 0
@@ -150,7 +148,7 @@ def _sampler(target: TransportedDensity) -> _Sampler:
 
 
 def _block(
-    learned: Learned,
+    learned: ResidualPolynomial,
     target: TransportedDensity,
     sampler: _Sampler,
     model: Model,
@@ -172,7 +170,7 @@ def _block(
 
 
 def _warmed_up(
-    learned: Learned, target: TransportedDensity, sampler: _Sampler, model: Model, seed: tuple[int, ...]
+    learned: ResidualPolynomial, target: TransportedDensity, sampler: _Sampler, model: Model, seed: tuple[int, ...]
 ) -> Document:
     """Where a chain begins, and the length of its steps."""
     places = model.proposals(learned, _BEGIN, _CANDIDATES, seed).free
@@ -199,7 +197,7 @@ class _Chain:
 
     def __init__(
         self,
-        learned: Learned,
+        learned: ResidualPolynomial,
         target: TransportedDensity,
         sampler: _Sampler,
         model: Model,

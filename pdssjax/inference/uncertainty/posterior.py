@@ -14,32 +14,27 @@ C. Fox, J. Computational and Graphical Statistics 14(4), 2005).
 """
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, Num
+from jaxtyping import Bool, Float, Int, Num
 
-from ...core import Document, InputError
+from ...core import Document
 from ..draws import CHAINS, DRAWS, Drawing, each_done, reading
 from ..least_squares import Progress
-from .profile_likelihood import Evaluate, linearise_all
-from .quadratic_end import factors
-from .randomize_then_optimize import Mixture, Proposals, Widths, propose
-from .residual_polynomial import (
-    ResidualPolynomial,
-    count_terms,
-    degree_for,
-    learned_polynomial,
-)
+from .posterior_model import Model
+from .profile_likelihood import learn_curvature, linearise_all
+from .randomize_then_optimize import Widths
+from .residual_polynomial import ResidualPolynomial, count_terms, degree_for, learned_polynomial, of_second_order
 from .second_order import Linearisation
 
 BLOCK = 50
 """Draws between two moments at which they are kept."""
 
-_ROUNDS = 6
-"""Of learning, at most."""
+_TRIED, _ROUNDS = 3, 6
+"""Rounds of learning with the ends, after which they are left out, and without them, at most."""
 
 _SURPLUS = 2.5
 """Numbers that the points of a round tell, for each coefficient."""
@@ -50,26 +45,14 @@ _FEWEST = 24
 _AGREEMENT = 0.85
 """What model and polynomial have in common, from which the polynomial is good; with `_FEWEST` points 1 is seldom."""
 
-_TO_LEARN = Widths(solved=(1.2, 3.0), linear=1.0, share=0.0, elsewhere=0.5)
+_TO_LEARN = Widths(solved=(1.2, 3.0), linear=1.0, share=0.0)
 """Draws at which the model is asked while the polynomial is learned."""
 
-TO_JUDGE = Widths(solved=(1.2,), linear=3.0, share=0.1, elsewhere=0.2)
+TO_JUDGE = Widths(solved=(1.2,), linear=3.0, share=0.1)
 """Proposals."""
-
-_TO_SPREAD, _SPREAD = Widths(solved=(1.2,), linear=1.0, share=0.0, elsewhere=0.5), 400
-"""Draws, and how many, that tell where the ends of the posterior are."""
-
-_FOLDED = 0.01
-"""Share of draws from the optimum that have no solution, from which the residuals fold over where it counts."""
-
-_ENDS = (0.03, 0.97)
-"""Quantiles of the direction in which it is the longest, from where it is drawn, too."""
 
 _LEARNING = CHAINS
 """Where the draws of the rounds of learning have the number of a chain in their seed."""
-
-Residuals = Callable[[Float[np.ndarray, " p"]], Float[Array | np.ndarray, " n"]]
-"""Whitened residuals at a point; not finite where it cannot be simulated."""
 
 
 class Chains(NamedTuple):
@@ -84,52 +67,8 @@ class Chains(NamedTuple):
     sampler knows."""
 
 
-class Model(NamedTuple):
-    """What is drawn from."""
-
-    evaluate: Evaluate
-    """Residuals and Jacobian."""
-    residuals: Residuals
-    optimum: Linearisation
-    axes: Float[np.ndarray, "p q"]
-    """Along which parameters move."""
-    bounds: tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]]
-    factor: float
-    """By which variances exceed those of the noise given."""
-
-    def mixture(self, learned: "Learned", widths: Widths) -> Mixture:
-        """What draws of what was `learned` are from, with variances enlarged by the `widths`."""
-        return Mixture(learned.polynomial, self.axes, self.factor, widths, learned.origins)
-
-    def proposals(self, learned: "Learned", widths: Widths, count: int, seed: tuple[int, ...]) -> Proposals:
-        """Draws of that mixture."""
-        return propose(self.mixture(learned, widths), self.bounds, count, seed)
-
-    def along_axes(self, free: Float[np.ndarray, "*n p"]) -> Float[np.ndarray, "*n q"]:
-        """Where numbers on the scale of the fit lie along the axes, from the optimum."""
-        return (free - self.optimum.at) @ np.linalg.pinv(self.axes).T
-
-
-class Learned(NamedTuple):
-    """What stands for the model."""
-
-    polynomial: ResidualPolynomial
-    origins: Float[np.ndarray, "k q"]
-    """Along the axes: the optimum, and a point near either end of the posterior, from which it is drawn beyond
-    folds."""
-
-
-def principal_axes(optimum: Linearisation, moving: Int[np.ndarray, " q"], factor: float) -> Float[np.ndarray, "p q"]:
-    """A with A A' the covariance of the linear model at an `optimum`, of the parameters at the places `moving`."""
-    _, singular, rows, norms = factors(optimum.jacobian[:, moving])
-    axes = np.zeros((optimum.at.size, moving.size))
-    axes[moving] = np.sqrt(factor) * (rows / singular[:, None]).T / norms[:, None]
-    return axes
-
-
 def sample_posterior(
     model: Model,
-    first: ResidualPolynomial,
     drawing: Drawing,
     executor: Executor | None,
     report: Progress,
@@ -139,20 +78,15 @@ def sample_posterior(
 
     Points and blocks of draws are computed side by side in the threads of the `executor`.
 
-    **Arguments:** the polynomial `first` in use.
-
-    **Raises:** `InputError` where the model cannot be simulated at its optimum, or hardly any draw of the polynomial
-    lies between the bounds.
+    **Raises:** `InputError` where hardly any draw of the polynomial lies between the bounds.
     """
-    if not np.isfinite(model.optimum.chi2):
-        raise InputError("posterior: found a model that cannot be simulated at its optimum; expected a finished fit.")
     wanted = drawing.count or DRAWS
     blocks = -(-wanted // BLOCK)
     with reading(drawing.store, "draws of the chains"):
         kept = {_task_of(entry, model.optimum.at.size): entry for entry in drawing.store.kept()}
     due = [(chain, block) for block in range(blocks) for chain in range(chains) if (chain, block) not in kept]
     if due:
-        learned = learn(model, first, drawing.seed, executor, report)
+        learned = learn(model, drawing.seed, executor, report)
         work = functools.partial(_judged, model, learned, drawing.seed)
         for done, (task, entry) in enumerate(each_done(work, due, executor), 1):
             drawing.store.keep(entry)
@@ -172,47 +106,44 @@ class _Corrected(NamedTuple):
     """The model took the polynomial's draw; else the draw is the one before."""
 
 
-def learn(
-    model: Model, polynomial: ResidualPolynomial, seed: int, executor: Executor | None, report: Progress
-) -> Learned:
-    """A polynomial that agrees with the model over the posterior, as far as one does, and where to draw it from."""
-    moving = model.axes.shape[1]
-    learned = Learned(polynomial, np.zeros((1 + len(_ENDS), moving)))
+def learn(model: Model, seed: int, executor: Executor | None, report: Progress) -> ResidualPolynomial:
+    """A polynomial that agrees with the model over the posterior, as far as one does.
+
+    It begins with all that the ends of the likelihood have taught, and keeps to them.  Where no polynomial follows a
+    valley that far, it begins with the curvature at the optimum alone.
+    """
+    ends = [found.end.point for found in model.ends]
+    learned, agreement = _learned(model, model.first, ends, range(_TRIED), seed, executor, report)
+    if agreement > _AGREEMENT:
+        return learned
+    near = learn_curvature(model.evaluate, model.optimum, 1.0, model.bounds, executor=executor).at_optimum
+    first = of_second_order(model.optimum, near, model.axes)
+    return _learned(model, first, [], range(_TRIED, _TRIED + _ROUNDS), seed, executor, report)[0]
+
+
+def _learned(
+    model: Model,
+    learned: ResidualPolynomial,
+    points: list[Linearisation],
+    rounds: range,
+    seed: int,
+    executor: Executor | None,
+    report: Progress,
+) -> tuple[ResidualPolynomial, float]:
+    """A polynomial learned from its own draws and the `points`, round after round; how far the one before agreed."""
+    moving, agreement = model.axes.shape[1], 0.0
     count = max(_FEWEST, int(_SURPLUS * count_terms(moving, degree_for(moving)) / (1 + moving)))
-    points: list[Linearisation] = []
-    for number in range(_ROUNDS):
+    for number in rounds:
         report(f"posterior: learning the residuals, round {number + 1}")
         proposed = model.proposals(learned, _TO_LEARN, count, (seed, _LEARNING + number))
         there = linearise_all(model.evaluate, list(proposed.free), executor)
         exact = np.array([-0.5 * point.chi2 / model.factor for point in there])
         agreement = in_common(exact - proposed.log_proposed, proposed.log_learned - proposed.log_proposed)
-        points += there
-        polynomial = learned_polynomial(model.optimum, points, model.axes, model.factor).turned()
-        learned = learned._replace(polynomial=polynomial)
-        # The first round has drawn from the optimum alone, and does not know what lies beyond folds.
-        if number and agreement > _AGREEMENT:
+        points = [*points, *there]
+        learned = learned_polynomial(model.optimum, points, model.axes, model.factor).turned()
+        if agreement > _AGREEMENT:
             break
-        learned = learned._replace(origins=_origins(model, learned, (seed, _LEARNING + number)))
-    return learned
-
-
-def _origins(model: Model, learned: Learned, seed: tuple[int, ...]) -> Float[np.ndarray, "k q"]:
-    """The optimum, and draws of the polynomial near either end of the direction in which it is the longest.
-
-    The optimum alone where nothing folds.
-    """
-    from_optimum = model.proposals(learned, _TO_SPREAD._replace(elsewhere=0.0), _SPREAD, (*seed, 0))
-    if from_optimum.unsolved < _FOLDED:
-        return np.zeros_like(learned.origins)
-    drawn = model.proposals(learned, _TO_SPREAD, _SPREAD, (*seed, 1))
-    w = model.along_axes(drawn.free)
-    weights = np.exp(drawn.log_learned - drawn.log_proposed - np.max(drawn.log_learned - drawn.log_proposed))
-    weights /= np.sum(weights)
-    apart = w - weights @ w
-    along = apart @ np.linalg.eigh((apart * weights[:, None]).T @ apart)[1][:, -1]
-    order = np.argsort(along)
-    ends = np.searchsorted(np.cumsum(weights[order]), _ENDS).clip(max=_SPREAD - 1)
-    return np.concatenate([np.zeros((1, w.shape[1])), w[order[ends]]])
+    return learned, agreement
 
 
 def in_common(first: Float[np.ndarray, " n"], second: Float[np.ndarray, " n"]) -> float:
@@ -249,7 +180,7 @@ def _begin(log_weights: Float[np.ndarray, " n"], random: np.random.Generator) ->
     return int(random.choice(log_weights.size, p=weights / np.sum(weights)))
 
 
-def _judged(model: Model, learned: Learned, seed: int, task: tuple[int, int]) -> Document:
+def _judged(model: Model, learned: ResidualPolynomial, seed: int, task: tuple[int, int]) -> Document:
     """A block of proposals and what the model says of it; all of it, so that the block need not be drawn again."""
     proposed = model.proposals(learned, TO_JUDGE, BLOCK, (seed, *task))
     chi2 = [float(np.sum(np.asarray(model.residuals(free)) ** 2)) for free in proposed.free]

@@ -2,17 +2,16 @@
 
     u ~ N(0, v I),    Q' r(x) = u    gives x with the density    q(x) ~ |det Q' J(x)| exp(-|Q' r(x)|^2 / (2 v))
 
-Q is an orthonormal basis of the columns of the Jacobian J at the optimum, or at another origin o, with Q' (r(x) - r(o))
-in place of Q' r(x) (J. M. Bardsley, A. Solonen, H. Haario and M. Laine, SIAM J. Scientific Computing 36(4), 2014).  A
-valley that is narrow and bent in the parameters is neither in the coordinates Q' r: what is left is the intrinsic
-curvature of the residuals, which is mostly small beside that from the choice of parameters (D. M. Bates and D. G.
-Watts, J. Royal Statistical Society B 42(1), 1980).
+Q is an orthonormal basis of the columns of the Jacobian J at the optimum (J. M. Bardsley, A. Solonen, H. Haario and M.
+Laine, SIAM J. Scientific Computing 36(4), 2014).  A valley that is narrow and bent in the parameters is neither in the
+coordinates Q' r: what is left is the intrinsic curvature of the residuals, which is mostly small beside that from the
+choice of parameters (D. M. Bates and D. G. Watts, J. Royal Statistical Society B 42(1), 1980).
 
-The equation is solved by Newton's method along the straight way from the origin to u.  Where the determinant changes
-its sign on the way the residuals fold over, and beyond there is no solution that belongs to the origin: such a u is
-replaced by another, which leaves q as it is where there is one.  What lies beyond a fold is reached from other origins,
-and what no polynomial knows by the linear model's normal distribution, widened: draws are of a mixture of all, so that
-weights over q stay bounded (T. Hesterberg, Technometrics 37(2), 1995).
+The equation is solved by Newton's method along the straight way from the optimum to u.  Where the determinant changes
+its sign on the way the residuals fold over, and beyond there is no solution that belongs to the optimum: such a u is
+replaced by another, which leaves q as it is where there is one.  What lies there, and what no polynomial knows, is
+reached by the linear model's normal distribution, widened: draws are of a mixture of both, so that weights over q stay
+bounded (T. Hesterberg, Technometrics 37(2), 1995).
 """
 
 import threading
@@ -60,8 +59,6 @@ class Widths(NamedTuple):
     """Of the linear model's normal distribution."""
     share: float
     """Of the draws that come from the linear model."""
-    elsewhere: float
-    """Of the others so many come from other origins than the optimum."""
 
 
 class Proposals(NamedTuple):
@@ -73,8 +70,6 @@ class Proposals(NamedTuple):
     """log q, but for a constant."""
     log_learned: Float[np.ndarray, " draws"]
     """The same of the density that the polynomial stands for."""
-    unsolved: float
-    """Share of the randomized residuals that had no solution between the bounds."""
 
 
 def _as_arrays(widths: Widths) -> Widths:
@@ -91,18 +86,10 @@ class Mixture(eqx.Module):
     variance: Float[np.ndarray, ""] = eqx.field(converter=np.asarray)
     """Of each residual."""
     widths: Widths = eqx.field(converter=_as_arrays)
-    origins: Float[np.ndarray, "k q"]
-    """Along the axes, the optimum first."""
 
     def place(self, w: Float[Array, " q"]) -> Float[Array, " p"]:
         """x0 + A w."""
         return jnp.asarray(self.polynomial.centre) + self.axes @ w
-
-    @property
-    def shares(self) -> Float[Array, " k"]:
-        """Of the solved draws, those from each origin."""
-        others = self.origins.shape[0] - 1
-        return jnp.append(1.0 - self.widths.elsewhere, jnp.full(others, self.widths.elsewhere / max(1, others)))
 
 
 class _Solution(NamedTuple):
@@ -123,16 +110,15 @@ def propose(
     **Raises:** `InputError` where nearly no randomized residual has a solution between the bounds.
     """
     random, (low, high), widths = np.random.default_rng(seed), bounds, mixture.widths
-    origins, shares, directions = mixture.origins, np.asarray(mixture.shares), mixture.axes.shape[1]
+    directions = mixture.axes.shape[1]
     found: list[_Solution] = []
     have = tried = 0
     for _ in range(_TRIALS):
         normal = random.standard_normal((_SIDE_BY_SIDE, directions))
         wide, linear = random.choice(widths.solved, _SIDE_BY_SIDE), random.random(_SIDE_BY_SIDE) < widths.share
         targets = np.where(linear, np.sqrt(widths.linear), np.sqrt(mixture.variance * wide))[:, None] * normal
-        begins = origins[random.choice(len(origins), _SIDE_BY_SIDE, p=shares)]
         with _ALONE:
-            some = _proposals(mixture, targets, linear, begins)
+            some = _proposals(mixture, targets, linear)
             some = jax.tree.map(np.asarray, some)
         good = some.solved & np.all((some.x >= low) & (some.x <= high), axis=1)
         found.append(jax.tree.map(lambda values, good=good: values[good], some))
@@ -140,7 +126,7 @@ def propose(
         if have >= count:
             whole = _Solution(*(np.concatenate(parts)[:count] for parts in zip(*found, strict=True)))
             densities = np.asarray(whole.log_proposed), np.asarray(whole.log_learned)
-            return Proposals(np.asarray(whole.x), *densities, unsolved=1.0 - have / tried)
+            return Proposals(np.asarray(whole.x), *densities)
     raise InputError(
         f"posterior: found parameters between the bounds for {have} of {tried} randomized residuals, expected "
         f"{count}; the records say too little about them, or the optimum lies at bounds. Fix some, or give bounds."
@@ -152,18 +138,18 @@ def _proposals(
     mixture: Mixture,
     targets: Float[Array | np.ndarray, "n q"],
     linear: Bool[Array | np.ndarray, " n"],
-    begins: Float[Array | np.ndarray, "n q"],
 ) -> _Solution:
-    """Draws for several `targets`: u from where each `begins`, or w for those that are `linear`."""
+    """Draws for several `targets`: u, or w for those that are `linear`."""
+    equation = randomized_equation(mixture.polynomial, mixture.axes)
 
-    def drawn(target: Float[Array, " q"], linear: Bool[Array, ""], begin: Float[Array, " q"]) -> _Solution:
-        w, _, solved = randomized_equation(mixture.polynomial, mixture.axes, begin).solve(target)
+    def drawn(target: Float[Array, " q"], linear: Bool[Array, ""]) -> _Solution:
+        w, _, solved = equation.solve(target)
         w = jnp.where(linear, target, w)
         proposed, x = log_proposed(mixture, w), mixture.place(w)
         learned = -0.5 * jnp.sum(mixture.polynomial(x) ** 2) / mixture.variance
         return _Solution(x, proposed, learned, (solved | linear) & jnp.isfinite(proposed))
 
-    return jax.vmap(drawn)(jnp.asarray(targets), jnp.asarray(linear), jnp.asarray(begins))
+    return jax.vmap(drawn)(jnp.asarray(targets), jnp.asarray(linear))
 
 
 @eqx.filter_jit
@@ -172,23 +158,18 @@ def log_proposed(mixture: Mixture, w: Float[Array | np.ndarray, " q"]) -> Scalar
     widths, variance, at = mixture.widths, mixture.variance, jnp.asarray(w)
     log_normal = lambda u, variances: -0.5 * jnp.sum(u**2) / variances - 0.5 * u.size * jnp.log(variances)
     log_solved, log_linear = jnp.log((1.0 - widths.share) / len(widths.solved)), jnp.log(widths.share)
-
-    def heights(origin: Float[Array, " q"], log_share: Scalar) -> Float[Array, " widths"]:
-        """From one origin: a point may have been drawn only where the way to its u ends there."""
-        equation = randomized_equation(mixture.polynomial, mixture.axes, origin)
-        u = equation.along(at)
-        again, volume, solved = equation.solve(u)
-        solved &= jnp.linalg.norm(again - at) < _SAME * (1.0 + jnp.linalg.norm(at))
-        found = jnp.stack([log_share + volume + log_normal(u, variance * width) for width in widths.solved])
-        return jnp.where(solved, found, -jnp.inf)
-
-    log_shares = log_solved + jnp.log(mixture.shares)
-    by_solver = lax.map(lambda args: heights(*args), (jnp.asarray(mixture.origins), log_shares))
-    return jax.nn.logsumexp(jnp.append(by_solver.ravel(), log_linear + log_normal(at, widths.linear)))
+    equation = randomized_equation(mixture.polynomial, mixture.axes)
+    u = equation.along(at)
+    again, volume, solved = equation.solve(u)
+    # A point may have been drawn only where the way to its u ends there.
+    solved &= jnp.linalg.norm(again - at) < _SAME * (1.0 + jnp.linalg.norm(at))
+    found = [log_solved + volume + log_normal(u, variance * width) for width in widths.solved]
+    by_solver = jnp.where(solved, jnp.stack(found), -jnp.inf)
+    return jax.nn.logsumexp(jnp.append(by_solver, log_linear + log_normal(at, widths.linear)))
 
 
 class Equation(NamedTuple):
-    """Q' r(x0 + A w) = u; from another origin than the optimum, w = 0, without the r there."""
+    """Q' r(x0 + A w) = u."""
 
     solve: Callable[[Float[Array, " q"]], tuple[Float[Array, " q"], Scalar, Bool[Array, ""]]]
     """From u to w, with log |det Q' J| there and whether there is a solution."""
@@ -198,17 +179,13 @@ class Equation(NamedTuple):
     """Its derivatives, shape (q, q)."""
 
 
-def randomized_equation(
-    polynomial: ResidualPolynomial, axes: Float[Array | np.ndarray, "p q"], origin: Float[Array | np.ndarray, " q"]
-) -> Equation:
-    """The equation of a `polynomial` along the `axes` of what moves, from an `origin` along them."""
+def randomized_equation(polynomial: ResidualPolynomial, axes: Float[Array | np.ndarray, "p q"]) -> Equation:
+    """The equation of a `polynomial` along the `axes` of what moves."""
     place = lambda w: jnp.asarray(polynomial.centre) + axes @ w
-    origin = jnp.asarray(origin)
+    origin = jnp.zeros(axes.shape[1])
     basis, _ = jnp.linalg.qr(jax.jacfwd(lambda w: polynomial(place(w)))(origin))
     projection = eqx.tree_at(lambda p: p.factor, polynomial, basis.T @ jnp.asarray(polynomial.factor))
-    # At an optimum at its bounds Q' r does not vanish, and leads beyond them.
-    shift = jnp.where(jnp.any(origin != 0.0), 1.0, 0.0) * projection(place(origin))
-    along = lambda w: projection(place(w)) - shift
+    along = lambda w: projection(place(w))
     slopes = jax.jacfwd(along)
 
     def improved(w: Float[Array, " q"], u: Float[Array, " q"], times: int) -> Float[Array, " q"]:

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ...core import Scalar
-from .posterior import Model
+from .posterior_model import Model
 from .profile_likelihood import Evaluate
 from .randomize_then_optimize import randomized_equation
 from .residual_polynomial import ResidualPolynomial
@@ -51,7 +51,7 @@ class TransportMap(eqx.Module):
 
     @eqx.filter_jit
     def place(self, e: Float[Array, " q"]) -> Place:
-        equation = randomized_equation(self.polynomial, self.axes, np.zeros(self.axes.shape[1]))
+        equation = randomized_equation(self.polynomial, self.axes)
         w, volume, solved = equation.solve(jnp.sqrt(self.variance) * e)
         pull = jax.grad(lambda w: jnp.linalg.slogdet(equation.slopes(w))[1])(w)
         return Place(w, volume, pull, equation.slopes(w), solved)
@@ -59,7 +59,7 @@ class TransportMap(eqx.Module):
     @eqx.filter_jit
     def back(self, w: Float[Array | np.ndarray, " q"]) -> tuple[Float[Array, " q"], Bool[Array, ""]]:
         """The e of a point, and whether it leads there again: not so beyond a fold."""
-        equation = randomized_equation(self.polynomial, self.axes, np.zeros(self.axes.shape[1]))
+        equation = randomized_equation(self.polynomial, self.axes)
         u = equation.along(jnp.asarray(w))
         again, _, solved = equation.solve(u)
         near = jnp.linalg.norm(again - w) < _SAME * (1.0 + jnp.linalg.norm(again))

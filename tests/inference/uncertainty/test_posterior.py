@@ -10,9 +10,10 @@ import pytest
 from pdssjax import Drawing, InputError
 from pdssjax.inference.draws import InMemory
 from pdssjax.inference.uncertainty import posterior
+from pdssjax.inference.uncertainty.drawn_intervals import about_tails, summary_of_chains
+from pdssjax.inference.uncertainty.end_search import End, Verdict
 from pdssjax.inference.uncertainty.no_u_turn import sample_by_trajectories
-from pdssjax.inference.uncertainty.profile_likelihood import learn_curvature
-from pdssjax.inference.uncertainty.residual_polynomial import of_second_order
+from pdssjax.inference.uncertainty.posterior_model import LikelihoodEnd, posterior_model
 from pdssjax.inference.uncertainty.second_order import Linearisation
 from pdssjax.metrics import effective_size, rhat
 
@@ -43,11 +44,9 @@ def drawn(residuals, centre, drawing, bounds=EVERYWHERE, factor=1.0, chains=4):
     slope = jax.jit(jax.jacfwd(residuals))
     evaluate = lambda at: (residuals(jnp.asarray(at)), slope(jnp.asarray(at)))
     optimum = Linearisation(np.array(centre), *map(np.asarray, evaluate(centre)))
-    axes = posterior.principal_axes(optimum, np.arange(2), factor)
-    model = posterior.Model(evaluate, residuals, optimum, axes, bounds, factor)
-    curvature = learn_curvature(evaluate, optimum, 1.0, bounds).at_optimum
-    first = of_second_order(optimum, curvature, axes)
-    return SAMPLERS[drawing.sampler](model, first, drawing, None, lambda message: None, chains)
+    quiet = lambda message: None
+    model = posterior_model(evaluate, residuals, optimum, np.arange(2), bounds, factor, None, quiet)
+    return SAMPLERS[drawing.sampler](model, drawing, None, quiet, chains)
 
 
 @both
@@ -169,11 +168,9 @@ def test_a_sampler_that_is_none_is_refused():
 def test_what_cannot_be_simulated_is_said():
     nowhere = lambda x: jnp.full(7, jnp.nan) * x[0]
     optimum = Linearisation(np.zeros(2), np.full(7, np.nan), np.full((7, 2), np.nan))
-    model = posterior.Model(
-        lambda at: (nowhere(at), jax.jacfwd(nowhere)(at)), nowhere, optimum, np.eye(2), EVERYWHERE, 1.0
-    )
+    evaluate = lambda at: (nowhere(at), jax.jacfwd(nowhere)(at))
     with pytest.raises(InputError, match="found a model that cannot be simulated at its optimum"):
-        posterior.sample_posterior(model, None, Drawing(10), None, print)
+        posterior_model(evaluate, nowhere, optimum, np.arange(2), EVERYWHERE, 1.0, None, print)
 
 
 def test_an_independence_chain_stays_where_the_model_is_likelier_than_the_proposals_say():
@@ -193,6 +190,24 @@ def test_an_independence_chain_begins_where_the_posterior_is():
     weights = np.where(np.arange(60) % 10 == 5, 0.0, -1e5)
     begins = [posterior.corrected(weights, np.random.default_rng(seed))[0] for seed in range(200)]
     assert {int(begin) for begin in begins} == {5, 15, 25, 35, 45}
+
+
+def test_a_tail_that_draws_do_not_reach_is_said():
+    optimum = Linearisation(np.zeros(1), np.zeros(1), np.zeros((1, 1)))
+    end = lambda side, verdict: LikelihoodEnd(0, side, End(side * 2.4, verdict, optimum, 1))
+    ends = [end(side, Verdict.BOUNDED) for side in (-1.0, 1.0)]
+    whole = np.random.default_rng(1).standard_normal((4, 1000, 1))
+    told = lambda draws, ends: about_tails(summary_of_chains(("x",), draws, np.array([True])), draws, ends)
+    assert told(whole, ends) == []
+    cut = np.where(whole > 2.3, 0.0, whole)
+    (note,) = told(cut, ends)
+    assert note.startswith(
+        "Fewer draws of the posterior than 20 % of what was expected lie beyond where the likelihood"
+    )
+    assert " likelihood ends: x above. " in note and "--intervals profile" in note
+    # Too few draws to tell, and an end that is none.
+    assert told(cut[:, :100], ends) == []
+    assert told(cut, [ends[0], end(1.0, Verdict.FLAT)]) == []
 
 
 TIMES = jnp.linspace(0.1, 3.0, 12)

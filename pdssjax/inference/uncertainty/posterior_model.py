@@ -1,0 +1,114 @@
+"""What a posterior is drawn from: the model around its optimum, and how far out the likelihood of each parameter ends.
+
+The ends are of the profile likelihood, 2.4 standard errors out where chi-square is a parabola.  A polynomial that only
+its own draws have taught knows little of where it leads there, and the draws that would teach it are those that it
+does not propose: an evaluation at each end does.
+"""
+
+from collections.abc import Callable
+from concurrent.futures import Executor
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Array, Float, Int
+from scipy import stats
+
+from ...core import InputError
+from ..least_squares import Progress
+from .end_search import End
+from .profile_likelihood import Box, Evaluate, Which, interval_ends, learn_curvature
+from .quadratic_end import factors
+from .randomize_then_optimize import Mixture, Proposals, Widths, propose
+from .residual_polynomial import ResidualPolynomial, count_points, learned_polynomial, of_second_order
+from .second_order import Linearisation
+from .variance_factor import NORMAL_95
+
+_FAR = 1.5 * NORMAL_95**2
+"""Excess of chi-square at the ends: 1.5 times that at those of a 95 % interval."""
+
+BEYOND = float(stats.norm.sf(np.sqrt(_FAR)))
+"""Share of a posterior beyond such an end, where it is as wide as the likelihood."""
+
+Residuals = Callable[[Float[np.ndarray, " p"]], Float[Array | np.ndarray, " n"]]
+"""Whitened residuals at a point; not finite where it cannot be simulated."""
+
+
+class LikelihoodEnd(NamedTuple):
+    """How far a parameter can go while the others make the best of it."""
+
+    parameter: int
+    """Its place."""
+    side: float
+    """-1.0 below the optimum, 1.0 above."""
+    end: End
+
+
+class Model(NamedTuple):
+    """What is drawn from."""
+
+    evaluate: Evaluate
+    """Residuals and Jacobian."""
+    residuals: Residuals
+    optimum: Linearisation
+    axes: Float[np.ndarray, "p q"]
+    """Along which parameters move."""
+    bounds: tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]]
+    factor: float
+    """By which variances exceed those of the noise given."""
+    first: ResidualPolynomial
+    """What all evaluations so far tell of the residuals."""
+    ends: tuple[LikelihoodEnd, ...]
+    """Of the likelihood of each parameter that moves, far out."""
+
+    def mixture(self, learned: ResidualPolynomial, widths: Widths) -> Mixture:
+        """What draws of what was `learned` are from, with variances enlarged by the `widths`."""
+        return Mixture(learned, self.axes, self.factor, widths)
+
+    def proposals(self, learned: ResidualPolynomial, widths: Widths, count: int, seed: tuple[int, ...]) -> Proposals:
+        """Draws of that mixture."""
+        return propose(self.mixture(learned, widths), self.bounds, count, seed)
+
+    def along_axes(self, free: Float[np.ndarray, "*n p"]) -> Float[np.ndarray, "*n q"]:
+        """Where numbers on the scale of the fit lie along the axes, from the optimum."""
+        return (free - self.optimum.at) @ np.linalg.pinv(self.axes).T
+
+
+def principal_axes(optimum: Linearisation, moving: Int[np.ndarray, " q"], factor: float) -> Float[np.ndarray, "p q"]:
+    """A with A A' the covariance of the linear model at an `optimum`, of the parameters at the places `moving`."""
+    _, singular, rows, norms = factors(optimum.jacobian[:, moving])
+    axes = np.zeros((optimum.at.size, moving.size))
+    axes[moving] = np.sqrt(factor) * (rows / singular[:, None]).T / norms[:, None]
+    return axes
+
+
+def posterior_model(
+    evaluate: Evaluate,
+    residuals: Residuals,
+    optimum: Linearisation,
+    moving: Int[np.ndarray, " q"],
+    bounds: Box,
+    factor: float,
+    executor: Executor | None,
+    report: Progress,
+) -> Model:
+    """The model around its `optimum`, with the parameters at the places `moving`; see `Model` for the others.
+
+    Ends are searched for side by side in the threads of the `executor`.
+
+    **Raises:** `InputError` where the model cannot be simulated at its optimum.
+    """
+    if not np.isfinite(optimum.chi2):
+        raise InputError("posterior: found a model that cannot be simulated at its optimum; expected a finished fit.")
+    report("posterior: curvature at the optimum")
+    threshold = _FAR * factor
+    shared = learn_curvature(evaluate, optimum, threshold, bounds, executor=executor)
+    which: list[Which] = [(int(index), side) for index in moving for side in (-1.0, 1.0)]
+    told = lambda done: report(f"posterior: where the likelihood ends, {done} of {len(which)} ends")
+    found = interval_ends(evaluate, optimum, which, threshold, bounds, shared, executor=executor, report=told)
+    axes = principal_axes(optimum, moving, factor)
+    if len(shared.points) + 1 < count_points(moving.size):
+        first = of_second_order(optimum, shared.at_optimum, axes)
+    else:
+        first = learned_polynomial(optimum, shared.points, axes, factor).turned()
+    ends = tuple(LikelihoodEnd(index, side, end) for (index, side), end in zip(which, found, strict=True))
+    return Model(evaluate, residuals, optimum, axes, bounds, factor, first, ends)
