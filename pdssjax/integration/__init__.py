@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from .taylor_series import exp as exp
     from .taylor_series import power as power
     from .taylor_series import weighted as weighted
-    from .visit import visit as visit
+    from .visited_states import visit as visit
 else:
     from ..core.lazy import lazy_exports
 
@@ -62,6 +62,6 @@ else:
             "step_methods.taylor": ["Taylor"],
             "system": ["AbstractHybridSystem", "SETTLED", "Visited"],
             "taylor_series": ["N", "N_co", "Term", "constant", "cosine_and_sine", "exp", "power", "weighted"],
-            "visit": ["visit"],
+            "visited_states": ["visit"],
         },
     )

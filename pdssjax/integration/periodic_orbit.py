@@ -21,7 +21,7 @@ from ..core import Count, Scalar, ScalarLike
 from .accuracy import Accuracy
 from .restart import flat, restarted
 from .system import AbstractHybridSystem, unflattener
-from .visit import visit
+from .visited_states import visit
 
 SHORT = 1e-10
 """A cycle is looked at this part of a period before its end, so that the corner there is the next period's.
