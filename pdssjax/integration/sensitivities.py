@@ -5,7 +5,7 @@ end moves with the parameters; that shift is the saltation (docs/numerics.md), h
 """
 
 from collections.abc import Sequence
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import equinox as eqx
 import jax
@@ -70,22 +70,31 @@ def end_of(loop: LoopState) -> Float[Array, " begin"]:
     return jnp.stack([loop.origin, loop.t_local, *loop.x])
 
 
-def values(system: AbstractHybridSystem, accuracy: Accuracy, keep: Keep) -> Tile[None]:
+def values(
+    system: AbstractHybridSystem, accuracy: Accuracy, keep: Keep
+) -> Tile[None, Float[Array, "rows kept coefficients"]]:
     """Expands a tile's steps again: their polynomials, shape (rows, components kept, degree + 1)."""
 
-    def tile(carry: None, rows: Float[Array, "rows columns"], real: Bool[Array, " rows"]) -> tuple[None, Any]:
+    def tile(carry: None, rows: Float[Array, "rows columns"], real: Bool[Array, " rows"]) -> tuple[None, Array]:
         return carry, _expanded(system, accuracy.method, jnp.asarray(accuracy.tolerance, float), keep, rows)
 
     return tile
 
 
-def tangents_of(
-    system: AbstractHybridSystem, system_dot: Any, accuracy: Accuracy, keep: Keep, size: int
-) -> tuple[Float[Array, " begin"], Tile[Float[Array, " begin"]]]:
-    """Along `system_dot`: the tangent of the first begin, and what takes it through a tile's steps.
+class Tangents(NamedTuple):
+    """Of the steps of a tile or a table."""
 
-    Of a tile's steps the tangents of their begins, the polynomials, and the tangents of those.
-    """
+    begins: Float[Array, "rows begin"]
+    polynomials: Float[Array, "rows kept coefficients"]
+    """Themselves."""
+    moved: Float[Array, "rows kept coefficients"]
+    """The tangents of the polynomials."""
+
+
+def tangents_of(
+    system: AbstractHybridSystem, system_dot: AbstractHybridSystem, accuracy: Accuracy, keep: Keep, size: int
+) -> tuple[Float[Array, " begin"], Tile[Float[Array, " begin"], Tangents]]:
+    """The first begin's tangent along `system_dot`, whose leaves are None where nothing moves, and what takes it on."""
     moving, fixed = eqx.partition(
         system, jax.tree.map(lambda t: t is not None, system_dot, is_leaf=lambda t: t is None)
     )
@@ -101,14 +110,14 @@ def tangents_of(
 
     def tile(
         tangent: Float[Array, " begin"], rows: Float[Array, "rows columns"], real: Bool[Array, " rows"]
-    ) -> tuple[Any, Any]:
+    ) -> tuple[Float[Array, " begin"], Tangents]:
         polynomials, (ends, inner) = _linearised(
             moving, fixed, accuracy.method, jnp.asarray(accuracy.tolerance, float), keep, rows
         )
         driven = jnp.sum(ends[..., size:] * parameters_dot, axis=-1)
         end, begins = lax.scan(join, tangent, (real, ends[..., :size], driven))
         moved = jnp.sum(inner[..., :size] * begins[:, None, None, :], axis=-1)
-        return end, (begins, polynomials, moved + jnp.sum(inner[..., size:] * parameters_dot, axis=-1))
+        return end, Tangents(begins, polynomials, moved + jnp.sum(inner[..., size:] * parameters_dot, axis=-1))
 
     started = lambda parameters: jnp.stack(
         jax.tree.leaves(initial_state_and_mode(eqx.combine(rebuilt(parameters), fixed))[0])

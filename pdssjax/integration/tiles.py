@@ -6,7 +6,7 @@ before the next is begun.
 """
 
 from collections.abc import Callable
-from typing import Any, Protocol, TypeVar
+from typing import TypeAlias, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -23,18 +23,14 @@ _BLOCK = 16
 """Tiles in a block."""
 
 Carry = TypeVar("Carry")
+Found = TypeVar("Found")
 Read = TypeVar("Read")
 
-
-class Tile(Protocol[Carry]):
-    """Takes a carry through the rows of a tile, of which some are `real`, and tells what it found of each."""
-
-    def __call__(
-        self, carry: Carry, rows: Float[Array, "rows columns"], real: Bool[Array, " rows"], /
-    ) -> tuple[Carry, Any]: ...
+Tile: TypeAlias = Callable[[Carry, Float[Array, "rows columns"], Bool[Array, " rows"]], tuple[Carry, Found]]
+"""Takes a carry through the rows of a tile, of which some are real, and tells what it found of each."""
 
 
-def tiled(tile: Tile[Carry], carry: Carry, table: Table, count: Count) -> tuple[Carry, Any]:
+def tiled(tile: Tile[Carry, Found], carry: Carry, table: Table, count: Count) -> tuple[Carry, Found]:
     """The carry behind the first `count` rows of the table, and what `tile` found of each; zeros for the rest."""
     room, width = table.shape
     tiles = -(-room // _TILE)
@@ -46,10 +42,10 @@ def tiled(tile: Tile[Carry], carry: Carry, table: Table, count: Count) -> tuple[
     function = jax.jit(tile, inline=True)  # traced once, for its shapes and for the branch
     shapes = jax.eval_shape(function, carry, stacked[1][0], stacked[0][0])[1]
 
-    def blank(carry: Carry, rows: Float[Array, "rows columns"], real: Bool[Array, " rows"]) -> tuple[Carry, Any]:
+    def blank(carry: Carry, rows: Float[Array, "rows columns"], real: Bool[Array, " rows"]) -> tuple[Carry, Found]:
         return carry, jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shapes)
 
-    def next_tile(carry: Carry, args: tuple[Any, Any]) -> tuple[Carry, Any]:
+    def next_tile(carry: Carry, args: tuple[Bool[Array, " rows"], Float[Array, "rows columns"]]) -> tuple[Carry, Found]:
         real, rows = args
         return lax.cond(real[0], function, blank, carry, rows, real)
 
@@ -58,7 +54,12 @@ def tiled(tile: Tile[Carry], carry: Carry, table: Table, count: Count) -> tuple[
 
 
 def read_by_blocks(
-    tile: Tile[Carry], carry: Carry, table: Table, count: Count, read: Callable[[Any, Count], Read], nothing: Read
+    tile: Tile[Carry, Found],
+    carry: Carry,
+    table: Table,
+    count: Count,
+    read: Callable[[Found, Count], Read],
+    nothing: Read,
 ) -> tuple[Carry, Read]:
     """The carry behind the first `count` rows of the table, and the sum of what `read` makes of every block.
 

@@ -18,7 +18,7 @@ from .accuracy import Accuracy
 from .forward_pass import find_steps
 from .loop_state import LoopState
 from .polynomials import horner
-from .sensitivities import Keep, end_of, tangents_of, values
+from .sensitivities import Keep, Tangents, end_of, tangents_of, values
 from .solution import Begun, End, ended, places, since_begin, visited
 from .step_table import KNOWN_COLUMNS, Table, read
 from .system import AbstractHybridSystem, Visited
@@ -116,7 +116,7 @@ def _differentiable_visit_jvp(
     table, loop = find_steps(system, horizon, accuracy)
     rows, begins, elapsed, known = _located(table, loop, times)
 
-    def look(found: Any, first: Count) -> tuple[Array, Array, Array, Array]:
+    def look(found: Tangents, first: Count) -> tuple[Array, Array, Array, Array]:
         begins_dot, polynomials, polynomials_dot = found
         here = _those(rows[:-1] - first, polynomials)
         shown, rates = jax.jvp(partial(_at, here), (elapsed,), (jnp.ones_like(elapsed),))
