@@ -30,8 +30,11 @@ _ITERATIONS = 3
 """Iterations that locate an event within its bracket, to rounding, but where a guard is nearly flat."""
 
 _ROUNDING = 1e-12
-"""A guard that begins no higher, and rises no more, than this part of how deep it is at the first sample falls at
-once."""
+"""A guard that begins no higher than this part of how deep it is at the first sample, and hardly rises on the way to
+its root, falls at once: what rounding alone decides has no time of its own."""
+
+_RISES = 1e3
+"""Times that: what halfway to the root is higher does rise."""
 
 _LOCATED = 1e-8
 """A root whose last iteration moved it by no more of the step is located to rounding."""
@@ -137,9 +140,6 @@ def _crossing(g: _Divided, step_radius: Scalar) -> Guards:
     places = [(samples[0], value, rate), *map(place, samples[1:])]
     found, ends, dips, dip = _bracket(places)
     # A root may also lie on a sample; then it is found there.
-    rounding = -_ROUNDING * places[1][1]
-    rise, bulge = rate * samples[1], bend * samples[1] * samples[1]
-    at_once = (value <= rounding) & (rise <= rounding) & ((rise < -rounding) | (bulge <= rounding)) & (rounding > 0.0)
     bottom, half_bend = _minimum(g, *dip)
     g_bottom = g.value(bottom)
     falls = dips & (g_bottom < 0.0)
@@ -155,6 +155,9 @@ def _crossing(g: _Divided, step_radius: Scalar) -> Guards:
     low, high, root = choose(early, 0.0, low), choose(early, 2.0 * soon, high), choose(early & nearer, soon, root)
     begin = low
     root, moved = _newton(g.at, root, low, high, _ITERATIONS)
+    rounding = -_ROUNDING * places[1][1]
+    rises = (value >= 0.0) & (g.value(0.5 * root) > _RISES * rounding)
+    at_once = (rounding > 0.0) & (value <= rounding) & ~rises
     # Halfway, where the guard is far from what the next step would take for zero.
     halfway = 0.5 * (begin + root)
     located = (moved <= _LOCATED * step_radius) | (halfway <= _ADVANCE * step_radius)

@@ -133,6 +133,10 @@ def test_a_guard_that_begins_with_rounding_and_falls_does_so_at_once(rounding):
     assert event and part == 0.0
     part, event, _ = located(padded([rounding, 0.0, 0.0, rounding, -1.8e-10, -1.4e-11], [1.0]))
     assert event and part == 0.0
+    # One that bends down, and rises before by rounding: for so short a time that it comes to nothing.
+    for rise in (1e-13, 1e-10, 1e-8):
+        part, event, _ = located(padded([abs(rounding), rise, -1.0], [1.0]))
+        assert event and part == (0.0 if rounding else pytest.approx(rise, rel=1e-6))
 
 
 @pytest.mark.parametrize("begin", [0.0, 1e-20, 1e-16])

@@ -13,6 +13,7 @@ decides how many are accepted (L. Tierney, Annals of Statistics 22(4), 1994, ind
 C. Fox, J. Computational and Graphical Statistics 14(4), 2005).
 """
 
+import contextlib
 import functools
 from collections.abc import Sequence
 from concurrent.futures import Executor
@@ -21,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int, Num
 
-from ...core import Document
+from ...core import Document, InputError
 from ..draws import CHAINS, DRAWS, Drawing, each_done, reading
 from ..least_squares import Progress
 from .posterior_model import Model
@@ -113,9 +114,11 @@ def learn(model: Model, seed: int, executor: Executor | None, report: Progress) 
     valley that far, it begins with the curvature at the optimum alone.
     """
     ends = [found.end.point for found in model.ends]
-    learned, agreement = _learned(model, model.first, ends, range(_TRIED), seed, executor, report)
-    if agreement > _AGREEMENT:
-        return learned
+    # A polynomial that folds over near the optimum has hardly any draws.
+    with contextlib.suppress(InputError):
+        learned, agreement = _learned(model, model.first, ends, range(_TRIED), seed, executor, report)
+        if agreement > _AGREEMENT:
+            return learned
     near = learn_curvature(model.evaluate, model.optimum, 1.0, model.bounds, executor=executor).at_optimum
     first = of_second_order(model.optimum, near, model.axes)
     return _learned(model, first, [], range(_TRIED, _TRIED + _ROUNDS), seed, executor, report)[0]
