@@ -202,7 +202,7 @@ def test_both_samplers_draw_the_same_posterior_of_the_example():
         np.testing.assert_allclose(second.percentile, first.percentile, atol=4.0 * 2.67 * error)
 
 
-@pytest.mark.slow  # four minutes of a core
+@pytest.mark.slow  # a minute and more of two cores
 def test_the_posterior_of_the_example_ends_where_its_profiles_do_whatever_the_seed():
     """It lacked up to a fifth of the longest tail with some seeds, all chains in agreement."""
     study, executor = pdssjax.load_study(EXAMPLE / "study.toml"), ThreadPoolExecutor(2)
