@@ -15,6 +15,8 @@ import pdssjax
 from pdssjax.cli.main import main
 from pdssjax.files import EXAMPLE, DrawsFile
 from pdssjax.inference.draws import InMemory
+from pdssjax.inference.uncertainty import drawn_intervals
+from pdssjax.inference.uncertainty.randomize_then_optimize import NothingToDraw
 
 STACK = "piezo.gain", "piezo.natural_frequency", "piezo.damping_ratio"
 COMPILED = "/jax/core/compile/backend_compile_duration"
@@ -161,6 +163,20 @@ def test_a_posterior_of_a_platform_is_the_linear_normal_distribution(tmp_path, c
         assert summary["deviation"] == pytest.approx(error, rel=4.0 / (2.0 * summary["effective"]) ** 0.5)
 
 
+def test_where_nothing_can_be_drawn_the_fit_is_kept(tmp_path, monkeypatch):
+    def nothing(*given):
+        raise NothingToDraw("posterior: found parameters between the bounds for 2 of 6400 randomized residuals.")
+
+    study = pdssjax.load_study(write_platform(tmp_path))
+    linear = pdssjax.identify(study)
+    samplers = drawn_intervals._SAMPLERS
+    monkeypatch.setitem(samplers, "rto", samplers["rto"]._replace(sample=nothing))
+    estimate = pdssjax.identify(study, intervals="posterior", drawing=pdssjax.Drawing(50))
+    assert estimate.draws is None and estimate.converged
+    assert estimate.parameters["piezo.gain"].interval == linear.parameters["piezo.gain"].interval
+    assert any(note.startswith("No posterior, intervals are linear: posterior: found par") for note in estimate.notes)
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [
@@ -202,16 +218,30 @@ def test_both_samplers_draw_the_same_posterior_of_the_example():
         np.testing.assert_allclose(second.percentile, first.percentile, atol=4.0 * 2.67 * error)
 
 
+def without_prior(draws, place):
+    """The middle 95 % of a parameter's draws, each weighted so that priors are flat in the logarithms."""
+    values = np.concatenate(draws.values)
+    weights = 1.0 / np.prod(values / np.mean(values, axis=0), axis=1)
+    order = np.argsort(values[:, place])
+    below = np.cumsum(weights[order]) / np.sum(weights)
+    return np.interp([0.025, 0.975], below, values[order, place])
+
+
 @pytest.mark.slow  # a minute and more of two cores
 def test_the_posterior_of_the_example_ends_where_its_profiles_do_whatever_the_seed():
-    """It lacked up to a fifth of the longest tail with some seeds, all chains in agreement."""
+    """It lacked up to a fifth of the longest tail with some seeds, all chains in agreement.
+
+    Its priors are flat in the values, which moves what is known to 11 % by a tenth of a standard error; chi-square
+    is nearly a parabola in the logarithms.
+    """
     study, executor = pdssjax.load_study(EXAMPLE / "study.toml"), ThreadPoolExecutor(2)
     profiles = pdssjax.identify(study, intervals="profile", executor=executor)
     for seed in range(4):
         drawing = pdssjax.Drawing(1000, seed=seed)
         drawn = pdssjax.identify(study, intervals="posterior", drawing=drawing, executor=executor)
         assert not drawn.notes
-        for summary in drawn.draws.parameters:
+        for place, summary in enumerate(drawn.draws.parameters):
             assert summary.rhat < 1.01 and min(summary.effective, summary.effective_tails) > 1000
             error = 2.67 * summary.deviation / summary.effective_tails**0.5
-            np.testing.assert_allclose(summary.percentile, profiles.parameters[summary.path].interval, atol=4.0 * error)
+            expected = profiles.parameters[summary.path].interval
+            np.testing.assert_allclose(without_prior(drawn.draws, place), expected, atol=4.0 * error)

@@ -19,6 +19,7 @@ from .end_search import Verdict
 from .no_u_turn import sample_by_trajectories
 from .posterior import Chains, sample_posterior
 from .posterior_model import BEYOND, LikelihoodEnd, posterior_model
+from .randomize_then_optimize import NothingToDraw
 from .second_order import linearisation_at
 from .variance_factor import variance_factor
 
@@ -100,7 +101,9 @@ def with_posterior(
 ) -> Estimate:
     """`estimate` with the middle 95 % of the posterior as intervals, and all draws as `draws`.
 
-    **Raises:** `InputError` where nothing around the fit can be simulated, or hardly anything between the bounds.
+    A note says so where hardly anything around the fit lies between the bounds: its intervals are linear then.
+
+    **Raises:** `InputError` where the fit itself cannot be simulated, or what was kept is not what a run writes.
     """
     factor = variance_factor(estimate.statistics)
     moving = np.array([estimate.parameters[path].identifiable for path in estimate.names])
@@ -113,12 +116,16 @@ def with_posterior(
         linearisation_at(fit),
         np.flatnonzero(moving),
         problem.bounds,
+        problem.residual.transform.logarithmic,
         factor,
         executor,
         report,
     )
     sampler = _SAMPLERS[drawing.sampler]
-    chains = sampler.sample(model, drawing, executor, report)
+    try:
+        chains = sampler.sample(model, drawing, executor, report)
+    except NothingToDraw as error:
+        return dataclasses.replace(estimate, notes=(*estimate.notes, f"No posterior, intervals are linear: {error}"))
     values = problem.residual.transform.in_si(chains.free)
     held = [path for path, moves in zip(estimate.names, moving, strict=True) if not moves]
     draws = Draws(
@@ -134,6 +141,7 @@ def with_posterior(
     )
     about = [*_about_chains(draws), *_about_proposals(draws, sampler.fewest)]
     about += about_tails(draws.parameters, chains.free, model.ends)
+    about += about_endless(estimate.names, model.ends, model.logarithmic)
     return with_draws(estimate, draws, [*estimate.notes, *about])
 
 
@@ -155,7 +163,7 @@ def summary_of_chains(
 
 
 def _density_in_words(estimate: Estimate, held: list[str]) -> str:
-    text = "flat priors on the scale of the fit, zeros of the sensors marginalised, noise known"
+    text = "flat priors on the values, zeros of the sensors marginalised, noise known"
     if variance_factor(estimate.statistics) > 1.0:
         text += f" and its variance enlarged by {variance_factor(estimate.statistics):.3g}"
     return text + (f"; held at the estimate, without information: {', '.join(held)}" if held else "")
@@ -195,6 +203,23 @@ def about_tails(
         f"Fewer draws of the posterior than {percent(FEW_BEYOND, 1.0)} of what was expected lie beyond where the "
         f"likelihood ends: {', '.join(missing)}. Where profiles (--intervals profile) end further out than the draws, "
         "believe the profiles."
+    ]
+
+
+def about_endless(
+    paths: Sequence[str], ends: Sequence[LikelihoodEnd], logarithmic: Bool[np.ndarray, " p"]
+) -> list[str]:
+    """Notes on parameters whose likelihood has no end where their values have none: what bounds them is the prior."""
+    endless = [
+        f"{paths[place]} {'above' if side > 0 else 'below'}"
+        for place, side, end in ends
+        if end.verdict == Verdict.FLAT and not (side < 0 and logarithmic[place])
+    ]
+    if not endless:
+        return []
+    return [
+        f"The likelihood has no end: {', '.join(endless)}. Draws go as far there as the bounds of the study allow, and "
+        "the posterior is that of the bounds; give min and max, or fix the parameter."
     ]
 
 

@@ -22,12 +22,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ...core import Document, InputError, Scalar
+from ...core import Document, Scalar
 from ..draws import CHAINS, DRAWS, Drawing, each_done, reading
 from ..least_squares import Progress
-from .posterior import BLOCK, TO_JUDGE, Chains, learn
+from .posterior import BLOCK, TO_JUDGE, Chains
+from .posterior_learning import learn
 from .posterior_model import Model
-from .randomize_then_optimize import Widths, log_proposed
+from .randomize_then_optimize import NothingToDraw, Widths, log_proposed
 from .residual_polynomial import ResidualPolynomial
 from .transported_density import TransportedDensity, transported
 
@@ -74,7 +75,8 @@ def sample_by_trajectories(
     Chains run side by side in the threads of the `executor`.  Each block of a chain begins with the numbers that the
     one before has kept, so that a run that was broken off ends as if it had not been.
 
-    **Raises:** `InputError` where what was kept is not what a run writes, or chains find nowhere to begin.
+    **Raises:** `InputError` where what was kept is not what a run writes; `NothingToDraw` where chains find nowhere to
+    begin.
     """
     wanted = drawing.count or DRAWS
     blocks = range(_WARM, -(-wanted // BLOCK))
@@ -101,7 +103,7 @@ def sample_by_trajectories(
         free=whole("free"),
         failed=int(np.sum(diverging)),
         statistics={
-            "lp": whole("log_density"),
+            "lp": whole("log_posterior"),
             "acceptance_rate": whole("acceptance"),
             "n_steps": whole("steps"),
             "diverging": diverging,
@@ -178,7 +180,7 @@ def _warmed_up(
     states = (sampler.begin(target.map.back(w)[0], key) for w in model.along_axes(places))
     state = next((state for state in states if np.isfinite(state.potential_energy)), None)
     if state is None:
-        raise InputError(
+        raise NothingToDraw(
             f"posterior: found none of {_CANDIDATES} draws of the polynomial where the model can be simulated, "
             "expected one for a chain to begin at."
         )
@@ -228,7 +230,7 @@ class _Chain:
             steps, acceptance, diverging = int(state.num_steps), float(state.accept_prob), bool(state.diverging)
         free = np.asarray(self._target.map.at(self.w)).tolist()
         told = {"steps": steps, "acceptance": acceptance, "diverging": diverging}
-        return {"free": free, "log_density": self._density} | told
+        return {"free": free, "log_posterior": self._density} | told
 
     def _judge(self, proposed: Float[np.ndarray, " q"], log_there: float) -> None:
         density, log_here = self._log_density(proposed), log_proposed(self._mixture, self.w)
@@ -259,6 +261,7 @@ class _Chain:
         if np.any(x < low) or np.any(x > high):
             return -np.inf
         value = -0.5 * float(np.sum(np.asarray(self._model.residuals(x)) ** 2)) / self._model.factor
+        value += float(self._model.log_prior(x))
         return value if np.isfinite(value) else -np.inf
 
 
@@ -272,7 +275,7 @@ def _task_of(entry: Document, shape: tuple[int, int]) -> tuple[int, int]:
         shapes["step_size"] = ()
     else:
         shapes["free"] = (BLOCK, shape[0])
-        shapes |= dict.fromkeys(("log_density", "steps", "acceptance", "diverging"), (BLOCK,))
+        shapes |= dict.fromkeys(("log_posterior", "steps", "acceptance", "diverging"), (BLOCK,))
     for name, expected in shapes.items():
         if np.shape(np.array(entry[name], float)) != expected:
             raise ValueError(f"{name} of block {task[1]} of chain {task[0]} without the shape {expected}")

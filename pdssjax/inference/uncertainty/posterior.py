@@ -1,19 +1,18 @@
 """Draws from the posterior of a fit, by a polynomial that is learned and corrected by the model.
 
-The density is exp(-chi-square / (2 factor)) on the scale of the fit, flat priors between the bounds: the zeros of the
+The density is exp(-chi-square / (2 factor)), with flat priors on the values between the bounds: the zeros of the
 sensors are marginalised (they are linear, and the residual leaves their projection out); the noise is taken as known,
 that given or found, its variance enlarged by `factor` as those of the standard errors are.
 
 Valleys of chi-square are narrow and bent: a sampler takes hundreds of evaluations from draw to draw, with the model a
-day.  So a polynomial stands for the residuals (`residual_polynomial`), learned where its own draws lie, round after
-round, until the model agrees with it there.  Its draws (`randomize_then_optimize`) are independent, some of them wider
+day.  So a polynomial stands for the residuals (`residual_polynomial`), learned around its own draws until the model
+agrees with it there (`posterior_learning`).  Its draws (`randomize_then_optimize`) are independent, some of them wider
 than it says lest they miss what it does not know.  Each is a proposal, which the model accepts with probability
 min(1, w' / w), w the model's density over the proposals': draws are the model's whatever the polynomial is, which only
 decides how many are accepted (L. Tierney, Annals of Statistics 22(4), 1994, independence chains; J. A. Christen and
 C. Fox, J. Computational and Graphical Statistics 14(4), 2005).
 """
 
-import contextlib
 import functools
 from collections.abc import Sequence
 from concurrent.futures import Executor
@@ -22,38 +21,19 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int, Num
 
-from ...core import Document, InputError
+from ...core import Document
 from ..draws import CHAINS, DRAWS, Drawing, each_done, reading
 from ..least_squares import Progress
+from .posterior_learning import learn
 from .posterior_model import Model
-from .profile_likelihood import learn_curvature, linearise_all
 from .randomize_then_optimize import Widths
-from .residual_polynomial import ResidualPolynomial, count_terms, degree_for, learned_polynomial, of_second_order
-from .second_order import Linearisation
+from .residual_polynomial import ResidualPolynomial
 
 BLOCK = 50
 """Draws between two moments at which they are kept."""
 
-_TRIED, _ROUNDS = 3, 6
-"""Rounds of learning with the ends, after which they are left out, and without them, at most."""
-
-_SURPLUS = 2.5
-"""Numbers that the points of a round tell, for each coefficient."""
-
-_FEWEST = 24
-"""Points of a round."""
-
-_AGREEMENT = 0.85
-"""What model and polynomial have in common, from which the polynomial is good; with `_FEWEST` points 1 is seldom."""
-
-_TO_LEARN = Widths(solved=(1.2, 3.0), linear=1.0, share=0.0)
-"""Draws at which the model is asked while the polynomial is learned."""
-
 TO_JUDGE = Widths(solved=(1.2,), linear=3.0, share=0.1)
 """Proposals."""
-
-_LEARNING = CHAINS
-"""Where the draws of the rounds of learning have the number of a chain in their seed."""
 
 
 class Chains(NamedTuple):
@@ -79,7 +59,8 @@ def sample_posterior(
 
     Points and blocks of draws are computed side by side in the threads of the `executor`.
 
-    **Raises:** `InputError` where hardly any draw of the polynomial lies between the bounds.
+    **Raises:** `InputError` where what was kept is not what a run writes; `NothingToDraw` where hardly any draw lies
+    between the bounds.
     """
     wanted = drawing.count or DRAWS
     blocks = -(-wanted // BLOCK)
@@ -105,60 +86,6 @@ class _Corrected(NamedTuple):
     """Of the model, but for a constant."""
     accepted: Bool[np.ndarray, "*chains draws"]
     """The model took the polynomial's draw; else the draw is the one before."""
-
-
-def learn(model: Model, seed: int, executor: Executor | None, report: Progress) -> ResidualPolynomial:
-    """A polynomial that agrees with the model over the posterior, as far as one does.
-
-    It begins with all that the ends of the likelihood have taught, and keeps to them.  Where no polynomial follows a
-    valley that far, it begins with the curvature at the optimum alone.
-    """
-    ends = [found.end.point for found in model.ends]
-    # A polynomial that folds over near the optimum has hardly any draws.
-    with contextlib.suppress(InputError):
-        learned, agreement = _learned(model, model.first, ends, range(_TRIED), seed, executor, report)
-        if agreement > _AGREEMENT:
-            return learned
-    near = learn_curvature(model.evaluate, model.optimum, 1.0, model.bounds, executor=executor).at_optimum
-    first = of_second_order(model.optimum, near, model.axes)
-    return _learned(model, first, [], range(_TRIED, _TRIED + _ROUNDS), seed, executor, report)[0]
-
-
-def _learned(
-    model: Model,
-    learned: ResidualPolynomial,
-    points: list[Linearisation],
-    rounds: range,
-    seed: int,
-    executor: Executor | None,
-    report: Progress,
-) -> tuple[ResidualPolynomial, float]:
-    """A polynomial learned from its own draws and the `points`, round after round; how far the one before agreed."""
-    moving, agreement = model.axes.shape[1], 0.0
-    count = max(_FEWEST, int(_SURPLUS * count_terms(moving, degree_for(moving)) / (1 + moving)))
-    for number in rounds:
-        report(f"posterior: learning the residuals, round {number + 1}")
-        proposed = model.proposals(learned, _TO_LEARN, count, (seed, _LEARNING + number))
-        there = linearise_all(model.evaluate, list(proposed.free), executor)
-        exact = np.array([-0.5 * point.chi2 / model.factor for point in there])
-        agreement = in_common(exact - proposed.log_proposed, proposed.log_learned - proposed.log_proposed)
-        points = [*points, *there]
-        learned = learned_polynomial(model.optimum, points, model.axes, model.factor).turned()
-        if agreement > _AGREEMENT:
-            break
-    return learned, agreement
-
-
-def in_common(first: Float[np.ndarray, " n"], second: Float[np.ndarray, " n"]) -> float:
-    """What two densities have in common, 1 where they are equal: from logarithms of their weights at the same draws."""
-    weights = []
-    for logs in (first, second):
-        finite = np.isfinite(logs)
-        if not finite.any():
-            return 0.0
-        weight = np.exp(np.where(finite, logs, -np.inf) - np.max(logs[finite]))
-        weights.append(weight / np.sum(weight))
-    return float(np.sum(np.minimum(*weights)))
 
 
 def corrected(log_weights: Float[np.ndarray, " n"], random: np.random.Generator) -> Int[np.ndarray, " n"]:
@@ -187,10 +114,11 @@ def _judged(model: Model, learned: ResidualPolynomial, seed: int, task: tuple[in
     """A block of proposals and what the model says of it; all of it, so that the block need not be drawn again."""
     proposed = model.proposals(learned, TO_JUDGE, BLOCK, (seed, *task))
     chi2 = [float(np.sum(np.asarray(model.residuals(free)) ** 2)) for free in proposed.free]
+    log_density = model.log_prior(proposed.free) - 0.5 * np.array(chi2) / model.factor
     # JSON has no infinity.
-    density = [-0.5 * value / model.factor if np.isfinite(value) else None for value in chi2]
+    density = [float(value) if np.isfinite(value) else None for value in log_density]
     told = {"free": proposed.free.tolist(), "proposed": proposed.log_proposed.tolist()}
-    return {"chain": task[0], "block": task[1], **told, "log_density": density}
+    return {"chain": task[0], "block": task[1], **told, "log_posterior": density}
 
 
 def _task_of(entry: Document, size: int) -> tuple[int, int]:
@@ -198,7 +126,7 @@ def _task_of(entry: Document, size: int) -> tuple[int, int]:
     task = entry["chain"], entry["block"]
     if not all(isinstance(number, int) for number in task):
         raise TypeError(f"chain, block = {task!r}")
-    for name, shape in (("free", (BLOCK, size)), ("proposed", (BLOCK,)), ("log_density", (BLOCK,))):
+    for name, shape in (("free", (BLOCK, size)), ("proposed", (BLOCK,)), ("log_posterior", (BLOCK,))):
         if np.shape(np.array(entry[name], float)) != shape:
             raise ValueError(f"{name} of block {task[1]} of chain {task[0]} without {BLOCK} draws of {size} parameters")
     return task
@@ -207,7 +135,7 @@ def _task_of(entry: Document, size: int) -> tuple[int, int]:
 def _corrected(blocks: Sequence[Document], wanted: int, seed: int, chain: int) -> _Corrected:
     """One chain of the model's draws, without its axis."""
     whole = lambda name: np.concatenate([np.array(block[name], float) for block in blocks])[:wanted]
-    density = whole("log_density")
+    density = whole("log_posterior")
     density = np.where(np.isfinite(density), density, -np.inf)
     places = corrected(density - whole("proposed"), np.random.default_rng([seed, chain]))
     return _Corrected(

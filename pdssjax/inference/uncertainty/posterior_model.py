@@ -10,7 +10,7 @@ from concurrent.futures import Executor
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 from scipy import stats
 
 from ...core import InputError
@@ -19,7 +19,7 @@ from .end_search import End
 from .profile_likelihood import Box, Evaluate, Which, interval_ends, learn_curvature
 from .quadratic_end import factors
 from .randomize_then_optimize import Mixture, Proposals, Widths, propose
-from .residual_polynomial import ResidualPolynomial, count_points, learned_polynomial, of_second_order
+from .residual_polynomial import ResidualPolynomial, count_points, degree_for, learned_polynomial, of_second_order
 from .second_order import Linearisation
 from .variance_factor import NORMAL_95
 
@@ -53,12 +53,18 @@ class Model(NamedTuple):
     axes: Float[np.ndarray, "p q"]
     """Along which parameters move."""
     bounds: tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]]
+    logarithmic: Bool[np.ndarray, " p"]
+    """Which numbers are the logarithms of their values."""
     factor: float
     """By which variances exceed those of the noise given."""
     first: ResidualPolynomial
     """What all evaluations so far tell of the residuals."""
     ends: tuple[LikelihoodEnd, ...]
     """Of the likelihood of each parameter that moves, far out."""
+
+    def log_prior(self, free: Float[np.ndarray, "*n p"]) -> Float[np.ndarray, "*n"]:
+        """Flat in the values, but for a constant: where x is the logarithm of one, its density is exp(x)."""
+        return (free - self.optimum.at) @ self.logarithmic.astype(float)
 
     def mixture(self, learned: ResidualPolynomial, widths: Widths) -> Mixture:
         """What draws of what was `learned` are from, with variances enlarged by the `widths`."""
@@ -87,6 +93,7 @@ def posterior_model(
     optimum: Linearisation,
     moving: Int[np.ndarray, " q"],
     bounds: Box,
+    logarithmic: Bool[np.ndarray, " p"],
     factor: float,
     executor: Executor | None,
     report: Progress,
@@ -106,9 +113,9 @@ def posterior_model(
     told = lambda done: report(f"posterior: where the likelihood ends, {done} of {len(which)} ends")
     found = interval_ends(evaluate, optimum, which, threshold, bounds, shared, executor=executor, report=told)
     axes = principal_axes(optimum, moving, factor)
-    if len(shared.points) + 1 < count_points(moving.size):
+    if len(shared.points) + 1 < count_points(moving.size, degree_for(moving.size)):
         first = of_second_order(optimum, shared.at_optimum, axes)
     else:
         first = learned_polynomial(optimum, shared.points, axes, factor).turned()
     ends = tuple(LikelihoodEnd(index, side, end) for (index, side), end in zip(which, found, strict=True))
-    return Model(evaluate, residuals, optimum, axes, bounds, factor, first, ends)
+    return Model(evaluate, residuals, optimum, axes, bounds, logarithmic, factor, first, ends)

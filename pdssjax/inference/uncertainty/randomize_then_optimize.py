@@ -50,6 +50,10 @@ _TRIALS = 50
 """Of these, after which too few have a solution between the bounds."""
 
 
+class NothingToDraw(InputError):
+    """Hardly any draw lies between the bounds."""
+
+
 class Widths(NamedTuple):
     """Of a mixture: by how much variances exceed those of the residuals."""
 
@@ -66,6 +70,8 @@ class Proposals(NamedTuple):
 
     free: Float[np.ndarray, "draws p"]
     """On the scale of the fit."""
+    randomized: Float[np.ndarray, "draws q"]
+    """The polynomial's Q' r there."""
     log_proposed: Float[np.ndarray, " draws"]
     """log q, but for a constant."""
     log_learned: Float[np.ndarray, " draws"]
@@ -94,6 +100,7 @@ class Mixture(eqx.Module):
 
 class _Solution(NamedTuple):
     x: Float[Array | np.ndarray, "*n p"]
+    randomized: Float[Array | np.ndarray, "*n q"]
     log_proposed: Float[Array | np.ndarray, "*n"]
     log_learned: Float[Array | np.ndarray, "*n"]
     solved: Bool[Array | np.ndarray, "*n"]
@@ -107,7 +114,7 @@ def propose(
 ) -> Proposals:
     """`count` independent draws of parameters between the `bounds`.
 
-    **Raises:** `InputError` where nearly no randomized residual has a solution between the bounds.
+    **Raises:** `NothingToDraw` where nearly no randomized residual has a solution between the bounds.
     """
     random, (low, high), widths = np.random.default_rng(seed), bounds, mixture.widths
     directions = mixture.axes.shape[1]
@@ -125,9 +132,8 @@ def propose(
         have, tried = have + int(np.sum(good)), tried + _SIDE_BY_SIDE
         if have >= count:
             whole = _Solution(*(np.concatenate(parts)[:count] for parts in zip(*found, strict=True)))
-            densities = np.asarray(whole.log_proposed), np.asarray(whole.log_learned)
-            return Proposals(np.asarray(whole.x), *densities)
-    raise InputError(
+            return Proposals(*map(np.asarray, whole[:-1]))
+    raise NothingToDraw(
         f"posterior: found parameters between the bounds for {have} of {tried} randomized residuals, expected "
         f"{count}; the records say too little about them, or the optimum lies at bounds. Fix some, or give bounds."
     )
@@ -147,7 +153,7 @@ def _proposals(
         w = jnp.where(linear, target, w)
         proposed, x = log_proposed(mixture, w), mixture.place(w)
         learned = -0.5 * jnp.sum(mixture.polynomial(x) ** 2) / mixture.variance
-        return _Solution(x, proposed, learned, (solved | linear) & jnp.isfinite(proposed))
+        return _Solution(x, equation.along(w), proposed, learned, (solved | linear) & jnp.isfinite(proposed))
 
     return jax.vmap(drawn)(jnp.asarray(targets), jnp.asarray(linear))
 
@@ -168,6 +174,13 @@ def log_proposed(mixture: Mixture, w: Float[Array | np.ndarray, " q"]) -> Scalar
     return jax.nn.logsumexp(jnp.append(by_solver, log_linear + log_normal(at, widths.linear)))
 
 
+def tangents(slopes: Float[Array | np.ndarray, "m q"]) -> Float[Array, "m q"]:
+    """Q: the columns of `slopes` made orthonormal, one after the other."""
+    basis, triangle = jnp.linalg.qr(jnp.asarray(slopes))
+    # Of a polynomial as of the model that it stands for: without the signs that a library chooses.
+    return basis * jnp.sign(jnp.diag(triangle))
+
+
 class Equation(NamedTuple):
     """Q' r(x0 + A w) = u."""
 
@@ -183,7 +196,7 @@ def randomized_equation(polynomial: ResidualPolynomial, axes: Float[Array | np.n
     """The equation of a `polynomial` along the `axes` of what moves."""
     place = lambda w: jnp.asarray(polynomial.centre) + axes @ w
     origin = jnp.zeros(axes.shape[1])
-    basis, _ = jnp.linalg.qr(jax.jacfwd(lambda w: polynomial(place(w)))(origin))
+    basis = tangents(jax.jacfwd(lambda w: polynomial(place(w)))(origin))
     projection = eqx.tree_at(lambda p: p.factor, polynomial, basis.T @ jnp.asarray(polynomial.factor))
     along = lambda w: projection(place(w))
     slopes = jax.jacfwd(along)

@@ -1,6 +1,6 @@
-"""Polynomials of third order that stand for residuals over the whole of a posterior, learned from linearisations.
+"""Polynomials that stand for residuals over the whole of a posterior, learned from linearisations.
 
-    r(x0 + A w) ~ C t(z),    w = S z,    t = (1, z_i, z_i z_j, z_i z_j z_k)
+    r(x0 + A w) ~ C t(z),    w = S z,    t = (1, z_i, z_i z_j, z_i z_j z_k, ...)
 
 S makes the points that it is learned from as wide in every direction.  The coefficients C are least squares of values
 and first derivatives at once (Hermite data), so that one linearisation tells 1 + q of the numbers of each sample.
@@ -17,11 +17,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
+from scipy.linalg import solve_triangular
 
 from .second_order import Curvature, Linearisation
 
 MOST_TERMS = 1000
-"""A polynomial with more is of second order."""
+"""A polynomial with more is of a lower order."""
 
 _FAR = 400.0
 """Excess of chi-square from which a point tells nothing of a posterior."""
@@ -56,20 +57,19 @@ def count_terms(directions: int, degree: int) -> int:
     return sum(len(_products(directions, order)) for order in range(degree + 1))
 
 
-def degree_for(directions: int) -> int:
-    """The order that so many directions allow: 3, or 2 where that has too many terms."""
-    return 3 if count_terms(directions, 3) <= MOST_TERMS else 2
+def degree_for(directions: int, most: int = 3) -> int:
+    """The order that so many directions allow: `most`, or less where that has too many terms, but not below 2."""
+    return most if most == 2 or count_terms(directions, most) <= MOST_TERMS else degree_for(directions, most - 1)
 
 
 def terms(z: Float[Array, " q"], degree: int) -> Float[Array, " k"]:
     """All products of up to `degree` coordinates, those of fewer first."""
-    pairs = _products(z.size, 2)
-    squares = z[pairs[:, 0]] * z[pairs[:, 1]]
-    found = [jnp.ones(1), z, squares]
-    if degree == 3:
-        place = {tuple(pair): number for number, pair in enumerate(pairs.tolist())}
-        triples = _products(z.size, 3)
-        found.append(z[triples[:, 0]] * squares[np.array([place[j, k] for _, j, k in triples.tolist()], int)])
+    found = [jnp.ones(1), z]
+    for order in range(2, degree + 1):
+        products = _products(z.size, order)
+        shorter = {tuple(product): number for number, product in enumerate(_products(z.size, order - 1).tolist())}
+        others = np.array([shorter[tuple(product)] for product in products[:, 1:].tolist()], int)
+        found.append(z[products[:, 0]] * found[-1][others])
     return jnp.concatenate(found)
 
 
@@ -117,16 +117,23 @@ def _hermite_row(z: Float[Array, " q"], degree: int) -> Float[Array, "1+q k"]:
 
 
 def learned_polynomial(
-    optimum: Linearisation, points: Sequence[Linearisation], axes: Float[np.ndarray, "p q"], factor: float
+    optimum: Linearisation,
+    points: Sequence[Linearisation],
+    axes: Float[np.ndarray, "p q"],
+    factor: float,
+    most: int = 3,
 ) -> SampledPolynomial:
     """The polynomial that explains residuals and Jacobians at an `optimum` and at `points` best.
 
     **Arguments:** `axes` of what moves, as many standard deviations long as is the linear model's; the `factor` by
-    which variances exceed those of the noise given.  Points that cannot be simulated, or lie far above the optimum,
-    take no part, as long as enough others are there.
+    which variances exceed those of the noise given; the `most` that the order may be, above the third only where
+    points determine it.  Points that cannot be simulated, or lie far above the optimum, take no part, as long as
+    enough others are there.
     """
-    moving, degree = axes.shape[1], degree_for(axes.shape[1])
-    used, excess = _near(optimum, points, factor, count_points(moving))
+    moving = axes.shape[1]
+    used, excess = _near(optimum, points, factor, count_points(moving, degree_for(moving)))
+    determined = [degree for degree in range(4, most + 1) if count_points(moving, degree) <= len(used)]
+    degree = degree_for(moving, max([3, *determined]))
     inverse = np.linalg.pinv(axes)
     offsets = np.stack([point.at - optimum.at for point in used]) @ inverse.T
     widths = np.linalg.cholesky(offsets.T @ offsets / len(used) + 1e-6 * np.eye(moving))
@@ -135,7 +142,8 @@ def learned_polynomial(
     rows = np.stack([np.asarray(_hermite_row(jnp.asarray(each), degree)) for each in z]) * weights[:, None, None]
     ridge = np.sqrt(len(used)) * np.where(np.arange(rows.shape[2]) > moving, _RIDGE, 1e-9)
     matrix = np.concatenate([rows.reshape(-1, ridge.size), np.diag(ridge)])
-    solve = np.linalg.pinv(matrix)[:, : -ridge.size].reshape(ridge.size, len(used), 1 + moving)
+    basis, triangle = np.linalg.qr(matrix)
+    solve = solve_triangular(triangle, basis[: -ridge.size].T).reshape(ridge.size, len(used), 1 + moving)
     coefficients = np.zeros((optimum.residual.size, ridge.size))
     for number, point in enumerate(used):  # one at a time: all Jacobians side by side are many
         told = np.concatenate([point.residual[:, None], _SLOPES * (point.jacobian @ (axes @ widths))], axis=1)
@@ -143,9 +151,9 @@ def learned_polynomial(
     return SampledPolynomial(optimum.at, np.linalg.solve(widths, inverse), coefficients, degree)
 
 
-def count_points(directions: int) -> int:
+def count_points(directions: int, degree: int) -> int:
     """How many linearisations determine a polynomial."""
-    return count_terms(directions, degree_for(directions)) // (1 + directions) + 1
+    return count_terms(directions, degree) // (1 + directions) + 1
 
 
 def _near(

@@ -9,8 +9,11 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from .residual_polynomial import SampledPolynomial, count_points, learned_polynomial
+from .residual_polynomial import SampledPolynomial, count_points, degree_for, learned_polynomial
 from .second_order import Curvature, Linearisation, learned
+
+_GROWTH = 1.1
+"""So many times as many points as last time, and the polynomial is learned anew: it may take longer than they do."""
 
 
 class SharedCurvature:
@@ -33,6 +36,8 @@ class SharedCurvature:
         # Without probes some directions may have been seen by none: only what is learned on the way counts.
         self.learns = bool(probes)
         self.polynomial: SampledPolynomial | None = None
+        self.due = count_points(optimum.at.size, degree_for(optimum.at.size))
+        """How many linearisations the polynomial is learned of next time, the optimum's among them."""
 
     @property
     def known(self) -> bool:
@@ -42,8 +47,9 @@ class SharedCurvature:
     def learn(self, points: Sequence[Linearisation]) -> None:
         """Of further linearisations."""
         self.points += points
-        if self.learns and len(self.points) + 1 >= count_points(self.optimum.at.size):
+        if self.learns and len(self.points) + 1 >= self.due:
             self.polynomial = learned_polynomial(self.optimum, self.points, self.scale, self.factor)
+            self.due = int(_GROWTH * len(self.points)) + 1
 
     def at(self, place: Float[np.ndarray, " p"]) -> Curvature | None:
         """The curvature at a place by the polynomial, if there is one."""

@@ -1,10 +1,10 @@
 """A posterior's density in coordinates in which it is nearly a standard normal distribution.
 
-    Q' r^(x0 + A w) = sqrt(v) e,        density of e:    exp(-|r(x)|^2 / (2 v)) |det dx/de|
+    Q' r^(x0 + A w) = sqrt(v) e,        density of e:    p(x) exp(-|r(x)|^2 / (2 v)) |det dx/de|
 
-r^ is the polynomial that stands for the residuals, r the model, Q as in `randomize_then_optimize`: whatever the
-polynomial is, the density is the model's (M. D. Parno and Y. M. Marzouk, SIAM/ASA J. Uncertainty Quantification 6(2),
-2018, for a map in front of a sampler).  Where the polynomial folds over there is no e.
+r^ is the polynomial that stands for the residuals, r the model, p the prior, Q as in `randomize_then_optimize`:
+whatever the polynomial is, the density is the model's (M. D. Parno and Y. M. Marzouk, SIAM/ASA J. Uncertainty
+Quantification 6(2), 2018, for a map in front of a sampler).  Where the polynomial folds over there is no e.
 """
 
 from typing import NamedTuple
@@ -71,6 +71,8 @@ class TransportedDensity(eqx.Module):
 
     map: TransportMap
     evaluate: Evaluate
+    slopes: Float[np.ndarray, " p"]
+    """Of the logarithm of the prior."""
     low: Float[np.ndarray, " p"]
     high: Float[np.ndarray, " p"]
 
@@ -79,8 +81,8 @@ class TransportedDensity(eqx.Module):
         place, variance = self.map.place(e), self.map.variance
         x = self.map.at(place.w)
         residual, jacobian = self.evaluate(x)
-        value = 0.5 * jnp.sum(residual**2) / variance + place.volume
-        by_w = self.map.axes.T @ (jacobian.T @ residual) / variance + place.pull
+        value = 0.5 * jnp.sum(residual**2) / variance + place.volume - self.slopes @ (x - self.map.polynomial.centre)
+        by_w = self.map.axes.T @ (jacobian.T @ residual / variance - self.slopes) + place.pull
         slope = jnp.sqrt(variance) * jnp.linalg.solve(place.slopes.T, by_w)
         there = place.solved & jnp.all((x >= self.low) & (x <= self.high)) & jnp.isfinite(value)
         there &= jnp.all(jnp.isfinite(slope))
@@ -89,4 +91,5 @@ class TransportedDensity(eqx.Module):
 
 def transported(model: Model, polynomial: ResidualPolynomial) -> TransportedDensity:
     """The posterior of a `model` by the map that a `polynomial` makes."""
-    return TransportedDensity(TransportMap(polynomial, model.axes, model.factor), model.evaluate, *model.bounds)
+    prior = model.logarithmic.astype(float)
+    return TransportedDensity(TransportMap(polynomial, model.axes, model.factor), model.evaluate, prior, *model.bounds)

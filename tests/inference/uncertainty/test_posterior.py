@@ -6,11 +6,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy import stats
 
 from pdssjax import Drawing, InputError
 from pdssjax.inference.draws import InMemory
 from pdssjax.inference.uncertainty import posterior
-from pdssjax.inference.uncertainty.drawn_intervals import about_tails, summary_of_chains
+from pdssjax.inference.uncertainty.drawn_intervals import about_endless, about_tails, summary_of_chains
 from pdssjax.inference.uncertainty.end_search import End, Verdict
 from pdssjax.inference.uncertainty.no_u_turn import sample_by_trajectories
 from pdssjax.inference.uncertainty.posterior_model import LikelihoodEnd, posterior_model
@@ -19,6 +20,7 @@ from pdssjax.metrics import effective_size, rhat
 
 DESIGN = np.random.default_rng(0).normal(size=(7, 2)) * [1.0, 100.0] @ np.array([[1.0, 0.3], [0.2, 1.0]])
 EVERYWHERE = np.full(2, -np.inf), np.full(2, np.inf)
+LINEAR = np.zeros(2, bool)
 
 
 def linear(x):
@@ -34,18 +36,24 @@ def wavy(x):
     return linear(x) + 0.2 * jnp.sin(4.0 * linear(x))
 
 
+def kinked(x):
+    """Slopes that jump all the time: what passes for curvature folds over everywhere."""
+    waves = jnp.abs(jnp.mod(10.0 * linear(x) + 1.0, 2.0) - 1.0) - 0.5
+    return linear(x) + 0.15 * waves
+
+
 SAMPLERS = {"rto": posterior.sample_posterior, "nuts": sample_by_trajectories}
 both = pytest.mark.parametrize("sampler", SAMPLERS)
 slow_nuts = pytest.mark.parametrize("sampler", ["rto", pytest.param("nuts", marks=pytest.mark.slow)])
 
 
-def drawn(residuals, centre, drawing, bounds=EVERYWHERE, factor=1.0, chains=4):
+def drawn(residuals, centre, drawing, bounds=EVERYWHERE, factor=1.0, chains=4, logarithmic=LINEAR):
     residuals = jax.jit(residuals)
     slope = jax.jit(jax.jacfwd(residuals))
     evaluate = lambda at: (residuals(jnp.asarray(at)), slope(jnp.asarray(at)))
     optimum = Linearisation(np.array(centre), *map(np.asarray, evaluate(centre)))
     quiet = lambda message: None
-    model = posterior_model(evaluate, residuals, optimum, np.arange(2), bounds, factor, None, quiet)
+    model = posterior_model(evaluate, residuals, optimum, np.arange(2), bounds, logarithmic, factor, None, quiet)
     return SAMPLERS[drawing.sampler](model, drawing, None, quiet, chains)
 
 
@@ -80,13 +88,47 @@ def test_of_a_banana_too_however_narrow_it_is(stiffness, sampler):
     assert np.std(straight) == pytest.approx(1.0 / stiffness, rel=0.1)
 
 
-@pytest.mark.parametrize(("sampler", "count"), [("rto", 2000), pytest.param("nuts", 600, marks=pytest.mark.slow)])
-def test_what_no_polynomial_describes_is_drawn_from_the_model_all_the_same(sampler, count):
-    chains = drawn(wavy, [0.0, 0.0], Drawing(count, seed=2, sampler=sampler))
+def test_of_a_valley_that_bends_in_the_fourth_order():
+    """x0 is normal around 1, and x1 around a polynomial of it, to a two-thousandth."""
+    bend = lambda x: 0.3 * (x - 1.0) ** 4
+    chains = drawn(lambda x: bent(jnp.stack([x[0], x[1] - bend(x[0])]), 2000.0), [1.0, 1.0], Drawing(1000, seed=1))
+    assert chains.failed < 0.3 * chains.free[:, :, 0].size
+    draws = chains.free[:, :, 0]
+    size = effective_size(draws)
+    assert rhat(draws) < 1.01 and size > 400
+    assert np.mean(draws) == pytest.approx(1.0, abs=4.0 / np.sqrt(size))
+    assert np.std(draws) == pytest.approx(1.0, rel=4.0 * np.sqrt(0.5 / effective_size(draws**2)))
+    assert np.std(chains.free[:, :, 1] - draws**2 - bend(draws)) == pytest.approx(1.0 / 2000.0, rel=0.1)
+
+
+@slow_nuts
+def test_the_prior_is_flat_in_the_values_where_the_fit_sees_their_logarithms(sampler):
+    """A damping known to 2.7 standard errors: normal, and cut off at zero; in its logarithm it would have no end."""
+    deviation = 0.37
+    residuals = lambda x: jnp.concatenate([jnp.stack([(jnp.exp(x[0]) - 1.0) / deviation, x[1]]), jnp.zeros(5)])
+    logarithmic = np.array([True, False])
+    draws = np.exp(drawn(residuals, [0.0, 0.0], Drawing(1000, seed=3, sampler=sampler), logarithmic=logarithmic).free)
+    exact = stats.truncnorm(-1.0 / deviation, np.inf, 1.0, deviation)
+    damping = draws[:, :, 0]
+    size = effective_size(damping)
+    assert rhat(damping) < 1.01 and size > 400
+    assert np.mean(damping) == pytest.approx(exact.mean(), abs=4.0 * exact.std() / np.sqrt(size))
+    for share in (0.025, 0.975):
+        place = exact.ppf(share)
+        error = np.sqrt(share * (1.0 - share) / effective_size((damping < place) * 1.0))
+        assert np.mean(damping < place) == pytest.approx(share, abs=4.0 * error)
+
+
+@pytest.mark.parametrize(
+    ("sampler", "count", "residuals"),
+    [("rto", 2000, wavy), ("rto", 2000, kinked), pytest.param("nuts", 600, wavy, marks=pytest.mark.slow)],
+)
+def test_what_no_polynomial_describes_is_drawn_from_the_model_all_the_same(sampler, count, residuals):
+    chains = drawn(residuals, [0.0, 0.0], Drawing(count, seed=2, sampler=sampler))
     low, high = np.quantile(chains.free, [0.0005, 0.9995], axis=(0, 1))
     axes = [np.linspace(2 * low[i], 2 * high[i], 801) for i in range(2)]
     grid = jnp.stack(jnp.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
-    density = np.exp(-0.5 * np.sum(np.asarray(jax.vmap(wavy)(grid)) ** 2, axis=1))
+    density = np.exp(-0.5 * np.sum(np.asarray(jax.vmap(residuals)(grid)) ** 2, axis=1))
     # Of the proposals; how many trajectories end at an edge depends on where the polynomial folds.
     assert (0.01 if sampler == "rto" else 0.0) <= chains.failed / chains.free[:, :, 0].size < 0.9
     for i in range(2):
@@ -170,7 +212,7 @@ def test_what_cannot_be_simulated_is_said():
     optimum = Linearisation(np.zeros(2), np.full(7, np.nan), np.full((7, 2), np.nan))
     evaluate = lambda at: (nowhere(at), jax.jacfwd(nowhere)(at))
     with pytest.raises(InputError, match="found a model that cannot be simulated at its optimum"):
-        posterior_model(evaluate, nowhere, optimum, np.arange(2), EVERYWHERE, 1.0, None, print)
+        posterior_model(evaluate, nowhere, optimum, np.arange(2), EVERYWHERE, LINEAR, 1.0, None, print)
 
 
 def test_an_independence_chain_stays_where_the_model_is_likelier_than_the_proposals_say():
@@ -208,6 +250,17 @@ def test_a_tail_that_draws_do_not_reach_is_said():
     # Too few draws to tell, and an end that is none.
     assert told(cut[:, :100], ends) == []
     assert told(cut, [ends[0], end(1.0, Verdict.FLAT)]) == []
+
+
+def test_a_likelihood_without_an_end_is_said_where_the_values_have_none():
+    optimum = Linearisation(np.zeros(2), np.zeros(1), np.zeros((1, 2)))
+    flat = [
+        LikelihoodEnd(i, side, End(side * np.inf, Verdict.FLAT, optimum, 1)) for i in (0, 1) for side in (-1.0, 1.0)
+    ]
+    told = lambda *logarithmic: about_endless(("x", "y"), flat, np.array(logarithmic))
+    assert told(False, False)[0].startswith("The likelihood has no end: x below, x above, y below, y above. Draws go")
+    assert "no end: x above, y above. " in told(True, True)[0]  # zero is an end of a value
+    assert about_endless(("x", "y"), [], np.array([False, False])) == []
 
 
 TIMES = jnp.linspace(0.1, 3.0, 12)
