@@ -306,7 +306,7 @@ before = dict(jax.config.values)
 for name in {names}:
     importlib.import_module(name)
 changed = sorted(key for key, value in jax.config.values.items() if before.get(key, value) != value)
-print(changed, sorted({{"matplotlib", "pint", "rich"}} & set(sys.modules)))
+print(changed, sorted({{"matplotlib", "pint", "rich", "scipy.optimize", "scipy.stats"}} & set(sys.modules)))
 """
     assert run(program).split() == ["[]", "[]"]
 

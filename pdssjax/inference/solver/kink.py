@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Array, Float
-from scipy.optimize import fminbound, lsq_linear
 
 from .ending import Ending
 from .iterations import ResidualFunction, iterate, iterates
@@ -88,6 +87,8 @@ def least_promising(
 
     **Arguments:** the states at `y` and at the two points that the first has `across` the kink.
     """
+    from scipy.optimize import fminbound, lsq_linear  # a third of a second that few runs need
+
     y, (ahead, behind) = np.asarray(y, float), np.asarray(state.across, float)
     here, there = (np.asarray(side.jacobian, float) for side in sides)
     residual, *beside = (np.asarray(of.residual, float) for of in (state, *sides))

@@ -18,6 +18,7 @@ from .bootstrap import Replicate, bootstrap, samples_per_cycle
 from .end_search import Verdict
 from .no_u_turn import sample_by_trajectories
 from .posterior import Chains, sample_posterior
+from .posterior_coordinates import InCoordinates, posterior_coordinates
 from .posterior_model import BEYOND, LikelihoodEnd, posterior_model
 from .randomize_then_optimize import NothingToDraw
 from .second_order import linearisation_at
@@ -110,13 +111,15 @@ def with_posterior(
     if not moving.any():
         note = "No posterior: the data say nothing about any parameter."
         return dataclasses.replace(estimate, notes=(*estimate.notes, note))
+    transform, optimum, places = problem.residual.transform, linearisation_at(fit), np.flatnonzero(moving)
+    coordinates = posterior_coordinates(optimum, places, problem.bounds, factor, transform.logarithmic)
     model = posterior_model(
-        problem.linearisation,
-        problem.whitened,
-        linearisation_at(fit),
-        np.flatnonzero(moving),
-        problem.bounds,
-        problem.residual.transform.logarithmic,
+        InCoordinates(problem.linearisation, coordinates),
+        lambda y: problem.whitened(coordinates.to_fit(y)),
+        coordinates.linearised(optimum),
+        places,
+        coordinates.bounds(problem.bounds),
+        transform.logarithmic & ~coordinates.by_value,
         factor,
         executor,
         report,
@@ -126,7 +129,7 @@ def with_posterior(
         chains = sampler.sample(model, drawing, executor, report)
     except NothingToDraw as error:
         return dataclasses.replace(estimate, notes=(*estimate.notes, f"No posterior, intervals are linear: {error}"))
-    values = problem.residual.transform.in_si(chains.free)
+    values = transform.in_si(np.asarray(coordinates.to_fit(chains.free)))
     held = [path for path, moves in zip(estimate.names, moving, strict=True) if not moves]
     draws = Draws(
         kind="posterior",

@@ -5,13 +5,13 @@ its own draws have taught knows little of where it leads there, and the draws th
 does not propose: an evaluation at each end does.
 """
 
+import math
 from collections.abc import Callable
 from concurrent.futures import Executor
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
-from scipy import stats
 
 from ...core import InputError
 from ..least_squares import Progress
@@ -26,7 +26,7 @@ from .variance_factor import NORMAL_95
 _FAR = 1.5 * NORMAL_95**2
 """Excess of chi-square at the ends: 1.5 times that at those of a 95 % interval."""
 
-BEYOND = float(stats.norm.sf(np.sqrt(_FAR)))
+BEYOND = 0.5 * math.erfc(math.sqrt(0.5 * _FAR))
 """Share of a posterior beyond such an end, where it is as wide as the likelihood."""
 
 Residuals = Callable[[Float[np.ndarray, " p"]], Float[Array | np.ndarray, " n"]]

@@ -17,7 +17,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
-from scipy.linalg import solve_triangular
 
 from .second_order import Curvature, Linearisation
 
@@ -142,6 +141,8 @@ def learned_polynomial(
     rows = np.stack([np.asarray(_hermite_row(jnp.asarray(each), degree)) for each in z]) * weights[:, None, None]
     ridge = np.sqrt(len(used)) * np.where(np.arange(rows.shape[2]) > moving, _RIDGE, 1e-9)
     matrix = np.concatenate([rows.reshape(-1, ridge.size), np.diag(ridge)])
+    from scipy.linalg import solve_triangular  # an eighth of a second that most runs do not need
+
     basis, triangle = np.linalg.qr(matrix)
     solve = solve_triangular(triangle, basis[: -ridge.size].T).reshape(ridge.size, len(used), 1 + moving)
     coefficients = np.zeros((optimum.residual.size, ridge.size))
