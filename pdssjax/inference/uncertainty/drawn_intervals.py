@@ -145,6 +145,9 @@ def with_posterior(
     about = [*_about_chains(draws), *_about_proposals(draws, sampler.fewest)]
     about += about_tails(draws.parameters, chains.free, model.ends)
     about += about_endless(estimate.names, model.ends, model.logarithmic)
+    about += about_better_optima(
+        estimate.names, model.ends, lambda y: transform.in_si(np.asarray(coordinates.to_fit(y)))
+    )
     return with_draws(estimate, draws, [*estimate.notes, *about])
 
 
@@ -223,6 +226,22 @@ def about_endless(
     return [
         f"The likelihood has no end: {', '.join(endless)}. Draws go as far there as the bounds of the study allow, and "
         "the posterior is that of the bounds; give min and max, or fix the parameter."
+    ]
+
+
+def about_better_optima(
+    paths: Sequence[str],
+    ends: Sequence[LikelihoodEnd],
+    in_si: Callable[[Float[np.ndarray, " p"]], Float[np.ndarray, " p"]],
+) -> list[str]:
+    """A note on the best of the points below the optimum that searches for ends have met."""
+    better = [found for found in ends if found.end.verdict == Verdict.LOWER]
+    if not better:
+        return []
+    place, _, end = min(better, key=lambda found: found.end.point.chi2)
+    return [
+        f"While the posterior was learned a better optimum was found (chi-square {end.point.chi2:.6g}): start the fit "
+        f"from {paths[place]} = {float(in_si(end.point.at)[place]):.6g} in SI."
     ]
 
 

@@ -11,7 +11,12 @@ from scipy import stats
 from pdssjax import Drawing, InputError
 from pdssjax.inference.draws import InMemory
 from pdssjax.inference.uncertainty import posterior
-from pdssjax.inference.uncertainty.drawn_intervals import about_endless, about_tails, summary_of_chains
+from pdssjax.inference.uncertainty.drawn_intervals import (
+    about_better_optima,
+    about_endless,
+    about_tails,
+    summary_of_chains,
+)
 from pdssjax.inference.uncertainty.end_search import End, Verdict
 from pdssjax.inference.uncertainty.no_u_turn import sample_by_trajectories
 from pdssjax.inference.uncertainty.posterior_model import LikelihoodEnd, posterior_model
@@ -261,6 +266,19 @@ def test_a_likelihood_without_an_end_is_said_where_the_values_have_none():
     assert told(False, False)[0].startswith("The likelihood has no end: x below, x above, y below, y above. Draws go")
     assert "no end: x above, y above. " in told(True, True)[0]  # zero is an end of a value
     assert about_endless(("x", "y"), [], np.array([False, False])) == []
+
+
+def test_a_better_optimum_that_was_met_is_said():
+    point = lambda at, residual: Linearisation(np.array(at), np.array([residual]), np.zeros((1, 2)))
+    end = lambda place, verdict, *there: LikelihoodEnd(place, 1.0, End(1.0, verdict, point(*there), 1))
+    ends = [
+        end(0, Verdict.LOWER, [1.0, 2.0], 3.0),
+        end(1, Verdict.LOWER, [4.0, 5.0], 2.0),
+        end(1, Verdict.BOUNDED, [0.0, 0.0], 1.0),
+    ]
+    (note,) = about_better_optima(("x", "y"), ends, lambda at: 10.0 * at)
+    assert "a better optimum was found (chi-square 4): start the fit from y = 50 in SI." in note
+    assert about_better_optima(("x", "y"), ends[2:], lambda at: at) == []
 
 
 TIMES = jnp.linspace(0.1, 3.0, 12)
