@@ -21,3 +21,8 @@ def listed(texts: Iterable[str]) -> str:
 def quoted(records: Sequence[FittedRecord]) -> str:
     """The names of records."""
     return listed(f'"{record.name}"' for record in records)
+
+
+def about_better_optimum(when: str, chi2: float, path: str, number: float) -> str:
+    """A note on a point below the optimum, with the `number` [SI] of one parameter there."""
+    return f"{when} a better optimum was found (chi-square {chi2:.6g}): start the fit from {path} = {number:.6g} in SI."

@@ -13,6 +13,7 @@ from ...metrics import effective_size, effective_size_of_tails, rhat
 from ...study import Draws, Estimate, ParameterDraws
 from ..draws import Drawing
 from ..least_squares import Fit, FitMethod, Progress
+from ..notes.words import about_better_optimum
 from ..problem import Problem
 from .bootstrap import Replicate, bootstrap, samples_per_cycle
 from .end_search import Verdict
@@ -239,10 +240,8 @@ def about_better_optima(
     if not better:
         return []
     place, _, end = min(better, key=lambda found: found.end.point.chi2)
-    return [
-        f"While the posterior was learned a better optimum was found (chi-square {end.point.chi2:.6g}): start the fit "
-        f"from {paths[place]} = {float(in_si(end.point.at)[place]):.6g} in SI."
-    ]
+    number = float(in_si(end.point.at)[place])
+    return [about_better_optimum("While the posterior was learned", end.point.chi2, paths[place], number)]
 
 
 def _about_proposals(draws: Draws, fewest: float) -> list[str]:

@@ -101,7 +101,7 @@ def _rounds(
         points = [*points, *there]
         good = agreement > _AGREEMENT
         if not good:
-            points += _solved_further(model, proposed, there, executor)
+            points += solved_further(model, proposed, there, executor)
         most = polynomial.degree if good else _MOST
         polynomial = learned_polynomial(model.optimum, points, model.axes, model.factor, most).turned()
         if good:
@@ -109,10 +109,13 @@ def _rounds(
     return _Learned(polynomial, agreement)
 
 
-def _solved_further(
+def solved_further(
     model: Model, proposed: Proposals, there: Sequence[Linearisation], executor: Executor | None
 ) -> list[Linearisation]:
-    """Linearisations on the way from the polynomial's solutions to those of the model."""
+    """Linearisations on the way from the polynomial's solutions to those of the model.
+
+    **Arguments:** the draws `proposed` by a polynomial, and the model's linearisations `there`.
+    """
     basis = np.asarray(tangents(model.optimum.jacobian @ model.axes))
     found: list[Linearisation] = []
     due = list(zip(proposed.randomized, there, strict=True))

@@ -19,7 +19,7 @@ from .end_search import End
 from .profile_likelihood import Box, Evaluate, Which, interval_ends, learn_curvature
 from .quadratic_end import factors
 from .randomize_then_optimize import Mixture, Proposals, Widths, propose
-from .residual_polynomial import ResidualPolynomial, count_points, degree_for, learned_polynomial, of_second_order
+from .residual_polynomial import ResidualPolynomial, count_points, learned_polynomial, of_second_order
 from .second_order import Linearisation
 from .variance_factor import NORMAL_95
 
@@ -62,9 +62,14 @@ class Model(NamedTuple):
     ends: tuple[LikelihoodEnd, ...]
     """Of the likelihood of each parameter that moves, far out."""
 
+    @property
+    def prior_slopes(self) -> Float[np.ndarray, " p"]:
+        """Of the logarithm of a prior flat in the values: where x is the logarithm of one, its density is exp(x)."""
+        return self.logarithmic.astype(float)
+
     def log_prior(self, free: Float[np.ndarray, "*n p"]) -> Float[np.ndarray, "*n"]:
-        """Flat in the values, but for a constant: where x is the logarithm of one, its density is exp(x)."""
-        return (free - self.optimum.at) @ self.logarithmic.astype(float)
+        """But for a constant."""
+        return (free - self.optimum.at) @ self.prior_slopes
 
     def mixture(self, learned: ResidualPolynomial, widths: Widths) -> Mixture:
         """What draws of what was `learned` are from, with variances enlarged by the `widths`."""
@@ -113,7 +118,7 @@ def posterior_model(
     told = lambda done: report(f"posterior: where the likelihood ends, {done} of {len(which)} ends")
     found = interval_ends(evaluate, optimum, which, threshold, bounds, shared, executor=executor, report=told)
     axes = principal_axes(optimum, moving, factor)
-    if len(shared.points) + 1 < count_points(moving.size, degree_for(moving.size)):
+    if len(shared.points) + 1 < count_points(moving.size):
         first = of_second_order(optimum, shared.at_optimum, axes)
     else:
         first = learned_polynomial(optimum, shared.points, axes, factor).turned()

@@ -9,6 +9,7 @@ from jaxtyping import Float
 from ...study import Estimate, FittedParameter, Profile
 from ..draws import each_done
 from ..least_squares import Fit, Progress
+from ..notes.words import about_better_optimum
 from ..problem import Problem
 from .end_search import End, Verdict
 from .profile_curve import Curve, profile_curve
@@ -158,12 +159,9 @@ def _notes(parameter: FittedParameter, problem: Problem, ends: tuple[End, ...]) 
         elif end.verdict == Verdict.AT_BOUND:
             notes.append(f"{what} is its bound: the records allow values beyond it.")
         elif end.verdict == Verdict.LOWER:
-            values = problem.decode(end.point.at)
-            notes.append(
-                f"On the way to the {name} end of {parameter.path} a better optimum was found (chi-square "
-                f"{end.point.chi2:.6g}): start the fit from {parameter.path} = {float(values[parameter.path]):.6g} "
-                "in SI."
-            )
+            when = f"On the way to the {name} end of {parameter.path}"
+            number = float(problem.decode(end.point.at)[parameter.path])
+            notes.append(about_better_optimum(when, end.point.chi2, parameter.path, number))
         elif end.verdict == Verdict.LOST:
             notes.append(
                 f"{what} was not found: chi-square has a discontinuity on the way, bends too much, or cannot be "

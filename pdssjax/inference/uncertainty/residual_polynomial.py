@@ -129,8 +129,10 @@ def learned_polynomial(
     points determine it.  Points that cannot be simulated, or lie far above the optimum, take no part, as long as
     enough others are there.
     """
+    from scipy.linalg import solve_triangular  # an eighth of a second that most runs do not need
+
     moving = axes.shape[1]
-    used, excess = _near(optimum, points, factor, count_points(moving, degree_for(moving)))
+    used, excess = _near(optimum, points, factor, count_points(moving))
     determined = [degree for degree in range(4, most + 1) if count_points(moving, degree) <= len(used)]
     degree = degree_for(moving, max([3, *determined]))
     inverse = np.linalg.pinv(axes)
@@ -141,8 +143,6 @@ def learned_polynomial(
     rows = np.stack([np.asarray(_hermite_row(jnp.asarray(each), degree)) for each in z]) * weights[:, None, None]
     ridge = np.sqrt(len(used)) * np.where(np.arange(rows.shape[2]) > moving, _RIDGE, 1e-9)
     matrix = np.concatenate([rows.reshape(-1, ridge.size), np.diag(ridge)])
-    from scipy.linalg import solve_triangular  # an eighth of a second that most runs do not need
-
     basis, triangle = np.linalg.qr(matrix)
     solve = solve_triangular(triangle, basis[: -ridge.size].T).reshape(ridge.size, len(used), 1 + moving)
     coefficients = np.zeros((optimum.residual.size, ridge.size))
@@ -152,9 +152,9 @@ def learned_polynomial(
     return SampledPolynomial(optimum.at, np.linalg.solve(widths, inverse), coefficients, degree)
 
 
-def count_points(directions: int, degree: int) -> int:
-    """How many linearisations determine a polynomial."""
-    return count_terms(directions, degree) // (1 + directions) + 1
+def count_points(directions: int, degree: int | None = None) -> int:
+    """How many linearisations determine a polynomial, of the order that so many directions allow if none is given."""
+    return count_terms(directions, degree or degree_for(directions)) // (1 + directions) + 1
 
 
 def _near(

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from .residual_polynomial import SampledPolynomial, count_points, degree_for, learned_polynomial
+from .residual_polynomial import SampledPolynomial, count_points, learned_polynomial
 from .second_order import Curvature, Linearisation, learned
 
 _GROWTH = 1.1
@@ -36,7 +36,7 @@ class SharedCurvature:
         # Without probes some directions may have been seen by none: only what is learned on the way counts.
         self.learns = bool(probes)
         self.polynomial: SampledPolynomial | None = None
-        self.due = count_points(optimum.at.size, degree_for(optimum.at.size))
+        self.due = count_points(optimum.at.size)
         """How many linearisations the polynomial is learned of next time, the optimum's among them."""
 
     @property

@@ -91,5 +91,5 @@ class TransportedDensity(eqx.Module):
 
 def transported(model: Model, polynomial: ResidualPolynomial) -> TransportedDensity:
     """The posterior of a `model` by the map that a `polynomial` makes."""
-    prior = model.logarithmic.astype(float)
-    return TransportedDensity(TransportMap(polynomial, model.axes, model.factor), model.evaluate, prior, *model.bounds)
+    by_polynomial = TransportMap(polynomial, model.axes, model.factor)
+    return TransportedDensity(by_polynomial, model.evaluate, model.prior_slopes, *model.bounds)
