@@ -140,8 +140,10 @@ def advance(here, span, state, form, mode, times, out, accuracy):
     )
     assert solved.success, solved.message
     stop, last = solved.t[-1], solved.y[:, -1].copy()
-    if slides and min(here.on_law(law.room, last, form, mode), default=0.0) < -1e-15:
-        # It fell and rose again within the step whose end has the motion reversed: solve_ivp asks at ends only.
+    turns = slides and solved.t_events[0].size
+    if turns and (stop == span[0] or min(here.on_law(law.room, last, form, mode), default=0.0) < -1e-15):
+        # solve_ivp asks at ends of steps only and takes one event of each: the first step went over the whole motion
+        # up to where it reverses, or a room fell within the step that did.
         return advance(here, span, state, form, mode, times, out, (accuracy[0], 0.1 * accuracy[1]))
     inside = (times > span[0]) & (times <= stop)
     if inside.any():
