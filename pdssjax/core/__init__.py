@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from .arrays import Scalar as Scalar
     from .arrays import ScalarLike as ScalarLike
     from .arrays import Truth as Truth
+    from .blas_threads import one_blas_thread as one_blas_thread
     from .display_units import LENGTH as LENGTH
     from .display_units import MICROMETRES as MICROMETRES
     from .display_units import VELOCITY as VELOCITY
@@ -61,6 +62,7 @@ else:
         __name__,
         {
             "arrays": ["Count", "Document", "Scalar", "ScalarLike", "Truth"],
+            "blas_threads": ["one_blas_thread"],
             "display_units": [
                 *("Display", "LENGTH", "MICROMETRES", "VELOCITY", "decimals_for", "display_unit"),
                 *("percent", "rounded", "strongest_pairs"),

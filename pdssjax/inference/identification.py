@@ -7,7 +7,17 @@ from typing import Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 
-from ..core import InputError, check_kind, clear_bar, member, members, nearest, need_double_precision, told_in_notebook
+from ..core import (
+    InputError,
+    check_kind,
+    clear_bar,
+    member,
+    members,
+    nearest,
+    need_double_precision,
+    one_blas_thread,
+    told_in_notebook,
+)
 from ..integration import Accuracy
 from ..study import Estimate, Study
 from .draws import Drawing
@@ -46,6 +56,7 @@ class FitInterrupted(KeyboardInterrupt):
         self.estimate = estimate
 
 
+@one_blas_thread()
 def identify(
     study: Study,
     method: Method = "joint",

@@ -19,10 +19,10 @@ REQUIRED = 1e-10
 """What the default accuracy keeps everywhere: 1e-4 um [m]."""
 ASIDE = {"bristle": "every tooth of its force is an event, thousands a cycle: minutes a rig"}
 """Laws that are not drawn, and why."""
-SEEDS = 1, 2, 3, 4, 6
-"""Of laws; of the first eight that these leave out some take the other simulator minutes."""
-ANISOTROPIC = 2, 3, 6, 7, 8
-"""The same of the anisotropic law, and of the first ten."""
+SEEDS = tuple(range(8))
+"""Of laws."""
+ANISOTROPIC = 1, 2, 3, 5, 6, 7, 8
+"""The same of the anisotropic law; the others of the first ten take the other simulator minutes."""
 UNDAMPED = {"dahl": "rings on through whole cycles: minutes a rig"}
 """Laws of which one rig is enough, and why."""
 
