@@ -130,7 +130,7 @@ class Piece:
         return settled and (mode == 0 or abs(self.contact(x, mode)[0] + r.load) < STILL * r.s0[0])
 
 
-def advance(here, now, end, state, mode, times, out, tolerance):
+def advance(here, now, end, state, mode, times, out, tolerance, longest=1e-4):
     """One mode, up to its end or `end`; writes the samples on the way."""
     resting, sliding = mode == REST, mode in (1, -1)
 
@@ -157,11 +157,14 @@ def advance(here, now, end, state, mode, times, out, tolerance):
         rtol=tolerance,
         atol=np.array([1e-19, 1e-16, 1e-19, 1e-16, 1e-19 if here.rig.reading == "deflection" else 1e-13]),
         events=[] if resting else [*events, calm],
-        max_step=1e-2 if resting else 1e-4,
+        max_step=1e-2 if resting else longest,
         dense_output=True,
     )
     assert solved.success, solved.message
     stop, last = solved.t[-1], solved.y[:, -1].copy()
+    if sliding and stop == now:
+        # solve_ivp asks at ends of steps only: its first went over a whole motion, up to where that has reversed.
+        return advance(here, now, end, state, mode, times, out, tolerance, 0.1 * longest)
     inside = (times > now) & (times <= stop)
     if inside.any():
         seen = solved.sol(times[inside])
