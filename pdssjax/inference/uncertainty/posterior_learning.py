@@ -116,11 +116,12 @@ def solved_further(
 
     **Arguments:** the draws `proposed` by a polynomial, and the model's linearisations `there`.
     """
-    basis = np.asarray(tangents(model.optimum.jacobian @ model.axes))
+    basis = np.asarray(tangents(model.optimum.jacobian @ model.axes @ np.asarray(model.held.free_directions())))
+    free = slice(model.held.rates.size, None)
     found: list[Linearisation] = []
     due = list(zip(proposed.randomized, there, strict=True))
     for _ in range(_NEWTON):
-        left = [target - basis.T @ point.residual for target, point in due]
+        left = [target[free] - basis.T @ point.residual for target, point in due]
         unsolved = [
             (target, np.clip(point.at + model.axes @ _newton_step(model, basis, point, rest), *model.bounds))
             for (target, point), rest in zip(due, left, strict=True)
@@ -135,10 +136,14 @@ def solved_further(
 
 
 def _newton_step(
-    model: Model, basis: Float[np.ndarray, "n q"], point: Linearisation, left: Float[np.ndarray, " q"]
+    model: Model, basis: Float[np.ndarray, "n q-k"], point: Linearisation, left: Float[np.ndarray, " q-k"]
 ) -> Float[np.ndarray, " q"]:
-    """Along the axes, to where nothing is `left` of the equation by the linear model at a `point`."""
-    return np.linalg.lstsq(basis.T @ point.jacobian @ model.axes, left)[0]
+    """Along the axes, to where nothing is `left` of the equation by the linear model at a `point`.
+
+    What the polynomial has for parameters at bounds is what they have.
+    """
+    rows = np.concatenate([model.held.rows, basis.T @ point.jacobian @ model.axes])
+    return np.linalg.lstsq(rows, np.append(np.zeros(len(model.held.rows)), left))[0]
 
 
 def in_common(first: Float[np.ndarray, " n"], second: Float[np.ndarray, " n"]) -> float:

@@ -15,6 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ...core import InputError
 from ..least_squares import Progress
+from .at_bounds import AtBounds, at_bounds
 from .end_search import End
 from .profile_likelihood import Box, Evaluate, Which, interval_ends, learn_curvature
 from .quadratic_end import factors
@@ -52,6 +53,8 @@ class Model(NamedTuple):
     optimum: Linearisation
     axes: Float[np.ndarray, "p q"]
     """Along which parameters move."""
+    held: AtBounds
+    """Those with their optimum at a bound."""
     bounds: tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]]
     logarithmic: Bool[np.ndarray, " p"]
     """Which numbers are the logarithms of their values."""
@@ -73,7 +76,7 @@ class Model(NamedTuple):
 
     def mixture(self, learned: ResidualPolynomial, widths: Widths) -> Mixture:
         """What draws of what was `learned` are from, with variances enlarged by the `widths`."""
-        return Mixture(learned, self.axes, self.factor, widths)
+        return Mixture(learned, self.axes, self.held, self.factor, widths)
 
     def proposals(self, learned: ResidualPolynomial, widths: Widths, count: int, seed: tuple[int, ...]) -> Proposals:
         """Draws of that mixture."""
@@ -123,4 +126,5 @@ def posterior_model(
     else:
         first = learned_polynomial(optimum, shared.points, axes, factor).turned()
     ends = tuple(LikelihoodEnd(index, side, end) for (index, side), end in zip(which, found, strict=True))
-    return Model(evaluate, residuals, optimum, axes, bounds, logarithmic, factor, first, ends)
+    held = at_bounds(optimum, axes, moving, bounds, factor, logarithmic.astype(float))
+    return Model(evaluate, residuals, optimum, axes, held, bounds, logarithmic, factor, first, ends)

@@ -26,6 +26,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float
 
 from ...core import InputError, Scalar
+from .at_bounds import AtBounds, log_slope, normal_of, scaled_of
 from .residual_polynomial import ResidualPolynomial
 
 _WAY = 32
@@ -89,9 +90,15 @@ class Mixture(eqx.Module):
     """Stands for the residuals around its centre."""
     axes: Float[np.ndarray, "p q"]
     """Along which parameters move: x = x0 + A w."""
+    held: AtBounds
+    """Those with their optimum at a bound."""
     variance: Float[np.ndarray, ""] = eqx.field(converter=np.asarray)
     """Of each residual."""
     widths: Widths = eqx.field(converter=_as_arrays)
+
+    def equation(self) -> "Equation":
+        """That of the polynomial's randomized residuals."""
+        return randomized_equation(self.polynomial, self.axes, self.held, self.variance)
 
     def place(self, w: Float[Array, " q"]) -> Float[Array, " p"]:
         """x0 + A w."""
@@ -146,7 +153,7 @@ def _proposals(
     linear: Bool[Array | np.ndarray, " n"],
 ) -> _Solution:
     """Draws for several `targets`: u, or w for those that are `linear`."""
-    equation = randomized_equation(mixture.polynomial, mixture.axes)
+    equation = mixture.equation()
 
     def drawn(target: Float[Array, " q"], linear: Bool[Array, ""]) -> _Solution:
         w, _, solved = equation.solve(target)
@@ -164,7 +171,7 @@ def log_proposed(mixture: Mixture, w: Float[Array | np.ndarray, " q"]) -> Scalar
     widths, variance, at = mixture.widths, mixture.variance, jnp.asarray(w)
     log_normal = lambda u, variances: -0.5 * jnp.sum(u**2) / variances - 0.5 * u.size * jnp.log(variances)
     log_solved, log_linear = jnp.log((1.0 - widths.share) / len(widths.solved)), jnp.log(widths.share)
-    equation = randomized_equation(mixture.polynomial, mixture.axes)
+    equation = mixture.equation()
     u = equation.along(at)
     again, volume, solved = equation.solve(u)
     # A point may have been drawn only where the way to its u ends there.
@@ -176,45 +183,61 @@ def log_proposed(mixture: Mixture, w: Float[Array | np.ndarray, " q"]) -> Scalar
 
 def tangents(slopes: Float[Array | np.ndarray, "m q"]) -> Float[Array, "m q"]:
     """Q: the columns of `slopes` made orthonormal, one after the other."""
+    if not slopes.shape[1]:
+        return jnp.asarray(slopes)
     basis, triangle = jnp.linalg.qr(jnp.asarray(slopes))
     # Of a polynomial as of the model that it stands for: without the signs that a library chooses.
     return basis * jnp.sign(jnp.diag(triangle))
 
 
 class Equation(NamedTuple):
-    """Q' r(x0 + A w) = u."""
+    """Q' r(x0 + A w) = u, with a row of its own for each parameter at a bound."""
 
     solve: Callable[[Float[Array, " q"]], tuple[Float[Array, " q"], Scalar, Bool[Array, ""]]]
-    """From u to w, with log |det Q' J| there and whether there is a solution."""
+    """From u to w, with log |det du/dw| there and whether there is a solution."""
     along: Callable[[Float[Array, " q"]], Float[Array, " q"]]
     """The left side at w."""
     slopes: Callable[[Float[Array, " q"]], Float[Array, "q q"]]
     """Its derivatives, shape (q, q)."""
 
 
-def randomized_equation(polynomial: ResidualPolynomial, axes: Float[Array | np.ndarray, "p q"]) -> Equation:
-    """The equation of a `polynomial` along the `axes` of what moves."""
-    place = lambda w: jnp.asarray(polynomial.centre) + axes @ w
-    origin = jnp.zeros(axes.shape[1])
-    basis = tangents(jax.jacfwd(lambda w: polynomial(place(w)))(origin))
-    projection = eqx.tree_at(lambda p: p.factor, polynomial, basis.T @ jnp.asarray(polynomial.factor))
-    along = lambda w: projection(place(w))
-    slopes = jax.jacfwd(along)
+def randomized_equation(
+    polynomial: ResidualPolynomial,
+    axes: Float[Array | np.ndarray, "p q"],
+    held: AtBounds,
+    variance: Float[Array | np.ndarray, ""] | float,
+) -> Equation:
+    """The equation of a `polynomial` along the `axes` of what moves.
 
-    def improved(w: Float[Array, " q"], u: Float[Array, " q"], times: int) -> Float[Array, " q"]:
-        return lax.fori_loop(0, times, lambda _, w: w - jnp.linalg.solve(slopes(w), along(w) - u), w)
+    The first rows are those of the parameters `held` at bounds, sqrt(v) e of each; Q is then of the directions in which
+    these do not move.
+    """
+    place = lambda w: jnp.asarray(polynomial.centre) + axes @ w
+    count, deviation, middle = held.rates.size, jnp.sqrt(jnp.asarray(variance)), held.middle()
+    slopes_at_optimum = jax.jacfwd(lambda w: polynomial(place(w)))(jnp.zeros(axes.shape[1]))
+    basis = tangents(slopes_at_optimum @ held.free_directions())
+    projection = eqx.tree_at(lambda p: p.factor, polynomial, basis.T @ jnp.asarray(polynomial.factor))
+    # Solved with rho s in place of e, which is minus infinity at the bound.
+    level = lambda w: jnp.concatenate([deviation * held.scaled(w), projection(place(w))])
+    along = lambda w: jnp.concatenate([deviation * normal_of(held.scaled(w)), projection(place(w))])
+    slopes = jax.jacfwd(level)
+
+    def improved(w: Float[Array, " q"], target: Float[Array, " q"], times: int) -> Float[Array, " q"]:
+        return lax.fori_loop(0, times, lambda _, w: w - jnp.linalg.solve(slopes(w), level(w) - target), w)
 
     def solve(u: Float[Array, " q"]) -> tuple[Float[Array, " q"], Scalar, Bool[Array, ""]]:
-        begin = along(origin)
+        e = u[:count] / deviation
+        begin, target = level(middle), jnp.concatenate([deviation * scaled_of(e), u[count:]])
 
         def go_on(w: Float[Array, " q"], share: Scalar) -> tuple[Float[Array, " q"], Scalar]:
-            w = improved(w, begin + share * (u - begin), _NEWTON)
+            w = improved(w, begin + share * (target - begin), _NEWTON)
             return w, jnp.linalg.slogdet(slopes(w))[0]
 
-        w, signs = lax.scan(go_on, origin, jnp.arange(1, _WAY + 1) / _WAY)
-        w = improved(w, u, _LAST)
+        w, signs = lax.scan(go_on, middle, jnp.arange(1, _WAY + 1) / _WAY)
+        w = improved(w, target, _LAST)
         sign, volume = jnp.linalg.slogdet(slopes(w))
-        left = jnp.linalg.norm(along(w) - u)
-        return w, volume, (left < _SOLVED * (1.0 + jnp.linalg.norm(u))) & jnp.all(signs == sign)
+        left = jnp.linalg.norm(level(w) - target)
+        solved = (left < _SOLVED * (1.0 + jnp.linalg.norm(target))) & jnp.all(signs == sign)
+        return w, volume + jnp.sum(log_slope(e)), solved
 
-    return Equation(solve, along, slopes)
+    return Equation(solve, along, jax.jacfwd(along))

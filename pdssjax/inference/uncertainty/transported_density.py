@@ -16,9 +16,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ...core import Scalar
+from .at_bounds import AtBounds
 from .posterior_model import Model
 from .profile_likelihood import Evaluate
-from .randomize_then_optimize import randomized_equation
+from .randomize_then_optimize import Equation, randomized_equation
 from .residual_polynomial import ResidualPolynomial
 
 _SAME = 1e-6
@@ -30,11 +31,11 @@ class Place(NamedTuple):
 
     w: Float[Array, " q"]
     volume: Scalar
-    """log |det Q' J| of the polynomial."""
+    """log |det du/dw| of the polynomial."""
     pull: Float[Array, " q"]
     """Its derivatives by w."""
     slopes: Float[Array, "q q"]
-    """d(Q' r)/dw."""
+    """du/dw."""
     solved: Bool[Array, ""]
 
 
@@ -43,7 +44,12 @@ class TransportMap(eqx.Module):
 
     polynomial: ResidualPolynomial
     axes: Float[np.ndarray, "p q"]
+    held: AtBounds
     variance: float
+
+    def equation(self) -> Equation:
+        """That whose u is sqrt(v) e."""
+        return randomized_equation(self.polynomial, self.axes, self.held, self.variance)
 
     def at(self, w: Float[Array | np.ndarray, " q"]) -> Float[Array, " p"]:
         """x0 + A w."""
@@ -51,7 +57,7 @@ class TransportMap(eqx.Module):
 
     @eqx.filter_jit
     def place(self, e: Float[Array, " q"]) -> Place:
-        equation = randomized_equation(self.polynomial, self.axes)
+        equation = self.equation()
         w, volume, solved = equation.solve(jnp.sqrt(self.variance) * e)
         pull = jax.grad(lambda w: jnp.linalg.slogdet(equation.slopes(w))[1])(w)
         return Place(w, volume, pull, equation.slopes(w), solved)
@@ -59,7 +65,7 @@ class TransportMap(eqx.Module):
     @eqx.filter_jit
     def back(self, w: Float[Array | np.ndarray, " q"]) -> tuple[Float[Array, " q"], Bool[Array, ""]]:
         """The e of a point, and whether it leads there again: not so beyond a fold."""
-        equation = randomized_equation(self.polynomial, self.axes)
+        equation = self.equation()
         u = equation.along(jnp.asarray(w))
         again, _, solved = equation.solve(u)
         near = jnp.linalg.norm(again - w) < _SAME * (1.0 + jnp.linalg.norm(again))
@@ -91,5 +97,5 @@ class TransportedDensity(eqx.Module):
 
 def transported(model: Model, polynomial: ResidualPolynomial) -> TransportedDensity:
     """The posterior of a `model` by the map that a `polynomial` makes."""
-    by_polynomial = TransportMap(polynomial, model.axes, model.factor)
+    by_polynomial = TransportMap(polynomial, model.axes, model.held, model.factor)
     return TransportedDensity(by_polynomial, model.evaluate, model.prior_slopes, *model.bounds)

@@ -1,0 +1,118 @@
+"""Parameters whose optimum lies at a bound: how far inside of it a posterior reaches, as a normal number.
+
+    s = +-(x - bound),    1 - exp(-rho s) = Phi(e)
+
+Chi-square rises from the bound on, and the density inside falls off as an exponential, or as half of a normal
+distribution where chi-square has no slope there.  Randomized residuals do not know of the bound: the steeper chi-square
+is there, the fewer of them have a solution inside.  So s is drawn by itself, from an exponential, whose tail is the
+heavier one, so that weights over it stay bounded.  Its mean is that of the linear model's exp(-g s - h s^2 / 2):
+
+    1 / rho = (lambda(a) - a) / sqrt(h),    a = g / sqrt(h),    lambda = phi / (1 - Phi)
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.scipy.special import log_ndtr, ndtri
+from jaxtyping import Array, Float, Int
+
+from .second_order import Linearisation
+
+_AT = 1e-3
+"""Distance from a bound, in standard errors, at which an optimum lies at it."""
+
+_STEEP = 30.0
+"""Value of a from which the density is an exponential to a thousandth."""
+
+_HALF = np.log(2.0)
+"""Of exp(-rho s), in the middle."""
+
+
+class AtBounds(eqx.Module):
+    """k of the parameters, which move along q axes: x = x0 + A w."""
+
+    begin: Float[np.ndarray, " k"]
+    """s at w = 0."""
+    rows: Float[np.ndarray, "k q"]
+    """ds/dw."""
+    rates: Float[np.ndarray, " k"]
+    """rho."""
+
+    def scaled(self, w: Float[Array, " q"]) -> Float[Array, " k"]:
+        """rho s at w."""
+        return jnp.asarray(self.rates) * (self.begin + self.rows @ w)
+
+    def middle(self) -> Float[Array, " q"]:
+        """The w nearest to zero at which s is half-way: a draw is as likely to be nearer to the bound as farther."""
+        if not self.rates.size:
+            return jnp.zeros(self.rows.shape[1])
+        return jnp.linalg.pinv(jnp.asarray(self.rows)) @ (_HALF / self.rates - self.begin)
+
+    def free_directions(self) -> Float[Array, "q q-k"]:
+        """Orthonormal directions in which s does not change."""
+        if not self.rates.size:
+            return jnp.eye(self.rows.shape[1])
+        basis = jnp.linalg.qr(jnp.asarray(self.rows).T, mode="complete")[0]
+        return basis[:, self.rates.size :]
+
+
+@jax.custom_jvp
+def normal_of(scaled: Float[Array, " k"]) -> Float[Array, " k"]:
+    """e of rho s; minus infinity at the bound and NaN beyond it."""
+    near = ndtri(-jnp.expm1(-scaled))
+    return jnp.where(scaled < _HALF, near, -ndtri(jnp.exp(-scaled)))
+
+
+@normal_of.defjvp
+def _normal_of_jvp(
+    primals: tuple[Float[Array, " k"]], tangents: tuple[Float[Array, " k"]]
+) -> tuple[Float[Array, " k"], Float[Array, " k"]]:
+    e = normal_of(primals[0])
+    return e, jnp.exp(log_slope(e)) * tangents[0]
+
+
+def scaled_of(e: Float[Array, " k"]) -> Float[Array, " k"]:
+    """rho s of e."""
+    return -log_ndtr(-e)
+
+
+def log_slope(e: Float[Array, " k"]) -> Float[Array, " k"]:
+    """Logarithm of de/d(rho s): (1 - Phi(e)) / phi(e)."""
+    return log_ndtr(-e) + 0.5 * e**2 + 0.5 * np.log(2.0 * np.pi)
+
+
+def at_bounds(
+    optimum: Linearisation,
+    axes: Float[np.ndarray, "p q"],
+    moving: Int[np.ndarray, " q"],
+    bounds: tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]],
+    factor: float,
+    prior_slopes: Float[np.ndarray, " p"],
+) -> AtBounds:
+    """Which of the parameters at the places `moving` have their `optimum` at one of the `bounds`.
+
+    **Arguments:** the `axes` along which they move, the `factor` by which variances exceed those of the noise given,
+    the slopes of the logarithm of the prior.
+    """
+    below, above = optimum.at - bounds[0], bounds[1] - optimum.at
+    errors = np.linalg.norm(axes, axis=1)
+    held = np.array([place for place in moving if min(below[place], above[place]) <= _AT * errors[place]], int)
+    sides = np.where(below[held] <= above[held], 1.0, -1.0)
+    others = optimum.jacobian[:, np.setdiff1d(moving, held)]
+    basis = np.linalg.qr(others / np.linalg.norm(others, axis=0))[0]
+    columns = optimum.jacobian[:, held] * sides
+    columns -= basis @ (basis.T @ columns)
+    slopes = columns.T @ optimum.residual / factor - sides * prior_slopes[held]
+    bends = np.sum(columns**2, axis=0) / factor
+    begin = np.minimum(below, above)[held]
+    return AtBounds(begin, sides[:, None] * axes[held], _rates(slopes, np.sqrt(bends)))
+
+
+def _rates(slopes: Float[np.ndarray, " k"], roots: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+    """1 over the mean of each, from g and the root of h."""
+    from scipy.special import erfcx
+
+    steep = np.clip(slopes / roots, -_STEEP, _STEEP)
+    inside = np.sqrt(2.0 / np.pi) / erfcx(steep / np.sqrt(2.0)) - steep
+    return np.where(slopes > _STEEP * roots, slopes, roots / inside)
