@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from platform_study import DAMPING, GAIN, PLATFORM, RATE, ZERO, write_platform
+from scipy import stats
 
 import pdssjax
 from pdssjax.cli.main import main
@@ -38,6 +39,26 @@ def test_a_zero_that_is_given_is_kept(tmp_path):
     assert math.isnan(record.offset_standard_error)
     assert found.statistics.free == 4
     assert 0.8 < found.statistics.reduced_chi2 < 1.2
+
+
+@pytest.mark.slow
+def test_a_bound_at_which_a_parameter_ends_is_said_once_and_its_posterior_begins_there(tmp_path):
+    """The gain may not exceed what is 3 standard errors below the truth."""
+    usual = pdssjax.identify(pdssjax.load_study(write_platform(tmp_path))).parameters["piezo.gain"]
+    most = usual.value - 3.0 * usual.standard_error
+    text = PLATFORM.replace('"piezo.gain" = {}', f'"piezo.gain" = {{ max = {most} }}')
+    study = pdssjax.load_study(write_platform(tmp_path, text))
+    profiled = pdssjax.identify(study, intervals="profile")
+    assert len([note for note in profiled.notes if "piezo.gain" in note]) == 1
+    drawn = pdssjax.identify(study, intervals="posterior", drawing=pdssjax.Drawing(500))
+    assert drawn.draws is not None and drawn.draws.failed < 0.3 * 4 * 500
+    gains = drawn.draws.values[:, :, drawn.names.index("piezo.gain")]
+    exact = stats.truncnorm(-np.inf, -3.0, usual.value, usual.standard_error)
+    assert np.max(gains) <= most
+    assert most - np.mean(gains) == pytest.approx(most - exact.mean(), rel=0.1)
+    assert most - profiled.parameters["piezo.gain"].interval[0] == pytest.approx(
+        (np.sqrt(3.0**2 + 1.96**2) - 3.0) * usual.standard_error, rel=0.05
+    )
 
 
 def test_the_command_says_by_its_status_whether_it_worked(tmp_path, monkeypatch, capsys):

@@ -60,7 +60,7 @@ def with_profile_intervals(
         index, parameter, ends = paths.index(path), estimate.parameters[path], pairs[path]
         parameters[path] = _with_ends(parameter, problem, index, ends)
         profiles.append(_profile(problem, optimum, index, curves[path], ends, threshold))
-        notes += _notes(parameter, problem, ends)
+        notes += _notes(parameter, problem, ends, float(optimum.at[index]))
     return dataclasses.replace(estimate, parameters=parameters, notes=tuple(notes), profiles=tuple(profiles))
 
 
@@ -148,7 +148,8 @@ def _value(problem: Problem, index: int, end: End) -> float:
     return _in_si(problem, end.point.at, index, end.value)
 
 
-def _notes(parameter: FittedParameter, problem: Problem, ends: tuple[End, ...]) -> list[str]:
+def _notes(parameter: FittedParameter, problem: Problem, ends: tuple[End, ...], at: float) -> list[str]:
+    # That an optimum lies at its bound is said already.
     notes = []
     for name, end in zip(("lower", "upper"), ends, strict=True):
         what = f"The {name} end of the interval of {parameter.path}"
@@ -156,7 +157,7 @@ def _notes(parameter: FittedParameter, problem: Problem, ends: tuple[End, ...]) 
             notes.append(
                 f"{what} is open: the records do not tell how {'small' if name == 'lower' else 'large'} it is."
             )
-        elif end.verdict == Verdict.AT_BOUND:
+        elif end.verdict == Verdict.AT_BOUND and end.value != at:
             notes.append(f"{what} is its bound: the records allow values beyond it.")
         elif end.verdict == Verdict.LOWER:
             when = f"On the way to the {name} end of {parameter.path}"

@@ -310,7 +310,7 @@ def test_another_sampler_finds_the_same_moments():
 
 
 @slow_nuts
-@pytest.mark.parametrize("beyond", [0.0, 3.0, 300.0])
+@pytest.mark.parametrize("beyond", [300.0, *(pytest.param(few, marks=pytest.mark.slow) for few in (0.0, 3.0))])
 def test_of_an_optimum_at_a_bound_they_have_the_moments_of_a_truncated_normal(sampler, beyond):
     """Without the bound it would lie so many standard deviations `beyond`."""
     covariance = np.linalg.inv(DESIGN.T @ DESIGN)
@@ -335,7 +335,8 @@ def test_of_an_optimum_at_a_bound_they_have_the_moments_of_a_truncated_normal(sa
     assert np.std(other) == pytest.approx(left, rel=4.0 * np.sqrt(0.5 / effective_size(other**2)))
 
 
-@slow_nuts
+@pytest.mark.slow
+@both
 def test_of_an_optimum_at_a_corner_they_are_there(sampler):
     """All parameters at bounds, one of them an upper one: a density that falls off as two exponentials."""
     rates = np.array([50.0, 7.0])
