@@ -1,6 +1,6 @@
 """Parameters whose optimum lies at a bound: how far inside of it a posterior reaches, as a normal number.
 
-    s = +-(x - bound),    1 - exp(-rho s) = Phi(e)
+    s = +-(x - bound) < S,    (1 - exp(-rho s)) / (1 - exp(-rho S)) = Phi(e)
 
 Chi-square rises from the bound on, and the density inside falls off as an exponential, or as half of a normal
 distribution where chi-square has no slope there.  Randomized residuals do not know of the bound: the steeper chi-square
@@ -8,6 +8,8 @@ is there, the fewer of them have a solution inside.  So s is drawn by itself, fr
 heavier one, so that weights over it stay bounded.  Its mean is that of the linear model's exp(-g s - h s^2 / 2):
 
     1 / rho = (lambda(a) - a) / sqrt(h),    a = g / sqrt(h),    lambda = phi / (1 - Phi)
+
+S is where the other bound lies.
 """
 
 import equinox as eqx
@@ -25,9 +27,6 @@ _AT = 1e-3
 _STEEP = 30.0
 """Value of a from which the density is an exponential to a thousandth."""
 
-_HALF = np.log(2.0)
-"""Of exp(-rho s), in the middle."""
-
 
 class AtBounds(eqx.Module):
     """k of the parameters, which move along q axes: x = x0 + A w."""
@@ -38,16 +37,31 @@ class AtBounds(eqx.Module):
     """ds/dw."""
     rates: Float[np.ndarray, " k"]
     """rho."""
+    ends: Float[np.ndarray, " k"]
+    """rho S."""
 
     def scaled(self, w: Float[Array, " q"]) -> Float[Array, " k"]:
         """rho s at w."""
         return jnp.asarray(self.rates) * (self.begin + self.rows @ w)
 
+    def normal_of(self, scaled: Float[Array, " k"]) -> Float[Array, " k"]:
+        """e of rho s: minus infinity at the bound, NaN beyond it and beyond the other one."""
+        return _normal_of(scaled, jnp.asarray(self.ends))
+
+    def scaled_of(self, e: Float[Array, " k"]) -> Float[Array, " k"]:
+        """rho s of e."""
+        return _scaled_of(e, jnp.asarray(self.ends))
+
+    def log_slope(self, e: Float[Array, " k"]) -> Float[Array, " k"]:
+        """Logarithm of de/d(rho s)."""
+        return _log_slope(e, jnp.asarray(self.ends))
+
     def middle(self) -> Float[Array, " q"]:
         """The w nearest to zero at which s is half-way: a draw is as likely to be nearer to the bound as farther."""
         if not self.rates.size:
             return jnp.zeros(self.rows.shape[1])
-        return jnp.linalg.pinv(jnp.asarray(self.rows)) @ (_HALF / self.rates - self.begin)
+        half = self.scaled_of(jnp.zeros(self.rates.size))
+        return jnp.linalg.pinv(jnp.asarray(self.rows)) @ (half / self.rates - self.begin)
 
     def free_directions(self) -> Float[Array, "q q-k"]:
         """Orthonormal directions in which s does not change."""
@@ -55,31 +69,6 @@ class AtBounds(eqx.Module):
             return jnp.eye(self.rows.shape[1])
         basis = jnp.linalg.qr(jnp.asarray(self.rows).T, mode="complete")[0]
         return basis[:, self.rates.size :]
-
-
-@jax.custom_jvp
-def normal_of(scaled: Float[Array, " k"]) -> Float[Array, " k"]:
-    """e of rho s; minus infinity at the bound and NaN beyond it."""
-    near = ndtri(-jnp.expm1(-scaled))
-    return jnp.where(scaled < _HALF, near, -ndtri(jnp.exp(-scaled)))
-
-
-@normal_of.defjvp
-def _normal_of_jvp(
-    primals: tuple[Float[Array, " k"]], tangents: tuple[Float[Array, " k"]]
-) -> tuple[Float[Array, " k"], Float[Array, " k"]]:
-    e = normal_of(primals[0])
-    return e, jnp.exp(log_slope(e)) * tangents[0]
-
-
-def scaled_of(e: Float[Array, " k"]) -> Float[Array, " k"]:
-    """rho s of e."""
-    return -log_ndtr(-e)
-
-
-def log_slope(e: Float[Array, " k"]) -> Float[Array, " k"]:
-    """Logarithm of de/d(rho s): (1 - Phi(e)) / phi(e)."""
-    return log_ndtr(-e) + 0.5 * e**2 + 0.5 * np.log(2.0 * np.pi)
 
 
 def at_bounds(
@@ -105,8 +94,8 @@ def at_bounds(
     columns -= basis @ (basis.T @ columns)
     slopes = columns.T @ optimum.residual / factor - sides * prior_slopes[held]
     bends = np.sum(columns**2, axis=0) / factor
-    begin = np.minimum(below, above)[held]
-    return AtBounds(begin, sides[:, None] * axes[held], _rates(slopes, np.sqrt(bends)))
+    begin, rates = np.minimum(below, above)[held], _rates(slopes, np.sqrt(bends))
+    return AtBounds(begin, sides[:, None] * axes[held], rates, rates * (bounds[1] - bounds[0])[held])
 
 
 def _rates(slopes: Float[np.ndarray, " k"], roots: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
@@ -116,3 +105,29 @@ def _rates(slopes: Float[np.ndarray, " k"], roots: Float[np.ndarray, " k"]) -> F
     steep = np.clip(slopes / roots, -_STEEP, _STEEP)
     inside = np.sqrt(2.0 / np.pi) / erfcx(steep / np.sqrt(2.0)) - steep
     return np.where(slopes > _STEEP * roots, slopes, roots / inside)
+
+
+@jax.custom_jvp
+def _normal_of(scaled: Float[Array, " k"], ends: Float[Array, " k"]) -> Float[Array, " k"]:
+    whole, left = -jnp.expm1(-ends), jnp.exp(-scaled) - jnp.exp(-ends)
+    share = -jnp.expm1(-scaled) / whole
+    return jnp.where(share < 0.5, ndtri(share), -ndtri(left / whole))
+
+
+@_normal_of.defjvp
+def _normal_of_jvp(
+    primals: tuple[Float[Array, " k"], Float[Array, " k"]], tangents: tuple[Float[Array, " k"], Float[Array, " k"]]
+) -> tuple[Float[Array, " k"], Float[Array, " k"]]:
+    # The ends are constants.
+    scaled, ends = primals
+    e = _normal_of(scaled, ends)
+    return e, jnp.exp(_log_slope(e, ends)) * tangents[0]
+
+
+def _scaled_of(e: Float[Array, " k"], ends: Float[Array, " k"]) -> Float[Array, " k"]:
+    return -jnp.logaddexp(log_ndtr(-e) + jnp.log(-jnp.expm1(-ends)), -ends)
+
+
+def _log_slope(e: Float[Array, " k"], ends: Float[Array, " k"]) -> Float[Array, " k"]:
+    normal = -0.5 * e**2 - 0.5 * np.log(2.0 * np.pi)
+    return -_scaled_of(e, ends) - normal - jnp.log(-jnp.expm1(-ends))

@@ -26,7 +26,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float
 
 from ...core import InputError, Scalar
-from .at_bounds import AtBounds, log_slope, normal_of, scaled_of
+from .at_bounds import AtBounds
 from .residual_polynomial import ResidualPolynomial
 
 _WAY = 32
@@ -219,7 +219,7 @@ def randomized_equation(
     projection = eqx.tree_at(lambda p: p.factor, polynomial, basis.T @ jnp.asarray(polynomial.factor))
     # Solved with rho s in place of e, which is minus infinity at the bound.
     level = lambda w: jnp.concatenate([deviation * held.scaled(w), projection(place(w))])
-    along = lambda w: jnp.concatenate([deviation * normal_of(held.scaled(w)), projection(place(w))])
+    along = lambda w: jnp.concatenate([deviation * held.normal_of(held.scaled(w)), projection(place(w))])
     slopes = jax.jacfwd(level)
 
     def improved(w: Float[Array, " q"], target: Float[Array, " q"], times: int) -> Float[Array, " q"]:
@@ -227,7 +227,7 @@ def randomized_equation(
 
     def solve(u: Float[Array, " q"]) -> tuple[Float[Array, " q"], Scalar, Bool[Array, ""]]:
         e = u[:count] / deviation
-        begin, target = level(middle), jnp.concatenate([deviation * scaled_of(e), u[count:]])
+        begin, target = level(middle), jnp.concatenate([deviation * held.scaled_of(e), u[count:]])
 
         def go_on(w: Float[Array, " q"], share: Scalar) -> tuple[Float[Array, " q"], Scalar]:
             w = improved(w, begin + share * (target - begin), _NEWTON)
@@ -238,6 +238,6 @@ def randomized_equation(
         sign, volume = jnp.linalg.slogdet(slopes(w))
         left = jnp.linalg.norm(level(w) - target)
         solved = (left < _SOLVED * (1.0 + jnp.linalg.norm(target))) & jnp.all(signs == sign)
-        return w, volume + jnp.sum(log_slope(e)), solved
+        return w, volume + jnp.sum(held.log_slope(e)), solved
 
     return Equation(solve, along, jax.jacfwd(along))
