@@ -15,6 +15,7 @@ from .draws import Drawing, reading, same_run
 from .least_squares import Fit, Method, Progress, evaluated
 from .problem import Problem, pose
 from .solver.ending import Ending
+from .uncertainty.posterior import PROPOSALS
 
 
 class Found(NamedTuple):
@@ -41,6 +42,7 @@ def as_asked(
         "seed": drawing.seed,
         "resampled": drawing.resampled,
         "sampler": drawing.sampler,
+        "proposals": PROPOSALS if intervals == "posterior" else None,
         "more_starts": more_starts,
         "accuracy": _fingerprint(accuracy),
         "actuator": {

@@ -163,6 +163,20 @@ def test_a_posterior_of_a_platform_is_the_linear_normal_distribution(tmp_path, c
         assert summary["deviation"] == pytest.approx(error, rel=4.0 / (2.0 * summary["effective"]) ** 0.5)
 
 
+def test_draws_that_are_proposals_of_another_kind_cannot_go_on(tmp_path):
+    class OfAnEarlierVersion(InMemory):
+        def begun(self):
+            begun = super().begun()
+            return begun and {name: value for name, value in begun.items() if name != "proposals"}
+
+    store = OfAnEarlierVersion()
+    study = pdssjax.load_study(write_platform(tmp_path))
+    drawing = pdssjax.Drawing(50, store=store)
+    assert pdssjax.identify(study, intervals="posterior", drawing=drawing).draws
+    with pytest.raises(pdssjax.InputError, match=r"proposals: found 'randomized residuals, exp.*has nothing; expected"):
+        pdssjax.identify(study, intervals="posterior", drawing=drawing)
+
+
 def test_where_nothing_can_be_drawn_the_fit_is_kept(tmp_path, monkeypatch):
     def nothing(*given):
         raise NothingToDraw("posterior: found parameters between the bounds for 2 of 6400 randomized residuals.")

@@ -32,6 +32,9 @@ from .residual_polynomial import ResidualPolynomial
 BLOCK = 50
 """Draws between two moments at which they are kept."""
 
+PROPOSALS = "randomized residuals, exponentials at bounds"
+"""What draws are proposed from: weights of proposals of another kind do not go with theirs."""
+
 TO_JUDGE = Widths(solved=(1.2,), linear=3.0, share=0.1)
 """Proposals."""
 
