@@ -350,7 +350,8 @@ def test_of_an_optimum_at_a_corner_they_are_there(sampler):
         assert np.mean(inside * rates[i] > 3.0) == pytest.approx(np.exp(-3.0), abs=0.2 * np.exp(-3.0))
 
 
-@slow_nuts
+@pytest.mark.slow
+@both
 def test_between_two_bounds_of_which_the_records_say_little_they_are_spread_evenly(sampler):
     """The other parameter follows: a line through a box that is a fiftieth of a standard deviation wide."""
     low, high = np.array([1.0, -np.inf]), np.array([1.02, np.inf])
