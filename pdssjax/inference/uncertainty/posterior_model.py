@@ -67,8 +67,8 @@ class Model(NamedTuple):
 
     @property
     def prior_slopes(self) -> Float[np.ndarray, " p"]:
-        """Of the logarithm of a prior flat in the values: where x is the logarithm of one, its density is exp(x)."""
-        return self.logarithmic.astype(float)
+        """Those of the logarithm of the prior."""
+        return prior_slopes(self.logarithmic)
 
     def log_prior(self, free: Float[np.ndarray, "*n p"]) -> Float[np.ndarray, "*n"]:
         """But for a constant."""
@@ -85,6 +85,11 @@ class Model(NamedTuple):
     def along_axes(self, free: Float[np.ndarray, "*n p"]) -> Float[np.ndarray, "*n q"]:
         """Where numbers on the scale of the fit lie along the axes, from the optimum."""
         return (free - self.optimum.at) @ np.linalg.pinv(self.axes).T
+
+
+def prior_slopes(logarithmic: Bool[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
+    """Of the logarithm of a prior flat in the values: where x is the logarithm of one, its density is exp(x)."""
+    return logarithmic.astype(float)
 
 
 def principal_axes(optimum: Linearisation, moving: Int[np.ndarray, " q"], factor: float) -> Float[np.ndarray, "p q"]:
@@ -126,5 +131,5 @@ def posterior_model(
     else:
         first = learned_polynomial(optimum, shared.points, axes, factor).turned()
     ends = tuple(LikelihoodEnd(index, side, end) for (index, side), end in zip(which, found, strict=True))
-    held = at_bounds(optimum, axes, moving, bounds, factor, logarithmic.astype(float))
+    held = at_bounds(optimum, axes, moving, bounds, factor, prior_slopes(logarithmic))
     return Model(evaluate, residuals, optimum, axes, held, bounds, logarithmic, factor, first, ends)

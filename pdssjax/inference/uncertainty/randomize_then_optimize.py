@@ -12,6 +12,9 @@ its sign on the way the residuals fold over, and beyond there is no solution tha
 replaced by another, which leaves q as it is where there is one.  What lies there, and what no polynomial knows, is
 reached by the linear model's normal distribution, widened: draws are of a mixture of both, so that weights over q stay
 bounded (T. Hesterberg, Technometrics 37(2), 1995).
+
+A parameter with its optimum at a bound has a row of its own in the equation, which keeps it inside (`at_bounds`); Q is
+then of the directions in which it does not move.
 """
 
 import threading
@@ -39,7 +42,7 @@ _SOLVED = 1e-8
 """What may be left of the equation, beside 1 + |u|."""
 
 _SAME = 1e-6
-"""Distance of a solution, beside 1 + |w|, at which it is the point that u was taken from."""
+"""Distance from a solution to the point that u was taken from, beside 1 + |w|, at which they are one."""
 
 _ALONE = threading.Lock()
 """Two threads that solve hundreds of equations each were seen to wait for each other within XLA for ever."""
@@ -171,11 +174,8 @@ def log_proposed(mixture: Mixture, w: Float[Array | np.ndarray, " q"]) -> Scalar
     widths, variance, at = mixture.widths, mixture.variance, jnp.asarray(w)
     log_normal = lambda u, variances: -0.5 * jnp.sum(u**2) / variances - 0.5 * u.size * jnp.log(variances)
     log_solved, log_linear = jnp.log((1.0 - widths.share) / len(widths.solved)), jnp.log(widths.share)
-    equation = mixture.equation()
-    u = equation.along(at)
-    again, volume, solved = equation.solve(u)
     # A point may have been drawn only where the way to its u ends there.
-    solved &= jnp.linalg.norm(again - at) < _SAME * (1.0 + jnp.linalg.norm(at))
+    u, volume, solved = mixture.equation().back(at)
     found = [log_solved + volume + log_normal(u, variance * width) for width in widths.solved]
     by_solver = jnp.where(solved, jnp.stack(found), -jnp.inf)
     return jax.nn.logsumexp(jnp.append(by_solver, log_linear + log_normal(at, widths.linear)))
@@ -200,6 +200,12 @@ class Equation(NamedTuple):
     slopes: Callable[[Float[Array, " q"]], Float[Array, "q q"]]
     """Its derivatives, shape (q, q)."""
 
+    def back(self, w: Float[Array, " q"]) -> tuple[Float[Array, " q"], Scalar, Bool[Array, ""]]:
+        """The u at w, log |det du/dw|, and whether u leads there again: not so beyond a fold."""
+        u = self.along(w)
+        again, volume, solved = self.solve(u)
+        return u, volume, solved & (jnp.linalg.norm(again - w) < _SAME * (1.0 + jnp.linalg.norm(w)))
+
 
 def randomized_equation(
     polynomial: ResidualPolynomial,
@@ -209,8 +215,7 @@ def randomized_equation(
 ) -> Equation:
     """The equation of a `polynomial` along the `axes` of what moves.
 
-    The first rows are those of the parameters `held` at bounds, sqrt(v) e of each; Q is then of the directions in which
-    these do not move.
+    The first rows are those of the parameters `held` at bounds, sqrt(v) e of each.
     """
     place = lambda w: jnp.asarray(polynomial.centre) + axes @ w
     count, deviation, middle = held.rates.size, jnp.sqrt(jnp.asarray(variance)), held.middle()

@@ -22,9 +22,6 @@ from .profile_likelihood import Evaluate
 from .randomize_then_optimize import Equation, randomized_equation
 from .residual_polynomial import ResidualPolynomial
 
-_SAME = 1e-6
-"""Distance of a solution, beside 1 + |w|, at which it is the point that was given."""
-
 
 class Place(NamedTuple):
     """A point of the posterior, in both kinds of coordinates."""
@@ -65,11 +62,8 @@ class TransportMap(eqx.Module):
     @eqx.filter_jit
     def back(self, w: Float[Array | np.ndarray, " q"]) -> tuple[Float[Array, " q"], Bool[Array, ""]]:
         """The e of a point, and whether it leads there again: not so beyond a fold."""
-        equation = self.equation()
-        u = equation.along(jnp.asarray(w))
-        again, _, solved = equation.solve(u)
-        near = jnp.linalg.norm(again - w) < _SAME * (1.0 + jnp.linalg.norm(again))
-        return u / jnp.sqrt(self.variance), solved & near
+        u, _, solved = self.equation().back(jnp.asarray(w))
+        return u / jnp.sqrt(self.variance), solved
 
 
 class TransportedDensity(eqx.Module):

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from drawn_posteriors import DESIGN, EVERYWHERE, LINEAR, both, drawn, linear, slow_nuts
 from scipy import stats
 
 from pdssjax import Drawing, InputError
@@ -18,18 +19,9 @@ from pdssjax.inference.uncertainty.drawn_intervals import (
     summary_of_chains,
 )
 from pdssjax.inference.uncertainty.end_search import End, Verdict
-from pdssjax.inference.uncertainty.no_u_turn import sample_by_trajectories
 from pdssjax.inference.uncertainty.posterior_model import LikelihoodEnd, posterior_model
 from pdssjax.inference.uncertainty.second_order import Linearisation
 from pdssjax.metrics import effective_size, rhat
-
-DESIGN = np.random.default_rng(0).normal(size=(7, 2)) * [1.0, 100.0] @ np.array([[1.0, 0.3], [0.2, 1.0]])
-EVERYWHERE = np.full(2, -np.inf), np.full(2, np.inf)
-LINEAR = np.zeros(2, bool)
-
-
-def linear(x):
-    return jnp.asarray(DESIGN) @ x
 
 
 def bent(x, stiffness):
@@ -45,21 +37,6 @@ def kinked(x):
     """Slopes that jump all the time: what passes for curvature folds over everywhere."""
     waves = jnp.abs(jnp.mod(10.0 * linear(x) + 1.0, 2.0) - 1.0) - 0.5
     return linear(x) + 0.15 * waves
-
-
-SAMPLERS = {"rto": posterior.sample_posterior, "nuts": sample_by_trajectories}
-both = pytest.mark.parametrize("sampler", SAMPLERS)
-slow_nuts = pytest.mark.parametrize("sampler", ["rto", pytest.param("nuts", marks=pytest.mark.slow)])
-
-
-def drawn(residuals, centre, drawing, bounds=EVERYWHERE, factor=1.0, chains=4, logarithmic=LINEAR):
-    residuals = jax.jit(residuals)
-    slope = jax.jit(jax.jacfwd(residuals))
-    evaluate = lambda at: (residuals(jnp.asarray(at)), slope(jnp.asarray(at)))
-    optimum = Linearisation(np.array(centre), *map(np.asarray, evaluate(centre)))
-    quiet = lambda message: None
-    model = posterior_model(evaluate, residuals, optimum, np.arange(2), bounds, logarithmic, factor, None, quiet)
-    return SAMPLERS[drawing.sampler](model, drawing, None, quiet, chains)
 
 
 @both
@@ -141,18 +118,6 @@ def test_what_no_polynomial_describes_is_drawn_from_the_model_all_the_same(sampl
         deviation = np.sqrt(np.sum(density * np.asarray(grid[:, i]) ** 2) / np.sum(density))
         assert rhat(draws) < 1.02
         assert np.std(draws) == pytest.approx(deviation, rel=4.0 * np.sqrt(0.5 / effective_size(draws**2)))
-
-
-@slow_nuts
-def test_a_bound_ends_them(sampler):
-    """A half of a normal distribution: its mean is sqrt(2 / pi) of a standard deviation."""
-    low = np.array([0.0, -np.inf])
-    chains = drawn(linear, [0.0, 0.0], Drawing(500, sampler=sampler), (low, EVERYWHERE[1]))
-    draws = chains.free[:, :, 0]
-    assert np.min(draws) >= 0.0
-    deviation = np.sqrt(np.linalg.inv(DESIGN.T @ DESIGN)[0, 0])
-    error = deviation / np.sqrt(effective_size(draws))
-    assert np.mean(draws) == pytest.approx(np.sqrt(2.0 / np.pi) * deviation, abs=4.0 * error)
 
 
 class Broken(InMemory):
@@ -307,62 +272,3 @@ def test_another_sampler_finds_the_same_moments():
         skew = [np.mean((draws - np.mean(draws)) ** 3) / np.std(draws) ** 3 for draws in pair]
         assert max(np.abs(skew)) > 0.1, "a normal distribution"
         assert abs(skew[0] - skew[1]) < 4.0 * np.sqrt(6.0 * sum(1.0 / size for size in sizes))
-
-
-@slow_nuts
-@pytest.mark.parametrize("beyond", [300.0, *(pytest.param(few, marks=pytest.mark.slow) for few in (0.0, 3.0))])
-def test_of_an_optimum_at_a_bound_they_have_the_moments_of_a_truncated_normal(sampler, beyond):
-    """Without the bound it would lie so many standard deviations `beyond`."""
-    covariance = np.linalg.inv(DESIGN.T @ DESIGN)
-    deviation, slope = np.sqrt(covariance[0, 0]), covariance[0, 1] / covariance[0, 0]
-    free = np.array([-beyond * deviation, 0.0])
-    chains = drawn(
-        lambda x: linear(x - free),
-        [0.0, -slope * free[0]],
-        Drawing(1000, seed=5, sampler=sampler),
-        (np.array([0.0, -np.inf]), EVERYWHERE[1]),
-    )
-    assert chains.failed < 0.4 * chains.free[:, :, 0].size
-    exact = stats.truncnorm(beyond, np.inf, free[0], deviation)
-    draws = chains.free[:, :, 0]
-    size = effective_size(draws)
-    assert np.min(draws) >= 0.0 and rhat(draws) < 1.01 and size > 400
-    assert np.mean(draws) == pytest.approx(exact.mean(), abs=4.0 * exact.std() / np.sqrt(size))
-    assert np.std(draws) == pytest.approx(exact.std(), rel=4.0 * np.sqrt(2.0 / effective_size(draws**2)))
-    other = chains.free[:, :, 1] - slope * (draws - free[0])
-    left = np.sqrt(covariance[1, 1] - slope * covariance[0, 1])
-    assert np.mean(other) == pytest.approx(0.0, abs=4.0 * left / np.sqrt(effective_size(other)))
-    assert np.std(other) == pytest.approx(left, rel=4.0 * np.sqrt(0.5 / effective_size(other**2)))
-
-
-@pytest.mark.slow
-@both
-def test_of_an_optimum_at_a_corner_they_are_there(sampler):
-    """All parameters at bounds, one of them an upper one: a density that falls off as two exponentials."""
-    rates = np.array([50.0, 7.0])
-    residuals = lambda x: jnp.stack([1e3 + rates[0] * x[0] / 1e3, 1e3 - rates[1] * x[1] / 1e3, 0.0 * x[0]])
-    low, high = np.array([2.0, -np.inf]), np.array([np.inf, 3.0])
-    chains = drawn(residuals, [2.0, 3.0], Drawing(1000, seed=6, sampler=sampler), (low, high))
-    for i, inside in enumerate((chains.free[:, :, 0] - 2.0, 3.0 - chains.free[:, :, 1])):
-        size = effective_size(inside)
-        assert np.min(inside) >= 0.0 and rhat(inside) < 1.01 and size > 400
-        assert np.mean(inside) * rates[i] == pytest.approx(1.0, abs=4.0 / np.sqrt(size))
-        assert np.mean(inside * rates[i] > 3.0) == pytest.approx(np.exp(-3.0), abs=0.2 * np.exp(-3.0))
-
-
-@pytest.mark.slow
-@both
-def test_between_two_bounds_of_which_the_records_say_little_they_are_spread_evenly(sampler):
-    """The other parameter follows: a line through a box that is a fiftieth of a standard deviation wide."""
-    low, high = np.array([1.0, -np.inf]), np.array([1.02, np.inf])
-    residuals = lambda x: jnp.stack([x[0], 100.0 * (x[1] - 3.0 * x[0]), 0.0 * x[0]])
-    chains = drawn(residuals, [1.0, 3.0], Drawing(1000, seed=7, sampler=sampler), (low, high))
-    assert chains.failed < 0.3 * chains.free[:, :, 0].size
-    draws = chains.free[:, :, 0]
-    size = effective_size(draws)
-    assert np.min(draws) >= 1.0 and np.max(draws) <= 1.02 and rhat(draws) < 1.01 and size > 400
-    # Density exp(-x^2 / 2) between the bounds.
-    exact = stats.truncnorm(1.0, 1.02)
-    assert np.mean(draws) == pytest.approx(exact.mean(), abs=4.0 * exact.std() / np.sqrt(size))
-    assert np.std(draws) == pytest.approx(exact.std(), rel=4.0 * np.sqrt(0.2 / size))
-    assert np.std(chains.free[:, :, 1] - 3.0 * draws) == pytest.approx(0.01, rel=0.1)

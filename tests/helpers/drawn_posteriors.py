@@ -1,0 +1,34 @@
+"""Posteriors of two parameters drawn by both samplers, of residuals given as a function."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from pdssjax.inference.uncertainty.no_u_turn import sample_by_trajectories
+from pdssjax.inference.uncertainty.posterior import sample_posterior
+from pdssjax.inference.uncertainty.posterior_model import posterior_model
+from pdssjax.inference.uncertainty.second_order import Linearisation
+
+DESIGN = np.random.default_rng(0).normal(size=(7, 2)) * [1.0, 100.0] @ np.array([[1.0, 0.3], [0.2, 1.0]])
+EVERYWHERE = np.full(2, -np.inf), np.full(2, np.inf)
+LINEAR = np.zeros(2, bool)
+
+
+def linear(x):
+    return jnp.asarray(DESIGN) @ x
+
+
+SAMPLERS = {"rto": sample_posterior, "nuts": sample_by_trajectories}
+both = pytest.mark.parametrize("sampler", SAMPLERS)
+slow_nuts = pytest.mark.parametrize("sampler", ["rto", pytest.param("nuts", marks=pytest.mark.slow)])
+
+
+def drawn(residuals, centre, drawing, bounds=EVERYWHERE, factor=1.0, chains=4, logarithmic=LINEAR):
+    residuals = jax.jit(residuals)
+    slope = jax.jit(jax.jacfwd(residuals))
+    evaluate = lambda at: (residuals(jnp.asarray(at)), slope(jnp.asarray(at)))
+    optimum = Linearisation(np.array(centre), *map(np.asarray, evaluate(centre)))
+    quiet = lambda message: None
+    model = posterior_model(evaluate, residuals, optimum, np.arange(2), bounds, logarithmic, factor, None, quiet)
+    return SAMPLERS[drawing.sampler](model, drawing, None, quiet, chains)
