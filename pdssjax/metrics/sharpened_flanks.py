@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .sample_noise import scatter_between_corners
+from .sawtooth_shape import levels_of, line_of, peak_of, slopes_of_levels, slopes_of_line
 from .voltage_flanks import Samples
 
 _TRIED = (0.3, 0.8, 1.3, 1.8, 2.4)
@@ -94,25 +95,30 @@ def sharpened_sawtooth(
     line, triangle = slow
 
     def residuals(numbers: np.ndarray) -> Samples:
-        shown = _sawtooth(time[near], forward, *numbers)
-        return np.append((shown - volts[near]) / noise, triangle @ (_line_of(numbers, forward) - line))
+        shown = levels_of(time[near], forward, *numbers)
+        return np.append((shown - volts[near]) / noise, triangle @ (line_of(numbers, forward) - line))
+
+    def jacobian(numbers: np.ndarray) -> Float[np.ndarray, "n 4"]:
+        of_samples = slopes_of_levels(time[near], forward, *numbers) / noise
+        return np.concatenate([of_samples, triangle @ slopes_of_line(numbers, forward)])
 
     firsts = _starts(line, triangle, forward, seen, interval)
     low = np.array([0.5 * voltage, 0.9 * period, -np.inf, 1e-3 * interval])
     high = np.array([2.0 * voltage, 1.1 * period, np.inf, 0.5 * period])
     scale = np.array([voltage, period / time.size, interval, interval])
-    found = _least_squares(residuals, firsts, low, high, scale)
+    found = _least_squares(residuals, firsts, low, high, scale, jacobian)
     # With the period that a generator may have been set to.
     period = 1.0 / float(f"{1.0 / found.numbers[1]:.{_DIGITS}g}")
     whole = lambda numbers: np.insert(numbers, 1, period)
     others = [np.delete(values, 1, axis=-1) for values in (firsts, low, high, scale)]
-    held = _least_squares(lambda numbers: residuals(whole(numbers)), *others)
+    by_others = lambda numbers: np.delete(jacobian(whole(numbers)), 1, axis=1)
+    held = _least_squares(lambda numbers: residuals(whole(numbers)), *others, by_others)
     if held.least < found.least + _ROUND:
         numbers = whole(held.numbers)
         # Another period may explain the samples as well, with other flanks.
         found = _Fitted(numbers, np.hypot(found.errors, numbers - found.numbers), held.least)
     whole_rise, period, start, duration = (float(number) for number in found.numbers)
-    voltage = _peak(whole_rise, period, duration)
+    voltage = peak_of(whole_rise, period, duration)
     flanks = round((time[-1] - time[0]) / period)
     told = max(found.errors[2:]) < _LOCATED * interval and _explains(found, int(np.count_nonzero(near)), noise, voltage)
     if not told or _on_flank(np.mod(time - start, period) / duration) < max(1, flanks // 4):
@@ -158,26 +164,12 @@ def _slow_flanks(
     return np.linalg.solve(triangle, orthogonal.T @ volts / noise), triangle
 
 
-def _line_of(numbers: np.ndarray, forward: bool) -> Float[np.ndarray, "3"]:
-    """(a, s, c) of the slow flanks of a sawtooth of these numbers."""
-    whole_rise, period, start, duration = numbers
-    slope = whole_rise / period
-    foot = slope * (start + duration)
-    peak = _peak(whole_rise, period, duration)
-    return np.array([-foot, slope, whole_rise] if forward else [peak + foot, -slope, -whole_rise])
-
-
-def _peak(whole_rise: float, period: float, duration: float) -> float:
-    """Of a sawtooth whose slow flank would come to `whole_rise` [V] in a period [s]."""
-    return whole_rise * (1.0 - duration / period)
-
-
 def _numbers_of(line: np.ndarray, duration: float, forward: bool) -> list[float]:
     """The sawtooth whose slow flanks are on a `line`, and whose fast ones last so long."""
     a, slope, drop = line
     period = drop / slope
     whole_rise = abs(drop)
-    peak = _peak(whole_rise, period, duration)
+    peak = peak_of(whole_rise, period, duration)
     return [whole_rise, period, (-a / slope if forward else (peak - a) / slope) - duration, duration]
 
 
@@ -199,11 +191,15 @@ def _least_squares(
     low: Float[np.ndarray, " p"],
     high: Float[np.ndarray, " p"],
     scale: Float[np.ndarray, " p"],
+    jacobian: Callable[[np.ndarray], Float[np.ndarray, "n p"]] | str = "2-point",
 ) -> _Fitted:
     """All minima that explain the samples as well as the best as one: their mean, and errors that hold them all."""
     from scipy.optimize import least_squares
 
-    solve = lambda first: least_squares(residuals, first, bounds=(low, high), x_scale=scale, max_nfev=60)
+    # Of SciPy's methods with bounds the one that does less beside the residuals, which are few.
+    solve = lambda first: least_squares(
+        residuals, first, jacobian, bounds=(low, high), x_scale=scale, max_nfev=60, method="dogbox"
+    )
     ends = [solve(np.clip(first, low, high)) for first in firsts]
     ends.sort(key=lambda end: end.cost)
     least = 2.0 * ends[0].cost
@@ -230,14 +226,6 @@ def _explains(found: _Fitted, samples: int, noise: float, voltage: float) -> boo
 def _on_flank(passed: Samples) -> int:
     """How many samples lie on a flank, by the part of it that has passed at each."""
     return int(np.count_nonzero((passed > _CORNER) & (passed < 1.0 - _CORNER)))
-
-
-def _sawtooth(time: Samples, forward: bool, whole_rise: float, period: float, start: float, duration: float) -> Samples:
-    """Peak to 0 V within `duration` and back, towards `whole_rise` [V], over the rest of a period; not `forward`: the
-    other way."""
-    passed = np.mod(time - start, period)
-    fallen = np.where(passed < duration, passed / duration, (period - passed) / (period - duration))
-    return _peak(whole_rise, period, duration) * (1.0 - fallen if forward else fallen)
 
 
 def _errors(jacobian: Float[np.ndarray, "n p"]) -> Float[np.ndarray, " p"]:

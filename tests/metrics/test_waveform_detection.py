@@ -215,7 +215,7 @@ def drawn(random):
     return name, time, voltage * (level + noise * random.normal(size=time.size)), frequency, voltage, start
 
 
-@pytest.mark.parametrize("name", ["backward", "skew triangle", "sine"])
+@pytest.mark.parametrize("name", [pytest.param("backward", marks=pytest.mark.slow), "skew triangle", "sine"])
 def test_how_well_noise_leaves_the_frequency_told_is_known(name):
     time, pulls = 4e-3 * np.arange(130), []
     clean = 60.0 * SHAPES[name][2](np.mod((time - 0.0123) * 5.3, 1.0))
