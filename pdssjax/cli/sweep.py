@@ -37,14 +37,15 @@ def sweep(options: argparse.Namespace) -> int:
     check_store(options.store)
     prepare_jax()
 
-    from ..sweeps import with_bands
+    from ..sweeps import driven_record, with_bands
 
-    study = study_of(options)
+    whole = study_of(options)
+    study = whole.as_in(driven_record(whole, options.record))
     if options.border is not None:
         return sweep_border(study, _texts(study, options), options)
     points = _points(study, options)
     if options.bands is not None:
-        points = _about_the_estimate(study, points, options)
+        points = _about_the_estimate(whole, points, options)
     asked = _asked(study, points, options)
     if options.explain:
         return _explain(study, points, options, asked)
@@ -122,7 +123,7 @@ def _points(study: "Study", options: argparse.Namespace) -> "AbstractPoints":
 
 def _asked(study: "Study", points: "AbstractPoints", options: argparse.Namespace) -> "dict[str, tuple[str, ...]]":
     """The further metrics and the derivatives that the options ask for."""
-    from ..sweeps import FURTHER
+    from ..sweeps import FURTHER, driven_record, sweepable
 
     named = lambda text: tuple(part.strip() for part in text.split(",") if part.strip())
     metrics = named(options.metrics)
@@ -131,7 +132,9 @@ def _asked(study: "Study", points: "AbstractPoints", options: argparse.Namespace
         known = {*study.parameters, *points.paths}
         lacks = {"multiplier": options.cycles != "steady", "output_force": "stop.stiffness" not in known}
         metrics = tuple(name for name in FURTHER if not lacks.get(name, False))
-    derivatives = () if options.derivatives is None else named(options.derivatives) or tuple(study.parameters)
+    legal = sweepable(study, driven_record(study, options.record))
+    every = tuple(path for path in study.parameters if path in legal)
+    derivatives = () if options.derivatives is None else named(options.derivatives) or every
     return {"metrics": metrics, "derivatives": derivatives}
 
 
@@ -140,15 +143,20 @@ def _about_the_estimate(study: "Study", points: "AbstractPoints", options: argpa
     import numpy as np
 
     from ..files import read_covariance, read_draws
-    from ..sweeps import CovarianceDraws, Crossed, GivenDraws, SigmaPoints
+    from ..study import paths_in
+    from ..sweeps import CovarianceDraws, Crossed, GivenDraws, SigmaPoints, driven_record, sweepable
 
     if options.estimate is None:
         raise InputError("option --bands: found no --estimate, expected the estimate.json that says what is known.")
-    legal, values, kept = study.legal(), study.values(), options.bands in ("bootstrap", "posterior")
+    base, kept = driven_record(study, options.record), options.bands in ("bootstrap", "posterior")
+    here = study.as_in(base)
+    legal, values = sweepable(here, base), here.values()
     names, told = read_draws(options.estimate, options.bands) if kept else read_covariance(options.estimate)
-    # A parameter that holds under a condition only has no part in a sweep.
-    rows = [i for i, name in enumerate(names) if name in legal and name not in points.paths]
-    varied = [names[i] for i in rows]
+    # Of the parameters that hold in the record; the others have no part in a sweep.
+    in_force = {path: name for path, name in paths_in(study.parameters, base.conditions).items() if path in legal}
+    told_otherwise = {*points.paths, *(f"drive.{field}" for field in base.overrides)}
+    varied = [path for path, name in in_force.items() if name in names and path not in told_otherwise]
+    rows = [names.index(in_force[path]) for path in varied]
     if kept:
         return Crossed(points, GivenDraws(varied, told[:, rows], options.draws))
     means, positive = np.array([values[n] for n in varied]), np.array([legal[n].positive for n in varied])

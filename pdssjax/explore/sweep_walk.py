@@ -46,8 +46,8 @@ class Walker:
     """Walks the record of a sweep at any of its points; compiled at the first."""
 
     def __init__(self, study: Study, record: str | None):
-        self.study = study
         self.record = driven_record(study, record)
+        self.study = study.as_in(self.record)
         self._live: LiveRecord | None = None
 
     def motion(self, numbers: Mapping[str, float]) -> Walk:

@@ -7,7 +7,9 @@ from concurrent.futures import Executor, Future, as_completed
 from dataclasses import dataclass, field
 from typing import Literal, Protocol, TypeAlias, TypeVar
 
-from ..core import Document, InputError, check_whole
+import numpy as np
+
+from ..core import Document, InputError, check_whole, need_double_precision, prepare_jax
 
 Resampled: TypeAlias = Literal["noise", "cycles"]
 """What a bootstrap draws: white noise of the size found, or whole cycles of the residuals."""
@@ -98,6 +100,16 @@ class Drawing:
             raise InputError(f'sampler: found "nuts" without NumPyro, {needed}.')
 
 
+_PURPOSES = ("learn", "propose", "correct", "warm up", "move")
+
+
+def stream(
+    seed: int, purpose: Literal["learn", "propose", "correct", "warm up", "move"], *numbers: int
+) -> np.random.Generator:
+    """Random numbers of their own for a `purpose`, of a chain or block of these `numbers`; the same each time."""
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_PURPOSES.index(purpose), *numbers)))
+
+
 def each_done(
     work: Callable[[Task], Result], tasks: Sequence[Task], executor: Executor | None
 ) -> Iterator[tuple[Task, Result]]:
@@ -106,13 +118,22 @@ def each_done(
         for task in tasks:
             yield task, work(task)
         return
-    futures: dict[Future[Result], Task] = {executor.submit(work, task): task for task in tasks}
+    futures: dict[Future[Result], Task] = {executor.submit(_prepared, work, task): task for task in tasks}
     try:
         for future in as_completed(futures):
             yield futures[future], future.result()
     finally:
         for future in futures:
             future.cancel()
+
+
+def _prepared(work: Callable[[Task], Result], task: Task) -> Result:
+    """`work` also in another process of an executor, which begins with JAX in single precision."""
+    try:
+        need_double_precision()
+    except ValueError:
+        prepare_jax()
+    return work(task)
 
 
 def same_run(begun: Mapping[str, object], asked: Mapping[str, object], where: str = "") -> None:

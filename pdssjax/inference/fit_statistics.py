@@ -1,13 +1,16 @@
 """What tells of a fit in one number: chi-square per degree of freedom, and the criteria of Akaike and of Schwarz (BIC).
 
-    AIC = -2 log L + 2 p,   BIC = -2 log L + p log n,   -2 log L = chi2 + sum log(2 pi s^2)
+    AIC = -2 log L + 2 p,   BIC = -2 log L + p log n,   -2 log L = chi2 + 2 sum log(s Z)
 
-with p fitted numbers, the free offsets among them, n samples, and the noise s of each.
+with p fitted numbers, the free offsets among them, n samples and what was measured apart, and the noise s of each
+sample.  Z makes the loss a likelihood: sqrt(2 pi) for squares.
 """
 
 import numpy as np
+from jaxtyping import Float
 
 from ..study import Statistics
+from .covariance import NO_INFORMATION
 from .least_squares import Fit
 from .problem import Problem
 
@@ -23,13 +26,34 @@ def degrees_of_freedom(fit: Fit, problem: Problem) -> int:
     return max(np.size(fit.state.residual) - fit.free.size - offsets, 1)
 
 
+def degrees_taken(problem: Problem, fit: Fit) -> Float[np.ndarray, " records"]:
+    """How many degrees of freedom the fit took of each record: by what it tells of the parameters, and a free offset.
+
+    A few precise samples may tell nearly all, and then are followed nearly exactly.
+    """
+    sizes = np.array([record.time.size for record in problem.records], float)
+    offsets = np.array([record.offset is None for record in problem.records])
+    jacobian, (low, high) = np.asarray(fit.state.jacobian), problem.bounds
+    norms = np.linalg.norm(jacobian, axis=0)
+    kept = (fit.free > low) & (fit.free < high) & (norms > 0)
+    if not kept.any() or not np.isfinite(norms).all():
+        return fit.free.size * sizes / sizes.sum() + offsets
+    basis, singular, _ = np.linalg.svd(jacobian[:, kept] / norms[kept], full_matrices=False)
+    leverage = np.sum(basis[:, singular > NO_INFORMATION * singular[0]] ** 2, axis=1)
+    # Those at bounds and those without information count, too, as they do in all.
+    told = leverage * fit.free.size / np.sum(leverage)
+    return np.array([np.sum(told[rows]) for rows in problem.rows]) + offsets
+
+
 def statistics_of(problem: Problem, fit: Fit) -> Statistics:
     """All that a report says of a fit in one number each."""
     measured = int(np.size(fit.state.residual))
     free = fit.free.size + sum(record.offset is None for record in problem.records)
     sizes = np.array([record.time.size for record in problem.records])
     # Minus twice the log-likelihood: the noise counts, where it is estimated.
-    deviance = fit.chi2 + 2.0 * np.sum(sizes * np.log(problem.noise)) + measured * np.log(2.0 * np.pi)
+    deviance = fit.chi2 + 2.0 * np.sum(sizes * (np.log(problem.noise) + problem.residual.loss.log_volume()))
+    # But for a constant: the errors of what was measured apart.
+    deviance += (measured - sizes.sum()) * np.log(2.0 * np.pi)
     return Statistics(
         chi2=fit.chi2,
         reduced_chi2=reduced_chi2(fit, problem),

@@ -72,28 +72,27 @@ def identify(
     """The free parameters of a study from its records with role "fit", with uncertainties.
 
     **Arguments:** `method` is "joint", all parameters from all records at once, or
-    "sequential": the piezo from the platform records, then the others with the piezo held,
-    the first step's errors carried on into the second; or "peaks", the thesis's way: the same with the
-    piezo from the peaks of step responses (`peak_picking`).  `intervals` are
-    "linear", symmetric on the scale of the fit; of a joint fit those by "profile" likelihood, which hold where
-    chi-square is no parabola and take a few evaluations with derivatives an end, or those of its "posterior"; or those
-    of a "bootstrap", which takes a whole fit a replicate, not for "peaks".  `drawing` says how many draws these two
-    make, and where they are kept.  `loss` is "squares",
-    or of a joint fit "huber" or "cauchy", under which glitches pull little; its errors are those of a
-    sandwich covariance.  So many other `starts` are fitted besides the usual ones and compared
+    "sequential": the piezo from the platform records, then the others with the piezo held, the first step's errors
+    carried on into the second; or "peaks", the thesis's way: the same with the piezo from the peaks of step responses
+    (`peak_picking`).  `intervals` are "linear", symmetric on the scale of the fit; of a joint fit those by "profile"
+    likelihood, which hold where chi-square is no parabola and take a few evaluations with derivatives an end, or those
+    of its "posterior"; or those of a "bootstrap", which takes a whole fit a replicate, not for "peaks".  `drawing` says
+    how many draws these two make, and where they are kept.  `loss` is "squares", or of a joint fit "huber" or "cauchy",
+    under which glitches pull little; its errors are those of a sandwich covariance.  So many other `starts` are fitted besides the usual ones and compared
     (`Estimate.multistart`).  Fits and chains that do not need each other run where the `executor` says, in this
-    thread if it is None; chains only in threads.  `progress` takes lines of text; left out, notebooks show a bar.
+    thread if it is None; profiles and chains only in threads.  `progress` takes lines of text; left out, notebooks
+    show a bar.
 
-    **Raises:** `InputError` if there is nothing to fit, or for "peaks" no record to pick them
-    from.  A fit that does not converge is returned all the same, with `converged` False and the
-    reason in `message`.  `FitInterrupted`, a `KeyboardInterrupt` whose `estimate` is that at the best point so far, if
-    it is broken off.  Warns with `InputWarning` where a record moves against its drive.
+    **Raises:** `InputError` if there is nothing to fit, or for "peaks" no record to pick them from.  A fit that does
+    not converge is returned all the same, with `converged` False and the reason in `message`.  `FitInterrupted`, a
+    `KeyboardInterrupt` whose `estimate` is that at the best point so far, if it is broken off.  Warns with
+    `InputWarning` where a record moves against its drive.
     """
     need_double_precision()
     begun = time.perf_counter()
     _check_arguments(study, drawing, executor, accuracy, starts)
     check_method(study, method)
-    _check_intervals(intervals, method)
+    _check_intervals(intervals, method, executor)
     cost = _loss(loss, method, intervals)
     question_signs([record for record in study.records if record.role == "fit"])
     stack = pick_peaks(study) if method == "peaks" else None
@@ -228,11 +227,18 @@ def _check_arguments(study: object, drawing: object, executor: object, accuracy:
             check_kind(name, given, kind)
 
 
-def _check_intervals(intervals: Intervals, method: Method) -> None:
+def _check_intervals(intervals: Intervals, method: Method, executor: Executor | None) -> None:
     if intervals not in get_args(Intervals) or method not in _METHODS.get(intervals, (method,)):
         raise InputError(
             f'intervals: found "{intervals}" with method "{method}", expected "linear", or with "joint" "profile", '
             '"bootstrap" or "posterior", or with "sequential" "bootstrap".'
+        )
+    from concurrent.futures import ProcessPoolExecutor  # it takes long to import
+
+    if intervals in ("profile", "posterior") and isinstance(executor, ProcessPoolExecutor):
+        raise InputError(
+            f'executor: found a ProcessPoolExecutor with intervals "{intervals}", expected one of threads: what is '
+            "compiled is shared."
         )
 
 

@@ -51,6 +51,8 @@ def as_asked(
             "friction_state": study.friction_state,
             "feedback": bool(study.feedback),
         },
+        # Draws are kept without names.
+        "order": [*study.parameters, *(record.name for record in study.records if record.role == "fit")],
         "parameters": {path: _declared(parameter) for path, parameter in study.parameters.items()},
         "records": {record.name: _measured(record) for record in study.records if record.role == "fit"},
     }

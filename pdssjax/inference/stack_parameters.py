@@ -18,9 +18,13 @@ def of_platform_alone(records: Sequence[Record]) -> Bool[np.ndarray, " records"]
 
 
 def of_stack(problem: Problem) -> Bool[np.ndarray, " p"]:
-    """Which free parameters the first of two steps fits: the piezo's, and those of records of the platform alone."""
+    """Which free parameters the first of two steps fits: the piezo's, and those of records of the platform alone.
+
+    But not what holds of the piezo in other records only, which the platform's do not show.
+    """
+    first = lambda path: path.startswith("piezo.") and shown_by_platform(path, problem)
     paths, records = problem.residual.transform.paths, problem.records
-    return np.array([path.startswith("piezo.") or _of_its_records(path, records) for path in paths], bool)
+    return np.array([first(path) or _of_its_records(path, records) for path in paths], bool)
 
 
 def stack_rows(problem: Problem) -> Bool[np.ndarray, " n"]:

@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..study import Estimate, FittedParameter, FittedRecord, Parameter, Statistics, Study, compare
+from ..study import Estimate, FittedParameter, FittedRecord, Parameter, Study, compare
 from .covariance import Covariance, correlation, least_squares_covariance, propagated
 from .diagnostics.diagnose import diagnose
-from .fit_statistics import statistics_of
-from .least_squares import START_FAILED, Fit, Method
-from .notes.of_fit import notes_of
+from .fit_statistics import degrees_taken, statistics_of
+from .least_squares import START_FAILED, Fit, Method, by_record
+from .notes.of_fit import ErrorFacts, notes_of
 from .parameter_transform import ParameterTransform
 from .poor_fit import contradicting, leaves_more_than_noise
 from .problem import Problem
@@ -21,8 +21,9 @@ from .stack_parameters import of_stack, stack_rows
 from .start_failure import failed_start
 from .uncertainty.amplification import amplification_of
 from .uncertainty.linear_intervals import linear_intervals
+from .uncertainty.parameter_errors import fitted_point, white_covariance
 from .uncertainty.robust_covariance import robust_covariance
-from .uncertainty.variance_factor import second_step_factor, variance_factor
+from .uncertainty.variance_factor import record_factors, row_factors, second_step_factor, variance_factor
 
 WEAKLY_DETERMINED = float(np.log(10.0))
 """Standard error on the fit's scale from which a parameter counts as one without information."""
@@ -43,8 +44,8 @@ def summarise(
     free, fitted = problem.residual.transform, {**starts, **problem.residual.transform.decode(fit.free)}
     values = {path: float(value) for path, value in fitted.items()}
     statistics = statistics_of(problem, fit)
-    known, naive, enlarged = _errors(method, problem, fit, statistics, stack)
-    deviation = np.sqrt(np.diag(known.matrix) * enlarged)
+    known, naive, factor = _errors(method, problem, fit, stack)
+    deviation = np.sqrt(np.diag(known.matrix))
     weakly_determined = known.identifiable & (deviation > WEAKLY_DETERMINED)
     known = known._replace(identifiable=known.identifiable & ~weakly_determined)
     deviation = np.where(weakly_determined, np.nan, deviation)
@@ -57,9 +58,9 @@ def summarise(
         for path, declared in study.parameters.items()
     }
     if naive is not None:
-        parameters = _with_naive_errors(parameters, free.paths, np.sqrt(np.diag(naive) * enlarged) * slopes)
-    records = _compared(study, problem, fit, known.matrix * enlarged, values)
-    diagnosis = diagnose(problem, fit, known.matrix * enlarged) if np.isfinite(fit.chi2) else None
+        parameters = _with_naive_errors(parameters, free.paths, np.sqrt(np.diag(naive)) * slopes)
+    records = _compared(study, problem, fit, known.matrix, values, factor)
+    diagnosis = diagnose(problem, fit, known.matrix) if np.isfinite(fit.chi2) else None
     if diagnosis and stack is not None:  # its records are not fitted, and pull wherever the peaks were misread
         diagnosis = dataclasses.replace(diagnosis, agreement=())
     contradicted = diagnosis is not None and bool(contradicting(diagnosis.agreement))
@@ -71,7 +72,7 @@ def summarise(
         parameters=parameters,
         names=free.paths,
         correlation=correlation(known.matrix),
-        covariance=known.matrix * enlarged * np.outer(slopes, slopes),
+        covariance=known.matrix * np.outer(slopes, slopes),
         records=records,
         statistics=statistics,
         notes=(),
@@ -81,27 +82,31 @@ def summarise(
         explained=not (contradicted or leaves_more_than_noise(fit, problem)),
         loss=type(problem.residual.loss).__name__.lower(),
     )
-    factor = None if stack is None else enlarged
-    return dataclasses.replace(
-        estimate, notes=notes_of(estimate, study, fit, free, known.null, weakly_determined, factor)
-    )
+    facts = ErrorFacts(known.null, weakly_determined, factor, stack is not None)
+    return dataclasses.replace(estimate, notes=notes_of(estimate, study, fit, free, facts))
 
 
 def _errors(
-    method: Method, problem: Problem, fit: Fit, statistics: Statistics, stack: PickedStack | None
+    method: Method, problem: Problem, fit: Fit, stack: PickedStack | None
 ) -> tuple[Covariance, Float[np.ndarray, "p p"] | None, float]:
-    """The two covariances of `_covariances`, and by how much variances are enlarged.
+    """The two covariances of `_covariances`, enlarged where residuals exceed the noise given, and by which factor.
 
     Under a robust loss they take the scatter from the residuals already.
     """
     loss = problem.residual.loss
     if loss.is_robust:
-        jacobian = np.asarray(fit.state.jacobian)
-        held = _at_bound(fit, problem.residual.transform)
-        return robust_covariance(np.asarray(fit.state.residual), jacobian, held, loss), None, 1.0
-    enlarged = variance_factor(statistics) if stack is None else second_step_factor(problem, fit)
-    picked = None if stack is None else stack.covariance / enlarged
-    return *_covariances(method, problem, fit, picked), enlarged
+        roots, jacobian = np.asarray(fit.state.residual), np.asarray(fit.state.jacobian)
+        apart, held = problem.rows_apart, _at_bound(fit, problem.residual.transform)
+        samples = slice(apart.start)
+        return robust_covariance(roots[samples], jacobian[samples], held, loss, jacobian[apart]), None, 1.0
+    factor = variance_factor(problem, fit) if stack is None else second_step_factor(problem, fit)
+    picked = None if stack is None else stack.covariance / factor
+    known, naive = _covariances(method, problem, fit, picked)
+    whole = known.matrix * factor
+    if stack is None and not np.all(row_factors(problem, factor) == factor):
+        # Not enlarged are the rows whose noise was estimated, and those of what was measured apart.
+        whole = white_covariance(fitted_point(method, problem, fit), factor)
+    return known._replace(matrix=whole), None if naive is None else naive * factor, factor
 
 
 def _with_naive_errors(
@@ -187,11 +192,17 @@ def _parameter(
 
 
 def _compared(
-    study: Study, problem: Problem, fit: Fit, matrix: Float[np.ndarray, "p p"], values: dict[str, float]
+    study: Study,
+    problem: Problem,
+    fit: Fit,
+    matrix: Float[np.ndarray, "p p"],
+    values: dict[str, float],
+    factor: float,
 ) -> tuple[FittedRecord, ...]:
     """Every record beside its prediction, each with its own zero."""
     at = {id(record): i for i, record in enumerate(problem.records)}
-    slopes = np.asarray(fit.state.aux_jacobian)
+    slopes, taken = np.asarray(fit.state.aux_jacobian), degrees_taken(problem, fit)
+    scatter = _scatter(problem, fit, taken, factor)
     out = []
     for record, motion in zip(study.records, study.predict(values, problem.residual.accuracy), strict=True):
         motion = np.asarray(motion)
@@ -202,8 +213,9 @@ def _compared(
             noise = float(np.std(record.measured - motion))
         error = float("nan")
         if record.offset is None and i is not None:
-            error = float(np.sqrt(noise**2 / record.time.size + slopes[i] @ np.nan_to_num(matrix) @ slopes[i]))
-        share = 0.0 if i is None else fit.free.size * record.time.size / np.size(fit.state.residual)
+            by_parameters = slopes[i] @ np.nan_to_num(matrix) @ slopes[i]
+            error = float(np.sqrt((noise * scatter[i]) ** 2 / record.time.size + by_parameters))
+        share = 0.0 if i is None else float(taken[i]) - (record.offset is None)
         out.append(
             compare(
                 record,
@@ -215,3 +227,13 @@ def _compared(
             )
         )
     return tuple(out)
+
+
+def _scatter(
+    problem: Problem, fit: Fit, taken: Float[np.ndarray, " records"], factor: float
+) -> Float[np.ndarray, " records"]:
+    """Standard deviation of each record's residuals over its noise, as the errors of parameters take it."""
+    loss, parts = problem.residual.loss, by_record(problem, fit)
+    if not loss.is_robust:
+        return np.sqrt(record_factors(problem, factor))
+    return np.array([loss.scatter(part, part.size - degrees) for part, degrees in zip(parts, taken, strict=True)])

@@ -35,7 +35,7 @@ def slopes_of_levels(
     return level[:, None] * peak + sign * peak_of(whole_rise, period, duration) * by_flank
 
 
-def line_of(numbers: np.ndarray, forward: bool) -> Float[np.ndarray, "3"]:
+def line_of(numbers: Float[np.ndarray, "4"], forward: bool) -> Float[np.ndarray, "3"]:
     """(a, s, c) of its slow flanks u = a + s t - c n, n the number of the cycle."""
     whole_rise, period, start, duration = numbers
     slope = whole_rise / period
@@ -44,7 +44,7 @@ def line_of(numbers: np.ndarray, forward: bool) -> Float[np.ndarray, "3"]:
     return np.array([-foot, slope, whole_rise] if forward else [peak + foot, -slope, -whole_rise])
 
 
-def slopes_of_line(numbers: np.ndarray, forward: bool) -> Float[np.ndarray, "3 4"]:
+def slopes_of_line(numbers: Float[np.ndarray, "4"], forward: bool) -> Float[np.ndarray, "3 4"]:
     """The derivatives of `line_of`."""
     whole_rise, period, start, duration = numbers
     slope, late = whole_rise / period, (start + duration) / period

@@ -10,7 +10,7 @@ within nanoseconds.  So they are looked for from many starts, and the errors hol
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from jaxtyping import Float
@@ -112,7 +112,7 @@ def sharpened_sawtooth(
     whole = lambda numbers: np.insert(numbers, 1, period)
     others = [np.delete(values, 1, axis=-1) for values in (firsts, low, high, scale)]
     by_others = lambda numbers: np.delete(jacobian(whole(numbers)), 1, axis=1)
-    held = _least_squares(lambda numbers: residuals(whole(numbers)), *others, by_others)
+    held = _least_squares(lambda numbers: residuals(whole(numbers)), *others, jacobian=by_others)
     if held.least < found.least + _ROUND:
         numbers = whole(held.numbers)
         # Another period may explain the samples as well, with other flanks.
@@ -191,15 +191,15 @@ def _least_squares(
     low: Float[np.ndarray, " p"],
     high: Float[np.ndarray, " p"],
     scale: Float[np.ndarray, " p"],
-    jacobian: Callable[[np.ndarray], Float[np.ndarray, "n p"]] | str = "2-point",
+    jacobian: Callable[[np.ndarray], Float[np.ndarray, "n p"]] | None = None,
 ) -> _Fitted:
     """All minima that explain the samples as well as the best as one: their mean, and errors that hold them all."""
     from scipy.optimize import least_squares
 
     # Of SciPy's methods with bounds the one that does less beside the residuals, which are few.
-    solve = lambda first: least_squares(
-        residuals, first, jacobian, bounds=(low, high), x_scale=scale, max_nfev=60, method="dogbox"
-    )
+    settings: dict[str, Any] = {"bounds": (low, high), "x_scale": scale, "max_nfev": 60, "method": "dogbox"}
+    settings |= {} if jacobian is None else {"jac": jacobian}
+    solve = lambda first: least_squares(residuals, first, **settings)
     ends = [solve(np.clip(first, low, high)) for first in firsts]
     ends.sort(key=lambda end: end.cost)
     least = 2.0 * ends[0].cost

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from .comparison import cycles_a_second as cycles_a_second
     from .comparison import repeated_residuals as repeated_residuals
     from .conditions import MARK as MARK
+    from .conditions import paths_in as paths_in
     from .conditions import split_path as split_path
     from .conditions import under_conditions as under_conditions
     from .diagnosis import Agreement as Agreement
@@ -71,7 +72,7 @@ else:
         {
             "catalogue": ["Entry", "catalogue_entries", "find_entry"],
             "comparison": ["FittedRecord", "compare", "cycles_a_second", "repeated_residuals"],
-            "conditions": ["MARK", "split_path", "under_conditions"],
+            "conditions": ["MARK", "paths_in", "split_path", "under_conditions"],
             "diagnosis": ["Combination", "Diagnosis", "Agreement", "Remedy"],
             "estimate": ["Amplification", "ErrorAdvice", "Estimate", "FittedParameter", "ParameterError", "Statistics"],
             "measurement.base": ["AbstractMeasurement", "MOVING", "Samples"],

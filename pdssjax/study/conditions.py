@@ -3,7 +3,7 @@
 A record that has the condition takes the number of that parameter, every other that of the parameter without one.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 
 import jax.numpy as jnp
 
@@ -18,6 +18,13 @@ def split_path(path: str) -> tuple[str, str]:
     """The path of the parameter, and the condition under which it holds; "" where it always does."""
     base, _, condition = path.partition(MARK)
     return base, condition
+
+
+def paths_in(paths: Iterable[str], conditions: Collection[str]) -> dict[str, str]:
+    """Which of the parameters with these `paths` hold in a record made under `conditions`: by path without one."""
+    split = {path: split_path(path) for path in paths}
+    usual = {base: path for path, (base, condition) in split.items() if not condition}
+    return usual | {base: path for path, (base, condition) in split.items() if condition and condition in conditions}
 
 
 def under_conditions(values: Values, holds: Mapping[str, Truth | bool]) -> Values:

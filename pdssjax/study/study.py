@@ -28,7 +28,7 @@ from ..core import (
 from ..friction.base import AbstractFriction
 from ..integration import Accuracy
 from ..piezo.base import AbstractPiezo
-from .conditions import split_path
+from .conditions import paths_in, split_path
 from .estimate import Estimate
 from .models import Models, Values
 from .parameter import Parameter
@@ -151,6 +151,17 @@ class Study:
                     check_range(float(start), parameters[path].quantity, f'starts: "{path}"')
                 parameters[path] = dataclasses.replace(parameters[path], start=start)
         return dataclasses.replace(self, parameters=parameters)
+
+    def as_in(self, record: Record) -> "Study":
+        """The study with those parameters that hold in a `record`, by paths without a condition, and no others."""
+        held = {}
+        for base, path in paths_in(self.parameters, record.conditions).items():
+            parameter = dataclasses.replace(self.parameters[path], path=base)
+            if parameter.number is None and base in self.parameters:
+                # Without a start of its own it starts where the usual one does.
+                parameter = dataclasses.replace(parameter, start=self.parameters[base].number)
+            held[base] = parameter
+        return dataclasses.replace(self, parameters=held)
 
     @functools.cached_property
     def models(self) -> Models:

@@ -40,6 +40,7 @@ class PlannedSweep:
     """A sweep, checked and ready to run."""
 
     study: Study
+    """With the parameters that hold in the record."""
     base: Record
     """Whose drive is varied."""
     points: AbstractPoints
@@ -70,6 +71,7 @@ def plan_sweep(
         check_kind("over", over, Mapping)
     points = over if isinstance(over, AbstractPoints) else Grid(over)
     base, cycle = driven_record(study, record), measured_cycle(cycles)
+    study = study.as_in(base)
     check_memory(len(points), len(points.paths), len(cycle.metrics) + len(metrics))
     values = points.values()
     declared = check_axes(study, base, points.paths, values)
@@ -109,7 +111,8 @@ def sweep(
     for every combination of them: quantities of the drive ("drive.voltage", "drive.frequency", "drive.fall_time") and
     parameters of the study's models ("friction.f_ss_a"); or it is a set of points from `pdssjax.sweeps`: `Grid`,
     `Listed`, `Sobol`, `LatinHypercube`, `CovarianceDraws`, `GivenDraws`, `Crossed`.  `record` names the effector
-    record whose drive is varied, the first one by default.  The last of `cycles` cycles is measured; one more is run,
+    record whose drive is varied, the first one by default; parameters that hold under its conditions do so at all
+    points.  The last of `cycles` cycles is measured; one more is run,
     whose flank tells the last slip.  With `cycles="steady"` it is the cycle that
     is left when the transient has died out, and two more numbers say after how many cycles it repeats, and what is
     left of a deviation after a cycle.  `metrics` names what is found besides, of `pdssjax.sweeps.FURTHER`;
@@ -140,7 +143,9 @@ def sweep(
     planned = dataclasses.replace(planned, plan=plan)
     _run(planned, pending, store, progress, executor, workers, in_flight)
     found = _in_order(planned, store)
-    return labelled(study, planned.base, planned.points, planned.declared, found, planned.function, planned.used)
+    return labelled(
+        planned.study, planned.base, planned.points, planned.declared, found, planned.function, planned.used
+    )
 
 
 def _run(

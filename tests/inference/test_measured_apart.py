@@ -28,23 +28,27 @@ def estimates(studies):
     return [pdssjax.identify(study) for study in studies]
 
 
-def by_hand(alone, number, error):
-    """The least-squares combination of an estimate with one more measurement of its first parameter."""
+def by_hand(alone, number, error, factor):
+    """The least-squares combination of an estimate with one more measurement of its first parameter.
+
+    Weighed by the noise given; the variance of the samples is larger by a `factor`.
+    """
     values = np.array([alone.parameters[path].value for path in alone.names])
-    covariance = np.asarray(alone.covariance)
+    covariance = np.asarray(alone.covariance) / max(1.0, alone.statistics.reduced_chi2)
     gain = covariance[:, 0] / (covariance[0, 0] + error**2)
-    return values + gain * (number - values[0]), covariance - np.outer(gain, covariance[0])
+    kept = np.eye(values.size)
+    kept[:, 0] -= gain
+    return values + gain * (number - values[0]), factor * kept @ covariance @ kept.T + error**2 * np.outer(gain, gain)
 
 
 def test_it_is_weighed_with_the_records_as_its_error_says(estimates):
     alone, both = estimates
     assert both.converged and both.names == alone.names == ("piezo.gain", *alone.names[1:])
-    factor = max(1.0, both.statistics.reduced_chi2) / max(1.0, alone.statistics.reduced_chi2)
-    values, covariance = by_hand(alone, 1.1015e-7, 1e-11)
+    values, covariance = by_hand(alone, 1.1015e-7, 1e-11, max(1.0, both.records[0].reduced_chi2))
     errors = np.sqrt(np.diag(covariance))
     found = np.array([both.parameters[path].value for path in both.names])
     np.testing.assert_allclose((found - values) / errors, 0.0, atol=0.01)
-    np.testing.assert_allclose(np.sqrt(np.diag(both.covariance) / factor), errors, rtol=2e-3)
+    np.testing.assert_allclose(np.sqrt(np.diag(both.covariance)), errors, rtol=2e-3)
     # Neither the records' nor what was measured apart alone.
     assert 0.2 < (found[0] - alone.parameters["piezo.gain"].value) / (1.1015e-7 - found[0]) < 5.0
     assert (alone.statistics.measured_apart, both.statistics.measured_apart) == (0, 1)
@@ -58,6 +62,36 @@ def test_all_error_models_count_it(estimates):
     for model in ("white", "coloured", "with-misfit"):
         before, after = (e.parameters["piezo.gain"].errors[model].standard_error for e in (alone, both))
         assert after == pytest.approx(1.0 / np.hypot(1.0 / before, 1.0 / 1e-11), rel=0.05)
+
+
+@pytest.mark.parametrize("loss", ["huber", "cauchy"])
+def test_under_a_robust_loss_it_has_the_error_given_too(studies, estimates, loss):
+    gain = dataclasses.replace(studies[1].parameters["piezo.gain"], standard_error=1e-12)
+    study = dataclasses.replace(studies[1], parameters=studies[1].parameters | {"piezo.gain": gain})
+    alone = estimates[0].parameters["piezo.gain"].standard_error
+    found = pdssjax.identify(study, loss=loss).parameters["piezo.gain"]
+    assert found.standard_error == pytest.approx(1.0 / np.hypot(1.0 / alone, 1.0 / 1e-12), rel=0.01)
+
+
+def test_noise_given_too_small_does_not_enlarge_it(studies):
+    """Samples scatter by three times the noise given: what the estimate scatters by, by the law of propagation."""
+    record = dataclasses.replace(studies[1].records[0], noise=platform_study.NOISE / 3.0)
+    gain = dataclasses.replace(studies[1].parameters["piezo.gain"], start=1.1e-7, standard_error=5e-12)
+    study = dataclasses.replace(studies[1], records=(record,), parameters=studies[1].parameters | {"piezo.gain": gain})
+    estimate = pdssjax.identify(study)
+    assert estimate.statistics.reduced_chi2 == pytest.approx(9.0, rel=0.1)
+    problem, _ = pdssjax.pose_problem(study)
+    values = {path: estimate.parameters[path].value for path in estimate.names}
+    jacobian = np.asarray(problem.jacobian(problem.encode(values)))
+    inverse = np.linalg.inv(jacobian.T @ jacobian)
+    samples, apart = jacobian[:800], jacobian[800:]
+    factor = float(np.sum(np.asarray(problem.whitened(problem.encode(values)))[:800] ** 2)) / 800.0
+    moment = factor * samples.T @ samples + apart.T @ apart
+    deviation = np.sqrt(np.diag(inverse @ moment @ inverse))
+    for i, path in enumerate(estimate.names):
+        found = estimate.parameters[path]
+        assert found.standard_error / found.value == pytest.approx(deviation[i], rel=0.01)
+        assert found.errors["white"].standard_error == pytest.approx(found.standard_error)
 
 
 def test_scipy_finds_the_same_with_the_problem_posed(studies, estimates):

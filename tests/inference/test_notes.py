@@ -83,7 +83,7 @@ def test_a_record_that_does_not_fit_is_named_although_a_larger_one_hides_it(tmp_
     assert '"crooked"' in note and "calm" not in note
     assert estimate.converged and not estimate.explained
     assert "leave more than noise" in format_report(estimate)
-    assert "hides it" in note
+    assert "All records together hide it" in note
     assert f"{poor.reduced_chi2:.3g}" in note
     assert '"calm"' in the_note(estimate, "smaller than the noise given")
 
@@ -139,7 +139,7 @@ def test_a_record_without_a_slip_is_called_so(tmp_path):
     note = the_note(estimate, "No record that was fitted walks")
     assert '"carried"' in note and "never slips" in note
     walking = dataclasses.replace(estimate.records[0], measured=estimate.records[0].measured + 2e-7 * 20.0 * time)
-    assert not any("walks" in said for said in about_records([walking], estimate.statistics))
+    assert not any("walks" in said for said in about_records([walking], 1.0, False))
 
 
 def test_figures_of_each_record_are_written_and_printed(tmp_path, capsys):
@@ -313,5 +313,5 @@ def test_conditions_between_parameters_that_are_broken_are_told():
 
 def test_a_record_that_was_lost_is_told_and_nothing_else_of_it():
     failed = dataclasses.replace(fabricated.estimate().records[3])
-    (note,) = about_records([failed], fabricated.estimate().statistics)
+    (note,) = about_records([failed], 1.0, False)
     assert "could not finish" in note and '"lost/run"' in note

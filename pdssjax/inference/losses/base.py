@@ -5,6 +5,7 @@ does it.  All losses are r^2 for small residuals; robust ones grow slower (P. J.
 """
 
 import abc
+import math
 from typing import ClassVar
 
 import equinox as eqx
@@ -54,6 +55,13 @@ class AbstractLoss(eqx.Module):
         the fit took of them, is for losses that sum.
         """
         return _NORMAL_MEDIAN * float(np.median(np.abs(self.original(jnp.asarray(roots)))))
+
+    def log_volume(self) -> float:
+        """Logarithm of the integral of exp(-rho(r) / 2) over all r: what makes a loss a likelihood."""
+        from scipy.integrate import quad
+
+        density = lambda r: math.exp(-0.5 * float(self.root(jnp.asarray(r))) ** 2)
+        return math.log(2.0 * quad(density, 0.0, math.inf, limit=200)[0])
 
     def supports(self, method: str, intervals: str) -> bool:
         """Whether a fit by `method` with `intervals`, words of `identify`, knows what to make of it."""

@@ -31,6 +31,9 @@ class Squares(AbstractLoss):
     def scatter(self, roots: Float[np.ndarray, " n"], freedom: float) -> float:
         return math.sqrt(float(np.sum(roots**2)) / max(freedom, 1.0))
 
+    def log_volume(self) -> float:
+        return 0.5 * math.log(2.0 * math.pi)
+
     def supports(self, method: str, intervals: str) -> bool:
         return True
 

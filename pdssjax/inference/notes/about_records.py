@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...metrics import drift_per_cycle
-from ...study import FittedRecord, Statistics
+from ...study import FittedRecord
 from ..poor_fit import (
     EXCESS,
     above_floor,
@@ -37,8 +37,12 @@ def about_peaks(read: Sequence[FittedRecord]) -> list[str]:
     ]
 
 
-def about_records(records: Sequence[FittedRecord], statistics: Statistics) -> list[str]:
-    """Which records the fit does not explain."""
+def about_records(records: Sequence[FittedRecord], factor: float, is_robust: bool) -> list[str]:
+    """Which records the fit does not explain.
+
+    **Arguments:** the `factor` by which variances exceed those of the noise given; whether the loss is robust, so that
+    standard errors do not depend on the noise given.
+    """
     notes = []
     known = [record for record in records if record.simulated]
     fitted = [record for record in known if record.role == "fit"]
@@ -49,14 +53,14 @@ def about_records(records: Sequence[FittedRecord], statistics: Statistics) -> li
             f"The noise given is too small for {quoted(noisy)}: neighbouring samples alone scatter by "
             f"{listed(r.display.text(r.noise_floor) for r in noisy)}, where "
             f"{listed(r.display.text(r.noise) for r in noisy)} is given. Correct it, or leave it out. "
-            f"{_enlarged(statistics)}"
+            f"{_enlarged(factor, is_robust)}"
         )
     if misfits := [record for record in excess if record not in noisy]:
         figures = (f'"{r.name}" ({r.reduced_chi2:.3g}; by chance up to {_chance(r):.3g})' for r in misfits)
         notes.append(
             f"The model does not explain all of {listed(figures)}: chi-square per sample against the noise given is "
-            f"in brackets. {_enlarged(statistics)} Look at the residuals in the plots for what is missing: another "
-            "law, a fall time, hysteresis, a wrong drive."
+            f"in brackets. {_enlarged(factor, is_robust)} Look at the residuals in the plots for what is missing: "
+            "another law, a fall time, hysteresis, a wrong drive."
         )
     if over := [record for record in fitted if record.noise_estimated and exceeds_floor(record)]:
         figures = (f"{above_floor(r):.2g} times in {quoted([r])}" for r in over)
@@ -65,7 +69,8 @@ def about_records(records: Sequence[FittedRecord], statistics: Statistics) -> li
             f"neighbouring samples, {listed(figures)}: the model does not explain all that was measured there, or the "
             "fit is in a wrong optimum. Look at the residuals in the plots, try other starts, or give the noise."
         )
-    if less := [record for record in fitted if stays_below_given_noise(record)]:
+    less = [record for record in fitted if stays_below_given_noise(record)]
+    if less and not is_robust:
         figures = (f"{quoted([r])} ({r.display.text(r.rmse)} where {r.display.text(r.noise)} is given)" for r in less)
         notes.append(
             f"The residuals are smaller than the noise given in {listed(figures)}: the standard errors are larger "
@@ -174,10 +179,12 @@ def _about_failures(records: Sequence[FittedRecord]) -> list[str]:
     ]
 
 
-def _enlarged(statistics: Statistics) -> str:
-    if statistics.reduced_chi2 > 1.0:
-        return f"All errors are enlarged by {np.sqrt(statistics.reduced_chi2):.3g} for it."
-    return f"The total, {statistics.reduced_chi2:.2g}, hides it: the errors are not enlarged for it."
+def _enlarged(factor: float, is_robust: bool) -> str:
+    if is_robust:
+        return "Standard errors do not depend on the noise given: under a robust loss they come from the residuals."
+    if factor > 1.0:
+        return f"All errors are enlarged by {np.sqrt(factor):.3g} for it."
+    return "All records together hide it: the errors are not enlarged for it."
 
 
 def _chance(record: FittedRecord) -> float:

@@ -1,7 +1,7 @@
 """All notes of one fit, in the order in which they are read."""
 
-import dataclasses
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -22,25 +22,29 @@ from .about_parameters import (
 from .about_records import about_peaks, about_records
 
 
-def notes_of(
-    estimate: Estimate,
-    study: Study,
-    fit: Fit,
-    transform: ParameterTransform,
-    null: Sequence[Float[np.ndarray, " p"]],
-    weakly_determined: Bool[np.ndarray, " p"],
-    second_step_factor: float | None,
-) -> tuple[str, ...]:
-    """What the user must read of an `estimate`.
+class ErrorFacts(NamedTuple):
+    """What is known of a fit's errors."""
 
-    **Arguments:** directions without information, `null`, and which free parameters are `weakly_determined`;
-    `second_step_factor`, where the stack was read off peaks: the variance factor of the records fitted after it.
-    """
+    null: Sequence[Float[np.ndarray, " p"]]
+    """Directions without information."""
+    weakly_determined: Bool[np.ndarray, " p"]
+    """Which free parameters hardly have any."""
+    factor: float
+    """By which variances exceed those of the noise given; where the stack was read off peaks, of the records fitted
+    after it."""
+    by_peaks: bool
+    """The stack was read off peaks."""
+
+
+def notes_of(
+    estimate: Estimate, study: Study, fit: Fit, transform: ParameterTransform, facts: ErrorFacts
+) -> tuple[str, ...]:
+    """What the user must read of an `estimate`."""
     if fit.message == START_FAILED:
         return ()
-    parameters = estimate.parameters
+    parameters, null = estimate.parameters, facts.null
     unknown = {path for v in null for path, share in zip(transform.paths, v, strict=True) if share}
-    unsure = [path for path, is_weak in zip(transform.paths, weakly_determined, strict=True) if is_weak]
+    unsure = [path for path, is_weak in zip(transform.paths, facts.weakly_determined, strict=True) if is_weak]
     silent = {*unknown, *unsure, *(path for path in transform.paths if parameters[path].at_bound)}
     values = {path: parameter.value for path, parameter in parameters.items()}
     return (
@@ -52,17 +56,17 @@ def notes_of(
         *about_models(study.models, values),
         *about_resonances(study.models, values, [p for p in transform.paths if p not in unknown], study.records),
         *about_signs([record for record in study.records if record.role == "fit"]),
-        *_about_fitted(estimate, study, second_step_factor),
+        *_about_fitted(estimate, study, facts),
         *about_agreement(estimate.diagnosis, estimate.method),
     )
 
 
-def _about_fitted(estimate: Estimate, study: Study, second_step_factor: float | None) -> list[str]:
+def _about_fitted(estimate: Estimate, study: Study, facts: ErrorFacts) -> list[str]:
     """Of the records; those that a stack was read off are not judged by the fit that held it."""
-    if second_step_factor is None:
-        return about_records(estimate.records, estimate.statistics)
+    is_robust = estimate.loss != "squares"
+    if not facts.by_peaks:
+        return about_records(estimate.records, facts.factor, is_robust)
     read = [record.role == "fit" and record.measurement.platform_alone for record in study.records]
     judged = [found for found, is_read in zip(estimate.records, read, strict=True) if not is_read]
     peaks = [found for found, is_read in zip(estimate.records, read, strict=True) if is_read]
-    statistics = dataclasses.replace(estimate.statistics, reduced_chi2=second_step_factor)
-    return [*about_records(judged, statistics), *about_peaks(peaks)]
+    return [*about_records(judged, facts.factor, is_robust), *about_peaks(peaks)]

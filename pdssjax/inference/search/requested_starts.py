@@ -23,9 +23,6 @@ from ..problem import Problem
 APART = 1.0
 """Distance by the linear model, in standard deviations of the noise, from which two ends are different optima."""
 
-BETTER = 1e-3
-"""Share by which chi-square must be lower for another start to be taken for the better one."""
-
 
 class Ended(NamedTuple):
     """One fit."""
@@ -69,7 +66,7 @@ def best_of_starts(
     everyone = [Ended(starts, fit), *(found[number] for number in range(count))]
     total = sum(ended.fit.evaluations for ended in everyone)
     best = min(everyone, key=lambda ended: ended.fit.chi2 if ended.fit.success else np.inf)
-    if not best.fit.chi2 < (1.0 - BETTER) * fit.chi2 and fit.success:
+    if fit.success and (not best.fit.chi2 < fit.chi2 or _same(best.fit, fit, problem)):
         best = everyone[0]
     return best.fit._replace(evaluations=total), best.begun, _table(problem, everyone, study, values)
 

@@ -10,7 +10,6 @@ included.
 """
 
 import dataclasses
-import functools
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -76,12 +75,8 @@ class PickedStack:
 
     values: dict[str, float]
     """Numbers [SI] by path: `PATHS`."""
-    records: tuple[StepRecord, ...]
-
-    @functools.cached_property
-    def covariance(self) -> Float[np.ndarray, "3 3"]:
-        """Of the logarithms of the values, in the order of `PATHS`; about the truth, so that bias is in it."""
-        return simulated_covariance(np.array([self.values[path] for path in PATHS]), self.records)
+    covariance: Float[np.ndarray, "3 3"]
+    """Of the logarithms of the values, in the order of `PATHS`; about the truth, so that bias is in it."""
 
 
 def pick_peaks(study: Study) -> PickedStack:
@@ -102,9 +97,26 @@ def pick_peaks(study: Study) -> PickedStack:
     _check_between(study, steps, where)
     read = tuple(_read(record, where) for record in steps)
     values = _mean([_picked(step) for step in read])
+    values, covariance = _with_measured_apart(study, values, simulated_covariance(values, read))
     for path, number in zip(PATHS, values, strict=True):
         _check_bounds(study, path, float(number), where)
-    return PickedStack(dict(zip(PATHS, map(float, values), strict=True)), read)
+    return PickedStack(dict(zip(PATHS, map(float, values), strict=True)), covariance)
+
+
+def _with_measured_apart(
+    study: Study, values: Float[np.ndarray, "3"], covariance: Float[np.ndarray, "3 3"]
+) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 3"]]:
+    """What the peaks tell combined with what the `study` says was measured apart, by least squares in logarithms."""
+    logarithms = np.log(values)
+    for place, path in enumerate(PATHS):
+        declared = study.parameters.get(path)
+        if declared is None or declared.measured_apart is None:
+            continue
+        number, error = declared.measured_apart
+        gain = covariance[:, place] / (covariance[place, place] + (error / number) ** 2)
+        logarithms = logarithms + gain * (np.log(number) - logarithms[place])
+        covariance = covariance - np.outer(gain, covariance[place])
+    return np.exp(logarithms), covariance
 
 
 def _check_models(study: Study, where: str) -> None:

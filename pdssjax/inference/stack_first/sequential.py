@@ -16,7 +16,9 @@ def sequential(problem: Problem, starts: Values, report: Progress, limit: int = 
     piezo = of_stack(problem)
     first = fit_phase(problem, free, platform, piezo, "piezo", report, limit)
     last = with_piezo_held(problem, first.free, report, limit)
-    return summed(last._replace(success=first.success and last.success), [first])
+    if not first.success:
+        last = last._replace(success=False, message=f"piezo: {first.message}", ending=first.ending)
+    return summed(last, [first])
 
 
 def with_piezo_held(

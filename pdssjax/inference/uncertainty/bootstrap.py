@@ -13,19 +13,23 @@ from typing import NamedTuple
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
-from ...core import Document, need_double_precision, prepare_jax
+from ...core import Document
 from ...study import Record
 from ..draws import REPLICATES, Drawing, Resampled, each_done, reading
 from ..least_squares import Fit, FitMethod, Progress, quiet
 from ..problem import Problem
+from .variance_factor import record_factors
 
 FEWEST_CYCLES = 3
 """Whole cycles in a record from which they can be drawn."""
 
 _OFF_GRID = 0.02
 """Samples by which the cycles may leave the grid of samples over a record."""
+
+_BESIDE_GRID = 0.25
+"""The same of a single sample, whose clock may be uneven."""
 
 
 class Replicate(NamedTuple):
@@ -49,14 +53,15 @@ def bootstrap(
 ) -> list[Replicate]:
     """All replicates, in the order of their numbers; those that the store has kept are not fitted again.
 
-    **Arguments:** the `factor` by which the variance exceeds that of the noise given.  Every replicate is fitted by
+    **Arguments:** the `factor` by which variances exceed those of the noise given.  Every replicate is fitted by
     `run` from the optimum, where the `executor` says; None: in this thread.
     """
     count = drawing.count or REPLICATES
     with reading(drawing.store, "replicates"):
         found = {entry["number"]: _from_document(entry, np.size(fit.free)) for entry in drawing.store.kept()}
     missing = [number for number in range(count) if number not in found]
-    centre = _Centre(np.asarray(fit.free, float), np.asarray(fit.state.residual), factor)
+    factors = record_factors(problem, factor)
+    centre = _Centre(np.asarray(fit.free, float), np.asarray(fit.state.residual), factors)
     work = functools.partial(fitted_replicate, problem, centre, run, drawing.resampled, drawing.seed)
     for _, replicate in each_done(work, missing, executor):
         drawing.store.keep(_document(replicate))
@@ -71,27 +76,19 @@ class _Centre(NamedTuple):
     free: Float[np.ndarray, " p"]
     residual: Float[np.ndarray, " n"]
     """Whitened."""
-    factor: float
+    factors: Float[np.ndarray, " records"]
+    """By which the variances of records exceed that of their noise."""
 
 
 def fitted_replicate(
     problem: Problem, centre: _Centre, run: FitMethod, resampled: Resampled, seed: int, number: int
 ) -> Replicate:
-    """The fit to the data of replicate `number`; also in another process, which prepares JAX for it."""
-    _prepare_process()
+    """The fit to the data of replicate `number`."""
     random = np.random.default_rng([seed, number])
     data = redrawn(problem, centre, resampled, random), apart_redrawn(problem, centre, random)
     drawn = eqx.tree_at(lambda residual: (residual.measured, residual.apart), problem.residual, data)
     fit = run(problem._replace(residual=drawn), problem.decode(centre.free), quiet)
     return Replicate(number, np.asarray(fit.free, float), bool(fit.success and np.isfinite(fit.chi2)), fit.message)
-
-
-def _prepare_process() -> None:
-    """A process of an executor begins with JAX in single precision."""
-    try:
-        need_double_precision()
-    except ValueError:
-        prepare_jax()
 
 
 def redrawn(
@@ -100,14 +97,14 @@ def redrawn(
     """New data of every record, in its unit."""
     parts = [centre.residual[rows] for rows in problem.rows]
     measured = []
-    for record, part, noise, before in zip(
-        problem.records, parts, problem.noise, problem.residual.measured, strict=True
+    for record, part, noise, factor, before in zip(
+        problem.records, parts, problem.noise, centre.factors, problem.residual.measured, strict=True
     ):
-        cycle = samples_per_cycle(record) if resampled == "cycles" else None
-        if cycle is None:
-            drawn = np.sqrt(centre.factor) * random.standard_normal(part.size)
+        phases = phases_of(record) if resampled == "cycles" else None
+        if phases is None:
+            drawn = np.sqrt(factor) * random.standard_normal(part.size)
         else:
-            drawn = cycles_redrawn(part, cycle, random)
+            drawn = cycles_redrawn(part, *phases, random)
         measured.append(before + noise * (drawn - part))
     return tuple(measured)
 
@@ -121,27 +118,41 @@ def apart_redrawn(problem: Problem, centre: _Centre, random: np.random.Generator
     }
 
 
-def samples_per_cycle(record: Record) -> int | None:
-    """Of a record that holds several whole cycles with samples at the same phases; else None."""
+def phases_of(record: Record) -> tuple[Int[np.ndarray, " samples"], int] | None:
+    """Of a record that holds several whole cycles with samples at the same phases; else None.
+
+    **Returns:** at which place of the grid of samples each lies, since some may be left out, and how many places a
+    cycle has.
+    """
     frequency = None if record.drive is None else record.drive.cycle_frequency()
     if not frequency:
         return None
     count = 1.0 / (float(frequency) * float(np.median(np.diff(record.time))))
-    on_grid = abs(count - round(count)) * np.ptp(record.time) * float(frequency) < _OFF_GRID
-    return round(count) if on_grid and record.time.size >= FEWEST_CYCLES * round(count) else None
+    cycle = round(count)
+    if not cycle or abs(count - cycle) * np.ptp(record.time) * float(frequency) >= _OFF_GRID:
+        return None
+    exact = (record.time - record.time[0]) * float(frequency) * cycle
+    places = np.rint(exact).astype(int)
+    whole = np.count_nonzero(np.bincount(places // cycle) == cycle)
+    return (places, cycle) if np.max(np.abs(exact - places)) < _BESIDE_GRID and whole >= FEWEST_CYCLES else None
 
 
 def cycles_redrawn(
-    residual: Float[np.ndarray, " n"], cycle: int, random: np.random.Generator
+    residual: Float[np.ndarray, " n"], places: Int[np.ndarray, " n"], cycle: int, random: np.random.Generator
 ) -> Float[np.ndarray, " n"]:
-    """Residuals whose deviations from the mean over the cycles, of `cycle` samples each, are those of drawn cycles."""
-    whole = residual.size // cycle
-    cycles = residual[: whole * cycle].reshape(whole, cycle)
-    mean = np.mean(cycles, axis=0)
+    """Residuals whose deviations from the mean over the whole cycles are those of drawn ones.
+
+    **Arguments:** the `places` of the samples on a grid of which a `cycle` has so many.
+    """
+    grid = np.full(cycle * (places[-1] // cycle + 1), np.nan)
+    grid[places] = residual
+    every = grid.reshape(-1, cycle)
+    cycles = every[np.isfinite(every).all(axis=1)]
+    whole, mean = len(cycles), np.mean(cycles, axis=0)
     # The mean has taken one degree of freedom at each phase.
     deviations = (cycles - mean) * np.sqrt(whole / (whole - 1.0))
-    drawn = deviations[random.integers(whole, size=-(-residual.size // cycle))]
-    return (mean + drawn).ravel()[: residual.size]
+    drawn = deviations[random.integers(whole, size=len(every))]
+    return (mean + drawn).ravel()[places]
 
 
 def _document(replicate: Replicate) -> Document:

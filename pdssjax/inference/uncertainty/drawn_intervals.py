@@ -15,7 +15,7 @@ from ..draws import Drawing
 from ..least_squares import Fit, FitMethod, Progress
 from ..notes.words import about_better_optimum
 from ..problem import Problem
-from .bootstrap import Replicate, bootstrap, samples_per_cycle
+from .bootstrap import Replicate, bootstrap, phases_of
 from .end_search import Verdict
 from .no_u_turn import sample_by_trajectories
 from .posterior import Chains, sample_posterior
@@ -45,6 +45,9 @@ ENOUGH_BEYOND = 8.0
 FEW_BEYOND = 0.2
 """Share of the draws expected beyond an end below which a tail of the posterior is missing."""
 
+_ENLARGED = 1.005
+"""Factor of the variance from which it is said."""
+
 MANY_FAILED = 0.05
 """Share of replicates that may fail before the intervals no longer stand for all of them."""
 
@@ -59,7 +62,7 @@ def with_bootstrap(
     report: Progress,
 ) -> Estimate:
     """`estimate` with the percentiles of a bootstrap as 95 % intervals, and all replicates as `draws`."""
-    replicates = bootstrap(problem, fit, run, variance_factor(estimate.statistics), drawing, executor, report)
+    replicates = bootstrap(problem, fit, run, variance_factor(problem, fit), drawing, executor, report)
     good = [replicate.free for replicate in replicates if replicate.success]
     failed = len(replicates) - len(good)
     notes = [*estimate.notes, *_about_replicates(replicates, failed)]
@@ -107,7 +110,7 @@ def with_posterior(
 
     **Raises:** `InputError` where the fit itself cannot be simulated, or what was kept is not what a run writes.
     """
-    factor = variance_factor(estimate.statistics)
+    factor = variance_factor(problem, fit)
     moving = np.array([estimate.parameters[path].identifiable for path in estimate.names])
     if not moving.any():
         note = "No posterior: the data say nothing about any parameter."
@@ -134,7 +137,7 @@ def with_posterior(
     held = [path for path, moves in zip(estimate.names, moving, strict=True) if not moves]
     draws = Draws(
         kind="posterior",
-        description=f"{_density_in_words(estimate, held)}; by {sampler.name}",
+        description=f"{_density_in_words(problem, factor, held)}; by {sampler.name}",
         names=estimate.names,
         values=values,
         failed=chains.failed,
@@ -169,10 +172,12 @@ def summary_of_chains(
     return out
 
 
-def _density_in_words(estimate: Estimate, held: list[str]) -> str:
-    text = "flat priors on the values, zeros of the sensors marginalised, noise known"
-    if variance_factor(estimate.statistics) > 1.0:
-        text += f" and its variance enlarged by {variance_factor(estimate.statistics):.3g}"
+def _density_in_words(problem: Problem, factor: float, held: list[str]) -> str:
+    apart = ", ".join(problem.residual.apart)
+    text = f"flat priors on the values{f' but normal ones on those measured apart ({apart})' if apart else ''}"
+    text += ", zeros of the sensors marginalised, noise known"
+    if factor > _ENLARGED:
+        text += f" and its variance enlarged by {factor:.3g}"
     return text + (f"; held at the estimate, without information: {', '.join(held)}" if held else "")
 
 
@@ -289,7 +294,7 @@ def _description(problem: Problem, drawing: Drawing) -> str:
     noise = "white noise of the size fitted"
     if drawing.resampled == "noise":
         return noise
-    cyclic = [record.name for record in problem.records if samples_per_cycle(record) is not None]
+    cyclic = [record.name for record in problem.records if phases_of(record) is not None]
     if not cyclic:
         return f"{noise}; no record holds whole cycles with samples at equal phases"
     rest = "" if len(cyclic) == len(problem.records) else f"; {noise} in the others"

@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ...core import Document, Scalar
-from ..draws import CHAINS, DRAWS, Drawing, each_done, reading
+from ..draws import CHAINS, DRAWS, Drawing, each_done, reading, stream
 from ..least_squares import Progress
 from .posterior import BLOCK, TO_JUDGE, Chains
 from .posterior_learning import learn
@@ -162,21 +162,22 @@ def _block(
     """A block of draws of a chain, or what is learned before the first of them, as plain data."""
     task = {"chain": chain, "block": block}
     if block == _WARM:
-        return task | _warmed_up(learned, target, sampler, model, (seed, chain))
-    random = np.random.default_rng((seed, chain, block))
+        return task | _warmed_up(learned, target, sampler, model, seed, chain)
+    random = stream(seed, "move", chain, block)
     begin, step_size = kept[chain, block - 1]["end"], kept[chain, _WARM]["step_size"]
     going = _Chain(learned, target, sampler, model, step_size, random, np.array(begin, float))
-    proposals = model.proposals(learned, TO_JUDGE, BLOCK, (seed, chain, block))
+    proposals = model.proposals(learned, TO_JUDGE, BLOCK, stream(seed, "propose", chain, block))
     draws = [going.next(*proposed) for proposed in zip(proposals.free, proposals.log_proposed, strict=True)]
     return task | {name: [draw[name] for draw in draws] for name in draws[0]} | {"end": going.w.tolist()}
 
 
 def _warmed_up(
-    learned: ResidualPolynomial, target: TransportedDensity, sampler: _Sampler, model: Model, seed: tuple[int, ...]
+    learned: ResidualPolynomial, target: TransportedDensity, sampler: _Sampler, model: Model, seed: int, chain: int
 ) -> Document:
     """Where a chain begins, and the length of its steps."""
-    places = model.proposals(learned, _BEGIN, _CANDIDATES, seed).free
-    key = _key(np.random.default_rng(seed))
+    random = stream(seed, "warm up", chain)
+    places = model.proposals(learned, _BEGIN, _CANDIDATES, random).free
+    key = _key(random)
     states = (sampler.begin(target.map.back(w)[0], key) for w in model.along_axes(places))
     state = next((state for state in states if np.isfinite(state.potential_energy)), None)
     if state is None:

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int
 from ...core import member, members
 from ...study import Estimate, FittedParameter, ParameterError, cycles_a_second
 from ..covariance import least_squares_covariance
+from ..fit_statistics import degrees_taken
 from ..least_squares import Fit, Method, Progress, evaluated
 from ..parameter_transform import ParameterTransform
 from ..problem import Problem
@@ -24,7 +25,7 @@ from .influence import (
     principal_directions,
 )
 from .linear_intervals import linear_intervals
-from .variance_factor import variance_factor
+from .variance_factor import record_factors, row_factors, variance_factor
 
 
 class FittedPoint(NamedTuple):
@@ -57,7 +58,7 @@ def with_error_models(estimate: Estimate, problem: Problem, fit: Fit, report: Pr
     point = fitted_point(estimate.method, problem, fit)
     if not point.known.any() or not np.isfinite(point.residual).all() or not np.isfinite(point.jacobian).all():
         return estimate
-    factor = variance_factor(estimate.statistics)
+    factor = variance_factor(problem, fit)
     found = _covariances(point, all_error_models(), factor, None)
     evidence = {name: shares for name, (_, shares) in found.items()}
     if any(most >= EVIDENT for shares in evidence.values() for most in shares):
@@ -91,18 +92,21 @@ def fitted_point(method: Method, problem: Problem, fit: Fit) -> FittedPoint:
     return FittedPoint(method, problem, fit, np.asarray(fit.state.residual), jacobian, fitted, known)
 
 
-def record_errors(
-    point: FittedPoint, variance_factor: float = 1.0, curvatures: Sequence[Float[np.ndarray, "p k"]] | None = None
-) -> list[RecordErrors]:
-    """Every fitted record as error models take it; parameters that are not known have an influence of zero.
+def white_covariance(point: FittedPoint, factor: float) -> Float[np.ndarray, "p p"]:
+    """Of independent noise, on the fit's scale; NaN where not known.
 
-    **Arguments:** `curvatures` of the records, as `influence_of` takes their sum.
+    **Arguments:** the `factor` by which variances exceed those of the noise given.
     """
-    return _record_errors(point, variance_factor, _influence(point, curvatures))
+    effect = _influence(point, None)
+    matrix = effect.T @ (row_factors(point.problem, factor)[:, None] * effect)
+    matrix[~point.known] = np.nan
+    matrix[:, ~point.known] = np.nan
+    return matrix
 
 
-def _record_errors(point: FittedPoint, variance_factor: float, effect: Float[np.ndarray, "n p"]) -> list[RecordErrors]:
-    used = 1.0 - point.fit.free.size / point.residual.size
+def _record_errors(point: FittedPoint, factor: float, effect: Float[np.ndarray, "n p"]) -> list[RecordErrors]:
+    """Every fitted record as error models take it; the `factor` is that of variances whose noise is given."""
+    problem, taken = point.problem, degrees_taken(point.problem, point.fit)
     return [
         RecordErrors(
             point.residual[rows],
@@ -110,10 +114,12 @@ def _record_errors(point: FittedPoint, variance_factor: float, effect: Float[np.
             effect[rows],
             record.time,
             cycles_a_second(record),
-            variance_factor,
-            record.time.size * used - (record.offset is None),
+            float(of_record),
+            max(record.time.size - float(degrees), 1.0),
         )
-        for record, rows in zip(point.problem.records, point.problem.rows, strict=True)
+        for record, rows, of_record, degrees in zip(
+            problem.records, problem.rows, record_factors(problem, factor), taken, strict=True
+        )
     ]
 
 
@@ -130,7 +136,7 @@ def _covariances(
     apart = effect[point.problem.rows_apart]
     for model in models:
         matrix, evidence = model.covariance(records)
-        matrix = matrix + factor * apart.T @ apart
+        matrix = matrix + apart.T @ apart
         matrix[~point.known] = np.nan
         matrix[:, ~point.known] = np.nan
         out[model.name] = matrix, evidence

@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Num
 
 from ...core import Document
-from ..draws import CHAINS, DRAWS, Drawing, each_done, reading
+from ..draws import CHAINS, DRAWS, Drawing, each_done, reading, stream
 from ..least_squares import Progress
 from .posterior_learning import learn
 from .posterior_model import Model
@@ -32,7 +32,7 @@ from .residual_polynomial import ResidualPolynomial
 BLOCK = 50
 """Draws between two moments at which they are kept."""
 
-PROPOSALS = "randomized residuals, exponentials at bounds"
+PROPOSALS = "randomized residuals, exponentials at bounds, streams by purpose"
 """What draws are proposed from: weights of proposals of another kind do not go with theirs."""
 
 TO_JUDGE = Widths(solved=(1.2,), linear=3.0, share=0.1)
@@ -115,7 +115,7 @@ def _begin(log_weights: Float[np.ndarray, " n"], random: np.random.Generator) ->
 
 def _judged(model: Model, learned: ResidualPolynomial, seed: int, task: tuple[int, int]) -> Document:
     """A block of proposals and what the model says of it; all of it, so that the block need not be drawn again."""
-    proposed = model.proposals(learned, TO_JUDGE, BLOCK, (seed, *task))
+    proposed = model.proposals(learned, TO_JUDGE, BLOCK, stream(seed, "propose", *task))
     chi2 = [float(np.sum(np.asarray(model.residuals(free)) ** 2)) for free in proposed.free]
     log_density = model.log_prior(proposed.free) - 0.5 * np.array(chi2) / model.factor
     # JSON has no infinity.
@@ -140,7 +140,7 @@ def _corrected(blocks: Sequence[Document], wanted: int, seed: int, chain: int) -
     whole = lambda name: np.concatenate([np.array(block[name], float) for block in blocks])[:wanted]
     density = whole("log_posterior")
     density = np.where(np.isfinite(density), density, -np.inf)
-    places = corrected(density - whole("proposed"), np.random.default_rng([seed, chain]))
+    places = corrected(density - whole("proposed"), stream(seed, "correct", chain))
     return _Corrected(
         free=whole("free")[places],
         log_density=density[places],

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..draws import CHAINS
+from ..draws import stream
 from ..least_squares import Progress
 from .posterior_model import Model
 from .profile_likelihood import learn_curvature, linearise_all
@@ -48,9 +48,6 @@ _NEWTON = 3
 
 _SOLVED = 0.3
 """What may be left of the equation, in standard deviations of a residual."""
-
-_FIRST = CHAINS
-"""The first round's number in the seed, where draws have that of a chain."""
 
 
 def learn(model: Model, seed: int, executor: Executor | None, report: Progress) -> ResidualPolynomial:
@@ -93,7 +90,7 @@ def _rounds(
     count = max(_FEWEST, int(_SURPLUS * count_terms(moving, degree_for(moving)) / (1 + moving)))
     for number in numbers:
         report(f"posterior: learning the residuals, round {number + 1}")
-        proposed = model.proposals(polynomial, _WIDTHS, count, (seed, _FIRST + number))
+        proposed = model.proposals(polynomial, _WIDTHS, count, stream(seed, "learn", number))
         there = linearise_all(model.evaluate, list(proposed.free), executor)
         exact = np.array([-0.5 * point.chi2 / model.factor for point in there])
         weight = model.log_prior(proposed.free) - proposed.log_proposed

@@ -78,9 +78,11 @@ class Model(NamedTuple):
         """What draws of what was `learned` are from, with variances enlarged by the `widths`."""
         return Mixture(learned, self.axes, self.held, self.factor, widths)
 
-    def proposals(self, learned: ResidualPolynomial, widths: Widths, count: int, seed: tuple[int, ...]) -> Proposals:
+    def proposals(
+        self, learned: ResidualPolynomial, widths: Widths, count: int, random: np.random.Generator
+    ) -> Proposals:
         """Draws of that mixture."""
-        return propose(self.mixture(learned, widths), self.bounds, count, seed)
+        return propose(self.mixture(learned, widths), self.bounds, count, random)
 
     def along_axes(self, free: Float[np.ndarray, "*n p"]) -> Float[np.ndarray, "*n q"]:
         """Where numbers on the scale of the fit lie along the axes, from the optimum."""
@@ -121,7 +123,7 @@ def posterior_model(
         raise InputError("posterior: found a model that cannot be simulated at its optimum; expected a finished fit.")
     report("posterior: curvature at the optimum")
     threshold = _FAR * factor
-    shared = learn_curvature(evaluate, optimum, threshold, bounds, executor=executor)
+    shared = learn_curvature(evaluate, optimum, threshold, bounds, factor, executor=executor)
     which: list[Which] = [(int(index), side) for index in moving for side in (-1.0, 1.0)]
     told = lambda done: report(f"posterior: where the likelihood ends, {done} of {len(which)} ends")
     found = interval_ends(evaluate, optimum, which, threshold, bounds, shared, executor=executor, report=told)

@@ -28,17 +28,18 @@ def with_profile_intervals(
 ) -> Estimate:
     """`estimate` with 95 % intervals that end where chi-square, minimised over all else, exceeds its threshold.
 
-    The threshold grows with a reduced chi-square above one, as the standard errors do.  A parameter at a bound has
+    The threshold grows where residuals exceed the noise given, as the standard errors do.  A parameter at a bound has
     that for one end, and those about which the data say nothing keep what they have.  A note names every end that is
     no ordinary one.
     `profiles` holds the curve between the ends of each.
     """
-    threshold = NORMAL_95**2 * variance_factor(estimate.statistics)
+    factor = variance_factor(problem, fit)
+    threshold = NORMAL_95**2 * factor
     paths = problem.residual.transform.paths
     kept = [path for path in paths if estimate.parameters[path].identifiable]
     optimum = linearisation_at(fit)
     report("curvature at the optimum")
-    shared = learn_curvature(problem.linearised, optimum, threshold, problem.bounds, executor=executor)
+    shared = learn_curvature(problem.linearised, optimum, threshold, problem.bounds, factor, executor=executor)
     both = [(paths.index(path), side) for path in kept for side in SIDES]
     which = [(index, side) for index, side in both if not _at_bound(problem, optimum, index, side)]
     told = lambda done: report(f"intervals: {done} of {len(which)} ends")

@@ -53,13 +53,17 @@ def learn_curvature(
     optimum: Linearisation,
     threshold: float,
     bounds: Box,
+    factor: float = 1.0,
     reach: float = REACH,
     executor: Executor | None = None,
 ) -> SharedCurvature:
-    """What all ends of an `optimum` share: as many evaluations as there are parameters."""
+    """What all ends of an `optimum` share: as many evaluations as there are parameters.
+
+    **Arguments:** as of `interval_ends`; the `factor` by which variances exceed those of the noise given.
+    """
     sizes, scale = standard_errors(optimum, threshold, reach)
     places = probe_places(optimum.at, sizes, scale, bounds)
-    return SharedCurvature(optimum, linearise_all(evaluate, places, executor), scale)
+    return SharedCurvature(optimum, linearise_all(evaluate, places, executor), scale, factor)
 
 
 def linear_half_widths(optimum: Linearisation, threshold: float, reach: float = REACH) -> Float[np.ndarray, " p"]:

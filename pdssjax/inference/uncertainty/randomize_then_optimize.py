@@ -120,13 +120,13 @@ def propose(
     mixture: Mixture,
     bounds: tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]],
     count: int,
-    seed: tuple[int, ...],
+    random: np.random.Generator,
 ) -> Proposals:
     """`count` independent draws of parameters between the `bounds`.
 
     **Raises:** `NothingToDraw` where nearly no randomized residual has a solution between the bounds.
     """
-    random, (low, high), widths = np.random.default_rng(seed), bounds, mixture.widths
+    (low, high), widths = bounds, mixture.widths
     directions = mixture.axes.shape[1]
     found: list[_Solution] = []
     have = tried = 0

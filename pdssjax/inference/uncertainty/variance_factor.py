@@ -1,9 +1,10 @@
 """By how much variances grow where residuals are larger than the noise given."""
 
 import numpy as np
+from jaxtyping import Float
 
-from ...study import Statistics
-from ..least_squares import Fit
+from ..fit_statistics import degrees_taken
+from ..least_squares import Fit, by_record
 from ..problem import Problem
 from ..stack_parameters import of_platform_alone, of_stack, stack_rows
 
@@ -11,9 +12,28 @@ NORMAL_95 = 1.959964
 """Half width of a 95 % interval in standard errors."""
 
 
-def variance_factor(statistics: Statistics) -> float:
-    """By how much variances grow with residuals that are larger than the noise given; they never shrink."""
-    return max(1.0, statistics.reduced_chi2) if statistics.reduced_chi2 < np.inf else 1.0
+def variance_factor(problem: Problem, fit: Fit) -> float:
+    """By how much the variances given grow with residuals that are larger; they never shrink.
+
+    By the records whose noise is given: noise that is estimated is that of the residuals already.
+    """
+    given = np.array([record.noise is not None for record in problem.records])
+    squares = np.array([np.sum(part**2) for part in by_record(problem, fit)])
+    sizes = np.array([record.time.size for record in problem.records])
+    freedom = np.sum((sizes - degrees_taken(problem, fit))[given])
+    factor = float(np.sum(squares[given]) / max(freedom, 1.0))
+    return max(1.0, factor) if np.isfinite(factor) else 1.0
+
+
+def record_factors(problem: Problem, factor: float) -> Float[np.ndarray, " records"]:
+    """The `factor` for records whose noise is given, 1 for the others."""
+    return np.array([1.0 if record.noise is None else factor for record in problem.records])
+
+
+def row_factors(problem: Problem, factor: float) -> Float[np.ndarray, " n"]:
+    """The same for all residuals; what was measured apart has the error given, whatever the samples are off by."""
+    sizes = [record.time.size for record in problem.records]
+    return np.append(np.repeat(record_factors(problem, factor), sizes), np.ones(len(problem.residual.apart)))
 
 
 def second_step_factor(problem: Problem, fit: Fit) -> float:

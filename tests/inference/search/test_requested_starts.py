@@ -95,6 +95,20 @@ def test_the_usual_fit_stays_where_none_is_better(study):
     assert starts is usual_starts and np.array_equal(fit.free, usual.free)
 
 
+def test_of_many_samples_too_a_better_optimum_is_taken(study, monkeypatch):
+    """By 150 of 200 000: a part in a thousand, and a likelihood ratio of exp(75)."""
+    problem, usual_starts = toy(), dict(a=1.0, b=2.0)
+    state = SimpleNamespace(residual=np.ones(200_000), jacobian=np.zeros((200_000, 2)))
+    usual = Fit(np.zeros(2), state, True, "", 1, 1)  # pyright: ignore
+    better = usual._replace(free=np.ones(2), state=SimpleNamespace(residual=np.ones(199_850), jacobian=state.jacobian))
+    run_better = lambda *given: better
+    fit, _, _ = best_of_starts(study, problem, usual, usual_starts, 1, run_better, None, lambda message: None)
+    assert fit.chi2 == better.chi2
+    hardly = usual._replace(state=SimpleNamespace(residual=np.full(200_000, 1 - 1e-6), jacobian=state.jacobian))
+    fit, _, _ = best_of_starts(study, problem, usual, usual_starts, 1, lambda *given: hardly, None, lambda m: None)
+    assert fit.chi2 == usual.chi2
+
+
 def test_ends_that_the_data_do_not_tell_apart_are_one_optimum():
     problem = toy()
     state = SimpleNamespace(residual=np.full(10, 1.0), jacobian=np.array([[10.0, 0.0]] * 10))

@@ -12,7 +12,7 @@ from pdssjax.files import DrawsFile
 from pdssjax.inference import Fit, Problem
 from pdssjax.inference.draws import InMemory
 from pdssjax.inference.parameter_transform import ParameterTransform
-from pdssjax.inference.uncertainty.bootstrap import bootstrap, cycles_redrawn, samples_per_cycle
+from pdssjax.inference.uncertainty.bootstrap import bootstrap, cycles_redrawn, phases_of
 from pdssjax.inference.uncertainty.drawn_intervals import _about_replicates, summary_of_replicates
 
 TIME = np.linspace(0.0, 1.0, 41)
@@ -33,7 +33,7 @@ def of_a_line(measured) -> tuple[Problem, Fit]:
     """The problem of a straight line through what was `measured`, and its fit."""
     everywhere = np.full(2, np.inf)
     transform = ParameterTransform(("a", "b"), np.zeros(2, bool), np.ones(2), -everywhere, everywhere)
-    record = SimpleNamespace(time=TIME, drive=None)
+    record = SimpleNamespace(time=TIME, drive=None, noise=NOISE)
     problem = Problem(LineResidual((measured,), transform), (record,), np.array([NOISE]))  # pyright: ignore
     return problem, run(problem, None, None)
 
@@ -186,8 +186,9 @@ def test_cycles_are_drawn_whole_and_what_repeats_stays():
     misfit = np.sin(np.arange(20))
     noise = np.repeat(random.normal(size=(30, 1)), 20, axis=1)  # a cycle is off as a whole
     residual = (misfit + noise).ravel()[:-7]
-    cycles = np.stack([cycles_redrawn(residual, 20, random)[:580].reshape(29, 20) for _ in range(200)])
-    assert cycles_redrawn(residual, 20, random).size == residual.size
+    places = np.arange(residual.size)
+    cycles = np.stack([cycles_redrawn(residual, places, 20, random)[:580].reshape(29, 20) for _ in range(200)])
+    assert cycles_redrawn(residual, places, 20, random).size == residual.size
     np.testing.assert_allclose(np.mean(cycles, axis=(0, 1)), np.mean(noise[:29, 0]) + misfit, atol=0.06)
     within = np.std(cycles - np.mean(cycles, axis=(0, 1)), axis=2)
     assert np.max(within) < 1e-9
@@ -202,7 +203,31 @@ def test_cycles_are_drawn_whole_and_what_repeats_stays():
 def test_cycles_are_whole_where_three_of_them_fall_on_the_samples(frequency, interval, samples, found):
     drive = SimpleNamespace(cycle_frequency=lambda: frequency)
     record = SimpleNamespace(time=0.2 + interval * np.arange(samples), drive=drive)
-    assert samples_per_cycle(record) == found  # pyright: ignore
+    phases = phases_of(record)  # pyright: ignore
+    assert (None if phases is None else phases[1]) == found
+
+
+def test_samples_that_are_left_out_keep_the_phases_of_the_others():
+    random = np.random.default_rng(3)
+    kept = np.delete(np.arange(600), np.arange(100, 131))
+    drive = SimpleNamespace(cycle_frequency=lambda: 50.0)
+    places, cycle = phases_of(SimpleNamespace(time=0.2 + 1e-3 * kept, drive=drive))  # pyright: ignore
+    np.testing.assert_array_equal(places, kept)
+    assert cycle == 20
+    misfit = np.sin(kept % 20)
+    residual = misfit + 0.01 * random.normal(size=kept.size)
+    redrawn = np.mean([cycles_redrawn(residual, places, cycle, random) for _ in range(200)], axis=0)
+    np.testing.assert_allclose(redrawn, misfit, atol=0.02)
+    # No three cycles are whole where every one lacks a sample.
+    gappy = np.delete(np.arange(600), np.arange(7, 600, 20))
+    assert phases_of(SimpleNamespace(time=1e-3 * gappy, drive=drive)) is None  # pyright: ignore
+
+
+def test_noise_that_was_estimated_is_drawn_as_it_is():
+    problem, fit = of_a_line(DESIGN @ TRUTH)
+    estimated = problem._replace(records=(SimpleNamespace(time=TIME, drive=None, noise=None),))  # pyright: ignore
+    ends = [bootstrap(p, fit, run, 4.0, Drawing(2), None, lambda message: None)[0].free for p in (problem, estimated)]
+    np.testing.assert_allclose(ends[0] - fit.free, 2.0 * (ends[1] - fit.free))
 
 
 def test_replicates_that_fail_and_too_few_of_them_are_said():

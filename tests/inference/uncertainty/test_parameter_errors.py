@@ -28,7 +28,8 @@ def transform(high=np.inf) -> ParameterTransform:
 def record(name, time, platform_alone, frequency):
     drive = SimpleNamespace(cycle_frequency=lambda: frequency)
     measurement = SimpleNamespace(platform_alone=platform_alone)
-    return SimpleNamespace(name=name, time=time, offset=None, drive=drive, measurement=measurement, conditions=())
+    told = {"offset": None, "noise": None, "conditions": ()}
+    return SimpleNamespace(name=name, time=time, drive=drive, measurement=measurement, **told)
 
 
 def linear(noise=1.0, misfit=0.0, high=np.inf):

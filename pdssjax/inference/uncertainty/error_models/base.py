@@ -31,7 +31,7 @@ class RecordErrors(NamedTuple):
     frequency: float | None
     """Cycles of the drive a second [Hz]; None where it does not repeat."""
     variance_factor: float = 1.0
-    """By how much the variances of whitened noise exceed 1, by all residuals of the fit together."""
+    """By how much the variances of whitened noise exceed 1, by the residuals of all records whose noise is given."""
     freedom: float = float("inf")
     """Degrees of freedom that the fit leaves of the n samples; all of them where more than n."""
 
