@@ -10,6 +10,7 @@ included.
 """
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -73,10 +74,33 @@ class StepRecord(NamedTuple):
 class PickedStack:
     """What the peaks of step responses tell of a stack."""
 
-    values: dict[str, float]
-    """Numbers [SI] by path: `PATHS`."""
-    covariance: Float[np.ndarray, "3 3"]
-    """Of the logarithms of the values, in the order of `PATHS`; about the truth, so that bias is in it."""
+    read: Float[np.ndarray, "3"]
+    """By the peaks alone [SI], in the order of `PATHS`."""
+    records: tuple[StepRecord, ...]
+    apart: dict[str, tuple[float, float]]
+    """What was measured apart: number and standard error [SI] by path, of `PATHS`."""
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Numbers [SI] by path: `PATHS`."""
+        values = np.exp(self._combined[0]) if self.apart else self.read
+        return dict(zip(PATHS, map(float, values), strict=True))
+
+    @property
+    def covariance(self) -> Float[np.ndarray, "3 3"]:
+        """Of the logarithms of the values, in the order of `PATHS`; about the truth, so that bias is in it."""
+        return self._combined[1]
+
+    @functools.cached_property
+    def _combined(self) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 3"]]:
+        """Logarithms and their covariance: peaks and what was measured apart, by least squares."""
+        logarithms, covariance = np.log(self.read), simulated_covariance(self.read, self.records)
+        for path, (number, error) in self.apart.items():
+            place = PATHS.index(path)
+            gain = covariance[:, place] / (covariance[place, place] + (error / number) ** 2)
+            logarithms = logarithms + gain * (np.log(number) - logarithms[place])
+            covariance = covariance - np.outer(gain, covariance[place])
+        return logarithms, covariance
 
 
 def pick_peaks(study: Study) -> PickedStack:
@@ -97,26 +121,12 @@ def pick_peaks(study: Study) -> PickedStack:
     _check_between(study, steps, where)
     read = tuple(_read(record, where) for record in steps)
     values = _mean([_picked(step) for step in read])
-    values, covariance = _with_measured_apart(study, values, simulated_covariance(values, read))
-    for path, number in zip(PATHS, values, strict=True):
-        _check_bounds(study, path, float(number), where)
-    return PickedStack(dict(zip(PATHS, map(float, values), strict=True)), covariance)
-
-
-def _with_measured_apart(
-    study: Study, values: Float[np.ndarray, "3"], covariance: Float[np.ndarray, "3 3"]
-) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 3"]]:
-    """What the peaks tell combined with what the `study` says was measured apart, by least squares in logarithms."""
-    logarithms = np.log(values)
-    for place, path in enumerate(PATHS):
-        declared = study.parameters.get(path)
-        if declared is None or declared.measured_apart is None:
-            continue
-        number, error = declared.measured_apart
-        gain = covariance[:, place] / (covariance[place, place] + (error / number) ** 2)
-        logarithms = logarithms + gain * (np.log(number) - logarithms[place])
-        covariance = covariance - np.outer(gain, covariance[place])
-    return np.exp(logarithms), covariance
+    declared = {path: study.parameters[path] for path in PATHS if path in study.parameters}
+    apart = {path: told for path, parameter in declared.items() if (told := parameter.measured_apart) is not None}
+    stack = PickedStack(values, read, apart)
+    for path, number in stack.values.items():
+        _check_bounds(study, path, number, where)
+    return stack
 
 
 def _check_models(study: Study, where: str) -> None:

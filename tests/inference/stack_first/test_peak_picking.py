@@ -107,6 +107,26 @@ def test_errors_are_those_of_a_monte_carlo_over_noise_and_the_place_between_samp
     assert np.all((ratio > 0.8) & (ratio < 1.25)), ratio
 
 
+def test_what_was_measured_apart_is_combined_with_the_peaks(platform):
+    study = stepped(platform, TRUTH, 50e-6, 1e-8)
+    alone = pick_peaks(study)
+    told = {"piezo.gain": (1.001 * GAIN, 1e-4 * GAIN), "piezo.damping_ratio": (DAMPING, 0.02)}
+    declared = {
+        path: dataclasses.replace(study.parameters[path], start=number, standard_error=error)
+        for path, (number, error) in told.items()
+    }
+    found = pick_peaks(dataclasses.replace(study, parameters=study.parameters | declared))
+    # Weighted least squares of both, all at once.
+    information, right = np.linalg.inv(alone.covariance), np.linalg.solve(alone.covariance, np.log(alone.read))
+    for path, (number, error) in told.items():
+        place = PATHS.index(path)
+        information[place, place] += (number / error) ** 2
+        right[place] += (number / error) ** 2 * np.log(number)
+    np.testing.assert_allclose(found.covariance, np.linalg.inv(information), rtol=1e-6, atol=1e-15)
+    logarithms = np.log([found.values[path] for path in PATHS])
+    np.testing.assert_allclose(logarithms, np.linalg.solve(information, right), rtol=1e-9)
+
+
 def test_more_records_do_not_help_where_a_peak_lies_between_samples(platform):
     deviation = lambda voltages: np.sqrt(np.diag(pick_peaks(stepped(platform, TRUTH, 5e-5, 1e-9, voltages)).covariance))
     np.testing.assert_allclose(deviation((50.0,)), deviation((50.0, 60.0, 70.0)), rtol=0.1)
