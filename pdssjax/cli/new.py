@@ -1,6 +1,7 @@
 """`pdssjax new`: makes a study of files, with what their samples suggest."""
 
 import argparse
+import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,6 +12,7 @@ from .console import say
 
 if TYPE_CHECKING:
     from ..files import Hints, NewRecord, Told
+    from ..metrics import RecordGuess
 
 
 QUANTITIES = {"time": "s", "voltage": "V", "displacement": "m", "velocity": "m/s"}
@@ -26,6 +28,15 @@ MONITORED = 10.5
 
 MONITORS = ("mon", "cmd", "command", "control", "sense", "setpoint", "soll")
 """What is in the names of such channels."""
+
+HEAVY = 5.0
+"""Mass of an end-effector [kg] from which its unit may be wrong."""
+
+SLOW, FAST = 0.05, 15e3
+"""Frequencies of a drive [Hz] beyond which the clock's unit may be wrong."""
+
+HIGH = 1000.0
+"""Voltage [V] from which its unit or scale may be wrong."""
 
 LARGE, USUAL, SMALL = 2e-6, 3e-7, 5e-10
 """Gain [m/V] from which a unit or a scale may be wrong, that of most stacks at most, and up to which one may be."""
@@ -66,6 +77,8 @@ def _warn(records: Sequence["NewRecord"], told: "Told") -> None:
     said = []
     if told.mass is None and any(record.guess.measures == "effector" for record in records):
         said.append('the mass of the end-effector is a guess, 100 g: give --mass "86 g"')
+    if told.mass is not None and told.mass > HEAVY:
+        said.append(f"found a mass of {told.mass:g} kg, more than friction carries: is its unit right?")
     for record in records:
         guess, file = record.guess, record.roles.file
         if (count := guess.time.size) > MANY:
@@ -84,12 +97,32 @@ def _warn(records: Sequence["NewRecord"], told: "Told") -> None:
                 f"{file}: found {volts} at most, as a monitor or a command of an amplifier has, "
                 "and a study wants the voltage at the piezo: of a monitor 1:20 say --scale voltage=20"
             )
+        said += [f"{file}: found {what}" for what in _implausible(guess)]
         if gain < SMALL:
             said.append(
                 f"{file}: found {1e9 * gain:.3g} nm/V, less than a stack moves: is the displacement's unit right?"
             )
     for line in said:
         print(f"pdssjax: warning: {line}", file=sys.stderr)
+
+
+def _implausible(guess: "RecordGuess") -> list[str]:
+    """What of a record no rig does, in words."""
+    from ..metrics import clipped
+
+    said, numbers = [], guess.waveform.numbers
+    frequency, peak = numbers.get("frequency"), abs(numbers.get("voltage", 0.0))
+    if frequency is not None and not SLOW < frequency < FAST:
+        said.append(f"a drive of {frequency:.3g} Hz: is the clock's unit right?")
+    if peak > HIGH:
+        said.append(f"{peak:.4g} V, more than stacks bear: is the voltage's unit or scale right?")
+    measured = guess.motion if guess.velocity is None else guess.velocity
+    for end, count in clipped(measured).items():
+        said.append(
+            f"{count} samples at exactly the {end} of all, one after the other: a sensor or a scope at the end of its "
+            "range shows nothing there; leave them out (exclude)"
+        )
+    return said
 
 
 def _before_an_amplifier(record: "NewRecord", gain: float) -> str:
@@ -119,7 +152,11 @@ def _told(options: argparse.Namespace) -> "Told":
     from ..files import Told
 
     number = lambda key, unit: _number(getattr(options, key), unit, f"--{key}")
-    return Told(options.measures or "", number("peak", "V"), number("frequency", "Hz"), number("mass", "kg"))
+    told = Told(options.measures or "", number("peak", "V"), number("frequency", "Hz"), number("mass", "kg"))
+    for key, unit, given in (("frequency", "Hz", told.frequency), ("mass", "kg", told.mass)):
+        if given is not None and not 0.0 < given < math.inf:
+            raise InputError(f"option --{key}: found {given:g} {unit}, expected a number above 0.")
+    return told
 
 
 def _number(given: str | None, unit: str, option: str) -> float | None:

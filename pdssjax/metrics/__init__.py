@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from .characterisation import Characterisation as Characterisation
     from .characterisation import Summary as Summary
     from .characterisation import characterisation_of as characterisation_of
+    from .clipped_samples import clipped as clipped
     from .cycle_drift import CycleDrift as CycleDrift
     from .cycle_drift import drift_per_cycle as drift_per_cycle
     from .decimation import decimated as decimated
@@ -77,6 +78,7 @@ else:
             "motion_against_voltage": ["goes_against", "rides_against"],
             "outlying_samples": ["outliers"],
             "pure_error": ["CycleSplit", "LackOfFit", "lack_of_fit", "split_by_phase"],
+            "clipped_samples": ["clipped"],
             "record_guess": ["RUNNING", "RecordGuess", "gain_of", "guess_record"],
             "residual_split": ["ResidualSplit", "split_residuals"],
             "sample_noise": ["neighbour_scatter", "scatter_floor"],

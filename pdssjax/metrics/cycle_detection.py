@@ -33,6 +33,9 @@ CLEAR_FIT = 0.5
 LEAST_FIT = 0.2
 """Share of the variance that a sawtooth must explain, for there to be cycles at all."""
 
+_LEAST_SLIP = 0.3
+"""Of the usual way against the slow flank within a hundredth of a cycle, below which there was no slip."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Cycles:
@@ -242,10 +245,13 @@ def _slips(
     expected: Float[np.ndarray, " slips"],
     sign: float,
 ) -> np.ndarray:
-    """When the record moves fastest against the slow flank near each `expected` slip; NaN where it has no samples."""
+    """When the record moves fastest against the slow flank near each `expected` slip.
+
+    NaN where it has no samples, and where it hardly does: a drive that starts begins a flank without a slip.
+    """
     span = max(1, round(0.01 / frequency / np.median(np.diff(time))))
     middle, change = 0.5 * (time[span:] + time[:-span]), -sign * (values[span:] - values[:-span])
-    found = np.full(len(expected), np.nan)
+    found, sizes = np.full(len(expected), np.nan), np.full(len(expected), np.nan)
     for index, moment in enumerate(expected):
         near = np.flatnonzero(np.abs(middle - moment) <= 0.15 / frequency)
         # A slip at the record's edge is cut off, and something else would be taken for it.
@@ -254,7 +260,10 @@ def _slips(
             most = near[np.argmax(change[near])]
             beside = slice(max(most - span, 0), most + span + 1)
             weight = np.maximum(change[beside] - 0.5 * change[most], 0.0)
-            found[index] = weight @ middle[beside] / weight.sum() if change[most] > 0 else np.nan
+            if change[most] > 0:
+                found[index], sizes[index] = weight @ middle[beside] / weight.sum(), change[most]
+    if np.isfinite(sizes).any():
+        found[sizes < _LEAST_SLIP * np.nanmedian(sizes)] = np.nan
     return found
 
 

@@ -42,8 +42,13 @@ def rides_against(
     cycles = np.arange(max(first, 0), math.floor((time[-1] - start) / period - _LATE[1]) + 1)
     if not cycles.size:
         return goes_against(time, motion, volts)
+    # Samples within: between two of them may lie the fast flank.
     early, late = (start + (cycles + part) * period for part in _LATE)
-    ways = [np.interp(late, time, column) - np.interp(early, time, column) for column in (motion, volts)]
+    firsts, lasts = np.searchsorted(time, early), np.searchsorted(time, late, side="right") - 1
+    within = lasts > firsts
+    if not within.any():
+        return goes_against(time, motion, volts)
+    ways = [column[lasts[within]] - column[firsts[within]] for column in (motion, volts)]
     return bool(np.mean(ways[0] * ways[1] < 0) > _MOST)
 
 

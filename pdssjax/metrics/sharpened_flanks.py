@@ -34,6 +34,13 @@ _LOCATED = 0.5
 _EXPLAINED = 1.5
 """Standard deviations of the voltage's noise up to which straight flanks explain it."""
 
+_HUM = 5e-3
+"""Part of the voltage up to which what slow flanks leave counts as noise, too: hum is far larger in one sample of a
+fast flank than in where that begins."""
+
+_NEAR = 0.25
+"""Part of a period up to which samples are near a fast flank: the others tell the slow one."""
+
 _AS_WELL = 12.0
 """Chi-square above the least one up to which other flanks explain the samples as well; each weighs as it is likely."""
 
@@ -87,12 +94,12 @@ def sharpened_sawtooth(
     """
     voltage, period, start = about
     turn = np.mod((time - start) / period + 0.5, 1.0) - 0.5
-    near = np.abs(turn) * period < 2.0 * max(seen, interval) + 4.0 * interval
+    near = np.abs(turn) * period < min(2.0 * max(seen, interval) + 4.0 * interval, _NEAR * period)
     noise = max(scatter_between_corners(volts), 1e-6 * voltage)
-    slow = _slow_flanks(time[~near], volts[~near], start, period, noise)
+    slow = _slow_flanks(time[~near], volts[~near], start, period, noise, _HUM * voltage)
     if slow is None:
         return None
-    line, triangle = slow
+    line, triangle, noise = slow
 
     def residuals(numbers: np.ndarray) -> Samples:
         shown = levels_of(time[near], forward, *numbers)
@@ -151,17 +158,21 @@ def sharpened_step(
 
 
 def _slow_flanks(
-    time: Samples, volts: Samples, start: float, period: float, noise: float
-) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 3"]] | None:
-    """Of slow flanks u = a + s t - c n, n the number of the cycle: (a, s, c), and the root of their information.
+    time: Samples, volts: Samples, start: float, period: float, noise: float, hum: float
+) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 3"], float] | None:
+    """Of slow flanks u = a + s t - c n, n the number of the cycle: (a, s, c), the root of their information, and noise.
 
-    None where they do not tell them.
+    The `noise` [V] grows to what they leave, up to the `hum` [V] that neighbouring samples do not show.  None where
+    they do not tell them.
     """
     design = np.stack([np.ones(time.size), time, -np.floor((time - start) / period)], axis=1)
     if np.linalg.matrix_rank(design) < 3:
         return None
-    orthogonal, triangle = np.linalg.qr(design / noise)
-    return np.linalg.solve(triangle, orthogonal.T @ volts / noise), triangle
+    orthogonal, triangle = np.linalg.qr(design)
+    line = np.linalg.solve(triangle, orthogonal.T @ volts)
+    left = float(np.linalg.norm(volts - design @ line)) / math.sqrt(max(volts.size - 3, 1))
+    noise = max(noise, min(left, hum))
+    return line, triangle / noise, noise
 
 
 def _numbers_of(line: np.ndarray, duration: float, forward: bool) -> list[float]:

@@ -20,6 +20,9 @@ from .waveform_fits import AT_ZERO, FITS, LOCATED, Waveform, fit_step
 MOST_MISFIT = 0.015
 """Root mean square that a waveform may leave, in parts of the voltage, beside the noise."""
 
+_REST = 4
+"""Samples of a rest, at least."""
+
 _TOLD = 1e-3
 """Part of the frequency up to which its bound of two standard errors goes unsaid."""
 
@@ -80,16 +83,24 @@ def _bounded(found: Waveform) -> Waveform:
 
 def _rest(time: Samples, volts: Samples, extent: float) -> float | None:
     """When a voltage that begins at a constant 0 V leaves it [s]; None where it does not begin so."""
-    noise = max(5.0 * scatter_between_corners(volts), 2e-3 * extent)
-    away = np.flatnonzero(np.abs(volts - np.median(volts[:3])) > noise)
-    leaves = int(away[0]) if away.size else volts.size
+    away = np.flatnonzero(np.abs(volts - np.median(volts[:3])) > AT_ZERO * extent)
+    far = int(away[0]) if away.size else volts.size
+    if far < _REST:
+        return None
+    # Hum is no motion: neighbours do not show it, but all samples of the rest do.
+    level, spread = (
+        float(np.median(volts[:far])),
+        1.4826 * float(np.median(np.abs(volts[:far] - np.median(volts[:far])))),
+    )
+    noise = max(5.0 * scatter_between_corners(volts), 3.0 * spread, 2e-3 * extent)
+    leaves = int(np.flatnonzero(np.abs(volts[:far] - level) <= noise)[-1]) + 1
     quiet = volts[:leaves]
-    if leaves < 4 or abs(float(np.mean(quiet))) > AT_ZERO * extent:
+    if leaves < _REST or abs(float(np.mean(quiet))) > AT_ZERO * extent:
         return None
     # A slow flank that has just begun is no rest: it has the slope that it goes on with.
-    ahead = volts[min(2 * leaves, volts.size) - 1] - volts[leaves - 1]
+    ahead = float(np.max(np.abs(volts[leaves : 2 * leaves] - volts[leaves - 1]), initial=0.0))
     drift = float(np.mean(quiet[leaves // 2 :]) - np.mean(quiet[: leaves // 2])) * 2.0
-    return None if abs(drift) > 0.3 * abs(ahead) and abs(ahead) > 0 else float(time[leaves - 1])
+    return None if abs(drift) > 0.3 * ahead and ahead > 0 else float(time[leaves - 1])
 
 
 def begun(found: Waveform, time: Samples, rests: float | None, tolerance: float, located: float = math.inf) -> Waveform:

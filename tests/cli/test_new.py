@@ -308,6 +308,21 @@ def test_what_should_not_be_overlooked_is_said(tmp_path, capsys, monkeypatch):
     assert "um/V, more than a stack moves" in lines[1] and "--scale voltage=20" in lines[1]
 
 
+def test_what_no_rig_does_is_questioned(tmp_path, capsys):
+    time = np.arange(0.0, 400.0, 0.2)
+    volts = 1200.0 * np.mod(0.02 * time, 1.0)
+    motion = np.minimum(0.08 * volts + np.random.default_rng(1).normal(0.0, 0.05, time.size), 60.0)
+    rows = np.stack([time, volts, motion], axis=1)
+    np.savetxt(tmp_path / "odd.csv", rows, "%.6g", ",", header="time_s,voltage_V,displacement_um", comments="")
+    command = ["new", str(tmp_path / "rig"), "--files", str(tmp_path / "odd.csv"), "--mass", "45"]
+    assert cli.main([*command, "--measures", "platform"]) == 0
+    said = capsys.readouterr().err
+    assert "found a mass of 45 kg, more than friction carries: is its unit right?" in said
+    assert "found a drive of 0.02 Hz: is the clock's unit right?" in said
+    assert "V, more than stacks bear: is the voltage's unit or scale right?" in said
+    assert "samples at exactly the highest of all, one after the other" in said
+
+
 def test_the_command_asks_all_its_questions_at_once_and_writes_nothing(tmp_path, capsys):
     (tmp_path / "bare.csv").write_text(BARE)
     (tmp_path / "alike.csv").write_text(ALIKE)
@@ -324,6 +339,8 @@ def test_the_command_asks_all_its_questions_at_once_and_writes_nothing(tmp_path,
         (["--unit", "speed=m"], "option --unit"),
         (["--scale", "voltage"], "option --scale"),
         (["--mass", "3 m"], "option --mass"),
+        (["--mass", "-45 g"], "option --mass: found -0.045 kg, expected a number above 0"),
+        (["--frequency", "0"], "option --frequency: found 0 Hz, expected a number above 0"),
         (["--interval", "0 s"], "option --interval"),
     ],
 )

@@ -33,6 +33,16 @@ def test_an_ideal_sawtooth_is_explained_by_itself(frequency, phase, sign):
     assert way == sign
 
 
+@pytest.mark.parametrize("rest", [0.07, 0.2])
+def test_a_drive_that_begins_after_a_rest_begins_without_a_slip(rest):
+    time = 2e-4 * np.arange(2500)
+    after = np.maximum(time - rest, 0.0)
+    values = np.mod(20.0 * after, 1.0) + 0.2 * np.floor(20.0 * after)
+    values = values + 0.005 * np.random.default_rng(6).normal(size=time.size)
+    found = find_cycles(time, values, None, "here")
+    assert found.seen == pytest.approx(20.0, abs=0.05) and found.seen_error < 0.02
+
+
 @pytest.mark.parametrize("ratio", [0.5, 2.0, 3.0])
 def test_a_multiple_of_the_frequency_explains_less(ratio):
     values = sawtooth(TIME, 5.0) - 0.5

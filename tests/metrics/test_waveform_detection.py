@@ -247,6 +247,35 @@ def test_what_a_clock_counts_from_changes_nothing(name, first):
     assert late.start - first == pytest.approx(found.start, abs=0.02 * INTERVAL)
 
 
+@pytest.mark.parametrize("hum", [0.05, 0.3])
+@pytest.mark.parametrize("rest", [0.025, 0.2])
+@pytest.mark.parametrize("forward", [True, False])
+def test_hum_does_not_hide_when_a_drive_leaves_its_rest(hum, rest, forward):
+    """Neighbouring samples hardly differ by it."""
+    time = 2e-4 * np.arange(round((rest + 0.25) / 2e-4)) - rest + (-3e-5 if forward else 3e-5)
+    # Forward the first fast flank ends where the drive starts.
+    phase = np.mod((time + 6e-5 * forward) * 20.0, 1.0)
+    volts = np.where(time < 0, 0.0, 55.0 * sawtooth(phase, 1.2e-3, forward))
+    volts = volts + hum * np.sin(2 * np.pi * 50.0 * time + 1.0) + 0.02 * np.random.default_rng(3).normal(size=time.size)
+    found = detect_waveform(time, volts)
+    assert (found.name, found.begins) == ("sawtooth", "seen")
+    assert found.direction == ("forward" if forward else "backward")
+    assert found.start == pytest.approx(0.0, abs=2e-5)
+    assert found.numbers["voltage"] == pytest.approx(55.0, abs=0.1)
+    assert found.numbers["fall_time"] == pytest.approx(6e-5, abs=2e-5)
+
+
+@pytest.mark.parametrize("samples_a_cycle", [10, 12, 16])
+def test_of_few_samples_a_cycle_one_on_the_fast_flank_is_enough(samples_a_cycle):
+    """And is not taken for a flank of two intervals, which would leave a fifth of the voltage out."""
+    time = np.arange(8 * samples_a_cycle) / (20.0 * samples_a_cycle) + 2e-5
+    clean = 55.0 * sawtooth(np.mod(time * 20.0, 1.0), 1.2e-3, True)
+    found = detect_waveform(time, clean + 0.02 * np.random.default_rng(2).normal(size=time.size))
+    assert (found.name, found.direction) == ("sawtooth", "forward")
+    assert found.numbers["voltage"] == pytest.approx(55.0, abs=0.1)
+    assert found.numbers["frequency"] == pytest.approx(20.0, rel=1e-3)
+
+
 @pytest.mark.slow
 def test_drives_at_random_are_found_or_taken_as_sampled_but_never_for_others():
     random = np.random.default_rng(2026)

@@ -19,6 +19,9 @@ FIGURES = {
 }
 """What a characterisation reports, in order."""
 
+_LONG = 1e3
+"""Lengths of a record from a clock's zero to its first sample from which times count from that sample."""
+
 
 def format_characterisation(found: Characterisation) -> str:
     """What one record says: its cycles, and each figure with mean, error and scatter."""
@@ -26,17 +29,30 @@ def format_characterisation(found: Characterisation) -> str:
     way = "backward, the slow flank falls: figures are turned" if cycles.falls else "forward, the slow flank rises"
     places = decimals_for(cycles.seen_error)
     seen = f"{rounded(cycles.seen, places)} +/- {rounded(cycles.seen_error, places)} Hz"
+    begins = cycles.start - _zero(found)
     lines = [
-        ("record", f"{found.column}, {len(found.time)} samples, {found.time[0]:g} s to {found.time[-1]:g} s"),
+        ("record", f"{found.column}, {len(found.time)} samples, {_span(found)}"),
         ("direction", way),
         ("frequency", f"{cycles.frequency:g} Hz, given (seen: {seen})" if found.given else f"{seen}, found"),
-        ("cycles", f"{cycles.count} complete, {cycles.rejected} left out, the first from {cycles.start:.4g} s on"),
+        ("cycles", f"{cycles.count} complete, {cycles.rejected} left out, the first from {begins:.4g} s on"),
     ]
     head = ["", "unit", "mean", "+/-", "deviation"]
     rows = [_figure(title, found.summary[name]) for name, title in FIGURES.items() if name in found.summary]
     text = "".join(f"    {name:<10}= {text}\n" for name, text in lines)
     legend = "    +/-: standard error of the mean; deviation: standard deviation of the cycles.\n"
     return heading(str(found.file)) + text + aligned_table("<<>>>", [head, *rows]) + legend
+
+
+def _zero(found: Characterisation) -> float:
+    """What times are counted from: the clock's zero, or the first sample where a clock counts from long before."""
+    first, last = float(found.time[0]), float(found.time[-1])
+    return first if abs(first) > _LONG * (last - first) else 0.0
+
+
+def _span(found: Characterisation) -> str:
+    zero = _zero(found)
+    told = f"{found.time[0] - zero:g} s to {found.time[-1] - zero:g} s"
+    return f"{told} from the first one, at {zero:.10g} s" if zero else told
 
 
 def _figure(title: str, summary: Summary) -> list[str]:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 def format_sweep(data: "xarray.Dataset") -> str:
     """The extremes of a sweep, and where they lie."""
     banded = "speed_sd" in data
-    head = ["", "unit", "least", "most", *["+/- (95 %)"] * banded, "where it is most"]
+    head = ["", "unit", "least", "most", *["+/- (95 %)"] * banded, "where it is largest"]
     rows = []
     for name in ("speed", "net_step", "efficiency", "stroke", "back_slip", *(name for name in FURTHER if name in data)):
         values = data[name]
@@ -23,7 +23,8 @@ def format_sweep(data: "xarray.Dataset") -> str:
         if not bool(values.notnull().any()):
             rows.append([values.attrs["long_name"], unit, "-", "-", *["-"] * banded, "every point failed"])
             continue
-        place = values.isel(values.argmax(dim=...))
+        # By size: a speed backward is negative.
+        place = values.isel(abs(values).argmax(dim=...))
         # Of a sample the dimension has no values of its own, but all that changes along it has.
         where = [_where(coordinate) for coordinate in place.coords.values() if "units" in coordinate.attrs]
         least, most = (f"{float(end) * scale:.5g}" for end in (values.min(), values.max()))
@@ -31,7 +32,9 @@ def format_sweep(data: "xarray.Dataset") -> str:
         rows.append([values.attrs["long_name"], unit, least, most, *half, ", ".join(where)])
     grazing = int((data.failure.values == GRAZING).sum())
     failed = int((data.failure.values != 0).sum()) - grazing
-    text = heading(f"Sweep of {data.failure.size} points") + aligned_table("<<>>" + ">" * banded + "<", [head, *rows])
+    text = heading(f"Sweep of {data.failure.size} points{_of_record(data)}") + aligned_table(
+        "<<>>" + ">" * banded + "<", [head, *rows]
+    )
     bent = int((data.speed_straight.values == 0).sum()) if "speed_straight" in data else 0
     if bent:
         text += f"    First order does not hold for the speed at {bent} of the points: ask for --bands draws there.\n"
@@ -40,6 +43,13 @@ def format_sweep(data: "xarray.Dataset") -> str:
     if grazing:
         text += f"    At {grazing} points {POINT_FAILURES[GRAZING]}.\n"
     return text + (f"    {failed} points failed: {data.failure.attrs['meanings']}\n" if failed else "")
+
+
+def _of_record(data: "xarray.Dataset") -> str:
+    """Whose drive was varied, and which way it goes, as far as that is told and is no axis."""
+    name, direction = data.attrs.get("record"), data.attrs.get("drive.direction")
+    way = "" if direction is None else ", forward" if direction > 0 else ", backward"
+    return f': the drive of "{name}"{way}' if name else ""
 
 
 def _both_directions(data: "xarray.Dataset") -> str:
@@ -61,8 +71,8 @@ def _both_directions(data: "xarray.Dataset") -> str:
 
 
 def _half_band(data: "xarray.Dataset", name: str) -> float:
-    """Half the width of the band of a metric where it is most."""
-    at = np.unravel_index(int(np.nanargmax(data[name].values)), data[name].shape)
+    """Half the width of the band of a metric where it is largest."""
+    at = np.unravel_index(int(np.nanargmax(np.abs(data[name].values))), data[name].shape)
     return 0.5 * float(data[f"{name}_high"].values[at] - data[f"{name}_low"].values[at])
 
 
