@@ -5,9 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pdssjax.inference import Ending, Fit
-from pdssjax.inference.stack_first import sequential
+from pdssjax.inference import Ending, Fit, sequential
 from pdssjax.inference.stack_parameters import of_stack, stack_rows
+
+MODULE = "pdssjax.inference.stack_first.sequential"
 
 
 def record(platform_alone, *conditions):
@@ -37,9 +38,9 @@ def test_where_the_first_step_fails_its_reason_is_that_of_the_fit(monkeypatch, s
     ended = lambda success, message, ending: Fit(np.zeros(2), state, success, message, 3, 4, ending)  # pyright: ignore
     first = ended(success, "stalled", Ending.STALLED)
     last = ended(True, "the gradient is small", Ending.CONVERGED)
-    monkeypatch.setattr(sequential, "fit_phase", lambda *given: first)
-    monkeypatch.setattr(sequential, "with_piezo_held", lambda *given: last)
-    fit = sequential.sequential(problem("piezo.gain", "friction.f_ss"), {}, lambda message: None)  # pyright: ignore
+    monkeypatch.setattr(f"{MODULE}.fit_phase", lambda *given: first)
+    monkeypatch.setattr(f"{MODULE}.with_piezo_held", lambda *given: last)
+    fit = sequential(problem("piezo.gain", "friction.f_ss"), {}, lambda message: None)  # pyright: ignore
     assert (fit.success, fit.iterations, fit.evaluations) == (success, 6, 8)
     assert fit.message == ("the gradient is small" if success else "piezo: stalled")
     assert fit.ending == (Ending.CONVERGED if success else Ending.STALLED)
