@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from .diagnosis import Remedy as Remedy
     from .draws import Draws as Draws
     from .draws import ParameterDraws as ParameterDraws
+    from .estimate import UNSEEN as UNSEEN
     from .estimate import Amplification as Amplification
     from .estimate import ErrorAdvice as ErrorAdvice
     from .estimate import Estimate as Estimate
@@ -74,7 +75,15 @@ else:
             "comparison": ["FittedRecord", "compare", "cycles_a_second", "repeated_residuals"],
             "conditions": ["MARK", "paths_in", "split_path", "under_conditions"],
             "diagnosis": ["Combination", "Diagnosis", "Agreement", "Remedy"],
-            "estimate": ["Amplification", "ErrorAdvice", "Estimate", "FittedParameter", "ParameterError", "Statistics"],
+            "estimate": [
+                "UNSEEN",
+                "Amplification",
+                "ErrorAdvice",
+                "Estimate",
+                "FittedParameter",
+                "ParameterError",
+                "Statistics",
+            ],
             "measurement.base": ["AbstractMeasurement", "MOVING", "Samples"],
             "models": ["Models", "Values"],
             "multistart": ["Multistart"],

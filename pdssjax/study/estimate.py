@@ -17,6 +17,9 @@ from .profile import Profile
 if TYPE_CHECKING:
     import pandas
 
+UNSEEN = 5e-3
+"""Relative change for a relative change of 1 that a table of two digits shows as none."""
+
 
 class ParameterError(NamedTuple):
     """The error of one parameter by one error model."""
@@ -125,6 +128,15 @@ class Amplification:
     """Paths of those fitted first and then held, as columns: the stack's."""
     matrix: Float[np.ndarray, "later earlier"]
     """Relative change of the row's parameter per relative change of the column's [1]."""
+
+    def visible(self) -> "Amplification":
+        """Without the parameters that move nothing, and those that nothing moves; all of them where none does."""
+        seen = np.abs(self.matrix) >= UNSEEN
+        rows, columns = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
+        if not rows.size:
+            return self
+        kept = lambda paths, places: tuple(paths[place] for place in places)
+        return Amplification(kept(self.later, rows), kept(self.earlier, columns), self.matrix[np.ix_(rows, columns)])
 
     def strongest(self) -> tuple[str, str, float]:
         """The largest entry: which parameter is moved, by which, and by how much."""

@@ -86,6 +86,26 @@ def test_the_amplification_is_written_into_its_cells():
     assert [label.get_text() for label in axes.get_yticklabels()][1] == "friction.sigma1_a"
 
 
+def test_what_moves_nothing_and_what_nothing_moves_is_left_out():
+    whole = fabricated.amplification()
+    wider = np.zeros((4, 5))
+    wider[:3, :3] = whole.matrix
+    wider[2, 4] = -1e-9
+    both = dataclasses.replace(
+        whole,
+        later=(*whole.later, "drive.rise_time@a"),
+        earlier=(*whole.earlier, "drive.rise_time@b", "sensor.delay"),
+        matrix=wider,
+    )
+    seen = both.visible()
+    assert (seen.later, seen.earlier) == (whole.later, whole.earlier)
+    np.testing.assert_array_equal(seen.matrix, whole.matrix)
+    texts = [text.get_text() for text in drawn(amplification_figure(both)).axes[0].texts]
+    assert len(texts) == 9 and "-0" not in texts and not any("0.001" in text for text in texts)
+    nothing = dataclasses.replace(both, matrix=np.zeros((4, 5)))
+    assert nothing.visible().matrix.shape == (4, 5)
+
+
 def test_ways_are_compared_by_their_distance_from_the_joint_fit():
     ways = [fabricated.estimate(method) for method in ("joint", "sequential", "peaks")]
     path = "friction.sigma1_a"

@@ -5,12 +5,13 @@ import numpy as np
 from matplotlib.colors import SymLogNorm
 from matplotlib.figure import Figure
 
-from ...study import Amplification
+from ...study import UNSEEN, Amplification
 from ._style import STYLE
 
 
 def amplification_figure(amplification: Amplification) -> Figure:
     """The matrix as colours and numbers: per cent in the row for 1 % in the column."""
+    amplification = amplification.visible()
     matrix = amplification.matrix
     rows, columns = matrix.shape
     most = max(2.0, float(np.max(np.abs(matrix))))
@@ -25,7 +26,8 @@ def amplification_figure(amplification: Amplification) -> Figure:
         for i in range(rows):
             for j in range(columns):
                 dark = abs(float(scale(matrix[i, j])) - 0.5) > 0.3
-                label = f"{float(f'{matrix[i, j]:.2g}'):g}"  # 110, not 1.1e+02
+                # 110, not 1.1e+02; 0, not -0.
+                label = f"{float(f'{matrix[i, j]:.2g}') if abs(matrix[i, j]) >= UNSEEN else 0.0:g}"
                 axes.text(j, i, label, ha="center", va="center", fontsize=7.5, color="white" if dark else "black")
         axes.set_title("Per cent in the row for 1 % in the column", loc="left")
         figure.colorbar(image, ax=axes, label="% for 1 %", shrink=0.9)

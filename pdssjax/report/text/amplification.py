@@ -9,6 +9,7 @@ from ._layout import aligned_table, heading
 
 def format_amplification(amplification: Amplification) -> str:
     """A table of relative changes, and its largest entry in words."""
+    amplification = amplification.visible()
     rows = [
         [path, *(rounded(float(value), 2) for value in row)]
         for path, row in zip(amplification.later, amplification.matrix, strict=True)
@@ -22,6 +23,7 @@ def format_amplification(amplification: Amplification) -> str:
 
 def format_effects(amplification: Amplification) -> str:
     """Of each parameter identified first, in words, the two that an error of it moves most where it is held."""
+    amplification = amplification.visible()
     lines = ["    Where the stack is held, its errors are carried on:\n"]
     for j, mover in enumerate(amplification.earlier):
         column = np.abs(amplification.matrix[:, j])
