@@ -190,7 +190,7 @@ class EndSearch:
         return self._end(point, Verdict.BOUNDED if error < _KINKED else Verdict.LOST)
 
     def _length(self, step: Float[np.ndarray, " p"]) -> float:
-        """Of what the radius of trust limits: the profiled parameter's part, or the others' beyond their room."""
+        """Of what the radius of trust limits: the profiled parameter's part, in linear half widths."""
         index = self.aim.index
         return float(abs(step[index]) / self.aim.sizes[index])
 

@@ -126,7 +126,7 @@ def _inside(
     step: float,
     bounds: tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]],
 ) -> float:
-    """`step`, or the other way, or a shorter one, so that no bound is crossed."""
+    """`step`, or the other way, or a shorter one, so that no bound is crossed; tiny where every one crosses one."""
     for _ in range(40):
         for way in (step, -step):
             there = free + way * direction
