@@ -70,8 +70,8 @@ class Problem(NamedTuple):
     def fitted_to(self, used: Sequence[Bool[np.ndarray, " samples"]]) -> "Problem":
         """The same with only the `used` samples of each record; the others have a residual of 0.
 
-        For cross-validation: what is compiled is shared, so that parts may be held out in turn.  Noise and counts of samples stay those of
-        whole records.
+        For cross-validation: what is compiled is shared, so that parts may be held out in turn.  Noise and counts of
+        samples stay those of whole records.
         """
         return self._replace(residual=eqx.tree_at(lambda residual: residual.used, self.residual, tuple(used)))
 
