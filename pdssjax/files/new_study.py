@@ -6,6 +6,8 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from ..core import InputError, member, quantities
 from ..metrics import RUNNING, RecordGuess
 from .guessed_record import NewRecord, Told
@@ -19,6 +21,12 @@ from .unseen_flanks import (
     open_parameters,
     sampling_interval,
 )
+
+_JUMP = 0.3
+"""Part of the way of a voltage from one sample to the next that makes a stack ring."""
+
+_HELD = "60 s"
+"""How long a voltage at which a record begins was held before: long beside what creeps in it."""
 
 _HYSTERESIS = 0.01
 """Root mean square that a line of the voltage leaves of a platform, in parts of its motion, from which it is told."""
@@ -107,7 +115,8 @@ def _laws(records: Sequence[NewRecord]) -> tuple[str, str]:
     guesses = [record.guess for record in records]
     walks = [guess for guess in guesses if guess.measures == "effector"]
     fast = any(
-        guess.waveform.name in ("step", "sawtooth", "trapezoid") and sampling_interval(guess) < _SLOW_TICKS
+        (guess.waveform.name in ("step", "sawtooth", "trapezoid") or _jumps(guess))
+        and sampling_interval(guess) < _SLOW_TICKS
         for guess in guesses
     )
     loops = any(
@@ -117,6 +126,13 @@ def _laws(records: Sequence[NewRecord]) -> tuple[str, str]:
     piezo = "second-order" if fast else slow
     both = {guess.waveform.direction for guess in walks} >= {"forward", "backward"}
     return piezo, "anisotropic-lugre" if both else "simplified-lugre"
+
+
+def _jumps(guess: RecordGuess) -> bool:
+    """Whether the voltage goes a good part of its way from one sample to the next: what follows it rings."""
+    if guess.volts is None:
+        return False
+    return bool(np.max(np.abs(np.diff(guess.volts))) > _JUMP * np.ptp(guess.volts))
 
 
 def _parameters(records: Sequence[NewRecord], told: Told, piezo: str, friction: str) -> list[str]:
@@ -200,6 +216,8 @@ def _record(record: NewRecord, told: Told, folder: Path, loops: bool) -> list[st
         period = 1.0 / guess.waveform.numbers["frequency"]
         ran = f"{{ cycles = {RUNNING}, period = {quoted(f'{period:.10g} s')} }}"
         lines.append(f"conditioning = {ran}  # guess: {_WHY_START['running']}")
+    if guess.waveform.begins == "held":
+        lines.append(f'conditioning = "{_HELD}"  # guess: so long the first voltage was held before')
     lines += [f'start = "{start:.12g} s"  # guess: {why}'] * (start != 0)
     return [*lines, *(_sampled_sine(record) if by_samples else _drive(record))]
 
@@ -220,6 +238,7 @@ _WHY_MEASURES = {
 
 _WHY_START = {
     "seen": "the voltage leaves 0 V there",
+    "held": "the first sample, at a voltage that was held before",
     "clock": "the clock counts from the drive's start",
     "motion": "the motion sets in with the record, so the drive starts there",
     "running": "the drive ran before the record; since when is not known, two cycles are taken",

@@ -10,6 +10,7 @@
 
 import dataclasses
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -48,7 +49,8 @@ def _detect(time: Samples, volts: Samples) -> Waveform:
     first = float(time[0])
     elapsed = time - first
     flanks = voltage_flanks(elapsed, volts, low, high)
-    rests = _rest(time, volts, high - low)
+    rest = _rest(time, volts, high - low)
+    rests = rest.end if rest is not None and abs(rest.level) <= AT_ZERO * (high - low) else None
     if len(flanks.rises) + len(flanks.falls) == 1 and len(flanks.rises) == 1:
         step = fit_step(elapsed, volts, flanks, interval, -first)
         if step.misfit < MOST_MISFIT and abs(low) < AT_ZERO * high:
@@ -70,7 +72,7 @@ def _detect(time: Samples, volts: Samples) -> Waveform:
             simplest = dataclasses.replace(_bounded(simplest), start=simplest.start + first)
             return begun(simplest, time, rests, 1.5 * interval, located)
     start = float(time[0]) if rests is None else rests
-    begins = "running" if rests is None else "seen"
+    begins = "seen" if rests is not None else "held" if rest is not None else "running"
     return Waveform("sampled", {"voltage": float(np.max(np.abs(volts)))}, "", start, begins, 0.0)
 
 
@@ -81,26 +83,33 @@ def _bounded(found: Waveform) -> Waveform:
     return dataclasses.replace(found, uncertain=found.uncertain + said)
 
 
-def _rest(time: Samples, volts: Samples, extent: float) -> float | None:
-    """When a voltage that begins at a constant 0 V leaves it [s]; None where it does not begin so."""
+class _Rest(NamedTuple):
+    """A voltage that does not change from the first sample on."""
+
+    end: float
+    """When it leaves the rest [s]."""
+    level: float
+    """[V]"""
+
+
+def _rest(time: Samples, volts: Samples, extent: float) -> _Rest | None:
+    """The rest that a voltage begins with; None where it does not begin so."""
     away = np.flatnonzero(np.abs(volts - np.median(volts[:3])) > AT_ZERO * extent)
     far = int(away[0]) if away.size else volts.size
     if far < _REST:
         return None
     # Hum is no motion: neighbours do not show it, but all samples of the rest do.
-    level, spread = (
-        float(np.median(volts[:far])),
-        1.4826 * float(np.median(np.abs(volts[:far] - np.median(volts[:far])))),
-    )
+    level = float(np.median(volts[:far]))
+    spread = 1.4826 * float(np.median(np.abs(volts[:far] - level)))
     noise = max(5.0 * scatter_between_corners(volts), 3.0 * spread, 2e-3 * extent)
     leaves = int(np.flatnonzero(np.abs(volts[:far] - level) <= noise)[-1]) + 1
-    quiet = volts[:leaves]
-    if leaves < _REST or abs(float(np.mean(quiet))) > AT_ZERO * extent:
+    if leaves < _REST:
         return None
+    quiet = volts[:leaves]
     # A slow flank that has just begun is no rest: it has the slope that it goes on with.
     ahead = float(np.max(np.abs(volts[leaves : 2 * leaves] - volts[leaves - 1]), initial=0.0))
     drift = float(np.mean(quiet[leaves // 2 :]) - np.mean(quiet[: leaves // 2])) * 2.0
-    return None if abs(drift) > 0.3 * ahead and ahead > 0 else float(time[leaves - 1])
+    return None if abs(drift) > 0.3 * ahead and ahead > 0 else _Rest(float(time[leaves - 1]), float(np.mean(quiet)))
 
 
 def begun(found: Waveform, time: Samples, rests: float | None, tolerance: float, located: float = math.inf) -> Waveform:

@@ -37,7 +37,8 @@ class Waveform:
     start: float
     """When the drive starts [s]: t = 0 of the study."""
     begins: str
-    """"seen": it rests in the record before; "clock": the clock's zero begins a cycle; "running": it ran before;
+    """"seen": it rests at 0 V in the record before; "held": of samples, at another voltage; "clock": the clock's zero
+    begins a cycle; "running": it ran before;
     "motion": the motion sets in with the record."""
     misfit: float
     """Root mean square of what the waveform leaves, in parts of the voltage."""

@@ -3,6 +3,7 @@
 import tomllib
 from pathlib import Path
 
+import fabricated
 import fastjsonschema
 import instrument_files
 import numpy as np
@@ -306,6 +307,24 @@ def test_what_should_not_be_overlooked_is_said(tmp_path, capsys, monkeypatch):
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 2 and "600 samples make a slow fit" in lines[0]
     assert "um/V, more than a stack moves" in lines[1] and "--scale voltage=20" in lines[1]
+
+
+@pytest.mark.parametrize(("first", "last"), [(20.0, 50.0), (50.0, 0.0)])
+def test_a_step_from_a_bias_rings_and_was_held_before(tmp_path, first, last):
+    """No waveform of a study begins at another voltage than 0: its samples are the drive."""
+    time = np.arange(-0.002, 0.015, 2e-5)
+    random = np.random.default_rng(7)
+    motion = 1e6 * fabricated.step_motion(time, (last - first) * 8.5e-8, 9100.0, 0.06)
+    volts = np.where(time < 0, first, last) + 0.02 * random.normal(size=time.size)
+    rows = np.stack([time, volts, motion + 0.008 * random.normal(size=time.size)], axis=1)
+    np.savetxt(tmp_path / "bias.csv", rows, "%.7g", ",", header="time_s,voltage_V,displacement_um", comments="")
+    command = ["new", str(tmp_path / "rig"), "--files", str(tmp_path / "bias.csv"), "--measures", "platform"]
+    assert cli.main(command) == 0
+    text = (tmp_path / "rig" / "study.toml").read_text()
+    assert 'piezo = "second-order"' in text
+    assert 'conditioning = "60 s"' in text and "at a voltage that was held before" in text
+    (record,) = load_study(tmp_path / "rig" / "study.toml").records
+    assert record.drive is not None and record.time[0] > 59.0
 
 
 def test_what_no_rig_does_is_questioned(tmp_path, capsys):

@@ -5,6 +5,15 @@ from collections.abc import Sequence
 from ...metrics import RecordGuess
 from ._layout import aligned_table, heading
 
+_BEGINS = {
+    "seen": "seen",
+    "held": "held before",
+    "clock": "by the clock",
+    "running": "ran before",
+    "motion": "by the motion",
+}
+"""How it is known when a drive starts, in short."""
+
 
 def format_guesses(guesses: Sequence[tuple[str, RecordGuess]]) -> str:
     """A table of what each named record is taken to be."""
@@ -23,6 +32,6 @@ def _row(name: str, guess: RecordGuess) -> list[str]:
         f"{wave.numbers['voltage']:.5g}",
         "" if frequency is None else f"{frequency:.6g}",
         f"{round(guess.start, 9) + 0.0:.6g}",
-        {"seen": "seen", "clock": "by the clock", "running": "ran before", "motion": "by the motion"}[wave.begins],
+        _BEGINS[wave.begins],
         guess.display.text(guess.noise),
     ]
