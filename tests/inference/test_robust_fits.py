@@ -1,5 +1,6 @@
 """A record with glitches: least squares is pulled away, a robust loss is not, and its errors are right."""
 
+import dataclasses
 import json
 
 import fabricated
@@ -87,3 +88,19 @@ def test_the_command_says_the_loss_and_refuses_what_does_not_go_with_it(tmp_path
         pdssjax.identify(studies[0], loss="hubert")
     with pytest.raises(InputError, match='intervals "profile"'):
         pdssjax.identify(studies[0], loss="huber", intervals="profile")
+
+
+def test_noise_given_wrongly_moves_no_error_under_a_robust_loss_and_no_note_says_so(studies):
+    """It scales the loss, and that hardly: a zero has the error by the scatter of its residuals, as parameters do."""
+    given = lambda noise: dataclasses.replace(
+        studies[1], records=(dataclasses.replace(studies[1].records[0], noise=noise),)
+    )
+    right, small, large = (pdssjax.identify(given(noise), loss="huber") for noise in (NOISE, NOISE / 4, 4 * NOISE))
+    for found in (small, large):
+        ratio = found.records[0].offset_standard_error / right.records[0].offset_standard_error
+        assert ratio == pytest.approx(1.0, abs=0.1)
+        ratio = found.parameters["piezo.gain"].standard_error / right.parameters["piezo.gain"].standard_error
+        assert ratio == pytest.approx(1.0, abs=0.1)
+        assert not any("errors are enlarged" in note or "larger than they need be" in note for note in found.notes)
+    (note,) = [note for note in small.notes if "too small" in note]
+    assert "Standard errors do not depend on the noise given" in note
