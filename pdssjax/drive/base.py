@@ -112,6 +112,13 @@ class AbstractDrive(eqx.Module):
         """Whether the voltage or its rate jumps, at t = 0 or later; not traced."""
         return True
 
+    def told_by_peak(self) -> Self:
+        """The same drive, with the peak for its number "voltage", as a generator is set; not traced.
+
+        By default as it is.
+        """
+        return self
+
     @abc.abstractmethod
     def peak(self) -> ScalarLike:
         """Largest magnitude that the voltage takes or tends to [V], a number."""

@@ -11,6 +11,7 @@ A recorded voltage tells the slope s of the slow flanks far better than where th
 voltage may be told by it: U = s T, which a slow flank would come to in a whole period; then V = U (T - t_fast) / T.
 """
 
+import dataclasses
 import math
 from typing import Self
 
@@ -43,6 +44,9 @@ class Sawtooth(AbstractDrive):
 
     def _peak(self) -> ScalarLike:
         return self.voltage * (1.0 - self.told_by * jnp.minimum(self._fall() * self.frequency, 1.0))
+
+    def told_by_peak(self) -> Self:
+        return dataclasses.replace(self, voltage=float(self._peak()), told_by=0.0)
 
     def segment(self, index: Scalar) -> Segment:
         duration, start, change, _ = flank(index, 1.0 / self.frequency, self._fall(), self._peak(), self.direction)

@@ -53,6 +53,14 @@ def test_a_drive_has_jumps_where_its_voltage_differs_on_both_sides_of_a_corner(d
 
 
 @EVERY
+def test_told_by_its_peak_a_drive_is_the_same(drive):
+    told, time = drive.told_by_peak(), jnp.linspace(-0.1, END, 1001)
+    np.testing.assert_allclose(told.at(time), drive.at(time), rtol=1e-12, atol=1e-12)
+    if isinstance(drive, Sawtooth):
+        assert told.voltage == pytest.approx(np.sign(drive.voltage) * drive.peak()) and told.told_by == 0.0
+
+
+@EVERY
 def test_a_drive_has_corners_where_its_voltage_or_its_rate_differs_on_both_sides(drive):
     before, bends = 0.0, any(abs(step) > 1e-9 * drive.peak() for step in corner_steps(drive))
     for _, segment in pieces(drive):

@@ -9,7 +9,7 @@ from walking_study import write_walking
 import pdssjax
 from pdssjax import load_study
 from pdssjax.cli.main import main
-from pdssjax.sweeps import plan_sweep
+from pdssjax.sweeps import driven_record, plan_sweep
 
 FALL = '"drive.fall_time" = { value = 0 }\n'
 LOCAL = '"drive.fall_time@slow" = { start = "0.4 ms" }\n"piezo.gain@other" = { start = "0.2 um/V" }\n'
@@ -29,6 +29,16 @@ def test_numbers_are_those_of_the_record(written):
     assert not any("@" in path for path in planned.used)
     assert planned.used["drive.fall_time"]["value"] == pytest.approx(4e-4)
     assert planned.used["piezo.gain"]["value"] == pytest.approx(1e-7)
+
+
+def test_a_voltage_is_the_peak_however_the_record_tells_it(written):
+    """By the slope of slow flanks 64 V would be 63.5 V with a flank of 0.4 ms at 20 Hz."""
+    text = written.read_text()
+    (line,) = [line for line in text.splitlines() if line.startswith("drive = ") and "sawtooth" in line]
+    written.write_text(text.replace(line, line.replace("{ ", '{ told_by = "slope", ', 1)))
+    drive = driven_record(load_study(written), None).drive
+    assert (drive.told_by, drive.fall_time) == (0.0, pytest.approx(4e-4))
+    assert drive.voltage == pytest.approx(64.0 * (1.0 - 4e-4 * 20.0))
 
 
 class Asked(Exception):
