@@ -24,6 +24,9 @@ MOST_MISFIT = 0.015
 _REST = 4
 """Samples of a rest, at least."""
 
+_HELD = 0.03
+"""Part of a record that a voltage at which it begins lasts, at least, where it was held before."""
+
 _TOLD = 1e-3
 """Part of the frequency up to which its bound of two standard errors goes unsaid."""
 
@@ -72,7 +75,9 @@ def _detect(time: Samples, volts: Samples) -> Waveform:
             simplest = dataclasses.replace(_bounded(simplest), start=simplest.start + first)
             return begun(simplest, time, rests, 1.5 * interval, located)
     start = float(time[0]) if rests is None else rests
-    begins = "seen" if rests is not None else "held" if rest is not None else "running"
+    # The first stair of a staircase is no voltage that was held before.
+    held = rest is not None and rest.end - time[0] > _HELD * (time[-1] - time[0])
+    begins = "seen" if rests is not None else "held" if held else "running"
     return Waveform("sampled", {"voltage": float(np.max(np.abs(volts)))}, "", start, begins, 0.0)
 
 

@@ -247,6 +247,15 @@ def test_what_a_clock_counts_from_changes_nothing(name, first):
     assert late.start - first == pytest.approx(found.start, abs=0.02 * INTERVAL)
 
 
+@pytest.mark.parametrize(("stair", "begins"), [(0.3, "held"), (0.01, "running")])
+def test_a_voltage_was_held_before_where_it_lasts_and_not_on_a_staircase(stair, begins):
+    time = 1e-3 * np.arange(1000)
+    steps = np.floor(time / stair + 1e-9)
+    volts = 30.0 + 20.0 * np.sin(1.7 * steps) + 0.01 * np.random.default_rng(9).normal(size=time.size)
+    found = detect_waveform(time, volts)
+    assert (found.name, found.begins) == ("sampled", begins)
+
+
 @pytest.mark.parametrize("hum", [0.05, 0.3])
 @pytest.mark.parametrize("rest", [0.025, 0.2])
 @pytest.mark.parametrize("forward", [True, False])
