@@ -82,7 +82,8 @@ def summarise(
         explained=not (contradicted or leaves_more_than_noise(fit, problem)),
         loss=type(problem.residual.loss).__name__.lower(),
     )
-    facts = ErrorFacts(known.null, weakly_determined, factor, stack is not None)
+    robust = problem.residual.loss.is_robust
+    facts = ErrorFacts(known.null, weakly_determined, factor, stack is not None, robust)
     return dataclasses.replace(estimate, notes=notes_of(estimate, study, fit, free, facts))
 
 

@@ -3,7 +3,6 @@
 import tomllib
 from pathlib import Path
 
-import fabricated
 import fastjsonschema
 import instrument_files
 import numpy as np
@@ -307,39 +306,6 @@ def test_what_should_not_be_overlooked_is_said(tmp_path, capsys, monkeypatch):
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 2 and "600 samples make a slow fit" in lines[0]
     assert "um/V, more than a stack moves" in lines[1] and "--scale voltage=20" in lines[1]
-
-
-@pytest.mark.parametrize(("first", "last"), [(20.0, 50.0), (50.0, 0.0)])
-def test_a_step_from_a_bias_rings_and_was_held_before(tmp_path, first, last):
-    """No waveform of a study begins at another voltage than 0: its samples are the drive."""
-    time = np.arange(-0.002, 0.015, 2e-5)
-    random = np.random.default_rng(7)
-    motion = 1e6 * fabricated.step_motion(time, (last - first) * 8.5e-8, 9100.0, 0.06)
-    volts = np.where(time < 0, first, last) + 0.02 * random.normal(size=time.size)
-    rows = np.stack([time, volts, motion + 0.008 * random.normal(size=time.size)], axis=1)
-    np.savetxt(tmp_path / "bias.csv", rows, "%.7g", ",", header="time_s,voltage_V,displacement_um", comments="")
-    command = ["new", str(tmp_path / "rig"), "--files", str(tmp_path / "bias.csv"), "--measures", "platform"]
-    assert cli.main(command) == 0
-    text = (tmp_path / "rig" / "study.toml").read_text()
-    assert 'piezo = "second-order"' in text
-    assert 'conditioning = "60 s"' in text and "at a voltage that was held before" in text
-    (record,) = load_study(tmp_path / "rig" / "study.toml").records
-    assert record.drive is not None and record.time[0] > 59.0
-
-
-def test_what_no_rig_does_is_questioned(tmp_path, capsys):
-    time = np.arange(0.0, 400.0, 0.2)
-    volts = 1200.0 * np.mod(0.02 * time, 1.0)
-    motion = np.minimum(0.08 * volts + np.random.default_rng(1).normal(0.0, 0.05, time.size), 60.0)
-    rows = np.stack([time, volts, motion], axis=1)
-    np.savetxt(tmp_path / "odd.csv", rows, "%.6g", ",", header="time_s,voltage_V,displacement_um", comments="")
-    command = ["new", str(tmp_path / "rig"), "--files", str(tmp_path / "odd.csv"), "--mass", "45"]
-    assert cli.main([*command, "--measures", "platform"]) == 0
-    said = capsys.readouterr().err
-    assert "found a mass of 45 kg, more than friction carries: is its unit right?" in said
-    assert "found a drive of 0.02 Hz: is the clock's unit right?" in said
-    assert "V, more than stacks bear: is the voltage's unit or scale right?" in said
-    assert "samples at exactly the highest of all, one after the other" in said
 
 
 def test_the_command_asks_all_its_questions_at_once_and_writes_nothing(tmp_path, capsys):

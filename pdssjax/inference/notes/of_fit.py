@@ -34,6 +34,8 @@ class ErrorFacts(NamedTuple):
     after it."""
     by_peaks: bool
     """The stack was read off peaks."""
+    is_robust: bool
+    """The loss is robust, so that errors do not depend on the noise given."""
 
 
 def notes_of(
@@ -63,10 +65,9 @@ def notes_of(
 
 def _about_fitted(estimate: Estimate, study: Study, facts: ErrorFacts) -> list[str]:
     """Of the records; those that a stack was read off are not judged by the fit that held it."""
-    is_robust = estimate.loss != "squares"
     if not facts.by_peaks:
-        return about_records(estimate.records, facts.factor, is_robust)
+        return about_records(estimate.records, facts.factor, facts.is_robust)
     read = [record.role == "fit" and record.measurement.platform_alone for record in study.records]
     judged = [found for found, is_read in zip(estimate.records, read, strict=True) if not is_read]
     peaks = [found for found, is_read in zip(estimate.records, read, strict=True) if is_read]
-    return [*about_records(judged, facts.factor, is_robust), *about_peaks(peaks)]
+    return [*about_records(judged, facts.factor, facts.is_robust), *about_peaks(peaks)]
