@@ -13,6 +13,7 @@ from ..study import Statistics
 from .covariance import NO_INFORMATION
 from .least_squares import Fit
 from .problem import Problem
+from .stack_parameters import of_platform_alone, of_stack, stack_rows
 
 
 def reduced_chi2(fit: Fit, problem: Problem) -> float:
@@ -26,22 +27,27 @@ def degrees_of_freedom(fit: Fit, problem: Problem) -> int:
     return max(np.size(fit.state.residual) - fit.free.size - offsets, 1)
 
 
-def degrees_taken(problem: Problem, fit: Fit) -> Float[np.ndarray, " records"]:
+def degrees_taken(problem: Problem, fit: Fit, after_stack: bool = False) -> Float[np.ndarray, " records"]:
     """How many degrees of freedom the fit took of each record: by what it tells of the parameters, and a free offset.
 
-    A few precise samples may tell nearly all, and then are followed nearly exactly.
+    A few precise samples may tell nearly all, and then are followed nearly exactly.  With `after_stack` of the second
+    of two steps: what is fitted after the stack, to what does not show the platform alone.
     """
-    sizes = np.array([record.time.size for record in problem.records], float)
-    offsets = np.array([record.offset is None for record in problem.records])
-    jacobian, (low, high) = np.asarray(fit.state.jacobian), problem.bounds
-    norms = np.linalg.norm(jacobian, axis=0)
-    kept = (fit.free > low) & (fit.free < high) & (norms > 0)
+    used, fitted = np.ones(len(problem.records), bool), np.ones(fit.free.size, bool)
+    jacobian = np.asarray(fit.state.jacobian)
+    if after_stack:
+        used, fitted = ~of_platform_alone(problem.records), ~of_stack(problem)
+        jacobian = jacobian * ~stack_rows(problem)[:, None]
+    sizes = np.array([record.time.size for record in problem.records], float) * used
+    offsets = np.array([record.offset is None for record in problem.records]) & used
+    norms, count = np.linalg.norm(jacobian, axis=0), int(np.sum(fitted))
+    kept = fitted & ~problem.residual.transform.at_bound(fit.free) & (norms > 0)
     if not kept.any() or not np.isfinite(norms).all():
-        return fit.free.size * sizes / sizes.sum() + offsets
+        return count * sizes / max(sizes.sum(), 1.0) + offsets
     basis, singular, _ = np.linalg.svd(jacobian[:, kept] / norms[kept], full_matrices=False)
     leverage = np.sum(basis[:, singular > NO_INFORMATION * singular[0]] ** 2, axis=1)
     # Those at bounds and those without information count, too, as they do in all.
-    told = leverage * fit.free.size / np.sum(leverage)
+    told = leverage * count / np.sum(leverage)
     return np.array([np.sum(told[rows]) for rows in problem.rows]) + offsets
 
 

@@ -49,6 +49,10 @@ class ParameterTransform(eqx.Module):
         """Which of the free parameters are among the `paths`."""
         return np.array([path in paths for path in self.paths])
 
+    def at_bound(self, free: Float[np.ndarray, " p"]) -> Bool[np.ndarray, " p"]:
+        """Which of the numbers lie at an end of their range."""
+        return (free <= self.low) | (free >= self.high)
+
     def bounds_where(
         self, fitted: Bool[np.ndarray, " p"], free: Float[np.ndarray, " p"]
     ) -> dict[str, Float[np.ndarray, " p"]]:

@@ -99,8 +99,7 @@ def is_poor(fit: Fit, problem: Problem) -> bool:
     """The fit leaves more than noise, or records contradict each other there."""
     if leaves_more_than_noise(fit, problem):
         return True
-    low, high = problem.bounds
-    held = (fit.free <= low) | (fit.free >= high)
+    held = problem.residual.transform.at_bound(fit.free)
     covariance = least_squares_covariance(np.asarray(fit.state.jacobian), held).matrix
     enlarged = covariance * max(1.0, reduced_chi2(fit, problem))
     return bool(contradicting(records_agreement(problem, fit, enlarged)))

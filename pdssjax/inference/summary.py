@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from ..study import Estimate, FittedParameter, FittedRecord, Parameter, Study, compare
 from .covariance import Covariance, correlation, least_squares_covariance, propagated
@@ -23,7 +23,7 @@ from .uncertainty.amplification import amplification_of
 from .uncertainty.linear_intervals import linear_intervals
 from .uncertainty.parameter_errors import fitted_point, white_covariance
 from .uncertainty.robust_covariance import robust_covariance
-from .uncertainty.variance_factor import record_factors, row_factors, second_step_factor, variance_factor
+from .uncertainty.variance_factor import record_factors, row_factors, variance_factor
 
 WEAKLY_DETERMINED = float(np.log(10.0))
 """Standard error on the fit's scale from which a parameter counts as one without information."""
@@ -97,10 +97,10 @@ def _errors(
     loss = problem.residual.loss
     if loss.is_robust:
         roots, jacobian = np.asarray(fit.state.residual), np.asarray(fit.state.jacobian)
-        apart, held = problem.rows_apart, _at_bound(fit, problem.residual.transform)
+        apart, held = problem.rows_apart, problem.residual.transform.at_bound(fit.free)
         samples = slice(apart.start)
         return robust_covariance(roots[samples], jacobian[samples], held, loss, jacobian[apart]), None, 1.0
-    factor = variance_factor(problem, fit) if stack is None else second_step_factor(problem, fit)
+    factor = variance_factor(problem, fit, after_stack=stack is not None)
     picked = None if stack is None else stack.covariance / factor
     known, naive = _covariances(method, problem, fit, picked)
     whole = known.matrix * factor
@@ -120,10 +120,6 @@ def _with_naive_errors(
     }
 
 
-def _at_bound(fit: Fit, free: ParameterTransform) -> Bool[np.ndarray, " p"]:
-    return (fit.free <= free.low) | (fit.free >= free.high)
-
-
 def _covariances(
     method: Method, problem: Problem, fit: Fit, picked: Float[np.ndarray, "3 3"] | None
 ) -> tuple[Covariance, Float[np.ndarray, "p p"] | None]:
@@ -133,7 +129,7 @@ def _covariances(
     """
     jacobian = np.asarray(fit.state.jacobian)
     free = problem.residual.transform
-    held = _at_bound(fit, free)
+    held = free.at_bound(fit.free)
     whole = least_squares_covariance(jacobian, held)
     if method == "joint":
         return whole, None
@@ -179,7 +175,7 @@ def _parameter(
     )
     if i is None:
         return held
-    at_bound = bool(_at_bound(fit, free)[i])
+    at_bound = bool(free.at_bound(fit.free)[i])
     return dataclasses.replace(
         held,
         standard_error=float(deviation[i] * abs(free.slope(fit.free)[i])),

@@ -14,6 +14,7 @@ from pdssjax.inference.estimated_noise import with_noise
 from pdssjax.inference.fit_statistics import degrees_taken
 from pdssjax.inference.losses.base import AbstractLoss
 from pdssjax.inference.losses.squares import Squares
+from pdssjax.inference.parameter_transform import ParameterTransform
 
 
 class Linear(SimpleNamespace):
@@ -31,11 +32,11 @@ def linear(designs, measured, noise, given=None):
     rows = [slice(a, b) for a, b in itertools.pairwise(ends)]
     given = [None] * len(designs) if given is None else given
     records = [SimpleNamespace(time=np.zeros(len(d)), offset=0.0, noise=g) for d, g in zip(designs, given, strict=True)]
-    bounds = np.full(designs[0].shape[1], -np.inf), np.full(designs[0].shape[1], np.inf)
-    residual = SimpleNamespace(loss=Squares())
+    count, linear = designs[0].shape[1], np.zeros(designs[0].shape[1], bool)
+    names, ends = tuple(f"p{number}" for number in range(count)), np.full(count, np.inf)
+    residual = SimpleNamespace(loss=Squares(), transform=ParameterTransform(names, linear, np.ones(count), -ends, ends))
     return Linear(
-        designs=designs, data=measured, records=records, noise=np.array(noise), rows=rows, bounds=bounds,
-        residual=residual,
+        designs=designs, data=measured, records=records, noise=np.array(noise), rows=rows, residual=residual
     )  # fmt: skip
 
 

@@ -79,8 +79,7 @@ def _isotropic_step(fit: Fit, factor: float, random: np.random.Generator) -> np.
 
 def _step_of_errors(fit: Fit, problem: Problem, factor: float, random: np.random.Generator) -> np.ndarray:
     """A random step of some standard errors, in parameters that are not at bounds."""
-    low, high = problem.bounds
-    moves = (fit.free > low) & (fit.free < high)
+    moves = ~problem.residual.transform.at_bound(fit.free)
     _, singular, rows = np.linalg.svd(np.where(moves, np.asarray(fit.state.jacobian), 0.0), full_matrices=False)
     errors = 1.0 / np.maximum(singular, 1e-9 * singular[0])
     sizes = np.minimum(_PERTURBATION * factor * errors, _LARGEST_PERTURBATION)

@@ -288,8 +288,9 @@ def _linearised(fn: ResidualFunction, y: Float[Array, " p"], args: Arguments, st
         return out, out
 
     (jacobian, aux_jacobian), (residual, aux) = jax.jacfwd(both, has_aux=True)(y)
-    usable = jnp.all(jnp.isfinite(jacobian))
-    jacobian = jnp.where(usable, jacobian, state.jacobian)
+    found, kept = (jacobian, aux_jacobian), (state.jacobian, state.aux_jacobian)
+    usable = jnp.all(jnp.array([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(found)]))
+    jacobian, aux_jacobian = jax.tree.map(lambda new, old: jnp.where(usable, new, old), found, kept)
     # What is left of a column by rounding would have its parameter thrown about, and no gradient ever small.
     reach = jnp.linalg.norm(jacobian, axis=0) * jnp.maximum(jnp.abs(y), 1.0)
     jacobian = jnp.where(reach > jnp.finfo(y.dtype).eps * jnp.linalg.norm(residual), jacobian, 0.0)

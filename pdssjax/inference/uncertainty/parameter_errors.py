@@ -84,7 +84,7 @@ def with_error_models(estimate: Estimate, problem: Problem, fit: Fit, report: Pr
 def fitted_point(method: Method, problem: Problem, fit: Fit) -> FittedPoint:
     """What error models need of where a fit ended."""
     jacobian, free = np.asarray(fit.state.jacobian), problem.residual.transform
-    held = (fit.free <= free.low) | (fit.free >= free.high)
+    held = free.at_bound(fit.free)
     known = np.zeros(held.size, bool)
     if np.isfinite(jacobian).all():
         known = least_squares_covariance(jacobian, held).identifiable

@@ -6,22 +6,25 @@ from jaxtyping import Float
 from ..fit_statistics import degrees_taken
 from ..least_squares import Fit, by_record
 from ..problem import Problem
-from ..stack_parameters import of_platform_alone, of_stack, stack_rows
+from ..stack_parameters import of_platform_alone
 
 NORMAL_95 = 1.959964
 """Half width of a 95 % interval in standard errors."""
 
 
-def variance_factor(problem: Problem, fit: Fit) -> float:
+def variance_factor(problem: Problem, fit: Fit, after_stack: bool = False) -> float:
     """By how much the variances given grow with residuals that are larger; they never shrink.
 
-    By the records whose noise is given: noise that is estimated is that of the residuals already.
+    By the records whose noise is given: noise that is estimated is that of the residuals already.  With `after_stack`
+    by those of them that do not show the platform alone, where that was not fitted to.
     """
-    given = np.array([record.noise is not None for record in problem.records])
+    counted = np.array([record.noise is not None for record in problem.records])
+    if after_stack:
+        counted &= ~of_platform_alone(problem.records)
     squares = np.array([np.sum(part**2) for part in by_record(problem, fit)])
     sizes = np.array([record.time.size for record in problem.records])
-    freedom = np.sum((sizes - degrees_taken(problem, fit))[given])
-    factor = float(np.sum(squares[given]) / max(freedom, 1.0))
+    freedom = np.sum((sizes - degrees_taken(problem, fit, after_stack))[counted])
+    factor = float(np.sum(squares[counted]) / max(freedom, 1.0))
     return max(1.0, factor) if np.isfinite(factor) else 1.0
 
 
@@ -34,14 +37,3 @@ def row_factors(problem: Problem, factor: float) -> Float[np.ndarray, " n"]:
     """The same for all residuals; what was measured apart has the error given, whatever the samples are off by."""
     sizes = [record.time.size for record in problem.records]
     return np.append(np.repeat(record_factors(problem, factor), sizes), np.ones(len(problem.residual.apart)))
-
-
-def second_step_factor(problem: Problem, fit: Fit) -> float:
-    """The variance factor by the records that do not show the platform alone, where that was not fitted to."""
-    used = ~of_platform_alone(problem.records)
-    samples = ~stack_rows(problem)
-    offsets = sum(record.offset is None for record, use in zip(problem.records, used, strict=True) if use)
-    fitted = int(np.sum(~of_stack(problem)))
-    chi2 = float(np.sum(np.asarray(fit.state.residual)[samples] ** 2))
-    factor = chi2 / max(int(samples.sum()) - fitted - offsets, 1)
-    return max(1.0, factor) if np.isfinite(factor) else 1.0

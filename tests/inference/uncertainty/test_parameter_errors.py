@@ -11,6 +11,7 @@ from pdssjax.inference import least_squares_covariance
 from pdssjax.inference.parameter_transform import ParameterTransform
 from pdssjax.inference.uncertainty import parameter_errors
 from pdssjax.inference.uncertainty.parameter_errors import all_error_models, fitted_point, with_error_models
+from pdssjax.inference.uncertainty.variance_factor import variance_factor
 
 RANDOM = np.random.default_rng(9)
 PATHS = ("piezo.gain", "piezo.damping_ratio", "friction.sigma0", "friction.sigma1", "friction.f_ss")
@@ -181,3 +182,14 @@ def test_a_fit_in_which_nothing_is_known_stays_as_it_is():
     plain = estimated(problem, fit)
     fit.state.jacobian = np.zeros_like(fit.state.jacobian)
     assert with_error_models(plain, problem, fit, lambda message: None) is plain
+
+
+@pytest.mark.parametrize("given", [True, False])
+def test_after_the_stack_only_walks_whose_noise_is_given_tell_the_variance_factor(given):
+    problem, fit = linear(noise=3.0)
+    for record, noise in zip(problem.records, (1.0, 1.0 if given else None), strict=True):
+        record.noise = noise
+    # Three parameters are fitted to the walk, one of which it does not tell, and an offset; two to the step before.
+    expected = np.sum(fit.state.residual[60:] ** 2) / (160 - 3 - 1) if given else 1.0
+    assert variance_factor(problem, fit, after_stack=True) == pytest.approx(expected)
+    assert variance_factor(problem, fit) > 1.0
