@@ -24,8 +24,8 @@ def sticking_force(actuator: Actuator, free_acceleration: Term, x: StickSlipStat
     inertial = free_acceleration * actuator.effector.mass - external_force(actuator, x)
     if not actuator.feedback:
         return inertial
-    mass = actuator.piezo.mass
-    return inertial * (mass / (mass + actuator.effector.mass))
+    # So written that a stack of infinite mass, which no force moves, has its limit.
+    return inertial * (1.0 / (1.0 + actuator.effector.mass / actuator.piezo.mass))
 
 
 def sticking_margins(actuator: Actuator, segment: Segment, t_local: Term, x: StickSlipState[Term]) -> tuple[Term, Term]:

@@ -14,7 +14,7 @@ a sign (`_sticking`).  Laws, piezos, amplifiers and the stop (`_stop_contact`) a
 import jax
 import jax.numpy as jnp
 
-from ...actuator import IDEAL, Actuator, Sensor, chosen
+from ...actuator import IDEAL, Actuator, DrivenPlatformState, Sensor, chosen
 from ...core import Scalar, ScalarLike, Truth
 from ...drive.base import AbstractDrive, Segment
 from ...friction.base import AbstractFriction
@@ -106,13 +106,15 @@ class StickSlip(AbstractHybridSystem):
         if laws:
             of_law = (which >= 2) & (which < 2 + laws)
             contact = chosen(of_law, friction.after_event(x.contact_state, x.v, mode, which - 2), contact)
-        driven = x.driven
-        if others:
-            driven = driven_platform.after_event(segment, t_local, driven, which - 2 - laws)
         in_contact = tuple(jnp.where(which == 2 + laws + others, 1.0 - flag, flag) for flag in x.in_contact)
-        v = jnp.where(turns, 0.0, x.v)
+        x = x._replace(v=jnp.where(turns, 0.0, x.v), contact_state=contact, in_contact=in_contact)
         following = jnp.where(turns, following, mode)
-        return x._replace(v=v, contact_state=contact, driven=driven, in_contact=in_contact), following
+        if others:
+            driven = driven_platform.after_event(segment, t_local, x.driven, which - 2 - laws)
+            if driven_platform.state_jumps:
+                x, following = self._after_velocity_jump(x, following, driven)
+            x = x._replace(driven=driven)
+        return x, following
 
     def state_scale(self) -> StickSlipState[Scalar]:
         """What one unit of each state amounts to as a displacement [m]."""
@@ -133,11 +135,10 @@ class StickSlip(AbstractHybridSystem):
         driven_platform = self.actuator.driven_platform
         if driven_platform.state_jumps:
             driven = driven_platform.on_segment_start(segment, x.driven)
-            before, after = driven_platform.platform(x.driven), driven_platform.platform(driven)
-            jump = after[0] - before[0]
+            jump = driven_platform.platform(driven)[0] - driven_platform.platform(x.driven)[0]
+            x, mode = self._after_velocity_jump(x, mode, driven)
             sensor_lag = self._sensed.after_platform_jump(x, jump)
-            x = x._replace(d=x.d + jump, v=x.v + (after[1] - before[1]), driven=driven, sensor_lag=sensor_lag)
-            mode = jnp.where(after[1] == before[1], mode, jnp.sign(x.v))
+            x = x._replace(d=x.d + jump, driven=driven, sensor_lag=sensor_lag)
         elif self.actuator.amplifier is not None:
             x = x._replace(driven=driven_platform.on_segment_start(segment, x.driven))
         # A contact that does not slide has v = 0 to the last bit; a motion that begins in its midst has no mode yet.
@@ -147,6 +148,22 @@ class StickSlip(AbstractHybridSystem):
         reversed_state = self.actuator.friction.on_reversal(x.contact_state, begun)
         contact = chosen(at_rest & (jnp.abs(begun) == 1.0), reversed_state, x.contact_state)
         return x._replace(contact_state=contact), jnp.where(at_rest, begun, sliding)
+
+    def _after_velocity_jump(
+        self, x: StickSlipState[Scalar], mode: Scalar, driven: DrivenPlatformState[Scalar]
+    ) -> tuple[StickSlipState[Scalar], Scalar]:
+        """State and mode where the platform is to move as `driven` says: the end-effector goes on as it was.
+
+        A motion that a jump of the platform's velocity begins or turns round is a reversal to the law, too.
+        """
+        platform = self.actuator.driven_platform.platform
+        jump = platform(driven)[1] - platform(x.driven)[1]
+        v = x.v + jump
+        way = jnp.sign(v)
+        contact = self.actuator.friction.on_reversal(x.contact_state, way)
+        turned = (jump != 0.0) & (v != 0.0) & (way != jnp.sign(x.v))
+        x = x._replace(v=v, contact_state=chosen(turned, contact, x.contact_state))
+        return x, jnp.where(jump == 0.0, mode, way)
 
     @property
     def resets_at_corners(self) -> bool:

@@ -1,0 +1,91 @@
+"""A static stack moves at once as the voltage changes: its velocity jumps, and the end-effector's does not.
+
+The referee steps the equations of a contact explicitly, with the platform's motion as given.
+"""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import pdssjax
+from pdssjax import Actuator
+from pdssjax.core import member
+from pdssjax.drive.sawtooth import Sawtooth
+from pdssjax.drive.triangle import Triangle
+from pdssjax.friction.coulomb import Coulomb
+from pdssjax.friction.dahl import Dahl
+from pdssjax.friction.reset_integrator import ResetIntegrator
+from pdssjax.piezo.static import Static
+
+MASS = 0.086
+TIME = np.linspace(1.3e-6, 3e-3, 31)
+STEP = 2e-7
+
+
+def stepped(platform, force, state):
+    """Displacement of an end-effector on a `platform` that goes through these places, by explicit steps.
+
+    **Arguments:** `force(state, v)` gives the friction [N] and the state after a step.
+    """
+    speeds, v_effector, places, at = np.diff(platform) / STEP, 0.0, [0.0], 0.0
+    for speed in speeds:
+        pull, state = force(state, speed - v_effector)
+        v_effector += pull / MASS * STEP
+        at += v_effector * STEP
+        places.append(at)
+    return np.interp(TIME, STEP * np.arange(len(places)), places)
+
+
+def reset_integrator(law):
+    limit = law.f_c / law.sigma0
+
+    def force(p, v):
+        if abs(p) >= limit * (1.0 - 1e-9) and p * v > 0:
+            return law.f_c * np.sign(v), p
+        return (1.0 + law.a) * law.sigma0 * p + law.beta * v, np.clip(p + v * STEP, -limit, limit)
+
+    return force
+
+
+def dahl(law):
+    def force(z, v):
+        left = 1.0 - law.sigma0 / law.f_c * z * np.sign(v)
+        return law.sigma0 * z, z + STEP * v * np.sign(left) * abs(left) ** law.exponent
+
+    return force
+
+
+@pytest.mark.parametrize(
+    ("law", "referee"),
+    [(ResetIntegrator(), reset_integrator), (Dahl(exponent=0.4), dahl)],
+    ids=["reset-integrator", "dahl"],
+)
+def test_a_law_that_knows_reversals_learns_of_one_that_a_corner_makes(law, referee):
+    drive = Triangle(60.0, 1000.0, 0.3)
+    found = pdssjax.simulate(Actuator(Static(), law), drive, TIME)
+    platform = Static().gain * np.asarray(drive.at(jnp.asarray(STEP * np.arange(round(TIME[-1] / STEP) + 2))))
+    expected = stepped(platform, referee(law), 0.0)
+    np.testing.assert_allclose(found.effector, expected, atol=2e-3 * np.ptp(expected))
+
+
+def test_friction_alone_moves_the_end_effector_where_elements_of_a_stack_let_go():
+    """An element of play that begins to move lets the platform jump in velocity, not what rides on it."""
+    stack, law = member("piezo", "composed:static+play-3")(), Coulomb(f_c=0.15)
+    time = np.linspace(0.0, 0.02, 40_001)
+    run = pdssjax.simulate(Actuator(stack, law), Triangle(60.0, 150.0, 0.4), time)
+    pull = MASS * np.diff(run.effector_velocity) / time[1]
+    assert 0.99 * law.f_c < np.max(np.abs(pull)) < (1.0 + 1e-6) * law.f_c
+    walked = np.cumsum(np.asarray(run.effector_velocity)) * time[1]
+    assert np.ptp(run.effector) > 5e-6
+    np.testing.assert_allclose(run.effector, walked, atol=0.01 * np.ptp(walked))
+
+
+def test_feedback_on_a_stack_that_no_force_moves_changes_nothing():
+    """It was a force of infinity over infinity: 19 mm of motion."""
+    time = np.linspace(5e-4, 0.09, 40)
+    drive = Sawtooth(20.0, 20.0, 1e-3)
+    with_it, without = (
+        pdssjax.simulate(Actuator(Static(), Coulomb(), feedback=feedback), drive, time).effector
+        for feedback in (True, False)
+    )
+    np.testing.assert_allclose(with_it, without, atol=1e-18)
