@@ -21,6 +21,9 @@ from .waveform_fits import AT_ZERO, FITS, LOCATED, Waveform, fit_step
 MOST_MISFIT = 0.015
 """Root mean square that a waveform may leave, in parts of the voltage, beside the noise."""
 
+_VOLTS = "voltage", "bias"
+"""Numbers of a waveform that turn with it."""
+
 _REST = 4
 """Samples of a rest, at least."""
 
@@ -41,7 +44,8 @@ def detect_waveform(time: Samples, volts: Samples) -> Waveform:
         raise ValueError(f"found {low:g} V in all {volts.size} samples, expected a voltage that changes")
     turned = -1.0 if abs(low) > abs(high) else 1.0
     found = _detect(time, turned * volts)
-    return dataclasses.replace(found, numbers=found.numbers | {"voltage": turned * found.numbers["voltage"]})
+    back = {field: turned * number for field, number in found.numbers.items() if field in _VOLTS}
+    return dataclasses.replace(found, numbers=found.numbers | back)
 
 
 def _detect(time: Samples, volts: Samples) -> Waveform:

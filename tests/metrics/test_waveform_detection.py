@@ -2,9 +2,11 @@
 
 import re
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from pdssjax.drive.sine import Sine
 from pdssjax.metrics import detect_waveform, neighbour_scatter, resolution_of, scatter_floor
 from pdssjax.metrics.sample_noise import scatter_between_corners
 
@@ -329,3 +331,17 @@ def test_a_step_may_come_with_the_second_sample(rests):
     assert found.name == "step" and found.numbers["voltage"] == pytest.approx(33.0, rel=1e-3)
     assert found.timing is not None
     assert found.start - found.timing.within <= time[rests] <= found.start + found.timing.within
+
+
+@pytest.mark.parametrize(
+    ("low", "high"), [(-30.0, 5.0), (-30.0, 20.0), (-20.0, -5.0), (-20.0, 30.0), (5.0, 40.0), (5.0, -30.0)]
+)
+def test_a_sine_between_any_two_voltages_lies_over_its_samples(low, high):
+    """Whichever of the extremes is the larger one, and wherever it begins."""
+    time = INTERVAL * np.arange(5000)
+    volts = low + (high - low) * (0.5 - 0.5 * np.cos(2.0 * np.pi * 10.0 * time))
+    found = detect_waveform(time, volts)
+    assert found.name == "sine"
+    numbers = {field: found.numbers[field] for field in ("voltage", "frequency")}
+    laid = Sine(**numbers, bias=found.numbers.get("bias", 0.0)).at(jnp.asarray(time - found.start + 1.0))
+    np.testing.assert_allclose(laid, volts, atol=1e-3 * abs(high - low))
