@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from typing import Self
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from ..core import Quantity, Scalar, ScalarLike, quantity
@@ -46,6 +47,9 @@ class ZeroOrderHold(AbstractDrive):
 
     def flanks(self) -> Flanks | None:
         return self.drive.flanks()
+
+    def slow_flank_times(self, parts: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        return self.drive.slow_flank_times(parts)
 
     def declared(self) -> dict[str, Quantity]:
         """What is declared of the drive it holds: the interval is a record's own."""

@@ -127,6 +127,13 @@ class AbstractDrive(eqx.Module):
         """Of a waveform whose cycle is a slow and a fast flank; None, the default, of all others."""
         return None
 
+    def slow_flank_times(self, parts: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """When the voltage has gone `parts` of its way along the slow flank, in parts of that flank's duration.
+
+        The same where the flank is straight, the default.
+        """
+        return parts
+
     def broken_conditions(self) -> dict[str, str]:
         """By field, what its numbers must obey together and do not: "0.6 s, expected less than the period, 0.5 s".
 

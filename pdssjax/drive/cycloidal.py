@@ -12,6 +12,7 @@ cam: velocity and acceleration vanish at its begin, acceleration at its end.
 from typing import Self
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from ..core import Choice, Scalar, ScalarLike, choice, quantity
@@ -61,6 +62,10 @@ class Cycloidal(AbstractDrive):
     def flanks(self) -> Flanks | None:
         fast = self.fall_time
         return Flanks(self.direction * self.voltage / (1.0 / self.frequency - fast), fast)
+
+    def slow_flank_times(self, parts: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        times = np.linspace(0.0, 1.0, 100_001)
+        return np.interp(parts, times - np.sin(2.0 * np.pi * times) / (2.0 * np.pi), times)
 
     def broken_conditions(self) -> dict[str, str]:
         room = 1.0 / self.frequency

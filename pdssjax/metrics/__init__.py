@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from .motion_against_voltage import rides_against as rides_against
     from .outlying_samples import outliers as outliers
     from .per_cycle import FLANK as FLANK
+    from .per_cycle import CycleMetrics as CycleMetrics
     from .per_cycle import cycle_metrics as cycle_metrics
     from .per_cycle import force_metrics as force_metrics
     from .per_cycle import turning_points as turning_points
@@ -86,6 +87,6 @@ else:
             "smoothing": ["smoothed"],
             "waveform_detection": ["detect_waveform"],
             "waveform_fits": ["Waveform"],
-            "per_cycle": ["FLANK", "cycle_metrics", "force_metrics", "turning_points"],
+            "per_cycle": ["FLANK", "CycleMetrics", "cycle_metrics", "force_metrics", "turning_points"],
         },
     )

@@ -65,6 +65,11 @@ def find_border(
     if metric not in planned.function.cycle.metrics:
         known = ", ".join(planned.function.cycle.metrics)
         raise InputError(f'sweep: found the unknown metric "{metric}", expected one of {known}.')
+    if metric in planned.function.lacking:
+        raise InputError(
+            f'sweep: found the metric "{metric}", expected one that a drive without a slow and a fast flank has, such '
+            'as "speed".'
+        )
     grid, paths, asked = Grid(over), (*over, path), 0
 
     def probe(points: Float[np.ndarray, "points paths"]) -> Float[np.ndarray, " points"]:

@@ -17,7 +17,7 @@ from ..drive.base import AbstractDrive
 from ..integration import GRAZES, Accuracy
 from ..simulation import StickSlip
 from ..study import Models
-from .cycles.base import METRICS, AbstractCycle, Metric
+from .cycles.base import METRICS, OF_FLANKS, AbstractCycle, Metric
 from .cycles.course import closing, step_metrics
 from .cycles.further_metrics import FURTHER, SMOOTH, counted, nearest_to_grazing, output_force
 from .cycles.peak_friction import peak_friction
@@ -80,14 +80,21 @@ class PointFunction(eqx.Module):
     @property
     def smooth(self) -> tuple[str, ...]:
         """The metrics of which derivatives are taken."""
-        return (*METRICS, *(name for name in self.further if name in SMOOTH)) if self.by else ()
+        every = (*METRICS, *(name for name in self.further if name in SMOOTH)) if self.by else ()
+        return tuple(name for name in every if name not in self.lacking)
+
+    @property
+    def lacking(self) -> tuple[str, ...]:
+        """The metrics that cycles of this drive have not: NaN."""
+        return () if self.drive.flanks() is not None else OF_FLANKS
 
     def __call__(self, values: Float[Array, " paths"], patient: bool = False) -> tuple[Float[Array, " metrics"], Count]:
         """The metrics of one point, and its failure, an index into `POINT_FAILURES`."""
         look = self.cycle.patient if patient else self.cycle.measure
         metrics, failure = look(self.system(values), self.accuracy)
         failed = (failure > 0) & (failure != GRAZING)
-        return jnp.where(failed, jnp.nan, metrics), jnp.where(jnp.isfinite(metrics).all(), failure, 2)
+        known = jnp.isfinite(metrics) | np.array([name in self.lacking for name in self.cycle.metrics])
+        return jnp.where(failed, jnp.nan, metrics), jnp.where(known.all(), failure, 2)
 
     def system(
         self, values: Float[Array, " paths"], moved: Mapping[str, ScalarLike] | None = None, blocked: bool = False

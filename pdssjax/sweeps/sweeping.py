@@ -5,6 +5,7 @@ A point that fails is NaN, and says why.  Memory stays that of a few blocks howe
 
 import contextlib
 import dataclasses
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor
 from typing import TYPE_CHECKING
@@ -13,7 +14,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Float
 
-from ..core import Document, InputError, Quantity, check_kind, counted_in_notebook, need_double_precision
+from ..core import Document, InputError, InputWarning, Quantity, check_kind, counted_in_notebook, need_double_precision
 from ..integration import Accuracy
 from ..study import Record, Study, UsedNumber, numbers_used
 from .axes import check_axes, contradictions
@@ -71,6 +72,9 @@ def plan_sweep(
         check_kind("over", over, Mapping)
     points = over if isinstance(over, AbstractPoints) else Grid(over)
     base, cycle = driven_record(study, record), measured_cycle(cycles)
+    if drive_of(base).flanks() is None:
+        lacks = "a cycle without a slow and a fast flank, which has no stroke, back-slip and efficiency: they are NaN"
+        warnings.warn(f'sweep: found the drive {drive_of(base)} in "{base.name}", {lacks}.', InputWarning, 3)
     study = study.as_in(base)
     check_memory(len(points), len(points.paths), len(cycle.metrics) + len(metrics))
     values = points.values()

@@ -9,14 +9,18 @@ import pytest
 import xarray
 
 import pdssjax
-from pdssjax import Accuracy, Actuator, InputError, Taylor
+from pdssjax import Accuracy, Actuator, InputError, InputWarning, Taylor
 from pdssjax.cli.axis import read_axis
 from pdssjax.cli.main import main
+from pdssjax.drive.cycloidal import Cycloidal
 from pdssjax.drive.sawtooth import Sawtooth
+from pdssjax.drive.sine import Sine
+from pdssjax.drive.triangle import Triangle
 from pdssjax.files import EXAMPLE, write_sweep
 from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
 from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.study import Parameter
+from pdssjax.sweeps import find_border
 
 UM = 1e6
 
@@ -73,6 +77,41 @@ def test_a_point_that_fails_is_nan_and_says_why(study):
     failed = data.failure.values != 0
     assert np.isnan(data.net_step.values[failed]).all() and np.isfinite(data.net_step.values[~failed]).all()
     assert "ran out of steps" in data.failure.attrs["meanings"]
+
+
+def driven_by(study, drive):
+    """The study with that drive in its first record whose end-effector moves, alone."""
+    record = next(record for record in study.records if record.measurement.effector_free)
+    return dataclasses.replace(study, records=(dataclasses.replace(record, drive=drive, overrides={}),))
+
+
+def test_the_stroke_of_a_curved_flank_is_what_is_moved_along_it(study):
+    """A straight line through the middle of a cycloid is twice as steep, and made 1.6 times the stack's stroke of it.
+
+    The referee reads the stroke off the motion, from the ring-down's end to the drop.
+    """
+    drive = Cycloidal(60.0, 5.0)
+    data = pdssjax.sweep(driven_by(study, drive), {"drive.voltage": [60.0]})
+    actuator = Actuator(SecondOrder(), AnisotropicLuGre())
+    time = np.linspace(0.6, 0.8, 4001)[:-1]
+    motion = np.asarray(pdssjax.simulate(actuator, drive, time).effector)
+    along = np.polyfit(np.asarray(drive.at(time))[800:3200], motion[800:3200], 1)[0]
+    assert float(data.stroke[0]) == pytest.approx(along * 60.0, rel=2e-3)
+    assert float(data.stroke[0]) == pytest.approx(1.007e-7 * 60.0, rel=0.02)
+    assert float(data.efficiency[0]) == pytest.approx(float(data.net_step[0] / data.stroke[0]))
+
+
+def test_a_cycle_without_a_slow_and_a_fast_flank_has_no_stroke(study):
+    with pytest.warns(InputWarning, match="which has no stroke, back-slip and efficiency: they are NaN"):
+        data = pdssjax.sweep(driven_by(study, Triangle(60.0, 5.0, 0.998)), {"drive.voltage": [60.0]})
+    assert not data.failure.any() and float(data.net_step[0]) > 1e-7
+    assert float(data.speed[0]) == pytest.approx(5.0 * float(data.net_step[0]))
+    assert all(np.isnan(data[name]).all() for name in ("stroke", "back_slip", "efficiency"))
+    with (
+        pytest.warns(InputWarning),
+        pytest.raises(InputError, match=r'found the metric "efficiency", expected one that a drive without a slow'),
+    ):
+        find_border(driven_by(study, Sine(60.0, 5.0)), "drive.voltage", (20.0, 80.0), {}, tolerance=1.0)
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float
 from ...core import Count, Scalar
 from ...drive.base import AbstractDrive
 from ...integration import AbstractHybridSystem, Accuracy, Solution
-from ...metrics import FLANK
+from ...metrics import FLANK, CycleMetrics, cycle_metrics
 from ...simulation import StickSlip, StickSlipState
 
 FINE = Accuracy(tolerance=1e-17, settle_tolerance=1e-15)
@@ -23,6 +23,9 @@ _LINE = 6
 
 _INSIDE = 1e-6
 """How far inside the fitted part they stay, in parts of a flank: rounding must not put one outside."""
+
+_PARTS = np.linspace(FLANK[0] + _INSIDE, FLANK[1] - _INSIDE, _LINE)
+"""Of the way that the voltage goes along the flank, where the samples are."""
 
 
 class Metric(NamedTuple):
@@ -44,6 +47,10 @@ METRICS = {
     "back_slip": Metric("m", "back-slip"),
 }
 """What every cycle has, by the names of `pdssjax.metrics.CycleMetrics`."""
+
+
+OF_FLANKS = "efficiency", "stroke", "back_slip"
+"""Those of a cycle that is a slow and a fast flank."""
 
 
 class Opening(NamedTuple):
@@ -139,7 +146,9 @@ class Timing(NamedTuple):
     fall: Scalar
     """Duration of the fast flank [s], with which a cycle begins."""
     phases: Float[Array, " line"]
-    """Sample times [s] within a cycle, on its slow flank."""
+    """Sample times [s] within a cycle, on its slow flank: evenly by the voltage."""
+    has_flanks: bool
+    """The cycle is a slow and a fast flank."""
 
     @property
     def period(self) -> Scalar:
@@ -150,10 +159,24 @@ class Timing(NamedTuple):
 def timing(drive: AbstractDrive) -> Timing:
     """When the cycles of a periodic `drive` are measured."""
     frequency, flanks = jnp.asarray(drive.cycle_frequency(), float), drive.flanks()
-    period = 1.0 / frequency
     fall = jnp.zeros(()) if flanks is None else jnp.asarray(flanks.fast, float)
-    phases = fall + (period - fall) * jnp.linspace(FLANK[0] + _INSIDE, FLANK[1] - _INSIDE, _LINE)
-    return Timing(frequency, fall, phases)
+    phases = fall + (1.0 / frequency - fall) * drive.slow_flank_times(_PARTS)
+    return Timing(frequency, fall, phases, flanks is not None)
+
+
+def cycles_at(when: Timing, effector: Float[Array, "flanks line"]) -> CycleMetrics:
+    """Of each cycle but the last, from the `effector` [m] at the phases of the slow flanks.
+
+    The stroke is what the end-effector moves with the voltage along the flank, times the flank's whole voltage: as if
+    the flank were straight, where it is not.  Without a slow and a fast flank there are no stroke, back-slip and
+    efficiency: NaN.
+    """
+    straight = when.fall + (when.period - when.fall) * _PARTS
+    times = (jnp.arange(len(effector))[:, None] * when.period + straight).ravel()
+    found = cycle_metrics(times, effector.ravel(), when.frequency, 0.0, len(effector) - 1, when.fall)
+    if when.has_flanks:
+        return found
+    return found._replace(**dict.fromkeys(OF_FLANKS, jnp.full_like(found.stroke, jnp.nan)))
 
 
 def effector_at(system: StickSlip, x: StickSlipState[Float[Array, " m"]]) -> Float[Array, " m"]:

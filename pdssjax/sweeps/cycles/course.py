@@ -6,8 +6,7 @@ from jaxtyping import Array, Bool, Float
 
 from ...core import Count, Scalar
 from ...integration import SHORT, Visited, states_at
-from ...metrics import cycle_metrics
-from .base import METRICS, Course, effector_at, timing
+from .base import METRICS, Course, cycles_at, effector_at, timing
 
 _EARLY = 1e-9
 """A step that begins this part of a period before a cycle opens belongs to that cycle."""
@@ -37,9 +36,8 @@ def step_metrics(course: Course) -> dict[str, Scalar]:
     """The metrics that every cycle has (`METRICS`), differentiable in all that the course is."""
     when = timing(course.system.drive)
     effector = effector_at(course.system, visited(course, when.phases, course.most + 1).x)
-    times = (jnp.arange(course.most + 1)[:, None] * when.period + when.phases).ravel()
-    found = cycle_metrics(times, effector, when.frequency, 0.0, course.most, when.fall)
-    places = effector.reshape(course.most + 1, -1)[:, 0]
+    effector = effector.reshape(course.most + 1, -1)
+    found, places = cycles_at(when, effector), effector[:, 0]
     net = (places[course.span] - places[0]) / course.span
     stroke = mean_over_cycles(course, found.stroke)
     by_name = dict(net_step=net, speed=net * when.frequency, efficiency=net / stroke, stroke=stroke)

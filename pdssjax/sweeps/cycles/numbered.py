@@ -6,9 +6,8 @@ from jaxtyping import Array, Float
 
 from ...core import Count
 from ...integration import Accuracy, flat, integrate, integrate_to_times
-from ...metrics import cycle_metrics
 from ...simulation import StickSlip
-from .base import FINE, METRICS, AbstractCycle, Course, Opening, effector_at, timing
+from .base import FINE, METRICS, AbstractCycle, Course, Opening, cycles_at, effector_at, timing
 
 
 class Numbered(AbstractCycle):
@@ -30,7 +29,7 @@ class Numbered(AbstractCycle):
         begin = (self.number - 1) * when.period
         times = jnp.concatenate([begin + when.phases, self.number * when.period + when.phases])
         state, _, _, failure = integrate_to_times(system, times, accuracy)
-        measured = cycle_metrics(times, effector_at(system, state), when.frequency, begin, 1, when.fall)
+        measured = cycles_at(when, effector_at(system, state).reshape(2, -1))
         return jnp.stack([getattr(measured, name)[0] for name in METRICS]), failure
 
     def opening(self, system: StickSlip) -> Opening:

@@ -25,10 +25,9 @@ from ...integration import (
     restarted,
     steady_state,
 )
-from ...metrics import cycle_metrics
 from ...simulation import StickSlip, grazing
 from ..point_status import GRAZING
-from .base import FINE, METRICS, AbstractCycle, Course, Metric, Opening, effector_at, timing
+from .base import FINE, METRICS, AbstractCycle, Course, Metric, Opening, cycles_at, effector_at, timing
 
 TOLERANCE = 2e-11
 """How far [m] a cycle may be from its limit."""
@@ -114,9 +113,7 @@ def _measured(system: StickSlip, cycles: Cycles, period: Count, decay: Scalar) -
     """The metrics, in the mean over the cycles until the motion repeats, or over the last where it does not."""
     when = timing(system.drive)
     effector = jax.vmap(lambda x: effector_at(system, x))(cycles.x)
-    last = effector.shape[0]
-    times = (jnp.arange(last)[:, None] * when.period + when.phases).ravel()
-    found = cycle_metrics(times, effector.ravel(), when.frequency, 0.0, last - 1, when.fall)
+    last, found = effector.shape[0], cycles_at(when, effector)
     span = jnp.where(period > 0, period, last - 1)
     counts = jnp.arange(last - 1) >= last - 1 - span
     mean = lambda values: jnp.sum(jnp.where(counts, values, 0.0)) / span
