@@ -4,10 +4,12 @@ The one home of rich.
 """
 
 import contextlib
+import io
 import os
 import sys
 import time
 from collections.abc import Callable, Iterator
+from typing import Any, TextIO
 
 from ..core import InputWarning
 
@@ -29,10 +31,47 @@ def say(text: str, end: str = "\n") -> None:
     try:
         print(text, end=end, flush=True)
     except OSError as error:
-        with contextlib.suppress(OSError):
-            # What is still buffered would fail again at the end of the process.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            print(f"pdssjax: warning: cannot print any further ({error.strerror})", file=sys.stderr, flush=True)
+        _discard(sys.stdout)
+        print(f"pdssjax: warning: cannot print any further ({error.strerror})", file=sys.stderr, flush=True)
+
+
+class LenientStream:
+    """A stream as it is, but that what nobody takes (a closed pipe, a full disk) is dropped without a word.
+
+    In place of `sys.stderr` it serves whoever writes there: commands, rich, warnings, libraries.
+    """
+
+    def __init__(self, stream: TextIO | None):
+        # None where the process began with it closed.
+        self._stream = stream or io.StringIO()
+
+    def write(self, text: str) -> int:
+        try:
+            self._stream.write(text)
+        except OSError:
+            _discard(self._stream)
+        return len(text)
+
+    def flush(self) -> None:
+        try:
+            self._stream.flush()
+        except OSError:
+            _discard(self._stream)
+
+    def __getattr__(self, name: str) -> Any:
+        # All else is that of the stream: whether it is a terminal, its encoding.
+        return getattr(self._stream, name)
+
+
+def _discard(stream: TextIO) -> None:
+    """From now on nothing written to `stream` goes anywhere.
+
+    What is still buffered would otherwise fail again at the end of the process.
+    """
+    with contextlib.suppress(OSError):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, stream.fileno())
+        os.close(nowhere)
 
 
 @contextlib.contextmanager

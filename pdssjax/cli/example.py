@@ -5,6 +5,7 @@ from pathlib import Path
 
 from ..core import InputError
 from ..files import EXAMPLE
+from .console import say
 
 
 def example(options: argparse.Namespace) -> int:
@@ -14,7 +15,7 @@ def example(options: argparse.Namespace) -> int:
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"{folder}: found something there already, expected an empty folder or nothing.")
     shutil.copytree(EXAMPLE, folder, dirs_exist_ok=True)
-    print(f"Edit {folder / 'study.toml'}, then run: pdssjax identify {folder / 'study.toml'} --out {folder / 'out'}")
+    say(f"Edit {folder / 'study.toml'}, then run: pdssjax identify {folder / 'study.toml'} --out {folder / 'out'}")
     return 0
 
 

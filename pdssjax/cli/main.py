@@ -7,6 +7,7 @@ fit then leaves the best point so far in its folder, marked.
 """
 
 import argparse
+import contextlib
 import importlib
 import os
 import sys
@@ -15,7 +16,7 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 from ..core import InputError, InputWarning, seldom_look_for_garbage
-from .console import announce_warnings
+from .console import LenientStream, announce_warnings, say
 from .signals import exit_status, requests_to_end
 
 COMMANDS = {
@@ -38,7 +39,8 @@ COMMANDS = {
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit status; `arguments` default to the process's own."""
     seldom_look_for_garbage()
-    with warnings.catch_warnings(), requests_to_end() as received:
+    told = contextlib.redirect_stderr(LenientStream(sys.stderr))
+    with told, warnings.catch_warnings(), requests_to_end() as received:
         warnings.simplefilter("always", InputWarning)
         warnings.showwarning = announce_warnings(warnings.showwarning)
         try:
@@ -82,7 +84,7 @@ class _Version(argparse.Action):
     def __call__(self, parser: argparse.ArgumentParser, *rest: object) -> None:
         from importlib.metadata import version
 
-        print(f"pdssjax {version('pdssjax')}")
+        say(f"pdssjax {version('pdssjax')}")
         parser.exit()
 
 

@@ -2,9 +2,11 @@
 
 import argparse
 
+from .console import say
+
 
 def models(options: argparse.Namespace) -> int:
-    print(_explained(options.name) if options.name else _listed(), end="")
+    say(_explained(options.name) if options.name else _listed(), end="")
     return 0
 
 

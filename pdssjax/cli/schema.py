@@ -2,11 +2,13 @@
 
 import argparse
 
+from .console import say
+
 
 def schema(options: argparse.Namespace) -> int:
     from ..files import schema_text
 
-    print(schema_text(), end="")
+    say(schema_text(), end="")
     return 0
 
 

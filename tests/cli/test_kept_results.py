@@ -13,6 +13,7 @@ import pytest
 from platform_study import PLATFORM, write_platform
 
 from pdssjax.cli import main as cli
+from pdssjax.files import EXAMPLE
 
 
 @pytest.fixture
@@ -93,6 +94,7 @@ import sys
 sys.path[:0] = [{tests!r}]
 import dataclasses, fabricated, pdssjax
 from pdssjax.cli import main as cli
+from pdssjax.files import EXAMPLE
 whole = fabricated.estimate()
 vars(pdssjax)["load_study"] = lambda path: None
 vars(pdssjax)["identify"] = lambda *given, **how: dataclasses.replace(whole, records=whole.records[:1])
@@ -108,3 +110,42 @@ def test_a_standard_output_that_takes_nothing_costs_no_results(tmp_path):
     assert ended.returncode == 0
     assert "cannot print any further (No space left on device)" in ended.stderr
     assert (tmp_path / "out" / "estimate.json").exists() and (tmp_path / "out" / "plots").is_dir()
+
+
+def unread_pipe() -> int:
+    """The end to write to of a pipe whose other end is closed."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    return writer
+
+
+def full_disk() -> int:
+    """A file on a disk without room."""
+    if not os.path.exists("/dev/full"):
+        pytest.skip("no /dev/full on this system")
+    return os.open("/dev/full", os.O_WRONLY)
+
+
+@pytest.mark.parametrize("opened", [unread_pipe, full_disk])
+def test_nor_does_a_standard_error_that_takes_nothing(calls, tmp_path, monkeypatch, capsys, opened):
+    calls.converged = False  # so that progress and a warning are told
+    with os.fdopen(opened(), "w", buffering=1) as nowhere:
+        monkeypatch.setattr(sys, "stderr", nowhere)
+        assert cli.main(["identify", "--out", str(tmp_path / "out")]) == 3
+    assert f"Results are in {tmp_path / 'out'}" in capsys.readouterr().out
+    assert (tmp_path / "out" / "estimate.json").exists() and (tmp_path / "out" / "plots").is_dir()
+
+
+@pytest.mark.parametrize("opened", [unread_pipe, full_disk])
+def test_the_exit_status_does_not_depend_on_who_reads_the_standard_error(opened):
+    command = [sys.executable, "-m", "pdssjax", "channels", "none.csv", str(EXAMPLE / "sawtooth_5Hz_A.csv")]
+    with os.fdopen(opened(), "w") as nowhere:
+        ended = subprocess.run(command, stdout=subprocess.PIPE, stderr=nowhere, text=True)
+    assert ended.returncode == 2
+    assert "sawtooth_5Hz_A.csv" in ended.stdout
+
+
+def test_a_standard_error_closed_from_the_start_leaves_the_results_alone(calls, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "stderr", None)
+    assert cli.main(["channels", "none.csv", str(EXAMPLE / "sawtooth_5Hz_A.csv")]) == 2
+    assert capsys.readouterr().out.startswith("[[")
