@@ -59,7 +59,7 @@ class Workbench:
         return next(path for path in tried if not path.exists())
 
     def save(self, settings: Settings, target: Path, overwrite: bool) -> Path:
-        """Write the study with the numbers of `settings`; the file's whole path.
+        """Write the study's file with the numbers of `settings` where it says others or none; the file's whole path.
 
         **Raises:** `InputError` as `files.save_study` does.
         """
@@ -67,13 +67,7 @@ class Workbench:
         drives = {
             name: _fields(self.record(name), numbers) for name, numbers in changed_drives(self.study, settings).items()
         }
-        values = {path: number for path, number in settings.values.items() if self._changed(path, number)}
-        return save_study(self.study.path, target, values, drives, overwrite)
-
-    def _changed(self, path: str, number: float) -> bool:
-        """Whether the study's file does not say this number already."""
-        parameter = self.study.parameters[path]
-        return parameter.number != number or bool(parameter.source)
+        return save_study(self.study.path, target, settings.values, drives, overwrite)
 
 
 def _fields(record: Record, numbers: Mapping[str, float]) -> dict[str, float | str]:
