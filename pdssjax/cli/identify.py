@@ -29,6 +29,10 @@ def identify(options: argparse.Namespace) -> int:
     prepare_jax()
     import pdssjax
 
+    from ..inference import check_intervals
+
+    if options.method != "both":
+        check_intervals(options.intervals, options.method)
     study = pdssjax.load_study(options.study)
     methods = _possible(study) if options.method == "both" else [options.method]
     folders: dict[Method, Path] = {
@@ -40,7 +44,8 @@ def identify(options: argparse.Namespace) -> int:
         intervals = _intervals_of(method, options.intervals)
         loss: str = options.loss if method == "joint" or len(methods) == 1 else "squares"
         more = more_of(options, intervals, folder)
-        estimates[method] = _identified(study, method, intervals, loss, more, folder)
+        found = _identified(study, method, intervals, loss, more, folder)
+        estimates[method] = _noted(found, options.intervals, intervals)
         written &= _report_and_keep(estimates[method], folder)
     if len(methods) > 1:
         written &= _compared(list(estimates.values()), options.out)
@@ -68,8 +73,19 @@ _SIDE_BY_SIDE: "list[Method]" = ["joint", "sequential", "peaks"]
 
 def _intervals_of(method: "Method", asked: "Intervals") -> "Intervals":
     """Those that were asked for, where a method has them."""
-    has = method == "joint" or (asked == "bootstrap" and method == "sequential")
-    return asked if has else "linear"
+    from ..inference import has_intervals
+
+    return asked if has_intervals(method, asked) else "linear"
+
+
+def _noted(estimate: "Estimate", asked: "Intervals", given: "Intervals") -> "Estimate":
+    """With a note where other intervals were `asked` for than are `given`."""
+    import dataclasses
+
+    if asked == given:
+        return estimate
+    note = f"No {asked}: the {estimate.method} method has none, and its intervals are {given}."
+    return dataclasses.replace(estimate, notes=(*estimate.notes, note))
 
 
 def _possible(study: "Study") -> "list[Method]":

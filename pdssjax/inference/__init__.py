@@ -14,7 +14,9 @@ if TYPE_CHECKING:
     from .draws import Store as Store
     from .identification import FitInterrupted as FitInterrupted
     from .identification import Intervals as Intervals
+    from .identification import check_intervals as check_intervals
     from .identification import check_method as check_method
+    from .identification import has_intervals as has_intervals
     from .identification import identify as identify
     from .initial_values.guess import initial_guess as initial_guess
     from .initial_values.search import guess_starts as guess_starts
@@ -50,7 +52,14 @@ else:
             "covariance": ["least_squares_covariance", "propagated"],
             "draws": ["Drawing", "MOST_DRAWN", "MOST_STARTS", "Store"],
             "solver.ending": ["Ending", "SUCCESSES"],
-            "identification": ["FitInterrupted", "Intervals", "check_method", "identify"],
+            "identification": [
+                "FitInterrupted",
+                "Intervals",
+                "check_intervals",
+                "check_method",
+                "has_intervals",
+                "identify",
+            ],
             "uncertainty.influence": ["curvature_of", "influence_of", "principal_directions"],
             "initial_values.guess": ["initial_guess"],
             "initial_values.search": ["guess_starts"],

@@ -92,7 +92,7 @@ def identify(
     begun = time.perf_counter()
     _check_arguments(study, drawing, executor, accuracy, starts)
     check_method(study, method)
-    _check_intervals(intervals, method, executor)
+    check_intervals(intervals, method, executor)
     cost = _loss(loss, method, intervals)
     question_signs([record for record in study.records if record.role == "fit"])
     stack = pick_peaks(study) if method == "peaks" else None
@@ -227,8 +227,14 @@ def _check_arguments(study: object, drawing: object, executor: object, accuracy:
             check_kind(name, given, kind)
 
 
-def _check_intervals(intervals: Intervals, method: Method, executor: Executor | None) -> None:
-    if intervals not in get_args(Intervals) or method not in _METHODS.get(intervals, (method,)):
+def has_intervals(method: Method, intervals: Intervals) -> bool:
+    """Whether a `method` has such `intervals`; all have linear ones."""
+    return method in _METHODS.get(intervals, (method,))
+
+
+def check_intervals(intervals: Intervals, method: Method, executor: Executor | None = None) -> None:
+    """**Raises** `InputError` for `intervals` that a `method` has not, or an `executor` that cannot find them."""
+    if intervals not in get_args(Intervals) or not has_intervals(method, intervals):
         raise InputError(
             f'intervals: found "{intervals}" with method "{method}", expected "linear", or with "joint" "profile", '
             '"bootstrap" or "posterior", or with "sequential" "bootstrap".'

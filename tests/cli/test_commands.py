@@ -57,6 +57,23 @@ def test_where_the_records_show_peaks_three_ways_are_compared(calls, tmp_path, c
     assert len(calls.methods) == 3, "nothing is fitted again"
 
 
+@pytest.mark.parametrize(
+    ("method", "intervals"), [("sequential", "profile"), ("sequential", "posterior"), ("peaks", "bootstrap")]
+)
+def test_intervals_that_a_method_has_not_are_refused_before_any_work(calls, tmp_path, capsys, method, intervals):
+    arguments = ["identify", "--out", str(tmp_path / "out"), "--method", method, "--intervals", intervals]
+    assert cli.main(arguments) == 2
+    assert f'intervals: found "{intervals}" with method "{method}", expected' in capsys.readouterr().err
+    assert calls.studies == [] and not (tmp_path / "out").exists()
+
+
+def test_of_several_methods_those_with_other_intervals_say_so(calls, tmp_path):
+    assert cli.main(["identify", "--out", str(tmp_path), "--method", "both", "--intervals", "profile"]) == 0
+    note = "No profile: the sequential method has none, and its intervals are linear."
+    assert note in " ".join((tmp_path / "sequential" / "report.txt").read_text().split())
+    assert "No profile" not in (tmp_path / "joint" / "report.txt").read_text()
+
+
 def test_peaks_alone_are_a_method_of_their_own(calls, tmp_path, capsys):
     assert cli.main(["identify", "--out", str(tmp_path), "--method", "peaks"]) == 0
     assert calls.methods == ["peaks"]

@@ -21,7 +21,7 @@ def calls(monkeypatch) -> SimpleNamespace:
         noted.studies.append(path)
         return noted.study
 
-    def identify(study, method, intervals, loss, progress):
+    def identify(study, method, intervals, loss, progress, executor=None):
         assert study is noted.study
         progress(f"[1/2] {method}")
         noted.methods.append(method)
