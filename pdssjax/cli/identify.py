@@ -185,7 +185,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--loss",
         choices=members("inference.losses"),
         default="squares",
-        help="of the joint fit: the sum of squares (default), or a robust one, under which glitches pull little",
+        help="of the joint fit: the sum of squares (default), or a robust one, under which glitches pull little; it "
+        "has linear intervals only",
     )
     text = "fit from N more starts, spread over their ranges, on all cores, and compare where they end"
     parser.add_argument("--starts", type=int, default=0, metavar="N", help=text)

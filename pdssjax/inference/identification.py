@@ -78,10 +78,10 @@ def identify(
     chi-square is no parabola and take a few evaluations with derivatives an end, or those of its "posterior"; or those
     of a "bootstrap", which takes a whole fit a replicate, not for "peaks".  `drawing` says how many draws these two
     make, and where they are kept.  `loss` is "squares", or of a joint fit "huber" or "cauchy", under which glitches
-    pull little; its errors are those of a sandwich covariance.  So many other `starts` are fitted besides the usual
-    ones and compared (`Estimate.multistart`).  Fits and chains that do not need each other run where the `executor`
-    says, in this thread if it is None; profiles and chains only in threads.  `progress` takes lines of text; left out,
-    notebooks show a bar.
+    pull little; its errors are those of a sandwich covariance, its intervals linear.  So many other `starts` are
+    fitted besides the usual ones and compared (`Estimate.multistart`).  Fits and chains that do not need each other
+    run where the `executor` says, in this thread if it is None; profiles and chains only in threads.  `progress` takes
+    lines of text; left out, notebooks show a bar.
 
     **Raises:** `InputError` if there is nothing to fit, or for "peaks" no record to pick them from.  A fit that does
     not converge is returned all the same, with `converged` False and the reason in `message`.  `FitInterrupted`, a
