@@ -3,8 +3,7 @@
 import argparse
 from pathlib import Path
 
-from ..core import InputError
-from ..files import EXAMPLE
+from ..files import EXAMPLE, check_empty
 from .console import say
 
 
@@ -12,8 +11,7 @@ def example(options: argparse.Namespace) -> int:
     import shutil
 
     folder = options.folder
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise InputError(f"{folder}: found something there already, expected an empty folder or nothing.")
+    check_empty(folder)
     shutil.copytree(EXAMPLE, folder, dirs_exist_ok=True)
     say(f"Edit {folder / 'study.toml'}, then run: pdssjax identify {folder / 'study.toml'} --out {folder / 'out'}")
     return 0

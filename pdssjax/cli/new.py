@@ -44,12 +44,11 @@ LARGE, USUAL, SMALL = 2e-6, 3e-7, 5e-10
 
 def new(options: argparse.Namespace) -> int:
     from ..core import prepare_jax
-    from ..files import guess_file, load_study, write_study
+    from ..files import check_empty, guess_file, load_study, write_study
     from ..report.text import format_guesses
 
     hints, told = _hints(options), _told(options)
-    if options.folder.exists() and (not options.folder.is_dir() or any(options.folder.iterdir())):
-        raise InputError(f"{options.folder}: found something there already, expected an empty folder or nothing.")
+    check_empty(options.folder)
     records, status = [], 0
     for file in options.files:
         try:

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from .new_study import write_study as write_study
     from .prediction_results import write_predictions as write_predictions
     from .recording_results import write_recordings as write_recordings
+    from .results_folder import check_empty as check_empty
     from .results_folder import check_free as check_free
     from .results_folder import write_aside as write_aside
     from .study_copy import save_study as save_study
@@ -65,7 +66,7 @@ else:
             "new_study": ["write_study"],
             "prediction_results": ["write_predictions"],
             "recording_results": ["write_recordings"],
-            "results_folder": ["check_free", "write_aside"],
+            "results_folder": ["check_empty", "check_free", "write_aside"],
             "study_copy": ["save_study"],
             "study_schema": ["schema_text"],
             "study_toml": ["load_study"],

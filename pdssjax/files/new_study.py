@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core import InputError, member, quantities
+from ..core import member, quantities
 from ..metrics import RUNNING, RecordGuess
 from .guessed_record import NewRecord, Told
+from .results_folder import check_empty
 from .toml_text import quoted
 from .unseen_flanks import (
     condition_of,
@@ -41,12 +42,11 @@ _SLOW_TICKS = 2e-3
 def write_study(records: Sequence[NewRecord], told: Told, folder: Path, title: str) -> Path:
     """Write `study.toml` and a figure of each record into `folder`, which must be new or empty; the study's path.
 
-    **Raises:** `InputError` if the folder holds something already.
+    **Raises:** `InputError` if the folder holds something already, or cannot be written to.
     """
     from ..report.figures import guess_figure
 
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise InputError(f"{folder}: found something there already, expected an empty folder or nothing.")
+    check_empty(folder)
     named = _named(records)
     (folder / "check").mkdir(parents=True)
     for record in named:

@@ -37,6 +37,13 @@ _DRAWS = "draws.jsonl"
 """Lies beside them and is not replaced with them: a run that is broken off goes on with it."""
 
 
+def check_empty(folder: Path) -> None:
+    """**Raises** `InputError` where `folder` holds anything, is a file or cannot be written to."""
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(f"{folder}: found something there already, expected an empty folder or nothing.")
+    _check_writable(folder)
+
+
 def check_free(folder: Path, overwrite: bool) -> None:
     """See, before any work is spent, that results can go to `folder`.
 
@@ -47,6 +54,11 @@ def check_free(folder: Path, overwrite: bool) -> None:
         raise InputError(
             f"{folder}: found results already ({', '.join(held)}); expected another folder, or --overwrite."
         )
+    _check_writable(folder)
+
+
+def _check_writable(folder: Path) -> None:
+    """**Raises** `InputError` where nothing can be written to `folder`, or it cannot be made."""
     ground = next(place for place in (folder, *folder.absolute().parents) if place.exists())
     if not ground.is_dir():
         raise InputError(f"{folder}: found a file at {ground}, expected a folder or nothing.")

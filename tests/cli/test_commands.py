@@ -1,6 +1,7 @@
 """The command line: exit status, what it prints, what it writes and what it leaves alone."""
 
 import json
+import os
 import warnings
 from types import SimpleNamespace
 
@@ -191,6 +192,16 @@ def test_the_example_is_copied_for_the_user_to_edit(tmp_path, capsys):
     assert f"pdssjax identify {folder / 'study.toml'}" in capsys.readouterr().out
     assert cli.main(["example", str(folder)]) == 2
     assert "expected an empty folder" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "command", [["example"], ["new", "--files", str(EXAMPLE / "step_48p2V.csv")]], ids=["example", "new"]
+)
+def test_a_folder_without_permission_is_refused_before_anything_is_made(monkeypatch, tmp_path, capsys, command):
+    monkeypatch.setattr(os, "access", lambda *given: False)
+    assert cli.main([command[0], str(tmp_path / "mine"), *command[1:]]) == 2
+    assert f"{tmp_path / 'mine'}: found no permission to write to {tmp_path}, expected" in capsys.readouterr().err
+    assert not (tmp_path / "mine").exists()
 
 
 def test_channels_lists_every_file_that_can_be_read(tmp_path, capsys):
