@@ -14,6 +14,9 @@ from .errors import InputError
 
 _NUMBER_AND_UNIT = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 
+_AFTER_COMMA = re.compile(r",\d")
+"""How what follows a number begins where it has a decimal comma."""
+
 _HERTZ = re.compile(r"hz\b|hertz\b", re.IGNORECASE)
 
 _GRAM = ', a gram (standard gravity is written "g_0", of a column in [record.units])'
@@ -21,21 +24,22 @@ _GRAM = ', a gram (standard gravity is written "g_0", of a column in [record.uni
 _NOT_FINITE = re.compile(r"\s*[+-]?(nan|inf(inity)?)\b", re.IGNORECASE)
 
 
-def to_si(given: object, unit: str, where: str) -> float:
+def to_si(given: object, unit: str, where: str, shown: str = "") -> float:
     """`given`, a number in SI or a text "number unit", as a float in the SI unit `unit`.
 
-    Of an angular frequency [rad/s] cycles a second are understood, too: "200 Hz" is 200 * 2 pi rad/s.
+    Of an angular frequency [rad/s] cycles a second are understood, too: "200 Hz" is 200 * 2 pi rad/s.  Where the user
+    gives numbers in another unit than `unit`, `shown` is that which messages name.
 
     **Raises:** `InputError` that begins with `where` if `given` is neither, if its unit is
     unknown or of another dimension than `unit` ("" for a pure number), or if it is not
     finite.
     """
     if isinstance(given, str):
-        value = _text_to_si(given, unit, where)
+        value = _text_to_si(given, unit, where, shown)
     elif isinstance(given, int | float) and not isinstance(given, bool):
         value = float(given)
     else:
-        raise InputError(f"{where}: found {_shown(given)}, expected {_example(unit)}.")
+        raise InputError(f"{where}: found {_shown(given)}, expected {_example(shown or unit)}.")
     if not math.isfinite(value):
         raise InputError(f"{where}: found {_shown(given)}, expected a finite number.")
     return value
@@ -69,10 +73,8 @@ def split_text(given: str, where: str) -> tuple[float, str]:
 
     **Raises:** `InputError` that begins with `where` if it does not begin with a number.
     """
-    split = _NUMBER_AND_UNIT.fullmatch(given)
-    if split is None:
-        raise InputError(f"{where}: found {_shown(given)}, expected a number and a unit.")
-    return float(split[1]), split[2]
+    number, name = _split(given, where, "a number and a unit")
+    return float(number), name
 
 
 @functools.cache
@@ -102,16 +104,24 @@ def _registry() -> Any:
     return pint.UnitRegistry()
 
 
-def _text_to_si(given: str, unit: str, where: str) -> float:
-    split = _NUMBER_AND_UNIT.fullmatch(given)
-    if split is None:
-        expected = "a finite number" if _NOT_FINITE.match(given) else _example(unit)
-        raise InputError(f"{where}: found {_shown(given)}, expected {expected}.")
-    number, name = split.groups()
+def _text_to_si(given: str, unit: str, where: str, shown: str) -> float:
+    expected = "a finite number" if _NOT_FINITE.match(given) else _example(shown or unit)
+    number, name = _split(given, where, expected)
     if unit == "rad/s" and _HERTZ.search(name):
         return float(number) * factor(name, "Hz", where) * 2.0 * math.pi
     # In decimals, since "86 g" is to be 0.086 kg and not 0.08600000000000001 kg.
     return float(Decimal(number) * Decimal(repr(factor(name, unit, where))))
+
+
+def _split(given: str, where: str, expected: str) -> tuple[str, str]:
+    """The number and the unit in a text, as they are written."""
+    split = _NUMBER_AND_UNIT.fullmatch(given)
+    if split is None:
+        raise InputError(f"{where}: found {_shown(given)}, expected {expected}.")
+    number, name = split.groups()
+    if _AFTER_COMMA.match(name):
+        raise InputError(f'{where}: found {_shown(given)}, expected a decimal point: "{given.replace(",", ".", 1)}".')
+    return number, name
 
 
 def _shown(given: object) -> str:

@@ -36,11 +36,11 @@ class Knob(NamedTuple):
         **Raises:** `InputError` where it is no number, or outside the legal range.
         """
         text = text.strip().replace("µ", "u")
-        _, factor = display_unit(self.quantity.unit)
+        shown, factor = display_unit(self.quantity.unit)
         try:
             number = float(text) / factor
         except ValueError:
-            number = to_si(text, self.quantity.unit, self.path)
+            number = to_si(text, self.quantity.unit, self.path, shown)
         check_range(number, self.quantity, self.path)
         return number
 

@@ -49,6 +49,8 @@ def test_decimal_text_becomes_the_nearest_float():
         ("heavy", "kg", '"heavy"', "1 kg"),
         ("", "kg", '""', "1 kg"),
         ("kg", "kg", '"kg"', "1 kg"),
+        ("0,5 kg", "kg", '"0,5 kg"', 'a decimal point: "0.5 kg"'),
+        ("-1,25e-3", "", '"-1,25e-3"', 'a decimal point: "-1.25e-3"'),
         (True, "kg", "True", "1 kg"),
         ([1], "kg", "[1]", "1 kg"),
         ("nan kg", "kg", '"nan kg"', "finite"),
