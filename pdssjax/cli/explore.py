@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..core import InputError
+from ..core import InputError, check_whole
 from .console import progress, say
 from .numbers import add_numbers, with_numbers
 
@@ -15,9 +15,14 @@ if TYPE_CHECKING:
     from ..study import Study
 
 
+_PORTS = 65535
+"""The highest port there is."""
+
+
 def explore(options: argparse.Namespace) -> int:
     from ..core import prepare_jax
 
+    check_whole("option --port", options.port, 0, _PORTS)
     _check_installed()
     prepare_jax()
     from ..explore import Workbench, serve, settings_of

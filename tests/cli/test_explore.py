@@ -31,6 +31,12 @@ def test_without_panel_a_line_says_what_to_install(monkeypatch, tmp_path, capsys
     assert said == 'pdssjax: error: explore: found no panel, expected it installed: pip install "pdssjax[explore]"\n'
 
 
+@pytest.mark.parametrize(("port", "expected"), [("99999", "at most 65535"), ("-1", "0 or more")])
+def test_a_port_that_cannot_be_is_refused_before_any_file_is_read(tmp_path, capsys, port, expected):
+    assert cli.main(["explore", str(tmp_path / "none.toml"), "--port", port]) == 2
+    assert capsys.readouterr().err == f"pdssjax: error: option --port: found {port}, expected {expected}.\n"
+
+
 def test_parameters_without_a_number_are_asked_for_by_name(tmp_path, capsys):
     study = platform_study.write_platform(tmp_path)
     assert cli.main(["explore", str(study), "--no-browser"]) == 2
