@@ -191,7 +191,7 @@ def _warn(found: Characterisation, where: str) -> None:
     if cycles.count == 1:
         say("found one complete cycle only, so that nothing is known of its scatter.")
     off = abs(cycles.seen - cycles.frequency)
-    if found.given and off > 5 * cycles.seen_error and off > 1e-3 * cycles.frequency:
+    if found.given and off > 3 * cycles.seen_error and off > 1e-3 * cycles.frequency:
         say(f"the slips come at {cycles.seen:.5g} Hz, while {cycles.frequency:.5g} Hz was given.")
 
 
