@@ -82,13 +82,15 @@ class Walker:
         return dataclasses.replace(self.record, drive=drive, time=time, measured=np.zeros(2)), whole
 
 
-def small_map(study: Study, settings: Settings, report: Report) -> "xarray.Dataset":
-    """A sweep over voltage and frequency about those of the first walking record, at the numbers of `settings`.
+def small_map(study: Study, settings: Settings, report: Report, chosen: str) -> "xarray.Dataset":
+    """A sweep over voltage and frequency about those of a record, at the numbers of `settings`.
+
+    Of the record `chosen`, by name, or of the first that walks where that one does not.
 
     **Raises:** `InputError` where no end-effector walks, or the drive has no voltage and frequency.
     """
     here = study_at(study, settings)
-    record = driven_record(here, None)
+    record = _walking(here, chosen)
     assert record.drive is not None
     numbers = record.drive.numbers()
     if not {"voltage", "frequency"} <= set(numbers):
@@ -101,4 +103,16 @@ def small_map(study: Study, settings: Settings, report: Report) -> "xarray.Datas
         "drive.frequency": frequency * np.geomspace(0.25, 4.0, _EACH_WAY),
     }
     report("sweeping: compiling")
-    return sweep(here, Grid(axes), progress=lambda done, points: report(f"sweeping: {done} of {points} points"))
+    return sweep(
+        here,
+        Grid(axes),
+        record=record.name,
+        progress=lambda done, points: report(f"sweeping: {done} of {points} points"),
+    )
+
+
+def _walking(study: Study, chosen: str) -> Record:
+    try:
+        return driven_record(study, chosen)
+    except InputError:
+        return driven_record(study, None)

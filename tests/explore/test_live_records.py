@@ -106,4 +106,20 @@ def test_a_point_walks_with_its_numbers(study):
 def test_without_an_end_effector_there_is_nothing_to_sweep(study):
     alone = dataclasses.replace(study, records=study.records[:1])
     with pytest.raises(InputError, match="found no effector record under a periodic drive"):
-        small_map(alone, settings_of(alone), lambda line: None)
+        small_map(alone, settings_of(alone), lambda line: None, "step")
+
+
+@pytest.mark.parametrize(("chosen", "mapped"), [("fast", "fast"), ("walk", "walk"), ("step", "walk")])
+def test_a_small_map_is_of_the_record_chosen_where_that_walks(study, monkeypatch, chosen, mapped):
+    step, walk = study.records
+    fast = dataclasses.replace(walk, name="fast", drive=walk.drive.with_numbers({"frequency": 80.0}))
+    both = dataclasses.replace(study, records=(step, walk, fast))
+    asked = []
+    monkeypatch.setattr(
+        "pdssjax.explore.sweep_walk.sweep", lambda study, points, record, progress: asked.append((record, points))
+    )
+    small_map(both, settings_of(both), lambda line: None, chosen)
+    ((record, points),) = asked
+    assert record == mapped
+    frequency = {"walk": 20.0, "fast": 80.0}[mapped]
+    assert np.median(points.axes["drive.frequency"]) == pytest.approx(frequency)

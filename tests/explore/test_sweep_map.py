@@ -74,3 +74,14 @@ def test_a_sweep_is_read_back_and_what_is_none_is_refused(tmp_path):
     (tmp_path / "sweep.nc").write_bytes(b"no netCDF")
     with pytest.raises(InputError, match=r"sweep\.nc: cannot be read"):
         read_sweep(tmp_path)
+
+
+@pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")  # of Panel 2, not ours yet
+def test_the_map_names_its_record():
+    pn = pytest.importorskip("panel")
+    from pdssjax.explore.widgets.sweep_tab import SweepTab
+
+    tab = SweepTab(lambda point: None, lambda: None, lambda: None)
+    tab.show(sweep_map(made_sweep()))
+    titles = [pane.object.title.text for pane in tab.view.select(pn.pane.Bokeh)]
+    assert "walk: average speed (µm/s); click a point" in titles

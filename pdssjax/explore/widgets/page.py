@@ -33,6 +33,10 @@ _IDLE_MS = 250
 """How long nothing is turned before the other records are predicted, too."""
 
 
+_PLACE = {"min-height": "0", "flex": "1 1 0"}
+"""Style of where the plots of a record go."""
+
+
 class Page:
     """The widgets of one page, and the numbers that they show."""
 
@@ -72,7 +76,7 @@ class Page:
         self._estimate = EstimateTab()
         self._scores_table = ScoreTable(self._study.records)
         self._fit = FitBox(self._study, lambda: self._settings, self._fitted, self._later)
-        self._sweep = SweepPage(self._bench, lambda: self._settings, self._later)
+        self._sweep = SweepPage(self._bench, lambda: self._settings, lambda: self._record.name, self._later)
         self._save = SaveBox(self._bench.free_path(), self._save_to)
         self._record_place, self._contact_place = _place(), _place()
         if self._bench.estimate is not None:
@@ -222,6 +226,7 @@ class Page:
         try:
             found = self._bench.records.redraw_at_once(name, settings, instants)
         except InputError as error:
+            self._dim(True)
             self._say(str(error))
             return
         if found is None:
@@ -231,6 +236,7 @@ class Page:
         self._ask_scores()
 
     def _draw(self, found: Redraw, begun: float, every_tab: bool) -> None:
+        self._dim(False)
         if every_tab or self._tabs.active == 0:
             self._record_tab.draw(found)
         if every_tab or self._tabs.active == 1:
@@ -243,12 +249,23 @@ class Page:
 
     def _compile(self) -> None:
         """Draws once the thread that compiles is done; what is turned meanwhile is drawn then, too."""
+        self._dim(True)
         if self._job is not None and self._job.runs:
             return
-        self._headline.object = "compiling for this record: some seconds, once"
+        known = self._bench.records.is_ready(self._record.name)
+        self._headline.object = (
+            "compiling for these numbers: some seconds; the pale plots are of earlier ones"
+            if known
+            else "compiling for this record: some seconds, once"
+        )
         name, settings, instants = self._record.name, self._settings, instants_of(self._record, *self._window)
         work = lambda report: self._bench.records.redraw(name, settings, instants)
         self._job = BackgroundJob(work, lambda line: None, lambda result, error: self._later(lambda: self._made(error)))
+
+    def _dim(self, earlier: bool) -> None:
+        """Shows whether the plots are of `earlier` numbers than the sliders'."""
+        for place in (self._record_place, self._contact_place):
+            place.styles = _PLACE | {"opacity": "0.3" if earlier else "1"}
 
     def _made(self, error: BaseException | None) -> None:
         self._job = None
@@ -310,4 +327,4 @@ class Page:
 
 def _place() -> Widget:
     """Where the plots of a record go."""
-    return pn.Column(sizing_mode="stretch_both", margin=0, styles={"min-height": "0", "flex": "1 1 0"})
+    return pn.Column(sizing_mode="stretch_both", margin=0, styles=_PLACE, css_classes=["plots"])

@@ -21,8 +21,9 @@ if TYPE_CHECKING:
 class SweepPage:
     """The tab, its map, and the walks in it."""
 
-    def __init__(self, bench: Workbench, here: Callable[[], Settings], later: Later):
-        self._bench, self._here, self._later = bench, here, later
+    def __init__(self, bench: Workbench, here: Callable[[], Settings], chosen: Callable[[], str], later: Later):
+        """`chosen` tells the name of the record that the page shows."""
+        self._bench, self._here, self._chosen, self._later = bench, here, chosen, later
         self._tab = SweepTab(self._choose, self._make, self._cancel)
         self._map: SweepMap | None = None
         self._walker: Walker | None = None
@@ -75,9 +76,9 @@ class SweepPage:
         self._walk_wanted()
 
     def _make(self) -> None:
-        settings = self._here()
+        settings, chosen = self._here(), self._chosen()
         self._tab.make.disabled, self._tab.stop.disabled = True, False
-        work = lambda report: small_map(self._bench.study, settings, report)
+        work = lambda report: small_map(self._bench.study, settings, report, chosen)
         told = lambda line: self._later(lambda: self._say(line))
         self._job = BackgroundJob(work, told, lambda data, error: self._later(lambda: self._made(data, error)))
 

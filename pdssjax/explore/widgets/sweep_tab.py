@@ -13,8 +13,8 @@ from ..sweep_walk import Walk
 from .style import BLUE, GREEN, GREY, MILLISECONDS, VERMILION, Model, Widget, models, pane, plain, plain_figure
 
 _NOTHING = (
-    "<p>No sweep yet. <b>Make a small map</b> sweeps voltage and frequency about those of the first walking record at "
-    "the numbers of the sliders; <code>pdssjax explore STUDY --sweep DIR</code> shows one that "
+    "<p>No sweep yet. <b>Make a small map</b> sweeps voltage and frequency about those of the record shown, or of the "
+    "first that walks, at the numbers of the sliders; <code>pdssjax explore STUDY --sweep DIR</code> shows one that "
     "<code>pdssjax sweep</code> made.</p>"
 )
 
@@ -153,7 +153,7 @@ def _map_plot(
         edges[f"{name}0"], edges[f"{name}1"] = tile.low, tile.high
     made = plain_figure(
         labels[0], labels[1], x_axis_type=kinds[0], y_axis_type=kinds[1], tools="tap,hover",
-        title=f"{label}; click a point",
+        title=f"{found.record}: {label}; click a point",
         tooltips=[(labels[0], "@x"), (labels[1], "@y"), (label, "@value")],
     )  # fmt: skip
     source = models.ColumnDataSource(edges)
