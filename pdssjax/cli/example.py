@@ -3,12 +3,14 @@
 import argparse
 from pathlib import Path
 
-from ..files import EXAMPLE, check_empty
+from ..files import EXAMPLE
 from .console import say
 
 
 def example(options: argparse.Namespace) -> int:
     import shutil
+
+    from ..files import check_empty
 
     folder = options.folder
     check_empty(folder)
