@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from .cycles.further_metrics import FURTHER as FURTHER
     from .cycles.further_metrics import SMOOTH as SMOOTH
     from .dataset import register_plot as register_plot
+    from .directions import ALONG as ALONG
     from .directions import compared_directions as compared_directions
     from .job import differences as differences
     from .point_status import GRAZING as GRAZING
@@ -57,7 +58,7 @@ else:
             "cost": ["Forecast", "forecast"],
             "varied_record": ["driven_record"],
             "cycles.base": ["METRICS"],
-            "directions": ["compared_directions"],
+            "directions": ["ALONG", "compared_directions"],
             "cycles.further_metrics": ["FURTHER", "SMOOTH"],
             "dataset": ["register_plot"],
             "job": ["differences"],

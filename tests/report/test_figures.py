@@ -164,7 +164,8 @@ def test_a_sample_is_shown_and_told_by_its_points(over):
         {n: metric(u) for n, u in units.items()} | failure, coordinates, {"title": "t", "record": "r"}
     )
     assert len(sweep_figure(data).axes) >= 4
-    assert "drive.frequency = 2 Hz, effector.load = 2" in format_sweep(data)
+    most = next(line for line in format_sweep(data).splitlines() if " most " in line).split()
+    assert most[5:7] == ["2", "2"], "the frequency and the load of the last point"
 
 
 def repeating(misfit: float):

@@ -1,5 +1,6 @@
 """Headings and tables of every report."""
 
+import textwrap
 from collections.abc import Sequence
 
 
@@ -12,3 +13,8 @@ def aligned_table(align: str, rows: Sequence[Sequence[str]]) -> str:
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     layout = "    " + "  ".join(f"{{:{side}{width}}}" for side, width in zip(align, widths, strict=True))
     return "".join(layout.format(*row).rstrip() + "\n" for row in rows)
+
+
+def note(text: str, indent: int = 4) -> str:
+    """A sentence below a table, in lines of 100 characters."""
+    return textwrap.fill(text, 100, initial_indent=" " * indent, subsequent_indent=" " * indent) + "\n"

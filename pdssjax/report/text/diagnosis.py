@@ -1,9 +1,7 @@
 """Which combinations of parameters the data determine, as plain text."""
 
-import textwrap
-
 from ...study import Combination, Diagnosis, Remedy
-from ._layout import aligned_table, heading
+from ._layout import aligned_table, heading, note
 
 _MOST = 3
 """Combinations shown: those that limit what is known."""
@@ -23,8 +21,7 @@ def format_diagnosis(diagnosis: Diagnosis) -> str:
 def _advice(remedy: Remedy) -> str:
     """What would help most."""
     gains = ", ".join(f"{path} from {100 * a:.2g} to {100 * b:.2g} %" for path, (a, b) in remedy.errors.items())
-    text = f"If {remedy.path} were known from elsewhere, errors would fall: {gains}."
-    return textwrap.fill(text, 100, initial_indent="    ", subsequent_indent="    ") + "\n"
+    return note(f"If {remedy.path} were known from elsewhere, errors would fall: {gains}.")
 
 
 def _product(combination: Combination) -> str:

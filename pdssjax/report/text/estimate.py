@@ -3,12 +3,11 @@
 The order and the vocabulary follow lmfit's `fit_report`, which people in the field know.
 """
 
-import textwrap
 from collections.abc import Sequence
 
 from ...core import decimals_for, display_unit, percent, rounded, strongest_pairs
 from ...study import Estimate, FittedParameter
-from ._layout import aligned_table, heading
+from ._layout import aligned_table, heading, note
 from .amplification import format_amplification
 from .diagnosis import format_diagnosis
 from .draws import format_draws
@@ -39,7 +38,7 @@ def format_report(estimate: Estimate) -> str:
     if estimate.profiles:
         parts.append(format_profiles(estimate.profiles, estimate.parameters))
     if estimate.notes:
-        parts.append(heading("Notes") + "".join(map(_note, estimate.notes)))
+        parts.append(heading("Notes") + "".join(map(note, estimate.notes)))
     return "\n".join(parts)
 
 
@@ -102,11 +101,11 @@ def _about_errors(estimate: Estimate, models: Sequence[str]) -> str:
         return ""
     from ...inference import all_error_models
 
-    lines = [_note(f"{m.name.replace('-', ' ')}: covers {m.covers}.") for m in all_error_models() if m.name in models]
+    lines = [note(f"{m.name.replace('-', ' ')}: covers {m.covers}.") for m in all_error_models() if m.name in models]
     profiled = any(parameter.verdicts for parameter in estimate.parameters.values())
     way = estimate.draws.kind if estimate.draws is not None else "profile likelihood" if profiled else ""
     which = f"+/-: {models[0]}; interval: by {way}" if way else f"+/- and interval: {models[0]}"
-    return "".join(lines) + _note(f"{which}. {estimate.error_advice.reason}")
+    return "".join(lines) + note(f"{which}. {estimate.error_advice.reason}")
 
 
 def _parameter(parameter: FittedParameter, models: Sequence[str]) -> list[str]:
@@ -140,7 +139,3 @@ def _correlations(estimate: Estimate) -> str:
     if not pairs:
         return "    none\n"
     return aligned_table("<>", [[f"C({path}, {other})", f"{value:+.3f}"] for path, other, value in pairs])
-
-
-def _note(text: str) -> str:
-    return textwrap.fill(text, 100, initial_indent="    ", subsequent_indent="    ") + "\n"

@@ -1,48 +1,77 @@
 """The extremes of a sweep, as plain text."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...core import display_unit
-from ...sweeps import FURTHER, GRAZING, POINT_FAILURES
-from ._layout import aligned_table, heading
+from ...sweeps import ALONG, FURTHER, GRAZING, POINT_FAILURES
+from ._layout import aligned_table, heading, note
 
 if TYPE_CHECKING:
     import xarray
 
 
 def format_sweep(data: "xarray.Dataset") -> str:
-    """The extremes of a sweep, and where they lie."""
-    banded = "speed_sd" in data
-    head = ["", "unit", "least", "most", *["+/- (95 %)"] * banded, "where it is largest"]
-    rows = []
-    for name in ("speed", "net_step", "efficiency", "stroke", "back_slip", *(name for name in FURTHER if name in data)):
-        values = data[name]
-        unit, scale = ("%", 100.0) if name == "efficiency" else display_unit(values.attrs["units"])
-        if not bool(values.notnull().any()):
-            rows.append([values.attrs["long_name"], unit, "-", "-", *["-"] * banded, "every point failed"])
-            continue
-        # By size: a speed backward is negative.
-        place = values.isel(abs(values).argmax(dim=...))
-        # Of a sample the dimension has no values of its own, but all that changes along it has.
-        where = [_where(coordinate) for coordinate in place.coords.values() if "units" in coordinate.attrs]
-        least, most = (f"{float(end) * scale:.5g}" for end in (values.min(), values.max()))
-        half = [f"{_half_band(data, name) * scale:.2g}"] if banded else []
-        rows.append([values.attrs["long_name"], unit, least, most, *half, ", ".join(where)])
-    grazing = int((data.failure.values == GRAZING).sum())
-    failed = int((data.failure.values != 0).sum()) - grazing
-    text = heading(f"Sweep of {data.failure.size} points{_of_record(data)}") + aligned_table(
-        "<<>>" + ">" * banded + "<", [head, *rows]
-    )
+    """The extremes of a sweep, each with its band and the place where it lies, and what failed."""
+    shown = ("speed", "net_step", "efficiency", "stroke", "back_slip", *(name for name in FURTHER if name in data))
+    banded, places = "speed_sd" in data, _places(data)
+    band = [["+/-"], ["95 %"]] if banded else [[], []]
+    heads = [[""] * 4 + band[0] + [axis.attrs["long_name"] for axis in places]]
+    heads += [["", "unit", "", "value"] + band[1] + [f"({unit})" if unit else "" for unit in map(_unit, places)]]
+    rows = [row for name in shown for row in _extremes(data, name, places, banded)]
+    text = heading(f"Sweep of {data.failure.size} points{_of_record(data)}")
+    text += aligned_table("<<<>" + ">" * (banded + len(places)), [*heads, *rows])
     bent = int((data.speed_straight.values == 0).sum()) if "speed_straight" in data else 0
     if bent:
         text += f"    First order does not hold for the speed at {bent} of the points: ask for --bands draws there.\n"
-    if data.sizes.get("drive_direction") == 2:
+    if data.sizes.get(ALONG) == 2:
         text += _both_directions(data)
-    if grazing:
-        text += f"    At {grazing} points {POINT_FAILURES[GRAZING]}.\n"
-    return text + (f"    {failed} points failed: {data.failure.attrs['meanings']}\n" if failed else "")
+    return text + _failures(data)
+
+
+def _places(data: "xarray.Dataset") -> "list[xarray.DataArray]":
+    """What differs from point to point: of a sample the dimension has no values of its own, but all along it has."""
+    return [axis for axis in data.coords.values() if "units" in axis.attrs]
+
+
+def _unit(axis: "xarray.DataArray") -> str:
+    unit, _ = display_unit(axis.attrs["units"])
+    return "" if unit == "1" else unit
+
+
+def _extremes(data: "xarray.Dataset", name: str, places: "Sequence[xarray.DataArray]", banded: bool) -> list[list[str]]:
+    """The rows of a metric: where it is most and where it is least; one where both look alike."""
+    values = data[name]
+    unit, scale = ("%", 100.0) if name == "efficiency" else display_unit(values.attrs["units"])
+    head = [values.attrs["long_name"], unit]
+    anywhere = lambda word: [word] + [""] * (len(places) - 1) if places else []
+    if not bool(values.notnull().any()):
+        return [[*head, "", "-", *["-"] * banded, *anywhere("nowhere")]]
+    told = []
+    for end in (values.argmax, values.argmin):
+        at = end(dim=...)
+        numbers = [f"{float(values.isel(at)) * scale:.5g}"]
+        if banded:
+            half = 0.5 * (data[f"{name}_high"] - data[f"{name}_low"]).isel(at)
+            numbers.append(f"{float(half) * scale:.2g}")
+        told.append((numbers, [_number(axis.isel({d: at[d] for d in axis.dims})) for axis in places]))
+    (most, there), (least, elsewhere) = told
+    if most == least:
+        return [[*head, "", *most, *(there if values.size == 1 else anywhere("everywhere"))]]
+    return [[*head, "most", *most, *there], ["", "", "least", *least, *elsewhere]]
+
+
+def _failures(data: "xarray.Dataset") -> str:
+    """How many points failed, and of what; those whose cycle grazes have their metrics."""
+    codes, counts = np.unique(data.failure.values, return_counts=True)
+    counted = {int(code): int(count) for code, count in zip(codes, counts, strict=True) if code}
+    grazing = counted.pop(GRAZING, 0)
+    text = note(f"At {grazing} points {POINT_FAILURES[GRAZING]}.") if grazing else ""
+    if counted:
+        text += f"    {sum(counted.values())} points failed:\n"
+    return text + "".join(note(f"{n} with failure {code}: {POINT_FAILURES[code]}", 8) for code, n in counted.items())
 
 
 def _of_record(data: "xarray.Dataset") -> str:
@@ -70,12 +99,7 @@ def _both_directions(data: "xarray.Dataset") -> str:
     return told
 
 
-def _half_band(data: "xarray.Dataset", name: str) -> float:
-    """Half the width of the band of a metric where it is largest."""
-    at = np.unravel_index(int(np.nanargmax(np.abs(data[name].values))), data[name].shape)
-    return 0.5 * float(data[f"{name}_high"].values[at] - data[f"{name}_low"].values[at])
-
-
-def _where(coordinate: "xarray.DataArray") -> str:
-    unit, scale = display_unit(coordinate.attrs["units"])
-    return f"{coordinate.attrs['long_name']} = {float(coordinate) * scale:.5g} {'' if unit == '1' else unit}".rstrip()
+def _number(coordinate: "xarray.DataArray") -> str:
+    if coordinate.name == ALONG:
+        return "forward" if float(coordinate) > 0 else "backward"
+    return f"{float(coordinate) * display_unit(coordinate.attrs['units'])[1]:.5g}"

@@ -1,0 +1,76 @@
+"""What a sweep found is told and drawn so that the extremes, their places and what failed can be read off."""
+
+import numpy as np
+import xarray
+
+from pdssjax.report.text import format_sweep
+from pdssjax.sweeps import GRAZING, POINT_FAILURES
+
+UNITS = {"speed": "m/s", "net_step": "m", "efficiency": "1", "stroke": "m", "back_slip": "m"}
+AXES = {
+    "drive_voltage": ([20.0, 40.0, 60.0], "V", "drive.voltage"),
+    "drive_frequency": ([10.0, 20.0, 40.0, 80.0], "Hz", "drive.frequency"),
+    "drive_direction": ([1.0, -1.0], "1", "drive.direction"),
+}
+
+
+def swept(*names, bands=False):
+    """A sweep over some of the `AXES` in which small voltages drive the end-effector backward."""
+    shape = tuple(len(AXES[name][0]) for name in names)
+    walk = np.linspace(-3e-6, 2e-6, int(np.prod(shape, dtype=int))).reshape(shape)
+    numbers = dict.fromkeys(UNITS, walk) | {"efficiency": 1e5 * walk, "stroke": np.full(shape, 7e-6)}
+    data = {
+        name: (names, values, {"units": UNITS[name], "long_name": name.replace("_", " ")})
+        for name, values in numbers.items()
+    }
+    if bands:
+        for name, values in numbers.items():
+            half = 0.1 * np.abs(values)
+            ends = {"sd": half / 2.0, "low": values - half, "high": values + half}
+            data |= {f"{name}_{end}": (names, found, {"units": UNITS[name]}) for end, found in ends.items()}
+    data["failure"] = (names, np.zeros(shape, np.int8), {"meanings": ""})
+    axes = {n: (n, np.array(AXES[n][0]), dict(units=AXES[n][1], long_name=AXES[n][2])) for n in names}
+    return xarray.Dataset(data, axes, {"title": "a rig", "record": "5 Hz"})
+
+
+def rows_of(text, name):
+    """The words of the rows of a metric."""
+    lines = text.splitlines()
+    first = next(i for i, line in enumerate(lines) if line.startswith(f"    {name} "))
+    return [line.split() for line in lines[first : first + 2]]
+
+
+def test_each_extreme_has_its_own_band_and_place():
+    """The larger magnitude is backward: its place had stood beside the value forward."""
+    most, least = rows_of(format_sweep(swept("drive_voltage", "drive_frequency", bands=True)), "efficiency")
+    assert most == ["efficiency", "%", "most", "20", "2", "60", "80"]
+    assert least == ["least", "-30", "3", "20", "10"]
+
+
+def test_what_is_the_same_everywhere_has_one_row():
+    text = format_sweep(swept("drive_voltage", "drive_frequency"))
+    alike, following = rows_of(text, "stroke")
+    assert alike == ["stroke", "um", "7", "everywhere"] and following[0] == "back"
+    assert rows_of(format_sweep(swept("drive_voltage").isel(drive_voltage=[1])), "stroke")[0][-1] == "40"
+    assert rows_of(format_sweep(swept()), "stroke")[0] == ["stroke", "um", "7"]
+
+
+def test_a_direction_is_told_in_words():
+    most, least = rows_of(format_sweep(swept("drive_voltage", "drive_direction")), "speed")
+    assert (most[-1], least[-1]) == ("backward", "forward")
+
+
+def test_of_a_sweep_that_failed_whole_no_place_is_named():
+    data = swept("drive_voltage")
+    data["speed"][:] = np.nan
+    assert rows_of(format_sweep(data), "speed")[0] == ["speed", "um/s", "-", "nowhere"]
+
+
+def test_failures_that_occur_are_counted_each_and_no_others():
+    data = swept("drive_voltage", "drive_frequency")
+    data.failure[0, :3], data.failure[1, 0], data.failure[2, :2] = 3, 2, GRAZING
+    text = format_sweep(data)
+    assert "At 2 points a reversal of its cycle grazes" in text and "4 points failed:\n" in text
+    told = [line.strip() for line in text.splitlines() if "with failure" in line]
+    assert told == [f"1 with failure 2: {POINT_FAILURES[2]}", f"3 with failure 3: {POINT_FAILURES[3]}"]
+    assert POINT_FAILURES[1][:20] not in text
