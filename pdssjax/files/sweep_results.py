@@ -16,14 +16,17 @@ if TYPE_CHECKING:
 def write_sweep(data: "xarray.Dataset", folder: Path, store: str) -> None:
     """Put a sweep's `xarray.Dataset` into `folder` as sweep.nc or sweep.zarr, with its map and `parameters.json`.
 
-    A sweep of both directions has `directions.png`, too.
+    A sweep of both directions has `directions.png`, too.  A single point has no map, one of each direction no figure
+    beside it.
     """
     from ..report.figures import directions_figure, sweep_figure
+    from ..sweeps import ALONG
 
     with staging_folder(folder) as staging:
         _put(data, staging, "sweep", store)
-        sweep_figure(data).savefig(staging / "sweep.png")
-        if data.sizes.get("drive_direction") == 2:
+        if data.sizes:
+            sweep_figure(data).savefig(staging / "sweep.png")
+        if data.sizes.get(ALONG) == 2 and len(data.sizes) > 1:
             directions_figure(data).savefig(staging / "directions.png")
 
 

@@ -74,7 +74,10 @@ class SweepAccessor:
         self._data = data
 
     def plot(self) -> Figure:
-        """A figure of matplotlib: speed, net step, efficiency and back-slip, as lines or maps."""
+        """A figure of matplotlib: speed, net step, efficiency and back-slip, as lines or maps.
+
+        **Raises:** `InputError` for a single point.
+        """
         return presenter().as_figure(self._data)
 
 

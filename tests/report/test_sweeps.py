@@ -1,8 +1,14 @@
 """What a sweep found is told and drawn so that the extremes, their places and what failed can be read off."""
 
+import json
+
 import numpy as np
+import pytest
 import xarray
 
+from pdssjax import InputError
+from pdssjax.files import read_sweep, write_sweep
+from pdssjax.report.figures import sweep_figure
 from pdssjax.report.text import format_sweep
 from pdssjax.sweeps import GRAZING, POINT_FAILURES
 
@@ -74,3 +80,17 @@ def test_failures_that_occur_are_counted_each_and_no_others():
     told = [line.strip() for line in text.splitlines() if "with failure" in line]
     assert told == [f"1 with failure 2: {POINT_FAILURES[2]}", f"3 with failure 3: {POINT_FAILURES[3]}"]
     assert POINT_FAILURES[1][:20] not in text
+
+
+@pytest.mark.parametrize(("names", "drawn"), [([], []), (["drive_direction"], ["sweep.png"])])
+def test_a_point_without_an_axis_is_kept_and_told_without_figures_that_need_one(tmp_path, names, drawn):
+    data = swept(*names).assign_attrs(parameters=json.dumps({}))
+    assert "speed" in format_sweep(data)
+    write_sweep(data, tmp_path / "out", "netcdf")
+    assert sorted(file.name for file in (tmp_path / "out").glob("*.png")) == drawn
+    xarray.testing.assert_identical(read_sweep(tmp_path / "out"), data)
+
+
+def test_a_single_point_cannot_be_drawn():
+    with pytest.raises(InputError, match="found a single point, expected an axis"):
+        sweep_figure(swept())

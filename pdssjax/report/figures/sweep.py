@@ -9,7 +9,7 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...core import display_unit
+from ...core import InputError, display_unit
 from ...sweeps import DEAD, GRAZING
 from ._style import STYLE
 
@@ -24,13 +24,17 @@ def sweep_figure(data: "xarray.Dataset") -> Figure:
 
     Further axes are held at their middle, as the title says; a list or sample is shown by its points.  On a map a red
     line is the border of the dead zone, where the step efficiency is `DEAD`.  Points that failed are left white.
+
+    **Raises:** `InputError` for a single point, which has no axis.
     """
     every = [str(name) for name in data.sizes]
+    if not every:
+        raise InputError("sweep: found a single point, expected an axis to draw its metrics over.")
     # The dimension of a list or sample has no values of its own.
     names = [name for name in every if name in data.coords][:2] or every[:1]
     middle = {name: (data.sizes[name] - 1) // 2 for name in every if name not in names}
     shown = data.isel(middle)
-    show = _points if names and names[0] not in data.coords else _lines if len(names) == 1 else _map
+    show = _points if names[0] not in data.coords else _lines if len(names) == 1 else _map
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(7.4, 5.6), layout="constrained")
         for axes, name in zip(figure.subplots(2, 2).ravel(), PANELS, strict=True):

@@ -21,8 +21,8 @@ def format_sweep(data: "xarray.Dataset") -> str:
     heads = [[""] * 4 + band[0] + [axis.attrs["long_name"] for axis in places]]
     heads += [["", "unit", "", "value"] + band[1] + [f"({unit})" if unit else "" for unit in map(_unit, places)]]
     rows = [row for name in shown for row in _extremes(data, name, places, banded)]
-    text = heading(f"Sweep of {data.failure.size} points{_of_record(data)}")
-    text += aligned_table("<<<>" + ">" * (banded + len(places)), [*heads, *rows])
+    text = heading(f"Sweep of {data.failure.size} point{'s' * (data.failure.size != 1)}{_of_record(data)}")
+    text += aligned_table("<<<>" + ">" * (banded + len(places)), [*filter(any, heads), *rows])
     bent = int((data.speed_straight.values == 0).sum()) if "speed_straight" in data else 0
     if bent:
         text += f"    First order does not hold for the speed at {bent} of the points: ask for --bands draws there.\n"
