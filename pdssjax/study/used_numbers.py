@@ -1,7 +1,7 @@
 """Which numbers of a study's parameters are used, and where they come from."""
 
 from collections.abc import Collection
-from typing import TypedDict
+from typing import NotRequired, TypedDict
 
 from .study import Study
 
@@ -14,6 +14,8 @@ class UsedNumber(TypedDict):
     unit: str
     source: str
     """Where it comes from, in words."""
+    standard_error: NotRequired[float]
+    """In SI; where the points of a sweep scatter about the value."""
 
 
 def numbers_used(study: Study, but: Collection[str] = ()) -> dict[str, UsedNumber]:

@@ -51,7 +51,7 @@ def labelled(
         "cycles": function.cycle.described,
         "drive": type(base.drive).__name__,
     }
-    attributes["parameters"] = json.dumps(used)
+    attributes["parameters"] = json.dumps({**used, **_scattered(study, points, declared)})
     of_drive = {
         f"drive.{field.name}": float(getattr(base.drive, field.name))
         for field in dataclasses.fields(drive_of(base))
@@ -60,6 +60,19 @@ def labelled(
     # What the study says of its drives is what was run with, not the record's own defaults.
     held = of_drive | {path: told["value"] for path, told in used.items()}
     return xarray.Dataset(data, coordinates, attributes | held)
+
+
+def _scattered(study: Study, points: AbstractPoints, declared: Mapping[str, Quantity]) -> dict[str, UsedNumber]:
+    """By path, the numbers about which the points scatter, as far as they are known, and how far."""
+    told: dict[str, UsedNumber] = {}
+    for path, (about, error) in points.scattered().items():
+        listed = study.parameters.get(path)
+        known = None if listed is None else listed.number
+        number = known if about is None else about
+        if number is not None:
+            source = listed.origin if listed is not None and number == known else "given"
+            told[path] = {"value": number, "unit": declared[path].unit, "source": source, "standard_error": error}
+    return told
 
 
 def _attributes(metric: Metric) -> dict[str, str]:

@@ -131,7 +131,8 @@ def sweep(
     **Returns:** an `xarray.Dataset`, labelled with units, with one dimension an axis, or those of the set of points:
     the metrics, and `failure`, 0 or an index into `pdssjax.sweeps.POINT_FAILURES`, whose sentences are in its
     attribute `meanings`.  What was held has an attribute each, and the attribute `parameters`
-    (JSON) tells the study's parameters with value, unit and source.
+    (JSON) tells the study's parameters with value, unit and source; of those that are drawn the number about which
+    the draws scatter, with the standard error.
 
     **Raises:** `InputError`, before any work, for an unknown path, an illegal value, an empty axis, a study
     without an effector record under a drive with a frequency, a parameter that is no axis and

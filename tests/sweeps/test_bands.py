@@ -13,7 +13,18 @@ import pdssjax
 from pdssjax import InputError
 from pdssjax.cli.main import main
 from pdssjax.files import EXAMPLE, read_covariance
-from pdssjax.sweeps import GRAZING, CovarianceDraws, Crossed, Grid, Listed, SigmaPoints, execution, with_bands
+from pdssjax.sweeps import (
+    GRAZING,
+    CovarianceDraws,
+    Crossed,
+    Grid,
+    Listed,
+    SigmaPoints,
+    execution,
+    plan_sweep,
+    with_bands,
+)
+from pdssjax.sweeps.dataset import labelled
 
 MEANS = np.array([2.0, -1.0])
 COVARIANCE = np.array([[4e-4, 3e-4], [3e-4, 2.5e-3]])
@@ -141,6 +152,43 @@ def test_the_command_gives_bands(tmp_path, estimate, quick, capsys, monkeypatch,
     data = xarray.open_dataset(tmp_path / "out" / "sweep.nc", engine="scipy").load()
     np.testing.assert_allclose(data.net_step_sd / data.net_step, 0.01, rtol=1e-3 if kind == "linear" else 0.1)
     assert " 95 % " in capsys.readouterr().out
+
+
+def bands_of_the_command(tmp_path, estimate, *more):
+    """The dataset of a sweep with bands."""
+    command = ["sweep", str(EXAMPLE / "study.toml"), "--voltage", "20:80:4", "--estimate", str(estimate)]
+    assert main([*command, "--bands", *more, "--out", str(tmp_path / "out")]) == 0
+    return xarray.open_dataset(tmp_path / "out" / "sweep.nc", engine="scipy").load()
+
+
+@pytest.mark.parametrize("kind", ["linear", "draws", "bootstrap"])
+def test_what_bands_scatter_about_is_told_and_kept(tmp_path, estimate, quick, capsys, kind):
+    gains = 1.007e-7 * np.random.default_rng(6).normal(1.0, 0.01, 1000)
+    np.savetxt(tmp_path / "bootstrap.csv", gains, "%.10g", header="piezo.gain [m/V]", comments="")
+    data = bands_of_the_command(tmp_path, estimate, kind, "--draws", "400")
+    told, value = json.loads(data.attrs["parameters"]), example_study().values()["piezo.gain"]
+    gain = told["piezo.gain"]
+    assert gain["value"] == value and gain["source"] == f"estimate {estimate}"
+    assert (
+        gain["standard_error"] == pytest.approx(0.01 * value, rel=0.1) and "standard_error" not in told["effector.mass"]
+    )
+    assert json.loads((tmp_path / "out" / "parameters.json").read_text())["parameters"] == told
+    # It is not held: neither an attribute of its own nor a number of the job, by which stores are told apart.
+    assert "piezo.gain" not in data.attrs and data.attrs["effector.mass"] == told["effector.mass"]["value"]
+    row = next(line.split() for line in capsys.readouterr().out.splitlines() if "piezo.gain" in line)
+    assert row[:3] == ["piezo.gain", "um/V", "0.1007"] and float(row[3]) == pytest.approx(0.001, rel=0.1)
+
+
+def test_draws_about_other_numbers_than_the_study_has_are_told_as_given():
+    about = CovarianceDraws(["piezo.gain"], np.array([2e-7]), np.array([[1e-18]]), np.array([True]), 3)
+    planned = plan_sweep(example_study(), Crossed(GRID, about))
+    assert "piezo.gain" not in planned.document["parameters"]
+    found = np.zeros((len(planned.points), 6))
+    data = labelled(
+        planned.study, planned.base, planned.points, planned.declared, found, planned.function, planned.used
+    )
+    told = json.loads(data.attrs["parameters"])["piezo.gain"]
+    assert told == {"value": 2e-7, "unit": "m/V", "source": "given", "standard_error": 1e-9}
 
 
 def test_bands_without_an_estimate_are_refused(tmp_path, quick, capsys):

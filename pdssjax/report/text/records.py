@@ -39,12 +39,14 @@ def format_records(records: Sequence[FittedRecord]) -> str:
 
 def format_numbers(used: Mapping[str, UsedNumber]) -> str:
     """The numbers with which records were predicted, as `numbers_used` tells them."""
-    head = ["", "unit", "value", "from"]
-    rows = []
+    scattered = any("standard_error" in told for told in used.values())
+    rows = [["", "unit", "value", *["+/-"] * scattered, "from"]]
     for path, told in used.items():
         unit, scale = display_unit(told["unit"])
-        rows.append([path, unit, f"{told['value'] * scale:.7g}", told["source"]])
-    return heading("Parameters used") + aligned_table("<<><", [head, *rows])
+        error = f"{told['standard_error'] * scale:.2g}" if "standard_error" in told else "-"
+        rows.append([path, unit, f"{told['value'] * scale:.7g}", *[error] * scattered, told["source"]])
+    text = heading("Parameters used") + aligned_table("<<>" + ">" * scattered + "<", rows)
+    return text + "    +/-: standard error; the bands scatter about these numbers.\n" * scattered
 
 
 def _record(record: FittedRecord) -> list[str]:

@@ -2,11 +2,21 @@
 
 import abc
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from ...core import InputError
+
+
+class Scatter(NamedTuple):
+    """How points scatter along a path by what is known of a parameter."""
+
+    about: float | None
+    """The number [SI] in the middle; None where it is that of the study."""
+    standard_error: float
+    """[SI]"""
 
 
 class AbstractPoints(abc.ABC):
@@ -29,6 +39,10 @@ class AbstractPoints(abc.ABC):
         """By path, the dimension along which it changes, and its values there [SI]; by default the only one."""
         (dimension,) = self.dimensions()
         return {path: (dimension, column) for path, column in zip(self.paths, self.values().T, strict=True)}
+
+    def scattered(self) -> dict[str, Scatter]:
+        """Those of the paths along which points scatter about an estimate; by default none does."""
+        return {}
 
     def __len__(self) -> int:
         return int(np.prod(list(self.dimensions().values()), dtype=int))

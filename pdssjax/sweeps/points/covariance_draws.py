@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...core import InputError
-from .base import AbstractPoints
+from .base import AbstractPoints, Scatter
 
 
 class CovarianceDraws(AbstractPoints):
@@ -44,6 +44,10 @@ class CovarianceDraws(AbstractPoints):
     def values(self) -> Float[np.ndarray, "points paths"]:
         normal = np.random.default_rng(self.seed).standard_normal((self.count, len(self.means)))
         return self.moved(normal @ self.root().T)
+
+    def scattered(self) -> dict[str, Scatter]:
+        errors = np.sqrt(np.diag(self.covariance))
+        return {p: Scatter(float(m), float(e)) for p, m, e in zip(self.paths, self.means, errors, strict=True)}
 
     def root(self) -> Float[np.ndarray, "paths axes"]:
         """A square root of the covariance [1, or SI where not positive], on the scale of `moved`.

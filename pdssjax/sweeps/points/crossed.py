@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core import InputError
-from .base import AbstractPoints
+from .base import AbstractPoints, Scatter
 
 
 class Crossed(AbstractPoints):
@@ -35,3 +35,6 @@ class Crossed(AbstractPoints):
 
     def coordinates(self) -> dict[str, tuple[str, Float[np.ndarray, " values"]]]:
         return self.outer.coordinates() | self.inner.coordinates()
+
+    def scattered(self) -> dict[str, Scatter]:
+        return self.outer.scattered() | self.inner.scattered()

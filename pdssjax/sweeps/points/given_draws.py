@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core import InputError
-from .base import AbstractPoints, check_values
+from .base import AbstractPoints, Scatter, check_values
 
 
 class GivenDraws(AbstractPoints):
@@ -34,6 +34,10 @@ class GivenDraws(AbstractPoints):
 
     def dimensions(self) -> dict[str, int]:
         return {"draw": len(self._values)}
+
+    def scattered(self) -> dict[str, Scatter]:
+        """About the study's number: draws made elsewhere have no middle that is more than their mean."""
+        return {path: Scatter(None, float(e)) for path, e in zip(self.paths, self._values.std(axis=0), strict=True)}
 
     def values(self) -> Float[np.ndarray, "points paths"]:
         return self._values

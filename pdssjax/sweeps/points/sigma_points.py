@@ -18,7 +18,7 @@ Positive parameters are taken in their logarithm.
 import numpy as np
 from jaxtyping import Float
 
-from .base import AbstractPoints
+from .base import AbstractPoints, Scatter
 from .covariance_draws import CovarianceDraws
 
 STEP = 0.5
@@ -41,6 +41,9 @@ class SigmaPoints(AbstractPoints):
 
     def dimensions(self) -> dict[str, int]:
         return {"sigma_point": 1 + 4 * len(self.paths)}
+
+    def scattered(self) -> dict[str, Scatter]:
+        return self.draws.scattered()
 
     def values(self) -> Float[np.ndarray, "points paths"]:
         axes = self.draws.root().T
