@@ -43,9 +43,9 @@ def sweep(options: argparse.Namespace) -> int:
     study = whole.as_in(driven_record(whole, options.record))
     if options.border is not None:
         return sweep_border(study, _texts(study, options), options)
-    points = _points(study, options)
+    points, errors = _points(study, options), ""
     if options.bands is not None:
-        points = _about_the_estimate(whole, points, options)
+        points, errors = _about_the_estimate(whole, points, options)
     asked = _asked(study, points, options)
     if options.explain:
         return _explain(study, points, options, asked)
@@ -55,7 +55,7 @@ def sweep(options: argparse.Namespace) -> int:
         print(f"pdssjax: error: {error}", file=sys.stderr, flush=True)
         return 4
     if options.bands is not None:
-        data = with_bands(data)
+        data = with_bands(data).assign_attrs(errors=errors)
     say(format_numbers(json.loads(data.attrs["parameters"])))
     say(format_sweep(data), end="")
     written = keep_results(lambda place: write_sweep(data, place, options.store), options.out)
@@ -138,8 +138,10 @@ def _asked(study: "Study", points: "AbstractPoints", options: argparse.Namespace
     return {"metrics": metrics, "derivatives": derivatives}
 
 
-def _about_the_estimate(study: "Study", points: "AbstractPoints", options: argparse.Namespace) -> "AbstractPoints":
-    """Every point with draws about the estimate, or with its sigma points."""
+def _about_the_estimate(
+    study: "Study", points: "AbstractPoints", options: argparse.Namespace
+) -> "tuple[AbstractPoints, str]":
+    """Every point with draws about the estimate, or with its sigma points; and which errors these are by."""
     import numpy as np
 
     from ..files import read_covariance, read_draws
@@ -151,17 +153,20 @@ def _about_the_estimate(study: "Study", points: "AbstractPoints", options: argpa
     base, kept = driven_record(study, options.record), options.bands in ("bootstrap", "posterior")
     here = study.as_in(base)
     legal, values = sweepable(here, base), here.values()
-    names, told = read_draws(options.estimate, options.bands) if kept else read_covariance(options.estimate)
+    if kept:
+        (names, told), errors = read_draws(options.estimate, options.bands), options.bands
+    else:
+        names, told, errors = read_covariance(options.estimate)
     # Of the parameters that hold in the record; the others have no part in a sweep.
     in_force = {path: name for path, name in paths_in(study.parameters, base.conditions).items() if path in legal}
     told_otherwise = {*points.paths, *(f"drive.{field}" for field in base.overrides)}
     varied = [path for path, name in in_force.items() if name in names and path not in told_otherwise]
     rows = [names.index(in_force[path]) for path in varied]
     if kept:
-        return Crossed(points, GivenDraws(varied, told[:, rows], options.draws))
+        return Crossed(points, GivenDraws(varied, told[:, rows], options.draws)), errors
     means, positive = np.array([values[n] for n in varied]), np.array([legal[n].positive for n in varied])
     about = CovarianceDraws(varied, means, told[np.ix_(rows, rows)], positive, options.draws, options.seed)
-    return Crossed(points, about if options.bands == "draws" else SigmaPoints(about))
+    return Crossed(points, about if options.bands == "draws" else SigmaPoints(about)), errors
 
 
 def _store(options: argparse.Namespace) -> "SweepStore | None":

@@ -5,6 +5,7 @@ import json
 import math
 import warnings
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -12,6 +13,17 @@ from jaxtyping import Float
 from ..core import Document, InputError, InputWarning, nearest
 from ..study import Draws, Estimate, Study
 from .json_text import json_text
+
+
+class KnownParameters(NamedTuple):
+    """What an estimate knows of its p free parameters that the records determine."""
+
+    names: tuple[str, ...]
+    covariance: Float[np.ndarray, "p p"]
+    """In SI."""
+    errors: str
+    """The error model by which it is, such as "with-misfit"; "standard" where the estimate has one error only."""
+
 
 FORMAT = "pdssjax-estimate/1"
 """Of the file in which an estimate is kept."""
@@ -21,18 +33,18 @@ def with_estimate(study: Study, file: Path) -> Study:
     """`study` with every parameter that `file`, an estimate.json, has a value of fixed at it.
 
     **Raises:** `InputError` if the file is missing or no estimate, or has a parameter that the
-    study has not.  Warns with `InputWarning` if the fit did not converge.
+    study has not.  Warns with `InputWarning` if the fit did not converge, or does not explain its records.
     """
-    values, converged = _read(file)
+    values, doubt = _read(file)
     legal = study.legal()
     for path in values:
         if path not in legal:
             raise InputError(
                 f'{file}: found the parameter "{path}", which {study.path} has not; {nearest(path, legal)}'
             )
-    if not converged:
-        warnings.warn(f"{file}: the fit did not converge; its numbers are used all the same.", InputWarning, 2)
-    return study.with_values(values, f"estimate {file}" + (" (not converged)" if not converged else ""))
+    if doubt:
+        warnings.warn(f"{file}: the fit {_DOUBTS[doubt]}; its numbers are used all the same.", InputWarning, 2)
+    return study.with_values(values, f"estimate {file}" + (f" ({doubt})" if doubt else ""))
 
 
 def read_estimate(file: Path) -> Document:
@@ -58,8 +70,15 @@ def _document(file: Path) -> Document:
     return document
 
 
-def _read(file: Path) -> tuple[dict[str, float], bool]:
-    """The value of every parameter, and whether the fit converged."""
+_DOUBTS = {
+    "not converged": "did not converge",
+    "unexplained": "does not explain its records, which leave more than noise or contradict each other",
+}
+"""Of a fit, by what is said of where numbers come from."""
+
+
+def _read(file: Path) -> tuple[dict[str, float], str]:
+    """The value of every parameter, and what is doubtful about the fit, of `_DOUBTS`; "" for nothing."""
     document = _document(file)
     values = {}
     for path, entry in document["parameters"].items():
@@ -67,21 +86,29 @@ def _read(file: Path) -> tuple[dict[str, float], bool]:
         if not isinstance(value, int | float) or not math.isfinite(value):
             raise InputError(f'{file}: parameters: "{path}": found the value {value}, expected a number.')
         values[path] = float(value)
-    return values, document.get("converged") is not False
+    if document.get("converged") is False:
+        return values, "not converged"
+    return values, "unexplained" if document.get("explained") is False else ""
 
 
-def read_covariance(file: Path) -> tuple[tuple[str, ...], Float[np.ndarray, "p p"]]:
+def read_covariance(file: Path) -> KnownParameters:
     """Of `file`, an estimate.json, the free parameters that the records determine, and their covariance.
+
+    It is that of the error model which the estimate says to believe, where it has several.
 
     **Raises:** `InputError` if the file is missing or no estimate, or determines none.
     """
     document = _document(file)
-    names, matrix = document["covariance"]["names"], document["covariance"]["matrix"]
+    names, matrix, errors = document["covariance"]["names"], document["covariance"]["matrix"], "standard"
+    advised, by_model = document.get("error_advice"), document.get("covariances", {})
+    if advised is not None and advised["model"] in by_model:
+        errors = advised["model"]
+        names, matrix = by_model["names"], by_model[errors]
     covariance = np.array([[np.nan if entry is None else entry for entry in row] for row in matrix], float)
     known = np.flatnonzero(np.isfinite(np.diag(covariance))) if names else np.zeros(0, int)
     if not known.size:
         raise InputError(f"{file}: found no parameter with a standard error, expected one that the records determine.")
-    return tuple(names[i] for i in known), covariance[np.ix_(known, known)]
+    return KnownParameters(tuple(names[i] for i in known), covariance[np.ix_(known, known)], errors)
 
 
 def estimate_text(estimate: Estimate) -> str:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import warnings
 
 import numpy as np
 import pytest
@@ -156,6 +157,25 @@ def test_numbers_of_a_fit_that_did_not_converge_are_told_apart(tmp_path, platfor
         study = with_estimate(pdssjax.load_study(platform), file)
     others = set(study.parameters) - {"piezo.gain"}
     assert numbers_used(study, others)["piezo.gain"]["source"] == f"estimate {file} (not converged)"
+
+
+@pytest.mark.parametrize(
+    ("flags", "said"),
+    [({"explained": False}, "unexplained"), ({"converged": False, "explained": False}, "not converged"), ({}, "")],
+)
+def test_numbers_of_a_fit_that_does_not_explain_its_records_are_told_apart(tmp_path, platform, flags, said):
+    """A fit that left 50 times the noise had been taken without a word."""
+    file = tmp_path / "estimate.json"
+    document = {"format": "pdssjax-estimate/1", "parameters": {"piezo.gain": {"value": 1e-7}}}
+    file.write_text(json.dumps(document | flags))
+    with warnings.catch_warnings(record=True) as warned:
+        warnings.simplefilter("always")
+        study = with_estimate(pdssjax.load_study(platform), file)
+    texts = {"unexplained": "does not explain its records", "not converged": "did not converge"}
+    assert [str(w.message).split("the fit ")[1][: len(texts[said])] for w in warned] == ([texts[said]] if said else [])
+    assert all(w.category is InputWarning for w in warned)
+    source = numbers_used(study, set(study.parameters) - {"piezo.gain"})["piezo.gain"]["source"]
+    assert source == f"estimate {file}" + (f" ({said})" if said else "")
 
 
 def test_starts_are_those_told_and_what_is_fixed_stays(platform):

@@ -133,8 +133,8 @@ def estimate(tmp_path):
 
 
 def test_the_covariance_of_an_estimate_is_read_without_what_nothing_is_known_of(estimate):
-    names, covariance = read_covariance(estimate)
-    assert names == ("piezo.gain", "friction.f_ss_a")
+    names, covariance, errors = read_covariance(estimate)
+    assert names == ("piezo.gain", "friction.f_ss_a") and errors == "standard"
     assert np.sqrt(covariance[0, 0]) == pytest.approx(0.01 * 1.007e-7, rel=1e-3)
 
 
@@ -189,6 +189,24 @@ def test_draws_about_other_numbers_than_the_study_has_are_told_as_given():
     )
     told = json.loads(data.attrs["parameters"])["piezo.gain"]
     assert told == {"value": 2e-7, "unit": "m/V", "source": "given", "standard_error": 1e-9}
+
+
+@pytest.mark.parametrize("model", ["white", "with-misfit"])
+def test_bands_are_by_the_errors_that_the_estimate_says_to_believe(tmp_path, estimate, quick, capsys, model):
+    document = json.loads(estimate.read_text())
+    names, white = document["covariance"].values()
+    wide = [[None if entry is None else 9.0 * entry for entry in row] for row in white]
+    document["covariances"] = {"names": names, "white": white, "with-misfit": wide}
+    plain = read_covariance(estimate).covariance
+    estimate.write_text(json.dumps(document | {"error_advice": {"model": model, "reason": ""}}))
+    known, factor = read_covariance(estimate), {"white": 1.0, "with-misfit": 9.0}[model]
+    np.testing.assert_allclose(known.covariance, factor * plain)
+    data = bands_of_the_command(tmp_path, estimate)
+    assert data.attrs["errors"] == known.errors == model
+    told = json.loads(data.attrs["parameters"])["piezo.gain"]
+    assert told["standard_error"] == pytest.approx(0.01 * np.sqrt(factor) * told["value"])
+    words = {"white": "the white errors", "with-misfit": "the errors with misfit"}[model]
+    assert f"half the 95 % band, by {words} of the estimate" in capsys.readouterr().out
 
 
 def test_bands_without_an_estimate_are_refused(tmp_path, quick, capsys):

@@ -23,12 +23,22 @@ def format_sweep(data: "xarray.Dataset") -> str:
     rows = [row for name in shown for row in _extremes(data, name, places, banded)]
     text = heading(f"Sweep of {data.failure.size} point{'s' * (data.failure.size != 1)}{_of_record(data)}")
     text += aligned_table("<<<>" + ">" * (banded + len(places)), [*filter(any, heads), *rows])
+    if data.attrs.get("errors"):
+        text += f"    +/-: half the 95 % band, by {_errors(data.attrs['errors'])} of the estimate.\n"
     bent = int((data.speed_straight.values == 0).sum()) if "speed_straight" in data else 0
     if bent:
         text += f"    First order does not hold for the speed at {bent} of the points: ask for --bands draws there.\n"
     if data.sizes.get(ALONG) == 2:
         text += _both_directions(data)
     return text + _failures(data)
+
+
+def _errors(errors: str) -> str:
+    """What bands are by, in words."""
+    if errors in ("bootstrap", "posterior"):
+        return f"the draws of the {errors}"
+    plain = {"with-misfit": "the errors with misfit", "standard": "the standard errors"}
+    return plain.get(errors, f"the {errors} errors")
 
 
 def _places(data: "xarray.Dataset") -> "list[xarray.DataArray]":
