@@ -42,7 +42,8 @@ def write_border(data: "xarray.Dataset", folder: Path, store: str) -> None:
 def _put(data: "xarray.Dataset", staging: Path, name: str, store: str) -> None:
     write_numbers(json.loads(data.attrs["parameters"]), staging)
     if store == "zarr":
-        data.to_zarr(staging / f"{name}.zarr", consolidated=False)
+        # Only format 2 specifies consolidated metadata; without, whoever opens the store is warned.
+        data.to_zarr(staging / f"{name}.zarr", zarr_format=2, consolidated=True)
     else:
         data.to_netcdf(staging / f"{name}.nc", engine="scipy")
 
