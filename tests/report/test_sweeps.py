@@ -8,7 +8,7 @@ import xarray
 
 from pdssjax import InputError
 from pdssjax.files import read_sweep, write_sweep
-from pdssjax.report.figures import sweep_figure
+from pdssjax.report.figures import directions_figure, sweep_figure
 from pdssjax.report.text import format_sweep
 from pdssjax.sweeps import GRAZING, POINT_FAILURES
 
@@ -94,3 +94,50 @@ def test_a_point_without_an_axis_is_kept_and_told_without_figures_that_need_one(
 def test_a_single_point_cannot_be_drawn():
     with pytest.raises(InputError, match="found a single point, expected an axis"):
         sweep_figure(swept())
+
+
+def legend_of(figure):
+    """What the figure's legend explains."""
+    return [text.get_text() for legend in figure.legends for text in legend.get_texts()]
+
+
+def test_the_legend_of_a_map_explains_its_border_and_the_cells_that_failed():
+    data = swept("drive_voltage", "drive_frequency")
+    data["efficiency"][1, 2] = 0.0
+    assert legend_of(sweep_figure(data)) == ["border of the dead zone (step efficiency of 1 %, either way)"]
+    data["speed"][0, 0] = np.nan
+    data["efficiency"][:] = 0.5
+    assert legend_of(sweep_figure(data)) == ["failed"]
+
+
+def test_contours_of_a_map_carry_their_numbers():
+    panel = sweep_figure(swept("drive_voltage", "drive_frequency")).axes[0]
+    levels = [float(text.get_text().replace("\N{MINUS SIGN}", "-")) for text in panel.texts]
+    assert len(levels) >= 3 and all(-3.0 <= level <= 2.0 for level in levels)
+
+
+def test_the_legend_of_directions_explains_borders_and_what_is_grey():
+    data = swept("drive_voltage", "drive_frequency", "drive_direction")
+    border = "border of the dead zone (efficiency of 1 %)"
+    told = legend_of(directions_figure(data))
+    assert told == [border, "that of forward", "that of backward", "moves the wrong way"]
+    data["speed"][0, 0, 0] = np.nan
+    assert legend_of(directions_figure(data))[-1] == "moves the wrong way or failed"
+
+
+def test_what_is_held_is_named_by_its_path():
+    """It was named drive_frequency, and a direction by its number."""
+    held = sweep_figure(swept("drive_voltage", "drive_frequency", "drive_direction")).get_suptitle()
+    assert held.endswith("drive.direction = forward")
+    one = swept("drive_direction", "drive_voltage", "drive_frequency").isel(drive_frequency=[1])
+    assert "drive.frequency = 20 Hz" in sweep_figure(one).get_suptitle()
+
+
+@pytest.mark.parametrize(("low", "high", "ticks"), [(4.0, 64.0, ["5", "10", "20", "50"]), (20.0, 80.0, ["20", "40"])])
+def test_a_logarithmic_axis_has_ticks_to_read(low, high, ticks):
+    data = swept("drive_voltage", "drive_frequency")
+    places = data.drive_frequency.copy(data=np.geomspace(low, high, 4))
+    figure = sweep_figure(data.assign_coords(drive_frequency=places))
+    figure.canvas.draw()
+    shown = [label.get_text() for label in figure.axes[0].get_xticklabels()]
+    assert figure.axes[0].get_xscale() == "log" and set(ticks) <= set(shown)

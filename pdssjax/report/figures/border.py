@@ -7,8 +7,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ._axis_scale import in_equal_ratios, scale_axes
 from ._style import STYLE
-from .sweep import held_fixed, in_equal_ratios, shown
+from .sweep import held_fixed, shown
 
 if TYPE_CHECKING:
     import xarray
@@ -52,7 +53,7 @@ def _draw(axes: Axes, data: "xarray.Dataset", names: list[str]) -> None:
             axes.plot(places, border[:, row], ".-", color=colour, markersize=4, label=label)
         axes.legend(title=what)
     if in_equal_ratios(places):
-        axes.set_xscale("log")
+        scale_axes(axes, x=places)
     elif len(places) > 1:
         # Where there is no border the axis goes on.
         margin = 0.05 * np.ptp(places)

@@ -1,17 +1,21 @@
 """Both directions of a sweep beside each other, and what they differ by."""
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import matplotlib
 import numpy as np
 from jaxtyping import Float
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 
 from ...sweeps import DEAD, compared_directions
+from ._axis_scale import scale_axes
+from ._dead_zone import BARE, bare_key, border_key, draw_border, explain, has_border
 from ._style import STYLE
-from .sweep import held_fixed, in_equal_ratios, shown
+from .sweep import held_fixed, shown
 
 if TYPE_CHECKING:
     import xarray
@@ -30,7 +34,7 @@ def directions_figure(data: "xarray.Dataset") -> Figure:
 
     Lines over one axis, maps over the first two; further axes are held at their middle, as the title says.  On a map
     a line is the border of the dead zone of a direction, where the step efficiency is `DEAD`; what moves the wrong way
-    is grey.
+    or failed is grey.
     """
     others = [str(name) for name in data.sizes if name != "drive_direction"]
     names = [name for name in others if name in data.coords][:2] or others[:1]
@@ -70,13 +74,13 @@ def _maps(axes: list[Axes], data: "xarray.Dataset", names: list[str]) -> None:
         part = data.sel(drive_direction=way)
         values, _ = shown(_along_the_drive(data).sel(drive_direction=way).transpose(*names))
         values = np.where(values > 0.0, values, np.nan)
-        panel.set_facecolor("0.85")
+        panel.set_facecolor(BARE)
         panel.pcolormesh(x, y, values, shading="nearest", rasterized=True, cmap="viridis", norm=scale)
         panel.set_title(name, color=colour, loc="left")
         found[colour] = part.efficiency.transpose(*names).values - DEAD
-        _border(panel, x, y, found[colour], "w")
+        draw_border(panel, x, y, found[colour], "w")
     figure = axes[0].figure
-    assert figure is not None
+    assert isinstance(figure, Figure)
     figure.colorbar(axes[0].collections[0], ax=axes[:2], label=label)
     axes[2].set_title("what they differ by", loc="left")
     asymmetry = 100.0 * compared_directions(data).asymmetry.transpose(*names).values
@@ -85,12 +89,22 @@ def _maps(axes: list[Axes], data: "xarray.Dataset", names: list[str]) -> None:
     image = axes[2].pcolormesh(x, y, asymmetry, shading="nearest", rasterized=True, **colours)
     figure.colorbar(image, ax=axes[2], label="difference (% of the mean)")
     for colour, dead in found.items():
-        _border(axes[2], x, y, dead, colour)
+        draw_border(axes[2], x, y, dead, colour)
     for panel in axes:
         panel.set_xlabel(columns)
-        panel.set_xscale("log" if in_equal_ratios(x) else "linear")
-        panel.set_yscale("log" if in_equal_ratios(y) else "linear")
+        scale_axes(panel, x=x, y=y)
     axes[0].set_ylabel(rows)
+    explain(figure, _keys(found, speeds))
+
+
+def _keys(found: Mapping[str, Float[np.ndarray, "rows columns"]], values: Float[np.ndarray, "..."]) -> list[Artist]:
+    """What the legend of maps explains, only what is there, of speeds along the drive."""
+    drawn = [colour for colour, dead in found.items() if has_border(dead)]
+    says = {FORWARD: "that of forward", BACKWARD: "that of backward"}
+    keys = [border_key("w", f"border of the dead zone (efficiency of {100 * DEAD:g} %)")] if drawn else []
+    keys += [border_key(colour, says[colour]) for colour in drawn]
+    bare = ["moves the wrong way"] * bool((values <= 0).any()) + ["failed"] * bool(np.isnan(values).any())
+    return keys + [bare_key(" or ".join(bare))] * bool(bare)
 
 
 def _along_the_drive(data: "xarray.Dataset") -> "xarray.DataArray":
@@ -106,15 +120,3 @@ def _speed_scale(speeds: Float[np.ndarray, "..."]) -> Normalize:
     if known.size and top > _WIDE * float(np.median(known)):
         return LogNorm(1e-4 * top, top, clip=True)
     return Normalize(0.0, top or 1.0)
-
-
-def _border(
-    axes: Axes,
-    x: Float[np.ndarray, " columns"],
-    y: Float[np.ndarray, " rows"],
-    dead: Float[np.ndarray, "rows columns"],
-    colour: str,
-) -> None:
-    """The border of the dead zone, where there is one."""
-    if min(dead.shape) > 1 and np.nanmin(dead, initial=np.inf) < 0 < np.nanmax(dead, initial=-np.inf):
-        axes.contour(x, y, dead, levels=[0.0], colors=colour, linewidths=1.2)

@@ -6,12 +6,15 @@ from typing import TYPE_CHECKING, Any
 import matplotlib
 import numpy as np
 from jaxtyping import Float
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...core import InputError, display_unit
-from ...sweeps import DEAD, GRAZING
-from ._style import STYLE
+from ...sweeps import ALONG, DEAD, GRAZING
+from ._axis_scale import scale_axes
+from ._dead_zone import BARE, bare_key, border_key, draw_border, explain, has_border
+from ._style import STYLE, VERMILION
 
 if TYPE_CHECKING:
     import xarray
@@ -23,7 +26,7 @@ def sweep_figure(data: "xarray.Dataset") -> Figure:
     """Speed, net step, efficiency and back-slip of a `sweep`: lines over one axis, maps over the first two.
 
     Further axes are held at their middle, as the title says; a list or sample is shown by its points.  On a map a red
-    line is the border of the dead zone, where the step efficiency is `DEAD`.  Points that failed are left white.
+    line is the border of the dead zone, where the step efficiency is `DEAD`, and points that failed are grey.
 
     **Raises:** `InputError` for a single point, which has no axis.
     """
@@ -39,6 +42,8 @@ def sweep_figure(data: "xarray.Dataset") -> Figure:
         figure = Figure(figsize=(7.4, 5.6), layout="constrained")
         for axes, name in zip(figure.subplots(2, 2).ravel(), PANELS, strict=True):
             show(axes, shown, name, names)
+        if show is _map:
+            explain(figure, _keys(shown, names))
         held = held_fixed(data, middle)
         # A point with a reversal that grazes has its metrics.
         failed = int(np.isin(data.failure.values, (0, GRAZING), invert=True).sum())
@@ -50,7 +55,10 @@ def sweep_figure(data: "xarray.Dataset") -> Figure:
 
 def held_fixed(data: "xarray.Dataset", middle: Mapping[str, int]) -> list[str]:
     """In words, at what the dimensions are held of which one entry is shown."""
-    return [f"{n} = {_number(data[n][i]) if n in data.coords else i}" for n, i in middle.items()]
+    return [
+        f"{data[n].attrs.get('long_name', n)} = {_number(data[n][i])}" if n in data.coords else f"{n} {i}"
+        for n, i in middle.items()
+    ]
 
 
 def _lines(axes: Axes, data: "xarray.Dataset", name: str, over: list[str]) -> None:
@@ -61,6 +69,7 @@ def _lines(axes: Axes, data: "xarray.Dataset", name: str, over: list[str]) -> No
     if f"{name}_low" in data:
         low, high = (shown(data[f"{name}_{end}"].rename(name))[0] for end in ("low", "high"))
         axes.fill_between(places, low, high, color="#0072B2", alpha=0.25, linewidth=0)
+    scale_axes(axes, x=places)
     axes.set_xlabel(place)
     axes.set_ylabel(label)
 
@@ -91,23 +100,14 @@ def _map(axes: Axes, data: "xarray.Dataset", name: str, over: list[str]) -> None
     top = float(np.abs(known).max(initial=0.0))
     signed = known.min(initial=0.0) < 0 < known.max(initial=0.0)
     colours: dict[str, Any] = {"cmap": "RdBu_r", "vmin": -top, "vmax": top} if signed else {"cmap": "viridis"}
+    axes.set_facecolor(BARE)
     image = axes.pcolormesh(x, y, values, shading="nearest", rasterized=True, **colours)
     assert axes.figure is not None
     axes.figure.colorbar(image, ax=axes, label=label)
     _lines_of_a_map(axes, data, x, y, values, over)
-    for places, scaled in ((x, axes.set_xscale), (y, axes.set_yscale)):
-        if in_equal_ratios(places):
-            scaled("log")
+    scale_axes(axes, x=x, y=y)
     axes.set_xlabel(columns)
     axes.set_ylabel(rows)
-
-
-def in_equal_ratios(places: Float[np.ndarray, " values"]) -> bool:
-    """Whether an axis goes by equal ratios, as `FROM:TO:COUNT:log` makes it."""
-    if places.size < 3 or places.min() <= 0:
-        return False
-    ratios = places[1:] / places[:-1]
-    return bool(np.ptp(ratios) < 1e-6 * ratios[0] and np.ptp(np.diff(places)) > 1e-6 * np.ptp(places))
 
 
 def _lines_of_a_map(
@@ -122,10 +122,24 @@ def _lines_of_a_map(
     if min(values.shape) < 3:
         return
     if _varies(values):
-        axes.contour(x, y, values, levels=6, colors="k", linewidths=0.4, alpha=0.6)
-    dead = np.abs(data["efficiency"].transpose(*over).values) - DEAD
-    if np.nanmin(dead, initial=np.inf) < 0 < np.nanmax(dead, initial=-np.inf):
-        axes.contour(x, y, dead, levels=[0.0], colors="#D55E00", linewidths=1.2)
+        lines = axes.contour(x, y, values, levels=6, colors="k", linewidths=0.4, alpha=0.6)
+        axes.clabel(lines, fontsize=6, fmt="%g", inline_spacing=2)
+    draw_border(axes, x, y, _dead(data, over), VERMILION)
+
+
+def _dead(data: "xarray.Dataset", over: list[str]) -> Float[np.ndarray, "rows columns"]:
+    """Below zero in the dead zone, whichever way it moves."""
+    return np.abs(data["efficiency"].transpose(*over).values) - DEAD
+
+
+def _keys(data: "xarray.Dataset", over: list[str]) -> list[Artist]:
+    """What the legend of maps explains: only what is there."""
+    dead, keys = _dead(data, over), []
+    if min(dead.shape) > 2 and has_border(dead):
+        keys.append(border_key(VERMILION, f"border of the dead zone (step efficiency of {100 * DEAD:g} %, either way)"))
+    if not all(bool(data[name].notnull().all()) for name in PANELS):
+        keys.append(bare_key("failed"))
+    return keys
 
 
 def _varies(values: Float[np.ndarray, "..."]) -> bool:
@@ -144,5 +158,7 @@ def shown(values: "xarray.DataArray") -> tuple[Float[np.ndarray, "..."], str]:
 
 
 def _number(value: "xarray.DataArray") -> str:
+    if value.name == ALONG:
+        return "forward" if float(value) > 0 else "backward"
     unit, scale = display_unit(value.attrs["units"])
     return f"{float(value) * scale:.4g} {'' if unit == '1' else unit}".rstrip()

@@ -1,0 +1,31 @@
+"""The scale of an axis of a sweep: logarithmic where its values lie at equal ratios, with ticks that can be read."""
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, NullLocator, StrMethodFormatter
+
+_DECADE = 10.0
+"""Over a smaller ratio 1, 2 and 5 of each decade are too few ticks: there these lie at equal distances."""
+
+
+def in_equal_ratios(places: Float[np.ndarray, " values"]) -> bool:
+    """Whether an axis goes by equal ratios, as `FROM:TO:COUNT:log` makes it."""
+    if places.size < 3 or places.min() <= 0:
+        return False
+    ratios = places[1:] / places[:-1]
+    return bool(np.ptp(ratios) < 1e-6 * ratios[0] and np.ptp(np.diff(places)) > 1e-6 * np.ptp(places))
+
+
+def scale_axes(axes: Axes, **places: Float[np.ndarray, " values"]) -> None:
+    """Makes the axes `x` and `y` logarithmic whose `places` go by equal ratios."""
+    for name, values in places.items():
+        if in_equal_ratios(values):
+            wide = values.max() >= _DECADE * values.min()
+            axes.set(**{f"{name}scale": "log"})
+            axis = axes.xaxis if name == "x" else axes.yaxis
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)) if wide else MaxNLocator(6, steps=[1, 2, 5, 10]))
+            if not wide:
+                axis.set_minor_locator(NullLocator())
+            axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+            axis.set_minor_formatter(NullFormatter())
