@@ -23,7 +23,7 @@ def identified() -> tuple[Study, Path]:
 
 def draws(study: Study, estimate: Path, count: int = 1, seed: int = 0) -> CovarianceDraws:
     """Draws of the parameters from the covariance of an `estimate` of the `study`."""
-    names, covariance = read_covariance(estimate)
+    names, covariance, _ = read_covariance(estimate)
     values, legal = study.values(), study.legal()
     means = np.array([values[name] for name in names])
     return CovarianceDraws(names, means, covariance, np.array([legal[n].positive for n in names]), count, seed)

@@ -240,7 +240,7 @@ def told(file: Path, truth: Mapping[str, float]) -> Result:
     """What an estimate.json says of every parameter that was fitted, beside the truth."""
     found = json.loads(file.read_text(encoding="utf-8"))
     fitted = {path: p for path, p in found["parameters"].items() if p["free"] and path in truth}
-    names, covariance = read_covariance(file)
+    names, covariance, _ = read_covariance(file)
     rows = [row for row, name in enumerate(names) if name in TRUTH]
     off = np.array([fitted[names[row]]["value"] - truth[names[row]] for row in rows])
     size = np.sqrt(np.diag(covariance)[rows])
