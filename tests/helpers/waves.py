@@ -21,7 +21,6 @@ class Waves:
 
     bounds = np.full(2, -10.0), np.full(2, 10.0)
     noise = np.ones(1)
-    residual = SimpleNamespace(transform=SimpleNamespace(paths=PATHS), loss=Squares(), apart={})
 
     def __init__(self, frequency: float, ripple: float, platform_alone: bool = False):
         self.frequency, self.ripple = frequency, ripple
@@ -30,6 +29,12 @@ class Waves:
         self.records = (
             SimpleNamespace(**names, measurement=shows, noise=1.0, offset=0.0, drive=None, time=np.arange(4.0)),
         )
+        self.records[0].measured = np.zeros(4)
+        transform = SimpleNamespace(paths=PATHS, at_bound=self.at_bound)
+        self.residual = SimpleNamespace(transform=transform, loss=Squares(), apart={})
+
+    def at_bound(self, free):
+        return (free <= self.bounds[0]) | (free >= self.bounds[1])
 
     @property
     def rows(self):

@@ -56,7 +56,7 @@ def test_restarts_go_from_valley_to_valley():
     assert first.chi2 > 0.1
     far = Fit(*first[:4], first.iterations, first.evaluations, Ending.DISCONTINUITY)
     # Chi-square here is below one: what counts as another result is measured in units of noise.
-    scaled = SimpleNamespace(**{name: getattr(problem, name) for name in ("bounds", "encode", "decode")})
+    scaled = SimpleNamespace(**{name: getattr(problem, name) for name in ("bounds", "encode", "decode", "residual")})
     scaled.whitened = lambda free: 30.0 * problem.whitened(free)
     start = run(scaled, problem.decode(far.free), None)
     best = restarts(start, scaled, run, 2 * MOST_RESTARTS)
