@@ -9,6 +9,7 @@ In a wrong optimum that is nearly as good as the right one the records ask for d
 residuals are visibly too large: each record has a wrong optimum of its own there, at other parameters.
 """
 
+import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
@@ -17,8 +18,9 @@ from ..study import Agreement, FittedRecord, repeated_residuals
 from .covariance import least_squares_covariance
 from .diagnostics.diagnose import records_agreement
 from .fit_statistics import degrees_of_freedom, reduced_chi2
-from .least_squares import Fit, by_record
+from .least_squares import Fit
 from .problem import Problem
+from .without_outliers import without_outliers
 
 EXCESS = 1.2
 """Chi-square per degree of freedom below which an excess is not worth a word, however certain it is."""
@@ -55,8 +57,11 @@ def lowest_by_chance(freedom: float) -> float:
 
 
 def exceeds_given_noise(record: FittedRecord) -> bool:
-    """Chi-square against the noise given is beyond both chance and `EXCESS`; False where none is given."""
-    return record.reduced_chi2 > max(EXCESS, highest_by_chance(record.samples))
+    """Chi-square against the noise given is beyond both chance and `EXCESS`; False where none is given.
+
+    Of the samples that do not stand out.
+    """
+    return record.rest_chi2 > max(EXCESS, highest_by_chance(record.samples))
 
 
 def stays_below_given_noise(record: FittedRecord) -> bool:
@@ -65,8 +70,11 @@ def stays_below_given_noise(record: FittedRecord) -> bool:
 
 
 def above_floor(record: FittedRecord) -> float:
-    """Residuals over the noise seen between neighbouring samples, as standard deviations; NaN where unknown."""
-    return record.rmse / record.noise_floor
+    """Residuals over the noise seen between neighbouring samples, as standard deviations; NaN where unknown.
+
+    Of the samples that do not stand out, which neighbours show nothing of.
+    """
+    return record.rest_rmse / record.noise_floor
 
 
 def exceeds_floor(record: FittedRecord) -> bool:
@@ -77,6 +85,13 @@ def exceeds_floor(record: FittedRecord) -> bool:
     """
     least = max(ABOVE_FLOOR, 1.0 + 1.2 * SIGMAS / np.sqrt(record.samples))
     return record.samples >= FEWEST and above_floor(record) > least
+
+
+def outliers_explain(record: FittedRecord) -> bool:
+    """Residuals exceed the noise, but those of the samples that do not stand out do not."""
+    exceeds = lambda record: exceeds_given_noise(record) or (record.noise_estimated and exceeds_floor(record))
+    whole = dataclasses.replace(record, outliers=record.outliers[:0], undisturbed=None)
+    return record.outliers.size > 0 and exceeds(whole) and not exceeds(record)
 
 
 def neighbour_correlation(record: FittedRecord) -> float:
@@ -108,19 +123,22 @@ def is_poor(fit: Fit, problem: Problem) -> bool:
 def leaves_more_than_noise(fit: Fit, problem: Problem) -> bool:
     """Residuals are more than noise: in their size, in what repeats every cycle, or in how neighbours are correlated.
 
-    The size shows little where no noise is given, and a slip at a wrong moment hides in it.  It is the scatter as the
-    loss sees it: glitches that a robust loss is for do not make a fit poor.
+    The size shows little where no noise is given, and a slip at a wrong moment hides in it.  Samples that stand out do
+    not make a fit poor, nor what they pull it off by: another optimum would leave them, too.
     """
     if not np.isfinite(fit.chi2):
         return True
     known = all(record.noise is not None for record in problem.records)
-    samples = np.size(fit.state.residual)
-    scatter = problem.residual.loss.scatter(np.asarray(fit.state.residual), degrees_of_freedom(fit, problem))
+    rest = without_outliers(problem, fit)
+    kept, freedom = rest.residual[~rest.outlying], degrees_of_freedom(fit, problem) - int(np.sum(rest.outlying))
+    samples = kept.size
+    scatter = problem.residual.loss.scatter(kept, max(freedom, 1))
     small = scatter**2 < (1.0 + SIGMAS * np.sqrt(2.0 / samples) if known else _POOR)
     if not small:
         return True
-    parts = by_record(problem, fit)
-    correlation = sum(part[1:] @ part[:-1] for part in parts) / max(sum(part @ part for part in parts), 1e-300)
+    parts = [rest.residual[rows] for rows in problem.rows]
+    products, squares = (sum(np.nansum(part[lag:] * part[: part.size - lag]) for part in parts) for lag in (1, 0))
+    correlation = products / max(squares, 1e-300)
     found = [repeated_residuals(record, part) for record, part in zip(problem.records, parts, strict=True)]
     sigmas = [repeated.sigmas for repeated in found if repeated is not None]
     return bool(correlation > SIGMAS / np.sqrt(samples) or sum(sigmas) > SIGMAS * np.sqrt(len(sigmas)))

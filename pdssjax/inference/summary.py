@@ -24,6 +24,7 @@ from .uncertainty.linear_intervals import linear_intervals
 from .uncertainty.parameter_errors import fitted_point, white_covariance
 from .uncertainty.robust_covariance import robust_covariance
 from .uncertainty.variance_factor import record_factors, row_factors, variance_factor
+from .without_outliers import without_outliers
 
 WEAKLY_DETERMINED = float(np.log(10.0))
 """Standard error on the fit's scale from which a parameter counts as one without information."""
@@ -200,9 +201,9 @@ def _compared(
     at = {id(record): i for i, record in enumerate(problem.records)}
     slopes, taken = np.asarray(fit.state.aux_jacobian), degrees_taken(problem, fit)
     scatter = _scatter(problem, fit, taken, factor)
-    out = []
-    for record, motion in zip(study.records, study.predict(values, problem.residual.accuracy), strict=True):
-        motion = np.asarray(motion)
+    motions, out = _motions(study, problem, values), []
+    undisturbed = _undisturbed(study, problem, fit, values, motions)
+    for record, motion, rest in zip(study.records, motions, undisturbed, strict=True):
         i = at.get(id(record))
         noise = problem.noise[i] if i is not None else record.noise
         offset = free_offset(record.measured, motion, record.offset, problem.residual.loss, float(noise or 0.0))
@@ -221,9 +222,32 @@ def _compared(
                 offset=offset,
                 offset_standard_error=error,
                 parameters=share,
+                undisturbed=rest,
             )
         )
     return tuple(out)
+
+
+def _motions(study: Study, problem: Problem, values: Mapping[str, float]) -> list[Float[np.ndarray, " samples"]]:
+    return [np.asarray(motion) for motion in study.predict(values, problem.residual.accuracy)]
+
+
+def _undisturbed(
+    study: Study,
+    problem: Problem,
+    fit: Fit,
+    values: Mapping[str, float],
+    motions: list[Float[np.ndarray, " samples"]],
+) -> Sequence[Float[np.ndarray, " samples"] | None]:
+    """What every record would be predicted as had the fit not seen samples that stand out; None for `motions`."""
+    if problem.residual.loss.is_robust or not np.isfinite(fit.chi2):
+        return [None] * len(motions)
+    step = without_outliers(problem, fit).step
+    if not step.any():
+        return motions
+    found = problem.decode(np.clip(fit.free + step, *problem.bounds))
+    moved = _motions(study, problem, {**values, **{path: float(value) for path, value in found.items()}})
+    return moved if all(np.isfinite(motion).all() for motion in moved) else motions
 
 
 def _scatter(

@@ -11,16 +11,29 @@ _LONGEST = 5
 _SIGMAS = 7.0
 """Robust standard deviations from which a sample stands out: of normal noise one in 4e11."""
 
+_BESIDE = 0.2
+"""Share of a glitch by which the samples on either side of it may be off."""
+
+_SHIFTED = 0.4
+"""Share of a residual left by a shift in time that explains it; in a steep motion one of a glitch leaves a half."""
+
+_AROUND = 2
+"""Samples on either side that a shift must not throw off."""
+
 
 def outliers(
-    residual: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"], frequency: float | None
+    measured: Float[np.ndarray, " n"],
+    predicted: Float[np.ndarray, " n"],
+    time: Float[np.ndarray, " n"],
+    frequency: float | None,
 ) -> Int[np.ndarray, " k"]:
-    """Indices of the samples of a `residual` at `time` [s] that stand out in runs of at most five.
+    """Indices of the samples `measured` at `time` [s] that stand out of the residuals in runs of at most five.
 
     What repeats every cycle of a drive of that `frequency` [Hz] is misfit, and its median at each phase is taken off
-    first; the scale is the median of absolute deviations, which glitches hardly move.  Of a record whose cycles do
-    not repeat a misfit as short as a glitch cannot be told from one.
+    first; the scale is the median of absolute deviations, which glitches hardly move.  A slip `predicted` a few
+    samples too early or too late leaves residuals as short, and is none: a shift in time explains it.
     """
+    residual = measured - predicted
     finite = np.isfinite(residual)
     if not finite.any():
         return np.zeros(0, int)
@@ -36,4 +49,23 @@ def outliers(
     far = np.abs(np.nan_to_num(left)) > _SIGMAS * scale
     edges = np.flatnonzero(np.diff(np.concatenate([[False], far, [False]]).astype(int)))
     runs = [np.arange(begin, end) for begin, end in zip(edges[::2], edges[1::2], strict=True)]
-    return np.concatenate([np.zeros(0, int), *(run for run in runs if run.size <= _LONGEST)])
+    short = [run for run in runs if run.size <= _LONGEST]
+    glitches = [run for run in short if _is_alone(left, run) and not _is_shifted(left, predicted, run)]
+    return np.concatenate([np.zeros(0, int), *glitches])
+
+
+def _is_alone(left: Float[np.ndarray, " n"], run: Int[np.ndarray, " k"]) -> bool:
+    """The samples on either side are hardly off: a smooth misfit leaves them off, too."""
+    beside = [left[i] for i in (run[0] - 1, run[-1] + 1) if 0 <= i < left.size]
+    return bool(np.nanmax(np.abs([0.0, *beside])) < _BESIDE * np.max(np.abs(left[run])))
+
+
+def _is_shifted(left: Float[np.ndarray, " n"], predicted: Float[np.ndarray, " n"], run: Int[np.ndarray, " k"]) -> bool:
+    """The prediction some samples earlier or later would leave little there, and of the samples around."""
+    places = np.arange(left.size)
+    around = places[max(run[0] - _AROUND, 0) : run[-1] + _AROUND + 1]
+    sizes = [
+        np.nanmax(np.abs(left[around] + predicted[around] - np.interp(around + shift, places, predicted)))
+        for shift in np.arange(-_LONGEST, _LONGEST + 0.5, 0.5)
+    ]
+    return min(sizes) < _SHIFTED * float(np.max(np.abs(left[run])))

@@ -63,8 +63,21 @@ class FittedRecord:
     """Cycles of its drive a second [Hz]; None where the drive does not repeat."""
     outliers: Int[np.ndarray, " k"] = field(default_factory=lambda: np.zeros(0, int))
     """Indices of samples that stand out of the residuals in runs of five at most: glitches."""
+    undisturbed: Float[np.ndarray, " n"] | None = None
+    """As `predicted` where the fit had not seen the `outliers` of its records, which pull it; None: as `predicted`."""
     voltage: Float[np.ndarray, " n"] | None = None
     """The command at `time` [V], where the platform alone is measured; else None."""
+
+    @property
+    def rest_rmse(self) -> float:
+        """Root mean square of the residuals that a fit without the `outliers` would leave of all other samples."""
+        predicted = self.predicted if self.undisturbed is None else self.undisturbed
+        return rmse(*(np.delete(values, self.outliers) for values in (self.measured, predicted)))
+
+    @property
+    def rest_chi2(self) -> float:
+        """`reduced_chi2` of these; NaN like that."""
+        return self.reduced_chi2 * (self.rest_rmse / self.rmse) ** 2 if self.rmse > 0.0 else self.reduced_chi2
 
     @property
     def largest_error(self) -> float:
@@ -80,11 +93,13 @@ def compare(
     offset: float,
     offset_standard_error: float = math.nan,
     parameters: float = 0.0,
+    undisturbed: Float[np.ndarray, " n"] | None = None,
 ) -> FittedRecord:
     """A measured `record` beside its prediction, to which the record's `offset` is added; all in its unit.
 
     **Arguments:** `noise` is a standard deviation, NaN or 0 where none is known; `parameters` is
-    the record's share of the parameters fitted, its own offset not counted.
+    the record's share of the parameters fitted, its own offset not counted; `undisturbed` is what a fit
+    predicts that did not see samples that stand out, without an offset.
     """
     predicted = np.asarray(predicted) + offset
     measured = record.measured
@@ -92,6 +107,10 @@ def compare(
     chi2 = squares / noise**2 if noise > 0 else math.nan
     freedom = max(len(measured) - parameters - (record.offset is None), 1.0)
     frequency = cycles_a_second(record)
+    found = outliers(measured, predicted if undisturbed is None else undisturbed, record.time, frequency)
+    if undisturbed is not None:
+        zero = np.mean(np.delete(measured - undisturbed, found)) if record.offset is None else record.offset
+        undisturbed = np.asarray(undisturbed) + zero
     return FittedRecord(
         name=record.name,
         role=record.role,
@@ -117,7 +136,8 @@ def compare(
         reduced_chi2=math.nan if record.noise is None else chi2 / freedom,
         lack_of_fit=repeated_residuals(record, measured - predicted),
         frequency=frequency,
-        outliers=outliers(measured - predicted, record.time, frequency),
+        outliers=found,
+        undisturbed=undisturbed,
         voltage=_voltage(record),
     )
 

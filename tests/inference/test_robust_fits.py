@@ -65,9 +65,42 @@ def test_least_squares_is_pulled_away_by_them(studies):
     (note,) = [note for note in plain.notes if "stand out" in note]
     assert "--loss huber" in note and f"{plain.records[0].outliers.size} in" in note
     assert plain.records[0].outliers.size >= 30
+    (note,) = [note for note in robust.notes if "stand out" in note]
+    assert "--loss huber" not in note and "Under this loss they pull little" in note
     for path in TRUTH:
         assert robust.parameters[path].standard_error < 0.15 * plain.parameters[path].standard_error
     assert abs(plain.records[0].offset - ZERO) > 5.0 * abs(robust.records[0].offset - ZERO)
+
+
+@pytest.mark.parametrize("noise", [NOISE, None], ids=["given", "estimated"])
+def test_glitches_are_named_where_they_alone_are_what_the_model_does_not_explain(studies, noise):
+    """In records that are only predicted, too; other optima are not looked for."""
+    record = dataclasses.replace(studies[0].records[0], noise=noise)
+    other = dataclasses.replace(record, name="other", role="validate")
+    estimate = pdssjax.identify(dataclasses.replace(studies[0], records=(record, other)))
+    assert estimate.success and estimate.statistics.evaluations < 30
+    assert estimate.records[0].rmse > 10.0 * NOISE
+    for found in estimate.records:
+        assert found.rest_rmse == pytest.approx(NOISE, rel=0.1)
+    (note,) = estimate.notes
+    assert "They are most likely glitches" in note and ' in "other" by up to ' in note
+    assert ("Errors are enlarged by" in note) is (noise is not None)
+    # Not a misfit, and errors by every model hold what they do.
+    assert estimate.error_advice.model != "with-misfit"
+    for path in TRUTH:
+        found = estimate.parameters[path]
+        assert found.errors["with-misfit"].standard_error > 0.8 * found.standard_error
+
+
+def test_glitches_beside_a_misfit_do_not_hide_it(studies):
+    record = studies[0].records[0]
+    wrong = record.measured + 5.0 * NOISE * np.sin(2e3 * record.time)
+    study = dataclasses.replace(studies[0], records=(dataclasses.replace(record, measured=wrong, noise=NOISE),))
+    estimate = pdssjax.identify(study)
+    assert estimate.converged and not estimate.explained
+    (note,) = [note for note in estimate.notes if "does not explain all" in note]
+    assert f"({estimate.records[0].rest_chi2:.3g}; by chance" in note and estimate.records[0].rest_chi2 < 40.0
+    assert estimate.error_advice.model == "with-misfit"
 
 
 def test_without_glitches_a_robust_fit_costs_a_fortieth_of_the_error(studies):

@@ -16,6 +16,7 @@ from ..poor_fit import (
     repeats,
     stays_below_given_noise,
 )
+from .about_outliers import about_outliers
 from .words import listed, quoted
 
 CORRELATED = 0.3
@@ -43,11 +44,11 @@ def about_records(records: Sequence[FittedRecord], factor: float, is_robust: boo
     **Arguments:** the `factor` by which variances exceed those of the noise given; whether the loss is robust, so that
     standard errors do not depend on the noise given.
     """
-    notes = []
     known = [record for record in records if record.simulated]
+    notes = about_outliers(known, _enlarged(factor, is_robust), is_robust)
     fitted = [record for record in known if record.role == "fit"]
     excess = [record for record in fitted if exceeds_given_noise(record)]
-    noisy = [record for record in excess if record.noise_floor > 0.9 * record.rmse]
+    noisy = [record for record in excess if record.noise_floor > 0.9 * record.rest_rmse]
     if noisy:
         notes.append(
             f"The noise given is too small for {quoted(noisy)}: neighbouring samples alone scatter by "
@@ -56,7 +57,7 @@ def about_records(records: Sequence[FittedRecord], factor: float, is_robust: boo
             f"{_enlarged(factor, is_robust)}"
         )
     if misfits := [record for record in excess if record not in noisy]:
-        figures = (f'"{r.name}" ({r.reduced_chi2:.3g}; by chance up to {_chance(r):.3g})' for r in misfits)
+        figures = (f'"{r.name}" ({r.rest_chi2:.3g}; by chance up to {_chance(r):.3g})' for r in misfits)
         notes.append(
             f"The model does not explain all of {listed(figures)}: chi-square per sample against the noise given is "
             f"in brackets. {_enlarged(factor, is_robust)} Look at the residuals in the plots for what is missing: "
@@ -79,7 +80,6 @@ def about_records(records: Sequence[FittedRecord], factor: float, is_robust: boo
     return (
         notes
         + _about_repeating(fitted)
-        + _about_outliers(fitted)
         + _about_validation(known)
         + _about_correlation(fitted)
         + _about_walking(fitted)
@@ -100,32 +100,10 @@ def _about_repeating(fitted: Sequence[FittedRecord]) -> list[str]:
     ]
 
 
-def _about_outliers(fitted: Sequence[FittedRecord]) -> list[str]:
-    found = [record for record in fitted if record.outliers.size]
-    if not found:
-        return []
-    return [
-        f"Samples stand out of the residuals: {listed(map(_outliers, found))}. If they are glitches, leave them out "
-        "(exclude in the study) or fit with --loss huber, under which they pull little."
-    ]
-
-
-def _outliers(record: FittedRecord) -> str:
-    off = np.abs(record.measured - record.predicted)[record.outliers]
-    times = listed(f"{t:.6g}" for t in record.time[record.outliers][np.argsort(-off)][:3])
-    count = record.outliers.size
-    return (
-        f"{count} in {quoted([record])} by up to {record.display.text(float(off.max()))}, "
-        f"{'the largest ' if count > 3 else ''}at t = {times} s"
-    )
-
-
 def _about_validation(records: Sequence[FittedRecord]) -> list[str]:
     others = [record for record in records if record.role != "fit"]
     figures = [
-        f"{np.sqrt(r.reduced_chi2):.2g} times the noise given in {quoted([r])}"
-        for r in others
-        if exceeds_given_noise(r)
+        f"{np.sqrt(r.rest_chi2):.2g} times the noise given in {quoted([r])}" for r in others if exceeds_given_noise(r)
     ]
     figures += [
         f"{above_floor(r):.2g} times the noise seen between neighbouring samples in {quoted([r])}"

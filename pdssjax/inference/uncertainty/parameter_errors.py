@@ -15,6 +15,7 @@ from ..least_squares import Fit, Method, Progress, evaluated
 from ..parameter_transform import ParameterTransform
 from ..problem import Problem
 from ..stack_parameters import of_platform_alone, of_stack, stack_rows
+from ..without_outliers import without_outliers
 from .error_advice import EVIDENT, advise
 from .error_models.base import AbstractErrorModel, RecordErrors
 from .influence import (
@@ -107,6 +108,7 @@ def white_covariance(point: FittedPoint, factor: float) -> Float[np.ndarray, "p 
 def _record_errors(point: FittedPoint, factor: float, effect: Float[np.ndarray, "n p"]) -> list[RecordErrors]:
     """Every fitted record as error models take it; the `factor` is that of variances whose noise is given."""
     problem, taken = point.problem, degrees_taken(point.problem, point.fit)
+    out = without_outliers(problem, point.fit).outlying
     return [
         RecordErrors(
             point.residual[rows],
@@ -116,6 +118,7 @@ def _record_errors(point: FittedPoint, factor: float, effect: Float[np.ndarray, 
             cycles_a_second(record),
             float(of_record),
             max(record.time.size - float(degrees), 1.0),
+            out[rows],
         )
         for record, rows, of_record, degrees in zip(
             problem.records, problem.rows, record_factors(problem, factor), taken, strict=True

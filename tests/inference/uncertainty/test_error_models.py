@@ -183,6 +183,21 @@ def test_where_nothing_repeats_what_is_smooth_may_be_misfit(frequency):
     assert np.linalg.eigvalsh((whole.covariance - coloured.covariance) / np.outer(1 / SCALE, 1 / SCALE)).min() > -1e-9
 
 
+@pytest.mark.parametrize("frequency", [1.0, None])
+@pytest.mark.parametrize("misfit, least, most", [(0.0, -10.0, 10.0), (1.0, 50.0, np.inf)])
+def test_glitches_are_noise_and_no_misfit_and_hide_none(frequency, misfit, least, most):
+    random = np.random.default_rng(12)
+    glitches = np.zeros(TIME.size)
+    glitches[random.choice(TIME.size, 9, replace=False)] = random.choice([-40.0, 40.0], 9)
+    record = fitted(0.3 * coloured_noise(0.0, random=random) + misfit * np.sin(7.0 * PHASE**2) + glitches, frequency)
+    record = record._replace(outlying=glitches != 0.0)
+    coloured, whole = (m().share(record) for m in (Coloured, WithMisfit))
+    assert least < whole.evidence < most
+    clean = fitted(0.3 * coloured_noise(0.0, random=random), frequency)
+    assert np.all(np.diag(coloured.covariance) > 100.0 * np.diag(Coloured().share(clean).covariance))
+    assert np.all(np.diag(whole.covariance) > 0.9 * np.diag(coloured.covariance))
+
+
 @pytest.mark.parametrize("name", ["white", "coloured", "with-misfit"])
 @pytest.mark.parametrize("frequency", [1.0, None])
 def test_samples_that_are_nan_are_as_if_they_had_not_been_taken(name, frequency):

@@ -11,7 +11,7 @@ from typing import ClassVar, NamedTuple
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 
 class RecordErrors(NamedTuple):
@@ -34,14 +34,21 @@ class RecordErrors(NamedTuple):
     """By how much the variances of whitened noise exceed 1, by the residuals of all records whose noise is given."""
     freedom: float = float("inf")
     """Degrees of freedom that the fit leaves of the n samples; all of them where more than n."""
+    outlying: Bool[np.ndarray, " n"] | None = None
+    """Which samples stand out of the residuals: glitches, by their size noise and no misfit; None: no sample."""
 
     def finite(self) -> "RecordErrors":
         """The record without the samples that are NaN."""
-        kept = np.isfinite(self.residual)
+        return self._only(np.isfinite(self.residual))
+
+    def without_outliers(self) -> "RecordErrors":
+        """The record without the samples that stand out."""
+        return self if self.outlying is None else self._only(~self.outlying)
+
+    def _only(self, kept: Bool[np.ndarray, " n"]) -> "RecordErrors":
         whole = self._replace(freedom=min(self.freedom, self.residual.size) - float(np.sum(~kept)))
-        return whole._replace(
-            **{name: getattr(self, name)[kept] for name in ("residual", "jacobian", "influence", "time")}
-        )
+        names = ["residual", "jacobian", "influence", "time"] + ["outlying"] * (self.outlying is not None)
+        return whole._replace(**{name: getattr(self, name)[kept] for name in names})
 
 
 class RecordShare(NamedTuple):

@@ -5,7 +5,8 @@
 The misfit g is a Gaussian process in the phase of the drive, shared by all cycles of a record (Z says which sample
 belongs to which phase): more cycles do not average it away.  It is as M. C. Kennedy and A. O'Hagan, J. R. Statist. Soc.
 B 63(3), 2001, have it, marginalised as the zero of a record is; its size and length K are those that explain the mean
-residuals best, what the fit could take up set aside (`_phase_process.py`).
+residuals best, what the fit could take up set aside (`_phase_process.py`).  Samples that stand out are noise, by their
+size, and say nothing of a misfit.
 
 Where a record does not repeat, misfit and slow noise cannot be told apart: its residuals are white noise, of the size
 that neighbours show, and a process in time.
@@ -40,6 +41,7 @@ class WithMisfit(AbstractErrorModel):
 
     def share(self, record: RecordErrors) -> RecordShare:
         coloured = Coloured().share(record).covariance
+        record = record.without_outliers()
         if record.residual.size < FEWEST:
             return RecordShare(coloured, 0.0)
         split = split_residuals(record.residual, record.time, record.frequency, record.freedom)
