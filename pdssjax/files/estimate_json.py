@@ -134,6 +134,8 @@ def estimate_document(estimate: Estimate) -> Document:
         }
         if parameter.verdicts is not None:
             parameters[path]["interval_verdicts"] = parameter.verdicts
+        if parameter.measured_apart is not None:
+            parameters[path]["measured_apart"] = parameter.measured_apart._asdict()
         if parameter.errors:
             parameters[path]["errors"] = {name: error._asdict() for name, error in parameter.errors.items()}
         if estimate.method != "joint":

@@ -11,6 +11,7 @@ from .covariance import Covariance, correlation, least_squares_covariance, propa
 from .diagnostics.diagnose import diagnose
 from .fit_statistics import degrees_taken, statistics_of
 from .least_squares import START_FAILED, Fit, Method, by_record
+from .measured_apart import measured_apart
 from .notes.of_fit import ErrorFacts, notes_of
 from .parameter_transform import ParameterTransform
 from .poor_fit import contradicting, leaves_more_than_noise
@@ -46,6 +47,7 @@ def summarise(
     values = {path: float(value) for path, value in fitted.items()}
     statistics = statistics_of(problem, fit)
     known, naive, factor = _errors(method, problem, fit, stack)
+    by_noise = _by_noise_given(method, problem, fit, stack, known)
     deviation = np.sqrt(np.diag(known.matrix))
     weakly_determined = known.identifiable & (deviation > WEAKLY_DETERMINED)
     known = known._replace(identifiable=known.identifiable & ~weakly_determined)
@@ -60,6 +62,7 @@ def summarise(
     }
     if naive is not None:
         parameters = _with_naive_errors(parameters, free.paths, np.sqrt(np.diag(naive)) * slopes)
+    parameters |= _with_told(parameters, study, free.paths, slopes**2 * by_noise)
     records = _compared(study, problem, fit, known.matrix, values, factor)
     diagnosis = diagnose(problem, fit, known.matrix) if np.isfinite(fit.chi2) else None
     if diagnosis and stack is not None:  # its records are not fitted, and pull wherever the peaks were misread
@@ -109,6 +112,31 @@ def _errors(
         # Not enlarged are the rows whose noise was estimated, and those of what was measured apart.
         whole = white_covariance(fitted_point(method, problem, fit), factor)
     return known._replace(matrix=whole), None if naive is None else naive * factor, factor
+
+
+def _by_noise_given(
+    method: Method, problem: Problem, fit: Fit, stack: PickedStack | None, known: Covariance
+) -> Float[np.ndarray, " p"]:
+    """The variances on the fit's scale, not enlarged by residuals; those `known` where errors come from these."""
+    if problem.residual.loss.is_robust or stack is not None:
+        return np.diag(known.matrix)
+    return np.diag(_covariances(method, problem, fit, None)[0].matrix)
+
+
+def _with_told(
+    parameters: Mapping[str, FittedParameter], study: Study, paths: Sequence[str], by_noise: Float[np.ndarray, " p"]
+) -> dict[str, FittedParameter]:
+    """Those of the `parameters` that were measured apart, with that; their variances `by_noise` given in SI."""
+    out = {}
+    for path, variance in zip(paths, by_noise, strict=True):
+        found, told = parameters[path], study.parameters[path].measured_apart
+        if told is not None:
+            # At a bound it is not where chance would have it.
+            error = np.nan if found.at_bound else found.standard_error
+            out[path] = dataclasses.replace(
+                found, measured_apart=measured_apart(told, found.value, error**2, float(variance))
+            )
+    return out
 
 
 def _with_naive_errors(

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from .estimate import ErrorAdvice as ErrorAdvice
     from .estimate import Estimate as Estimate
     from .estimate import FittedParameter as FittedParameter
+    from .estimate import MeasuredApart as MeasuredApart
     from .estimate import ParameterError as ParameterError
     from .estimate import Statistics as Statistics
     from .measurement.base import MOVING as MOVING
@@ -81,6 +82,7 @@ else:
                 "ErrorAdvice",
                 "Estimate",
                 "FittedParameter",
+                "MeasuredApart",
                 "ParameterError",
                 "Statistics",
             ],

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..core import Figure, presenter
+from ..core import Figure, decimals_for, display_unit, presenter, rounded
 from .comparison import FittedRecord
 from .diagnosis import Diagnosis
 from .draws import Draws
@@ -29,6 +29,18 @@ class ParameterError(NamedTuple):
     interval: tuple[float, float]
     """Lower and upper end of the 95 % interval [unit], symmetric on the scale of the fit and cut at the bounds of the
     parameter; NaN like the error."""
+
+
+class MeasuredApart(NamedTuple):
+    """What is known of a parameter from elsewhere, beside where the fit with it ended."""
+
+    value: float
+    """As it was told [unit]."""
+    standard_error: float
+    """As it was told [unit]."""
+    pull: float
+    """Estimate less value, over the standard deviation that this has by chance: standard normal where records and value
+    agree.  NaN where the records tell next to nothing of the parameter, or it ended at a bound."""
 
 
 class ErrorAdvice(NamedTuple):
@@ -73,6 +85,8 @@ class FittedParameter:
     `standard_error`.  Empty where fixed."""
     bounds: tuple[float, float] = (-np.inf, np.inf)
     """Where it may lie [unit]: the bounds that the study gives, or else those of its legal range."""
+    measured_apart: MeasuredApart | None = None
+    """Of a parameter that was told with a standard error; else None."""
 
     @property
     def interval_at_bound(self) -> tuple[str, ...]:
@@ -89,7 +103,21 @@ class FittedParameter:
             return "fixed"
         marks = ["at bound"] * self.at_bound + ["no information"] * (not self.identifiable)
         cut = [] if self.at_bound else [f"interval ends at its {name} bound" for name in self.interval_at_bound]
-        return ", ".join([*marks, *cut])
+        return ", ".join([*marks, *cut, *self._told])
+
+    @property
+    def _told(self) -> list[str]:
+        """What was measured apart, in the unit that tables show, and the pull."""
+        if self.measured_apart is None:
+            return []
+        pull = "" if np.isnan(self.measured_apart.pull) else f", pull {self.measured_apart.pull:+.1f}"
+        return [f"measured apart: {self.with_error(*self.measured_apart[:2])}{pull}"]
+
+    def with_error(self, number: float, error: float) -> str:
+        """A `number` of it and its standard error [unit], in the unit that tables show, with the digits it deserves."""
+        _, factor = display_unit(self.unit)
+        places = decimals_for(error * factor)
+        return f"{rounded(number * factor, places)} +/- {rounded(error * factor, places)}"
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """A parameter that was measured apart is fitted with that as one more measurement of it."""
 
 import dataclasses
+import json
 
 import numpy as np
 import platform_study
@@ -9,6 +10,7 @@ from scipy.optimize import least_squares
 
 import pdssjax
 from pdssjax import Drawing, InputError, load_study
+from pdssjax.files import estimate_text
 from pdssjax.report.text import format_report
 
 APART = '"piezo.gain" = { value = "0.11015 um/V", standard_error = "0.00001 um/V" }'
@@ -108,8 +110,41 @@ def test_records_that_contradict_it_are_named(studies):
     gain = dataclasses.replace(study.parameters["piezo.gain"], start=1.105e-7, standard_error=5e-12)
     off = dataclasses.replace(study, parameters=study.parameters | {"piezo.gain": gain})
     notes = pdssjax.identify(off).notes
-    assert any("contradict piezo.gain as it was measured apart, 0.1105 um/V +/- " in note for note in notes)
-    assert not any("measured apart" in note for note in pdssjax.identify(study).notes)
+    assert any(
+        "contradict piezo.gain as it was measured apart, 0.1105000 +/- 0.0000050 um/V: it" in note for note in notes
+    )
+    gain = dataclasses.replace(gain, start=1.1005e-7, standard_error=1e-11)
+    near = dataclasses.replace(study, parameters=study.parameters | {"piezo.gain": gain})
+    assert not any("measured apart" in note for note in pdssjax.identify(near).notes)
+
+
+@pytest.mark.parametrize("too_small", [1.0, 3.0])
+def test_the_pull_is_how_far_the_records_alone_are_from_what_was_told(studies, too_small):
+    """In standard deviations of both: told 2.8 of its own errors off, it ends nearer where records weigh as much."""
+    record = dataclasses.replace(studies[0].records[0], noise=platform_study.NOISE / too_small)
+    alone = pdssjax.identify(dataclasses.replace(studies[0], records=(record,))).parameters["piezo.gain"]
+    error = 2.0 * alone.standard_error
+    number = alone.value + 3.3 * np.hypot(error, alone.standard_error)
+    gain = dataclasses.replace(studies[1].parameters["piezo.gain"], start=number, standard_error=error)
+    told = dataclasses.replace(studies[1], records=(record,), parameters=studies[1].parameters | {"piezo.gain": gain})
+    estimate = pdssjax.identify(told)
+    found = estimate.parameters["piezo.gain"]
+    assert found.measured_apart[:2] == (number, error)
+    assert found.measured_apart.pull == pytest.approx(-3.3, abs=0.02)
+    (note,) = [note for note in estimate.notes if "contradict piezo.gain" in note]
+    assert "a pull of -3.3" in note
+    assert "pull -3.3" in format_report(estimate)
+    kept = json.loads(estimate_text(estimate))["parameters"]
+    assert kept["piezo.gain"]["measured_apart"] == found.measured_apart._asdict()
+    assert "measured_apart" not in kept["piezo.damping_ratio"]
+
+
+def test_what_records_do_not_show_has_no_pull(studies):
+    mass = dataclasses.replace(studies[1].parameters["friction.sigma0"], value=None, start=1e6, standard_error=1e4)
+    study = dataclasses.replace(studies[1], parameters=studies[1].parameters | {"friction.sigma0": mass})
+    found = pdssjax.identify(study).parameters["friction.sigma0"]
+    assert np.isnan(found.measured_apart.pull)
+    assert found.remark == "measured apart: 1.000 +/- 0.010"
 
 
 def test_replicates_of_a_bootstrap_draw_it_anew(studies, estimates):

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 from jaxtyping import Float
 
+from ...core import display_unit
 from ...study import REACH, FittedParameter, Parameter
 from ..parameter_transform import ParameterTransform
 from .words import listed, shown
@@ -13,8 +14,8 @@ FAR = 10.0
 """Factor by which a parameter must have moved from its start to be worth a word."""
 
 
-CONTRADICTED = 3.5
-"""Standard errors from what was measured apart that are worth a word."""
+CONTRADICTED = 3.0
+"""Pull of what was measured apart that is worth a word: by chance one in 370 has it."""
 
 
 def about_information(
@@ -138,18 +139,17 @@ def about_distance(parameters: Iterable[FittedParameter], scale: ParameterTransf
     ]
 
 
-def about_measured_apart(declared: Mapping[str, Parameter], parameters: Mapping[str, FittedParameter]) -> list[str]:
+def about_measured_apart(parameters: Iterable[FittedParameter]) -> list[str]:
     """Parameters that the records want elsewhere than where they were measured apart."""
     notes = []
-    for path, parameter in declared.items():
-        if parameter.measured_apart is None:
+    for parameter in parameters:
+        if parameter.measured_apart is None or not abs(parameter.measured_apart.pull) > CONTRADICTED:
             continue
-        number, error = parameter.measured_apart
-        off = (parameters[path].value - number) / error
-        if abs(off) > CONTRADICTED:
-            told = f"{shown(number, parameter.unit)} +/- {shown(error, parameter.unit)}"
-            notes.append(
-                f"The records contradict {path} as it was measured apart, {told}: it ended {abs(off):.2g} of these "
-                "standard errors away. One of them is wrong, or the model is."
-            )
+        number, error, pull = parameter.measured_apart
+        told = f"{parameter.with_error(number, error)} {display_unit(parameter.unit)[0]}".rstrip()
+        notes.append(
+            f"The records contradict {parameter.path} as it was measured apart, {told}: it ended at "
+            f"{shown(parameter.value, parameter.unit)}, a pull of {pull:+.2g} (the difference in standard deviations "
+            "that it has by chance). One of them is wrong, or the model is."
+        )
     return notes

@@ -54,7 +54,7 @@ def notes_of(
         *about_weak_determination(unsure),
         *about_bounds(study.parameters, fit.free, transform, parameters),
         *about_distance([parameters[path] for path in transform.paths if path not in silent], transform),
-        *about_measured_apart(study.parameters, parameters),
+        *about_measured_apart(parameters.values()),
         *about_models(study.models, values),
         *about_resonances(study.models, values, [p for p in transform.paths if p not in unknown], study.records),
         *about_signs([record for record in study.records if record.role == "fit"]),
