@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from .least_squares import fit_phase as fit_phase
     from .least_squares import joint as joint
     from .parameter_transform import transform_of as transform_of
+    from .poor_fit import repeats as repeats
     from .problem import Problem as Problem
     from .problem import pose_problem as pose_problem
     from .residual import Residual as Residual
@@ -70,6 +71,7 @@ else:
             "parameter_transform": ["transform_of"],
             "stack_first.peak_picking": ["PickedStack", "pick_peaks"],
             "stack_first.sequential": ["sequential", "with_piezo_held"],
+            "poor_fit": ["repeats"],
             "problem": ["Problem", "pose_problem"],
             "residual": ["Residual", "as_weights"],
             "uncertainty.variance_factor": ["NORMAL_95"],

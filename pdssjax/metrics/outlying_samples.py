@@ -56,8 +56,8 @@ def outliers(
 
 def _is_alone(left: Float[np.ndarray, " n"], run: Int[np.ndarray, " k"]) -> bool:
     """The samples on either side are hardly off: a smooth misfit leaves them off, too."""
-    beside = [left[i] for i in (run[0] - 1, run[-1] + 1) if 0 <= i < left.size]
-    return bool(np.nanmax(np.abs([0.0, *beside])) < _BESIDE * np.max(np.abs(left[run])))
+    beside = left[[i for i in (int(run[0]) - 1, int(run[-1]) + 1) if 0 <= i < left.size]]
+    return float(np.nanmax(np.abs(beside), initial=0.0)) < _BESIDE * float(np.max(np.abs(left[run])))
 
 
 def _is_shifted(left: Float[np.ndarray, " n"], predicted: Float[np.ndarray, " n"], run: Int[np.ndarray, " k"]) -> bool:

@@ -186,6 +186,13 @@ def test_the_split_shows_what_repeats_and_the_autocorrelation_of_the_rest():
     assert "misfit" in cycle.figure.get_suptitle()
 
 
+def test_what_repeats_as_chance_has_it_is_called_so():
+    record = repeating(0.0)
+    assert record.lack_of_fit is not None and record.lack_of_fit.misfit > 0.0
+    assert "as chance has it, no misfit" in drawn(residual_split_figure(record)).get_suptitle()
+    assert "(misfit)" in drawn(residual_split_figure(repeating(3e-8))).get_suptitle()
+
+
 @pytest.mark.parametrize("change", [{"frequency": None, "lack_of_fit": None}, {"frequency": 0.5, "lack_of_fit": None}])
 def test_a_record_that_does_not_repeat_is_shown_over_time(change):
     figure = drawn(residual_split_figure(dataclasses.replace(repeating(0.0), **change)))

@@ -5,6 +5,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ...inference import repeats
 from ...metrics import CycleSplit, ResidualSplit, grid_positions, sample_autocovariance, split_residuals
 from ...study import FittedRecord
 from ._style import BLUE, GREY, STYLE, VERMILION
@@ -90,4 +91,5 @@ def _caption(record: FittedRecord, split: ResidualSplit) -> str:
         return "does not repeat: misfit and slow noise cannot be told apart"
     found = record.lack_of_fit
     show = lambda number: record.display.text(number).replace("um", "µm")
-    return f"repeats every cycle: {show(found.misfit)} (misfit); does not: {show(found.noise)} (noise)"
+    what = "misfit" if repeats(record) else "as chance has it, no misfit"
+    return f"repeats every cycle: {show(found.misfit)} ({what}); does not: {show(found.noise)} (noise)"
