@@ -1,7 +1,9 @@
 """Identifies the parameters of a study: jointly, or the piezo first as the thesis did."""
 
 import dataclasses
+import functools
 import time
+from collections.abc import Callable
 from concurrent.futures import Executor
 from typing import Literal, NamedTuple, TypeAlias, get_args
 
@@ -23,12 +25,14 @@ from ..study import Estimate, Study
 from .draws import Drawing
 from .estimated_noise import with_noise
 from .kept_fit import Found, as_asked, kept, restored
-from .least_squares import FitMethod, Method, Progress, evaluated, joint, quiet
+from .least_squares import Fit, FitMethod, Method, Progress, evaluated, joint, quiet
 from .losses.base import AbstractLoss
+from .problem import Problem
 from .search.best_point import BestPoint, Point, completed
 from .search.multistart import best_fit
 from .search.requested_starts import best_of_starts, check_starts
 from .sensor_signs import question_signs
+from .stack_first.freed_stack import due_to_stack
 from .stack_first.held_stack import rejoined, with_stack_held
 from .stack_first.peak_picking import PickedStack, pick_peaks
 from .stack_first.sequential import sequential
@@ -99,7 +103,8 @@ def identify(
     fitted = with_stack_held(study, stack.values) if stack else study
     run, report = sequential if method == "sequential" else joint, progress or told_in_notebook() or quiet
     settings = drawing or Drawing(), starts, executor, accuracy or Accuracy()
-    request = _Request(fitted, method, run, cost, intervals, *settings, report)
+    excused = functools.partial(due_to_stack, study, stack, settings[-1]) if stack else None
+    request = _Request(fitted, method, run, cost, intervals, *settings, report, excused)
     best, done = BestPoint(), None
     try:
         found = _found(request, best)
@@ -132,6 +137,8 @@ class _Request(NamedTuple):
     executor: Executor | None
     accuracy: Accuracy
     report: Progress
+    excused: Callable[[Fit, Problem], bool] | None
+    """Whether what a poor fit leaves is due to the stack held in it."""
 
 
 def _found(request: _Request, best: BestPoint) -> Found:
@@ -142,7 +149,7 @@ def _found(request: _Request, best: BestPoint) -> Found:
     if earlier is not None:
         return earlier
     report("finding starts")
-    fit, problem, starts = best_fit(study, accuracy, best.watched(request.run), report, request.loss)
+    fit, problem, starts = best_fit(study, accuracy, best.watched(request.run), report, request.loss, request.excused)
     table = None
     if request.starts:
         usual = fit

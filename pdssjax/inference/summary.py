@@ -17,6 +17,7 @@ from .parameter_transform import ParameterTransform
 from .poor_fit import contradicting, leaves_more_than_noise
 from .problem import Problem
 from .residual import free_offset
+from .stack_first.freed_stack import with_stack_freed
 from .stack_first.peak_picking import PATHS, PickedStack
 from .stack_parameters import of_stack, stack_rows
 from .start_failure import failed_start
@@ -68,11 +69,12 @@ def summarise(
     if diagnosis and stack is not None:  # its records are not fitted, and pull wherever the peaks were misread
         diagnosis = dataclasses.replace(diagnosis, agreement=())
     contradicted = diagnosis is not None and bool(contradicting(diagnosis.agreement))
+    explained, message = _verdict(problem, fit, values, contradicted, stack)
     estimate = Estimate(
         title=study.title,
         method=method,
         converged=fit.success,
-        message=f"{START_FAILED}: {failed_start(problem, values)}" if fit.message == START_FAILED else fit.message,
+        message=message,
         parameters=parameters,
         names=free.paths,
         correlation=correlation(known.matrix),
@@ -83,12 +85,26 @@ def summarise(
         seconds=0.0,
         amplification=amplification_of(problem, fit, known.identifiable),
         diagnosis=diagnosis,
-        explained=not (contradicted or leaves_more_than_noise(fit, problem)),
+        explained=explained,
         loss=type(problem.residual.loss).__name__.lower(),
     )
     robust = problem.residual.loss.is_robust
     facts = ErrorFacts(known.null, weakly_determined, factor, stack is not None, robust)
     return dataclasses.replace(estimate, notes=notes_of(estimate, study, fit, free, facts))
+
+
+def _verdict(
+    problem: Problem, fit: Fit, values: Mapping[str, float], contradicted: bool, stack: PickedStack | None
+) -> tuple[bool, str]:
+    """Whether a fit explains what was fitted, and how it ended, in a sentence."""
+    if fit.message == START_FAILED:
+        return False, f"{START_FAILED}: {failed_start(problem, values)}"
+    explained = not (contradicted or leaves_more_than_noise(fit, problem))
+    if stack is None or explained or not np.isfinite(fit.chi2):
+        return explained, fit.message
+    if leaves_more_than_noise(*with_stack_freed(fit, problem, stack)):
+        return False, fit.message
+    return True, f"{fit.message}; the stack as it was read off peaks does not follow its records"
 
 
 def _errors(

@@ -7,6 +7,7 @@ So several starts are raced while the fit is poor, has run into a bound or took 
 that ends at a discontinuity is restarted from perturbed points.
 """
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 from ...integration import Accuracy
@@ -30,9 +31,14 @@ _PROMISING = 2.0
 
 
 def best_fit(
-    study: Study, accuracy: Accuracy, run: FitMethod, report: Progress, loss: AbstractLoss | None = None
+    study: Study,
+    accuracy: Accuracy,
+    run: FitMethod,
+    report: Progress,
+    loss: AbstractLoss | None = None,
+    excused: Callable[[Fit, Problem], bool] | None = None,
 ) -> tuple[Fit, Problem, dict[str, float]]:
-    """The fit from the study's starts; where it is poor, the best from several starts found from the data.
+    """The fit from the study's starts; where it is poor and not `excused`, the best from several found from the data.
 
     **Returns:** the fit, its problem with the noise found, and the starts it came from.
     """
@@ -44,7 +50,7 @@ def best_fit(
         fit, problem = with_noise(run(problem, starts, report), problem, run, report)
         return fit, problem, starts
     found = ranked(study, study.parameters, problem, starts, report) if missing else []
-    contest = Contest(study, problem, found, missing and platform_unobserved(study, problem), run, report)
+    contest = Contest(study, problem, found, missing and platform_unobserved(study, problem), run, report, excused)
     fit = _first(problem, found[0], run, report) if missing else run(problem, starts, report)
     starts = shown(found[0], starts, contest) if missing else starts
     raced = reason_at_first(fit, contest)

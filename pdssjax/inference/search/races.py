@@ -5,7 +5,7 @@ it is poor, and one in the end, where the best optimum may yet lie elsewhere or 
 """
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -65,6 +65,12 @@ class Contest(NamedTuple):
     """The piezo is searched for, and no record shows the platform alone."""
     run: FitMethod
     report: Progress
+    excused: Callable[[Fit, Problem], bool] | None = None
+    """Whether what a poor fit leaves comes of what is held in it, so that no other start would help; None: never."""
+
+    def is_poor(self, fit: Fit) -> bool:
+        """A `fit` leaves more than noise, or records contradict each other, and another start may mend it."""
+        return is_poor(fit, self.problem) and not (self.excused and self.excused(fit, self.problem))
 
 
 def platform_unobserved(study: Study, problem: Problem) -> bool:
@@ -78,14 +84,14 @@ def reason_at_first(fit: Fit, contest: Contest) -> str | None:
     """Why a first `fit` is to be raced against others, a key of `RACES`; None where it need not be."""
     if contest.platform_unobserved:
         return "platform unobserved"
-    return "poor" if is_poor(fit, contest.problem) else None
+    return "poor" if contest.is_poor(fit) else None
 
 
 def reason_in_the_end(fit: Fit, starts: dict[str, float], contest: Contest, raced: bool) -> str | None:
     """Why a `fit` is to be raced against others although it stands; `raced` tells whether it was before."""
     problem = contest.problem
     # The starts given or searched for, or a bound, may not have let the fit go where the best optimum is.
-    if is_poor(fit, problem) if raced else _at_new_bound(fit, problem, starts):
+    if contest.is_poor(fit) if raced else _at_new_bound(fit, problem, starts):
         return "elsewhere"
     # Starts that the study gives are left alone where they lead to an end.
     doubted = len(contest.found) > 1 or not fit.success
@@ -94,13 +100,13 @@ def reason_in_the_end(fit: Fit, starts: dict[str, float], contest: Contest, race
 
 def race(reason: str, fit: Fit, starts: dict[str, float], contest: Contest) -> tuple[Fit, dict[str, float]]:
     """The best of `fit` and of the fits from the other starts that the `reason` asks for, and its starts."""
-    (rounds, until_good, announced, scattered), (_, problem, _, _, run, report) = RACES[reason], contest
+    (rounds, until_good, announced, scattered), (_, problem, _, _, run, report, _) = RACES[reason], contest
     if announced:
         report(announced)
     others = _scattered(fit, starts, contest) if scattered else _searched(starts, contest)
     if scattered and not others:
         return fit, starts
-    good = lambda fit: until_good and fit.success and not is_poor(fit, problem)
+    good = lambda fit: until_good and fit.success and not contest.is_poor(fit)
     best, begun = successive_halving(fit, problem, starts, others, rounds, good, run, report)
     if scattered:
         report("restarting the best from perturbed points")
