@@ -55,8 +55,8 @@ def test_each_extreme_has_its_own_band_and_place():
 
 def test_what_is_the_same_everywhere_has_one_row():
     text = format_sweep(swept("drive_voltage", "drive_frequency"))
-    alike, following = rows_of(text, "stroke")
-    assert alike == ["stroke", "um", "7", "everywhere"] and following[0] == "back"
+    same, following = rows_of(text, "stroke")
+    assert same == ["stroke", "um", "7", "everywhere"] and following[0] == "back"
     assert rows_of(format_sweep(swept("drive_voltage").isel(drive_voltage=[1])), "stroke")[0][-1] == "40"
     assert rows_of(format_sweep(swept()), "stroke")[0] == ["stroke", "um", "7"]
 
@@ -129,8 +129,8 @@ def test_what_is_held_is_named_by_its_path():
     """It was named drive_frequency, and a direction by its number."""
     held = sweep_figure(swept("drive_voltage", "drive_frequency", "drive_direction")).get_suptitle()
     assert held.endswith("drive.direction = forward")
-    one = swept("drive_direction", "drive_voltage", "drive_frequency").isel(drive_frequency=[1])
-    assert "drive.frequency = 20 Hz" in sweep_figure(one).get_suptitle()
+    cut = swept("drive_direction", "drive_voltage", "drive_frequency").isel(drive_frequency=[1])
+    assert "drive.frequency = 20 Hz" in sweep_figure(cut).get_suptitle()
 
 
 @pytest.mark.parametrize(("low", "high", "ticks"), [(4.0, 64.0, ["5", "10", "20", "50"]), (20.0, 80.0, ["20", "40"])])
