@@ -103,7 +103,9 @@ def read_covariance(file: Path) -> KnownParameters:
     advised, by_model = document.get("error_advice"), document.get("covariances", {})
     if advised is not None and advised["model"] in by_model:
         errors = advised["model"]
-        names, matrix = by_model["names"], by_model[errors]
+        # `covariance` is the white one, but for rounding: sweeps begun with it are those that are resumed.
+        if errors != "white":
+            names, matrix = by_model["names"], by_model[errors]
     covariance = np.array([[np.nan if entry is None else entry for entry in row] for row in matrix], float)
     known = np.flatnonzero(np.isfinite(np.diag(covariance))) if names else np.zeros(0, int)
     if not known.size:

@@ -209,6 +209,16 @@ def test_bands_are_by_the_errors_that_the_estimate_says_to_believe(tmp_path, est
     assert f"half the 95 % band, by {words} of the estimate" in capsys.readouterr().out
 
 
+def test_white_errors_are_to_the_last_bit_those_with_which_stores_were_begun(estimate):
+    """A sweep whose points differ by rounding could not be resumed."""
+    document, plain = json.loads(estimate.read_text()), read_covariance(estimate).covariance
+    names, white = document["covariance"].values()
+    rounded = [[None if entry is None else (1.0 + 1e-15) * entry for entry in row] for row in white]
+    told = {"covariances": {"names": names, "white": rounded}, "error_advice": {"model": "white", "reason": ""}}
+    estimate.write_text(json.dumps(document | told))
+    np.testing.assert_array_equal(read_covariance(estimate).covariance, plain)
+
+
 def test_bands_without_an_estimate_are_refused(tmp_path, quick, capsys):
     command = ["sweep", str(EXAMPLE / "study.toml"), "--voltage", "20:80:4", "--guess", "--bands"]
     assert main([*command[:-2], "--bands", "--out", str(tmp_path / "out")]) == 2
