@@ -137,7 +137,8 @@ def leaves_more_than_noise(fit: Fit, problem: Problem) -> bool:
     if not small:
         return True
     parts = [rest.residual[rows] for rows in problem.rows]
-    products, squares = (sum(np.nansum(part[lag:] * part[: part.size - lag]) for part in parts) for lag in (1, 0))
+    products = sum(np.nansum(part[1:] * part[:-1]) for part in parts)
+    squares = sum(np.nansum(part**2) for part in parts)
     correlation = products / max(squares, 1e-300)
     found = [repeated_residuals(record, part) for record, part in zip(problem.records, parts, strict=True)]
     sigmas = [repeated.sigmas for repeated in found if repeated is not None]

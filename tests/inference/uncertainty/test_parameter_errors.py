@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from pdssjax.inference import least_squares_covariance
+from pdssjax.inference.losses.squares import Squares
 from pdssjax.inference.parameter_transform import ParameterTransform
 from pdssjax.inference.uncertainty import parameter_errors
 from pdssjax.inference.uncertainty.parameter_errors import all_error_models, fitted_point, with_error_models
@@ -29,7 +30,7 @@ def transform(high=np.inf) -> ParameterTransform:
 def record(name, time, platform_alone, frequency):
     drive = SimpleNamespace(cycle_frequency=lambda: frequency)
     measurement = SimpleNamespace(platform_alone=platform_alone)
-    told = {"offset": None, "noise": None, "conditions": ()}
+    told = {"offset": None, "noise": None, "conditions": (), "measured": np.zeros(time.size)}
     return SimpleNamespace(name=name, time=time, drive=drive, measurement=measurement, **told)
 
 
@@ -49,10 +50,16 @@ def linear(noise=1.0, misfit=0.0, high=np.inf):
     used = jacobian[:, [0, 1, 2, 3]]
     residual = off - used @ np.linalg.lstsq(used, off, rcond=None)[0]
     records = (record("step", step, True, None), record("5 Hz", cycles, False, 5.0))
-    at = SimpleNamespace(transform=transform(high), apart={})
+    at = SimpleNamespace(transform=transform(high), apart={}, loss=Squares())
     bounds, rows = (at.transform.low, at.transform.high), [slice(0, 60), slice(60, 220)]
     problem = SimpleNamespace(
-        records=records, residual=at, jacobian=jacobian, bounds=bounds, rows=rows, rows_apart=slice(220, 220)
+        records=records,
+        noise=np.ones(2),
+        residual=at,
+        jacobian=jacobian,
+        bounds=bounds,
+        rows=rows,
+        rows_apart=slice(220, 220),
     )
     state = SimpleNamespace(jacobian=jacobian, residual=residual)
     return problem, SimpleNamespace(free=np.log(VALUES), state=state)
