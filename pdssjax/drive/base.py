@@ -128,7 +128,7 @@ class AbstractDrive(eqx.Module):
         return None
 
     def slow_flank_times(self, parts: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """When the voltage has gone `parts` of its way along the slow flank, in parts of that flank's duration.
+        """When the voltage has gone `parts` of its way along the slow flank, in parts of that flank's duration [1].
 
         The same where the flank is straight, the default.
         """
