@@ -16,7 +16,7 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 
-from ..core import Choice, Declared, Scalar, ScalarLike, choice, quantities, quantity
+from ..core import Choice, Scalar, ScalarLike, choice, quantities, quantity
 from ..drive.base import Segment, Voltage
 from ..integration import N, Term
 from ._oscillator import accelerated, damped, forced, tends_to
@@ -25,10 +25,12 @@ from .base import AbstractPiezo, Shown, State, Terms
 
 
 class DistributedRod(AbstractPiezo):
-    """Pairs (y_j, y_j'), one a mode; the modes are found once, when the numbers are given."""
+    """Pairs (y_j, y_j'), one a mode."""
 
     closed = True
 
+    count: int = eqx.field(static=True, default=1)
+    """How many modes n are kept."""
     modulus: float = quantity(1.8967e10, "Pa")
     """Young's modulus E [Pa]."""
     viscosity: float = quantity(1.2106e6, "Pa*s")
@@ -45,19 +47,6 @@ class DistributedRod(AbstractPiezo):
     """Mass M [kg] that the tip carries."""
     excitation: Choice = choice({"strain": 0.0, "equal": 1.0})
     """How the voltage drives the modes: `strain` (the default) or `equal`, see `pdssjax.piezo._rod`."""
-    count: int = eqx.field(static=True, default=1)
-    """How many modes n are kept."""
-    modes: Modes = eqx.field(default=None)
-    """What they are, as `pdssjax.piezo._rod` makes them of the numbers above."""
-
-    def __init__(self, count: int = 1, **numbers: Declared):
-        self.count = count
-        for name, declared in quantities(type(self)).items():
-            setattr(self, name, numbers.pop(name, declared.nominal))
-        self.excitation = numbers.pop("excitation", "strain")
-        if numbers:
-            raise TypeError(f"DistributedRod knows no {next(iter(numbers))!r}.")
-        self.modes = modes(self.rod, count)
 
     @classmethod
     def first_guess(cls, shown: Shown, known: Mapping[str, float]) -> dict[str, float]:
@@ -90,6 +79,11 @@ class DistributedRod(AbstractPiezo):
             platform_mass=self.platform_mass,
             excitation=self.excitation,
         )
+
+    @property
+    def modes(self) -> Modes:
+        """What `pdssjax.piezo._rod` makes of the numbers above."""
+        return modes(self.rod, self.count)
 
     @property
     def mass(self) -> Scalar:

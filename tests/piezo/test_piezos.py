@@ -1,5 +1,6 @@
 """What every platform does under a voltage, against its definition and against SciPy."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -190,6 +191,17 @@ def test_a_rod_has_the_derivatives_of_central_differences_in_its_data():
     for i, column in enumerate(np.eye(7)):
         expected = (motion(1.0 + h * column) - motion(1.0 - h * column)) / (2 * h)
         np.testing.assert_allclose(slopes[:, i], expected, rtol=0.0, atol=1e-5 * float(jnp.abs(expected).max()))
+
+
+def test_a_rod_moves_as_the_numbers_say_that_it_holds():
+    predict = jax.jit(lambda rod: platform(rod, Step(48.2), jnp.linspace(1e-4, 0.004, 30), 2))
+    nominal, h = float(DistributedRod().modulus), 1e-6
+    with_modulus = lambda modulus: eqx.tree_at(lambda rod: rod.modulus, DistributedRod(modulus=jnp.zeros(())), modulus)
+    softer = with_modulus(jnp.asarray(0.6 * nominal))
+    np.testing.assert_array_equal(predict(softer), predict(DistributedRod(modulus=jnp.asarray(0.6 * nominal))))
+    found = jax.grad(lambda rod: predict(rod)[7])(jax.tree.map(jnp.asarray, DistributedRod())).modulus
+    above, below = (predict(with_modulus(jnp.asarray(nominal * (1.0 + step))))[7] for step in (h, -h))
+    assert float(found) == pytest.approx(float(above - below) / (2.0 * h * nominal), rel=1e-6)
 
 
 def test_a_rod_refuses_a_number_that_it_does_not_know():
