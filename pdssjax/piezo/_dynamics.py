@@ -20,6 +20,7 @@ from jaxtyping import Array, Float
 from ..core import Scalar, ScalarLike
 from ..integration import N, Term
 from ._oscillator import accelerated, damped
+from ._polynomial_response import lag_response, oscillator_response
 
 _FAST = 1e4
 """Angular frequency [rad/s] that sets the scale between velocity and displacement where nothing oscillates."""
@@ -125,15 +126,13 @@ class FirstOrder(AbstractDynamics):
 
     def advanced(self, states: tuple[Scalar, ...], aim: Aim, elapsed: ScalarLike) -> tuple[Scalar, ...]:
         rate = 1.0 / self.time_constant
-        steady: list[Scalar] = []
-        for power in reversed(range(len(aim.polynomial))):
-            above = (power + 1) * self.time_constant * steady[0] if steady else 0.0
-            steady.insert(0, aim.polynomial[power] - above)
+        level, *curve = aim.polynomial
+        follows = lag_response(jnp.asarray(rate * elapsed, float), len(curve))
         late = jnp.maximum(elapsed - aim.begins, 0.0)
-        ramps = jnp.sum(aim.ramps * (late + jnp.expm1(-rate * late) * self.time_constant))
+        ramps = jnp.sum(aim.ramps * late * lag_response(rate * late, 1)[1])
         decays = jnp.sum(aim.amplitudes * rate * _between(rate, aim.rates, elapsed))
-        fade = jnp.exp(-rate * elapsed)
-        return (_value(steady, elapsed) + (states[0] - steady[0]) * fade + ramps + decays,)
+        curved = _value([c * h for c, h in zip(curve, follows[1:], strict=True)], elapsed) * elapsed
+        return (level + (states[0] - level) * jnp.exp(-rate * elapsed) + curved + ramps + decays,)
 
     def scales(self) -> tuple[Scalar, ...]:
         return (jnp.ones(()),)
@@ -186,30 +185,26 @@ class Modal(AbstractDynamics):
         found: list[Scalar] = []
         late = jnp.maximum(elapsed - aim.begins, 0.0)
         for mode, y, w in self._pairs(states):
-            delay = 2.0 * mode.damping / mode.frequency
-            steady: list[Scalar] = []
-            for power in reversed(range(len(aim.polynomial))):
-                first = delay * (power + 1) * steady[0] if steady else 0.0
-                second = (power + 2) * (power + 1) * steady[1] / mode.frequency**2 if len(steady) > 1 else 0.0
-                steady.insert(0, mode.share * aim.polynomial[power] - first - second)
-            slope = [(i + 1) * b for i, b in enumerate(steady[1:])] or [jnp.zeros(())]
-            stiff = 1.0 - delay * aim.rates + (aim.rates / mode.frequency) ** 2
+            level, *curve = (mode.share * c for c in aim.polynomial)
+            damping = jnp.asarray(mode.damping, float)
+            follows = oscillator_response(jnp.asarray(mode.frequency * elapsed, float), damping, len(curve))
+            stiff = 1.0 - 2.0 * mode.damping / mode.frequency * aim.rates + (aim.rates / mode.frequency) ** 2
             decays = mode.share * aim.amplitudes / stiff
             free, speed = damped(
-                y - steady[0] - jnp.sum(decays),
-                w - slope[0] + jnp.sum(aim.rates * decays),
+                y - level - jnp.sum(decays),
+                w + jnp.sum(aim.rates * decays),
                 mode.frequency,
                 mode.damping,
                 elapsed,
             )
-            # Each ramp: t - delay, and the free motion that begins at rest.
-            rest, halt = damped(delay * jnp.ones_like(late), -jnp.ones_like(late), mode.frequency, mode.damping, late)
+            curved = _value([c * h for c, h in zip(curve, follows[1:], strict=True)], elapsed) * elapsed
+            slope = _value([k * c * h for k, (c, h) in enumerate(zip(curve, follows, strict=False), start=1)], elapsed)
             fades = decays * jnp.exp(-aim.rates * elapsed)
             ramps = mode.share * aim.ramps
-            begun = jnp.where(late > 0.0, 1.0, 0.0)
+            begun, moving = oscillator_response(mode.frequency * late, damping, 1)[::-1]
             found += [
-                _value(steady, elapsed) + free + jnp.sum(fades) + jnp.sum(ramps * begun * (late - delay + rest)),
-                _value(slope, elapsed) + speed - jnp.sum(aim.rates * fades) + jnp.sum(ramps * begun * (1.0 + halt)),
+                level + curved + free + jnp.sum(fades) + jnp.sum(ramps * late * begun),
+                slope + speed - jnp.sum(aim.rates * fades) + jnp.sum(ramps * moving),
             ]
         return tuple(found)
 

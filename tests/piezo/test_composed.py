@@ -16,6 +16,7 @@ from pdssjax.actuator import DrivenPlatform
 from pdssjax.core import member, member_name, quantities
 from pdssjax.drive.cycloidal import Cycloidal
 from pdssjax.drive.sampled import Sampled
+from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.drive.sine import Sine
 from pdssjax.friction.simplified_lugre import SimplifiedLuGre
 from pdssjax.piezo import Composition
@@ -58,6 +59,10 @@ def shown(stack, times, tight=False):
     system = PlatformOnly(DrivenPlatform(stack), Sampled(TIMES, VOLTS))
     accuracy = Accuracy(tolerance=1e-13, max_steps=20000) if tight else Accuracy(max_steps=20000)
     return measured(system, times, accuracy, segments=TIMES.size + 1)
+
+
+def shown_at(stack, drive, times):
+    return measured(PlatformOnly(DrivenPlatform(stack), drive), times, Accuracy(), segments=6)
 
 
 @cache
@@ -226,6 +231,46 @@ def test_stepped_and_in_closed_form_are_the_same(name, monkeypatch):
     monkeypatch.setattr(type(stack), "closed_on_lines", False)
     stepped = np.asarray(shown(stack, times, tight=True))
     np.testing.assert_allclose(stepped, exact, rtol=0.0, atol=1e-12)
+
+
+STEEP = {
+    "first-order+asymmetry-9": ({"time_constant": 1e-2}, 2e-4),
+    "second-order+asymmetry-7": ({"natural_frequency": 2000.0, "damping_ratio": 0.3}, 5e-6),
+    "second-order+asymmetry-5": ({"natural_frequency": 2000.0, "damping_ratio": 3.0}, 5e-6),
+}
+
+
+@pytest.mark.parametrize("name", STEEP)
+def test_a_steep_flank_of_a_bent_curve_moves_a_stack_as_scipy_has_it(name):
+    """The steady answer to it, a polynomial, is up to a billion times the stroke, and the transient takes it back."""
+    numbers, fall = STEEP[name]
+    stack = stack_class(name)(**numbers)
+    curve = [0.0, stack.gain, *(getattr(stack, f"asymmetry_{k}") for k in range(2, stack.made.asymmetry + 1))]
+    corners = [(0.0, 0.0), (0.1, 60.0), (0.1 + fall, 0.0), (0.15, 60.0 * (0.05 - fall) / (0.1 - fall))]
+
+    def field(t, x):
+        aim = np.polynomial.polynomial.polyval(np.interp(t, *zip(*corners, strict=True)), curve)
+        if len(x) == 1:
+            return (aim - x) / stack.time_constant
+        w = stack.natural_frequency
+        return [x[1], w**2 * (aim - x[0]) - 2.0 * stack.damping_ratio * w * x[1]]
+
+    state, expected = np.zeros(1 if "first" in name else 2), []
+    for (begin, _), (end, _) in itertools.pairwise(corners):
+        solved = solve_ivp(field, (begin, end), state, "DOP853", rtol=1e-11, atol=1e-18, max_step=(end - begin) / 20)
+        state = solved.y[:, -1]
+        expected.append(state[0])
+    times = jnp.asarray([end for end, _ in corners[1:]])
+    predict = jax.jit(lambda fall: shown_at(stack, Sawtooth(60.0, 10.0, fall), times))
+    np.testing.assert_allclose(predict(fall), expected, rtol=0.0, atol=1e-10 * np.ptp(expected))
+
+
+@pytest.mark.parametrize("name", ["second-order+asymmetry-3", "first-order+play-3+asymmetry-5"])
+def test_derivatives_by_the_length_of_a_very_steep_flank_agree_with_differences(name):
+    times = jnp.asarray([0.0203, 0.0207, 0.0402])
+    predict = jax.jit(lambda fall: shown_at(stack_class(name)(), Sawtooth(60.0, 50.0, fall), times))
+    difference = (predict(2e-8) - predict(0.0)) / 2e-8
+    np.testing.assert_allclose(jax.jit(jax.jacfwd(predict))(1e-8), difference, rtol=1e-4)
 
 
 WAVES = [Sine(30.0, 7.0), Sine(-25.0, 9.0, 20.0, 1.0), Cycloidal(30.0, 9.0, 4e-3, -1.0), Cycloidal(25.0, 9.0)]
