@@ -46,8 +46,9 @@ class Segment(NamedTuple):
     start: Float[Array, ""]
     """Voltage just after the corner that opens the segment, without the wave [V].
 
-    Of a segment of zero length the mean of both ends: what a short one gives the platform,
-    so that derivatives with respect to its length are right at zero, too.
+    Of a segment of zero length the mean of both ends: what a short one gives a stack and an amplifier that are
+    linear, so that derivatives with respect to its length are right at zero, too.  With hysteresis, asymmetry or a
+    slew rate they are not: what counts there is the mean along the way, not what the mean voltage does.
     """
     slope: Float[Array, ""]
     """Rate of the voltage, without the wave [V/s]."""
