@@ -131,9 +131,11 @@ def test_a_scheduler_that_goes_away_ends_the_sweep_with_a_line_and_what_was_done
         with pytest.raises(InputError) as refused:
             pdssjax.sweep(study, GRID, executor=pool, in_flight=2, store=store, progress=progress)
     assert "what was done is in the store" in str(refused.value) and "\n" not in str(refused.value)
-    computed = len(quick)
-    again = pdssjax.sweep(study, GRID, store=SweepStore(tmp_path / "s.zarr", resume=True))
-    assert len(quick) - computed == 10 - len(told)
+    # A thread of a worker that has gone may still be at its block: `quick` counts that, too.
+    resumed = []
+    kept = SweepStore(tmp_path / "s.zarr", resume=True)
+    again = pdssjax.sweep(study, GRID, store=kept, progress=lambda done, count: resumed.append(done))
+    assert len(resumed) == 10 - len(told) and len(quick) >= 10
     np.testing.assert_array_equal(again.net_step, pdssjax.sweep(study, GRID).net_step)
 
 
