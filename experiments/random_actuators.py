@@ -156,8 +156,20 @@ LONE = {
     if piezo != "static"  # which jumps as the voltage does: nothing is stepped
 }
 """Every piezo, found by its file."""
-LOADED = {f"{piezo}, loaded": Structure(piezo=piezo) for piezo in ("creep", "bouc-wen", "distributed-rod", "composed")}
+LOADED = {
+    f"{piezo}, loaded": Structure(piezo=piezo)
+    for piezo in (*members("piezo"), "composed:static+play-3", "composed:first-order+play-3+asymmetry-2+creep-2")
+    if piezo != "second-order"  # as everywhere else
+}
 """Piezos under a contact."""
+JUMPING = {f"{law} on a static stack": Structure(law, piezo="static", cycles=3.0) for law in LAWS}
+"""Every law on a stack whose velocity jumps at the corners of the voltage."""
+PULL = {"effector.load": 0.1, "effector.tilt": 0.05}
+PULLED = {
+    f"{law} under a load and on a tilt": Structure(law, state, given=PULL, cycles=3.0)
+    for law, state in (("anisotropic-lugre", "deflection"), ("coulomb", ""), ("dahl", ""), ("elastoplastic", ""))
+}
+"""A constant force on the end-effector."""
 
 _INSTANTS = np.linspace(0.0, 0.1, 51)
 _UNEVEN = 40.0 * (1200.0 * _INSTANTS % 60.0) / 60.0 + 6.0 * np.sin(300.0 * _INSTANTS)
@@ -189,6 +201,7 @@ PARTS = {
     "stop behind an amplifier that slews": Structure(
         parts=("stop", "amplifier"), given={"amplifier.slew": 1e5, "stop.gap": 3e-7}, output=STOP_FORCE
     ),
+    "stop in front of a load": Structure("lugre", parts=("stop",), given={"stop.gap": 3e-7} | PULL, output=STOP_FORCE),
     "stop in front of a contact that sticks": Structure(
         "coulomb", parts=("stop",), given={"stop.gap": 3e-7}, output=STOP_FORCE
     ),
@@ -230,24 +243,25 @@ def combination(number: int) -> Structure:
         feedback = False
     # A sensor beside a stop is that of the force.
     of = "effector" if {"stop", "sensor"} <= {*parts} else of
-    pulled = "stop" in parts and of == "effector" and (random.random() < 0.5 or "sensor" in parts)
+    present = {*parts, *(["effector"] if of != "unloaded" else [])}
+    pushes = "stop" in parts and of == "effector" and (random.random() < 0.5 or "sensor" in parts)
     return Structure(
         friction=law,
         state=pick(["deflection", "force"]) if law == "anisotropic-lugre" else "",
-        piezo=pick([name for name in members("piezo") if name != "static"]),
+        piezo=pick(members("piezo")),
         drive=pick(list(DRIVES.values())),
         draws_drive=bool(random.random() < 0.5),
-        given={path: low for path, low in _TOLD.items() if path.split(".")[0] in parts and random.random() < 0.5},
+        given={path: low for path, low in _TOLD.items() if path.split(".")[0] in present and random.random() < 0.5},
         cycles=2.0,
         feedback=feedback,
         parts=parts,
         of=of,
-        output=STOP_FORCE if pulled else pick(_OUTPUTS[of]),
+        output=STOP_FORCE if pushes else pick(_OUTPUTS[of]),
     )
 
 
-_TOLD = {"amplifier.slew": 1e5, "stop.gap": 3e-7}
-"""An amplifier that slews, and a stop that is met at once."""
+_TOLD = {"amplifier.slew": 1e5, "stop.gap": 3e-7} | PULL
+"""An amplifier that slews, a stop that is met at once, a load and a tilt."""
 
 
 def named(name: str) -> Structure:
@@ -255,4 +269,4 @@ def named(name: str) -> Structure:
     return STRUCTURES[name] if name in STRUCTURES else combination(int(name.split()[1]))
 
 
-STRUCTURES = PUBLISHED | QUICKLY | LAWS | LONE | LOADED | WAVEFORMS | PARTS | RECORDS | RINGING
+STRUCTURES = PUBLISHED | QUICKLY | LAWS | LONE | LOADED | JUMPING | PULLED | WAVEFORMS | PARTS | RECORDS | RINGING

@@ -5,6 +5,7 @@ are near enough: log2 of the ratio of grid to tolerance more points a border in 
 """
 
 import json
+import warnings
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
@@ -12,7 +13,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Bool, Float
 
-from ..core import InputError
+from ..core import InputError, InputWarning
 from ..study import Study
 from .points.base import check_ranges
 from .points.grid import Grid
@@ -76,7 +77,9 @@ def find_border(
         nonlocal asked
         asked += len(points)
         listed = Listed(dict(zip(paths, points.T, strict=True)))
-        values = sweep(study, listed, record=record, cycles=cycles, workers=workers)[metric].values
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", InputWarning)  # said once, when it was planned
+            values = sweep(study, listed, record=record, cycles=cycles, workers=workers)[metric].values
         signed = metric == "efficiency" or level == 0.0
         return (values if signed else np.abs(values)) - level
 

@@ -1,5 +1,6 @@
 """A border is found to its tolerance with few points."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -8,8 +9,9 @@ import xarray
 from quick_blocks import example_study
 
 import pdssjax
-from pdssjax import InputError
+from pdssjax import InputError, InputWarning
 from pdssjax.cli.main import main
+from pdssjax.drive.triangle import Triangle
 from pdssjax.files import EXAMPLE
 from pdssjax.sweeps import execution, find_border
 
@@ -116,6 +118,15 @@ def test_a_border_that_makes_no_sense_is_refused_in_a_line(command, dead, tmp_pa
     assert main([*command, "--voltage", "8:150", "--frequency", "5:50:10", *asked]) == 2
     told = capsys.readouterr().err.strip()
     assert essential in told and "\n" not in told and not dead and not (tmp_path / "out").exists()
+
+
+def test_a_drive_without_flanks_is_warned_of_once(study, dead):
+    moving = next(record for record in study.records if record.measurement.effector_free)
+    triangle = dataclasses.replace(moving, drive=Triangle(60.0, 5.0), overrides={})
+    study = dataclasses.replace(study, records=(triangle,))
+    with pytest.warns(InputWarning, match="which has no stroke, back-slip and efficiency") as said:
+        find_border(study, "drive.voltage", (8.0, 150.0), {}, tolerance=1.0, metric="net_step", level=1e-8)
+    assert len(said) == 1 and len(dead) > 3
 
 
 @pytest.mark.slow
