@@ -22,6 +22,7 @@ from pdssjax.drive.sine import Sine
 from pdssjax.drive.step import Step
 from pdssjax.drive.trapezoid import Trapezoid
 from pdssjax.drive.triangle import Triangle
+from pdssjax.piezo import DYNAMICS, HYSTERESES, Composition
 from pdssjax.simulation import (
     ACCELERATION,
     DISPLACEMENT,
@@ -156,9 +157,15 @@ LONE = {
     if piezo != "static"  # which jumps as the voltage does: nothing is stepped
 }
 """Every piezo, found by its file."""
+KINDS = [
+    f"composed:{Composition(dynamics, hysteresis, 2, asymmetry=2, creep=1).text}"
+    for dynamics in DYNAMICS
+    for hysteresis in HYSTERESES
+]
+"""Stacks put together of every kind of mechanics and of hysteresis."""
 LOADED = {
     f"{piezo}, loaded": Structure(piezo=piezo)
-    for piezo in (*members("piezo"), "composed:static+play-3", "composed:first-order+play-3+asymmetry-2+creep-2")
+    for piezo in (*members("piezo"), *KINDS)
     if piezo != "second-order"  # as everywhere else
 }
 """Piezos under a contact."""
@@ -244,11 +251,12 @@ def combination(number: int) -> Structure:
     # A sensor beside a stop is that of the force.
     of = "effector" if {"stop", "sensor"} <= {*parts} else of
     present = {*parts, *(["effector"] if of != "unloaded" else [])}
+    piezo = pick(members("piezo"))
     pushes = "stop" in parts and of == "effector" and (random.random() < 0.5 or "sensor" in parts)
     return Structure(
         friction=law,
         state=pick(["deflection", "force"]) if law == "anisotropic-lugre" else "",
-        piezo=pick(members("piezo")),
+        piezo=pick(KINDS) if piezo == "composed" else piezo,
         drive=pick(list(DRIVES.values())),
         draws_drive=bool(random.random() < 0.5),
         given={path: low for path, low in _TOLD.items() if path.split(".")[0] in present and random.random() < 0.5},
