@@ -11,6 +11,9 @@ _LONGEST = 5
 _SIGMAS = 7.0
 """Robust standard deviations from which a sample stands out: of normal noise one in 4e11."""
 
+_TO_DEVIATION = 1.4826
+"""Standard deviation of normal noise over the median of its sizes."""
+
 _BESIDE = 0.2
 """Share of a glitch by which the samples on either side of it may be off."""
 
@@ -30,7 +33,8 @@ def outliers(
     """Indices of the samples `measured` at `time` [s] that stand out of the residuals in runs of at most five.
 
     What repeats every cycle of a drive of that `frequency` [Hz] is misfit, and its median at each phase is taken off
-    first; the scale is the median of absolute deviations, which glitches hardly move.  A slip `predicted` a few
+    first; the scale is the median of absolute deviations, which glitches hardly move, or of the changes from one cycle
+    to the next: of three cycles one is the median itself, and deviates by nothing.  A slip `predicted` a few
     samples too early or too late leaves residuals as short, and is none: a shift in time explains it.
     """
     residual = measured - predicted
@@ -39,11 +43,13 @@ def outliers(
         return np.zeros(0, int)
     left = residual - np.median(residual[finite])
     split = None if frequency is None else split_by_phase(residual, time, frequency)
+    changes = [np.zeros(0)]
     if split is not None:
         for phase in np.flatnonzero(split.sizes > 2):
             members = split.group == phase
+            changes.append(np.diff(left[members]))
             left[members] -= np.median(left[members])
-    scale = 1.4826 * float(np.median(np.abs(left[finite])))
+    scale = _TO_DEVIATION * max(_middle(left[finite]), _middle(np.concatenate(changes)) / np.sqrt(2.0))
     if scale <= 0.0:
         return np.zeros(0, int)
     far = np.abs(np.nan_to_num(left)) > _SIGMAS * scale
@@ -52,6 +58,11 @@ def outliers(
     short = [run for run in runs if run.size <= _LONGEST]
     glitches = [run for run in short if _is_alone(left, run) and not _is_shifted(left, predicted, run)]
     return np.concatenate([np.zeros(0, int), *glitches])
+
+
+def _middle(deviations: Float[np.ndarray, " k"]) -> float:
+    """Median of the sizes."""
+    return float(np.median(np.abs(deviations))) if deviations.size else 0.0
 
 
 def _is_alone(left: Float[np.ndarray, " n"], run: Int[np.ndarray, " k"]) -> bool:

@@ -31,6 +31,17 @@ def test_what_every_cycle_repeats_is_misfit():
     assert list(outliers(noise() + slip - once, TIME, 5.0)) == [0, 1]
 
 
+@pytest.mark.parametrize("cycles", [2, 3, 4, 5])
+def test_few_cycles_of_noise_have_no_outliers(cycles):
+    """Of three cycles a third of the samples were the median at their phase: samples at 1.4 deviations stood out."""
+    few = TIME < 0.2 * cycles - 1e-9
+    for seed in range(20):
+        residual = noise(seed)[few]
+        assert outliers(residual, TIME[few], 5.0).size == 0
+        residual[70] += 15.0
+        assert list(outliers(residual, TIME[few], 5.0)) == [70]
+
+
 @pytest.mark.parametrize("frequency", [5.0, None])
 def test_a_slip_predicted_at_another_time_is_no_glitch(frequency):
     """But glitches beside it are, in a steep motion, too."""
