@@ -34,7 +34,7 @@ class Residual(eqx.Module):
     accuracy: Accuracy
     loss: AbstractLoss
     apart: dict[str, Float[np.ndarray, "2"]]
-    """By path of a free parameter that was measured apart: its number and standard error [SI]."""
+    """By path of a free parameter that was measured apart, in alphabetical order: number and standard error [SI]."""
 
     def __init__(
         self,
@@ -54,7 +54,8 @@ class Residual(eqx.Module):
         self.fixed = {path: np.asarray(value, float) for path, value in fixed.items()}
         self.accuracy = accuracy
         self.loss = Squares() if loss is None else loss
-        self.apart = {path: np.asarray(told, float) for path, told in (apart or {}).items()}
+        # In the order that JAX gives a dictionary: it is that of the residuals, compiled or not.
+        self.apart = {path: np.asarray(told, float) for path, told in sorted((apart or {}).items())}
 
     @property
     def size(self) -> int:

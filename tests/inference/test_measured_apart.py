@@ -147,6 +147,15 @@ def test_what_records_do_not_show_has_no_pull(studies):
     assert found.remark == "measured apart: 1.000 +/- 0.010"
 
 
+def test_each_has_the_row_of_its_own_whatever_the_order_in_the_study(studies):
+    mass = dataclasses.replace(studies[1].parameters["friction.sigma0"], value=None, start=1e6, standard_error=1e4)
+    study = dataclasses.replace(studies[1], parameters=studies[1].parameters | {"friction.sigma0": mass})
+    problem, start = pdssjax.pose_problem(study)
+    jacobian = np.asarray(problem.jacobian(start))[problem.rows_apart]
+    paths = problem.residual.transform.paths
+    assert [paths[int(np.flatnonzero(row)[0])] for row in jacobian] == list(problem.residual.apart)
+
+
 def test_replicates_of_a_bootstrap_draw_it_anew(studies, estimates):
     found = pdssjax.identify(studies[1], intervals="bootstrap", drawing=Drawing(60, 3))
     low, high = found.parameters["piezo.gain"].interval
