@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..study import Estimate, FittedParameter, FittedRecord, Parameter, Study, compare
-from .covariance import Covariance, correlation, least_squares_covariance, propagated
+from .covariance import Covariance, correlation
 from .diagnostics.diagnose import diagnose
 from .fit_statistics import degrees_taken, statistics_of
 from .least_squares import START_FAILED, Fit, Method, by_record
@@ -18,14 +18,12 @@ from .poor_fit import contradicting, leaves_more_than_noise
 from .problem import Problem
 from .residual import free_offset
 from .stack_first.freed_stack import with_stack_freed
-from .stack_first.peak_picking import PATHS, PickedStack
-from .stack_parameters import of_stack, stack_rows
+from .stack_first.peak_picking import PickedStack
 from .start_failure import failed_start
 from .uncertainty.amplification import amplification_of
 from .uncertainty.linear_intervals import linear_intervals
-from .uncertainty.parameter_errors import fitted_point, white_covariance
-from .uncertainty.robust_covariance import robust_covariance
-from .uncertainty.variance_factor import record_factors, row_factors, variance_factor
+from .uncertainty.standard_errors import standard_errors_of
+from .uncertainty.variance_factor import record_factors
 from .without_outliers import without_outliers
 
 WEAKLY_DETERMINED = float(np.log(10.0))
@@ -47,8 +45,7 @@ def summarise(
     free, fitted = problem.residual.transform, {**starts, **problem.residual.transform.decode(fit.free)}
     values = {path: float(value) for path, value in fitted.items()}
     statistics = statistics_of(problem, fit)
-    known, naive, factor = _errors(method, problem, fit, stack)
-    by_noise = _by_noise_given(method, problem, fit, stack, known)
+    known, naive, with_told, factor = standard_errors_of(method, problem, fit, stack)
     deviation = np.sqrt(np.diag(known.matrix))
     weakly_determined = known.identifiable & (deviation > WEAKLY_DETERMINED)
     known = known._replace(identifiable=known.identifiable & ~weakly_determined)
@@ -63,7 +60,7 @@ def summarise(
     }
     if naive is not None:
         parameters = _with_naive_errors(parameters, free.paths, np.sqrt(np.diag(naive)) * slopes)
-    parameters |= _with_told(parameters, study, free.paths, slopes**2 * by_noise)
+    parameters |= _with_told(parameters, study, free.paths, slopes**2 * with_told)
     records = _compared(study, problem, fit, known.matrix, values, factor)
     diagnosis = diagnose(problem, fit, known.matrix) if np.isfinite(fit.chi2) else None
     if diagnosis and stack is not None:  # its records are not fitted, and pull wherever the peaks were misread
@@ -107,50 +104,18 @@ def _verdict(
     return True, f"{fit.message}; the stack as it was read off peaks does not follow its records"
 
 
-def _errors(
-    method: Method, problem: Problem, fit: Fit, stack: PickedStack | None
-) -> tuple[Covariance, Float[np.ndarray, "p p"] | None, float]:
-    """The two covariances of `_covariances`, enlarged where residuals exceed the noise given, and by which factor.
-
-    Under a robust loss they take the scatter from the residuals already.
-    """
-    loss = problem.residual.loss
-    if loss.is_robust:
-        roots, jacobian = np.asarray(fit.state.residual), np.asarray(fit.state.jacobian)
-        apart, held = problem.rows_apart, problem.residual.transform.at_bound(fit.free)
-        samples = slice(apart.start)
-        return robust_covariance(roots[samples], jacobian[samples], held, loss, jacobian[apart]), None, 1.0
-    factor = variance_factor(problem, fit, after_stack=stack is not None)
-    picked = None if stack is None else stack.covariance / factor
-    known, naive = _covariances(method, problem, fit, picked)
-    whole = known.matrix * factor
-    if stack is None and not np.all(row_factors(problem, factor) == factor):
-        # Not enlarged are the rows whose noise was estimated, and those of what was measured apart.
-        whole = white_covariance(fitted_point(method, problem, fit), factor)
-    return known._replace(matrix=whole), None if naive is None else naive * factor, factor
-
-
-def _by_noise_given(
-    method: Method, problem: Problem, fit: Fit, stack: PickedStack | None, known: Covariance
-) -> Float[np.ndarray, " p"]:
-    """The variances on the fit's scale, not enlarged by residuals; those `known` where errors come from these."""
-    if problem.residual.loss.is_robust or stack is not None:
-        return np.diag(known.matrix)
-    return np.diag(_covariances(method, problem, fit, None)[0].matrix)
-
-
 def _with_told(
-    parameters: Mapping[str, FittedParameter], study: Study, paths: Sequence[str], by_noise: Float[np.ndarray, " p"]
+    parameters: Mapping[str, FittedParameter], study: Study, paths: Sequence[str], with_told: Float[np.ndarray, " p"]
 ) -> dict[str, FittedParameter]:
-    """Those of the `parameters` that were measured apart, with that; their variances `by_noise` given in SI."""
+    """Those of the `parameters` that were measured apart, with that; their covariances `with_told` numbers in SI."""
     out = {}
-    for path, variance in zip(paths, by_noise, strict=True):
+    for path, covariance in zip(paths, with_told, strict=True):
         found, told = parameters[path], study.parameters[path].measured_apart
         if told is not None:
             # At a bound it is not where chance would have it.
             error = np.nan if found.at_bound else found.standard_error
             out[path] = dataclasses.replace(
-                found, measured_apart=measured_apart(told, found.value, error**2, float(variance))
+                found, measured_apart=measured_apart(told, found.value, error**2, float(covariance))
             )
     return out
 
@@ -163,36 +128,6 @@ def _with_naive_errors(
         path: dataclasses.replace(p, naive_standard_error=naive[path]) if p.free and p.identifiable else p
         for path, p in parameters.items()
     }
-
-
-def _covariances(
-    method: Method, problem: Problem, fit: Fit, picked: Float[np.ndarray, "3 3"] | None
-) -> tuple[Covariance, Float[np.ndarray, "p p"] | None]:
-    """On the fit's scale; for a fit in two steps also what takes its first step for exact.
-
-    `picked` is the covariance of what peaks tell, in the order of `PATHS`.
-    """
-    jacobian = np.asarray(fit.state.jacobian)
-    free = problem.residual.transform
-    held = free.at_bound(fit.free)
-    whole = least_squares_covariance(jacobian, held)
-    if method == "joint":
-        return whole, None
-    platform, stack = stack_rows(problem), of_stack(problem)
-    earlier, later = np.flatnonzero(stack & whole.identifiable), np.flatnonzero(~stack & whole.identifiable)
-    unknown = ~whole.identifiable
-    if picked is None:
-        first = least_squares_covariance(jacobian[platform][:, earlier], np.zeros(earlier.size, bool)).matrix
-    else:
-        read = np.array([path in PATHS for path in free.paths])
-        unknown, earlier = unknown | (stack & ~read), earlier[read[earlier]]
-        places = [PATHS.index(free.paths[i]) for i in earlier]
-        first = picked[np.ix_(places, places)]
-    plain, full = propagated(jacobian[~platform], first, later, earlier)
-    for matrix in (plain, full):
-        matrix[unknown] = np.nan
-        matrix[:, unknown] = np.nan
-    return Covariance(full, whole.identifiable, whole.null), plain
 
 
 def _parameter(

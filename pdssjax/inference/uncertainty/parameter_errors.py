@@ -26,7 +26,7 @@ from .influence import (
     principal_directions,
 )
 from .linear_intervals import linear_intervals
-from .variance_factor import record_factors, row_factors, variance_factor
+from .variance_factor import record_factors, variance_factor
 
 
 class FittedPoint(NamedTuple):
@@ -41,6 +41,22 @@ class FittedPoint(NamedTuple):
     """The parameters that the records move: not held at a bound."""
     known: Bool[np.ndarray, " p"]
     """Those of them that the records determine."""
+
+
+class TwoSteps(NamedTuple):
+    """The Jacobians of the steps of a fit, each zero in the rows that it does not use, and what is fitted in each."""
+
+    first: Float[np.ndarray, "n p"]
+    second: Float[np.ndarray, "n p"]
+    earlier: Int[np.ndarray, " q"]
+    """Places of the parameters fitted in the first step."""
+    later: Int[np.ndarray, " r"]
+
+    def apart(self) -> "TwoSteps":
+        """The same where the second step takes what the first has found for exact."""
+        second = self.second.copy()
+        second[:, self.earlier] = 0.0
+        return self._replace(second=second)
 
 
 def all_error_models() -> list[AbstractErrorModel]:
@@ -93,18 +109,6 @@ def fitted_point(method: Method, problem: Problem, fit: Fit) -> FittedPoint:
     return FittedPoint(method, problem, fit, np.asarray(fit.state.residual), jacobian, fitted, known)
 
 
-def white_covariance(point: FittedPoint, factor: float) -> Float[np.ndarray, "p p"]:
-    """Of independent noise, on the fit's scale; NaN where not known.
-
-    **Arguments:** the `factor` by which variances exceed those of the noise given.
-    """
-    effect = _influence(point, None)
-    matrix = effect.T @ (row_factors(point.problem, factor)[:, None] * effect)
-    matrix[~point.known] = np.nan
-    matrix[:, ~point.known] = np.nan
-    return matrix
-
-
 def _record_errors(point: FittedPoint, factor: float, effect: Float[np.ndarray, "n p"]) -> list[RecordErrors]:
     """Every fitted record as error models take it; the `factor` is that of variances whose noise is given."""
     problem, taken = point.problem, degrees_taken(point.problem, point.fit)
@@ -133,7 +137,7 @@ def _covariances(
     curvatures: Sequence[Float[np.ndarray, "p k"]] | None,
 ) -> dict[str, tuple[Float[np.ndarray, "p p"], list[float]]]:
     """By name of the model: the covariance on the fit's scale, NaN where not known, and the evidence of each record."""
-    effect = _influence(point, curvatures)
+    effect = influence_at(point, curvatures)
     records, out = _record_errors(point, factor, effect), {}
     # What was measured apart has errors of its own, whatever those of the samples.
     apart = effect[point.problem.rows_apart]
@@ -146,25 +150,28 @@ def _covariances(
     return out
 
 
-def _influence(point: FittedPoint, curvatures: Sequence[Float[np.ndarray, "p k"]] | None) -> Float[np.ndarray, "n p"]:
-    """Zero in the columns of parameters that are not known."""
+def influence_at(
+    point: FittedPoint, curvatures: Sequence[Float[np.ndarray, "p k"]] | None = None
+) -> Float[np.ndarray, "n p"]:
+    """The effect of each residual on each parameter, on the fit's scale; zero of parameters that are not known.
+
+    **Arguments:** `curvatures` of each record's residuals along the principal directions; None: none.
+    """
     if point.method == "sequential":
         alone = of_platform_alone(point.problem.records)
         steps = None if curvatures is None else (_total(curvatures, alone), _total(curvatures, ~alone))
-        return influence_in_two_steps(*_two_steps(point), steps)
+        return influence_in_two_steps(*two_steps(point), steps)
     out, kept = np.zeros(point.jacobian.shape), point.fitted
     total = None if curvatures is None else _total(curvatures, np.ones(len(curvatures), bool))[kept]
     out[:, kept] = influence_of(point.jacobian[:, kept], total)
     return out * point.known
 
 
-def _two_steps(
-    point: FittedPoint,
-) -> tuple[Float[np.ndarray, "n p"], Float[np.ndarray, "n p"], Int[np.ndarray, " q"], Int[np.ndarray, " r"]]:
-    """The Jacobians of the steps of a sequential fit, and the places of the parameters fitted in each."""
+def two_steps(point: FittedPoint) -> TwoSteps:
+    """Those of a sequential fit."""
     first, stack = stack_rows(point.problem)[:, None], of_stack(point.problem)
     earlier, later = np.flatnonzero(stack & point.known), np.flatnonzero(~stack & point.known)
-    return point.jacobian * first, point.jacobian * ~first, earlier, later
+    return TwoSteps(point.jacobian * first, point.jacobian * ~first, earlier, later)
 
 
 def _total(
@@ -177,7 +184,7 @@ def _curvatures(point: FittedPoint, report: Progress) -> list[Float[np.ndarray, 
     """Of each record: the sum of its residuals times their second derivatives, along the principal directions."""
     report("second derivatives, for errors where the model does not explain all")
     if point.method == "sequential":
-        directions = directions_in_two_steps(*_two_steps(point))
+        directions = directions_in_two_steps(*two_steps(point))
     else:
         spread = principal_directions(point.jacobian[:, point.fitted])
         directions = np.zeros((point.fitted.size, spread.shape[1]))
