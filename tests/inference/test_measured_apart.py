@@ -96,6 +96,19 @@ def test_noise_given_too_small_does_not_enlarge_it(studies):
         assert found.errors["white"].standard_error == pytest.approx(found.standard_error)
 
 
+def test_profiles_end_where_the_errors_do_where_the_noise_given_is_too_small(studies):
+    """Three times: a factor of nine of the records' variances, and none of what was measured apart."""
+    record = dataclasses.replace(studies[1].records[0], noise=platform_study.NOISE / 3.0)
+    gain = dataclasses.replace(studies[1].parameters["piezo.gain"], start=1.1e-7, standard_error=5e-12)
+    study = dataclasses.replace(studies[1], records=(record,), parameters=studies[1].parameters | {"piezo.gain": gain})
+    estimate = pdssjax.identify(study, intervals="profile")
+    for path in estimate.names:
+        found = estimate.parameters[path]
+        assert np.diff(found.interval)[0] == pytest.approx(2.0 * 1.96 * found.standard_error, rel=0.02), path
+    thresholds = {profile.path: profile.threshold / 1.96**2 for profile in estimate.profiles}
+    assert thresholds["piezo.gain"] < 8.0 and thresholds["piezo.damping_ratio"] == pytest.approx(9.0, rel=0.1)
+
+
 def test_scipy_finds_the_same_with_the_problem_posed(studies, estimates):
     problem, start = pdssjax.pose_problem(studies[1])
     assert problem.rows_apart == slice(800, 801) and problem.whitened(start).shape == (801,)

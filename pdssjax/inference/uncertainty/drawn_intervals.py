@@ -23,7 +23,7 @@ from .posterior_coordinates import InCoordinates, posterior_coordinates
 from .posterior_model import BEYOND, LikelihoodEnd, posterior_model
 from .randomize_then_optimize import NothingToDraw
 from .second_order import linearisation_at
-from .variance_factor import variance_factor
+from .variance_factor import row_factors, variance_factor
 
 TAILS = 0.025, 0.975
 
@@ -178,6 +178,8 @@ def _density_in_words(problem: Problem, factor: float, held: list[str]) -> str:
     text += ", zeros of the sensors marginalised, noise known"
     if factor > _ENLARGED:
         text += f" and its variance enlarged by {factor:.3g}"
+        if not np.all(row_factors(problem, factor) == factor):
+            text += ", also where it was found from residuals, and that of what was measured apart (too wide there)"
     return text + (f"; held at the estimate, without information: {', '.join(held)}" if held else "")
 
 

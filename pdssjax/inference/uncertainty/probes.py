@@ -11,10 +11,11 @@ PROBED = 0.05
 
 
 def standard_errors(
-    optimum: Linearisation, threshold: float, reach: float
+    optimum: Linearisation, threshold: float | Float[np.ndarray, " p"], reach: float
 ) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p p"]]:
     """Half widths of the linear intervals, none longer than can be followed; and a scale: J scale is orthonormal.
 
+    The `threshold` is that of all parameters, or one each.
     What changes nothing as far as it can be followed has an axis of its own, as long as that: together with others,
     which singular vectors of equal values would mix it with, it would shorten theirs.
     """

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...study import Estimate, FittedParameter, Profile
+from ..covariance import least_squares_covariance
 from ..draws import each_done
 from ..least_squares import Fit, Progress
 from ..notes.words import about_better_optimum
@@ -15,6 +16,7 @@ from .end_search import End, Verdict
 from .profile_curve import Curve, profile_curve
 from .profile_likelihood import interval_ends, learn_curvature, linear_half_widths
 from .second_order import Linearisation, linearisation_at
+from .standard_errors import standard_errors_of
 from .variance_factor import NORMAL_95, variance_factor
 
 SIDES = -1.0, 1.0
@@ -28,29 +30,30 @@ def with_profile_intervals(
 ) -> Estimate:
     """`estimate` with 95 % intervals that end where chi-square, minimised over all else, exceeds its threshold.
 
-    The threshold grows where residuals exceed the noise given, as the standard errors do.  A parameter at a bound has
-    that for one end, and those about which the data say nothing keep what they have.  A note names every end that is
-    no ordinary one.
+    Where residuals exceed the noise given the threshold of each parameter grows as its variance does.  A parameter at a
+    bound has that for one end, and those about which the data say nothing keep what they have.  A note names every end
+    that is no ordinary one.
     `profiles` holds the curve between the ends of each.
     """
     factor = variance_factor(problem, fit)
-    threshold = NORMAL_95**2 * factor
+    thresholds = NORMAL_95**2 * _enlargements(problem, fit, factor)
     paths = problem.residual.transform.paths
     kept = [path for path in paths if estimate.parameters[path].identifiable]
     optimum = linearisation_at(fit)
     report("curvature at the optimum")
-    shared = learn_curvature(problem.linearised, optimum, threshold, problem.bounds, factor, executor=executor)
+    shared = learn_curvature(problem.linearised, optimum, thresholds, problem.bounds, factor, executor=executor)
     both = [(paths.index(path), side) for path in kept for side in SIDES]
     which = [(index, side) for index, side in both if not _at_bound(problem, optimum, index, side)]
     told = lambda done: report(f"intervals: {done} of {len(which)} ends")
     found = interval_ends(
-        problem.linearised, optimum, which, threshold, problem.bounds, shared, executor=executor, report=told
+        problem.linearised, optimum, which, thresholds, problem.bounds, shared, executor=executor, report=told
     )
     ends_at = dict(zip(which, found, strict=True))
     ends_of = lambda path: _pair(problem, optimum, estimate.parameters[path], ends_at)
     pairs = {path: ends_of(path) for path in kept}
+    threshold_of = lambda path: float(thresholds[paths.index(path)])
     draw = lambda path: profile_curve(
-        problem.linearised, optimum, paths.index(path), pairs[path], threshold, problem.bounds, shared
+        problem.linearised, optimum, paths.index(path), pairs[path], threshold_of(path), problem.bounds, shared
     )
     curves: dict[str, Curve] = {}
     for path, curve in each_done(draw, kept, executor):
@@ -60,9 +63,20 @@ def with_profile_intervals(
     for path in kept:
         index, parameter, ends = paths.index(path), estimate.parameters[path], pairs[path]
         parameters[path] = _with_ends(parameter, problem, index, ends)
-        profiles.append(_profile(problem, optimum, index, curves[path], ends, threshold))
+        profiles.append(_profile(problem, optimum, index, curves[path], ends, threshold_of(path)))
         notes += _notes(parameter, problem, ends, float(optimum.at[index]))
     return dataclasses.replace(estimate, parameters=parameters, notes=tuple(notes), profiles=tuple(profiles))
+
+
+def _enlargements(problem: Problem, fit: Fit, factor: float) -> Float[np.ndarray, " p"]:
+    """By how much the variance of each parameter exceeds that by the noise given: its chi-square is distributed so.
+
+    A profile of chi-square is that ratio times chi-square's distribution of one degree of freedom (J. T. Kent,
+    Biometrika 69(1), 1982).  At a bound, where there is no variance, it is the `factor` of the noise given.
+    """
+    held = problem.residual.transform.at_bound(fit.free)
+    given = np.diag(least_squares_covariance(np.asarray(fit.state.jacobian), held).matrix)
+    return np.nan_to_num(np.diag(standard_errors_of("joint", problem, fit, None).known.matrix) / given, nan=factor)
 
 
 def _at_bound(problem: Problem, optimum: Linearisation, index: int, side: float) -> bool:

@@ -29,6 +29,9 @@ Box = tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]]
 Which = tuple[int, float]
 """A parameter's place, and the side of its interval: -1.0 or 1.0."""
 
+Threshold = float | Float[np.ndarray, " p"]
+"""By how much chi-square may exceed its minimum: of all parameters, or of each."""
+
 REACH = 7.0
 """How far a parameter is followed before it counts as flat, on the fit's scale: a factor of a thousand."""
 
@@ -51,7 +54,7 @@ def linearise_all(
 def learn_curvature(
     evaluate: Evaluate,
     optimum: Linearisation,
-    threshold: float,
+    threshold: Threshold,
     bounds: Box,
     factor: float = 1.0,
     reach: float = REACH,
@@ -66,7 +69,7 @@ def learn_curvature(
     return SharedCurvature(optimum, linearise_all(evaluate, places, executor), scale, factor)
 
 
-def linear_half_widths(optimum: Linearisation, threshold: float, reach: float = REACH) -> Float[np.ndarray, " p"]:
+def linear_half_widths(optimum: Linearisation, threshold: Threshold, reach: float = REACH) -> Float[np.ndarray, " p"]:
     """How far from the `optimum` the ends are by the linear model, none farther than `reach`."""
     return standard_errors(optimum, threshold, reach)[0]
 
@@ -75,7 +78,7 @@ def interval_ends(
     evaluate: Evaluate,
     optimum: Linearisation,
     which: Sequence[Which],
-    threshold: float,
+    threshold: Threshold,
     bounds: Box,
     shared: SharedCurvature,
     reach: float = REACH,
@@ -93,10 +96,12 @@ def interval_ends(
     near, far = np.maximum(low, optimum.at - reach), np.minimum(high, optimum.at + reach)
     sizes = standard_errors(optimum, threshold, reach)[0]
     searches: dict[Which, Asking] = {}
+    thresholds = np.broadcast_to(threshold, optimum.at.shape)
     for index, side in which:
-        aim = Aim(index, side, optimum.chi2 + threshold, near, far, sizes)
+        excess = float(thresholds[index])
+        aim = Aim(index, side, optimum.chi2 + excess, near, far, sizes)
         bound = float((high if side > 0 else low)[index])
-        searches[index, side] = EndSearch(optimum, aim, bound, reach, threshold, shared).run()
+        searches[index, side] = EndSearch(optimum, aim, bound, reach, excess, shared).run()
     ends: dict[Which, End] = {}
     asked = {name: next(search) for name, search in searches.items()}
     while asked:
