@@ -58,7 +58,7 @@ class FittedRecord:
     reduced_chi2: float = math.nan
     """chi2 per degree of freedom; NaN where the noise was estimated from these residuals, which makes it 1."""
     lack_of_fit: LackOfFit | None = None
-    """What of the residuals repeats every cycle; None where the drive does not repeat within the record."""
+    """What of the `rest` repeats every cycle; None where the drive does not repeat within the record."""
     frequency: float | None = None
     """Cycles of its drive a second [Hz]; None where the drive does not repeat."""
     outliers: Int[np.ndarray, " k"] = field(default_factory=lambda: np.zeros(0, int))
@@ -69,10 +69,14 @@ class FittedRecord:
     """The command at `time` [V], where the platform alone is measured; else None."""
 
     @property
+    def rest(self) -> Float[np.ndarray, " n"]:
+        """The residuals that a fit without the `outliers` would leave of all other samples; NaN in their places."""
+        return _rest(self.measured, self.predicted if self.undisturbed is None else self.undisturbed, self.outliers)
+
+    @property
     def rest_rmse(self) -> float:
-        """Root mean square of the residuals that a fit without the `outliers` would leave of all other samples."""
-        predicted = self.predicted if self.undisturbed is None else self.undisturbed
-        return rmse(*(np.delete(values, self.outliers) for values in (self.measured, predicted)))
+        """Root mean square of the `rest`."""
+        return float(np.sqrt(np.mean(np.delete(self.rest, self.outliers) ** 2)))
 
     @property
     def rest_chi2(self) -> float:
@@ -111,6 +115,7 @@ def compare(
     if undisturbed is not None:
         zero = np.mean(np.delete(measured - undisturbed, found)) if record.offset is None else record.offset
         undisturbed = np.asarray(undisturbed) + zero
+    rest = _rest(measured, predicted if undisturbed is None else undisturbed, found)
     return FittedRecord(
         name=record.name,
         role=record.role,
@@ -134,12 +139,20 @@ def compare(
         noise_floor=scatter_floor(measured) if len(measured) >= 8 else math.nan,
         chi2=chi2,
         reduced_chi2=math.nan if record.noise is None else chi2 / freedom,
-        lack_of_fit=repeated_residuals(record, measured - predicted),
+        lack_of_fit=repeated_residuals(record, rest),
         frequency=frequency,
         outliers=found,
         undisturbed=undisturbed,
         voltage=_voltage(record),
     )
+
+
+def _rest(
+    measured: Float[np.ndarray, " n"], predicted: Float[np.ndarray, " n"], outlying: Int[np.ndarray, " k"]
+) -> Float[np.ndarray, " n"]:
+    rest = measured - predicted
+    rest[outlying] = np.nan
+    return rest
 
 
 def _voltage(record: Record) -> Float[np.ndarray, " n"] | None:

@@ -17,9 +17,10 @@ _MOST_SHOWN = 60
 def residual_split_figure(record: FittedRecord) -> Figure:
     """Mean over the cycles at each phase beside all residuals; to the right, the autocorrelation of the rest.
 
-    Of a record that does not repeat, all residuals over time.
+    Of a record that does not repeat, all residuals over time.  Samples that stand out are left out, with what they pull
+    the fit off by.
     """
-    split = split_residuals(record.measured - record.predicted, record.time, record.frequency)
+    split = split_residuals(record.rest, record.time, record.frequency)
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(7.4, 2.9), layout="constrained")
         residuals, correlation = figure.subplots(1, 2, width_ratios=(3, 2))
@@ -36,7 +37,7 @@ def _draw_cycle(axes: Axes, record: FittedRecord, cycles: CycleSplit) -> None:
     scale, unit = record.display.scale, record.display.unit.replace("um", "µm")
     there = cycles.sizes > 0
     place = cycles.phases()
-    residual = scale * (record.measured - record.predicted)
+    residual = scale * record.rest
     seen = cycles.group >= 0
     axes.plot(place[cycles.group[seen]], residual[seen], ".", color="0.75", markersize=2, label="every cycle")
     within = float(np.sqrt(np.nanmean(cycles.rest**2)))
@@ -59,7 +60,7 @@ def _draw_cycle(axes: Axes, record: FittedRecord, cycles: CycleSplit) -> None:
 
 def _draw_all(axes: Axes, record: FittedRecord) -> None:
     scale, unit = record.display.scale, record.display.unit.replace("um", "µm")
-    axes.plot(record.time, scale * (record.measured - record.predicted), color=BLUE, linewidth=0.6)
+    axes.plot(record.time, scale * record.rest, color=BLUE, linewidth=0.6)
     axes.set_xlabel("time (s)")
     axes.set_ylabel(f"residual ({unit})")
 
@@ -87,9 +88,10 @@ def _draw_autocorrelation(axes: Axes, record: FittedRecord, split: ResidualSplit
 
 
 def _caption(record: FittedRecord, split: ResidualSplit) -> str:
+    without = f"; without {record.outliers.size} samples that stand out" if record.outliers.size else ""
     if split.cycles is None or record.lack_of_fit is None:
-        return "does not repeat: misfit and slow noise cannot be told apart"
+        return f"does not repeat: misfit and slow noise cannot be told apart{without}"
     found = record.lack_of_fit
     show = lambda number: record.display.text(number).replace("um", "µm")
     what = "misfit" if repeats(record) else "as chance has it, no misfit"
-    return f"repeats every cycle: {show(found.misfit)} ({what}); does not: {show(found.noise)} (noise)"
+    return f"repeats every cycle: {show(found.misfit)} ({what}); does not: {show(found.noise)} (noise){without}"
