@@ -13,6 +13,7 @@ import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from ..study import Agreement, FittedRecord, repeated_residuals
 from .covariance import least_squares_covariance
@@ -56,17 +57,27 @@ def lowest_by_chance(freedom: float) -> float:
     return float(max(1.0 - spread - SIGMAS * np.sqrt(spread), 0.0) ** 3)
 
 
+def largest_by_chance(record: FittedRecord) -> float:
+    """Chi-square per degree of freedom of a record whose noise is given, from which it is worth a word."""
+    return max(EXCESS, highest_by_chance(_freedom(record)))
+
+
 def exceeds_given_noise(record: FittedRecord) -> bool:
     """Chi-square against the noise given is beyond both chance and `EXCESS`; False where none is given.
 
     Of the samples that do not stand out.
     """
-    return record.rest_chi2 > max(EXCESS, highest_by_chance(record.samples))
+    return record.rest_chi2 > largest_by_chance(record)
 
 
 def stays_below_given_noise(record: FittedRecord) -> bool:
     """Chi-square against the noise given is too small for chance, and for `EXCESS` the other way."""
-    return record.reduced_chi2 < min(1.0 / EXCESS, lowest_by_chance(record.samples))
+    return record.reduced_chi2 < min(1.0 / EXCESS, lowest_by_chance(_freedom(record)))
+
+
+def _freedom(record: FittedRecord) -> float:
+    """Degrees of freedom that a fit has left of a record's samples: all of them where it is not known."""
+    return record.chi2 / record.reduced_chi2 if record.chi2 > 0.0 and record.reduced_chi2 > 0.0 else record.samples
 
 
 def above_floor(record: FittedRecord) -> float:
@@ -131,18 +142,33 @@ def leaves_more_than_noise(fit: Fit, problem: Problem) -> bool:
     """
     if not np.isfinite(fit.chi2):
         return True
-    known = all(record.noise is not None for record in problem.records)
     rest = without_outliers(problem, fit)
-    kept, freedom = rest.residual[~rest.outlying], degrees_of_freedom(fit, problem) - int(np.sum(rest.outlying))
-    samples = kept.size
-    scatter = problem.residual.loss.scatter(kept, max(freedom, 1))
-    small = scatter**2 < (1.0 + SIGMAS * np.sqrt(2.0 / samples) if known else _POOR)
-    if not small:
-        return True
     parts = [rest.residual[rows] for rows in problem.rows]
+    if _exceeds_noise(parts, fit, problem):
+        return True
+    samples = sum(int(np.sum(np.isfinite(part))) for part in parts)
     products = sum(np.nansum(part[1:] * part[:-1]) for part in parts)
     squares = sum(np.nansum(part**2) for part in parts)
     correlation = products / max(squares, 1e-300)
     found = [repeated_residuals(record, part) for record, part in zip(problem.records, parts, strict=True)]
     sigmas = [repeated.sigmas for repeated in found if repeated is not None]
     return bool(correlation > SIGMAS / np.sqrt(samples) or sum(sigmas) > SIGMAS * np.sqrt(len(sigmas)))
+
+
+def _exceeds_noise(parts: Sequence[Float[np.ndarray, " samples"]], fit: Fit, problem: Problem) -> bool:
+    """By their size, the residuals of all records whose noise is given, or of all others; NaN is left out.
+
+    Each kind by itself: many samples whose noise was estimated, and so is as large as they are, hide what others leave.
+    """
+    loss, left = problem.residual.loss, degrees_of_freedom(fit, problem) / np.size(fit.state.residual)
+    for is_given in (True, False):
+        of_kind = [
+            p for p, record in zip(parts, problem.records, strict=True) if (record.noise is not None) == is_given
+        ]
+        kept = np.concatenate([np.zeros(0), *of_kind])
+        kept = kept[np.isfinite(kept)]
+        freedom = left * kept.size
+        limit = highest_by_chance(loss.scatter_efficiency * freedom) if is_given else _POOR
+        if kept.size and not loss.scatter(kept, max(freedom, 1.0)) ** 2 < limit:
+            return True
+    return False

@@ -1,12 +1,24 @@
 """Whether a fit leaves more than noise: by its size, its correlation, and what a few samples allow by chance."""
 
 import dataclasses
+import itertools
+from types import SimpleNamespace
 
 import fabricated
+import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy import stats
 
-from pdssjax.inference.poor_fit import neighbour_correlation
+from pdssjax.inference.losses.cauchy import Cauchy
+from pdssjax.inference.losses.huber import Huber
+from pdssjax.inference.losses.squares import Squares
+from pdssjax.inference.poor_fit import (
+    exceeds_given_noise,
+    leaves_more_than_noise,
+    neighbour_correlation,
+    stays_below_given_noise,
+)
 
 RANDOM = np.random.default_rng(1)
 
@@ -27,3 +39,54 @@ def test_a_glitch_of_three_samples_does_not_correlate_neighbours():
     assert neighbour_correlation(record(np.convolve(RANDOM.normal(size=801), [1, 1], "valid"))) == pytest.approx(
         0.5, abs=0.1
     )
+
+
+def judged(*records):
+    """Whether a fit of three numbers that leaves these (samples, chi-square a sample, noise given) leaves too much.
+
+    Neighbours have opposite signs: by its size alone.
+    """
+    sizes = [samples for samples, _, _ in records]
+    ends = np.cumsum([0, *sizes])
+    rows = [slice(a, b) for a, b in itertools.pairwise(ends)]
+    parts = [np.sqrt(mean) * np.resize([1.0, -1.0], samples) for samples, mean, _ in records]
+    told = [
+        SimpleNamespace(time=np.arange(part.size), measured=part, noise=1.0 if given else None, offset=0.0, drive=None)
+        for part, (_, _, given) in zip(parts, records, strict=True)
+    ]
+    residual = SimpleNamespace(loss=Squares())
+    problem = SimpleNamespace(records=told, rows=rows, residual=residual, noise=np.ones(len(told)))
+    left = np.concatenate(parts)
+    fit = SimpleNamespace(chi2=float(left @ left), free=np.zeros(3), state=SimpleNamespace(residual=left))
+    return leaves_more_than_noise(fit, problem)  # pyright: ignore[reportArgumentType]
+
+
+@pytest.mark.parametrize("samples", [12, 20, 200])
+def test_a_short_record_leaves_too_much_as_rarely_as_a_long_one(samples):
+    """Once in 30 000 right fits: between the quantiles of 1e-4 and 1e-5 of chi-square."""
+    freedom = samples - 3
+    rare, rarer = (stats.chi2.isf(share, freedom) / samples for share in (1e-4, 1e-5))
+    assert not judged((samples, rare, True)) and judged((samples, rarer, True))
+    reduced = samples / freedom
+    told = lambda mean: record(
+        np.ones(samples), chi2=samples * mean, reduced_chi2=reduced * mean, rmse=1.04e-8, outliers=np.zeros(0, int)
+    )
+    assert not exceeds_given_noise(told(rare)) and exceeds_given_noise(told(max(rarer, 1.3)))
+    small, smaller = (stats.chi2.ppf(share, freedom) / samples for share in (1e-4, 1e-7))
+    assert not stays_below_given_noise(told(small)) and stays_below_given_noise(told(min(smaller, 0.7)))
+
+
+@pytest.mark.parametrize("others", [0, 400, 40_000])
+def test_many_samples_whose_noise_was_estimated_do_not_hide_what_others_leave(others):
+    beside = [(others, 1.0, False)] if others else []
+    assert judged((50, 3.0, True), *beside)
+    assert not judged((50, 1.1, True), *beside)
+    assert judged((50, 1.0, True), (400, 1.3, False))
+
+
+@pytest.mark.parametrize("loss", [Squares(), Huber(), Cauchy()])
+def test_right_fits_under_every_loss_are_hardly_ever_said_to_leave_more_than_noise(loss):
+    """By the spread of the scatter: of the median of absolute residuals it is 1.65 times that of the mean square."""
+    roots = np.asarray(loss.root(jnp.asarray(RANDOM.normal(size=(1500, 400)))))
+    scatters = np.array([loss.scatter(row, 400.0) ** 2 for row in roots])
+    assert np.std(scatters) == pytest.approx(np.sqrt(2.0 / 400.0 / loss.scatter_efficiency), rel=0.1)

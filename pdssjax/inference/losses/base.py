@@ -29,6 +29,10 @@ class AbstractLoss(eqx.Module):
     is_robust: ClassVar[bool] = True
     """Large residuals pull less than their size."""
 
+    scatter_efficiency: ClassVar[float] = 0.3675
+    """Share of the residuals that would tell as much by their squares as all do by `scatter`: of the median of absolute
+    values of normal noise."""
+
     @abc.abstractmethod
     def root(self, r: Float[Array, "*n"]) -> Float[Array, "*n"]:
         """sign(r) sqrt(rho(r)): what is squared and summed; differentiable, with slope 1 at 0.

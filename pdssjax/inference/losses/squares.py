@@ -15,6 +15,7 @@ class Squares(AbstractLoss):
     """rho = r^2."""
 
     is_robust: ClassVar[bool] = False
+    scatter_efficiency: ClassVar[float] = 1.0
 
     def root(self, r: Float[Array, "*n"]) -> Float[Array, "*n"]:
         return r

@@ -7,11 +7,10 @@ import numpy as np
 from ...metrics import drift_per_cycle
 from ...study import FittedRecord
 from ..poor_fit import (
-    EXCESS,
     above_floor,
     exceeds_floor,
     exceeds_given_noise,
-    highest_by_chance,
+    largest_by_chance,
     neighbour_correlation,
     repeats,
     stays_below_given_noise,
@@ -57,7 +56,7 @@ def about_records(records: Sequence[FittedRecord], factor: float, is_robust: boo
             f"{_enlarged(factor, is_robust)}"
         )
     if misfits := [record for record in excess if record not in noisy]:
-        figures = (f'"{r.name}" ({r.rest_chi2:.3g}; by chance up to {_chance(r):.3g})' for r in misfits)
+        figures = (f'"{r.name}" ({r.rest_chi2:.3g}; by chance up to {largest_by_chance(r):.3g})' for r in misfits)
         notes.append(
             f"The model does not explain all of {listed(figures)}: chi-square per sample against the noise given is "
             f"in brackets. {_enlarged(factor, is_robust)} Look at the residuals in the plots for what is missing: "
@@ -163,7 +162,3 @@ def _enlarged(factor: float, is_robust: bool) -> str:
     if factor > 1.0:
         return f"Errors are enlarged by {np.sqrt(factor):.3g} for it, as far as they come from noise that was given."
     return "All records together hide it: the errors are not enlarged for it."
-
-
-def _chance(record: FittedRecord) -> float:
-    return max(EXCESS, highest_by_chance(record.samples))
