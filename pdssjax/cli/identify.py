@@ -45,7 +45,7 @@ def identify(options: argparse.Namespace) -> int:
         loss: str = options.loss if method == "joint" or len(methods) == 1 else "squares"
         more = more_of(options, intervals, folder)
         found = _identified(study, method, intervals, loss, more, folder)
-        estimates[method] = _noted(found, options.intervals, intervals)
+        estimates[method] = _noted(found, options, intervals, loss)
         written &= _report_and_keep(estimates[method], folder)
     if len(methods) > 1:
         written &= _compared(list(estimates.values()), options.out)
@@ -78,14 +78,19 @@ def _intervals_of(method: "Method", asked: "Intervals") -> "Intervals":
     return asked if has_intervals(method, asked) else "linear"
 
 
-def _noted(estimate: "Estimate", asked: "Intervals", given: "Intervals") -> "Estimate":
-    """With a note where other intervals were `asked` for than are `given`."""
+def _noted(estimate: "Estimate", asked: argparse.Namespace, intervals: "Intervals", loss: str) -> "Estimate":
+    """With a note each where other intervals, or another loss, were `asked` for than are given."""
     import dataclasses
 
-    if asked == given:
-        return estimate
-    note = f"No {asked}: the {estimate.method} method has none, and its intervals are {given}."
-    return dataclasses.replace(estimate, notes=(*estimate.notes, note))
+    notes = []
+    if asked.intervals != intervals:
+        notes.append(f"No {asked.intervals}: the {estimate.method} method has none, and its intervals are {intervals}.")
+    if asked.loss != loss:
+        notes.append(
+            f"No {asked.loss}: the {estimate.method} method has no robust loss, and glitches pull it as they do least "
+            "squares."
+        )
+    return dataclasses.replace(estimate, notes=(*estimate.notes, *notes))
 
 
 def _possible(study: "Study") -> "list[Method]":

@@ -75,6 +75,13 @@ def test_of_several_methods_those_with_other_intervals_say_so(calls, tmp_path):
     assert "No profile" not in (tmp_path / "joint" / "report.txt").read_text()
 
 
+def test_of_several_methods_those_without_a_robust_loss_say_so(calls, tmp_path):
+    assert cli.main(["identify", "--out", str(tmp_path), "--method", "both", "--loss", "huber"]) == 0
+    note = "No huber: the sequential method has no robust loss, and glitches pull it as they do least squares."
+    assert note in " ".join((tmp_path / "sequential" / "report.txt").read_text().split())
+    assert "No huber" not in (tmp_path / "joint" / "report.txt").read_text()
+
+
 def test_peaks_alone_are_a_method_of_their_own(calls, tmp_path, capsys):
     assert cli.main(["identify", "--out", str(tmp_path), "--method", "peaks"]) == 0
     assert calls.methods == ["peaks"]
