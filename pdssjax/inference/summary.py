@@ -14,7 +14,7 @@ from .least_squares import START_FAILED, Fit, Method, by_record
 from .measured_apart import measured_apart
 from .notes.of_fit import ErrorFacts, notes_of
 from .parameter_transform import ParameterTransform
-from .poor_fit import contradicting, leaves_more_than_noise
+from .poor_fit import contradicting, exceeds_floor, leaves_more_than_noise
 from .problem import Problem
 from .residual import free_offset
 from .stack_first.freed_stack import with_stack_freed
@@ -65,8 +65,9 @@ def summarise(
     diagnosis = diagnose(problem, fit, known.matrix) if np.isfinite(fit.chi2) else None
     if diagnosis and stack is not None:  # its records are not fitted, and pull wherever the peaks were misread
         diagnosis = dataclasses.replace(diagnosis, agreement=())
-    contradicted = diagnosis is not None and bool(contradicting(diagnosis.agreement))
-    explained, message = _verdict(problem, fit, values, contradicted, stack)
+    unexplained = diagnosis is not None and bool(contradicting(diagnosis.agreement))
+    unexplained |= stack is None and any(r.role == "fit" and r.noise_estimated and exceeds_floor(r) for r in records)
+    explained, message = _verdict(problem, fit, values, unexplained, stack)
     estimate = Estimate(
         title=study.title,
         method=method,
@@ -91,12 +92,15 @@ def summarise(
 
 
 def _verdict(
-    problem: Problem, fit: Fit, values: Mapping[str, float], contradicted: bool, stack: PickedStack | None
+    problem: Problem, fit: Fit, values: Mapping[str, float], unexplained: bool, stack: PickedStack | None
 ) -> tuple[bool, str]:
-    """Whether a fit explains what was fitted, and how it ended, in a sentence."""
+    """Whether a fit explains what was fitted, and how it ended, in a sentence.
+
+    It is `unexplained` where records contradict each other, or leave more than their neighbouring samples scatter.
+    """
     if fit.message == START_FAILED:
         return False, f"{START_FAILED}: {failed_start(problem, values)}"
-    explained = not (contradicted or leaves_more_than_noise(fit, problem))
+    explained = not (unexplained or leaves_more_than_noise(fit, problem))
     if stack is None or explained or not np.isfinite(fit.chi2):
         return explained, fit.message
     if leaves_more_than_noise(*with_stack_freed(fit, problem, stack)):

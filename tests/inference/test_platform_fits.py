@@ -1,5 +1,6 @@
 """The fit of a platform alone, known in closed form and quick to compile: what is said, kept and written."""
 
+import dataclasses
 import json
 import math
 
@@ -8,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from platform_study import DAMPING, GAIN, PLATFORM, RATE, ZERO, write_platform
+from platform_study import DAMPING, GAIN, NOISE_LINE, PLATFORM, RATE, ZERO, write_platform
 from scipy import stats
 
 import pdssjax
@@ -39,6 +40,17 @@ def test_a_zero_that_is_given_is_kept(tmp_path):
     assert math.isnan(record.offset_standard_error)
     assert found.statistics.free == 4
     assert 0.8 < found.statistics.reduced_chi2 < 1.2
+
+
+def test_residuals_far_above_the_scatter_of_neighbours_are_not_explained_although_no_noise_is_given(tmp_path):
+    """A sensor that shows a new value at every second sample only: what is left of the ring alternates."""
+    study = pdssjax.load_study(write_platform(tmp_path, PLATFORM.replace(NOISE_LINE, "")))
+    (record,) = study.records
+    held = dataclasses.replace(record, measured=np.repeat(record.measured[::2], 2))
+    found = pdssjax.identify(dataclasses.replace(study, records=(held,)))
+    assert any("larger than the noise seen between neighbouring samples" in note for note in found.notes)
+    assert found.converged and not found.explained
+    assert pdssjax.identify(study).explained
 
 
 @pytest.mark.slow
