@@ -103,7 +103,7 @@ def test_the_errors_are_what_estimates_scatter_by_with_and_without_glitches(name
         for _ in range(200):
             x, y = line(random, glitches)
             b, root, jacobian = fitted(LOSSES[name], x, y)
-            matrix = robust_covariance(root, jacobian, np.zeros(2, bool), LOSSES[name]).matrix
+            matrix = robust_covariance(root, jacobian, np.zeros(2, bool), LOSSES[name])[0].matrix
             found.append(b)
             errors.append(np.sqrt(np.diag(matrix)))
         # 200 draws tell a standard deviation to 5 %.
@@ -118,7 +118,7 @@ def test_for_squares_the_sandwich_takes_the_scatter_from_the_residuals_and_a_par
     r = 3.0 * random.normal(size=300)
     r -= x @ np.linalg.lstsq(x, r, rcond=None)[0]
     held = np.array([False, False, False])
-    found = robust_covariance(r, x, held, LOSSES["squares"])
+    found, _ = robust_covariance(r, x, held, LOSSES["squares"])
     plain = least_squares_covariance(x, held)
     np.testing.assert_allclose(np.diag(found.matrix)[:2], 9.0 * np.diag(plain.matrix)[:2], rtol=0.25)
     assert np.isnan(found.matrix[2]).all() and not found.identifiable[2]

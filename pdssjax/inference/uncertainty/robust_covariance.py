@@ -14,7 +14,7 @@ def robust_covariance(
     held: Bool[np.ndarray, " p"],
     loss: AbstractLoss,
     apart: Float[np.ndarray, "k p"] | None = None,
-) -> Covariance:
+) -> tuple[Covariance, Float[np.ndarray, "p p"]]:
     """B^-1 M B^-1 with B = J' diag(rho''/2) J and M = J' diag(rho'/2)^2 J (P. J. Huber, Robust Statistics, 1981, 7.6).
 
     What is given of the noise only scales the loss: M takes the scatter from the residuals themselves.  What was
@@ -22,12 +22,14 @@ def robust_covariance(
 
     **Arguments:** `root`s of the residuals of the samples and their `jacobian`, as the fit leaves them; `held`
     parameters count as known; the Jacobian of what was measured `apart`.
+
+    **Returns:** the covariance, and B^-1, by which the estimate follows what was measured apart; NaN alike.
     """
     given = np.zeros((0, jacobian.shape[1])) if apart is None else apart
     whole = least_squares_covariance(np.concatenate([jacobian, given]), held)
     kept = np.flatnonzero(whole.identifiable)
     if not kept.size:
-        return whole
+        return whole, whole.matrix
     original = loss.original(jnp.asarray(root))
     r, influence, curvature = map(np.asarray, (original, loss.influence(original), loss.curvature(original)))
     slope = np.where(np.abs(root) > 1e-12, influence / np.where(root == 0.0, 1.0, root), 1.0)
@@ -37,7 +39,8 @@ def robust_covariance(
     known = others.T @ others
     bread = np.linalg.inv(columns.T @ (curvature[:, None] * columns) + known)
     scores = columns * influence[:, None]
-    matrix = np.full_like(whole.matrix, np.nan)
     spread = bread @ (scores.T @ scores * r.size / max(r.size - kept.size, 1) + known) @ bread
-    matrix[np.ix_(kept, kept)] = spread / np.outer(norms, norms)
-    return whole._replace(matrix=matrix)
+    matrices = [np.full_like(whole.matrix, np.nan) for _ in range(2)]
+    for matrix, found in zip(matrices, (spread, bread), strict=True):
+        matrix[np.ix_(kept, kept)] = found / np.outer(norms, norms)
+    return whole._replace(matrix=matrices[0]), matrices[1]

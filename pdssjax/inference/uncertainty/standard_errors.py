@@ -29,8 +29,7 @@ class StandardErrors(NamedTuple):
     naive: Float[np.ndarray, "p p"] | None
     """The covariance that takes the first of two steps for exact, enlarged as well; None of a joint fit."""
     with_told: Float[np.ndarray, " p"]
-    """Covariance of each estimate with what was measured apart of it, which the estimate follows; 0 where nothing was.
-    Under a robust loss the variance of the estimate, which it is where the noise given is right."""
+    """Covariance of each estimate with what was measured apart of it, which the estimate follows; no other counts."""
     factor: float
     """By which variances exceed those of the noise given; 1 under a robust loss, which takes the scatter from the
     residuals."""
@@ -96,5 +95,5 @@ def _robust(problem: Problem, fit: Fit) -> StandardErrors:
     loss, held = problem.residual.loss, problem.residual.transform.at_bound(fit.free)
     roots, jacobian = np.asarray(fit.state.residual), np.asarray(fit.state.jacobian)
     samples, apart = slice(problem.rows_apart.start), jacobian[problem.rows_apart]
-    known = robust_covariance(roots[samples], jacobian[samples], held, loss, apart)
-    return StandardErrors(known, None, np.diag(known.matrix), 1.0)
+    known, bread = robust_covariance(roots[samples], jacobian[samples], held, loss, apart)
+    return StandardErrors(known, None, np.diag(bread), 1.0)
