@@ -21,6 +21,9 @@ _HERTZ = re.compile(r"hz\b|hertz\b", re.IGNORECASE)
 
 _GRAM = ', a gram (standard gravity is written "g_0", of a column in [record.units])'
 
+_LONGEST = 80
+"""Characters of what was given that a message quotes."""
+
 _NOT_FINITE = re.compile(r"\s*[+-]?(nan|inf(inity)?)\b", re.IGNORECASE)
 
 
@@ -37,7 +40,7 @@ def to_si(given: object, unit: str, where: str, shown: str = "") -> float:
     if isinstance(given, str):
         value = _text_to_si(given, unit, where, shown)
     elif isinstance(given, int | float) and not isinstance(given, bool):
-        value = float(given)
+        value = _float(given)
     else:
         raise InputError(f"{where}: found {_shown(given)}, expected {_example(shown or unit)}.")
     if not math.isfinite(value):
@@ -109,8 +112,20 @@ def _text_to_si(given: str, unit: str, where: str, shown: str) -> float:
     number, name = _split(given, where, expected)
     if unit == "rad/s" and _HERTZ.search(name):
         return float(number) * factor(name, "Hz", where) * 2.0 * math.pi
-    # In decimals, since "86 g" is to be 0.086 kg and not 0.08600000000000001 kg.
-    return float(Decimal(number) * Decimal(repr(factor(name, unit, where))))
+    scale = factor(name, unit, where)
+    try:
+        # In decimals, since "86 g" is to be 0.086 kg and not 0.08600000000000001 kg.
+        return float(Decimal(number) * Decimal(repr(scale)))
+    except ArithmeticError:  # an exponent that decimals do not hold
+        return float(number) * scale
+
+
+def _float(given: float) -> float:
+    """A number as a float; infinite where it is an integer beyond all floats."""
+    try:
+        return float(given)
+    except OverflowError:
+        return math.inf
 
 
 def _split(given: str, where: str, expected: str) -> tuple[str, str]:
@@ -125,7 +140,8 @@ def _split(given: str, where: str, expected: str) -> tuple[str, str]:
 
 
 def _shown(given: object) -> str:
-    return f'"{given}"' if isinstance(given, str) else str(given)
+    text = f'"{given}"' if isinstance(given, str) else str(given)
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
 
 
 def _of(unit: str) -> str:

@@ -58,6 +58,8 @@ def open_file(file: Path, decimal: str = "") -> AbstractReader:
         raise InputError(f"{file}: there is no such file, expected a file of samples.") from None
     except OSError as error:
         raise InputError(f"{file}: cannot be read ({error.strerror}), expected a file of samples.") from None
+    except ValueError as error:  # a name that no file can have
+        raise InputError(f"{file}: cannot be read ({error}), expected a file of samples.") from None
     if head.startswith(b"PK\x03\x04"):
         raise InputError(f"{file}: found a workbook or a ZIP archive, expected the sheet saved as CSV.")
     kinds = [member(_FAMILY, name) for name in sorted(members(_FAMILY), key=lambda name: name == _LAST)]

@@ -35,7 +35,7 @@ def conditioned(record: Table, drive: AbstractDrive | None) -> tuple[AbstractDri
         return _of_samples(record, drive)
     frequency, given = drive.cycle_frequency(), record.get("conditioning", str, _EXPECTED)
     number, _, unit = given.strip().partition(" ")
-    if unit.strip() not in ("cycle", "cycles") or not number.isdigit():
+    if unit.strip() not in ("cycle", "cycles") or not number.isdecimal():
         raise InputError(f'{where}: found "{given}", expected whole cycles such as "3 cycles".')
     if frequency is None:
         raise InputError(f'{where}: found "{given}", expected none: this waveform has no cycle.')

@@ -10,7 +10,7 @@ from ..actuator import ZeroOrderHold
 from ..core import InputError, Quantity, choices, member, members, quantities
 from ..drive.base import AbstractDrive
 from ..metrics import smoothed
-from .layout_table import decimal_at, interval_at, name_at
+from .layout_table import decimal_at, interval_at, name_at, scales_at
 from .record_columns import Layout, read_columns
 from .toml_table import Table
 
@@ -127,9 +127,8 @@ def _layout(table: Table, record: Table, column: str | int) -> Layout:
     if source is not None and not isinstance(source.entries["time"], dict):
         names["time"] = name_at(source, "time")
     interval, begin = (None, 0.0) if source is None else interval_at(source)
-    scales: dict[str, float | str] = {"voltage": table.entries["scale"]} if "scale" in table.entries else {}
     decimal = decimal_at(table) or decimal_at(record)
-    return Layout(names, {"time": "s", "voltage": "V"}, units, scales, interval, begin, decimal)
+    return Layout(names, {"time": "s", "voltage": "V"}, units, scales_at(table, "voltage"), interval, begin, decimal)
 
 
 def _hold_interval(table: Table, drive: AbstractDrive) -> float:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from ..core import Document, InputError
+from ..core import Document, InputError, to_si
 from .record_columns import Layout
 from .toml_table import Table
 
@@ -38,7 +38,7 @@ def record_layout(table: Table, si_units: Mapping[str, str]) -> Layout:
     units.only([*si_units, "voltage"])
     written = {q: units.text(q, "a unit") for q in units.entries if q in si_units}
     interval, begin = interval_at(table)
-    return Layout(names, si_units, written, _scales(table, explained), interval, begin, decimal_at(table))
+    return Layout(names, si_units, written, scales_at(table, explained), interval, begin, decimal_at(table))
 
 
 def interval_at(table: Table) -> tuple[float | None, float]:
@@ -75,10 +75,11 @@ def _names(table: Table, si_units: Mapping[str, str]) -> dict[str, str | int]:
     return names
 
 
-def _scales(table: Table, explained: str) -> dict[str, float | str]:
+def scales_at(table: Table, quantity: str) -> dict[str, float | str]:
+    """What the numbers of a `quantity` are multiplied with; nothing where the table does not say it."""
     if "scale" not in table.entries:
         return {}
     value = table.get("scale", object, 'a factor such as "0.5 um/V"')
     if isinstance(value, bool) or not isinstance(value, (int, float, str)):
         raise InputError(f'{table.at("scale")}: found {value}, expected a factor such as "0.5 um/V".')
-    return {explained: value}
+    return {quantity: value if isinstance(value, str) else to_si(value, "", table.at("scale"))}

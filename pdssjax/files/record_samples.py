@@ -45,11 +45,12 @@ def _decimated(table: Table, columns: Columns, stretch: np.ndarray) -> dict[str,
     if "decimate" not in table.entries:
         return columns.data
     by = table.get("decimate", int, "a whole number such as 10")
-    if isinstance(table.entries["decimate"], bool) or by < 2:
-        raise InputError(
-            f"{table.at('decimate')}: found {table.entries['decimate']}, expected a whole number from 2 on."
-        )
     time = columns.data["time"]
+    if isinstance(table.entries["decimate"], bool) or not 2 <= by <= time.size:
+        raise InputError(
+            f"{table.at('decimate')}: found {table.entries['decimate']} of {time.size} samples, "
+            "expected a whole number from 2 on, and fewer than there are samples."
+        )
     steps = np.diff(time)[np.diff(stretch) == 0]
     if steps.size == 0 or np.ptp(steps) > 0.02 * np.median(steps):
         raise InputError(

@@ -74,7 +74,7 @@ def _read_toml(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: cannot be read ({error.strerror}), expected a study file.") from None
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: found {error.reason} at byte {error.start}, expected UTF-8 text.") from None
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:  # beside syntax: integers and nesting beyond what Python reads
         raise InputError(f"{path}: found no valid TOML: {error}.") from None
 
 

@@ -50,6 +50,7 @@ FAULTS = {
     ),
     "over before": (SAMPLED, record([0.0] * 39 + [9.0], -1.0), ["as the last time", "after t = 0"]),
     "a word among the volts": (SAMPLED, RAMP.replace("48.0\n", "high\n", 1), ["line", '"voltage_V"', '"high"']),
+    "scale that is a table": (SAMPLED.replace("}", ", scale = { value = 2 } }"), RAMP, ['"scale"', "a factor such as"]),
     "hold of nothing": (SAMPLED.replace("}", ", hold = 0 }"), RAMP, ['"hold"', "0 s", "above 0"]),
     "hold in volts": (SAMPLED.replace("}", ', hold = "1 V" }'), RAMP, ['"hold"', '"V"']),
     "sampled key for a step": (STEP.replace("}", ', column = "x" }'), RAMP, ['"column"', 'record "step": drive']),

@@ -56,6 +56,21 @@ STUDIES = {
     "not a number": ('"48.2 V"', '"high"', ['"voltage"', '"high"', "1 V"]),
     "truth value for a number": ('"48.2 V"', "true", ['"voltage"', "True", "1 V"]),
     "NaN in the study": ('"86 g"', "nan", ['"effector.mass"', "nan", "finite"]),
+    "beyond all floats": ('"86 g"', "1" + "0" * 400, ['"effector.mass"', "1000", "finite"]),
+    "beyond all integers": ('"86 g"', "1" + "0" * 5000, ["no valid TOML", "digits"]),
+    "exponent beyond all": (
+        '"86 g"',
+        '"1e99999999999999999999 g"',
+        ['"effector.mass"', "1e99999999999999999999", "finite"],
+    ),
+    "vanishing number": ('"86 g"', '"1e-99999999999999999999 g"', ['"effector.mass"', "0 kg", "above 0"]),
+    "cycles in superscript": (
+        'role = "validate"',
+        'role = "validate"\nconditioning = "² cycles"',
+        ['"conditioning"', "² cycles"],
+    ),
+    "decimated to nothing": ("noise =", "decimate = 1000000000000000000\nnoise =", ['"decimate"', "40 samples"]),
+    "file of a name that none has": ('"step.csv"', '"step\\u0000.csv"', ["step", "null byte"]),
     "infinite bound": ("2e-7", "inf", ['"piezo.gain"', '"max"', "inf", "finite"]),
     "start below min": ('"0.1 um/V"', '"0.01 um/V"', ['"piezo.gain"', '"start"', "1e-08 m/V", "5e-08 m/V"]),
     "start above max": ('"0.1 um/V"', '"1 um/V"', ['"piezo.gain"', '"start"', "1e-06 m/V", "2e-07 m/V"]),
@@ -118,6 +133,26 @@ FILES = {
     "time goes back": ("# old\n" + changed("0.000100,", "0.000010,", STEP), ["line 5", "1e-05 s after 5e-05 s"]),
     "time column missing": (changed("time_s,", "displacement_um,", STEP), ['"time_s"']),
     "never moves": ("time_s,displacement_um\n0,1\n1e-5,1\n2e-5,1\n", ['"displacement_um"', "3 samples", "moves"]),
+    "a cell too many among blanks": (
+        "time_s displacement_um\n0 1\n1e-5 1 234.5\n2e-5 3\n3e-5 4\n",
+        ["line 3", "3 cells", "expected 2"],
+    ),
+    "a cell too few among blanks": (
+        "time_s displacement_um u\n0 1 5\n1e-5 2 5\n2e-5   5\n3e-5 4 5\n",
+        ["line 4", "2 cells", "expected 3"],
+    ),
+    "a quote that nothing closes": (
+        'time_s,displacement_um,u\n0,1,5\n1e-5,"2,5\n2e-5,3,5\n3e-5,"4,5\n',
+        ["line 3", "2 cells", "expected 3"],
+    ),
+    "dates": (
+        "time_s,displacement_um\n2024-01-05T10:00:00.000,1\n2024-01-05T10:00:00.001,2\n",
+        ["line 3", '"2024-01-05T10:00:00.001"', "times in seconds"],
+    ),
+    "dates beside numbers": (
+        "time_s,displacement_um,u\n10:00:00.000,1,5\n10:00:00.001,2,5\n",
+        ["line 2", '"time_s"', '"10:00:00.000"', "expected numbers"],
+    ),
     "fewer samples than unknowns": ("time_s,displacement_um\n0,1\n1e-5,2\n", ["2 samples", "6 free", "1 offsets"]),
 }
 

@@ -156,6 +156,7 @@ LAYOUTS = {
     "truth value": ("channel = true\ntime = 1", ['"channel"', "True"]),
     "scale of zero": ("channel = 2\ntime = 1\nscale = 0", ["scale", "other than 0"]),
     "scale of another kind": ('channel = 2\ntime = 1\nscale = "2 N/V"', ["scale", '"2 N/V"', "um"]),
+    "scale beyond all floats": ("channel = 2\ntime = 1\nscale = 1" + "0" * 400, ["scale", "finite"]),
     "scale of words": ('channel = 2\ntime = 1\nscale = "much"', ["scale", '"much"']),
     "decimate by one": ("channel = 2\ntime = 1\ndecimate = 1", ['"decimate"', "from 2 on"]),
     "decimate too short": ("channel = 2\ntime = 1\ndecimate = 2", ['"decimate"', "40 samples", "64"]),

@@ -28,6 +28,9 @@ _KINDS = [(";", ","), (";", "."), ("\t", "."), ("\t", ","), (",", "."), (" ", ".
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf(inity)?)", re.IGNORECASE)
 
+_MOMENT = re.compile(r"\d{4}-\d\d?-\d\d?([T ]\d\d:[\d:.]+)?|\d+:\d\d[\d:.]*")
+"""A date or the time of a clock."""
+
 _BRACKETS = re.compile(r"\s*(\([^)]*\)|\[[^\]]*\])")
 
 _SCOPE_CLOCK = re.compile(r"(start|increment)\s*[=,;]\s*([-+\d.eE]+)", re.IGNORECASE)
@@ -113,7 +116,7 @@ def dialect_of(file: Path, head: bytes, decimal: str = "") -> Dialect:
     scored = [(_score(lines, *kind), -rank, kind) for rank, kind in enumerate(kinds)]
     best, _, (separator, sign) = max(scored)
     if best <= 0:
-        raise InputError(f"{file}: found a header but no samples below it, expected a row of numbers for each.")
+        raise InputError(f"{file}: {_without_numbers(lines)}.")
     if (separator, sign) == (",", ".") and _is_one_column(lines):
         separator, sign = ";", ","
     return _table(lines, encoding, separator, sign)
@@ -137,6 +140,14 @@ def is_number(cell: str, decimal: str) -> bool:
 def with_points(text: str) -> str:
     """Text with decimal commas, with points in their place; with what is no number where a point stood."""
     return text.replace(".", "?").replace(",", ".")
+
+
+def _without_numbers(lines: Sequence[str]) -> str:
+    """What is wrong with lines that hold no row of numbers."""
+    number, last = next((k, line) for k, line in reversed(list(enumerate(lines, start=1))) if line.strip())
+    if moment := _MOMENT.search(last):
+        return f'line {number}: found "{moment[0]}", a date or the time of a clock, expected times in seconds'
+    return "found a header but no samples below it, expected a row of numbers for each"
 
 
 def _plain(lines: Sequence[str]) -> list[str]:

@@ -4,7 +4,6 @@ Semicolons, commas, tabs or blanks, decimal point or comma, UTF-8, UTF-16 or Lat
 header or none, the layouts of oscilloscopes.  A file is read a part at a time.
 """
 
-import csv
 import functools
 from collections.abc import Iterator, Sequence
 from itertools import islice
@@ -66,18 +65,23 @@ class DelimitedText(AbstractReader):
 
     def header_at_fault(self, name: str) -> str:
         above, width = self.dialect.above, self.dialect.width
-        if name not in above or len(above) == width:
+        if name not in above:
             return ""
+        if len(above) == width:
+            line = self.dialect.skipped + 1
+            found = self.written(line, above.index(name) + 1)
+            return f'line {line}, column "{name}": found "{found}", expected numbers' if found else ""
         comma = "; are decimal commas among them?" if self.dialect.separator == "," and width > len(above) else ""
         return f"line {self.dialect.skipped + 1}: found {width} cells, expected {len(above)} as in the header{comma}"
 
     def _numbers(self, places: np.ndarray, lines: list[str], positions: list[int]) -> np.ndarray:
         """The cells of some columns as numbers, NaN where there is none; refuses rows of another width."""
         separator, width = self.dialect.separator, self.dialect.width
-        if any('"' in line for line in lines):
-            lines = ["\t".join(row) for row in csv.reader(lines, delimiter=separator)]
+        if separator != " " and any('"' in line for line in lines):
+            # Each line by itself: a quote that nothing closes would swallow the lines after it.
+            lines = ["\t".join(cells_of(line, separator)) for line in lines]
             separator = "\t"
-        cells = [line.count(separator) + 1 for line in lines] if separator != " " else [width] * len(lines)
+        cells = [len(line.split()) if separator == " " else line.count(separator) + 1 for line in lines]
         if any(count != width for count in cells):
             self._check_widths(places, lines, separator, cells)
         if self.dialect.decimal == ",":
@@ -93,7 +97,8 @@ class DelimitedText(AbstractReader):
         for place, line, count in zip(places, lines, cells, strict=True):
             if count == self.dialect.width:
                 continue
-            filled = len(line.rstrip(f" \r\n{separator}").split(separator))
+            # Blanks leave no cell empty: where one is missing all others have moved.
+            filled = count if separator == " " else len(line.rstrip(f" \r\n{separator}").split(separator))
             if filled > self.dialect.width or count < least:
                 found = f"{count} cell{'s' * (count > 1)}"
                 raise InputError(
