@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import math
 import warnings
 from pathlib import Path
 from typing import NamedTuple
@@ -13,6 +12,7 @@ from jaxtyping import Float
 from ..core import Document, InputError, InputWarning, nearest
 from ..study import Draws, Estimate, Study
 from .json_text import json_text
+from .toml_table import Table
 
 
 class KnownParameters(NamedTuple):
@@ -35,13 +35,15 @@ def with_estimate(study: Study, file: Path) -> Study:
     **Raises:** `InputError` if the file is missing or no estimate, or has a parameter that the
     study has not.  Warns with `InputWarning` if the fit did not converge, or does not explain its records.
     """
-    values, doubt = _read(file)
-    legal = study.legal()
-    for path in values:
+    document, legal = _document(file), study.legal()
+    parameters = Table(document, str(file)).table("parameters", "a table of parameters")
+    for path in parameters.entries:
         if path not in legal:
             raise InputError(
                 f'{file}: found the parameter "{path}", which {study.path} has not; {nearest(path, legal)}'
             )
+    values = {path: _value(parameters, path, legal[path].unit) for path in parameters.entries}
+    doubt = _doubt(document)
     if doubt:
         warnings.warn(f"{file}: the fit {_DOUBTS[doubt]}; its numbers are used all the same.", InputWarning, 2)
     return study.with_values(values, f"estimate {file}" + (f" ({doubt})" if doubt else ""))
@@ -55,7 +57,7 @@ def read_estimate(file: Path) -> Document:
 def _document(file: Path) -> Document:
     """What is in `file`; **raises** `InputError` if it is missing or no estimate."""
     try:
-        document: object = json.loads(file.read_text(encoding="utf-8"))
+        document: object = json.loads(file.read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
         raise InputError(f"{file}: there is no such file, expected an estimate.json.") from None
     except (OSError, UnicodeDecodeError) as error:
@@ -77,18 +79,19 @@ _DOUBTS = {
 """Of a fit, by what is said of where numbers come from."""
 
 
-def _read(file: Path) -> tuple[dict[str, float], str]:
-    """The value of every parameter, and what is doubtful about the fit, of `_DOUBTS`; "" for nothing."""
-    document = _document(file)
-    values = {}
-    for path, entry in document["parameters"].items():
-        value = entry.get("value")
-        if not isinstance(value, int | float) or not math.isfinite(value):
-            raise InputError(f'{file}: parameters: "{path}": found the value {value}, expected a number.')
-        values[path] = float(value)
+def _value(parameters: Table, path: str, unit: str) -> float:
+    """The value of a parameter [SI]; **raises** `InputError` where it is no number, or told in another `unit`."""
+    entry = parameters.table(path, 'a table such as { "value": 0.1 }')
+    if entry.entries.get("unit", unit) != unit:
+        raise InputError(f'{entry.at("unit")}: found {json.dumps(entry.entries["unit"])}, expected "{unit}".')
+    return entry.number("value", unit)
+
+
+def _doubt(document: Document) -> str:
+    """What is doubtful about the fit, of `_DOUBTS`; "" for nothing."""
     if document.get("converged") is False:
-        return values, "not converged"
-    return values, "unexplained" if document.get("explained") is False else ""
+        return "not converged"
+    return "unexplained" if document.get("explained") is False else ""
 
 
 def read_covariance(file: Path) -> KnownParameters:
@@ -99,6 +102,22 @@ def read_covariance(file: Path) -> KnownParameters:
     **Raises:** `InputError` if the file is missing or no estimate, or determines none.
     """
     document = _document(file)
+    try:
+        names, covariance, errors = _believed(document)
+        known = np.flatnonzero(np.isfinite(np.diag(covariance))) if names else np.zeros(0, int)
+        found = KnownParameters(tuple(names[i] for i in known), covariance[np.ix_(known, known)], errors)
+    except (KeyError, IndexError, TypeError, ValueError, OverflowError):
+        raise InputError(
+            f"{file}: covariance: found no square matrix of numbers with a name for each row, "
+            "expected what pdssjax identify wrote."
+        ) from None
+    if not found.names:
+        raise InputError(f"{file}: found no parameter with a standard error, expected one that the records determine.")
+    return found
+
+
+def _believed(document: Document) -> tuple[list[str], Float[np.ndarray, "p p"], str]:
+    """Names and covariance by the error model to believe, and that model; NaN where the records determine nothing."""
     names, matrix, errors = document["covariance"]["names"], document["covariance"]["matrix"], "standard"
     advised, by_model = document.get("error_advice"), document.get("covariances", {})
     if advised is not None and advised["model"] in by_model:
@@ -107,10 +126,7 @@ def read_covariance(file: Path) -> KnownParameters:
         if errors != "white":
             names, matrix = by_model["names"], by_model[errors]
     covariance = np.array([[np.nan if entry is None else entry for entry in row] for row in matrix], float)
-    known = np.flatnonzero(np.isfinite(np.diag(covariance))) if names else np.zeros(0, int)
-    if not known.size:
-        raise InputError(f"{file}: found no parameter with a standard error, expected one that the records determine.")
-    return KnownParameters(tuple(names[i] for i in known), covariance[np.ix_(known, known)], errors)
+    return names, covariance.reshape(len(names), len(names)), errors
 
 
 def estimate_text(estimate: Estimate) -> str:

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import pdssjax
-from pdssjax.files import estimate_text, with_estimate
+from pdssjax import InputError
+from pdssjax.files import estimate_text, read_covariance, with_estimate
 from pdssjax.study import compare
 
 
@@ -35,7 +36,8 @@ def written(study) -> dict:
     (record,) = study.records
     made = dataclasses.replace(record, measured=np.sin(2e3 * record.time))
     compared = compare(made, np.zeros_like(record.time), noise=1e-4, offset=0.0)
-    found = {path: fabricated.parameter(path, number, 0.01 * number, "") for path, number in study.values().items()}
+    units = {path: declared.unit for path, declared in study.legal().items()}
+    found = {p: fabricated.parameter(p, number, 0.01 * number, units[p]) for p, number in study.values().items()}
     whole = dataclasses.replace(fabricated.estimate(), parameters=found, records=(compared,))
     return json.loads(estimate_text(whole))
 
@@ -86,3 +88,44 @@ def test_an_estimate_without_them_is_kept_and_read_all_the_same(tmp_path):
     del document["error_advice"], document["covariances"]  # as older versions wrote it
     (tmp_path / "estimate.json").write_text(json.dumps(document))
     assert with_estimate(study, tmp_path / "estimate.json").values() == study.values()
+
+
+GAIN, COVARIANCE = ("parameters", "piezo.gain"), ("covariance",)
+
+# name: (where in the document, what stands there instead, what the message must contain)
+EDITED = {
+    "another unit": ((*GAIN, "unit"), "um/V", ['piezo.gain: key "unit"', '"um/V"', '"m/V"']),
+    "no value": ((*GAIN, "value"), None, ['piezo.gain: key "value"', "None", "m/V"]),
+    "a truth value": ((*GAIN, "value"), True, ['piezo.gain: key "value"', "True", "m/V"]),
+    "a value beyond all floats": ((*GAIN, "value"), 10**400, ['piezo.gain: key "value"', "finite"]),
+    "no table of a parameter": (GAIN, 0.1, ['"piezo.gain"', "0.1", "a table"]),
+    "no table of parameters": (("parameters",), [], ['"parameters"', "a table"]),
+    "no covariance": (COVARIANCE, None, ["covariance", "square matrix"]),
+    "a name too few": ((*COVARIANCE, "names"), ["piezo.gain"], ["covariance", "square matrix"]),
+    "words in the covariance": ((*COVARIANCE, "matrix", 0, 0), "x", ["covariance", "square matrix"]),
+    "no name of the errors": (("error_advice",), {}, ["covariance", "square matrix"]),
+}
+
+
+@pytest.mark.parametrize(("place", "found", "essentials"), EDITED.values(), ids=EDITED)
+def test_what_was_edited_by_hand_is_refused_where_it_is_wrong(tmp_path, place, found, essentials):
+    study, file = planned(tmp_path, "platform"), tmp_path / "estimate.json"
+    document = written(study)
+    inner = document
+    for key in place[:-1]:
+        inner = inner[key]
+    inner[place[-1]] = found
+    file.write_text(json.dumps(document))
+    with pytest.raises(InputError) as caught:
+        with_estimate(study, file) if place[0] == "parameters" else read_covariance(file)
+    for essential in (str(file), *essentials):
+        assert essential in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_number_with_a_unit_may_be_edited_in(tmp_path):
+    study, file = planned(tmp_path, "platform"), tmp_path / "estimate.json"
+    document = written(study)
+    document["parameters"]["piezo.gain"]["value"] = "0.2 um/V"
+    file.write_text(json.dumps(document), encoding="utf-8-sig")  # as some editors write it
+    assert with_estimate(study, file).values()["piezo.gain"] == 2e-7
