@@ -36,6 +36,10 @@ class Display(NamedTuple):
         """A number [SI] as people read it, with its unit."""
         return f"{number * self.scale:.4g} {self.unit}"
 
+    def decimals(self, *errors: float) -> int:
+        """Decimal places that show each of the `errors` [SI] with two significant digits; four at least."""
+        return max(4, *(decimals_for(error * self.scale) or 0 for error in errors))
+
 
 LENGTH = Display("displacement", "lengths", *_UNITS["m"])
 """Of most records."""

@@ -42,7 +42,7 @@ def _write_cycles(found: dict[str, Characterisation], file: Path) -> None:
                 start = record.cycles.start + index / record.cycles.frequency
                 cells = [record.metrics[n][index] * shown[n][1] if n in record.metrics else None for n in names]
                 written = ["" if cell is None else f"{cell:.6g}" for cell in cells]
-                table.writerow([stem, index + 1, f"{start:.9g}", *written])
+                table.writerow([stem, index + 1, f"{start:.15g}", *written])
 
 
 def _record_document(record: Characterisation) -> dict[str, Any]:

@@ -38,10 +38,10 @@ def write_estimate(estimate: Estimate, folder: Path) -> None:
             profile_figure(estimate.profiles, estimate.parameters).savefig(staging / "plots" / "profiles.png")
         if estimate.amplification is not None:
             amplification_figure(estimate.amplification).savefig(staging / "plots" / "amplification.png")
-        fitted = [record for record in estimate.records if record.role == "fit" and record.simulated]
         (staging / "plots" / "residuals").mkdir()
-        for stem, record in zip(file_stems(fitted), fitted, strict=True):
-            residual_split_figure(record).savefig(staging / "plots" / "residuals" / f"{stem}.png")
+        for stem, record in zip(file_stems(estimate.records), estimate.records, strict=True):
+            if record.role == "fit" and record.simulated:
+                residual_split_figure(record).savefig(staging / "plots" / "residuals" / f"{stem}.png")
 
 
 def write_essentials(estimate: Estimate, folder: Path) -> None:

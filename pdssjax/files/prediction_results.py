@@ -14,6 +14,12 @@ from .results_folder import staging_folder
 
 PARAMETERS_FORMAT = "pdssjax-parameters/1"
 
+_TAKEN = ("amplification", "correlations", "draws", "multistart", "profiles", "standard_errors")
+"""What `plots` holds besides a plot of each record."""
+
+_LONGEST = 60
+"""Letters of a file's name: four bytes each at most, of the 255 that a name may have."""
+
 Numbers: TypeAlias = Mapping[str, UsedNumber]
 """Of parameters by path, as `pdssjax.study.numbers_used` tells them."""
 
@@ -44,7 +50,7 @@ def write_records(records: Sequence[FittedRecord], staging: Path) -> None:
         np.savetxt(
             staging / "predictions" / f"{stem}.csv",
             np.column_stack([record.time, scale * table]),
-            fmt=("%.9g", "%.6f", "%.6f", "%.6f"),
+            fmt=("%.15g", "%.9g", "%.9g", "%.9g"),
             delimiter=",",
             header=f"time_s,measured_{unit},predicted_{unit},residual_{unit}",
             comments="",
@@ -59,8 +65,8 @@ def file_stems(records: Sequence[FittedRecord] | Sequence[Characterisation]) -> 
     """File names after the records' own, different from each other on any file system."""
     stems: list[str] = []
     for record in records:
-        plain = re.sub(r"[^\w.-]+", "_", record.name).strip("._") or "record"
-        taken = [stem.lower() for stem in [*stems, "correlations", "standard_errors"]]
+        plain = re.sub(r"[^\w.-]+", "_", record.name)[:_LONGEST].strip("._") or "record"
+        taken = [stem.lower() for stem in [*stems, *_TAKEN]]
         copies = (f"{plain}-{number}" for number in range(2, len(taken) + 2))
         stems.append(next(stem for stem in (plain, *copies) if stem.lower() not in taken))
     return stems

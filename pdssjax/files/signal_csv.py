@@ -22,8 +22,8 @@ def write_csv(recording: Recording, file: Path) -> None:
         scale = factor(unit or column_unit(name), si_units[quantity], where)
         columns.append(np.asarray(data[quantity]) / scale)
         names.append(name)
-        # A clock that began long ago needs more digits to tell its samples apart.
-        formats.append("%.15g" if quantity == "time" and record.start else "%.9g")
+        # A clock that began long ago needs all digits to tell its samples apart.
+        formats.append("%.15g" if quantity == "time" else "%.9g")
     file.parent.mkdir(parents=True, exist_ok=True)
     header = ",".join(names)
     np.savetxt(file, np.column_stack(columns), fmt=formats, delimiter=",", header=header, comments="", encoding="utf-8")

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from pdssjax import InputError
-from pdssjax.core import column_unit, factor, to_si
+from pdssjax.core import LENGTH, column_unit, factor, to_si
 
 
 @pytest.mark.parametrize(
@@ -92,3 +92,9 @@ def test_a_gram_is_told_from_the_standard_gravity():
 def test_column_name_ends_in_its_unit():
     assert [column_unit(name) for name in ("time_s", "end_effector_um", "voltage_V", "time")] == ["s", "um", "V", ""]
     assert factor("um", "m", "here") == 1e-6
+
+
+def test_small_errors_are_shown_with_two_digits_and_usual_ones_with_four_places():
+    assert LENGTH.decimals(1.04e-8, 1e-9) == 4
+    assert LENGTH.decimals(1.04e-8, 5.2e-11) == 6
+    assert LENGTH.decimals(0.0, math.nan) == 4

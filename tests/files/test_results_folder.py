@@ -1,5 +1,6 @@
 """Results reach their folder whole or not at all, and never over others unasked."""
 
+import dataclasses
 import json
 import os
 from pathlib import Path
@@ -82,6 +83,40 @@ def test_records_of_like_names_keep_their_own_files(tmp_path):
     write_predictions([fabricated.record(n, "fit", "effector", time, 1e-6 * time) for n in names], {}, tmp_path)
     files = {path.name for path in (tmp_path / "predictions").iterdir()}
     assert files == {"a_b.csv", "a_b-2.csv", "A_b-3.csv", "correlations-2.csv", "µ.csv"}
+
+
+def test_no_record_takes_the_place_of_another_figure(tmp_path):
+    time = np.linspace(0.0, 1.0, 50)
+    names = ["amplification", "Draws", "multistart", "profiles", "standard errors", "correlations"]
+    written = fabricated.estimate().records
+    named = [fabricated.record(name, "fit", "effector", time, 1e-6 * time) for name in names]
+    write_estimate(dataclasses.replace(fabricated.estimate(), records=(*written, *named)), tmp_path)
+    plots = {path.stem for path in (tmp_path / "plots").glob("*.png")}
+    assert {f"{name.replace(' ', '_')}-2" for name in names} | {"correlations", "standard_errors"} <= plots
+
+
+def test_a_record_of_any_name_has_its_files(tmp_path):
+    time = np.linspace(0.0, 1.0, 50)
+    names = ["µ" * 300, "µ" * 300 + "2"]
+    write_predictions([fabricated.record(n, "fit", "effector", time, 1e-6 * time) for n in names], {}, tmp_path)
+    assert len(list((tmp_path / "plots").glob("*.png"))) == 2
+
+
+def test_residuals_have_the_names_of_their_records_plots(tmp_path):
+    time = np.linspace(0.0, 1.0, 50)
+    roles = {"a b": "validate", "a/b": "fit"}
+    records = tuple(fabricated.record(n, role, "effector", time, 1e-6 * time) for n, role in roles.items())
+    write_estimate(dataclasses.replace(fabricated.estimate(), records=records), tmp_path)
+    assert [path.name for path in (tmp_path / "plots" / "residuals").iterdir()] == ["a_b-2.png"]
+
+
+def test_predictions_keep_small_numbers_and_late_times(tmp_path):
+    time = 1e5 + 1e-6 * np.arange(50)
+    record = fabricated.record("quiet", "fit", "effector", time, 1e-13 * np.sin(time * 1e5))
+    write_predictions([record], {}, tmp_path)
+    table = np.genfromtxt(tmp_path / "predictions" / "quiet.csv", delimiter=",", names=True)
+    np.testing.assert_array_equal(table["time_s"], np.round(time, 6))
+    np.testing.assert_allclose(table["predicted_um"], 1e6 * record.predicted, rtol=1e-8)
 
 
 def test_a_folder_with_results_is_refused_unless_overwriting(results):

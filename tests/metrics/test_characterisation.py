@@ -10,6 +10,7 @@ import pytest
 import pdssjax
 from pdssjax import InputError, InputWarning, characterise
 from pdssjax.cli import main as cli
+from pdssjax.files import write_characterisations
 from pdssjax.report.figures import cycle_figure
 
 EXAMPLE = Path(pdssjax.__file__).parent / "example"
@@ -261,6 +262,15 @@ def test_the_command_prints_a_table_and_writes_json_cycles_and_figures(tmp_path,
     assert 1e-6 * mean == pytest.approx(document["records"][1]["figures"]["net_step"]["mean"], rel=1e-5)
     assert cli.main(["characterise", arguments[2], "--out", str(out)]) == 2
     assert "found results already" in capsys.readouterr().err
+
+
+def test_cycles_on_a_clock_that_began_long_ago_begin_where_they_do(tmp_path):
+    time, motion = stick_slip(5, 5.0)
+    np.savetxt(tmp_path / "x.csv", np.column_stack([1.7e9 + time, motion]), "%.6f", ",", header="time_s,x_um")
+    write_characterisations([characterise(tmp_path / "x.csv")], tmp_path / "out")
+    with (tmp_path / "out" / "cycles.csv").open() as stream:
+        starts = np.array([float(row["start_s"]) for row in csv.DictReader(stream)])
+    np.testing.assert_allclose(np.diff(starts), 0.2, rtol=1e-3)
 
 
 @pytest.mark.parametrize(

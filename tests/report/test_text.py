@@ -90,6 +90,13 @@ def test_a_fit_that_failed_says_so_at_the_top():
     assert line_of(text, "joint fit") == "joint fit DID NOT CONVERGE: No progress after 50 iterations."
 
 
+def test_records_of_a_precise_sensor_keep_their_digits():
+    whole = fabricated.estimate()
+    quiet = dataclasses.replace(whole.records[0], rmse=5.1e-11, noise=4.9e-11, noise_estimated=False)
+    text = format_report(dataclasses.replace(whole, records=(quiet, *whole.records[1:])))
+    assert "0.000051" in text and "0.000049" in text
+
+
 def test_a_fit_that_does_not_explain_its_records_does_not_count_as_converged():
     found = dataclasses.replace(fabricated.estimate(), explained=False)
     assert "joint fit CONVERGED, BUT DOES NOT EXPLAIN ITS RECORDS: The step" in format_report(found)

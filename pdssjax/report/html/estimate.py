@@ -49,14 +49,14 @@ def _parameter(parameter: FittedParameter) -> list[str]:
 
 
 def _record(record: FittedRecord) -> list[str]:
-    scale = record.display.scale
+    scale, places = record.display.scale, record.display.decimals(record.rmse, record.noise)
     return [
         record.name,
         "fitted" if record.role == "fit" else "validation",
         str(record.samples),
         rounded(record.r2, 7),
-        rounded(record.rmse * scale, 4),
-        rounded(record.noise * scale, 4) + (" (found)" if record.noise_estimated else ""),
+        rounded(record.rmse * scale, places),
+        rounded(record.noise * scale, places) + (" (found)" if record.noise_estimated else ""),
         rounded(record.reduced_chi2, 3),
         record.display.unit if record.simulated else "simulation failed",
     ]

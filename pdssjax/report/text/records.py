@@ -50,7 +50,7 @@ def format_numbers(used: Mapping[str, UsedNumber]) -> str:
 
 
 def _record(record: FittedRecord) -> list[str]:
-    scale = record.display.scale
+    scale, places = record.display.scale, record.display.decimals(record.rmse, record.noise)
     known = record.noise > 0
     residual, zero = (
         [record.error_index, record.rmse, record.largest_error],
@@ -61,11 +61,11 @@ def _record(record: FittedRecord) -> list[str]:
         record.role,
         str(record.samples),
         rounded(record.r2, 7),
-        *(rounded(figure * scale, 4) for figure in residual),
-        rounded(record.noise * scale, 4) if known else "-",
+        *(rounded(figure * scale, places) for figure in residual),
+        rounded(record.noise * scale, places) if known else "-",
         ("found" if record.noise_estimated else "given") if known else "",
-        rounded(record.noise_floor * scale, 4),
-        rounded(record.reduced_chi2, 3),
-        *(rounded(figure * scale, 4) for figure in zero),
+        rounded(record.noise_floor * scale, places),
+        rounded(record.reduced_chi2, 3 if record.reduced_chi2 < 1e6 else None),
+        *(rounded(figure * scale, places) for figure in zero),
         "" if record.simulated else "simulation failed",
     ]
