@@ -116,7 +116,7 @@ def _implausible(guess: "RecordGuess") -> list[str]:
     if peak > HIGH:
         said.append(f"{peak:.4g} V, more than stacks bear: is the voltage's unit or scale right?")
     measured = guess.motion if guess.velocity is None else guess.velocity
-    for end, count in clipped(measured).items():
+    for end, count in clipped(measured, guess.volts).items():
         said.append(
             f"{count} samples at exactly the {end} of all, one after the other: a sensor or a scope at the end of its "
             "range shows nothing there; leave them out (exclude)"

@@ -27,3 +27,13 @@ def test_rest_at_the_begin_and_at_the_end_is_none():
 def test_nor_are_the_steps_of_a_coarse_sensor():
     coarse = np.round(4.0 * np.sin(9.0 * TIME)) / 4.0
     assert clipped(coarse) == {}
+
+
+def test_what_walks_out_of_range_stays_there_to_the_end_while_the_drive_runs():
+    volts = 50.0 * np.mod(20.0 * TIME, 1.0)
+    cut = np.minimum(3.0 * TIME, 2.3)
+    assert clipped(cut) == {}
+    found = clipped(cut, volts)
+    assert list(found) == ["highest"] and found["highest"] > 200
+    rest = np.concatenate([np.zeros(300), MOTION, np.full(300, MOTION[-1] + 1.0)])
+    assert clipped(rest, np.concatenate([np.zeros(300), volts, np.full(300, volts[-1])])) == {}

@@ -290,3 +290,10 @@ def test_a_step_and_a_record_without_a_voltage_have_no_loops():
     assert has_loops(dataclasses.replace(plain, voltage=np.linspace(0.0, 50.0, plain.samples)))
     with pytest.raises(ValueError, match="but it has none"):
         loop_figure(plain)
+
+
+def test_a_caption_wider_than_its_figure_goes_on_in_the_next_line():
+    record = dataclasses.replace(fabricated.estimate().records[1], name="5 Hz, the second surface, " * 8)
+    figure = drawn(record_figure(record))
+    (caption,) = [text for text in figure.texts if text.get_text() == figure.get_suptitle()]
+    assert caption.get_window_extent().x1 <= figure.bbox.x1

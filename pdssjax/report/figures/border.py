@@ -31,7 +31,7 @@ def border_figure(data: "xarray.Dataset") -> Figure:
         axes = figure.subplots()
         _draw(axes, cut, names[:2])
         told = [data.attrs["title"], f"drive of {data.attrs['record']}", data.attrs["of"], *held_fixed(data, middle)]
-        figure.suptitle(", ".join(told), x=0.01, ha="left", fontsize=9.5)
+        figure.suptitle(", ".join(told), x=0.01, ha="left", fontsize=9.5, wrap=True)
     return figure
 
 

@@ -41,6 +41,7 @@ def comparison_figure(estimates: Sequence[Estimate]) -> Figure:
             x=0.01,
             ha="left",
             fontsize=9.5,
+            wrap=True,
         )
     return figure
 

@@ -28,7 +28,7 @@ def cycle_figure(found: Characterisation) -> Figure:
         dashed = ", dashed: mean of the lines" if found.measures == "displacement" else ""
         panels["S"].set_title(f"slips{dashed}", loc="left")
         panels["S"].set_xlabel("time from the slip (ms)")
-        figure.suptitle(_cycle_caption(found), x=0.01, ha="left", fontsize=10.0)
+        figure.suptitle(_cycle_caption(found), x=0.01, ha="left", fontsize=10.0, wrap=True)
     return figure
 
 

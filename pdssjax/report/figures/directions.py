@@ -45,7 +45,7 @@ def directions_figure(data: "xarray.Dataset") -> Figure:
         axes = figure.subplots(1, 2 if len(names) == 1 else 3)
         (_lines if len(names) == 1 else _maps)(list(axes), cut, names)
         title = ", ".join([str(data.attrs["title"]), f"drive of {data.attrs['record']}", *held_fixed(data, middle)])
-        figure.suptitle(title, x=0.01, ha="left", fontsize=9.5)
+        figure.suptitle(title, x=0.01, ha="left", fontsize=9.5, wrap=True)
     return figure
 
 

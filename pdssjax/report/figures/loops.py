@@ -37,6 +37,6 @@ def loop_figure(record: FittedRecord) -> Figure:
         left.set_ylabel(f"residual ({unit})")
         left.set_xlabel("voltage (V)")
         figures = f"rms {scale * record.rmse:.3g} {unit}, largest {scale * record.largest_error:.3g} {unit}"
-        figure.suptitle(f"{record.name}\nagainst the voltage: {figures}", x=0.01, ha="left", fontsize=10.0)
+        figure.suptitle(f"{record.name}\nagainst the voltage: {figures}", x=0.01, ha="left", fontsize=10.0, wrap=True)
         figure.align_ylabels((motion, left))
     return figure

@@ -57,7 +57,7 @@ def _overview(title: str, rows: Sequence[_Row]) -> Figure:
         grid[-1, 0].set_xlabel("time (s)")
         if any(row.predicted is not None for row in rows):
             figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
-        figure.suptitle(title, x=0.01, ha="left", fontsize=10.0)
+        figure.suptitle(title, x=0.01, ha="left", fontsize=10.0, wrap=True)
         figure.align_ylabels(grid[:, 0])
     return figure
 

@@ -31,7 +31,7 @@ def guess_figure(name: str, guess: RecordGuess) -> Figure:
         near_volts.set_title("the shaded moment", loc="left")
         if guess.volts is not None or np.isfinite(guess.waveform.numbers["voltage"]):
             volts.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.0)
-        figure.suptitle(_caption(name, guess), x=0.01, ha="left", fontsize=10.0)
+        figure.suptitle(_caption(name, guess), x=0.01, ha="left", fontsize=10.0, wrap=True)
         figure.align_ylabels((volts, motion))
     return figure
 

@@ -34,7 +34,7 @@ def record_figure(record: FittedRecord) -> Figure:
                 panel.axvspan(*span, color=YELLOW, alpha=0.45, linewidth=0, zorder=0)
         if np.isfinite(record.noise):
             _draw_noise((residual, near_residual), record)
-        figure.suptitle(_caption(record), x=0.01, ha="left", fontsize=10.0)
+        figure.suptitle(_caption(record), x=0.01, ha="left", fontsize=10.0, wrap=True)
         figure.align_ylabels((motion, residual))
     return figure
 

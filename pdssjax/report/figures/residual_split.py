@@ -29,7 +29,7 @@ def residual_split_figure(record: FittedRecord) -> Figure:
         else:
             _draw_cycle(residuals, record, split.cycles)
         _draw_autocorrelation(correlation, record, split)
-        figure.suptitle(f"{record.name}\n{_caption(record, split)}", x=0.01, ha="left", fontsize=10.0)
+        figure.suptitle(f"{record.name}\n{_caption(record, split)}", x=0.01, ha="left", fontsize=10.0, wrap=True)
     return figure
 
 

@@ -49,7 +49,7 @@ def sweep_figure(data: "xarray.Dataset") -> Figure:
         failed = int(np.isin(data.failure.values, (0, GRAZING), invert=True).sum())
         failures = [f"{failed} of {data.failure.size} points failed"] if failed else []
         title = ", ".join([str(data.attrs["title"]), f"drive of {data.attrs['record']}", *held, *failures])
-        figure.suptitle(title, x=0.01, ha="left", fontsize=9.5)
+        figure.suptitle(title, x=0.01, ha="left", fontsize=9.5, wrap=True)
     return figure
 
 

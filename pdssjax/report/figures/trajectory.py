@@ -32,5 +32,5 @@ def trajectory_figure(run: Trajectory) -> Figure:
         friction.set_xlabel("time (s)")
         figure.align_ylabels()
         if run.message:
-            figure.suptitle(run.message, x=0.01, ha="left", fontsize=9.0)
+            figure.suptitle(run.message, x=0.01, ha="left", fontsize=9.0, wrap=True)
     return figure
