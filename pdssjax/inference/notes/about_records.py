@@ -1,6 +1,7 @@
 """Which records the fit does not explain, and how."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 
@@ -37,11 +38,17 @@ def about_peaks(read: Sequence[FittedRecord]) -> list[str]:
     ]
 
 
-def about_records(records: Sequence[FittedRecord], factor: float, is_robust: bool) -> list[str]:
+def about_records(
+    records: Sequence[FittedRecord],
+    factor: float,
+    is_robust: bool,
+    unfitted: Mapping[str, Sequence[str]] = MappingProxyType({}),
+) -> list[str]:
     """Which records the fit does not explain.
 
     **Arguments:** the `factor` by which variances exceed those of the noise given; whether the loss is robust, so that
-    standard errors do not depend on the noise given.
+    standard errors do not depend on the noise given; of records that were only predicted, by name, the free parameters
+    that hold in no fitted record.
     """
     known = [record for record in records if record.simulated]
     notes = about_outliers(known, _enlarged(factor, is_robust), is_robust)
@@ -79,7 +86,7 @@ def about_records(records: Sequence[FittedRecord], factor: float, is_robust: boo
     return (
         notes
         + _about_repeating(fitted)
-        + _about_validation(known)
+        + _about_validation(known, unfitted)
         + _about_correlation(fitted)
         + _about_walking(fitted)
         + _about_failures(records)
@@ -99,21 +106,27 @@ def _about_repeating(fitted: Sequence[FittedRecord]) -> list[str]:
     ]
 
 
-def _about_validation(records: Sequence[FittedRecord]) -> list[str]:
-    others = [record for record in records if record.role != "fit"]
-    figures = [
-        f"{np.sqrt(r.rest_chi2):.2g} times the noise given in {quoted([r])}" for r in others if exceeds_given_noise(r)
-    ]
-    figures += [
-        f"{above_floor(r):.2g} times the noise seen between neighbouring samples in {quoted([r])}"
-        for r in others
-        if r.noise_estimated and exceeds_floor(r)
-    ]
+def _about_validation(records: Sequence[FittedRecord], unfitted: Mapping[str, Sequence[str]]) -> list[str]:
+    figures = {
+        r.name: f"{np.sqrt(r.rest_chi2):.2g} times the noise given in {quoted([r])}"
+        if exceeds_given_noise(r)
+        else f"{above_floor(r):.2g} times the noise seen between neighbouring samples in {quoted([r])}"
+        for r in records
+        if r.role != "fit" and (exceeds_given_noise(r) or (r.noise_estimated and exceeds_floor(r)))
+    }
     if not figures:
         return []
+    said = (
+        f"Records that were not fitted are not predicted down to their noise: the residuals are "
+        f"{listed(figures.values())}. "
+    )
+    if unknown := [path for name in figures for path in unfitted.get(name, ())]:
+        return [
+            f"{said}They have parameters of their own that no fitted record knows, {listed(dict.fromkeys(unknown))}: "
+            "these were not fitted, and may be all that is wrong. Fit such a record, or a part of it (window), to see."
+        ]
     return [
-        f"Records that were not fitted are not predicted down to their noise: the residuals are {listed(figures)}. "
-        "The model or the optimum found does not carry over to them: fit them too, and see whether all agree."
+        f"{said}The model or the optimum found does not carry over to them: fit them too, and see whether all agree."
     ]
 
 
