@@ -55,9 +55,9 @@ def test_each_record_is_fitted_with_the_number_that_holds_in_it(tmp_path):
     np.testing.assert_array_equal(predicted[1], predicted[2])
 
 
-@pytest.mark.parametrize("own", [True, False])
-def test_a_predicted_record_with_a_parameter_of_its_own_does_not_accuse_the_model(tmp_path, own):
-    told = '"piezo.gain@other" = { value = "0.11 um/V", standard_error = "0.01 um/V" }\n' if own else ""
+@pytest.mark.parametrize("is_local", [True, False])
+def test_a_predicted_record_with_a_parameter_of_its_own_does_not_accuse_the_model(tmp_path, is_local):
+    told = '"piezo.gain@other" = { value = "0.11 um/V", standard_error = "0.01 um/V" }\n' if is_local else ""
     path = write(
         tmp_path,
         STUDY.replace('"piezo.gain@other" = {}\n', told),
@@ -65,8 +65,8 @@ def test_a_predicted_record_with_a_parameter_of_its_own_does_not_accuse_the_mode
     )
     (note,) = pdssjax.identify(pdssjax.load_study(path)).notes
     assert 'times the noise given in "r1"' in note
-    assert ("knows, piezo.gain@other: these were not fitted" in note) == own
-    assert ("does not carry over" in note) == (not own)
+    assert ("knows, piezo.gain@other: these were not fitted" in note) == is_local
+    assert ("does not carry over" in note) == (not is_local)
 
 
 def test_shared_parameters_alone_contradict_and_that_is_said(tmp_path):
