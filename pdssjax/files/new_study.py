@@ -154,14 +154,20 @@ def _parameters(records: Sequence[NewRecord], told: Told, piezo: str, friction: 
         lines += [
             f'"friction.{f}" = {{}}' for f, d in quantities(member("friction", friction)).items() if not d.optional
         ]
-        unseen = any(record.guess.volts is None for record in records)
-        fitted = '{ start = "1 ms", min = 0, max = "10 ms" }  # guess: no voltage was recorded, so it is fitted'
-        ideal = "{ value = 0 }  # guess: shorter than what the samples tell; free it where the amplifier is slow"
-        by_record = "{ value = 0 }  # of a record without one of its own; below each has one"
-        sawteeth = [r.guess for r in records if r.guess.waveform.name == "sawtooth"]
-        each = bool(sawteeth) and all(is_open(guess) or "fall_time" in guess.waveform.numbers for guess in sawteeth)
-        lines.append(f'"drive.fall_time" = {fitted if unseen else by_record if each else ideal}')
-    return [*lines, *open_parameters([(record.name, record.guess) for record in records])]
+    return [*lines, *_fall_time(records, walks), *open_parameters([(record.name, record.guess) for record in records])]
+
+
+def _fall_time(records: Sequence[NewRecord], walks: bool) -> list[str]:
+    """The usual one, which every sawtooth needs that leaves its flanks to the fit, of the platform alone, too."""
+    sawteeth = [r.guess for r in records if r.guess.waveform.name == "sawtooth"]
+    if not walks and not any(is_open(guess) for guess in sawteeth):
+        return []
+    unseen = any(record.guess.volts is None for record in records)
+    fitted = '{ start = "1 ms", min = 0, max = "10 ms" }  # guess: no voltage was recorded, so it is fitted'
+    ideal = "{ value = 0 }  # guess: shorter than what the samples tell; free it where the amplifier is slow"
+    by_record = "{ value = 0 }  # of a record without one of its own; below each has one"
+    each = bool(sawteeth) and all(is_open(guess) or "fall_time" in guess.waveform.numbers for guess in sawteeth)
+    return [f'"drive.fall_time" = {fitted if unseen else by_record if each else ideal}']
 
 
 def _piezo_parameters(piezo: str) -> list[str]:

@@ -3,6 +3,7 @@
 import fabricated
 import numpy as np
 import pytest
+import scipy.signal
 
 from pdssjax import load_study
 from pdssjax.cli import main as cli
@@ -39,3 +40,16 @@ def test_what_no_rig_does_is_questioned(tmp_path, capsys):
     assert "found a drive of 0.02 Hz: is the clock's unit right?" in said
     assert "V, more than stacks bear: is the voltage's unit or scale right?" in said
     assert "samples at exactly the highest of all, one after the other" in said
+
+
+def test_a_platform_alone_under_a_sawtooth_makes_a_study_that_is_read(tmp_path):
+    time = np.arange(-0.01, 0.16, 5e-5)
+    volts = np.where(time > 0.0, 50.0 * np.mod(20.0 * time, 1.0), 0.0)
+    _, motion, _ = scipy.signal.lsim(([0.1 * 5e3**2], [1.0, 2e3, 5e3**2]), volts, time - time[0])
+    motion += np.random.default_rng(2).normal(0.0, 0.01, time.size)
+    rows = np.stack([time, volts, motion], axis=1)
+    np.savetxt(tmp_path / "y.csv", rows, "%.7f", ",", header="time_s,u_V,y_um", comments="")
+    command = ["new", str(tmp_path / "rig"), "--files", str(tmp_path / "y.csv"), "--measures", "platform"]
+    assert cli.main(command) == 0
+    parameters = load_study(tmp_path / "rig" / "study.toml").parameters
+    assert parameters["drive.fall_time"].value == 0.0 and parameters["drive.fall_time@y"].free
