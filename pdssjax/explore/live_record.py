@@ -1,11 +1,11 @@
 """One record of a study, predicted while its numbers are turned: compiled once, then a few milliseconds a time.
 
 Room for steps is what an integration costs most, so there is as much of it as the record takes, found by a run
-without output.  Numbers that need more are given more, which compiles anew.
+without output.  Numbers that need more are given more, which compiles anew; those that do not keep what they had.
 """
 
 from collections.abc import Mapping
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import equinox as eqx
 import jax
@@ -34,6 +34,14 @@ OUT_OF_STEPS = 1
 """The failure that more room cures."""
 
 
+class _Room(NamedTuple):
+    """For what one compiled function has room."""
+
+    steps: int
+    segments: int
+    """Of the drive; 0 where nothing depends on their number."""
+
+
 class LiveRecord:
     """A record of a study, ready to be predicted at any numbers."""
 
@@ -43,7 +51,8 @@ class LiveRecord:
         self.setup: AbstractSetup = _as_arrays(record.measurement.setup(self.models))
         run, numbers = self._asked(record, values)
         self._closed = is_closed(self.setup.system(self.models, numbers, run))
-        self._room = self._segments = 0
+        self._rooms: list[_Room] = []
+        """The smallest first: what one extreme number took would slow down all others."""
         self._plan(record, values)
 
     def run(self, record: Record, values: Values, instants: Float[np.ndarray, " k"]) -> Observation:
@@ -53,23 +62,22 @@ class LiveRecord:
         simulation fails; `message` says why.  Compiles anew where the numbers take more steps than there is room for.
         """
         found = self.run_at_once(record, values, instants)
-        if found is None:
-            self._plan(record, values)
-            found = self._observed(record, values, instants)
-        return found
+        return self._observed(record, values, instants, self._plan(record, values)) if found is None else found
 
     def run_at_once(self, record: Record, values: Values, instants: Float[np.ndarray, " k"]) -> Observation | None:
         """The same without compiling anything; None where the numbers take more steps than there is room for."""
-        if self._segments_of(record) > self._segments:
-            return None
-        found = self._observed(record, values, instants)
-        more = int(found.failure) == OUT_OF_STEPS and self._room < self._most(record).max_steps
-        return None if more else found
+        segments = self._segments_of(record)
+        for room in self._rooms:
+            if room.segments >= segments:
+                found = self._observed(record, values, instants, room)
+                if int(found.failure) != OUT_OF_STEPS or room.steps >= self._most(record).max_steps:
+                    return found
+        return None
 
-    def _observed(self, record: Record, values: Values, instants: Float[np.ndarray, " k"]) -> Observation:
+    def _observed(self, record: Record, values: Values, instants: Float[np.ndarray, " k"], room: _Room) -> Observation:
         run, numbers = self._asked(record, values)
-        accuracy = Accuracy(ACCURACY, ACCURACY, max_steps=self._room)
-        found = observed(self.setup, self.models, run, numbers, instants, accuracy, self._segments)
+        accuracy = Accuracy(ACCURACY, ACCURACY, max_steps=room.steps)
+        found = observed(self.setup, self.models, run, numbers, instants, accuracy, room.segments)
         return jax.tree.map(np.asarray, found)
 
     def _segments_of(self, record: Record) -> int:
@@ -91,14 +99,16 @@ class LiveRecord:
         run = Run(_as_arrays(drive), jnp.asarray(record.time), motion)
         return run, {path: np.asarray(n, float) for path, n in numbers.items()}
 
-    def _plan(self, record: Record, values: Values) -> None:
-        """Finds how much room the record takes at the `values`."""
+    def _plan(self, record: Record, values: Values) -> _Room:
+        """Finds how much room the record takes at the `values`: more than there is for any other."""
         run, numbers = self._asked(record, values)
-        self._segments = max(self._segments, _power_of_two(2 * self._segments_of(record)) if self._closed else 0)
+        segments = _power_of_two(2 * self._segments_of(record)) if self._closed else 0
         most = self._most(record)
         steps = 0 if self._closed else int(steps_taken(self.setup, self.models, run, numbers, most))
-        room = _power_of_two(max(_FEWEST, self._room + 1, _SPARE * steps))
-        self._room = min(most.max_steps, room)
+        known = max((room.steps for room in self._rooms), default=0)
+        room = _Room(min(most.max_steps, _power_of_two(max(_FEWEST, known + 1, _SPARE * steps))), segments)
+        self._rooms = sorted({*self._rooms, room})
+        return room
 
 
 def _here(record: Record, values: Values) -> Values:

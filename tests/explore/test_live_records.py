@@ -1,6 +1,7 @@
 """The record shown is predicted as a fit predicts it, whatever is turned, and anew only where it must be."""
 
 import dataclasses
+from typing import NamedTuple
 
 import measured_study
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from walking_study import write_walking
 
 from pdssjax import InputError, load_study
+from pdssjax.explore import live_record
 from pdssjax.explore.live_records import LiveRecords
 from pdssjax.explore.redraw import enlarged_at_first, instants_of, within
 from pdssjax.explore.settings import settings_of, study_at
@@ -74,6 +76,37 @@ def test_at_once_nothing_is_compiled(study):
     again = fresh.redraw_at_once("step", settings_of(study), instants)
     assert again is not None
     assert np.array_equal(again.predicted, first.predicted)
+
+
+class Run(NamedTuple):
+    """What is asked of a run here."""
+
+    failure: int
+
+
+def test_numbers_that_take_many_steps_do_not_slow_down_the_others(study, monkeypatch):
+    needs, given = {"steps": 300}, []
+
+    def run(setup, models, run, values, instants, accuracy, segments):
+        given.append(accuracy.max_steps)
+        return Run(live_record.OUT_OF_STEPS if accuracy.max_steps < needs["steps"] else 0)
+
+    monkeypatch.setattr(live_record, "observed", run)
+    monkeypatch.setattr(live_record, "steps_taken", lambda *asked: needs["steps"])
+    walk, values = study.records[1], study.values()
+    live = live_record.LiveRecord(study, walk, values)
+    instants = instants_of(walk, *enlarged_at_first(walk))
+    assert live.run(walk, values, instants).failure == 0
+    needs["steps"] = 1000
+    assert live.run_at_once(walk, values, instants) is None
+    assert live.run(walk, values, instants).failure == 0
+    many = given[-1]
+    assert many > given[0]
+    assert live.run_at_once(walk, values, instants).failure == 0
+    assert given[-1] == many
+    needs["steps"] = 300
+    assert live.run_at_once(walk, values, instants).failure == 0
+    assert given[-1] == given[0]
 
 
 def test_a_contact_alone_has_a_loop(tmp_path):
