@@ -76,7 +76,6 @@ def test_a_sweep_is_read_back_and_what_is_none_is_refused(tmp_path):
         read_sweep(tmp_path)
 
 
-@pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")  # of Panel 2, not ours yet
 def test_the_map_names_its_record():
     pn = pytest.importorskip("panel")
     from pdssjax.explore.widgets.sweep_tab import SweepTab

@@ -23,9 +23,11 @@ class FitBox:
         self._study, self._here, self._fitted, self._later = study, here, fitted, later
         self._job: BackgroundJob[FitResult] | None = None
         self._fit = pn.widgets.Button(
-            name="Fit from here", button_type="primary", height=28, margin=(2, 6, 2, 0), css_classes=["fit"]
+            label="Fit from here", color="primary", height=28, margin=(2, 6, 2, 0), css_classes=["fit"]
         )
-        self._cancel = pn.widgets.Button(name="Cancel", height=28, margin=(2, 0), disabled=True, css_classes=["cancel"])
+        self._cancel = pn.widgets.Button(
+            label="Cancel", height=28, margin=(2, 0), disabled=True, css_classes=["cancel"]
+        )
         self._fit.on_click(lambda event: self._begin())
         self._cancel.on_click(lambda event: self._stop())
         self._line = pn.pane.HTML(

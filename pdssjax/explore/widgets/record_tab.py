@@ -174,7 +174,7 @@ def keyboard_buttons(move: Callable[[float], None], widen: Callable[[float], Non
     """What moves and widens the stretch enlarged without a mouse: by cycles, and by factors."""
 
     def button(text: str, act: Callable[[], None]) -> Widget:
-        made = pn.widgets.Button(name=text, height=26, margin=(4, 2), css_classes=["small"])
+        made = pn.widgets.Button(label=text, height=26, margin=(4, 2), css_classes=["small"])
         made.on_click(lambda event: act())
         return made
 

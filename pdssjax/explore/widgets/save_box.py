@@ -25,8 +25,10 @@ class SaveBox:
             stylesheets=[LEFT],
             css_classes=["save-path"],
         )
-        self._button = pn.widgets.Button(name="Save as study", height=28, margin=(2, 6, 2, 0), css_classes=["save"])
-        self._replace = pn.widgets.Checkbox(name="replace", margin=(8, 0, 0, 0), width=68, css_classes=["save-replace"])
+        self._button = pn.widgets.Button(label="Save as study", height=28, margin=(2, 6, 2, 0), css_classes=["save"])
+        self._replace = pn.widgets.Checkbox(
+            label="replace", margin=(8, 0, 0, 0), width=68, css_classes=["save-replace"]
+        )
         self._line = pn.pane.HTML(
             f"in {html.escape(str(self._folder))}",
             margin=0,

@@ -26,15 +26,15 @@ class SweepTab:
         self._chosen, self._points = chosen, np.zeros(0, int)
         self._map: SweepMap | None = None
         self._quiet = False
-        self.make = pn.widgets.Button(name="Make a small map", height=28, margin=(4, 4), css_classes=["make-map"])
+        self.make = pn.widgets.Button(label="Make a small map", height=28, margin=(4, 4), css_classes=["make-map"])
         self.make.on_click(lambda event: make())
-        self.stop = pn.widgets.Button(name="Cancel", height=28, margin=(4, 4), disabled=True, css_classes=["stop-map"])
+        self.stop = pn.widgets.Button(label="Cancel", height=28, margin=(4, 4), disabled=True, css_classes=["stop-map"])
         self.stop.on_click(lambda event: cancel())
         self.said = pn.pane.HTML("", margin=(8, 8), css_classes=["map-said"])
         self._selects = {name: _select(name) for name in ("metric", "across", "up")}
         self._count = 0
         self._point = pn.widgets.IntInput(
-            name="point", start=0, value=0, width=90, margin=(0, 8), css_classes=["map-point"]
+            label="point", start=0, value=0, width=90, margin=(0, 8), css_classes=["map-point"]
         )
         for select in self._selects.values():
             select.param.watch(lambda event: self._draw(), "value")
@@ -122,7 +122,7 @@ class SweepTab:
 
 
 def _select(name: str) -> Widget:
-    return pn.widgets.Select(name=name, options=[], width=200, margin=(0, 8), css_classes=[f"map-{name}"])
+    return pn.widgets.Select(label=name, options=[], width=200, margin=(0, 8), css_classes=[f"map-{name}"])
 
 
 def _unit(label: str) -> str:
