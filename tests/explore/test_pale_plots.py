@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import platform_study
 import pytest
+from walking_study import write_walking
 
 from pdssjax import load_study
 from pdssjax.explore import Workbench, settings_of
@@ -26,7 +27,6 @@ def marked(view, name):
     return list(view.select(lambda part: name in getattr(part, "css_classes", [])))
 
 
-@pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")  # of Panel 2, not ours yet
 def test_plots_are_pale_while_a_record_is_computed_for_other_numbers(tmp_path, monkeypatch):
     text = platform_study.PLATFORM.replace(" = {}", " = { start = 0.5 }")
     study = load_study(platform_study.write_platform(tmp_path, text))
@@ -44,3 +44,34 @@ def test_plots_are_pale_while_a_record_is_computed_for_other_numbers(tmp_path, m
     monkeypatch.undo()
     field.value = "0.12"
     assert [place.styles["opacity"] for place in places] == ["1", "1"]
+
+
+class Later(AtOnce):
+    """What is to be done later is kept."""
+
+    def __init__(self):
+        self.kept = []
+
+    def add_next_tick_callback(self, act):
+        self.kept.append(act)
+
+
+def test_another_record_is_announced_before_it_is_drawn_and_of_several_the_last_is(tmp_path, monkeypatch):
+    study = load_study(write_walking(tmp_path))
+    bench, later, made, tab = Workbench(study, settings_of(study)), Later(), [], page.RecordTab
+    # Nothing is computed.
+    monkeypatch.setattr(bench.records, "redraw_at_once", lambda *given: None)
+    monkeypatch.setattr(page, "BackgroundJob", lambda *work: SimpleNamespace(runs=False))
+    view = page.Page(bench, later).view
+    (select,), (headline,), places = (marked(view, name) for name in ("record", "headline", "plots"))
+    for place in places:
+        place.styles = {"opacity": "1"}
+    monkeypatch.setattr(page, "RecordTab", lambda record, *more: made.append(record.name) or tab(record, *more))
+    for name in ("step", "walk", "step"):
+        select.value = name
+    assert headline.object == "drawing step; the pale plots are of walk"
+    assert [place.styles["opacity"] for place in places] == ["0.3", "0.3"]
+    assert made == []
+    for act in later.kept:
+        act()
+    assert set(made) == {"step"}

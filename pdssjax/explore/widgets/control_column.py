@@ -81,6 +81,7 @@ class ControlRow:
                 self._field.value = self.knob.text(number)
             finally:
                 self._quiet = False
+            self._said("")
             self._turned(self.knob.path, number)
 
     def _typed(self, event: object) -> None:

@@ -26,7 +26,7 @@ from .in_order import in_order
 from .record_tab import RecordTab, keyboard_buttons
 from .save_box import SaveBox
 from .score_table import ScoreTable
-from .style import COLUMN_WIDTH, LEFT, Widget
+from .style import COLUMN_WIDTH, CUT, LEFT, Widget
 from .sweep_page import SweepPage
 
 _IDLE_MS = 250
@@ -50,7 +50,7 @@ class Page:
         self._scoring: BackgroundJob[dict[str, Score]] | None = None
         self._scores: dict[str, Score] = {}
         self._build()
-        self._choose(self._record.name)
+        self._show_record(self._record.name)
 
     # What is on the page
 
@@ -124,7 +124,7 @@ class Page:
 
     def _column(self) -> Widget:
         title = html.escape(self._study.title)
-        reset = pn.widgets.Button(name="Reset", height=26, margin=(2, 0), css_classes=["reset"])
+        reset = pn.widgets.Button(label="Reset", height=26, margin=(2, 0), css_classes=["reset"])
         reset.on_click(lambda event: self._move_to(self._bench.begun))
         sliders = pn.Column(
             self._drive_place,
@@ -135,7 +135,9 @@ class Page:
         )
         return pn.Column(
             pn.Row(
-                pn.pane.HTML(f"<b>{title}</b>", margin=(6, 8, 0, 0), width=300, styles={"overflow": "hidden"}),
+                pn.pane.HTML(
+                    f'<b class="cut" title="{title}">{title}</b>', margin=(6, 8, 0, 0), width=300, stylesheets=[CUT]
+                ),
                 reset,
                 margin=0,
                 height=32,
@@ -181,7 +183,13 @@ class Page:
 
     @in_order
     def _choose(self, name: str) -> None:
-        """Shows another record."""
+        """Shows another record: its plots take a second or more to be made, so what happens is said before."""
+        self._dim(True)
+        self._headline.object = f"drawing {html.escape(name)}; the pale plots are of {html.escape(self._record.name)}"
+        # Of records chosen quickly one after the other only the last is drawn.
+        self._later(lambda: self._show_record(name) if name == self._select.value else None)
+
+    def _show_record(self, name: str) -> None:
         self._record = record = self._bench.record(name)
         self._window = enlarged_at_first(record)
         self._show_drive()

@@ -9,7 +9,7 @@ import panel as pn
 from ...core import decimals_for, rounded
 from ...study import Record
 from ..redraw import Score
-from .style import TABLE, Widget
+from .style import CUT, TABLE, Widget
 
 _POOR = 1.5
 """Chi-square a degree of freedom from which on it stands out."""
@@ -21,7 +21,7 @@ class ScoreTable:
     def __init__(self, records: Sequence[Record]):
         self._records = records
         self.view: Widget = pn.pane.HTML(
-            "", stylesheets=[TABLE], sizing_mode="stretch_width", margin=(2, 0, 0, 8), css_classes=["scores"]
+            "", stylesheets=[TABLE, CUT], sizing_mode="stretch_width", margin=(2, 0, 0, 8), css_classes=["scores"]
         )
 
     def show(self, scores: Mapping[str, Score], chosen: str, stale: bool) -> None:
@@ -34,7 +34,12 @@ class ScoreTable:
         self.view.object = f"<table><tr>{head}</tr>{rows}</table>"
 
     def _row(self, record: Record, score: Score | None, chosen: str, stale: bool) -> str:
-        cells = [html.escape(record.name), record.measures, "fitted" if record.role == "fit" else "validation"]
+        name = html.escape(record.name)
+        cells = [
+            f'<span class="cut" title="{name}">{name}</span>',
+            record.measures,
+            "fitted" if record.role == "fit" else "validation",
+        ]
         poor = ""
         if score is None:
             cells += ["…", "", "", ""]

@@ -1,10 +1,13 @@
 """The server of Bokeh with one page for each browser that asks."""
 
+import asyncio
 import socket
+from typing import Any
 
 import panel as pn
 from bokeh.server.server import Server
 from panel.io.resources import LOCAL_DIST
+from tornado.websocket import WebSocketClosedError
 
 from ..workbench import Workbench
 from .page import Page
@@ -31,7 +34,15 @@ def page_server(bench: Workbench, address: str, port: int) -> Server:
         threaded=False,
         verbose=False,
     )
+    loop: asyncio.AbstractEventLoop = made.io_loop.asyncio_loop
+    loop.set_exception_handler(_failed)
     return made
+
+
+def _failed(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """Tells of what failed behind the pages, but not that one was closed while it was being sent something."""
+    if not isinstance(context.get("exception"), WebSocketClosedError):
+        loop.default_exception_handler(context)
 
 
 def _view(bench: Workbench) -> Widget:

@@ -40,6 +40,9 @@ COMPACT = """
 LEFT = COMPACT.replace("right", "left").replace("24px", "28px")
 """The same of what is not a number."""
 
+CUT = ".cut { display: block; max-width: 300px; white-space: nowrap; overflow: hidden; text-overflow: ellipsis; }"
+"""Of a name that somebody else gave, however long."""
+
 TABLE = """
 table { border-collapse: collapse; font-size: 12px; white-space: nowrap; }
 th { text-align: left; font-weight: 600; border-bottom: 1px solid #999; padding: 1px 14px 1px 0; }
