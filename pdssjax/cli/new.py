@@ -38,6 +38,9 @@ SLOW, FAST = 0.05, 15e3
 HIGH = 1000.0
 """Voltage [V] from which its unit or scale may be wrong."""
 
+ROUNDED = 1.4
+"""Second half of a fast flank over its first one, in time, from which it is no straight line."""
+
 LARGE, USUAL, SMALL = 2e-6, 3e-7, 5e-10
 """Gain [m/V] from which a unit or a scale may be wrong, that of most stacks at most, and up to which one may be."""
 
@@ -96,7 +99,7 @@ def _warn(records: Sequence["NewRecord"], told: "Told") -> None:
                 f"{file}: found {volts} at most, as a monitor or a command of an amplifier has, "
                 "and a study wants the voltage at the piezo: of a monitor 1:20 say --scale voltage=20"
             )
-        said += [f"{file}: found {what}" for what in _implausible(guess)]
+        said += [f"{file}: found {what}" for what in [*_implausible(guess), *_rounded(record)]]
         if gain < SMALL:
             said.append(
                 f"{file}: found {1e9 * gain:.3g} nm/V, less than a stack moves: is the displacement's unit right?"
@@ -122,6 +125,21 @@ def _implausible(guess: "RecordGuess") -> list[str]:
             "range shows nothing there; leave them out (exclude)"
         )
     return said
+
+
+def _rounded(record: "NewRecord") -> list[str]:
+    """A flank that no fall or rise time describes, in words."""
+    from ..metrics import rounding_of
+
+    guess = record.guess
+    if guess.volts is None or not (ratio := rounding_of(guess.time, guess.volts, guess.waveform)) > ROUNDED:
+        return []
+    column = record.roles.layout.columns["voltage"]
+    return [
+        f"a fast flank that is no straight line: its second half takes {ratio:.2g} times as long as its first one, as "
+        'behind an amplifier (2.7). List "amplifier.bandwidth" = {} among the parameters, or take its samples for the '
+        f'drive (waveform = "sampled", column = {column!r})'
+    ]
 
 
 def _before_an_amplifier(record: "NewRecord", gain: float) -> str:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from .cycle_drift import CycleDrift as CycleDrift
     from .cycle_drift import drift_per_cycle as drift_per_cycle
     from .decimation import decimated as decimated
+    from .flank_rounding import rounding_of as rounding_of
     from .flank_timing import Timing as Timing
     from .goodness_of_fit import error_index as error_index
     from .goodness_of_fit import r_squared as r_squared
@@ -73,6 +74,7 @@ else:
             "characterisation": ["Characterisation", "SI_UNITS", "Summary", "characterisation_of"],
             "cycle_drift": ["CycleDrift", "drift_per_cycle"],
             "decimation": ["decimated"],
+            "flank_rounding": ["rounding_of"],
             "flank_timing": ["Timing"],
             "goodness_of_fit": ["error_index", "r_squared", "rmse"],
             "integrated_velocity": ["integrated", "rest_of"],

@@ -53,3 +53,17 @@ def test_a_platform_alone_under_a_sawtooth_makes_a_study_that_is_read(tmp_path):
     assert cli.main(command) == 0
     parameters = load_study(tmp_path / "rig" / "study.toml").parameters
     assert parameters["drive.fall_time"].value == 0.0 and parameters["drive.fall_time@y"].free
+
+
+@pytest.mark.parametrize("lasts", [0.0, 4e-5])
+def test_a_flank_behind_an_amplifier_is_told_with_what_describes_it(tmp_path, capsys, lasts):
+    time = np.arange(-0.002, 0.015, 1e-5)
+    volts = 40.0 * (1.0 - np.exp(-np.maximum(time, 0.0) / lasts)) if lasts else 40.0 * np.clip(time / 8e-5, 0.0, 1.0)
+    random = np.random.default_rng(7)
+    motion = 1e6 * fabricated.step_motion(time, 4e-6, 5900.0, 0.2) + 0.01 * random.normal(size=time.size)
+    rows = np.stack([time, volts, motion], axis=1)
+    np.savetxt(tmp_path / "y.csv", rows, "%.7f", ",", header="time_s,u_V,y_um", comments="")
+    assert cli.main(["new", str(tmp_path / "rig"), "--files", str(tmp_path / "y.csv")]) == 0
+    said = capsys.readouterr().err
+    assert ('List "amplifier.bandwidth" = {} among the parameters' in said) == bool(lasts)
+    assert ("as behind an amplifier (2.7)" in said) == bool(lasts)
