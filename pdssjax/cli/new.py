@@ -129,16 +129,16 @@ def _implausible(guess: "RecordGuess") -> list[str]:
 
 def _rounded(record: "NewRecord") -> list[str]:
     """A flank that no fall or rise time describes, in words."""
+    from ..files import drive_of_samples
     from ..metrics import rounding_of
 
     guess = record.guess
     if guess.volts is None or not (ratio := rounding_of(guess.time, guess.volts, guess.waveform)) > ROUNDED:
         return []
-    column = record.roles.layout.columns["voltage"]
     return [
         f"a fast flank that is no straight line: its second half takes {ratio:.2g} times as long as its first one, as "
-        'behind an amplifier (2.7). List "amplifier.bandwidth" = {} among the parameters, or take its samples for the '
-        f'drive (waveform = "sampled", column = {column!r})'
+        'behind an amplifier (2.7). List "amplifier.bandwidth" = {} among the parameters, or take its samples: '
+        f"{drive_of_samples(record)}"
     ]
 
 

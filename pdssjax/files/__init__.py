@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from .guessed_record import NewRecord as NewRecord
     from .guessed_record import Told as Told
     from .guessed_record import guess_file as guess_file
+    from .new_study import drive_of_samples as drive_of_samples
     from .new_study import write_study as write_study
     from .prediction_results import write_predictions as write_predictions
     from .recording_results import write_recordings as write_recordings
@@ -63,7 +64,7 @@ else:
             "estimate_results": ["write_essentials", "write_estimate"],
             "example": ["EXAMPLE"],
             "guessed_record": ["NewRecord", "Told", "guess_file"],
-            "new_study": ["write_study"],
+            "new_study": ["drive_of_samples", "write_study"],
             "prediction_results": ["write_predictions"],
             "recording_results": ["write_recordings"],
             "results_folder": ["check_empty", "check_free", "write_aside"],

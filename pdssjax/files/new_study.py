@@ -234,7 +234,7 @@ def _sampled_sine(record: NewRecord) -> list[str]:
     volts, hertz = wave.numbers["voltage"], wave.numbers["frequency"]
     smooth = f', smooth = "{1e3 / (100.0 * hertz):.4g} ms"' if wave.misfit > _NOISY else ""
     why = f"a sine of {volts:.10g} V and {hertz:.10g} Hz leaves {100 * max(wave.misfit, 1e-4):.2g} % of them"
-    return [f"{_of_samples(record)}{smooth} }}  # guess: {why}; hysteresis under them is quicker to compute"]
+    return [f"{drive_of_samples(record, smooth)}  # guess: {why}; hysteresis under them is quicker to compute"]
 
 
 _WHY_MEASURES = {
@@ -276,7 +276,7 @@ def _scale(guess: RecordGuess, given: float | str | None) -> list[str]:
 def _drive(record: NewRecord) -> list[str]:
     wave = record.guess.waveform
     if wave.name == "sampled":
-        return [f"{_of_samples(record)} }}  # guess: no waveform explains it, so its samples are the drive"]
+        return [f"{drive_of_samples(record)}  # guess: no waveform explains it, so its samples are the drive"]
     units = {"voltage": "V", "bias": "V", "phase": "rad", "frequency": "Hz", "fall_time": "s", "rise_time": "s"}
     keys = [f'waveform = "{wave.name}"'] + [f'direction = "{wave.direction}"'] * bool(wave.direction)
     keys += ['told_by = "slope"'] * (is_open(record.guess) and wave.name == "sawtooth")
@@ -293,10 +293,11 @@ def _drive(record: NewRecord) -> list[str]:
     return [f"drive = {{ {', '.join(keys)} }}  # guess: {left}{bounds}"]
 
 
-def _of_samples(record: NewRecord) -> str:
+def drive_of_samples(record: NewRecord, further: str = "") -> str:
+    """The line of a study that takes a record's voltage as it was sampled, with `further` keys (", ..." each)."""
     layout = record.roles.layout
     scale = f", scale = {_value(layout.scales['voltage'])}" if "voltage" in layout.scales else ""
-    return f'drive = {{ waveform = "sampled", column = {_value(layout.columns["voltage"])}{scale}'
+    return f'drive = {{ waveform = "sampled", column = {_value(layout.columns["voltage"])}{scale}{further} }}'
 
 
 def _value(given: float | str) -> str:

@@ -62,8 +62,10 @@ def test_a_flank_behind_an_amplifier_is_told_with_what_describes_it(tmp_path, ca
     random = np.random.default_rng(7)
     motion = 1e6 * fabricated.step_motion(time, 4e-6, 5900.0, 0.2) + 0.01 * random.normal(size=time.size)
     rows = np.stack([time, volts, motion], axis=1)
-    np.savetxt(tmp_path / "y.csv", rows, "%.7f", ",", header="time_s,u_V,y_um", comments="")
-    assert cli.main(["new", str(tmp_path / "rig"), "--files", str(tmp_path / "y.csv")]) == 0
+    rows[:, 1] /= 20.0
+    np.savetxt(tmp_path / "y.csv", rows, "%.9f", ",", header="time_s,u_V,y_um", comments="")
+    command = ["new", str(tmp_path / "rig"), "--files", str(tmp_path / "y.csv"), "--scale", "voltage=20"]
+    assert cli.main(command) == 0
     said = capsys.readouterr().err
     assert ('List "amplifier.bandwidth" = {} among the parameters' in said) == bool(lasts)
-    assert ("as behind an amplifier (2.7)" in said) == bool(lasts)
+    assert ('drive = { waveform = "sampled", column = "u_V", scale = 20 }' in said) == bool(lasts)
