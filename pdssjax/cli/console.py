@@ -76,7 +76,10 @@ def _discard(stream: TextIO) -> None:
 
 @contextlib.contextmanager
 def counter(what: str) -> Iterator[Callable[[int, int], None]]:
-    """A function of (done, all) that shows a bar on a terminal, else a line now and then."""
+    """A function of (done, all) that shows a bar on a terminal, else a line now and then.
+
+    Before the first call there is a sign of life, too: what computes the first ones may compile for minutes.
+    """
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -84,10 +87,11 @@ def counter(what: str) -> Iterator[Callable[[int, int], None]]:
     if console.is_terminal:
         columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
         with Progress(*columns, console=console) as bar:
-            task = bar.add_task(what)
+            task = bar.add_task(what, total=None)
             yield lambda done, count: bar.update(task, completed=done, total=count)
     else:
         tenth, first, begun = 0, None, time.monotonic()
+        print(f"compiling what computes the {what}", file=sys.stderr, flush=True)
 
         def line(done: int, count: int) -> None:
             nonlocal tenth, first, begun

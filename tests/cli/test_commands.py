@@ -11,6 +11,7 @@ import pytest
 import pdssjax
 from pdssjax import InputError, InputWarning
 from pdssjax.cli import main as cli
+from pdssjax.cli.console import counter
 from pdssjax.files import EXAMPLE
 from pdssjax.study.measurement.effector import Effector
 
@@ -244,3 +245,10 @@ def test_a_file_at_fault_does_not_silence_characterise_for_the_others(tmp_path, 
     assert "average speed" in printed.out and f"Results are in {tmp_path / 'out'}" in printed.out
     assert [line.split(":")[2].strip() for line in printed.err.splitlines()] == [files[0], files[2]]
     assert (tmp_path / "out" / "characterise.json").exists()
+
+
+def test_a_count_gives_a_sign_of_life_before_the_first_is_done(capsys):
+    with counter("points") as tell:
+        assert capsys.readouterr().err == "compiling what computes the points\n"
+        tell(5, 10)
+    assert capsys.readouterr().err.startswith("5 of 10 points")
