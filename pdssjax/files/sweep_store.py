@@ -5,11 +5,12 @@ a temporary file and renames it, so that a chunk is there whole or not at all; a
 computed again.  The store is made beside its place and renamed, too.
 """
 
+import contextlib
 import dataclasses
 import importlib.metadata
 import shutil
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -56,12 +57,24 @@ class SweepStore(AbstractBlockStore):
         check_room(document, plan, self.place)
         if self.place.exists() and not self.resume:
             shutil.rmtree(self.place)
-        if self.place.exists():
-            plan = _resumed(self.place, _opened(self.place), document, plan)
-        else:
-            _create(self.place, document, plan)
-        self._group, self._plan = _opened(self.place), plan
-        return plan, np.flatnonzero(self._status() != DONE).tolist()
+        with _reading(self.place):
+            if self.place.exists():
+                plan = _resumed(self.place, _opened(self.place), document, plan)
+            else:
+                _create(self.place, document, plan)
+            self._group, self._plan = _opened(self.place), plan
+            return plan, [number for number, status in enumerate(self._status()) if not self._kept(number, status)]
+
+    def _kept(self, number: int, status: int) -> bool:
+        """Whether a block is done and can be read: what was damaged or lost on the disk is computed again."""
+        if status != DONE:
+            return False
+        try:
+            rows = np.asarray(self._group["found"][self._plan.place(number)])
+        except (OSError, RuntimeError, ValueError):
+            return False
+        # Of every point something is known, if only why there is no more.
+        return bool(np.isfinite(rows).any(axis=1).all())
 
     def keep(self, number: int, found: Float[np.ndarray, "points columns"]) -> None:
         self._group["found"][self._plan.place(number)] = found
@@ -89,6 +102,20 @@ class SweepStore(AbstractBlockStore):
         failed = np.flatnonzero(self._status() == FAILED)
         text = lambda row: bytes(row).rstrip(b"\0").decode(errors="replace")
         return {int(number): text(self._group["reason"][number]) for number in failed}
+
+
+@contextlib.contextmanager
+def _reading(place: Path) -> Iterator[None]:
+    """Within it whatever a damaged store at `place` raises becomes one line, an `InputError`."""
+    try:
+        yield
+    except InputError:
+        raise
+    except (KeyError, TypeError, ValueError, RuntimeError) as error:
+        raise InputError(
+            f"{place}: found a damaged store of a sweep ({error}), expected one that pdssjax made; begin anew with "
+            "--overwrite."
+        ) from None
 
 
 def check_zarr() -> None:

@@ -143,6 +143,26 @@ def test_a_store_that_is_there_is_neither_resumed_nor_replaced_unasked(tmp_path,
         pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "no.zarr", resume=True))
 
 
+@pytest.mark.parametrize(
+    "damage", [lambda chunk: chunk.write_bytes(chunk.read_bytes()[:30]), lambda chunk: chunk.unlink()]
+)
+def test_a_block_that_was_damaged_on_the_disk_is_computed_again(tmp_path, study, quick, damage):
+    whole = pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr"))
+    damage(tmp_path / "s.zarr" / "found" / "c" / "2" / "0")
+    quick.clear()
+    resumed = pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr", resume=True))
+    xarray.testing.assert_identical(resumed, whole)
+    assert len(quick) == 1
+
+
+@pytest.mark.parametrize("lost", ["found", "values", "status"])
+def test_a_store_of_which_something_is_lost_is_refused(tmp_path, study, quick, lost):
+    pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr"))
+    shutil.rmtree(tmp_path / "s.zarr" / lost)
+    with pytest.raises(InputError, match=r"found a damaged store.*--overwrite"):
+        pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr", resume=True))
+
+
 def test_too_many_points_for_the_disk_are_refused_before_any_work(tmp_path, study, quick, monkeypatch):
     monkeypatch.setattr(shutil, "disk_usage", lambda place: namedtuple("Usage", "total used free")(1, 1, 10_000))
     with pytest.raises(InputError, match=r"found 0\.01 MB free for 400 points, expected 0\.1"):

@@ -171,4 +171,6 @@ def _from_document(entry: Document, size: int) -> Replicate:
     free = np.array(entry["free"], float)
     if free.shape != (size,):
         raise ValueError(f"{free.size} numbers for {size} parameters in replicate {entry['number']}")
+    if entry["success"] and not np.all(np.isfinite(free)):
+        raise ValueError(f"numbers that are not finite in replicate {entry['number']}")
     return Replicate(entry["number"], free, entry["success"], entry["message"])

@@ -171,6 +171,7 @@ def test_a_wrong_drawing_is_refused(wrong, said):
         ({"chain": 0, "block": 0}, "found no 'number'"),
         ({"number": 0, "free": [1.0], "success": True, "message": ""}, "1 numbers for 2 parameters in replicate 0"),
         ({"number": 0, "free": ["a", "b"], "success": True, "message": ""}, "could not convert"),
+        ({"number": 0, "free": [1.0, np.nan], "success": True, "message": ""}, "not finite in replicate 0"),
         ({"number": "x", "free": [1.0, 2.0], "success": True, "message": ""}, "number = 'x'"),
     ],
 )
