@@ -1,6 +1,7 @@
 """Draws from a posterior: of Gaussian and banana-shaped densities that are known, in parts and in one go."""
 
 import sys
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -13,6 +14,7 @@ from pdssjax import Drawing, InputError
 from pdssjax.inference.draws import InMemory
 from pdssjax.inference.uncertainty import posterior
 from pdssjax.inference.uncertainty.drawn_intervals import (
+    _density_in_words,
     about_better_optima,
     about_endless,
     about_tails,
@@ -37,6 +39,17 @@ def kinked(x):
     """Slopes that jump all the time: what passes for curvature folds over everywhere."""
     waves = jnp.abs(jnp.mod(10.0 * linear(x) + 1.0, 2.0) - 1.0) - 0.5
     return linear(x) + 0.15 * waves
+
+
+@pytest.mark.parametrize(
+    ("noises", "apart", "wide"), [([1.0], [], False), ([1.0, None], [], True), ([1.0], ["piezo.gain"], True)]
+)
+def test_that_one_factor_enlarges_what_it_need_not_is_said(noises, apart, wide):
+    records = [SimpleNamespace(time=np.zeros(3), noise=noise) for noise in noises]
+    problem = SimpleNamespace(records=records, residual=SimpleNamespace(apart=dict.fromkeys(apart)))
+    told = _density_in_words(problem, 4.0, [])  # pyright: ignore[reportArgumentType]
+    assert "its variance enlarged by 4" in told and ("too wide there" in told) is wide
+    assert "enlarged" not in _density_in_words(problem, 1.0, [])  # pyright: ignore[reportArgumentType]
 
 
 @both
