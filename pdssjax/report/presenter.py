@@ -49,7 +49,9 @@ def _estimate_figure(estimate: Estimate, what: str | None) -> Figure:
         record_figure,
     )
 
-    known = {"errors": lambda: error_figure(estimate), "correlations": lambda: correlation_figure(estimate)}
+    known = {"errors": lambda: error_figure(estimate)}
+    if len(estimate.names) > 1:
+        known["correlations"] = lambda: correlation_figure(estimate)
     if estimate.profiles:
         known["profiles"] = lambda: profile_figure(estimate.profiles, estimate.parameters)
     if estimate.draws is not None:

@@ -11,7 +11,7 @@ def test_it_counts_and_draws():
     found = {"few": error_coverage.coverage(few, 2)}
     assert found["few"].shape == (2, 3, 4)
     assert len(error_coverage.rows(found)) == 6
-    error_coverage.draw(found).canvas.draw()
+    error_coverage.draw(found).draw_without_rendering()
 
 
 @pytest.mark.slow  # a minute a situation

@@ -161,7 +161,7 @@ def test_the_figure_marks_the_turning_points_beside_their_slips(sign, tmp_path):
     found = characterise(written(tmp_path / "motion.csv", time, sign * noisy(motion)))
     slips = found.cycles.start + np.arange(found.cycles.count + 1) / 5.0
     figure = cycle_figure(found)
-    figure.canvas.draw()
+    figure.draw_without_rendering()
     before, after = (line for line in figure.axes[0].lines if "a slip" in str(line.get_label()))
     assert len(np.asarray(after.get_xdata())) == len(slips)
     np.testing.assert_allclose(np.asarray(after.get_xdata()), slips, atol=4e-3)

@@ -25,8 +25,8 @@ from pdssjax.report.figures import (
 
 
 def drawn(figure: Figure) -> Figure:
-    """The figure after it has been rendered, which is when matplotlib complains."""
-    figure.canvas.draw()
+    """The figure after it has been laid out, which is when matplotlib complains; a bare canvas draws nothing."""
+    figure.draw_without_rendering()
     return figure
 
 
@@ -247,8 +247,37 @@ def test_draws_stand_beside_the_linear_model(kind, count):
     # As wide as the 95 % of two normal numbers.
     error = estimate.parameters["piezo.gain"].standard_error
     assert np.ptp(ellipse.get_xdata()) == pytest.approx(2e6 * error * np.sqrt(-2.0 * np.log(0.05)), rel=2e-3)
-    assert both.get_xlabel() == "gain\n[um/V]" and not unused.get_visible() and len(centre.get_xdata()) == 1
+    assert both.get_xlabel() == "gain\n[µm/V]" and not unused.get_visible() and len(centre.get_xdata()) == 1
     assert figure.legends[0].get_title().get_text() == f"{kind}: {count}"
+
+
+def legend_of(figure):
+    """The legend, which lies within the figure and beside what it explains."""
+    (legend,) = figure.legends
+    box = legend.get_window_extent()
+    assert figure.bbox.x0 <= box.x0 and box.x1 <= figure.bbox.x1
+    assert figure.bbox.y0 <= box.y0 and box.y1 <= figure.bbox.y1
+    assert not any(box.overlaps(axes.get_window_extent()) for axes in figure.axes if axes.get_visible())
+    return legend
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_the_legend_of_draws_hides_none_and_names_each_thing_once(count):
+    estimate = fabricated.estimate()
+    draws = fabricated.draws(estimate.parameters, "bootstrap")
+    fewer = dataclasses.replace(
+        draws, names=draws.names[:count], values=draws.values[:, :, :count], parameters=draws.parameters[:count]
+    )
+    legend = legend_of(drawn(draws_figure(dataclasses.replace(estimate, draws=fewer))))
+    assert [text.get_text() for text in legend.texts] == ["draws", "linear model", "95 % interval", "estimate"]
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_the_legend_of_profiles_is_whole(count):
+    parameters = fabricated.estimate().parameters
+    figure = drawn(profile_figure(fabricated.profiles(parameters)[:count], parameters))
+    assert len(legend_of(figure).texts) == 4
+    assert figure.axes[0].get_xlabel() == "[µm/V]"
 
 
 def test_draws_are_shown_only_where_there_are_any():

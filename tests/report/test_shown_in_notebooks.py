@@ -146,7 +146,7 @@ def test_every_result_is_drawn(study):
         (study.plot(), {"measured"}),
         (run().plot(), {"platform", "end-effector"}),
     ]:
-        figure.canvas.draw()
+        figure.draw_without_rendering()
         assert {line.get_label() for axes in figure.axes for line in axes.lines} >= lines
 
 
@@ -165,6 +165,9 @@ def test_parts_of_an_estimate_are_drawn_by_name():
     assert len(estimate.plot("correlations").axes) == 2
     with pytest.raises(pdssjax.InputError, match='plot: found "profiles", expected one of errors, correlations'):
         estimate.plot("profiles")
+    alone = dataclasses.replace(estimate, names=estimate.names[:1])
+    with pytest.raises(pdssjax.InputError, match='plot: found "correlations", expected one of errors'):
+        alone.plot("correlations")
 
 
 def test_a_sweep_is_drawn_through_its_accessor():

@@ -138,6 +138,6 @@ def test_a_logarithmic_axis_has_ticks_to_read(low, high, ticks):
     data = swept("drive_voltage", "drive_frequency")
     places = data.drive_frequency.copy(data=np.geomspace(low, high, 4))
     figure = sweep_figure(data.assign_coords(drive_frequency=places))
-    figure.canvas.draw()
+    figure.draw_without_rendering()
     shown = [label.get_text() for label in figure.axes[0].get_xticklabels()]
     assert figure.axes[0].get_xscale() == "log" and set(ticks) <= set(shown)

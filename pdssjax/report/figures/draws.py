@@ -33,7 +33,7 @@ def draws_figure(estimate: Estimate) -> Figure:
     paths = _shown(estimate.draws)
     size = len(paths)
     with matplotlib.rc_context(STYLE), matplotlib.rc_context({"font.size": 7.0, "axes.titlesize": 7.0}):
-        figure = Figure(figsize=(1.0 + _SIZE * size, 0.6 + _SIZE * size), layout="constrained")
+        figure = Figure(figsize=(1.0 + _SIZE * max(size, 2), 0.6 + _SIZE * size), layout="constrained")
         grid: list[list[Axes]] = figure.subplots(size, size, squeeze=False).tolist()
         values = {path: _in_unit(estimate, path) for path in paths}
         for row, column in np.ndindex(size, size):
@@ -52,9 +52,9 @@ def draws_figure(estimate: Estimate) -> Figure:
                 axes.tick_params(axis="x", labelrotation=45.0)
             if column == 0 and row > 0:
                 axes.set_ylabel(_label(estimate, paths[row]))
-        handles, labels = grid[-1][0].get_legend_handles_labels()
-        above, names = grid[0][0].get_legend_handles_labels()
-        figure.legend(above + handles, names + labels, loc="upper right", title=_caption(estimate.draws))
+        # Where the upper right corner holds no panel, and beside the only one.
+        place = "upper right" if size > 1 else "outside right upper"
+        figure.legend(*grid[0][0].get_legend_handles_labels(), loc=place, title=_caption(estimate.draws))
     return figure
 
 
@@ -111,7 +111,7 @@ def _factor(estimate: Estimate, path: str) -> float:
 
 
 def _label(estimate: Estimate, path: str) -> str:
-    unit = display_unit(estimate.parameters[path].unit)[0]
+    unit = display_unit(estimate.parameters[path].unit)[0].replace("um", "µm")
     return f"{path.split('.', 1)[-1]}\n[{unit or '-'}]"
 
 

@@ -28,7 +28,7 @@ def profile_figure(profiles: Sequence[Profile], parameters: Mapping[str, FittedP
         for axes in grid[::columns]:
             axes.set_ylabel("excess of chi-square")
         handles, labels = grid[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=4)
+        figure.legend(handles, labels, loc="outside lower center", ncols=4 if columns > 2 else columns)
     return figure
 
 
@@ -43,5 +43,5 @@ def _draw(axes: Axes, profile: Profile, parameter: FittedParameter) -> None:
     axes.axvline(factor * parameter.value, color=GREY, linewidth=0.5)
     axes.set_ylim(0.0, 1.4 * profile.threshold)
     axes.set_title(f"{profile.path}\n{profile.verdict}", loc="left")
-    axes.set_xlabel(f"[{unit}]" if unit else "[-]")
-    axes.locator_params(axis="x", nbins=4)
+    axes.set_xlabel(f"[{unit.replace('um', 'µm')}]" if unit else "[-]")
+    axes.locator_params(axis="x", nbins=3)
