@@ -133,6 +133,31 @@ def test_what_is_held_is_named_by_its_path():
     assert "drive.frequency = 20 Hz" in sweep_figure(cut).get_suptitle()
 
 
+@pytest.mark.parametrize("alone", ["drive_voltage", "drive_frequency"])
+def test_an_axis_of_one_value_is_held_and_the_other_drawn(alone):
+    """Cells of a single row have no height: the map was as grey as if all had failed."""
+    data = swept("drive_voltage", "drive_frequency", "drive_direction").isel({alone: [1]})
+    other = {"drive_voltage": "drive_frequency", "drive_frequency": "drive_voltage"}[alone]
+    figure = sweep_figure(data.isel(drive_direction=0))
+    np.testing.assert_array_equal(figure.axes[0].lines[0].get_xdata(), data[other].values)
+    assert f"{data[alone].attrs['long_name']} = " in figure.get_suptitle()
+    both = directions_figure(data)
+    assert len(both.axes) == 2
+    np.testing.assert_array_equal(both.axes[0].lines[0].get_xdata(), data[other].values)
+
+
+@pytest.mark.parametrize(("low", "high", "most"), [(0.5, 2000.0, 4), (1e-6, 1e6, 8)])
+def test_a_logarithmic_axis_over_decades_has_some_ticks_that_do_not_touch(low, high, most):
+    data = swept("drive_voltage", "drive_frequency")
+    places = data.drive_frequency.copy(data=np.geomspace(low, high, 4))
+    figure = sweep_figure(data.assign_coords(drive_frequency=places))
+    figure.draw_without_rendering()
+    labels = [label for label in figure.axes[0].get_xticklabels() if low <= label.get_position()[0] <= high]
+    boxes = [label.get_window_extent() for label in labels]
+    assert 3 <= len(labels) <= most
+    assert all(left.x1 < right.x0 for left, right in zip(boxes[:-1], boxes[1:], strict=True))
+
+
 @pytest.mark.parametrize(("low", "high", "ticks"), [(4.0, 64.0, ["5", "10", "20", "50"]), (20.0, 80.0, ["20", "40"])])
 def test_a_logarithmic_axis_has_ticks_to_read(low, high, ticks):
     data = swept("drive_voltage", "drive_frequency")

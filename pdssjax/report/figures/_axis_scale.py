@@ -5,8 +5,9 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, NullLocator, StrMethodFormatter
 
-_DECADE = 10.0
-"""Over a smaller ratio 1, 2 and 5 of each decade are too few ticks: there these lie at equal distances."""
+_DECADE, _MANY = 10.0, 100.0
+"""Over a smaller ratio than the first 1, 2 and 5 of each decade are too few ticks: there these lie at equal distances.
+Over a larger one than the second they are too many: there each decade has one."""
 
 
 def in_equal_ratios(places: Float[np.ndarray, " values"]) -> bool:
@@ -21,10 +22,11 @@ def scale_axes(axes: Axes, **places: Float[np.ndarray, " values"]) -> None:
     """Makes the axes `x` and `y` logarithmic whose `places` go by equal ratios."""
     for name, values in places.items():
         if in_equal_ratios(values):
-            wide = values.max() >= _DECADE * values.min()
+            ratio = values.max() / values.min()
+            wide, subs = ratio >= _DECADE, (1.0, 2.0, 5.0) if ratio <= _MANY else (1.0,)
             axes.set(**{f"{name}scale": "log"})
             axis = axes.xaxis if name == "x" else axes.yaxis
-            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)) if wide else MaxNLocator(6, steps=[1, 2, 5, 10]))
+            axis.set_major_locator(LogLocator(subs=subs) if wide else MaxNLocator(6, steps=[1, 2, 5, 10]))
             if not wide:
                 axis.set_minor_locator(NullLocator())
             axis.set_major_formatter(StrMethodFormatter("{x:g}"))

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from ._axis_scale import in_equal_ratios, scale_axes
 from ._style import STYLE
-from .sweep import held_fixed, shown
+from .sweep import drawn_over, held_fixed, shown
 
 if TYPE_CHECKING:
     import xarray
@@ -23,13 +23,14 @@ def border_figure(data: "xarray.Dataset") -> Figure:
 
     Further axes are held at their middle, as the title says.  Where there is no border the line has a gap.
     """
-    names = [str(name) for name in data.border.dims]
-    middle = {name: (data.sizes[name] - 1) // 2 for name in names[2:]}
+    every = [str(name) for name in data.border.dims]
+    names = drawn_over(data, every)
+    middle = {name: (data.sizes[name] - 1) // 2 for name in every if name not in names}
     cut = data.isel(middle)
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(5.2, 3.6), layout="constrained")
         axes = figure.subplots()
-        _draw(axes, cut, names[:2])
+        _draw(axes, cut, names)
         told = [data.attrs["title"], f"drive of {data.attrs['record']}", data.attrs["of"], *held_fixed(data, middle)]
         figure.suptitle(", ".join(told), x=0.01, ha="left", fontsize=9.5, wrap=True)
     return figure

@@ -15,7 +15,7 @@ from ...sweeps import DEAD, compared_directions
 from ._axis_scale import scale_axes
 from ._dead_zone import BARE, bare_key, border_key, draw_border, explain, has_border
 from ._style import STYLE
-from .sweep import held_fixed, shown
+from .sweep import drawn_over, held_fixed, shown
 
 if TYPE_CHECKING:
     import xarray
@@ -37,7 +37,7 @@ def directions_figure(data: "xarray.Dataset") -> Figure:
     or failed is grey.
     """
     others = [str(name) for name in data.sizes if name != "drive_direction"]
-    names = [name for name in others if name in data.coords][:2] or others[:1]
+    names = drawn_over(data, others)
     middle = {name: (data.sizes[name] - 1) // 2 for name in others if name not in names}
     cut = data.isel(middle)
     with matplotlib.rc_context(STYLE):

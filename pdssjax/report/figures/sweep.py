@@ -1,6 +1,6 @@
 """Maps of a sweep: one panel a metric, over one or two axes."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import matplotlib
@@ -25,16 +25,16 @@ PANELS = ("speed", "net_step", "efficiency", "back_slip")
 def sweep_figure(data: "xarray.Dataset") -> Figure:
     """Speed, net step, efficiency and back-slip of a `sweep`: lines over one axis, maps over the first two.
 
-    Further axes are held at their middle, as the title says; a list or sample is shown by its points.  On a map a red
-    line is the border of the dead zone, where the step efficiency is `DEAD`, and points that failed are grey.
+    Further axes and those of one value are held at their middle, as the title says; a list or sample is shown by its
+    points.  On a map a red line is the border of the dead zone, where the step efficiency is `DEAD`, and points that
+    failed are grey.
 
     **Raises:** `InputError` for a single point, which has no axis.
     """
     every = [str(name) for name in data.sizes]
     if not every:
         raise InputError("sweep: found a single point, expected an axis to draw its metrics over.")
-    # The dimension of a list or sample has no values of its own.
-    names = [name for name in every if name in data.coords][:2] or every[:1]
+    names = drawn_over(data, every)
     middle = {name: (data.sizes[name] - 1) // 2 for name in every if name not in names}
     shown = data.isel(middle)
     show = _points if names[0] not in data.coords else _lines if len(names) == 1 else _map
@@ -51,6 +51,13 @@ def sweep_figure(data: "xarray.Dataset") -> Figure:
         title = ", ".join([str(data.attrs["title"]), f"drive of {data.attrs['record']}", *held, *failures])
         figure.suptitle(title, x=0.01, ha="left", fontsize=9.5, wrap=True)
     return figure
+
+
+def drawn_over(data: "xarray.Dataset", dimensions: Sequence[str]) -> list[str]:
+    """Over which of the `dimensions` a figure goes: the first two with several values, or the first where none has."""
+    # The dimension of a list or sample has no values of its own.
+    along = [name for name in dimensions if name in data.coords] or list(dimensions)
+    return [name for name in along if data.sizes[name] > 1][:2] or along[:1]
 
 
 def held_fixed(data: "xarray.Dataset", middle: Mapping[str, int]) -> list[str]:
