@@ -1,6 +1,8 @@
 """The end-effector: a mass that rides on the platform, held by friction alone (5.23).
 
 m_e x_e'' = F + load + m_e g sin(tilt) [ - what it meets in front of it ]
+
+Load and tilt set in at t = 0: until then the contact carries nothing, and an elastic one yields and rings then.
 """
 
 import equinox as eqx
