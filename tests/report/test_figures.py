@@ -219,6 +219,14 @@ def test_errors_by_every_model_are_drawn():
     np.testing.assert_allclose(second, 2.0 * first)
 
 
+@pytest.mark.parametrize("count", [1, 9])
+def test_no_key_of_the_errors_stands_on_a_row(count):
+    whole = fabricated.with_errors(fabricated.estimate())
+    figure = drawn(error_figure(dataclasses.replace(whole, parameters=dict(list(whole.parameters.items())[:count]))))
+    (key,) = figure.legends
+    assert not key.get_window_extent().overlaps(figure.axes[0].get_window_extent())
+
+
 def test_profiles_stand_beside_their_parabolas_with_the_verdict():
     parameters = fabricated.estimate().parameters
     profiles = fabricated.profiles(parameters)

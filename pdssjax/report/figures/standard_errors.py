@@ -13,7 +13,7 @@ def error_figure(estimate: Estimate) -> Figure:
     known = [p for p in estimate.parameters.values() if p.free and p.value and np.isfinite(p.standard_error)]
     rows = range(len(known))
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(5.6, 1.3 + 0.28 * len(known)), layout="constrained")
+        figure = Figure(figsize=(5.6, 1.6 + 0.28 * len(known)), layout="constrained")
         axes = figure.subplots()
         models = list(next((p.errors for p in known if p.errors), {}))
         label = f"standard error ({models[0]})" if models else "standard error"
@@ -25,7 +25,8 @@ def error_figure(estimate: Estimate) -> Figure:
             naive = [_percent(p, p.naive_standard_error or np.nan) for p in known]
             axes.plot(naive, rows, "D", color=VERMILION, fillstyle="none", label="naive standard error")
         if len(axes.lines) > 1:
-            axes.legend(loc="best")
+            # Beside the rows: on one of them a key would be taken for an error.
+            figure.legend(loc="outside upper right", ncols=3)
         axes.set_xscale("log")
         axes.set_yticks(rows, [p.path for p in known])
         axes.invert_yaxis()
