@@ -34,7 +34,7 @@ def read_axis(
     parts = [part.strip() for part in text.split(":")]
     if len(parts) == 1:
         return np.array([read_number(part.strip(), unit, where) for part in text.split(",")])
-    if len(parts) not in (3, 4) or not parts[2].isdigit() or int(parts[2]) < 1 or parts[3:] not in ([], ["log"]):
+    if len(parts) not in (3, 4) or not parts[2].isdecimal() or int(parts[2]) < 1 or parts[3:] not in ([], ["log"]):
         raise InputError(f'{where}: found "{text}", {_EXPECTED}.')
     if int(parts[2]) > _MOST:
         raise InputError(f'{where}: found "{text}", expected at most {_MOST} values on an axis.')
@@ -85,6 +85,7 @@ def _word(text: str, words: Mapping[str, float], where: str) -> float:
 def read_number(text: str, unit: str, where: str) -> float:
     """The number [SI] that `text` is, with a unit or without; **raises** `InputError` that begins with `where`."""
     try:
-        return to_si(float(text), unit, where)
+        given: float | str = float(text)
     except ValueError:
-        return to_si(text, unit, where)
+        given = text
+    return to_si(given, unit, where)

@@ -70,7 +70,7 @@ class _Help(argparse.HelpFormatter):
 def _columns() -> int:
     """Of the terminal; the environment's `COLUMNS` go first, and 80 where there is none."""
     told = os.environ.get("COLUMNS", "")
-    if told.isdigit() and int(told):
+    if told.isdecimal() and int(told):
         return int(told)
     try:
         return os.get_terminal_size(sys.__stdout__.fileno()).columns or 80  # pyright: ignore[reportOptionalMemberAccess]

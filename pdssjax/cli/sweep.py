@@ -115,7 +115,7 @@ def _points(study: "Study", options: argparse.Namespace) -> "AbstractPoints":
         return Grid({path: read_axis(path, text, legal, words) for path, text in texts.items()})
     kind, _, count = options.sample.partition(":")
     kinds = {"sobol": Sobol, "latin-hypercube": LatinHypercube}
-    if kind not in kinds or not count.isdigit():
+    if kind not in kinds or not count.isdecimal():
         raise InputError(f'option --sample: found "{options.sample}", expected sobol:COUNT or latin-hypercube:COUNT.')
     ranges = {path: read_range(path, text, legal) for path, text in texts.items()}
     return kinds[kind](ranges, int(count), options.seed)
@@ -235,7 +235,7 @@ def _explain(
 
 
 def _cycles(text: str) -> int | str:
-    return int(text) if text.isdigit() else text
+    return int(text) if text.isdecimal() else text
 
 
 def _axis(text: str) -> tuple[str, str]:

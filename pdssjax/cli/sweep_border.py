@@ -71,7 +71,7 @@ def _along(path: str, texts: Mapping[str, str], legal: "Mapping[str, Quantity]")
         raise InputError(f'option --border: found no range for "{path}", expected one such as --vary "{path}=FROM:TO".')
     low, _, high_and_count = texts[path].partition(":")
     high, colon, count = high_and_count.partition(":")
-    if colon and (not count.isdigit() or int(count) < 2):
+    if colon and (not count.isdecimal() or int(count) < 2):
         raise InputError(
             f'sweep: path "{path}": found "{texts[path]}", expected FROM:TO or FROM:TO:COUNT, with at least 2 values '
             "to look at first."

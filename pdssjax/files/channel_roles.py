@@ -173,7 +173,7 @@ class _Look:
         """Puts the channel of a `quantity` into `chosen`, and where no unit told it, into `guessed`."""
         if given := self.hints.columns.get(quantity):
             chosen[quantity] = find_channel(
-                self.reader, self.file, self.channels, int(given) if given.isdigit() else given
+                self.reader, self.file, self.channels, int(given) if given.isdecimal() else given
             )
             return
         left = [channel for channel in self.channels if channel not in chosen.values()]

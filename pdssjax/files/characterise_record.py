@@ -79,7 +79,7 @@ def _clock(file: Path, named: str | None, channels: Sequence[Channel]) -> dict[s
 
 def _plain(name: str) -> str | int:
     """A column's number where a name is one."""
-    return int(name) if name.isdigit() else name
+    return int(name) if name.isdecimal() else name
 
 
 def _only(file: Path, fitting: Sequence[Channel], quantity: str, channels: Sequence[Channel]) -> Channel:

@@ -162,11 +162,16 @@ def test_axes_are_read_with_units_and_spacing(study):
 
 
 @pytest.mark.parametrize(
-    "text", ["1:2", "1:2:0", "1:2:x", "1:2:3:lin", "1:2:100000000000", "0:2:3:log", "1 kg:2 kg:3", "a:b:3"]
+    "text", ["1:2", "1:2:0", "1:2:x", "1:2:3:lin", "1:2:100000000000", "0:2:3:log", "1 kg:2 kg:3", "a:b:3", "1:2:²"]
 )
 def test_an_axis_at_fault_is_refused(study, text):
     with pytest.raises(InputError, match=r"drive\.voltage"):
         read_axis("drive.voltage", text, study.legal())
+
+
+def test_a_number_beyond_all_is_refused_as_such(study):
+    with pytest.raises(InputError, match="expected a finite number"):
+        read_axis("drive.voltage", "1e400", study.legal())
 
 
 def test_the_command_writes_a_dataset_and_a_map(tmp_path, capsys, monkeypatch, data):
