@@ -41,7 +41,7 @@ def check_increasing(
     if late.size:
         before, here = time[late[0]], time[late[0] + 1]
         raise InputError(
-            f'{file}: {place} {places[late[0] + 1]}, column "{column}": found {here:.9g} s after {before:.9g} s, '
+            f'{file}: {place} {places[late[0] + 1]}, column "{column}": found {here:.15g} s after {before:.15g} s, '
             "expected times that increase."
         )
 

@@ -130,6 +130,10 @@ FILES = {
     "empty cell": (changed("0.8415", "", STEP), ["line 3", '"displacement_um"', "an empty cell", "finite"]),
     "ragged": (changed("0.8415", "0.8415,7", STEP), ["line 3", "3 cells", "expected 2"]),
     "time repeats": (changed("0.000100,", "0.000050,", STEP), ["line 4", '"time_s"', "5e-05 s", "increase"]),
+    "time goes back far from 0": (
+        "time_s,displacement_um\n1700000000.001,1\n1700000000.002,2\n1700000000.0015,3\n",
+        ["1700000000.0015 s after 1700000000.002 s"],
+    ),
     "time goes back": ("# old\n" + changed("0.000100,", "0.000010,", STEP), ["line 5", "1e-05 s after 5e-05 s"]),
     "time column missing": (changed("time_s,", "displacement_um,", STEP), ['"time_s"']),
     "never moves": ("time_s,displacement_um\n0,1\n1e-5,1\n2e-5,1\n", ['"displacement_um"', "3 samples", "moves"]),
