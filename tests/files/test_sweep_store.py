@@ -155,10 +155,10 @@ def test_a_block_that_was_damaged_on_the_disk_is_computed_again(tmp_path, study,
     assert len(quick) == 1
 
 
-@pytest.mark.parametrize("lost", ["found", "values", "status"])
-def test_a_store_of_which_something_is_lost_is_refused(tmp_path, study, quick, lost):
+@pytest.mark.parametrize("gone", ["found", "values", "status"])
+def test_a_store_of_which_something_is_gone_is_refused(tmp_path, study, quick, gone):
     pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr"))
-    shutil.rmtree(tmp_path / "s.zarr" / lost)
+    shutil.rmtree(tmp_path / "s.zarr" / gone)
     with pytest.raises(InputError, match=r"found a damaged store.*--overwrite"):
         pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr", resume=True))
 
