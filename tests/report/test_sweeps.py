@@ -1,5 +1,6 @@
 """What a sweep found is told and drawn so that the extremes, their places and what failed can be read off."""
 
+import itertools
 import json
 
 import numpy as np
@@ -155,7 +156,7 @@ def test_a_logarithmic_axis_over_decades_has_some_ticks_that_do_not_touch(low, h
     labels = [label for label in figure.axes[0].get_xticklabels() if low <= label.get_position()[0] <= high]
     boxes = [label.get_window_extent() for label in labels]
     assert 3 <= len(labels) <= most
-    assert all(left.x1 < right.x0 for left, right in zip(boxes[:-1], boxes[1:], strict=True))
+    assert all(left.x1 < right.x0 for left, right in itertools.pairwise(boxes))
 
 
 @pytest.mark.parametrize(("low", "high", "ticks"), [(4.0, 64.0, ["5", "10", "20", "50"]), (20.0, 80.0, ["20", "40"])])
