@@ -121,6 +121,15 @@ def tiles_along(values: Float[np.ndarray, " points"]) -> Tiles:
     return Tiles(edges[:-1][which.ravel()], edges[1:][which.ravel()], ratios)
 
 
+def ticks_along(values: Float[np.ndarray, " points"]) -> list[float]:
+    """Where a logarithmic axis over `values` has ticks: 1, 2 and 5 of a decade; of more than two decades each one."""
+    low, high = float(np.min(values)), float(np.max(values))
+    begins = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    each = (1, 2, 5) if high <= 100.0 * low else (1,)
+    ticks = [float(f"{number}e{decade}") for decade in begins for number in each]
+    return [tick for tick in ticks if low <= tick <= high]
+
+
 def _equal(numbers: Float[np.ndarray, " n"]) -> bool:
     return bool(np.ptp(numbers) < 1e-6 * abs(float(numbers[0])))
 

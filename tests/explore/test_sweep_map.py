@@ -8,7 +8,7 @@ import xarray
 from walking_study import made_sweep, write_made_sweep
 
 from pdssjax import InputError
-from pdssjax.explore.sweep_map import is_grid, sweep_map, tiles_along
+from pdssjax.explore.sweep_map import is_grid, sweep_map, ticks_along, tiles_along
 from pdssjax.files import read_sweep
 
 
@@ -76,11 +76,22 @@ def test_a_sweep_is_read_back_and_what_is_none_is_refused(tmp_path):
         read_sweep(tmp_path)
 
 
-def test_the_map_names_its_record():
+@pytest.fixture
+def shown_plots():
+    """The map of a made-up sweep, and the walk beside it."""
     pn = pytest.importorskip("panel")
     from pdssjax.explore.widgets.sweep_tab import SweepTab
 
     tab = SweepTab(lambda point: None, lambda: None, lambda: None)
     tab.show(sweep_map(made_sweep()))
-    titles = [pane.object.title.text for pane in tab.view.select(pn.pane.Bokeh)]
-    assert "walk: average speed (µm/s); click a point" in titles
+    return [pane.object for pane in tab.view.select(pn.pane.Bokeh)]
+
+
+def test_the_map_names_its_record(shown_plots):
+    assert "walk: average speed (µm/s); click a point" in [plot.title.text for plot in shown_plots]
+
+
+def test_an_axis_at_equal_ratios_has_ticks_to_read(shown_plots):
+    assert shown_plots[0].yaxis[0].ticker.ticks == [10.0, 20.0, 50.0]
+    assert ticks_along(np.geomspace(5.0, 80.0, 9)) == [5.0, 10.0, 20.0, 50.0]
+    assert ticks_along(np.geomspace(0.5, 2000.0, 9)) == [1.0, 10.0, 100.0, 1000.0]

@@ -8,7 +8,7 @@ import panel as pn
 from bokeh.palettes import Viridis256
 
 from ...core import MICROMETRES
-from ..sweep_map import SweepMap, is_grid, tiles_along
+from ..sweep_map import SweepMap, is_grid, ticks_along, tiles_along
 from ..sweep_walk import Walk
 from .style import BLUE, GREEN, GREY, MILLISECONDS, VERMILION, Model, Widget, models, pane, plain, plain_figure
 
@@ -156,6 +156,10 @@ def _map_plot(
         title=f"{found.record}: {label}; click a point",
         tooltips=[(labels[0], "@x"), (labels[1], "@y"), (label, "@value")],
     )  # fmt: skip
+    for axis, tile, ratio in zip((made.xaxis, made.yaxis), tiles, ratios, strict=True):
+        if ratio:
+            # Bokeh's own lie at equal distances over less than two decades: 50 and 100 alone from 5 to 80.
+            axis.ticker, axis.formatter = ticks_along(np.concatenate(tile[:2])), models.BasicTickFormatter()
     source = models.ColumnDataSource(edges)
     mapper = _mapper(values[points])
     color = {"field": "value", "transform": mapper}
