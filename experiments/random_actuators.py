@@ -202,6 +202,9 @@ PARTS = {
     "feedback": Structure(feedback=True, cycles=3.0),
     "amplifier": Structure(parts=("amplifier",), cycles=3.0),
     "amplifier that slews": Structure(parts=("amplifier",), given={"amplifier.slew": 1e5}, cycles=3.0),
+    "amplifier in front of elements that return": Structure(
+        piezo="maxwell-slip", parts=("amplifier",), drive=Trapezoid(64.0, 20.0, 0.5, 1e-3, 2e-3), draws_drive=True
+    ),
     "sensor": Structure(parts=("sensor",), cycles=3.0),
     "stop": Structure(parts=("stop",), output=STOP_FORCE),
     "stop and sensor": Structure(parts=("stop", "sensor"), output=STOP_FORCE),

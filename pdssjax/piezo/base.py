@@ -158,7 +158,10 @@ class AbstractPiezo(eqx.Module):
         return state
 
     def guards(self, state: Terms, voltage: Voltage[Term]) -> Terms:
-        """Positive while the model keeps its form; always as many, in the same order."""
+        """Positive while the model keeps its form; always as many, in the same order.
+
+        None, or first the slope of the voltage [V/s], times its sign before, then voltages [V].
+        """
         return ()
 
     def after_event(self, state: State, voltage: Voltage[Scalar], which: Scalar) -> State:

@@ -74,6 +74,10 @@ class PlatformOnly(AbstractHybridSystem):
         """The event of amplifier or piezo, which go on in the same mode."""
         return x._replace(driven=self.driven_platform.after_event(segment, t_local, x.driven, which)), mode
 
+    def is_spurious_event(self, slope: Scalar, mode: Scalar, which: Scalar) -> Truth:
+        """Whether an event of the piezo's is the rounding of a voltage at rest."""
+        return self.driven_platform.is_spurious_event(slope, which)
+
     def on_segment_start(self, segment: Segment, x: State[Scalar], mode: Scalar) -> tuple[State[Scalar], Scalar]:
         """State and mode in which a new segment begins."""
         driven = self.driven_platform.on_segment_start(segment, x.driven)

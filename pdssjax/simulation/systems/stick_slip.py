@@ -19,16 +19,12 @@ from ...actuator import IDEAL, Actuator, DrivenPlatformState, Sensor, chosen
 from ...core import Scalar, ScalarLike, Truth
 from ...drive.base import AbstractDrive, Segment
 from ...friction.base import AbstractFriction
-from ...integration import SETTLED, AbstractHybridSystem, Term, constant, weighted
+from ...integration import SETTLED, SPURIOUS_AMPLITUDE, AbstractHybridSystem, Term, constant, weighted
 from ._sensed_motion import SensedMotion
 from ._settling import is_settled, project_to_steady, slowest_frequency
 from ._stick_slip_state import ADVANCING, RETREATING, STUCK, StickSlipState, kind
 from ._sticking import mode_from_rest, sticking_force, sticking_margins
 from ._stop_contact import external_force, push_on_stop, stop_guards
-
-_SPURIOUS_AMPLITUDE = 3e-16
-"""Amplitude [m] of an oscillation that is rounding: that of 10 um is 1e-21 m, and the times of reversals of 1e-17 m
-have derivatives of noise, a fifth of a column of a stack that never settles."""
 
 
 class StickSlip(AbstractHybridSystem):
@@ -161,7 +157,7 @@ class StickSlip(AbstractHybridSystem):
         platform = self.actuator.driven_platform.platform
         jump = platform(driven)[1] - platform(x.driven)[1]
         # Of equal states compiled code may differ by rounding, which must not move a contact at rest.
-        is_rounding = jnp.abs(jump) <= _SPURIOUS_AMPLITUDE * self.actuator.piezo.frequency_scale()
+        is_rounding = jnp.abs(jump) <= SPURIOUS_AMPLITUDE * self.actuator.piezo.frequency_scale()
         jump = jump - jnp.where(is_rounding, lax.stop_gradient(jump), 0.0)
         v = x.v + jump
         way = jnp.sign(v)
@@ -216,12 +212,16 @@ class StickSlip(AbstractHybridSystem):
         return end._replace(driven=self.actuator.driven_platform.motion(segment, t_local, begin.driven, elapsed))
 
     def is_spurious_event(self, slope: Scalar, mode: Scalar, which: Scalar) -> Truth:
-        """Whether a reversal is nothing but the rounding of a contact that is at rest.
+        """Whether a reversal is nothing but the rounding of a contact that is at rest, or a voltage's of a stack.
 
         Its time means nothing then, and the field does not change there.
         """
         reverses = (jnp.abs(mode) == 1.0) & (which < 2)
-        return reverses & (jnp.abs(slope) < _SPURIOUS_AMPLITUDE * self.actuator.piezo.frequency_scale() ** 2)
+        first, law = self.initial(), self.actuator.friction
+        laws = len(law.guards(first.contact_state, first.v, ADVANCING))
+        of_stack = self.actuator.driven_platform.is_spurious_event(slope, which - 2 - laws)
+        slow = jnp.abs(slope) < SPURIOUS_AMPLITUDE * self.actuator.piezo.frequency_scale() ** 2
+        return (reverses & slow) | of_stack
 
     def force(self, segment: Segment, t_local: Scalar, x: StickSlipState[Scalar], mode: Scalar) -> Scalar:
         """Friction force [N] in any mode; settled and stuck it is F*, the force that keeps v = 0."""
