@@ -7,11 +7,15 @@ import contextlib
 import io
 import os
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from typing import Any, TextIO
 
 from ..core import InputWarning
+
+QUIET_S = 2.0
+"""Seconds without a word before it is said that something is compiled: what was asked for may be refused meanwhile."""
 
 
 def announce_warnings(show: Callable[..., None]) -> Callable[..., None]:
@@ -78,7 +82,8 @@ def _discard(stream: TextIO) -> None:
 def counter(what: str) -> Iterator[Callable[[int, int], None]]:
     """A function of (done, all) that shows a bar on a terminal, else a line now and then.
 
-    Before the first call there is a sign of life, too: what computes the first ones may compile for minutes.
+    Before the first call there is a sign of life after a while, too: what computes the first ones may compile for
+    minutes.
     """
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -91,10 +96,13 @@ def counter(what: str) -> Iterator[Callable[[int, int], None]]:
             yield lambda done, count: bar.update(task, completed=done, total=count)
     else:
         tenth, first, begun = 0, None, time.monotonic()
-        print(f"compiling what computes the {what}", file=sys.stderr, flush=True)
+        told = lambda: print(f"compiling what computes the {what}", file=sys.stderr, flush=True)
+        compiling = threading.Timer(QUIET_S, told)
+        compiling.daemon = True
 
         def line(done: int, count: int) -> None:
             nonlocal tenth, first, begun
+            compiling.cancel()
             if first is None:
                 # What is counted first may be of an earlier run, or be slow because it compiles: rates begin here.
                 first, begun = done, time.monotonic()
@@ -103,7 +111,11 @@ def counter(what: str) -> Iterator[Callable[[int, int], None]]:
                 pace = _pace(done - first, count - done, time.monotonic() - begun)
                 print(f"{done} of {count} {what}{pace}", file=sys.stderr, flush=True)
 
-        yield line
+        compiling.start()
+        try:
+            yield line
+        finally:
+            compiling.cancel()
 
 
 def _pace(done: int, left: int, seconds: float) -> str:
