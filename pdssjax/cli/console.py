@@ -7,7 +7,6 @@ import contextlib
 import io
 import os
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
 from typing import Any, TextIO
@@ -85,6 +84,8 @@ def counter(what: str) -> Iterator[Callable[[int, int], None]]:
     Before the first call there is a sign of life after a while, too: what computes the first ones may compile for
     minutes.
     """
+    import threading
+
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
