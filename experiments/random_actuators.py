@@ -59,6 +59,7 @@ class Structure:
     feedback: bool = False
     parts: tuple[str, ...] = ()
     """Of "amplifier", "sensor", "stop"."""
+    rests_under_load: bool = False
     of: str = "effector"
     """effector, platform, unloaded (the platform without an end-effector) or contact (moved as prescribed)."""
     output: Output = DISPLACEMENT
@@ -115,9 +116,9 @@ class Structure:
             return measured(contact, times, accuracy, self.output)
         sensor = built.get("sensor", IDEAL)
         effector, law = built.get("effector", Effector()), built.get("friction", member("friction", "coulomb")())
-        actuator = Actuator(
-            built["piezo"], law, effector, self.feedback, stop=built.get("stop"), amplifier=built.get("amplifier")
-        )
+        parts = {part: built[part] for part in ("stop", "amplifier") if part in built}
+        rests = self.rests_under_load
+        actuator = Actuator(built["piezo"], law, effector, self.feedback, **parts, rests_under_load=rests)
         if self.of == "unloaded":
             return measured(PlatformOnly(actuator.driven_platform, drive, sensor), times, accuracy, self.output)
         system = StickSlip(actuator, drive, sensor, 1.0 * (self.of == "platform"))
@@ -175,6 +176,10 @@ PULL = {"effector.load": 0.1, "effector.tilt": 0.05}
 PULLED = {
     f"{law} under a load and on a tilt": Structure(law, state, given=PULL, cycles=3.0)
     for law, state in (("anisotropic-lugre", "deflection"), ("coulomb", ""), ("dahl", ""), ("elastoplastic", ""))
+}
+PULLED |= {
+    f"{law} at rest under its load{felt}": Structure(law, given=PULL, feedback=bool(felt), rests_under_load=True)
+    for law, felt in (("lugre", ", which the stack feels"), ("generalized-maxwell-slip", ""))
 }
 """A constant force on the end-effector."""
 

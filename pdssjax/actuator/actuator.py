@@ -2,8 +2,9 @@
 
 import equinox as eqx
 
-from ..core import described
+from ..core import ScalarLike, described
 from ..friction.base import AbstractFriction
+from ..integration import Term
 from ..piezo.base import AbstractPiezo
 from .amplifier import Amplifier
 from .driven_platform import DrivenPlatform
@@ -23,6 +24,8 @@ class Actuator(eqx.Module):
     """None: the command reaches the piezo as it is."""
     stop: Stop | None = None
     """What the end-effector runs against; None: it moves freely."""
+    rests_under_load: bool = eqx.field(static=True, default=False)
+    """Load and tilt acted before t = 0, and all motion is counted from rest under them; else they set in at t = 0."""
 
     def __repr__(self) -> str:
         return described(self)
@@ -31,6 +34,15 @@ class Actuator(eqx.Module):
     def driven_platform(self) -> DrivenPlatform:
         """Amplifier and piezo."""
         return DrivenPlatform(self.piezo, self.amplifier)
+
+    @property
+    def initial_pull(self) -> ScalarLike:
+        """The constant force on the end-effector that acted before t = 0, positive forward [N]."""
+        return self.effector.pull() if self.rests_under_load else 0.0
+
+    def reaction(self, force: Term) -> Term:
+        """What the platform feels of a friction `force`, beyond what it felt before t = 0 [N]; with feedback only."""
+        return (force + self.initial_pull if self.rests_under_load else force) * (-1.0)
 
     @property
     def platform_closed(self) -> bool:

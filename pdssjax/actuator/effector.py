@@ -3,6 +3,7 @@
 m_e x_e'' = F + load + m_e g sin(tilt) [ - what it meets in front of it ]
 
 Load and tilt set in at t = 0: until then the contact carries nothing, and an elastic one yields and rings then.
+With `rests_under_load` of the actuator they acted before, and it has come to rest under them.
 """
 
 import equinox as eqx

@@ -73,6 +73,10 @@ def _actuator(entries: Mapping[str, Entry]) -> Document:
             "friction": _chosen(entries, "friction"),
             "friction_state": {"enum": list(STATES), "description": "Reading of the direction-dependent law (5.22)."},
             "feedback": {"type": "boolean", "description": "Friction acts back on the platform (5.25)."},
+            "rests_under_load": {
+                "type": "boolean",
+                "description": "Load and tilt acted before t = 0; left out: they set in then.",
+            },
         },
         ["piezo"],
     )

@@ -46,7 +46,7 @@ def load_study(path: str | Path, virtual: bool = False) -> Study:
     _check_format(top)
     top.only(["format", "title", "actuator", "parameters", "record"])
     actuator = top.table("actuator", 'a table with "piezo" and "friction"')
-    actuator.only(["piezo", "friction", "friction_state", "feedback"])
+    actuator.only(["piezo", "friction", "friction_state", "feedback", "rests_under_load"])
     records = _read_records(top, path.parent, virtual)
     study = Study(
         title=top.text("title", "a text", path.stem),
@@ -57,6 +57,7 @@ def load_study(path: str | Path, virtual: bool = False) -> Study:
         feedback=actuator.get("feedback", bool, "true or false", False),
         parameters={},
         records=records,
+        rests_under_load=actuator.get("rests_under_load", bool, "true or false", False),
     )
     study = dataclasses.replace(study, parameters=read_parameters(top, study))
     _check_durations(top, study)

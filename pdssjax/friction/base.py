@@ -68,6 +68,13 @@ class AbstractFriction(eqx.Module):
         the way there, to first order in the distance.
         """
 
+    def under_load(self, force: Scalar) -> State:
+        """The state of a contact that came to rest carrying `force` [N], raised slowly from 0 in one direction.
+
+        A force beyond the largest that the contact holds leaves a state from which it slides.
+        """
+        return self.equilibrium_state(self.initial(), force)[0]
+
     @classmethod
     @abc.abstractmethod
     def search_ranges(cls, mass: float, acceleration: float, rate: float) -> dict[str, tuple[float, float]]:

@@ -18,11 +18,15 @@ P.-A. Bliman and M. Sorine, Easy-to-use realistic dry friction models for automa
 """
 
 import jax.numpy as jnp
+from jax import lax
 
 from ..core import Scalar, ScalarLike, quantity
 from ..integration import Term
 from ._search_ranges import lugre_ranges
 from .base import AbstractFriction, State, Terms
+
+_NEWTON = 30
+"""Steps of Newton's method, more than ever counted: near its peak the force is flat."""
 
 
 class BlimanSorine(AbstractFriction):
@@ -60,6 +64,23 @@ class BlimanSorine(AbstractFriction):
         fast, slow = state
         displacement = (force - k_1 * fast + k_2 * slow) / (k_1 - k_2)
         return (fast + displacement, slow + displacement), displacement
+
+    def under_load(self, force: Scalar) -> State:
+        # Along the path from rest the force is concave up to its peak, so that Newton's method comes from below.
+        lengths = jnp.stack([jnp.asarray(self.eta * self.epsilon, float), jnp.asarray(self.epsilon, float)])
+        strengths = jnp.stack([jnp.asarray(self.f_c + self.f_2, float), -jnp.asarray(self.f_2, float)])
+        sign = jnp.where(force >= 0.0, 1.0, -1.0)
+
+        def improved(_: int, path: Scalar) -> Scalar:
+            left = jnp.exp(-path / lengths)
+            slope = jnp.sum(strengths / lengths * left)
+            rises = slope > 0.0
+            missing = sign * force - jnp.sum(strengths * (1.0 - left))
+            return path + jnp.where(rises, missing / jnp.where(rises, slope, 1.0), 0.0)
+
+        path = lax.fori_loop(0, _NEWTON, improved, jnp.zeros(()))
+        fast, slow = sign * lengths * (1.0 - jnp.exp(-path / lengths))
+        return fast, slow
 
     @classmethod
     def search_ranges(cls, mass: float, acceleration: float, rate: float) -> dict[str, tuple[float, float]]:

@@ -20,9 +20,10 @@ D. A. Haessig and B. Friedland, ASME Journal of Dynamic Systems, Measurement, an
 
 import equinox as eqx
 import jax.numpy as jnp
+from jax import lax
 
 from ..core import Scalar, ScalarLike, quantity
-from ..integration import Term
+from ..integration import Term, constant
 from ._search_ranges import lugre_ranges
 from .base import AbstractFriction, State, Terms
 
@@ -62,6 +63,21 @@ class Bristle(AbstractFriction):
     def equilibrium_state(self, state: State, force: Scalar) -> tuple[State, Scalar]:
         displacement = force / self.sigma0 - sum(state[1:-1], state[0]) / self.bristles
         return (*(z + displacement for z in state[:-1]), state[-1]), displacement
+
+    def under_load(self, force: Scalar) -> State:
+        sign = jnp.where(force >= 0.0, 1.0, -1.0)
+
+        def stretched(_: int, state: State) -> State:
+            missing = sign * (force - constant(self.force(state, 0.0, sign))) / self.sigma0
+            room = jnp.stack([jnp.asarray(constant(left), float) for left in self.guards(state, 0.0, sign)])
+            first = jnp.argmin(room)
+            way = sign * jnp.minimum(missing, room[first])
+            held = (*(z + way for z in state[:-1]), state[-1])
+            snapped = self.after_event(held, jnp.zeros(()), sign, first)
+            return tuple(jnp.where(room[first] < missing, a, b) for a, b in zip(snapped, held, strict=True))
+
+        # Bonds snap one by one on the way; after several times their number the force has been at its largest.
+        return lax.fori_loop(0, 4 * self.bristles, stretched, self.initial())
 
     def guards(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:
         return tuple(self.longest() - z * sign for z in state[:-1])

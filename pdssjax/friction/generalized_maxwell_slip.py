@@ -105,6 +105,20 @@ class GeneralizedMaxwellSlip(AbstractFriction):
         displacement = (force - constant(self._elastic(state))) / sum(self._stiffnesses())
         return (*(z + displacement for z in state[:_COUNT]), *state[_COUNT:]), displacement
 
+    def under_load(self, force: Scalar) -> State:
+        # Spring by spring stretches up to its block's slipping: a concave force, so that Newton's method comes from
+        # below, and is there after as many steps as there are elements.
+        springs = [(k, w / k) for k, w in zip(self._stiffnesses(), self._strengths(), strict=True)]
+        sign = jnp.where(force >= 0.0, 1.0, -1.0)
+        stretch = jnp.zeros(())
+        for _ in range(_COUNT):
+            carried = sum(k * jnp.minimum(stretch, longest) for k, longest in springs)
+            stiffness = sum(jnp.where(stretch < longest, k, 0.0) for k, longest in springs)
+            holds = stiffness > 0.0
+            stretch += jnp.where(holds, (sign * force - carried) / jnp.where(holds, stiffness, 1.0), 0.0)
+        stretches = (sign * jnp.minimum(stretch, longest) for _, longest in springs)
+        return (*stretches, *self.initial()[_COUNT:])
+
     def guards(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:
         remaining = self._remaining(v)
         elements = (

@@ -50,6 +50,7 @@ def as_asked(
             "friction": member_name(study.friction),
             "friction_state": study.friction_state,
             "feedback": bool(study.feedback),
+            "rests_under_load": study.rests_under_load,
         },
         # Draws are kept without names.
         "order": [*study.parameters, *(record.name for record in study.records if record.role == "fit")],

@@ -28,6 +28,8 @@ class Models(eqx.Module):
     feedback: bool = eqx.field(static=True)
     parts: frozenset[str] = eqx.field(static=True, default=frozenset())
     """What the rig has besides: "amplifier", "low-pass" (of the sensor)."""
+    rests_under_load: bool = eqx.field(static=True, default=False)
+    """Load and tilt acted before t = 0."""
 
     @property
     def law(self) -> Fields:
@@ -52,6 +54,7 @@ class Models(eqx.Module):
             self.feedback,
             _part("amplifier", values) if "amplifier" in self.parts else None,
             _part("stop", values) if blocked else None,
+            self.rests_under_load,
         )
 
     def sensor(self, values: Values) -> Sensor:

@@ -56,6 +56,8 @@ class Study:
     """Listed parameters by path, in the order of the file."""
     records: tuple[Record, ...]
     """Records in the order of the file."""
+    rests_under_load: bool = False
+    """Whether load and tilt acted before t = 0, and motion is counted from rest under them; else they set in then."""
 
     def __repr__(self) -> str:
         free = sum(parameter.free for parameter in self.parameters.values())
@@ -168,7 +170,8 @@ class Study:
         """The chosen family members."""
         parts = {"amplifier"} if any(path.startswith("amplifier.") for path in self.parameters) else set()
         parts |= {"low-pass"} if "sensor.bandwidth" in self.parameters else set()
-        return Models(self.piezo, self.friction, self.friction_state, self.feedback, frozenset(parts))
+        chosen = self.piezo, self.friction, self.friction_state, self.feedback
+        return Models(*chosen, frozenset(parts), self.rests_under_load)
 
     @functools.cached_property
     def predictor(self) -> Predictor:

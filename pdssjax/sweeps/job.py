@@ -54,6 +54,8 @@ def job_document(function: PointFunction) -> Document:
             "friction_state": models.friction_state,
             "feedback": models.feedback,
             "parts": sorted(models.parts),
+            # Left out where it is not so, as above.
+            **({"rests_under_load": True} if models.rests_under_load else {}),
         },
         "drive": {"waveform": member_name(type(drive)), **numbers},
         "parameters": {path: float(number) for path, number in function.numbers.items()},
@@ -73,6 +75,7 @@ def point_function(document: Document) -> PointFunction:
         actuator["friction_state"],
         actuator["feedback"],
         frozenset(actuator["parts"]),
+        actuator.get("rests_under_load", False),
     )
     waveform = member("drive", drive.pop("waveform"))
     order = accuracy.pop("method")["order"]

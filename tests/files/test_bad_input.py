@@ -42,6 +42,11 @@ STUDIES = {
     "parameter missing": ('"friction.sigma1" = {}', "", ['"friction.sigma1" is missing']),
     "mass missing": (MASS, "", ['"effector.mass" is missing']),
     "mass of the platform missing": ("feedback = false", "feedback = true", ['"piezo.mass" is missing']),
+    "rests_under_load as a number": (
+        "feedback = false",
+        "rests_under_load = 1",
+        ['"rests_under_load"', "found 1", "true or false"],
+    ),
     "feedback as text": ("feedback = false", 'feedback = "no"', ['"feedback"', '"no"', "true or false"]),
     "negative mass": ('"86 g"', '"-86 g"', ['"effector.mass"', '"value"', "-0.086 kg", "above 0"]),
     "zero mass": ('"86 g"', "0", ['"effector.mass"', "0 kg", "above 0"]),

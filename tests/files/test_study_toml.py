@@ -20,7 +20,14 @@ LIU = Path(__file__).parents[2] / "experiments" / "liu2015" / "study.toml"
 def test_models_are_members_of_their_families(tmp_path):
     study = load_study(write_study(tmp_path))
     assert (study.title, study.piezo, study.friction) == ("Small rig", SecondOrder, SimplifiedLuGre)
-    assert (study.feedback, study.friction_state) == (False, "deflection")
+    assert (study.feedback, study.friction_state, study.rests_under_load) == (False, "deflection", False)
+
+
+def test_a_rig_that_rests_under_its_load_is_an_actuator_that_does(tmp_path):
+    study = load_study(write_study(tmp_path, changed("feedback = false", "rests_under_load = true")))
+    actuator = study.models.actuator({"effector.load": 0.1})
+    assert study.rests_under_load and actuator.rests_under_load and not actuator.feedback
+    assert "at rest under its load" in study._repr_html_()
 
 
 def test_parameter_is_free_unless_it_has_a_value(tmp_path):

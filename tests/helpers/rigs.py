@@ -27,20 +27,23 @@ def values(rig: Rig) -> np.ndarray:
     return np.array([rig.gain, rig.frequency, rig.damping, rig.stack, rig.mass, rig.load, *contact, *drive])
 
 
-def models(numbers, reading: str, feedback: bool, drive: type = Sawtooth) -> tuple[Actuator, Sawtooth]:
+def models(
+    numbers, reading: str, feedback: bool, drive: type = Sawtooth, rests: bool = False
+) -> tuple[Actuator, Sawtooth]:
     """Actuator and drive with the given numbers."""
     gain, frequency, damping, stack, mass, load, *contact = numbers[:12]
     friction = AnisotropicLuGre(*contact, reading)
-    actuator = Actuator(SecondOrder(gain, frequency, damping, stack), friction, Effector(mass, load), feedback)
+    stack_model, effector = SecondOrder(gain, frequency, damping, stack), Effector(mass, load)
+    actuator = Actuator(stack_model, friction, effector, feedback, rests_under_load=rests)
     return actuator, drive(*numbers[12:])
 
 
 @cache
-def compiled(reading: str, feedback: bool, drive: type = Sawtooth, batch: bool = False):
+def compiled(reading: str, feedback: bool, rests: bool = False, drive: type = Sawtooth, batch: bool = False):
     """`simulate` as a function of (numbers, times, tolerance, rest)."""
 
     def run(numbers, times, tolerance, settle_tolerance):
-        return simulate(*models(numbers, reading, feedback, drive), times, Accuracy(tolerance, settle_tolerance))
+        return simulate(*models(numbers, reading, feedback, drive, rests), times, Accuracy(tolerance, settle_tolerance))
 
     return jax.jit(jax.vmap(run, (0, None, None, None)) if batch else run)
 
@@ -59,7 +62,7 @@ def compiled_jacobian(reading: str, feedback: bool):
 
 def trajectory(rig: Rig, times, accuracy: Accuracy, **kind):
     assert len(times) == SAMPLES
-    return compiled(rig.reading, rig.feedback, **kind)(
+    return compiled(rig.reading, rig.feedback, rig.rests_under_load, **kind)(
         values(rig), times, accuracy.tolerance, accuracy.settle_tolerance
     )
 

@@ -34,6 +34,16 @@ class Rig:
     cycle: float = 0.2
     fall: float = 0.0
     forward: bool = True
+    rests_under_load: bool = False
+    """Motion begins, and is counted, from where the load has brought contact and stack to rest."""
+
+    def start(self) -> np.ndarray:
+        """y, y', x_e, x_e' and the contact's state at t = 0."""
+        start = np.zeros(5)
+        if self.rests_under_load:
+            start[4] = -self.load / (1.0 if self.reading == "force" else self.s0[0 if self.load <= 0.0 else 1])
+            start[[0, 2]] = self.load / (self.stack * self.frequency**2) if self.feedback else 0.0
+        return start
 
 
 def corners(rig: Rig, until: float) -> list[tuple[float, float, float, float]]:
@@ -52,7 +62,7 @@ def corners(rig: Rig, until: float) -> list[tuple[float, float, float, float]]:
 
 def simulate(rig: Rig, times: np.ndarray, tolerance: float = 1e-12) -> np.ndarray:
     """Platform and end-effector [m] and friction force [N] at ascending `times` > 0, shape (m, 3)."""
-    state, mode = np.zeros(5), None  # y, y', x_e, x_e', contact state
+    state, mode = rig.start(), None
     out = np.zeros((len(times), 3))
     for begin, end, voltage, slope in corners(rig, times[-1] * (1 + 1e-15)):
         here = Piece(rig, begin, voltage, slope)
@@ -61,7 +71,7 @@ def simulate(rig: Rig, times: np.ndarray, tolerance: float = 1e-12) -> np.ndarra
             mode = here.leaves(now, state, 0)
         while now < end:
             state, now, mode = advance(here, now, end, state, mode, times, out, tolerance)
-    return out
+    return out - [rig.start()[0], rig.start()[2], 0.0]
 
 
 @dataclasses.dataclass(frozen=True)

@@ -31,6 +31,8 @@ RIGS = {
     "feedback, downhill, backward": Rig(feedback=True, load=-0.1, forward=False, fall=9e-4),
     "force": Rig(reading="force", fall=9e-4),
     "force, uphill": Rig(reading="force", load=0.1),
+    "rests downhill": Rig(load=-0.3, mass=0.3, fall=9e-4, rests_under_load=True),
+    "force, feedback, rests uphill": Rig(reading="force", feedback=True, load=0.1, rests_under_load=True),
     "force, feedback, downhill": Rig(reading="force", feedback=True, load=-0.1, forward=False),
 }
 

@@ -1,5 +1,6 @@
 """Blocks run on threads, processes or whatever executor: the same numbers, few in flight, and failures are told."""
 
+import dataclasses
 import json
 import multiprocessing
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
@@ -63,10 +64,11 @@ def test_only_plain_data_is_sent_and_the_job_is_rebuilt_from_it(study, quick):
     pdssjax.sweep(study, {"drive.voltage": np.linspace(1.0, 2.0, 192)}, executor=executor, in_flight=3)
     for text, number, points in executor.sent:
         assert (type(text), type(number), type(points)) == (str, int, np.ndarray)
-    planned = plan_sweep(study, OVER, accuracy=Accuracy(tolerance=1e-10))
-    again = point_function(json.loads(job_text(planned.document)))
-    assert job_document(again) == planned.document
-    assert again.accuracy.tolerance == 1e-10 and again.models == planned.function.models
+    for asked in (study, dataclasses.replace(study, rests_under_load=True)):
+        planned = plan_sweep(asked, OVER, accuracy=Accuracy(tolerance=1e-10))
+        again = point_function(json.loads(job_text(planned.document)))
+        assert job_document(again) == planned.document
+        assert again.accuracy.tolerance == 1e-10 and again.models == planned.function.models == asked.models
 
 
 def test_a_worker_with_another_version_is_told_in_a_line(study, quick, monkeypatch):

@@ -11,7 +11,8 @@ def study_html(study: Study) -> str:
     """What a study knows and what was measured."""
     reading = f" ({study.friction_state} state)" if study.friction.__name__.startswith("Anisotropic") else ""
     feedback = ", with friction feedback" if study.feedback else ""
-    models = f"piezo: {member_name(study.piezo)}, friction: {member_name(study.friction)}{reading}{feedback}"
+    resting = ", at rest under its load from the beginning" if study.rests_under_load else ""
+    models = f"piezo: {member_name(study.piezo)}, friction: {member_name(study.friction)}{reading}{feedback}{resting}"
     return "\n".join(
         [
             paragraph(study.title, models),

@@ -109,7 +109,7 @@ def _steady_lag(
 
 def _settled_friction(actuator: Actuator) -> ScalarLike:
     """The friction force [N] on the platform once all is settled, with feedback."""
-    return actuator.effector.pull() if actuator.feedback else 0.0
+    return actuator.effector.pull() - actuator.initial_pull if actuator.feedback else 0.0
 
 
 def _equilibrium_state(actuator: Actuator, x: StickSlipState[Scalar]) -> tuple[tuple[Scalar, ...], Scalar]:

@@ -21,6 +21,8 @@ from ._stop_contact import external_force
 
 def sticking_force(actuator: Actuator, free_acceleration: Term, x: StickSlipState[Term]) -> Term:
     """F* [N] where the platform would accelerate by `free_acceleration` [m/s2] without friction."""
+    if actuator.feedback and actuator.rests_under_load:
+        free_acceleration = free_acceleration + actuator.reaction(0.0) * (1.0 / actuator.piezo.mass)
     inertial = free_acceleration * actuator.effector.mass - external_force(actuator, x)
     if not actuator.feedback:
         return inertial
@@ -42,7 +44,7 @@ def mode_from_rest(
     """The mode that begins at v = 0, ties broken by looking ahead; `ended` is the one that ended there, 0 for none."""
     driven_platform, zero, unit = actuator.driven_platform, jnp.zeros_like(x.v), jnp.ones_like(x.v)
     sticking = sticking_force(actuator, driven_platform.acceleration(segment, t_local, x.driven), x)
-    reaction = -sticking if actuator.feedback else 0.0
+    reaction = actuator.reaction(sticking) if actuator.feedback else 0.0
     rates = driven_platform.rate(segment, t_local, x.driven, reaction, 1.0)
     along = lambda elapsed: jax.tree.map(lambda a, b: a + elapsed * b, x.driven, rates)
 
@@ -65,5 +67,7 @@ def mode_from_rest(
     upper, lower = ahead
     unstable_branch = jnp.where(ended == 0.0, ADVANCING, -ended)
     freed = jnp.where(upper < 0, ADVANCING, RETREATING)
+    # What came to v = 0 from one side cannot leave on it: then rounding alone decides, and it goes through.
+    freed = jnp.where(freed == ended, -freed, freed)
     sticks = (upper >= 0) & (lower >= 0)
     return jnp.where(sticks, STUCK, jnp.where((upper < 0) & (lower < 0), unstable_branch, freed))

@@ -40,6 +40,8 @@ class StickSlip(AbstractHybridSystem):
         zero = jnp.zeros(())
         in_contact = () if self.actuator.stop is None else (zero,)
         driven, contact = self.actuator.driven_platform.initial(), self.actuator.friction.initial()
+        if self.actuator.rests_under_load:
+            contact = self.actuator.friction.under_load(-1.0 * jnp.asarray(self.actuator.initial_pull, float))
         return StickSlipState(zero, zero, driven, contact, in_contact, self.sensor.initial())
 
     def segment(self, index: Scalar) -> Segment:
@@ -51,11 +53,14 @@ class StickSlip(AbstractHybridSystem):
         driven_platform = self.actuator.driven_platform
         free = driven_platform.acceleration(segment, t_local, x.driven)
         force = self.actuator.friction.force(x.contact_state, x.v, mode)
-        platform = free - force * (1.0 / self.actuator.piezo.mass) if self.actuator.feedback else free
+        platform = free
+        if self.actuator.feedback:
+            platform = free + self.actuator.reaction(force) * (1.0 / self.actuator.piezo.mass)
         relative = platform - (force + external_force(self.actuator, x)) * (1.0 / self.actuator.effector.mass)
         reaction: Term = 0.0
         if self.actuator.feedback:
-            reaction = (force * moves + sticking_force(self.actuator, free, x) * sticks) * (-1.0)
+            sticking = self.actuator.reaction(sticking_force(self.actuator, free, x))
+            reaction = self.actuator.reaction(force) * moves + sticking * sticks
         rates = self.actuator.friction.rate(x.contact_state, x.v, mode)
         return StickSlipState(
             x.v * moves,
