@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 def identify(options: argparse.Namespace) -> int:
     from ..core import prepare_jax
-    from ..files import check_free
+    from ..files import check_free, starting_at_estimate
 
     check_drawing(options)
     check_free(options.out, options.overwrite or options.resume)
@@ -34,6 +34,8 @@ def identify(options: argparse.Namespace) -> int:
     if options.method != "both":
         check_intervals(options.intervals, options.method)
     study = pdssjax.load_study(options.study)
+    if options.estimate is not None:
+        study = starting_at_estimate(study, options.estimate)
     methods = _possible(study) if options.method == "both" else [options.method]
     folders: dict[Method, Path] = {
         method: options.out / method if len(methods) > 1 else options.out for method in methods
@@ -138,8 +140,10 @@ def _identified(
         else:
             say(format_report(kept))
             if keep_results(lambda place: write_essentials(kept, place), folder, kept):
-                what = "estimate" if kept.converged else "best point so far"
-                print(f"pdssjax: the {what} is in {folder / 'estimate.json'}", file=sys.stderr)
+                what, file = "estimate" if kept.converged else "best point so far", folder / "estimate.json"
+                print(f"pdssjax: the {what} is in {file}", file=sys.stderr)
+                if not kept.converged:
+                    print(f"pdssjax: a fit with --estimate {file} goes on from there", file=sys.stderr)
             if intervals in DRAWN and kept.converged:
                 print("pdssjax: what was drawn is kept; the same command with --resume goes on", file=sys.stderr)
         raise
@@ -172,6 +176,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="STUDY",
         help="study file (TOML); left out: the packaged example",
     )
+    text = "start from the numbers of an estimate.json, such as that of a fit that was broken off"
+    parser.add_argument("--estimate", type=Path, metavar="FILE", help=text)
     parser.add_argument(
         "--method",
         choices=["joint", "sequential", "peaks", "both"],

@@ -55,7 +55,7 @@ def study_at(study: Study, settings: Settings) -> Study:
     parameters = {
         path: dataclasses.replace(p, value=settings.values[path])
         if p.value is not None
-        else dataclasses.replace(p, start=_between(settings.values[path], p.low, p.high))
+        else p.with_start(settings.values[path])
         for path, p in study.parameters.items()
     }
     changed = changed_drives(study, settings)
@@ -68,12 +68,6 @@ def to_be_fitted(study: Study, settings: Settings) -> Study:
     there = study_at(study, settings)
     apart = {path: p for path, p in study.parameters.items() if p.measured_apart}
     return dataclasses.replace(there, parameters=there.parameters | apart)
-
-
-def _between(number: float, low: float | None, high: float | None) -> float:
-    """A start lies within the bounds of its parameter."""
-    number = number if low is None else max(number, low)
-    return number if high is None else min(number, high)
 
 
 def _driven(study: Study, record: Record, numbers: Mapping[str, float]) -> Record:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from .estimate_json import estimate_text as estimate_text
     from .estimate_json import read_covariance as read_covariance
     from .estimate_json import read_estimate as read_estimate
+    from .estimate_json import starting_at_estimate as starting_at_estimate
     from .estimate_json import with_estimate as with_estimate
     from .estimate_results import write_essentials as write_essentials
     from .estimate_results import write_estimate as write_estimate
@@ -57,6 +58,7 @@ else:
                 "estimate_text",
                 "read_covariance",
                 "read_estimate",
+                "starting_at_estimate",
                 "with_estimate",
             ],
             "draws_file": ["DrawsFile"],

@@ -32,21 +32,42 @@ FORMAT = "pdssjax-estimate/1"
 def with_estimate(study: Study, file: Path) -> Study:
     """`study` with every parameter that `file`, an estimate.json, has a value of fixed at it.
 
-    **Raises:** `InputError` if the file is missing or no estimate, or has a parameter that the
+    **Raises:** `InputError` if the file is missing or no estimate, is of another actuator, or has a parameter that the
     study has not.  Warns with `InputWarning` if the fit did not converge, or does not explain its records.
     """
-    document, legal = _document(file), study.legal()
-    parameters = Table(document, str(file)).table("parameters", "a table of parameters")
+    document = _document(file)
+    doubt = _doubt(document)
+    if doubt:
+        warnings.warn(f"{file}: the fit {_DOUBTS[doubt]}; its numbers are used all the same.", InputWarning, 2)
+    return study.with_values(_values(document, study, file), _source(file, doubt))
+
+
+def starting_at_estimate(study: Study, file: Path) -> Study:
+    """`study` with the free parameters that `file`, an estimate.json, has a value of starting there.
+
+    **Raises:** `InputError` as `with_estimate` does.
+    """
+    document = _document(file)
+    return study.with_starts(_values(document, study, file), _source(file, _doubt(document)))
+
+
+def _source(file: Path, doubt: str) -> str:
+    """Where numbers come from, in words."""
+    return f"estimate {file}" + (f" ({doubt})" if doubt else "")
+
+
+def _values(document: Document, study: Study, file: Path) -> dict[str, float]:
+    """The numbers [SI] of an estimate's parameters by path; **raises** `InputError` where they are not the study's."""
+    table, legal = Table(document, str(file)), study.legal()
+    if "actuator" in document:  # older versions wrote none
+        study.models.check_same(table.table("actuator", 'a table such as { "friction": "lugre" }').entries, str(file))
+    parameters = table.table("parameters", "a table of parameters")
     for path in parameters.entries:
         if path not in legal:
             raise InputError(
                 f'{file}: found the parameter "{path}", which {study.path} has not; {nearest(path, legal)}'
             )
-    values = {path: _value(parameters, path, legal[path].unit) for path in parameters.entries}
-    doubt = _doubt(document)
-    if doubt:
-        warnings.warn(f"{file}: the fit {_DOUBTS[doubt]}; its numbers are used all the same.", InputWarning, 2)
-    return study.with_values(values, f"estimate {file}" + (f" ({doubt})" if doubt else ""))
+    return {path: _value(parameters, path, legal[path].unit) for path in parameters.entries}
 
 
 def read_estimate(file: Path) -> Document:
@@ -163,6 +184,7 @@ def estimate_document(estimate: Estimate) -> Document:
     return {
         "format": FORMAT,
         "title": estimate.title,
+        "actuator": dict(estimate.actuator),
         "method": estimate.method,
         "loss": estimate.loss,
         "converged": estimate.converged,

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from ..core import Document, member_name
+from ..core import Document
 from ..integration import Accuracy
 from ..study import Multistart, Parameter, Record, Study
 from .draws import Drawing, reading, same_run
@@ -45,13 +45,7 @@ def as_asked(
         "proposals": PROPOSALS if intervals == "posterior" else None,
         "more_starts": more_starts,
         "accuracy": _fingerprint(accuracy),
-        "actuator": {
-            "piezo": member_name(study.piezo),
-            "friction": member_name(study.friction),
-            "friction_state": study.friction_state,
-            "feedback": bool(study.feedback),
-            "rests_under_load": study.rests_under_load,
-        },
+        "actuator": study.models.chosen,
         # Draws are kept without names.
         "order": [*study.parameters, *(record.name for record in study.records if record.role == "fit")],
         "parameters": {path: _declared(parameter) for path, parameter in study.parameters.items()},

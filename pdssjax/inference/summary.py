@@ -85,6 +85,7 @@ def summarise(
         diagnosis=diagnosis,
         explained=explained,
         loss=type(problem.residual.loss).__name__.lower(),
+        actuator=study.models.chosen,
     )
     robust = problem.residual.loss.is_robust
     facts = ErrorFacts(known.null, weakly_determined, factor, stack is not None, robust)

@@ -217,6 +217,8 @@ class Estimate:
     """Which of the `errors` of the parameters to believe; None where there are none."""
     covariances: Mapping[str, Float[np.ndarray, "p p"]] = field(default_factory=dict)
     """By error model as in `errors`, in the product of the SI units, in the order of `names`."""
+    actuator: Mapping[str, str | bool] = field(default_factory=dict)
+    """What was fitted, as [actuator] of the study's file has it; empty where nothing is known of it."""
 
     @property
     def success(self) -> bool:

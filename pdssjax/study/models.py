@@ -1,5 +1,6 @@
 """The chosen family members, and the actuator that they make of numbers."""
 
+import json
 from collections.abc import Mapping
 from typing import Any, TypeAlias
 
@@ -8,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..actuator import PARTS, Actuator, Sensor
-from ..core import Quantity, ScalarLike, quantities
+from ..core import InputError, Quantity, ScalarLike, member_name, quantities
 from ..friction.base import AbstractFriction
 from ..piezo.base import AbstractPiezo
 
@@ -35,6 +36,31 @@ class Models(eqx.Module):
     def law(self) -> Fields:
         """The reading of a direction-dependent law."""
         return {"state": self.friction_state} if hasattr(self.friction, "state") else {}
+
+    @property
+    def chosen(self) -> dict[str, str | bool]:
+        """As [actuator] of a study's file has them, by key."""
+        return {
+            "piezo": member_name(self.piezo),
+            "friction": member_name(self.friction),
+            "friction_state": self.friction_state,
+            "feedback": bool(self.feedback),
+            # Left out where it is not so: a sweep's store and a fit kept by an earlier version have no such key.
+            **({"rests_under_load": True} if self.rests_under_load else {}),
+        }
+
+    def check_same(self, told: Mapping[str, object], where: str) -> None:
+        """**Raises** `InputError` where what is `told` of an estimate's actuator, as in `chosen`, is another one.
+
+        What is not told, as by older versions, is not compared, nor a reading where the law has none.
+        """
+        kept = {key: value for key, value in self.chosen.items() if key != "friction_state" or self.law}
+        other = {key: value for key, value in kept.items() if told.get(key, value) != value}
+        if other:
+            found, expected = (
+                ", ".join(f"{key} = {json.dumps(numbers[key])}" for key in other) for numbers in (told, other)
+            )
+            raise InputError(f"{where}: found an estimate with {found}, expected one with {expected}, as in the study.")
 
     def declared(self) -> dict[str, Quantity]:
         """What is declared of every parameter of the members and of the parts of a rig, by path."""

@@ -43,6 +43,13 @@ class Parameter:
             return "measured apart"
         return self.source or ("value in the study" if self.start is None else "start in the study")
 
+    def with_start(self, start: float | None, source: str = "") -> "Parameter":
+        """The same starting there, or at the bound given that the `start` lies beyond; None: to be found."""
+        if start is not None:
+            start = start if self.low is None else max(start, self.low)
+            start = start if self.high is None else min(start, self.high)
+        return dataclasses.replace(self, start=start, source=source)
+
     def bounds(self, start: float | None = None) -> tuple[float, float]:
         """Where it may lie, [low, high] in `unit`: the bounds given, or else those of the legal range.
 

@@ -97,7 +97,7 @@ class Study:
         self, values: Values | Estimate | None, accuracy: Accuracy | None
     ) -> tuple[Predictor, dict[str, Scalar], Accuracy]:
         need_double_precision()
-        given = _numbers({} if values is None else values, legal_quantities(self))
+        given = self._numbers({} if values is None else values)
         full = {path: jnp.asarray(number, float) for path, number in (self.values(given) | given).items()}
         return self.predictor, full, accuracy or Accuracy()
 
@@ -134,24 +134,41 @@ class Study:
         source = source or ("estimate" if isinstance(values, Estimate) else "given")
         legal = legal_quantities(self)
         parameters = dict(self.parameters)
-        for path, number in _numbers(values, legal).items():
+        for path, number in self._numbers(values).items():
             check_range(float(number), legal[path], f'values: "{path}"')
             parameters[path] = Parameter(path, legal[path].unit, legal[path], value=float(number), source=source)
         return dataclasses.replace(self, parameters=parameters)
 
-    def with_starts(self, starts: Mapping[str, float | None]) -> "Study":
+    def _numbers(self, values: Values | Estimate) -> dict[str, ScalarLike | Float[np.ndarray, ""]]:
+        """`values` as numbers by path; **raises** `InputError` for another actuator's, and for a path of no model."""
+        if isinstance(values, Estimate):
+            self.models.check_same(values.actuator, "values")
+            values = {path: parameter.value for path, parameter in values.parameters.items()}
+        check_kind("values", values, Mapping)
+        legal = legal_quantities(self)
+        for path in values:
+            if path not in legal:
+                raise InputError(f'values: found the unknown parameter "{path}"; {nearest(path, legal)}')
+        return dict(values)
+
+    def with_starts(self, starts: Mapping[str, float | None] | Estimate, source: str = "") -> "Study":
         """The study with its free parameters among `starts` [SI], by path, starting there; None: looked for anew.
 
-        What is fixed, was measured apart and starts there, or is no parameter of the study, stays as it is.
+        What is fixed, was measured apart and starts there, or is no parameter of the study, stays as it is; a start
+        beyond the study's bounds is moved to the bound.
 
-        **Raises:** `InputError` for a number outside its legal range.
+        **Arguments:** `starts` are numbers by path, or an estimate; `source` says in words where they come from.
+
+        **Raises:** `InputError` for a number outside its legal range, and for an estimate of another actuator.
         """
+        if isinstance(starts, Estimate):
+            source, starts = source or "estimate", {path: float(n) for path, n in self._numbers(starts).items()}
         parameters = dict(self.parameters)
         for path, start in starts.items():
             if path in parameters and parameters[path].free and parameters[path].standard_error is None:
                 if start is not None:
                     check_range(float(start), parameters[path].quantity, f'starts: "{path}"')
-                parameters[path] = dataclasses.replace(parameters[path], start=start)
+                parameters[path] = parameters[path].with_start(start, source)
         return dataclasses.replace(self, parameters=parameters)
 
     def as_in(self, record: Record) -> "Study":
@@ -177,17 +194,6 @@ class Study:
     def predictor(self) -> Predictor:
         """The prediction of all records, ready to be compiled."""
         return Predictor(self.models, self.records)
-
-
-def _numbers(values: Values | Estimate, legal: Mapping[str, Quantity]) -> dict[str, ScalarLike | Float[np.ndarray, ""]]:
-    """`values` as numbers by path; **raises** `InputError` for a path that is not `legal`."""
-    if isinstance(values, Estimate):
-        values = {path: parameter.value for path, parameter in values.parameters.items()}
-    check_kind("values", values, Mapping)
-    for path in values:
-        if path not in legal:
-            raise InputError(f'values: found the unknown parameter "{path}"; {nearest(path, legal)}')
-    return dict(values)
 
 
 def legal_quantities(study: Study) -> dict[str, Quantity]:

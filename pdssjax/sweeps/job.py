@@ -48,15 +48,7 @@ def job_document(function: PointFunction) -> Document:
     return {name: list(of) for name, of in asked.items() if of} | {
         "format": FORMAT,
         "pdssjax": package_version(),
-        "actuator": {
-            "piezo": member_name(models.piezo),
-            "friction": member_name(models.friction),
-            "friction_state": models.friction_state,
-            "feedback": models.feedback,
-            "parts": sorted(models.parts),
-            # Left out where it is not so, as above.
-            **({"rests_under_load": True} if models.rests_under_load else {}),
-        },
+        "actuator": models.chosen | {"parts": sorted(models.parts)},
         "drive": {"waveform": member_name(type(drive)), **numbers},
         "parameters": {path: float(number) for path, number in function.numbers.items()},
         "paths": list(function.paths),

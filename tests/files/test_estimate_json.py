@@ -10,7 +10,7 @@ import pytest
 
 import pdssjax
 from pdssjax import InputError
-from pdssjax.files import estimate_text, read_covariance, with_estimate
+from pdssjax.files import estimate_text, read_covariance, starting_at_estimate, with_estimate
 from pdssjax.study import compare
 
 
@@ -90,6 +90,24 @@ def test_an_estimate_without_them_is_kept_and_read_all_the_same(tmp_path):
     assert with_estimate(study, tmp_path / "estimate.json").values() == study.values()
 
 
+def test_an_estimate_of_another_law_is_refused_by_both_names(tmp_path):
+    study, file = planned(tmp_path, "platform"), tmp_path / "estimate.json"
+    document = written(study)
+    document["actuator"] = study.models.chosen
+    file.write_text(json.dumps(document))
+    assert with_estimate(study, file).values() == study.values()
+    # All of its parameters are among those of the other law, which would have been used in part.
+    document["actuator"] = study.models.chosen | {"friction": "stribeck"}
+    file.write_text(json.dumps(document))
+    for take in (with_estimate, starting_at_estimate):
+        with pytest.raises(InputError) as caught:
+            take(study, file)
+        law = study.models.chosen["friction"]
+        assert str(caught.value).startswith(
+            f'{file}: found an estimate with friction = "stribeck", expected one with friction = "{law}"'
+        )
+
+
 GAIN, COVARIANCE = ("parameters", "piezo.gain"), ("covariance",)
 
 # name: (where in the document, what stands there instead, what the message must contain)
@@ -99,6 +117,7 @@ EDITED = {
     "a truth value": ((*GAIN, "value"), True, ['piezo.gain: key "value"', "True", "m/V"]),
     "a value beyond all floats": ((*GAIN, "value"), 10**400, ['piezo.gain: key "value"', "finite"]),
     "no table of a parameter": (GAIN, 0.1, ['"piezo.gain"', "0.1", "a table"]),
+    "no table of the actuator": (("actuator",), "lugre", ['"actuator"', "lugre", "a table"]),
     "no table of parameters": (("parameters",), [], ['"parameters"', "a table"]),
     "no covariance": (COVARIANCE, None, ["covariance", "square matrix"]),
     "a name too few": ((*COVARIANCE, "names"), ["piezo.gain"], ["covariance", "square matrix"]),
@@ -117,7 +136,7 @@ def test_what_was_edited_by_hand_is_refused_where_it_is_wrong(tmp_path, place, f
     inner[place[-1]] = found
     file.write_text(json.dumps(document))
     with pytest.raises(InputError) as caught:
-        with_estimate(study, file) if place[0] == "parameters" else read_covariance(file)
+        with_estimate(study, file) if place[0] in ("parameters", "actuator") else read_covariance(file)
     for essential in (str(file), *essentials):
         assert essential in str(caught.value)
     assert "\n" not in str(caught.value)

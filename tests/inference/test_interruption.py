@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -14,7 +15,7 @@ from platform_study import GAIN, write_platform
 import pdssjax
 from pdssjax.cli.main import main
 from pdssjax.cli.signals import Terminated, exit_status, requests_to_end
-from pdssjax.files import EXAMPLE
+from pdssjax.files import EXAMPLE, estimate_text
 from pdssjax.inference.least_squares import INTERRUPTED
 from pdssjax.inference.search.best_point import BestPoint
 from pdssjax.study.measurement.effector import Effector
@@ -53,7 +54,7 @@ def test_a_signal_leaves_the_best_point_so_far_and_no_litter(tmp_path, signum, s
         printed, told = process.communicate()
     assert process.returncode == status, told
     assert f"the best point so far is in {out / 'estimate.json'}\n" in told
-    assert told.endswith("pdssjax: interrupted\n")
+    assert told.endswith("pdssjax: interrupted\n") and f" --estimate {out / 'estimate.json'} goes on" in told
     assert f"joint fit DID NOT CONVERGE: {INTERRUPTED}" in printed
     document = json.loads((out / "estimate.json").read_text())
     assert document["converged"] is False and document["message"] == INTERRUPTED
@@ -90,6 +91,23 @@ def test_python_gets_the_best_point_with_the_interrupt(tmp_path):
     assert found is not None and not found.converged
     assert np.isfinite(found.statistics.chi2) and found.statistics.iterations > 0
     assert found.records[0].simulated and found.parameters["piezo.gain"].standard_error > 0
+
+
+def test_a_fit_goes_on_from_where_another_was_broken_off(tmp_path, capsys):
+    study, file = write_platform(tmp_path), tmp_path / "estimate.json"
+    with pytest.raises(pdssjax.FitInterrupted) as broken:
+        pdssjax.identify(pdssjax.load_study(study), progress=interrupting("iteration 1"))
+    assert broken.value.estimate is not None
+    file.write_text(estimate_text(broken.value.estimate))
+    assert main(["identify", str(study), "--estimate", str(file), "--out", str(tmp_path / "out")]) == 0
+    begun = float(re.search(r"iteration 0, chi-square (\S+)", capsys.readouterr().err)[1])
+    assert begun == pytest.approx(broken.value.estimate.statistics.chi2, rel=1e-4)
+    found, kept = (json.loads(f.read_text()) for f in (tmp_path / "out" / "estimate.json", file))
+    starts = {path: p["start"] for path, p in found["parameters"].items() if p["free"]}
+    assert found["converged"] and starts == {path: kept["parameters"][path]["value"] for path in starts}
+    assert found["notes"][0] == (
+        f"Of the 4 free parameters 4 started at the numbers of: estimate {file} (not converged)."
+    )
 
 
 def test_a_fit_that_was_done_stays_done(tmp_path):

@@ -12,7 +12,8 @@ from study_files import write_study
 import pdssjax
 from pdssjax import InputError, InputWarning
 from pdssjax.cli.main import main
-from pdssjax.files import with_estimate
+from pdssjax.core import member
+from pdssjax.files import EXAMPLE, with_estimate
 from pdssjax.inference.initial_values import search
 from pdssjax.study import numbers_used
 from pdssjax.sweeps import sweeping
@@ -82,9 +83,34 @@ def test_an_estimate_of_another_study_is_refused(tmp_path, estimate):
     for path in ("natural_frequency", "damping_ratio"):
         text = text.replace(f'"piezo.{path}" = {{}}\n', "")
     study = pdssjax.load_study(write_platform(tmp_path, text))
-    for take in (study.predict, study.with_values):
-        with pytest.raises(InputError, match=r'unknown parameter "piezo\.natural_frequency"'):
+    for take in (study.predict, study.with_values, study.with_starts):
+        with pytest.raises(InputError, match=r'found an estimate with piezo = "second-order", expected.* "static"'):
             take(estimate)
+    older = dataclasses.replace(estimate, actuator={})
+    with pytest.raises(InputError, match=r'unknown parameter "piezo\.natural_frequency"'):
+        study.predict(older)
+
+
+def test_a_reading_and_a_feedback_are_the_estimate_s_own(estimate):
+    assert estimate.actuator == {
+        "piezo": "second-order",
+        "friction": "simplified-lugre",
+        "friction_state": "deflection",
+        "feedback": False,
+    }
+    study = pdssjax.load_study(EXAMPLE / "study.toml")
+    study.models.check_same(study.models.chosen, "here")
+    study.models.check_same({}, "here")  # of a file of an older version
+    told = study.models.chosen | {"friction_state": "force", "feedback": True}
+    expected = (
+        r'here: found an estimate with friction_state = "force", feedback = true, '
+        r'expected one with friction_state = "deflection", feedback = false'
+    )
+    with pytest.raises(InputError, match=expected):
+        study.models.check_same(told, "here")
+    # A law without a reading has none that could differ.
+    simple = dataclasses.replace(study, friction=member("friction", "simplified-lugre")).models
+    simple.check_same(simple.chosen | {"friction_state": "force"}, "here")
 
 
 def test_with_values_refuses_what_is_no_legal_number(platform):
@@ -188,5 +214,8 @@ def test_starts_are_those_told_and_what_is_fixed_stays(platform):
     assert begun.parameters["friction.sigma1"] == study.parameters["friction.sigma1"]
     assert begun.parameters["piezo.damping_ratio"] == apart and "no.such" not in begun.parameters
     assert begun.with_starts(dict.fromkeys(study.parameters)).parameters["piezo.gain"].start is None
+    bounded = dataclasses.replace(study.parameters["piezo.gain"], high=1.5e-7)
+    narrow = dataclasses.replace(study, parameters=study.parameters | {"piezo.gain": bounded})
+    assert narrow.with_starts(told).parameters["piezo.gain"].start == 1.5e-7
     with pytest.raises(InputError, match=r'starts: "piezo\.gain": found -1 m/V, expected'):
         study.with_starts({"piezo.gain": -1.0})

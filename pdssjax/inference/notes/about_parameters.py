@@ -18,6 +18,18 @@ CONTRADICTED = 3.0
 """Pull of what was measured apart that is worth a word: by chance one in 370 has it."""
 
 
+def about_starts(declared: Mapping[str, Parameter], parameters: Mapping[str, FittedParameter]) -> list[str]:
+    """Where the starts that were given from elsewhere than the study come from."""
+    free = [path for path, parameter in parameters.items() if parameter.free]
+    # Not of a fit that began elsewhere, as where it was poor and other starts were tried.
+    given = [declared[path].source for path in free if declared[path].start == parameters[path].start]
+    return [
+        f"Of the {len(free)} free parameters {given.count(source)} started at the numbers of: {source}."
+        for source in dict.fromkeys(given)
+        if source
+    ]
+
+
 def about_information(
     null: Sequence[Float[np.ndarray, " p"]], paths: Sequence[str], parameters: Mapping[str, FittedParameter]
 ) -> list[str]:

@@ -17,6 +17,7 @@ from .about_parameters import (
     about_distance,
     about_information,
     about_measured_apart,
+    about_starts,
     about_weak_determination,
 )
 from .about_records import about_peaks, about_records
@@ -50,6 +51,7 @@ def notes_of(
     silent = {*unknown, *unsure, *(path for path in transform.paths if parameters[path].at_bound)}
     values = {path: parameter.value for path, parameter in parameters.items()}
     return (
+        *about_starts(study.parameters, parameters),
         *about_information(null, transform.paths, parameters),
         *about_weak_determination(unsure),
         *about_bounds(study.parameters, fit.free, transform, parameters),
