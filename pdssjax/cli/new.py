@@ -4,6 +4,7 @@ import argparse
 import math
 import sys
 from collections.abc import Sequence
+from fnmatch import fnmatch
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,9 @@ QUANTITIES = {"time": "s", "voltage": "V", "displacement": "m", "velocity": "m/s
 """What a channel may be, and its unit."""
 
 QUANTITIES_NAMED = "time, voltage, displacement or velocity"
+
+MEASURED = ("platform", "effector")
+"""What a record of a new study may measure."""
 
 MANY = 100_000
 """Samples of a record from which the user is told how to keep fewer."""
@@ -50,12 +54,12 @@ def new(options: argparse.Namespace) -> int:
     from ..files import check_empty, guess_file, load_study, write_study
     from ..report.text import format_guesses
 
-    hints, told = _hints(options), _told(options)
+    hints, told, measures = _hints(options), _told(options), _measures(options)
     check_empty(options.folder)
     records, status = [], 0
     for file in options.files:
         try:
-            records.append(guess_file(file, hints, told))
+            records.append(guess_file(file, hints, told, measures.get(file, "")))
         except InputError as error:
             # All questions at once.
             print(f"pdssjax: error: {error}", file=sys.stderr)
@@ -169,11 +173,33 @@ def _told(options: argparse.Namespace) -> "Told":
     from ..files import Told
 
     number = lambda key, unit: _number(getattr(options, key), unit, f"--{key}")
-    told = Told(options.measures or "", number("peak", "V"), number("frequency", "Hz"), number("mass", "kg"))
+    told = Told(number("peak", "V"), number("frequency", "Hz"), number("mass", "kg"))
     for key, unit, given in (("frequency", "Hz", told.frequency), ("mass", "kg", told.mass)):
         if given is not None and not 0.0 < given < math.inf:
             raise InputError(f"option --{key}: found {given:g} {unit}, expected a number above 0.")
     return told
+
+
+def _measures(options: argparse.Namespace) -> dict[Path, str]:
+    """What was measured in each file, where that was told: of all, or of those whose name a pattern is."""
+    of_all, of_some = {}, {}
+    for text in options.measures:
+        pattern, _, kind = (part.strip() for part in text.rpartition("="))
+        if kind not in MEASURED:
+            raise InputError(
+                f'option --measures: found "{text}", expected "platform" or "effector", of some files after their name '
+                'or a pattern of names: "step*.csv=platform".'
+            )
+        meant = [file for file in options.files if not pattern or _is_called(file, pattern)]
+        if not meant:
+            names = ", ".join(file.name for file in options.files)
+            raise InputError(f'option --measures: found "{pattern}", expected the name of a file of --files: {names}.')
+        (of_some if pattern else of_all).update(dict.fromkeys(meant, kind))
+    return of_all | of_some
+
+
+def _is_called(file: Path, pattern: str) -> bool:
+    return any(name == pattern or fnmatch(name, pattern) for name in (file.name, str(file)))
 
 
 def _number(given: str | None, unit: str, option: str) -> float | None:
@@ -220,8 +246,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scale", action="append", default=[], metavar="QUANTITY=FACTOR", help=text)
     parser.add_argument("--interval", metavar="T", help='between samples where no clock was stored, such as "50 us"')
     parser.add_argument("--decimal", choices=[",", "."], help="decimal sign of texts; left out: told by the file")
-    text = "what was measured in all files; left out: guessed for each"
-    parser.add_argument("--measures", choices=["platform", "effector"], help=text)
+    text = (
+        "platform or effector: what was measured in all files, or in those of a name or pattern; left out: guessed for "
+    )
+    text += "each; repeatable"
+    parser.add_argument("--measures", action="append", default=[], metavar="[FILE=]KIND", help=text)
     parser.add_argument("--peak", metavar="V", help='voltage of the drive where it was not recorded, such as "30 V"')
     text = "of the drive where its voltage was not recorded; left out: found in the motion"
     parser.add_argument("--frequency", metavar="F", help=text)

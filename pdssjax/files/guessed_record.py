@@ -16,8 +16,6 @@ from .record_columns import Columns, read_columns
 class Told:
     """What the user says of the rig and of all records."""
 
-    measures: str = ""
-    """"platform" or "effector"; "": to be guessed."""
     peak: float | None = None
     """Of the drive [V], where no voltage was recorded."""
     frequency: float | None = None
@@ -33,6 +31,8 @@ class NewRecord:
     name: str
     roles: Roles
     guess: RecordGuess
+    measures_told: bool = False
+    """What it measures was told, and not guessed."""
     without: tuple[tuple[float, float], ...] = ()
     """Stretches in which the file has no numbers, from when to when [s] on its clock: what the record excludes."""
 
@@ -42,8 +42,8 @@ class NewRecord:
         return sum(int(np.sum((self.guess.time > begin) & (self.guess.time < end))) for begin, end in self.without)
 
 
-def guess_file(file: Path, hints: Hints, told: Told) -> NewRecord:
-    """What `file` suggests for a record of a study.
+def guess_file(file: Path, hints: Hints, told: Told, measures: str = "") -> NewRecord:
+    """What `file` suggests for a record of a study; it `measures` "platform" or "effector", "": to be guessed.
 
     **Raises:** `InputError` where a channel, a unit or the drive is not clear, with the option that tells it.
     """
@@ -55,14 +55,14 @@ def guess_file(file: Path, hints: Hints, told: Told) -> NewRecord:
     columns.check_numbers()
     if columns.data["time"].size < 16:
         raise InputError(f"{file}: found {columns.data['time'].size} samples, expected a record of 16 at least.")
-    guess = _guessed(file, columns, roles.motion, told)
+    guess = _guessed(file, columns, roles.motion, told, measures)
     if guess.waveform.name in ("sampled", "sine") and not np.all(np.isfinite(read.data["voltage"])):
         # The samples themselves may be the drive then, and have to be known everywhere.
         read.check_numbers()
-    return NewRecord(file.stem, roles, guess, without)
+    return NewRecord(file.stem, roles, guess, bool(measures), without)
 
 
-def _guessed(file: Path, columns: Columns, quantity: str, told: Told) -> RecordGuess:
+def _guessed(file: Path, columns: Columns, quantity: str, told: Told, measures: str) -> RecordGuess:
     data = columns.data
     try:
         return guess_record(
@@ -70,7 +70,7 @@ def _guessed(file: Path, columns: Columns, quantity: str, told: Told) -> RecordG
             data[quantity],
             data.get("voltage"),
             velocity=quantity == "velocity",
-            measures=told.measures,
+            measures=measures,
             peak=told.peak,
             frequency=told.frequency,
             where=str(file),

@@ -185,7 +185,7 @@ def _piezo_parameters(piezo: str) -> list[str]:
 def _record(record: NewRecord, told: Told, folder: Path, loops: bool) -> list[str]:
     guess, layout = record.guess, record.roles.layout
     by_samples = loops and guess.waveform.name == "sine" and guess.volts is not None
-    told_by = "" if told.measures else f"  # guess: {_WHY_MEASURES[guess.measures]}"
+    told_by = "" if record.measures_told else f"  # guess: {_WHY_MEASURES[guess.measures]}"
     columns = {q: name for q, name in layout.columns.items() if q != "voltage"}
     listed = ", ".join(f"{quantity} = {_value(name)}" for quantity, name in columns.items())
     shape = [q for q in ("time", "voltage", record.roles.motion) if q in record.roles.by_shape]

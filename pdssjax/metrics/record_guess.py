@@ -176,7 +176,7 @@ def _measured(waveform: Waveform, explained: float, walks: bool, where: str) -> 
         return "platform"
     raise InputError(
         f"{where}: found a motion of which the voltage ({waveform.name}) explains {100 * max(explained, 0.0):.0f} %, "
-        "expected --measures with platform or effector."
+        "expected --measures with platform or effector (of this file alone FILE=platform)."
     )
 
 

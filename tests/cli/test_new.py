@@ -1,5 +1,6 @@
 """`pdssjax new`: from files of any lab to a study that loads, with the right drives and clocks, or a question."""
 
+import shutil
 import tomllib
 from pathlib import Path
 
@@ -204,6 +205,32 @@ BARE = "".join(f"{k * 1e-4:.4f},{k % 40},{(k % 40) ** 1.5:.3f}\n" for k in range
 TIME = 1e-4 * np.arange(4000)
 RINGS = 50.0 * np.mod(10.0 * TIME, 1.0)
 RINGING = 0.1 * RINGS - 5.0 * np.exp(-20.0 * np.mod(TIME, 0.1)) * np.cos(600.0 * np.mod(TIME, 0.1))
+
+
+def test_what_is_measured_is_told_of_some_files(tmp_path, capsys):
+    for name in ("stood_a", "stood_b", "rang"):
+        (tmp_path / f"{name}.csv").write_text(text_of("time_s,voltage_V,x_um", TIME, RINGS, RINGING))
+    files = [str(tmp_path / f"{name}.csv") for name in ("stood_a", "stood_b", "rang")]
+    command = ["new", str(tmp_path / "rig"), "--mass", "86 g", "--files", *files]
+    for text, essentials in {
+        "stod*=effector": ['found "stod*"', "stood_a.csv, stood_b.csv, rang.csv"],
+        "rang.csv=stage": ['found "rang.csv=stage"', '"platform" or "effector"', "step*.csv=platform"],
+    }.items():
+        assert cli.main([*command, "--measures", text]) == 2
+        told = capsys.readouterr().err
+        assert told.count("\n") == 1 and all(essential in told for essential in essentials)
+    assert cli.main([*command, "--measures", "rang.csv=platform"]) == 2
+    told = capsys.readouterr().err
+    assert "stood_a.csv" in told and "stood_b.csv" in told and "rang.csv" not in told
+    # What is said of a file goes before what is said of all, whatever comes first.
+    for options in (["stood_?.csv=effector", f"{files[2]}=platform"], [f"{files[2]}=platform", "effector"]):
+        options = [word for option in options for word in ("--measures", option)]
+        assert cli.main([*command, *options]) == 0
+        text = (tmp_path / "rig" / "study.toml").read_text()
+        seen = {record["name"]: record["measures"] for record in tomllib.loads(text)["record"]}
+        assert seen == {"stood_a": "effector", "stood_b": "effector", "rang": "platform"}
+        assert 'measures = "platform"\n' in text and 'measures = "effector"\n' in text  # no guesses
+        shutil.rmtree(tmp_path / "rig")
 
 
 QUESTIONS = {

@@ -21,7 +21,7 @@ def written(file, level):
 
 def study_of(tmp_path, level, measures, name="run@60 V"):
     written(tmp_path / f"{name}.csv", level)
-    found = guess_file(tmp_path / f"{name}.csv", Hints({}, {}, {}), Told(measures=measures, mass=0.1))
+    found = guess_file(tmp_path / f"{name}.csv", Hints({}, {}, {}), Told(mass=0.1), measures)
     (tmp_path / "study.toml").write_text(study_text([found], Told(mass=0.1), tmp_path, "t"), encoding="utf-8")
     return load_study(tmp_path / "study.toml")
 
