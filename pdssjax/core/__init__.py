@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from .units import factor as factor
     from .units import split_text as split_text
     from .units import to_si as to_si
+    from .units import unit_given as unit_given
     from .units import unit_named as unit_named
 else:
     from .lazy import lazy_exports
@@ -85,6 +86,6 @@ else:
             ],
             "quasi_random": ["sobol_points"],
             "presentation": ["Figure", "present_with", "presenter"],
-            "units": ["column_unit", "factor", "split_text", "to_si", "unit_named"],
+            "units": ["column_unit", "factor", "split_text", "to_si", "unit_given", "unit_named"],
         },
     )

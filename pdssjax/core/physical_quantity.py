@@ -13,6 +13,7 @@ import equinox as eqx
 
 from .arrays import ScalarLike
 from .errors import InputError
+from .units import unit_given
 
 Declared: TypeAlias = Any
 """What declares a field of a model; its type is that of the field, as a dataclass has it."""
@@ -35,7 +36,7 @@ class Quantity:
     low: float
     """Lower end of the legal range, itself legal unless `positive`; -inf if signed."""
     high: float
-    """Upper end of the legal range, itself not legal; inf where there is none."""
+    """Upper end of the legal range, itself not legal (`math.nextafter` of one that is); inf where there is none."""
     optional: bool
     """A study may leave it out, and then it is fixed at `nominal`."""
     linear: bool = False
@@ -112,13 +113,22 @@ def described(model: eqx.Module) -> str:
     return f"{type(model).__name__}({', '.join(told)})"
 
 
-def check_range(value: float, declared: Quantity, where: str) -> None:
-    """Raises `InputError` that begins with `where` if `value` is outside the legal range."""
+def check_range(value: float, declared: Quantity, where: str, given: object = None) -> None:
+    """Raises `InputError` that begins with `where` if `value` is outside the legal range.
+
+    It names both in the unit of what the user has `given`, where that is a text with one.
+    """
     low_ok = value > declared.low if declared.positive else value >= declared.low
-    if not (low_ok and value < declared.high):
-        low = (
-            f"{'above' if declared.positive else 'of at least'} {declared.low:g}" if math.isfinite(declared.low) else ""
-        )
-        high = f"below {declared.high:g}" if math.isfinite(declared.high) else ""
-        expected = " and ".join(filter(None, [low, high]))
-        raise InputError(f"{where}: found {value:g} {declared.unit}".rstrip() + f", expected a value {expected}.")
+    if low_ok and value < declared.high:
+        return
+    unit, size = unit_given(given, declared.unit)
+    shown = lambda number: f"{number / size:g} {unit}".rstrip()
+    expected = []
+    if math.isfinite(declared.low):
+        expected.append(f"{'above' if declared.positive else 'of at least'} {shown(declared.low)}")
+    if math.isfinite(declared.high):
+        # An end that is legal itself is declared as the float next to it.
+        last = math.nextafter(declared.high, -math.inf)
+        is_legal = len(repr(last)) < len(repr(declared.high))
+        expected.append(f"at most {shown(last)}" if is_legal else f"below {shown(declared.high)}")
+    raise InputError(f"{where}: found {shown(value)}, expected a value {' and '.join(expected)}.")

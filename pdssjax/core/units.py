@@ -80,6 +80,12 @@ def split_text(given: str, where: str) -> tuple[float, str]:
     return float(number), name
 
 
+def unit_given(given: object, unit: str) -> tuple[str, float]:
+    """The unit that a legal text `given` has, and what one of it is in the SI unit `unit`; that unit of a number."""
+    name = split_text(given, "")[1] if isinstance(given, str) else ""
+    return (name, to_si(f"1 {name}", unit, "")) if name else (unit, 1.0)
+
+
 @functools.cache
 def unit_named(text: str) -> str:
     """The unit that an instrument writes as `text` ("Volt", "[um]", "(ms)"), for `factor`; "" where it is none."""

@@ -38,10 +38,10 @@ class Knob(NamedTuple):
         text = text.strip().replace("µ", "u")
         shown, factor = display_unit(self.quantity.unit)
         try:
-            number = float(text) / factor
+            number, text = float(text) / factor, f"{text} {shown}"
         except ValueError:
             number = to_si(text, self.quantity.unit, self.path, shown)
-        check_range(number, self.quantity, self.path)
+        check_range(number, self.quantity, self.path, text)
         return number
 
 

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from ..core import InputError, Quantity, check_range, nearest
+from ..core import InputError, Quantity, check_range, nearest, unit_given
 from ..study import MARK, Parameter, Record, Study, legal_quantities, split_path
 from .toml_table import Table
 
@@ -133,17 +133,19 @@ def _bound(table: Table, key: str, quantity: Quantity, end: float) -> float | No
     bound = table.number(key, quantity.unit, None)
     if bound is None or bound == end:
         return None
-    check_range(bound, quantity, table.at(key))
+    check_range(bound, quantity, table.at(key), table.entries[key])
     return bound
 
 
 def _check_order(
     table: Table, key: str, quantity: Quantity, start: float | None, low: float | None, high: float | None
 ) -> None:
-    unit = f" {quantity.unit}".rstrip()
+    wrong = "min" if low is not None and high is not None and low >= high else key
+    unit, size = unit_given(table.entries.get(wrong), quantity.unit)
+    shown = lambda number: f"{number / size:g} {unit}".rstrip()
     if low is not None and high is not None and low >= high:
-        raise InputError(f"{table.at('min')}: found {low:g}{unit}, expected less than the max, {high:g}{unit}.")
+        raise InputError(f"{table.at('min')}: found {shown(low)}, expected less than the max, {shown(high)}.")
     if start is not None and low is not None and start < low:
-        raise InputError(f"{table.at(key)}: found {start:g}{unit}, expected at least the min, {low:g}{unit}.")
+        raise InputError(f"{table.at(key)}: found {shown(start)}, expected at least the min, {shown(low)}.")
     if start is not None and high is not None and start > high:
-        raise InputError(f"{table.at(key)}: found {start:g}{unit}, expected at most the max, {high:g}{unit}.")
+        raise InputError(f"{table.at(key)}: found {shown(start)}, expected at most the max, {shown(high)}.")

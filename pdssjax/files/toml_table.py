@@ -76,7 +76,7 @@ class Table:
     def quantity(self, key: str, declared: Quantity) -> float:
         """A legal value of a `declared` quantity, in its SI unit."""
         value = self.number(key, declared.unit)
-        check_range(value, declared, self.at(key))
+        check_range(value, declared, self.at(key), self.entries[key])
         return value
 
     def table(self, key: str, expected: str, default: Document = _REQUIRED) -> "Table":

@@ -40,7 +40,7 @@ def test_a_field_takes_numbers_with_and_without_a_unit(study):
     [
         ("heavy", 'effector.mass: found "heavy", expected a number [g] or a text such as "1 g".'),
         ("86,5", 'effector.mass: found "86,5", expected a decimal point: "86.5".'),
-        ("-3", "effector.mass: found -0.003 kg, expected a value above 0"),
+        ("-3", "effector.mass: found -3 g, expected a value above 0 g"),
         ("3 um", 'effector.mass: found the unit "um", expected a unit that converts to kg'),
     ],
 )

@@ -67,7 +67,12 @@ FAULTS = {
     "duty beyond one": (
         '{ waveform = "sawtooth", voltage = "9 V", frequency = "1 kHz", duty = 1.5 }',
         RAMP,
-        ['"duty"', "1.5"],
+        ['"duty"', "1.5", "above 0 and at most 1."],
+    ),
+    "duty beyond one, in per cent": (
+        '{ waveform = "sawtooth", voltage = "9 V", frequency = "1 kHz", duty = "150 %" }',
+        RAMP,
+        ['"duty"', "found 150 %, expected a value above 0 % and at most 100 %."],
     ),
     "fall beyond what the duty leaves": (
         '{ waveform = "sawtooth", voltage = "9 V", frequency = "1 kHz", duty = 0.5, fall_time = "0.6 ms" }',

@@ -43,7 +43,7 @@ def test_what_is_left_out_has_its_default_none_included():
         (lambda t: t.number("name", "m"), 'study.toml: record 1: key "name": found "run", expected'),
         (lambda t: t.number("length", "s"), 'study.toml: record 1: key "length": found'),
         (lambda t: t.number("flag", ""), 'study.toml: record 1: key "flag": found True, expected a pure number'),
-        (lambda t: t.quantity("count", POSITIVE), 'key "count": found 3 m, expected a value above 0 and below 1.'),
+        (lambda t: t.quantity("count", POSITIVE), 'key "count": found 3 m, expected a value above 0 m and below 1 m.'),
         (lambda t: t.table("name", "a table"), 'study.toml: record 1: key "name": found "run", expected a table.'),
         (
             lambda t: t.only(["nane", "count"]),

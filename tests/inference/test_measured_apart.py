@@ -205,7 +205,7 @@ def test_replicates_of_a_bootstrap_draw_it_anew(studies, estimates):
         ('{ value = "0.1 um/V", standard_error = "1 um" }', "standard_error"),
         (
             '{ value = "0.1 um/V", standard_error = 1e-9, min = "0.2 um/V" }',
-            "found 1e-07 m/V, expected at least the min",
+            "found 0.1 um/V, expected at least the min, 0.2 um/V",
         ),
     ],
 )
