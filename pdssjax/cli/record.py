@@ -10,7 +10,7 @@ from .results import add_out, keep_results, say_where
 
 def record(options: argparse.Namespace) -> int:
     from ..core import prepare_jax
-    from ..files import check_free, write_recordings
+    from ..files import check_free, check_recordings, write_recordings
     from ..report.text import format_numbers, format_records
 
     check_free(options.out, options.overwrite)
@@ -19,6 +19,7 @@ def record(options: argparse.Namespace) -> int:
     from ..study import compare, make_recordings, numbers_used, truth
 
     study = study_of(options, virtual=True)
+    check_recordings(study.records, options.study)
     used = numbers_used(study)
     with progress() as tell:
         tell("simulating")

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from .new_study import drive_of_samples as drive_of_samples
     from .new_study import write_study as write_study
     from .prediction_results import write_predictions as write_predictions
+    from .recording_results import check_recordings as check_recordings
     from .recording_results import write_recordings as write_recordings
     from .results_folder import check_empty as check_empty
     from .results_folder import check_free as check_free
@@ -68,7 +69,7 @@ else:
             "guessed_record": ["NewRecord", "Told", "guess_file"],
             "new_study": ["drive_of_samples", "write_study"],
             "prediction_results": ["write_predictions"],
-            "recording_results": ["write_recordings"],
+            "recording_results": ["check_recordings", "write_recordings"],
             "results_folder": ["check_empty", "check_free", "write_aside"],
             "study_copy": ["save_study"],
             "study_schema": ["schema_text"],

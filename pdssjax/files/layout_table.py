@@ -41,6 +41,10 @@ def record_layout(table: Table, si_units: Mapping[str, str]) -> Layout:
     return Layout(names, si_units, written, scales_at(table, explained), interval, begin, decimal_at(table))
 
 
+_LONGEST = 1e9
+"""Between samples [s]: thirty years, and so little that no clock leaves the range of floats."""
+
+
 def interval_at(table: Table) -> tuple[float | None, float]:
     """The interval of a clock that was not stored, and its first time [s], as the key `time` gives them."""
     given = table.entries.get("time")
@@ -49,8 +53,10 @@ def interval_at(table: Table) -> tuple[float | None, float]:
     clock = table.table("time", _CLOCK)
     clock.only(["interval", "start"])
     interval = clock.number("interval", "s")
-    if interval <= 0:
-        raise InputError(f"{clock.at('interval')}: found {interval:g} s, expected a time above 0.")
+    if not 0 < interval <= _LONGEST:
+        raise InputError(
+            f"{clock.at('interval')}: found {interval:g} s, expected a time above 0 and up to {_LONGEST:g} s."
+        )
     return interval, clock.number("start", "s", 0.0)
 
 

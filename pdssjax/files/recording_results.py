@@ -5,11 +5,25 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..core import Document, InputError
-from ..study import FittedRecord, Recording
+from ..study import FittedRecord, Record, Recording
 from .json_text import json_text
 from .prediction_results import Numbers, write_numbers, write_records
 from .results_folder import staging_folder
-from .signal_csv import write_csv
+from .signal_csv import column_scales, write_csv
+
+
+def check_recordings(records: Sequence[Record], study: Path) -> None:
+    """**Raises** `InputError` where the files of `records` cannot be made as the file `study` describes them."""
+    for record in records:
+        _place(record, study)
+        column_scales(record, study)
+
+
+def _place(record: Record, study: Path) -> Path:
+    """Where its file lies beside the study."""
+    if not record.file.is_relative_to(study.parent) or ".." in record.file.relative_to(study.parent).parts:
+        raise InputError(f'{study}: record "{record.name}": found {record.file}, expected a file beside it.')
+    return record.file.relative_to(study.parent)
 
 
 def write_recordings(
@@ -24,23 +38,12 @@ def write_recordings(
 
     With them `parameters.json`, the numbers `used`.
 
-    **Raises:** `InputError` where the study's records are to lie outside its folder.
+    **Raises:** `InputError` as `check_recordings` does.
     """
-    files = [recording.record.file for recording in made]
-    places = [file.relative_to(study.parent) if _beside(file, study) else None for file in files]
-    for place, recording in zip(places, made, strict=True):
-        if place is None:
-            raise InputError(
-                f'{study}: record "{recording.record.name}": found {recording.record.file}, expected a file beside it.'
-            )
     with staging_folder(folder) as staging:
         write_numbers(used, staging)
         write_records(compared, staging)
-        for place, recording in zip(places, made, strict=True):
-            write_csv(recording, staging / "records" / str(place))
+        for recording in made:
+            write_csv(recording, study, staging / "records" / _place(recording.record, study))
         shutil.copyfile(study, staging / "records" / study.name)
         (staging / "records" / "truth.json").write_text(json_text(truth), encoding="utf-8")
-
-
-def _beside(file: Path, study: Path) -> bool:
-    return file.is_relative_to(study.parent) and ".." not in file.relative_to(study.parent).parts

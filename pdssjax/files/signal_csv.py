@@ -5,22 +5,32 @@ from pathlib import Path
 import numpy as np
 
 from ..core import column_unit, factor
-from ..study import Recording
+from ..study import Record, Recording
 
 
-def write_csv(recording: Recording, file: Path) -> None:
-    """The record as the study describes its file: columns by their names and units.
+def column_scales(record: Record, study: Path) -> dict[str, float]:
+    """By quantity, what one of the unit of its column is in SI.
 
-    **Raises:** `InputError` where the name of a column does not tell its unit.
+    **Raises:** `InputError`, which names the file `study`, where the name of a column does not tell its unit.
+    """
+    si_units, where = record.measurement.columns, f'{study}: record "{record.name}"'
+    return {
+        quantity: factor(unit or column_unit(name), si_units[quantity], f'{where}: column "{name}"')
+        for quantity, (name, unit) in record.columns.items()
+    }
+
+
+def write_csv(recording: Recording, study: Path, file: Path) -> None:
+    """The record as the file `study` describes its file: columns by their names and units.
+
+    **Raises:** `InputError` as `column_scales` does.
     """
     record = recording.record
-    si_units = record.measurement.columns
+    scales = column_scales(record, study)
     data = {"time": record.time + record.start, "motion": record.motion, record.measurement.quantity: record.measured}
     names, columns, formats = [], [], []
-    for quantity, (name, unit) in record.columns.items():
-        where = f'record "{record.name}": column "{name}"'
-        scale = factor(unit or column_unit(name), si_units[quantity], where)
-        columns.append(np.asarray(data[quantity]) / scale)
+    for quantity, (name, _) in record.columns.items():
+        columns.append(np.asarray(data[quantity]) / scales[quantity])
         names.append(name)
         # A clock that began long ago needs all digits to tell its samples apart.
         formats.append("%.15g" if quantity == "time" else "%.9g")

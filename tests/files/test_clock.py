@@ -108,7 +108,7 @@ def test_a_virtual_rig_writes_the_clock_that_the_study_describes(tmp_path):
     text = starting(f"{UNIX}", "walk")
     path = write_study(tmp_path, text, walk=samples(UNIX, 1e-3, 400))
     walk: Record = load_study(path).records[1]
-    write_csv(Recording(walk, walk.measured, 0.0), tmp_path / "walk.csv")
+    write_csv(Recording(walk, walk.measured, 0.0), path, tmp_path / "walk.csv")
     again = load_study(path).records[1]
     np.testing.assert_allclose(again.time, walk.time, atol=1e-6)
     np.testing.assert_allclose(again.measured, walk.measured)

@@ -149,6 +149,10 @@ LAYOUTS = {
     ),
     "channel twice": ("columns = { displacement = 2, time = 1 }\nchannel = 2", ["the displacement in columns"]),
     "no clock": ('channel = "displacement_um"', ["found no clock", "interval"]),
+    "interval beyond all clocks": (
+        "channel = 2\ntime = { interval = 1e308 }",
+        ['time: key "interval"', "found 1e+308 s", "up to 1e+09 s"],
+    ),
     "interval of zero": ("channel = 2\ntime = { interval = 0 }", ['time: key "interval"', "above 0"]),
     "interval in volts": ('channel = 2\ntime = { interval = "1 V" }', ['"interval"', '"V"']),
     "number zero": ("channel = 0\ntime = 1", ['"channel"', "found 0", "from 1 on"]),

@@ -107,11 +107,14 @@ def test_all_kinds_of_records_are_identified_together_and_the_estimate_is_used_a
         ('amplitude = "3 um", ', "", ["amplitude", "missing"]),
         ('{ start = "0.65 N" }', "{}", ["no number for friction.f_ss;", "--estimate", "initial_guess"]),
         ('"data/step.csv"', '"../step.csv"', ["step", "expected a file beside it"]),
+        ('"y_um"', '"y"', ['record "step": column "y"', "found no unit, expected a unit that converts to m"]),
+        ('"time_ms"', '"time_um"', ['record "step": column "time_um"', 'found the unit "um"']),
         ('resolution = "0.01 um"', 'resolution = "0 um"', ["resolution", "above 0"]),
     ],
 )
-def test_a_plan_at_fault_is_refused(tmp_path, capsys, old, new, essentials):
+def test_a_plan_at_fault_is_refused_before_anything_is_simulated(tmp_path, capsys, monkeypatch, old, new, essentials):
     assert old in STUDY
+    monkeypatch.setattr("pdssjax.study.make_recordings", lambda *given: pytest.fail("simulated"))
     assert main(["record", str(planned(tmp_path, STUDY.replace(old, new))), "--out", str(tmp_path / "out")]) == 2
     told = capsys.readouterr().err
     assert all(essential in told for essential in [str(tmp_path / "study.toml"), *essentials])
