@@ -55,6 +55,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return exit_status(received)
 
 
+def run() -> int:
+    """`main` as a process of its own, which ends at once where it was broken off: other threads may still compile.
+
+    They would be waited for, which takes minutes, or crash Python's orderly end.
+    """
+    status = main()
+    if status > _BROKEN_OFF:
+        for stream in (sys.stdout, sys.stderr):
+            with contextlib.suppress(OSError, ValueError):
+                stream.flush()
+        os._exit(status)
+    return status
+
+
+_BROKEN_OFF = 128
+"""Exit statuses above it are those of signals."""
+
+
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         raise InputError(f"{message} (see {self.prog} --help)")

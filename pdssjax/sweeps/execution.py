@@ -93,14 +93,19 @@ def computed_block(function: PointFunction, points: Float[np.ndarray, "lanes pat
 def _on_threads(
     function: PointFunction, plan: BlockPlan, numbers: Iterator[int], workers: int, in_flight: int | None
 ) -> Generator[tuple[int, Callable[[], Block]], None, None]:
-    # The first block alone: it compiles what the others share.
-    for first in itertools.islice(numbers, 1):
-        yield first, functools.partial(computed_block, function, plan.block(first))
-    with ThreadPoolExecutor(workers) as pool:
-        submit = lambda number: pool.submit(computed_block, function, plan.block(number))
+    pool = ThreadPoolExecutor(workers)
+    submit = lambda number: pool.submit(computed_block, function, plan.block(number))
+    try:
+        # The first block alone: it compiles what the others share.  In a thread, too, since no signal is heard in one
+        # that compiles, which may take minutes.
+        for first in itertools.islice(numbers, 1):
+            yield first, submit(first).result
         with contextlib.closing(_completed(submit, numbers, in_flight or 2 * workers)) as done:
             for number, future in done:
                 yield number, future.result
+    finally:
+        # Whoever breaks off does not wait for it.
+        pool.shutdown(wait=False, cancel_futures=True)
 
 
 def _completed(

@@ -1,15 +1,18 @@
 """A sweep that is interrupted goes on where it stopped, and ends as if it had not been."""
 
 import errno
+import os
 import shutil
 import signal
 import subprocess
 import sys
 import time
 from collections import namedtuple
+from pathlib import Path
 
 import numpy as np
 import pytest
+import quick_blocks
 import xarray
 import zarr
 from quick_blocks import example_study, found_at
@@ -200,6 +203,51 @@ def written(folder, study):
         text = text.replace(line, f'"{path}" = {{ value = {parameter.value!r} }}')
     file.write_text(text)
     return file
+
+
+PROGRAM = """
+import hashlib, itertools, sys
+from quick_blocks import found_at
+from pdssjax.cli.main import run
+from pdssjax.sweeps import execution
+
+quick = int(sys.argv.pop(1))
+counted = itertools.count()
+
+def computed_block(function, points):
+    if next(counted) >= quick:
+        print("deaf", file=sys.stderr, flush=True)
+        hashlib.pbkdf2_hmac("sha256", b"", b"", 300_000_000)  # minutes
+    return found_at(points)
+
+execution.computed_block = computed_block
+sys.exit(run())
+"""
+"""The command line, whose blocks after so many hear no signal, as while a compiler works."""
+
+
+@pytest.mark.parametrize(("signum", "quick", "status"), [(signal.SIGINT, 0, 130), (signal.SIGTERM, 3, 143)])
+def test_a_signal_ends_a_sweep_at_once_and_keeps_its_blocks(tmp_path, study, signum, quick, status):
+    axes = ["--voltage", "20:80:20", "--frequency", "2:50:20"]
+    command = [str(quick), "sweep", str(written(tmp_path, study)), *axes, "--out", str(tmp_path / "out")]
+    paths = os.pathsep.join([str(Path(quick_blocks.__file__).parent), *sys.path])
+    with subprocess.Popen(
+        [sys.executable, "-c", PROGRAM, *command],
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": paths},
+    ) as process:
+        assert process.stderr is not None
+        assert any("deaf" in line for line in process.stderr)
+        time.sleep(0.5)  # until all blocks before are stored
+        process.send_signal(signum)
+        try:
+            told = process.communicate(timeout=20)[1]
+        finally:
+            process.kill()
+    assert process.returncode == status and told.endswith("go on with --resume\npdssjax: interrupted\n")
+    group = zarr.open_group(tmp_path / "out" / "points.zarr", mode="r")
+    assert list(np.asarray(group["status"])).count(DONE) == quick
 
 
 @pytest.mark.slow
