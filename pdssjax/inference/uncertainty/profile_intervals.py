@@ -16,7 +16,6 @@ from .end_search import End, Verdict
 from .profile_curve import Curve, profile_curve
 from .profile_likelihood import interval_ends, learn_curvature, linear_half_widths
 from .second_order import Linearisation, linearisation_at
-from .standard_errors import standard_errors_of
 from .variance_factor import NORMAL_95, variance_factor
 
 SIDES = -1.0, 1.0
@@ -36,7 +35,7 @@ def with_profile_intervals(
     `profiles` holds the curve between the ends of each.
     """
     factor = variance_factor(problem, fit)
-    thresholds = NORMAL_95**2 * _enlargements(problem, fit, factor)
+    thresholds = NORMAL_95**2 * _enlargements(estimate, problem, fit, factor)
     paths = problem.residual.transform.paths
     kept = [path for path in paths if estimate.parameters[path].identifiable]
     optimum = linearisation_at(fit)
@@ -68,15 +67,15 @@ def with_profile_intervals(
     return dataclasses.replace(estimate, parameters=parameters, notes=tuple(notes), profiles=tuple(profiles))
 
 
-def _enlargements(problem: Problem, fit: Fit, factor: float) -> Float[np.ndarray, " p"]:
+def _enlargements(estimate: Estimate, problem: Problem, fit: Fit, factor: float) -> Float[np.ndarray, " p"]:
     """By how much the variance of each parameter exceeds that by the noise given: its chi-square is distributed so.
 
     A profile of chi-square is that ratio times chi-square's distribution of one degree of freedom (J. T. Kent,
     Biometrika 69(1), 1982).  At a bound, where there is no variance, it is the `factor` of the noise given.
     """
-    held = problem.residual.transform.at_bound(fit.free)
-    given = np.diag(least_squares_covariance(np.asarray(fit.state.jacobian), held).matrix)
-    return np.nan_to_num(np.diag(standard_errors_of("joint", problem, fit, None).known.matrix) / given, nan=factor)
+    free = problem.residual.transform
+    given = np.diag(least_squares_covariance(np.asarray(fit.state.jacobian), free.at_bound(fit.free)).matrix)
+    return np.nan_to_num(np.diag(estimate.covariance) / (given * free.slope(fit.free) ** 2), nan=factor)
 
 
 def _at_bound(problem: Problem, optimum: Linearisation, index: int, side: float) -> bool:
