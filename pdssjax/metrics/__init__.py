@@ -10,7 +10,6 @@ if TYPE_CHECKING:
     from .autocovariance import grid_positions as grid_positions
     from .autocovariance import sample_autocovariance as sample_autocovariance
     from .autocovariance import stationary_noise as stationary_noise
-    from .autocovariance import stationary_product as stationary_product
     from .autocovariance import stationary_times as stationary_times
     from .chain_convergence import effective_size as effective_size
     from .chain_convergence import effective_size_of_tails as effective_size_of_tails
@@ -33,6 +32,9 @@ if TYPE_CHECKING:
     from .integrated_velocity import rest_of as rest_of
     from .motion_against_voltage import goes_against as goes_against
     from .motion_against_voltage import rides_against as rides_against
+    from .noise_at_times import NoiseInTime as NoiseInTime
+    from .noise_at_times import noise_at as noise_at
+    from .noise_at_times import noise_in_time as noise_in_time
     from .outlying_samples import outliers as outliers
     from .per_cycle import FLANK as FLANK
     from .per_cycle import CycleMetrics as CycleMetrics
@@ -66,7 +68,6 @@ else:
                 "grid_positions",
                 "sample_autocovariance",
                 "stationary_noise",
-                "stationary_product",
                 "stationary_times",
             ],
             "channel_summary": ["ChannelSummary"],
@@ -79,6 +80,7 @@ else:
             "goodness_of_fit": ["error_index", "r_squared", "rmse"],
             "integrated_velocity": ["integrated", "rest_of"],
             "motion_against_voltage": ["goes_against", "rides_against"],
+            "noise_at_times": ["NoiseInTime", "noise_at", "noise_in_time"],
             "outlying_samples": ["outliers"],
             "pure_error": ["CycleSplit", "LackOfFit", "lack_of_fit", "split_by_phase"],
             "clipped_samples": ["clipped"],

@@ -37,9 +37,44 @@ class StationaryNoise(NamedTuple):
         transfer = np.fft.rfft(np.concatenate([[1.0], -self.coefficients]), size)
         return np.fft.irfft(self.innovation / np.abs(transfer) ** 2, size)[:lags]
 
+    @property
+    def order(self) -> int:
+        """How many numbers tell of its colour."""
+        return self.coefficients.size
 
-def grid_positions(time: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-    """Where samples lie on an even grid, in its intervals; their numbers where `time` [s] is on no such grid.
+    def evidence(self, freedom: float, time: Float[np.ndarray, " n"]) -> float:
+        """Twice the gain in log-likelihood over white noise, less twice the numbers that it took (Akaike)."""
+        if not self.order:
+            return 0.0
+        variance = self.autocovariance(_lags(time))[0]
+        return float(freedom * np.log(variance / self.innovation) - 2.0 * self.order)
+
+    def independent(self, time: Float[np.ndarray, " n"]) -> float:
+        """Independent samples a sample, as the variance of their mean square tells (M. S. Bartlett, 1946)."""
+        if not self.order:
+            return 1.0
+        covariance = self.autocovariance(_lags(time))
+        return float(1.0 / (1.0 + 2.0 * np.sum((covariance[1:] / covariance[0]) ** 2)))
+
+    def times(self, columns: Float[np.ndarray, "n p"], time: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n p"]:
+        """C X, with C the covariance of samples at `time` [s], on an even grid; no matrix C is made."""
+        return stationary_times(self.autocovariance(_lags(time)), columns, _places(time))
+
+
+def _places(time: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+    places = grid_positions(time)
+    if places is None:
+        raise ValueError("found times on no even grid, expected those that the noise was found from")
+    return places
+
+
+def _lags(time: Float[np.ndarray, " n"]) -> int:
+    """All that there are between samples."""
+    return int(_places(time)[-1]) + 1
+
+
+def grid_positions(time: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"] | None:
+    """Where samples lie on an even grid, in its intervals; None where `time` [s] is on no such grid.
 
     A gap in the record then stays a gap.
     """
@@ -48,13 +83,13 @@ def grid_positions(time: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
     places = (time - time[0]) / float(np.median(np.diff(time)))
     near = np.round(places).astype(int)
     even = np.max(np.abs(places - near)) < 0.25 and near[-1] < 4 * time.size and np.all(np.diff(near) > 0)
-    return near if even else np.arange(time.size)
+    return near if even else None
 
 
 def sample_autocovariance(
     values: Float[np.ndarray, " n"], positions: Int[np.ndarray, " n"], lags: int
 ) -> Float[np.ndarray, " lags"]:
-    """Mean product of `values` so many places apart, about zero; NaN is left out.
+    """Mean product of `values` so many places apart, about zero; NaN is left out.  Several may share a place.
 
     Weighted by 1 - lag/length as is usual, which makes it positive definite where nothing is missing.
     """
@@ -63,10 +98,12 @@ def sample_autocovariance(
         return np.zeros(lags)
     length = int(positions[-1]) + 1
     grid, seen = np.zeros(length), np.zeros(length)
-    grid[positions[there]], seen[positions[there]] = values[there], 1.0
+    np.add.at(grid, positions[there], values[there])
+    np.add.at(seen, positions[there], 1.0)
     products, pairs = (np.fft.irfft(np.abs(np.fft.rfft(x, 2 * length)) ** 2, 2 * length) for x in (grid, seen))
     apart = np.arange(min(lags, length))
     mean = np.where(pairs[apart] > 0.5, products[apart] / np.maximum(pairs[apart], 1.0), 0.0)
+    mean[0] = np.mean(values[there] ** 2)
     return np.pad(mean * (1.0 - apart / length), (0, lags - apart.size))
 
 
@@ -101,20 +138,13 @@ def stationary_noise(
     return best[1]
 
 
-def stationary_product(
-    autocovariance: Float[np.ndarray, " lags"], columns: Float[np.ndarray, "n p"], positions: Int[np.ndarray, " n"]
-) -> Float[np.ndarray, "p p"]:
-    """X' C X, with C the covariance of noise of this `autocovariance` at the `positions`; no matrix C is made.
-
-    **Arguments:** as many lags as the positions span at least; `columns` X, one row a sample.
-    """
-    return columns.T @ stationary_times(autocovariance, columns, positions)
-
-
 def stationary_times(
     autocovariance: Float[np.ndarray, " lags"], columns: Float[np.ndarray, "n p"], positions: Int[np.ndarray, " n"]
 ) -> Float[np.ndarray, "n p"]:
-    """C X, as `stationary_product` takes them."""
+    """C X, with C the covariance of noise of this `autocovariance` at the `positions`; no matrix C is made.
+
+    **Arguments:** as many lags as the positions span at least; `columns` X, one row a sample.
+    """
     length = int(positions[-1]) + 1
     grid = np.zeros((length, columns.shape[1]))
     grid[positions] = columns

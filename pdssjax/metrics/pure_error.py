@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from .autocovariance import grid_positions, stationary_noise
+from .noise_at_times import noise_at
 
 _OFF_GRID = 0.02
 """Samples by which a cycle may differ from a whole number of them, over the record, to have equal phases."""
@@ -102,13 +102,10 @@ def lack_of_fit(residual: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"]
 
 
 def _independent(split: CycleSplit, time: Float[np.ndarray, " n"]) -> float:
-    """Independent samples of the noise a sample: the variance of a mean square tells (M. S. Bartlett, 1946)."""
+    """Independent samples of the noise a sample, by those of a cycle."""
     freedom = float(np.sum(np.isfinite(split.rest)))
-    noise = stationary_noise(split.rest, grid_positions(time), freedom, split.sizes.size // 2)
-    if not noise.coefficients.size:
-        return 1.0
-    covariance = noise.autocovariance(split.sizes.size)
-    return float(1.0 / (1.0 + 2.0 * np.sum((covariance[1:] / covariance[0]) ** 2)))
+    noise = noise_at(time, split.rest, freedom, split.sizes.size // 2)
+    return noise.independent(time[: split.sizes.size])
 
 
 def _sigmas(between: float, within: float, above: float, below: float) -> float:

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from .autocovariance import StationaryNoise, grid_positions, stationary_noise
+from .noise_at_times import Noise, noise_at
 from .pure_error import CycleSplit, split_by_phase
 
 
@@ -16,7 +16,7 @@ class ResidualSplit(NamedTuple):
     """The mean over the cycles at each phase; None where the record does not repeat."""
     rest: Float[np.ndarray, " n"]
     """What does not repeat, enlarged for the means taken out; all of it where the record does not repeat."""
-    noise: StationaryNoise
+    noise: Noise
     """What `rest` is a sample of."""
     freedom: float
     """Its degrees of freedom."""
@@ -34,12 +34,11 @@ def split_residuals(
     the samples, where nothing repeats: variances grow by what it has taken out.
     """
     cycles = None if frequency is None else split_by_phase(residual, time, frequency)
-    places = grid_positions(time)
     if cycles is None:
         samples = float(np.sum(np.isfinite(residual)))
         freedom = min(freedom, samples)
-        return ResidualSplit(None, residual, stationary_noise(residual, places, freedom, residual.size), freedom)
+        return ResidualSplit(None, residual, noise_at(time, residual, freedom, residual.size), freedom)
     # Enlarged by m/(m - 1) already: each of the rest counts.
     samples = float(np.sum(np.isfinite(cycles.rest)))
-    noise = stationary_noise(cycles.rest, places, samples, cycles.sizes.size // 2)
+    noise = noise_at(time, cycles.rest, samples, cycles.sizes.size // 2)
     return ResidualSplit(cycles, cycles.rest, noise, samples)

@@ -6,7 +6,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...inference import repeats
-from ...metrics import CycleSplit, ResidualSplit, grid_positions, sample_autocovariance, split_residuals
+from ...metrics import CycleSplit, NoiseInTime, ResidualSplit, grid_positions, sample_autocovariance, split_residuals
 from ...study import FittedRecord
 from ._style import BLUE, GREY, STYLE, VERMILION
 
@@ -66,21 +66,27 @@ def _draw_all(axes: Axes, record: FittedRecord) -> None:
 
 
 def _draw_autocorrelation(axes: Axes, record: FittedRecord, split: ResidualSplit) -> None:
-    places = grid_positions(record.time)
+    interval, places = float(np.median(np.diff(record.time))), grid_positions(record.time)
+    if places is None:
+        interval = max(interval, float(np.ptp(record.time)) / (4 * record.time.size))
+        places = np.rint((record.time - record.time[0]) / interval).astype(int)
     longest = record.time.size // 2 if split.cycles is None else split.cycles.sizes.size // 2
     shown = max(min(_MOST_SHOWN, longest), 2)
     covariance = sample_autocovariance(split.rest, places, shown)
     if covariance[0] <= 0.0:
         return
-    apart = 1e3 * float(np.median(np.diff(record.time))) * np.arange(shown)
+    apart = interval * np.arange(shown)
     band = 2.0 / np.sqrt(max(split.freedom, 1.0))
     axes.axhspan(-band, band, color="0.9", linewidth=0, zorder=-1)
-    axes.vlines(apart, 0.0, covariance / covariance[0], color=BLUE, linewidth=1.2)
-    model = split.noise.autocovariance(shown)
-    order = split.noise.coefficients.size
-    label = f"autoregression of order {order}" if order else "white noise"
-    style = ".-" if order else "."
-    axes.plot(apart, model / model[0], style, color=VERMILION, linewidth=0.9, markersize=2.5, label=label)
+    axes.vlines(1e3 * apart, 0.0, covariance / covariance[0], color=BLUE, linewidth=1.2)
+    noise = split.noise
+    if isinstance(noise, NoiseInTime):
+        model, label = noise.covariance_at(apart), f"white and slow noise ({1e3 * noise.duration:.2g} ms)"
+    else:
+        model, label = noise.autocovariance(shown), f"autoregression of order {noise.order}"
+    label = label if noise.order else "white noise"
+    style = ".-" if noise.order else "."
+    axes.plot(1e3 * apart, model / model[0], style, color=VERMILION, linewidth=0.9, markersize=2.5, label=label)
     axes.axhline(0.0, color=GREY, linewidth=0.5)
     axes.set_xlabel("interval (ms)")
     axes.set_ylabel("autocorrelation " + ("of the residuals" if split.cycles is None else "of the rest"))

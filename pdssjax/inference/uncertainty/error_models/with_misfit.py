@@ -15,7 +15,7 @@ that neighbours show, and a process in time.
 import numpy as np
 from jaxtyping import Float, Int
 
-from ....metrics import CycleSplit, ResidualSplit, grid_positions, neighbour_scatter, split_residuals, stationary_times
+from ....metrics import CycleSplit, ResidualSplit, neighbour_scatter, split_residuals
 from ._phase_process import PhaseProcess, phase_process
 from .base import AbstractErrorModel, RecordErrors, RecordShare
 from .coloured import Coloured
@@ -83,13 +83,12 @@ def noise_of_means(
     record: RecordErrors, split: ResidualSplit, phase: Int[np.ndarray, " n"]
 ) -> Float[np.ndarray, "phases phases"]:
     """Covariance of the mean noise at each phase; all phases have samples."""
-    places, count = grid_positions(record.time), int(phase.max()) + 1
-    noise = split.noise.autocovariance(int(places[-1]) + 1)
+    count = int(phase.max()) + 1
     sizes, out = np.bincount(phase), np.zeros((count, count))
     # A few phases at a time: all of them would be an n x phases matrix.
     for some in np.array_split(np.arange(count), -(-count // _AT_ONCE)):
         member = (phase[:, None] == some) / sizes[some]
-        out[:, some] = sums_at(phase, stationary_times(noise, member, places), count) / sizes[:, None]
+        out[:, some] = sums_at(phase, split.noise.times(member, record.time), count) / sizes[:, None]
     return 0.5 * (out + out.T)
 
 
