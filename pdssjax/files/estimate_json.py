@@ -163,6 +163,7 @@ def estimate_document(estimate: Estimate) -> Document:
             "value": parameter.value,
             "standard_error": parameter.standard_error,
             "interval": parameter.interval,
+            "degrees_of_freedom": parameter.degrees_of_freedom,
             "unit": parameter.unit,
             "free": parameter.free,
             "start": parameter.start,

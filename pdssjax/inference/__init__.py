@@ -43,7 +43,8 @@ if TYPE_CHECKING:
     from .uncertainty.influence import principal_directions as principal_directions
     from .uncertainty.parameter_errors import all_error_models as all_error_models
     from .uncertainty.parameter_errors import with_error_models as with_error_models
-    from .uncertainty.variance_factor import NORMAL_95 as NORMAL_95
+    from .uncertainty.students_t import NORMAL_95 as NORMAL_95
+    from .uncertainty.students_t import half_width_95 as half_width_95
 else:
     from ..core.lazy import lazy_exports
 
@@ -74,6 +75,6 @@ else:
             "poor_fit": ["repeats"],
             "problem": ["Problem", "pose_problem"],
             "residual": ["Residual", "as_weights"],
-            "uncertainty.variance_factor": ["NORMAL_95"],
+            "uncertainty.students_t": ["NORMAL_95", "half_width_95"],
         },
     )

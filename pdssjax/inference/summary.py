@@ -45,17 +45,19 @@ def summarise(
     free, fitted = problem.residual.transform, {**starts, **problem.residual.transform.decode(fit.free)}
     values = {path: float(value) for path, value in fitted.items()}
     statistics = statistics_of(problem, fit)
-    known, naive, with_told, factor = standard_errors_of(method, problem, fit, stack)
+    known, naive, with_told, factor, freedom = standard_errors_of(method, problem, fit, stack)
     deviation = np.sqrt(np.diag(known.matrix))
     weakly_determined = known.identifiable & (deviation > WEAKLY_DETERMINED)
     known = known._replace(identifiable=known.identifiable & ~weakly_determined)
     deviation = np.where(weakly_determined, np.nan, deviation)
     slopes = np.abs(free.slope(fit.free))
     bounds = {path: study.parameters[path].bounds() for path in free.paths}
-    intervals = linear_intervals(fit.free, deviation, free, bounds)
+    intervals = linear_intervals(fit.free, deviation, freedom, free, bounds)
     place = lambda declared: free.paths.index(declared.path) if declared.free else None
     parameters = {
-        path: _parameter(declared, values[path], starts[path], place(declared), fit, free, deviation, intervals, known)
+        path: _parameter(
+            declared, values[path], starts[path], place(declared), fit, free, deviation, freedom, intervals, known
+        )
         for path, declared in study.parameters.items()
     }
     if naive is not None:
@@ -143,6 +145,7 @@ def _parameter(
     fit: Fit,
     free: ParameterTransform,
     deviation: Float[np.ndarray, " p"],
+    freedom: Float[np.ndarray, " p"],
     intervals: Mapping[str, tuple[float, float]],
     known: Covariance,
 ) -> FittedParameter:
@@ -165,6 +168,7 @@ def _parameter(
         held,
         standard_error=float(deviation[i] * abs(free.slope(fit.free)[i])),
         interval=intervals[declared.path],
+        degrees_of_freedom=float(freedom[i]),
         bounds=declared.bounds(),
         free=True,
         start=start,

@@ -29,6 +29,8 @@ class ParameterError(NamedTuple):
     interval: tuple[float, float]
     """Lower and upper end of the 95 % interval [unit], symmetric on the scale of the fit and cut at the bounds of the
     parameter; NaN like the error."""
+    degrees_of_freedom: float = np.inf
+    """Of the noise that the error rests on: the interval is that of Student's t; infinite where the noise is known."""
 
 
 class MeasuredApart(NamedTuple):
@@ -83,6 +85,9 @@ class FittedParameter:
     errors: Mapping[str, ParameterError] = field(default_factory=dict)
     """By error model, from the strictest assumption to the weakest: "white", "coloured", "with-misfit".  The first is
     `standard_error`.  Empty where fixed."""
+    degrees_of_freedom: float = np.inf
+    """Of the noise that the standard error rests on: a linear interval is that of Student's t; infinite where the noise
+    is known."""
     bounds: tuple[float, float] = (-np.inf, np.inf)
     """Where it may lie [unit]: the bounds that the study gives, or else those of its legal range."""
     measured_apart: MeasuredApart | None = None

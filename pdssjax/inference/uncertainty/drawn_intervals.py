@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 
 from ...core import percent
 from ...metrics import effective_size, effective_size_of_tails, rhat
-from ...study import Draws, Estimate, ParameterDraws
+from ...study import Draws, Estimate, FittedParameter, ParameterDraws
 from ..draws import Drawing
 from ..least_squares import Fit, FitMethod, Progress
 from ..notes.words import about_better_optimum
@@ -23,6 +23,7 @@ from .posterior_coordinates import InCoordinates, posterior_coordinates
 from .posterior_model import BEYOND, LikelihoodEnd, posterior_model
 from .randomize_then_optimize import NothingToDraw
 from .second_order import linearisation_at
+from .students_t import NORMAL_95, half_width_95
 from .variance_factor import row_factors, variance_factor
 
 TAILS = 0.025, 0.975
@@ -47,6 +48,9 @@ FEW_BEYOND = 0.2
 
 _ENLARGED = 1.005
 """Factor of the variance from which it is said."""
+
+_WIDER = 1.01
+"""Ratio of Student's t to a normal quantile from which it is said."""
 
 MANY_FAILED = 0.05
 """Share of replicates that may fail before the intervals no longer stand for all of them."""
@@ -79,7 +83,7 @@ def with_bootstrap(
         seed=drawing.seed,
         parameters=tuple(summary_of_replicates(problem, fit.free, free)),
     )
-    return with_draws(estimate, draws, notes)
+    return with_draws(estimate, draws, notes, problem.residual.transform.logarithmic)
 
 
 def summary_of_replicates(
@@ -152,7 +156,7 @@ def with_posterior(
     about += about_better_optima(
         estimate.names, model.ends, lambda y: transform.in_si(np.asarray(coordinates.to_fit(y)))
     )
-    return with_draws(estimate, draws, [*estimate.notes, *about])
+    return with_draws(estimate, draws, [*estimate.notes, *about], transform.logarithmic)
 
 
 def summary_of_chains(
@@ -283,13 +287,36 @@ _SAMPLERS = {
 }
 
 
-def with_draws(estimate: Estimate, draws: Draws, notes: list[str]) -> Estimate:
-    """`estimate` with the intervals of `draws`, where the data say anything."""
-    parameters = dict(estimate.parameters)
-    for drawn in draws.parameters:
-        if parameters[drawn.path].identifiable:
-            parameters[drawn.path] = dataclasses.replace(parameters[drawn.path], interval=drawn.percentile)
+def with_draws(estimate: Estimate, draws: Draws, notes: list[str], logarithmic: Bool[np.ndarray, " p"]) -> Estimate:
+    """`estimate` with the intervals of `draws`, where the data say anything.
+
+    They take the noise for known.  Where it was estimated the ends lie farther out, by as much as Student's t does, on
+    the scale of the fit.
+    """
+    parameters, most = dict(estimate.parameters), 1.0
+    for drawn, by_logarithm in zip(draws.parameters, logarithmic, strict=True):
+        found = parameters[drawn.path]
+        if found.identifiable:
+            wider = float(half_width_95(found.degrees_of_freedom)) / NORMAL_95
+            low, high = (_farther(end, wider, found, bool(by_logarithm)) for end in drawn.percentile)
+            parameters[drawn.path], most = dataclasses.replace(found, interval=(low, high)), max(most, wider)
+    if most > _WIDER:
+        more = f"up to {percent(most - 1.0, 1.0)} farther out than 95 % of the draws"
+        draws = dataclasses.replace(
+            draws, description=f"{draws.description}; intervals end {more}, since the noise was found from few samples"
+        )
     return dataclasses.replace(estimate, parameters=parameters, draws=draws, notes=tuple(notes))
+
+
+def _farther(end: float, wider: float, found: FittedParameter, by_logarithm: bool) -> float:
+    """An `end` so many times as far from the estimate on the scale of the fit, but not beyond a bound."""
+    if wider == 1.0:
+        return end
+    if by_logarithm and found.value > 0.0:
+        moved = found.value * (end / found.value) ** wider
+    else:
+        moved = found.value + wider * (end - found.value)
+    return float(np.clip(moved, *found.bounds))
 
 
 def _description(problem: Problem, drawing: Drawing) -> str:

@@ -17,7 +17,7 @@ from ..problem import Problem
 from ..stack_parameters import of_platform_alone, of_stack, stack_rows
 from ..without_outliers import without_outliers
 from .error_advice import EVIDENT, advise
-from .error_models.base import AbstractErrorModel, RecordErrors
+from .error_models.base import AbstractErrorModel, RecordErrors, total_of
 from .influence import (
     curvature_of,
     directions_in_two_steps,
@@ -26,7 +26,8 @@ from .influence import (
     principal_directions,
 )
 from .linear_intervals import linear_intervals
-from .variance_factor import record_factors, variance_factor
+from .students_t import effective_freedom
+from .variance_factor import noise_freedom, record_factors, variance_factor
 
 
 class FittedPoint(NamedTuple):
@@ -59,6 +60,17 @@ class TwoSteps(NamedTuple):
         return self._replace(second=second)
 
 
+class _ByModel(NamedTuple):
+    """What an error model says of p parameters, on the fit's scale."""
+
+    matrix: Float[np.ndarray, "p p"]
+    """Their covariance, NaN where not known."""
+    freedom: Float[np.ndarray, " p"]
+    """Degrees of freedom of the noise that it rests on."""
+    evidence: list[float]
+    """Of each record."""
+
+
 def all_error_models() -> list[AbstractErrorModel]:
     """All of them, from the strictest assumption to the weakest."""
     found = [
@@ -77,13 +89,12 @@ def with_error_models(estimate: Estimate, problem: Problem, fit: Fit, report: Pr
         return estimate
     factor = variance_factor(problem, fit)
     found = _covariances(point, all_error_models(), factor, None)
-    evidence = {name: shares for name, (_, shares) in found.items()}
+    evidence = {name: told.evidence for name, told in found.items()}
     if any(most >= EVIDENT for shares in evidence.values() for most in shares):
         # Residuals that are not white do not average out in the second derivative of chi-square.
         found |= _covariances(point, all_error_models()[1:], factor, _curvatures(point, report))
-    matrices = {name: matrix for name, (matrix, _) in found.items()}
     free = problem.residual.transform
-    parameters = _with_errors(estimate.parameters, matrices, free, fit.free)
+    parameters = _with_errors(estimate.parameters, found, free, fit.free)
     slopes = np.abs(free.slope(fit.free))
     advice = advise(parameters, evidence, [record.name for record in problem.records])
     if advice is not None and not estimate.converged:
@@ -94,7 +105,7 @@ def with_error_models(estimate: Estimate, problem: Problem, fit: Fit, report: Pr
         estimate,
         parameters=parameters,
         error_advice=advice,
-        covariances={name: matrix * np.outer(slopes, slopes) for name, matrix in matrices.items()},
+        covariances={name: told.matrix * np.outer(slopes, slopes) for name, told in found.items()},
     )
 
 
@@ -112,7 +123,7 @@ def fitted_point(method: Method, problem: Problem, fit: Fit) -> FittedPoint:
 def _record_errors(point: FittedPoint, factor: float, effect: Float[np.ndarray, "n p"]) -> list[RecordErrors]:
     """Every fitted record as error models take it; the `factor` is that of variances whose noise is given."""
     problem, taken = point.problem, degrees_taken(point.problem, point.fit)
-    out = without_outliers(problem, point.fit).outlying
+    out, (known_from, pooled) = without_outliers(problem, point.fit).outlying, noise_freedom(problem, point.fit, factor)
     return [
         RecordErrors(
             point.residual[rows],
@@ -122,10 +133,12 @@ def _record_errors(point: FittedPoint, factor: float, effect: Float[np.ndarray, 
             cycles_a_second(record),
             float(of_record),
             max(record.time.size - float(degrees), 1.0),
+            float(degrees_known),
+            bool(is_pooled),
             out[rows],
         )
-        for record, rows, of_record, degrees in zip(
-            problem.records, problem.rows, record_factors(problem, factor), taken, strict=True
+        for record, rows, of_record, degrees, degrees_known, is_pooled in zip(
+            problem.records, problem.rows, record_factors(problem, factor), taken, known_from, pooled, strict=True
         )
     ]
 
@@ -135,18 +148,21 @@ def _covariances(
     models: Sequence[AbstractErrorModel],
     factor: float,
     curvatures: Sequence[Float[np.ndarray, "p k"]] | None,
-) -> dict[str, tuple[Float[np.ndarray, "p p"], list[float]]]:
-    """By name of the model: the covariance on the fit's scale, NaN where not known, and the evidence of each record."""
+) -> dict[str, "_ByModel"]:
+    """By name of the model."""
     effect = influence_at(point, curvatures)
     records, out = _record_errors(point, factor, effect), {}
     # What was measured apart has errors of its own, whatever those of the samples.
     apart = effect[point.problem.rows_apart]
     for model in models:
-        matrix, evidence = model.covariance(records)
-        matrix = matrix + apart.T @ apart
+        shares = model.shares(records)
+        matrix = total_of(shares) + apart.T @ apart
         matrix[~point.known] = np.nan
         matrix[:, ~point.known] = np.nan
-        out[model.name] = matrix, evidence
+        variances = [np.diag(share.covariance) for share in shares]
+        freedom, pooled = [share.freedom for share in shares], [share.pooled for share in shares]
+        known_from = effective_freedom(np.diag(matrix), variances, freedom, pooled)
+        out[model.name] = _ByModel(matrix, known_from, [share.evidence for share in shares])
     return out
 
 
@@ -199,18 +215,19 @@ def _curvatures(point: FittedPoint, report: Progress) -> list[Float[np.ndarray, 
 
 def _with_errors(
     parameters: Mapping[str, FittedParameter],
-    matrices: Mapping[str, Float[np.ndarray, "p p"]],
+    found: Mapping[str, _ByModel],
     free: ParameterTransform,
     at: Float[np.ndarray, " p"],
 ) -> dict[str, FittedParameter]:
-    """The `parameters` that have a standard error with those by the `matrices` of the error models."""
+    """The `parameters` that have a standard error with those `found` by the error models."""
     errors: dict[str, dict[str, ParameterError]] = {path: {} for path in free.paths}
     slopes = np.abs(free.slope(at))
-    for name, matrix in matrices.items():
-        deviation = np.sqrt(np.diag(matrix))
-        intervals = linear_intervals(at, deviation, free, {path: parameters[path].bounds for path in free.paths})
-        for path, error in zip(free.paths, deviation * slopes, strict=True):
-            errors[path][name] = ParameterError(float(error), intervals[path])
+    bounds = {path: parameters[path].bounds for path in free.paths}
+    for name, told in found.items():
+        deviation = np.sqrt(np.diag(told.matrix))
+        intervals = linear_intervals(at, deviation, told.freedom, free, bounds)
+        for path, error, freedom in zip(free.paths, deviation * slopes, told.freedom, strict=True):
+            errors[path][name] = ParameterError(float(error), intervals[path], float(freedom))
     return {
         path: dataclasses.replace(p, errors=errors[path]) if p.free and np.isfinite(p.standard_error) else p
         for path, p in parameters.items()

@@ -22,7 +22,7 @@ from .quadratic_end import factors
 from .randomize_then_optimize import Mixture, Proposals, Widths, propose
 from .residual_polynomial import ResidualPolynomial, count_points, learned_polynomial, of_second_order
 from .second_order import Linearisation
-from .variance_factor import NORMAL_95
+from .students_t import NORMAL_95
 
 _FAR = 1.5 * NORMAL_95**2
 """Excess of chi-square at the ends: 1.5 times that at those of a 95 % interval."""

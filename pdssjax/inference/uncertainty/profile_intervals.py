@@ -16,7 +16,9 @@ from .end_search import End, Verdict
 from .profile_curve import Curve, profile_curve
 from .profile_likelihood import interval_ends, learn_curvature, linear_half_widths
 from .second_order import Linearisation, linearisation_at
-from .variance_factor import NORMAL_95, variance_factor
+from .standard_errors import standard_errors_of
+from .students_t import half_width_95
+from .variance_factor import variance_factor
 
 SIDES = -1.0, 1.0
 
@@ -29,13 +31,14 @@ def with_profile_intervals(
 ) -> Estimate:
     """`estimate` with 95 % intervals that end where chi-square, minimised over all else, exceeds its threshold.
 
-    Where residuals exceed the noise given the threshold of each parameter grows as its variance does.  A parameter at a
+    Where residuals exceed the noise given the threshold of each parameter grows as its variance does, and where noise
+    was estimated it is that of Student's t squared.  A parameter at a
     bound has that for one end, and those about which the data say nothing keep what they have.  A note names every end
     that is no ordinary one.
     `profiles` holds the curve between the ends of each.
     """
     factor = variance_factor(problem, fit)
-    thresholds = NORMAL_95**2 * _enlargements(estimate, problem, fit, factor)
+    thresholds = _thresholds(problem, fit, factor)
     paths = problem.residual.transform.paths
     kept = [path for path in paths if estimate.parameters[path].identifiable]
     optimum = linearisation_at(fit)
@@ -67,15 +70,19 @@ def with_profile_intervals(
     return dataclasses.replace(estimate, parameters=parameters, notes=tuple(notes), profiles=tuple(profiles))
 
 
-def _enlargements(estimate: Estimate, problem: Problem, fit: Fit, factor: float) -> Float[np.ndarray, " p"]:
-    """By how much the variance of each parameter exceeds that by the noise given: its chi-square is distributed so.
+def _thresholds(problem: Problem, fit: Fit, factor: float) -> Float[np.ndarray, " p"]:
+    """By how much chi-square may exceed its minimum within the interval of each parameter.
 
-    A profile of chi-square is that ratio times chi-square's distribution of one degree of freedom (J. T. Kent,
-    Biometrika 69(1), 1982).  At a bound, where there is no variance, it is the `factor` of the noise given.
+    A profile of chi-square is the ratio of the parameter's variance to that by the noise given, times chi-square's
+    distribution of one degree of freedom (J. T. Kent, Biometrika 69(1), 1982), or that of t^2 where the noise was
+    estimated.  At a bound, where there is no variance, it is the `factor` of the noise given, and the fewest degrees of
+    freedom of the others.
     """
-    free = problem.residual.transform
-    given = np.diag(least_squares_covariance(np.asarray(fit.state.jacobian), free.at_bound(fit.free)).matrix)
-    return np.nan_to_num(np.diag(estimate.covariance) / (given * free.slope(fit.free) ** 2), nan=factor)
+    held = problem.residual.transform.at_bound(fit.free)
+    given = np.diag(least_squares_covariance(np.asarray(fit.state.jacobian), held).matrix)
+    errors = standard_errors_of("joint", problem, fit, None)
+    freedom = np.where(held, np.min(errors.freedom), errors.freedom)
+    return half_width_95(freedom) ** 2 * np.nan_to_num(np.diag(errors.known.matrix) / given, nan=factor)
 
 
 def _at_bound(problem: Problem, optimum: Linearisation, index: int, side: float) -> bool:

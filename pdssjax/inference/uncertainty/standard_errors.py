@@ -18,7 +18,8 @@ from ..stack_parameters import of_stack, stack_rows
 from .influence import influence_in_two_steps
 from .parameter_errors import FittedPoint, TwoSteps, fitted_point, influence_at, two_steps
 from .robust_covariance import robust_covariance
-from .variance_factor import row_factors, variance_factor
+from .students_t import effective_freedom
+from .variance_factor import noise_freedom, row_factors, variance_factor
 
 
 class StandardErrors(NamedTuple):
@@ -33,6 +34,8 @@ class StandardErrors(NamedTuple):
     factor: float
     """By which variances exceed those of the noise given; 1 under a robust loss, which takes the scatter from the
     residuals."""
+    freedom: Float[np.ndarray, " p"]
+    """Degrees of freedom of the noise that each standard error rests on; infinite where it is known."""
 
 
 def standard_errors_of(method: Method, problem: Problem, fit: Fit, stack: PickedStack | None) -> StandardErrors:
@@ -53,7 +56,11 @@ def standard_errors_of(method: Method, problem: Problem, fit: Fit, stack: Picked
         effect = influence_in_two_steps(*steps)
         naive = _covariance(influence_in_two_steps(*steps.apart()), factors, unknown)
     known = whole._replace(matrix=_covariance(effect, factors, unknown))
-    return StandardErrors(known, naive, _with_told(point, effect, stack), factor)
+    squares = factors[:, None] * effect**2
+    shares = [np.sum(squares[rows], axis=0) for rows in problem.rows]
+    noise = noise_freedom(problem, fit, factor, after_stack=stack is not None)
+    freedom = effective_freedom(np.diag(known.matrix), shares, *noise)
+    return StandardErrors(known, naive, _with_told(point, effect, stack), factor, freedom)
 
 
 def _covariance(
@@ -96,4 +103,8 @@ def _robust(problem: Problem, fit: Fit) -> StandardErrors:
     roots, jacobian = np.asarray(fit.state.residual), np.asarray(fit.state.jacobian)
     samples, apart = slice(problem.rows_apart.start), jacobian[problem.rows_apart]
     known, bread = robust_covariance(roots[samples], jacobian[samples], held, loss, apart)
-    return StandardErrors(known, None, np.diag(bread), 1.0)
+    given = np.sum((apart @ np.nan_to_num(bread)) ** 2, axis=0)
+    left = max(samples.stop - known.identifiable.sum(), 1)
+    variance = np.diag(known.matrix)
+    freedom = effective_freedom(variance, [variance - given], [left], [False])
+    return StandardErrors(known, None, np.diag(bread), 1.0, freedom)

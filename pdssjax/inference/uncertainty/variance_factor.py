@@ -1,15 +1,12 @@
 """By how much variances grow where residuals are larger than the noise given."""
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from ..fit_statistics import degrees_taken
 from ..least_squares import Fit, by_record
 from ..problem import Problem
 from ..stack_parameters import of_platform_alone
-
-NORMAL_95 = 1.959964
-"""Half width of a 95 % interval in standard errors."""
 
 
 def variance_factor(problem: Problem, fit: Fit, after_stack: bool = False) -> float:
@@ -26,6 +23,22 @@ def variance_factor(problem: Problem, fit: Fit, after_stack: bool = False) -> fl
     freedom = np.sum((sizes - degrees_taken(problem, fit, after_stack))[counted])
     factor = float(np.sum(squares[counted]) / max(freedom, 1.0))
     return max(1.0, factor) if np.isfinite(factor) else 1.0
+
+
+def noise_freedom(
+    problem: Problem, fit: Fit, factor: float, after_stack: bool = False
+) -> tuple[Float[np.ndarray, " records"], Bool[np.ndarray, " records"]]:
+    """From how many degrees of freedom the noise of each record is known, and which records share theirs.
+
+    Where it was estimated these are the record's own.  Noise that is given is known, but where residuals exceed it
+    (`factor` above 1) it is as large as those of all such records say.
+    """
+    given = np.array([record.noise is not None for record in problem.records])
+    sizes = np.array([record.time.size for record in problem.records])
+    own = np.maximum(sizes - degrees_taken(problem, fit, after_stack), 1.0)
+    counted = given & ~of_platform_alone(problem.records) if after_stack else given
+    together = max(float(np.sum((sizes - degrees_taken(problem, fit, after_stack))[counted])), 1.0)
+    return np.where(given, together if factor > 1.0 else np.inf, own), given
 
 
 def record_factors(problem: Problem, factor: float) -> Float[np.ndarray, " records"]:

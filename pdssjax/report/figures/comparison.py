@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...inference import NORMAL_95
+from ...inference import half_width_95
 from ...study import Estimate, FittedParameter
 from ._style import BLUE, GREEN, STYLE, VERMILION
 
@@ -50,11 +50,12 @@ def _naive_interval(found: FittedParameter) -> tuple[float, float]:
     """The 95 % interval by the naive error, on the scale of the fit that the interval by the whole error is on."""
     naive, (low, high) = found.naive_standard_error or 0.0, found.interval
     whole = found.errors["white"].interval if "white" in found.errors else (low, high)
+    naive *= float(half_width_95(found.degrees_of_freedom))
     logarithmic = found.value > 0.0 and min(whole) > 0.0 and np.isclose(whole[0] * whole[1], found.value**2, rtol=1e-6)
     if logarithmic:
-        factor = float(np.exp(NORMAL_95 * naive / found.value))
+        factor = float(np.exp(naive / found.value))
         return found.value / factor, found.value * factor
-    return found.value - NORMAL_95 * naive, found.value + NORMAL_95 * naive
+    return found.value - naive, found.value + naive
 
 
 def _draw(axes: Axes, path: str, estimates: Sequence[Estimate]) -> None:

@@ -20,7 +20,7 @@ def test_ends_are_symmetric_on_the_scale_of_the_fit_and_cut_at_bounds():
     free = ParameterTransform(("a", "b", "c", "d"), logarithmic, unit, np.full(4, -np.inf), np.full(4, np.inf))
     bounds = dict.fromkeys("abc", (0.0, np.inf)) | {"d": (0.0, 1.0)}
     at, deviation = np.array([np.log(2.0), 2.0, 1.0, np.log(0.9)]), np.array([0.5, 1.5, np.nan, 0.1])
-    found = linear_intervals(at, deviation, free, bounds)
+    found = linear_intervals(at, deviation, np.array([np.inf] * 4), free, bounds)
     assert found["a"] == pytest.approx((2.0 * np.exp(-0.5 * NORMAL_95), 2.0 * np.exp(0.5 * NORMAL_95)))
     assert found["b"] == pytest.approx((0.0, 1e-5 * (2.0 + 1.5 * NORMAL_95))) and found["b"][0] == 0.0
     assert np.isnan(found["c"]).all()

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import fabricated
 import numpy as np
 import pytest
+from scipy.stats import t
 
 from pdssjax.inference import least_squares_covariance
 from pdssjax.inference.losses.squares import Squares
@@ -107,7 +108,9 @@ def test_white_errors_are_the_standard_errors_and_a_parameter_without_informatio
         told = whole.parameters[path]
         assert told.errors["white"].standard_error == pytest.approx(told.standard_error, rel=1e-8)
         low, high = told.errors["white"].interval
-        half = 1.959964 * told.standard_error / told.value
+        white = told.errors["white"]
+        assert 55.0 < white.degrees_of_freedom < 220.0  # those of two records whose noise was estimated
+        half = t.ppf(0.975, white.degrees_of_freedom) * told.standard_error / told.value
         assert (low, high) == pytest.approx((told.value * np.exp(-half), told.value * np.exp(half)), rel=1e-8)
         assert list(told.errors) == ["white", "coloured", "with-misfit"]
     assert not whole.parameters["friction.f_ss"].errors

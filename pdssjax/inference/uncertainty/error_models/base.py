@@ -34,6 +34,10 @@ class RecordErrors(NamedTuple):
     """By how much the variances of whitened noise exceed 1, by the residuals of all records whose noise is given."""
     freedom: float = float("inf")
     """Degrees of freedom that the fit leaves of the n samples; all of them where more than n."""
+    noise_freedom: float = float("inf")
+    """Degrees of freedom from which the size of white noise is known; infinite where it is given and not exceeded."""
+    pooled: bool = False
+    """These are of all records whose noise is given, and theirs, too."""
     outlying: Bool[np.ndarray, " n"] | None = None
     """Which samples stand out of the residuals: glitches, by their size noise and no misfit; None: no sample."""
 
@@ -59,6 +63,10 @@ class RecordShare(NamedTuple):
     evidence: float
     """How much better the model explains the residuals than the one before it: twice the gain in log-likelihood less
     twice the numbers that it took (Akaike); 0 where it has no say."""
+    freedom: float
+    """Degrees of freedom of the noise that the covariance rests on."""
+    pooled: bool = False
+    """They are of all records that are pooled, together."""
 
 
 class AbstractErrorModel(eqx.Module):
@@ -80,6 +88,14 @@ class AbstractErrorModel(eqx.Module):
 
     def covariance(self, records: Sequence[RecordErrors]) -> tuple[Float[np.ndarray, "p p"], list[float]]:
         """Covariance of the parameters on the fit's scale, and each record's evidence for this model."""
-        shares = [self.share(record.finite()) for record in records]
-        total = sum((share.covariance for share in shares), np.zeros_like(shares[0].covariance))
-        return total, [share.evidence for share in shares]
+        shares = self.shares(records)
+        return total_of(shares), [share.evidence for share in shares]
+
+    def shares(self, records: Sequence[RecordErrors]) -> list[RecordShare]:
+        """What the errors of each record make of the parameters."""
+        return [self.share(record.finite()) for record in records]
+
+
+def total_of(shares: Sequence[RecordShare]) -> Float[np.ndarray, "p p"]:
+    """Covariance of the parameters by all records, on the fit's scale."""
+    return sum((share.covariance for share in shares), np.zeros_like(shares[0].covariance))

@@ -26,7 +26,8 @@ class Coloured(AbstractErrorModel):
 
     def share(self, record: RecordErrors) -> RecordShare:
         if record.residual.size < 2:
-            return RecordShare(record.influence.T @ record.influence, 0.0)
+            return RecordShare(record.influence.T @ record.influence, 0.0, 1.0)
         found = split_residuals(record.residual, record.time, record.frequency, record.freedom)
         covariance = record.influence.T @ found.noise.times(record.influence, record.time)
-        return RecordShare(covariance, found.noise.evidence(found.freedom, record.time))
+        freedom = max(found.freedom * found.noise.independent(record.time), 1.0)
+        return RecordShare(covariance, found.noise.evidence(found.freedom, record.time), freedom)

@@ -15,4 +15,5 @@ class White(AbstractErrorModel):
     covers = "the true parameters, if the model is right and the noise of each sample is independent"
 
     def share(self, record: RecordErrors) -> RecordShare:
-        return RecordShare(record.variance_factor * record.influence.T @ record.influence, 0.0)
+        covariance = record.variance_factor * record.influence.T @ record.influence
+        return RecordShare(covariance, 0.0, record.noise_freedom, record.pooled)

@@ -40,18 +40,20 @@ class WithMisfit(AbstractErrorModel):
     )
 
     def share(self, record: RecordErrors) -> RecordShare:
-        coloured = Coloured().share(record).covariance
+        found = Coloured().share(record)
+        coloured = found.covariance
         record = record.without_outliers()
         if record.residual.size < FEWEST:
-            return RecordShare(coloured, 0.0)
+            return found._replace(evidence=0.0)
         split = split_residuals(record.residual, record.time, record.frequency, record.freedom)
         process, phase = misfit_of(record, split)
         sums = sums_at(phase, record.influence, process.covariance.shape[0])
         misfit = sums.T @ process.covariance @ sums
         if split.cycles is not None:
-            return RecordShare(coloured + misfit, process.evidence)
+            return RecordShare(coloured + misfit, process.evidence, found.freedom)
         noise = neighbour_scatter(record.residual) ** 2
-        return RecordShare(_larger(coloured, misfit + noise * record.influence.T @ record.influence), process.evidence)
+        larger = _larger(coloured, misfit + noise * record.influence.T @ record.influence)
+        return RecordShare(larger, process.evidence, found.freedom)
 
 
 def misfit_of(record: RecordErrors, split: ResidualSplit) -> tuple[PhaseProcess, Int[np.ndarray, " n"]]:
