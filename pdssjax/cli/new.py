@@ -114,7 +114,7 @@ def _warn(records: Sequence["NewRecord"], told: "Told") -> None:
 
 def _implausible(guess: "RecordGuess") -> list[str]:
     """What of a record no rig does, in words."""
-    from ..metrics import clipped
+    from ..metrics import clipped, held_in_words
 
     said, numbers = [], guess.waveform.numbers
     frequency, peak = numbers.get("frequency"), abs(numbers.get("voltage", 0.0))
@@ -128,6 +128,8 @@ def _implausible(guess: "RecordGuess") -> list[str]:
             f"{count} samples at exactly the {end} of all, one after the other: a sensor or a scope at the end of its "
             "range shows nothing there; leave them out (exclude)"
         )
+    if held := held_in_words(measured):
+        said.append(held)
     return said
 
 

@@ -3,10 +3,10 @@
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from ..core import InputError, to_si
-from ..metrics import decimated
+from ..metrics import decimated, fresh_samples
 from ..study import check_increasing
 from .record_columns import Columns, Layout
 from .toml_table import Table
@@ -26,6 +26,7 @@ def kept_samples(table: Table, file: Path, layout: Layout, read: Columns) -> dic
     **Raises:** `InputError` if the file or a key of the record's `table` is at fault, or nothing is left.
     """
     keep, whole = _kept(table, read)
+    keep &= _fresh(table, read.data[list(layout.si_units)[-1]])
     columns = read.kept(keep)
     columns.check_numbers()
     clock = columns.channels["time"].name if "time" in columns.channels else "time"
@@ -38,6 +39,19 @@ def kept_samples(table: Table, file: Path, layout: Layout, read: Columns) -> dic
                 f"{data[quantity].size} samples, expected a record that moves."
             )
     return data
+
+
+def _fresh(table: Table, measured: Float[np.ndarray, " samples"]) -> Bool[np.ndarray, " samples"]:
+    """The samples at which a sensor shows a new value, where the record says with `held` at every how many it does."""
+    if "held" not in table.entries:
+        return np.ones(measured.size, bool)
+    every = table.get("held", int, "a whole number such as 2")
+    if isinstance(table.entries["held"], bool) or not 2 <= every <= measured.size // 2:
+        raise InputError(
+            f"{table.at('held')}: found {table.entries['held']} of {measured.size} samples, "
+            "expected a whole number from 2 on, and at most half as many as there are samples."
+        )
+    return fresh_samples(measured, every)
 
 
 def _decimated(table: Table, columns: Columns, stretch: np.ndarray) -> dict[str, np.ndarray]:

@@ -22,7 +22,7 @@ _TEXTS = (".csv", ".txt", ".tsv", ".dat", "")
 
 RECORD_KEYS = [
     *("name", "file", "columns", "channel", "time", "units", "scale", "decimal", "measures", "role", "noise"),
-    *("offset", "window", "exclude", "decimate", "start", "drive", "resolution", "sampling", "conditions"),
+    *("offset", "window", "exclude", "held", "decimate", "start", "drive", "resolution", "sampling", "conditions"),
     "conditioning",
 ]
 """Keys of every record, whatever it measures."""
@@ -132,9 +132,9 @@ def _check_writable(table: Table, file: Path, layout: Layout) -> None:
             f'{table.at("file")}: found "{file.name}" for a record to be made, expected a name that ends in .csv.'
         )
     named = all(isinstance(name, str) for name in layout.columns.values()) and "time" in layout.columns
-    if not named or layout.scales or "decimate" in table.entries:
+    if not named or layout.scales or {"held", "decimate"} & set(table.entries):
         raise InputError(
-            f"{table.at('columns')}: found a record to be made whose columns are numbered, scaled or decimated, "
+            f"{table.at('columns')}: found a record to be made whose columns are numbered, scaled, held or decimated, "
             'expected their names, as in columns = { time = "time_s", displacement = "displacement_um" }.'
         )
 

@@ -162,6 +162,11 @@ def _record(entries: Mapping[str, Entry]) -> Document:
         "offset": _quantity("", 'Zero of the sensor, or "free" (default).'),
         "window": _PAIR | {"items": _quantity("s"), "description": "Part that is kept, on the file's clock."},
         "exclude": {"type": "array", "items": _PAIR | {"items": _quantity("s")}, "description": "Parts left out."},
+        "held": {
+            "type": "integer",
+            "minimum": 2,
+            "description": "Samples for which the sensor shows each value.",
+        },
         "decimate": {"type": "integer", "minimum": 2, "description": "Keeps every so many samples, low-passed."},
         "start": _quantity("s", "When the drive starts on the file's clock."),
         "drive": _drive(entries),

@@ -28,6 +28,9 @@ if TYPE_CHECKING:
     from .goodness_of_fit import error_index as error_index
     from .goodness_of_fit import r_squared as r_squared
     from .goodness_of_fit import rmse as rmse
+    from .held_output import fresh_samples as fresh_samples
+    from .held_output import held_for as held_for
+    from .held_output import held_in_words as held_in_words
     from .integrated_velocity import integrated as integrated
     from .integrated_velocity import rest_of as rest_of
     from .motion_against_voltage import goes_against as goes_against
@@ -78,6 +81,7 @@ else:
             "flank_rounding": ["rounding_of"],
             "flank_timing": ["Timing"],
             "goodness_of_fit": ["error_index", "r_squared", "rmse"],
+            "held_output": ["fresh_samples", "held_for", "held_in_words"],
             "integrated_velocity": ["integrated", "rest_of"],
             "motion_against_voltage": ["goes_against", "rides_against"],
             "noise_at_times": ["NoiseInTime", "noise_at", "noise_in_time"],

@@ -42,6 +42,18 @@ def test_what_no_rig_does_is_questioned(tmp_path, capsys):
     assert "samples at exactly the highest of all, one after the other" in said
 
 
+def test_a_sensor_that_holds_its_output_is_told_with_the_key_that_thins(tmp_path, capsys):
+    time = np.arange(-0.002, 0.015, 1e-5)
+    motion = 1e6 * fabricated.step_motion(time, 50.0 * 8.5e-8, 9100.0, 0.06)
+    motion += 0.008 * np.random.default_rng(7).normal(size=time.size)
+    rows = np.stack([time, np.where(time < 0, 0.0, 50.0), np.repeat(motion[::4], 4)[: time.size]], axis=1)
+    np.savetxt(tmp_path / "held.csv", rows, "%.7g", ",", header="time_s,voltage_V,displacement_um", comments="")
+    command = ["new", str(tmp_path / "rig"), "--files", str(tmp_path / "held.csv"), "--measures", "platform"]
+    assert cli.main(command) == 0
+    said = capsys.readouterr().err
+    assert "held.csv: found a new value at every 4 samples only" in said and "write held = 4 in its [[record]]" in said
+
+
 def test_a_platform_alone_under_a_sawtooth_makes_a_study_that_is_read(tmp_path):
     time = np.arange(-0.01, 0.16, 5e-5)
     volts = np.where(time > 0.0, 50.0 * np.mod(20.0 * time, 1.0), 0.0)

@@ -163,6 +163,8 @@ LAYOUTS = {
     "scale beyond all floats": ("channel = 2\ntime = 1\nscale = 1" + "0" * 400, ["scale", "finite"]),
     "scale of words": ('channel = 2\ntime = 1\nscale = "much"', ["scale", '"much"']),
     "decimate by one": ("channel = 2\ntime = 1\ndecimate = 1", ['"decimate"', "from 2 on"]),
+    "held for one": ("channel = 2\ntime = 1\nheld = 1", ['"held"', "from 2 on"]),
+    "held for long": ("channel = 2\ntime = 1\nheld = 21", ['"held"', "40 samples"]),
     "decimate too short": ("channel = 2\ntime = 1\ndecimate = 2", ['"decimate"', "40 samples", "64"]),
 }
 

@@ -67,6 +67,7 @@ def test_every_key_of_a_record_is_explained():
         (["record", 0], "noize", 1),
         (["record", 0], "measures", "platfrom"),
         (["record", 0], "decimate", 1),
+        (["record", 0], "held", 1),
         (["record", 0, "columns"], "tme", "t"),
         (["record", 0, "drive"], "waveform", "sawtoth"),
         (["record", 1, "drive"], "direction", "back"),

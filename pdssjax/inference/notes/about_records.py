@@ -5,7 +5,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from ...metrics import drift_per_cycle
+from ...metrics import drift_per_cycle, held_in_words
 from ...study import FittedRecord
 from ..poor_fit import (
     above_floor,
@@ -85,12 +85,17 @@ def about_records(
         )
     return (
         notes
+        + _about_held(fitted)
         + _about_repeating(fitted)
         + _about_validation(known, unfitted)
         + _about_correlation(fitted)
         + _about_walking(fitted)
         + _about_failures(records)
     )
+
+
+def _about_held(fitted: Sequence[FittedRecord]) -> list[str]:
+    return [f"Found in {quoted([record])} {held}." for record in fitted if (held := held_in_words(record.measured))]
 
 
 def _about_repeating(fitted: Sequence[FittedRecord]) -> list[str]:
