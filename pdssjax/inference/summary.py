@@ -55,10 +55,8 @@ def summarise(
     intervals = linear_intervals(fit.free, deviation, freedom, free, bounds)
     place = lambda declared: free.paths.index(declared.path) if declared.free else None
     parameters = {
-        path: _parameter(
-            declared, values[path], starts[path], place(declared), fit, free, deviation, freedom, intervals, known
-        )
-        for path, declared in study.parameters.items()
+        path: _parameter(told, values[path], starts[path], place(told), fit, free, deviation, freedom, intervals, known)
+        for path, told in study.parameters.items()
     }
     if naive is not None:
         parameters = _with_naive_errors(parameters, free.paths, np.sqrt(np.diag(naive)) * slopes)

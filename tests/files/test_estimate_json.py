@@ -72,7 +72,8 @@ def test_errors_by_every_model_are_kept_with_the_one_to_believe():
     document = json.loads(estimate_text(whole))
     kept = document["parameters"]["friction.sigma1_a"]["errors"]
     assert list(kept) == ["white", "coloured", "with-misfit"]
-    assert kept["coloured"] == {"standard_error": 12.4, "interval": [50.4, 58.4]}
+    known = {"standard_error": 12.4, "interval": [50.4, 58.4], "degrees_of_freedom": None}
+    assert kept["coloured"] == known  # null where the noise is known: infinite
     assert document["error_advice"] == whole.error_advice._asdict()
     assert document["covariances"]["names"] == list(whole.names)
     assert document["covariances"]["coloured"][0][0] == pytest.approx(4.0 * whole.covariance[0, 0])

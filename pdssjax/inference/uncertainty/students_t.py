@@ -28,7 +28,7 @@ def half_width_95(freedom: Float[np.ndarray, "..."] | float) -> Float[np.ndarray
 def effective_freedom(
     variance: Float[np.ndarray, " p"],
     shares: Sequence[Float[np.ndarray, " p"]],
-    freedom: Sequence[float],
+    freedom: Sequence[float] | Float[np.ndarray, " k"],
     pooled: Sequence[bool] | Bool[np.ndarray, " k"],
 ) -> Float[np.ndarray, " p"]:
     """Degrees of freedom of the `variance` of each parameter; infinite where it is not known, or all noise is.

@@ -35,10 +35,10 @@ def noise_freedom(
     """
     given = np.array([record.noise is not None for record in problem.records])
     sizes = np.array([record.time.size for record in problem.records])
-    own = np.maximum(sizes - degrees_taken(problem, fit, after_stack), 1.0)
+    left = sizes - degrees_taken(problem, fit, after_stack)
     counted = given & ~of_platform_alone(problem.records) if after_stack else given
-    together = max(float(np.sum((sizes - degrees_taken(problem, fit, after_stack))[counted])), 1.0)
-    return np.where(given, together if factor > 1.0 else np.inf, own), given
+    together = max(float(np.sum(left[counted])), 1.0) if factor > 1.0 else np.inf
+    return np.where(given, together, np.maximum(left, 1.0)), given
 
 
 def record_factors(problem: Problem, factor: float) -> Float[np.ndarray, " records"]:

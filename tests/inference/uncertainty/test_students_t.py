@@ -137,4 +137,4 @@ def test_drawn_intervals_lie_as_much_farther_out_on_the_scale_of_the_fit():
     )
     wider = t.ppf(0.975, 3.0) / NORMAL_95
     assert found.parameters[path].interval == pytest.approx((value * 0.9**wider, min(1.2**wider, 1.3) * value))
-    assert "62 % farther out" in found.draws.description
+    assert "62.4 % farther out" in found.draws.description
