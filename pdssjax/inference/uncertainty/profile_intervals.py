@@ -16,7 +16,6 @@ from .end_search import End, Verdict
 from .profile_curve import Curve, profile_curve
 from .profile_likelihood import interval_ends, learn_curvature, linear_half_widths
 from .second_order import Linearisation, linearisation_at
-from .standard_errors import standard_errors_of
 from .students_t import half_width_95
 from .variance_factor import variance_factor
 
@@ -38,7 +37,7 @@ def with_profile_intervals(
     `profiles` holds the curve between the ends of each.
     """
     factor = variance_factor(problem, fit)
-    thresholds = _thresholds(problem, fit, factor)
+    thresholds = _thresholds(estimate, problem, fit, factor)
     paths = problem.residual.transform.paths
     kept = [path for path in paths if estimate.parameters[path].identifiable]
     optimum = linearisation_at(fit)
@@ -70,7 +69,7 @@ def with_profile_intervals(
     return dataclasses.replace(estimate, parameters=parameters, notes=tuple(notes), profiles=tuple(profiles))
 
 
-def _thresholds(problem: Problem, fit: Fit, factor: float) -> Float[np.ndarray, " p"]:
+def _thresholds(estimate: Estimate, problem: Problem, fit: Fit, factor: float) -> Float[np.ndarray, " p"]:
     """By how much chi-square may exceed its minimum within the interval of each parameter.
 
     A profile of chi-square is the ratio of the parameter's variance to that by the noise given, times chi-square's
@@ -78,11 +77,12 @@ def _thresholds(problem: Problem, fit: Fit, factor: float) -> Float[np.ndarray, 
     estimated.  At a bound, where there is no variance, it is the `factor` of the noise given, and the fewest degrees of
     freedom of the others.
     """
-    held = problem.residual.transform.at_bound(fit.free)
-    given = np.diag(least_squares_covariance(np.asarray(fit.state.jacobian), held).matrix)
-    errors = standard_errors_of("joint", problem, fit, None)
-    freedom = np.where(held, np.min(errors.freedom), errors.freedom)
-    return half_width_95(freedom) ** 2 * np.nan_to_num(np.diag(errors.known.matrix) / given, nan=factor)
+    free = problem.residual.transform
+    held = free.at_bound(fit.free)
+    given = np.diag(least_squares_covariance(np.asarray(fit.state.jacobian), held).matrix) * free.slope(fit.free) ** 2
+    freedom = np.array([estimate.parameters[path].degrees_of_freedom for path in free.paths])
+    freedom = np.where(held, np.min(freedom), freedom)
+    return half_width_95(freedom) ** 2 * np.nan_to_num(np.diag(estimate.covariance) / given, nan=factor)
 
 
 def _at_bound(problem: Problem, optimum: Linearisation, index: int, side: float) -> bool:
