@@ -16,6 +16,9 @@ from pdssjax.report.text import format_report
 APART = '"piezo.gain" = { value = "0.11015 um/V", standard_error = "0.00001 um/V" }'
 
 
+VOLTAGE = ', voltage = "50 V"'
+
+
 @pytest.fixture(scope="module")
 def studies(tmp_path_factory):
     """The platform's study, and the same with a gain measured apart."""
@@ -122,13 +125,24 @@ def test_records_that_contradict_it_are_named(studies):
     study = studies[1]
     gain = dataclasses.replace(study.parameters["piezo.gain"], start=1.105e-7, standard_error=5e-12)
     off = dataclasses.replace(study, parameters=study.parameters | {"piezo.gain": gain})
-    notes = pdssjax.identify(off).notes
-    assert any(
-        "contradict piezo.gain as it was measured apart, 0.1105000 +/- 0.0000050 um/V: it" in note for note in notes
-    )
+    estimate = pdssjax.identify(off)
+    ended = f"{1e6 * estimate.parameters['piezo.gain'].value:.7f}"
+    told = f"contradict piezo.gain as it was measured apart, 0.1105000 +/- 0.0000050 um/V: it ended at {ended} um/V, a"
+    assert any(told in note for note in estimate.notes)
     gain = dataclasses.replace(gain, start=1.1005e-7, standard_error=1e-11)
     near = dataclasses.replace(study, parameters=study.parameters | {"piezo.gain": gain})
     assert not any("measured apart" in note for note in pdssjax.identify(near).notes)
+
+
+def test_what_ends_many_errors_from_where_it_was_measured_apart_is_not_far_from_its_start(tmp_path):
+    """A voltage is fitted in units of its error: 1000 of them are 2 V of 50."""
+    text = platform_study.PLATFORM.replace('"friction.sigma0" = {}', '"friction.sigma0" = { value = 1e6 }')
+    text = text.replace('"piezo.gain" = {}', '"piezo.gain" = { value = "0.11 um/V" }').replace(VOLTAGE, "")
+    told = '"friction.f_ss" = { value = 0.65 }\n"drive.voltage" = { value = "48 V", standard_error = "2 mV" }'
+    text = text.replace('"friction.f_ss" = { value = 0.65 }', told)
+    notes = pdssjax.identify(load_study(platform_study.write_platform(tmp_path, text))).notes
+    assert any("contradict drive.voltage as it was measured apart, 48.0000 +/- 0.0020 V: it ended" in n for n in notes)
+    assert not any("Far from" in note for note in notes)
 
 
 @pytest.mark.parametrize("too_small", [1.0, 3.0])

@@ -131,9 +131,11 @@ def _at_bound(declared: Parameter, value: float, side: str) -> str:
 
 
 def about_distance(parameters: Iterable[FittedParameter], scale: ParameterTransform) -> list[str]:
-    """Parameters that ended far from where they began."""
+    """Parameters that ended far from where they began; of what was measured apart the pull tells it."""
     notes = []
     for parameter in parameters:
+        if parameter.measured_apart is not None:
+            continue
         i, begun = scale.paths.index(parameter.path), _start(parameter)
         if scale.logarithmic[i]:
             ratio = parameter.value / begun
@@ -158,10 +160,12 @@ def about_measured_apart(parameters: Iterable[FittedParameter]) -> list[str]:
         if parameter.measured_apart is None or not abs(parameter.measured_apart.pull) > CONTRADICTED:
             continue
         number, error, pull = parameter.measured_apart
-        told = f"{parameter.with_error(number, error)} {display_unit(parameter.unit)[0]}".rstrip()
+        unit = display_unit(parameter.unit)[0]
+        told = f"{parameter.with_error(number, error)} {unit}".rstrip()
+        ended = f"{parameter.with_error(parameter.value, error).partition(' ')[0]} {unit}".rstrip()
         notes.append(
-            f"The records contradict {parameter.path} as it was measured apart, {told}: it ended at "
-            f"{shown(parameter.value, parameter.unit)}, a pull of {pull:+.2g} (the difference in standard deviations "
+            f"The records contradict {parameter.path} as it was measured apart, {told}: it ended at {ended}, "
+            f"a pull of {pull:+.2g} (the difference in standard deviations "
             "that it has by chance). One of them is wrong, or the model is."
         )
     return notes
