@@ -209,7 +209,8 @@ def _record(record: NewRecord, told: Told, folder: Path, loops: bool) -> list[st
     else:
         lines += ['measures = "velocity"', f'of = "{guess.measures}"{told_by}']
     lines.append(f'noise = "{_shown(guess, guess.noise)}"  # guess: {_why_noise(guess)}')
-    start, why = guess.start, _WHY_START[guess.waveform.begins]
+    early = "early" if guess.waveform.name == "sampled" and guess.waveform.begins == "seen" else guess.waveform.begins
+    start, why = guess.start, _WHY_START[early]
     if is_open(guess):
         start, why = early_start(guess), f"{why}, or later by sensor.delay"
     if record.without:
@@ -244,6 +245,7 @@ _WHY_MEASURES = {
 
 _WHY_START = {
     "seen": "the voltage leaves 0 V there",
+    "early": "the voltage rests at 0 V there, and leaves it soon after",
     "held": "the first sample, at a voltage that was held before",
     "clock": "the clock counts from the drive's start",
     "motion": "the motion sets in with the record, so the drive starts there",

@@ -12,6 +12,7 @@ from .integrated_velocity import integrated, rest_of
 from .motion_against_voltage import goes_against, rides_against
 from .sample_noise import scatter_floor
 from .sensor_resolution import resolution_of
+from .voltage_flanks import frequency_of
 from .waveform_detection import begun, detect_waveform
 from .waveform_fits import Waveform
 
@@ -23,6 +24,15 @@ _LOOSELY = 0.8
 
 _STANDS = 0.02
 """Part of its stroke that a motion may go on in a cycle and still stand where it began."""
+
+_WALKS = 0.1
+"""The same of an end-effector under a voltage that is no sawtooth."""
+
+_EVENLY = 0.3
+"""Part of a net step by which steps may differ from phase to phase of a cycle."""
+
+_MOVES = 0.1
+"""Part of the voltage by which it changes in a quarter of a cycle where it moves the platform."""
 
 _UNLIKE = 0.04
 """Part of a motion by which its begin differs from a cycle later where the drive starts with the record."""
@@ -154,23 +164,26 @@ def _against(
 
 def gain_of(guess: RecordGuess) -> float:
     """How far the platform moves with a volt [m/V], roughly; of an end-effector, while it sticks to it.  NaN without
-    a recorded voltage."""
+    a recorded voltage, and where that of an end-effector does not repeat."""
     if guess.volts is None:
         return math.nan
-    frequency = guess.waveform.numbers.get("frequency")
-    if guess.measures == "platform" or frequency is None:
+    if guess.measures == "platform":
         return float(np.ptp(guess.motion) / np.ptp(guess.volts))
-    # A quarter of a period later is on the same slow flank, for most samples.
+    frequency = guess.waveform.numbers.get("frequency") or frequency_of(guess.time, guess.volts)
+    if frequency is None:
+        return math.nan
+    # A quarter of a period later is on the same slow flank, for most samples; plateaus tell nothing.
     quarter = max(1, round(0.25 / frequency / float(np.median(np.diff(guess.time)))))
-    motion, volts = (float(np.median(np.abs(c[quarter:] - c[:-quarter]))) for c in (guess.motion, guess.volts))
-    return motion / volts if volts > 0 else math.nan
+    motion, volts = (np.abs(c[quarter:] - c[:-quarter]) for c in (guess.motion, guess.volts))
+    moves = volts > _MOVES * np.ptp(guess.volts)
+    return float(np.median(motion[moves]) / np.median(volts[moves])) if moves.any() else math.nan
 
 
 def _measured(waveform: Waveform, explained: float, walks: bool, where: str) -> str:
     """What a motion of which the voltage explains a share, and that walks or not, is of: platform or effector."""
     if waveform.name == "step" or explained > _FOLLOWS:
         return "platform"
-    if waveform.name == "sawtooth" and walks:
+    if walks and (waveform.name == "sawtooth" or explained < _LOOSELY):
         return "effector"
     if waveform.name != "sawtooth" and explained > _LOOSELY:
         return "platform"
@@ -184,12 +197,26 @@ def _walks(
     time: Float[np.ndarray, " n"], motion: Float[np.ndarray, " n"], volts: Float[np.ndarray, " n"], waveform: Waveform
 ) -> bool:
     """Whether a motion goes on from cycle to cycle, beside what the voltage makes of it."""
-    frequency = waveform.numbers.get("frequency")
+    frequency = waveform.numbers.get("frequency") or frequency_of(time, volts)
     if frequency is None:
         return False
     design = np.stack([np.ones(time.size), time - time.mean(), volts], axis=1)
     _, speed, follows = np.linalg.lstsq(design, motion, rcond=None)[0]
-    return bool(abs(speed) / frequency > _STANDS * abs(follows) * np.ptp(volts))
+    net, stroke = abs(speed) / frequency, abs(follows) * np.ptp(volts)
+    if waveform.name == "sawtooth":
+        return bool(net > _STANDS * stroke)
+    # Other voltages are those of platforms more often, whose sensor may drift.
+    return bool(net > _WALKS * stroke) and _steps_evenly(time, motion, frequency)
+
+
+def _steps_evenly(time: Float[np.ndarray, " n"], motion: Float[np.ndarray, " n"], frequency: float) -> bool:
+    """Whether a motion is the same a cycle later, but for a step that is nearly the same at any phase."""
+    later = time + 1.0 / frequency
+    within = later <= time[-1]
+    if not within.any():
+        return False
+    steps = np.interp(later[within], time, motion) - motion[within]
+    return bool(np.median(np.abs(steps - np.median(steps))) < _EVENLY * abs(np.median(steps)))
 
 
 def _set_in(time: Float[np.ndarray, " n"], motion: Float[np.ndarray, " n"], waveform: Waveform) -> Waveform:

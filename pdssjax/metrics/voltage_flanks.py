@@ -64,3 +64,11 @@ def period_of(flanks: VoltageFlanks) -> float | None:
     if len(steps) > 1 and np.ptp(steps) > 0.1 * np.median(steps):
         return None
     return float(np.polyfit(np.arange(len(middles)), middles, 1)[0])
+
+
+def frequency_of(time: Samples, volts: Samples) -> float | None:
+    """Cycles a second of a voltage of any shape [Hz], by its flanks; None where they do not repeat."""
+    elapsed = time - time[0]
+    low, high = (float(level) for level in np.percentile(volts, [0.2, 99.8]))
+    period = period_of(voltage_flanks(elapsed, volts, low, high))
+    return 1.0 / period if period is not None and period > 0 else None

@@ -30,6 +30,9 @@ _REST = 4
 _HELD = 0.03
 """Part of a record that a voltage at which it begins lasts, at least, where it was held before."""
 
+_UNDER_WAY = 0.1
+"""Part of the voltage at which it is surely on its way."""
+
 _TOLD = 1e-3
 """Part of the frequency up to which its bound of two standard errors goes unsaid."""
 
@@ -78,7 +81,7 @@ def _detect(time: Samples, volts: Samples) -> Waveform:
             located = located if simplest.timing is None else min(located, simplest.timing.within)
             simplest = dataclasses.replace(_bounded(simplest), start=simplest.start + first)
             return begun(simplest, time, rests, 1.5 * interval, located)
-    start = float(time[0]) if rests is None else rests
+    start = float(time[0]) if rests is None else _before_onset(time, volts, rests)
     # The first stair of a staircase is no voltage that was held before.
     held = rest is not None and rest.end - time[0] > _HELD * (time[-1] - time[0])
     begins = "seen" if rests is not None else "held" if held else "running"
@@ -90,6 +93,18 @@ def _bounded(found: Waveform) -> Waveform:
     within = 2.0 * found.frequency_error
     said = () if within < _TOLD else (f"frequency: within {100 * within:.2g} %",)
     return dataclasses.replace(found, uncertain=found.uncertain + said)
+
+
+def _before_onset(time: Samples, volts: Samples, leaves: float) -> float:
+    """A moment in the rest [s] at which a voltage that is seen to leave it at `leaves` has surely not begun to.
+
+    A smooth onset is under way long before it shows.  One like t^n that shows at 0.2 % of the voltage comes to 10 %
+    after 50^(1/n) times as long, more than twice up to n = 5: it has begun less than the time between the two before.
+    Half of the rest is left in front of it, which shows what a sensor of velocity shows of a thing at rest.
+    """
+    far = np.abs(volts) >= _UNDER_WAY * np.max(np.abs(volts))
+    shown = float(time[np.argmax(far & (time >= leaves))])
+    return max(0.5 * (float(time[0]) + leaves), 2.0 * leaves - shown)
 
 
 class _Rest(NamedTuple):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pdssjax.metrics import guess_record
+from pdssjax.metrics import gain_of, guess_record
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -20,3 +20,37 @@ def test_an_end_effector_that_fast_flanks_throw_on_is_not_turned(direction: str,
     assert guess.waveform.direction == direction
     assert guess.turned == (sign < 0)
     np.testing.assert_allclose(guess.motion, motion + sign * noise, atol=1e-12)
+
+
+@pytest.mark.parametrize("low", [0.0, -20.0])
+def test_an_end_effector_is_told_under_any_voltage_that_repeats(low: float) -> None:
+    """No waveform explains a sawtooth between -20 and 100 V, and yet a motion that walks is no platform's."""
+    time = np.arange(-0.01, 0.16, 2e-5)
+    cycle, part = np.divmod(np.maximum(time, 0.0) * 50.0, 1.0)
+    volts = low + (100.0 - low) * part
+    guess = guess_record(time, 6e-6 * cycle + 12e-6 * part, volts)
+    assert guess.measures == "effector"
+    assert gain_of(guess) == pytest.approx(12e-6 / (100.0 - low), rel=0.05)
+
+
+def test_plateaus_tell_no_gain():
+    """Of an end-effector under a square most samples have as much voltage as those a quarter of a cycle later."""
+    time = np.arange(0.0, 8e-3, 1e-6)
+    random = np.random.default_rng(1)
+    high = np.mod(time * 500.0, 1.0) < 0.5
+    volts = 80.0 * high + 0.01 * random.normal(size=time.size)
+    guess = guess_record(time, 1.6e-6 * high + 1e-8 * random.normal(size=time.size), volts, measures="effector")
+    assert guess.waveform.name == "trapezoid"
+    assert gain_of(guess) == pytest.approx(0.02e-6, rel=0.05)
+
+
+@pytest.mark.parametrize("power", [2, 3, 5])
+def test_a_drive_starts_before_its_voltage_is_seen_to(power: int) -> None:
+    """Samples that begin like t^n are under way long before they leave their noise."""
+    time = np.arange(-3e-4, 6e-3, 1e-6)
+    part = np.mod(np.maximum(time, 0.0) * 1500.0, 1.0)
+    shape = np.where(part < 0.5, 0.5 * (2.0 * part) ** power, 1.0 - 0.5 * (2.0 - 2.0 * part) ** power)
+    volts = 80.0 * shape + 0.01 * np.random.default_rng(2).normal(size=time.size)
+    guess = guess_record(time, 2e-8 * 80.0 * shape, volts, measures="platform")
+    assert (guess.waveform.name, guess.waveform.begins) == ("sampled", "seen")
+    assert -1.5e-4 <= guess.start <= 2e-6
