@@ -1,6 +1,7 @@
 """Figures show what they claim, also where there is little to show."""
 
 import dataclasses
+import itertools
 
 import fabricated
 import numpy as np
@@ -8,13 +9,14 @@ import pytest
 from matplotlib.figure import Figure
 
 from pdssjax import InputError
-from pdssjax.metrics import lack_of_fit
+from pdssjax.metrics import guess_record, lack_of_fit
 from pdssjax.report.figures import (
     amplification_figure,
     comparison_figure,
     correlation_figure,
     draws_figure,
     error_figure,
+    guess_figure,
     has_loops,
     loop_figure,
     multistart_figure,
@@ -286,6 +288,16 @@ def test_the_legend_of_profiles_is_whole(count):
     figure = drawn(profile_figure(fabricated.profiles(parameters)[:count], parameters))
     assert len(legend_of(figure).texts) == 4
     assert figure.axes[0].get_xlabel() == "[µm/V]"
+
+
+def test_the_times_of_a_file_do_not_run_into_each_other():
+    time = np.linspace(-0.01, 0.03, 2001)
+    guess = guess_record(time, 9e-6 * (time > 0), np.where(time > 0, 40.0, -20.0))
+    figure = drawn(guess_figure("step", guess))
+    labels = [label.get_window_extent() for label in figure.axes[2].get_xticklabels() if label.get_text()]
+    assert len(labels) > 3
+    # A blank apart, at least.
+    assert all(left.x1 + 3.0 < right.x0 for left, right in itertools.pairwise(labels))
 
 
 def test_draws_are_shown_only_where_there_are_any():

@@ -27,6 +27,8 @@ def guess_figure(name: str, guess: RecordGuess) -> Figure:
         volts.set_ylabel("voltage (V)")
         motion.set_ylabel(f"{guess.measures} ({_unit(guess)})" + (", turned" if guess.turned else ""))
         motion.set_xlabel("time on the file's clock (s)")
+        # Milliseconds have three decimals and a sign: nine of them run into each other.
+        motion.locator_params(axis="x", nbins=6)
         near_motion.set_xlabel("time (ms)")
         near_volts.set_title("the shaded moment", loc="left")
         if guess.volts is not None or np.isfinite(guess.waveform.numbers["voltage"]):
