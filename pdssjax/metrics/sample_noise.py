@@ -12,6 +12,9 @@ _KEPT = 0.98658
 _BEND = float(np.sqrt(6.0))
 """Standard deviation of a second difference of white noise of standard deviation 1."""
 
+_EXACT = 1e-8
+"""Part of the samples' standard deviation that no sensor resolves: one of 0.1 nm does 1e-8 of a way of 1 cm."""
+
 
 def neighbour_scatter(values: Float[np.ndarray, " n"]) -> float:
     """The standard deviation of white noise in `values`, from their second differences.
@@ -44,7 +47,7 @@ def scatter_floor(measured: Float[np.ndarray, " samples"]) -> float:
     scatter = neighbour_scatter(measured)
     if measured.size < 8:
         return scatter or 1e-9
-    return max(scatter, 1e-4 * float(np.std(measured)), 1e-12)
+    return max(scatter, _EXACT * float(np.std(measured)), 1e-12)
 
 
 def _typical(bends: Float[np.ndarray, " n"]) -> float:

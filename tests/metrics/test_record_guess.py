@@ -22,6 +22,16 @@ def test_an_end_effector_that_fast_flanks_throw_on_is_not_turned(direction: str,
     np.testing.assert_allclose(guess.motion, motion + sign * noise, atol=1e-12)
 
 
+def test_the_noise_of_a_long_way_is_that_of_its_samples():
+    """An interferometer of 1.5 nm that looks at a walk of 2 mm: a part of the way is no noise."""
+    time = np.arange(-0.1, 1.2, 2e-4)
+    cycle, part = np.divmod(np.maximum(time, 0.0) / 0.1, 1.0)
+    volts, noise = 100.0 * part, np.random.default_rng(5).normal(0.0, 1.5e-9, time.size)
+    guess = guess_record(time, 170e-6 * cycle + 15e-6 * part + noise, volts)
+    assert guess.measures == "effector" and np.ptp(guess.motion) > 1.8e-3
+    assert guess.noise == pytest.approx(1.5e-9, rel=0.05)
+
+
 @pytest.mark.parametrize("low", [0.0, -20.0])
 def test_an_end_effector_is_told_under_any_voltage_that_repeats(low: float) -> None:
     """No waveform explains a sawtooth between -20 and 100 V, and yet a motion that walks is no platform's."""
