@@ -36,6 +36,9 @@ LEAST_FIT = 0.2
 _LEAST_SLIP = 0.3
 """Of the usual way against the slow flank within a hundredth of a cycle, below which there was no slip."""
 
+_LEAST_STROKE = 0.02
+"""Part of the record's largest stroke from which flanks may be those of the drive."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Cycles:
@@ -149,10 +152,15 @@ def _similar_flanks(
     # One cycle more than begun, so that the last flank too has a cycle, though without a net step.
     stroke = np.asarray(cycle_metrics(time, values, frequency, first, begun + 1).stroke)[:begun]
     size = np.where(whole & np.isfinite(stroke), np.abs(stroke), 0.0)
-    usual = np.median(stroke[size > 0.5 * size.max()]) if size.max() > 0 else np.inf
-    good = (size > 0) & (np.abs(stroke - usual) <= 0.5 * abs(usual))
-    runs = np.split(np.flatnonzero(good), np.flatnonzero(np.diff(np.flatnonzero(good)) > 1) + 1)
-    return max(runs, key=len)
+    longest, least = np.zeros(0, int), _LEAST_STROKE * size.max(initial=0.0)
+    # From the largest on: a motion before the drive began, or after it ended, may be larger, but has no like.
+    while len(longest) < 2 and size.max(initial=0.0) > least:
+        large = size > 0.5 * size.max()
+        usual = np.median(stroke[large])
+        good = np.flatnonzero((size > 0) & (np.abs(stroke - usual) <= 0.5 * abs(usual)))
+        longest = max(np.split(good, np.flatnonzero(np.diff(good) > 1) + 1), key=len)
+        size = np.where(large, 0.0, size)
+    return longest
 
 
 def _best_sawtooth(

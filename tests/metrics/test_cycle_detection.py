@@ -127,6 +127,14 @@ def test_flanks_unlike_the_others_are_left_out():
     np.testing.assert_array_equal(_similar_flanks(TIME, values, 5.0, 0.0, 20), np.arange(5, 15))
 
 
+def test_a_larger_motion_before_the_drive_does_not_hide_its_flanks():
+    values = sawtooth(TIME, 5.0)
+    values[TIME < 0.2] *= 15.0  # a stage that is put down, say
+    np.testing.assert_array_equal(_similar_flanks(TIME, values, 5.0, 0.0, 20), np.arange(1, 20))
+    values[TIME >= 0.2] *= 0.01  # but a drift after a single large motion is no drive
+    assert len(_similar_flanks(TIME, values, 5.0, 0.0, 20)) < 2
+
+
 @pytest.mark.parametrize("given", [None, 5.0])
 @pytest.mark.parametrize("jitter", [0.0, 0.3])
 def test_cycles_are_found_whatever_the_spacing_of_the_samples(given, jitter):
