@@ -11,16 +11,17 @@ from pdssjax.metrics import detect_waveform
 DT = 5e-5
 
 
-def written(file, level):
-    """A record of a platform that follows a voltage, `level` of the time [s], without ringing."""
+def written(file, level, scatter=0.0):
+    """A record of a platform that follows a voltage, `level` of the time [s], without ringing; `scatter` is its [um]."""
     time = np.arange(-0.005, 0.4, DT)
     volts = level(time)
-    table = np.stack([time + 1.0, volts, 0.1 * volts], 1)
+    moved = 0.1 * volts + scatter * np.random.default_rng(5).normal(size=time.size)
+    table = np.stack([time + 1.0, volts, moved], 1)
     np.savetxt(file, table, delimiter=",", header="t_s,u_V,x_um", comments="")
 
 
-def study_of(tmp_path, level, measures, name="run@60 V"):
-    written(tmp_path / f"{name}.csv", level)
+def study_of(tmp_path, level, measures, name="run@60 V", scatter=0.0):
+    written(tmp_path / f"{name}.csv", level, scatter)
     found = guess_file(tmp_path / f"{name}.csv", Hints({}, {}, {}), Told(mass=0.1), measures)
     (tmp_path / "study.toml").write_text(study_text([found], Told(mass=0.1), tmp_path, "t"), encoding="utf-8")
     return load_study(tmp_path / "study.toml")
@@ -79,7 +80,7 @@ def test_what_samples_on_a_flank_tell_is_measured_apart_with_its_error(tmp_path)
 def test_a_voltage_is_measured_apart_where_its_noise_counts(tmp_path, noise, told):
     random = np.random.default_rng(4)
     level = lambda t: np.where(t >= 0.2, 60.0, 0.0) + noise * random.normal(size=t.size)
-    study = study_of(tmp_path, level, "platform")
+    study = study_of(tmp_path, level, "platform", scatter=1e-3)
     (record,) = study.records
     path = "drive.voltage@run at 60 V"
     assert (path in study.parameters) == told == ("voltage" not in record.overrides)
