@@ -12,7 +12,7 @@ DT = 5e-5
 
 
 def written(file, level, scatter=0.0):
-    """A record of a platform that follows a voltage, `level` of the time [s], without ringing; `scatter`: its own [um]."""
+    """A record of a platform that follows a voltage, `level` of the time [s]; `scatter` is its own noise [um]."""
     time = np.arange(-0.005, 0.4, DT)
     volts = level(time)
     moved = 0.1 * volts + scatter * np.random.default_rng(5).normal(size=time.size)
