@@ -206,11 +206,13 @@ def written(folder, study):
 
 
 PROGRAM = """
-import hashlib, itertools, sys
+import hashlib, itertools, signal, sys
 from quick_blocks import found_at
 from pdssjax.cli.main import run
 from pdssjax.sweeps import execution
 
+# Tests that run in the background of a shell inherit that it is ignored.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 quick = int(sys.argv.pop(1))
 counted = itertools.count()
 
