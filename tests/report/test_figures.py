@@ -49,6 +49,15 @@ def test_residuals_are_drawn_in_micrometres_below():
     assert "± 2 noise" in residual.get_ylabel()
 
 
+def test_the_label_of_residuals_is_within_the_figure():
+    # Ticks at 0.02 um fit before the layout has made room for caption and labels, and at 0.025 um after it.
+    record = fabricated.record("forward", "fit", "effector", np.linspace(0.0, 0.3, 1500), np.zeros(1500))
+    measured = record.predicted + 1e-8 * np.clip(1e8 * (record.measured - record.predicted), -1.0, 1.0)
+    measured[[300, 310]] = record.predicted[[300, 310]] + [3.8e-8, -3.34e-8]
+    panels = drawn(record_figure(dataclasses.replace(record, measured=measured, reduced_chi2=1.01))).axes
+    assert min(panel.yaxis.label.get_window_extent().x0 for panel in panels) >= 0.0
+
+
 def test_a_failed_simulation_and_an_unknown_noise_are_no_trouble():
     record = dataclasses.replace(fabricated.estimate().records[3], noise=float("nan"))
     figure = drawn(record_figure(record))

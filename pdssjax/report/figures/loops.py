@@ -5,7 +5,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...study import FittedRecord
-from ._style import BLUE, GREY, STYLE, VERMILION
+from ._style import BLUE, GREY, STYLE, VERMILION, fixed_ticks
 
 FEWEST = 20
 """Levels of the voltage from which on a loop is worth a figure: a step has two."""
@@ -38,5 +38,7 @@ def loop_figure(record: FittedRecord) -> Figure:
         left.set_xlabel("voltage (V)")
         figures = f"rms {scale * record.rmse:.3g} {unit}, largest {scale * record.largest_error:.3g} {unit}"
         figure.suptitle(f"{record.name}\nagainst the voltage: {figures}", x=0.01, ha="left", fontsize=10.0, wrap=True)
+        fixed_ticks(8, motion)
+        fixed_ticks(4, left)
         figure.align_ylabels((motion, left))
     return figure

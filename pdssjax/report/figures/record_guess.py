@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...metrics import RecordGuess
-from ._style import BLUE, GREY, STYLE, VERMILION, YELLOW
+from ._style import BLUE, GREY, STYLE, VERMILION, YELLOW, fixed_ticks
 
 
 def guess_figure(name: str, guess: RecordGuess) -> Figure:
@@ -34,6 +34,7 @@ def guess_figure(name: str, guess: RecordGuess) -> Figure:
         if guess.volts is not None or np.isfinite(guess.waveform.numbers["voltage"]):
             volts.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.0)
         figure.suptitle(_caption(name, guess), x=0.01, ha="left", fontsize=10.0, wrap=True)
+        fixed_ticks(6, volts, near_volts, motion, near_motion)
         figure.align_ylabels((volts, motion))
     return figure
 

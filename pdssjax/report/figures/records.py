@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from ...core import MICROMETRES
 from ...study import FittedRecord
-from ._style import BLUE, GREY, STYLE, VERMILION, YELLOW
+from ._style import BLUE, GREY, STYLE, VERMILION, YELLOW, fixed_ticks
 
 
 def record_figure(record: FittedRecord) -> Figure:
@@ -34,6 +34,8 @@ def record_figure(record: FittedRecord) -> Figure:
                 panel.axvspan(*span, color=YELLOW, alpha=0.45, linewidth=0, zorder=0)
         if np.isfinite(record.noise):
             _draw_noise((residual, near_residual), record)
+        fixed_ticks(6, motion, near)
+        fixed_ticks(4, residual, near_residual)
         figure.suptitle(_caption(record), x=0.01, ha="left", fontsize=10.0, wrap=True)
         figure.align_ylabels((motion, residual))
     return figure

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 
 from ...core import MICROMETRES, InputError
 from ...simulation import Trajectory
-from ._style import BLUE, GREY, STYLE, VERMILION
+from ._style import BLUE, GREY, STYLE, VERMILION, fixed_ticks
 
 
 def trajectory_figure(run: Trajectory) -> Figure:
@@ -30,6 +30,9 @@ def trajectory_figure(run: Trajectory) -> Figure:
         friction.axhline(0.0, color="0.8", linewidth=0.6, zorder=0)
         friction.set_ylabel("friction (N)")
         friction.set_xlabel("time (s)")
+        fixed_ticks(3, voltage)
+        fixed_ticks(8, motion)
+        fixed_ticks(4, friction)
         figure.align_ylabels()
         if run.message:
             figure.suptitle(run.message, x=0.01, ha="left", fontsize=9.0, wrap=True)
