@@ -32,7 +32,11 @@ def actuator(rig: str, effector: Effector, rests: bool = True) -> Actuator:
     return Actuator(*models, effector, feedback, rests_under_load=rests)
 
 
-@pytest.mark.parametrize("rig", RIGS)
+QUICK = "lugre", "felt by a stack with play and creep"
+"""What the default tests look at."""
+
+
+@pytest.mark.parametrize("rig", [pytest.param(rig, marks=() if rig in QUICK else pytest.mark.slow) for rig in RIGS])
 def test_it_moves_as_one_whose_load_set_in_long_before(rig):
     run = jax.jit(lambda effector: simulate(actuator(rig, effector), Sampled(INSTANTS, VOLTS), TIMES))
     drive = Sampled(np.append(0.0, INSTANTS + LATER), np.append(0.0, VOLTS))
@@ -61,7 +65,7 @@ def test_a_tilt_pulls_as_its_weight_does():
     np.testing.assert_allclose(run(tilted), run(pulled), rtol=0.0, atol=1e-16)
 
 
-@pytest.mark.parametrize("rig", ["lugre", "felt by the stack"])
+@pytest.mark.parametrize("rig", ["lugre", pytest.param("felt by the stack", marks=pytest.mark.slow)])
 def test_the_derivative_by_a_load_of_zero_is_whole_while_the_voltage_waits(rig):
     run = jax.jit(lambda load: simulate(actuator(rig, Effector(load=load)), Sampled(INSTANTS, VOLTS), TIMES).effector)
     column = np.asarray(jax.jacfwd(run)(0.0))
