@@ -250,8 +250,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--decimal", choices=[",", "."], help="decimal sign of texts; left out: told by the file")
     text = (
         "platform or effector: what was measured in all files, or in those of a name or pattern; left out: guessed for "
+        "each; repeatable"
     )
-    text += "each; repeatable"
     parser.add_argument("--measures", action="append", default=[], metavar="[FILE=]KIND", help=text)
     parser.add_argument("--peak", metavar="V", help='voltage of the drive where it was not recorded, such as "30 V"')
     text = "of the drive where its voltage was not recorded; left out: found in the motion"

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from independent import Rig, simulate
+from record_tables import COLUMNS, record_table
 
 import pdssjax
 
@@ -39,15 +40,7 @@ rests_under_load = {rests}
 "piezo.mass" = {{ value = 0.5 }}
 "drive.fall_time" = {{ value = "0.3 ms" }}
 """
-RECORD = """
-[[record]]
-name = "{name}"
-file = "{name}.csv"
-columns = {{ time = "time_s", displacement = "displacement_um" }}
-measures = "{measures}"
-noise = "0.0105 um"
-drive = {{ waveform = "sawtooth", direction = "{direction}", voltage = "64 V", frequency = "10 Hz" }}
-"""
+DRIVE = 'drive = {{ waveform = "sawtooth", direction = "{}", voltage = "64 V", frequency = "10 Hz" }}'
 
 
 def study(folder, rests: bool) -> pdssjax.Study:
@@ -59,13 +52,12 @@ def study(folder, rests: bool) -> pdssjax.Study:
         ("backward", "effector", "backward", walk),
         ("platform", "platform", "backward", fine),
     ):
-        moved = (
-            1e6 * simulate(dataclasses.replace(RIG, forward=direction == "forward"), times)[:, int(of == "effector")]
-        )
+        rig = dataclasses.replace(RIG, forward=direction == "forward")
+        moved = 1e6 * simulate(rig, times)[:, int(of == "effector")]
         rows = np.stack([times, moved + NOISE * random.normal(size=times.size)], 1)
-        header = "time_s,displacement_um"
+        header = ",".join(COLUMNS.values())
         np.savetxt(folder / f"{name}.csv", rows, delimiter=",", header=header, comments="", fmt="%.7f")
-        text += RECORD.format(name=name, measures=of, direction=direction)
+        text += record_table(name, of, f'noise = "{NOISE} um"', DRIVE.format(direction))
     (folder / "study.toml").write_text(text)
     return pdssjax.load_study(folder / "study.toml")
 
