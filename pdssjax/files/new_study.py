@@ -71,6 +71,7 @@ def _named(records: Sequence[NewRecord]) -> list[NewRecord]:
 def study_text(records: Sequence[NewRecord], told: Told, folder: Path, title: str) -> str:
     """The study file of the `records`, as it stands in `folder`; every guess has a comment that says so."""
     piezo, friction = _laws(records)
+    records = [_closed(record) if _by_samples(record.guess, piezo) else record for record in records]
     walks = any(record.guess.measures == "effector" for record in records)
     why = _WHY_FRICTION[friction] if walks else "no record shows it, and none of its parameters is needed"
     parts = [
@@ -86,7 +87,7 @@ def study_text(records: Sequence[NewRecord], told: Told, folder: Path, title: st
         *_parameters(records, told, piezo, friction),
     ]
     for record in records:
-        parts += ["", *_record(record, told, folder, piezo == LOOPS)]
+        parts += ["", *_record(record, folder, _by_samples(record.guess, piezo))]
     return "\n".join(parts) + "\n"
 
 
@@ -115,7 +116,7 @@ def _laws(records: Sequence[NewRecord]) -> tuple[str, str]:
     guesses = [record.guess for record in records]
     walks = [guess for guess in guesses if guess.measures == "effector"]
     fast = any(
-        (guess.waveform.name in ("step", "sawtooth", "trapezoid") or _jumps(guess))
+        (guess.waveform.has_fast_flanks or guess.waveform.name in ("step", "trapezoid") or _jumps(guess))
         and sampling_interval(guess) < _SLOW_TICKS
         for guess in guesses
     )
@@ -159,7 +160,7 @@ def _parameters(records: Sequence[NewRecord], told: Told, piezo: str, friction: 
 
 def _fall_time(records: Sequence[NewRecord], walks: bool) -> list[str]:
     """The usual one, which every sawtooth needs that leaves its flanks to the fit, of the platform alone, too."""
-    sawteeth = [r.guess for r in records if r.guess.waveform.name == "sawtooth"]
+    sawteeth = [r.guess for r in records if r.guess.waveform.has_fast_flanks]
     if not walks and not any(is_open(guess) for guess in sawteeth):
         return []
     unseen = any(record.guess.volts is None for record in records)
@@ -182,9 +183,25 @@ def _piezo_parameters(piezo: str) -> list[str]:
     return lines
 
 
-def _record(record: NewRecord, told: Told, folder: Path, loops: bool) -> list[str]:
+def _by_samples(guess: RecordGuess, piezo: str) -> bool:
+    """Whether a stack's memory wants the samples of a voltage though a waveform explains them.
+
+    Loops under straight lines are known in closed form, under a sine they are not; and a stack with hysteresis feels
+    the level that a voltage is counted from.
+    """
+    curved = piezo == LOOPS and guess.waveform.name == "sine"
+    felt = piezo in (LOOPS, "bouc-wen") and guess.waveform.counted_from != 0
+    return guess.volts is not None and (curved or felt)
+
+
+def _closed(record: NewRecord) -> NewRecord:
+    """A record whose samples are its drive: they leave nothing open to the fit."""
+    closed = dataclasses.replace(record.guess.waveform, timing=None, voltage_error=0.0)
+    return dataclasses.replace(record, guess=dataclasses.replace(record.guess, waveform=closed))
+
+
+def _record(record: NewRecord, folder: Path, by_samples: bool) -> list[str]:
     guess, layout = record.guess, record.roles.layout
-    by_samples = loops and guess.waveform.name == "sine" and guess.volts is not None
     told_by = "" if record.measures_told else f"  # guess: {_WHY_MEASURES[guess.measures]}"
     columns = {q: name for q, name in layout.columns.items() if q != "voltage"}
     listed = ", ".join(f"{quantity} = {_value(name)}" for quantity, name in columns.items())
@@ -223,19 +240,29 @@ def _record(record: NewRecord, told: Told, folder: Path, loops: bool) -> list[st
         period = 1.0 / guess.waveform.numbers["frequency"]
         ran = f"{{ cycles = {RUNNING}, period = {quoted(f'{period:.10g} s')} }}"
         lines.append(f"conditioning = {ran}  # guess: {_WHY_START['running']}")
-    if guess.waveform.begins == "held":
+    held = by_samples and guess.waveform.begins == "seen" and guess.waveform.counted_from != 0
+    if held or guess.waveform.begins == "held":
+        start, why = float(guess.time[0]), _WHY_START["held"]
         lines.append(f'conditioning = "{_HELD}"  # guess: so long the first voltage was held before')
     lines += [f'start = "{start:.12g} s"  # guess: {why}'] * (start != 0)
-    return [*lines, *(_sampled_sine(record) if by_samples else _drive(record))]
+    return [*lines, *(_samples_of_waveform(record) if by_samples else _drive(record))]
 
 
-def _sampled_sine(record: NewRecord) -> list[str]:
-    """The samples of a sine, as the drive: straight lines between them are known in closed form, a sine is not."""
+def _samples_of_waveform(record: NewRecord) -> list[str]:
+    """The samples of a voltage, as the drive, with what is known of it."""
     wave = record.guess.waveform
-    volts, hertz = wave.numbers["voltage"], wave.numbers["frequency"]
-    smooth = f', smooth = "{1e3 / (100.0 * hertz):.4g} ms"' if wave.misfit > _NOISY else ""
-    why = f"a sine of {volts:.10g} V and {hertz:.10g} Hz leaves {100 * max(wave.misfit, 1e-4):.2g} % of them"
-    return [f"{drive_of_samples(record, smooth)}  # guess: {why}; hysteresis under them is quicker to compute"]
+    volts, hertz = wave.numbers["voltage"], wave.numbers.get("frequency")
+    noisy = hertz is not None and wave.misfit > _NOISY
+    smooth = f', smooth = "{1e3 / (100.0 * hertz):.4g} ms"' if noisy else ""
+    of = f"{volts:.10g} V" + ("" if hertz is None else f" and {hertz:.10g} Hz") + _from_level(wave.counted_from)
+    told = f"a {wave.name} of {of} leaves {100 * max(wave.misfit, 1e-4):.2g} % of them"
+    why = "hysteresis under them is quicker to compute" if wave.name == "sine" else "hysteresis feels that level"
+    return [f"{drive_of_samples(record, smooth)}  # guess: {told}; {why}"]
+
+
+def _from_level(level: float) -> str:
+    """What a waveform's voltage is counted from, where that is not 0 V."""
+    return f", counted from {level:.5g} V" if level else ""
 
 
 _WHY_MEASURES = {
@@ -244,7 +271,7 @@ _WHY_MEASURES = {
 }
 
 _WHY_START = {
-    "seen": "the voltage leaves 0 V there",
+    "seen": "the voltage leaves its rest there",
     "early": "the voltage rests at 0 V there, and leaves it soon after",
     "held": "the first sample, at a voltage that was held before",
     "clock": "the clock counts from the drive's start",
@@ -292,7 +319,9 @@ def _drive(record: NewRecord) -> list[str]:
         else "by the slips"
     )
     bounds = "".join(f"; {bound}" for bound in wave.uncertain)
-    return [f"drive = {{ {', '.join(keys)} }}  # guess: {left}{bounds}"]
+    level = _from_level(wave.counted_from)
+    linear = f"{level}, which a stack without hysteresis does not feel" if level else ""
+    return [f"drive = {{ {', '.join(keys)} }}  # guess: {left}{linear}{bounds}"]
 
 
 def drive_of_samples(record: NewRecord, further: str = "") -> str:

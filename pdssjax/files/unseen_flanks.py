@@ -22,7 +22,7 @@ _TOLD = 0.1
 _FELT = 1.0
 """Part of what a motion's noise leaves open of its extent, from which what the voltage's noise leaves open counts."""
 
-_FLANK = {"step": "drive.rise_time", "sawtooth": "drive.fall_time"}
+_FLANK = {"step": "drive.rise_time", "sawtooth": "drive.fall_time", "cycloidal": "drive.fall_time"}
 """By waveform, the duration of its fast flank."""
 
 

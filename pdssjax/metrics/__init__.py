@@ -58,8 +58,8 @@ if TYPE_CHECKING:
     from .sample_noise import scatter_floor as scatter_floor
     from .sensor_resolution import resolution_of as resolution_of
     from .smoothing import smoothed as smoothed
+    from .waveform import Waveform as Waveform
     from .waveform_detection import detect_waveform as detect_waveform
-    from .waveform_fits import Waveform as Waveform
 else:
     from ..core.lazy import lazy_exports
 
@@ -94,7 +94,7 @@ else:
             "sensor_resolution": ["resolution_of"],
             "smoothing": ["smoothed"],
             "waveform_detection": ["detect_waveform"],
-            "waveform_fits": ["Waveform"],
+            "waveform": ["Waveform"],
             "per_cycle": ["FLANK", "CycleMetrics", "cycle_metrics", "force_metrics", "turning_points"],
         },
     )

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 if TYPE_CHECKING:
-    from .waveform_fits import Waveform
+    from .waveform import Waveform
 
 _SHARES = (0.1, 0.5, 0.9)
 """Parts of a flank between which its first and its second half are timed."""
@@ -27,7 +27,7 @@ def rounding_of(time: Float[np.ndarray, " n"], volts: Float[np.ndarray, " n"], w
     """
     if waveform.name not in ("step", "sawtooth"):
         return math.nan
-    level = volts / waveform.numbers["voltage"]
+    level = (volts - waveform.counted_from) / waveform.numbers["voltage"]
     passed = 1.0 - level if waveform.direction == "forward" else level
     outside = np.flatnonzero((passed <= _SHARES[0]) | (passed >= _SHARES[-1]))
     ratios = []

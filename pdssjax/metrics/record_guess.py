@@ -13,8 +13,8 @@ from .motion_against_voltage import goes_against, rides_against
 from .sample_noise import scatter_floor
 from .sensor_resolution import resolution_of
 from .voltage_flanks import frequency_of
+from .waveform import Waveform
 from .waveform_detection import begun, detect_waveform
-from .waveform_fits import Waveform
 
 _FOLLOWS = 0.97
 """Share of the motion that the voltage explains from which a platform is taken to be seen."""
@@ -157,7 +157,7 @@ def _against(
     waveform: Waveform,
     seen: str,
 ) -> bool:
-    if seen == "effector" and waveform.name == "sawtooth":
+    if seen == "effector" and waveform.has_fast_flanks:
         return rides_against(time, motion, volts, 1.0 / waveform.numbers["frequency"], waveform.start)
     return goes_against(time, motion, volts)
 
@@ -183,9 +183,9 @@ def _measured(waveform: Waveform, explained: float, walks: bool, where: str) -> 
     """What a motion of which the voltage explains a share, and that walks or not, is of: platform or effector."""
     if waveform.name == "step" or explained > _FOLLOWS:
         return "platform"
-    if walks and (waveform.name == "sawtooth" or explained < _LOOSELY):
+    if walks and (waveform.has_fast_flanks or explained < _LOOSELY):
         return "effector"
-    if waveform.name != "sawtooth" and explained > _LOOSELY:
+    if not waveform.has_fast_flanks and explained > _LOOSELY:
         return "platform"
     raise InputError(
         f"{where}: found a motion of which the voltage ({waveform.name}) explains {100 * max(explained, 0.0):.0f} %, "
@@ -203,7 +203,7 @@ def _walks(
     design = np.stack([np.ones(time.size), time - time.mean(), volts], axis=1)
     _, speed, follows = np.linalg.lstsq(design, motion, rcond=None)[0]
     net, stroke = abs(speed) / frequency, abs(follows) * np.ptp(volts)
-    if waveform.name == "sawtooth":
+    if waveform.has_fast_flanks:
         return bool(net > _STANDS * stroke)
     # Other voltages are those of platforms more often, whose sensor may drift.
     return bool(net > _WALKS * stroke) and _steps_evenly(time, motion, frequency)

@@ -2,11 +2,15 @@
 
 import dataclasses
 import math
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 Samples = Float[np.ndarray, " n"]
+
+_FASTER = 0.3
+"""A flank that takes less than this part of the other one is a fast one."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,6 +68,31 @@ def period_of(flanks: VoltageFlanks) -> float | None:
     if len(steps) > 1 and np.ptp(steps) > 0.1 * np.median(steps):
         return None
     return float(np.polyfit(np.arange(len(middles)), middles, 1)[0])
+
+
+class FastFlanks(NamedTuple):
+    """Of a voltage whose cycles are a slow and a fast flank."""
+
+    fall: bool
+    """The fast ones fall: the voltage of a walk forward."""
+    duration: float
+    """Of a fast one [s]."""
+    middles: Samples
+    """[s]"""
+    period: float
+    """By them, where there are two [s]."""
+
+
+def fast_flanks(flanks: VoltageFlanks) -> FastFlanks | None:
+    """The fast flanks of a voltage; None where both flanks take about as long, or tell no period."""
+    period = period_of(flanks)
+    if period is None or not min(flanks.rise, flanks.fall) < _FASTER * max(flanks.rise, flanks.fall):
+        return None
+    fall = flanks.fall < flanks.rise
+    middles = flanks.falls if fall else flanks.rises
+    if len(middles) >= 2:
+        period = float(np.polyfit(np.arange(len(middles)), middles, 1)[0])
+    return FastFlanks(fall, flanks.fall if fall else flanks.rise, middles, period)
 
 
 def frequency_of(time: Samples, volts: Samples) -> float | None:

@@ -3,9 +3,10 @@
 1.  Levels: the extremes; a voltage below zero is turned round.
 2.  Flanks: passages from the lowest quarter to the highest and back, each with the moments at which it passes them.
 3.  One flank only is a step.  Else the period follows from a line through the middles of the slower flanks.
-4.  Sawtooth, triangle, trapezoid and sine are laid over the samples with the flanks' times (`waveform_fits.py`).  The
-    one that leaves the least is taken, if it leaves less than `MOST_MISFIT` of the voltage; else the samples
-    themselves have to be the drive.
+4.  Sawtooth, triangle, trapezoid, sine and cycloidal are laid over the samples with the flanks' times
+    (`waveform_fits.py`).  The one that leaves the least is taken, if it leaves less than `MOST_MISFIT` of the voltage.
+5.  Else the same is tried of the voltage counted from the level at which it rests, or from its lowest.
+6.  Else the samples themselves have to be the drive.
 """
 
 import dataclasses
@@ -16,7 +17,8 @@ import numpy as np
 
 from .sample_noise import scatter_between_corners
 from .voltage_flanks import Samples, voltage_flanks
-from .waveform_fits import AT_ZERO, FITS, LOCATED, Waveform, fit_step
+from .waveform import AT_ZERO, Waveform
+from .waveform_fits import FITS, LOCATED, fit_step
 
 MOST_MISFIT = 0.015
 """Root mean square that a waveform may leave, in parts of the voltage, beside the noise."""
@@ -24,8 +26,20 @@ MOST_MISFIT = 0.015
 _VOLTS = "voltage", "bias"
 """Numbers of a waveform that turn with it."""
 
+_EXTREMES = (0.2, 99.8)
+"""Percentiles that stand for the lowest and the highest voltage."""
+
 _REST = 4
 """Samples of a rest, at least."""
+
+_HARDLY = 0.15
+"""Part of a period for which a cycloid has hardly left its level, by `AT_ZERO`."""
+
+_LEVELS = 4
+"""How often the level that a voltage is counted from is found anew, at most."""
+
+_SAME = 2e-5
+"""Part of the voltage by which it may be off."""
 
 _HELD = 0.03
 """Part of a record that a voltage at which it begins lasts, at least, where it was held before."""
@@ -45,14 +59,45 @@ def detect_waveform(time: Samples, volts: Samples) -> Waveform:
     low, high = float(np.min(volts)), float(np.max(volts))
     if high == low:
         raise ValueError(f"found {low:g} V in all {volts.size} samples, expected a voltage that changes")
-    turned = -1.0 if abs(low) > abs(high) else 1.0
-    found = _detect(time, turned * volts)
+    turned = -1.0 if abs(low) > abs(high) + AT_ZERO * (high - low) else 1.0
+    found = _turned(_detect(time, turned * volts), turned)
+    if found.name != "sampled":
+        return dataclasses.replace(found, counted_from=0.0)
+    level, turned = _level(time, volts, turned)
+    # Noise widens the range of a voltage, and what is laid over it tells the level better.
+    for _ in range(_LEVELS):
+        counted = _turned(_detect(time, turned * (volts - level)), turned)
+        if counted.name == "sampled":
+            return found
+        if counted.begins == "seen" or abs(counted.counted_from) < _SAME * (high - low):
+            break
+        level += turned * counted.counted_from
+    return dataclasses.replace(counted, counted_from=level)
+
+
+def _turned(found: Waveform, turned: float) -> Waveform:
+    """`found` in a voltage that was `turned` round, where that is -1, as it was recorded."""
     back = {field: turned * number for field, number in found.numbers.items() if field in _VOLTS}
     return dataclasses.replace(found, numbers=found.numbers | back)
 
 
+def _level(time: Samples, volts: Samples, turned: float) -> tuple[float, float]:
+    """The level that a voltage is to be counted from [V], and whether it goes up from there, 1, or down, -1.
+
+    That at which it rests, where that is an end of its range; or else the end of the range nearer to 0 V, which is
+    the highest of a voltage that is to be `turned`.
+    """
+    low, high = (float(level) for level in np.percentile(volts, _EXTREMES))
+    rest = _rest(time, volts, high - low)
+    if rest is not None:
+        for end, way in ((low, 1.0), (high, -1.0)):
+            if abs(rest.level - end) < AT_ZERO * (high - low):
+                return rest.level, way
+    return (low if turned > 0 else high), turned
+
+
 def _detect(time: Samples, volts: Samples) -> Waveform:
-    low, high = (float(level) for level in np.percentile(volts, [0.2, 99.8]))
+    low, high = (float(level) for level in np.percentile(volts, _EXTREMES))
     low = min(low, float(volts[0]))  # a step may begin with the second sample
     interval = float(np.median(np.diff(time)))
     # On a clock that counts from 1970 a line through the samples would be lost in rounding.
@@ -73,10 +118,10 @@ def _detect(time: Samples, volts: Samples) -> Waveform:
             # A trapezoid with a short plateau is a sawtooth, too: the simpler one is taken.
             best = min(c.misfit for c in fitting)
             simplest = next(c for c in fitting if c.misfit < 2.0 * best + 2e-3)
-            if simplest.name == "trapezoid" and rests is not None:
-                # A record may begin while the voltage of a drive that runs is low.
-                low_for = (1.0 - simplest.numbers["width"]) / simplest.numbers["frequency"]
-                rests = rests if rests - time[0] > 1.05 * low_for else None
+            # A record may begin while the voltage of a drive that runs is low.
+            low_for = {"trapezoid": 1.0 - simplest.numbers.get("width", 0.0), "cycloidal": _HARDLY}
+            shortest = 1.05 * low_for.get(simplest.name, 0.0) / simplest.numbers["frequency"]
+            rests = rests if rests is not None and rests - time[0] > shortest else None
             located = (1.5 if simplest.uncertain else LOCATED) * interval
             located = located if simplest.timing is None else min(located, simplest.timing.within)
             simplest = dataclasses.replace(_bounded(simplest), start=simplest.start + first)

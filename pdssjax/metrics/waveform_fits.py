@@ -10,46 +10,15 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from .flank_timing import JUMP, Timing, timing_of
+from .cycloid_fit import fit_cycloidal
+from .flank_timing import JUMP, timing_of
+from .sawtooth_shape import levels_of
 from .sharpened_flanks import sharpened_sawtooth, sharpened_step
-from .voltage_flanks import Samples, VoltageFlanks, period_of
-
-AT_ZERO = 0.02
-"""Part of the voltage up to which a level counts as 0 V."""
+from .voltage_flanks import Samples, VoltageFlanks, fast_flanks, period_of
+from .waveform import AT_ZERO, Waveform
 
 LOCATED = 0.1
 """Sampling intervals from the clock's zero up to which a start that samples on a flank locate is taken to be there."""
-
-_FASTER = 0.3
-"""A flank that takes less than this part of the other one makes a sawtooth."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Waveform:
-    """A drive as a study describes it, in SI, on the clock of the samples."""
-
-    name: str
-    """Member of the family of drives; "sampled" where no other explains the samples."""
-    numbers: dict[str, float]
-    """By field of the drive."""
-    direction: str
-    """Of a sawtooth: "forward" or "backward"; else ""."""
-    start: float
-    """When the drive starts [s]: t = 0 of the study."""
-    begins: str
-    """"seen": it rests at 0 V in the record before; "held": of samples, at another voltage; "clock": the clock's zero
-    begins a cycle; "running": it ran before;
-    "motion": the motion sets in with the record."""
-    misfit: float
-    """Root mean square of what the waveform leaves, in parts of the voltage."""
-    uncertain: tuple[str, ...] = ()
-    """Fields that the samples tell only within a bound, in words."""
-    timing: Timing | None = None
-    """Of a step or a sawtooth."""
-    voltage_error: float = 0.0
-    """Standard error of the voltage [V]; of a sawtooth, of what its slow flank would come to in a whole period."""
-    frequency_error: float = 0.0
-    """Standard error of the frequency by the noise, in parts of it."""
 
 
 def fit_step(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: float, zero: float) -> Waveform:
@@ -96,14 +65,10 @@ def _rms(values: Samples) -> float:
 
 def fit_sawtooth(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: float) -> Waveform | None:
     """A sawtooth, by a line through its slow flanks; None where both flanks take about as long."""
-    period = period_of(flanks)
-    if period is None or not min(flanks.rise, flanks.fall) < _FASTER * max(flanks.rise, flanks.fall):
+    sides = fast_flanks(flanks)
+    if sides is None:
         return None
-    forward = flanks.fall < flanks.rise
-    fast = flanks.fall if forward else flanks.rise
-    middles = flanks.falls if forward else flanks.rises
-    if len(middles) >= 2:
-        period = float(np.polyfit(np.arange(len(middles)), middles, 1)[0])
+    forward, fast, middles, period = sides
     seen, ideal = fast, fast < JUMP * interval
     fast = 0.0 if ideal else fast
     # Numbers of cycles, and samples away from the fast flanks.
@@ -129,19 +94,25 @@ def fit_sawtooth(time: Samples, volts: Samples, flanks: VoltageFlanks, interval:
     misfit, error = left / voltage, left * _spread(design, [0.0, 0.0, 1.0])
     of_frequency = left * _spread(design, [0.0, -1.0 / slope, 1.0 / drop])
     # Where the lowest level is not 0 V, the line does not meet the fast flanks.
-    if abs(start + 0.5 * fast - middles[0]) > 1.5 * interval + AT_ZERO * period:
+    late = start + 0.5 * fast - (middles - period * np.arange(len(middles)))
+    if abs(late[0]) > 1.5 * interval + AT_ZERO * period:
         return None
+    lowest = -slope * float(np.mean(late))
     all_cycles = kept | (~slow & (time > middles[0] + 0.5 * period))
     sharp = sharpened_sawtooth(time[all_cycles], volts[all_cycles], forward, (voltage, period, start), seen, interval)
     if sharp is not None:
         voltage, period, start, fast = sharp[:4]
         ideal, error = False, sharp.voltage_error
+        shape = levels_of(time, forward, voltage / (1.0 - fast / period), period, start, fast)[all_cycles]
+        lowest = float(np.polyfit(shape, volts[all_cycles], 1)[1])
     numbers = {"voltage": voltage, "frequency": 1.0 / period} | ({} if ideal else {"fall_time": fast})
     open_part = f"which leaves {100 * JUMP * interval / period:.2g} % of the voltage open"
     bound = (f"fall_time: below {JUMP * interval:.3g} s, {open_part}",) if ideal else ()
     timing = timing_of(sharp, 0.0 if ideal else fast, interval)
     direction = "forward" if forward else "backward"
-    return Waveform("sawtooth", numbers, direction, start, "running", misfit, bound, timing, error, of_frequency)
+    return Waveform(
+        "sawtooth", numbers, direction, start, "running", misfit, bound, timing, error, of_frequency, lowest
+    )
 
 
 def fit_triangle(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: float) -> Waveform | None:
@@ -227,8 +198,9 @@ def _laid_over(
     numbers = {"voltage": float(voltage), "frequency": 1.0 / period, **numbers}
     error = left / math.sqrt(level.size * float(np.var(level)))
     return Waveform(
-        name, numbers, "", start, "running", left / voltage, voltage_error=error, frequency_error=of_frequency
-    )
+        name, numbers, "", start, "running", left / voltage,
+        voltage_error=error, frequency_error=of_frequency, counted_from=float(base),
+    )  # fmt: skip
 
 
 def _refined(
@@ -287,5 +259,5 @@ def fit_sine(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: flo
     )  # fmt: skip
 
 
-FITS = (fit_sawtooth, fit_triangle, fit_sine, fit_trapezoid)
+FITS = (fit_sawtooth, fit_triangle, fit_sine, fit_trapezoid, fit_cycloidal)
 """Of drives that repeat, the simpler ones first."""

@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 from ...drive.base import AbstractDrive
 from ...metrics import scatter_floor
 from ...study import Record, Samples, drive_with
+from .ringing import ringing
 from .step_peaks import half_period_to_frequency, overshoot_to_damping, rest_before
 
 _VISIBLE = 6.0
@@ -52,19 +53,32 @@ def _as_told(records: Sequence[Record], told: Sequence[Float[np.ndarray, " sampl
 def oscillator(driven: Sequence[Record]) -> dict[str, float]:
     """Gain, natural frequency and damping ratio, as far as records with a drive tell them."""
     moves = as_displacements(driven)
-    steps = [r for r in moves if r.measurement.platform_alone and is_step(r)]
+    platforms = [record for record in moves if record.measurement.platform_alone]
+    steps = [record for record in platforms if is_step(record)]
     if steps:
-        # A slow record of creep does not show how the platform rings.
-        finest = min(map(interval_of, steps))
-        found = [_from_step(record) for record in steps if interval_of(record) < 2.0 * finest]
-        names = {name for features in found for name in features}
-        return {
-            name: float(np.median([features[name] for features in found if name in features])) for name in sorted(names)
-        }
+        return _usual([_from_step(record) for record in _finest(steps)])
+    if ringing_ones := [found for record in _finest(platforms) if (found := _ringing(record))]:
+        return _usual(ringing_ones)
     flanks = [_flank_gain(r) for r in moves if r.drive is not None and r.drive.flanks() is not None]
-    gains = flanks or [_range_gain(r) for r in moves if r.measurement.platform_alone]
+    gains = flanks or [_range_gain(record) for record in platforms]
     gains = gains or [gain for gain in map(_following_gain, moves) if gain > 0.0]
     return {"gain": float(np.median(gains))} if gains else {}
+
+
+def _finest(records: Sequence[Record]) -> list[Record]:
+    """Those sampled as finely as any: a slow record of creep does not show how the platform rings."""
+    finest = min(map(interval_of, records), default=0.0)
+    return [record for record in records if interval_of(record) < 2.0 * finest]
+
+
+def _usual(found: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    """By name, the median of those that have it."""
+    names = sorted({name for features in found for name in features})
+    return {name: float(np.median([features[name] for features in found if name in features])) for name in names}
+
+
+def _ringing(record: Record) -> dict[str, float]:
+    return ringing(record.time, record.measured, np.broadcast_to(voltages(record), record.time.shape))
 
 
 def is_step(record: Record) -> bool:

@@ -63,13 +63,13 @@ def _draw(volts: Axes, motion: Axes, guess: RecordGuess, part: np.ndarray, facto
 
 
 def waveform_at(guess: RecordGuess, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """The voltage [V] of the waveform found, at `time` [s] on the file's clock."""
+    """The voltage [V] of the waveform found, at `time` [s] on the file's clock, and the level it is counted from."""
     from ...core import member
 
     wave = guess.waveform
     kind = member("drive", wave.name)
     drive = kind(**wave.numbers, **({"direction": wave.direction} if wave.direction else {}))
-    return np.asarray(drive.at(time - guess.start))
+    return np.asarray(drive.at(time - guess.start)) + wave.counted_from
 
 
 def _moment(guess: RecordGuess) -> tuple[float, float]:
@@ -91,6 +91,7 @@ def _caption(name: str, guess: RecordGuess) -> str:
             scale, unit = units.get(field, (1.0, ""))
             title = "" if field in ("voltage", "frequency") else field.replace("_", " ") + " "
             told.append(f"{title}{scale * number:.5g} {unit}".strip())
+        told += [f"counted from {wave.counted_from:.4g} V"] * (wave.counted_from != 0)
     told.append(f"t = 0 at {_shown_time(guess.start)}")
     return f"{name}\n{', '.join(told)}; noise {guess.display.scale * guess.noise:.3g} {_unit(guess)}"
 

@@ -29,7 +29,7 @@ def _row(name: str, guess: RecordGuess) -> list[str]:
         guess.measures + (", turned" if guess.turned else ""),
         wave.name,
         wave.direction,
-        f"{wave.numbers['voltage']:.5g}",
+        f"{wave.numbers['voltage']:.5g}" + (f" from {wave.counted_from:.4g}" if wave.counted_from else ""),
         "" if frequency is None else f"{frequency:.6g}",
         f"{round(guess.start, 9) + 0.0:.6g}",
         _BEGINS[wave.begins],
