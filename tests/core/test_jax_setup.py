@@ -10,6 +10,7 @@ from pdssjax.core import prepare_jax
 from pdssjax.core.jax_setup import cache_folder
 
 LIGHT = "--xla_cpu_use_fusion_emitters=false"
+WHOLE = "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=1000000000"
 
 PROGRAM = """
 from pdssjax.core import prepare_jax
@@ -44,15 +45,16 @@ def test_without_a_place_for_the_cache_all_else_works(tmp_path, place):
 @pytest.mark.parametrize(
     ("given", "told"),
     [
-        ("", LIGHT),
-        ("--xla_dump_to=somewhere", f"--xla_dump_to=somewhere {LIGHT}"),
-        (LIGHT, LIGHT),
-        ("--xla_cpu_use_fusion_emitters=true", "--xla_cpu_use_fusion_emitters=true"),
+        ("", f"{LIGHT} {WHOLE}"),
+        ("--xla_dump_to=somewhere", f"--xla_dump_to=somewhere {LIGHT} {WHOLE}"),
+        (f"{WHOLE} {LIGHT}", f"{WHOLE} {LIGHT}"),
+        ("--xla_cpu_use_fusion_emitters=true", f"--xla_cpu_use_fusion_emitters=true {WHOLE}"),
+        ("--xla_backend_extra_options=a=1", f"--xla_backend_extra_options=a=1 {LIGHT}"),
         ("flags.txt", "flags.txt"),
     ],
 )
-def test_xla_compiles_lightly_unless_it_was_told_otherwise(monkeypatch, given, told):
-    """With the installed jaxlib, which knows the flag; a newer one must be looked at before it is told."""
+def test_xla_is_told_how_to_compile_unless_it_was_told_otherwise(monkeypatch, given, told):
+    """With the installed jaxlib, which knows the flags; a newer one must be looked at before it is told."""
     monkeypatch.setenv("XLA_FLAGS", given)
     prepare_jax()
     assert os.environ["XLA_FLAGS"] == told
