@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
 from ..core import Count, Truth
 from ..drive.base import AbstractDrive
@@ -51,7 +51,6 @@ class _Group(eqx.Module):
     """For each condition, whether the record was made under it."""
     places: tuple[int, ...] = eqx.field(static=True)
     """Where the records stand in the study."""
-    samples: tuple[int, ...] = eqx.field(static=True)
     duration: float = eqx.field(static=True)
     """When the last sample is taken [s]."""
     segments: int = eqx.field(static=True)
@@ -71,9 +70,12 @@ class Predictor(eqx.Module):
 
     models: Models
     groups: tuple[_Group, ...]
+    samples: tuple[int, ...] = eqx.field(static=True)
+    """How many each record has."""
 
     def __init__(self, models: Models, records: Sequence[Record]):
         self.models = models
+        self.samples = tuple(record.time.size for record in records)
         setups = [record.measurement.setup(models) for record in records]
         grouped: dict[Any, list[int]] = {}
         for place, (record, setup) in enumerate(zip(records, setups, strict=True)):
@@ -89,12 +91,8 @@ class Predictor(eqx.Module):
 
     def __call__(self, values: Values, accuracy: Accuracy) -> list[Float[Array, " samples"]]:
         """One array a record, in the order of the records, without offsets, in its unit."""
-        found: dict[int, Float[Array, " samples"]] = {}
-        for group in self.groups:
-            rows = _predict(group, self.models, values, accuracy)
-            for row, place, samples in zip(rows, group.places, group.samples, strict=True):
-                found[place] = row[:samples]
-        return [found[place] for place in sorted(found)]
+        rows = _of_each_record(measured, self, values, accuracy)
+        return [row[:samples] for row, samples in zip(rows, self.samples, strict=True)]
 
 
 @eqx.filter_jit
@@ -103,26 +101,23 @@ def predicted(predictor: Predictor, values: Values, accuracy: Accuracy) -> list[
     return predictor(values, accuracy)
 
 
-def _predict(group: _Group, models: Models, values: Values, accuracy: Accuracy) -> Float[Array, "records longest"]:
-    return _each(measured, group, models, values, accuracy)
-
-
 @eqx.filter_jit
 def failures(predictor: Predictor, values: Values, accuracy: Accuracy) -> list[Count]:
     """For each record an index into `pdssjax.integration.FAILURES`: why it cannot be predicted; 0 where it can."""
-    found: dict[int, Count] = {}
+    return _of_each_record(why_failed, predictor, values, accuracy)
+
+
+def _of_each_record(ask: Callable[..., Array], predictor: Predictor, values: Values, accuracy: Accuracy) -> list[Array]:
+    """What `ask`, `measured` or `why_failed`, gives of each record, in the order of the records."""
+    found: dict[int, Array] = {}
     for group in predictor.groups:
-        found |= dict(zip(group.places, _failures(group, predictor.models, values, accuracy), strict=True))
+        found |= dict(zip(group.places, _of_group(ask, group, predictor.models, values, accuracy), strict=True))
     return [found[place] for place in sorted(found)]
 
 
-def _failures(group: _Group, models: Models, values: Values, accuracy: Accuracy) -> Int[Array, " records"]:
-    return _each(why_failed, group, models, values, accuracy)
-
-
-def _each(ask: Callable[..., Array], group: _Group, models: Models, values: Values, accuracy: Accuracy) -> Array:
-    """`ask`, `measured` or `why_failed`, for each record of the group, one after the other."""
-    roomy = _roomy(group, models, accuracy)
+def _of_group(ask: Callable[..., Array], group: _Group, models: Models, values: Values, accuracy: Accuracy) -> Array:
+    """The same of the records of a group, one after the other, stacked."""
+    roomy = with_room(accuracy, group.setups, models, group.segments, group.duration)
 
     def of_record(setup: AbstractSetup, run: Run, overrides: dict[str, Truth], conditions: dict[str, Truth]) -> Array:
         numbers = under_conditions(values, conditions)
@@ -131,11 +126,6 @@ def _each(ask: Callable[..., Array], group: _Group, models: Models, values: Valu
         return ask(system, setup.times(run), roomy, setup.output, group.segments)
 
     return lax.map(lambda args: of_record(*args), (group.setups, group.runs, group.overrides, group.conditions))
-
-
-def _roomy(group: _Group, models: Models, accuracy: Accuracy) -> Accuracy:
-    """`accuracy` with room for the steps that the longest record may take."""
-    return with_room(accuracy, group.setups, models, group.segments, group.duration)
 
 
 def with_room(accuracy: Accuracy, setup: AbstractSetup, models: Models, segments: int, duration: float) -> Accuracy:
@@ -174,7 +164,6 @@ def _group(records: Sequence[Record], setups: Sequence[AbstractSetup], places: S
             for name in sorted(set().union(*(record.conditions for record in records)))
         },
         places=tuple(places),
-        samples=tuple(record.time.size for record in records),
         duration=float(max(record.time[-1] for record in records)),
         segments=max(setup.segments(r.drive, r.time) for setup, r in zip(setups, records, strict=True)),
     )
