@@ -13,7 +13,7 @@ that neither rounding nor a narrow valley spoils.
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from ..covariance import NO_INFORMATION
 
@@ -33,62 +33,15 @@ def influence_of(
     **Arguments:** `curvature` S L, along the principal directions; None: none.  A direction without information is
     left out.
     """
-    left, spread = _directions(jacobian)
+    left, spread = pseudo_inverse(jacobian)
     if curvature is None:
         return left @ spread.T
-    return left @ np.linalg.solve(_relative_curvature(spread, curvature), spread.T)
-
-
-def influence_in_two_steps(
-    first: Float[np.ndarray, "n p"],
-    second: Float[np.ndarray, "n p"],
-    earlier: Int[np.ndarray, " q"],
-    later: Int[np.ndarray, " r"],
-    curvatures: tuple[Float[np.ndarray, "p k"], Float[np.ndarray, "p k"]] | None = None,
-) -> Float[np.ndarray, "n p"]:
-    """The effect of each sample on each parameter where those at the places `earlier` are fitted first and then held.
-
-    **Arguments:** the Jacobians of the residuals of the `first` step and of the `second`, each with zeros in the rows
-    of the samples that it does not use; `curvatures` S of either along the principal directions of the first step,
-    then those of the second, as `directions_in_two_steps` has them.
-    """
-    found = np.zeros(first.shape)
-    base, along = _directions(first[:, earlier])
-    left, spread = _directions(second[:, later])
-    count, inverse = along.shape[1], spread.T
-    late = None
-    if curvatures is not None:
-        early, late = curvatures
-        # Of the first step's samples on its principal directions.
-        base = base @ np.linalg.inv(_relative_curvature(along, early[earlier, :count]))
-        inverse = np.linalg.solve(_relative_curvature(spread, late[later, count:]), spread.T)
-    found[:, earlier] = base @ along.T
-    pulled = (second[:, earlier] @ along).T @ left
-    if late is not None:
-        pulled = pulled + late[later, :count].T @ spread
-    found[:, later] = (left - base @ pulled) @ inverse
-    return found
+    return left @ np.linalg.solve(relative_curvature(spread, curvature), spread.T)
 
 
 def principal_directions(jacobian: Float[np.ndarray, "n p"]) -> Float[np.ndarray, "p k"]:
     """L: as columns, the steps that change the whitened residuals by 1, in directions at right angles there."""
-    return _directions(jacobian)[1]
-
-
-def directions_in_two_steps(
-    first: Float[np.ndarray, "n p"],
-    second: Float[np.ndarray, "n p"],
-    earlier: Int[np.ndarray, " q"],
-    later: Int[np.ndarray, " r"],
-) -> Float[np.ndarray, "p k"]:
-    """Those of the first step in the parameters at the places `earlier`, then those of the second in the `later`."""
-    parts = []
-    for jacobian, places in ((first, earlier), (second, later)):
-        spread = principal_directions(jacobian[:, places])
-        whole = np.zeros((first.shape[1], spread.shape[1]))
-        whole[places] = spread
-        parts.append(whole)
-    return np.hstack(parts)
+    return pseudo_inverse(jacobian)[1]
 
 
 def curvature_of(
@@ -137,8 +90,8 @@ def _inside(
     return step
 
 
-def _directions(jacobian: Float[np.ndarray, "n p"]) -> tuple[Float[np.ndarray, "n k"], Float[np.ndarray, "p k"]]:
-    """U and L of the Jacobian's pseudo-inverse L U'."""
+def pseudo_inverse(jacobian: Float[np.ndarray, "n p"]) -> tuple[Float[np.ndarray, "n k"], Float[np.ndarray, "p k"]]:
+    """U and L of that of a Jacobian, L U'; L has the principal directions."""
     norms = np.linalg.norm(jacobian, axis=0)
     norms = np.where(norms > 0, norms, np.inf)
     left, singular, rows = np.linalg.svd(jacobian / norms, full_matrices=False)
@@ -146,7 +99,7 @@ def _directions(jacobian: Float[np.ndarray, "n p"]) -> tuple[Float[np.ndarray, "
     return left[:, known], (rows[known] / singular[known, None] / norms).T
 
 
-def _relative_curvature(
+def relative_curvature(
     spread: Float[np.ndarray, "p k"], curvature: Float[np.ndarray, "p k"]
 ) -> Float[np.ndarray, "k k"]:
     """1 + L' S L: H where J' J is the identity, its eigenvalues between `LEAST_CURVATURE` and `MOST_CURVATURE`."""

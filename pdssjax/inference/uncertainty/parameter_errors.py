@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from ...core import member, members
 from ...study import Estimate, FittedParameter, ParameterError, cycles_a_second
@@ -18,15 +18,10 @@ from ..stack_parameters import of_platform_alone, of_stack, stack_rows
 from ..without_outliers import without_outliers
 from .error_advice import EVIDENT, advise
 from .error_models.base import AbstractErrorModel, RecordErrors, total_of
-from .influence import (
-    curvature_of,
-    directions_in_two_steps,
-    influence_in_two_steps,
-    influence_of,
-    principal_directions,
-)
+from .influence import curvature_of, influence_of, principal_directions
 from .linear_intervals import linear_intervals
 from .students_t import effective_freedom
+from .two_steps import TwoSteps
 from .variance_factor import noise_freedom, record_factors, variance_factor
 
 
@@ -42,22 +37,6 @@ class FittedPoint(NamedTuple):
     """The parameters that the records move: not held at a bound."""
     known: Bool[np.ndarray, " p"]
     """Those of them that the records determine."""
-
-
-class TwoSteps(NamedTuple):
-    """The Jacobians of the steps of a fit, each zero in the rows that it does not use, and what is fitted in each."""
-
-    first: Float[np.ndarray, "n p"]
-    second: Float[np.ndarray, "n p"]
-    earlier: Int[np.ndarray, " q"]
-    """Places of the parameters fitted in the first step."""
-    later: Int[np.ndarray, " r"]
-
-    def apart(self) -> "TwoSteps":
-        """The same where the second step takes what the first has found for exact."""
-        second = self.second.copy()
-        second[:, self.earlier] = 0.0
-        return self._replace(second=second)
 
 
 class _ByModel(NamedTuple):
@@ -176,7 +155,7 @@ def influence_at(
     if point.method == "sequential":
         alone = of_platform_alone(point.problem.records)
         steps = None if curvatures is None else (_total(curvatures, alone), _total(curvatures, ~alone))
-        return influence_in_two_steps(*two_steps(point), steps)
+        return two_steps(point).influence(steps)
     out, kept = np.zeros(point.jacobian.shape), point.fitted
     total = None if curvatures is None else _total(curvatures, np.ones(len(curvatures), bool))[kept]
     out[:, kept] = influence_of(point.jacobian[:, kept], total)
@@ -200,7 +179,7 @@ def _curvatures(point: FittedPoint, report: Progress) -> list[Float[np.ndarray, 
     """Of each record: the sum of its residuals times their second derivatives, along the principal directions."""
     report("second derivatives, for errors where the model does not explain all")
     if point.method == "sequential":
-        directions = directions_in_two_steps(*two_steps(point))
+        directions = two_steps(point).directions()
     else:
         spread = principal_directions(point.jacobian[:, point.fitted])
         directions = np.zeros((point.fitted.size, spread.shape[1]))

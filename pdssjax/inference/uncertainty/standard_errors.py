@@ -1,8 +1,7 @@
 """Standard errors of a fit, by every method and loss: of white noise, enlarged where residuals exceed the noise given.
 
-A fit in two steps has the first step's errors carried on (K. M. Murphy and R. H. Topel, Journal of Business and
-Economic Statistics 3(4), 1985), and beside them the naive ones, which take the first step for exact.  What peaks tell
-of a stack is a first step whose samples are their readings.
+A fit in two steps has the first step's errors carried on (`two_steps`), and beside them the naive ones, which take the
+first step for exact.  What peaks tell of a stack is a first step whose samples are their readings.
 """
 
 from typing import NamedTuple
@@ -15,10 +14,10 @@ from ..least_squares import Fit, Method
 from ..problem import Problem
 from ..stack_first.peak_picking import PATHS, PickedStack
 from ..stack_parameters import of_stack, stack_rows
-from .influence import influence_in_two_steps
-from .parameter_errors import FittedPoint, TwoSteps, fitted_point, influence_at, two_steps
+from .parameter_errors import FittedPoint, fitted_point, influence_at, two_steps
 from .robust_covariance import robust_covariance
 from .students_t import effective_freedom
+from .two_steps import TwoSteps
 from .variance_factor import noise_freedom, row_factors, variance_factor
 
 
@@ -53,8 +52,8 @@ def standard_errors_of(method: Method, problem: Problem, fit: Fit, stack: Picked
         factors = np.append(factors, np.ones(len(steps.first) - factors.size))
         if stack is not None:
             unknown |= of_stack(problem) & ~problem.residual.transform.among(PATHS)
-        effect = influence_in_two_steps(*steps)
-        naive = _covariance(influence_in_two_steps(*steps.apart()), factors, unknown)
+        effect = steps.influence()
+        naive = _covariance(steps.apart().influence(), factors, unknown)
     known = whole._replace(matrix=_covariance(effect, factors, unknown))
     squares = factors[:, None] * effect**2
     shares = [np.sum(squares[rows], axis=0) for rows in problem.rows]

@@ -3,14 +3,8 @@
 import numpy as np
 import pytest
 
-from pdssjax.inference import propagated
-from pdssjax.inference.uncertainty.influence import (
-    curvature_of,
-    directions_in_two_steps,
-    influence_in_two_steps,
-    influence_of,
-    principal_directions,
-)
+from pdssjax.inference import curvature_of, influence_of, principal_directions, propagated
+from pdssjax.inference.uncertainty.two_steps import TwoSteps
 
 RANDOM = np.random.default_rng(2)
 DESIGN = RANDOM.normal(size=(50, 4)) * np.array([1e-6, 1.0, 3e3, 1e8])
@@ -32,7 +26,7 @@ def test_a_fit_in_two_steps_has_the_covariance_that_is_propagated():
     rows = np.arange(50)[:, None] < 20
     earlier, later = np.array([1, 3]), np.array([0, 2])
     first, second = DESIGN * rows, DESIGN * ~rows
-    whole = influence_in_two_steps(first, second, earlier, later)
+    whole = TwoSteps(first, second, earlier, later).influence()
     first_influence = influence_of(first[:, earlier])
     _, expected = propagated(second[20:], first_influence.T @ first_influence, later, earlier)
     size = np.linalg.norm(DESIGN, axis=0)
@@ -106,12 +100,12 @@ def test_in_two_steps_too():
     ends = first(MEASURED), both(MEASURED)
     (early, late), rows = (decay(end) for end in ends), (EARLY, ~EARLY)
     slopes = [step[1] * use[:, None] for step, use in zip((early, late), rows, strict=True)]
-    steps = *slopes, np.array([0]), np.array([1])
-    along = directions_in_two_steps(*steps)
+    steps = TwoSteps(*slopes, np.array([0]), np.array([1]))
+    along = steps.directions()
     curved = [
         second((s[0] - MEASURED) * use, end) @ along for s, use, end in zip((early, late), rows, ends, strict=True)
     ]
-    found = influence_in_two_steps(*steps, (curved[0], curved[1]))
+    found = steps.influence((curved[0], curved[1]))
     np.testing.assert_allclose(found.T @ error, moved, rtol=1e-5)
 
 
