@@ -119,7 +119,8 @@ def _completed(
                 waiting[submit(number)] = number
             if not waiting:
                 return
-            for future in wait(waiting, return_when=FIRST_COMPLETED).done:
+            # In order: one that breaks the sweep off must not come before one that was computed earlier.
+            for future in sorted(wait(waiting, return_when=FIRST_COMPLETED).done, key=waiting.__getitem__):
                 yield waiting.pop(future), future
     finally:
         for future in waiting:

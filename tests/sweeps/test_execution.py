@@ -127,3 +127,14 @@ def test_processes_that_were_spawned_find_the_same_to_the_last_bit(study):
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
         there = pdssjax.sweep(study, over, executor=pool)
     np.testing.assert_array_equal(there.net_step, here.net_step)
+
+
+def test_blocks_that_are_done_together_come_in_their_order():
+    """One that breaks the sweep off would else come before one that was computed, which is lost then."""
+
+    def at_once(number):
+        future = Future()
+        future.set_result(number)
+        return future
+
+    assert [number for number, _ in execution._completed(at_once, iter(range(40)), 40)] == list(range(40))
