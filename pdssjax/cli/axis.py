@@ -5,7 +5,8 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Float
 
-from ..core import InputError, Quantity, nearest, to_si
+from ..core import InputError, Quantity, nearest
+from .option_values import read_number
 
 _EXPECTED = (
     'expected FROM:TO:COUNT such as "20:80:40", FROM:TO:COUNT:log for equal ratios, values with commas between them, '
@@ -80,12 +81,3 @@ def _word(text: str, words: Mapping[str, float], where: str) -> float:
     if text not in words:
         raise InputError(f'{where}: found "{text}"; {nearest(text, words)}')
     return words[text]
-
-
-def read_number(text: str, unit: str, where: str) -> float:
-    """The number [SI] that `text` is, with a unit or without; **raises** `InputError` that begins with `where`."""
-    try:
-        given: float | str = float(text)
-    except ValueError:
-        given = text
-    return to_si(given, unit, where)

@@ -6,15 +6,16 @@ from pathlib import Path
 
 from ..core import InputError
 from .console import say
+from .option_values import read_number, read_pairs
 from .results import add_out, keep_results, say_where
 
 
 def characterise(options: argparse.Namespace) -> int:
-    from ..core import prepare_jax, to_si
+    from ..core import prepare_jax
     from ..files import check_free, write_characterisations
     from ..report.text import format_characterisation
 
-    number = lambda given, unit, option: to_si(_plain(given), unit, f"option {option}")
+    number = lambda given, unit, option: read_number(given, unit, f"option {option}")
     frequency = number(options.frequency, "Hz", "--frequency") if options.frequency else None
     slip_duration = number(options.slip_duration, "s", "--slip-duration")
     window = None
@@ -23,7 +24,7 @@ def characterise(options: argparse.Namespace) -> int:
         window = (start, end)
         if start >= end:
             raise InputError(f"option --window: found {start:g} s to {end:g} s, expected an end after its start.")
-    units = _units(options.unit)
+    units = read_pairs(options.unit, "--unit", ("time", "displacement", "force"), "displacement=um")
     if options.out:
         check_free(options.out, options.overwrite)
     prepare_jax()
@@ -47,28 +48,6 @@ def characterise(options: argparse.Namespace) -> int:
         return status
     written = keep_results(lambda place: write_characterisations(found, place), options.out)
     return say_where(written, f"\nResults are in {options.out}") or status
-
-
-def _plain(given: str) -> float | str:
-    """A number without a unit, which is SI, or else the text."""
-    try:
-        return float(given)
-    except ValueError:
-        return given
-
-
-def _units(given: list[str]) -> dict[str, str]:
-    """Units by quantity, from options such as "displacement=um"."""
-    units = {}
-    for text in given:
-        quantity, _, unit = (part.strip() for part in text.partition("="))
-        if quantity not in ("time", "displacement", "force") or not unit:
-            raise InputError(
-                f'option --unit: found "{text}", expected time, displacement or force, "=" and a unit: '
-                '"displacement=um".'
-            )
-        units[quantity] = unit
-    return units
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

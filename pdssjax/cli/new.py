@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from ..core import InputError
 from .console import say
+from .option_values import number_or_text, read_number, read_pairs
 
 if TYPE_CHECKING:
     from ..files import Hints, NewRecord, Told
@@ -163,18 +164,23 @@ def _hints(options: argparse.Namespace) -> "Hints":
 
     columns = {q: getattr(options, q) for q in QUANTITIES if getattr(options, q)}
     scales: dict[str, float | str] = {
-        quantity: _plain(text) for quantity, text in _pairs(options.scale, "--scale").items()
+        quantity: number_or_text(text)
+        for quantity, text in read_pairs(options.scale, "--scale", QUANTITIES, "displacement=0.5 um/V").items()
     }
-    interval = _number(options.interval, "s", "--interval")
+    interval = None if options.interval is None else read_number(options.interval, "s", "option --interval")
     if interval is not None and interval <= 0:
         raise InputError(f"option --interval: found {interval:g} s, expected a time above 0.")
-    return Hints(columns, _pairs(options.unit, "--unit"), scales, interval, options.decimal or "")
+    units = read_pairs(options.unit, "--unit", QUANTITIES, "displacement=um")
+    return Hints(columns, units, scales, interval, options.decimal or "")
 
 
 def _told(options: argparse.Namespace) -> "Told":
     from ..files import Told
 
-    number = lambda key, unit: _number(getattr(options, key), unit, f"--{key}")
+    def number(key: str, unit: str) -> float | None:
+        text = getattr(options, key)
+        return None if text is None else read_number(text, unit, f"option --{key}")
+
     told = Told(number("peak", "V"), number("frequency", "Hz"), number("mass", "kg"))
     for key, unit, given in (("frequency", "Hz", told.frequency), ("mass", "kg", told.mass)):
         if given is not None and not 0.0 < given < math.inf:
@@ -202,34 +208,6 @@ def _measures(options: argparse.Namespace) -> dict[Path, str]:
 
 def _is_called(file: Path, pattern: str) -> bool:
     return any(name == pattern or fnmatch(name, pattern) for name in (file.name, str(file)))
-
-
-def _number(given: str | None, unit: str, option: str) -> float | None:
-    from ..core import to_si
-
-    return None if given is None else to_si(_plain(given), unit, f"option {option}")
-
-
-def _plain(given: str) -> float | str:
-    """A number without a unit, which is SI, or else the text."""
-    try:
-        return float(given)
-    except ValueError:
-        return given
-
-
-def _pairs(given: list[str], option: str) -> dict[str, str]:
-    """Texts by quantity, from options such as "displacement=um"."""
-    pairs = {}
-    for text in given:
-        quantity, _, value = (part.strip() for part in text.partition("="))
-        if quantity not in QUANTITIES or not value:
-            raise InputError(
-                f'option {option}: found "{text}", expected {QUANTITIES_NAMED}, "=" and what it has: '
-                f'"displacement={"um" if option == "--unit" else "0.5 um/V"}".'
-            )
-        pairs[quantity] = value
-    return pairs
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

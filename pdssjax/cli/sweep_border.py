@@ -24,7 +24,8 @@ def sweep_border(study: "Study", texts: Mapping[str, str], options: argparse.Nam
     from ..files import write_border
     from ..report.text import format_border
     from ..sweeps import METRICS, driven_record, find_border, sweepable, sweepable_choices
-    from .axis import read_axis, read_number, unit_of
+    from .axis import read_axis, unit_of
+    from .option_values import read_number
 
     base = driven_record(study, options.record)
     legal, words = sweepable(study, base), sweepable_choices(base)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from ..core import InputError, factor
+from ..core import InputError
 from ..metrics import detect_waveform
 from .channel_samples import Clock, find_channel, open_file, read_samples
 from .readers.base import AbstractReader, Channel
@@ -155,7 +155,7 @@ class _Look:
             raise InputError(f"{self.file}: found both --displacement and --velocity, expected one of them.")
         if told:
             return told[0]
-        has = lambda unit: any(self._measures(channel, unit) for channel in self.channels)
+        has = lambda unit: any(channel.measures(unit) for channel in self.channels)
         if has(SI["displacement"]) or not any(map(has, (SI["velocity"], *_OTHERS))):
             return "displacement"
         if has(SI["velocity"]):
@@ -236,15 +236,9 @@ class _Look:
         """Whether a channel's unit is one of the `quantity`, with the factor where one is given."""
         given = self.hints.scales.get(quantity)
         if given is None or not channel.unit:
-            return self._measures(channel, SI[quantity])
+            return channel.measures(SI[quantity])
         try:
             return bool(scaled(given, channel.unit, SI[quantity], ""))
-        except InputError:
-            return False
-
-    def _measures(self, channel: Channel, unit: str) -> bool:
-        try:
-            return bool(channel.unit) and factor(channel.unit, unit, "") > 0
         except InputError:
             return False
 

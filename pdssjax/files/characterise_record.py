@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from ..core import InputError, factor
+from ..core import InputError
 from ..metrics import SI_UNITS, Characterisation, characterisation_of
 from .channel_samples import open_file
 from .readers.base import Channel
@@ -58,7 +58,7 @@ def _choose(file: Path, named: Mapping[str, str | None], units: Mapping[str, str
             return measures, {**clock, measures: _plain(name)}
     others = [channel for channel in channels if channel.number not in clock.values()]
     for measures, unit in SI_UNITS.items():
-        fitting = [channel for channel in others if _measures(channel, unit)]
+        fitting = [channel for channel in others if channel.measures(unit)]
         preferred = [channel for channel in fitting if any(sign in channel.name.lower() for sign in _SIGNS[measures])]
         if fitting:
             column = fitting[0] if len(fitting) == 1 else _only(file, preferred or fitting, measures, channels)
@@ -73,7 +73,7 @@ def _clock(file: Path, named: str | None, channels: Sequence[Channel]) -> dict[s
     if any(channel.interval is not None for channel in channels):
         return {}
     fitting = [c for c in channels if c.name.rpartition("/")[2].lower().startswith(("time", "t_"))]
-    fitting = fitting or [c for c in channels if _measures(c, "s") and c.name.lower() in _CLOCKS]
+    fitting = fitting or [c for c in channels if c.measures("s") and c.name.lower() in _CLOCKS]
     return {"time": _only(file, fitting, "time", channels).number}
 
 
@@ -90,14 +90,6 @@ def _only(file: Path, fitting: Sequence[Channel], quantity: str, channels: Seque
     raise InputError(
         f"{file}: found {found} ({listed}), expected the option --{quantity} with a column's name or number."
     )
-
-
-def _measures(channel: Channel, unit: str) -> bool:
-    """Whether a column's unit converts to `unit`."""
-    try:
-        return bool(channel.unit) and factor(channel.unit, unit, "") > 0
-    except InputError:
-        return False
 
 
 def _read(

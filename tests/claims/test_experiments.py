@@ -13,14 +13,6 @@ from pdssjax.files import EXAMPLE
 from pdssjax.piezo import roots
 
 
-@pytest.fixture
-def elsewhere(tmp_path, monkeypatch):
-    """Output goes to a folder of the test's own."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("PDSSJAX_FIGURES", raising=False)
-    return tmp_path
-
-
 def test_tables_show_the_difference_and_are_kept_as_markdown(elsewhere, capsys):
     rows = [
         common.Row("speed", 2.0, 2.5, "um/s", "a | b"),

@@ -15,14 +15,6 @@ from pdssjax.inference import guess_starts
 from pdssjax.metrics import r_squared
 
 
-@pytest.fixture
-def elsewhere(tmp_path, monkeypatch):
-    """Output goes to a folder of the test's own."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("PDSSJAX_FIGURES", raising=False)
-    return tmp_path
-
-
 def loops_of_dahl(stiffness: float, level: float, speed: float = 2e-4):
     """Time, motion and force of two cycles of 200 um: exponential in the distance on each way."""
     time = np.arange(0.0, 4.0, 0.02)

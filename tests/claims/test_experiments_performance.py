@@ -19,14 +19,6 @@ from pdssjax import Actuator
 from pdssjax.piezo.second_order import SecondOrder
 
 
-@pytest.fixture
-def elsewhere(tmp_path, monkeypatch):
-    """Output goes to a folder of the test's own."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("PDSSJAX_FIGURES", raising=False)
-    return tmp_path
-
-
 def test_the_published_speeds_and_efficiencies_imply_a_stroke_2_and_5_per_cent_below_the_published_gain():
     rows = isotropic_anisotropic.consistency()
     assert [row.difference for row in rows] == ["-1.97 %", "-4.84 %"]

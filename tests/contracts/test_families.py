@@ -65,16 +65,6 @@ def test_segments_of_a_drive_join_up_to_its_voltage(drive):
         np.testing.assert_allclose(drive.at(jnp.asarray(begin + elapsed)), expected, rtol=0.0, atol=1e-9)
 
 
-@pytest.mark.parametrize("drive", DRIVES, ids=str)
-def test_segments_repeat_where_a_drive_says_so(drive):
-    if drive.period() is None:
-        return
-    first, count = drive.period()
-    for k in range(first, first + count):
-        here, later = (jax.tree.leaves(drive.segment(jnp.asarray(j))) for j in (k, k + 3 * count))
-        np.testing.assert_allclose(here, later)
-
-
 def test_a_forward_sawtooth_rises_over_its_whole_first_cycle_then_falls_and_rises():
     drive = Sawtooth(30.0, 20.0, 1e-3, "forward")
     times = jnp.asarray([0.0, 0.025, 0.05 - 1e-9, 0.0505, 0.051, 0.0755, 0.1 - 1e-9])

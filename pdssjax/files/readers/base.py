@@ -12,6 +12,8 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from ...core import InputError, factor
+
 
 class Channel(NamedTuple):
     """One channel of a file."""
@@ -30,6 +32,13 @@ class Channel(NamedTuple):
     """Time of the first sample [s] on that clock."""
     written: str = ""
     """The name with the remarks in brackets that stand beside it."""
+
+    def measures(self, unit: str) -> bool:
+        """Whether its unit converts to `unit`; not where it says none."""
+        try:
+            return bool(self.unit) and factor(self.unit, unit, "") > 0
+        except InputError:
+            return False
 
 
 class Block(NamedTuple):
