@@ -5,10 +5,11 @@ The first line says of what the draws are, each line after it holds one entry as
 
 import json
 import os
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..core import Document, InputError
+from ..core import Document, InputError, InputWarning
 
 FORMAT = "pdssjax-draws/4"
 
@@ -18,6 +19,9 @@ DRAWS = "draws.jsonl"
 
 class DrawsFile:
     """A store of draws (`inference.Store`) on the disk.
+
+    Where the disk takes nothing more the run goes on in memory alone, and an `InputWarning` says so once: the fit and
+    the draws still to be made are worth more than the file.
 
     **Arguments:** the `folder` of the results; `resume` what its file holds, or refuse to where there is none and
     begin anew.
@@ -29,6 +33,7 @@ class DrawsFile:
         self._file = folder / DRAWS
         self._begun: Document | None = None
         self._entries: list[Document] = []
+        self._is_writable = True
         if resume:
             self._read()
 
@@ -41,20 +46,34 @@ class DrawsFile:
     def begin(self, what: Document) -> None:
         """Writes the first line, in place of an older file."""
         self._begun, self._entries = what, []
-        self._file.parent.mkdir(parents=True, exist_ok=True)
-        with self._file.open("w", encoding="utf-8") as lines:
-            lines.write(json.dumps({"format": FORMAT} | what) + "\n")
+        self._write("w", {"format": FORMAT} | what)
 
     def kept(self) -> Sequence[Document]:
         return tuple(self._entries)
 
     def keep(self, entry: Document) -> None:
-        """Appends a line, which is on the disk when this returns."""
+        """Appends a line, which is on the disk when this returns, if that has room."""
         self._entries.append(entry)
-        with self._file.open("a", encoding="utf-8") as lines:
-            lines.write(json.dumps(entry) + "\n")
-            lines.flush()
-            os.fsync(lines.fileno())
+        self._write("a", entry)
+
+    def _write(self, mode: str, line: Document) -> None:
+        # A line after one that was cut would spoil the file: after the first that fails nothing more is written.
+        if not self._is_writable:
+            return
+        try:
+            self._file.parent.mkdir(parents=True, exist_ok=True)
+            with self._file.open(mode, encoding="utf-8") as lines:
+                lines.write(json.dumps(line) + "\n")
+                lines.flush()
+                os.fsync(lines.fileno())
+        except OSError as error:
+            self._is_writable = False
+            warnings.warn(
+                f"{self._file}: cannot be written to ({error.strerror or error}); what is drawn from now on is kept in "
+                "memory alone, and lost if the run is broken off.",
+                InputWarning,
+                stacklevel=3,
+            )
 
     def forget(self) -> None:
         """Removes the file of an earlier run, where there is one."""
