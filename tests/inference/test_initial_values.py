@@ -5,8 +5,10 @@ import math
 
 import numpy as np
 import pytest
+from fabricated import step_motion
 
 from pdssjax import Accuracy, InputError, Record
+from pdssjax.actuator.parts import PARTS
 from pdssjax.core import member, members, quantities
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.drive.sine import Sine
@@ -19,6 +21,7 @@ from pdssjax.study import Models, Parameter, Predictor, predicted
 VOLTS = [3.6, 64.0, 1000.0]
 STROKES = [5e-9, 6e-6, 2e-3]
 """How far the platform goes [m]."""
+ELECTRONICS = "amplifier.bandwidth", "amplifier.slew", "sensor.bandwidth"
 LAWS = members("friction")
 PIEZOS = members("piezo")
 
@@ -183,6 +186,26 @@ def test_a_contact_under_a_voltage_without_jumps_starts_with_weaker_forces():
     assert force(walk(64.0, 6e-6, drive=Sawtooth(64.0, 5.0, 1e-3))) == pytest.approx(sharp / 6.736, rel=0.05)
     # A sine of 100 Hz accelerates the platform by C V/2 (2 pi f)^2 once it is on its way.
     assert force(walk(64.0, 6e-6, drive=Sine(64.0, 100.0))) < 0.1 * sharp
+
+
+@pytest.mark.parametrize("slower", [1.0, 20.0, 0.05])
+def test_amplifier_and_sensor_start_where_they_change_what_a_platform_of_any_speed_shows(slower):
+    models, rate = choose(), 6700.0
+    listed = free(models, "piezo")
+    parts = {f"{part}.{name}": q for part, kind in PARTS.items() for name, q in quantities(kind).items()}
+    electronics = {path: Parameter(path, q.unit, q) for path, q in parts.items() if path in ELECTRONICS}
+    time = slower * np.arange(-1e-3, 2e-2, 2e-5)
+    shown = record("step", Step(voltage=60.0), time, step_motion(time, 6e-6, rate / slower, 0.15))
+    starts, _ = guess_starts(models, listed | electronics, [shown])
+    ringing = rate / (2.0 * math.pi * slower)
+    assert starts["piezo.natural_frequency"] == pytest.approx(rate / slower, rel=0.05)
+    assert 3.0 * ringing < starts["amplifier.bandwidth"] < 10.0 * ringing
+    assert 0.3 * ringing < starts["sensor.bandwidth"] < 3.0 * ringing
+    # Below it the platform still follows the jump in a few of its periods, beyond it nothing limits what it sees.
+    assert 60.0 * ringing / 3.0 < starts["amplifier.slew"] < 60.0 * ringing * 3.0
+    known = {"piezo.natural_frequency": dataclasses.replace(listed["piezo.natural_frequency"], start=2.0 * rate)}
+    given, _ = guess_starts(models, listed | electronics | known, [shown])
+    assert given["sensor.bandwidth"] == pytest.approx(min(2.0 * rate / (2.0 * math.pi), 0.25 / (2e-5 * slower)))
 
 
 def test_a_slow_record_of_a_step_does_not_make_up_a_frequency():

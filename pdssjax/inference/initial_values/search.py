@@ -52,8 +52,8 @@ NEAR = 1.5
 USUAL_RATE = 6e3
 """Natural frequency [rad/s] of a stack of which nothing is known."""
 
-USUAL_BANDWIDTH = 1e3
-"""Of a sensor of which nothing is known [Hz]."""
+AMPLIFIER, SENSOR = 5.0, 1.0
+"""Bandwidths of which nothing is known, over the frequency at which the platform rings."""
 
 FALL_TIME = "drive.fall_time"
 
@@ -164,9 +164,8 @@ def _split_known(
     fitted = [record for record in records if record.role == "fit"] or list(records)
     for record in fitted:
         check_begins_early(record)
-    for path, number in (_piezo_from_data(models, known, fitted) | _electronics(known, fitted)).items():
-        if path in parameters and path not in known:
-            known[path] = _within(number, parameters[path])
+    _complete(known, _piezo_from_data(models, known, fitted), parameters)
+    _complete(known, _electronics(_stack(models, known)[1], fitted), parameters)
     blocked = [record for record in as_forces(fitted) if record.measurement.blocked]
     stiffnesses = [stop_stiffness(record, _stack(models, known)[0]) for record in blocked]
     if "stop.stiffness" in parameters and "stop.stiffness" not in known and any(stiffnesses):
@@ -176,6 +175,13 @@ def _split_known(
     for path in [path for path in unknown if path not in ranges]:
         known[path] = _within(parameters[path].quantity.nominal, parameters[path])
     return known, ranges, [record for record in fitted if not record.measurement.platform_alone] if ranges else []
+
+
+def _complete(known: dict[str, float], guess: Mapping[str, float], parameters: Mapping[str, Parameter]) -> None:
+    """Adds to the numbers `known` those of a `guess` that are listed, and not known yet."""
+    for path, number in guess.items():
+        if path in parameters and path not in known:
+            known[path] = _within(number, parameters[path])
 
 
 def _within(number: float, parameter: Parameter) -> float:
@@ -199,15 +205,22 @@ def _piezo_from_data(models: Models, known: Mapping[str, float], records: Sequen
     return {f"piezo.{name}": number for name, number in models.piezo.first_guess(shown, given).items()}
 
 
-def _electronics(known: Mapping[str, float], records: Sequence[Record]) -> dict[str, float]:
-    """An amplifier that slews as fast as the platform rises, and a sensor that the samples show."""
+def _electronics(rate: float, records: Sequence[Record]) -> dict[str, float]:
+    """An amplifier and a sensor that leave their mark on a platform of the frequency `rate` [rad/s].
+
+    The amplifier slews as fast as the platform rises.  With bandwidths far from that of the platform a fit would begin
+    where they change nothing, or where they are all that is seen.
+    """
     driven = [record for record in records if record.drive is not None]
     if not driven:
         return {}
     volts = max(float(record.drive.peak()) for record in driven if record.drive is not None) or 1.0
-    rate = known.get("piezo.natural_frequency", USUAL_RATE)
-    finest = min(map(interval_of, driven))
-    return {"amplifier.slew": 0.1 * volts * rate, "sensor.bandwidth": min(USUAL_BANDWIDTH, 0.25 / finest)}
+    ringing, finest = rate / (2.0 * np.pi), min(map(interval_of, driven))
+    return {
+        "amplifier.bandwidth": AMPLIFIER * ringing,
+        "amplifier.slew": 0.1 * volts * rate,
+        "sensor.bandwidth": min(SENSOR * ringing, 0.25 / finest),
+    }
 
 
 def _ranges(
