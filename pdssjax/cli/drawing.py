@@ -66,8 +66,10 @@ def check_drawing(options: argparse.Namespace) -> None:
             check_whole(f"option --{name}", getattr(options, name), least)
 
 
-def more_of(options: argparse.Namespace, intervals: "Intervals", folder: Path) -> "More":
+def more_of(options: argparse.Namespace, intervals: "Intervals", folder: Path, resume: bool) -> "More":
     """What is drawn and kept in `folder`, and how many starts are compared, on all cores.
+
+    **Arguments:** whether to `resume` what `folder` holds.
 
     **Raises:** `InputError` where that is more than anyone can want, or there is nothing to resume.
     """
@@ -80,8 +82,8 @@ def more_of(options: argparse.Namespace, intervals: "Intervals", folder: Path) -
         if getattr(options, name) is not None:
             check_whole(f"option --{name}", getattr(options, name), _LEAST[name], most)
     more: More = {}
-    file = DrawsFile(folder, options.resume and intervals in DRAWN)
-    if not options.resume:
+    file = DrawsFile(folder, resume and intervals in DRAWN)
+    if not resume:
         file.forget()
     if intervals in DRAWN:
         count = options.replicates if intervals == "bootstrap" else options.draws

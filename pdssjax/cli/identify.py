@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 def identify(options: argparse.Namespace) -> int:
     from ..core import prepare_jax
-    from ..files import check_free, starting_at_estimate
+    from ..files import check_free, holds_draws, starting_at_estimate
 
     check_drawing(options)
     check_free(options.out, options.overwrite or options.resume)
@@ -45,7 +45,9 @@ def identify(options: argparse.Namespace) -> int:
     for method, folder in folders.items():
         intervals = _intervals_of(method, options.intervals)
         loss: str = options.loss if method == "joint" or len(methods) == 1 else "squares"
-        more = more_of(options, intervals, folder)
+        # A run that was broken off in an earlier one of several ways has drawn nothing of those after it.
+        resume = options.resume and (not estimates or holds_draws(folder))
+        more = more_of(options, intervals, folder, resume)
         found = _identified(study, method, intervals, loss, more, folder)
         estimates[method] = _noted(found, options, intervals, loss)
         written &= _report_and_keep(estimates[method], folder)

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from .characterise_record import characterise as characterise
     from .comparison_results import write_comparison as write_comparison
     from .draws_file import DrawsFile as DrawsFile
+    from .draws_file import holds_draws as holds_draws
     from .draws_results import read_draws as read_draws
     from .estimate_json import estimate_text as estimate_text
     from .estimate_json import read_covariance as read_covariance
@@ -62,7 +63,7 @@ else:
                 "starting_at_estimate",
                 "with_estimate",
             ],
-            "draws_file": ["DrawsFile"],
+            "draws_file": ["DrawsFile", "holds_draws"],
             "draws_results": ["read_draws"],
             "estimate_results": ["write_essentials", "write_estimate"],
             "example": ["EXAMPLE"],

@@ -17,6 +17,11 @@ DRAWS = "draws.jsonl"
 """The file in a folder of results (`results_folder` knows it)."""
 
 
+def holds_draws(folder: Path) -> bool:
+    """Whether a run has begun to draw in the `folder` of its results."""
+    return (folder / DRAWS).exists()
+
+
 class DrawsFile:
     """A store of draws (`inference.Store`) on the disk.
 

@@ -14,7 +14,7 @@ from pdssjax import InputError, InputWarning
 from pdssjax.cli import console
 from pdssjax.cli import main as cli
 from pdssjax.cli.console import counter
-from pdssjax.files import EXAMPLE
+from pdssjax.files import EXAMPLE, DrawsFile
 from pdssjax.study.measurement.effector import Effector
 
 
@@ -76,6 +76,17 @@ def test_of_several_methods_those_with_other_intervals_say_so(calls, tmp_path):
     note = "No profile: the sequential method has none, and its intervals are linear."
     assert note in " ".join((tmp_path / "sequential" / "report.txt").read_text().split())
     assert "No profile" not in (tmp_path / "joint" / "report.txt").read_text()
+
+
+def test_several_methods_broken_off_while_the_first_was_drawn_go_on_with_all(calls, tmp_path, capsys):
+    arguments = ["identify", "--out", str(tmp_path), "--method", "both", "--intervals", "bootstrap", "--resume"]
+    assert cli.main(arguments) == 2
+    assert "draws.jsonl: there is no such file" in capsys.readouterr().err
+    DrawsFile(tmp_path / "joint", resume=False).begin({"seed": 0})
+    assert cli.main(arguments) == 0
+    assert calls.methods == ["joint", "sequential"]
+    begun, anew = (drawing.store.begun() for drawing in calls.drawings)
+    assert begun["seed"] == 0 and anew is None
 
 
 def test_of_several_methods_those_without_a_robust_loss_say_so(calls, tmp_path):

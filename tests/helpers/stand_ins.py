@@ -14,17 +14,18 @@ from pdssjax import InputError
 @pytest.fixture
 def calls(monkeypatch) -> SimpleNamespace:
     """Notes what was asked and returns a made-up estimate."""
-    noted = SimpleNamespace(studies=[], methods=[], converged=True, explained=True)
+    noted = SimpleNamespace(studies=[], methods=[], drawings=[], converged=True, explained=True)
     noted.study, noted.peaks = SimpleNamespace(parameters={}), False
 
     def load_study(path):
         noted.studies.append(path)
         return noted.study
 
-    def identify(study, method, intervals, loss, progress, executor=None):
+    def identify(study, method, intervals, loss, progress, executor=None, drawing=None):
         assert study is noted.study
         progress(f"[1/2] {method}")
         noted.methods.append(method)
+        noted.drawings.append(drawing)
         whole = fabricated.estimate(method, noted.converged)
         return dataclasses.replace(whole, records=whole.records[:1], explained=noted.explained)
 
