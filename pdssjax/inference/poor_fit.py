@@ -15,6 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
+from ..metrics import neighbour_scatter
 from ..study import Agreement, FittedRecord, repeated_residuals
 from .covariance import least_squares_covariance
 from .diagnostics.diagnose import records_agreement
@@ -114,6 +115,15 @@ def neighbour_correlation(record: FittedRecord) -> float:
     return float(np.nansum(rest[1:] * rest[:-1]) / max(np.nansum(rest**2), 1e-300))
 
 
+def rest_scatter(record: FittedRecord) -> float:
+    """The noise that neighbouring residuals show, of the samples that do not stand out.
+
+    Where a motion is sampled coarsely its own bends raise that of the samples, not that of what the model leaves.
+    """
+    rest = record.rest
+    return neighbour_scatter(rest[np.isfinite(rest)])
+
+
 def repeats(record: FittedRecord) -> bool:
     """Residuals repeat from cycle to cycle beyond chance: the model's misfit, whatever noise is given."""
     return record.lack_of_fit is not None and record.lack_of_fit.sigmas > SIGMAS
@@ -156,19 +166,21 @@ def leaves_more_than_noise(fit: Fit, problem: Problem) -> bool:
 
 
 def _exceeds_noise(parts: Sequence[Float[np.ndarray, " samples"]], fit: Fit, problem: Problem) -> bool:
-    """By their size, the residuals of all records whose noise is given, or of all others; NaN is left out.
+    """By their size, the residuals of any record or of all whose noise is given, or of all others; NaN is left out.
 
-    Each kind by itself: many samples whose noise was estimated, and so is as large as they are, hide what others leave.
+    Each kind, and each record whose noise is given, by itself: many samples that are explained, or whose noise was
+    estimated and so is as large as they are, hide what others leave.
     """
+    is_given = [record.noise is not None for record in problem.records]
+    alone = [part for part, given in zip(parts, is_given, strict=True) if given]
+    found = [part for part, given in zip(parts, is_given, strict=True) if not given]
     loss, left = problem.residual.loss, degrees_of_freedom(fit, problem) / np.size(fit.state.residual)
-    for is_given in (True, False):
-        of_kind = [
-            p for p, record in zip(parts, problem.records, strict=True) if (record.noise is not None) == is_given
-        ]
+
+    def exceeds(of_kind: Sequence[Float[np.ndarray, " samples"]], given: bool, least: float = 0.0) -> bool:
         kept = np.concatenate([np.zeros(0), *of_kind])
         kept = kept[np.isfinite(kept)]
         freedom = left * kept.size
-        limit = highest_by_chance(loss.scatter_efficiency * freedom) if is_given else _POOR
-        if kept.size and not loss.scatter(kept, max(freedom, 1.0)) ** 2 < limit:
-            return True
-    return False
+        limit = max(highest_by_chance(loss.scatter_efficiency * freedom), least) if given else _POOR
+        return bool(kept.size and not loss.scatter(kept, max(freedom, 1.0)) ** 2 < limit)
+
+    return exceeds(alone, True) or exceeds(found, False) or any(exceeds([part], True, EXCESS) for part in alone)

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+import re
 
 import fabricated
 import numpy as np
@@ -191,6 +192,21 @@ def test_a_noise_given_too_small_is_not_blamed_on_the_model(tmp_path):
     note = the_note(estimate, "too small")
     assert '"noisy"' in note and "0.01 um" in note
     assert not any("does not explain" in note for note in estimate.notes)
+
+
+@pytest.mark.parametrize(("hum", "noise", "said"), [(2.2e-8, 1e-8, "does not explain"), (0.0, 2e-8, "is too small")])
+def test_what_exceeds_the_noise_is_told_as_misfit_or_noise_where_a_ring_is_sampled_coarsely_too(hum, noise, said):
+    """There the samples of the ring bend by more than either."""
+    time = np.arange(-5e-4, 4.5e-3, 1e-4)
+    left = hum * np.sin(2.0 * np.pi * 700.0 * time) + np.random.default_rng(5).normal(0.0, noise, time.size)
+    record = Record("short", None, "fit", Platform(), None, frozenset(), time, rung(time) + left, NOISE, 0.0)  # pyright: ignore[reportArgumentType]
+    found = compare(record, rung(time), noise=NOISE, offset=0.0)
+    assert found.noise_floor > 1.5 * found.rmse
+    (note,) = [text for text in about_records([found], 1.0, False) if "short" in text and "noise given" in text]
+    assert said in note
+    if not hum:
+        told = float(re.search(r"residuals alone scatter by (\S+) um", note)[1])
+        assert told == pytest.approx(0.02, rel=0.2)
 
 
 def made_record(samples, noise, seed, given=NOISE):

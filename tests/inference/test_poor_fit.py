@@ -84,6 +84,14 @@ def test_many_samples_whose_noise_was_estimated_do_not_hide_what_others_leave(ot
     assert judged((50, 1.0, True), (400, 1.3, False))
 
 
+@pytest.mark.parametrize("noise_given", [True, False])
+def test_nor_do_many_samples_that_are_explained_hide_a_record_that_is_not(noise_given):
+    others = (2000, 1.0, noise_given)
+    assert judged((50, 3.0, True), others) and not judged((50, 1.3, True), others)
+    # Known with certainty, and too little for a word.
+    assert not judged((20_000, 1.1, True), (400_000, 0.9, True))
+
+
 @pytest.mark.parametrize("loss", [Squares(), Huber(), Cauchy()])
 def test_right_fits_under_every_loss_are_hardly_ever_said_to_leave_more_than_noise(loss):
     """By the spread of the scatter: of the median of absolute residuals it is 1.65 times that of the mean square."""

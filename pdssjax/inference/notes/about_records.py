@@ -14,6 +14,7 @@ from ..poor_fit import (
     largest_by_chance,
     neighbour_correlation,
     repeats,
+    rest_scatter,
     stays_below_given_noise,
 )
 from .about_outliers import about_outliers
@@ -21,6 +22,9 @@ from .words import listed, quoted
 
 CORRELATED = 0.3
 """Correlation of neighbouring residuals from which they are no noise."""
+
+_NOISE = 0.9
+"""Share of the residuals that neighbours must scatter for all of them to be noise."""
 
 _NO_WALK = 0.01
 """Net step over stroke below which a motion is no walk."""
@@ -54,11 +58,11 @@ def about_records(
     notes = about_outliers(known, _enlarged(factor, is_robust), is_robust)
     fitted = [record for record in known if record.role == "fit"]
     excess = [record for record in fitted if exceeds_given_noise(record)]
-    noisy = [record for record in excess if record.noise_floor > 0.9 * record.rest_rmse]
+    noisy = [record for record in excess if rest_scatter(record) > _NOISE * record.rest_rmse]
     if noisy:
         notes.append(
-            f"The noise given is too small for {quoted(noisy)}: neighbouring samples alone scatter by "
-            f"{listed(r.display.text(r.noise_floor) for r in noisy)}, where "
+            f"The noise given is too small for {quoted(noisy)}: neighbouring residuals alone scatter by "
+            f"{listed(r.display.text(rest_scatter(r)) for r in noisy)}, where "
             f"{listed(r.display.text(r.noise) for r in noisy)} is given. Correct it, or leave it out. "
             f"{_enlarged(factor, is_robust)}"
         )
