@@ -8,7 +8,7 @@ import pytest
 from fabricated import step_motion
 
 from pdssjax import Accuracy, InputError, Record
-from pdssjax.actuator.parts import PARTS
+from pdssjax.actuator import PARTS
 from pdssjax.core import member, members, quantities
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.drive.sine import Sine
