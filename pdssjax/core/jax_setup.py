@@ -26,9 +26,9 @@ _FLAGS = (
 )
 """How XLA compiles for a CPU.
 
-Each kernel is emitted without setting up MLIR for it: a fit's function then takes a fifth of the memory and three fifths
-of the time to compile, and runs as fast.  And a loop is one kernel whatever it touches, not only below 1 kB: the steps
-of an integration are some hundred kernels of a few numbers each, and starting them took twice as long as what they
+Each kernel is emitted without setting up MLIR for it: a fit's function then takes a fifth of the memory and three
+fifths of the time to compile, and runs as fast.  And a loop is one kernel whatever it touches, not only below 1 kB: a
+step of an integration is some hundred kernels of a few numbers each, and starting them took longer than what they
 compute.
 """
 
