@@ -12,7 +12,7 @@ import time
 import numpy as np
 
 import pdssjax
-from pdssjax.core import prepare_jax
+from pdssjax import prepare_jax
 from pdssjax.explore import Workbench, settings_of
 from pdssjax.files import EXAMPLE
 

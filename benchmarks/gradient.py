@@ -62,7 +62,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _ours() -> tuple[Entry, list[Entry]]:
     """The tight solution, every cycle stepped, and ours at default accuracy in both modes."""
-    from pdssjax.core import prepare_jax
+    from pdssjax import prepare_jax
 
     prepare_jax()
     import jax

@@ -64,7 +64,7 @@ def over(voltages: int, frequencies: int, both: bool) -> dict[str, np.ndarray]:
 
 def measured(voltages: int, frequencies: int, both: bool, cycles: int | str, workers: int | None) -> dict[str, float]:
     """Seconds of the first and of the second call, points without a steady cycle or a value, peak memory [bytes]."""
-    from pdssjax.core import prepare_jax
+    from pdssjax import prepare_jax
 
     prepare_jax()
     import pdssjax
@@ -206,7 +206,7 @@ def main() -> None:
 
 def compare(points: int, kept: Path, minutes: float) -> None:
     """Compares steady cycles with 200 cycles, in both readings."""
-    from pdssjax.core import prepare_jax
+    from pdssjax import prepare_jax
 
     prepare_jax()
     kept.parent.mkdir(parents=True, exist_ok=True)

@@ -13,8 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
-from pdssjax import Accuracy
-from pdssjax.core import prepare_jax
+from pdssjax import Accuracy, prepare_jax
 from pdssjax.integration import TIGHT
 
 from .peers.base import central_differences

@@ -25,8 +25,7 @@ from experiments.common import BLUE, GREEN, OUT, VERMILION, Row, print_table, sa
 from experiments.coverage_figure import draw_coverage
 from experiments.draws import numbered_results
 from experiments.three_ways import NOISE, known_truth
-from pdssjax import Estimate, InputWarning, Study
-from pdssjax.core import prepare_jax
+from pdssjax import Estimate, InputWarning, Study, prepare_jax
 from pdssjax.files import EXAMPLE
 from pdssjax.inference import Method, Problem
 

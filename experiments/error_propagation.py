@@ -30,7 +30,7 @@ from experiments.common import BLUE, GREEN, VERMILION, save, styled, write
 from experiments.draws import read_tasks, run_tasks
 from experiments.three_ways import ACCURACY, SCENARIOS, WAYS, Scenario, draw, known_truth
 from experiments.three_ways_report import Cell
-from pdssjax.core import prepare_jax
+from pdssjax import prepare_jax
 from pdssjax.files import EXAMPLE
 from pdssjax.inference import Residual, as_weights, least_squares_covariance, transform_of
 

@@ -28,8 +28,7 @@ from scipy import stats
 from experiments.common import BLUE, OUT, Row, print_table, save, styled
 from experiments.coverage_figure import draw_coverage
 from experiments.draws import numbered_results
-from pdssjax import load_study
-from pdssjax.core import prepare_jax
+from pdssjax import load_study, prepare_jax
 from pdssjax.files import read_covariance
 from pdssjax.study import make_recordings
 

@@ -24,8 +24,7 @@ from matplotlib.figure import Figure
 import pdssjax
 from experiments.common import BLUE, VERMILION, Row, print_table, save, styled, write
 from experiments.step_responses import CHAPTER_4
-from pdssjax import Accuracy, Estimate, Record, Taylor
-from pdssjax.core import prepare_jax
+from pdssjax import Accuracy, Estimate, Record, Taylor, prepare_jax
 from pdssjax.files import EXAMPLE
 from pdssjax.metrics import r_squared
 from pdssjax.study import FittedRecord

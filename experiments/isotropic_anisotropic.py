@@ -22,8 +22,7 @@ from matplotlib.figure import Figure
 
 from experiments.common import BLUE, VERMILION, Row, print_table, save, styled, write
 from experiments.published import ANISOTROPIC, ISOTROPIC, READINGS, STROKE, WALKS, Reading, stacked, walking
-from pdssjax import Accuracy
-from pdssjax.core import prepare_jax
+from pdssjax import Accuracy, prepare_jax
 from pdssjax.metrics import cycle_metrics, turning_points
 from pdssjax.simulation import displacements
 

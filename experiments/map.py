@@ -17,8 +17,7 @@ from matplotlib.figure import Figure
 
 from experiments.common import OUT, VERMILION, Row, print_table, save, styled
 from experiments.example_fit import draws, identified
-from pdssjax import Study, sweep
-from pdssjax.core import prepare_jax
+from pdssjax import Study, prepare_jax, sweep
 from pdssjax.files import SweepStore
 from pdssjax.sweeps import DEAD, Crossed, Grid, SigmaPoints, find_border, with_bands
 

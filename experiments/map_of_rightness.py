@@ -22,7 +22,7 @@ from experiments.common import BLUE, ORANGE, OUT, VERMILION, save, styled, write
 from experiments.derivative_judge import ASKED, REVERSE, VALUES, Judge, Verdict
 from experiments.draws import numbered_results
 from experiments.random_actuators import PUBLISHED, STRUCTURES, named
-from pdssjax.core import prepare_jax
+from pdssjax import prepare_jax
 
 NAME = "map_of_rightness"
 COUNT = 20

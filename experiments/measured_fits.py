@@ -21,8 +21,8 @@ from jaxtyping import Bool, Float
 
 import pdssjax
 from experiments.fits import Curves, Found
-from pdssjax import Accuracy, Study, Taylor
-from pdssjax.core import member, prepare_jax, quantities
+from pdssjax import Accuracy, Study, Taylor, prepare_jax
+from pdssjax.core import member, quantities
 from pdssjax.inference import guess_starts
 from pdssjax.metrics import error_index
 

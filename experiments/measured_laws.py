@@ -26,8 +26,7 @@ from matplotlib.figure import Figure
 
 from experiments.common import BLUE, GREEN, ORANGE, VERMILION, Row, print_table, save, styled, write
 from experiments.measured_fits import EARLIER, LAWS, Fitted, fit_all, floor, search_all, study, verdict, well_read
-from pdssjax import Record
-from pdssjax.core import prepare_jax
+from pdssjax import Record, prepare_jax
 
 NAME = "measured_laws"
 PAPER = {

@@ -19,7 +19,7 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from experiments.common import BLUE, VERMILION, Row, print_table, save, styled
-from pdssjax.core import prepare_jax
+from pdssjax import prepare_jax
 from pdssjax.piezo import Rod, modes
 
 NAME = "mode_ratio"

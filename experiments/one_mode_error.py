@@ -19,7 +19,7 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from experiments.common import BLUE, GREEN, PURPLE, VERMILION, Row, print_table, save, styled, write
-from pdssjax.core import prepare_jax
+from pdssjax import prepare_jax
 from pdssjax.metrics import error_index
 from pdssjax.piezo import Modes, Rod, modes_needed, roots, step_response, truncation_error
 

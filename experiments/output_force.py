@@ -30,8 +30,7 @@ from matplotlib.figure import Figure
 
 from experiments.common import BLUE, ORANGE, SKY, VERMILION, Row, print_table, save, styled, write
 from experiments.published import PUSHES, READINGS, VOLTAGE, Push, Reading, law, stacked
-from pdssjax import Accuracy, Actuator, Stop
-from pdssjax.core import prepare_jax
+from pdssjax import Accuracy, Actuator, Stop, prepare_jax
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.simulation import STOP_FORCE, StickSlip, measured

@@ -21,8 +21,7 @@ from experiments.blind_rigs import missed, rig
 from experiments.common import BLUE, GREEN, OUT, Row, print_table, save, styled
 from experiments.coverage_figure import draw_coverage
 from experiments.draws import numbered_results, read_tasks
-from pdssjax import InputWarning
-from pdssjax.core import prepare_jax
+from pdssjax import InputWarning, prepare_jax
 
 NAME = "profile_coverage"
 COUNT = 100

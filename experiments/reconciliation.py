@@ -40,7 +40,7 @@ from experiments.performance import (
     known,
 )
 from experiments.published import READINGS, Reading
-from pdssjax.core import prepare_jax
+from pdssjax import prepare_jax
 
 NAME = "reconciliation"
 ALL = tuple(range(len(PARAMETERS)))

@@ -30,8 +30,7 @@ from matplotlib.figure import Figure
 
 from experiments.common import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, Row, print_table, save, styled, write
 from experiments.published import ANISOTROPIC, ISOTROPIC, STROKE, VOLTAGE, WALKS, law, stacked
-from pdssjax import Accuracy, Actuator
-from pdssjax.core import prepare_jax
+from pdssjax import Accuracy, Actuator, prepare_jax
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.friction.coulomb import Coulomb
 from pdssjax.friction.dahl import Dahl

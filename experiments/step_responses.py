@@ -21,7 +21,7 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from experiments.common import BLUE, GREEN, ORANGE, PURPLE, VERMILION, Row, print_table, save, styled, write
-from pdssjax.core import prepare_jax
+from pdssjax import prepare_jax
 from pdssjax.files import EXAMPLE
 from pdssjax.metrics import error_index
 from pdssjax.piezo import Modes, Rod, modes, roots, step_response

@@ -17,8 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 import pdssjax
-from pdssjax import Accuracy, Record, Study, Taylor
-from pdssjax.core import prepare_jax
+from pdssjax import Accuracy, Record, Study, Taylor, prepare_jax
 from pdssjax.files import EXAMPLE
 from pdssjax.inference import (
     Fit,

@@ -38,8 +38,8 @@ from matplotlib.figure import Figure
 import pdssjax
 from experiments.common import BLUE, GREEN, ORANGE, VERMILION, Row, print_table, save, styled, write
 from experiments.fits import Curves, Found
-from pdssjax import Accuracy, Study, Taylor
-from pdssjax.core import member, prepare_jax, quantities
+from pdssjax import Accuracy, Study, Taylor, prepare_jax
+from pdssjax.core import member, quantities
 from pdssjax.inference import guess_starts
 from pdssjax.metrics import error_index
 

@@ -23,8 +23,7 @@ import pdssjax
 from experiments.common import BLUE, GREEN, OUT, VERMILION, Row, print_table, save, styled
 from experiments.coverage_figure import draw_coverage
 from experiments.draws import numbered_results
-from pdssjax import Estimate, Record, Study
-from pdssjax.core import prepare_jax
+from pdssjax import Estimate, Record, Study, prepare_jax
 from pdssjax.drive.sampled import Sampled
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.inference import joint, with_error_models

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from .actuator import Stop as Stop
     from .core import InputError as InputError
     from .core import InputWarning as InputWarning
+    from .core import prepare_jax as prepare_jax
     from .drive.base import AbstractDrive as AbstractDrive
     from .files import characterise as characterise
     from .files import load_study as load_study
@@ -42,7 +43,7 @@ else:
         __name__,
         {
             "actuator": ["Actuator", "Amplifier", "Effector", "Sensor", "Stop"],
-            "core": ["InputError", "InputWarning"],
+            "core": ["InputError", "InputWarning", "prepare_jax"],
             "drive.base": ["AbstractDrive"],
             "files": ["characterise", "load_study"],
             "friction.base": ["AbstractFriction"],

@@ -9,7 +9,7 @@ import os
 
 from stand_ins import calls as calls
 
-from pdssjax.core import prepare_jax
+from pdssjax import prepare_jax
 
 # XLA reads this when the first computation is asked for.
 QUICKLY = (

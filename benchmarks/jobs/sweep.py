@@ -36,7 +36,7 @@ _CHECKED = 8
 """One voltage in so many is checked: long double takes its time."""
 _FRESH = """
 import json, resource, sys, time
-from pdssjax.core import prepare_jax
+from pdssjax import prepare_jax
 prepare_jax()
 import numpy as np
 import pdssjax

@@ -46,7 +46,11 @@ def _tell_xla() -> None:
 
 
 def prepare_jax() -> None:
-    """Switch on 64-bit numbers, loops of one kernel and, where it can be written to, the cache of compiled code."""
+    """Switch on 64-bit numbers, loops of one kernel and, where it can be written to, the cache of compiled code.
+
+    What a program calls before JAX computes anything; later, loops stay as they are.  Flags of XLA that the environment
+    gives already are left alone, and compiled code is kept where its `PDSSJAX_CACHE` says.
+    """
     _tell_xla()
     seldom_look_for_garbage()
     jax.config.update("jax_enable_x64", True)

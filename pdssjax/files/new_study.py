@@ -252,8 +252,7 @@ def _samples_of_waveform(record: NewRecord) -> list[str]:
     """The samples of a voltage, as the drive, with what is known of it."""
     wave = record.guess.waveform
     volts, hertz = wave.numbers["voltage"], wave.numbers.get("frequency")
-    noisy = hertz is not None and wave.misfit > _NOISY
-    smooth = f', smooth = "{1e3 / (100.0 * hertz):.4g} ms"' if noisy else ""
+    smooth = "" if hertz is None or wave.misfit <= _NOISY else f', smooth = "{1e3 / (100.0 * hertz):.4g} ms"'
     of = f"{volts:.10g} V" + ("" if hertz is None else f" and {hertz:.10g} Hz") + _from_level(wave.counted_from)
     told = f"a {wave.name} of {of} leaves {100 * max(wave.misfit, 1e-4):.2g} % of them"
     why = "hysteresis under them is quicker to compute" if wave.name == "sine" else "hysteresis feels that level"

@@ -63,7 +63,7 @@ def detect_waveform(time: Samples, volts: Samples) -> Waveform:
     found = _turned(_detect(time, turned * volts), turned)
     if found.name != "sampled":
         return dataclasses.replace(found, counted_from=0.0)
-    level, turned = _level(time, volts, turned)
+    counted, (level, turned) = found, _level(time, volts, turned)
     # Noise widens the range of a voltage, and what is laid over it tells the level better.
     for _ in range(_LEVELS):
         counted = _turned(_detect(time, turned * (volts - level)), turned)

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from pdssjax.core import prepare_jax
+from pdssjax import prepare_jax
 from pdssjax.core.jax_setup import cache_folder
 
 LIGHT = "--xla_cpu_use_fusion_emitters=false"

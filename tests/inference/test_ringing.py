@@ -39,16 +39,16 @@ def test_rings_of_random_platforms_are_found(kind):
         assert found["gain"] == pytest.approx(gain, rel=0.02)
 
 
-def test_no_ring_is_seen_in_a_lag_a_loop_a_drift_or_noise():
+def test_no_ring_is_seen_in_a_slow_one_a_loop_a_drift_or_noise():
     rng, time = np.random.default_rng(4), np.linspace(0.0, 1.0, 4000)
     volts = 60.0 * np.abs(2.0 * np.mod(5.0 * time, 1.0) - 1.0)
     noise = 2e-9 * rng.standard_normal(time.size)
-    lag = lsim(([1e-7], [3e-3, 1.0]), volts, time)[1]
+    slow = lsim(([1e-7], [3e-3, 1.0]), volts, time)[1]
     held = [0.0]
     for level in volts[1:]:
         held.append(float(np.clip(held[-1], level - 5.0, level + 5.0)))
     seen = {
-        "a lag": lag + noise,
+        "a slow one": slow + noise,
         "a loop": 1e-7 * np.asarray(held) + noise,
         "a drift": 1e-7 * volts + 1e-6 * time**0.3 + noise,
         "noise": 50.0 * noise,

@@ -26,7 +26,7 @@ print(json.dumps([found.tolist(), len(found.devices()), whole_shares(7), lanes_h
 """
 SWEPT = """\
 import numpy as np, sys
-from pdssjax.core import prepare_jax
+from pdssjax import prepare_jax
 prepare_jax()
 from test_device_mesh import found_by_a_sweep
 np.savez(sys.argv[1], **found_by_a_sweep())

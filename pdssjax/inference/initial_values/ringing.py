@@ -73,15 +73,15 @@ class _Left:
         self._elapsed = interval * np.arange(motion.size)
         self._line = [np.ones(motion.size), np.linspace(-1.0, 1.0, motion.size)]
 
-    def of(self, response: Float[np.ndarray, " n"], *fading: Float[np.ndarray, " n"]) -> tuple[float, float]:
+    def of(self, response: Float[np.ndarray, " n"], *dying: Float[np.ndarray, " n"]) -> tuple[float, float]:
         """The sum of squares [m2], and by what the response [V] is multiplied [m/V]."""
-        design = np.stack([response, *self._line, *fading], axis=1)
+        design = np.stack([response, *self._line, *dying], axis=1)
         numbers = np.linalg.lstsq(design, self._motion, rcond=None)[0]
         return float(np.sum((self._motion - design @ numbers) ** 2)), float(numbers[0])
 
     def by_lag(self, rate: float) -> tuple[float, float]:
         """The same of the response of a lag of the time constant 1 / `rate` [s]."""
-        return self.of(self._followed(-rate).real * rate, np.exp(-rate * self._elapsed))
+        return self.of(np.real(self._followed(-rate)) * rate, np.exp(-rate * self._elapsed))
 
     def by_mode(self, rate: float, damping: float) -> tuple[float, float]:
         """The same of the response of a mode of frequency `rate` [rad/s]."""
@@ -89,8 +89,8 @@ class _Left:
             return math.inf, 0.0
         ring = rate * math.sqrt(1.0 - damping**2)
         pole = complex(-damping * rate, ring)
-        fading = np.exp(pole * self._elapsed)
-        return self.of(self._followed(pole).imag * rate**2 / ring, fading.real, fading.imag)
+        dying = np.exp(pole * self._elapsed)
+        return self.of(np.imag(self._followed(pole)) * rate**2 / ring, np.real(dying), np.imag(dying))
 
     def _followed(self, pole: complex) -> Complex[np.ndarray, " n"]:
         """z of z' = pole z + u from rest, exact where u is a straight line between samples."""

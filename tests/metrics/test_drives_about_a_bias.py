@@ -1,0 +1,49 @@
+"""A voltage about a bias is found, counted from the level at which it rests or to which it returns."""
+
+import numpy as np
+import pytest
+from voltages import INTERVAL, SHAPES, check, first_rise, samples
+
+from pdssjax.metrics import detect_waveform
+
+BIASED = ["forward, slow fall", "backward", "cycloid forward", "cycloid backward", "skew triangle", "trapezoid"]
+
+
+@pytest.mark.parametrize(("low", "voltage"), [(-60.0, 120.0), (30.0, -100.0)])
+@pytest.mark.parametrize("name", BIASED)
+def test_a_drive_about_a_bias_is_counted_from_the_level_at_which_it_rests(name, low, voltage):
+    kind, direction, shape, numbers = SHAPES[name]
+    time, volts = samples(shape, 9.0, voltage, 0.2137, rests=True)
+    if direction == "forward":
+        volts = np.where((time - 0.2137) * 9.0 < 1.0, voltage * first_rise((time - 0.2137) * 9.0, kind), volts)
+    found = detect_waveform(time, low + volts + 0.02 * np.random.default_rng(6).normal(size=time.size))
+    check(found, kind, 9.0, voltage, numbers, direction)
+    assert found.counted_from == pytest.approx(low, abs=0.01)
+    assert found.begins == "seen" and found.start == pytest.approx(0.2137, abs=1.01 * INTERVAL)
+
+
+@pytest.mark.parametrize(("low", "voltage"), [(-20.0, 120.0), (30.0, -100.0)])
+@pytest.mark.parametrize("name", BIASED)
+def test_a_drive_about_a_bias_that_runs_is_counted_from_its_end_nearer_to_zero(name, low, voltage):
+    """Or the other way round, as a sawtooth the other way: both are the same voltage."""
+    kind, direction, shape, numbers = SHAPES[name]
+    time, volts = samples(shape, 7.3, voltage, 0.0123, first=0.2)
+    volts = low + volts + 0.02 * np.random.default_rng(6).normal(size=time.size)
+    found = detect_waveform(time, volts)
+    if found.numbers["voltage"] * voltage < 0.0:
+        other = {"forward": "backward", "backward": "forward", "": ""}[direction]
+        assert (found.name, found.direction) == (kind, other)
+        assert found.numbers["voltage"] == pytest.approx(-voltage, rel=1e-3)
+        assert found.counted_from == pytest.approx(low + voltage, abs=3e-4 * abs(voltage))
+        return
+    check(found, kind, 7.3, voltage, numbers, direction)
+    assert found.numbers["voltage"] == pytest.approx(voltage, rel=1e-3)
+    assert found.counted_from == pytest.approx(low, abs=3e-4 * abs(voltage))
+
+
+@pytest.mark.parametrize("name", ["cycloid forward", "cycloid backward"])
+def test_a_cycloid_that_has_just_begun_is_no_rest(name):
+    *_, shape, _ = SHAPES[name]
+    time, volts = samples(shape, 7.3, 64.2, -0.003)
+    found = detect_waveform(time, volts + 0.02 * np.random.default_rng(6).normal(size=time.size))
+    assert (found.name, found.begins) == ("cycloidal", "running")
