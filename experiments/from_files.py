@@ -106,6 +106,10 @@ class Rig(NamedTuple):
     seed: int = 6
     ending: str = ".csv"
     """Of its files: one of `STORED`."""
+    bias: float = 0.0
+    """At which the voltage rests, and from which it goes up [V]."""
+    waveform: str = "sawtooth"
+    """Of the walks."""
 
 
 def drawn_rig(number: int) -> Rig:
@@ -170,7 +174,7 @@ STORED = {".csv": _csv, ".mat": _mat, ".tdms": _tdms, ".h5": _hdf5}
 
 def write_files(folder: Path, rig: Rig) -> list[Path]:
     """What an instrument would store of the rig: clock, monitor of the voltage and position."""
-    saw = f'waveform = "sawtooth", voltage = {rig.voltage}, frequency = {FREQUENCY}, fall_time = {rig.fall}'
+    saw = f'waveform = "{rig.waveform}", voltage = {rig.voltage}, frequency = {FREQUENCY}, fall_time = {rig.fall}'
     runs = {
         "step": ("platform", f'waveform = "step", voltage = {rig.voltage}, rise_time = {rig.rise}'),
         "forward": ("effector", f'{saw}, direction = "forward"'),
@@ -189,7 +193,7 @@ def write_files(folder: Path, rig: Rig) -> list[Path]:
         name = made.record.name
         assert made.record.drive is not None
         volts = np.asarray(made.record.drive.at(jnp.asarray(times[name] - begins[name])))
-        volts = volts + random.normal(0.0, rig.volts_noise, volts.size)
+        volts = rig.bias + volts + random.normal(0.0, rig.volts_noise, volts.size)
         motion = made.true + random.normal(0.0, NOISE, volts.size)
         table = np.stack([times[name] + 1.0, volts, 1e6 * motion], axis=1)
         files.append(folder / f"{name}{rig.ending}")

@@ -62,6 +62,12 @@ def fit_cycloidal(time: Samples, volts: Samples, flanks: VoltageFlanks, interval
     )
 
 
+def cycloid_at(time: Samples, found: Waveform) -> Samples:
+    """The voltage [V] at `time` [s] of a cycloidal that was found and runs, counted from its level."""
+    numbers = [0.0, found.numbers["voltage"], found.start, 1.0 / found.numbers["frequency"]]
+    return _levels(time, found.direction == "forward")(np.array([*numbers, found.numbers.get("fall_time", 0.0)]))
+
+
 def _levels(time: Samples, fall: bool) -> Callable[[np.ndarray], Samples]:
     """The voltage [V] at `time` [s] by its lowest level and its height [V], begin of a fast flank, period and, if
     any, the duration of that flank [s]."""

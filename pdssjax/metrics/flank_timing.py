@@ -1,5 +1,6 @@
 """What the samples of a voltage leave open of its fast flanks: how long they last, and when they begin."""
 
+import math
 from typing import NamedTuple
 
 from .sharpened_flanks import SharpFlanks
@@ -35,3 +36,11 @@ def timing_of(sharp: SharpFlanks | None, seen: float, interval: float) -> Timing
     about, within = _SURE * sharp.duration_error, _SURE * sharp.start_error
     errors = sharp.duration_error, sharp.start_error
     return Timing(max(sharp.duration - about, 0.0), sharp.duration + about, within, errors)
+
+
+def widened(timing: Timing, error: float) -> Timing:
+    """`timing` where what the flanks are told by has an `error` of its own, as a time [s]."""
+    shortest, longest, within, errors = timing
+    about = _SURE * error
+    both = None if errors is None else (math.hypot(errors[0], error), math.hypot(errors[1], error))
+    return Timing(max(shortest - about, 0.0), longest + about, within + about, both)

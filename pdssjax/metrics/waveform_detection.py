@@ -15,6 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .cycloid_fit import cycloid_at
+from .flank_timing import widened
 from .sample_noise import scatter_between_corners
 from .voltage_flanks import Samples, voltage_flanks
 from .waveform import AT_ZERO, Waveform
@@ -32,9 +34,6 @@ _EXTREMES = (0.2, 99.8)
 _REST = 4
 """Samples of a rest, at least."""
 
-_HARDLY = 0.15
-"""Part of a period for which a cycloid has hardly left its level, by `AT_ZERO`."""
-
 _LEVELS = 4
 """How often the level that a voltage is counted from is found anew, at most."""
 
@@ -43,6 +42,9 @@ _SAME = 2e-5
 
 _HELD = 0.03
 """Part of a record that a voltage at which it begins lasts, at least, where it was held before."""
+
+_SURELY = 0.85
+"""Part of a rest whose samples are its level."""
 
 _UNDER_WAY = 0.1
 """Part of the voltage at which it is surely on its way."""
@@ -63,7 +65,7 @@ def detect_waveform(time: Samples, volts: Samples) -> Waveform:
     found = _turned(_detect(time, turned * volts), turned)
     if found.name != "sampled":
         return dataclasses.replace(found, counted_from=0.0)
-    counted, (level, turned) = found, _level(time, volts, turned)
+    counted, (level, turned, samples) = found, _level(time, volts, turned)
     # Noise widens the range of a voltage, and what is laid over it tells the level better.
     for _ in range(_LEVELS):
         counted = _turned(_detect(time, turned * (volts - level)), turned)
@@ -72,6 +74,12 @@ def detect_waveform(time: Samples, volts: Samples) -> Waveform:
         if counted.begins == "seen" or abs(counted.counted_from) < _SAME * (high - low):
             break
         level += turned * counted.counted_from
+    if counted.name == "sawtooth" and counted.timing is not None:
+        # Its slow flanks tell by that level when they begin.
+        cycles = float(time[-1] - time[0]) * counted.numbers["frequency"]
+        error = scatter_between_corners(volts) / math.sqrt(samples or max(cycles, 1.0))
+        slope = abs(counted.numbers["voltage"]) * counted.numbers["frequency"]
+        counted = dataclasses.replace(counted, timing=widened(counted.timing, error / slope))
     return dataclasses.replace(counted, counted_from=level)
 
 
@@ -81,8 +89,10 @@ def _turned(found: Waveform, turned: float) -> Waveform:
     return dataclasses.replace(found, numbers=found.numbers | back)
 
 
-def _level(time: Samples, volts: Samples, turned: float) -> tuple[float, float]:
+def _level(time: Samples, volts: Samples, turned: float) -> tuple[float, float, int]:
     """The level that a voltage is to be counted from [V], and whether it goes up from there, 1, or down, -1.
+
+    And of how many samples that is the mean, 0 where it is an end of the range.
 
     That at which it rests, where that is an end of its range; or else the end of the range nearer to 0 V, which is
     the highest of a voltage that is to be `turned`.
@@ -92,8 +102,8 @@ def _level(time: Samples, volts: Samples, turned: float) -> tuple[float, float]:
     if rest is not None:
         for end, way in ((low, 1.0), (high, -1.0)):
             if abs(rest.level - end) < AT_ZERO * (high - low):
-                return rest.level, way
-    return (low if turned > 0 else high), turned
+                return rest.level, way, rest.samples
+    return (low if turned > 0 else high), turned, 0
 
 
 def _detect(time: Samples, volts: Samples) -> Waveform:
@@ -118,10 +128,8 @@ def _detect(time: Samples, volts: Samples) -> Waveform:
             # A trapezoid with a short plateau is a sawtooth, too: the simpler one is taken.
             best = min(c.misfit for c in fitting)
             simplest = next(c for c in fitting if c.misfit < 2.0 * best + 2e-3)
-            # A record may begin while the voltage of a drive that runs is low.
-            low_for = {"trapezoid": 1.0 - simplest.numbers.get("width", 0.0), "cycloidal": _HARDLY}
-            shortest = 1.05 * low_for.get(simplest.name, 0.0) / simplest.numbers["frequency"]
-            rests = rests if rests is not None and rests - time[0] > shortest else None
+            if rests is not None and _runs_low(simplest, elapsed, volts, rests - first):
+                rests = None
             located = (1.5 if simplest.uncertain else LOCATED) * interval
             located = located if simplest.timing is None else min(located, simplest.timing.within)
             simplest = dataclasses.replace(_bounded(simplest), start=simplest.start + first)
@@ -131,6 +139,18 @@ def _detect(time: Samples, volts: Samples) -> Waveform:
     held = rest is not None and rest.end - time[0] > _HELD * (time[-1] - time[0])
     begins = "seen" if rests is not None else "held" if held else "running"
     return Waveform("sampled", {"voltage": float(np.max(np.abs(volts)))}, "", start, begins, 0.0)
+
+
+def _runs_low(found: Waveform, elapsed: Samples, volts: Samples, until: float) -> bool:
+    """Whether what looks like a rest `until` a time [s] is a drive that runs, and is low for a while in each cycle."""
+    if found.name == "trapezoid":
+        low_for = (1.0 - found.numbers["width"]) / found.numbers["frequency"]
+        return until - elapsed[0] <= 1.05 * low_for
+    if found.name == "cycloidal":
+        quiet = elapsed < until
+        runs = volts[quiet] - cycloid_at(elapsed[quiet], found)
+        return bool(runs @ runs < volts[quiet] @ volts[quiet])
+    return False
 
 
 def _bounded(found: Waveform) -> Waveform:
@@ -159,6 +179,8 @@ class _Rest(NamedTuple):
     """When it leaves the rest [s]."""
     level: float
     """[V]"""
+    samples: int
+    """Of which it is the mean."""
 
 
 def _rest(time: Samples, volts: Samples, extent: float) -> _Rest | None:
@@ -178,7 +200,11 @@ def _rest(time: Samples, volts: Samples, extent: float) -> _Rest | None:
     # A slow flank that has just begun is no rest: it has the slope that it goes on with.
     ahead = float(np.max(np.abs(volts[leaves : 2 * leaves] - volts[leaves - 1]), initial=0.0))
     drift = float(np.mean(quiet[leaves // 2 :]) - np.mean(quiet[: leaves // 2])) * 2.0
-    return None if abs(drift) > 0.3 * ahead and ahead > 0 else _Rest(float(time[leaves - 1]), float(np.mean(quiet)))
+    if abs(drift) > 0.3 * ahead and ahead > 0:
+        return None
+    # The last samples may be on their way already, within the noise.
+    surely = quiet[: max(round(_SURELY * leaves), _REST - 1)]
+    return _Rest(float(time[leaves - 1]), float(np.mean(surely)), surely.size)
 
 
 def begun(found: Waveform, time: Samples, rests: float | None, tolerance: float, located: float = math.inf) -> Waveform:

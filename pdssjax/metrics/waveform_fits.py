@@ -83,7 +83,7 @@ def fit_sawtooth(time: Samples, volts: Samples, flanks: VoltageFlanks, interval:
     design = np.stack([np.ones(time.size), time, -count], axis=1)[kept]
     if np.linalg.matrix_rank(design) < 3:
         return None
-    a, slope, drop = np.linalg.lstsq(design, volts[kept], rcond=None)[0]
+    a, slope, drop = map(float, np.linalg.lstsq(design, volts[kept], rcond=None)[0])
     if slope == 0 or drop / slope <= 0:
         return None
     period = drop / slope

@@ -16,6 +16,8 @@ RIGS = {
     "a step and falls between two samples": Rig(4e-5, 3e-5, 0.02),
     "a fall on one or two samples, with noise": Rig(2e-4, 8e-5, 0.06),
     "flanks that samples show": Rig(3e-4, 3e-4, 0.01),
+    "a voltage between -20 and 40 V": Rig(4e-5, 3e-5, 0.02, bias=-20.0),
+    "cycloids": Rig(3e-4, 2e-4, 0.02, waveform="cycloidal"),
 }
 
 
@@ -33,6 +35,7 @@ def test_two_commands_lead_to_parameters_within_their_errors(tmp_path, name):
     assert all(abs(sigmas) < 4.0 for sigmas in off.values()), off
     # Chi-square of nine numbers that are right: above 27.9 once in a thousand times.
     assert found["distance"] < 27.9, off
+    assert f'waveform = "{RIGS[name].waveform}"' in study.read_text()
     assert "contradict" not in (out / "report.txt").read_text()
 
 

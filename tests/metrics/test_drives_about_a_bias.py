@@ -47,3 +47,15 @@ def test_a_cycloid_that_has_just_begun_is_no_rest(name):
     time, volts = samples(shape, 7.3, 64.2, -0.003)
     found = detect_waveform(time, volts + 0.02 * np.random.default_rng(6).normal(size=time.size))
     assert (found.name, found.begins) == ("cycloidal", "running")
+
+
+@pytest.mark.parametrize("name", ["cycloid forward", "cycloid backward"])
+def test_a_short_rest_before_a_cycloid_is_one(name):
+    """Of a twentieth of a period, in which a cycloid that runs hardly moves."""
+    kind, direction, shape, _ = SHAPES[name]
+    time, volts = samples(shape, 10.0, 60.0, 0.0, first=-0.005, rests=True)
+    if direction == "forward":
+        volts = np.where(time < 0.1, 60.0 * first_rise(10.0 * time, kind), volts)
+    found = detect_waveform(time + 1.0, volts + 0.02 * np.random.default_rng(6).normal(size=time.size))
+    assert (found.name, found.begins) == ("cycloidal", "seen")
+    assert found.start == pytest.approx(1.0, abs=INTERVAL)
