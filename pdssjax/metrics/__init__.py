@@ -57,6 +57,8 @@ if TYPE_CHECKING:
     from .sample_noise import neighbour_scatter as neighbour_scatter
     from .sample_noise import scatter_floor as scatter_floor
     from .sensor_resolution import resolution_of as resolution_of
+    from .slip_timing import SlipDelay as SlipDelay
+    from .slip_timing import slip_delay as slip_delay
     from .smoothing import smoothed as smoothed
     from .waveform import Waveform as Waveform
     from .waveform_detection import detect_waveform as detect_waveform
@@ -92,6 +94,7 @@ else:
             "residual_split": ["ResidualSplit", "split_residuals"],
             "sample_noise": ["neighbour_scatter", "scatter_floor"],
             "sensor_resolution": ["resolution_of"],
+            "slip_timing": ["SlipDelay", "slip_delay"],
             "smoothing": ["smoothed"],
             "waveform_detection": ["detect_waveform"],
             "waveform": ["Waveform"],

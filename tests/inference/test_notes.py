@@ -24,6 +24,7 @@ from pdssjax.inference.poor_fit import exceeds_floor, exceeds_given_noise, highe
 from pdssjax.inference.problem import pose
 from pdssjax.report.text import format_report
 from pdssjax.study import FittedParameter, Models, compare
+from pdssjax.study.measurement.effector import Effector
 from pdssjax.study.measurement.platform import Platform
 
 GAIN, RATE, DAMPING = 1.1e-7, 6000.0, 0.2
@@ -331,3 +332,16 @@ def test_a_record_that_was_lost_is_told_and_nothing_else_of_it():
     failed = dataclasses.replace(fabricated.estimate().records[3])
     (note,) = about_records([failed], 1.0, False)
     assert "could not finish" in note and '"lost/run"' in note
+
+
+@pytest.mark.parametrize(("late", "said"), [(2e-4, "0.2 ms later"), (-2e-4, "0.2 ms earlier"), (0.0, "")])
+def test_slips_at_other_times_than_predicted_are_told_as_such(late, said):
+    time = np.arange(0.0, 1.0, 1e-4)
+    # What is no delay: a stroke that is a hundredth larger.
+    moved = fabricated.walk_motion(time - late, stroke=6.5e-6 if late else 6.565e-6)
+    measured = moved + np.random.default_rng(5).normal(0.0, NOISE, time.size)
+    posed = Record("walk", None, "fit", Effector(), Sawtooth(), frozenset(), time, measured, NOISE, 0.0)  # pyright: ignore[reportArgumentType]
+    notes = about_records([compare(posed, fabricated.walk_motion(time), noise=NOISE, offset=0.0)], 1.0, False)
+    assert any("does not explain" in note for note in notes)
+    told = [note for note in notes if "Slips come" in note]
+    assert (said in told[0] and '"walk"' in told[0]) if said else not told

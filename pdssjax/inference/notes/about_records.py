@@ -5,9 +5,10 @@ from types import MappingProxyType
 
 import numpy as np
 
-from ...metrics import drift_per_cycle, held_in_words
+from ...metrics import drift_per_cycle, held_in_words, slip_delay
 from ...study import FittedRecord
 from ..poor_fit import (
+    SIGMAS,
     above_floor,
     exceeds_floor,
     exceeds_given_noise,
@@ -25,6 +26,9 @@ CORRELATED = 0.3
 
 _NOISE = 0.9
 """Share of the residuals that neighbours must scatter for all of them to be noise."""
+
+_OF_TIMING = 0.5
+"""Share of what is left in slips that their delay explains, from which it is told."""
 
 _NO_WALK = 0.01
 """Net step over stroke below which a motion is no walk."""
@@ -91,6 +95,7 @@ def about_records(
         notes
         + _about_held(fitted)
         + _about_repeating(fitted)
+        + _about_slips([r for r in fitted if any(r is other for other in (*misfits, *over)) or repeats(r)])
         + _about_validation(known, unfitted)
         + _about_correlation(fitted)
         + _about_walking(fitted)
@@ -112,6 +117,27 @@ def _about_repeating(fitted: Sequence[FittedRecord]) -> list[str]:
     return [
         f"A part of the residuals repeats every cycle, {listed(figures)}: that is the model's misfit and not noise, "
         "and more cycles do not average it away. The true errors are larger than the white standard errors."
+    ]
+
+
+def _about_slips(unexplained: Sequence[FittedRecord]) -> list[str]:
+    """Where slips that come early or late are most of what is left in them."""
+    figures = []
+    for record in unexplained:
+        walks = record.measures == "effector" and record.frequency is not None
+        found = slip_delay(record.time, record.predicted, record.rest) if walks else None
+        if found is None or abs(found.delay) < SIGMAS * found.standard_error or found.explains < _OF_TIMING:
+            continue
+        when = "later" if found.delay > 0 else "earlier"
+        figures.append(
+            f"in {quoted([record])} {1e3 * abs(found.delay):.2g} ms {when}, {100 * found.explains:.0f} % of what is "
+            "left in them"
+        )
+    if not figures:
+        return []
+    return [
+        f"Slips come at other times than the model's: {listed(figures)}. Look at when the drive starts (start, "
+        "sensor.delay), at the fall time and at the friction force."
     ]
 
 
