@@ -1,5 +1,7 @@
 """`pdssjax new` of records that are unlike most: steps from a bias, and what no rig does."""
 
+import re
+
 import fabricated
 import numpy as np
 import pytest
@@ -7,11 +9,11 @@ import scipy.signal
 
 from pdssjax import load_study
 from pdssjax.cli import main as cli
+from pdssjax.drive.step import Step
 
 
 @pytest.mark.parametrize(("first", "last"), [(20.0, 50.0), (50.0, 0.0)])
-def test_a_step_from_a_bias_rings_and_was_held_before(tmp_path, first, last):
-    """No waveform of a study begins at another voltage than 0: its samples are the drive."""
+def test_a_step_from_a_bias_rings_and_is_counted_from_it(tmp_path, first, last):
     time = np.arange(-0.002, 0.015, 2e-5)
     random = np.random.default_rng(7)
     motion = 1e6 * fabricated.step_motion(time, (last - first) * 8.5e-8, 9100.0, 0.06)
@@ -22,9 +24,32 @@ def test_a_step_from_a_bias_rings_and_was_held_before(tmp_path, first, last):
     assert cli.main(command) == 0
     text = (tmp_path / "rig" / "study.toml").read_text()
     assert 'piezo = "second-order"' in text
-    assert 'conditioning = "60 s"' in text and "at a voltage that was held before" in text
+    assert float(re.search(r"counted from (\S+) V", text)[1]) == pytest.approx(first, abs=0.01)
+    assert "conditioning" not in text
     (record,) = load_study(tmp_path / "rig" / "study.toml").records
-    assert record.drive is not None and record.time[0] > 59.0
+    assert isinstance(record.drive, Step) and record.time[0] == pytest.approx(-0.002, abs=1e-4)
+    assert float(record.drive.voltage) == pytest.approx(last - first, abs=0.02)
+
+
+@pytest.mark.parametrize("rests", [True, False])
+def test_a_stack_with_hysteresis_feels_the_level_and_gets_the_samples(tmp_path, rests):
+    time = np.arange(0.0, 24.0, 0.01)
+    turn = 0.25 * (time - (4.0 if rests else -1.0))
+    volts = 20.0 + 50.0 * np.where(turn < 0.0, 0.0, 1.0 - np.abs(2.0 * np.mod(turn, 1.0) - 1.0))
+    held = [20.0]
+    for level in volts[1:]:
+        held.append(float(np.clip(held[-1], level - 6.0, level + 6.0)))
+    random = np.random.default_rng(3)
+    motion = 0.1 * np.array(held) + 0.002 * random.normal(size=time.size)
+    rows = np.stack([time, volts + 0.01 * random.normal(size=time.size), motion], axis=1)
+    np.savetxt(tmp_path / "loops.csv", rows, "%.7g", ",", header="time_s,voltage_V,displacement_um", comments="")
+    command = ["new", str(tmp_path / "rig"), "--files", str(tmp_path / "loops.csv"), "--measures", "platform"]
+    assert cli.main(command) == 0
+    text = (tmp_path / "rig" / "study.toml").read_text()
+    assert 'waveform = "sampled"' in text and "a triangle of " in text and "hysteresis feels that level" in text
+    assert ('conditioning = "60 s"' if rests else "conditioning = { cycles = 2, period = ") in text
+    (record,) = load_study(tmp_path / "rig" / "study.toml").records
+    assert record.time[0] == pytest.approx(60.0 if rests else 8.0, abs=0.01)
 
 
 def test_what_no_rig_does_is_questioned(tmp_path, capsys):
