@@ -27,6 +27,12 @@ class VoltageFlanks:
     """Of the voltage [V], noise and all, which the flanks' durations refer to."""
 
 
+def extremes_of(volts: Samples) -> tuple[float, float]:
+    """The lowest and the highest voltage [V], but for a few samples in a thousand."""
+    low, high = np.percentile(volts, [0.2, 99.8])
+    return float(low), float(high)
+
+
 def voltage_flanks(time: Samples, volts: Samples, low: float, high: float) -> VoltageFlanks:
     """The passages of a voltage between its extremes [V]."""
     level = (volts - low) / ((high - low) or 1.0)
@@ -98,6 +104,5 @@ def fast_flanks(flanks: VoltageFlanks) -> FastFlanks | None:
 def frequency_of(time: Samples, volts: Samples) -> float | None:
     """Cycles a second of a voltage of any shape [Hz], by its flanks; None where they do not repeat."""
     elapsed = time - time[0]
-    low, high = (float(level) for level in np.percentile(volts, [0.2, 99.8]))
-    period = period_of(voltage_flanks(elapsed, volts, low, high))
+    period = period_of(voltage_flanks(elapsed, volts, *extremes_of(volts)))
     return 1.0 / period if period is not None and period > 0 else None

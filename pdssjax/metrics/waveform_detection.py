@@ -18,7 +18,7 @@ import numpy as np
 from .cycloid_fit import cycloid_at
 from .flank_timing import widened
 from .sample_noise import scatter_between_corners
-from .voltage_flanks import Samples, voltage_flanks
+from .voltage_flanks import Samples, extremes_of, voltage_flanks
 from .waveform import AT_ZERO, Waveform
 from .waveform_fits import FITS, LOCATED, fit_step
 
@@ -27,9 +27,6 @@ MOST_MISFIT = 0.015
 
 _VOLTS = "voltage", "bias"
 """Numbers of a waveform that turn with it."""
-
-_EXTREMES = (0.2, 99.8)
-"""Percentiles that stand for the lowest and the highest voltage."""
 
 _REST = 4
 """Samples of a rest, at least."""
@@ -97,7 +94,7 @@ def _level(time: Samples, volts: Samples, turned: float) -> tuple[float, float, 
     That at which it rests, where that is an end of its range; or else the end of the range nearer to 0 V, which is
     the highest of a voltage that is to be `turned`.
     """
-    low, high = (float(level) for level in np.percentile(volts, _EXTREMES))
+    low, high = extremes_of(volts)
     rest = _rest(time, volts, high - low)
     if rest is not None:
         for end, way in ((low, 1.0), (high, -1.0)):
@@ -107,7 +104,7 @@ def _level(time: Samples, volts: Samples, turned: float) -> tuple[float, float, 
 
 
 def _detect(time: Samples, volts: Samples) -> Waveform:
-    low, high = (float(level) for level in np.percentile(volts, _EXTREMES))
+    low, high = extremes_of(volts)
     low = min(low, float(volts[0]))  # a step may begin with the second sample
     interval = float(np.median(np.diff(time)))
     # On a clock that counts from 1970 a line through the samples would be lost in rounding.

@@ -50,14 +50,17 @@ def _as_told(records: Sequence[Record], told: Sequence[Float[np.ndarray, " sampl
     return [dataclasses.replace(record, measured=values) for record, values in pairs if values is not None]
 
 
-def oscillator(driven: Sequence[Record]) -> dict[str, float]:
-    """Gain, natural frequency and damping ratio, as far as records with a drive tell them."""
+def oscillator(driven: Sequence[Record], rings: bool) -> dict[str, float]:
+    """Gain, natural frequency and damping ratio, as far as records with a drive tell them.
+
+    **Arguments:** whether the stack `rings`: only then are records without a step searched for a resonance.
+    """
     moves = as_displacements(driven)
     platforms = [record for record in moves if record.measurement.platform_alone]
     steps = [record for record in platforms if is_step(record)]
     if steps:
         return _usual([_from_step(record) for record in _finest(steps)])
-    if ringing_ones := [found for record in _finest(platforms) if (found := _ringing(record))]:
+    if rings and (ringing_ones := [found for record in _finest(platforms) if (found := _ringing(record))]):
         return _usual(ringing_ones)
     flanks = [_flank_gain(r) for r in moves if r.drive is not None and r.drive.flanks() is not None]
     gains = flanks or [_range_gain(record) for record in platforms]

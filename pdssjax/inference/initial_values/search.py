@@ -195,7 +195,7 @@ def _piezo_from_data(models: Models, known: Mapping[str, float], records: Sequen
     driven = [record for record in records if record.drive is not None]
     swings = [float(np.ptp(np.append(voltages(record), 0.0))) for record in driven]
     shown = Shown(
-        **oscillator(driven),
+        **oscillator(driven, "piezo.natural_frequency" in models.declared()),
         swing=max(swings, default=0.0) or None,
         duration=max((float(record.time[-1]) for record in driven), default=0.0) or None,
         interval=min(map(interval_of, driven), default=None),
