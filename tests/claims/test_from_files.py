@@ -80,7 +80,8 @@ def test_a_noisy_voltage_is_in_the_error_of_the_gain(tmp_path):
 def test_rigs_differ_and_are_the_same_again():
     first, second = drawn_rig(1), drawn_rig(2)
     assert first == drawn_rig(1)
-    assert all(a != b for a, b in zip(first, second, strict=True))
+    not_drawn = {"bias", "waveform"}
+    assert all(getattr(first, name) != getattr(second, name) for name in set(first._fields) - not_drawn)
     assert set(first.truth) == set(TRUTH) and all(first.truth[path] != TRUTH[path] for path in TRUTH)
     drawn = [drawn_rig(number) for number in range(50)]
     for field, low, high in (("interval", 2e-5, 1e-4), ("fall", 2e-5, 4e-4), ("rise", 0.0, 2e-4), ("voltage", 20, 80)):
