@@ -23,7 +23,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     os.environ.setdefault("EQX_ON_ERROR", "nan")
     import jax
 
-    jax.config.update("jax_enable_x64", True)
+    from pdssjax import prepare_jax
+
+    # As a program of ours runs, for all that JAX compiles here; but compile times are to be seen.
+    prepare_jax()
+    jax.config.update("jax_enable_compilation_cache", False)
     from .jobs import jobs
     from .machine import header, label, load
     from .measure import Effort

@@ -185,7 +185,8 @@ def test_report_and_notes_put_it_into_words():
     )
     diagnosis = Diagnosis((combination,), remedy, records)
     text = format_diagnosis(diagnosis)
-    assert "friction.a  friction.b^-0.5  effector.mass^0.3" in text and "12 %" in text
+    assert "friction.a  friction.b^-0.50  effector.mass^0.30" in text and "12 %" in text
+    assert "best" not in text
     (note,) = about_agreement(diagnosis)
     assert note.startswith('"step" contradicts the other records (9.1 standard deviations')
     assert "without it friction.a would be 4.2 standard errors smaller" in note
@@ -198,6 +199,23 @@ def test_report_and_notes_put_it_into_words():
     assert about_agreement(None) == []
     # Beyond chance, but nothing that a user would notice.
     assert about_agreement(Diagnosis((), None, (Agreement(("a",), "record", 9.0, {"x": 0.5}),))) == []
+
+
+def test_report_lists_what_is_told_least_and_best():
+    found = [Combination({f"friction.{name}": 1.0}, 10.0**-k) for k, name in enumerate("abcdefgh", start=1)]
+    least, best = format_diagnosis(Diagnosis(tuple(found[::-1]), None, ())).split("best")
+    assert [line.split() for line in least.splitlines()[1:4]] == [
+        ["friction.a", "10", "%"],
+        ["friction.b", "1", "%"],
+        ["friction.c", "0.1", "%"],
+    ]
+    assert [line.split()[0] for line in best.splitlines() if "friction" in line] == [
+        "friction.h",
+        "friction.g",
+        "friction.f",
+    ]
+    few = format_diagnosis(Diagnosis(tuple(found[:4]), None, ()))
+    assert few.count("friction.a") == 1 and few.split("best]]")[1].split()[0] == "friction.d"
 
 
 def test_records_are_grouped_by_what_they_share(tmp_path):

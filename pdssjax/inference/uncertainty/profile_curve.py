@@ -48,6 +48,11 @@ class Curve(NamedTuple):
     """The most by which the excess falls on the way outwards, in units of the threshold."""
     evaluations: int
 
+    @property
+    def quality(self) -> float:
+        """1 where the points foretell each other, 0 where one misses by the threshold; NaN without points."""
+        return float(np.maximum(0.0, 1.0 - self.missed))
+
 
 class _Node(NamedTuple):
     """A point of the valley."""

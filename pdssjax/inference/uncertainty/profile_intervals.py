@@ -123,7 +123,7 @@ def _profile(
         computed=curve.computed,
         threshold=threshold,
         verdict=verdict_of(ends, curve),
-        quality=max(0.0, 1.0 - curve.missed),
+        quality=curve.quality,
         evaluations=curve.evaluations + sum(end.evaluations for end in ends),
     )
 

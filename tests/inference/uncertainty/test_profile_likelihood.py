@@ -240,6 +240,16 @@ def test_a_bound_holds_and_the_others_make_the_best_of_theirs():
     assert end.value == pytest.approx(optimum[1] + rest, abs=1e-6)
 
 
+def test_a_curve_has_a_quality_where_one_side_could_be_followed():
+    evaluate = of(banana)
+    optimum = linearise(evaluate, optimum_of(banana, [1.0, 1.0]))
+    bounded = interval_end(evaluate, optimum, 0, 1.0, THRESHOLD, FREE, 40.0)
+    lost = bounded._replace(point=optimum)
+    curve = lambda *ends: profile_curve(evaluate, optimum, 0, ends, THRESHOLD, FREE, unknown(optimum), 40.0)
+    assert 0.5 < curve(lost, bounded).quality <= 1.0
+    assert np.isnan(curve(lost, lost).quality)
+
+
 def test_a_lower_minimum_on_the_way_and_a_step_are_said():
     two = lambda at: np.stack([at[0] ** 2 - 1.0, 0.5 * (at[0] - 1.0), at[1]])
     wrong = optimum_of(two, [-1.2, 0.0])
