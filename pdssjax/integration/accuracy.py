@@ -22,7 +22,7 @@ class Accuracy(eqx.Module):
     """Local error allowed in one step, as a displacement [m]; hundreds of steps and reversals make 1e-11 m of it."""
     settle_tolerance: float = 3e-14
     """Deviation [m] from the steady solution below which the remainder of a segment is not stepped."""
-    method: AbstractStepMethod = Taylor(16)
+    method: AbstractStepMethod = Taylor()
     """The one-step method for the smooth pieces."""
     max_steps: int = eqx.field(static=True, default=8192)
     """Room for this many steps; an integration that needs more ends there and says so."""

@@ -11,9 +11,12 @@ from jaxtyping import Array, Bool, Float
 
 from ...core import Count, Scalar
 from ...drive.base import AbstractDrive
-from ...integration import AbstractHybridSystem, Accuracy, Solution
+from ...integration import AbstractHybridSystem, Accuracy, Solution, Taylor
 from ...metrics import FLANK, CycleMetrics, cycle_metrics
 from ...simulation import StickSlip, StickSlipState
+
+SIDE_BY_SIDE = Taylor(16)
+"""Steps of points side by side, where all that an order adds is computed: finer series would gain nothing."""
 
 FINE = Accuracy(tolerance=1e-17, settle_tolerance=1e-15)
 """Of a course: derivatives of a net step that is the difference of far longer motions are lost in coarser steps."""

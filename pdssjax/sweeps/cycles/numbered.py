@@ -7,7 +7,7 @@ from jaxtyping import Array, Float
 from ...core import Count
 from ...integration import Accuracy, flat, integrate, integrate_to_times
 from ...simulation import StickSlip
-from .base import FINE, METRICS, AbstractCycle, Course, Opening, cycles_at, effector_at, timing
+from .base import FINE, METRICS, SIDE_BY_SIDE, AbstractCycle, Course, Opening, cycles_at, effector_at, timing
 
 
 class Numbered(AbstractCycle):
@@ -22,7 +22,7 @@ class Numbered(AbstractCycle):
     @property
     def accuracy(self) -> Accuracy:
         """This agrees with single runs to 1e-4 um."""
-        return Accuracy(tolerance=3e-11)
+        return Accuracy(tolerance=3e-11, method=SIDE_BY_SIDE)
 
     def measure(self, system: StickSlip, accuracy: Accuracy) -> tuple[Float[Array, " metrics"], Count]:
         when = timing(system.drive)

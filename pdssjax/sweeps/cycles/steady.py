@@ -27,7 +27,7 @@ from ...integration import (
 )
 from ...simulation import StickSlip, grazing
 from ..point_status import GRAZING
-from .base import FINE, METRICS, AbstractCycle, Course, Metric, Opening, cycles_at, effector_at, timing
+from .base import FINE, METRICS, SIDE_BY_SIDE, AbstractCycle, Course, Metric, Opening, cycles_at, effector_at, timing
 
 TOLERANCE = 2e-11
 """How far [m] a cycle may be from its limit."""
@@ -56,7 +56,7 @@ class Steady(AbstractCycle):
     @property
     def accuracy(self) -> Accuracy:
         """Finer than for a numbered cycle: errors of the steps must not look like a transient."""
-        return Accuracy(tolerance=1e-12, max_steps=16384)
+        return Accuracy(tolerance=1e-12, method=SIDE_BY_SIDE, max_steps=16384)
 
     def measure(self, system: StickSlip, accuracy: Accuracy) -> tuple[Float[Array, " metrics"], Count]:
         when = timing(system.drive)
