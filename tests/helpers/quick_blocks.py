@@ -1,13 +1,17 @@
 """Blocks of a sweep that take no simulation: for what is asked of stores and executors."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
 
 import pdssjax
 from pdssjax.files import EXAMPLE
-from pdssjax.sweeps import execution
+from pdssjax.sweeps import execution, plan_sweep
+
+OVER = {"drive.voltage": np.linspace(20.0, 80.0, 20), "drive.frequency": np.linspace(2.0, 50.0, 20)}
+"""400 points: seven blocks."""
 
 
 def example_study():
@@ -15,6 +19,24 @@ def example_study():
     truth = json.loads((EXAMPLE / "truth.json").read_text())["parameters"]
     study = pdssjax.load_study(EXAMPLE / "study.toml")
     return study.with_values({path: truth[path]["value"] for path in study.parameters})
+
+
+def written(folder, study):
+    """The example's study with its true values, as a file."""
+    shutil.copytree(EXAMPLE, folder / "study", dirs_exist_ok=True)
+    file = folder / "study" / "study.toml"
+    text = file.read_text()
+    for path, parameter in study.parameters.items():
+        line = next(line for line in text.splitlines() if line.startswith(f'"{path}"'))
+        text = text.replace(line, f'"{path}" = {{ value = {parameter.value!r} }}')
+    file.write_text(text)
+    return file
+
+
+def planned(study, over=OVER):
+    """The job and the blocks of a sweep."""
+    made = plan_sweep(study, over)
+    return made.document, made.plan
 
 
 def found_at(points):
