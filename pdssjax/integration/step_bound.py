@@ -14,7 +14,7 @@ from ..core import Scalar
 from .system import SETTLED
 from .taylor_series import Field, constant
 
-_FORCED = 1.35
+_FORCED = 1.5
 """So many times longer a step may be for what is known in closed form, and only enters the rest as a forcing."""
 
 
