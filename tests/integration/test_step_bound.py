@@ -5,7 +5,8 @@ import math
 import jax.numpy as jnp
 import pytest
 
-from pdssjax.integration import SETTLED, Accuracy, Taylor
+from pdssjax import Accuracy, Taylor
+from pdssjax.integration import SETTLED
 from pdssjax.integration.step_bound import longest_step
 
 RATE, DAMPING, SPAN = 6736.0, 0.1772, 16.0 / 3.0

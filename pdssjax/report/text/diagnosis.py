@@ -26,7 +26,7 @@ def format_diagnosis(diagnosis: Diagnosis) -> str:
 
 
 def _table(found: Sequence[Combination]) -> str:
-    return aligned_table("<>", [[_product(one), f"{100 * one.relative_error:.2g} %"] for one in found])
+    return aligned_table("<>", [[_product(each), f"{100 * each.relative_error:.2g} %"] for each in found])
 
 
 def _advice(remedy: Remedy) -> str:

@@ -244,10 +244,10 @@ def test_a_curve_has_a_quality_where_one_side_could_be_followed():
     evaluate = of(banana)
     optimum = linearise(evaluate, optimum_of(banana, [1.0, 1.0]))
     bounded = interval_end(evaluate, optimum, 0, 1.0, THRESHOLD, FREE, 40.0)
-    lost = bounded._replace(point=optimum)
+    unfollowed = bounded._replace(point=optimum)
     curve = lambda *ends: profile_curve(evaluate, optimum, 0, ends, THRESHOLD, FREE, unknown(optimum), 40.0)
-    assert 0.5 < curve(lost, bounded).quality <= 1.0
-    assert np.isnan(curve(lost, lost).quality)
+    assert 0.5 < curve(unfollowed, bounded).quality <= 1.0
+    assert np.isnan(curve(unfollowed, unfollowed).quality)
 
 
 def test_a_lower_minimum_on_the_way_and_a_step_are_said():
