@@ -27,7 +27,7 @@ class Taylor(AbstractStepMethod):
         # Inside the circle of this radius in the left half-plane the series of e^z is at most 1.01: radius 4.1 at
         # order 12, 5.5 at order 16.  Of higher orders it is larger, but terms as large as e^|z| cancel there, and
         # rounding in derivatives grows with them.
-        return min(self.order, 16) / 3.0
+        return min(self.order / 3.0, 6.0)
 
     def attempt(
         self,
