@@ -7,7 +7,7 @@ import jax.numpy as jnp
 
 from ..core import Scalar, ScalarLike, Truth
 from ..drive.base import Segment, Voltage
-from ..integration import SPURIOUS_AMPLITUDE, N, N_co, Term, weighted
+from ..integration import N, N_co, Term, weighted
 from ..piezo.base import AbstractPiezo
 from .amplifier import Amplifier
 
@@ -110,8 +110,10 @@ class DrivenPlatform(eqx.Module):
             supply = chosen(ends, self.amplifier.after_event(supply, which - of_piezo), supply)
         return DrivenPlatformState(stack, supply)
 
-    def is_spurious_event(self, slope: Scalar, which: Scalar) -> Truth:
-        """Whether an event of the piezo's with this `slope` of its guard is the rounding of a voltage at rest.
+    def is_small_event(self, slope: Scalar, which: Scalar, amplitude: float) -> Truth:
+        """Whether an event of the piezo's with this `slope` of its guard is that of a voltage at rest.
+
+        The voltage then moves the stack by less than `amplitude` [m] in a time constant.
 
         An amplifier's output tends to the peak of a flank, where an element that slipped there before returns to its
         threshold just so, and the voltage turns at no time that means anything.  By `AbstractPiezo.guards` the first
@@ -122,7 +124,7 @@ class DrivenPlatform(eqx.Module):
         rate = self.piezo.frequency_scale()
         moved = jnp.abs(slope) * self.piezo.static_gain() / jnp.where(which == 0, rate, 1.0)
         count = len(self.piezo.guards(self.piezo.initial(), Voltage(0.0, 0.0, 0.0)))
-        return (which >= 0) & (which < count) & (moved < SPURIOUS_AMPLITUDE * rate)
+        return (which >= 0) & (which < count) & (moved < amplitude * rate)
 
     def steady(
         self, segment: Segment, t_local: ScalarLike, x: DrivenPlatformState[Scalar], force: ScalarLike

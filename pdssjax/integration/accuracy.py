@@ -21,7 +21,10 @@ class Accuracy(eqx.Module):
     tolerance: float = 1e-14
     """Local error allowed in one step, as a displacement [m]; hundreds of steps and reversals make 1e-11 m of it."""
     settle_tolerance: float = 3e-14
-    """Deviation [m] from the steady solution below which the remainder of a segment is not stepped."""
+    """Deviation [m] from the steady solution below which the remainder of a segment is not stepped.
+
+    Smaller by as much as derivatives of what rings are larger than the motion.
+    """
     method: AbstractStepMethod = Taylor()
     """The one-step method for the smooth pieces."""
     max_steps: int = eqx.field(static=True, default=8192)

@@ -15,13 +15,22 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float
 
 from ..core import Scalar, Truth
-from .accuracy import Accuracy
+from .accuracy import SPURIOUS_AMPLITUDE, Accuracy
 from .forward_pass import find_steps
 from .loop_state import LoopState
 from .polynomials import horner
 from .step_methods.base import AbstractStepMethod, KnownStep
 from .step_table import KNOWN_COLUMNS, Table, read
-from .system import AbstractHybridSystem, InputSegment, State, field_of, has_guards, initial_state_and_mode, unflattener
+from .system import (
+    SETTLED,
+    AbstractHybridSystem,
+    InputSegment,
+    State,
+    field_of,
+    has_guards,
+    initial_state_and_mode,
+    unflattener,
+)
 from .taylor_loop import computed_once
 from .tiles import Tile, tiled
 
@@ -35,6 +44,10 @@ StepArrays: TypeAlias = tuple[
     Float[Array, "room begin"], Float[Array, " begin"], Float[Array, "room kept coefficients"], Known
 ]
 """(begins, end, polynomials, known): a begin or end is origin, local time and state of a step."""
+
+
+_SMALL = 1e-11
+"""Amplitude [m] of a motion from whose events derivatives are carried back to a fixed time."""
 
 
 @eqx.filter_custom_jvp
@@ -212,8 +225,16 @@ def _exact_end(system: AbstractHybridSystem, row: Float[Array, " columns"], x: l
     return jax.tree.leaves(system.exact(segment, step.t_local, begin, step.duration, unflatten(x)))
 
 
-def _event_shift(system: AbstractHybridSystem, row: Float[Array, " columns"], x: list[Scalar]) -> Scalar:
-    """By how much the end of a step moves: zero in value, the derivative of the event's or of the corner's time."""
+class _Shift(NamedTuple):
+    """By how much the end of a step moves."""
+
+    time: Scalar
+    """Zero in value, the derivative of the event's or of the corner's time [s]."""
+    is_small: Truth
+    """Whether it is an event of a motion so small that derivatives are not left at its moving time."""
+
+
+def _event_shift(system: AbstractHybridSystem, row: Float[Array, " columns"], x: list[Scalar]) -> _Shift:
     step = read(row)
     at, mode, which = step.at, step.mode, step.which
     end, segment = unflattener(system)(x), system.segment(step.index)
@@ -224,44 +245,55 @@ def _event_shift(system: AbstractHybridSystem, row: Float[Array, " columns"], x:
         guards = [jnp.asarray(guard, float) for guard in system.guards(segment, at + event_shift, moved, mode)]
         return jnp.minimum(*guards) if len(guards) == 2 else jnp.stack(guards)[which]
 
-    shift_of_event = 0.0
+    shift_of_event, is_small = 0.0, jnp.zeros((), bool)
     if has_guards(system, segment, at, end, mode):
         gap, slope = jax.jvp(margin, (jnp.zeros_like(at),), (jnp.ones_like(at),))
-        # At the first instant of a segment an event has no time of its own: it is there whatever the parameters, and
-        # gap and slope may both be rounding (a contact at rest under a drive that begins with slope zero).
-        located = step.event & (at > 0.0) & (slope != 0) & ~system.is_spurious_event(slope, mode, which)
+        # The times of spurious events mean nothing.  At the first instant of a segment an event has no time of its
+        # own: it is there whatever the parameters, and gap and slope may both be rounding (a contact at rest under a
+        # drive that begins with slope zero).
+        spurious = system.is_small_event(slope, mode, which, SPURIOUS_AMPLITUDE)
+        located = step.event & (at > 0.0) & (slope != 0) & ~spurious
+        is_small = step.event & system.is_small_event(slope, mode, which, _SMALL)
         slope = lax.stop_gradient(jnp.where(located, slope, 1.0))
         shift_of_event = jnp.where(located, -_tangent_only(gap) / slope, 0.0)
     shift_of_corner = _tangent_only(jnp.where(step.corner, segment.duration, 0.0) - at)
-    return jnp.where(step.event, shift_of_event, jnp.where(step.corner, shift_of_corner, 0.0))
+    return _Shift(jnp.where(step.event, shift_of_event, jnp.where(step.corner, shift_of_corner, 0.0)), is_small)
 
 
 def _end(
-    system: AbstractHybridSystem, row: Float[Array, " columns"], x: list[Scalar], event_shift: Scalar
+    system: AbstractHybridSystem, row: Float[Array, " columns"], x: list[Scalar], shift: _Shift
 ) -> Float[Array, " begin"]:
     """The end (origin, after, x) of a step of the table, given where it leads and how its end moves.
 
-    The value is that of the forward pass; the derivatives are those of the true flow, with the
-    end of the step moving as the event or the corner does.
+    The value is that of the forward pass to rounding; the derivatives are those of the true flow, with the end of
+    the step moving as the event or the corner does.  From events of a small motion they are carried back to the time
+    of the table: left at the moving time, what is continuous there moves by its rate times a shift that grows without
+    bound as a ringing dies out, and rounding of that would drown the derivatives of the ringing.  Before that they
+    are left there: carried back, they would hold the phase of the ringing, with the error that steps make of it.
     """
     step, unflatten = read(row), unflattener(system)
-    at, mode = step.at, step.mode
+    at, mode, later = step.at, step.mode, step.at + shift.time
     end, segment = unflatten(x), system.segment(step.index)
-    rates = lax.stop_gradient(_rates(system, segment, step.t_local, unflatten(step.begin), step.duration, end, mode))
-    end = jax.tree.map(lambda a, b: a + event_shift * b, end, rates)
-    following = mode
-    if has_guards(system, segment, at, end, mode):
-        switched, following = system.after_event(segment, at + event_shift, end, mode, step.which)
-        end = jax.tree.map(lambda a, b: jnp.where(step.event, a, b), switched, end)
+    before = _rates(system, segment, step.t_local, unflatten(step.begin), step.duration, end, mode)
+    moved = jax.tree.map(lambda a, b: a + shift.time * b, end, before)
+    follows, following, events = moved, mode, has_guards(system, segment, at, end, mode)
+    if events:
+        switched, following = system.after_event(segment, later, moved, mode, step.which)
+        follows = jax.tree.map(lambda a, b: jnp.where(step.event, a, b), switched, moved)
         following = jnp.where(step.event, following, mode)
-    projected = system.project_to_steady(segment, at + event_shift, end, following)
-    end = jax.tree.map(lambda a, b: jnp.where(step.becomes_settled, a, b), projected, end)
+    projected = system.project_to_steady(segment, later, follows, following)
+    follows = jax.tree.map(lambda a, b: jnp.where(step.becomes_settled, a, b), projected, follows)
+    if events:
+        following = jnp.where(step.becomes_settled, SETTLED, following)
+        after = _rates(system, segment, at, follows, jnp.zeros_like(at), follows, following)
+        carried_back = lambda x, f, m, y, g: jnp.where(shift.is_small, x + shift.time * (f - g) + (y - m), y)
+        follows = jax.tree.map(carried_back, end, before, moved, follows, after)
+        later = jnp.where(shift.is_small, at, later)
     if system.resets_at_corners:
-        started, _ = system.on_segment_start(system.segment(step.index + 1.0), end, mode)
-        end = jax.tree.map(lambda a, b: jnp.where(step.corner, a, b), started, end)
+        started, _ = system.on_segment_start(system.segment(step.index + 1.0), follows, mode)
+        follows = jax.tree.map(lambda a, b: jnp.where(step.corner, a, b), started, follows)
     origin = step.origin + jnp.where(step.corner, segment.duration, 0.0)
-    t_local = jnp.where(step.corner, 0.0, at + event_shift)
-    return jnp.stack([origin, t_local, *jax.tree.leaves(end)])
+    return jnp.stack([origin, jnp.where(step.corner, 0.0, later), *jax.tree.leaves(follows)])
 
 
 def _rates(
@@ -273,7 +305,7 @@ def _rates(
     end: State,
     mode: Scalar,
 ) -> State:
-    """How the state changes with time at the end of a step.
+    """How the state changes with time at the end of a step, without derivatives of its own.
 
     What is known in closed form goes on moving where all else has settled (a platform that still rings under a
     stuck contact), and the field of that mode leaves it out.
@@ -284,7 +316,9 @@ def _rates(
         moved = jax.tree.map(lambda a, b: a + shift * b, end, rates)
         return system.exact(segment, t_local, begin, duration + shift, moved)
 
-    return jax.jvp(later, (jnp.zeros_like(duration),), (jnp.ones_like(duration),))[1]
+    exact = jax.jvp(later, (jnp.zeros_like(duration),), (jnp.ones_like(duration),))[1]
+    # Elsewhere the field has them, too, and bit for bit the same before an event and after it.
+    return lax.stop_gradient(jax.tree.map(lambda a, b: jnp.where(mode == SETTLED, a, b), exact, rates))
 
 
 def _tangent_only(x: Scalar) -> Scalar:

@@ -158,8 +158,8 @@ class AbstractHybridSystem(eqx.Module):
         """
         raise NotImplementedError(f"{type(self).__name__} knows no states in closed form")
 
-    def is_spurious_event(self, slope: Scalar, mode: Scalar, which: Scalar) -> Truth:
-        """Whether an event with this `slope` of its guard is rounding: then its time has no derivative."""
+    def is_small_event(self, slope: Scalar, mode: Scalar, which: Scalar, amplitude: float) -> Truth:
+        """Whether an event with this `slope` of its guard belongs to a motion of less than this `amplitude` [m]."""
         return jnp.zeros((), bool)
 
 

@@ -6,10 +6,13 @@ import jax.numpy as jnp
 from ...actuator import Actuator, DrivenPlatformState, chosen
 from ...core import Scalar, ScalarLike, Truth
 from ...drive.base import Segment
-from ...integration import constant
+from ...integration import ROUNDING, constant
 from ._sensed_motion import SensedMotion
 from ._stick_slip_state import ADVANCING, RETREATING, STUCK, StickSlipState
 from ._sticking import sticking_margins
+
+_ANGLE = 150.0
+"""Angle [rad] from which on the derivative of a phase is what is left the longest."""
 
 
 def is_settled(
@@ -20,7 +23,7 @@ def is_settled(
     mode: Scalar,
     tolerance: ScalarLike,
 ) -> Truth:
-    """Whether every deviation from the steady solution is below `tolerance` [m].
+    """Whether the deviations from the steady solution are together below `tolerance` [m].
 
     A sliding contact has settled once that holds; a stuck one already when the ringing that is
     left in the platform can no longer free it.
@@ -34,10 +37,8 @@ def is_settled(
     of_contact = [jnp.abs(a - b) * c for a, b, c in zip(x.contact_state, contact, lengths, strict=True)]
     steady_lag, metres = _steady_lag(sensed, segment, t_local, x), sensed.state_scale()
     of_sensor = [jnp.abs(a - b) * metres for a, b in zip(x.sensor_lag, steady_lag, strict=True)]
-    still = 2.0 * jnp.abs(x.v) / slowest_frequency(actuator) < tolerance
-    for distance in [*of_contact, *of_sensor]:
-        still &= distance < tolerance
-    still &= ringing < tolerance
+    left, of_derivatives = _left(actuator, t_local, x.v, ringing, [*of_contact, *of_sensor])
+    still = (of_derivatives < tolerance) | (left < ROUNDING)
     upper, lower = (constant(margin) for margin in sticking_margins(actuator, segment, t_local, x))
     shake = 4.0 * actuator.effector.mass * actuator.piezo.frequency_scale() ** 2 * ringing
     safe = jnp.minimum(upper, lower) > shake
@@ -76,17 +77,41 @@ def _may_ring_on(actuator: Actuator) -> bool:
 
 def slowest_frequency(actuator: Actuator) -> Scalar:
     """The slowest of the platform's and the contact's frequencies [rad/s]: velocity times 1/it is displacement."""
-    law, mass = actuator.friction, actuator.effector.mass
-    state, still = law.initial(), jnp.zeros(())
     slowest = jnp.asarray(actuator.piezo.frequency_scale(), float)
-    for sign in jnp.array([ADVANCING, RETREATING]):
-        stretched = lambda v, sign=sign: tuple(jnp.asarray(rate, float) for rate in law.rate(state, v, sign))
-        _, rates = jax.jvp(stretched, (still,), (jnp.ones(()),))
-        elastic = lambda contact_state, sign=sign: jnp.asarray(law.force(contact_state, still, sign), float)
-        stiffness = jnp.abs(jax.jvp(elastic, (state,), (rates,))[1]) if state else still
-        of_contact = jnp.sqrt(stiffness / mass)
+    for of_contact in _contact_frequencies(actuator):
         slowest = jnp.where(of_contact > 0.0, jnp.minimum(slowest, of_contact), slowest)
     return slowest
+
+
+def _contact_frequencies(actuator: Actuator) -> tuple[Scalar, Scalar]:
+    """Of the end-effector on the contact [rad/s], advancing and retreating; 0 where nothing stretches."""
+    law, mass = actuator.friction, actuator.effector.mass
+    state, still = law.initial(), jnp.zeros(())
+
+    def frequency(sign: Scalar) -> Scalar:
+        stretched = lambda v: tuple(jnp.asarray(rate, float) for rate in law.rate(state, v, sign))
+        _, rates = jax.jvp(stretched, (still,), (jnp.ones(()),))
+        elastic = lambda contact_state: jnp.asarray(law.force(contact_state, still, sign), float)
+        stiffness = jnp.abs(jax.jvp(elastic, (state,), (rates,))[1]) if state else still
+        return jnp.sqrt(stiffness / mass)
+
+    return frequency(jnp.asarray(ADVANCING)), frequency(jnp.asarray(RETREATING))
+
+
+def _left(
+    actuator: Actuator, t_local: ScalarLike, v: Scalar, ringing: Scalar, of_contact_and_sensor: list[Scalar]
+) -> tuple[Scalar, Scalar]:
+    """What is left of a sliding contact's motion in a segment [m], and what of its derivatives, as a motion [m].
+
+    What rings has a phase, and the derivative of that by the logarithm of the frequency is the angle it has turned.
+    """
+    platform, slowest = jnp.asarray(actuator.piezo.frequency_scale(), float), slowest_frequency(actuator)
+    of_contact = sum([2.0 * jnp.abs(v) / slowest, *of_contact_and_sensor])
+    # A contact slower than the platform is displaced by more than it rings: by inertia over stiffness.
+    of_platform = (platform / slowest) ** 2 * ringing
+    phase = lambda frequency: jnp.maximum(1.0, frequency * t_local / _ANGLE)
+    fastest = jnp.maximum(*_contact_frequencies(actuator))
+    return of_contact + of_platform, of_contact * phase(fastest) + of_platform * phase(platform)
 
 
 def _steady_platform(

@@ -74,9 +74,9 @@ class PlatformOnly(AbstractHybridSystem):
         """The event of amplifier or piezo, which go on in the same mode."""
         return x._replace(driven=self.driven_platform.after_event(segment, t_local, x.driven, which)), mode
 
-    def is_spurious_event(self, slope: Scalar, mode: Scalar, which: Scalar) -> Truth:
-        """Whether an event of the piezo's is the rounding of a voltage at rest."""
-        return self.driven_platform.is_spurious_event(slope, which)
+    def is_small_event(self, slope: Scalar, mode: Scalar, which: Scalar, amplitude: float) -> Truth:
+        """Whether an event of the piezo's is that of a voltage at rest, to within `amplitude` [m]."""
+        return self.driven_platform.is_small_event(slope, which, amplitude)
 
     def on_segment_start(self, segment: Segment, x: State[Scalar], mode: Scalar) -> tuple[State[Scalar], Scalar]:
         """State and mode in which a new segment begins."""

@@ -216,16 +216,13 @@ class StickSlip(AbstractHybridSystem):
             return end
         return end._replace(driven=self.actuator.driven_platform.motion(segment, t_local, begin.driven, elapsed))
 
-    def is_spurious_event(self, slope: Scalar, mode: Scalar, which: Scalar) -> Truth:
-        """Whether a reversal is nothing but the rounding of a contact that is at rest, or a voltage's of a stack.
-
-        Its time means nothing then, and the field does not change there.
-        """
+    def is_small_event(self, slope: Scalar, mode: Scalar, which: Scalar, amplitude: float) -> Truth:
+        """Whether a reversal is that of a contact that is at rest to within `amplitude` [m], or a voltage's."""
         reverses = (jnp.abs(mode) == 1.0) & (which < 2)
         first, law = self.initial(), self.actuator.friction
         laws = len(law.guards(first.contact_state, first.v, ADVANCING))
-        of_stack = self.actuator.driven_platform.is_spurious_event(slope, which - 2 - laws)
-        slow = jnp.abs(slope) < SPURIOUS_AMPLITUDE * self.actuator.piezo.frequency_scale() ** 2
+        of_stack = self.actuator.driven_platform.is_small_event(slope, which - 2 - laws, amplitude)
+        slow = jnp.abs(slope) < amplitude * self.actuator.piezo.frequency_scale() ** 2
         return (reverses & slow) | of_stack
 
     def force(self, segment: Segment, t_local: Scalar, x: StickSlipState[Scalar], mode: Scalar) -> Scalar:
