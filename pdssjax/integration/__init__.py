@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from .accuracy import ROUNDING as ROUNDING
-    from .accuracy import SPURIOUS_AMPLITUDE as SPURIOUS_AMPLITUDE
     from .accuracy import TIGHT as TIGHT
     from .accuracy import Accuracy as Accuracy
     from .closed_form import exact_states_at as exact_states_at
@@ -49,7 +48,7 @@ else:
     __getattr__, __dir__, __all__ = lazy_exports(
         __name__,
         {
-            "accuracy": ["Accuracy", "ROUNDING", "SPURIOUS_AMPLITUDE", "TIGHT"],
+            "accuracy": ["Accuracy", "ROUNDING", "TIGHT"],
             "closed_form": ["exact_states_at", "is_closed"],
             "event_location": ["LOOK_AHEAD"],
             "failure": ["FAILURES"],

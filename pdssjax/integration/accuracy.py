@@ -10,10 +10,6 @@ from .step_methods.taylor import Taylor
 ROUNDING = 1e-15
 """Deviation [m] that is never stepped: at 1e-17 m derivatives of one random actuator in forty were lost."""
 
-SPURIOUS_AMPLITUDE = 3e-16
-"""Amplitude [m] of a motion whose events are rounding: that of 10 um is 1e-21 m, and the times of reversals of 1e-17 m
-have derivatives of noise, a fifth of a column of a stack that never settles."""
-
 
 class Accuracy(eqx.Module):
     """How finely to integrate."""

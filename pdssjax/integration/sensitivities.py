@@ -15,7 +15,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float
 
 from ..core import Scalar, Truth
-from .accuracy import SPURIOUS_AMPLITUDE, Accuracy
+from .accuracy import Accuracy
 from .forward_pass import find_steps
 from .loop_state import LoopState
 from .polynomials import horner
@@ -248,11 +248,9 @@ def _event_shift(system: AbstractHybridSystem, row: Float[Array, " columns"], x:
     shift_of_event, is_small = 0.0, jnp.zeros((), bool)
     if has_guards(system, segment, at, end, mode):
         gap, slope = jax.jvp(margin, (jnp.zeros_like(at),), (jnp.ones_like(at),))
-        # The times of spurious events mean nothing.  At the first instant of a segment an event has no time of its
-        # own: it is there whatever the parameters, and gap and slope may both be rounding (a contact at rest under a
-        # drive that begins with slope zero).
-        spurious = system.is_small_event(slope, mode, which, SPURIOUS_AMPLITUDE)
-        located = step.event & (at > 0.0) & (slope != 0) & ~spurious
+        # At the first instant of a segment an event has no time of its own: it is there whatever the parameters, and
+        # gap and slope may both be rounding (a contact at rest under a drive that begins with slope zero).
+        located = step.event & (at > 0.0) & (slope != 0)
         is_small = step.event & system.is_small_event(slope, mode, which, _SMALL)
         slope = lax.stop_gradient(jnp.where(located, slope, 1.0))
         shift_of_event = jnp.where(located, -_tangent_only(gap) / slope, 0.0)

@@ -9,9 +9,9 @@ follow afterwards: every step is linearised about its own start, all of them sid
 and a linear recurrence joins them.  The end of a step at an event or a corner moves with
 the parameters by dt* = -dg / (dg/dt); since the local time is part of the state, the state
 moves along the field by that much, and what the field does after the switch follows in the
-next step (at once, in what is left of a ringing).  This is the saltation matrix, without writing it down (P. C. Müller, Chaos,
-Solitons & Fractals 5(9), 1995).  The recurrence is an ordinary linear scan, so forward
-and reverse mode both work.
+next step (at once, in what is left of a ringing).  This is the saltation matrix, without
+writing it down (P. C. Müller, Chaos, Solitons & Fractals 5(9), 1995).  The recurrence is
+an ordinary linear scan, so forward and reverse mode both work.
 """
 
 from typing import NamedTuple

@@ -11,6 +11,10 @@ from ._sensed_motion import SensedMotion
 from ._stick_slip_state import ADVANCING, RETREATING, STUCK, StickSlipState
 from ._sticking import sticking_margins
 
+_CARRIED = 1e-9
+"""Part of a constant force by which rounding may miss it."""
+_SHAKEN = 8.0
+"""Speed that a ringing platform cannot turn round, in units of its own."""
 _ANGLE = 150.0
 """Angle [rad] from which on the derivative of a phase is what is left the longest."""
 
@@ -39,6 +43,9 @@ def is_settled(
     of_sensor = [jnp.abs(a - b) * metres for a, b in zip(x.sensor_lag, steady_lag, strict=True)]
     left, of_derivatives = _left(actuator, t_local, x.v, ringing, [*of_contact, *of_sensor])
     still = (of_derivatives < tolerance) | (left < ROUNDING)
+    still &= _rests(actuator, contact, mode) & (
+        _holds(actuator, contact, mode) | _creeps_in(actuator, x, mode, ringing)
+    )
     upper, lower = (constant(margin) for margin in sticking_margins(actuator, segment, t_local, x))
     shake = 4.0 * actuator.effector.mass * actuator.piezo.frequency_scale() ** 2 * ringing
     safe = jnp.minimum(upper, lower) > shake
@@ -50,6 +57,38 @@ def is_settled(
     for in_contact in x.in_contact:
         still, safe = still & (in_contact == 0.0), safe & (in_contact == 0.0)
     return jnp.where(jnp.abs(mode) == 1.0, still, (mode == STUCK) & safe)
+
+
+def _excess(actuator: Actuator, contact: tuple[Scalar, ...], mode: Scalar) -> tuple[Scalar, Scalar]:
+    """Friction [N] at rest in this mode less the constant force that it has to carry, and what rounding makes of it."""
+    pull = jnp.asarray(actuator.effector.pull(), float)
+    carried = jnp.asarray(actuator.friction.force(contact, jnp.zeros_like(pull), mode), float)
+    return carried + pull, _CARRIED * jnp.abs(pull)
+
+
+def _rests(actuator: Actuator, contact: tuple[Scalar, ...], mode: Scalar) -> Truth:
+    """Whether a contact state that carries the constant force in one of the modes does so in this one."""
+    excess, rounding = _excess(actuator, contact, mode)
+    return jnp.abs(excess) <= rounding
+
+
+def _holds(actuator: Actuator, contact: tuple[Scalar, ...], mode: Scalar) -> Truth:
+    """Whether a reversal would be driven back; where the force jumps the other way it is driven on, ever faster."""
+    excess, rounding = _excess(actuator, contact, -mode)
+    return excess * mode <= rounding
+
+
+def _creeps_in(actuator: Actuator, x: StickSlipState[Scalar], mode: Scalar, ringing: Scalar) -> Truth:
+    """Whether the contact comes to rest without a reversal: overdamped, slowly, faster than it is shaken."""
+    law, mass = actuator.friction, actuator.effector.mass
+    contact, displacement = _equilibrium_state(actuator, x)
+    frequency = jnp.where(mode > 0.0, *_contact_frequencies(actuator))
+    resisting = lambda v: jnp.asarray(law.force(contact, v, mode), float)
+    _, damping = jax.jvp(resisting, (jnp.zeros_like(x.v),), (jnp.ones_like(x.v),))
+    half = damping / (2.0 * mass)
+    fast = half + jnp.sqrt(jnp.maximum(half**2 - frequency**2, 0.0))
+    slowly = (half > frequency) & (fast * displacement * x.v > x.v**2)
+    return slowly & (jnp.abs(x.v) > _SHAKEN * actuator.piezo.frequency_scale() * ringing)
 
 
 def project_to_steady(

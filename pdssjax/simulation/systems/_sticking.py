@@ -65,7 +65,10 @@ def mode_from_rest(
         margins_rate = lambda e: jax.jvp(lambda e: margins(e, bends), (e,), (unit,))[1]
         ahead = ahead + 0.5 * LOOK_AHEAD**2 * jax.jvp(margins_rate, (zero,), (unit,))[1]
     upper, lower = ahead
-    unstable_branch = jnp.where(ended == 0.0, ADVANCING, -ended)
+    # A rest that any motion leaves (the deflection reading's under some loads) was crept into in the mode in which the
+    # contact carries the load, and is left in that.
+    crept_in = jnp.where(jnp.asarray(actuator.effector.pull(), float) > 0.0, RETREATING, ADVANCING)
+    unstable_branch = jnp.where(ended == 0.0, crept_in, -ended)
     freed = jnp.where(upper < 0, ADVANCING, RETREATING)
     # What came to v = 0 from one side cannot leave on it: then rounding alone decides, and it goes through.
     freed = jnp.where(freed == ended, -freed, freed)

@@ -19,12 +19,15 @@ from ...actuator import IDEAL, Actuator, DrivenPlatformState, Sensor, chosen
 from ...core import Scalar, ScalarLike, Truth
 from ...drive.base import AbstractDrive, Segment
 from ...friction.base import AbstractFriction
-from ...integration import SETTLED, SPURIOUS_AMPLITUDE, AbstractHybridSystem, Term, constant, weighted
+from ...integration import SETTLED, AbstractHybridSystem, Term, constant, weighted
 from ._sensed_motion import SensedMotion
 from ._settling import is_settled, project_to_steady, slowest_frequency
 from ._stick_slip_state import ADVANCING, RETREATING, STUCK, StickSlipState, kind
 from ._sticking import mode_from_rest, sticking_force, sticking_margins
 from ._stop_contact import external_force, push_on_stop, stop_guards
+
+_NO_JUMP = 3e-16
+"""Displacement [m] that a jump of the velocity brings about in a time constant if it is rounding."""
 
 
 class StickSlip(AbstractHybridSystem):
@@ -162,7 +165,7 @@ class StickSlip(AbstractHybridSystem):
         platform = self.actuator.driven_platform.platform
         jump = platform(driven)[1] - platform(x.driven)[1]
         # Of equal states compiled code may differ by rounding, which must not move a contact at rest.
-        is_rounding = jnp.abs(jump) <= SPURIOUS_AMPLITUDE * self.actuator.piezo.frequency_scale()
+        is_rounding = jnp.abs(jump) <= _NO_JUMP * self.actuator.piezo.frequency_scale()
         jump = jump - jnp.where(is_rounding, lax.stop_gradient(jump), 0.0)
         v = x.v + jump
         way = jnp.sign(v)
