@@ -79,8 +79,11 @@ class AnisotropicLuGre(AbstractFriction):
         return (jnp.ones(()) if self.state == "deflection" else 1.0 / softest,)
 
     def equilibrium_state(self, state: State, force: Scalar) -> tuple[State, Scalar]:
+        return self.equilibrium_after(state, force, force)
+
+    def equilibrium_after(self, state: State, force: Scalar, sign: ScalarLike) -> tuple[State, Scalar]:
         (unit,) = self.error_scale()
-        s0, _, _ = self._branch(force)
+        s0, _, _ = self._branch(sign)
         target = force / s0 if self.state == "deflection" else force
         return (target,), (target - state[0]) * unit
 

@@ -68,6 +68,13 @@ class AbstractFriction(eqx.Module):
         the way there, to first order in the distance.
         """
 
+    def equilibrium_after(self, state: State, force: Scalar, sign: ScalarLike) -> tuple[State, Scalar]:
+        """The `equilibrium_state` to which a motion in the direction `sign` leads, and the displacement [m] to it.
+
+        Another one only where the force at rest depends on the direction.
+        """
+        return self.equilibrium_state(state, force)
+
     def under_load(self, force: Scalar) -> State:
         """The state of a contact that came to rest carrying `force` [N], raised slowly from 0 in one direction.
 

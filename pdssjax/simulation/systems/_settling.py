@@ -36,16 +36,14 @@ def is_settled(
     if segment.wave is not None or not actuator.piezo.has_steady_state:
         return jnp.zeros((), bool)
     ringing = actuator.driven_platform.ringing(segment, t_local, x.driven, _settled_friction(actuator))
-    contact, _ = _equilibrium_state(actuator, x)
+    contact, _ = _equilibrium_state(actuator, x, mode)
     lengths = actuator.friction.error_scale()
     of_contact = [jnp.abs(a - b) * c for a, b, c in zip(x.contact_state, contact, lengths, strict=True)]
     steady_lag, metres = _steady_lag(sensed, segment, t_local, x), sensed.state_scale()
     of_sensor = [jnp.abs(a - b) * metres for a, b in zip(x.sensor_lag, steady_lag, strict=True)]
     left, of_derivatives = _left(actuator, t_local, x.v, ringing, [*of_contact, *of_sensor])
     still = (of_derivatives < tolerance) | (left < ROUNDING)
-    still &= _rests(actuator, contact, mode) & (
-        _holds(actuator, contact, mode) | _creeps_in(actuator, x, mode, ringing)
-    )
+    still &= _holds(actuator, contact, mode) | _creeps_in(actuator, x, mode, ringing)
     upper, lower = (constant(margin) for margin in sticking_margins(actuator, segment, t_local, x))
     shake = 4.0 * actuator.effector.mass * actuator.piezo.frequency_scale() ** 2 * ringing
     safe = jnp.minimum(upper, lower) > shake
@@ -59,29 +57,20 @@ def is_settled(
     return jnp.where(jnp.abs(mode) == 1.0, still, (mode == STUCK) & safe)
 
 
-def _excess(actuator: Actuator, contact: tuple[Scalar, ...], mode: Scalar) -> tuple[Scalar, Scalar]:
-    """Friction [N] at rest in this mode less the constant force that it has to carry, and what rounding makes of it."""
-    pull = jnp.asarray(actuator.effector.pull(), float)
-    carried = jnp.asarray(actuator.friction.force(contact, jnp.zeros_like(pull), mode), float)
-    return carried + pull, _CARRIED * jnp.abs(pull)
-
-
-def _rests(actuator: Actuator, contact: tuple[Scalar, ...], mode: Scalar) -> Truth:
-    """Whether a contact state that carries the constant force in one of the modes does so in this one."""
-    excess, rounding = _excess(actuator, contact, mode)
-    return jnp.abs(excess) <= rounding
-
-
 def _holds(actuator: Actuator, contact: tuple[Scalar, ...], mode: Scalar) -> Truth:
-    """Whether a reversal would be driven back; where the force jumps the other way it is driven on, ever faster."""
-    excess, rounding = _excess(actuator, contact, -mode)
-    return excess * mode <= rounding
+    """Whether a `contact` that carries the constant force in this mode drives a reversal back, or lets it be.
+
+    Where the force of the deflection reading jumps the other way the motion is driven on, ever faster.
+    """
+    pull = jnp.asarray(actuator.effector.pull(), float)
+    reversed_force = jnp.asarray(actuator.friction.force(contact, jnp.zeros_like(pull), -mode), float)
+    return (reversed_force + pull) * mode <= _CARRIED * jnp.abs(pull)
 
 
 def _creeps_in(actuator: Actuator, x: StickSlipState[Scalar], mode: Scalar, ringing: Scalar) -> Truth:
     """Whether the contact comes to rest without a reversal: overdamped, slowly, faster than it is shaken."""
     law, mass = actuator.friction, actuator.effector.mass
-    contact, displacement = _equilibrium_state(actuator, x)
+    contact, displacement = _equilibrium_state(actuator, x, mode)
     frequency = jnp.where(mode > 0.0, *_contact_frequencies(actuator))
     resisting = lambda v: jnp.asarray(law.force(contact, v, mode), float)
     _, damping = jax.jvp(resisting, (jnp.zeros_like(x.v),), (jnp.ones_like(x.v),))
@@ -96,7 +85,7 @@ def project_to_steady(
 ) -> StickSlipState[Scalar]:
     """The state with the last of the deviations gone; a contact that slid recovers its elastic displacement."""
     actuator, slid = sensed.actuator, jnp.abs(mode) == 1.0
-    contact, displacement = _equilibrium_state(actuator, x)
+    contact, displacement = _equilibrium_state(actuator, x, mode)
     return x._replace(
         d=jnp.where(slid, x.d + displacement, x.d),
         v=jnp.zeros_like(x.v),
@@ -176,6 +165,9 @@ def _settled_friction(actuator: Actuator) -> ScalarLike:
     return actuator.effector.pull() - actuator.initial_pull if actuator.feedback else 0.0
 
 
-def _equilibrium_state(actuator: Actuator, x: StickSlipState[Scalar]) -> tuple[tuple[Scalar, ...], Scalar]:
+def _equilibrium_state(
+    actuator: Actuator, x: StickSlipState[Scalar], mode: Scalar
+) -> tuple[tuple[Scalar, ...], Scalar]:
     """The state in which the contact at rest carries the constant force, and the displacement [m] on the way there."""
-    return actuator.friction.equilibrium_state(x.contact_state, -1.0 * jnp.asarray(actuator.effector.pull(), float))
+    force = -1.0 * jnp.asarray(actuator.effector.pull(), float)
+    return actuator.friction.equilibrium_after(x.contact_state, force, mode)

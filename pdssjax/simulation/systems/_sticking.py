@@ -67,7 +67,9 @@ def mode_from_rest(
     upper, lower = ahead
     # A rest that any motion leaves (the deflection reading's under some loads) was crept into in the mode in which the
     # contact carries the load, and is left in that.
-    crept_in = jnp.where(jnp.asarray(actuator.effector.pull(), float) > 0.0, RETREATING, ADVANCING)
+    pull = jnp.asarray(actuator.effector.pull(), float)
+    missing = lambda sign: jnp.abs(actuator.friction.breakaway_force(x.contact_state, sign) + pull)
+    crept_in = jnp.where(missing(ADVANCING) <= missing(RETREATING), ADVANCING, RETREATING)
     unstable_branch = jnp.where(ended == 0.0, crept_in, -ended)
     freed = jnp.where(upper < 0, ADVANCING, RETREATING)
     # What came to v = 0 from one side cannot leave on it: then rounding alone decides, and it goes through.
