@@ -26,7 +26,7 @@ ONCE_WRONG = {
     "dahl": (174,),
     "anisotropic-lugre under a load and on a tilt": (19, 21, 111, 162),
 }
-"""Settled too early, never or wrongly, noise in what is left of a ringing, or the error of its phase (docs/numerics.md)."""
+"""Settled too early or never, noise in what is left of a ringing, the error of its phase (docs/numerics.md)."""
 
 judge = cache(lambda name: Judge(STRUCTURES[name]))
 
