@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from ...actuator import Actuator, DrivenPlatformState, chosen
 from ...core import Scalar, ScalarLike, Truth
 from ...drive.base import Segment
+from ...friction.base import AbstractFriction
 from ...integration import ROUNDING, constant
 from ._sensed_motion import SensedMotion
 from ._stick_slip_state import ADVANCING, RETREATING, STUCK, StickSlipState
@@ -71,12 +72,11 @@ def _creeps_in(actuator: Actuator, x: StickSlipState[Scalar], mode: Scalar, ring
     """Whether the contact comes to rest without a reversal: overdamped, slowly, faster than it is shaken."""
     law, mass = actuator.friction, actuator.effector.mass
     contact, displacement = _equilibrium_state(actuator, x, mode)
-    frequency = jnp.where(mode > 0.0, *_contact_frequencies(actuator))
     resisting = lambda v: jnp.asarray(law.force(contact, v, mode), float)
     _, damping = jax.jvp(resisting, (jnp.zeros_like(x.v),), (jnp.ones_like(x.v),))
-    half = damping / (2.0 * mass)
-    fast = half + jnp.sqrt(jnp.maximum(half**2 - frequency**2, 0.0))
-    slowly = (half > frequency) & (fast * displacement * x.v > x.v**2)
+    half, squared = damping / (2.0 * mass), _stiffness(law, contact, mode) / mass
+    fast = half + jnp.sqrt(jnp.maximum(half**2 - squared, 0.0))
+    slowly = (half**2 > squared) & (fast * displacement * x.v > x.v**2)
     return slowly & (jnp.abs(x.v) > _SHAKEN * actuator.piezo.frequency_scale() * ringing)
 
 
@@ -113,17 +113,20 @@ def slowest_frequency(actuator: Actuator) -> Scalar:
 
 def _contact_frequencies(actuator: Actuator) -> tuple[Scalar, Scalar]:
     """Of the end-effector on the contact [rad/s], advancing and retreating; 0 where nothing stretches."""
-    law, mass = actuator.friction, actuator.effector.mass
-    state, still = law.initial(), jnp.zeros(())
+    unstretched, mass = actuator.friction.initial(), actuator.effector.mass
+    of = lambda sign: jnp.sqrt(jnp.abs(_stiffness(actuator.friction, unstretched, jnp.asarray(sign))) / mass)
+    return of(ADVANCING), of(RETREATING)
 
-    def frequency(sign: Scalar) -> Scalar:
-        stretched = lambda v: tuple(jnp.asarray(rate, float) for rate in law.rate(state, v, sign))
-        _, rates = jax.jvp(stretched, (still,), (jnp.ones(()),))
-        elastic = lambda contact_state: jnp.asarray(law.force(contact_state, still, sign), float)
-        stiffness = jnp.abs(jax.jvp(elastic, (state,), (rates,))[1]) if state else still
-        return jnp.sqrt(stiffness / mass)
 
-    return frequency(jnp.asarray(ADVANCING)), frequency(jnp.asarray(RETREATING))
+def _stiffness(law: AbstractFriction, contact: tuple[Scalar, ...], sign: Scalar) -> Scalar:
+    """By what the force at rest changes with the displacement [N/m]."""
+    still = jnp.zeros(())
+    if not contact:
+        return still
+    stretched = lambda v: tuple(jnp.asarray(rate, float) for rate in law.rate(contact, v, sign))
+    elastic = lambda contact: jnp.asarray(law.force(contact, still, sign), float)
+    _, rates = jax.jvp(stretched, (still,), (jnp.ones(()),))
+    return jax.jvp(elastic, (contact,), (rates,))[1]
 
 
 def _left(
