@@ -37,14 +37,14 @@ def is_settled(
     if segment.wave is not None or not actuator.piezo.has_steady_state:
         return jnp.zeros((), bool)
     ringing = actuator.driven_platform.ringing(segment, t_local, x.driven, _settled_friction(actuator))
-    contact, _ = _equilibrium_state(actuator, x, mode)
+    contact, displacement = _equilibrium_state(actuator, x, mode)
     lengths = actuator.friction.error_scale()
     of_contact = [jnp.abs(a - b) * c for a, b, c in zip(x.contact_state, contact, lengths, strict=True)]
     steady_lag, metres = _steady_lag(sensed, segment, t_local, x), sensed.state_scale()
     of_sensor = [jnp.abs(a - b) * metres for a, b in zip(x.sensor_lag, steady_lag, strict=True)]
     left, of_derivatives = _left(actuator, t_local, x.v, ringing, [*of_contact, *of_sensor])
     still = (of_derivatives < tolerance) | (left < ROUNDING)
-    still &= _holds(actuator, contact, mode) | _creeps_in(actuator, x, mode, ringing)
+    still &= _holds(actuator, contact, mode) | _creeps_in(actuator, contact, displacement, x.v, mode, ringing)
     upper, lower = (constant(margin) for margin in sticking_margins(actuator, segment, t_local, x))
     shake = 4.0 * actuator.effector.mass * actuator.piezo.frequency_scale() ** 2 * ringing
     safe = jnp.minimum(upper, lower) > shake
@@ -68,16 +68,20 @@ def _holds(actuator: Actuator, contact: tuple[Scalar, ...], mode: Scalar) -> Tru
     return (reversed_force + pull) * mode <= _CARRIED * jnp.abs(pull)
 
 
-def _creeps_in(actuator: Actuator, x: StickSlipState[Scalar], mode: Scalar, ringing: Scalar) -> Truth:
-    """Whether the contact comes to rest without a reversal: overdamped, slowly, faster than it is shaken."""
+def _creeps_in(
+    actuator: Actuator, contact: tuple[Scalar, ...], displacement: Scalar, v: Scalar, mode: Scalar, ringing: Scalar
+) -> Truth:
+    """Whether the contact comes to rest without a reversal: overdamped, slowly, faster than it is shaken.
+
+    **Arguments:** the `contact` state at rest, the `displacement` [m] to there and the velocity [m/s].
+    """
     law, mass = actuator.friction, actuator.effector.mass
-    contact, displacement = _equilibrium_state(actuator, x, mode)
     resisting = lambda v: jnp.asarray(law.force(contact, v, mode), float)
-    _, damping = jax.jvp(resisting, (jnp.zeros_like(x.v),), (jnp.ones_like(x.v),))
+    _, damping = jax.jvp(resisting, (jnp.zeros_like(v),), (jnp.ones_like(v),))
     half, squared = damping / (2.0 * mass), _stiffness(law, contact, mode) / mass
     fast = half + jnp.sqrt(jnp.maximum(half**2 - squared, 0.0))
-    slowly = (half**2 > squared) & (fast * displacement * x.v > x.v**2)
-    return slowly & (jnp.abs(x.v) > _SHAKEN * actuator.piezo.frequency_scale() * ringing)
+    slowly = (half**2 > squared) & (fast * displacement * v > v**2)
+    return slowly & (jnp.abs(v) > _SHAKEN * actuator.piezo.frequency_scale() * ringing)
 
 
 def project_to_steady(
