@@ -91,7 +91,7 @@ def _dress(axes: Axes, job: str) -> None:
         axes.set(xlim=(1.0, 0.005), ylim=(1e2, 1e5))
     else:
         axes.axvline(1e-3, color="0.6", linewidth=0.8, linestyle=":", zorder=0)
-    axes.annotate("better", (0.97, 0.03), (0.86, 0.12), "axes fraction", arrowprops=dict(arrowstyle="->", color="0.5"))
+    axes.annotate("better", (0.98, 0.86), (0.87, 0.95), "axes fraction", arrowprops=dict(arrowstyle="->", color="0.5"))
     axes.grid(which="major", color="0.9", linewidth=0.6)
     axes.spines[["top", "right"]].set_visible(False)
 

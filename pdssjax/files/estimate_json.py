@@ -95,7 +95,7 @@ def _document(file: Path) -> Document:
 
 _DOUBTS = {
     "not converged": "did not converge",
-    "unexplained": "does not explain its records, which leave more than noise or contradict each other",
+    "unexplained": "does not explain its records, which leave more than noise, contradict each other or are missed",
 }
 """Of a fit, by what is said of where numbers come from."""
 

@@ -99,11 +99,15 @@ def exceeds_floor(record: FittedRecord) -> bool:
     return record.samples >= FEWEST and above_floor(record) > least
 
 
+def exceeds_noise(record: FittedRecord) -> bool:
+    """Residuals are beyond the noise given, or where none is beyond that seen between neighbouring samples."""
+    return exceeds_given_noise(record) or (record.noise_estimated and exceeds_floor(record))
+
+
 def outliers_explain(record: FittedRecord) -> bool:
     """Residuals exceed the noise, but those of the samples that do not stand out do not."""
-    exceeds = lambda record: exceeds_given_noise(record) or (record.noise_estimated and exceeds_floor(record))
     whole = dataclasses.replace(record, outliers=record.outliers[:0], undisturbed=None)
-    return record.outliers.size > 0 and exceeds(whole) and not exceeds(record)
+    return record.outliers.size > 0 and exceeds_noise(whole) and not exceeds_noise(record)
 
 
 def neighbour_correlation(record: FittedRecord) -> float:
@@ -138,10 +142,17 @@ def is_poor(fit: Fit, problem: Problem) -> bool:
     """The fit leaves more than noise, or records contradict each other there."""
     if leaves_more_than_noise(fit, problem):
         return True
+    return bool(contradicting(records_agreement(problem, fit, enlarged_covariance(fit, problem))))
+
+
+def enlarged_covariance(fit: Fit, problem: Problem) -> Float[np.ndarray, "p p"]:
+    """That of least squares on the fit's scale, by the noise that the residuals show where it is more than was given.
+
+    NaN where a parameter has no information or is held at a bound.
+    """
     held = problem.residual.transform.at_bound(fit.free)
     covariance = least_squares_covariance(np.asarray(fit.state.jacobian), held).matrix
-    enlarged = covariance * max(1.0, reduced_chi2(fit, problem))
-    return bool(contradicting(records_agreement(problem, fit, enlarged)))
+    return covariance * max(1.0, reduced_chi2(fit, problem))
 
 
 def leaves_more_than_noise(fit: Fit, problem: Problem) -> bool:

@@ -24,6 +24,7 @@ from .uncertainty.amplification import amplification_of
 from .uncertainty.linear_intervals import linear_intervals
 from .uncertainty.standard_errors import standard_errors_of
 from .uncertainty.variance_factor import record_factors
+from .validation import is_refuted, missed_records
 from .without_outliers import without_outliers
 
 WEAKLY_DETERMINED = float(np.log(10.0))
@@ -67,6 +68,8 @@ def summarise(
         diagnosis = dataclasses.replace(diagnosis, agreement=())
     unexplained = diagnosis is not None and bool(contradicting(diagnosis.agreement))
     unexplained |= stack is None and any(r.role == "fit" and r.noise_estimated and exceeds_floor(r) for r in records)
+    missed = missed_records(study, problem, fit, known.matrix)
+    unexplained |= is_refuted(missed)
     explained, message = _verdict(problem, fit, values, unexplained, stack)
     estimate = Estimate(
         title=study.title,
@@ -88,7 +91,7 @@ def summarise(
         actuator=study.models.chosen,
     )
     robust = problem.residual.loss.is_robust
-    facts = ErrorFacts(known.null, weakly_determined, factor, stack is not None, robust)
+    facts = ErrorFacts(known.null, weakly_determined, factor, stack is not None, robust, missed)
     return dataclasses.replace(estimate, notes=notes_of(estimate, study, fit, free, facts))
 
 
@@ -97,7 +100,8 @@ def _verdict(
 ) -> tuple[bool, str]:
     """Whether a fit explains what was fitted, and how it ended, in a sentence.
 
-    It is `unexplained` where records contradict each other, or leave more than their neighbouring samples scatter.
+    It is `unexplained` where records contradict each other, leave more than their neighbouring samples scatter, or are
+    not predicted by it.
     """
     if fit.message == START_FAILED:
         return False, f"{START_FAILED}: {failed_start(problem, values)}"

@@ -216,8 +216,8 @@ class Estimate:
     """Which combinations the data determine, and whether the records agree; None where nothing could be simulated."""
     explained: bool = True
     """The residuals of all records fitted are no more than noise, in size, from cycle to cycle and from sample to
-    sample, but for samples that stand out, and no records contradict each other; False where the law lacks something,
-    or the optimum is a wrong one."""
+    sample, but for samples that stand out, no records contradict each other, and those that were not fitted are
+    predicted, too; False where the law lacks something, or the optimum is a wrong one."""
     error_advice: ErrorAdvice | None = None
     """Which of the `errors` of the parameters to believe; None where there are none."""
     covariances: Mapping[str, Float[np.ndarray, "p p"]] = field(default_factory=dict)

@@ -28,7 +28,7 @@ class Waves:
     def __init__(self, frequency: float, ripple: float, platform_alone: bool = False):
         self.frequency, self.ripple = frequency, ripple
         shows = SimpleNamespace(platform_alone=platform_alone, effector_moves=not platform_alone)
-        names = dict(name="waves", measures="effector")
+        names = dict(name="waves", measures="effector", role="fit")
         self.records = (
             SimpleNamespace(**names, measurement=shows, noise=1.0, offset=0.0, drive=None, time=np.arange(4.0)),
         )

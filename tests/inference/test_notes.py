@@ -151,7 +151,7 @@ def test_figures_of_each_record_are_written_and_printed(tmp_path, capsys):
         "other": (TIME, rung(TIME, 6300.0), NOISE, "validate", GIVEN),
     }
     write(tmp_path, records)
-    assert main(["identify", str(tmp_path / "study.toml"), "--out", str(tmp_path / "out")]) == 0
+    assert main(["identify", str(tmp_path / "study.toml"), "--out", str(tmp_path / "out")]) == 3  # "other" is missed
     document = json.loads((tmp_path / "out" / "estimate.json").read_text())
     told, silent, other = document["records"]
     assert told["reduced_chi2"] == pytest.approx(1.0, abs=0.2)

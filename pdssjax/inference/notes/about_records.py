@@ -1,7 +1,6 @@
 """Which records the fit does not explain, and how."""
 
-from collections.abc import Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from ..poor_fit import (
     rest_scatter,
     stays_below_given_noise,
 )
+from ..validation import Missed
 from .about_outliers import about_outliers
 from .words import listed, quoted
 
@@ -47,16 +47,12 @@ def about_peaks(read: Sequence[FittedRecord]) -> list[str]:
 
 
 def about_records(
-    records: Sequence[FittedRecord],
-    factor: float,
-    is_robust: bool,
-    unfitted: Mapping[str, Sequence[str]] = MappingProxyType({}),
+    records: Sequence[FittedRecord], factor: float, is_robust: bool, missed: Sequence[Missed] = ()
 ) -> list[str]:
     """Which records the fit does not explain.
 
     **Arguments:** the `factor` by which variances exceed those of the noise given; whether the loss is robust, so that
-    standard errors do not depend on the noise given; of records that were only predicted, by name, the free parameters
-    that hold in no fitted record.
+    standard errors do not depend on the noise given; the records that were not fitted and are `missed`.
     """
     known = [record for record in records if record.simulated]
     notes = about_outliers(known, _enlarged(factor, is_robust), is_robust)
@@ -96,7 +92,7 @@ def about_records(
         + _about_held(fitted)
         + _about_repeating(fitted)
         + _about_slips([r for r in fitted if any(r is other for other in (*misfits, *over)) or repeats(r)])
-        + _about_validation(known, unfitted)
+        + _about_missed(missed)
         + _about_correlation(fitted)
         + _about_walking(fitted)
         + _about_failures(records)
@@ -141,28 +137,30 @@ def _about_slips(unexplained: Sequence[FittedRecord]) -> list[str]:
     ]
 
 
-def _about_validation(records: Sequence[FittedRecord], unfitted: Mapping[str, Sequence[str]]) -> list[str]:
-    figures = {
-        r.name: f"{np.sqrt(r.rest_chi2):.2g} times the noise given in {quoted([r])}"
+def _about_missed(missed: Sequence[Missed]) -> list[str]:
+    notes = []
+    if refuting := [record for record, unknown in missed if not unknown]:
+        notes.append(
+            f"{_not_predicted(refuting)}, more than the parameters' errors explain. The model or the optimum found "
+            "does not carry over to them: fit them too, and see whether all agree."
+        )
+    if unknown := [path for _, own in missed for path in own]:
+        notes.append(
+            f"{_not_predicted([record for record, own in missed if own])}. They have parameters of their own that no "
+            f"fitted record knows, {listed(dict.fromkeys(unknown))}: these were not fitted, and may be all that is "
+            "wrong. Fit such a record, or a part of it (window), to see."
+        )
+    return notes
+
+
+def _not_predicted(records: Sequence[FittedRecord]) -> str:
+    figures = (
+        f"{np.sqrt(r.rest_chi2):.2g} times the noise given in {quoted([r])}"
         if exceeds_given_noise(r)
         else f"{above_floor(r):.2g} times the noise seen between neighbouring samples in {quoted([r])}"
         for r in records
-        if r.role != "fit" and (exceeds_given_noise(r) or (r.noise_estimated and exceeds_floor(r)))
-    }
-    if not figures:
-        return []
-    said = (
-        f"Records that were not fitted are not predicted down to their noise: the residuals are "
-        f"{listed(figures.values())}. "
     )
-    if unknown := [path for name in figures for path in unfitted.get(name, ())]:
-        return [
-            f"{said}They have parameters of their own that no fitted record knows, {listed(dict.fromkeys(unknown))}: "
-            "these were not fitted, and may be all that is wrong. Fit such a record, or a part of it (window), to see."
-        ]
-    return [
-        f"{said}The model or the optimum found does not carry over to them: fit them too, and see whether all agree."
-    ]
+    return f"Records that were not fitted are not predicted down to their noise: the residuals are {listed(figures)}"
 
 
 def _about_correlation(fitted: Sequence[FittedRecord]) -> list[str]:

@@ -6,10 +6,11 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ...study import Estimate, Study, paths_in
+from ...study import Estimate, Study
 from ..least_squares import START_FAILED, Fit
 from ..parameter_transform import ParameterTransform
 from ..sensor_signs import about_signs
+from ..validation import Missed
 from .about_diagnosis import about_agreement
 from .about_models import about_models, about_resonances
 from .about_parameters import (
@@ -37,6 +38,8 @@ class ErrorFacts(NamedTuple):
     """The stack was read off peaks."""
     is_robust: bool
     """The loss is robust, so that errors do not depend on the noise given."""
+    missed: Sequence[Missed] = ()
+    """Records that were not fitted and are not predicted."""
 
 
 def notes_of(
@@ -67,18 +70,9 @@ def notes_of(
 
 def _about_fitted(estimate: Estimate, study: Study, facts: ErrorFacts) -> list[str]:
     """Of the records; those that a stack was read off are not judged by the fit that held it."""
-    unfitted = _unfitted(study)
     if not facts.by_peaks:
-        return about_records(estimate.records, facts.factor, facts.is_robust, unfitted)
+        return about_records(estimate.records, facts.factor, facts.is_robust, facts.missed)
     read = [record.role == "fit" and record.measurement.platform_alone for record in study.records]
     judged = [found for found, is_read in zip(estimate.records, read, strict=True) if not is_read]
     peaks = [found for found, is_read in zip(estimate.records, read, strict=True) if is_read]
-    return [*about_records(judged, facts.factor, facts.is_robust, unfitted), *about_peaks(peaks)]
-
-
-def _unfitted(study: Study) -> dict[str, list[str]]:
-    """Of each record that is only predicted the free parameters that hold in no fitted record."""
-    free = {path for path, parameter in study.parameters.items() if parameter.free}
-    held = {record.name: free & {*paths_in(study.parameters, record.conditions).values()} for record in study.records}
-    fitted = {path for record in study.records if record.role == "fit" for path in held[record.name]}
-    return {r.name: sorted(held[r.name] - fitted) for r in study.records if r.role != "fit"}
+    return [*about_records(judged, facts.factor, facts.is_robust, facts.missed), *about_peaks(peaks)]

@@ -14,9 +14,10 @@ from ...study import Parameter, Study, Values
 from ..fit_statistics import reduced_chi2
 from ..initial_values.search import rank_starts, scatter_starts
 from ..least_squares import Fit, FitMethod, Progress, piezo_alone
-from ..poor_fit import is_poor
+from ..poor_fit import enlarged_covariance, is_poor
 from ..problem import Problem
 from ..stack_parameters import of_platform_alone, shown_by_platform
+from ..validation import is_refuted, missed_records
 from .perturbed_restarts import MOST_RESTARTS, restarts
 from .successive_halving import successive_halving
 
@@ -69,8 +70,16 @@ class Contest(NamedTuple):
     """Whether what a poor fit leaves comes of what is held in it, so that no other start would help; None: never."""
 
     def is_poor(self, fit: Fit) -> bool:
-        """A `fit` leaves more than noise, or records contradict each other, and another start may mend it."""
-        return is_poor(fit, self.problem) and not (self.excused and self.excused(fit, self.problem))
+        """A `fit` leaves more than noise, or records contradict each other, and another start may mend it.
+
+        Or those that were not fitted are not predicted.  Nothing is said of them where what is held in the fit is
+        excused, since its errors would count, too.
+        """
+        if is_poor(fit, self.problem):
+            return not (self.excused and self.excused(fit, self.problem))
+        if self.excused or all(record.role == "fit" for record in self.study.records):
+            return False
+        return is_refuted(missed_records(self.study, self.problem, fit, enlarged_covariance(fit, self.problem)))
 
 
 def platform_unobserved(study: Study, problem: Problem) -> bool:

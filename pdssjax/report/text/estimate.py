@@ -48,8 +48,8 @@ def _outcome(estimate: Estimate) -> str:
     outcome = f"    {estimate.method} fit{loss} {verdict}: {estimate.message}\n"
     if estimate.converged and not estimate.explained:
         outcome += (
-            "    The records leave more than noise, or contradict each other: the law lacks something, or the optimum "
-            "is\n    a wrong one; see the notes.\n"
+            "    The records leave more than noise, or contradict each other, or those that were not fitted are not "
+            "predicted:\n    the law lacks something, or the optimum is a wrong one; see the notes.\n"
         )
     return outcome
 

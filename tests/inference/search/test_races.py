@@ -18,6 +18,7 @@ from pdssjax.inference.poor_fit import leaves_more_than_noise
 from pdssjax.inference.search import multistart, races
 from pdssjax.inference.search.multistart import best_fit
 from pdssjax.inference.search.perturbed_restarts import MOST_RESTARTS
+from pdssjax.inference.validation import Missed
 from pdssjax.study import Parameter
 
 HALVING, THRICE, COMPARING = [(10, 5), (4, 7)], [(30, 5), (12, 7)], [(48, 6), (12, 12)]
@@ -233,7 +234,7 @@ def test_a_long_way_from_starts_given_that_leads_to_no_end_is_compared_with_a_se
 
 
 def reason_in_the_end(problem, fit, starts, raced):
-    contest = races.Contest(SimpleNamespace(parameters={}), problem, [], False, run, None)
+    contest = races.Contest(SimpleNamespace(parameters={}, records=()), problem, [], False, run, None)
     return races.reason_in_the_end(fit, starts, contest, raced)
 
 
@@ -345,3 +346,31 @@ def test_records_that_contradict_each_other_make_a_fit_poor_although_it_leaves_n
     assert not leaves_more_than_noise(fit, problem)
     assert races.is_poor(fit, problem) is poor
     assert reason_in_the_end(problem, fit, at(*fit.free), True) == ("elsewhere" if poor else None)
+
+
+@pytest.mark.parametrize(
+    ("unknown", "excused", "reason"),
+    [
+        ((), None, "poor"),
+        (("piezo.gain@wet",), None, None),  # a number of its own may be all that is wrong
+        ((), lambda fit, problem: True, None),
+    ],
+)
+def test_a_fit_that_misses_a_record_that_was_not_fitted_is_compared_with_others(monkeypatch, unknown, excused, reason):
+    problem = Waves(1.0, 0.0)
+    fit = run(problem, at(0.0, 0.0), None)
+    assert not races.is_poor(fit, problem)
+    validation = SimpleNamespace(**vars(problem.records[0]) | {"name": "validation", "role": "validate"})
+    study = SimpleNamespace(parameters={}, records=(*problem.records, validation))
+    asked = []
+
+    def missed(study, problem, fit, covariance):
+        asked.append(covariance)
+        return (Missed(validation, unknown),)
+
+    monkeypatch.setattr(races, "missed_records", missed)
+    contest = races.Contest(study, problem, [], False, run, None, excused)
+    assert races.reason_at_first(fit, contest) == reason
+    # Residuals are 1.7 times the distance from (1, 1).
+    np.testing.assert_allclose(asked, [np.eye(2) / 1.7**2][: len(asked)])
+    assert bool(asked) == (excused is None)

@@ -1,0 +1,140 @@
+"""Whether records that were not fitted are predicted down to their noise, but for the errors of the parameters.
+
+They are a witness that no fit has pulled towards itself: a wrong optimum that explains what was fitted misses them.
+What parameters would mend within their errors is not held against it: to first order what
+
+    |r + J d|^2 + d' C^-1 d
+
+leaves of the residuals r where it is least, over steps d of the parameters with their covariance C.  A step beyond
+what chance makes of errors mends nothing.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ..metrics import scatter_floor
+from ..study import FittedRecord, Record, Study, compare, paths_in
+from .least_squares import Fit
+from .losses.base import AbstractLoss
+from .poor_fit import exceeds_noise, highest_by_chance
+from .problem import Problem
+from .residual import Residual, free_offset
+from .without_outliers import without_outliers
+
+_UNTOLD = 1e3
+"""Standard deviation, on the fit's scale, of a parameter that the records fitted tell nothing of."""
+
+_ROUNDS = 3
+"""Of looking for samples that stand out: what parameters explain hides them."""
+
+
+class Missed(NamedTuple):
+    """A record that was not fitted and is not predicted down to its noise."""
+
+    record: FittedRecord
+    """Beside its prediction; where all its parameters are those of fitted records, at what they may move to."""
+    unknown: tuple[str, ...]
+    """The free parameters of its own that hold in no fitted record, and may be all that is wrong."""
+
+
+def missed_records(
+    study: Study, problem: Problem, fit: Fit, covariance: Float[np.ndarray, "p p"]
+) -> tuple[Missed, ...]:
+    """The records that were not fitted and leave more than noise, also where parameters move within their errors.
+
+    None of a fit that did not succeed: it is to be mended first.
+
+    **Arguments:** the `covariance` on the fit's scale, NaN where a parameter has no information or is held.
+    """
+    if not fit.success or all(record.role == "fit" for record in study.records):
+        return ()
+    free = np.clip(fit.free + without_outliers(problem, fit).step, *problem.bounds)
+    values = {**problem.residual.fixed, **problem.decode(free)}
+    motions = study.predict({path: float(number) for path, number in values.items()}, problem.residual.accuracy)
+    loss, unknown = problem.residual.loss, _own_parameters(study)
+    every = [
+        _beside(record, np.asarray(motion), loss)
+        for record, motion in zip(study.records, motions, strict=True)
+        if record.role != "fit"
+    ]
+    own = [Missed(found, unknown[found.name]) for found in every if unknown[found.name] and exceeds_noise(found)]
+    judged = [found for found in every if not unknown[found.name]]
+    if any(map(exceeds_noise, judged)):
+        records = tuple(r for r in study.records if r.role != "fit" and not unknown[r.name])
+        judged = _at_best(records, judged, study, problem, free, covariance)
+    return (*(Missed(found, ()) for found in judged if exceeds_noise(found)), *own)
+
+
+def is_refuted(missed: Sequence[Missed]) -> bool:
+    """Records that know no parameters but the fit's are `missed`: the model or the optimum does not carry over."""
+    return any(not record.unknown for record in missed)
+
+
+def _beside(record: Record, motion: Float[np.ndarray, " samples"], loss: AbstractLoss) -> FittedRecord:
+    noise = _noise(record)
+    zero = free_offset(record.measured, motion, record.offset, loss, noise)
+    return compare(record, motion, noise=noise, offset=zero, undisturbed=motion)
+
+
+def _noise(record: Record) -> float:
+    """As given, else as neighbouring samples scatter."""
+    return scatter_floor(record.measured) if record.noise is None else record.noise
+
+
+def _at_best(
+    records: tuple[Record, ...],
+    found: list[FittedRecord],
+    study: Study,
+    problem: Problem,
+    free: Float[np.ndarray, " p"],
+    covariance: Float[np.ndarray, "p p"],
+) -> list[FittedRecord]:
+    """The `records` beside what they are predicted as where parameters move within their errors to explain them all."""
+    residual, noise = problem.residual, np.array([_noise(record) for record in records])
+    fixed = {path: float(number) for path, number in residual.fixed.items()}
+    others = Residual(study.models, records, residual.transform, fixed, residual.accuracy)
+    whole = Problem(others, records, noise)
+    whitened, jacobian = (np.asarray(part) for part in whole.linearised(free))
+    root = _root(covariance, residual.transform.at_bound(free))
+    motions = [record.predicted - record.offset for record in found]
+    finite = np.isfinite(whitened) & np.isfinite(jacobian).all(axis=1)
+    for _ in range(_ROUNDS):
+        used = finite.copy()
+        for record, rows in zip(found, whole.rows, strict=True):
+            used[rows][record.outliers] = False
+        moves = jacobian @ _within_errors(whitened[used], jacobian[used], root)
+        beside = [m - s * moves[rows] for m, s, rows in zip(motions, noise, whole.rows, strict=True)]
+        found = [_beside(record, motion, residual.loss) for record, motion in zip(records, beside, strict=True)]
+    return found
+
+
+def _within_errors(
+    residual: Float[np.ndarray, " n"], jacobian: Float[np.ndarray, "n p"], root: Float[np.ndarray, "p q"]
+) -> Float[np.ndarray, " p"]:
+    """The step of the parameters that leaves the least; none where it would be beyond chance."""
+    columns = np.vstack([jacobian @ root, np.eye(root.shape[1])])
+    errors = -np.linalg.lstsq(columns, np.append(residual, np.zeros(root.shape[1])), rcond=None)[0]
+    off, count = float(errors @ errors), errors.size
+    return root @ errors * (off < count * highest_by_chance(count))
+
+
+def _root(covariance: Float[np.ndarray, "p p"], held: Bool[np.ndarray, " p"]) -> Float[np.ndarray, "p q"]:
+    """Times independent errors of one standard deviation each it gives errors with this `covariance`."""
+    deviation = np.sqrt(np.diag(covariance))
+    known = np.isfinite(deviation) & (deviation > 0.0)
+    correlation = covariance[np.ix_(known, known)] / np.outer(deviation[known], deviation[known])
+    sizes, axes = np.linalg.eigh(correlation)
+    of_known = np.zeros((deviation.size, sizes.size))
+    of_known[known] = deviation[known, None] * axes * np.sqrt(np.maximum(sizes, 0.0))
+    return np.hstack([of_known, _UNTOLD * np.eye(deviation.size)[:, ~np.isfinite(deviation) & ~held]])
+
+
+def _own_parameters(study: Study) -> dict[str, tuple[str, ...]]:
+    """Of each record that is not fitted the free parameters that hold in no fitted record."""
+    free = {path for path, parameter in study.parameters.items() if parameter.free}
+    hold = {record.name: free & {*paths_in(study.parameters, record.conditions).values()} for record in study.records}
+    fitted = {path for record in study.records if record.role == "fit" for path in hold[record.name]}
+    return {record.name: tuple(sorted(hold[record.name] - fitted)) for record in study.records if record.role != "fit"}

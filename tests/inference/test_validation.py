@@ -1,0 +1,76 @@
+"""Records that are not fitted judge a fit: by their noise, and by what the errors of its parameters leave open."""
+
+import numpy as np
+import pytest
+from record_tables import SHORT, record_table
+
+import pdssjax
+from pdssjax.cli.main import main
+
+GAIN, ROUGH, FINE = 1.1e-7, 1e-7, 1e-9
+TIME = np.arange(0.0, 0.1, 5e-4)
+VOLTS = 20.0 * (1.0 - np.cos(2.0 * np.pi * 20.0 * TIME))
+OFFSET_FREE = VOLTS - VOLTS.mean()
+ERROR = ROUGH / np.sqrt(OFFSET_FREE @ OFFSET_FREE)
+"""Standard error of the gain by the rough record, in closed form."""
+
+HEAD = """\
+format = "pdssjax-study/1"
+[actuator]
+piezo = "static"
+friction = "coulomb"
+[parameters]
+"piezo.gain" = { start = "0.1 um/V" }
+"""
+DRIVE = 'drive = { waveform = "sine", voltage = "40 V", frequency = "20 Hz" }'
+
+
+def study(folder, gain, draw=1, told=True, glitches=0):
+    """A rough record that is fitted, and a fine one of another `gain` that is not; the study's path."""
+    random = np.random.default_rng(draw)
+    text = HEAD
+    for name, number, noise, line in (("rough", GAIN, ROUGH, ""), ("fine", gain, FINE, 'role = "validate"')):
+        motion = number * VOLTS + random.normal(0.0, noise, TIME.size)
+        if name == "fine":
+            motion[10 : 10 + glitches] += 100.0 * noise
+        rows = np.stack([TIME, 1e6 * motion], axis=1)
+        np.savetxt(folder / f"{name}.csv", rows, "%.9f", ",", header="time_s,y_um", comments="")
+        lines = [line, DRIVE, *([f'noise = "{1e6 * noise} um"'] if told else [])]
+        text += "\n" + record_table(name, "platform", *filter(None, lines), columns=SHORT)
+    (folder / "study.toml").write_text(text)
+    return folder / "study.toml"
+
+
+def identified(*arguments, **more):
+    return pdssjax.identify(pdssjax.load_study(study(*arguments, **more)))
+
+
+@pytest.mark.parametrize("glitches", [0, 3])
+def test_what_the_errors_of_the_parameters_leave_open_is_not_held_against_a_fit(tmp_path, glitches):
+    """The fine record is seven times its noise off, which one standard error of the gain explains."""
+    estimate = identified(tmp_path, GAIN + ERROR, glitches=glitches)
+    gain = estimate.parameters["piezo.gain"]
+    assert gain.standard_error == pytest.approx(ERROR, rel=0.03)
+    assert estimate.records[1].rest_rmse > 3.0 * FINE
+    assert estimate.success
+    assert not any("not predicted" in note for note in estimate.notes)
+
+
+@pytest.mark.parametrize("told", [True, False], ids=["given", "seen between neighbours"])
+def test_a_fit_that_misses_a_record_by_more_is_no_success(tmp_path, told, capsys):
+    path = study(tmp_path, GAIN + 9.0 * ERROR, told=told)
+    assert main(["identify", str(path), "--out", str(tmp_path / "out")]) == 3
+    printed = capsys.readouterr()
+    assert "those that were not fitted are not predicted" in " ".join(printed.err.split())
+    estimate = pdssjax.identify(pdssjax.load_study(path))
+    assert estimate.converged and not estimate.explained
+    (note,) = [note for note in estimate.notes if "not predicted" in note]
+    assert '"fine"' in note and "does not carry over" in note
+    assert ("the noise given" in note) == told
+    # The record that was fitted is explained.
+    assert estimate.records[0].rmse == pytest.approx(ROUGH, rel=0.15)
+
+
+def test_by_chance_no_fit_is_refuted(tmp_path):
+    refuted = [not identified(tmp_path, GAIN, draw=draw).success for draw in range(40)]
+    assert not any(refuted)
