@@ -1,11 +1,11 @@
 """Whether records that were not fitted are predicted down to their noise, but for the errors of the parameters.
 
 They are a witness that no fit has pulled towards itself: a wrong optimum that explains what was fitted misses them.
-What parameters would mend within their errors is not held against it: to first order what
+What parameters would mend within their errors is not held against it: such records are judged by what
 
-    |r + J d|^2 + d' C^-1 d
+    |r(d)|^2 + d' C^-1 d
 
-leaves of the residuals r where it is least, over steps d of the parameters with their covariance C.  A step beyond
+leaves of their residuals r where it is least, over steps d of the parameters with their covariance C.  A step beyond
 what chance makes of errors mends nothing.
 """
 
@@ -29,6 +29,9 @@ _UNTOLD = 1e3
 
 _ROUNDS = 3
 """Of looking for samples that stand out: what parameters explain hides them."""
+
+_EVALUATIONS = 30
+"""In each."""
 
 
 class Missed(NamedTuple):
@@ -95,30 +98,36 @@ def _at_best(
     """The `records` beside what they are predicted as where parameters move within their errors to explain them all."""
     residual, noise = problem.residual, np.array([_noise(record) for record in records])
     fixed = {path: float(number) for path, number in residual.fixed.items()}
-    others = Residual(study.models, records, residual.transform, fixed, residual.accuracy)
-    whole = Problem(others, records, noise)
-    whitened, jacobian = (np.asarray(part) for part in whole.linearised(free))
-    root = _root(covariance, residual.transform.at_bound(free))
-    motions = [record.predicted - record.offset for record in found]
-    finite = np.isfinite(whitened) & np.isfinite(jacobian).all(axis=1)
+    whole = Problem(Residual(study.models, records, residual.transform, fixed, residual.accuracy), records, noise)
+    root, whitened = _root(covariance, residual.transform.at_bound(free)), np.asarray(whole.whitened(free))
+    motions, errors = [record.predicted - record.offset for record in found], np.zeros(root.shape[1])
     for _ in range(_ROUNDS):
-        used = finite.copy()
+        used = np.isfinite(whitened)
         for record, rows in zip(found, whole.rows, strict=True):
             used[rows][record.outliers] = False
-        moves = jacobian @ _within_errors(whitened[used], jacobian[used], root)
+        errors = _within_errors(whole, used, free, root, errors)
+        moves = np.asarray(whole.whitened(np.clip(free + root @ errors, *whole.bounds))) - whitened
         beside = [m - s * moves[rows] for m, s, rows in zip(motions, noise, whole.rows, strict=True)]
         found = [_beside(record, motion, residual.loss) for record, motion in zip(records, beside, strict=True)]
     return found
 
 
 def _within_errors(
-    residual: Float[np.ndarray, " n"], jacobian: Float[np.ndarray, "n p"], root: Float[np.ndarray, "p q"]
-) -> Float[np.ndarray, " p"]:
-    """The step of the parameters that leaves the least; none where it would be beyond chance."""
-    columns = np.vstack([jacobian @ root, np.eye(root.shape[1])])
-    errors = -np.linalg.lstsq(columns, np.append(residual, np.zeros(root.shape[1])), rcond=None)[0]
-    off, count = float(errors @ errors), errors.size
-    return root @ errors * (off < count * highest_by_chance(count))
+    whole: Problem,
+    used: Bool[np.ndarray, " n"],
+    free: Float[np.ndarray, " p"],
+    root: Float[np.ndarray, "p q"],
+    begun: Float[np.ndarray, " q"],
+) -> Float[np.ndarray, " q"]:
+    """The errors, times `root` a step of the parameters from `free`, that leave the least; 0 where beyond chance."""
+    from scipy.optimize import least_squares  # it takes long to import
+
+    at = lambda errors: np.clip(free + root @ errors, *whole.bounds)
+    left = lambda errors: np.append(np.asarray(whole.whitened(at(errors)))[used], errors)
+    slopes = lambda errors: np.vstack([(np.asarray(whole.jacobian(at(errors))) @ root)[used], np.eye(errors.size)])
+    found = least_squares(left, begun, slopes, max_nfev=_EVALUATIONS)  # pyright: ignore[reportArgumentType]
+    errors = found.x
+    return errors * (errors @ errors < errors.size * highest_by_chance(errors.size))
 
 
 def _root(covariance: Float[np.ndarray, "p p"], held: Bool[np.ndarray, " p"]) -> Float[np.ndarray, "p q"]:
