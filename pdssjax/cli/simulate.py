@@ -1,6 +1,7 @@
 """`pdssjax simulate`: predicts every record of a study."""
 
 import argparse
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,15 +22,22 @@ def simulate(options: argparse.Namespace) -> int:
 
     check_free(options.out, options.overwrite)
     prepare_jax()
-    from ..study import numbers_used
+    from ..integration import Accuracy
+    from ..study import failure_cause, numbers_used
 
     study = study_of(options)
     used = numbers_used(study)
     with progress() as tell:
         tell("simulating")
         records = [_compared(*pair) for pair in zip(study.records, study.predict(), strict=True)]
+        cause = ""
+        if not all(record.simulated for record in records):
+            tell("looking for the parameter to blame")
+            cause = failure_cause(study.predictor, study.records, study.values(), Accuracy())
     say(format_numbers(used))
     say(format_records(records))
+    if cause:
+        print(f"pdssjax: warning: {options.study}: {cause}.", file=sys.stderr)
     with progress() as tell:
         tell("writing predictions and plots")
         written = keep_results(lambda place: write_predictions(records, used, place), options.out)

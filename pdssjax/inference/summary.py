@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from jaxtyping import Float
 
-from ..study import Estimate, FittedParameter, FittedRecord, Parameter, Study, compare
+from ..study import Estimate, FittedParameter, FittedRecord, Parameter, Study, compare, failure_cause
 from .covariance import Covariance, correlation
 from .diagnostics.diagnose import diagnose
 from .fit_statistics import degrees_taken, statistics_of
@@ -19,7 +19,6 @@ from .problem import Problem
 from .residual import free_offset
 from .stack_first.freed_stack import with_stack_freed
 from .stack_first.peak_picking import PickedStack
-from .start_failure import failed_start
 from .uncertainty.amplification import amplification_of
 from .uncertainty.linear_intervals import linear_intervals
 from .uncertainty.standard_errors import standard_errors_of
@@ -43,8 +42,8 @@ def summarise(
 
     With a `stack` from peaks its covariance is the first step's.
     """
-    free, fitted = problem.residual.transform, {**starts, **problem.residual.transform.decode(fit.free)}
-    values = {path: float(value) for path, value in fitted.items()}
+    free, loss = problem.residual.transform, problem.residual.loss
+    values = {path: float(value) for path, value in {**starts, **free.decode(fit.free)}.items()}
     statistics = statistics_of(problem, fit)
     known, naive, with_told, factor, freedom = standard_errors_of(method, problem, fit, stack)
     deviation = np.sqrt(np.diag(known.matrix))
@@ -66,10 +65,9 @@ def summarise(
     diagnosis = diagnose(problem, fit, known.matrix) if np.isfinite(fit.chi2) else None
     if diagnosis and stack is not None:  # its records are not fitted, and pull wherever the peaks were misread
         diagnosis = dataclasses.replace(diagnosis, agreement=())
-    unexplained = diagnosis is not None and bool(contradicting(diagnosis.agreement))
-    unexplained |= stack is None and any(r.role == "fit" and r.noise_estimated and exceeds_floor(r) for r in records)
     missed = missed_records(study, problem, fit, known.matrix)
-    unexplained |= is_refuted(missed)
+    unexplained = is_refuted(missed) or (diagnosis is not None and bool(contradicting(diagnosis.agreement)))
+    unexplained |= stack is None and any(r.role == "fit" and r.noise_estimated and exceeds_floor(r) for r in records)
     explained, message = _verdict(problem, fit, values, unexplained, stack)
     estimate = Estimate(
         title=study.title,
@@ -87,11 +85,10 @@ def summarise(
         amplification=amplification_of(problem, fit, known.identifiable),
         diagnosis=diagnosis,
         explained=explained,
-        loss=type(problem.residual.loss).__name__.lower(),
+        loss=type(loss).__name__.lower(),
         actuator=study.models.chosen,
     )
-    robust = problem.residual.loss.is_robust
-    facts = ErrorFacts(known.null, weakly_determined, factor, stack is not None, robust, missed)
+    facts = ErrorFacts(known.null, weakly_determined, factor, stack is not None, loss.is_robust, missed)
     return dataclasses.replace(estimate, notes=notes_of(estimate, study, fit, free, facts))
 
 
@@ -104,7 +101,9 @@ def _verdict(
     not predicted by it.
     """
     if fit.message == START_FAILED:
-        return False, f"{START_FAILED}: {failed_start(problem, values)}"
+        residual = problem.residual
+        cause = failure_cause(residual.predictor, problem.records, {**residual.fixed, **values}, residual.accuracy)
+        return False, f"{START_FAILED}: {cause or 'its residuals are not finite'}"
     explained = not (unexplained or leaves_more_than_noise(fit, problem))
     if stack is None or explained or not np.isfinite(fit.chi2):
         return explained, fit.message

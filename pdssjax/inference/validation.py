@@ -57,18 +57,18 @@ def missed_records(
     free = np.clip(fit.free + without_outliers(problem, fit).step, *problem.bounds)
     values = {**problem.residual.fixed, **problem.decode(free)}
     motions = study.predict({path: float(number) for path, number in values.items()}, problem.residual.accuracy)
-    loss, unknown = problem.residual.loss, _own_parameters(study)
+    loss, unknown = problem.residual.loss, _unknown_parameters(study)
     every = [
         _beside(record, np.asarray(motion), loss)
         for record, motion in zip(study.records, motions, strict=True)
         if record.role != "fit"
     ]
-    own = [Missed(found, unknown[found.name]) for found in every if unknown[found.name] and exceeds_noise(found)]
+    local = [Missed(found, unknown[found.name]) for found in every if unknown[found.name] and exceeds_noise(found)]
     judged = [found for found in every if not unknown[found.name]]
     if any(map(exceeds_noise, judged)):
         records = tuple(r for r in study.records if r.role != "fit" and not unknown[r.name])
         judged = _at_best(records, judged, study, problem, free, covariance)
-    return (*(Missed(found, ()) for found in judged if exceeds_noise(found)), *own)
+    return (*(Missed(found, ()) for found in judged if exceeds_noise(found)), *local)
 
 
 def is_refuted(missed: Sequence[Missed]) -> bool:
@@ -141,7 +141,7 @@ def _root(covariance: Float[np.ndarray, "p p"], held: Bool[np.ndarray, " p"]) ->
     return np.hstack([of_known, _UNTOLD * np.eye(deviation.size)[:, ~np.isfinite(deviation) & ~held]])
 
 
-def _own_parameters(study: Study) -> dict[str, tuple[str, ...]]:
+def _unknown_parameters(study: Study) -> dict[str, tuple[str, ...]]:
     """Of each record that is not fitted the free parameters that hold in no fitted record."""
     free = {path for path, parameter in study.parameters.items() if parameter.free}
     hold = {record.name: free & {*paths_in(study.parameters, record.conditions).values()} for record in study.records}

@@ -58,6 +58,7 @@ if TYPE_CHECKING:
     from .setups import Run as Run
     from .shared_drive import drive_with as drive_with
     from .shared_drive import shared_fields as shared_fields
+    from .simulation_failure import failure_cause as failure_cause
     from .study import Study as Study
     from .study import legal_quantities as legal_quantities
     from .summaries import entry_summaries as entry_summaries
@@ -97,6 +98,7 @@ else:
             "record": ["Record"],
             "resonances": ["Resonance", "SHOWN", "depends_on", "hidden_from"],
             "sample_times": ["STEP_TIME", "check_begins_early", "check_increasing", "check_meets_drive"],
+            "simulation_failure": ["failure_cause"],
             "draws": ["Draws", "ParameterDraws"],
             "setups": ["AbstractSetup", "Run"],
             "shared_drive": ["drive_with", "shared_fields"],

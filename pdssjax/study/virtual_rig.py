@@ -8,10 +8,12 @@ steps of the sensor's resolution.
 import dataclasses
 
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from ..core import Document, InputError
+from ..integration import Accuracy
 from .record import Record
+from .simulation_failure import failure_cause
 from .study import Study
 
 _WANDERS = 0.1
@@ -38,15 +40,16 @@ def make_recordings(study: Study, seed: int = 0) -> list[Recording]:
 
     **Raises:** `InputError` for a parameter without a number, and for a simulation that fails.
     """
-    where = study.path or study.title
-    motions = study.predict()
-    return [_recorded(*pair, seed, str(where)) for pair in zip(study.records, motions, strict=True)]
+    motions = [np.asarray(motion) for motion in study.predict()]
+    if not all(np.isfinite(motion).all() for motion in motions):
+        cause = failure_cause(study.predictor, study.records, study.values(), Accuracy())
+        raise InputError(
+            f"{study.path or study.title}: found a simulation that fails, expected numbers that work: {cause}."
+        )
+    return [_recorded(*pair, seed) for pair in zip(study.records, motions, strict=True)]
 
 
-def _recorded(record: Record, motion: Float[Array, " samples"], seed: int, where: str) -> Recording:
-    true = np.asarray(motion)
-    if not np.isfinite(true).all():
-        raise InputError(f'{where}: record "{record.name}": found a simulation that fails, expected numbers that work.')
+def _recorded(record: Record, true: Float[np.ndarray, " samples"], seed: int) -> Recording:
     random = np.random.default_rng([seed, *record.name.encode()])
     offset = record.offset
     if offset is None:

@@ -268,7 +268,7 @@ def test_a_fit_that_is_lost_says_the_cause_and_nothing_that_would_mean_nothing(t
     failed = fitting.joint(problem, pdssjax.initial_guess(study), print)._replace(
         success=False, message=fitting.START_FAILED
     )
-    monkeypatch.setattr(summary, "failed_start", lambda posed, starts: "the cause")
+    monkeypatch.setattr(summary, "failure_cause", lambda *what: "the cause")
     estimate = summary.summarise(study, "joint", problem, failed, pdssjax.initial_guess(study))
     assert estimate.message == f"{fitting.START_FAILED}: the cause"
     assert estimate.notes == ()

@@ -144,9 +144,9 @@ def _about_missed(missed: Sequence[Missed]) -> list[str]:
             f"{_not_predicted(refuting)}, more than the parameters' errors explain. The model or the optimum found "
             "does not carry over to them: fit them too, and see whether all agree."
         )
-    if unknown := [path for _, own in missed for path in own]:
+    if unknown := [path for record in missed for path in record.unknown]:
         notes.append(
-            f"{_not_predicted([record for record, own in missed if own])}. They have parameters of their own that no "
+            f"{_not_predicted([r for r, paths in missed if paths])}. They have parameters of their own that no "
             f"fitted record knows, {listed(dict.fromkeys(unknown))}: these were not fitted, and may be all that is "
             "wrong. Fit such a record, or a part of it (window), to see."
         )

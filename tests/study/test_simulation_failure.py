@@ -1,13 +1,13 @@
-"""A fit whose start cannot be simulated names the cause: record, reason and parameter."""
+"""What cannot be simulated names the cause: record, reason and parameter."""
 
 import numpy as np
 import pytest
 
 import pdssjax
-from pdssjax import Accuracy
+from pdssjax import Accuracy, InputError
+from pdssjax.cli.main import main
 from pdssjax.inference import least_squares as fitting
-from pdssjax.inference.problem import pose
-from pdssjax.inference.start_failure import failed_start
+from pdssjax.study import failure_cause, make_recordings
 
 STUDY = """\
 format = "pdssjax-study/1"
@@ -41,9 +41,12 @@ def stalled(tmp_path_factory):
     return pdssjax.load_study(folder / "study.toml")
 
 
+def cause(study, numbers):
+    return failure_cause(study.predictor, study.records, numbers, Accuracy())
+
+
 def test_the_parameter_that_keeps_a_start_from_being_simulated_is_named(stalled):
-    problem = pose(stalled, pdssjax.initial_guess(stalled), Accuracy())
-    text = failed_start(problem, pdssjax.initial_guess(stalled))
+    text = cause(stalled, pdssjax.initial_guess(stalled))
     assert '"slow loop"' in text
     assert "ran out of steps" in text
     # What to do about it, at the command line, which has no option for it, and in Python.
@@ -53,8 +56,20 @@ def test_the_parameter_that_keeps_a_start_from_being_simulated_is_named(stalled)
 
 def test_a_start_that_no_single_parameter_spoils_says_so(stalled):
     numbers = pdssjax.initial_guess(stalled) | {"piezo.gain": np.nan, "piezo.creep": np.nan}
-    problem = pose(stalled, pdssjax.initial_guess(stalled), Accuracy())
-    assert "No parameter changed by itself" in failed_start(problem, numbers)
+    assert "No parameter changed by itself" in cause(stalled, numbers)
+
+
+def test_where_nothing_fails_there_is_no_cause(stalled):
+    assert cause(stalled, pdssjax.initial_guess(stalled) | {"amplifier.bandwidth": 1e3}) == ""
+
+
+def test_a_virtual_rig_and_a_simulation_name_it_too(stalled, tmp_path, capsys):
+    with pytest.raises(InputError, match=r"study\.toml: found a simulation that fails.*amplifier\.bandwidth at "):
+        make_recordings(stalled)
+    assert main(["simulate", str(stalled.path), "--out", str(tmp_path / "out")]) == 0
+    printed = capsys.readouterr()
+    assert "simulation failed" in printed.out
+    assert "With amplifier.bandwidth at" in printed.err
 
 
 @pytest.mark.slow
