@@ -40,6 +40,8 @@ SAMPLES = 100
 WIDE, USUAL = 10.0, 1.5
 """Factors either way: of a contact's stiffness and damping, of everything else."""
 _WIDELY = ("sigma0", "sigma1", "stiffness", "attraction")
+_SHARES = {"elastic_part": 300.0}
+"""What lies between 0 and 1 is drawn by its odds, and those by this factor either way; fits go there."""
 _UNITS = {VELOCITY: "m/s", ACCELERATION: "m/s2", STOP_FORCE: "N", FRICTION_FORCE: "N"}
 
 
@@ -101,13 +103,14 @@ class Structure:
         return usual | dict(self.given)
 
     def draw(self, random: np.random.Generator) -> np.ndarray:
-        """Logarithms of factors on the nominal values."""
-        spread = [WIDE if path.split(".")[1].startswith(_WIDELY) else USUAL for path in self.nominal]
+        """Logarithms of factors on the nominal values, or on the odds of a share."""
+        usual = lambda field: WIDE if field.startswith(_WIDELY) else USUAL
+        spread = [_SHARES.get(field, usual(field)) for field in (path.split(".")[1] for path in self.nominal)]
         return np.log(spread) * random.uniform(-1.0, 1.0, len(spread))
 
     def shown(self, factors: Any, accuracy: Accuracy) -> Any:
         """What the record shows [its `unit`], shape (samples,), of actuators with these logarithms of factors."""
-        numbers = {path: value * jnp.exp(factors[i]) for i, (path, value) in enumerate(self.nominal.items())}
+        numbers = {path: _scaled(path, value, factors[i]) for i, (path, value) in enumerate(self.nominal.items())}
         built = {part: model(**self._numbers(part, numbers)) for part, model in self.models.items()}
         drive, times = self.drive.with_numbers(_of_part("drive", numbers)), jnp.asarray(self.times)
         if self.of == "contact":
@@ -126,6 +129,12 @@ class Structure:
 
     def _numbers(self, part: str, numbers: dict[str, Any]) -> dict[str, Any]:
         return _of_part(part, numbers) | ({"state": self.state} if part == "friction" and self.state else {})
+
+
+def _scaled(path: str, value: float, factor: Any) -> Any:
+    """`value` times e to the `factor`; of a share its odds."""
+    scaled = value * jnp.exp(factor)
+    return scaled / (1.0 - value + scaled) if path.split(".")[1] in _SHARES else scaled
 
 
 def _of_part(part: str, numbers: dict[str, Any]) -> dict[str, Any]:
@@ -152,6 +161,22 @@ ASIDE = {
 """Laws that LAWS leaves out, and why."""
 LAWS = {law: Structure(law, cycles=3.0) for law in members("friction") if law not in ASIDE}
 """Every law, found by its file."""
+_FORCES = ("f_c", "f_s", "strength")
+"""What the fields begin with that say how much force a contact holds."""
+LITTLE = {
+    f"{law} with little friction": Structure(
+        law,
+        given={
+            f"friction.{field}": 0.03 * q.nominal
+            for field, q in quantities(member("friction", law)).items()
+            if field.startswith(_FORCES)
+        },
+        cycles=3.0,
+    )
+    for law in members("friction")
+    if law != "bristle"
+}
+"""Every law on a contact that slides on for long, as fits of measured records have it."""
 LONE = {
     f"{piezo}, unloaded": Structure(piezo=piezo, of="unloaded", cycles=3.0)
     for piezo in (*members("piezo"), "composed:second-order+play-3+asymmetry-2+creep-2")
@@ -285,4 +310,6 @@ def named(name: str) -> Structure:
     return STRUCTURES[name] if name in STRUCTURES else combination(int(name.split()[1]))
 
 
-STRUCTURES = PUBLISHED | QUICKLY | LAWS | LONE | LOADED | JUMPING | PULLED | WAVEFORMS | PARTS | RECORDS | RINGING
+STRUCTURES = (
+    PUBLISHED | QUICKLY | LAWS | LITTLE | LONE | LOADED | JUMPING | PULLED | WAVEFORMS | PARTS | RECORDS | RINGING
+)

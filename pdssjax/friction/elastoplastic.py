@@ -29,6 +29,9 @@ from .base import State, Terms
 _HYSTERESIS = 1e-5
 """Part of z_ss - z_ba by which z has to pass z_ss before the region changes."""
 
+_MIXING = 1e-7
+"""How alpha bends counts as a displacement [m] of so much, over 1 - `elastic_part`, where steps are to resolve it."""
+
 
 class Elastoplastic(AbstractStribeckBristle):
     """One bristle deflection z [m] that first only stretches; flags: mixed, plastic region, fast."""
@@ -44,13 +47,23 @@ class Elastoplastic(AbstractStribeckBristle):
     def _steady(self, v: Term) -> Term:
         return stribeck_curve(v, self.f_c, self.f_s, self.v_s) * (1.0 / self.sigma0)
 
+    def _mixing(self, state: Terms, v: Term, sign: ScalarLike) -> tuple[Term, Term]:
+        """Cosine and sine of the angle of alpha between the elastic and the plastic region."""
+        u, begin, end = state[0] * sign, self.breakaway(), self._steady(v)
+        return cosine_and_sine((u - (end + begin) * 0.5) * jnp.pi / (end - begin))
+
     def rate(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:
         z, mixed, plastic, _ = state
-        u, begin, end = z * sign, self.breakaway(), self._steady(v)
-        angle = (u - (end + begin) * 0.5) * jnp.pi / (end - begin)
-        _, sine = cosine_and_sine(angle)
+        _, sine = self._mixing(state, v, sign)
         alpha = mixed * (sine * 0.5 + 0.5) + plastic
-        return v - alpha * (v * u) / end, 0, 0, 0
+        return v - alpha * (v * (z * sign)) / self._steady(v), 0, 0, 0
+
+    def extra_error_terms(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:
+        # Towards steady sliding the deflection follows a logistic curve, which has poles beside the time axis.  What is
+        # left of it soon is below any tolerance, but its derivatives grow in a step that comes near them.
+        cosine, _ = self._mixing(state, v, sign)
+        narrow = state[1] * cosine * (_MIXING / (1.0 - self.elastic_part))
+        return (*super().extra_error_terms(state, v, sign), narrow)
 
     def error_scale(self) -> State:
         return jnp.ones(()), jnp.ones(()), jnp.ones(()), jnp.ones(())

@@ -12,7 +12,8 @@ import pytest
 
 from experiments.derivative_judge import REVERSE, VALUES, Judge, Verdict
 from experiments.map_of_rightness import drawn, wrongs
-from experiments.random_actuators import PUBLISHED, STRUCTURES
+from experiments.random_actuators import PUBLISHED, STRUCTURES, Structure
+from pdssjax.drive.sawtooth import Sawtooth
 
 QUICK = {"deflection, backward, 5 Hz": 6}
 MANY = 3
@@ -60,6 +61,30 @@ def test_a_ringing_that_is_rounding_has_no_reversals_to_derive():
 def test_actuators_that_were_once_wrong(name):
     found = [Verdict(**drawn(judge(name), number)) for number in ONCE_WRONG[name]]
     assert all(verdict.is_right and verdict.reverse < 1e-10 for verdict in found), found
+
+
+SLIDING = {
+    "piezo.gain": 8.689e-8,
+    "piezo.natural_frequency": 10642.0,
+    "piezo.damping_ratio": 0.5712,
+    "effector.mass": 0.1,
+    "friction.f_c": 8.831e-3,
+    "friction.f_s": 8.079e-2,
+    "friction.sigma0": 2.387e6,
+    "friction.sigma1": 283.9,
+    "friction.sigma2": 408.3,
+    "friction.v_s": 2.881e-5,
+    "friction.elastic_part": 0.9807,
+}
+"""Where a fit of the measured record of Liu et al. (2015) went."""
+
+
+@pytest.mark.slow
+def test_a_narrow_transition_to_sliding_is_resolved_for_derivatives():
+    """Values were right, the Jacobian off by 1e42: steps passed poles of what is left of the transition."""
+    structure = Structure("elastoplastic", drive=Sawtooth(30.0, 5.0, 7.314e-5), given=SLIDING)
+    verdict = Judge(structure).verdict(np.zeros(len(structure.nominal)))
+    assert verdict.is_right and verdict.reverse < 1e-8, verdict
 
 
 def test_every_unit_has_its_structure():

@@ -189,11 +189,12 @@ def recorded(name: str, offset: float | None, noise: float | None) -> SimpleName
     )
 
 
-def test_simulate_writes_each_record_with_its_own_zero(calls, tmp_path, capsys):
+def test_simulate_writes_each_record_with_its_own_zero(calls, tmp_path, capsys, monkeypatch):
     calls.study.records = (recorded("free", None, None), recorded("given", 1e-6, 1e-8), recorded("lost", None, 1e-8))
     ramp = 1e-5 * np.linspace(0.0, 1.0, 101)
-    calls.study.values = lambda but: {}
+    calls.study.values, calls.study.predictor = lambda but=(): {}, None
     calls.study.predict = lambda: [ramp, ramp, np.full(101, np.nan)]
+    monkeypatch.setattr(pdssjax.study, "failure_cause", lambda *what: 'in "lost" the cause')
     assert cli.main(["simulate", "rig.toml", "--out", str(tmp_path)]) == 0
     free, given, failed = (
         np.genfromtxt(tmp_path / "predictions" / f"{name}.csv", delimiter=",", names=True)["residual_um"]
@@ -202,7 +203,8 @@ def test_simulate_writes_each_record_with_its_own_zero(calls, tmp_path, capsys):
     np.testing.assert_allclose(free, 0.0, atol=1e-9)
     np.testing.assert_allclose(given, 2.0, atol=1e-9)
     assert np.isnan(failed).all()
-    assert "simulation failed" in capsys.readouterr().out
+    printed = capsys.readouterr()
+    assert "simulation failed" in printed.out and 'rig.toml: in "lost" the cause.' in printed.err
     assert cli.main(["simulate", "rig.toml", "--out", str(tmp_path)]) == 2
 
 
