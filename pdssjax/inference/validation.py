@@ -101,7 +101,7 @@ def _at_best(
     whole = Problem(Residual(study.models, records, residual.transform, fixed, residual.accuracy), records, noise)
     root, whitened = _root(covariance, residual.transform.at_bound(free)), np.asarray(whole.whitened(free))
     motions, errors = [record.predicted - record.offset for record in found], np.zeros(root.shape[1])
-    for _ in range(_ROUNDS):
+    for _ in range(_ROUNDS if errors.size else 0):
         used = np.isfinite(whitened)
         for record, rows in zip(found, whole.rows, strict=True):
             used[rows][record.outliers] = False
@@ -124,7 +124,10 @@ def _within_errors(
 
     at = lambda errors: np.clip(free + root @ errors, *whole.bounds)
     left = lambda errors: np.append(np.asarray(whole.whitened(at(errors)))[used], errors)
-    slopes = lambda errors: np.vstack([(np.asarray(whole.jacobian(at(errors))) @ root)[used], np.eye(errors.size)])
+    known = lambda jacobian: np.nan_to_num(np.asarray(jacobian) @ root, posinf=0.0, neginf=0.0)[
+        used
+    ]  # what cannot be derived moves nothing
+    slopes = lambda errors: np.vstack([known(whole.jacobian(at(errors))), np.eye(errors.size)])
     found = least_squares(left, begun, slopes, max_nfev=_EVALUATIONS)  # pyright: ignore[reportArgumentType]
     errors = found.x
     return errors * (errors @ errors < errors.size * highest_by_chance(errors.size))

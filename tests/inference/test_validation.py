@@ -71,6 +71,14 @@ def test_a_fit_that_misses_a_record_by_more_is_no_success(tmp_path, told, capsys
     assert estimate.records[0].rmse == pytest.approx(ROUGH, rel=0.15)
 
 
+def test_a_fit_whose_parameters_are_all_at_bounds_is_judged_as_it_is(tmp_path):
+    path = study(tmp_path, GAIN)
+    path.write_text(path.read_text().replace('{ start = "0.1 um/V" }', '{ start = "0.09 um/V", max = "0.1 um/V" }'))
+    estimate = pdssjax.identify(pdssjax.load_study(path))
+    assert estimate.parameters["piezo.gain"].at_bound and not estimate.explained
+    assert any('"fine"' in note and "does not carry over" in note for note in estimate.notes)
+
+
 def test_by_chance_no_fit_is_refuted(tmp_path):
     refuted = [not identified(tmp_path, GAIN, draw=draw).success for draw in range(40)]
     assert not any(refuted)
