@@ -6,7 +6,7 @@ from ..core import Scalar, ScalarLike, quantity
 from ..integration import Term
 from ._search_ranges import lugre_ranges, stribeck_range
 from ._stribeck_curve import CURVE, stribeck_curve
-from .base import AbstractFriction, State, Terms
+from .base import YIELDING, AbstractFriction, State, Terms
 
 
 class AbstractStribeckBristle(AbstractFriction):
@@ -36,7 +36,8 @@ class AbstractStribeckBristle(AbstractFriction):
         return self.sigma0 * state[0] + self.sigma1 * self.rate(state, v, sign)[0] + self.sigma2 * v
 
     def extra_error_terms(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:
-        return (stribeck_curve(v, 0.0, CURVE, self.v_s),)
+        least = jnp.where(jnp.asarray(self.f_s) < self.f_c, self.f_s, self.f_c)
+        return stribeck_curve(v, 0.0, CURVE, self.v_s), state[0] * (YIELDING * self.sigma0 / least)
 
     def equilibrium_state(self, state: State, force: Scalar) -> tuple[State, Scalar]:
         target = force / self.sigma0

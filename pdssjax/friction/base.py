@@ -21,6 +21,14 @@ Terms: TypeAlias = tuple[Term, ...]
 """What a field is made of, one a component."""
 
 
+YIELDING = 1e-7
+"""The deflection at which a contact yields counts as a displacement [m] of so much at least.
+
+A contact with little friction deflects by some 1e-9 m: an error of a step that the motion does not feel is then large
+beside it, and beside its derivatives.
+"""
+
+
 class AbstractFriction(eqx.Module):
     """A contact force as a function of the relative velocity v = y' - x_e' [m/s].
 
