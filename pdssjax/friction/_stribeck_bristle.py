@@ -36,8 +36,11 @@ class AbstractStribeckBristle(AbstractFriction):
         return self.sigma0 * state[0] + self.sigma1 * self.rate(state, v, sign)[0] + self.sigma2 * v
 
     def extra_error_terms(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:
-        least = jnp.where(jnp.asarray(self.f_s) < self.f_c, self.f_s, self.f_c)
-        return stribeck_curve(v, 0.0, CURVE, self.v_s), state[0] * (YIELDING * self.sigma0 / least)
+        return stribeck_curve(v, 0.0, CURVE, self.v_s), state[0] * (YIELDING * self.sigma0 / self._least_force())
+
+    def _least_force(self) -> ScalarLike:
+        """The smaller of f_c and f_s [N]."""
+        return jnp.where(jnp.asarray(self.f_s) < self.f_c, self.f_s, self.f_c)
 
     def equilibrium_state(self, state: State, force: Scalar) -> tuple[State, Scalar]:
         target = force / self.sigma0

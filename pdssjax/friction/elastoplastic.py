@@ -41,27 +41,27 @@ class Elastoplastic(AbstractStribeckBristle):
 
     def breakaway(self) -> ScalarLike:
         """Breakaway displacement z_ba [m]."""
-        least = jnp.where(jnp.asarray(self.f_s) < self.f_c, self.f_s, self.f_c)
-        return self.elastic_part * least / self.sigma0
+        return self.elastic_part * self._least_force() / self.sigma0
 
     def _steady(self, v: Term) -> Term:
         return stribeck_curve(v, self.f_c, self.f_s, self.v_s) * (1.0 / self.sigma0)
 
-    def _mixing(self, state: Terms, v: Term, sign: ScalarLike) -> tuple[Term, Term]:
-        """Cosine and sine of the angle of alpha between the elastic and the plastic region."""
-        u, begin, end = state[0] * sign, self.breakaway(), self._steady(v)
+    def _mixing(self, u: Term, end: Term) -> tuple[Term, Term]:
+        """Cosine and sine of the angle of alpha, with `end` the steady deflection z_ss [m]."""
+        begin = self.breakaway()
         return cosine_and_sine((u - (end + begin) * 0.5) * jnp.pi / (end - begin))
 
     def rate(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:
         z, mixed, plastic, _ = state
-        _, sine = self._mixing(state, v, sign)
+        u, end = z * sign, self._steady(v)
+        _, sine = self._mixing(u, end)
         alpha = mixed * (sine * 0.5 + 0.5) + plastic
-        return v - alpha * (v * (z * sign)) / self._steady(v), 0, 0, 0
+        return v - alpha * (v * u) / end, 0, 0, 0
 
     def extra_error_terms(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:
         # Towards steady sliding the deflection follows a logistic curve, which has poles beside the time axis.  What is
         # left of it soon is below any tolerance, but its derivatives grow in a step that comes near them.
-        cosine, _ = self._mixing(state, v, sign)
+        cosine, _ = self._mixing(state[0] * sign, self._steady(v))
         narrow = state[1] * cosine * (_MIXING / (1.0 - self.elastic_part))
         return (*super().extra_error_terms(state, v, sign), narrow)
 

@@ -124,9 +124,8 @@ def _within_errors(
 
     at = lambda errors: np.clip(free + root @ errors, *whole.bounds)
     left = lambda errors: np.append(np.asarray(whole.whitened(at(errors)))[used], errors)
-    known = lambda jacobian: np.nan_to_num(np.asarray(jacobian) @ root, posinf=0.0, neginf=0.0)[
-        used
-    ]  # what cannot be derived moves nothing
+    # What cannot be derived moves nothing.
+    known = lambda jacobian: np.nan_to_num(np.asarray(jacobian)[used] @ root, posinf=0.0, neginf=0.0)
     slopes = lambda errors: np.vstack([known(whole.jacobian(at(errors))), np.eye(errors.size)])
     found = least_squares(left, begun, slopes, max_nfev=_EVALUATIONS)  # pyright: ignore[reportArgumentType]
     errors = found.x
