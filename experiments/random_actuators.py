@@ -57,6 +57,8 @@ class Structure:
     """The numbers of the drive are drawn, too."""
     given: Mapping[str, float] = dataclasses.field(default_factory=dict)
     """Numbers in place of the nominal ones, by path."""
+    ranges: Mapping[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
+    """Ends between which numbers are drawn, by path; the others are by factors on the nominal ones."""
     cycles: float = 2.0
     feedback: bool = False
     parts: tuple[str, ...] = ()
@@ -100,13 +102,20 @@ class Structure:
             numbers |= {f"drive.{field}": float(number) for field, number in self.drive.numbers().items()}
         idle = {"amplifier.slew"} | (set() if self.feedback else {"piezo.mass"})
         usual = {path: number for path, number in numbers.items() if number != 0.0 and path not in idle}
-        return usual | dict(self.given)
+        return usual | dict(self.given) | {path: (low * high) ** 0.5 for path, (low, high) in self.ranges.items()}
 
     def draw(self, random: np.random.Generator) -> np.ndarray:
         """Logarithms of factors on the nominal values, or on the odds of a share."""
-        usual = lambda field: WIDE if field.startswith(_WIDELY) else USUAL
-        spread = [_SHARES.get(field, usual(field)) for field in (path.split(".")[1] for path in self.nominal)]
+        spread = [self._spread(path) for path in self.nominal]
         return np.log(spread) * random.uniform(-1.0, 1.0, len(spread))
+
+    def _spread(self, path: str) -> float:
+        """The factor either way by which a number is drawn."""
+        field = path.split(".")[1]
+        if path in self.ranges:
+            low, high = self.ranges[path]
+            return (high / low) ** 0.5
+        return _SHARES.get(field, WIDE if field.startswith(_WIDELY) else USUAL)
 
     def shown(self, factors: Any, accuracy: Accuracy) -> Any:
         """What the record shows [its `unit`], shape (samples,), of actuators with these logarithms of factors."""
@@ -154,12 +163,16 @@ PUBLISHED = {
 """The published actuator: its law in both readings, in both directions."""
 QUICKLY = {f"{state}, 20 Hz": structure for state, structure in _readings().items()}
 """The same at 20 Hz, with a fall time."""
-ASIDE = {
-    "anisotropic-lugre": "among the PUBLISHED, in both readings",
-    "bristle": "every tooth of its force is an event, thousands a cycle",
-}
+ASIDE = {"anisotropic-lugre": "among the PUBLISHED, in both readings"}
 """Laws that LAWS leaves out, and why."""
-LAWS = {law: Structure(law, cycles=3.0) for law in members("friction") if law not in ASIDE}
+
+
+def _cycles(law: str) -> float:
+    """How many of them to judge a law by; bonds that snap are hundreds of events in each."""
+    return 1.25 if law == "bristle" else 3.0
+
+
+LAWS = {law: Structure(law, cycles=_cycles(law)) for law in members("friction") if law not in ASIDE}
 """Every law, found by its file."""
 _FORCES = ("f_c", "f_s", "strength")
 """What the fields begin with that say how much force a contact holds."""
@@ -177,6 +190,32 @@ LITTLE = {
     if law != "bristle"
 }
 """Every law on a contact that slides on for long, as fits of measured records have it."""
+_RATE, _SWING = 6736.0, 6.4e-6
+"""Natural frequency [rad/s] and displacement [m] of the published platform at 64 V."""
+_STACKS = {"piezo.natural_frequency": (0.3 * _RATE, 3.0 * _RATE), "piezo.damping_ratio": (0.03, 0.6)}
+_FALLS = {"drive.fall_time": (1e-4, 5e-3)}
+_PLAIN, _SLIGHT = Sawtooth(64.0, 20.0, 2e-4), Sawtooth(8.0, 20.0, 2e-4)
+"""The second for a law whose bonds snap thousands of times where it holds little."""
+
+
+def _searched(law: str) -> dict[str, tuple[float, float]]:
+    """Where a fit without starts looks for a law's numbers, on a rig like the published one."""
+    ranges = member("friction", law).search_ranges(0.086, _SWING * _RATE**2, _RATE)
+    return {f"friction.{field}": ends for field, ends in ranges.items() if field not in _SHARES}
+
+
+SEARCHED = {
+    f"{law}{f', {state}' if state else ''}, over the ranges of the search": Structure(
+        law,
+        state,
+        drive=_SLIGHT if law == "bristle" else _PLAIN,
+        ranges=_STACKS | _FALLS | _searched(law),
+        cycles=_cycles(law),
+    )
+    for law in members("friction")
+    for state in (("deflection", "force") if law == "anisotropic-lugre" else ("",))
+}
+"""Every law, and the stack and the fall, over the whole ranges in which a fit without starts looks for them."""
 LONE = {
     f"{piezo}, unloaded": Structure(piezo=piezo, of="unloaded", cycles=3.0)
     for piezo in (*members("piezo"), "composed:second-order+play-3+asymmetry-2+creep-2")
@@ -311,5 +350,17 @@ def named(name: str) -> Structure:
 
 
 STRUCTURES = (
-    PUBLISHED | QUICKLY | LAWS | LITTLE | LONE | LOADED | JUMPING | PULLED | WAVEFORMS | PARTS | RECORDS | RINGING
+    PUBLISHED
+    | QUICKLY
+    | LAWS
+    | LITTLE
+    | SEARCHED
+    | LONE
+    | LOADED
+    | JUMPING
+    | PULLED
+    | WAVEFORMS
+    | PARTS
+    | RECORDS
+    | RINGING
 )

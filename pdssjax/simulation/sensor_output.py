@@ -131,5 +131,6 @@ def why_failed(
 
 
 def from_rest(times: Float[Array, " m"], failure: Count) -> Callable[[Float[Array, " m"]], Float[Array, " m"]]:
-    """Zero before the start; NaN where the run failed."""
-    return lambda value: jnp.where(failure > 0, jnp.nan, jnp.where(times >= 0, value, 0.0))
+    """Zero before the start; NaN where the run failed, and so is every derivative: as a factor, not as a choice."""
+    known = jnp.where(failure > 0, jnp.nan, 1.0)
+    return lambda value: jnp.where(times >= 0, value, 0.0) * known

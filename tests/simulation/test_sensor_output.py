@@ -98,3 +98,10 @@ def test_what_cannot_be_integrated_is_shown_as_nan_and_the_reason_is_told():
     assert np.isnan(ask(measured)(np.nan)).all()
     assert int(ask(why_failed)(9.81)) == 0
     assert FAILURES[int(ask(why_failed)(np.nan))] == "the motion did not stay finite"
+
+
+@pytest.mark.parametrize("derivative", [jax.jacfwd, jax.jacrev])
+def test_what_cannot_be_integrated_has_no_derivative_either(derivative):
+    slope = jax.jit(derivative(lambda gravity: measured(Stone(gravity), jnp.asarray(TIMES), USUAL, HEIGHT)))
+    np.testing.assert_allclose(slope(9.81), np.where(TIMES < 0.0, 0.0, -0.5 * TIMES**2), rtol=0.0, atol=1e-13)
+    assert np.isnan(slope(np.nan)).all()
