@@ -6,7 +6,7 @@ from ..core import Scalar, ScalarLike, quantity
 from ..integration import Term
 from ._search_ranges import lugre_ranges, stribeck_range
 from ._stribeck_curve import CURVE, stribeck_curve
-from .base import YIELDING, AbstractFriction, State, Terms
+from .base import AbstractFriction, State, Terms
 
 
 class AbstractStribeckBristle(AbstractFriction):
@@ -36,11 +36,11 @@ class AbstractStribeckBristle(AbstractFriction):
         return self.sigma0 * state[0] + self.sigma1 * self.rate(state, v, sign)[0] + self.sigma2 * v
 
     def extra_error_terms(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:
-        return stribeck_curve(v, 0.0, CURVE, self.v_s), state[0] * (YIELDING * self.sigma0 / self._least_force())
+        return (stribeck_curve(v, 0.0, CURVE, self.v_s),)
 
-    def _least_force(self) -> ScalarLike:
-        """The smaller of f_c and f_s [N]."""
-        return jnp.where(jnp.asarray(self.f_s) < self.f_c, self.f_s, self.f_c)
+    def _least_yielding(self) -> Scalar:
+        """The smallest deflection of steady sliding [m]."""
+        return jnp.minimum(jnp.asarray(self.f_c, float), self.f_s) / self.sigma0
 
     def equilibrium_state(self, state: State, force: Scalar) -> tuple[State, Scalar]:
         target = force / self.sigma0

@@ -28,7 +28,7 @@ import jax.numpy as jnp
 from ..core import Scalar, ScalarLike, quantity
 from ..integration import Term
 from ._search_ranges import lugre_ranges
-from .base import AbstractFriction, State, Terms
+from .base import AbstractFriction, State, Terms, deflection_scale
 
 
 class AnisotropicLuGre(AbstractFriction):
@@ -74,18 +74,22 @@ class AnisotropicLuGre(AbstractFriction):
         return elastic + s1 * (v - sign / f_ss * (v * elastic))
 
     def error_scale(self) -> State:
+        yielding = jnp.minimum(jnp.asarray(self.f_ss_a / self.sigma0_a, float), self.f_ss_b / self.sigma0_b)
+        return (deflection_scale(yielding) * self._displacement(),)
+
+    def _displacement(self) -> Scalar:
+        """What one unit of the state amounts to [m]."""
         # An error of the force displaces the most where the contact is softer.
         softest = jnp.minimum(jnp.asarray(self.sigma0_a, float), self.sigma0_b)
-        return (jnp.ones(()) if self.state == "deflection" else 1.0 / softest,)
+        return jnp.ones(()) if self.state == "deflection" else 1.0 / softest
 
     def equilibrium_state(self, state: State, force: Scalar) -> tuple[State, Scalar]:
         return self.equilibrium_after(state, force, force)
 
     def equilibrium_after(self, state: State, force: Scalar, sign: ScalarLike) -> tuple[State, Scalar]:
-        (unit,) = self.error_scale()
         s0, _, _ = self._branch(sign)
         target = force / s0 if self.state == "deflection" else force
-        return (target,), (target - state[0]) * unit
+        return (target,), (target - state[0]) * self._displacement()
 
     @classmethod
     def search_ranges(cls, mass: float, acceleration: float, rate: float) -> dict[str, tuple[float, float]]:

@@ -10,6 +10,7 @@ import abc
 from typing import ClassVar, Literal, TypeAlias
 
 import equinox as eqx
+import jax.numpy as jnp
 
 from ..core import Scalar, ScalarLike, described
 from ..integration import Term, constant
@@ -21,12 +22,17 @@ Terms: TypeAlias = tuple[Term, ...]
 """What a field is made of, one a component."""
 
 
-YIELDING = 1e-7
-"""The deflection at which a contact yields counts as a displacement [m] of so much at least.
+_YIELDING = 1e-7
+"""The deflection at which a contact yields counts as a displacement [m] of so much at least."""
 
-A contact with little friction deflects by some 1e-9 m: an error of a step that the motion does not feel is then large
-beside it, and beside its derivatives.
-"""
+
+def deflection_scale(yielding: ScalarLike) -> Scalar:
+    """The `error_scale` of a deflection that yields at `yielding` [m].
+
+    A contact with little friction yields at some 1e-9 m: an error that the motion does not feel is then large beside
+    it, and beside its derivatives.
+    """
+    return jnp.maximum(1.0, _YIELDING / jnp.asarray(yielding, float))
 
 
 class AbstractFriction(eqx.Module):
@@ -65,7 +71,8 @@ class AbstractFriction(eqx.Module):
     def error_scale(self) -> State:
         """Displacement [m] that one unit of each state stands for: the scale of its error.
 
-        1 for a flag: it has no error, and two states whose flags differ are far apart.
+        `deflection_scale` for a deflection.  1 for a flag: it has no error, and two states whose flags differ are far
+        apart.
         """
 
     @abc.abstractmethod

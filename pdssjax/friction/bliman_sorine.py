@@ -23,7 +23,7 @@ from jax import lax
 from ..core import Scalar, ScalarLike, quantity
 from ..integration import Term
 from ._search_ranges import lugre_ranges
-from .base import AbstractFriction, State, Terms
+from .base import AbstractFriction, State, Terms, deflection_scale
 
 _NEWTON = 30
 """Steps of Newton's method, more than ever counted: near its peak the force is flat."""
@@ -57,7 +57,7 @@ class BlimanSorine(AbstractFriction):
         return k_1 * state[0] - k_2 * state[1]
 
     def error_scale(self) -> State:
-        return jnp.ones(()), jnp.ones(())
+        return deflection_scale(self.eta * self.epsilon), deflection_scale(self.epsilon)
 
     def equilibrium_state(self, state: State, force: Scalar) -> tuple[State, Scalar]:
         k_1, k_2 = self._stiffnesses()

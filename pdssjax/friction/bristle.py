@@ -25,7 +25,7 @@ from jax import lax
 from ..core import Scalar, ScalarLike, quantity
 from ..integration import Term, constant
 from ._search_ranges import lugre_ranges
-from .base import AbstractFriction, State, Terms
+from .base import AbstractFriction, State, Terms, deflection_scale
 
 _GOLDEN = 0.5 * (5.0**0.5 - 1.0)
 
@@ -58,7 +58,7 @@ class Bristle(AbstractFriction):
         return sum(state[1:-1], state[0]) * (self.sigma0 / self.bristles) + self.sigma2 * v
 
     def error_scale(self) -> State:
-        return tuple(jnp.ones(()) for _ in range(self.bristles + 1))
+        return *(deflection_scale(self.longest()) for _ in range(self.bristles)), jnp.ones(())
 
     def equilibrium_state(self, state: State, force: Scalar) -> tuple[State, Scalar]:
         displacement = force / self.sigma0 - sum(state[1:-1], state[0]) / self.bristles

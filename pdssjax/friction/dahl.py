@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from ..core import Scalar, ScalarLike, quantity
 from ..integration import Term, constant, power
 from ._search_ranges import lugre_ranges
-from .base import YIELDING, AbstractFriction, State, Terms
+from .base import AbstractFriction, State, Terms, deflection_scale
 
 _SATURATED = 1e-8
 """The p at which F counts as f_c."""
@@ -53,7 +53,7 @@ class Dahl(AbstractFriction):
         return self.sigma0 * state[0]
 
     def error_scale(self) -> State:
-        return jnp.ones(()), jnp.ones(())
+        return deflection_scale(self.f_c / self.sigma0), jnp.ones(())
 
     def equilibrium_state(self, state: State, force: Scalar) -> tuple[State, Scalar]:
         target = force / self.sigma0
@@ -68,9 +68,6 @@ class Dahl(AbstractFriction):
         short = jnp.where(constant(room) > 0.0, 1.0, -1.0)
         left = power(room * room + _TINY, 0.5 * straight) * short - _SATURATED**straight
         return (left * (1.0 - saturated) + saturated,)
-
-    def extra_error_terms(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:
-        return (self._room(state[0], sign) * (1.0 - state[1]) * YIELDING,)
 
     def after_event(self, state: State, v: Scalar, sign: ScalarLike, which: Scalar) -> State:
         return sign * self.f_c / self.sigma0 + 0.0 * state[0], jnp.ones_like(state[1])

@@ -24,7 +24,7 @@ from ..core import Scalar, ScalarLike, quantity
 from ..integration import Term, constant, cosine_and_sine
 from ._stribeck_bristle import AbstractStribeckBristle
 from ._stribeck_curve import stribeck_curve, stribeck_guard
-from .base import State, Terms
+from .base import State, Terms, deflection_scale
 
 _HYSTERESIS = 1e-5
 """Part of z_ss - z_ba by which z has to pass z_ss before the region changes."""
@@ -41,7 +41,7 @@ class Elastoplastic(AbstractStribeckBristle):
 
     def breakaway(self) -> ScalarLike:
         """Breakaway displacement z_ba [m]."""
-        return self.elastic_part * self._least_force() / self.sigma0
+        return self.elastic_part * self._least_yielding()
 
     def _steady(self, v: Term) -> Term:
         return stribeck_curve(v, self.f_c, self.f_s, self.v_s) * (1.0 / self.sigma0)
@@ -66,7 +66,7 @@ class Elastoplastic(AbstractStribeckBristle):
         return (*super().extra_error_terms(state, v, sign), narrow)
 
     def error_scale(self) -> State:
-        return jnp.ones(()), jnp.ones(()), jnp.ones(()), jnp.ones(())
+        return deflection_scale(self._least_yielding()), jnp.ones(()), jnp.ones(()), jnp.ones(())
 
     def guards(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:
         z, mixed, plastic, fast = state

@@ -25,7 +25,7 @@ from ..core import Scalar, ScalarLike, quantity
 from ..integration import Term, constant
 from ._search_ranges import lugre_ranges, stribeck_range
 from ._stribeck_curve import stribeck_curve, stribeck_guard
-from .base import AbstractFriction, State, Terms
+from .base import AbstractFriction, State, Terms, deflection_scale
 
 _COUNT = 4
 
@@ -99,7 +99,8 @@ class GeneralizedMaxwellSlip(AbstractFriction):
         return self._elastic(state) + self.sigma2 * v
 
     def error_scale(self) -> State:
-        return tuple(jnp.ones(()) for _ in range(2 * _COUNT + 1))
+        springs = zip(self._stiffnesses(), self._strengths(), strict=True)
+        return *(deflection_scale(w / k) for k, w in springs), *(jnp.ones(()) for _ in range(_COUNT + 1))
 
     def equilibrium_state(self, state: State, force: Scalar) -> tuple[State, Scalar]:
         displacement = (force - constant(self._elastic(state))) / sum(self._stiffnesses())

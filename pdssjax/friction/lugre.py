@@ -18,7 +18,7 @@ from ..core import Scalar, ScalarLike
 from ..integration import Term
 from ._stribeck_bristle import AbstractStribeckBristle
 from ._stribeck_curve import stribeck_curve, stribeck_guard
-from .base import State, Terms
+from .base import State, Terms, deflection_scale
 
 
 class LuGre(AbstractStribeckBristle):
@@ -29,7 +29,7 @@ class LuGre(AbstractStribeckBristle):
         return v - v * state[0] * (self.sigma0 * sign) / level, 0
 
     def error_scale(self) -> State:
-        return jnp.ones(()), jnp.ones(())
+        return deflection_scale(self._least_yielding()), jnp.ones(())
 
     def guards(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:
         return (stribeck_guard(state[1], v, sign, self.v_s),)

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from ..core import Scalar, ScalarLike, quantity
 from ..integration import Term
 from ._search_ranges import lugre_ranges
-from .base import AbstractFriction, State, Terms
+from .base import AbstractFriction, State, Terms, deflection_scale
 
 _ROUNDING = 1e-12
 """Part of p0 by which a bond at its limit may seem short of it."""
@@ -48,7 +48,7 @@ class ResetIntegrator(AbstractFriction):
         return self.sigma0 * p * (stiction + 1.0) + self.beta * self.rate(state, v, sign)[0]
 
     def error_scale(self) -> State:
-        return jnp.ones(()), jnp.ones(())
+        return deflection_scale(self.f_c / self.sigma0), jnp.ones(())
 
     def equilibrium_state(self, state: State, force: Scalar) -> tuple[State, Scalar]:
         p, dragged = state

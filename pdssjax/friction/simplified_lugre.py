@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from ..core import Scalar, ScalarLike, quantity
 from ..integration import Term
 from ._search_ranges import lugre_ranges
-from .base import AbstractFriction, State, Terms
+from .base import AbstractFriction, State, Terms, deflection_scale
 
 
 class SimplifiedLuGre(AbstractFriction):
@@ -34,7 +34,7 @@ class SimplifiedLuGre(AbstractFriction):
         return self.sigma0 * state[0] + self.sigma1 * self.rate(state, v, sign)[0]
 
     def error_scale(self) -> State:
-        return (jnp.ones(()),)
+        return (deflection_scale(self.f_ss / self.sigma0),)
 
     def equilibrium_state(self, state: State, force: Scalar) -> tuple[State, Scalar]:
         target = force / self.sigma0
