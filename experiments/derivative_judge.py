@@ -1,8 +1,9 @@
 """How right are the derivatives of one actuator's record?
 
 Those at the default accuracy are judged by central differences of the values at the tightest one, column by column.
-Where a column seems off, differences with a finer step are taken, too: the better of the two judges, and where they
-disagree by as much as the derivative is off, the record lies at a discontinuity, which they show as well.
+Where a column seems off, differences with ever finer steps are taken, too, and the best judges: a record that a small
+change of a parameter leads past a discontinuity, or many, has a derivative that wider ones do not see.  Where the first
+two disagree by as much as the derivative is off from all, the record lies at a discontinuity, which they show as well.
 """
 
 from typing import Any, NamedTuple
@@ -18,7 +19,7 @@ from pdssjax.integration import TIGHT
 
 ROOM = 30_000
 """Steps at the tightest accuracy of an actuator that hardly settles."""
-STEP, FINER = 1e-5, 1e-6
+STEP, FINER = 1e-5, (1e-6, 1e-8, 1e-10, 1e-11)
 """Of the central differences, in the logarithm of a parameter."""
 SEEN = 1e-3
 """A column below this part of the largest is not judged."""
@@ -38,7 +39,7 @@ class Verdict(NamedTuple):
     column: str
     """The parameter whose derivative is the furthest off; of those at no discontinuity, if one of them is above."""
     error: float
-    """Of that column, relative to its norm; by the better of the differences."""
+    """Of that column, relative to its norm; by the best of the differences."""
     weight: float
     """Norm of that column, relative to the largest."""
     discontinuity: float | None
@@ -95,15 +96,15 @@ class Judge:
         jacobian, back = self.slopes(factors, Accuracy())
         value = np.abs(self.values(factors, Accuracy()) - self.values(factors, TIGHT)).max()
         found = [self.differences(factors, STEP)]
-        error = _distance(jacobian, found[0])
+        apart = lambda columns: np.fmin.reduce([_distance(columns, each) for each in found])
+        error = apart(jacobian)
         failure = "usual" if not np.isfinite(jacobian).all() else "tight" if not np.isfinite(value) else ""
         disagree, tight = np.zeros(factors.size), None
         if not error.max() <= SUSPECT and not failure:
-            found += [self.differences(factors, FINER)]
-            exact, _ = self.slopes(factors, TIGHT)
-            error, tight = (
-                np.min([_distance(each, columns) for columns in found], axis=0) for each in (jacobian, exact)
-            )
+            for step in FINER:
+                if not apart(jacobian).max() <= SUSPECT:
+                    found += [self.differences(factors, step)]
+            error, tight = apart(jacobian), apart(self.slopes(factors, TIGHT)[0])
             disagree = _distance(found[1], found[0])
         error = np.where(np.isfinite(error), error, np.inf)
         wrong = (error > ASKED) & (error > 2.0 * disagree)
