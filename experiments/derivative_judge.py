@@ -18,7 +18,7 @@ from pdssjax import Accuracy
 from pdssjax.integration import TIGHT
 
 ROOM = 30_000
-"""Steps at the tightest accuracy of an actuator that hardly settles."""
+"""Steps of an actuator that hardly settles, at the tightest accuracy or of a law with many events."""
 STEP, FINER = 1e-5, (1e-6, 1e-8, 1e-10, 1e-11)
 """Of the central differences, in the logarithm of a parameter."""
 SEEN = 1e-3
@@ -73,14 +73,19 @@ class Judge:
         self.structure = structure
         self.weights = np.cos(np.arange(structure.times.size))
         self._value = jax.jit(self._shown_with(ROOM))
-        self._slopes = jax.jit(self._slopes_with)
+        self._slopes = jax.jit(self._slopes_with, static_argnames="room")
 
     def values(self, factors: Float[np.ndarray, " parameters"], accuracy: Accuracy) -> Float[np.ndarray, " samples"]:
         return np.asarray(self._value(factors, float(accuracy.tolerance), float(accuracy.settle_tolerance)))
 
     def slopes(self, factors: Float[np.ndarray, " parameters"], accuracy: Accuracy) -> tuple[Columns, np.ndarray]:
         """The Jacobian, forwards, and the `weights` times it, backwards."""
-        found = self._slopes(factors, self.weights, float(accuracy.tolerance), float(accuracy.settle_tolerance))
+        for room in (Accuracy().max_steps, ROOM):
+            found = self._slopes(
+                factors, self.weights, float(accuracy.tolerance), float(accuracy.settle_tolerance), room=room
+            )
+            if np.isfinite(found[0]).all():
+                break
         return np.asarray(found[0]), np.asarray(found[1])
 
     def differences(self, factors: Float[np.ndarray, " parameters"], step: float) -> Columns:
@@ -128,10 +133,15 @@ class Judge:
         return lambda factors, tolerance, rest: self.structure.shown(factors, accuracy(tolerance, rest))
 
     def _slopes_with(
-        self, factors: Float[Array, " parameters"], weights: Float[Array, " samples"], tolerance: Any, rest: Any
+        self,
+        factors: Float[Array, " parameters"],
+        weights: Float[Array, " samples"],
+        tolerance: Any,
+        rest: Any,
+        room: int,
     ) -> tuple[Any, Any]:
         # Both modes from one linearisation: less to compile.
-        shown = lambda p: self._shown_with(Accuracy().max_steps)(p, tolerance, rest)
+        shown = lambda p: self._shown_with(room)(p, tolerance, rest)
         _, along = jax.linearize(shown, factors)
         (back,) = jax.linear_transpose(along, factors)(weights)
         return jax.vmap(along, out_axes=1)(jnp.eye(factors.size)), back

@@ -70,8 +70,8 @@ class Restarted(AbstractHybridSystem):
     def exact(self, segment: InputSegment, t_local: ScalarLike, begin: State, elapsed: Scalar, end: State) -> State:
         return self.system.exact(segment, t_local, begin, elapsed, end)
 
-    def is_small_event(self, slope: Scalar, mode: Scalar, which: Scalar, amplitude: float) -> Truth:
-        return self.system.is_small_event(slope, mode, which, amplitude)
+    def is_carried_back(self, slope: Scalar, mode: Scalar, which: Scalar, amplitude: float) -> Truth:
+        return self.system.is_carried_back(slope, mode, which, amplitude)
 
 
 def flat(x: State) -> Float[Array, " components"]:

@@ -230,8 +230,8 @@ class _Shift(NamedTuple):
 
     time: Scalar
     """Zero in value, the derivative of the event's or of the corner's time [s]."""
-    is_small: Truth
-    """Whether it is an event of a motion so small that derivatives are not left at its moving time."""
+    is_carried_back: Truth
+    """Whether it is an event at whose moving time derivatives are not left."""
 
 
 def _event_shift(system: AbstractHybridSystem, row: Float[Array, " columns"], x: list[Scalar]) -> _Shift:
@@ -245,17 +245,18 @@ def _event_shift(system: AbstractHybridSystem, row: Float[Array, " columns"], x:
         guards = [jnp.asarray(guard, float) for guard in system.guards(segment, at + event_shift, moved, mode)]
         return jnp.minimum(*guards) if len(guards) == 2 else jnp.stack(guards)[which]
 
-    shift_of_event, is_small = 0.0, jnp.zeros((), bool)
+    shift_of_event, is_carried_back = 0.0, jnp.zeros((), bool)
     if has_guards(system, segment, at, end, mode):
         gap, slope = jax.jvp(margin, (jnp.zeros_like(at),), (jnp.ones_like(at),))
         # At the first instant of a segment an event has no time of its own: it is there whatever the parameters, and
         # gap and slope may both be rounding (a contact at rest under a drive that begins with slope zero).
         located = step.event & (at > 0.0) & (slope != 0)
-        is_small = step.event & system.is_small_event(slope, mode, which, _SMALL)
+        is_carried_back = step.event & system.is_carried_back(slope, mode, which, _SMALL)
         slope = lax.stop_gradient(jnp.where(located, slope, 1.0))
         shift_of_event = jnp.where(located, -_tangent_only(gap) / slope, 0.0)
     shift_of_corner = _tangent_only(jnp.where(step.corner, segment.duration, 0.0) - at)
-    return _Shift(jnp.where(step.event, shift_of_event, jnp.where(step.corner, shift_of_corner, 0.0)), is_small)
+    shift = jnp.where(step.event, shift_of_event, jnp.where(step.corner, shift_of_corner, 0.0))
+    return _Shift(shift, is_carried_back)
 
 
 def _end(
@@ -264,10 +265,11 @@ def _end(
     """The end (origin, after, x) of a step of the table, given where it leads and how its end moves.
 
     The value is that of the forward pass to rounding; the derivatives are those of the true flow, with the end of
-    the step moving as the event or the corner does.  From events of a small motion they are carried back to the time
-    of the table: left at the moving time, what is continuous there moves by its rate times a shift that grows without
-    bound as a ringing dies out, and rounding of that would drown the derivatives of the ringing.  Before that they
-    are left there: carried back, they would hold the phase of the ringing, with the error that steps make of it.
+    the step moving as the event or the corner does.  From events of a small motion, and of a law's own, they are
+    carried back to the time of the table: left at the moving time, what is continuous there moves by its rate times a
+    shift that grows without bound as a ringing dies out, or as a guard comes slowly to zero, and rounding of that would
+    drown the derivatives.  At other reversals they are left there: carried back, they would hold the phase of the
+    ringing, with the error that steps make of it.
     """
     step, unflatten = read(row), unflattener(system)
     at, mode, later = step.at, step.mode, step.at + shift.time
@@ -284,9 +286,9 @@ def _end(
     if events:
         following = jnp.where(step.becomes_settled, SETTLED, following)
         after = _rates(system, segment, at, follows, jnp.zeros_like(at), follows, following)
-        carried_back = lambda x, f, m, y, g: jnp.where(shift.is_small, x + shift.time * (f - g) + (y - m), y)
+        carried_back = lambda x, f, m, y, g: jnp.where(shift.is_carried_back, x + shift.time * (f - g) + (y - m), y)
         follows = jax.tree.map(carried_back, end, before, moved, follows, after)
-        later = jnp.where(shift.is_small, at, later)
+        later = jnp.where(shift.is_carried_back, at, later)
     if system.resets_at_corners:
         started, _ = system.on_segment_start(system.segment(step.index + 1.0), follows, mode)
         follows = jax.tree.map(lambda a, b: jnp.where(step.corner, a, b), started, follows)

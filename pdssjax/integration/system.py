@@ -158,8 +158,11 @@ class AbstractHybridSystem(eqx.Module):
         """
         raise NotImplementedError(f"{type(self).__name__} knows no states in closed form")
 
-    def is_small_event(self, slope: Scalar, mode: Scalar, which: Scalar, amplitude: float) -> Truth:
-        """Whether an event with this `slope` of its guard belongs to a motion of less than this `amplitude` [m]."""
+    def is_carried_back(self, slope: Scalar, mode: Scalar, which: Scalar, amplitude: float) -> Truth:
+        """Whether derivatives are carried back to a fixed time from an event with this `slope` of its guard.
+
+        So from one of a motion of less than this `amplitude` [m] (docs/numerics.md, "A ringing that dies out").
+        """
         return jnp.zeros((), bool)
 
 

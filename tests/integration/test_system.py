@@ -49,7 +49,7 @@ class Ball(AbstractHybridSystem):
 class SmallBall(Ball):
     """Whose bounces are said to be small, so that derivatives are carried back to a fixed time at each of them."""
 
-    def is_small_event(self, slope, mode, which, amplitude):
+    def is_carried_back(self, slope, mode, which, amplitude):
         return jnp.ones((), bool)
 
 
@@ -76,7 +76,7 @@ class Ringing(AbstractHybridSystem):
     def after_event(self, segment, t_local, x, mode, which):
         return x, 1.0 - mode
 
-    def is_small_event(self, slope, mode, which, amplitude):
+    def is_carried_back(self, slope, mode, which, amplitude):
         return jnp.abs(slope) < amplitude * self.frequency**2
 
     def state_scale(self):

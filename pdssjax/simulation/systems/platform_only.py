@@ -74,7 +74,7 @@ class PlatformOnly(AbstractHybridSystem):
         """The event of amplifier or piezo, which go on in the same mode."""
         return x._replace(driven=self.driven_platform.after_event(segment, t_local, x.driven, which)), mode
 
-    def is_small_event(self, slope: Scalar, mode: Scalar, which: Scalar, amplitude: float) -> Truth:
+    def is_carried_back(self, slope: Scalar, mode: Scalar, which: Scalar, amplitude: float) -> Truth:
         """Whether an event of the piezo's is that of a voltage at rest, to within `amplitude` [m]."""
         return self.driven_platform.is_small_event(slope, which, amplitude)
 

@@ -219,14 +219,18 @@ class StickSlip(AbstractHybridSystem):
             return end
         return end._replace(driven=self.actuator.driven_platform.motion(segment, t_local, begin.driven, elapsed))
 
-    def is_small_event(self, slope: Scalar, mode: Scalar, which: Scalar, amplitude: float) -> Truth:
-        """Whether a reversal is that of a contact that is at rest to within `amplitude` [m], or a voltage's."""
-        reverses = (jnp.abs(mode) == 1.0) & (which < 2)
+    def is_carried_back(self, slope: Scalar, mode: Scalar, which: Scalar, amplitude: float) -> Truth:
+        """From a law's own event, and from a reversal of a contact or a voltage at rest to within `amplitude` [m].
+
+        What the first holds of a phase the next reversal makes good.
+        """
+        slides = jnp.abs(mode) == 1.0
         first, law = self.initial(), self.actuator.friction
         laws = len(law.guards(first.contact_state, first.v, ADVANCING))
         of_stack = self.actuator.driven_platform.is_small_event(slope, which - 2 - laws, amplitude)
         slow = jnp.abs(slope) < amplitude * self.actuator.piezo.frequency_scale() ** 2
-        return (reverses & slow) | of_stack
+        of_contact = slides & (((which < 2) & slow) | ((which >= 2) & (which < 2 + laws)))
+        return of_contact | of_stack
 
     def force(self, segment: Segment, t_local: Scalar, x: StickSlipState[Scalar], mode: Scalar) -> Scalar:
         """Friction force [N] in any mode; settled and stuck it is F*, the force that keeps v = 0."""
