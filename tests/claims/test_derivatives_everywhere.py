@@ -28,6 +28,8 @@ ONCE_WRONG = {
     "anisotropic-lugre under a load and on a tilt": (19, 21, 111, 162),
     "lugre with little friction": (189,),
     "simplified-lugre with little friction": (102,),
+    "dahl with little friction": (124,),
+    "generalized-maxwell-slip on a static stack": (4,),
 }
 """Settled too early or never, noise in what is left of a ringing, the error of its phase, deflections that are a
 rounding of the motion (docs/numerics.md)."""
