@@ -119,7 +119,8 @@ def draw(results: Mapping[str, Sequence[Verdict]]) -> Figure:
         errors = np.array([max(verdict.error, 1e-12) for verdict in finished])
         for label, colour in kinds.items():
             chosen = errors[[each == label for each in kind]]
-            axes.plot(chosen, np.full(chosen.size, place), "|", color=colour, label=None if place else label)
+            marker = "|" if label == "right" else "o"
+            axes.plot(chosen, np.full(chosen.size, place), marker, ms=5, color=colour, label=None if place else label)
     axes.axvline(ASKED, color="0.4", linewidth=0.8)
     axes.set_xscale("log")
     axes.set_yticks(range(len(results)), list(results), fontsize=6.5)
