@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from experiments.random_actuators import Structure
+from experiments.actuator_structure import Structure
 from pdssjax import Accuracy
 from pdssjax.integration import TIGHT
 

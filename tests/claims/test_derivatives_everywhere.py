@@ -10,9 +10,10 @@ from functools import cache
 import numpy as np
 import pytest
 
+from experiments.actuator_structure import Structure
 from experiments.derivative_judge import VALUES, Judge, Verdict
 from experiments.map_of_rightness import drawn, wrongs
-from experiments.random_actuators import PUBLISHED, STRUCTURES, Structure
+from experiments.random_actuators import PUBLISHED, STRUCTURES
 from pdssjax.drive.sawtooth import Sawtooth
 
 QUICK = {"deflection, backward, 5 Hz": 6}

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 from quick_blocks import example_study
 
-from experiments.random_actuators import Structure
+from experiments.actuator_structure import Structure
 from pdssjax.core import member
 from pdssjax.study import Parameter
 
