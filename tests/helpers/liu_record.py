@@ -6,16 +6,17 @@ from pathlib import Path
 
 import pdssjax
 from pdssjax import InputWarning, Study
+from pdssjax.core import member, members, quantities
 
 FOLDER = Path(__file__).parents[2] / "experiments" / "liu2015"
-LAWS = {
+LAWS = {law: dict.fromkeys(quantities(member("friction", law)), "") for law in members("friction")} | {
     "coulomb": {"f_c": ""},
     "simplified-lugre": {"sigma0": "", "sigma1": 'value = "100 N s/m"', "f_ss": ""},
     "stribeck": {"f_c": "", "f_s": "", "v_s": 'value = "1 mm/s"'},
     "dahl": {"sigma0": "", "f_c": "", "exponent": "value = 1"},
-    "lugre": {"sigma0": "", "sigma1": "", "f_c": "", "f_s": "", "v_s": ""},
+    "lugre": dict.fromkeys(("sigma0", "sigma1", "f_c", "f_s", "v_s"), ""),
 }
-"""Each law's parameters; free where nothing is said."""
+"""Every law's parameters; free where nothing is said."""
 
 
 def liu(law: str, folder: Path, gain: str = "0.096 um/V") -> Study:
