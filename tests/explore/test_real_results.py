@@ -1,15 +1,34 @@
 """The page shows what `pdssjax identify --intervals profile` and `pdssjax sweep` have really left."""
 
+import numpy as np
+import platform_study
 import pytest
 from browser import opened_page, said, served, show_tab, visible_plots
 from walking_study import write_walking
 
+from pdssjax import load_study
 from pdssjax.cli import main as cli
+
+
+def simulate_walk(study_file):
+    """Replaces the made-up walk by that of the study's law, which an estimate from the step has to predict."""
+    study = load_study(study_file)
+    numbers = study.values() | {
+        "piezo.gain": platform_study.GAIN,
+        "piezo.natural_frequency": platform_study.RATE,
+        "piezo.damping_ratio": platform_study.DAMPING,
+    }
+    (index,) = (i for i, record in enumerate(study.records) if record.name == "walk")
+    time, motion = study.records[index].time, np.asarray(study.predict(numbers)[index])
+    noisy = motion + np.random.default_rng(1).normal(0.0, platform_study.NOISE, time.size)
+    rows = np.stack([time, 1e6 * noisy], axis=1)
+    np.savetxt(study_file.parent / "walk.csv", rows, "%.7f", ",", header="time_s,displacement_um", comments="")
 
 
 @pytest.mark.slow
 def test_real_profiles_and_a_real_map_are_shown_on_a_small_screen(tmp_path):
     study, results, sweep = write_walking(tmp_path), tmp_path / "results", tmp_path / "map"
+    simulate_walk(study)
     assert cli.main(["identify", str(study), "--intervals", "profile", "--out", str(results)]) == 0
     axes = ["--voltage", "40:70:4", "--frequency", "10,20,40", "--cycles", "steady"]
     estimate = ["--estimate", str(results / "estimate.json")]
