@@ -118,7 +118,7 @@ class Judge:
         return Verdict(
             column=list(self.structure.nominal)[worst],
             error=float(error[worst]),
-            weight=float(sizes[worst] / sizes.max()),
+            weight=float(sizes[worst] / (sizes.max() or 1.0)),
             discontinuity=None if tight is None else float(disagree[worst]),
             tight=None if tight is None else float(tight[worst]),
             above=int(wrong.sum()),
@@ -156,5 +156,6 @@ def _distance(columns: Columns, judge: Columns) -> Float[np.ndarray, " parameter
 
 def _apart(back: np.ndarray, jacobian: Columns, weights: Float[np.ndarray, " samples"]) -> float:
     sizes = np.linalg.norm(jacobian, axis=0)
-    apart = np.abs(back - weights @ jacobian) / (np.linalg.norm(weights) * np.maximum(sizes, SEEN * sizes.max()))
-    return float(apart.max())
+    # A record may show nothing: the velocity of a static stack under a staircase.
+    counted = np.maximum(sizes, SEEN * (sizes.max() or 1.0))
+    return float((np.abs(back - weights @ jacobian) / (np.linalg.norm(weights) * counted)).max())

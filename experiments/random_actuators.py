@@ -174,6 +174,17 @@ RECORDS = {
     ),
 }
 """Kinds of records that those above leave out."""
+SLEWING = {
+    f"{law} on a static stack, held voltage, amplifier that slews": Structure(
+        law, piezo="static", drive=DRIVES["sawtooth, held"], parts=("amplifier",), given={"amplifier.slew": 1e5}
+    )
+    for law in LAWS
+    if law != "bristle"
+}
+"""Every law where a jump of the velocity begins a slip, and a smooth return ends it.
+
+But for the bristle law: of hundreds of bonds that snap in a slip each depends on the one before.
+"""
 RINGING = {"coulomb, corners while it rings": Structure("coulomb", drive=Sawtooth(64.0, 20.0, 2e-3), cycles=3.0)}
 """A contact that sticks for good while the platform still rings at the next corner."""
 _OUTPUTS = {
@@ -237,5 +248,6 @@ STRUCTURES = (
     | WAVEFORMS
     | PARTS
     | RECORDS
+    | SLEWING
     | RINGING
 )

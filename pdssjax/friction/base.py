@@ -3,7 +3,7 @@
 Some laws change their form while the direction stays: an element of a Maxwell model begins
 to slip, a bristle snaps.  Such a law keeps a flag for each form among its state, with
 rate zero, and says by `guards` where a form ends, by `after_event` what follows, and by
-`on_reversal` with which flags a motion begins.
+`on_reversal` with which flags a motion begins; `on_velocity_jump` follows from these.
 """
 
 import abc
@@ -117,6 +117,17 @@ class AbstractFriction(eqx.Module):
 
     def on_reversal(self, state: State, sign: ScalarLike) -> State:
         """The state with which a motion in the direction `sign` begins, from v = 0."""
+        return state
+
+    def on_velocity_jump(self, state: State, v: Scalar, sign: ScalarLike) -> State:
+        """The state just after v has jumped to `v` [m/s], in the direction `sign`.
+
+        A guard that this leaves below zero has been carried past its event.
+        """
+        for which in range(len(self.guards(state, v, sign))):
+            passed = constant(self.guards(state, v, sign)[which]) < 0.0
+            after = self.after_event(state, v, sign, jnp.asarray(float(which)))
+            state = tuple(jnp.where(passed, new, old) for new, old in zip(after, state, strict=True))
         return state
 
     def extra_error_terms(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:

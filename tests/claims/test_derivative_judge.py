@@ -50,3 +50,11 @@ def test_a_derivative_between_many_discontinuities_is_seen_by_fine_differences(w
     verdict = made_judge(Made(width=width)).verdict(np.zeros(2))
     assert verdict.is_right and not verdict.is_cliff and verdict.error < 1e-4 and verdict.discontinuity is not None
     assert not made_judge(Made(width=width, wrong=2e-3)).verdict(np.zeros(2)).error < 1e-3
+
+
+def test_a_record_that_shows_nothing_has_right_derivatives():
+    still = Made()
+    still.slopes = lambda factors: np.zeros((20, 2))
+    still.values = lambda factors: np.zeros(20)
+    verdict = made_judge(still).verdict(np.zeros(2))
+    assert verdict.is_right and verdict.reverse == 0.0 and verdict.error == 0.0

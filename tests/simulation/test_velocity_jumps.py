@@ -7,16 +7,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import pdssjax
-from pdssjax import Actuator
+from pdssjax import Actuator, Amplifier, Effector
 from pdssjax.core import member, quantities
 from pdssjax.drive.sawtooth import Sawtooth
+from pdssjax.drive.step import Step
 from pdssjax.drive.triangle import Triangle
 from pdssjax.friction.coulomb import Coulomb
 from pdssjax.friction.dahl import Dahl
 from pdssjax.friction.reset_integrator import ResetIntegrator
 from pdssjax.friction.simplified_lugre import SimplifiedLuGre
+from pdssjax.friction.stribeck import Stribeck
 from pdssjax.piezo.static import Static
 
 MASS = 0.086
@@ -111,3 +114,35 @@ def test_a_velocity_that_does_not_jump_is_not_made_to_by_rounding():
     held = pdssjax.simulate(Actuator(stack(), SimplifiedLuGre()), drive, time)
     assert int(traced.failure) == 0 and int(traced.events) == int(held.events)
     np.testing.assert_allclose(traced.effector, held.effector, atol=1e-13)
+
+
+def test_a_jump_into_fast_sliding_is_fast_sliding():
+    """Its flags stayed those of a slow beginning: steps ran past the Stribeck curve on the way back, 3 nm of 34.
+
+    The referee integrates each direction of sliding up to its end, on a platform known in closed form.
+    """
+    law, stack, mass = Stribeck(f_c=0.4627, f_s=0.7067, v_s=1.2524e-3, delta=2.383), Static(1.36e-7), 0.1204
+    amplifier, volts = Amplifier(6697.0, 68120.0), 3.168
+    pole = float(amplifier.pole())
+    slews = volts / amplifier.slew - 1.0 / pole
+
+    def slide(sign, begin, end, v):
+        """Until v reverses, or the `end`: when that is, v, and by how much the end-effector has fallen behind."""
+
+        def rates(t, y):
+            square = (y[0] / law.v_s) ** 2
+            weakening = np.exp(-square * (square + 1e-6) ** (0.5 * law.delta - 1.0))
+            pull = -stack.gain * amplifier.slew * pole * np.exp(-pole * (t - slews)) if t >= slews else 0.0
+            return pull - sign * (law.f_c + (law.f_s - law.f_c) * weakening) / mass, y[0]
+
+        over = lambda t, y: sign * y[0] if t > begin else 1.0
+        over.terminal = True
+        run = solve_ivp(rates, (begin, end), [v, 0.0], "DOP853", events=over, rtol=1e-13, atol=1e-18)
+        return run.t[-1], *run.y[:, -1]
+
+    turn, v, first = slide(1.0, 0.0, slews, stack.gain * amplifier.slew)
+    turn, _, second = slide(1.0, turn, 1.0, v)
+    _, _, third = slide(-1.0, turn, 1.0, 0.0)
+    actuator = Actuator(stack, law, Effector(mass), amplifier=amplifier)
+    run = pdssjax.simulate(actuator, Step(volts), np.array([0.0, 1.5e-3]))
+    np.testing.assert_allclose(run.effector[-1], stack.gain * volts - first - second - third, rtol=1e-8)

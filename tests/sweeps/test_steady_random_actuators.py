@@ -44,6 +44,13 @@ ROUNDING = 1e-12
 """Shifts [m] below this do not shrink evenly."""
 
 
+@pytest.fixture(autouse=True)
+def forget_compiled_code():
+    """Of a law that is done with: that of all together takes 20 GB."""
+    yield
+    jax.clear_caches()
+
+
 def test_net_steps_are_those_after_200_cycles(law, state):
     study, columns = random_actuators(law, state, 9)
     points = Listed(columns)

@@ -160,7 +160,8 @@ class StickSlip(AbstractHybridSystem):
     ) -> tuple[StickSlipState[Scalar], Scalar]:
         """State and mode where the platform is to move as `driven` says: the end-effector goes on as it was.
 
-        A motion that a jump of the platform's velocity begins or turns round is a reversal to the law, too.
+        A motion that a jump of the platform's velocity begins or turns round is a reversal to the law, too, and any
+        jump may carry the law past an event of its own, such as into fast sliding.
         """
         platform = self.actuator.driven_platform.platform
         jump = platform(driven)[1] - platform(x.driven)[1]
@@ -169,9 +170,11 @@ class StickSlip(AbstractHybridSystem):
         jump = jump - jnp.where(is_rounding, lax.stop_gradient(jump), 0.0)
         v = x.v + jump
         way = jnp.sign(v)
-        contact = self.actuator.friction.on_reversal(x.contact_state, way)
-        turned = (jump != 0.0) & (v != 0.0) & (way != jnp.sign(x.v))
-        x = x._replace(v=v, contact_state=chosen(turned, contact, x.contact_state))
+        friction, jumps = self.actuator.friction, jump != 0.0
+        turned = jumps & (v != 0.0) & (way != jnp.sign(x.v))
+        contact = chosen(turned, friction.on_reversal(x.contact_state, way), x.contact_state)
+        contact = chosen(jumps, friction.on_velocity_jump(contact, v, way), contact)
+        x = x._replace(v=v, contact_state=contact)
         return x, jnp.where(jump == 0.0, mode, way)
 
     @property
