@@ -71,9 +71,11 @@ class PrescribedMotion(AbstractHybridSystem):
 
     def on_segment_start(self, segment: Segment, x: State[Scalar], mode: Scalar) -> tuple[State[Scalar], Scalar]:
         """State and mode in which a new segment begins."""
-        direction = jnp.sign(segment.slope)
-        begins = (direction != 0.0) & (direction != mode)
-        return (x[0], chosen(begins, self.friction.on_reversal(x[1], direction), x[1])), direction
+        v, direction = segment.slope, jnp.sign(segment.slope)
+        moves, friction = direction != 0.0, self.friction
+        contact = chosen(moves & (direction != mode), friction.on_reversal(x[1], direction), x[1])
+        # The velocity jumps at every sample.
+        return (x[0], chosen(moves, friction.on_velocity_jump(contact, v, direction), contact)), direction
 
     def force(self, segment: Segment, t_local: ScalarLike, x: State[Scalar], mode: Scalar) -> Scalar:
         """Friction force [N]; of a set-valued law at rest the middle of its interval."""
