@@ -124,9 +124,8 @@ class AbstractFriction(eqx.Module):
 
         A guard that this leaves below zero has been carried past its event.
         """
-        for which in range(len(self.guards(state, v, sign))):
-            passed = constant(self.guards(state, v, sign)[which]) < 0.0
-            after = self.after_event(state, v, sign, jnp.asarray(float(which)))
+        for which, guard in enumerate(self.guards(state, v, sign)):
+            after, passed = self.after_event(state, v, sign, jnp.asarray(float(which))), constant(guard) < 0.0
             state = tuple(jnp.where(passed, new, old) for new, old in zip(after, state, strict=True))
         return state
 

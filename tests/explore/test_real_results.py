@@ -4,7 +4,7 @@ import numpy as np
 import platform_study
 import pytest
 from browser import opened_page, said, served, show_tab, visible_plots
-from walking_study import write_walking
+from walking_study import write_walk, write_walking
 
 from pdssjax import load_study
 from pdssjax.cli import main as cli
@@ -19,10 +19,7 @@ def simulate_walk(study_file):
         "piezo.damping_ratio": platform_study.DAMPING,
     }
     (index,) = (i for i, record in enumerate(study.records) if record.name == "walk")
-    time, motion = study.records[index].time, np.asarray(study.predict(numbers)[index])
-    noisy = motion + np.random.default_rng(1).normal(0.0, platform_study.NOISE, time.size)
-    rows = np.stack([time, 1e6 * noisy], axis=1)
-    np.savetxt(study_file.parent / "walk.csv", rows, "%.7f", ",", header="time_s,displacement_um", comments="")
+    write_walk(study_file.parent, study.records[index].time, np.asarray(study.predict(numbers)[index]))
 
 
 @pytest.mark.slow

@@ -38,10 +38,15 @@ def write_walking(folder):
     """The study and its two records; the study's path."""
     study = platform_study.write_platform(folder, STUDY)
     time = np.arange(0.0, 0.25, 5e-4)
-    motion = fabricated.walk_motion(time, 20.0) + np.random.default_rng(1).normal(0.0, 1e-8, time.size)
-    rows = np.stack([time, 1e6 * motion], axis=1)
-    np.savetxt(folder / "walk.csv", rows, "%.7f", ",", header="time_s,displacement_um", comments="")
+    write_walk(folder, time, fabricated.walk_motion(time, 20.0))
     return study
+
+
+def write_walk(folder, time, motion):
+    """The record of a walk: its `motion` [m] at `time` [s], with noise."""
+    noisy = motion + np.random.default_rng(1).normal(0.0, platform_study.NOISE, time.size)
+    rows = np.stack([time, 1e6 * noisy], axis=1)
+    np.savetxt(folder / "walk.csv", rows, "%.7f", ",", header="time_s,displacement_um", comments="")
 
 
 def write_made_estimate(study_file, folder):
