@@ -96,7 +96,8 @@ class Fit(NamedTuple):
     @property
     def chi2(self) -> float:
         value = float(np.sum(np.asarray(self.state.residual) ** 2))
-        return value if self.iterations and np.isfinite(value) else np.inf
+        known = self.iterations and self.ending != Ending.START_FAILED and np.isfinite(value)
+        return value if known else np.inf
 
 
 def by_record(problem: Problem, fit: Fit) -> list[Float[np.ndarray, " samples"]]:

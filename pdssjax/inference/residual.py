@@ -68,11 +68,12 @@ class Residual(eqx.Module):
         """Stacked residuals, under a robust loss their roots (`losses.base`), and each record's offset, in its unit.
 
         After the samples comes how far each parameter that was measured apart is from that, in standard errors.
-        `weights` are 1/noise [1/m] of the records, 0 to leave one out.  Where no sample of a record counts its
-        residuals are 0, and its offset is that of all of them.
+        `weights` are 1/noise [1/m] of the records, 0 to leave one out, which then is not simulated: its residuals
+        are 0, and its offset says nothing.  Where all samples of a record are held out its residuals are 0, and its
+        offset is that of all of them.
         """
         values = self.fixed | self.transform.decode(free)
-        predicted = self.predictor(values, self.accuracy)
+        predicted = self.predictor(values, self.accuracy, jnp.asarray(weights) > 0)
         parts, zeros = [], []
         for i, (measured, motion, offset) in enumerate(zip(self.measured, predicted, self.offsets, strict=True)):
             difference = jnp.asarray(measured - motion)

@@ -89,9 +89,14 @@ class Predictor(eqx.Module):
                 _group([records[i] for i in places], [setups[i] for i in places], places) for places in grouped.values()
             )
 
-    def __call__(self, values: Values, accuracy: Accuracy) -> list[Float[Array, " samples"]]:
-        """One array a record, in the order of the records, without offsets, in its unit."""
-        rows = _of_each_record(measured, self, values, accuracy)
+    def __call__(
+        self, values: Values, accuracy: Accuracy, used: Bool[Array | np.ndarray, " records"] | None = None
+    ) -> list[Float[Array, " samples"]]:
+        """One array a record, in the order of the records, without offsets, in its unit.
+
+        Those that are not `used` are not simulated, and zero; None for all.
+        """
+        rows = _of_each_record(measured, self, values, accuracy, used)
         return [row[:samples] for row, samples in zip(rows, self.samples, strict=True)]
 
 
@@ -107,25 +112,47 @@ def failures(predictor: Predictor, values: Values, accuracy: Accuracy) -> list[C
     return _of_each_record(why_failed, predictor, values, accuracy)
 
 
-def _of_each_record(ask: Callable[..., Array], predictor: Predictor, values: Values, accuracy: Accuracy) -> list[Array]:
-    """What `ask`, `measured` or `why_failed`, gives of each record, in the order of the records."""
+def _of_each_record(
+    ask: Callable[..., Array],
+    predictor: Predictor,
+    values: Values,
+    accuracy: Accuracy,
+    used: Bool[Array | np.ndarray, " records"] | None = None,
+) -> list[Array]:
+    """What `ask`, `measured` or `why_failed`, gives of each record, in the order of the records; 0 if not `used`."""
     found: dict[int, Array] = {}
     for group in predictor.groups:
-        found |= dict(zip(group.places, _of_group(ask, group, predictor.models, values, accuracy), strict=True))
+        asked = None if used is None else jnp.asarray(used)[jnp.asarray(group.places)]
+        found |= dict(zip(group.places, _of_group(ask, group, predictor.models, values, accuracy, asked), strict=True))
     return [found[place] for place in sorted(found)]
 
 
-def _of_group(ask: Callable[..., Array], group: _Group, models: Models, values: Values, accuracy: Accuracy) -> Array:
+def _of_group(
+    ask: Callable[..., Array],
+    group: _Group,
+    models: Models,
+    values: Values,
+    accuracy: Accuracy,
+    used: Bool[Array, " records"] | None,
+) -> Array:
     """The same of the records of a group, one after the other, stacked."""
     roomy = with_room(accuracy, group.setups, models, group.segments, group.duration)
 
-    def of_record(setup: AbstractSetup, run: Run, overrides: dict[str, Truth], conditions: dict[str, Truth]) -> Array:
+    def of_record(
+        setup: AbstractSetup, run: Run, overrides: dict[str, Truth], conditions: dict[str, Truth], use: Truth | None
+    ) -> Array:
         numbers = under_conditions(values, conditions)
         run = dataclasses.replace(run, drive=_shared(run.drive, overrides, numbers))
-        system = setup.system(models, numbers, run)
-        return ask(system, setup.times(run), roomy, setup.output, group.segments)
 
-    return lax.map(lambda args: of_record(*args), (group.setups, group.runs, group.overrides, group.conditions))
+        def asked() -> Array:
+            system = setup.system(models, numbers, run)
+            return ask(system, setup.times(run), roomy, setup.output, group.segments)
+
+        # A fit of some records compiles what one of all of them does, and runs no more than it needs.
+        return asked() if use is None else lax.cond(use, asked, lambda: jnp.zeros(run.times.shape))
+
+    records = group.setups, group.runs, group.overrides, group.conditions, used
+    return lax.map(lambda args: of_record(*args), records)
 
 
 def with_room(accuracy: Accuracy, setup: AbstractSetup, models: Models, segments: int, duration: float) -> Accuracy:

@@ -1,11 +1,16 @@
 """What cannot be simulated names the cause: record, reason and parameter."""
 
+import dataclasses
+from types import SimpleNamespace
+
+import jax
 import numpy as np
 import pytest
 
 import pdssjax
 from pdssjax import Accuracy, InputError
 from pdssjax.cli.main import main
+from pdssjax.inference import Ending
 from pdssjax.inference import least_squares as fitting
 from pdssjax.study import failure_cause, make_recordings
 
@@ -70,6 +75,23 @@ def test_a_virtual_rig_and_a_simulation_name_it_too(stalled, tmp_path, capsys):
     printed = capsys.readouterr()
     assert "simulation failed" in printed.out
     assert "With amplifier.bandwidth at" in printed.err
+
+
+def test_records_that_are_left_out_are_not_simulated_and_spoil_no_derivative(stalled):
+    (slow,) = stalled.records
+    quick = dataclasses.replace(slow, name="quick", time=1e-6 * np.arange(20), measured=np.zeros(20))
+    problem, free = pdssjax.pose_problem(dataclasses.replace(stalled, records=(slow, quick)))
+    slopes = jax.jacfwd(lambda free: problem.residual(free, np.array([0.0, 1e8])))(free)
+    for values in jax.tree.leaves(slopes):
+        assert np.isfinite(values).all()
+    np.testing.assert_array_equal(slopes[0][: slow.time.size], 0.0)
+    assert (np.abs(slopes[0][slow.time.size :]) > 0.0).any()
+
+
+def test_a_start_that_fails_after_another_phase_has_no_chi_square():
+    blank = fitting.Fit(np.zeros(2), SimpleNamespace(residual=np.zeros(3)), False, "", 0, 1, Ending.START_FAILED)
+    earlier = fitting.Fit(np.zeros(2), SimpleNamespace(residual=np.ones(3)), True, "", 4, 5, Ending.CONVERGED)
+    assert fitting.summed(blank, [earlier]).chi2 == np.inf
 
 
 @pytest.mark.slow

@@ -47,13 +47,13 @@ def restarts(
     """`fit`, or a better one from points perturbed more and more, as long as that is `needed`.
 
     The first `MOST_RESTARTS` are perturbed along what the records hardly show, further ones as much in every
-    parameter.
+    parameter.  There are none around where nothing can be simulated.
 
     **Returns:** the best, once so many in a row as `most` found no better one, with the evaluations of all.
     """
     random = np.random.default_rng(0)
     taken, spent, in_vain = 0, 0, 0
-    while needed(fit) and in_vain < most:
+    while np.isfinite(fit.chi2) and needed(fit) and in_vain < most:
         factor, isotropic = 2.0 ** (in_vain % MOST_RESTARTS), in_vain >= MOST_RESTARTS
         step = _isotropic_step(fit, factor, random) if isotropic else _step_of_errors(fit, problem, factor, random)
         rival = run(problem, problem.decode(_perturbed(fit, problem, step)), quiet)

@@ -5,8 +5,8 @@ whose radius follows the ratio of the decrease found to the decrease predicted a
 Lecture Notes in Mathematics 630, 1978).  As the radius shrinks the step turns into a short projected
 gradient step, so that every limit is a point where the projected gradient vanishes (A. R. Conn, N. I. M.
 Gould and P. L. Toint, Trust-Region Methods, SIAM 2000, chapter 12).  Columns are scaled to unit norm and
-factored by QR.  A step to where the residual is not finite is an ordinary rejection, and nothing is linearised
-again on a rejection; after a step that found less than was predicted, or was rejected, the next ones are bent along
+factored by QR.  A step to where the residual or its Jacobian is not finite is an ordinary rejection, and nothing is
+linearised again on a rejection; after a step that found less than was predicted, or was rejected, the next ones are bent along
 the curvature that a probe finds (geodesic acceleration: M. K. Transtrum and J. P. Sethna, arXiv:1201.5885).
 
 It has converged where two things are small, and only there: the cosine between the residual and every
@@ -174,10 +174,16 @@ class BoundedLevenbergMarquardt(
         radius = next_radius(state, proposal, gained, squares, ratio)
 
         def move(state: LMState) -> LMState:
-            moved = _linearised(fn, proposed, args, state)
+            out, slopes = _linearised(fn, proposed, args)
+            # Nothing can be said of where to go from a point whose slopes are not known.
+            usable = jnp.all(jnp.isfinite(slopes[0]))
+            return lax.cond(usable, lambda state: settle(_with_slopes(state, proposed, out, slopes)), stay, state)
+
+        def settle(moved: LMState) -> LMState:
             slow = ~state.unevaluated & (gained < jnp.maximum(self.slow * squares, state.rounding))
             moved = moved._replace(
                 radius=jnp.where(state.unevaluated, first_radius(moved, proposed), radius),
+                accepted=jnp.array(True),
                 rejected=jnp.zeros_like(state.rejected),
                 slow_steps=jnp.where(slow, state.slow_steps + 1, 0),
                 curved=~state.unevaluated & (bending | (ratio < _STRAIGHT)) & (predicted > _FINE * squares),
@@ -194,10 +200,9 @@ class BoundedLevenbergMarquardt(
             return self._compared(state, ends, jnp.stack(apart), y)
 
         iterate = lambda state: self._ended(lax.cond(accepted, move, stay, state))
-        state = lax.cond(checking, compare, iterate, state)
-        evaluations = state.evaluations + jnp.where(checking | bending, 2, 1)
-        state = state._replace(accepted=accepted, evaluations=evaluations)
-        return jnp.where(accepted, proposed, y), state, state.aux
+        state = lax.cond(checking, compare, iterate, state._replace(accepted=jnp.array(False)))
+        state = state._replace(evaluations=state.evaluations + jnp.where(checking | bending, 2, 1))
+        return jnp.where(state.accepted, proposed, y), state, state.aux
 
     def _ended(self, state: LMState) -> LMState:
         """`state` with its ending, if this is one."""
@@ -282,15 +287,20 @@ class BoundedLevenbergMarquardt(
         return y, aux, {"state": state}
 
 
-def _linearised(fn: ResidualFunction, y: Float[Array, " p"], args: Arguments, state: LMState) -> LMState:
+def _linearised(fn: ResidualFunction, y: Float[Array, " p"], args: Arguments) -> tuple[Any, Any]:
+    """What the function gives, and the Jacobian of each of its two parts."""
+
     def both(y: Float[Array, " p"]) -> tuple[Any, Any]:
         out = fn(y, args)
         return out, out
 
-    (jacobian, aux_jacobian), (residual, aux) = jax.jacfwd(both, has_aux=True)(y)
-    found, kept = (jacobian, aux_jacobian), (state.jacobian, state.aux_jacobian)
-    usable = jnp.all(jnp.array([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(found)]))
-    jacobian, aux_jacobian = jax.tree.map(lambda new, old: jnp.where(usable, new, old), found, kept)
+    slopes, out = jax.jacfwd(both, has_aux=True)(y)
+    return out, slopes
+
+
+def _with_slopes(state: LMState, y: Float[Array, " p"], out: Any, slopes: Any) -> LMState:
+    """`state` at the point `y`, where the function gives `out`, with these Jacobians."""
+    (residual, aux), (jacobian, aux_jacobian) = out, slopes
     # What is left of a column by rounding would have its parameter thrown about, and no gradient ever small.
     reach = jnp.linalg.norm(jacobian, axis=0) * jnp.maximum(jnp.abs(y), 1.0)
     jacobian = jnp.where(reach > jnp.finfo(y.dtype).eps * jnp.linalg.norm(residual), jacobian, 0.0)

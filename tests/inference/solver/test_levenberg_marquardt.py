@@ -46,6 +46,11 @@ def root(y):
     return _padded(*jnp.sqrt(y))
 
 
+def clipped(y):
+    """A number everywhere, but its slope only above one in the first, and lowest at 5/4."""
+    return _padded(jnp.sqrt(jnp.maximum(y[0] - 1.0, 0.0)) - 0.5, 0.1 * (y[1] - 1.0))
+
+
 def lying(y):
     """The gradient is always wrong: no step ever lowers the sum of squares."""
     return _padded(1.0 + jnp.abs(jnp.sin(1e6 * y[0])) + 1e-3 * y[0], y[1])
@@ -65,7 +70,7 @@ def _padded(first, second):
     return jnp.stack([first, second, 0.0 * first, 0.0 * first])
 
 
-PROBLEMS = (line, steep, narrow, decays, logarithm, root, lying, summed, traced)
+PROBLEMS = (line, steep, narrow, decays, logarithm, root, clipped, lying, summed, traced)
 """Of two parameters and four residuals each, so that one compiled function solves them all."""
 
 
@@ -226,8 +231,18 @@ def test_trials_that_cannot_be_evaluated_are_rejected():
     np.testing.assert_array_equal(visited[1][0], [105.0, 0.0])
 
 
-def test_a_start_that_cannot_be_evaluated_is_said_to_be_one():
-    solution = solve(root, [-1.0, 2.0])
+def test_trials_whose_slopes_are_not_known_are_rejected_although_lower():
+    visited = steps(clipped, [5.0, 0.0], [-jnp.inf] * 2, [jnp.inf] * 2, 3)
+    assert int(visited[1][1].rejected) == 1
+    np.testing.assert_array_equal(visited[1][0], [5.0, 0.0])
+    solution = solve(clipped, [5.0, 0.0], rtol=1e-16)
+    assert solution.result == optx.RESULTS.successful
+    np.testing.assert_allclose(solution.value, [1.25, 1.0], rtol=1e-8)
+
+
+@pytest.mark.parametrize("function", [root, clipped])
+def test_a_start_that_cannot_be_evaluated_is_said_to_be_one(function):
+    solution = solve(function, [-1.0, 2.0])
     assert solution.result == optx.RESULTS.nonlinear_divergence
     np.testing.assert_array_equal(solution.value, [-1.0, 2.0])
 
