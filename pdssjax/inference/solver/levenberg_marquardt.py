@@ -6,8 +6,8 @@ Lecture Notes in Mathematics 630, 1978).  As the radius shrinks the step turns i
 gradient step, so that every limit is a point where the projected gradient vanishes (A. R. Conn, N. I. M.
 Gould and P. L. Toint, Trust-Region Methods, SIAM 2000, chapter 12).  Columns are scaled to unit norm and
 factored by QR.  A step to where the residual or its Jacobian is not finite is an ordinary rejection, and nothing is
-linearised again on a rejection; after a step that found less than was predicted, or was rejected, the next ones are bent along
-the curvature that a probe finds (geodesic acceleration: M. K. Transtrum and J. P. Sethna, arXiv:1201.5885).
+linearised again on a rejection; after a step that found less than was predicted, or was rejected, the next ones are
+bent along the curvature that a probe finds (geodesic acceleration: M. K. Transtrum and J. P. Sethna, arXiv:1201.5885).
 
 It has converged where two things are small, and only there: the cosine between the residual and every
 column that is free to move (MINPACK's test of the gradient), and the decrease that the linear model
