@@ -18,7 +18,7 @@ that is too small to matter and leaves no more to be gained beyond it.
 Every way to end has its own `Ending`.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, TypeAlias
 
 import equinox as eqx
@@ -46,7 +46,7 @@ from .derivative_check import (
 )
 from .ending import STOPPED, SUCCESSES, Ending
 from .lm_state import Auxiliary, LMState
-from .trust_region import PROBE, Bounds, bend, best_step, first_radius, next_radius, trial_point
+from .trust_region import PROBE, Bounds, Proposal, bend, best_step, first_radius, next_radius, trial_point
 
 _AT_BOUND = 1e-9
 """So near to a bound, by the effect on the residual relative to that, a parameter counts as on it."""
@@ -150,20 +150,7 @@ class BoundedLevenbergMarquardt(
         # A straight step costs one evaluation; where one fell short, a bent one may be worth two, and those after it.
         bending = ~checking & ~state.unevaluated & ((state.rejected > 0) | state.curved)
 
-        def evaluate(
-            carry: tuple[Free, Float[Array, " n"]], second: Truth
-        ) -> tuple[tuple[Free, Float[Array, " n"]], Float[Array, " n"]]:
-            """A probe along the step, then the proposed point, bent as the probe says; or the ends of a difference."""
-            step, _ = carry
-            at = jnp.where(second, trial_point(y, step, proposal, options), y + PROBE * proposal.step)
-            at = jnp.where(checking, jnp.where(second, apart[1], apart[0]), at)
-            at = jnp.where(state.unevaluated, y, jnp.clip(at, options["lower"], options["upper"]))
-            found = lax.cond(second | bending | checking, lambda: fn(at, args)[0], lambda: state.residual)
-            bent = jnp.where(~second & bending, proposal.step + bend(state, proposal, found), step)
-            return (bent, found), found
-
-        begin = (proposal.step, state.residual)
-        (step, residual), ends = lax.scan(evaluate, begin, jnp.array([False, True]))
+        step, residual, ends = _evaluated(fn, y, args, options, state, proposal, apart, bending)
         proposed = jnp.where(state.unevaluated, y, trial_point(y, step, proposal, options))
         squares, predicted = jnp.sum(residual**2), proposal.predicted
         # As a difference of two sums of squares it would be lost in rounding near the end.
@@ -285,6 +272,39 @@ class BoundedLevenbergMarquardt(
         result: optx.RESULTS,
     ) -> tuple[Float[Array, " p"], Auxiliary, dict[str, LMState]]:
         return y, aux, {"state": state}
+
+
+def _evaluated(
+    fn: ResidualFunction,
+    y: Free,
+    args: Arguments,
+    options: Bounds,
+    state: LMState,
+    proposal: Proposal,
+    apart: Sequence[Free],
+    bending: Truth,
+) -> tuple[Free, Float[Array, " n"], Float[Array, "2 n"]]:
+    """The proposed step, bent if `bending` as a probe along it says, and the residual there; or, once the run has
+    ended, at the ends of a difference, which stand `apart`.
+
+    **Returns:** the step, the residual, and those of the probe and of the proposed point, or of both ends.
+    """
+    checking = state.ending != Ending.RUNNING
+
+    def evaluate(
+        carry: tuple[Free, Float[Array, " n"]], second: Truth
+    ) -> tuple[tuple[Free, Float[Array, " n"]], Float[Array, " n"]]:
+        step, _ = carry
+        at = jnp.where(second, trial_point(y, step, proposal, options), y + PROBE * proposal.step)
+        at = jnp.where(checking, jnp.where(second, apart[1], apart[0]), at)
+        at = jnp.where(state.unevaluated, y, jnp.clip(at, options["lower"], options["upper"]))
+        found = lax.cond(second | bending | checking, lambda: fn(at, args)[0], lambda: state.residual)
+        bent = jnp.where(~second & bending, proposal.step + bend(state, proposal, found), step)
+        return (bent, found), found
+
+    begin = (proposal.step, state.residual)
+    (step, residual), ends = lax.scan(evaluate, begin, jnp.array([False, True]))
+    return step, residual, ends
 
 
 def _linearised(fn: ResidualFunction, y: Float[Array, " p"], args: Arguments) -> tuple[Any, Any]:

@@ -10,12 +10,15 @@ import jax.numpy as jnp
 from jax.scipy.linalg import solve_triangular
 from jaxtyping import Array, Float
 
-from ...core import Scalar
+from ...core import Scalar, ScalarLike
 from .box_least_squares import BoxSolution, solve_in_ball_and_box
 from .lm_state import LMState
 
 PROBE = 0.1
 """Share of the step at which the curvature of the residuals is probed."""
+
+_LEAST = 0.1
+"""Share of a bad step that is left to the next one, at least."""
 
 _LONGEST_BEND = 0.75
 """Longest bend of a step relative to the step itself; a larger one means the step is too long."""
@@ -64,11 +67,16 @@ def next_radius(state: LMState, proposal: Proposal, gained: Scalar, squares: Sca
     before = jnp.sum(state.residual**2)
     # Where the parabola through both values and the slope at the start has its minimum.
     turning = 0.5 * proposal.slope / jnp.where(proposal.slope + gained < 0, proposal.slope + gained, -jnp.inf)
-    shorter = jnp.where(gained >= 0.0, 0.5, jnp.clip(turning, 0.1, 0.5))
-    shorter = jnp.where(jnp.isfinite(squares) & (squares < 100.0 * before), shorter, 0.1)
-    reduced = shorter * jnp.minimum(state.radius, 10.0 * proposal.norm)
+    shorter = jnp.where(gained >= 0.0, 0.5, jnp.clip(turning, _LEAST, 0.5))
+    shorter = jnp.where(jnp.isfinite(squares) & (squares < 100.0 * before), shorter, _LEAST)
+    reduced = shortened(state, proposal, shorter)
     grown = jnp.where(ratio >= 0.75, jnp.maximum(state.radius, 2.0 * proposal.norm), state.radius)
     return jnp.where(ratio > 0.25, grown, reduced)
+
+
+def shortened(state: LMState, proposal: Proposal, factor: ScalarLike = _LEAST) -> Scalar:
+    """The radius after a bad step: a part of it; after one to where nothing is known, the least."""
+    return factor * jnp.minimum(state.radius, 10.0 * proposal.norm)
 
 
 def bend(state: LMState, proposal: Proposal, probed: Float[Array, " n"]) -> Float[Array, " p"]:
