@@ -5,7 +5,9 @@ experiments) call `prepare_jax` before anything is traced.
 """
 
 import contextlib
+import ctypes
 import os
+import sys
 from pathlib import Path
 
 import jax
@@ -45,13 +47,31 @@ def _tell_xla() -> None:
         os.environ["XLA_FLAGS"] = " ".join([given, *missing]).strip()
 
 
+_MOST_ARENAS, _ARENAS = -8, 2
+"""The parameter of glibc's `mallopt` (M_ARENA_MAX), and its value."""
+
+
+def _share_free_memory() -> None:
+    """Let threads take memory from two pools, where glibc gives each up to one of its own.
+
+    XLA compiles in many threads for a moment each, and what they free stays in their pools: an eighth of the memory of
+    the very first identification.
+    """
+    if sys.platform == "linux":
+        with contextlib.suppress(OSError, AttributeError):  # another C library
+            ctypes.CDLL(None).mallopt(_MOST_ARENAS, _ARENAS)
+
+
 def prepare_jax() -> None:
     """Switch on 64-bit numbers, loops of one kernel and, where it can be written to, the cache of compiled code.
+
+    Less garbage is looked for, too, and memory that is free is shared by the threads.
 
     What a program calls before JAX computes anything; later, loops stay as they are.  Flags of XLA that the environment
     gives already are left alone, and compiled code is kept where its `PDSSJAX_CACHE` says.
     """
     _tell_xla()
+    _share_free_memory()
     seldom_look_for_garbage()
     jax.config.update("jax_enable_x64", True)
     folder = cache_folder()
