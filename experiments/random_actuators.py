@@ -173,6 +173,11 @@ RECORDS = {
         "anisotropic-lugre", "deflection", of="contact", output=FRICTION_FORCE, cycles=3.0
     ),
 }
+RECORDS |= {
+    f"friction record, {law}": Structure(law, of="contact", output=FRICTION_FORCE, cycles=3.0)
+    for law in members("friction")
+    if law not in ("lugre", "anisotropic-lugre")
+}
 """Kinds of records that those above leave out."""
 SLEWING = {
     f"{law} on a static stack, held voltage, amplifier that slews": Structure(
