@@ -46,7 +46,7 @@ from .derivative_check import (
 )
 from .ending import STOPPED, SUCCESSES, Ending
 from .lm_state import Auxiliary, LMState
-from .trust_region import PROBE, Bounds, Proposal, bend, best_step, first_radius, next_radius, trial_point
+from .trust_region import PROBE, Bounds, Proposal, bend, best_step, first_radius, next_radius, shortened, trial_point
 
 _AT_BOUND = 1e-9
 """So near to a bound, by the effect on the residual relative to that, a parameter counts as on it."""
@@ -162,9 +162,10 @@ class BoundedLevenbergMarquardt(
 
         def move(state: LMState) -> LMState:
             out, slopes = _linearised(fn, proposed, args)
-            # Nothing can be said of where to go from a point whose slopes are not known.
-            usable = jnp.all(jnp.isfinite(slopes[0]))
-            return lax.cond(usable, lambda state: settle(_with_slopes(state, proposed, out, slopes)), stay, state)
+            # From a point whose slopes are not known nothing tells where to go: it is as good as one without a value.
+            usable, shorter = jnp.all(jnp.isfinite(slopes[0])), shortened(state, proposal)
+            go_on = lambda state: settle(_with_slopes(state, proposed, out, slopes))
+            return lax.cond(usable, go_on, lambda state: stay(state)._replace(radius=shorter), state)
 
         def settle(moved: LMState) -> LMState:
             slow = ~state.unevaluated & (gained < jnp.maximum(self.slow * squares, state.rounding))

@@ -234,8 +234,9 @@ def test_trials_that_cannot_be_evaluated_are_rejected():
 def test_trials_whose_slopes_are_not_known_are_rejected_although_lower():
     visited = steps(clipped, [5.0, 0.0], [-jnp.inf] * 2, [jnp.inf] * 2, 3)
     assert int(visited[1][1].rejected) == 1
+    assert visited[1][1].radius <= 0.1 * visited[0][1].radius
     np.testing.assert_array_equal(visited[1][0], [5.0, 0.0])
-    solution = solve(clipped, [5.0, 0.0], rtol=1e-16)
+    solution = solve(clipped, [5.0, 0.0], rtol=1e-16, atol=0.0)
     assert solution.result == optx.RESULTS.successful
     np.testing.assert_allclose(solution.value, [1.25, 1.0], rtol=1e-8)
 
