@@ -24,7 +24,7 @@ from .base import AbstractDrive, Flanks, Segment
 
 
 class Sawtooth(AbstractDrive):
-    """Two segments a cycle: the fast flank, of zero length where it is ideal, then the slow one."""
+    """Two straight segments a cycle: the fast flank, of zero length where it is ideal, then the slow one."""
 
     voltage: float = quantity(64.2, "V", positive=False)
     """Peak voltage V [V], or U."""

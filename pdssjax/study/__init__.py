@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from .multistart import Multistart as Multistart
     from .parameter import REACH as REACH
     from .parameter import Parameter as Parameter
+    from .prediction import AbstractSetup as AbstractSetup
     from .prediction import Lowered as Lowered
     from .prediction import Predictor as Predictor
     from .prediction import failures as failures
@@ -46,6 +47,7 @@ if TYPE_CHECKING:
     from .prediction import with_room as with_room
     from .profile import Profile as Profile
     from .record import Record as Record
+    from .record_groups import Run as Run
     from .resonances import SHOWN as SHOWN
     from .resonances import Resonance as Resonance
     from .resonances import depends_on as depends_on
@@ -54,8 +56,6 @@ if TYPE_CHECKING:
     from .sample_times import check_begins_early as check_begins_early
     from .sample_times import check_increasing as check_increasing
     from .sample_times import check_meets_drive as check_meets_drive
-    from .setups import AbstractSetup as AbstractSetup
-    from .setups import Run as Run
     from .shared_drive import drive_with as drive_with
     from .shared_drive import shared_fields as shared_fields
     from .simulation_failure import failure_cause as failure_cause
@@ -93,14 +93,14 @@ else:
             "summaries": ["entry_summaries"],
             "used_numbers": ["UsedNumber", "numbers_used"],
             "parameter": ["Parameter", "REACH"],
-            "prediction": ["Lowered", "Predictor", "failures", "predicted", "with_room"],
+            "prediction": ["AbstractSetup", "Lowered", "Predictor", "failures", "predicted", "with_room"],
             "profile": ["Profile"],
             "record": ["Record"],
+            "record_groups": ["Run"],
             "resonances": ["Resonance", "SHOWN", "depends_on", "hidden_from"],
             "sample_times": ["STEP_TIME", "check_begins_early", "check_increasing", "check_meets_drive"],
             "simulation_failure": ["failure_cause"],
             "draws": ["Draws", "ParameterDraws"],
-            "setups": ["AbstractSetup", "Run"],
             "shared_drive": ["drive_with", "shared_fields"],
             "study": ["Study", "legal_quantities"],
             "virtual_rig": ["Recording", "make_recordings", "truth"],

@@ -1,12 +1,15 @@
-"""Predicts the records of a study, all that share a shape in one compiled function.
+"""The prediction of a record: the system that moves in it, and what the sensor shows of that.
 
-A system known in closed form is not integrated.  Records of one waveform and of one setup are
-stacked and run one after the other, so that the compiler sees the integration once.
+A setup makes the hybrid system of a record out of the numbers of the rig, `pdssjax.simulation.measured` integrates it
+(one known in closed form only where it must) and shows its samples.  Records that share a shape (`record_groups`) are
+run one after the other in one compiled function; the leaves of a setup are numbers, so that those whose setups differ
+in nothing else share it.
 """
 
+import abc
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import Protocol
 
 import equinox as eqx
 import jax
@@ -17,13 +20,21 @@ from jaxtyping import Array, Bool, Float
 
 from ..core import Count, Truth
 from ..drive.base import AbstractDrive
-from ..integration import Accuracy
-from ..simulation import measured, why_failed
+from ..integration import AbstractHybridSystem, Accuracy
+from ..simulation import (
+    DISPLACEMENT,
+    FRICTION_FORCE,
+    STOP_FORCE,
+    Output,
+    PlatformOnly,
+    PrescribedMotion,
+    StickSlip,
+    measured,
+    why_failed,
+)
 from .conditions import under_conditions
 from .models import Models, Values
-from .record import Record
-from .setups import AbstractSetup, Run
-from .shared_drive import shared_fields
+from .record_groups import RecordedRun, RecordGroup, Run, record_groups
 
 _STEPS_PER_SEGMENT = 200
 
@@ -38,23 +49,109 @@ _STEPS_A_SECOND = 6000
 """Where nothing settles: for transients that die out at up to 18 000 a second, by the `span` of a step."""
 
 
-class _Group(eqx.Module):
-    """Records that share one compiled function: same waveform, same setup."""
+class AbstractSetup(eqx.Module):
+    """One way to make a record, without the numbers of the rig."""
 
-    setups: AbstractSetup
-    """Stacked: every leaf has one entry a record."""
-    runs: Run
-    """Stacked in the same way; times are filled up with the last of each record."""
-    overrides: dict[str, Bool[np.ndarray, " records"]]
-    """For each quantity of the drive, whether the record sets it itself."""
-    conditions: dict[str, Bool[np.ndarray, " records"]]
-    """For each condition, whether the record was made under it."""
-    places: tuple[int, ...] = eqx.field(static=True)
-    """Where the records stand in the study."""
-    duration: float = eqx.field(static=True)
-    """When the last sample is taken [s]."""
-    segments: int = eqx.field(static=True)
-    """How many segments of the drive the longest record reaches into."""
+    output: eqx.AbstractVar[Output]
+    """What the sensor shows; static."""
+
+    @abc.abstractmethod
+    def system(self, models: Models, values: Values, run: Run) -> AbstractHybridSystem:
+        """The hybrid system that moves in `run`, with the parameters `values` [SI]."""
+
+    def times(self, run: Run) -> Float[Array, " samples"]:
+        """The sample times [s] on the clock of the system, which starts at 0."""
+        return run.times
+
+    def segments(self, drive: AbstractDrive | None, times: Float[np.ndarray, " samples"]) -> int:
+        """How many segments of the drive, or of the motion prescribed, the `times` [s] reach into; not traced."""
+        return times.size if drive is None else drive.segments(float(times[-1]))
+
+    def goes_on_moving(self, models: Models) -> bool:
+        """Nothing settles between two corners of the drive, so that steps are many."""
+        return not models.piezo.has_steady_state
+
+
+class PlatformAlone(AbstractSetup):
+    """The platform, without an end-effector that it could feel."""
+
+    output: Output = eqx.field(static=True, default=DISPLACEMENT)
+
+    def system(self, models: Models, values: Values, run: Run) -> AbstractHybridSystem:
+        return PlatformOnly(models.actuator(values).driven_platform, _driven(run), models.sensor(values))
+
+
+class FreeActuator(AbstractSetup):
+    """Platform and end-effector, which moves freely."""
+
+    output: Output = eqx.field(static=True, default=DISPLACEMENT)
+    on_platform: float = 0.0
+    """1 where the sensor looks at the platform, 0 at the end-effector."""
+
+    def system(self, models: Models, values: Values, run: Run) -> AbstractHybridSystem:
+        return StickSlip(models.actuator(values), _driven(run), models.sensor(values), self.on_platform)
+
+
+class BlockedActuator(AbstractSetup):
+    """Platform and end-effector, which runs against a stop."""
+
+    output: Output = eqx.field(static=True, default=STOP_FORCE)
+
+    def system(self, models: Models, values: Values, run: Run) -> AbstractHybridSystem:
+        return StickSlip(models.actuator(values, blocked=True), _driven(run), models.sensor(values))
+
+    def goes_on_moving(self, models: Models) -> bool:
+        # Pressed by a platform that creeps on, the stop's force keeps rising.
+        return True
+
+
+class ContactAlone(AbstractSetup):
+    """The contact under a prescribed relative motion."""
+
+    output: Output = eqx.field(static=True, default=FRICTION_FORCE)
+
+    def system(self, models: Models, values: Values, run: Run) -> AbstractHybridSystem:
+        if run.motion is None:
+            raise ValueError("Expected a prescribed motion, but the run has none.")
+        return PrescribedMotion(models.contact(values), self.times(run), run.motion)
+
+    def times(self, run: Run) -> Float[Array, " samples"]:
+        return run.times - run.times[0]
+
+    def goes_on_moving(self, models: Models) -> bool:
+        return False
+
+
+def sensor_on(on_platform: float, output: Output, models: Models) -> AbstractSetup:
+    """A sensor that looks at the platform (`on_platform` 1) or the end-effector (0) of a free actuator.
+
+    A platform that feels no friction moves without the end-effector.
+    """
+    alone = on_platform == 1.0 and not models.feedback
+    return PlatformAlone(output) if alone else FreeActuator(output, on_platform)
+
+
+def _driven(run: Run) -> AbstractDrive:
+    if run.drive is None:
+        raise ValueError("Expected a drive, but the run has none.")
+    return run.drive
+
+
+class HasSetup(Protocol):
+    """What is asked of a measurement: `pdssjax.study.AbstractMeasurement` has it."""
+
+    def setup(self, models: Models) -> AbstractSetup:
+        """How a record of it is predicted."""
+        ...
+
+
+class PredictedRecord(RecordedRun, Protocol):
+    """What is asked of a record: `pdssjax.study.Record` has it."""
+
+    @property
+    def measurement(self) -> HasSetup:
+        """What was measured."""
+        ...
 
 
 class Lowered(Protocol):
@@ -69,25 +166,18 @@ class Predictor(eqx.Module):
     """Sample values of every record as a function of the parameters."""
 
     models: Models
-    groups: tuple[_Group, ...]
+    groups: tuple[RecordGroup[AbstractSetup], ...]
     samples: tuple[int, ...] = eqx.field(static=True)
     """How many each record has."""
 
-    def __init__(self, models: Models, records: Sequence[Record]):
+    def __init__(self, models: Models, records: Sequence[PredictedRecord]):
         self.models = models
         self.samples = tuple(record.time.size for record in records)
         setups = [record.measurement.setup(models) for record in records]
-        grouped: dict[Any, list[int]] = {}
-        for place, (record, setup) in enumerate(zip(records, setups, strict=True)):
-            # Leaves of different sizes (sampled drives) cannot be stacked.
-            shapes = tuple(np.shape(leaf) for leaf in jax.tree.leaves(record.drive))
-            key = (type(record.drive), jax.tree.structure(setup), jax.tree.structure(record.drive), shapes)
-            grouped.setdefault(key, []).append(place)
         # What is known of the records is numbers, also where a prediction that is being traced needs them first.
         with jax.ensure_compile_time_eval():
-            self.groups = tuple(
-                _group([records[i] for i in places], [setups[i] for i in places], places) for places in grouped.values()
-            )
+            segments = [setup.segments(r.drive, r.time) for setup, r in zip(setups, records, strict=True)]
+            self.groups = record_groups(records, setups, segments)
 
     def __call__(
         self, values: Values, accuracy: Accuracy, used: Bool[Array | np.ndarray, " records"] | None = None
@@ -129,7 +219,7 @@ def _of_each_record(
 
 def _of_group(
     ask: Callable[..., Array],
-    group: _Group,
+    group: RecordGroup[AbstractSetup],
     models: Models,
     values: Values,
     accuracy: Accuracy,
@@ -171,26 +261,3 @@ def _shared(drive: AbstractDrive | None, overrides: dict[str, Truth], values: Va
     numbers = drive.numbers()
     paths = {field: path for field in overrides if (path := f"drive.{field}") in values}
     return drive.with_numbers({f: jnp.where(overrides[f], numbers[f], values[path]) for f, path in paths.items()})
-
-
-def _group(records: Sequence[Record], setups: Sequence[AbstractSetup], places: Sequence[int]) -> _Group:
-    longest = max(record.time.size for record in records)
-
-    def padded(values: Float[np.ndarray, " samples"] | None) -> Any:
-        return None if values is None else np.pad(values, (0, longest - values.size), mode="edge")
-
-    stacked = lambda trees: jax.tree.map(lambda *leaves: np.stack([np.asarray(leaf, float) for leaf in leaves]), *trees)
-    first = records[0].drive
-    fields = {} if first is None else first.declared()
-    return _Group(
-        setups=stacked(setups),
-        runs=stacked([Run(record.drive, padded(record.time), padded(record.motion)) for record in records]),
-        overrides={field: np.array([field not in shared_fields(r) for r in records]) for field in fields},
-        conditions={
-            name: np.array([name in record.conditions for record in records])
-            for name in sorted(set().union(*(record.conditions for record in records)))
-        },
-        places=tuple(places),
-        duration=float(max(record.time[-1] for record in records)),
-        segments=max(setup.segments(r.drive, r.time) for setup, r in zip(setups, records, strict=True)),
-    )

@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from ...core import Display, choices, described
 from ..models import Models
-from ..setups import AbstractSetup
+from ..prediction import AbstractSetup
 
 
 class Samples(NamedTuple):

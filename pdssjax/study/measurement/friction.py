@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from ...core import Display
 from ..models import Models
-from ..setups import AbstractSetup, ContactAlone
+from ..prediction import AbstractSetup, ContactAlone
 from .base import AbstractMeasurement, Samples
 
 

@@ -16,7 +16,7 @@ from ...core import Choice, choice
 from ...metrics import integrated, rest_of
 from ...simulation import VELOCITY
 from ..models import Models
-from ..setups import AbstractSetup, sensor_on
+from ..prediction import AbstractSetup, sensor_on
 from .base import AbstractMeasurement, Samples
 
 
