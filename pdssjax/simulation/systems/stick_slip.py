@@ -6,9 +6,11 @@ Relative motion d = y - x_e, v = d'.  With friction force F on the end-effector,
 
 the bracket with friction feedback (5.25), without it (5.27).  The free acceleration is that of the piezo
 (a member of `pdssjax.piezo`) under the voltage of the drive's segment, start + slope t_local, or under what an
-amplifier makes of it (`DrivenPlatform`).  The field is smooth while v keeps its sign.  At v = 0 the force may jump from F(-) to F(+): a set-valued law (Coulomb) and the
-switching parameters of (5.22) are both of this shape.  There the contact sticks, or v takes
-a sign (`_sticking`).  Laws, piezos, amplifiers and the stop (`_stop_contact`) add guards of their own.
+amplifier makes of it (`DrivenPlatform`).
+
+The field is smooth while v keeps its sign.  At v = 0 the force may jump from F(-) to F(+): a set-valued law (Coulomb)
+and the switching parameters of (5.22) are both of this shape.  There the contact sticks, or v takes a sign
+(`_sticking`).  Laws, piezos, amplifiers and the stop (`_stop_contact`) add guards of their own.
 `_sensed_motion` has the sensor's state, `_settling` what is left where nothing moves but the creeping platform.
 """
 
