@@ -26,7 +26,7 @@ from pdssjax.simulation import (
     PlatformOnly,
     PrescribedMotion,
     StickSlip,
-    measured,
+    sensor_samples,
 )
 
 SAMPLES = 100
@@ -118,16 +118,16 @@ class Structure:
         if self.of == "contact":
             moved = 4e-6 * np.sin(2 * np.pi * 15.0 * self.times) + 2e-6 * np.sin(2 * np.pi * 47.0 * self.times)
             contact = PrescribedMotion(built["friction"], times, jnp.asarray(moved))
-            return measured(contact, times, accuracy, self.output)
+            return sensor_samples(contact, times, accuracy, self.output)
         sensor = built.get("sensor", IDEAL)
         effector, law = built.get("effector", Effector()), built.get("friction", member("friction", "coulomb")())
         parts = {part: built[part] for part in ("stop", "amplifier") if part in built}
         rests = self.rests_under_load
         actuator = Actuator(built["piezo"], law, effector, self.feedback, **parts, rests_under_load=rests)
         if self.of == "unloaded":
-            return measured(PlatformOnly(actuator.driven_platform, drive, sensor), times, accuracy, self.output)
+            return sensor_samples(PlatformOnly(actuator.driven_platform, drive, sensor), times, accuracy, self.output)
         system = StickSlip(actuator, drive, sensor, 1.0 * (self.of == "platform"))
-        return measured(system, times, accuracy, self.output)
+        return sensor_samples(system, times, accuracy, self.output)
 
     def _numbers(self, part: str, numbers: dict[str, Any]) -> dict[str, Any]:
         return _of_part(part, numbers) | ({"state": self.state} if part == "friction" and self.state else {})

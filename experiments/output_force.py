@@ -33,7 +33,7 @@ from experiments.published import PUSHES, READINGS, VOLTAGE, Push, Reading, law,
 from pdssjax import Accuracy, Actuator, Stop, prepare_jax
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.piezo.second_order import SecondOrder
-from pdssjax.simulation import STOP_FORCE, StickSlip, measured
+from pdssjax.simulation import STOP_FORCE, StickSlip, sensor_samples
 
 NAME = "output_force"
 STIFFNESSES = np.geomspace(6e3, 3e6, 12)
@@ -66,7 +66,7 @@ def pushing(push: Push, stiffness: float, fall_time: float, reading: Reading) ->
 def flank_ends(system: StickSlip, cycles: int, accuracy: Accuracy = ROOM) -> Float[Array, " cycles"]:
     """Force [N] on the sensor at the end of every slow flank, the highest of its cycle but for an impact."""
     frequency = system.drive.frequency  # pyright: ignore[reportAttributeAccessIssue]
-    return measured(system, (jnp.arange(cycles) + 1.0) / frequency * (1.0 - 1e-9), accuracy, STOP_FORCE)
+    return sensor_samples(system, (jnp.arange(cycles) + 1.0) / frequency * (1.0 - 1e-9), accuracy, STOP_FORCE)
 
 
 def calculate(

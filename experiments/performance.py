@@ -25,7 +25,7 @@ from pdssjax import Accuracy, Actuator, Effector, Stop
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
 from pdssjax.piezo.second_order import SecondOrder
-from pdssjax.simulation import STOP_FORCE, StickSlip, displacements, measured
+from pdssjax.simulation import STOP_FORCE, StickSlip, displacements, sensor_samples
 
 CYCLES = 6
 """Of pushing, until the force has settled."""
@@ -169,7 +169,7 @@ def forces(inside: Float[Array, " p"], reading: Reading) -> Float[Array, " 4"]:
     drive = sawtooth(20.0, 1.0)
     cases = [StickSlip(Actuator(piezo, friction(p.surface), effector, stop=stop), drive) for p in PUSHES[:2]]
     time = jnp.array([CYCLES * (1.0 - 1e-9)]) / drive.frequency
-    two = jax.vmap(lambda system: measured(system, time, PUSHING, STOP_FORCE)[0])(stacked(cases))
+    two = jax.vmap(lambda system: sensor_samples(system, time, PUSHING, STOP_FORCE)[0])(stacked(cases))
     return 1e3 * jnp.concatenate([two, two])
 
 

@@ -143,7 +143,7 @@ from pdssjax.friction.lugre import LuGre
 from pdssjax.inference import Problem
 from pdssjax.integration import integrate, states_at
 from pdssjax.piezo.second_order import SecondOrder
-from pdssjax.simulation import StickSlip, measured
+from pdssjax.simulation import StickSlip, sensor_samples
 from pdssjax.study import Models, compare, depends_on, numbers_used
 
 
@@ -172,7 +172,7 @@ RIGHT = """
     problem.whitened(problem.encode(starts))
     simulate(actuator, drive, times, accuracy)
     Actuator(SecondOrder(), LuGre(), Effector(0.086))
-    measured(system, times, accuracy)
+    sensor_samples(system, times, accuracy)
     integrate(system, times[-1], accuracy)
     law.force(law.initial(), times[0], 1.0)
     compare(record, record.measured, noise=1e-8, offset=0.0)
@@ -200,8 +200,8 @@ SWAPPED = """
     Actuator(LuGre(), SecondOrder())
     Actuator(SecondOrder(), LuGre(), 0.086)
     Actuator(SecondOrder(), LuGre(), Effector(path))
-    measured(accuracy, times, system)
-    measured(system, accuracy, times)
+    sensor_samples(accuracy, times, system)
+    sensor_samples(system, accuracy, times)
     integrate(system, accuracy, times[-1])
     law.force(times[0], law.initial(), 1.0)
     law.on_reversal(1.0, law.initial())

@@ -1,4 +1,7 @@
-"""Reads and checks a study file: the actuator's models, its parameters and the records to explain."""
+"""Reads and checks a study file: the actuator's models, its parameters and the records to explain.
+
+Its tables are read one by one: [parameters] by `parameter_table`, [[record]] by `record_table`.
+"""
 
 import dataclasses
 import sys

@@ -1,7 +1,8 @@
 """Piezo stack and platform as one second-order system (4.2, 5.27-5.29).
 
-    y'' + 2 xi w y' + w^2 y = C w^2 u   [ - F / m_g with friction feedback (5.25) ]
+    y'' + 2 xi w y' + w^2 y = C w^2 u   [ - F / m_g with friction feedback (5.25) ],
 
+u being the level of the voltage [V].
 Its motion is known in closed form on every segment of a drive (`pdssjax.piezo._oscillator`).
 """
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from .sensor_output import STOP_FORCE as STOP_FORCE
     from .sensor_output import VELOCITY as VELOCITY
     from .sensor_output import Output as Output
-    from .sensor_output import measured as measured
+    from .sensor_output import sensor_samples as sensor_samples
     from .sensor_output import why_failed as why_failed
     from .steady_cycles import steady_cycle as steady_cycle
     from .systems._stick_slip_state import StickSlipState as StickSlipState
@@ -44,7 +44,7 @@ else:
                 "Output",
                 "STOP_FORCE",
                 "VELOCITY",
-                "measured",
+                "sensor_samples",
                 "why_failed",
             ],
             "steady_cycles": ["steady_cycle"],

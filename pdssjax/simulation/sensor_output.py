@@ -1,6 +1,6 @@
 """What a sensor shows of a hybrid system: a function of its state, and the components that this takes.
 
-A measurement names one of these, or makes its own; `measured` integrates the system and shows it at sample times.
+A measurement names one of these, or makes its own; `sensor_samples` integrates the system and shows it at sample times.
 """
 
 from collections.abc import Callable
@@ -91,7 +91,7 @@ FRICTION_FORCE = Output(_friction_force, _of_all, _at_once)
 """Of the contact on the end-effector [N], as it is."""
 
 
-def measured(
+def sensor_samples(
     system: AbstractHybridSystem,
     times: Float[Array, " m"],
     accuracy: Accuracy,
@@ -124,7 +124,7 @@ def why_failed(
     output: Output = DISPLACEMENT,
     segments: int | None = None,
 ) -> Int[Array, ""]:
-    """An index into `pdssjax.integration.FAILURES` for `measured` of the same; 0 where it works."""
+    """An index into `pdssjax.integration.FAILURES` for `sensor_samples` of the same; 0 where it works."""
     if segments is not None and is_closed(system):
         return jnp.zeros((), int)
     return integrate(system, times[-1], accuracy, output.components(system)).failure

@@ -11,7 +11,7 @@ from ..core import Figure, InputError, need_double_precision, presenter
 from ..drive.base import AbstractDrive
 from ..integration import FAILURES, Accuracy, visit
 from ..piezo.base import AbstractPiezo
-from .sensor_output import from_rest, measured
+from .sensor_output import from_rest, sensor_samples
 from .steady_cycles import steady_system
 from .systems.platform_only import PlatformOnly
 from .systems.stick_slip import StickSlip
@@ -161,4 +161,4 @@ def platform(
 
     **Arguments:** `segments` is how many segments of the drive the times may reach into.
     """
-    return measured(PlatformOnly(DrivenPlatform(piezo), drive), times, Accuracy(), segments=segments)
+    return sensor_samples(PlatformOnly(DrivenPlatform(piezo), drive), times, Accuracy(), segments=segments)

@@ -1,9 +1,9 @@
 """The prediction of a record: the system that moves in it, and what the sensor shows of that.
 
-A setup makes the hybrid system of a record out of the numbers of the rig, `pdssjax.simulation.measured` integrates it
-(one known in closed form only where it must) and shows its samples.  Records that share a shape (`record_groups`) are
-run one after the other in one compiled function; the leaves of a setup are numbers, so that those whose setups differ
-in nothing else share it.
+A setup makes the hybrid system of a record out of the numbers of the rig; `pdssjax.simulation.sensor_samples`
+integrates it (or takes its closed form) and shows, at the sample times, what its `Output` names: of `DISPLACEMENT`
+the system's `shown_displacement`.  Records that share a shape (`record_groups`) are run one after the other in one
+compiled function; the leaves of a setup are numbers, so that those whose setups differ in nothing else share it.
 """
 
 import abc
@@ -29,7 +29,7 @@ from ..simulation import (
     PlatformOnly,
     PrescribedMotion,
     StickSlip,
-    measured,
+    sensor_samples,
     why_failed,
 )
 from .conditions import under_conditions
@@ -186,7 +186,7 @@ class Predictor(eqx.Module):
 
         Those that are not `used` are not simulated, and zero; None for all.
         """
-        rows = _of_each_record(measured, self, values, accuracy, used)
+        rows = _of_each_record(sensor_samples, self, values, accuracy, used)
         return [row[:samples] for row, samples in zip(rows, self.samples, strict=True)]
 
 
@@ -209,7 +209,7 @@ def _of_each_record(
     accuracy: Accuracy,
     used: Bool[Array | np.ndarray, " records"] | None = None,
 ) -> list[Array]:
-    """What `ask`, `measured` or `why_failed`, gives of each record, in the order of the records; 0 if not `used`."""
+    """What `ask` (`sensor_samples`, `why_failed`) gives of each record, in the order of the records; 0 if not used."""
     found: dict[int, Array] = {}
     for group in predictor.groups:
         asked = None if used is None else jnp.asarray(used)[jnp.asarray(group.places)]

@@ -1,4 +1,7 @@
-"""A study: the actuator's models, its parameters and the records to explain."""
+"""A study: the actuator's models, its parameters and the records to explain.
+
+Of its numbers by path `Models` makes the actuator, and the `Predictor` the samples of every record.
+"""
 
 import dataclasses
 import functools

@@ -19,7 +19,7 @@ from pdssjax.friction.simplified_lugre import SimplifiedLuGre
 from pdssjax.integration import integrate, states_at
 from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.piezo.static import Static
-from pdssjax.simulation import STOP_FORCE, PlatformOnly, StickSlip, measured
+from pdssjax.simulation import STOP_FORCE, PlatformOnly, StickSlip, sensor_samples
 
 UM = 1e6
 DRIVE = Sawtooth(64.0, 50.0, 5e-4)
@@ -61,7 +61,7 @@ def seen_and_slope(bandwidth, delay, on_platform, direction):
     actuator = Actuator(SecondOrder(), SimplifiedLuGre())
 
     def shown(bandwidth, delay):
-        return measured(StickSlip(actuator, DRIVE, Sensor(bandwidth, delay), on_platform), TIMES, Accuracy())
+        return sensor_samples(StickSlip(actuator, DRIVE, Sensor(bandwidth, delay), on_platform), TIMES, Accuracy())
 
     return jax.jvp(shown, (bandwidth, delay), direction)
 
@@ -72,7 +72,7 @@ def seen(bandwidth, delay, on_platform):
 
 @jax.jit
 def seen_unloaded(bandwidth, delay):
-    return measured(
+    return sensor_samples(
         PlatformOnly(Actuator(SecondOrder(), SimplifiedLuGre()).driven_platform, DRIVE, Sensor(bandwidth, delay)),
         TIMES,
         Accuracy(),
@@ -110,7 +110,7 @@ def test_the_delay_shifts_the_record():
 def test_a_jump_of_the_platform_is_shown_low_passed():
     volts, bandwidth, times = 60.0, 100.0, np.linspace(0.0, 0.01, 101)
     platform = PlatformOnly(DrivenPlatform(Static()), Step(volts), Sensor(bandwidth))
-    shown = jax.jit(lambda times: measured(platform, times, Accuracy()))(jnp.asarray(times))
+    shown = jax.jit(lambda times: sensor_samples(platform, times, Accuracy()))(jnp.asarray(times))
     expected = Static().gain * volts * (1.0 - np.exp(-2.0 * np.pi * bandwidth * times))
     np.testing.assert_allclose(shown, expected, rtol=0.0, atol=1e-12)
 
@@ -171,7 +171,7 @@ def test_a_contact_that_rests_before_it_touches_wakes_and_is_differentiated(stif
         drive = Sawtooth(64.0, 5.0, 5e-4)
         actuator = Actuator(SecondOrder(), AnisotropicLuGre(), stop=Stop(stiffness=k))
         system = StickSlip(actuator, drive, Sensor(filters=False))
-        return measured(system, times, Accuracy(max_steps=16000), STOP_FORCE)
+        return sensor_samples(system, times, Accuracy(max_steps=16000), STOP_FORCE)
 
     step = 3e-5 * stiffness
     differences = (np.asarray(force(stiffness + step)) - np.asarray(force(stiffness - step))) / (2 * step)

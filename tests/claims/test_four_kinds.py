@@ -18,7 +18,7 @@ from pdssjax.drive.step import Step
 from pdssjax.inference import guess_starts
 from pdssjax.integration import TIGHT
 from pdssjax.piezo.second_order import SecondOrder
-from pdssjax.simulation import PlatformOnly, measured
+from pdssjax.simulation import PlatformOnly, sensor_samples
 from pdssjax.study import make_recordings
 
 
@@ -116,7 +116,7 @@ def behind_an_amplifier(bandwidth, tolerance, settle_tolerance):
     """The platform [m], and its derivative by the bandwidth."""
     accuracy, times = Accuracy(tolerance, settle_tolerance), jnp.linspace(0.0, 0.02, 80)
     system = lambda bandwidth: PlatformOnly(DrivenPlatform(SecondOrder(), Amplifier(bandwidth)), Step(60.0))
-    motion = lambda bandwidth: measured(system(bandwidth), times, accuracy)
+    motion = lambda bandwidth: sensor_samples(system(bandwidth), times, accuracy)
     return jax.jvp(motion, (bandwidth,), (jnp.ones(()),))
 
 

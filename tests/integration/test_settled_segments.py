@@ -17,7 +17,7 @@ from pdssjax.friction.simplified_lugre import SimplifiedLuGre
 from pdssjax.integration import SETTLED, TIGHT, integrate, sensitivities
 from pdssjax.piezo.bouc_wen import BoucWen
 from pdssjax.piezo.second_order import SecondOrder
-from pdssjax.simulation import DISPLACEMENT, STOP_FORCE, PlatformOnly, StickSlip, measured
+from pdssjax.simulation import DISPLACEMENT, STOP_FORCE, PlatformOnly, StickSlip, sensor_samples
 
 TIMES = np.concatenate([np.linspace(1e-4, 0.02, 50), np.linspace(0.03, 0.4, 50)])
 WALK = Sawtooth(60.0, 2.0, 1e-3)
@@ -49,7 +49,7 @@ def test_derivatives_stay_right_after_the_transient(system, value, output, resol
     @jax.jit
     def shown(factor, tolerance, settle_tolerance):
         accuracy = Accuracy(tolerance, settle_tolerance, max_steps=40_000)
-        motion = lambda factor: measured(system(value * factor), jnp.asarray(TIMES), accuracy, output)
+        motion = lambda factor: sensor_samples(system(value * factor), jnp.asarray(TIMES), accuracy, output)
         return jax.jvp(motion, (factor,), (jnp.ones(()),))
 
     usual, step = Accuracy(), 1e-4

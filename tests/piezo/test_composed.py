@@ -21,7 +21,7 @@ from pdssjax.drive.sine import Sine
 from pdssjax.friction.simplified_lugre import SimplifiedLuGre
 from pdssjax.piezo import Composition
 from pdssjax.piezo._composition import composition_of
-from pdssjax.simulation import DISPLACEMENT, VELOCITY, PlatformOnly, StickSlip, measured
+from pdssjax.simulation import DISPLACEMENT, VELOCITY, PlatformOnly, StickSlip, sensor_samples
 
 TIMES = np.arange(61) * 5e-3
 VOLTS = 20.0 + 15.0 * np.sin(2 * np.pi * 7.0 * TIMES) + 6.0 * np.sin(2 * np.pi * 19.0 * TIMES)
@@ -58,11 +58,11 @@ def made(name):
 def shown(stack, times, tight=False):
     system = PlatformOnly(DrivenPlatform(stack), Sampled(TIMES, VOLTS))
     accuracy = Accuracy(tolerance=1e-13, max_steps=20000) if tight else Accuracy(max_steps=20000)
-    return measured(system, times, accuracy, segments=TIMES.size + 1)
+    return sensor_samples(system, times, accuracy, segments=TIMES.size + 1)
 
 
 def shown_at(stack, drive, times):
-    return measured(PlatformOnly(DrivenPlatform(stack), drive), times, Accuracy(), segments=6)
+    return sensor_samples(PlatformOnly(DrivenPlatform(stack), drive), times, Accuracy(), segments=6)
 
 
 @cache
@@ -165,7 +165,9 @@ def test_what_rides_on_a_composed_stack_moves_as_scipy_makes_it_move(name):
     friction, mass = SimplifiedLuGre(sigma0=3e3, sigma1=2.0, f_ss=2e-3), 0.1
     system = StickSlip(Actuator(stack, friction, Effector(mass), feedback=True), Sampled(TIMES, VOLTS))
     times = np.linspace(0.0, TIMES[-1], 97)
-    run = jax.jit(lambda system, times: measured(system, times, Accuracy(max_steps=20000), segments=TIMES.size + 1))
+    run = jax.jit(
+        lambda system, times: sensor_samples(system, times, Accuracy(max_steps=20000), segments=TIMES.size + 1)
+    )
     found = np.asarray(run(system, jnp.asarray(times)))
 
     fine = np.linspace(0.0, TIMES[-1], 60 * 96 + 1)
@@ -202,7 +204,7 @@ def test_creep_after_a_step_follows_its_closed_form():
     times = np.geomspace(1e-3, 5.0, 40)
     system = PlatformOnly(DrivenPlatform(stack), Sampled([0.0, 10.0], [50.0, 50.0]))
     crept = sum(k * (1.0 - np.exp(-times / t)) for k, t in ((2e-9, 0.01), (3e-9, 0.1), (1e-9, 1.0)))
-    found = measured(system, jnp.asarray(times), Accuracy(), segments=3)
+    found = sensor_samples(system, jnp.asarray(times), Accuracy(), segments=3)
     np.testing.assert_allclose(found, 50.0 * (1e-7 + crept), rtol=1e-12)
 
 
@@ -288,7 +290,7 @@ WAVES = [Sine(30.0, 7.0), Sine(-25.0, 9.0, 20.0, 1.0), Cycloidal(30.0, 9.0, 4e-3
 def test_waves_are_followed_as_lines_as_fine_as_the_sensor_sees(name, drive, output, monkeypatch):
     times = jnp.linspace(0.0, 0.4, 301) + 1e-4
     system = PlatformOnly(DrivenPlatform(made(name)), drive)
-    seen = lambda accuracy: np.asarray(measured(system, times, accuracy, output, drive.segments(0.4)))
+    seen = lambda accuracy: np.asarray(sensor_samples(system, times, accuracy, output, drive.segments(0.4)))
     lines = seen(Accuracy())
     monkeypatch.setattr(PlatformOnly, "has_closed_states", lambda _: False)
     stepped = seen(Accuracy(tolerance=1e-13, max_steps=20000))
@@ -311,7 +313,7 @@ def test_derivatives_under_waves_agree_with_differences():
     @jax.jit
     def of(x):
         stack, drive = jax.tree.unflatten(tree, [x[i] * scale[i] for i in range(len(leaves))])
-        return measured(PlatformOnly(DrivenPlatform(stack), drive), times, Accuracy(), segments=5)
+        return sensor_samples(PlatformOnly(DrivenPlatform(stack), drive), times, Accuracy(), segments=5)
 
     jacobian = np.asarray(jax.jit(jax.jacfwd(of))(numbers / scale))
     step = 1e-5

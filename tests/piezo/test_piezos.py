@@ -28,7 +28,7 @@ from pdssjax.piezo.distributed_rod import DistributedRod
 from pdssjax.piezo.maxwell_slip import MaxwellSlip
 from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.piezo.static import Static
-from pdssjax.simulation import PlatformOnly, displacements, measured, platform
+from pdssjax.simulation import PlatformOnly, displacements, platform, sensor_samples
 
 SHARES, THRESHOLDS = (0.08, 0.06, 0.05, 0.04), (4.0, 10.0, 18.0, 28.0)
 PIEZOS = {
@@ -69,7 +69,7 @@ def moved(piezo, drive, times, tolerance, settle_tolerance):
     """The platform alone [m]; compiled once for a piezo and a waveform, whatever the numbers."""
     assert times.shape == (97,)
     system = PlatformOnly(DrivenPlatform(piezo), drive)
-    return measured(system, times, Accuracy(tolerance, settle_tolerance))
+    return sensor_samples(system, times, Accuracy(tolerance, settle_tolerance))
 
 
 USUAL, FINE = ((a.tolerance, a.settle_tolerance) for a in (Accuracy(), TIGHT))
@@ -109,7 +109,7 @@ def test_the_platform_has_the_derivatives_of_central_differences_in_every_number
     model = PIEZOS[name][0]
     nominal = numbers_of(model())
     times = jnp.linspace(1e-3, 0.05, 40)
-    motion = lambda scale: measured(
+    motion = lambda scale: sensor_samples(
         PlatformOnly(
             DrivenPlatform(model(**{f: x * scale[i] for i, (f, x) in enumerate(nominal.items())})), DRIVES[drive][0]
         ),

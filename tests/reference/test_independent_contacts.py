@@ -11,7 +11,7 @@ from test_independent_laws import LAWS
 
 from pdssjax import Accuracy
 from pdssjax.core import member
-from pdssjax.simulation import FRICTION_FORCE, PrescribedMotion, measured
+from pdssjax.simulation import FRICTION_FORCE, PrescribedMotion, sensor_samples
 
 LEGS = 60
 PARTS = (0.02, 0.3, 0.95)
@@ -31,7 +31,7 @@ ROUNDED = {"stribeck, tustin": 3e-6}
 
 @jax.jit
 def shown(law, times, motion, seen):
-    return measured(PrescribedMotion(law, times, motion), seen, Accuracy(), FRICTION_FORCE)
+    return sensor_samples(PrescribedMotion(law, times, motion), seen, Accuracy(), FRICTION_FORCE)
 
 
 def zigzag(seed):

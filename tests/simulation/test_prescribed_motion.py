@@ -10,7 +10,7 @@ from pdssjax.friction.coulomb import Coulomb
 from pdssjax.friction.dahl import Dahl
 from pdssjax.friction.generalized_maxwell_slip import GeneralizedMaxwellSlip
 from pdssjax.friction.simplified_lugre import SimplifiedLuGre
-from pdssjax.simulation import FRICTION_FORCE, PrescribedMotion, measured
+from pdssjax.simulation import FRICTION_FORCE, PrescribedMotion, sensor_samples
 
 TIMES = np.linspace(0.0, 1.0, 401)
 MOTION = 2e-6 * np.interp(TIMES, [0.0, 0.2, 0.6, 1.0], [0.0, 1.0, -1.0, 0.5])
@@ -19,7 +19,7 @@ MOTION = 2e-6 * np.interp(TIMES, [0.0, 0.2, 0.6, 1.0], [0.0, 1.0, -1.0, 0.5])
 
 @jax.jit
 def _force(law, times, motion):
-    return measured(PrescribedMotion(law, times, motion), times, Accuracy(), FRICTION_FORCE)
+    return sensor_samples(PrescribedMotion(law, times, motion), times, Accuracy(), FRICTION_FORCE)
 
 
 def force(law, times=TIMES, motion=MOTION) -> np.ndarray:
@@ -77,7 +77,7 @@ def test_elements_that_slip_at_their_limit_have_finite_and_right_derivatives():
     def run(strength):
         law = GeneralizedMaxwellSlip(weakened=1.0, strength_1=strength)
         contact = PrescribedMotion(law, jnp.asarray(TIMES), jnp.asarray(MOTION))
-        return measured(contact, jnp.asarray(TIMES), Accuracy(), FRICTION_FORCE)
+        return sensor_samples(contact, jnp.asarray(TIMES), Accuracy(), FRICTION_FORCE)
 
     # Not quite the nominal strength: there elements let go exactly at a sample, where the derivative jumps.
     compiled, strength, step = jax.jit(run), 1.0371 * GeneralizedMaxwellSlip().strength_1, 1e-7

@@ -17,7 +17,7 @@ from pdssjax.simulation import (
     STOP_FORCE,
     VELOCITY,
     Output,
-    measured,
+    sensor_samples,
     why_failed,
 )
 
@@ -81,7 +81,7 @@ def height(times):
 def test_a_stone_is_shown_as_it_falls_and_later_only_where_there_is_a_sensor_that_is_late(output, delay, late):
     def shown(gravity):
         system = Stone(gravity) if delay is None else WatchedStone(gravity, Late(delay))
-        return measured(system, jnp.asarray(TIMES), USUAL, output)
+        return sensor_samples(system, jnp.asarray(TIMES), USUAL, output)
 
     np.testing.assert_allclose(jax.jit(shown)(9.81), height(TIMES - late), rtol=0.0, atol=1e-13)
 
@@ -102,6 +102,6 @@ def test_what_cannot_be_integrated_is_shown_as_nan_and_the_reason_is_told():
 
 @pytest.mark.parametrize("derivative", [jax.jacfwd, jax.jacrev])
 def test_what_cannot_be_integrated_has_no_derivative_either(derivative):
-    slope = jax.jit(derivative(lambda gravity: measured(Stone(gravity), jnp.asarray(TIMES), USUAL, HEIGHT)))
+    slope = jax.jit(derivative(lambda gravity: sensor_samples(Stone(gravity), jnp.asarray(TIMES), USUAL, HEIGHT)))
     np.testing.assert_allclose(slope(9.81), np.where(TIMES < 0.0, 0.0, -0.5 * TIMES**2), rtol=0.0, atol=1e-13)
     assert np.isnan(slope(np.nan)).all()

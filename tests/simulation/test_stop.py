@@ -10,7 +10,7 @@ from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.friction.coulomb import Coulomb
 from pdssjax.integration import SETTLED
 from pdssjax.piezo.second_order import SecondOrder
-from pdssjax.simulation import STOP_FORCE, StickSlip, measured
+from pdssjax.simulation import STOP_FORCE, StickSlip, sensor_samples
 
 C, W, XI, SLOPE = 1.007e-7, 6736.0, 0.1772, 320.0
 STIFFNESS, DISSIPATION = 1e5, 10.0
@@ -25,7 +25,7 @@ def stopped(gap):
 @jax.jit
 def push(gap):
     """Force on the stop [N] and its derivative by the gap."""
-    shown = lambda gap: measured(
+    shown = lambda gap: sensor_samples(
         StickSlip(stopped(gap), Sawtooth(SLOPE / 5.0, 5.0)), jnp.asarray(TIMES), Accuracy(), STOP_FORCE
     )
     return shown(gap), jax.jacfwd(shown)(gap)

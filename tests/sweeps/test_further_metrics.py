@@ -18,7 +18,7 @@ from pdssjax.friction.stribeck import Stribeck
 from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.report.figures import directions_figure
 from pdssjax.report.text import format_sweep
-from pdssjax.simulation import STOP_FORCE, StickSlip, measured
+from pdssjax.simulation import STOP_FORCE, StickSlip, sensor_samples
 from pdssjax.sweeps import FURTHER, Listed, compared_directions, execution, plan_sweep
 from pdssjax.sweeps.cycles.numbered import Numbered
 from pdssjax.sweeps.cycles.peak_friction import peak_friction
@@ -264,7 +264,7 @@ def test_the_output_force_is_that_of_a_single_run_against_the_stop(study):
         for count, apart in ((6, 1e-6), (401, 0.02)):
             parts = np.linspace(0.751, 0.949, count)
             times = jnp.asarray(3.0 * period + fall + (period - fall) * parts)
-            pushed = np.asarray(measured(system, times, Accuracy(max_steps=20_000), STOP_FORCE))
+            pushed = np.asarray(sensor_samples(system, times, Accuracy(max_steps=20_000), STOP_FORCE))
             line = np.polyfit(parts - 1.0, pushed, 1)
             assert float(data.output_force[i]) == pytest.approx(line[1], rel=apart)
 
