@@ -1,4 +1,4 @@
-"""The chosen family members, and the actuator that they make of numbers."""
+"""The chosen family members, and the actuator that they make of numbers: "friction.sigma0" is the law's `sigma0`."""
 
 import json
 from collections.abc import Mapping

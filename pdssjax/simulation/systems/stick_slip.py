@@ -6,7 +6,8 @@ Relative motion d = y - x_e, v = d'.  With friction force F on the end-effector,
 
 the bracket with friction feedback (5.25), without it (5.27).  The free acceleration is that of the piezo
 (a member of `pdssjax.piezo`) under the voltage of the drive's segment, start + slope t_local, or under what an
-amplifier makes of it (`DrivenPlatform`).
+amplifier makes of it (`DrivenPlatform`).  A platform known in closed form is not integrated where nothing acts back on
+it (`exact`).
 
 The field is smooth while v keeps its sign.  At v = 0 the force may jump from F(-) to F(+): a set-valued law (Coulomb)
 and the switching parameters of (5.22) are both of this shape.  There the contact sticks, or v takes a sign
