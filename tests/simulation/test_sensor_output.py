@@ -95,7 +95,7 @@ def test_outputs_are_late_by_the_sensor_of_the_system_but_for_a_force_that_is_ta
 
 def test_what_cannot_be_integrated_is_shown_as_nan_and_the_reason_is_told():
     ask = lambda what: jax.jit(lambda gravity: what(Stone(gravity), jnp.asarray(TIMES), USUAL, HEIGHT))
-    assert np.isnan(ask(measured)(np.nan)).all()
+    assert np.isnan(ask(sensor_samples)(np.nan)).all()
     assert int(ask(why_failed)(9.81)) == 0
     assert FAILURES[int(ask(why_failed)(np.nan))] == "the motion did not stay finite"
 
