@@ -42,6 +42,3 @@ class AnisotropicLuGre(Law):
         s0, s1, f_ss = self.branch(way)
         elastic = s0 * z[0] if self.state == "deflection" else z[0]
         return elastic + s1 * (v - way * v * elastic / f_ss)
-
-
-CASES = {"deflection": AnisotropicLuGre(), "force": AnisotropicLuGre(state="force")}
