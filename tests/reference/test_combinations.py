@@ -22,7 +22,7 @@ from laws.reset_integrator import ResetIntegrator
 from scipy.integrate import solve_ivp
 
 from experiments.actuator_structure import SHARES, Structure
-from experiments.random_actuators import SLEWING, named
+from experiments.random_actuators import PULLED, SLEWING, named
 from pdssjax import AbstractDrive
 from pdssjax.core import quantities
 from pdssjax.integration import TIGHT
@@ -39,6 +39,7 @@ OUTPUTS = {
 AGREES = 5e-8
 """Part of a record's largest value to which both agree; of 160 actuators the worst is 1.6e-8 and the median 4e-11."""
 COMBINATIONS = [f"combination {number}" for number in range(60)]
+AT_REST = [name for name, structure in PULLED.items() if structure.rests_under_load]
 QUICK = "combination 7", "combination 18"
 """A displacement and an acceleration behind amplifiers, samples on a static stack and a step on a second-order one."""
 
@@ -217,4 +218,10 @@ def test_the_package_moves_every_combination_alike(name):
 @pytest.mark.parametrize("name", SLEWING)
 def test_the_package_moves_what_slews_alike(name):
     """A velocity that jumps begins a slip, and a smooth return ends it."""
+    agrees(name, (0, 1))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", AT_REST)
+def test_the_package_moves_what_rested_under_its_load_alike(name):
     agrees(name, (0, 1))

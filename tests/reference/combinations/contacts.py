@@ -1,19 +1,11 @@
 """The laws of `laws` as contacts of a combination: by the package's name and numbers."""
 
 import dataclasses
+import importlib
 import math
 from typing import Any
 
 from independent_friction import Law
-from laws.anisotropic_lugre import AnisotropicLuGre
-from laws.bliman_sorine import BlimanSorine
-from laws.coulomb import Coulomb
-from laws.dahl import Dahl
-from laws.elastoplastic import Elastoplastic
-from laws.generalized_maxwell_slip import GeneralizedMaxwellSlip
-from laws.lugre import LuGre
-from laws.reset_integrator import ResetIntegrator
-from laws.simplified_lugre import SimplifiedLuGre
 from laws.stribeck import Stribeck
 
 ROUNDING = 1e-3
@@ -32,23 +24,19 @@ class RoundedStribeck(Stribeck):
         return self.f_c + (self.f_s - self.f_c) * weakening
 
 
-LAWS: dict[str, type[Law]] = {
-    "anisotropic-lugre": AnisotropicLuGre,
-    "bliman-sorine": BlimanSorine,
-    "coulomb": Coulomb,
-    "dahl": Dahl,
-    "elastoplastic": Elastoplastic,
-    "generalized-maxwell-slip": GeneralizedMaxwellSlip,
-    "lugre": LuGre,
-    "reset-integrator": ResetIntegrator,
-    "simplified-lugre": SimplifiedLuGre,
-    "stribeck": RoundedStribeck,
-}
+def law_class(name: str) -> Any:
+    """The law that a file of `laws` defines, such as "elastoplastic"."""
+    if name == "stribeck":
+        return RoundedStribeck
+    module = importlib.import_module(f"laws.{name.replace('-', '_')}")
+    classes = [thing for thing in vars(module).values() if isinstance(thing, type) and issubclass(thing, Law)]
+    (law,) = (thing for thing in classes if thing.__module__ == module.__name__)
+    return law
 
 
 def contact_of(name: str, numbers: dict[str, Any]) -> Law:
     """A law with all its numbers, which have to be given: the nominal ones of `laws` are others than the package's."""
-    law: Any = LAWS[name]
+    law = law_class(name)
     needed = {field.name for field in dataclasses.fields(law)} - {"state"}
-    assert needed <= set(numbers), f"{name} has no number for {needed - set(numbers)}"
+    assert needed <= set(numbers), f"{name} needs {needed - set(numbers)}"
     return law(**numbers)

@@ -13,8 +13,8 @@ import numpy as np
 from combinations.hysteresis import Piece
 from combinations.rig import Rig
 
-POSITION, VELOCITY, CREEP, VOLTS, NEWTONS = 1e-19, 1e-16, 1e-20, 1e-19, 1e-14
-"""Absolute tolerances [m], [m/s], of creep [V] and [m], and of a sensor of motion [m] and of force [N]."""
+POSITION, VELOCITY, CREEP, FORCE = 1e-19, 1e-16, 1e-20, 1e-14
+"""Absolute tolerances of positions [m], velocities [m/s], displacements by creep [m] and the stop's force [N]."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,13 +69,14 @@ class Equations:
     def tolerances(self) -> np.ndarray:
         """Absolute tolerance of every state."""
         stack = self.rig.stack
-        creep = CREEP if stack.creep_scale == 1 else VOLTS / stack.creep_scale
+        creep = CREEP if stack.creep_scale == 1 else POSITION / stack.creep_scale
         motion = [[], [POSITION], [POSITION, VELOCITY]]
         contact = [*motion[2], *self.law.atol] if self.law else []
-        sensor = [NEWTONS if self.rig.stop else POSITION] if self.rig.sensor else []
+        sensor = [FORCE if self.rig.stop else POSITION] if self.rig.sensor else []
         return np.array([*motion[self.dynamics.order], *[creep] * len(stack.creep), *contact, *sensor])
 
     def platform(self, t: float, x, piece: Piece) -> Platform:
+        """The platform of a stack that no force is felt by."""
         stack, dynamics = self.rig.stack, self.dynamics
         u, du, ddu = piece.voltage.at(t)
         e = piece.expression.at(u)
@@ -139,7 +140,8 @@ class Equations:
         z, v = x[self.contact : self.sensor], platform.dy - x[self.effector + 1]
         return self.law.room(z, mode.form, self.slid(platform.y, x, mode), v, mode.way)
 
-    def rates(self, t: float, x, piece: Piece, mode: Mode) -> list[float]:
+    def rates(self, t: float, x: np.ndarray, piece: Piece, mode: Mode) -> list[float]:
+        """x'"""
         x = x.tolist()
         rig, rates = self.rig, [0.0] * self.size
         platform = self.platform(t, x, piece)

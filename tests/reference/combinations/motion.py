@@ -5,11 +5,12 @@ It shares no line with the package. Voltage and hysteresis are known in closed f
 power series, no flags for fast sliding, no steady states, no repetition of cycles.
 """
 
+import dataclasses
 from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
-from combinations.equations import Equations, Mode
+from combinations.equations import Equations
 from combinations.hysteresis import Piece
 from combinations.rig import Rig
 from combinations.roots import EXACT, crossing
@@ -85,12 +86,13 @@ class Motion:
     def begin(self, piece: Piece) -> None:
         """What the corner at the begin of a piece makes of state and mode."""
         now = piece.voltage.begin
-        jump = self.equations.platform(now, self.state.tolist(), piece).y - self.platform_end
         if self.equations.dynamics.order == 0:
-            self.mode = Mode(self.mode.way, self.mode.form, self.mode.touches, self.mode.skipped + jump)
+            jump = self.equations.platform(now, self.state.tolist(), piece).y - self.platform_end
+            self.mode = dataclasses.replace(self.mode, skipped=self.mode.skipped + jump)
         self.state, self.mode = self.transitions.at_piece(now, self.state, piece, self.mode, self.relative_velocity)
 
     def rates(self, piece: Piece) -> Callable[[float, np.ndarray], list[float]]:
+        """The right side of the present mode."""
         mode = self.mode
         return lambda t, x: self.equations.rates(t, x, piece, mode)
 

@@ -45,6 +45,8 @@ class Sensor:
 
 @dataclasses.dataclass(frozen=True)
 class Rig:
+    """What moves, and what is shown of it."""
+
     drive: tuple[str, dict[str, Any]]
     """Kind and numbers of the waveform."""
     stack: Stack

@@ -55,16 +55,19 @@ def rod(numbers: dict[str, float], strain: float) -> tuple[float, Dynamics]:
 
 @dataclasses.dataclass
 class Stack:
+    """A stack with the platform that it carries."""
+
     dynamics: Dynamics
     hysteresis: Elements | BoucWen
     """As it is before anything has moved."""
     creep: list[tuple[float, float]] = dataclasses.field(default_factory=list)
     """(share, time [s]) of each element."""
     creep_scale: float = 1.0
-    """What the elements of creep add per unit: C [m/V], or 1 where their shares are [m/V]."""
+    """What a unit of their states adds: C [m/V] where those are voltages; of a rod's displacements the mode's share."""
 
     @property
     def states(self) -> int:
+        """How many: y and y' as far as the dynamics have them, and creep."""
         return self.dynamics.order + len(self.creep)
 
     def pieces(self, path: list[Stretch]) -> list[Piece]:

@@ -14,6 +14,8 @@ JUMP = 1e-13
 
 
 class Transitions:
+    """State and mode where the equations change."""
+
     def __init__(self, equations: Equations):
         self.equations, self.law = equations, equations.law
 
@@ -26,6 +28,7 @@ class Transitions:
         return dataclasses.replace(mode, way=way, form=form)
 
     def contact_state(self, x: np.ndarray) -> list[float]:
+        """The law's part of the state."""
         return x[self.equations.contact : self.equations.sensor].tolist()
 
     def carried(self, t: float, x: np.ndarray, piece: Piece) -> np.ndarray:

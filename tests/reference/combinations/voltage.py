@@ -51,6 +51,7 @@ class Stretch:
 
     @property
     def straight(self) -> bool:
+        """A line, which does not turn."""
         return not self.amplitude and not self.rest
 
 
@@ -61,6 +62,8 @@ def ideal(segments: list[Segment]) -> list[Stretch]:
 
 @dataclasses.dataclass(frozen=True)
 class Amplifier:
+    """A low-pass whose output cannot change faster than its slew rate."""
+
     bandwidth: float = 5e3
     """[Hz]"""
     slew: float = 1e9
