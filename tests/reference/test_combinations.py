@@ -37,7 +37,7 @@ OUTPUTS = {
     STOP_FORCE: "stop_force",
 }
 AGREES = 5e-8
-"""Part of a record's largest value to which both agree; of 160 actuators the worst is 1.6e-8 and the median 4e-11."""
+"""Part of a record's largest value to which both agree; of 136 actuators the worst is 1.6e-8 and the median 4e-11."""
 COMBINATIONS = [f"combination {number}" for number in range(60)]
 AT_REST = [name for name, structure in PULLED.items() if structure.rests_under_load]
 QUICK = "combination 7", "combination 18"

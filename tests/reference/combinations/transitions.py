@@ -40,9 +40,8 @@ class Transitions:
     def from_rest(self, t: float, x: np.ndarray, piece: Piece, mode: Mode, before: int) -> int:
         """The direction that follows v = 0, where the slide was in the direction `before`; 0 sticks."""
         x = self.carried(t, x, piece)
-        upper, lower = self.equations.sticking_margins(t, x.tolist(), piece, mode) if before else (0.0, 0.0)
-        if not before:
-            upper, lower = self.margins_ahead(t, x, piece, mode)
+        at_once = self.equations.sticking_margins
+        upper, lower = at_once(t, x.tolist(), piece, mode) if before else self.margins_ahead(t, x, piece, mode)
         if upper >= 0 and lower >= 0:
             return 0 if self.law.sticks or (upper > 0 and lower > 0) else (-before or 1)
         if upper < 0 and lower < 0:
