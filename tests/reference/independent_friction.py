@@ -1,4 +1,6 @@
-"""The interface of friction laws written from their equations alone, for `independent_laws` to simulate: plain floats.
+"""The interface of friction laws written from their equations alone: plain floats.
+
+`independent_laws` simulates them on one stack, `combinations` on every stack, amplifier and stop.
 
 A law of the package, `pdssjax/friction/NAME.py`, has its second self in `laws/NAME.py`: one class and CASES, by what
 is special of each.
@@ -16,6 +18,8 @@ class Law:
 
     atol: tuple[float, ...] = ()
     """Absolute tolerance of each continuous state."""
+    sticks = False
+    """At v = 0 it may hold with any force between two bounds."""
     undamped = False
     """It rings on for hundreds of reversals a cycle, and the default accuracy leaves 1.3e-4 N after 500 of them."""
 
@@ -23,9 +27,17 @@ class Law:
         """The form before anything has moved."""
         return None
 
-    def turned(self, z, form, d, way) -> Any:
-        """The form with which a motion in the direction `way` begins at d."""
+    def turned(self, z, form, d, way, v=0.0) -> Any:
+        """The form with which a motion in the direction `way` begins at d; it may begin with a jump of v."""
         return form
+
+    def jumped(self, z, form, d, v, way) -> Any:
+        """The form after the relative velocity has jumped to v in the direction that it had."""
+        return form
+
+    def resting(self, force) -> tuple[list[float], Any]:
+        """State and form of a contact that has long rested under a friction force [N], as d = 0 has it."""
+        raise NotImplementedError
 
     def force(self, z, form, d, v, way) -> float:
         """Friction force on the end-effector [N]."""

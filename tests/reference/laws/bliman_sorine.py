@@ -26,7 +26,7 @@ class BlimanSorine(Law):
         first = way * f_1 + (first - way * f_1) * math.exp(-path / self.eta)
         return first, way * self.f_2 + (second - way * self.f_2) * math.exp(-path)
 
-    def turned(self, z, form, d, way):
+    def turned(self, z, form, d, way, v=0.0):
         return d, *self.parts(form, d), way
 
     def force(self, z, form, d, v, way):

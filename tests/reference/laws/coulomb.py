@@ -7,6 +7,8 @@ from independent_friction import Law
 
 @dataclasses.dataclass(frozen=True)
 class Coulomb(Law):
+    sticks = True
+
     f_c: float = 0.65
 
     def force(self, z, form, d, v, way):

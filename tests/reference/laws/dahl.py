@@ -19,7 +19,7 @@ class Dahl(Law):
     def born(self):
         return 0.0, 0.0, 1
 
-    def turned(self, z, form, d, way):
+    def turned(self, z, form, d, way, v=0.0):
         return d, self.force(z, form, d, 0.0, form[2]), way
 
     def force(self, z, form, d, v, way):

@@ -1,8 +1,10 @@
 """Generalized Maxwell slip friction, from its equations alone."""
 
 import dataclasses
+import math
 
 from independent_friction import Law, curve
+from scipy.optimize import brentq
 
 
 @dataclasses.dataclass(frozen=True)
@@ -29,26 +31,42 @@ class GeneralizedMaxwellSlip(Law):
     def _limits(self):
         return self.strength_1, self.strength_2, self.strength_3, self.strength_4
 
+    def left(self, v):
+        """The part of the breakaway force that is left at v."""
+        return curve(v, self.weakened, 1.0, self.v_s)
+
     def born(self):
         return (False,) * 4
 
-    def turned(self, z, form, d, way):
+    def turned(self, z, form, d, way, v=0.0):
+        left = self.left(v)
         springs = zip(z, self._springs(), self._limits(), strict=True)
-        return tuple(bool(way * k * x >= w * (1 - 1e-12)) for x, k, w in springs)
+        return tuple(bool(way * k * x >= left * w * (1 - 1e-12)) for x, k, w in springs)
+
+    def jumped(self, z, form, d, v, way):
+        # What slips goes on slipping up to the next turn, whatever its limit has become.
+        return tuple(a or b for a, b in zip(form, self.turned(z, form, d, way, v), strict=True))
+
+    def resting(self, force):
+        """Stretched from rest by the one displacement under which the springs carry the force."""
+        way, springs = math.copysign(1.0, force), list(zip(self._springs(), self._limits(), strict=True))
+        missing = lambda d: sum(min(k * d, w) for k, w in springs) - abs(force)
+        d = brentq(missing, 0.0, 1e-3, xtol=1e-22)
+        return [way * min(d, w / k) for k, w in springs], self.born()
 
     def force(self, z, form, d, v, way):
         return sum(k * x for k, x in zip(self._springs(), z, strict=True)) + self.sigma2 * v
 
     def flow(self, z, form, d, v, way):
         whole = sum(self._limits())
-        level = curve(v, self.weakened * whole, whole, self.v_s)
+        level = whole * self.left(v)
         rates = []
         for x, k, w, slips in zip(z, self._springs(), self._limits(), form, strict=True):
             rates.append(self.attraction * (way * w / whole - k * x / level) / k if slips else v)
         return rates
 
     def room(self, z, form, d, v, way):
-        left = curve(v, self.weakened, 1.0, self.v_s)
+        left = self.left(v)
         springs = zip(z, self._springs(), self._limits(), form, strict=True)
         return [1.0 if slips else left * w - way * k * x for x, k, w, slips in springs]
 

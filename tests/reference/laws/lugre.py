@@ -16,10 +16,14 @@ class LuGre(Law):
     atol = (1e-19,)
 
     def flow(self, z, form, d, v, way):
-        return [v - self.sigma0 * abs(v) * z[0] / curve(v, self.f_c, self.f_s, self.v_s)]
+        # Smooth beyond the end of a slide, too, where a step runs on before the event is found: not |v|.
+        return [v - self.sigma0 * way * v * z[0] / curve(v, self.f_c, self.f_s, self.v_s)]
 
     def force(self, z, form, d, v, way):
         return self.sigma0 * z[0] + self.sigma1 * self.flow(z, form, d, v, way)[0] + self.sigma2 * v
+
+    def resting(self, force):
+        return [force / self.sigma0], self.born()
 
 
 CASES = {"": LuGre(), "wide curve": LuGre(v_s=5e-3, f_s=0.75, sigma2=0.0)}

@@ -17,7 +17,7 @@ class ResetIntegrator(Law):
     def born(self):
         return 0.0, False
 
-    def turned(self, z, form, d, way):
+    def turned(self, z, form, d, way, v=0.0):
         zero_or_way, dragged = form
         # At the end of a slide in the other direction the bond begins to let up.
         return (d + way * self.f_c / self.sigma0, False) if dragged and zero_or_way != way else form
