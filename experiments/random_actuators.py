@@ -190,6 +190,25 @@ SLEWING = {
 
 But for the bristle law: of hundreds of bonds that snap in a slip each depends on the one before.
 """
+_PLAY = "composed:{}+play-2+asymmetry-2+creep-1"
+LET_GO = {
+    "coulomb on a static stack, amplifier that slews": Structure(
+        "coulomb", piezo="static", parts=("amplifier",), given={"amplifier.slew": 2e4}
+    ),
+    "stribeck on a static stack, amplifier that slews for long": Structure(
+        "stribeck", piezo="static", drive=Sawtooth(64.0, 20.0, 1e-2), parts=("amplifier",), given={"amplifier.slew": 5e3}
+    ),
+    "stribeck on a static stack with play, amplifier that slews": Structure(
+        "stribeck", piezo=_PLAY.format("static"), parts=("amplifier",), given={"amplifier.slew": 2e4}
+    ),
+    "coulomb on a stack of the first order with play": Structure(
+        "coulomb",
+        piezo=_PLAY.format("first-order"),
+        drive=Sawtooth(64.0, 20.0, 6e-3),
+        given={"friction.f_c": 0.2, "piezo.time_constant": 2e-5, "piezo.play_1": 4e-8, "piezo.play_2": 4e-8},
+    ),
+}
+"""A contact that sticks and is let go where the platform's acceleration jumps, at an event of amplifier or stack."""
 RINGING = {"coulomb, corners while it rings": Structure("coulomb", drive=Sawtooth(64.0, 20.0, 2e-3), cycles=3.0)}
 """A contact that sticks for good while the platform still rings at the next corner."""
 _OUTPUTS = {
@@ -254,5 +273,6 @@ STRUCTURES = (
     | PARTS
     | RECORDS
     | SLEWING
+    | LET_GO
     | RINGING
 )

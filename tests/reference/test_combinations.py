@@ -22,7 +22,7 @@ from laws.reset_integrator import ResetIntegrator
 from scipy.integrate import solve_ivp
 
 from experiments.actuator_structure import SHARES, Structure
-from experiments.random_actuators import PULLED, SLEWING, named
+from experiments.random_actuators import LET_GO, PULLED, SLEWING, named
 from pdssjax import AbstractDrive
 from pdssjax.core import quantities
 from pdssjax.integration import TIGHT
@@ -40,8 +40,8 @@ AGREES = 5e-8
 """Part of a record's largest value to which both agree; of 136 actuators the worst is 1.6e-8 and the median 4e-11."""
 COMBINATIONS = [f"combination {number}" for number in range(60)]
 AT_REST = [name for name, structure in PULLED.items() if structure.rests_under_load]
-QUICK = "combination 7", "combination 18"
-"""A displacement and an acceleration behind amplifiers, samples on a static stack and a step on a second-order one."""
+QUICK = "combination 7", "combination 18", next(iter(LET_GO))
+"""Behind amplifiers: samples on a static stack, the acceleration of a second-order one, and a contact that is let go."""
 
 
 def shown(piezo: str, drive: tuple[str, dict[str, Any]], numbers: dict[str, float], times=SEEN, **chosen: Any):
@@ -215,9 +215,9 @@ def test_the_package_moves_every_combination_alike(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", SLEWING)
+@pytest.mark.parametrize("name", SLEWING | LET_GO)
 def test_the_package_moves_what_slews_alike(name):
-    """A velocity that jumps begins a slip, and a smooth return ends it."""
+    """A velocity or an acceleration that jumps begins a slip, and a smooth return ends it."""
     agrees(name, (0, 1))
 
 

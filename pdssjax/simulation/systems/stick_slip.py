@@ -104,23 +104,26 @@ class StickSlip(AbstractHybridSystem):
         friction, driven_platform = self.actuator.friction, self.actuator.driven_platform
         laws = len(friction.guards(x.contact_state, x.v, mode))
         others = len(driven_platform.guards(segment, t_local, x.driven))
-        stopped = x._replace(v=jnp.zeros_like(x.v))
+        driven = driven_platform.after_event(segment, t_local, x.driven, which - 2 - laws) if others else x.driven
+        stopped = x._replace(v=jnp.zeros_like(x.v), driven=driven)
         following = mode_from_rest(self.actuator, segment, t_local, stopped, ended=mode)
         # A contact that stuck tells by its margin which way it goes, however slowly that begins.
         freed = jnp.where(which == 0, ADVANCING, RETREATING)
-        following = jnp.where(mode == STUCK, freed, following)
+        following = jnp.where((mode == STUCK) & (which < 2), freed, following)
         # A settled contact knows no guards but those of the platform and of the stop, which end its rest.
         turns = (which < 2) | (mode == SETTLED)
-        begins = turns & (jnp.abs(following) == 1.0)
+        # The platform's acceleration may jump at an event of its own, and past what holds a contact that stuck.
+        of_platform = (which >= 2 + laws) & (which < 2 + laws + others)
+        is_asked = turns | ((mode == STUCK) & of_platform)
+        begins = is_asked & (jnp.abs(following) == 1.0)
         contact = chosen(begins, friction.on_reversal(x.contact_state, following), x.contact_state)
         if laws:
             of_law = (which >= 2) & (which < 2 + laws)
             contact = chosen(of_law, friction.after_event(x.contact_state, x.v, mode, which - 2), contact)
         in_contact = tuple(jnp.where(which == 2 + laws + others, 1.0 - flag, flag) for flag in x.in_contact)
         x = x._replace(v=jnp.where(turns, 0.0, x.v), contact_state=contact, in_contact=in_contact)
-        following = jnp.where(turns, following, mode)
+        following = jnp.where(is_asked, following, mode)
         if others:
-            driven = driven_platform.after_event(segment, t_local, x.driven, which - 2 - laws)
             if driven_platform.state_jumps:
                 x, following = self._after_velocity_jump(x, following, driven)
             x = x._replace(driven=driven)
