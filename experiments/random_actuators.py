@@ -196,7 +196,11 @@ LET_GO = {
         "coulomb", piezo="static", parts=("amplifier",), given={"amplifier.slew": 2e4}
     ),
     "stribeck on a static stack, amplifier that slews for long": Structure(
-        "stribeck", piezo="static", drive=Sawtooth(64.0, 20.0, 1e-2), parts=("amplifier",), given={"amplifier.slew": 5e3}
+        "stribeck",
+        piezo="static",
+        drive=Sawtooth(64.0, 20.0, 1e-2),
+        parts=("amplifier",),
+        given={"amplifier.slew": 5e3},
     ),
     "stribeck on a static stack with play, amplifier that slews": Structure(
         "stribeck", piezo=_PLAY.format("static"), parts=("amplifier",), given={"amplifier.slew": 2e4}

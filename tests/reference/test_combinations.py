@@ -41,7 +41,7 @@ AGREES = 5e-8
 COMBINATIONS = [f"combination {number}" for number in range(60)]
 AT_REST = [name for name, structure in PULLED.items() if structure.rests_under_load]
 QUICK = "combination 7", "combination 18", next(iter(LET_GO))
-"""Behind amplifiers: samples on a static stack, the acceleration of a second-order one, and a contact that is let go."""
+"""Behind amplifiers: samples on a static stack, the acceleration of a second-order one, a contact that is let go."""
 
 
 def shown(piezo: str, drive: tuple[str, dict[str, Any]], numbers: dict[str, float], times=SEEN, **chosen: Any):
