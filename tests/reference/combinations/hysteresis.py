@@ -11,31 +11,34 @@ import math
 from combinations.roots import crossing
 from combinations.voltage import Stretch
 
+Curve = tuple[float, ...]
+"""k_2 [m/V^2], k_3 [m/V^3], ..."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Expression:
-    """e = k_0 + k_1 u + k_2 u^2 + k_b exp(rate (u - u_b)) [m]: what the stack aims at, but for creep."""
+    """e = k_0 + k_1 u + k_2 u^2 + ... + k_b exp(rate (u - u_b)) [m]: what the stack aims at, but for creep."""
 
     constant: float
     linear: float
-    quadratic: float
+    curve: Curve = ()
     factor: float = 0.0
     rate: float = 0.0
     origin: float = 0.0
 
     def at(self, u: float) -> float:
         """e [m]."""
-        e = self.constant + u * (self.linear + self.quadratic * u)
+        e = self.constant + u * self.linear + sum(k * u**n for n, k in enumerate(self.curve, 2))
         return e + self.factor * math.exp(self.rate * (u - self.origin)) if self.factor else e
 
     def derivatives(self, u: float, du: float, ddu: float) -> tuple[float, float]:
         """e' [m/s] and e'' [m/s^2] under u' [V/s] and u'' [V/s^2]."""
+        slope = self.linear + sum(n * k * u ** (n - 1) for n, k in enumerate(self.curve, 2))
+        bend = sum(n * (n - 1) * k * u ** (n - 2) for n, k in enumerate(self.curve, 2))
         if self.factor:
             x = self.factor * math.exp(self.rate * (u - self.origin))
-            slope = self.linear + 2 * self.quadratic * u + self.rate * x
-            return slope * du, slope * ddu + (2 * self.quadratic + self.rate * self.rate * x) * du * du
-        slope = self.linear + 2 * self.quadratic * u
-        return slope * du, slope * ddu + 2 * self.quadratic * du * du
+            slope, bend = slope + self.rate * x, bend + self.rate * self.rate * x
+        return slope * du, slope * ddu + bend * du * du
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,16 +50,16 @@ class Piece:
 
 
 class Elements:
-    """Stops s_i in parallel: e = k_1 u + k_2 u^2 - sum b_i s_i, s_i = clip(s_i + du, -r_i, r_i); with none, no loop.
+    """Stops s_i in parallel: e = k_1 u + k_2 u^2 + ... - sum b_i s_i, s_i = clip(s_i + du, -r_i, r_i).
 
     M. Goldfarb and N. Celanovic, J. Dynamic Systems, Measurement, and Control 119(3), 1997; u - s_i is a play, and
     a sum of those a Prandtl-Ishlinskii operator.
     """
 
-    def __init__(self, weights: list[float], thresholds: list[float], linear: float, quadratic: float = 0.0):
-        """Weights b_i [m/V], thresholds r_i [V], k_1 [m/V] and k_2 [m/V^2]."""
+    def __init__(self, weights: list[float], thresholds: list[float], linear: float, curve: Curve = ()):
+        """Weights b_i [m/V], thresholds r_i [V], k_1 [m/V] and the curve beyond it."""
         self.weights, self.thresholds = weights, thresholds
-        self.linear, self.quadratic = linear, quadratic
+        self.linear, self.curve = linear, curve
         self.stops = [0.0] * len(weights)
 
     def split(self, voltage: Stretch) -> list[Piece]:
@@ -86,7 +89,7 @@ class Elements:
             else:
                 constant -= b * (s - start)
                 linear -= b
-        return Expression(constant, linear, self.quadratic)
+        return Expression(constant, linear, self.curve)
 
     def pass_over(self, change: float) -> None:
         """The voltage runs a monotone way of `change` [V], or jumps by it."""
@@ -94,15 +97,15 @@ class Elements:
 
 
 class BoucWen:
-    """e = k_1 u + k_2 u^2 - c h, dh = (A - (beta +- gamma) h sign(du)) du, + while du and h are of one sign.
+    """e = k_1 u + k_2 u^2 + ... - c h, dh = (A - (beta +- gamma) h sign(du)) du, + while du and h are of one sign.
 
     T. S. Low and W. Guo, J. Microelectromechanical Systems 4(4), 1995. In terms of H = h sign(du) and the path of u,
     H tends exponentially to A / (beta +- gamma).
     """
 
-    def __init__(self, linear: float, quadratic: float, weight: float, slope: float, beta: float, gamma: float):
-        """k_1 [m/V], k_2 [m/V^2], c, A, beta [1/V] and gamma [1/V]."""
-        self.linear, self.quadratic, self.weight, self.slope = linear, quadratic, weight, slope
+    def __init__(self, linear: float, curve: Curve, weight: float, slope: float, beta: float, gamma: float):
+        """k_1 [m/V], the curve beyond it, c, A, beta [1/V] and gamma [1/V]."""
+        self.linear, self.curve, self.weight, self.slope = linear, curve, weight, slope
         self.loading, self.unloading = beta + gamma, beta - gamma
         self.h = 0.0
 
@@ -131,9 +134,7 @@ class BoucWen:
                 # h = way (A / rate + (H - A / rate) exp(-rate way (u - u_b)))
                 constant, factor = (-self.weight * way * x for x in (self.slope / rate, h - self.slope / rate))
                 exponential = factor, -rate * way, origin
-                pieces.append(
-                    Piece(voltage.part(a, b), Expression(constant, self.linear, self.quadratic, *exponential))
-                )
+                pieces.append(Piece(voltage.part(a, b), Expression(constant, self.linear, self.curve, *exponential)))
         self.pass_over(end - start)
         return pieces
 

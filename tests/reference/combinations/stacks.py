@@ -91,7 +91,6 @@ def composed(text: str, n: dict[str, float]) -> Stack:
     """A stack put together, such as static+play-8+creep-3."""
     first, *words = text.split("+")
     counts = {name: int(count or 1) for name, _, count in (word.rpartition("-") for word in map(with_count, words))}
-    assert counts.get("asymmetry", 1) <= 2
     dynamics, scale = STATIC, 1.0
     if first == "first-order":
         dynamics = Dynamics(1, time=n["time_constant"])
@@ -99,18 +98,18 @@ def composed(text: str, n: dict[str, float]) -> Stack:
         scale, dynamics = rod(n, 1.0 / n["stack_length"])
     elif first != "static":
         dynamics = oscillator(n)
-    gain, quadratic = n["gain"], n.get("asymmetry_2", 0.0)
+    gain, curve = n["gain"], tuple(scale * n[f"asymmetry_{j}"] for j in range(2, counts.get("asymmetry", 1) + 1))
     if "play" in counts or "maxwell-slip" in counts:
         word, count = ("play", counts["play"]) if "play" in counts else ("stop", counts["maxwell-slip"])
         weights = numbered(n, word, count)
         thresholds = [n[f"{word}_range"] * j / count for j in range(1, count + 1)]
         gain = gain + sum(weights) if word == "play" else gain
-        hysteresis = Elements([scale * b for b in weights], thresholds, scale * gain, scale * quadratic)
+        hysteresis = Elements([scale * b for b in weights], thresholds, scale * gain, curve)
     elif "bouc-wen" in counts:
         c = n["hysteresis"]
-        hysteresis = BoucWen(scale * (gain + c), scale * quadratic, scale * c, 1.0, n["beta"], n["gamma"])
+        hysteresis = BoucWen(scale * (gain + c), curve, scale * c, 1.0, n["beta"], n["gamma"])
     else:
-        hysteresis = Elements([], [], scale * gain, scale * quadratic)
+        hysteresis = Elements([], [], scale * gain, curve)
     creep = [(n[f"creep_{j}"], n["creep_time"] * 10.0 ** (j - 1)) for j in range(1, counts.get("creep", 0) + 1)]
     return Stack(dynamics, hysteresis, creep, scale)
 
@@ -134,7 +133,7 @@ def stack_of(kind: str, n: dict[str, float]) -> Stack:
         weights = [n["gain"] * share for share in numbered(n, "share", 4)]
         return Stack(oscillator(n), Elements(weights, numbered(n, "threshold", 4), n["gain"]))
     if kind == "bouc-wen":
-        loop = BoucWen(n["gain"], 0.0, 1.0, n["alpha"] * n["gain"], n["beta"], n["gamma"])
+        loop = BoucWen(n["gain"], (), 1.0, n["alpha"] * n["gain"], n["beta"], n["gamma"])
         return Stack(oscillator(n), loop)
     if kind == "distributed-rod":
         gain, mode = rod(n, n["strain"])
