@@ -22,7 +22,7 @@ from laws.reset_integrator import ResetIntegrator
 from scipy.integrate import solve_ivp
 
 from experiments.actuator_structure import SHARES, Structure
-from experiments.random_actuators import LET_GO, STRUCTURES, named
+from experiments.random_actuators import LET_GO, PUBLISHED, STRUCTURES, named
 from pdssjax import AbstractDrive
 from pdssjax.core import quantities
 from pdssjax.integration import TIGHT
@@ -40,9 +40,12 @@ AGREES = 5e-8
 """Part of a record's largest value to which both agree; of 136 actuators the worst is 1.6e-8 and the median 4e-11."""
 COMBINATIONS = [f"combination {number}" for number in range(60)]
 MOVED = [
-    name for name, structure in STRUCTURES.items() if structure.of != "contact" and structure.friction != "bristle"
+    name
+    for name, structure in STRUCTURES.items()
+    if structure.of != "contact" and structure.friction != "bristle" and name not in PUBLISHED
 ]
-"""Of every kind that a study can have, but for contacts moved as prescribed and the bristle law, which `laws` has."""
+"""Of every kind that a study can have, but for what `laws` and `independent` have: contacts moved as prescribed, the
+bristle law, the published actuators (at 5 Hz half a minute each)."""
 QUICK = "combination 7", "combination 18", next(iter(LET_GO))
 """Behind amplifiers: samples on a static stack, the acceleration of a second-order one, a contact that is let go."""
 
