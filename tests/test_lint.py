@@ -1,7 +1,12 @@
 """Commit hooks and CI run the same linters as `make lint`."""
 
+import ast
 import re
+import subprocess
+import sys
 from pathlib import Path
+
+import pytest
 
 ROOT = Path(__file__).parents[1]
 
@@ -19,3 +24,21 @@ def test_the_hooks_run_the_commands_of_make_lint():
 
 def test_ci_runs_make_lint():
     assert "\nmake lint\n" in (ROOT / ".ci/run").read_text(encoding="utf-8")
+
+
+def programs() -> dict[str, str]:
+    """The programs that benchmarks hand to fresh processes, which no linter sees: strings of several lines."""
+    found = {}
+    for path in sorted((ROOT / "benchmarks").rglob("*.py")):
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            text = node.value.value if isinstance(node, ast.Assign) and isinstance(node.value, ast.Constant) else None
+            if isinstance(text, str) and "\nimport " in text:
+                found[f"{path.stem} {ast.unparse(node.targets[0])}"] = text
+    return found
+
+
+@pytest.mark.parametrize("name", programs())
+def test_programs_for_fresh_processes_use_no_name_before_it_is_there(name):
+    command = [str(Path(sys.executable).with_name("ruff")), "check", "--isolated", "--select", "F821,F823", "-"]
+    run = subprocess.run(command, input=programs()[name], capture_output=True, text=True)
+    assert run.returncode == 0, run.stdout

@@ -18,10 +18,10 @@ _COMMAND = "import sys; from pdssjax.cli.main import main; sys.exit(main(sys.arg
 _FIT = """
 import json, time
 t0 = time.perf_counter()
-prepare_jax()
 import pdssjax
 from pdssjax.files import EXAMPLE
 from pdssjax import identify, prepare_jax
+prepare_jax()
 t1 = time.perf_counter()
 study = pdssjax.load_study(EXAMPLE / "study.toml")
 t2 = time.perf_counter()
