@@ -25,10 +25,19 @@ _FIT = "joint fit, starts 5 % off"
 
 
 def draw(curves: list[Curve], path: Path) -> bool:
-    """One panel a job; False where there is nothing to draw."""
+    """Saves the figure; False where there is nothing to draw."""
+    figure = panels(curves)
+    if figure is None:
+        return False
+    figure.savefig(path, dpi=150)
+    return True
+
+
+def panels(curves: list[Curve]) -> Figure | None:
+    """One panel a job, None without any."""
     jobs = [job for job in _LABELS if any(curve.job == job for curve in curves)]
     if not jobs:
-        return False
+        return None
     names = list(dict.fromkeys(curve.who for curve in curves if not _ours(curve) and curve.job != _FIT))
     columns = min(len(jobs), 2)
     rows = -(-len(jobs) // columns)
@@ -40,8 +49,7 @@ def draw(curves: list[Curve], path: Path) -> bool:
         _dress(axes, job)
     handles, labels = _legend(figure)
     figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
-    figure.savefig(path, dpi=150)
-    return True
+    return figure
 
 
 def _ours(curve: Curve) -> bool:
@@ -75,7 +83,9 @@ def _point(axes: Axes, curve: Curve, names: list[str]) -> None:
     else:
         colour = next((_THEIRS[i % len(_THEIRS)] for i, name in enumerate(names) if curve.who.endswith(name)), "black")
         axes.plot([error], [time], "o", color=colour)
-        axes.annotate(curve.who.split(",")[0], (error, time), xytext=(8, 0), color=colour, **beside)
+        to_the_left = curve.rungs[0].error < 1.0  # the axis runs from large errors to small ones
+        beside |= dict(xytext=(-8 if to_the_left else 8, 0), ha="right" if to_the_left else "left", color=colour)
+        axes.annotate(curve.who.split(",")[0], (error, time), **beside)
 
 
 def _dress(axes: Axes, job: str) -> None:
@@ -87,9 +97,7 @@ def _dress(axes: Axes, job: str) -> None:
         ends = np.log10(limits())
         if abs(ends[1] - ends[0]) < 2.0:  # whole decades, so that two ticks have numbers
             place(*np.power(10.0, np.where(ends == ends.min(), np.floor(ends), np.ceil(ends))))
-    if job == _FIT:
-        axes.set(xlim=(1.0, 0.005), ylim=(1e2, 1e5))
-    else:
+    if job != _FIT:
         axes.axvline(1e-3, color="0.6", linewidth=0.8, linestyle=":", zorder=0)
     axes.annotate("better", (0.98, 0.86), (0.87, 0.95), "axes fraction", arrowprops=dict(arrowstyle="->", color="0.5"))
     axes.grid(which="major", color="0.9", linewidth=0.6)

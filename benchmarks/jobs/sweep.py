@@ -20,7 +20,7 @@ import pdssjax
 
 from ..contest import contest
 from ..grid import Grid, grid
-from ..measure import Effort, Entry, Outcome, interleave, seconds_of
+from ..measure import Curve, Effort, Entry, Outcome, Rung, interleave, seconds_of
 from ..peers import peers
 from ..peers.base import AbstractPeer, Prepared
 from ..peers.c_floor import CFloor, simulate_grid
@@ -83,7 +83,9 @@ def measure(effort: Effort) -> Outcome:
     outcome.curves += met.curves
     outcome.lines += met.lines
     for peer in slow:
-        outcome.entries += _shared(peer.peer, what, effort)
+        entry, curve = _shared(peer.peer, what, effort)
+        outcome.entries.append(entry)
+        outcome.curves.append(curve)
     outcome.entries.append(_as_called(what, reference, effort))
     outcome.lines += _ratios(outcome.entries)
     grown = _growth(effort)
@@ -124,24 +126,24 @@ class _Whole(AbstractPeer):
         return self.peer.sweep(problem)  # pyright: ignore[reportArgumentType]
 
 
-def _shared(peer: AbstractPeer, what: Grid, effort: Effort) -> list[Entry]:
-    """A slow peer on a part of the grid; the time is that of the whole."""
+def _shared(peer: AbstractPeer, what: Grid, effort: Effort) -> tuple[Entry, Curve]:
+    """A slow peer on a part of the grid, at ever tighter tolerances until it is accurate; the times are of the whole."""
     share = what.thinned(peer.sweep_share)
     reference = right(what).reshape(len(what.voltages), len(what.frequencies), -1)[:: peer.sweep_share]
     reference = reference.reshape(len(share.points), -1)
     effort.report(f"{JOB}: {peer.name}, one voltage in {peer.sweep_share}")
-    ready, error, tolerance = peer.sweep(share), np.inf, np.nan
-    seconds = np.nan
+    ready, curve = peer.sweep(share), Curve(JOB, peer.name, [])
     for tolerance in peer.sweep_tolerances:
         begun = time.perf_counter()
         error = _error(ready.run(PARAMETERS, tolerance), reference)
-        seconds = time.perf_counter() - begun
+        seconds = (time.perf_counter() - begun) * len(what.points) / len(share.points)
+        curve.rungs.append(Rung(tolerance, error, seconds))
         if error <= TARGET:
             break
-    times = [seconds * len(what.points) / len(share.points)]
-    note = f"{len(share.points)} points, multiplied"
-    entry = Entry(JOB, peer.name, None, f"{TARGET:g} um", tolerance, error, False, ready.compile_seconds, times=times)
-    return [dataclasses.replace(entry, note=note + ("; less accurate" if error > TARGET else ""))]
+    last = curve.rungs[-1]
+    note = f"{len(share.points)} points, multiplied" + ("; less accurate" if last.error > TARGET else "")
+    entry = Entry(JOB, peer.name, None, f"{TARGET:g} um", last.tolerance, last.error)
+    return dataclasses.replace(entry, compile_seconds=ready.compile_seconds, times=[last.seconds], note=note), curve
 
 
 def _as_called(what: Grid, reference: np.ndarray, effort: Effort) -> Entry:

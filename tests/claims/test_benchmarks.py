@@ -21,6 +21,7 @@ from benchmarks.peers.base import BLEND, AbstractPeer, differences, persist
 from benchmarks.peers.c_floor import CFloor, simulate, simulate_grid
 from benchmarks.peers.pdssjax_taylor import PdssJax
 from benchmarks.peers.scipy_lsoda import SciPyLSODA
+from benchmarks.plot import panels
 from benchmarks.problem import NAMES, PARAMETERS, Problem, effector, pieces
 from benchmarks.rig import sawtooths, truth
 from benchmarks.table import as_json, as_markdown, as_text
@@ -204,6 +205,26 @@ def test_results_are_shown_and_kept():
     kept = json.loads(as_json(head, outcomes))
     assert kept["entries"][0]["median_seconds"] == 0.002
     assert kept["curves"][0]["wrong"] and kept["facts"] == {"count": 3}
+
+
+def test_the_plot_shows_every_point_of_every_peer():
+    sweep, fit = "sweep, 1000 points", "joint fit, starts 5 % off"
+    curves = [
+        Curve(sweep, "C floor", [Rung(1e-4, 3e-3, 0.12), Rung(1e-5, 3e-4, 0.17)]),
+        Curve(sweep, "a slow peer", [Rung(1e-6, 5e-2, 90.0), Rung(1e-7, 9e-4, 400.0)]),
+        Curve(fit, "pdssjax identify", [Rung(math.nan, math.nan, 0.6)]),
+        Curve(fit, "least_squares over a slow peer", [Rung(1e-7, 0.5, 2000.0)]),
+        Curve(fit, "lmfit over another", [Rung(1e-7, 0.02, 3.0)]),
+    ]
+    figure = panels(curves)
+    assert figure is not None
+    for curve in curves:
+        axes = next(axes for axes in figure.axes if axes.get_title().lower().startswith(curve.job[:5].lower()))
+        (x, y) = (sorted(axes.get_xlim()), sorted(axes.get_ylim()))
+        for rung in curve.rungs:
+            assert math.isnan(rung.error) or x[0] < rung.error < x[1]
+            assert y[0] < 1e3 * rung.seconds < y[1]
+    assert panels([]) is None
 
 
 def test_a_gradient_s_table_tells_errors_and_ratios():
