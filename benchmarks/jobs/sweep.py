@@ -127,7 +127,7 @@ class _Whole(AbstractPeer):
 
 
 def _shared(peer: AbstractPeer, what: Grid, effort: Effort) -> tuple[Entry, Curve]:
-    """A slow peer on a part of the grid, at ever tighter tolerances until it is accurate; the times are of the whole."""
+    """A slow peer on a part of the grid, at ever tighter tolerances until it is accurate; times are of the whole."""
     share = what.thinned(peer.sweep_share)
     reference = right(what).reshape(len(what.voltages), len(what.frequencies), -1)[:: peer.sweep_share]
     reference = reference.reshape(len(share.points), -1)
