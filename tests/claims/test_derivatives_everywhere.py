@@ -40,7 +40,7 @@ rounding of the motion (docs/numerics.md); a jump of the velocity past a law's o
 
 @pytest.fixture(autouse=True)
 def a_structure_at_a_time() -> Iterator[None]:
-    """What is compiled for all of them would take 16 GB."""
+    """What is compiled for 108 of them took 21 GB."""
     yield
     jax.clear_caches()
 
