@@ -2,6 +2,7 @@
 
 import json
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -100,6 +101,16 @@ def test_the_paper_s_parameters_are_not_a_contact_s():
     paper = {"effector.mass": 0.1, "drive.fall_time": 1e-3} | measured_laws.PUBLISHED
     assert measured_fits.judge(paper)["viscous"] > 10.0
     assert measured_fits.verdict(measured_fits.judge(paper)).startswith("not possible")
+
+
+@pytest.mark.parametrize(("held_out", "verdict"), [((0.07, 0.08), "it is dahl"), ((0.08, 0.07), "does not tell")])
+def test_a_law_is_named_only_where_aic_and_the_cycles_held_out_agree(held_out, verdict):
+    results = [
+        SimpleNamespace(law=law, held_out=left, whole=SimpleNamespace(aic=aic))
+        for law, left, aic in zip(("dahl", "coulomb"), held_out, (100.0, 147.0), strict=True)
+    ]
+    said = measured_laws.which_law(results)
+    assert verdict in said and "AIC prefers dahl, by 47 over coulomb" in said
 
 
 def test_a_raw_tribometer_record_becomes_loops_without_its_rests(tmp_path):
