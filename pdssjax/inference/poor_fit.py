@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from ..metrics import neighbour_scatter
+from ..metrics import lack_of_fit, neighbour_scatter
 from ..study import Agreement, FittedRecord, repeated_residuals
 from .covariance import least_squares_covariance
 from .diagnostics.diagnose import records_agreement
@@ -129,8 +129,16 @@ def rest_scatter(record: FittedRecord) -> float:
 
 
 def repeats(record: FittedRecord) -> bool:
-    """Residuals repeat from cycle to cycle beyond chance: the model's misfit, whatever noise is given."""
-    return record.lack_of_fit is not None and record.lack_of_fit.sigmas > SIGMAS
+    """Residuals repeat from cycle to cycle beyond chance: the model's misfit, whatever noise is given.
+
+    So do those that a fit would leave that does not see samples that stand out: what these pull repeats, too.
+    """
+    found = record.lack_of_fit
+    if found is None or record.frequency is None or not found.sigmas > SIGMAS:
+        return False
+    if record.undisturbed is not None and record.outliers.size:
+        found = lack_of_fit(record.rest, record.time, record.frequency)
+    return found is not None and found.sigmas > SIGMAS
 
 
 def contradicting(found: Sequence[Agreement]) -> list[Agreement]:

@@ -24,7 +24,7 @@ from .uncertainty.linear_intervals import linear_intervals
 from .uncertainty.standard_errors import standard_errors_of
 from .uncertainty.variance_factor import record_factors
 from .validation import is_refuted, missed_records
-from .without_outliers import without_outliers
+from .without_outliers import undisturbed_point
 
 WEAKLY_DETERMINED = float(np.log(10.0))
 """Standard error on the fit's scale from which a parameter counts as one without information."""
@@ -231,11 +231,11 @@ def _undisturbed(
     """What every record would be predicted as had the fit not seen samples that stand out; None for `motions`."""
     if problem.residual.loss.is_robust or not np.isfinite(fit.chi2):
         return [None] * len(motions)
-    step = without_outliers(problem, fit).step
-    if not step.any():
+    there = undisturbed_point(problem, fit)
+    if np.array_equal(there, fit.free):
         return motions
-    found = problem.decode(np.clip(fit.free + step, *problem.bounds))
-    moved = _motions(study, problem, {**values, **{path: float(value) for path, value in found.items()}})
+    found = {path: float(value) for path, value in problem.decode(there).items()}
+    moved = _motions(study, problem, {**values, **found})
     return moved if all(np.isfinite(motion).all() for motion in moved) else motions
 
 

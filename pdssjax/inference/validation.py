@@ -22,7 +22,7 @@ from .losses.base import AbstractLoss
 from .poor_fit import exceeds_noise, highest_by_chance
 from .problem import Problem
 from .residual import Residual, free_offset
-from .without_outliers import without_outliers
+from .without_outliers import undisturbed_point
 
 _UNTOLD = 1e3
 """Standard deviation, on the fit's scale, of a parameter that the records fitted tell nothing of."""
@@ -54,7 +54,7 @@ def missed_records(
     """
     if not fit.success or all(record.role == "fit" for record in study.records):
         return ()
-    free = np.clip(fit.free + without_outliers(problem, fit).step, *problem.bounds)
+    free = undisturbed_point(problem, fit)
     values = {**problem.residual.fixed, **problem.decode(free)}
     motions = study.predict({path: float(number) for path, number in values.items()}, problem.residual.accuracy)
     loss, unknown = problem.residual.loss, _unknown_parameters(study)

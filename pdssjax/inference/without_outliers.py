@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float
 from ..metrics import outliers
 from ..study import cycles_a_second
 from .covariance import NO_INFORMATION
-from .least_squares import Fit
+from .least_squares import Fit, evaluated, quiet
 from .problem import Problem
 
 _ROUNDS = 5
@@ -49,6 +49,31 @@ def without_outliers(problem: Problem, fit: Fit) -> WithoutOutliers:
             break
         out = more
     return WithoutOutliers(out, np.where(out, np.nan, rest), step)
+
+
+def undisturbed_point(problem: Problem, fit: Fit) -> Float[np.ndarray, " p"]:
+    """Where the `fit` would end without the samples that stand out, on its scale; where it ended if none does.
+
+    The step there is that of the linear model.  Where it leaves more of the other samples than the fit does the model
+    is not linear so far, and the fit's end it is.
+    """
+    found = without_outliers(problem, fit)
+    if not found.step.any():
+        return fit.free
+    there = np.clip(fit.free + found.step, *problem.bounds)
+    moved = np.asarray(evaluated(problem, there, quiet).state.residual)
+    is_nearer = _left(problem, moved, ~found.outlying) < _left(problem, np.asarray(fit.state.residual), ~found.outlying)
+    return there if is_nearer else fit.free
+
+
+def _left(problem: Problem, residual: Float[np.ndarray, " n"], counted: Bool[np.ndarray, " n"]) -> float:
+    """The sum of squares of the samples `counted`, free zeros of records theirs."""
+    total = 0.0
+    for record, rows in zip(problem.records, problem.rows, strict=True):
+        left = residual[rows][counted[rows]]
+        zero = np.mean(left) if record.offset is None and left.size else 0.0
+        total += float(np.sum((left - zero) ** 2))
+    return total
 
 
 def _outlying(problem: Problem, roots: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:

@@ -58,7 +58,8 @@ class FittedRecord:
     reduced_chi2: float = math.nan
     """chi2 per degree of freedom; NaN where the noise was estimated from these residuals, which makes it 1."""
     lack_of_fit: LackOfFit | None = None
-    """What of the `rest` repeats every cycle; None where the drive does not repeat within the record."""
+    """What repeats every cycle of the `residual`, the `outliers` left out; None where the drive does not repeat within
+    the record."""
     frequency: float | None = None
     """Cycles of its drive a second [Hz]; None where the drive does not repeat."""
     outliers: Int[np.ndarray, " k"] = field(default_factory=lambda: np.zeros(0, int))
@@ -69,8 +70,21 @@ class FittedRecord:
     """The command at `time` [V], where the platform alone is measured; else None."""
 
     @property
+    def residual(self) -> Float[np.ndarray, " n"]:
+        """Measured less predicted, of every sample: what reports, plots, predictions and errors rest on."""
+        return self.measured - self.predicted
+
+    @property
+    def residual_without_outliers(self) -> Float[np.ndarray, " n"]:
+        """The `residual`, NaN in the places of the `outliers`."""
+        return _rest(self.measured, self.predicted, self.outliers)
+
+    @property
     def rest(self) -> Float[np.ndarray, " n"]:
-        """The residuals that a fit without the `outliers` would leave of all other samples; NaN in their places."""
+        """The residuals that a fit without the `outliers` would leave of all other samples; NaN in their places.
+
+        They tell whether the model explains what was measured, and are no residuals of this fit.
+        """
         return _rest(self.measured, self.predicted if self.undisturbed is None else self.undisturbed, self.outliers)
 
     @property
@@ -86,7 +100,7 @@ class FittedRecord:
     @property
     def largest_error(self) -> float:
         """Of the residuals, by size; NaN where the simulation failed."""
-        return float(np.max(np.abs(self.measured - self.predicted)))
+        return float(np.max(np.abs(self.residual)))
 
 
 def compare(
@@ -115,7 +129,6 @@ def compare(
     if undisturbed is not None:
         zero = np.mean(np.delete(measured - undisturbed, found)) if record.offset is None else record.offset
         undisturbed = np.asarray(undisturbed) + zero
-    rest = _rest(measured, predicted if undisturbed is None else undisturbed, found)
     return FittedRecord(
         name=record.name,
         role=record.role,
@@ -139,7 +152,7 @@ def compare(
         noise_floor=scatter_floor(measured) if len(measured) >= 8 else math.nan,
         chi2=chi2,
         reduced_chi2=math.nan if record.noise is None else chi2 / freedom,
-        lack_of_fit=repeated_residuals(record, rest),
+        lack_of_fit=repeated_residuals(record, _rest(measured, predicted, found)),
         frequency=frequency,
         outliers=found,
         undisturbed=undisturbed,

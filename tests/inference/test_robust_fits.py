@@ -11,6 +11,10 @@ from record_tables import SHORT, step_table
 import pdssjax
 from pdssjax import InputError
 from pdssjax.cli.main import main
+from pdssjax.files import write_estimate
+from pdssjax.inference import without_outliers
+from pdssjax.inference.uncertainty.error_models.coloured import Coloured
+from pdssjax.report.figures import residual_split_figure
 
 TRUTH = {"piezo.gain": 1.1e-7, "piezo.natural_frequency": 6000.0, "piezo.damping_ratio": 0.2}
 ZERO, NOISE = 0.3e-6, 1e-8
@@ -90,6 +94,38 @@ def test_glitches_are_named_where_they_alone_are_what_the_model_does_not_explain
     for path in TRUTH:
         found = estimate.parameters[path]
         assert found.errors["with-misfit"].standard_error > 0.8 * found.standard_error
+
+
+def test_report_plot_predictions_and_error_models_have_the_same_residuals(studies, tmp_path, monkeypatch):
+    taken, share = [], Coloured.share
+    monkeypatch.setattr(Coloured, "share", lambda self, record: taken.append(record) or share(self, record))
+    estimate = pdssjax.identify(studies[0])
+    (record,) = estimate.records
+    assert record.outliers.size >= 30 and np.max(np.abs(record.undisturbed - record.predicted)) > 3.0 * NOISE
+    np.testing.assert_allclose(record.noise * taken[0].residual, record.residual, atol=1e-5 * NOISE)
+    np.testing.assert_array_equal(np.flatnonzero(taken[0].outlying), record.outliers)
+    write_estimate(estimate, tmp_path)
+    (written,) = (tmp_path / "predictions").iterdir()
+    assert record.largest_error == np.max(np.abs(record.residual))
+    np.testing.assert_allclose(
+        np.genfromtxt(written, delimiter=",", skip_header=1)[:, 3], 1e6 * record.residual, atol=1e-6
+    )
+    drawn = residual_split_figure(record).axes[0].lines[0].get_ydata()
+    np.testing.assert_allclose(drawn, 1e6 * record.residual)
+
+
+def test_a_linear_step_that_leads_astray_changes_no_prediction(studies, monkeypatch):
+    """Without the samples that stand out the step is that of the linear model, which may hold no longer there."""
+
+    def far(problem, fit, nearby=without_outliers.without_outliers):
+        found = nearby(problem, fit)
+        return found._replace(step=-30.0 * found.step)
+
+    monkeypatch.setattr(without_outliers, "without_outliers", far)
+    (record,) = pdssjax.identify(studies[0]).records
+    assert record.outliers.size >= 30
+    # The zero alone is that of the other samples.
+    assert np.nanstd(record.rest - record.residual_without_outliers) < 1e-9 * NOISE
 
 
 def test_glitches_beside_a_misfit_do_not_hide_it(studies):

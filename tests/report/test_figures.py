@@ -197,6 +197,25 @@ def test_the_split_shows_what_repeats_and_the_autocorrelation_of_the_rest():
     assert "misfit" in cycle.figure.get_suptitle()
 
 
+@pytest.mark.parametrize("frequency", [None, 5.0])
+def test_residuals_are_drawn_as_they_are_reported_whatever_a_fit_without_outliers_would_leave(frequency):
+    record = repeating(3e-8)
+    measured = record.measured.copy()
+    measured[[100, 700]] += 6e-6
+    undisturbed = record.predicted + 1e-5 * np.sin(record.time)
+    record = dataclasses.replace(
+        record, measured=measured, frequency=frequency, outliers=np.array([100, 700]), undisturbed=undisturbed
+    )
+    figure = drawn(residual_split_figure(record))
+    np.testing.assert_allclose(figure.axes[0].lines[0].get_ydata(), 1e6 * (record.measured - record.predicted))
+    low, high = figure.axes[0].get_ylim()
+    assert -0.3 < low < high < 0.3, "the axis is that of the other samples"
+    assert f"samples that stand out: 2, by up to {record.largest_error * 1e6:.4g}"[:34] in figure.get_suptitle()
+    if frequency:
+        mean = next(line for line in figure.axes[0].lines if line.get_label() == "mean of the cycles").get_ydata()
+        assert np.max(np.abs(mean)) < 0.1, "of the cycles without the samples that stand out"
+
+
 def test_what_repeats_as_chance_has_it_is_called_so():
     record = repeating(0.0)
     assert record.lack_of_fit is not None and record.lack_of_fit.misfit > 0.0

@@ -15,7 +15,6 @@ from ..least_squares import Fit, Method, Progress, evaluated
 from ..parameter_transform import ParameterTransform
 from ..problem import Problem
 from ..stack_parameters import of_platform_alone, of_stack, stack_rows
-from ..without_outliers import without_outliers
 from .error_advice import EVIDENT, advise
 from .error_models.base import AbstractErrorModel, RecordErrors, total_of
 from .influence import curvature_of, influence_of, principal_directions
@@ -37,6 +36,8 @@ class FittedPoint(NamedTuple):
     """The parameters that the records move: not held at a bound."""
     known: Bool[np.ndarray, " p"]
     """Those of them that the records determine."""
+    outlying: Bool[np.ndarray, " n"] | None = None
+    """Which samples stand out, as the records of the estimate have it; None where no error model asks."""
 
 
 class _ByModel(NamedTuple):
@@ -63,7 +64,7 @@ def with_error_models(estimate: Estimate, problem: Problem, fit: Fit, report: Pr
 
     As it is where the fit could not start, or no parameter has an error.
     """
-    point = fitted_point(estimate.method, problem, fit)
+    point = fitted_point(estimate.method, problem, fit)._replace(outlying=_outlying(estimate, problem))
     if not point.known.any() or not np.isfinite(point.residual).all() or not np.isfinite(point.jacobian).all():
         return estimate
     factor = variance_factor(problem, fit)
@@ -99,10 +100,19 @@ def fitted_point(method: Method, problem: Problem, fit: Fit) -> FittedPoint:
     return FittedPoint(method, problem, fit, np.asarray(fit.state.residual), jacobian, fitted, known)
 
 
+def _outlying(estimate: Estimate, problem: Problem) -> Bool[np.ndarray, " n"]:
+    """Which residuals belong to samples that stand out, as the records of the `estimate` have it."""
+    out = np.zeros(problem.residual.size, bool)
+    fitted = [record for record in estimate.records if record.role == "fit"]
+    for record, rows in zip(fitted, problem.rows, strict=True):
+        out[rows][record.outliers] = True
+    return out
+
+
 def _record_errors(point: FittedPoint, factor: float, effect: Float[np.ndarray, "n p"]) -> list[RecordErrors]:
     """Every fitted record as error models take it; the `factor` is that of variances whose noise is given."""
     problem, taken = point.problem, degrees_taken(point.problem, point.fit)
-    out, (known_from, pooled) = without_outliers(problem, point.fit).outlying, noise_freedom(problem, point.fit, factor)
+    known_from, pooled = noise_freedom(problem, point.fit, factor)
     return [
         RecordErrors(
             point.residual[rows],
@@ -114,7 +124,7 @@ def _record_errors(point: FittedPoint, factor: float, effect: Float[np.ndarray, 
             max(record.time.size - float(degrees), 1.0),
             float(degrees_known),
             bool(is_pooled),
-            out[rows],
+            None if point.outlying is None else point.outlying[rows],
         )
         for record, rows, of_record, degrees, degrees_known, is_pooled in zip(
             problem.records, problem.rows, record_factors(problem, factor), taken, known_from, pooled, strict=True

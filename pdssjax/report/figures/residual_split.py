@@ -13,14 +13,17 @@ from ._style import BLUE, GREY, STYLE, VERMILION
 _MOST_SHOWN = 60
 """Intervals up to which the autocorrelation is shown at most."""
 
+_MARGIN = 0.1
+"""Room above and below residuals, as a share of their span, where an axis leaves out samples that stand out."""
+
 
 def residual_split_figure(record: FittedRecord) -> Figure:
     """Mean over the cycles at each phase beside all residuals; to the right, the autocorrelation of the rest.
 
-    Of a record that does not repeat, all residuals over time.  Samples that stand out are left out, with what they pull
-    the fit off by.
+    Of a record that does not repeat, all residuals over time.  All of them are those of the report.  Samples that stand
+    out may lie beyond the axis, whose caption says by how much, and are left out of means and autocorrelation.
     """
-    split = split_residuals(record.rest, record.time, record.frequency)
+    split = split_residuals(record.residual_without_outliers, record.time, record.frequency)
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(7.4, 2.9), layout="constrained")
         residuals, correlation = figure.subplots(1, 2, width_ratios=(3, 2))
@@ -28,6 +31,8 @@ def residual_split_figure(record: FittedRecord) -> Figure:
             _draw_all(residuals, record)
         else:
             _draw_cycle(residuals, record, split.cycles)
+        if record.outliers.size:
+            _show_others(residuals, record)
         _draw_autocorrelation(correlation, record, split)
         figure.suptitle(f"{record.name}\n{_caption(record, split)}", x=0.01, ha="left", fontsize=10.0, wrap=True)
     return figure
@@ -37,9 +42,12 @@ def _draw_cycle(axes: Axes, record: FittedRecord, cycles: CycleSplit) -> None:
     scale, unit = record.display.scale, record.display.unit.replace("um", "µm")
     there = cycles.sizes > 0
     place = cycles.phases()
-    residual = scale * record.rest
+    residual = scale * record.residual
     seen = cycles.group >= 0
-    axes.plot(place[cycles.group[seen]], residual[seen], ".", color="0.75", markersize=2, label="every cycle")
+    # Samples that stand out have no group, but a phase.
+    phase = np.mod(record.time * (record.frequency or 0.0), 1.0)
+    phase[seen] = place[cycles.group[seen]]
+    axes.plot(phase, residual, ".", color="0.75", markersize=2, label="every cycle")
     within = float(np.sqrt(np.nanmean(cycles.rest**2)))
     band = 2.0 * scale * within / np.sqrt(np.maximum(cycles.sizes, 1))
     centre = float(np.mean(residual[seen]))
@@ -60,9 +68,18 @@ def _draw_cycle(axes: Axes, record: FittedRecord, cycles: CycleSplit) -> None:
 
 def _draw_all(axes: Axes, record: FittedRecord) -> None:
     scale, unit = record.display.scale, record.display.unit.replace("um", "µm")
-    axes.plot(record.time, scale * record.rest, color=BLUE, linewidth=0.6)
+    axes.plot(record.time, scale * record.residual, color=BLUE, linewidth=0.6)
     axes.set_xlabel("time (s)")
     axes.set_ylabel(f"residual ({unit})")
+
+
+def _show_others(axes: Axes, record: FittedRecord) -> None:
+    """End the axis where the samples end that do not stand out."""
+    others = record.display.scale * record.residual_without_outliers
+    others = others[np.isfinite(others)]
+    if others.size and np.ptp(others) > 0.0:
+        margin = _MARGIN * float(np.ptp(others))
+        axes.set_ylim(float(others.min()) - margin, float(others.max()) + margin)
 
 
 def _draw_autocorrelation(axes: Axes, record: FittedRecord, split: ResidualSplit) -> None:
@@ -94,10 +111,13 @@ def _draw_autocorrelation(axes: Axes, record: FittedRecord, split: ResidualSplit
 
 
 def _caption(record: FittedRecord, split: ResidualSplit) -> str:
-    without = f"; without {record.outliers.size} samples that stand out" if record.outliers.size else ""
+    show = lambda number: record.display.text(number).replace("um", "µm")
+    without = ""
+    if record.outliers.size:
+        largest = float(np.max(np.abs(record.residual[record.outliers])))
+        without = f"; samples that stand out: {record.outliers.size}, by up to {show(largest)}"
     if split.cycles is None or record.lack_of_fit is None:
         return f"does not repeat: misfit and slow noise cannot be told apart{without}"
     found = record.lack_of_fit
-    show = lambda number: record.display.text(number).replace("um", "µm")
     what = "misfit" if repeats(record) else "as chance has it, no misfit"
     return f"repeats every cycle: {show(found.misfit)} ({what}); does not: {show(found.noise)} (noise){without}"

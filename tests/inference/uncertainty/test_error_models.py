@@ -198,6 +198,21 @@ def test_glitches_are_noise_and_no_misfit_and_hide_none(frequency, misfit, least
     assert np.all(np.diag(whole.covariance) > 0.9 * np.diag(coloured.covariance))
 
 
+@pytest.mark.parametrize("frequency", [1.0, None])
+@pytest.mark.parametrize("pattern", [[1, 1, 1, 1, 1], [1, -1, 1, -1, 1]], ids=["one way", "to and fro"])
+def test_glitches_side_by_side_do_not_colour_the_noise(frequency, pattern):
+    # So long a record that they hardly pull the others.
+    design, time = np.tile(DESIGN, (12, 1)), np.arange(12 * TIME.size) / PHASES
+    glitches, noise = np.zeros(time.size), np.random.default_rng(12).normal(size=time.size)
+    glitches[31:36], glitches[71:76] = 40.0 * np.array(pattern), 25.0 * np.array(pattern)
+    record = fitted(noise + glitches, frequency, design, time)
+    coloured = Coloured().share(record._replace(outlying=glitches != 0.0))
+    assert coloured.evidence < 10.0 < Coloured().share(record).evidence
+    moves = [record.residual[run] @ record.influence[run] for run in (slice(31, 36), slice(71, 76))]
+    left = coloured.covariance - sum(np.outer(move, move) for move in moves)
+    agree(left, Coloured().share(fitted(noise, frequency, design, time)).covariance, 0.2)
+
+
 @pytest.mark.parametrize("name", ["white", "coloured", "with-misfit"])
 @pytest.mark.parametrize("frequency", [1.0, None])
 def test_samples_that_are_nan_are_as_if_they_had_not_been_taken(name, frequency):
