@@ -123,7 +123,7 @@ def _points(study: "Study", options: argparse.Namespace) -> "AbstractPoints":
 
 def _asked(study: "Study", points: "AbstractPoints", options: argparse.Namespace) -> "dict[str, tuple[str, ...]]":
     """The further metrics and the derivatives that the options ask for."""
-    from ..sweeps import FURTHER, driven_record, sweepable
+    from ..sweeps import FURTHER, changes_a_sweep, driven_record, sweepable
 
     named = lambda text: tuple(part.strip() for part in text.split(",") if part.strip())
     metrics = named(options.metrics)
@@ -133,7 +133,7 @@ def _asked(study: "Study", points: "AbstractPoints", options: argparse.Namespace
         lacks = {"multiplier": options.cycles != "steady", "output_force": "stop.stiffness" not in known}
         metrics = tuple(name for name in FURTHER if not lacks.get(name, False))
     legal = sweepable(study, driven_record(study, options.record))
-    every = tuple(path for path in study.parameters if path in legal)
+    every = tuple(path for path in study.parameters if path in legal and changes_a_sweep(path, study, metrics))
     derivatives = () if options.derivatives is None else named(options.derivatives) or every
     return {"metrics": metrics, "derivatives": derivatives}
 

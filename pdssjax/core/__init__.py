@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from .physical_quantity import Choice as Choice
     from .physical_quantity import Declared as Declared
     from .physical_quantity import Quantity as Quantity
+    from .physical_quantity import check_quantities as check_quantities
     from .physical_quantity import check_range as check_range
     from .physical_quantity import choice as choice
     from .physical_quantity import choices as choices
@@ -77,6 +78,7 @@ else:
                 "Choice",
                 "Declared",
                 "Quantity",
+                "check_quantities",
                 "check_range",
                 "choice",
                 "choices",

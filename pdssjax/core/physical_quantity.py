@@ -10,6 +10,8 @@ import math
 from typing import Any, TypeAlias
 
 import equinox as eqx
+import numpy as np
+from jax.core import Tracer
 
 from .arrays import ScalarLike
 from .errors import InputError
@@ -93,6 +95,19 @@ def choices(model: type) -> dict[str, dict[str, float]]:
     """The declared choices of a model class: field name to its options."""
     fields = dataclasses.fields(model)
     return {f.name: f.metadata["choice"] for f in fields if "choice" in f.metadata}
+
+
+def check_quantities(model: eqx.Module, where: str) -> None:
+    """**Raises** `InputError` that begins with `where` for a quantity of `model`, or of a part of it, out of its range.
+
+    Numbers that JAX traces are not known, and pass.
+    """
+    for field in dataclasses.fields(model):
+        value, declared = getattr(model, field.name), field.metadata.get("quantity")
+        if isinstance(value, eqx.Module):
+            check_quantities(value, where)
+        elif declared is not None and not isinstance(value, Tracer) and np.ndim(value) == 0:
+            check_range(float(value), declared, f"{where}: {type(model).__name__}.{field.name}")
 
 
 def described(model: eqx.Module) -> str:

@@ -47,7 +47,7 @@ class LiveRecord:
 
     def __init__(self, study: Study, record: Record, values: Values):
         self.study, self.record = study, record
-        self.models = study.models
+        self.models = study.models_with(values)
         self.setup: AbstractSetup = _as_arrays(record.measurement.setup(self.models))
         run, numbers = self._asked(record, values)
         self._closed = is_closed(self.setup.system(self.models, numbers, run))

@@ -39,7 +39,7 @@ def with_estimate(study: Study, file: Path) -> Study:
     doubt = _doubt(document)
     if doubt:
         warnings.warn(f"{file}: the fit {_DOUBTS[doubt]}; its numbers are used all the same.", InputWarning, 2)
-    return study.with_values(_values(document, study, file), _source(file, doubt))
+    return study.with_values(_values(document, study, file), _source(file, doubt), of_estimate=True)
 
 
 def starting_at_estimate(study: Study, file: Path) -> Study:
@@ -48,7 +48,8 @@ def starting_at_estimate(study: Study, file: Path) -> Study:
     **Raises:** `InputError` as `with_estimate` does.
     """
     document = _document(file)
-    return study.with_starts(_values(document, study, file), _source(file, _doubt(document)))
+    told = {path: number for path, number in _values(document, study, file).items() if path in study.parameters}
+    return study.with_starts(told, _source(file, _doubt(document)))
 
 
 def _source(file: Path, doubt: str) -> str:

@@ -4,10 +4,11 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax.core import Tracer
 from jaxtyping import Array, Bool, Float, Int
 
 from ..actuator import Actuator, DrivenPlatform
-from ..core import Figure, InputError, need_double_precision, presenter
+from ..core import Figure, InputError, check_quantities, need_double_precision, presenter
 from ..drive.base import AbstractDrive
 from ..integration import FAILURES, Accuracy, visit
 from ..piezo.base import AbstractPiezo
@@ -107,8 +108,12 @@ def simulate(
 
     Differentiable in every parameter of `actuator` and `drive`; works under `jit`,
     `vmap`, `jvp` and `grad`.  A run that cannot finish gives NaN and says why in `failure`.
+
+    **Raises:** `InputError` for a parameter outside its legal range, and for numbers of the drive that contradict
+    each other, as far as they are known: those that JAX traces are not.
     """
     need_double_precision()
+    _check(actuator, drive)
     system, times, fine = StickSlip(actuator, drive), jnp.asarray(times, float), accuracy or Accuracy()
     if cycles is None:
         moving, repeats, near, clock = system, None, None, times
@@ -139,6 +144,15 @@ def simulate(
         failure=run.failure,
         grazing=near,
     )
+
+
+def _check(actuator: Actuator, drive: AbstractDrive) -> None:
+    """**Raises** `InputError` for numbers that are known and not legal."""
+    check_quantities(actuator, "simulate")
+    check_quantities(drive, "simulate")
+    if not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(drive)):
+        for field, clause in drive.broken_conditions().items():
+            raise InputError(f"simulate: {type(drive).__name__}.{field}: found {clause}.")
 
 
 def displacements(

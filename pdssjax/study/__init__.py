@@ -39,6 +39,10 @@ if TYPE_CHECKING:
     from .multistart import Multistart as Multistart
     from .parameter import REACH as REACH
     from .parameter import Parameter as Parameter
+    from .parameter_use import MASS_UNUSED as MASS_UNUSED
+    from .parameter_use import check_whole_parts as check_whole_parts
+    from .parameter_use import unused_by as unused_by
+    from .parameter_use import without_effect as without_effect
     from .prediction import AbstractSetup as AbstractSetup
     from .prediction import Lowered as Lowered
     from .prediction import Predictor as Predictor
@@ -93,6 +97,7 @@ else:
             "summaries": ["entry_summaries"],
             "used_numbers": ["UsedNumber", "numbers_used"],
             "parameter": ["Parameter", "REACH"],
+            "parameter_use": ["MASS_UNUSED", "check_whole_parts", "unused_by", "without_effect"],
             "prediction": ["AbstractSetup", "Lowered", "Predictor", "failures", "predicted", "with_room"],
             "profile": ["Profile"],
             "record": ["Record"],

@@ -1,7 +1,7 @@
 """The chosen family members, and the actuator that they make of numbers: "friction.sigma0" is the law's `sigma0`."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any, TypeAlias
 
 import equinox as eqx
@@ -86,6 +86,12 @@ class Models(eqx.Module):
     def sensor(self, values: Values) -> Sensor:
         """The displacement sensor with the given `values`."""
         return _part("sensor", values, filters="low-pass" in self.parts)
+
+
+def parts_told_by(paths: Collection[str]) -> frozenset[str]:
+    """What a rig has besides where parameters of these `paths` are told: "amplifier", "low-pass" (of the sensor)."""
+    parts = {"amplifier"} if any(path.startswith("amplifier.") for path in paths) else set()
+    return frozenset(parts | ({"low-pass"} if "sensor.bandwidth" in paths else set()))
 
 
 def _part(name: str, values: Values, **more: Any) -> Any:

@@ -33,8 +33,9 @@ from ..integration import Accuracy
 from ..piezo.base import AbstractPiezo
 from .conditions import paths_in, split_path
 from .estimate import Estimate
-from .models import Models, Values
+from .models import Models, Values, parts_told_by
 from .parameter import Parameter
+from .parameter_use import check_numbers, check_read, check_whole_parts
 from .prediction import Lowered, Predictor, predicted
 from .record import Record
 
@@ -87,8 +88,13 @@ class Study:
         Differentiable in `values` (`jvp`, `jacfwd`, `grad`); works under `jit` and `vmap`.
         A record whose simulation cannot finish is NaN.
 
-        **Raises:** `InputError` for a path that is no parameter of the study's models, and where
-        listed parameters are left with neither value nor start; `initial_guess` finds those.
+        An amplifier, or the sensor's low-pass, that the study has not is added where `values` tell
+        its parameters.
+
+        **Raises:** `InputError` for a path that is no parameter of the study's models, or that the
+        study does not list and no record depends on; for a number outside its legal range, as far as
+        it is known (under `jit`, `vmap` and derivatives it is not); and where listed parameters are
+        left with neither value nor start; `initial_guess` finds those.
         """
         return predicted(*self._asked(values, accuracy))
 
@@ -102,7 +108,7 @@ class Study:
         need_double_precision()
         given = self._numbers({} if values is None else values)
         full = {path: jnp.asarray(number, float) for path, number in (self.values(given) | given).items()}
-        return self.predictor, full, accuracy or Accuracy()
+        return self._predictor_of(self.models_with(given)), full, accuracy or Accuracy()
 
     def legal(self) -> dict[str, Quantity]:
         """What is declared of every parameter that the study may list, by path."""
@@ -126,25 +132,34 @@ class Study:
         """The listed parameters that have neither a value nor a start."""
         return [path for path, parameter in self.parameters.items() if parameter.number is None]
 
-    def with_values(self, values: Mapping[str, float] | Estimate, source: str = "") -> "Study":
+    def with_values(
+        self, values: Mapping[str, float] | Estimate, source: str = "", *, of_estimate: bool = False
+    ) -> "Study":
         """The study with the parameters in `values` [SI], numbers by path or an estimate, fixed at them.
 
-        **Arguments:** `source` says in words where they come from, for what is written of them.
+        **Arguments:** `source` says in words where they come from, for what is written of them; `of_estimate` that
+        the numbers are all those of an estimate.
 
-        **Raises:** `InputError` for a path that is no parameter of the study's models, and for a
-        number outside its legal range.
+        **Raises:** `InputError` for a path that is no parameter of the study's models, or that the study does not list
+        and no record depends on, unless it comes with an estimate; and for a number outside its legal range.
         """
         source = source or ("estimate" if isinstance(values, Estimate) else "given")
         legal = legal_quantities(self)
         parameters = dict(self.parameters)
-        for path, number in self._numbers(values).items():
-            check_range(float(number), legal[path], f'values: "{path}"')
+        for path, number in self._numbers(values, of_estimate).items():
             parameters[path] = Parameter(path, legal[path].unit, legal[path], value=float(number), source=source)
         return dataclasses.replace(self, parameters=parameters)
 
-    def _numbers(self, values: Values | Estimate) -> dict[str, ScalarLike | Float[np.ndarray, ""]]:
-        """`values` as numbers by path; **raises** `InputError` for another actuator's, and for a path of no model."""
+    def _numbers(
+        self, values: Values | Estimate, of_estimate: bool = False
+    ) -> dict[str, ScalarLike | Float[np.ndarray, ""]]:
+        """`values` as numbers by path, checked; **raises** `InputError` where they are not this study's.
+
+        An estimate tells all of an actuator, and a study takes of it what its records depend on; a path that is named
+        otherwise has to have an effect.
+        """
         if isinstance(values, Estimate):
+            of_estimate = True
             self.models.check_same(values.actuator, "values")
             values = {path: parameter.value for path, parameter in values.parameters.items()}
         check_kind("values", values, Mapping)
@@ -152,20 +167,32 @@ class Study:
         for path in values:
             if path not in legal:
                 raise InputError(f'values: found the unknown parameter "{path}"; {nearest(path, legal)}')
+        if not of_estimate:
+            check_read([path for path in values if path not in self.parameters], self.models, self.records, "values")
+        check_whole_parts(values.keys(), self.parameters, "values")
+        check_numbers(values, legal, self.records, "values")
         return dict(values)
 
     def with_starts(self, starts: Mapping[str, float | None] | Estimate, source: str = "") -> "Study":
         """The study with its free parameters among `starts` [SI], by path, starting there; None: looked for anew.
 
-        What is fixed, was measured apart and starts there, or is no parameter of the study, stays as it is; a start
-        beyond the study's bounds is moved to the bound.
+        What is fixed, or was measured apart and starts there, stays as it is, and so does what an estimate tells of
+        parameters that the study does not list; a start beyond the study's bounds is moved to the bound.
 
         **Arguments:** `starts` are numbers by path, or an estimate; `source` says in words where they come from.
 
-        **Raises:** `InputError` for a number outside its legal range, and for an estimate of another actuator.
+        **Raises:** `InputError` for a path that the study does not list, for a number outside its legal range, and for
+        an estimate of another actuator.
         """
         if isinstance(starts, Estimate):
-            source, starts = source or "estimate", {path: float(n) for path, n in self._numbers(starts).items()}
+            numbers = {path: float(n) for path, n in self._numbers(starts).items() if path in self.parameters}
+            source, starts = source or "estimate", numbers
+        for path in starts:
+            if path not in self.parameters:
+                raise InputError(
+                    f'starts: found "{path}", which the study does not list in [parameters]: nothing would start '
+                    f"there; {nearest(path, self.parameters)}"
+                )
         parameters = dict(self.parameters)
         for path, start in starts.items():
             if path in parameters and parameters[path].free and parameters[path].standard_error is None:
@@ -188,15 +215,28 @@ class Study:
     @functools.cached_property
     def models(self) -> Models:
         """The chosen family members."""
-        parts = {"amplifier"} if any(path.startswith("amplifier.") for path in self.parameters) else set()
-        parts |= {"low-pass"} if "sensor.bandwidth" in self.parameters else set()
         chosen = self.piezo, self.friction, self.friction_state, self.feedback
-        return Models(*chosen, frozenset(parts), self.rests_under_load)
+        return Models(*chosen, parts_told_by(self.parameters), self.rests_under_load)
+
+    def models_with(self, paths: Collection[str]) -> Models:
+        """The same with those parts of a rig that parameters of these `paths` tell: amplifier, low-pass."""
+        return dataclasses.replace(self.models, parts=self.models.parts | parts_told_by(paths))
 
     @functools.cached_property
     def predictor(self) -> Predictor:
         """The prediction of all records, ready to be compiled."""
-        return Predictor(self.models, self.records)
+        return self._predictor_of(self.models)
+
+    def _predictor_of(self, models: Models) -> Predictor:
+        """The prediction of all records by `models`, this study's with more parts, perhaps."""
+        if models.parts not in self._predictors:
+            self._predictors[models.parts] = Predictor(models, self.records)
+        return self._predictors[models.parts]
+
+    @functools.cached_property
+    def _predictors(self) -> dict[frozenset[str], Predictor]:
+        """Those made so far, by the parts of the rig."""
+        return {}
 
 
 def legal_quantities(study: Study) -> dict[str, Quantity]:

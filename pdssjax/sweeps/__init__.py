@@ -6,6 +6,7 @@ Imports `study` and the rooms below it.  Not called `sweep`: that is the functio
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from .axes import changes_a_sweep as changes_a_sweep
     from .axes import sweepable as sweepable
     from .axes import sweepable_choices as sweepable_choices
     from .bands import with_bands as with_bands
@@ -49,7 +50,7 @@ else:
     __getattr__, __dir__, __all__ = lazy_exports(
         __name__,
         {
-            "axes": ["sweepable", "sweepable_choices"],
+            "axes": ["changes_a_sweep", "sweepable", "sweepable_choices"],
             "bands": ["with_bands"],
             "block_plan": ["BlockPlan", "LANES", "extended"],
             "block_store": ["AbstractBlockStore", "MemoryStore", "blank", "columns_of"],

@@ -7,14 +7,49 @@ from jaxtyping import Bool, Float
 
 from ..core import InputError, Quantity, check_range, choices, nearest
 from ..drive.base import AbstractDrive
-from ..study import Record, Study
+from ..study import MASS_UNUSED, Record, Study, check_whole_parts, unused_by, without_effect
 from .varied_record import drive_of
+
+_SENSOR = (
+    "a sweep tells the motion itself, not what the sensor shows of it",
+    "a record that is seen through the sensor, as pdssjax simulate and study.predict show it",
+)
+"""Why the sensor's parameters change nothing in a sweep, and what they are for."""
+
+_STOP = "no metric asked for depends on a stop", 'the metric "output_force" (--metrics output_force)'
+"""Why the stop's parameters change nothing, and what would make them count."""
 
 
 def sweepable(study: Study, base: Record) -> dict[str, Quantity]:
     """What is declared of everything that can be varied, by path: the drive of `base` and the models' parameters."""
     legal = {f"drive.{field}": q for field, q in drive_of(base).declared().items()}
     return legal | {path: q for path, q in study.legal().items() if not path.startswith("drive.")}
+
+
+def changes_a_sweep(path: str, study: Study, metrics: Sequence[str]) -> bool:
+    """Whether the points of a sweep with these further `metrics` depend on `path`, of those that are `sweepable`."""
+    return not _why_unread(path, study, metrics)
+
+
+def check_effects(study: Study, base: Record, paths: Sequence[str], metrics: Sequence[str]) -> None:
+    """**Raises** `InputError` for one of the `paths`, all of them sweepable, that no point would depend on."""
+    words = sweepable_choices(base)
+    check_whole_parts(paths, study.parameters, "sweep")
+    for path in paths:
+        why = _why_unread(path, study, metrics)
+        if why:
+            read = [other for other in sweepable(study, base) if changes_a_sweep(other, study, metrics)]
+            raise without_effect("sweep", path, *why, [*read, *words])
+
+
+def _why_unread(path: str, study: Study, metrics: Sequence[str]) -> tuple[str, str] | tuple[()]:
+    """Why a path changes no point, and what it needs to; nothing where it does."""
+    part = path.split(".")[0]
+    if part == "sensor":
+        return _SENSOR
+    if part == "stop" and "output_force" not in metrics:
+        return _STOP
+    return MASS_UNUSED if path in unused_by(study.models) else ()
 
 
 def sweepable_choices(base: Record) -> dict[str, dict[str, float]]:

@@ -17,7 +17,7 @@ from jaxtyping import Float
 from ..core import Document, InputError, InputWarning, Quantity, check_kind, counted_in_notebook, need_double_precision
 from ..integration import Accuracy
 from ..study import Record, Study, UsedNumber, numbers_used
-from .axes import check_axes, contradictions
+from .axes import check_axes, check_effects, contradictions
 from .block_plan import BlockPlan, plan_blocks
 from .block_store import AbstractBlockStore, MemoryStore
 from .dataset import labelled
@@ -79,13 +79,23 @@ def plan_sweep(
     check_memory(len(points), len(points.paths), len(cycle.metrics) + len(metrics))
     values = points.values()
     declared = check_axes(study, base, points.paths, values)
+    # What is known of a parameter makes bands, and of one without effect a band without width.
+    check_effects(study, base, [path for path in points.paths if path not in points.scattered()], metrics)
     used = numbers_used(study, [*points.paths, *(f"drive.{field}" for field in base.overrides)])
     numbers = {path: told["value"] for path, told in used.items()}
     fine = accuracy or cycle.accuracy
     check_asked(metrics, cycle, [*points.paths, *numbers])
     numbers |= numbers_by(derivatives, study, base, [*points.paths, *numbers])
+    check_effects(study, base, derivatives, metrics)
     function = PointFunction(
-        study.models, drive_of(base), points.paths, numbers, cycle, fine, tuple(metrics), tuple(derivatives)
+        study.models_with(points.paths),
+        drive_of(base),
+        points.paths,
+        numbers,
+        cycle,
+        fine,
+        tuple(metrics),
+        tuple(derivatives),
     )
     sound = np.flatnonzero(~contradictions(drive_of(base), points.paths, values, numbers))
     plan = plan_blocks(points.paths, values[sound], lanes_here())
@@ -113,8 +123,8 @@ def sweep(
     **Arguments:** the study's parameters keep their values or starts; `study.with_values(estimate)`
     takes those of an estimate.  `over` maps paths to the values [SI] of an axis, in the order of the axes,
     for every combination of them: quantities of the drive ("drive.voltage", "drive.frequency", "drive.fall_time") and
-    parameters of the study's models ("friction.f_ss_a"); or it is a set of points from `pdssjax.sweeps`: `Grid`,
-    `Listed`, `Sobol`, `LatinHypercube`, `CovarianceDraws`, `GivenDraws`, `Crossed`.  `record` names the effector
+    parameters of the study's models ("friction.f_ss_a"), those of an amplifier that the study
+    lacks included; or it is a set of points from `pdssjax.sweeps`: `Grid`, `Listed`, `Sobol`, `LatinHypercube`, `CovarianceDraws`, `GivenDraws`, `Crossed`.  `record` names the effector
     record whose drive is varied, the first one by default; parameters that hold under its conditions do so at all
     points.  The last of `cycles` cycles is measured; one more is run,
     whose flank tells the last slip.  With `cycles="steady"` it is the cycle that
@@ -134,8 +144,8 @@ def sweep(
     (JSON) tells the study's parameters with value, unit and source; of those that are drawn the number about which
     the draws scatter, with the standard error.
 
-    **Raises:** `InputError`, before any work, for an unknown path, an illegal value, an empty axis, a study
-    without an effector record under a drive with a frequency, a parameter that is no axis and
+    **Raises:** `InputError`, before any work, for an unknown path, or one that changes nothing, an illegal value, an empty
+    axis, a study without an effector record under a drive with a frequency, a parameter that is no axis and
     has no number, a store of another sweep; and where the executor's workers do not answer as they should.
     """
     need_double_precision()

@@ -208,14 +208,17 @@ def test_starts_are_those_told_and_what_is_fixed_stays(platform):
     study = pdssjax.load_study(platform)
     apart = dataclasses.replace(study.parameters["piezo.damping_ratio"], start=0.2, standard_error=0.01)
     study = dataclasses.replace(study, parameters=study.parameters | {"piezo.damping_ratio": apart})
-    told = {"piezo.gain": 2e-7, "friction.sigma1": 1.0, "piezo.damping_ratio": 0.3, "no.such": 1.0}
+    told = {"piezo.gain": 2e-7, "friction.sigma1": 1.0, "piezo.damping_ratio": 0.3}
     begun = study.with_starts(told)
     assert begun.parameters["piezo.gain"].start == 2e-7 and begun.parameters["piezo.gain"].free
     assert begun.parameters["friction.sigma1"] == study.parameters["friction.sigma1"]
-    assert begun.parameters["piezo.damping_ratio"] == apart and "no.such" not in begun.parameters
+    assert begun.parameters["piezo.damping_ratio"] == apart
     assert begun.with_starts(dict.fromkeys(study.parameters)).parameters["piezo.gain"].start is None
     bounded = dataclasses.replace(study.parameters["piezo.gain"], high=1.5e-7)
     narrow = dataclasses.replace(study, parameters=study.parameters | {"piezo.gain": bounded})
     assert narrow.with_starts(told).parameters["piezo.gain"].start == 1.5e-7
     with pytest.raises(InputError, match=r'starts: "piezo\.gain": found -1 m/V, expected'):
         study.with_starts({"piezo.gain": -1.0})
+    for path in ("piezo.gan", "amplifier.bandwidth", "stop.stiffness"):
+        with pytest.raises(InputError, match=rf'starts: found "{path}", which the study does not list'):
+            study.with_starts({path: 1.0})
