@@ -8,12 +8,12 @@ and Bokeh.  Imports `files` and the rooms below it.
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from .server import serve as serve
     from .settings import settings_of as settings_of
+    from .widgets.server import serve as serve
     from .workbench import Workbench as Workbench
 else:
     from ..core.lazy import lazy_exports
 
     __getattr__, __dir__, __all__ = lazy_exports(
-        __name__, {"server": ["serve"], "settings": ["settings_of"], "workbench": ["Workbench"]}
+        __name__, {"settings": ["settings_of"], "widgets.server": ["serve"], "workbench": ["Workbench"]}
     )

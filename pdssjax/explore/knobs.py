@@ -3,10 +3,13 @@
 import dataclasses
 from typing import NamedTuple
 
-from ..core import Quantity, check_range, choices, display_unit, to_si
+from ..core import InputError, Quantity, check_range, choices, display_unit, to_si
 from ..drive.base import AbstractDrive
 from ..study import MARK, Record, Study, shared_fields
 from .slider_range import SliderRange, slider_range
+
+_SMALLEST, _LARGEST = 1e-30, 1e30
+"""Size of a number [SI] that is not zero: far beyond any actuator, and far within what arithmetic holds."""
 
 
 class Knob(NamedTuple):
@@ -33,7 +36,7 @@ class Knob(NamedTuple):
     def read(self, text: str) -> float:
         """The number [SI] that a `text` says: in the unit shown, or with a unit of its own ("200 Hz").
 
-        **Raises:** `InputError` where it is no number, or outside the legal range.
+        **Raises:** `InputError` where it is no number, outside the legal range, or of a size that nothing has.
         """
         text = text.strip().replace("µ", "u")
         shown, factor = display_unit(self.quantity.unit)
@@ -41,6 +44,9 @@ class Knob(NamedTuple):
             number, text = float(text) / factor, f"{text} {shown}"
         except ValueError:
             number = to_si(text, self.quantity.unit, self.path, shown)
+        if number and not _SMALLEST <= abs(number) <= _LARGEST:
+            found = f"{self.path}: found {number:g} {self.quantity.unit}".rstrip()
+            raise InputError(f"{found}, expected 0 or a size between {_SMALLEST:g} and {_LARGEST:g}.")
         check_range(number, self.quantity, self.path, text)
         return number
 

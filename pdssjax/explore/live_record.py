@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..core import Count
+from ..core import Count, InputError
 from ..integration import Accuracy, integrate, is_closed
 from ..simulation import Observation, observe
 from ..study import AbstractSetup, Models, Record, Run, Study, Values, drive_with, under_conditions, with_room
@@ -29,6 +29,9 @@ _FEWEST = 512
 
 _SPARE = 1.5
 """Of the room, over the steps that the first run took."""
+
+_MOST_SEGMENTS = 1 << 18
+"""Segments of a drive within a record at most; twice as many take a minute to compile and gigabytes to hold."""
 
 OUT_OF_STEPS = 1
 """The failure that more room cures."""
@@ -82,11 +85,24 @@ class LiveRecord:
 
     def _segments_of(self, record: Record) -> int:
         """How many segments of its drive a record reaches into; 0 where nothing depends on it."""
-        return self.setup.segments(record.drive, record.time) if self._closed else 0
+        return self._segments_within(record) if self._closed else 0
+
+    def _segments_within(self, record: Record) -> int:
+        """How many segments of its drive a record reaches into.
+
+        **Raises:** `InputError` where they are too many to be shown.
+        """
+        segments = self.setup.segments(record.drive, record.time)
+        if segments > _MOST_SEGMENTS:
+            raise InputError(
+                f'record "{record.name}": found a drive of {segments:.3g} segments within the record, expected '
+                f"{_MOST_SEGMENTS} at most on this page: a lower frequency, or a shorter record."
+            )
+        return segments
 
     def _most(self, record: Record) -> Accuracy:
         """With room for all the steps that a record may take."""
-        segments = self.setup.segments(record.drive, record.time)
+        segments = self._segments_within(record)
         return with_room(
             Accuracy(ACCURACY, ACCURACY), self.setup, self.models, _power_of_two(segments), float(record.time[-1])
         )

@@ -4,13 +4,14 @@ import math
 import os
 import re
 import tempfile
+import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 
 import tomlkit
 
 from ..core import Document, InputError
-from .study_toml import load_study
+from .study_toml import FORMAT, load_study
 
 _HEAD = "# Made by pdssjax explore from"
 
@@ -29,10 +30,10 @@ def save_study(
     change, numbers in SI or words.  Files are named relative to `target`.  Everything else stays as it was written,
     comments too.
 
-    **Raises:** `InputError` if `target` is there and `overwrite` is false, is no .toml file or has no folder, or if
-    the numbers make no legal study; nothing is written then.
+    **Raises:** `InputError` if `target` is there and `overwrite` is false or it is no study, if it is no .toml file or
+    has no folder, or if the numbers make no legal study; nothing is written then.
     """
-    target = target.expanduser().absolute()
+    target = Path(os.path.expanduser(target)).absolute()
     _check_target(source, target, overwrite)
     text = _text(source, target, values, drives)
     # Beside its place, so that relative paths lead to the same files once it has its name.
@@ -50,6 +51,12 @@ def save_study(
 
 
 def _check_target(source: Path, target: Path, overwrite: bool) -> None:
+    try:
+        os.stat(target)
+    except ValueError:
+        raise InputError(f"found {str(target)!r}, expected a name that a file can have.") from None
+    except OSError:  # nothing is there yet, or what follows says what is wrong
+        pass
     if target.suffix != ".toml":
         raise InputError(f'{target}: found a name that does not end in ".toml", expected that of a study.')
     if not target.parent.is_dir():
@@ -58,6 +65,19 @@ def _check_target(source: Path, target: Path, overwrite: bool) -> None:
         raise InputError(f"{target}: found a file there already, expected another name, or leave to replace it.")
     if target.exists() and target.samefile(source):
         raise InputError(f"{target}: found the study that is open, expected another name.")
+    if target.exists() and not _is_study(target):
+        raise InputError(f"{target}: found a file that is no study, expected another name: only a study is replaced.")
+
+
+def _is_study(path: Path) -> bool:
+    """Whether a file says that it is a study, of any version of the format."""
+    if not path.is_file():
+        return False
+    try:
+        format_ = tomllib.loads(path.read_text(encoding="utf-8-sig")).get("format")
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError):
+        return False
+    return isinstance(format_, str) and format_.startswith(FORMAT.partition("/")[0] + "/")
 
 
 def _text(

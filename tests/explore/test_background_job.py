@@ -83,16 +83,16 @@ DEAF = """
 import threading
 import pdssjax.explore as page
 from pdssjax.cli import main
-from pdssjax.explore import server
+from pdssjax.explore.widgets import server
 from pdssjax.explore.background_job import BackgroundJob
 
-begun, server._PATIENCE = threading.Event(), 0.1
+begun, server.PATIENCE = threading.Event(), 0.1
 
 
 def serve(bench, port, show, said):
     BackgroundJob(lambda report: begun.set() or threading.Event().wait(), said, lambda *found: None)
     assert begun.wait(10)
-    return server.end_jobs(server._PATIENCE)
+    return server.end_jobs(server.PATIENCE)
 
 
 page.serve = serve

@@ -78,6 +78,13 @@ def test_at_once_nothing_is_compiled(study):
     assert np.array_equal(again.predicted, first.predicted)
 
 
+def test_a_drive_of_more_segments_than_a_page_can_hold_is_refused_before_anything_is_compiled(study):
+    fresh, settings = LiveRecords(study), settings_of(study).with_drive("walk", "drive.frequency", 1e9)
+    walk = study.records[1]
+    with pytest.raises(InputError, match=r'record "walk": found a drive of 4.99e\+08 segments within the record'):
+        fresh.redraw("walk", settings, instants_of(walk, *enlarged_at_first(walk)))
+
+
 class Run(NamedTuple):
     """What is asked of a run here."""
 

@@ -1,35 +1,18 @@
 """Parts of the page, without a browser."""
 
-import logging
-
 import pytest
 from walking_study import write_walking
 
 from pdssjax import load_study
 
 pn = pytest.importorskip("panel")
-from tornado.websocket import WebSocketClosedError  # noqa: E402  (needs Panel)
-
-from pdssjax.explore import Workbench, settings_of  # noqa: E402  (needs Panel)
 from pdssjax.explore.knobs import parameter_knobs  # noqa: E402  (needs Panel)
 from pdssjax.explore.widgets.control_column import ControlRow  # noqa: E402  (needs Panel)
-from pdssjax.explore.widgets.serving import page_server  # noqa: E402  (needs Panel)
 
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
     return load_study(write_walking(tmp_path_factory.mktemp("rig")))
-
-
-def test_a_page_that_is_closed_while_it_is_sent_something_is_no_failure(study, caplog):
-    server = page_server(Workbench(study, settings_of(study)), "127.0.0.1", 0)
-    loop = server.io_loop.asyncio_loop
-    with caplog.at_level(logging.ERROR):
-        loop.call_exception_handler({"message": "never retrieved", "exception": WebSocketClosedError()})
-        assert caplog.records == []
-        loop.call_exception_handler({"message": "never retrieved", "exception": ValueError("of another kind")})
-        assert "of another kind" in caplog.text
-    server.stop()
 
 
 def test_a_slider_that_is_turned_ends_the_complaint_about_its_field(study):

@@ -14,13 +14,20 @@ from pdssjax.explore.widgets import page  # noqa: E402  (needs Panel)
 
 
 class AtOnce:
-    """In place of the document of a browser: what is to be done later is done now, and what is idle never."""
+    """In place of the thread of a page: what is to be done later is done now, what is idle never, and jobs are kept."""
 
-    def add_next_tick_callback(self, act):
+    def __init__(self):
+        self.begun = []
+
+    def later(self, act):
         act()
 
-    def add_timeout_callback(self, act, milliseconds):
+    def after(self, milliseconds, act):
         pass
+
+    def start(self, *job):
+        self.begun.append(job)
+        return SimpleNamespace(runs=False)
 
 
 def marked(view, name):
@@ -32,14 +39,13 @@ def test_plots_are_pale_while_a_record_is_computed_for_other_numbers(tmp_path, m
     study = load_study(platform_study.write_platform(tmp_path, text))
     bench = Workbench(study, settings_of(study))
     bench.warm()
-    view = page.Page(bench, AtOnce()).view
+    thread = AtOnce()
+    view = page.Page(bench, thread).view
     places, (field,) = marked(view, "plots"), marked(view, "field-piezo-gain")
     assert [place.styles["opacity"] for place in places] == ["1", "1"]
-    begun = []
-    monkeypatch.setattr(page, "BackgroundJob", lambda *work: begun.append(work) or SimpleNamespace(runs=False))
     monkeypatch.setattr(bench.records, "redraw_at_once", lambda *given: None)  # as where more room is needed
     field.value = "0.11"
-    assert len(begun) == 1
+    assert len(thread.begun) == 1
     assert [place.styles["opacity"] for place in places] == ["0.3", "0.3"]
     monkeypatch.undo()
     field.value = "0.12"
@@ -50,9 +56,10 @@ class Later(AtOnce):
     """What is to be done later is kept."""
 
     def __init__(self):
+        super().__init__()
         self.kept = []
 
-    def add_next_tick_callback(self, act):
+    def later(self, act):
         self.kept.append(act)
 
 
@@ -61,7 +68,6 @@ def test_another_record_is_announced_before_it_is_drawn_and_of_several_the_last_
     bench, later, made, tab = Workbench(study, settings_of(study)), Later(), [], page.RecordTab
     # Nothing is computed.
     monkeypatch.setattr(bench.records, "redraw_at_once", lambda *given: None)
-    monkeypatch.setattr(page, "BackgroundJob", lambda *work: SimpleNamespace(runs=False))
     view = page.Page(bench, later).view
     (select,), (headline,), places = (marked(view, name) for name in ("record", "headline", "plots"))
     for place in places:

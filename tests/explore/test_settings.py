@@ -35,6 +35,13 @@ def test_a_field_takes_numbers_with_and_without_a_unit(study):
     assert knobs["piezo.natural_frequency"].read("1 kHz") == pytest.approx(6283.185, rel=1e-6)
 
 
+@pytest.mark.parametrize("text", ["inf", "-inf", "nan", "1e999", "1e308", "-1e308", "5e-324", "1e-300 V"])
+def test_a_number_of_a_size_that_nothing_has_is_refused(study, text):
+    voltage = next(knob for knob in drive_knobs(study, study.records[0]) if knob.path == "drive.voltage")
+    with pytest.raises(InputError, match=r"^drive\.voltage: found .*, expected "):
+        voltage.read(text)
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [

@@ -56,20 +56,39 @@ def test_one_of_several_that_a_star_frees_stays_free(source, tmp_path):
 
 
 def test_nothing_is_overwritten_unasked(source, tmp_path):
-    target = tmp_path / "new.toml"
-    target.write_text("mine")
+    target = save_study(source, tmp_path / "new.toml", {}, {})
+    before = target.read_text()
     with pytest.raises(InputError, match="found a file there already"):
         save_study(source, target, VALUES, {})
-    assert target.read_text() == "mine"
+    assert target.read_text() == before
     save_study(source, target, VALUES, {}, overwrite=True)
     assert load_study(target).parameters["piezo.gain"].start == 1.1e-7
     with pytest.raises(InputError, match="found the study that is open"):
         save_study(source, source, VALUES, {}, overwrite=True)
 
 
+@pytest.mark.parametrize("text", [b"mine", b"[tool.ruff]", b'format = "other/1"', b"format = 1", b"\xff\x00"])
+def test_only_a_study_is_replaced(source, tmp_path, text):
+    target = tmp_path / "pyproject.toml"
+    target.write_bytes(text)
+    with pytest.raises(InputError, match=r"pyproject\.toml: found a file that is no study"):
+        save_study(source, target, VALUES, {}, overwrite=True)
+    assert target.read_bytes() == text
+
+
+def test_a_study_that_cannot_be_read_any_more_is_replaced(source, tmp_path):
+    target = tmp_path / "old.toml"
+    target.write_text('format = "pdssjax-study/0"')
+    save_study(source, target, VALUES, {}, overwrite=True)
+    assert load_study(target).parameters["piezo.gain"].start == 1.1e-7
+
+
 @pytest.mark.parametrize(
     ("name", "values", "said"),
     [
+        ("a\0b.toml", VALUES, "expected a name that a file can have"),
+        ("\ud800.toml", VALUES, "expected a name that a file can have"),
+        ("~nobody-at-all/new.toml", VALUES, "there is no folder"),
         ("new.txt", VALUES, "does not end in"),
         ("none/new.toml", VALUES, "there is no folder"),
         ("new.toml", {"piezo.gain": 1.0}, r"new\.toml: .*found 1 m/V, expected at most the max"),

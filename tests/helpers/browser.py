@@ -44,19 +44,33 @@ CHI2 = "() => {" + DEEP + "const e = deep('.headline'); return e && e.shadowRoot
 
 @contextlib.contextmanager
 def served(folder, *files, program=("-m", "pdssjax")):
-    """The command at work in a `folder`, and where its page is; Ctrl-C ends it well."""
+    """The command at work in a `folder`, and where its page is; Ctrl-C ends it well, and it has told of no failure."""
     browser_path()
     command = [sys.executable, *program, "explore", *files, "--no-browser"]
     paths = os.pathsep.join(filter(None, [os.getcwd(), os.environ.get("PYTHONPATH")]))
-    with subprocess.Popen(
-        command, cwd=folder, stdout=subprocess.PIPE, text=True, env={**os.environ, "PYTHONPATH": paths}
-    ) as server:
+    complaints = folder / "stderr.txt"
+    with (
+        complaints.open("w") as stderr,
+        subprocess.Popen(
+            command,
+            cwd=folder,
+            stdout=subprocess.PIPE,
+            stderr=stderr,
+            text=True,
+            env={**os.environ, "PYTHONPATH": paths},
+        ) as server,
+    ):
         assert server.stdout is not None
-        told = re.search(r"http://127\.0\.0\.1:\d+/", server.stdout.readline())
+        told = re.search(r"http://127\.0\.0\.1:\d+/[0-9a-f]{32}", server.stdout.readline())
         assert told, "the command says where the page is"
         yield told[0]
         server.send_signal(signal.SIGINT)
         assert server.wait(90) == 0
+    assert "Traceback" not in complaints.read_text()
+
+
+FOREIGN = "evil.example"
+"""A name of somebody else that the browser resolves to this machine: DNS rebinding."""
 
 
 @contextlib.contextmanager
@@ -65,14 +79,16 @@ def opened_page(address):
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=browser_path(), args=["--no-sandbox"])
+        browser = playwright.chromium.launch(
+            executable_path=browser_path(), args=["--no-sandbox", f"--host-resolver-rules=MAP {FOREIGN} 127.0.0.1"]
+        )
         page = browser.new_page(viewport={"width": 1366, "height": 768})
         errors, hosts = [], set()
         page.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
         page.on("pageerror", lambda error: errors.append(str(error)))
         page.on("request", lambda request: hosts.add(urlsplit(request.url).hostname or "within the page"))
         page.on("websocket", lambda socket: hosts.add(urlsplit(socket.url).hostname))
-        page.goto(address)
+        page.goto(address, timeout=PATIENCE)
         page.wait_for_function(CHI2, timeout=PATIENCE)
         yield page, errors, hosts
         browser.close()

@@ -10,17 +10,17 @@ from ...study import Study
 from ..background_job import BackgroundJob
 from ..fit_from_here import FitResult, fit_from_here
 from ..settings import Settings
+from .page_thread import PageThread
 from .style import Widget
-
-Later = Callable[[Callable[[], None]], None]
-"""Has a function called in the thread of the page."""
 
 
 class FitBox:
     """Two buttons and a line."""
 
-    def __init__(self, study: Study, here: Callable[[], Settings], fitted: Callable[[FitResult], None], later: Later):
-        self._study, self._here, self._fitted, self._later = study, here, fitted, later
+    def __init__(
+        self, study: Study, here: Callable[[], Settings], fitted: Callable[[FitResult], None], thread: PageThread
+    ):
+        self._study, self._here, self._fitted, self._thread = study, here, fitted, thread
         self._job: BackgroundJob[FitResult] | None = None
         self._fit = pn.widgets.Button(
             label="Fit from here", color="primary", height=28, margin=(2, 6, 2, 0), css_classes=["fit"]
@@ -39,7 +39,9 @@ class FitBox:
         settings = self._here()
         self._fit.disabled, self._cancel.disabled = True, False
         self._say("The fit compiles; the page can be used meanwhile.")
-        self._job = BackgroundJob(lambda report: fit_from_here(self._study, settings, report), self._told, self._ended)
+        self._job = self._thread.start(
+            lambda report: fit_from_here(self._study, settings, report), self._ended, self._told
+        )
 
     def _stop(self) -> None:
         if self._job is not None:
@@ -48,12 +50,10 @@ class FitBox:
             self._say("Cancelling: the step in progress is finished first.")
 
     def _told(self, line: str) -> None:
-        self._later(lambda: self._say(line) if not self._cancel.disabled else None)
+        if not self._cancel.disabled:
+            self._say(line)
 
     def _ended(self, result: FitResult | None, error: BaseException | None) -> None:
-        self._later(lambda: self._end(result, error))
-
-    def _end(self, result: FitResult | None, error: BaseException | None) -> None:
         self._fit.disabled, self._cancel.disabled = False, True
         if result is None:
             what = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"

@@ -3,11 +3,9 @@
 import html
 import json
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import panel as pn
-from bokeh.document import Document as BokehDocument
 
 from ...core import InputError
 from ...files import estimate_text
@@ -22,7 +20,7 @@ from .contact_tab import ContactTab
 from .control_column import ControlGroup
 from .estimate_tab import EstimateTab
 from .fit_box import FitBox
-from .in_order import in_order
+from .page_thread import PageThread, in_order
 from .record_tab import RecordTab, keyboard_buttons
 from .save_box import SaveBox
 from .score_table import ScoreTable
@@ -40,8 +38,8 @@ _PLACE = {"min-height": "0", "flex": "1 1 0"}
 class Page:
     """The widgets of one page, and the numbers that they show."""
 
-    def __init__(self, workbench: Workbench, document: BokehDocument):
-        self._bench, self._document = workbench, document
+    def __init__(self, workbench: Workbench, thread: PageThread):
+        self._bench, self._thread = workbench, thread
         self._settings, self._study = workbench.begun, workbench.study
         self._record = workbench.first()
         self._window = enlarged_at_first(self._record)
@@ -75,8 +73,8 @@ class Page:
         self._drive_place = pn.Column(margin=0)
         self._estimate = EstimateTab()
         self._scores_table = ScoreTable(self._study.records)
-        self._fit = FitBox(self._study, lambda: self._settings, self._fitted, self._later)
-        self._sweep = SweepPage(self._bench, lambda: self._settings, lambda: self._record.name, self._later)
+        self._fit = FitBox(self._study, lambda: self._settings, self._fitted, self._thread)
+        self._sweep = SweepPage(self._bench, lambda: self._settings, lambda: self._record.name, self._thread)
         self._save = SaveBox(self._bench.free_path(), self._save_to)
         self._record_place, self._contact_place = _place(), _place()
         if self._bench.estimate is not None:
@@ -187,7 +185,7 @@ class Page:
         self._dim(True)
         self._headline.object = f"drawing {html.escape(name)}; the pale plots are of {html.escape(self._record.name)}"
         # Of records chosen quickly one after the other only the last is drawn.
-        self._later(lambda: self._show_record(name) if name == self._select.value else None)
+        self._thread.later(lambda: self._show_record(name) if name == self._select.value else None)
 
     def _show_record(self, name: str) -> None:
         self._record = record = self._bench.record(name)
@@ -217,15 +215,11 @@ class Page:
 
     # What is drawn
 
-    def _later(self, act: Callable[[], None]) -> None:
-        """Calls `act` in the thread of the page, from any thread."""
-        self._document.add_next_tick_callback(in_order(act))
-
     def _ask_redraw(self) -> None:
         """Draws once, soon, however often it is asked meanwhile."""
         if not self._asked:
             self._asked = True
-            self._later(lambda: self._redraw())
+            self._thread.later(self._redraw)
 
     def _redraw(self, every_tab: bool = False) -> None:
         self._asked = False
@@ -268,7 +262,7 @@ class Page:
         )
         name, settings, instants = self._record.name, self._settings, instants_of(self._record, *self._window)
         work = lambda report: self._bench.records.redraw(name, settings, instants)
-        self._job = BackgroundJob(work, lambda line: None, lambda result, error: self._later(lambda: self._made(error)))
+        self._job = self._thread.start(work, lambda result, error: self._made(error))
 
     def _dim(self, earlier: bool) -> None:
         """Shows whether the plots are of `earlier` numbers than the sliders'."""
@@ -287,7 +281,7 @@ class Page:
     def _ask_scores(self) -> None:
         if not self._idle_asked:
             self._idle_asked = True
-            self._document.add_timeout_callback(self._score, _IDLE_MS)
+            self._thread.after(_IDLE_MS, self._score)
 
     def _score(self) -> None:
         self._idle_asked = False
@@ -296,8 +290,7 @@ class Page:
             return
         settings = self._settings
         work = lambda report: self._all_scores(settings, report)
-        ended = lambda scores, error: self._later(lambda: self._scored(scores, error, settings))
-        self._scoring = BackgroundJob(work, lambda line: None, ended)
+        self._scoring = self._thread.start(work, lambda scores, error: self._scored(scores, error, settings))
 
     def _all_scores(self, settings: Settings, report: Report) -> dict[str, Score]:
         found = {}

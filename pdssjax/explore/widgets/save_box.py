@@ -1,6 +1,7 @@
 """Where the numbers of the sliders are saved as a study of their own."""
 
 import html
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -41,7 +42,7 @@ class SaveBox:
 
     def _press(self) -> None:
         # A path alone is a file beside the study; one with folders is taken as it is.
-        target = self._folder / Path(self._path.value.strip()).expanduser()
+        target = self._folder / os.path.expanduser(self._path.value.strip())
         try:
             saved = self._save(target, bool(self._replace.value))
         except InputError as error:

@@ -10,7 +10,7 @@ from ..settings import Settings
 from ..sweep_map import SweepMap, sweep_map
 from ..sweep_walk import Walk, Walker, small_map
 from ..workbench import Workbench
-from .fit_box import Later
+from .page_thread import PageThread
 from .style import Widget
 from .sweep_tab import SweepTab
 
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 class SweepPage:
     """The tab, its map, and the walks in it."""
 
-    def __init__(self, bench: Workbench, here: Callable[[], Settings], chosen: Callable[[], str], later: Later):
+    def __init__(self, bench: Workbench, here: Callable[[], Settings], chosen: Callable[[], str], thread: PageThread):
         """`chosen` tells the name of the record that the page shows."""
-        self._bench, self._here, self._chosen, self._later = bench, here, chosen, later
+        self._bench, self._here, self._chosen, self._thread = bench, here, chosen, thread
         self._tab = SweepTab(self._choose, self._make, self._cancel)
         self._map: SweepMap | None = None
         self._walker: Walker | None = None
@@ -61,10 +61,8 @@ class SweepPage:
             return
         self._wanted = None
         numbers = found.numbers(point)
-        self._walk_job = BackgroundJob(
-            lambda report: walker.motion(numbers),
-            lambda line: None,
-            lambda motion, error: self._later(lambda: self._walked(numbers, motion, error)),
+        self._walk_job = self._thread.start(
+            lambda report: walker.motion(numbers), lambda motion, error: self._walked(numbers, motion, error)
         )
 
     def _walked(self, numbers: dict[str, float], motion: Walk | None, error: BaseException | None) -> None:
@@ -79,8 +77,7 @@ class SweepPage:
         settings, chosen = self._here(), self._chosen()
         self._tab.make.disabled, self._tab.stop.disabled = True, False
         work = lambda report: small_map(self._bench.study, settings, report, chosen)
-        told = lambda line: self._later(lambda: self._say(line))
-        self._job = BackgroundJob(work, told, lambda data, error: self._later(lambda: self._made(data, error)))
+        self._job = self._thread.start(work, self._made, self._say)
 
     def _cancel(self) -> None:
         if self._job is not None:
