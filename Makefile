@@ -3,7 +3,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test docs experiments bench lint clean
+.PHONY: demo test docs experiments bench lint wheel-check clean
 
 # The demo owns out/demo, so a second run may replace what the first one left there.
 demo: .venv/ready
@@ -32,6 +32,10 @@ lint: .venv/ready
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/basedpyright --pythonpath $(BIN)/python
+
+# What is released, installed where the repository is not, with the lowest and the newest versions of what it needs.
+wheel-check: .venv/ready
+	$(BIN)/python .ci/check_release.py
 
 clean:
 	rm -rf .venv out dist

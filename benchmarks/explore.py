@@ -20,7 +20,7 @@ TURNS = 50
 
 
 def main() -> None:
-    prepare_jax()
+    prepare_jax(dedicated=True)
     study = pdssjax.load_study(EXAMPLE / "study.toml")
     truth = json.loads((EXAMPLE / "truth.json").read_text(encoding="utf-8"))["parameters"]
     study = study.with_values({path: truth[path]["value"] for path in study.parameters})

@@ -64,7 +64,7 @@ def _ours() -> tuple[Entry, list[Entry]]:
     """The tight solution, every cycle stepped, and ours at default accuracy in both modes."""
     from pdssjax import prepare_jax
 
-    prepare_jax()
+    prepare_jax(dedicated=True)
     import jax
     import jax.numpy as jnp
 

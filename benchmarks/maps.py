@@ -66,7 +66,7 @@ def measured(voltages: int, frequencies: int, both: bool, cycles: int | str, wor
     """Seconds of the first and of the second call, points without a steady cycle or a value, peak memory [bytes]."""
     from pdssjax import prepare_jax
 
-    prepare_jax()
+    prepare_jax(dedicated=True)
     import pdssjax
 
     call = lambda: pdssjax.sweep(study(), over(voltages, frequencies, both), cycles=cycles, workers=workers)
@@ -208,7 +208,7 @@ def compare(points: int, kept: Path, minutes: float) -> None:
     """Compares steady cycles with 200 cycles, in both readings."""
     from pdssjax import prepare_jax
 
-    prepare_jax()
+    prepare_jax(dedicated=True)
     kept.parent.mkdir(parents=True, exist_ok=True)
     for reading in ("deflection", "force"):
         say_compared(reading, compared(points, reading, kept, minutes), points)

@@ -70,7 +70,7 @@ def draw(problem: Problem, found: Derivatives) -> Figure:
 
 def main() -> int:
     """Draw the figure, and print the errors of all columns."""
-    prepare_jax()
+    prepare_jax(dedicated=True)
     problem = Problem(cycles=3, samples=301)
     found = derivatives(problem)
     print("| parameter | diffrax's Tsit5 | pdssjax |\n|---|--:|--:|")

@@ -26,7 +26,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from pdssjax import prepare_jax
 
     # As a program of ours runs, for all that JAX compiles here; but compile times are to be seen.
-    prepare_jax()
+    prepare_jax(dedicated=True)
     jax.config.update("jax_enable_compilation_cache", False)
     from .jobs import jobs
     from .machine import header, label, load

@@ -83,7 +83,7 @@ def picture(estimate: pdssjax.Estimate) -> Figure:
 
 
 if __name__ == "__main__":
-    prepare_jax()
+    prepare_jax(dedicated=True)
     target = Path(__file__).parent / "figures" / "start.png"
     target.parent.mkdir(exist_ok=True)
     picture(pdssjax.identify(pdssjax.load_study(EXAMPLE / "study.toml"))).savefig(target)

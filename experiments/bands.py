@@ -111,7 +111,7 @@ def _range(values: np.ndarray) -> str:
 
 def main() -> None:
     """Prints how well the two agree and draws both."""
-    prepare_jax()
+    prepare_jax(dedicated=True)
     study, estimate = identified()
     found = calculate(study, estimate)
     note = "Draws: 4000 a point, the same at all points; their own standard deviation is known to 1 to 3 %."

@@ -80,7 +80,7 @@ def rig(number: int) -> tuple[Study, Study]:
 
 def identified(number: int, methods: Sequence[Method] = ("joint", "sequential")) -> Result:
     """A rig, identified in these ways."""
-    prepare_jax()  # in another process, too
+    prepare_jax(dedicated=True)  # in another process, too
     told, asked = rig(number)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)

@@ -49,7 +49,7 @@ LEGEND = "* first order, all three piezo parameters off by the spread of the the
 
 def main(draws: int = DRAWS, scenarios: Sequence[Scenario] = SCENARIOS) -> None:
     """Print the tables and draw the figures."""
-    prepare_jax()
+    prepare_jax(dedicated=True)
     study, truth = pdssjax.load_study(EXAMPLE / "study.toml"), known_truth()
     shifts, tables = {}, []
     paths = np.array([])

@@ -222,7 +222,7 @@ def true_flanks(rig: Rig, study: Path) -> dict[str, float]:
 
 def identified(number: int) -> Result:
     """A rig, by its files alone."""
-    prepare_jax()  # in another process, too
+    prepare_jax(dedicated=True)  # in another process, too
     rig = drawn_rig(number)
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)

@@ -80,7 +80,7 @@ def misfit(r2: float, record: FittedRecord | Record) -> float:
 
 def main() -> None:
     """Print the tables and draw the figure."""
-    prepare_jax()
+    prepare_jax(dedicated=True)
     result = calculate()
     text = [
         print_table(

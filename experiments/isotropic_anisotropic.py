@@ -112,7 +112,7 @@ def consistency() -> list[Row]:
 
 def main() -> None:
     """Print the tables and draw the figure."""
-    prepare_jax()
+    prepare_jax(dedicated=True)
     found: dict[Reading, Walks] = {reading: calculate(reading) for reading in READINGS}
     texts = [print_table("Are the published numbers consistent with each other?", consistency())]
     for reading, walks in found.items():

@@ -139,7 +139,7 @@ def _ratio(forward: np.ndarray, backward: np.ndarray) -> float:
 
 def main() -> None:
     """Prints the answer and draws the map."""
-    prepare_jax()
+    prepare_jax(dedicated=True)
     study, estimate = identified()
     both, banded = calculate(study, estimate)
     answer(study, estimate, both, banded)

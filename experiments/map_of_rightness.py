@@ -133,7 +133,7 @@ def draw(results: Mapping[str, Sequence[Verdict]]) -> Figure:
 
 def main(count: int = COUNT, first: int = 0, last: int = 0) -> None:
     """Print the table and draw the figure; of combinations, if a `last` is given."""
-    prepare_jax()
+    prepare_jax(dedicated=True)
     combined = [f"combination {number}" for number in range(first, last)]
     results = {name: verdicts(name, count * 5 // 4 if name in PUBLISHED else count) for name in combined or STRUCTURES}
     text, kept = table(results), f"{NAME}_combined" if combined else NAME

@@ -144,7 +144,7 @@ class Fitted:
 
 def fit(law: str, starts: dict[str, float]) -> Fitted:
     """Everything about one law, in a process of its own."""
-    prepare_jax()
+    prepare_jax(dedicated=True)
     return _fitted(law, Curves(study(*LAWS[law]), ACCURACY, starts), starts)
 
 

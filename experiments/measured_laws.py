@@ -43,7 +43,7 @@ def main() -> None:
     """Print the tables and draw the figure."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--search", action="store_true", help="look for the starts anew")
-    prepare_jax()
+    prepare_jax(dedicated=True)
     if parser.parse_args().search:
         search_all()
     results = fit_all()

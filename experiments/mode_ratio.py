@@ -54,7 +54,7 @@ def calculate(mass_ratios) -> Ratios:
 
 def main() -> None:
     """Print the table and draw the figure."""
-    prepare_jax()
+    prepare_jax(dedicated=True)
     found = calculate(MASS_RATIOS)
     rows = []
     for mass_ratio, shape, gain in zip(MASS_RATIOS, found.shape, found.gain, strict=True):

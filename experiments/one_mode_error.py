@@ -91,7 +91,7 @@ def enough(excitation: str, error: float = RESOLUTION) -> float:
 
 def main() -> None:
     """Print the tables and draw the figure."""
-    prepare_jax()
+    prepare_jax(dedicated=True)
     found = calculate(MASS_RATIOS)
     limits = {excitation: enough(excitation) for excitation in ("strain", "equal")}
     text = [

@@ -128,7 +128,7 @@ def _at_force(values, steady, force) -> float:
 
 def main() -> None:
     """Print the tables and draw the figure."""
-    prepare_jax()
+    prepare_jax(dedicated=True)
     found: dict[Reading, Forces] = {reading: calculate(reading) for reading in READINGS}
     texts = [
         print_table(f"Figure 3.11 with the published parameters, {reading} state", rows(forces))

@@ -33,7 +33,7 @@ Result = dict[str, Any]
 
 def both_intervals(number: int) -> Result:
     """The intervals of a rig whose joint fit ended in its optimum, in both ways; empty where it did not."""
-    prepare_jax()  # in another process, too
+    prepare_jax(dedicated=True)  # in another process, too
     name = f"{number:04d}"
     ((_, kept),) = read_tasks({name: (number,)}, OUT / RIGS)
     if missed(kept, "joint"):

@@ -181,7 +181,7 @@ def conclusions(found: Found) -> list[str]:
 
 def main() -> None:
     """Fit, print the tables and draw the figure."""
-    prepare_jax()
+    prepare_jax(dedicated=True)
     found: Found = {(case.name, reading): best(case, reading) for reading in READINGS for case in CASES}
     texts = [print_table("How far does each parameter help?", ladder(found))]
     for reading in READINGS:

@@ -140,7 +140,7 @@ def _why(rival: Rival, fall: float) -> str:
 
 def main() -> None:
     """Print the tables and draw the figure."""
-    prepare_jax()
+    prepare_jax(dedicated=True)
     models = rivals()
     found = [calculate(rival) for rival in models]
     texts = [print_table(m.name, rows(m, cycles)) for m, cycles in zip(models, found, strict=True)]

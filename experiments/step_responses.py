@@ -143,7 +143,7 @@ def delay_for(error: float, voltage: float) -> float:
 
 def main() -> None:
     """Print the tables and draw the figure."""
-    prepare_jax()
+    prepare_jax(dedicated=True)
     results = calculate()
     text = [
         print_table(

@@ -127,7 +127,7 @@ def rig_of(scenario: Scenario) -> Rig:
 
 @functools.cache
 def _made(scenario: Scenario) -> Rig:
-    prepare_jax()  # in another process, too
+    prepare_jax(dedicated=True)  # in another process, too
     study = pdssjax.load_study(EXAMPLE / "study.toml").with_starts(known_truth())
     records = tuple(_sampled(record, scenario) for record in study.records if record.role == "fit")
     study = dataclasses.replace(study, records=records)

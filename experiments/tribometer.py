@@ -135,7 +135,7 @@ class Fitted:
 
 def fit(law: str, parts: dict[str, Float[np.ndarray, "n 3"]]) -> Fitted:
     """Everything about one law, in a process of its own."""
-    prepare_jax()
+    prepare_jax(dedicated=True)
     posed = study(*LAWS[law], parts)
     middle, _ = guess_starts(posed.models, posed.parameters, posed.records)
     curves = Curves(posed, ACCURACY, middle)

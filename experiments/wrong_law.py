@@ -123,7 +123,7 @@ class Made(NamedTuple):
 @functools.cache
 def made() -> Made:
     """What all draws share, made once."""
-    prepare_jax()  # in another process, too
+    prepare_jax(dedicated=True)  # in another process, too
     right = planned("lugre", RIGHT)
     right = dataclasses.replace(right, records=tuple(map(ringing, right.records)))
     truth = {path: float((p.start if p.free else p.value) or 0.0) for path, p in right.parameters.items()}

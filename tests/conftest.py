@@ -1,8 +1,7 @@
 """Every test runs in double precision, with compiled code kept between runs (`PDSSJAX_CACHE` says where).
 
 Nearly all of the tests' time goes into compiling, so they compile quickly rather than well: with little of LLVM's
-optimisation and without its expensive passes, and with XLA's emitter of whole loops in place of the one that
-sets up MLIR anew for each of the hundreds of small kernels of a step.
+optimisation and without its expensive passes.
 """
 
 import os
@@ -14,8 +13,8 @@ from pdssjax import prepare_jax
 # XLA reads this when the first computation is asked for.
 QUICKLY = (
     "--xla_backend_optimization_level=1 --xla_llvm_disable_expensive_passes=true"
-    " --xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1"
+    " --xla_cpu_parallel_codegen_split_count=1"
 )
 os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {QUICKLY}".strip()
 
-prepare_jax()
+prepare_jax(dedicated=True)

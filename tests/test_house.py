@@ -2,8 +2,10 @@
 
 import ast
 import importlib
+import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -248,6 +250,21 @@ def test_heavy_dependencies_stay_at_home(dependency):
     users = {dotted(path) for path in MODULES if dependency in {m.split(".")[0] for m, _ in imported(path)}}
     strangers = {u for u in users if not any(u == home or u.startswith(f"{home}.") for home in HOMES[dependency])}
     assert not strangers
+
+
+BY_PANEL = {"bokeh", "tornado"}
+"""What the page takes from its libraries' own."""
+
+
+def test_what_is_imported_is_declared_and_what_is_needed_is_imported():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    first_word = lambda dependency: re.match(r"[\w-]+", dependency)[0]
+    needed = {first_word(dependency) for dependency in project["dependencies"]}
+    optional = {first_word(name) for names in project["optional-dependencies"].values() for name in names}
+    names = {module.split(".")[0] for path in MODULES for module, _ in imported(path)}
+    libraries = names - sys.stdlib_module_names - {"pdssjax"}
+    assert libraries <= needed | optional | BY_PANEL
+    assert needed <= libraries
 
 
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: str(path.relative_to(ROOT)))

@@ -21,7 +21,7 @@ t0 = time.perf_counter()
 import pdssjax
 from pdssjax.files import EXAMPLE
 from pdssjax import identify, prepare_jax
-prepare_jax()
+prepare_jax(dedicated=True)
 t1 = time.perf_counter()
 study = pdssjax.load_study(EXAMPLE / "study.toml")
 t2 = time.perf_counter()

@@ -37,7 +37,7 @@ _CHECKED = 8
 _FRESH = """
 import json, resource, sys, time
 from pdssjax import prepare_jax
-prepare_jax()
+prepare_jax(dedicated=True)
 import numpy as np
 import pdssjax
 from pdssjax.files import EXAMPLE

@@ -27,7 +27,7 @@ def characterise(options: argparse.Namespace) -> int:
     units = read_pairs(options.unit, "--unit", ("time", "displacement", "force"), "displacement=um")
     if options.out:
         check_free(options.out, options.overwrite)
-    prepare_jax()
+    prepare_jax(dedicated=True)
     from ..files import characterise
 
     columns = {name: getattr(options, name) for name in ("time", "displacement", "force")}

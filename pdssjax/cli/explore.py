@@ -24,7 +24,7 @@ def explore(options: argparse.Namespace) -> int:
 
     check_whole("option --port", options.port, 0, _PORTS)
     _check_installed()
-    prepare_jax()
+    prepare_jax(dedicated=True)
     from ..explore import Workbench, serve, settings_of
     from ..files import read_estimate, read_sweep
 

@@ -26,7 +26,7 @@ def identify(options: argparse.Namespace) -> int:
     if options.method == "both":
         for method in _SIDE_BY_SIDE:
             check_free(options.out / method, options.overwrite or options.resume)
-    prepare_jax()
+    prepare_jax(dedicated=True)
     import pdssjax
 
     from ..inference import check_intervals

@@ -1,9 +1,9 @@
 """The command `pdssjax`: its options, and its exit status.
 
-0 when it worked, 2 when the input is at fault, 3 when a fit did not converge (its best result
-is written all the same), 4 when results could not be written to the folder asked for (the last
-lines say where they are instead).  Broken off, 130 (Ctrl-C), 143 (SIGTERM) or 129 (SIGHUP); a
-fit then leaves the best point so far in its folder, marked.
+0 when it worked, 2 when the input is at fault or the installed JAX computes wrongly, 3 when a fit
+did not converge (its best result is written all the same), 4 when results could not be written to
+the folder asked for (the last lines say where they are instead).  Broken off, 130 (Ctrl-C), 143
+(SIGTERM) or 129 (SIGHUP); a fit then leaves the best point so far in its folder, marked.
 """
 
 import argparse
@@ -15,7 +15,7 @@ import warnings
 from collections.abc import Sequence
 from typing import NoReturn
 
-from ..core import InputError, InputWarning, seldom_look_for_garbage
+from ..core import InputError, InputWarning, MiscompilationError, seldom_look_for_garbage
 from .console import LenientStream, announce_warnings, say
 from .signals import exit_status, requests_to_end
 
@@ -47,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             given = sys.argv[1:] if arguments is None else list(arguments)
             options = _parser(given).parse_args(given)
             return options.run(options)
-        except (InputError, OSError) as error:
+        except (InputError, MiscompilationError, OSError) as error:
             print(f"pdssjax: error: {error}", file=sys.stderr)
             return 2
         except KeyboardInterrupt:
@@ -113,9 +113,9 @@ def _parser(given: Sequence[str] | None = None) -> argparse.ArgumentParser:
         prog="pdssjax",
         formatter_class=_Help,
         description="Models and identifies piezoelectric stick-slip actuators.",
-        epilog="Exit status: 0 it worked; 2 the input is at fault; 3 a fit did not converge, its best result is "
-        "written; 4 results could not be written where asked; 130 or 143 interrupted or terminated, a fit leaves its "
-        "best point so far in estimate.json.",
+        epilog="Exit status: 0 it worked; 2 the input is at fault, or JAX computes wrongly; 3 a fit did not converge, "
+        "its best result is written; 4 results could not be written where asked; 130 or 143 interrupted or terminated, "
+        "a fit leaves its best point so far in estimate.json.",
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     subcommands = parser.add_subparsers(required=True, metavar="COMMAND", prog=parser.prog)

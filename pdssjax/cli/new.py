@@ -67,7 +67,7 @@ def new(options: argparse.Namespace) -> int:
             status = 2
     if status:
         return status
-    prepare_jax()
+    prepare_jax(dedicated=True)
     path = write_study(records, told, options.folder, options.title or options.folder.resolve().name)
     say(format_guesses([(record.name, record.guess) for record in records]), end="")
     _warn(records, told)

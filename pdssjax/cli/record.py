@@ -14,7 +14,7 @@ def record(options: argparse.Namespace) -> int:
     from ..report.text import format_numbers, format_records
 
     check_free(options.out, options.overwrite)
-    prepare_jax()
+    prepare_jax(dedicated=True)
 
     from ..study import compare, make_recordings, numbers_used, truth
 

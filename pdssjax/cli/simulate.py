@@ -21,7 +21,7 @@ def simulate(options: argparse.Namespace) -> int:
     from ..report.text import format_numbers, format_records
 
     check_free(options.out, options.overwrite)
-    prepare_jax()
+    prepare_jax(dedicated=True)
     from ..integration import Accuracy
     from ..study import failure_cause, numbers_used
 

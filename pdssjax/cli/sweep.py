@@ -35,7 +35,7 @@ def sweep(options: argparse.Namespace) -> int:
     if not options.explain:
         check_free(options.out, options.overwrite or options.resume)
     check_store(options.store)
-    prepare_jax()
+    prepare_jax(dedicated=True)
 
     from ..sweeps import driven_record, with_bands
 

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from .display_units import strongest_pairs as strongest_pairs
     from .errors import InputError as InputError
     from .errors import InputWarning as InputWarning
+    from .errors import MiscompilationError as MiscompilationError
     from .errors import check_kind as check_kind
     from .errors import check_whole as check_whole
     from .errors import nearest as nearest
@@ -69,7 +70,7 @@ else:
                 *("Display", "LENGTH", "MICROMETRES", "VELOCITY", "decimals_for", "display_unit"),
                 *("percent", "rounded", "strongest_pairs"),
             ],
-            "errors": ["InputError", "InputWarning", "check_kind", "check_whole", "nearest"],
+            "errors": ["InputError", "InputWarning", "MiscompilationError", "check_kind", "check_whole", "nearest"],
             "families": ["member", "member_name", "members", "told_by"],
             "garbage": ["seldom_look_for_garbage"],
             "jax_setup": ["need_double_precision", "prepare_jax"],

@@ -11,6 +11,10 @@ class InputError(ValueError):
     """
 
 
+class MiscompilationError(RuntimeError):
+    """The installed JAX compiles programs that compute wrongly; the command line then exits with status 2."""
+
+
 class InputWarning(UserWarning):
     """The input is legal but looks like a mistake; work goes on."""
 

@@ -1,4 +1,4 @@
-"""Sets a program up that identifies actuators: double precision, fast loops, compiled code kept, less garbage sought.
+"""Sets JAX up for a program that identifies actuators: double precision, fast loops, compiled code kept.
 
 Importing pdssjax changes nothing global; programs (the command line, the tests, the
 experiments) call `prepare_jax` before anything is traced.
@@ -6,14 +6,20 @@ experiments) call `prepare_jax` before anything is traced.
 
 import contextlib
 import ctypes
+import mmap
 import os
+import re
 import sys
+import warnings
 from pathlib import Path
 
 import jax
+import jaxlib
 import platformdirs
 from jaxlib.version import __version__ as jaxlib_version
 
+from .compiler_check import check_compiler
+from .errors import InputWarning
 from .garbage import seldom_look_for_garbage
 
 
@@ -22,28 +28,45 @@ def cache_folder() -> Path:
     return Path(os.environ.get("PDSSJAX_CACHE") or platformdirs.user_cache_dir("pdssjax", appauthor=False))
 
 
-_FLAGS = (
-    "--xla_cpu_use_fusion_emitters=false",
-    "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=1000000000",
-)
-"""How XLA compiles for a CPU.
+_EMITTERS = "--xla_cpu_use_fusion_emitters=false"
+"""Each kernel is emitted without setting up MLIR for it: a fit's function then takes a fifth of the memory and three
+fifths of the time to compile, and runs as fast.  jaxlib 0.11.1 dropped the flag, and compiles as lightly without it."""
 
-Each kernel is emitted without setting up MLIR for it: a fit's function then takes a fifth of the memory and three
-fifths of the time to compile, and runs as fast.  And a loop is one kernel whatever it touches, not only below 1 kB: a
-step of an integration is some hundred kernels of a few numbers each, and starting them took longer than what they
-compute.
-"""
+_LOOPS = "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=1000000000"
+"""A loop is one kernel whatever it touches, not only below 1 kB: a step of an integration is some hundred kernels of a
+few numbers each, and starting them took longer than what they compute."""
 
-_KNOWN_TO = ("0.10.",)
-"""Versions of jaxlib that know the flags: one that does not would end the process."""
+_WITHOUT_EMITTERS_FLAG, _NEWER_THAN_MEASURED = (0, 11, 1), (0, 13)
+"""The first version of jaxlib without the first flag, and the first with which the second was not tried."""
 
 
-def _tell_xla() -> None:
+def xla_flags(version: str = jaxlib_version) -> list[str]:
+    """How XLA is to compile for a CPU, of a jaxlib's `version`: flags that it knows, since an unknown one aborts."""
+    numbers = tuple(int(number) for number in re.findall(r"\d+", version)[:3])
+    flags = [_EMITTERS] if numbers < _WITHOUT_EMITTERS_FLAG else []
+    if numbers < _NEWER_THAN_MEASURED or in_jaxlib(_flag_name(_LOOPS)):
+        flags.append(_LOOPS)
+    return flags
+
+
+def in_jaxlib(flag: str) -> bool:
+    """Whether the installed jaxlib's binary holds the name of a `flag`, as a string of its own."""
+    for library in Path(jaxlib.__file__).parent.glob("*jax_common.*"):
+        with library.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+            return content.find(flag.encode() + b"\0") >= 0
+    return False
+
+
+def _flag_name(flag: str) -> str:
+    return flag.removeprefix("--").partition("=")[0]
+
+
+def add_xla_flags() -> None:
     """Add the flags to XLA's, which it reads when the first computation is asked for, unless the user gave them."""
     given = os.environ.get("XLA_FLAGS", "")
     in_a_file = bool(given) and not given.lstrip().startswith("-")
-    if jaxlib_version.startswith(_KNOWN_TO) and not in_a_file:
-        missing = [flag for flag in _FLAGS if flag.partition("=")[0] not in given]
+    if not in_a_file:
+        missing = [flag for flag in xla_flags() if _flag_name(flag) not in given]
         os.environ["XLA_FLAGS"] = " ".join([given, *missing]).strip()
 
 
@@ -62,25 +85,56 @@ def _share_free_memory() -> None:
             ctypes.CDLL(None).mallopt(_MOST_ARENAS, _ARENAS)
 
 
-def prepare_jax() -> None:
+def usable_cache() -> Path | None:
+    """The folder of compiled code, made where it is missing; None where it cannot be written to, or others can.
+
+    What lies in it is run: who may write there could run code as this user.
+    """
+    folder = cache_folder()
+    with contextlib.suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    if not os.access(folder, os.W_OK | os.X_OK):
+        return None  # JAX itself would warn at every function it compiles
+    if os.name == "posix":
+        status = folder.stat()
+        if status.st_uid != os.geteuid() or status.st_mode & 0o022:
+            warnings.warn(
+                f"Compiled code is neither kept in {folder} nor taken from it: it is run, and others may write there. "
+                f"Change it by `chmod go-w`, or set PDSSJAX_CACHE to a folder of your own.",
+                InputWarning,
+                stacklevel=3,
+            )
+            return None
+    return folder
+
+
+def prepare_jax(*, dedicated: bool = False) -> None:
     """Switch on 64-bit numbers, loops of one kernel and, where it can be written to, the cache of compiled code.
 
-    Less garbage is looked for, too, and memory that is free is shared by the threads.
-
     What a program calls before JAX computes anything; later, loops stay as they are.  Flags of XLA that the environment
-    gives already are left alone, and compiled code is kept where its `PDSSJAX_CACHE` says.
+    gives already are left alone, and compiled code is kept where its `PDSSJAX_CACHE` says, in a folder that nobody else
+    may write to.  A small program is compiled and its result checked, once for each version of jaxlib, processor and
+    flags: JAX has its devices from then on, so choose them before.
+
+    **Arguments:**
+
+    - `dedicated`: whether the process is there for pdssjax, as one of the command line is.  Python then looks for
+      garbage less often, glibc's threads share the memory that is free, and every compiled function is kept, also
+      yours and however quickly it was compiled; otherwise only those that took JAX's
+      `jax_persistent_cache_min_compile_time_secs`, a second.
+
+    **Raises** `MiscompilationError`, a `RuntimeError`, where the installed jaxlib computes wrongly.
     """
-    _tell_xla()
-    _share_free_memory()
-    seldom_look_for_garbage()
+    add_xla_flags()
     jax.config.update("jax_enable_x64", True)
-    folder = cache_folder()
-    # JAX itself would warn at every function it compiles.
-    with contextlib.suppress(OSError):
-        folder.mkdir(parents=True, exist_ok=True)
-    if os.access(folder, os.W_OK | os.X_OK):
+    folder = usable_cache()
+    if folder is not None:
         jax.config.update("jax_compilation_cache_dir", str(folder))
+    if dedicated:
+        _share_free_memory()
+        seldom_look_for_garbage()
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    check_compiler(folder)
 
 
 def need_double_precision() -> None:
