@@ -30,7 +30,8 @@ def cache_folder() -> Path:
 
 _EMITTERS = "--xla_cpu_use_fusion_emitters=false"
 """Each kernel is emitted without setting up MLIR for it: a fit's function then takes a fifth of the memory and three
-fifths of the time to compile, and runs as fast.  jaxlib 0.11.1 dropped the flag, and compiles as lightly without it."""
+fifths of the time to compile, and runs as fast.  jaxlib 0.11.1 dropped the flag; 0.12 compiles in that time without it,
+in a fifth more memory (docs/decisions/12-loop-over-the-order.md)."""
 
 _LOOPS = "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=1000000000"
 """A loop is one kernel whatever it touches, not only below 1 kB: a step of an integration is some hundred kernels of a
