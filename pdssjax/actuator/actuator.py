@@ -2,7 +2,7 @@
 
 import equinox as eqx
 
-from ..core import ScalarLike, described
+from ..core import AbstractModel, ScalarLike, check_kind
 from ..friction.base import AbstractFriction
 from ..integration import Term
 from ..piezo.base import AbstractPiezo
@@ -12,7 +12,7 @@ from .effector import Effector
 from .stop import Stop
 
 
-class Actuator(eqx.Module):
+class Actuator(AbstractModel):
     """A piezo stack with platform, and an end-effector held on it by friction."""
 
     piezo: AbstractPiezo
@@ -27,8 +27,10 @@ class Actuator(eqx.Module):
     rests_under_load: bool = eqx.field(static=True, default=False)
     """Load and tilt acted before t = 0, and all motion is counted from rest under them; else they set in at t = 0."""
 
-    def __repr__(self) -> str:
-        return described(self)
+    def __check_init__(self) -> None:
+        check_kind("Actuator.piezo", self.piezo, AbstractPiezo)
+        check_kind("Actuator.friction", self.friction, AbstractFriction)
+        check_kind("Actuator.effector", self.effector, Effector, "pdssjax.Effector(mass=0.086)")
 
     @property
     def driven_platform(self) -> DrivenPlatform:

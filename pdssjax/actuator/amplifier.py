@@ -5,24 +5,20 @@
 Its state is the voltage u and a flag: 0 while it follows, +1 or -1 while it slews.
 """
 
-import equinox as eqx
 import jax.numpy as jnp
 
-from ..core import Scalar, ScalarLike, described, quantity
+from ..core import AbstractModel, Scalar, ScalarLike, quantity
 from ..drive.base import Segment, Voltage
 from ..integration import Term
 
 
-class Amplifier(eqx.Module):
+class Amplifier(AbstractModel):
     """A voltage amplifier of finite bandwidth and slew rate."""
 
     bandwidth: float = quantity(5e3, "Hz", optional=True)
     """Frequency at which a small signal is down by 3 dB [Hz]."""
     slew: float = quantity(1e9, "V/s", optional=True)
     """Largest rate of the output [V/s]."""
-
-    def __repr__(self) -> str:
-        return described(self)
 
     def initial(self) -> tuple[Scalar, ...]:
         """The state at rest: the output [V], and 0 while it follows, 1 or -1 while it slews."""

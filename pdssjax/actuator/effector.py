@@ -6,16 +6,15 @@ Load and tilt set in at t = 0: until then the contact carries nothing, and an el
 With `rests_under_load` of the actuator they acted before, and it has come to rest under them.
 """
 
-import equinox as eqx
 import jax.numpy as jnp
 
-from ..core import Scalar, described, quantity
+from ..core import AbstractModel, Scalar, quantity
 
 GRAVITY = 9.80665
 """Standard gravity g [m/s2]."""
 
 
-class Effector(eqx.Module):
+class Effector(AbstractModel):
     """Mass, external force, and the tilt of the platform on which it rides."""
 
     mass: float = quantity(0.086, "kg")
@@ -24,9 +23,6 @@ class Effector(eqx.Module):
     """Constant force on the end-effector, positive forward [N]."""
     tilt: float = quantity(0.0, "rad", positive=False, low=-1.5, high=1.5, optional=True)
     """Angle by which the forward direction points downhill [rad]."""
-
-    def __repr__(self) -> str:
-        return described(self)
 
     def pull(self) -> Scalar:
         """All constant force on the end-effector, positive forward [N]."""

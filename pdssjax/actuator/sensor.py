@@ -9,11 +9,11 @@ e' = x' - w_s e.  A sensor of velocity with the same low-pass shows s' = w_s e.
 import equinox as eqx
 import jax.numpy as jnp
 
-from ..core import Scalar, ScalarLike, described, quantity
+from ..core import AbstractModel, Scalar, ScalarLike, quantity
 from ..integration import Term
 
 
-class Sensor(eqx.Module):
+class Sensor(AbstractModel):
     """A displacement, velocity or force sensor with its filter."""
 
     bandwidth: float = quantity(1e3, "Hz", optional=True)
@@ -22,9 +22,6 @@ class Sensor(eqx.Module):
     """Time by which the record is late [s]."""
     filters: bool = eqx.field(static=True, default=True)
     """False: only late."""
-
-    def __repr__(self) -> str:
-        return described(self)
 
     def initial(self) -> tuple[Scalar, ...]:
         """The lag of a sensor while nothing moves; none without a filter."""

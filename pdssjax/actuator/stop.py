@@ -1,12 +1,10 @@
 """A force sensor in the way of the end-effector."""
 
-import equinox as eqx
-
-from ..core import described, quantity
+from ..core import AbstractModel, quantity
 from ..integration import Term
 
 
-class Stop(eqx.Module):
+class Stop(AbstractModel):
     """A force sensor in the way: it can be pushed, but does not pull.
 
     P = k depth (1 + d depth'), which loses energy and yet begins and ends at zero force
@@ -19,9 +17,6 @@ class Stop(eqx.Module):
     """Share d of the force that a unit of speed adds [s/m]; below the reciprocal of the fastest withdrawal."""
     gap: float = quantity(0.0, "m", positive=False, low=0.0, optional=True)
     """How far the end-effector goes before it meets the sensor [m]."""
-
-    def __repr__(self) -> str:
-        return described(self)
 
     def push(self, x: Term, speed: Term) -> Term:
         """Force [N] on the sensor where the end-effector touches it, at `x` [m] and `speed` [m/s]."""

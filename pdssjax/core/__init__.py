@@ -6,6 +6,7 @@ The ground floor: imports no other room of pdssjax.
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from .arguments import ascending_times as ascending_times
     from .arrays import Count as Count
     from .arrays import Document as Document
     from .arrays import Scalar as Scalar
@@ -32,22 +33,25 @@ if TYPE_CHECKING:
     from .families import members as members
     from .families import told_by as told_by
     from .garbage import seldom_look_for_garbage as seldom_look_for_garbage
-    from .jax_setup import need_double_precision as need_double_precision
     from .jax_setup import prepare_jax as prepare_jax
+    from .jax_setup import require_float64 as require_float64
     from .notebook import clear_bar as clear_bar
     from .notebook import counted_in_notebook as counted_in_notebook
     from .notebook import draw_in_notebook as draw_in_notebook
     from .notebook import told_in_notebook as told_in_notebook
+    from .physical_quantity import AbstractModel as AbstractModel
     from .physical_quantity import Choice as Choice
     from .physical_quantity import Declared as Declared
     from .physical_quantity import Quantity as Quantity
-    from .physical_quantity import check_quantities as check_quantities
+    from .physical_quantity import as_number as as_number
+    from .physical_quantity import as_single as as_single
     from .physical_quantity import check_range as check_range
     from .physical_quantity import choice as choice
     from .physical_quantity import choices as choices
     from .physical_quantity import described as described
     from .physical_quantity import quantities as quantities
     from .physical_quantity import quantity as quantity
+    from .physical_quantity import single_number as single_number
     from .presentation import Figure as Figure
     from .presentation import present_with as present_with
     from .presentation import presenter as presenter
@@ -64,6 +68,7 @@ else:
     __getattr__, __dir__, __all__ = lazy_exports(
         __name__,
         {
+            "arguments": ["ascending_times"],
             "arrays": ["Count", "Document", "Scalar", "ScalarLike", "Truth"],
             "blas_threads": ["one_blas_thread"],
             "display_units": [
@@ -73,19 +78,22 @@ else:
             "errors": ["InputError", "InputWarning", "MiscompilationError", "check_kind", "check_whole", "nearest"],
             "families": ["member", "member_name", "members", "told_by"],
             "garbage": ["seldom_look_for_garbage"],
-            "jax_setup": ["need_double_precision", "prepare_jax"],
+            "jax_setup": ["prepare_jax", "require_float64"],
             "notebook": ["clear_bar", "counted_in_notebook", "draw_in_notebook", "told_in_notebook"],
             "physical_quantity": [
+                "AbstractModel",
                 "Choice",
                 "Declared",
                 "Quantity",
-                "check_quantities",
+                "as_number",
+                "as_single",
                 "check_range",
                 "choice",
                 "choices",
                 "described",
                 "quantities",
                 "quantity",
+                "single_number",
             ],
             "quasi_random": ["sobol_points"],
             "presentation": ["Figure", "present_with", "presenter"],

@@ -19,7 +19,7 @@ import platformdirs
 from jaxlib.version import __version__ as jaxlib_version
 
 from .compiler_check import check_compiler
-from .errors import InputWarning
+from .errors import InputError, InputWarning
 from .garbage import seldom_look_for_garbage
 
 
@@ -138,10 +138,13 @@ def prepare_jax(*, dedicated: bool = False) -> None:
     check_compiler(folder)
 
 
-def need_double_precision() -> None:
-    """**Raises** `ValueError` where JAX computes in single precision, which cannot locate events."""
+def require_float64(what: str) -> None:
+    """**Raises** `InputError` that names `what` was called where JAX computes in single precision.
+
+    Single precision cannot locate events.
+    """
     if not jax.config.jax_enable_x64:  # pyright: ignore[reportAttributeAccessIssue]
-        raise ValueError(
-            "Expected JAX in double precision, but it is in single; "
-            'call jax.config.update("jax_enable_x64", True) first.'
+        raise InputError(
+            f"{what}: found JAX in single precision, expected it in double; call pdssjax.prepare_jax(), or "
+            'jax.config.update("jax_enable_x64", True), before anything is computed.'
         )

@@ -3,15 +3,21 @@
 A model is an equinox Module whose fields are its parameters in SI units.  Each is
 declared with `quantity`, so that studies, fits and reports learn the unit and the sign
 of a parameter from the one place where it is defined.
+
+A number given for a field becomes `numpy.float64`, which equinox takes for an array: `filter_grad` differentiates by
+it and `filter_jit` compiles once for all numbers.  Unlike JAX's arrays it is in double precision whenever it is made,
+and needs no JAX to be made, compared and kept in a file.
 """
 
 import dataclasses
 import math
-from typing import Any, TypeAlias
+import numbers
+from typing import Any, TypeAlias, TypeVar
 
 import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 
 from .arrays import ScalarLike
 from .errors import InputError
@@ -65,7 +71,25 @@ def quantity(
     if low is None:
         low = 0.0 if positive else -math.inf
     declared = Quantity(nominal, unit, positive, low, high, optional, linear)
-    return eqx.field(default=nominal, metadata={"quantity": declared})
+    return eqx.field(default=nominal, converter=as_number, metadata={"quantity": declared})
+
+
+def as_number(given: Any) -> Any:
+    """What a field declared with `quantity` holds of what is `given`: a float64, or an array of floating point.
+
+    Python's and NumPy's numbers become `numpy.float64`, arrays of them and of JAX, traced or not, keep their shape.
+    What is no number is left as it is, for `AbstractModel` to refuse.
+    """
+    if isinstance(given, jax.Array):
+        if not (jnp.issubdtype(given.dtype, jnp.floating) or jnp.issubdtype(given.dtype, jnp.integer)):
+            return given
+        # A weak type would compile another function.
+        return given.astype(float) if given.weak_type or given.dtype != jnp.result_type(float) else given
+    if isinstance(given, np.ndarray | np.generic):
+        return np.asarray(given, float)[()] if given.dtype.kind in "iuf" else given
+    if isinstance(given, numbers.Real) and not isinstance(given, bool):
+        return np.float64(given)
+    return given
 
 
 def quantities(model: type) -> dict[str, Quantity]:
@@ -83,10 +107,10 @@ def choice(options: dict[str, float]) -> Choice:
 
     def number(given: str | ScalarLike) -> ScalarLike:
         if not isinstance(given, str):
-            return given
+            return as_number(given)
         if given not in options:
             raise ValueError(f"Expected one of {', '.join(options)}, but got {given!r}.")
-        return options[given]
+        return np.float64(options[given])
 
     return eqx.field(default=next(iter(options)), converter=number, metadata={"choice": options})
 
@@ -97,17 +121,96 @@ def choices(model: type) -> dict[str, dict[str, float]]:
     return {f.name: f.metadata["choice"] for f in fields if "choice" in f.metadata}
 
 
-def check_quantities(model: eqx.Module, where: str) -> None:
-    """**Raises** `InputError` that begins with `where` for a quantity of `model`, or of a part of it, out of its range.
+class AbstractModel(eqx.Module):
+    """A model whose fields are declared with `quantity` and `choice`: shows them with units, and checks their numbers.
 
-    Numbers that JAX traces are not known, and pass.
+    **Raises:** `InputError` that names the field, where it is made with a number outside the legal range or with what
+    is no number.  Traced numbers are not checked.
     """
+
+    def __check_init__(self) -> None:
+        for field, declared in quantities(type(self)).items():
+            _check_number(getattr(self, field), declared, f"{type(self).__name__}.{field}")
+        for field, options in choices(type(self)).items():
+            _check_choice(getattr(self, field), options, f"{type(self).__name__}.{field}")
+
+    def __repr__(self) -> str:
+        return described(self)
+
+
+Model = TypeVar("Model", bound=eqx.Module)
+
+
+def as_single(model: Model, name: str) -> Model:
+    """`model` as one simulation takes it: each of its quantities one number, in double precision and legal.
+
+    Numbers that were put in after the model was made (`equinox.tree_at`) are converted and checked, those of models
+    within it too.
+
+    **Raises:** `InputError` that names the quantity, as "actuator.effector.mass" where the model's `name` is
+    "actuator": for one outside its legal range, and for an array of several numbers.
+    """
+    changed = {}
     for field in dataclasses.fields(model):
-        value, declared = getattr(model, field.name), field.metadata.get("quantity")
-        if isinstance(value, eqx.Module):
-            check_quantities(value, where)
-        elif declared is not None and not isinstance(value, Tracer) and np.ndim(value) == 0:
-            check_range(float(value), declared, f"{where}: {type(model).__name__}.{field.name}")
+        value, where = getattr(model, field.name), f"{name}.{field.name}"
+        if "quantity" in field.metadata:
+            single = single_number(value, field.metadata["quantity"], where)
+        elif "choice" in field.metadata:
+            single = _of_no_shape(as_number(value), where)
+            _check_choice(single, field.metadata["choice"], where)
+        elif isinstance(value, eqx.Module) and not field.metadata.get("static", False):
+            single = as_single(value, where)
+        else:
+            continue
+        if single is not value:
+            changed[field.name] = single
+    if not changed:
+        return model
+    return eqx.tree_at(lambda model: [getattr(model, field) for field in changed], model, list(changed.values()))
+
+
+def single_number(given: Any, declared: Quantity, where: str) -> Any:
+    """The number `given` for a `declared` quantity as `as_number` has it, of shape ().
+
+    **Raises:** `InputError` that begins with `where` for several numbers, for what is no number, and for one outside
+    the legal range, which of traced numbers is not known.
+    """
+    single = _of_no_shape(as_number(given), where)
+    _check_number(single, declared, where)
+    return single
+
+
+def _of_no_shape(value: Any, where: str) -> Any:
+    if np.shape(value) and isinstance(value, jax.Array | np.ndarray):
+        raise InputError(
+            f"{where}: found an array of shape {np.shape(value)}, expected one number; jax.vmap runs several."
+        )
+    return value
+
+
+def _check_number(value: Any, declared: Quantity, where: str) -> None:
+    """**Raises** `InputError` that begins with `where` for a `value` that is no number, or none in the range."""
+    if value is None or isinstance(value, Tracer):
+        return
+    numeric = isinstance(value, jax.Array | np.ndarray | np.generic) and jnp.issubdtype(value.dtype, jnp.floating)
+    if not numeric:
+        unit = f" in {declared.unit}" if declared.unit else ""
+        raise InputError(f"{where}: found {value!r:.80}, expected a number{unit}.")
+    if isinstance(value, np.float64):
+        check_range(float(value), declared, where)
+        return
+    for number in np.ravel(np.asarray(value)):
+        check_range(float(number), declared, where)
+
+
+def _check_choice(value: Any, options: dict[str, float], where: str) -> None:
+    """**Raises** `InputError` that begins with `where` for a `value` that is no number of an option."""
+    if isinstance(value, Tracer):
+        return
+    numeric = isinstance(value, jax.Array | np.ndarray | np.generic) and jnp.issubdtype(value.dtype, jnp.floating)
+    if not numeric or not np.isin(np.asarray(value), list(options.values())).all():
+        words = ", ".join(f'"{word}" ({number:g})' for word, number in options.items())
+        raise InputError(f"{where}: found {value!s:.80}, expected one of {words}.")
 
 
 def described(model: eqx.Module) -> str:
@@ -138,7 +241,7 @@ def check_range(value: float, declared: Quantity, where: str, given: object = No
         return
     unit, size = unit_given(given, declared.unit)
     shown = lambda number: f"{number / size:g} {unit}".rstrip()
-    expected = []
+    expected = [] if math.isfinite(value) else ["that is finite"]
     if math.isfinite(declared.low):
         expected.append(f"{'above' if declared.positive else 'of at least'} {shown(declared.low)}")
     if math.isfinite(declared.high):

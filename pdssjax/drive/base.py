@@ -9,7 +9,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..core import Quantity, Scalar, ScalarLike, described, quantities
+from ..core import AbstractModel, Quantity, Scalar, ScalarLike, as_number, quantities
 from ..integration import N_co, Term, cosine_and_sine
 
 
@@ -80,11 +80,8 @@ class Flanks(NamedTuple):
     """Duration of the fast flank [s]; zero where it is ideal."""
 
 
-class AbstractDrive(eqx.Module):
+class AbstractDrive(AbstractModel):
     """A voltage against time, from t = 0 on; before that the piezo is at 0 V and at rest."""
-
-    def __repr__(self) -> str:
-        return described(self)
 
     @abc.abstractmethod
     def segment(self, index: Scalar) -> Segment:
@@ -159,7 +156,7 @@ class AbstractDrive(eqx.Module):
     def with_numbers(self, numbers: Mapping[str, ScalarLike]) -> Self:
         """The drive with other numbers [SI] in some of the `declared` fields; may be traced."""
         pick = lambda drive: [getattr(drive, field) for field in numbers]
-        return eqx.tree_at(pick, self, list(numbers.values())) if numbers else self
+        return eqx.tree_at(pick, self, [as_number(number) for number in numbers.values()]) if numbers else self
 
     def segments(self, until: float) -> int:
         """How many segments begin by the time `until` [s], or a few more; not traced."""

@@ -9,10 +9,9 @@ rate zero, and says by `guards` where a form ends, by `after_event` what follows
 import abc
 from typing import ClassVar, Literal, TypeAlias
 
-import equinox as eqx
 import jax.numpy as jnp
 
-from ..core import Scalar, ScalarLike, described
+from ..core import AbstractModel, Scalar, ScalarLike
 from ..integration import Term, constant
 
 State: TypeAlias = tuple[Scalar, ...]
@@ -35,7 +34,7 @@ def deflection_scale(yielding: ScalarLike) -> Scalar:
     return jnp.maximum(1.0, _YIELDING / jnp.asarray(yielding, float))
 
 
-class AbstractFriction(eqx.Module):
+class AbstractFriction(AbstractModel):
     """A contact force as a function of the relative velocity v = y' - x_e' [m/s].
 
     `sign` is +1 where v > 0 and -1 where v < 0; within one sign and one set of flags the
@@ -51,9 +50,6 @@ class AbstractFriction(eqx.Module):
     Elastic: a displacement of the contact, in `equilibrium_state`.  Set-valued: the contact sticks, and takes
     whatever lies between its breakaway forces.  Viscous: nothing; under any load the contact creeps.
     """
-
-    def __repr__(self) -> str:
-        return described(self)
 
     @abc.abstractmethod
     def initial(self) -> State:

@@ -9,7 +9,7 @@ from typing import Literal, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 
-from ..core import Document, InputError, check_whole, need_double_precision, prepare_jax
+from ..core import Document, InputError, check_whole, prepare_jax, require_float64
 
 Resampled: TypeAlias = Literal["noise", "cycles"]
 """What a bootstrap draws: white noise of the size found, or whole cycles of the residuals."""
@@ -130,7 +130,7 @@ def each_done(
 def _prepared(work: Callable[[Task], Result], task: Task) -> Result:
     """`work` also in another process of an executor, which begins with JAX in single precision."""
     try:
-        need_double_precision()
+        require_float64("draws")
     except ValueError:
         prepare_jax()
     return work(task)

@@ -16,8 +16,8 @@ from ..core import (
     member,
     members,
     nearest,
-    need_double_precision,
     one_blas_thread,
+    require_float64,
     told_in_notebook,
 )
 from ..integration import Accuracy
@@ -92,7 +92,7 @@ def identify(
     `KeyboardInterrupt` whose `estimate` is that at the best point so far, if it is broken off.  Warns with
     `InputWarning` where a record moves against its drive.
     """
-    need_double_precision()
+    require_float64("identify")
     begun = time.perf_counter()
     _check_arguments(study, drawing, executor, accuracy, starts)
     check_method(study, method)

@@ -6,14 +6,14 @@ Any solver can take it; `pose_problem` makes it of a study.
 import dataclasses
 import itertools
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..core import Scalar, need_double_precision
+from ..core import Scalar, require_float64
 from ..integration import Accuracy
 from ..metrics import scatter_floor
 from ..study import Parameter, Record, Study, Values
@@ -36,19 +36,23 @@ def unwatched(problem: "Problem", used: Bool[np.ndarray, " records"], fit: objec
     """Takes no notice."""
 
 
-class Problem(NamedTuple):
-    """What a fit needs, made once for all its steps.
+class Problem(eqx.Module):
+    """What a fit needs, made once for all its steps; a pytree, which passes through `jit` and as `args` of a solver.
 
     Parameters are p numbers on the scale of the fit (`parameter_transform`), and there are n residuals: of all samples
     and of what was measured apart; `encode` and `decode` lead from and to numbers in SI by path.
     """
 
     residual: Residual
-    records: tuple[Record, ...]
+    records: tuple[Record, ...] = eqx.field(static=True)
     """The records fitted."""
-    noise: Float[np.ndarray, " records"]
+    noise: Float[Array | np.ndarray, " records"]
     """Standard deviation of each, in its unit."""
-    watch: Watch = unwatched
+    watch: Watch = eqx.field(static=True, default=unwatched)
+
+    def _replace(self, **changes: Any) -> "Problem":
+        """The same with other fields, as of a named tuple."""
+        return dataclasses.replace(self, **changes)
 
     @property
     def rows(self) -> list[slice]:
@@ -103,15 +107,15 @@ class Problem(NamedTuple):
         """`linearised` as data and what is compiled, for what is compiled with it."""
         return Linearisation(self.residual, self._weights())
 
-    def _weights(self) -> Float[np.ndarray, " records"]:
-        return 1.0 / np.asarray(self.noise)
+    def _weights(self) -> Float[Array | np.ndarray, " records"]:
+        return 1.0 / self.noise
 
 
 class Linearisation(eqx.Module):
     """Whitened residuals and their Jacobian as a function of the p free numbers, for what is compiled with it."""
 
     residual: Residual
-    weights: Float[np.ndarray, " records"]
+    weights: Float[Array | np.ndarray, " records"]
 
     def __call__(self, free: Float[Array | np.ndarray, " p"]) -> tuple[Float[Array, " n"], Float[Array, "n p"]]:
         return _linearised(self.residual, free, self.weights)
@@ -185,7 +189,7 @@ def pose_problem(study: Study, accuracy: Accuracy | None = None) -> tuple[Proble
     **Raises:** `InputError` where the clock of a record cannot be that of its drive, and where JAX works in
     single precision.
     """
-    need_double_precision()
+    require_float64("pose_problem")
     starts = initial_guess(study)
     problem = pose(study, starts, accuracy or Accuracy())
     return problem, np.clip(problem.encode(starts), *problem.bounds)

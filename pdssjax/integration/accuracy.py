@@ -3,7 +3,7 @@
 import equinox as eqx
 import jax.numpy as jnp
 
-from ..core import Scalar
+from ..core import InputError, Scalar
 from .step_methods.base import AbstractStepMethod
 from .step_methods.taylor import Taylor
 
@@ -25,6 +25,13 @@ class Accuracy(eqx.Module):
     """The one-step method for the smooth pieces."""
     max_steps: int = eqx.field(static=True, default=8192)
     """Room for this many steps; an integration that needs more ends there and says so."""
+
+    def __check_init__(self) -> None:
+        if not isinstance(self.method, AbstractStepMethod):
+            raise InputError(
+                f"Accuracy.method: found {self.method!r:.80}, expected a step method: pdssjax.Taylor(), or a "
+                "solver of diffrax within one, pdssjax.OneStep(solver)."
+            )
 
     @property
     def effective_settle_tolerance(self) -> Scalar:

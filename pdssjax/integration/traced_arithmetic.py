@@ -41,7 +41,7 @@ def _of_one_shape(x: Any, y: Any) -> tuple[Any, Any] | None:
     if isinstance(x, Tracer):
         if isinstance(y, Tracer):
             return (x, y) if x.shape == y.shape and x.dtype == y.dtype else None
-        return (x, _like(x, y)) if type(y) is float and x.dtype.kind == "f" else None
+        return (x, _like(x, y)) if isinstance(y, float) and x.dtype.kind == "f" else None
     other = _of_one_shape(y, x) if isinstance(y, Tracer) else None
     return None if other is None else other[::-1]
 

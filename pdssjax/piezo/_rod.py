@@ -42,10 +42,10 @@ from jax import lax
 from jax.typing import ArrayLike
 from jaxtyping import Array, Complex, Float
 
-from ..core import Choice, Count, InputError, Scalar, ScalarLike, Truth, choice, quantity
+from ..core import AbstractModel, Choice, Count, InputError, Scalar, ScalarLike, Truth, choice, quantity
 
 
-class Rod(eqx.Module):
+class Rod(AbstractModel):
     """Stack and platform; nominal values have the first mode that the thesis's step tests gave (section 4.4).
 
     The stack's data are 5 x 5 x 20 mm and 8000 kg/m3; modulus, viscosity and strain follow from

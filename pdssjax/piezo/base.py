@@ -14,7 +14,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from ..core import Declared, Scalar, ScalarLike, described, quantities
+from ..core import AbstractModel, Declared, Scalar, ScalarLike, quantities
 from ..drive.base import Segment, Voltage
 from ..integration import N, Term
 
@@ -55,7 +55,7 @@ def slew_sign(voltage: Voltage[Scalar], before: ScalarLike) -> Scalar:
     return jnp.where(slope > 0.0, 1.0, jnp.where(slope < 0.0, -1.0, before))
 
 
-class AbstractPiezo(eqx.Module):
+class AbstractPiezo(AbstractModel):
     """Platform displacement y [m] under a voltage; the state is a tuple of scalars.
 
     `rate`, `platform`, `acceleration` and `guards` use + - * / and the functions of
@@ -79,9 +79,6 @@ class AbstractPiezo(eqx.Module):
 
     mass: eqx.AbstractVar[Declared]
     """Moving mass that a force on the platform accelerates at first, a number [kg]; only feedback (5.25) uses it."""
-
-    def __repr__(self) -> str:
-        return described(self)
 
     @abc.abstractmethod
     def initial(self) -> State:

@@ -3,13 +3,15 @@
 import dataclasses
 from functools import partial
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from ..actuator import Actuator
-from ..core import ScalarLike, need_double_precision
+from ..core import InputError, Scalar, ScalarLike, as_single, check_kind, require_float64
 from ..drive.base import AbstractDrive
 from ..integration import AbstractHybridSystem, Accuracy, SteadyState, restarted, steady_state
 from .grazing_reversals import grazing
@@ -31,16 +33,51 @@ def steady_cycle(
     CPU.  Where the motion repeats neither in every cycle nor in every second or third, `period` is 0.  Where a
     reversal grazes, the motion is that of integrated cycles, and its derivatives and multipliers are NaN.
 
-    **Raises:** `ValueError` for a drive that never repeats.
+    It is compiled once for models of one kind, whatever their numbers.
+
+    **Raises:** `InputError` that names the argument for one of another kind, for a drive that never repeats, for a
+    quantity that is an array of several numbers or outside its legal range, and where JAX works in single precision.
     """
-    need_double_precision()
-    frequency = drive.cycle_frequency()
-    if frequency is None or drive.period() is None:
-        raise ValueError("Expected a drive that repeats, but its cycle has no frequency.")
+    require_float64("steady_cycle")
     fine = Accuracy(max_steps=_STEPS) if accuracy is None else accuracy
+    actuator, drive, fine = checked_arguments(actuator, drive, fine)
+    check_repeats(drive)
+    return _steady_cycle(actuator, drive, fine, jnp.asarray(tolerance, float))
+
+
+@eqx.filter_jit
+def _steady_cycle(actuator: Actuator, drive: AbstractDrive, fine: Accuracy, tolerance: Scalar) -> SteadyState:
+    """What `steady_cycle` gives, compiled."""
+    frequency = drive.cycle_frequency()
+    assert frequency is not None
     system = StickSlip(actuator, drive)
     nearness = partial(grazing, lax.stop_gradient(system))
     return steady_state(system, 1.0 / jnp.asarray(frequency, float), fine, tolerance, nearness)
+
+
+def checked_arguments(
+    actuator: Actuator, drive: AbstractDrive, accuracy: Accuracy
+) -> tuple[Actuator, AbstractDrive, Accuracy]:
+    """The same, with quantities as one simulation takes them (`pdssjax.core.as_single`).
+
+    **Raises:** `InputError` that names the argument for one of another kind, and the quantity for one that is no
+    single number within its legal range, or contradicts another of the drive, as far as they are known: those that
+    JAX traces are not.
+    """
+    check_kind("actuator", actuator, Actuator)
+    check_kind("drive", drive, AbstractDrive, "pdssjax.drive.sawtooth.Sawtooth(voltage=64.0)")
+    check_kind("accuracy", accuracy, Accuracy)
+    actuator, drive = as_single(actuator, "actuator"), as_single(drive, "drive")
+    if not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(drive)):
+        for field, clause in drive.broken_conditions().items():
+            raise InputError(f"drive.{field}: found {clause}.")
+    return actuator, drive, accuracy
+
+
+def check_repeats(drive: AbstractDrive) -> None:
+    """**Raises** `InputError` for a `drive` that has no cycle."""
+    if drive.cycle_frequency() is None or drive.period() is None:
+        raise InputError(f"drive: found {drive!r:.80}, expected one that repeats, with a frequency.")
 
 
 def steady_system(

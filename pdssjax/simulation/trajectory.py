@@ -2,18 +2,19 @@
 
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jax.core import Tracer
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..actuator import Actuator, DrivenPlatform
-from ..core import Figure, InputError, check_quantities, need_double_precision, presenter
+from ..core import Figure, InputError, ascending_times, presenter, require_float64
 from ..drive.base import AbstractDrive
 from ..integration import FAILURES, Accuracy, visit
 from ..piezo.base import AbstractPiezo
 from .sensor_output import from_rest, sensor_samples
-from .steady_cycles import steady_system
+from .steady_cycles import check_repeats, checked_arguments, steady_system
 from .systems.platform_only import PlatformOnly
 from .systems.stick_slip import StickSlip
 
@@ -78,7 +79,6 @@ class Trajectory(NamedTuple):
 
         **Raises:** `InputError` for several runs side by side (of `vmap`).
         """
-        import numpy as np
         import xarray
 
         if np.ndim(self.time) != 1:
@@ -101,20 +101,38 @@ def simulate(
 ) -> Trajectory:
     """The motion of `actuator` under `drive`, from rest at t = 0, at `times` [s].
 
-    **Arguments:** `times` ascend; those before 0 see the actuator at rest.  With `cycles="steady"` it is the motion
+    **Arguments:** `times` ascend, shape (m,); those before 0 see the actuator at rest.  With `cycles="steady"` it is the motion
     that is left when the transient has died out: t = 0 opens one of its cycles, with the end-effector at 0, and
     `repeated` says whether the motion repeats at all, after 1, 2 or 3 cycles (`steady_cycle` tells more), and
     `grazing` whether it has derivatives (else they are NaN).
 
     Differentiable in every parameter of `actuator` and `drive`; works under `jit`,
-    `vmap`, `jvp` and `grad`.  A run that cannot finish gives NaN and says why in `failure`.
+    `vmap`, `jvp` and `grad`.  A run that cannot finish gives NaN and says why in `failure`.  It is compiled once
+    for models of one kind and as many times, whatever their numbers, under `jit` or not.
 
-    **Raises:** `InputError` for a parameter outside its legal range, and for numbers of the drive that contradict
-    each other, as far as they are known: those that JAX traces are not.
+    **Raises:** `InputError` that names the argument for one of another kind, for times that are not of shape (m,) or
+    descend, for a quantity that is an array of several numbers or outside its legal range, for a drive that never
+    repeats with `cycles="steady"`, and where JAX works in single precision.
     """
-    need_double_precision()
-    _check(actuator, drive)
-    system, times, fine = StickSlip(actuator, drive), jnp.asarray(times, float), accuracy or Accuracy()
+    require_float64("simulate")
+    actuator, drive, fine = checked_arguments(actuator, drive, accuracy or Accuracy())
+    if cycles not in (None, "steady"):
+        raise InputError(f'cycles: found {cycles!r:.80}, expected "steady", or None for the motion from rest.')
+    if cycles == "steady":
+        check_repeats(drive)
+    return _simulated(actuator, drive, ascending_times("times", times), fine, cycles)
+
+
+@eqx.filter_jit
+def _simulated(
+    actuator: Actuator,
+    drive: AbstractDrive,
+    times: Float[Array | np.ndarray, " m"],
+    fine: Accuracy,
+    cycles: Literal["steady"] | None,
+) -> Trajectory:
+    """What `simulate` gives, compiled once for all numbers of the models."""
+    system, times = StickSlip(actuator, drive), jnp.asarray(times, float)
     if cycles is None:
         moving, repeats, near, clock = system, None, None, times
     else:
@@ -144,15 +162,6 @@ def simulate(
         failure=run.failure,
         grazing=near,
     )
-
-
-def _check(actuator: Actuator, drive: AbstractDrive) -> None:
-    """**Raises** `InputError` for numbers that are known and not legal."""
-    check_quantities(actuator, "simulate")
-    check_quantities(drive, "simulate")
-    if not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(drive)):
-        for field, clause in drive.broken_conditions().items():
-            raise InputError(f"simulate: {type(drive).__name__}.{field}: found {clause}.")
 
 
 def displacements(

@@ -24,9 +24,9 @@ from ..core import (
     member_name,
     members,
     nearest,
-    need_double_precision,
     presenter,
     quantities,
+    require_float64,
 )
 from ..friction.base import AbstractFriction
 from ..integration import Accuracy
@@ -94,7 +94,7 @@ class Study:
         **Raises:** `InputError` for a path that is no parameter of the study's models, or that the
         study does not list and no record depends on; for a number outside its legal range, as far as
         it is known (under `jit`, `vmap` and derivatives it is not); and where listed parameters are
-        left with neither value nor start; `initial_guess` finds those.
+        left with neither value nor start; `initial_guess` finds those.  It is compiled once for all values.
         """
         return predicted(*self._asked(values, accuracy))
 
@@ -105,7 +105,8 @@ class Study:
     def _asked(
         self, values: Values | Estimate | None, accuracy: Accuracy | None
     ) -> tuple[Predictor, dict[str, Scalar], Accuracy]:
-        need_double_precision()
+        require_float64("predict")
+        check_kind("accuracy", accuracy or Accuracy(), Accuracy)
         given = self._numbers({} if values is None else values)
         full = {path: jnp.asarray(number, float) for path, number in (self.values(given) | given).items()}
         return self._predictor_of(self.models_with(given)), full, accuracy or Accuracy()

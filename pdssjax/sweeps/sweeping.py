@@ -14,7 +14,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Float
 
-from ..core import Document, InputError, InputWarning, Quantity, check_kind, counted_in_notebook, need_double_precision
+from ..core import Document, InputError, InputWarning, Quantity, check_kind, counted_in_notebook, require_float64
 from ..integration import Accuracy
 from ..study import Record, Study, UsedNumber, numbers_used
 from .axes import check_axes, check_effects, contradictions
@@ -148,7 +148,7 @@ def sweep(
     axis, a study without an effector record under a drive with a frequency, a parameter that is no axis and
     has no number, a store of another sweep; and where the executor's workers do not answer as they should.
     """
-    need_double_precision()
+    require_float64("sweep")
     planned = plan_sweep(
         study, over, record=record, cycles=cycles, accuracy=accuracy, metrics=metrics, derivatives=derivatives
     )

@@ -8,11 +8,10 @@ import abc
 from collections.abc import Mapping
 from typing import ClassVar, NamedTuple
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
-from ...core import Display, choices, described
+from ...core import AbstractModel, Display, choices
 from ..models import Models
 from ..prediction import AbstractSetup
 
@@ -30,7 +29,7 @@ class Samples(NamedTuple):
     """Zero of the sensor, in the unit of the measurement; None where unknown."""
 
 
-class AbstractMeasurement(eqx.Module):
+class AbstractMeasurement(AbstractModel):
     """What a sensor sees; its fields are the keys that a record of it has besides the usual ones.
 
     A field is declared with `choice`: then the study's words become numbers, and records that
@@ -46,9 +45,6 @@ class AbstractMeasurement(eqx.Module):
     """How reports and plots show what is explained."""
     plan: ClassVar[Mapping[str, str]] = {}
     """Numbers that a planned record's `sampling` has besides start, end and interval, with their SI units."""
-
-    def __repr__(self) -> str:
-        return described(self)
 
     @abc.abstractmethod
     def parts(self) -> frozenset[str]:
