@@ -80,6 +80,8 @@ def as_number(given: Any) -> Any:
     Python's and NumPy's numbers become `numpy.float64`, arrays of them and of JAX, traced or not, keep their shape.
     What is no number is left as it is, for `AbstractModel` to refuse.
     """
+    if isinstance(given, np.float64):
+        return given
     if isinstance(given, jax.Array):
         if not (jnp.issubdtype(given.dtype, jnp.floating) or jnp.issubdtype(given.dtype, jnp.integer)):
             return given
@@ -130,7 +132,8 @@ class AbstractModel(eqx.Module):
 
     def __check_init__(self) -> None:
         for field, declared in quantities(type(self)).items():
-            _check_number(getattr(self, field), declared, f"{type(self).__name__}.{field}")
+            if getattr(self, field) is not None:
+                _check_number(getattr(self, field), declared, f"{type(self).__name__}.{field}")
         for field, options in choices(type(self)).items():
             _check_choice(getattr(self, field), options, f"{type(self).__name__}.{field}")
 
@@ -190,7 +193,7 @@ def _of_no_shape(value: Any, where: str) -> Any:
 
 def _check_number(value: Any, declared: Quantity, where: str) -> None:
     """**Raises** `InputError` that begins with `where` for a `value` that is no number, or none in the range."""
-    if value is None or isinstance(value, Tracer):
+    if isinstance(value, Tracer):
         return
     numeric = isinstance(value, jax.Array | np.ndarray | np.generic) and jnp.issubdtype(value.dtype, jnp.floating)
     if not numeric:

@@ -101,9 +101,9 @@ def simulate(
 ) -> Trajectory:
     """The motion of `actuator` under `drive`, from rest at t = 0, at `times` [s].
 
-    **Arguments:** `times` ascend, shape (m,); those before 0 see the actuator at rest.  With `cycles="steady"` it is the motion
-    that is left when the transient has died out: t = 0 opens one of its cycles, with the end-effector at 0, and
-    `repeated` says whether the motion repeats at all, after 1, 2 or 3 cycles (`steady_cycle` tells more), and
+    **Arguments:** `times` ascend, shape (m,); those before 0 see the actuator at rest.  With `cycles="steady"` it is
+    the motion that is left when the transient has died out: t = 0 opens one of its cycles, with the end-effector at 0,
+    and `repeated` says whether the motion repeats at all, after 1, 2 or 3 cycles (`steady_cycle` tells more), and
     `grazing` whether it has derivatives (else they are NaN).
 
     Differentiable in every parameter of `actuator` and `drive`; works under `jit`,

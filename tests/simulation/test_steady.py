@@ -31,7 +31,7 @@ def net_step(numbers):
 
 
 def test_a_drive_that_never_repeats_has_no_steady_motion():
-    with pytest.raises(ValueError, match="Expected a drive that repeats"):
+    with pytest.raises(ValueError, match="expected one that repeats"):
         pdssjax.steady_cycle(Actuator(SecondOrder(), AnisotropicLuGre()), Step())
 
 

@@ -1,9 +1,13 @@
 """The lines of docs/python.md that put a study into SciPy and into optimistix end where the data say."""
 
+import pickle
 import re
 from pathlib import Path
 
+import equinox as eqx
+import jax
 import numpy as np
+import optimistix
 import pytest
 from platform_study import DAMPING, GAIN, PLATFORM, RATE, write_platform
 
@@ -46,3 +50,24 @@ def test_the_jacobian_of_a_problem_is_that_of_its_residuals(study):
     jacobian = np.asarray(problem.jacobian(start))
     np.testing.assert_allclose(jacobian, np.stack(central, axis=1), atol=1e-5 * np.abs(jacobian).max())
     assert np.all(problem.bounds[0] <= start) and np.all(start <= problem.bounds[1])
+
+
+def test_a_problem_passes_through_jit_and_as_arguments_of_a_solver(study):
+    problem, start = pdssjax.pose_problem(study)
+    given, traced = np.asarray(problem.whitened(start)), []
+
+    @jax.jit
+    def whitened(problem, free):
+        traced.append(free)
+        return problem.whitened(free)
+
+    np.testing.assert_allclose(whitened(problem, start), given, rtol=1e-9)
+    twice = eqx.tree_at(lambda problem: problem.noise, problem, 2.0 * problem.noise)
+    np.testing.assert_allclose(whitened(twice, start), 0.5 * given, rtol=1e-9)
+    assert len(traced) == 1
+
+    solver = optimistix.LevenbergMarquardt(rtol=1e-8, atol=1e-8)
+    found = optimistix.least_squares(lambda free, problem: problem.whitened(free), solver, start, args=twice)
+    closed = optimistix.least_squares(lambda free, _: twice.whitened(free), solver, start)
+    np.testing.assert_allclose(found.value, closed.value, rtol=1e-6)
+    assert pickle.loads(pickle.dumps(problem)).noise == problem.noise

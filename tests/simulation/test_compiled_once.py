@@ -1,0 +1,114 @@
+"""`simulate` without jit: compiled once for all numbers, differentiable by every leaf, refuses what it cannot take."""
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import pdssjax
+from pdssjax import Accuracy, Actuator, Effector
+from pdssjax.core import member, members
+from pdssjax.drive.sawtooth import Sawtooth
+from pdssjax.drive.step import Step
+from pdssjax.friction.coulomb import Coulomb
+from pdssjax.piezo.second_order import SecondOrder
+from pdssjax.simulation import trajectory
+
+TIMES = np.linspace(0.0, 5e-3, 6)
+"""[s]"""
+
+
+def rig(mass=0.086):
+    return Actuator(SecondOrder(), Coulomb(), Effector(mass))
+
+
+def drive(voltage=64.0):
+    return Sawtooth(voltage=voltage, frequency=400.0)
+
+
+@pytest.fixture
+def traced(monkeypatch):
+    """Grows whenever the body of `simulate` is traced, which it does before it is compiled."""
+    counted, made = [], trajectory.StickSlip
+
+    def counting(*args):
+        counted.append(args)
+        return made(*args)
+
+    monkeypatch.setattr(trajectory, "StickSlip", counting)
+    return counted
+
+
+def test_one_compilation_serves_all_numbers(traced):
+    # As many times as in no other test.
+    times, ends = np.linspace(0.0, 5e-3, 9), []
+    for k, mass in enumerate((0.08, np.float32(0.09), jnp.asarray(0.1), np.array(0.11), 0.12)):
+        ends.append(pdssjax.simulate(rig(mass), drive(60 + k), times + 1e-5 * k).effector[-1])
+    lighter = eqx.tree_at(lambda actuator: actuator.effector.mass, rig(), 0.07)
+    ends.append(pdssjax.simulate(lighter, drive(), jnp.asarray(times), Accuracy()).effector[-1])
+    assert len(traced) == 1 and len(np.unique(ends)) == 6
+    np.testing.assert_array_equal(ends[-1], pdssjax.simulate(rig(0.07), drive(), list(times)).effector[-1])
+    assert len(traced) == 1
+
+
+def test_transformations_from_outside_pass_through():
+    end = lambda voltage: pdssjax.simulate(rig(), drive(voltage), TIMES).effector[-1]
+    voltages = jnp.array([40.0, 60.0])
+    each = jnp.stack([end(voltage) for voltage in voltages])
+    np.testing.assert_allclose(jax.jit(jax.vmap(end))(voltages), each, rtol=1e-9)
+    slope = (end(60.0 + 1e-3) - end(60.0 - 1e-3)) / 2e-3
+    np.testing.assert_allclose(jax.jvp(end, (60.0,), (1.0,))[1], slope, rtol=1e-6)
+    np.testing.assert_allclose(jax.jit(jax.grad(end))(60.0), slope, rtol=1e-6)
+
+
+LAWS = [pytest.param(name, marks=[] if name == "coulomb" else pytest.mark.slow) for name in members("friction")]
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_gradients_are_right_in_every_leaf(name):
+    # Off the nominal numbers, at which the motion of no law reverses within rounding of a sample.
+    actuator = Actuator(SecondOrder(), member("friction", name)(), Effector(0.08, 0.01, 0.02))
+    loss = lambda actuator: 1e6 * jnp.sum(pdssjax.simulate(actuator, drive(), TIMES).effector)
+    leaves, structure = jax.tree.flatten(actuator)
+    gradient = jax.tree.leaves(eqx.filter_grad(loss)(actuator))
+    assert len(gradient) == len(leaves)
+    for i, (leaf, slope) in enumerate(zip(leaves, gradient, strict=True)):
+        step = 1e-5 * (abs(leaf) or 1.0)
+        moved = lambda by: jax.tree.unflatten(structure, [*leaves[:i], leaves[i] + by, *leaves[i + 1 :]])  # noqa: B023
+        near, far = ((loss(moved(k * step)) - loss(moved(-k * step))) / (2 * k * step) for k in (1, 2))
+        np.testing.assert_allclose(slope * step, (4 * near - far) / 3 * step, rtol=1e-4, atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        (lambda: pdssjax.simulate(drive(), rig(), TIMES), r"actuator: found Sawtooth\(.*, expected an Actuator\."),
+        (
+            lambda: pdssjax.simulate(rig(), 64.0, TIMES),
+            r"drive: found 64.0, expected an AbstractDrive, as pdssjax.drive",
+        ),
+        (lambda: pdssjax.simulate(rig(), drive(), 0.1), r"times: found the shape \(\), expected one dimension"),
+        (lambda: pdssjax.simulate(rig(), drive(), TIMES[None]), r"times: found the shape \(1, 6\), expected one dim"),
+        (lambda: pdssjax.simulate(rig(), drive(), TIMES[::-1]), r"times: found 0.004 s after 0.005 s at index 1"),
+        (lambda: pdssjax.simulate(rig(), drive(np.ones(3)), TIMES), r"drive.voltage: found an array of shape \(3,\)"),
+        (lambda: pdssjax.simulate(rig(), drive(), TIMES, 1e-9), r"accuracy: found 1e-09, expected an Accuracy\."),
+        (lambda: pdssjax.simulate(rig(), drive(), TIMES, cycles=3), r'cycles: found 3, expected "steady", or None'),
+        (
+            lambda: pdssjax.simulate(rig(), Step(), TIMES, cycles="steady"),
+            r"drive: found Step\(.*expected one that rep",
+        ),
+        (lambda: pdssjax.steady_cycle(drive(), rig()), r"actuator: found Sawtooth\(.*, expected an Actuator\."),
+        (lambda: pdssjax.steady_cycle(rig(), drive(np.ones(3))), r"drive.voltage: found an array of shape \(3,\)"),
+        (lambda: Accuracy(method=diffrax.Kvaerno5()), r"Accuracy.method: found Kvaerno5\(\), expected a step method"),
+    ],
+)
+def test_wrong_arguments_are_refused_by_name(call, says):
+    with pytest.raises(pdssjax.InputError, match=says):
+        call()
+
+
+def test_single_precision_is_refused():
+    with jax.enable_x64(False), pytest.raises(pdssjax.InputError, match="simulate: found JAX in single precision"):
+        pdssjax.simulate(rig(), drive(), TIMES)
