@@ -2,8 +2,8 @@
 
 from typing import Any
 
-import jax
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from .errors import InputError
@@ -15,12 +15,12 @@ def ascending_times(name: str, given: Any) -> Float[Array | np.ndarray, " m"]:
     **Raises:** `InputError` for another shape, for no time at all, for what is no finite number, and for times that
     descend.  Of traced times only the shape is known.
     """
-    times = given if isinstance(given, jax.core.Tracer) else _as_floats(name, given, "an array of times [s]")
+    times = given if isinstance(given, Tracer) else _as_floats(name, given, "an array of times [s]")
     if times.ndim != 1 or not times.size:
         raise InputError(
             f"{name}: found the shape {times.shape}, expected one dimension, (m,), with a time [s] or more."
         )
-    if isinstance(times, jax.core.Tracer):
+    if isinstance(times, Tracer):
         return times.astype(float)
     if not np.isfinite(times).all():
         place = int(np.argmin(np.isfinite(times)))

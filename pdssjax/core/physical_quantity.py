@@ -18,6 +18,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 from .arrays import ScalarLike
 from .errors import InputError
@@ -89,9 +90,9 @@ def as_number(given: Any) -> Any:
         return given.astype(float) if given.weak_type or given.dtype != jnp.result_type(float) else given
     if isinstance(given, np.ndarray | np.generic):
         return np.asarray(given, float)[()] if given.dtype.kind in "iuf" else given
-    if isinstance(given, numbers.Real) and not isinstance(given, bool):
-        return np.float64(given)
-    return given
+    if isinstance(given, bool) or not isinstance(given, numbers.Real):
+        return given
+    return np.float64(given)
 
 
 def quantities(model: type) -> dict[str, Quantity]:
