@@ -50,6 +50,8 @@ class Quantity:
     """A study may leave it out, and then it is fixed at `nominal`."""
     linear: bool = False
     """The platform's motion without friction feedback is linear in it and all others of which this is said."""
+    may_vanish: bool = False
+    """A model may hold 0 as well, a limit that a fit on a logarithmic scale cannot reach."""
 
 
 def quantity(
@@ -61,6 +63,7 @@ def quantity(
     high: float = math.inf,
     optional: bool = False,
     linear: bool = False,
+    may_vanish: bool = False,
 ) -> Declared:
     """A model field holding a number in `unit`.
 
@@ -68,10 +71,11 @@ def quantity(
     `positive` (the default) the value must exceed 0; otherwise `low` (default -inf)
     bounds it from below.  `high` bounds it from above.  `optional` lets a study leave
     it out.  `linear` says of a stack's parameters that a platform moves in proportion.
+    With `may_vanish` a model that is made in Python may have 0 for it, too: a law without damping.
     """
     if low is None:
         low = 0.0 if positive else -math.inf
-    declared = Quantity(nominal, unit, positive, low, high, optional, linear)
+    declared = Quantity(nominal, unit, positive, low, high, optional, linear, may_vanish)
     return eqx.field(default=nominal, converter=as_number, metadata={"quantity": declared})
 
 
@@ -200,10 +204,9 @@ def _check_number(value: Any, declared: Quantity, where: str) -> None:
     if not numeric:
         unit = f" in {declared.unit}" if declared.unit else ""
         raise InputError(f"{where}: found {value!r:.80}, expected a number{unit}.")
-    if isinstance(value, np.float64):
-        check_range(float(value), declared, where)
-        return
-    for number in np.ravel(np.asarray(value)):
+    if declared.may_vanish:
+        declared = dataclasses.replace(declared, positive=False, low=0.0)
+    for number in (value,) if isinstance(value, np.float64) else np.ravel(np.asarray(value)):
         check_range(float(number), declared, where)
 
 

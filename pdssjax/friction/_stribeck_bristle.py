@@ -18,7 +18,7 @@ class AbstractStribeckBristle(AbstractFriction):
 
     sigma0: float = quantity(1.0e6, "N/m")
     """Bristle stiffness s0 [N/m]."""
-    sigma1: float = quantity(45.0, "N s/m")
+    sigma1: float = quantity(45.0, "N s/m", may_vanish=True)
     """Bristle damping s1 [N s/m]."""
     sigma2: float = quantity(0.0, "N s/m", positive=False, low=0.0, optional=True)
     """Viscous friction s2 [N s/m]."""

@@ -38,9 +38,9 @@ class AnisotropicLuGre(AbstractFriction):
     """Bristle stiffness s0a for v >= 0 [N/m]."""
     sigma0_b: float = quantity(0.953789e6, "N/m")
     """Bristle stiffness s0b for v < 0 [N/m]."""
-    sigma1_a: float = quantity(54.4, "N s/m")
+    sigma1_a: float = quantity(54.4, "N s/m", may_vanish=True)
     """Bristle damping s1a for v >= 0 [N s/m]."""
-    sigma1_b: float = quantity(38.9, "N s/m")
+    sigma1_b: float = quantity(38.9, "N s/m", may_vanish=True)
     """Bristle damping s1b for v < 0 [N s/m]."""
     f_ss_a: float = quantity(0.7964, "N")
     """Breakaway force F_SSa for v >= 0 [N]."""

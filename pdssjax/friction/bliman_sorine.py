@@ -1,7 +1,7 @@
 """Bliman and Sorine's second-order friction: a fast Dahl element less a slow one.
 
     z_1' = v - |v| z_1/(eta eps),   z_2' = v - |v| z_2/eps,
-    F = f_1 z_1/(eta eps) - f_2 z_2/eps,   0 < eta < 1,
+    F = f_1 z_1/(eta eps) - f_2 z_2/eps,   0 < eta <= 1,
 
 a linear system of second order in the path |x| = int |v| dt, driven by sign(v): F depends on
 the path, not on how fast it is travelled.  Moved from rest, F overshoots: it is largest
@@ -16,6 +16,8 @@ f_2 = 0 leaves the first-order model, which is Dahl's with n = 1 and s0 = f_c/(e
 P.-A. Bliman and M. Sorine, Easy-to-use realistic dry friction models for automatic control,
 3rd European Control Conference, 1995.
 """
+
+import math
 
 import jax.numpy as jnp
 from jax import lax
@@ -38,7 +40,7 @@ class BlimanSorine(AbstractFriction):
     """Strength f_2 of the slow element [N], which makes the overshoot; 0 is the first-order model."""
     epsilon: float = quantity(3e-6, "m")
     """Path eps over which the slow element forgets [m]."""
-    eta: float = quantity(0.2, "", high=1.0)
+    eta: float = quantity(0.2, "", high=math.nextafter(1.0, 2.0))
     """Ratio eta of the fast element's path to the slow one's."""
 
     def initial(self) -> State:

@@ -19,7 +19,7 @@ class SimplifiedLuGre(AbstractFriction):
 
     sigma0: float = quantity(1.0e6, "N/m")
     """Bristle stiffness s0 [N/m]."""
-    sigma1: float = quantity(45.0, "N s/m")
+    sigma1: float = quantity(45.0, "N s/m", may_vanish=True)
     """Bristle damping s1 [N s/m]."""
     f_ss: float = quantity(0.65, "N")
     """Breakaway force F_SS [N]."""

@@ -14,7 +14,9 @@ import pdssjax
 from pdssjax.core import as_single
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.drive.sine import Sine
+from pdssjax.friction.bliman_sorine import BlimanSorine
 from pdssjax.friction.coulomb import Coulomb
+from pdssjax.friction.simplified_lugre import SimplifiedLuGre
 from pdssjax.piezo.second_order import SecondOrder
 
 
@@ -129,3 +131,13 @@ def test_numbers_put_in_later_are_converted_and_checked():
         as_single(eqx.tree_at(lambda a: a.effector.mass, later, -1.0), "actuator")
     with pytest.raises(pdssjax.InputError, match=r"drive.voltage: found an array of shape \(2,\), expected one number"):
         as_single(Sawtooth(voltage=np.array([64.0, 32.0])), "drive")
+
+
+def test_a_limit_of_a_law_is_legal_where_it_is_declared_so():
+    assert SimplifiedLuGre(sigma1=0.0).sigma1 == 0.0 and BlimanSorine(eta=1.0).eta == 1.0
+    with pytest.raises(
+        pdssjax.InputError, match=r"SimplifiedLuGre.sigma1: found -1 N s/m, expected .* at least 0 N s/m"
+    ):
+        SimplifiedLuGre(sigma1=-1.0)
+    with pytest.raises(pdssjax.InputError, match=r"BlimanSorine.eta: found 1.1, expected a value .* at most 1\."):
+        BlimanSorine(eta=1.1)
