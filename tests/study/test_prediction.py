@@ -60,7 +60,7 @@ def test_predict_gives_the_reference_trajectory(study):
         (
             {"piezo.gain": np.ones(2)},
             None,
-            r'values: "piezo.gain": found an array of shape \(2,\), expected one number',
+            r'values: "piezo.gain": found an array of shape \(2,\), expected a num',
         ),
         ({"piezo.gain": "1e-7"}, None, r"""values: "piezo.gain": found '1e-7', expected a number in m/V\."""),
         ({"piezo.gain": None}, None, r'values: "piezo.gain": found None, expected a number in m/V\.'),
