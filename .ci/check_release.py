@@ -29,11 +29,8 @@ KNOWN = {
 
 TESTS = [
     "tests/core",
-    "tests/integration/test_event_location.py",
     "tests/integration/test_system.py",
-    "tests/integration/test_step_methods.py",
     "tests/friction/test_laws.py",
-    "tests/simulation/test_physics.py",
     "tests/cli/test_start_up.py",
 ]
 """What runs with the newest of everything; a warning is an error there, too."""
