@@ -124,8 +124,8 @@ def sweep(
     takes those of an estimate.  `over` maps paths to the values [SI] of an axis, in the order of the axes,
     for every combination of them: quantities of the drive ("drive.voltage", "drive.frequency", "drive.fall_time") and
     parameters of the study's models ("friction.f_ss_a"), those of an amplifier that the study
-    lacks included; or it is a set of points from `pdssjax.sweeps`: `Grid`, `Listed`, `Sobol`, `LatinHypercube`, `CovarianceDraws`, `GivenDraws`, `Crossed`.  `record` names the effector
-    record whose drive is varied, the first one by default; parameters that hold under its conditions do so at all
+    lacks included; or it is a set of points from `pdssjax.sweeps`: `Grid`, `Listed`, `Sobol`, `LatinHypercube`,
+    `CovarianceDraws`, `GivenDraws`, `Crossed`.  `record` names the effector record whose drive is varied, the first one by default; parameters that hold under its conditions do so at all
     points.  The last of `cycles` cycles is measured; one more is run,
     whose flank tells the last slip.  With `cycles="steady"` it is the cycle that
     is left when the transient has died out, and two more numbers say after how many cycles it repeats, and what is
@@ -144,8 +144,8 @@ def sweep(
     (JSON) tells the study's parameters with value, unit and source; of those that are drawn the number about which
     the draws scatter, with the standard error.
 
-    **Raises:** `InputError`, before any work, for an unknown path, or one that changes nothing, an illegal value, an empty
-    axis, a study without an effector record under a drive with a frequency, a parameter that is no axis and
+    **Raises:** `InputError`, before any work, for an unknown path, or one that changes nothing, an illegal value, an
+    empty axis, a study without an effector record under a drive with a frequency, a parameter that is no axis and
     has no number, a store of another sweep; and where the executor's workers do not answer as they should.
     """
     require_float64("sweep")
