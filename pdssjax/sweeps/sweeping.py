@@ -125,7 +125,8 @@ def sweep(
     for every combination of them: quantities of the drive ("drive.voltage", "drive.frequency", "drive.fall_time") and
     parameters of the study's models ("friction.f_ss_a"), those of an amplifier that the study
     lacks included; or it is a set of points from `pdssjax.sweeps`: `Grid`, `Listed`, `Sobol`, `LatinHypercube`,
-    `CovarianceDraws`, `GivenDraws`, `Crossed`.  `record` names the effector record whose drive is varied, the first one by default; parameters that hold under its conditions do so at all
+    `CovarianceDraws`, `GivenDraws`, `Crossed`.  `record` names the effector record whose drive is varied,
+    the first one by default; parameters that hold under its conditions do so at all
     points.  The last of `cycles` cycles is measured; one more is run,
     whose flank tells the last slip.  With `cycles="steady"` it is the cycle that
     is left when the transient has died out, and two more numbers say after how many cycles it repeats, and what is
