@@ -8,7 +8,7 @@ import numpy as np
 from ..core import InputError, InputWarning, choices, member, members
 from ..drive.base import AbstractDrive
 from ..study import MARK, STEP_TIME, AbstractMeasurement, Record, check_meets_drive, split_path
-from .conditioning import conditioned
+from .conditioning import conditioned, rest_before
 from .drive_table import read_drive
 from .layout_table import record_layout
 from .record_columns import Layout, read_columns
@@ -28,11 +28,12 @@ RECORD_KEYS = [
 """Keys of every record, whatever it measures."""
 
 
-def read_record(table: Table, parameters: Table, folder: Path, virtual: bool = False) -> Record:
+def read_record(table: Table, parameters: Table, folder: Path, virtual: bool = False, settles: bool = True) -> Record:
     """The record that a [[record]] `table` describes; its file is relative to `folder`.
 
     What its drive leaves out the study's `parameters` tell.  Of a `virtual` rig the record is still to be made: where
-    the table has `sampling`, nothing is read, and what was measured is zero.
+    the table has `sampling`, nothing is read, and what was measured is zero.  Whether the stack `settles` says how long
+    a rest before the record may be.
 
     **Raises:** `InputError` if the table or the file is at fault, or if the record's clock cannot
     meet its drive.  Warns with `InputWarning` if the times look like milliseconds or end before
@@ -66,7 +67,9 @@ def read_record(table: Table, parameters: Table, folder: Path, virtual: bool = F
         data, begin = kept_samples(table, file, layout, read), read.begin
     where = f'{file}: record "{name}"'
     check_meets_drive(where, begin, data["time"], drive, start)
-    start -= earlier
+    length = float(data["time"][-1] - data["time"][0])
+    drive, rested, rest_voltage = rest_before(table, parameters, drive, begin - start, length, settles)
+    start -= earlier + rested
     data["time"] = data["time"] - start
     _warn(where, data["time"], drive)
     noise = _positive(table, "noise", unit)
@@ -87,6 +90,7 @@ def read_record(table: Table, parameters: Table, folder: Path, virtual: bool = F
         columns={q: (str(name), layout.units.get(q, "")) for q, name in layout.columns.items()},
         conditions=conditions,
         start=start,
+        rest_voltage=rest_voltage,
     )
 
 

@@ -50,11 +50,12 @@ def load_study(path: str | Path, virtual: bool = False) -> Study:
     top.only(["format", "title", "actuator", "parameters", "record"])
     actuator = top.table("actuator", 'a table with "piezo" and "friction"')
     actuator.only(["piezo", "friction", "friction_state", "feedback", "rests_under_load"])
-    records = _read_records(top, path.parent, virtual)
+    piezo = read_piezo(actuator)
+    records = _read_records(top, path.parent, virtual, piezo.has_steady_state)
     study = Study(
         title=top.text("title", "a text", path.stem),
         path=path,
-        piezo=read_piezo(actuator),
+        piezo=piezo,
         friction=_read_friction(actuator, records),
         friction_state=actuator.option("friction_state", STATES, STATES[0]),
         feedback=actuator.get("feedback", bool, "true or false", False),
@@ -96,7 +97,7 @@ def _check_format(top: Table) -> None:
         raise InputError(f'{top.at("format")}: found "{found}", expected "{FORMAT}".')
 
 
-def _read_records(top: Table, folder: Path, virtual: bool) -> tuple[Record, ...]:
+def _read_records(top: Table, folder: Path, virtual: bool, settles: bool) -> tuple[Record, ...]:
     expected = "one [[record]] table for each record"
     parameters = top.table("parameters", "a table of parameters")
     records: list[Record] = []
@@ -105,7 +106,7 @@ def _read_records(top: Table, folder: Path, virtual: bool) -> tuple[Record, ...]
             raise InputError(f"{top.at('record')}: found {entries}, expected {expected}.")
         name = entries.get("name")
         label = f'record "{name}"' if isinstance(name, str) else f"record {number}"
-        record = read_record(Table(entries, f"{top.where}: {label}"), parameters, folder, virtual)
+        record = read_record(Table(entries, f"{top.where}: {label}"), parameters, folder, virtual, settles)
         if record.name in [other.name for other in records]:
             raise InputError(f'{top.where}: found two records named "{record.name}", expected different names.')
         records.append(record)

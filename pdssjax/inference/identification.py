@@ -28,6 +28,7 @@ from .kept_fit import Found, as_asked, kept, restored
 from .least_squares import Fit, FitMethod, Method, Progress, evaluated, joint, quiet
 from .losses.base import AbstractLoss
 from .problem import Problem
+from .repeated_samples import check_measured_once
 from .search.best_point import BestPoint, Point, completed
 from .search.multistart import best_fit
 from .search.requested_starts import best_of_starts, check_starts
@@ -263,6 +264,7 @@ def check_method(study: Study, method: str) -> None:
     fitted = [record for record in study.records if record.role == "fit"]
     if not fitted:
         raise InputError(f'{where}: found no record with role "fit", expected at least one.')
+    check_measured_once(study.records, where)
     free = [path for path, parameter in study.parameters.items() if parameter.free]
     if not free:
         raise InputError(f"{where}: parameters: found none that is free, expected at least one to fit.")

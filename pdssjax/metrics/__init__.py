@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from .record_guess import guess_record as guess_record
     from .residual_split import ResidualSplit as ResidualSplit
     from .residual_split import split_residuals as split_residuals
+    from .sample_noise import flicker_of as flicker_of
     from .sample_noise import neighbour_scatter as neighbour_scatter
     from .sample_noise import scatter_floor as scatter_floor
     from .sensor_resolution import resolution_of as resolution_of
@@ -92,7 +93,7 @@ else:
             "clipped_samples": ["clipped"],
             "record_guess": ["RUNNING", "RecordGuess", "gain_of", "guess_record"],
             "residual_split": ["ResidualSplit", "split_residuals"],
-            "sample_noise": ["neighbour_scatter", "scatter_floor"],
+            "sample_noise": ["flicker_of", "neighbour_scatter", "scatter_floor"],
             "sensor_resolution": ["resolution_of"],
             "slip_timing": ["SlipDelay", "slip_delay"],
             "smoothing": ["smoothed"],

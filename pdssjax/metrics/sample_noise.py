@@ -12,6 +12,12 @@ _KEPT = 0.98658
 _BEND = float(np.sqrt(6.0))
 """Standard deviation of a second difference of white noise of standard deviation 1."""
 
+_FEWEST_TURNS = 8
+"""Turns from one sample to the next from which a voltage flickers."""
+
+_TURNING = 0.005
+"""Share of the samples that turn in a voltage that flickers, at least."""
+
 _EXACT = 1e-8
 """Part of the samples' standard deviation that no sensor resolves: one of 0.1 nm does 1e-8 of a way of 1 cm."""
 
@@ -40,6 +46,19 @@ def scatter_between_corners(values: Float[np.ndarray, " n"]) -> float:
     too much where a quarter are.  Of fewer than four values, 0.
     """
     return _typical(np.abs(np.diff(values, 2))) / _BEND if values.size > 3 else 0.0
+
+
+def flicker_of(volts: Float[np.ndarray, " n"]) -> float:
+    """How far a voltage jumps to and fro between neighbouring samples, in its unit; 0 where it hardly does.
+
+    That is one step of a converter that flickers between two, however seldom, and 1.7 standard deviations of white
+    noise.  A voltage without noise turns at its corners alone.
+    """
+    steps = np.diff(volts)
+    turns = np.flatnonzero(steps[1:] * steps[:-1] < 0)
+    if turns.size < max(_FEWEST_TURNS, _TURNING * volts.size):
+        return 0.0
+    return float(np.percentile(np.minimum(np.abs(steps[turns]), np.abs(steps[turns + 1])), 90.0))
 
 
 def scatter_floor(measured: Float[np.ndarray, " samples"]) -> float:

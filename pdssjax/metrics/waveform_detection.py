@@ -17,7 +17,7 @@ import numpy as np
 
 from .cycloid_fit import cycloid_at
 from .flank_timing import widened
-from .sample_noise import scatter_between_corners
+from .sample_noise import flicker_of, scatter_between_corners
 from .voltage_flanks import Samples, extremes_of, voltage_flanks
 from .waveform import AT_ZERO, Waveform
 from .waveform_fits import FITS, LOCATED, fit_step
@@ -42,6 +42,9 @@ _HELD = 0.03
 
 _SURELY = 0.85
 """Part of a rest whose samples are its level."""
+
+_FLICKERS = 1.5
+"""Times the flicker of a voltage by which it is away from a level."""
 
 _UNDER_WAY = 0.1
 """Part of the voltage at which it is surely on its way."""
@@ -97,8 +100,9 @@ def _level(time: Samples, volts: Samples, turned: float) -> tuple[float, float, 
     low, high = extremes_of(volts)
     rest = _rest(time, volts, high - low)
     if rest is not None:
+        near = max(AT_ZERO * (high - low), _flicker(volts, high - low))
         for end, way in ((low, 1.0), (high, -1.0)):
-            if abs(rest.level - end) < AT_ZERO * (high - low):
+            if abs(rest.level - end) < near:
                 return rest.level, way, rest.samples
     return (low if turned > 0 else high), turned, 0
 
@@ -180,9 +184,15 @@ class _Rest(NamedTuple):
     """Of which it is the mean."""
 
 
+def _flicker(volts: Samples, extent: float) -> float:
+    """How far samples of a level may be from it by their flicker, in the unit of the voltage."""
+    return min(_FLICKERS * flicker_of(volts), _UNDER_WAY * extent)
+
+
 def _rest(time: Samples, volts: Samples, extent: float) -> _Rest | None:
     """The rest that a voltage begins with; None where it does not begin so."""
-    away = np.flatnonzero(np.abs(volts - np.median(volts[:3])) > AT_ZERO * extent)
+    near = max(AT_ZERO * extent, _flicker(volts, extent))
+    away = np.flatnonzero(np.abs(volts - np.median(volts[:3])) > near)
     far = int(away[0]) if away.size else volts.size
     if far < _REST:
         return None

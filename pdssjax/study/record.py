@@ -44,6 +44,9 @@ class Record:
     """Under which it was made: where a parameter is listed for one of them, that one holds."""
     start: float = 0.0
     """When the drive starts on the clock of the file [s]; `time` counts from there."""
+    rest_voltage: float | None = None
+    """Voltage [V] at which the actuator is taken to have rested before the record, since nothing says what was before;
+    None where the study says it, or the drive starts from 0 V."""
 
     @property
     def measures(self) -> str:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from voltages import INTERVAL, SHAPES, check, first_rise, samples
 
-from pdssjax.metrics import detect_waveform
+from pdssjax.metrics import detect_waveform, flicker_of
 
 BIASED = ["forward, slow fall", "backward", "cycloid forward", "cycloid backward", "skew triangle", "trapezoid"]
 
@@ -59,3 +59,26 @@ def test_a_short_rest_before_a_cycloid_is_one(name):
     found = detect_waveform(time + 1.0, volts + 0.02 * np.random.default_rng(6).normal(size=time.size))
     assert (found.name, found.begins) == ("cycloidal", "seen")
     assert found.start == pytest.approx(1.0, abs=INTERVAL)
+
+
+@pytest.mark.parametrize("step", [0.3, 1.0, 2.0])
+@pytest.mark.parametrize("share", [0.05, 0.3, 0.5])
+def test_a_converter_that_flickers_by_one_step_hides_neither_a_rest_nor_a_square_wave(step, share):
+    time = np.arange(0.0, 2.0, 5e-4)
+    flicker = step * (np.random.default_rng(0).random(time.size) < share)
+    square = detect_waveform(time, np.where((5.0 * time) % 1.0 < 0.5, 60.0, 20.0) + flicker)
+    assert square.name == "trapezoid" and square.begins == "running"
+    assert square.numbers["frequency"] == pytest.approx(5.0, rel=1e-4)
+    assert square.counted_from == pytest.approx(60.0 + share * step, abs=0.3)
+    stairs = np.select([time < 0.1, time < 0.4, time < 0.62, time < 1.1, time < 1.5], [60, 80, 50, 95, 30], 70.0)
+    assert detect_waveform(time, stairs + flicker).begins == "held"
+
+
+def test_the_flicker_of_a_voltage_is_that_of_neighbours_and_not_its_motion():
+    time = np.arange(0.0, 2.0, 5e-4)
+    smooth = 50.0 * np.sin(2.0 * np.pi * 5.0 * time)
+    bit = 0.25 * (np.random.default_rng(1).random(time.size) < 0.02)
+    assert flicker_of(smooth) == 0.0 == flicker_of(np.sign(smooth))
+    assert flicker_of(np.sign(smooth) + bit) == pytest.approx(0.25)
+    noise = np.random.default_rng(2).standard_normal(time.size)
+    assert flicker_of(smooth + noise) == pytest.approx(1.7, rel=0.2)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...metrics import drift_per_cycle, held_in_words, slip_delay
-from ...study import FittedRecord
+from ...study import FittedRecord, Record
 from ..poor_fit import (
     SIGMAS,
     above_floor,
@@ -43,6 +43,18 @@ def about_peaks(read: Sequence[FittedRecord]) -> list[str]:
     return [
         f"The stack was read off peaks, not fitted: what it leaves of its own records, over their noise, is {figures}. "
         'The method "sequential" fits all their samples, and the errors that it leaves are smaller by far.'
+    ]
+
+
+def about_rests(records: Sequence[Record]) -> list[str]:
+    """Which of the fitted records begin off zero, where nothing says what was before."""
+    figures = [f'{r.rest_voltage:.4g} V in "{r.name}"' for r in records if r.rest_voltage is not None]
+    if not figures:
+        return []
+    return [
+        f"The voltage begins at {listed(figures)}, and the study does not say what was before: the actuator is taken "
+        'to have rested there. If the voltage set in with the record, write conditioning = "0 s" in its [[record]]; '
+        'if cycles ran before, conditioning = { cycles = 3, period = "1 s" }.'
     ]
 
 

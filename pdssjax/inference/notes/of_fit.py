@@ -21,7 +21,7 @@ from .about_parameters import (
     about_starts,
     about_weak_determination,
 )
-from .about_records import about_peaks, about_records
+from .about_records import about_peaks, about_records, about_rests
 
 
 class ErrorFacts(NamedTuple):
@@ -63,6 +63,7 @@ def notes_of(
         *about_models(study.models, values),
         *about_resonances(study.models, values, [p for p in transform.paths if p not in unknown], study.records),
         *about_signs([record for record in study.records if record.role == "fit"]),
+        *about_rests([record for record in study.records if record.role == "fit"]),
         *_about_fitted(estimate, study, facts),
         *about_agreement(estimate.diagnosis, estimate.method),
     )
