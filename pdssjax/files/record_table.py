@@ -59,12 +59,7 @@ def read_record(table: Table, parameters: Table, folder: Path, virtual: bool = F
     start = _start(table, measurement)
     if virtual:
         _check_writable(table, file, layout)
-    if virtual and "sampling" in table.entries:
-        data = _planned(table, measurement)
-        begin = float(data["time"][0])
-    else:
-        read = read_columns(file, layout, window_of(table))
-        data, begin = kept_samples(table, file, layout, read), read.begin
+    data, begin = _samples(table, file, layout, measurement if virtual else None)
     where = f'{file}: record "{name}"'
     check_meets_drive(where, begin, data["time"], drive, start)
     length = float(data["time"][-1] - data["time"][0])
@@ -92,6 +87,17 @@ def read_record(table: Table, parameters: Table, folder: Path, virtual: bool = F
         start=start,
         rest_voltage=rest_voltage,
     )
+
+
+def _samples(
+    table: Table, file: Path, layout: Layout, planned: AbstractMeasurement | None
+) -> tuple[dict[str, np.ndarray], float]:
+    """The columns of a record, by quantity [SI], and when its file begins [s]; those `planned` where they are."""
+    if planned is not None and "sampling" in table.entries:
+        data = _planned(table, planned)
+        return data, float(data["time"][0])
+    read = read_columns(file, layout, window_of(table))
+    return kept_samples(table, file, layout, read), read.begin
 
 
 def _conditions(table: Table) -> frozenset[str]:

@@ -33,17 +33,17 @@ def check_measured_once(records: Sequence[Record], where: object) -> None:
             )
 
 
-def _shared(one: Record, other: Record) -> int:
+def _shared(earlier: Record, later: Record) -> int:
     """How many samples two records have in common; 0 where they differ in any that could be."""
-    if one.time.size == other.time.size and np.array_equal(one.measured, other.measured):
+    if earlier.time.size == later.time.size and np.array_equal(earlier.measured, later.measured):
         # Also where the clock of a copy was set anew.
-        return _informative(one.measured)
+        return _informative(earlier.measured)
     # On the clocks of the files, each up to a rounding.
-    interval = float(np.median(np.diff(one.time))) if one.time.size > 1 else 1.0
-    instants = [np.round((r.time + r.start) / (1e-3 * interval)) for r in (one, other)]
+    interval = float(np.median(np.diff(earlier.time))) if earlier.time.size > 1 else 1.0
+    instants = [np.round((r.time + r.start) / (1e-3 * interval)) for r in (earlier, later)]
     _, here, there = np.intersect1d(*instants, return_indices=True)
-    same = here.size and np.array_equal(one.measured[here], other.measured[there])
-    return _informative(one.measured[here]) if same else 0
+    same = here.size and np.array_equal(earlier.measured[here], later.measured[there])
+    return _informative(earlier.measured[here]) if same else 0
 
 
 def _informative(values: Float[np.ndarray, " n"]) -> int:
