@@ -40,8 +40,8 @@ def _shared(earlier: Record, later: Record) -> int:
         return _informative(earlier.measured)
     # On the clocks of the files, each up to a rounding.
     interval = float(np.median(np.diff(earlier.time))) if earlier.time.size > 1 else 1.0
-    instants = [np.round((r.time + r.start) / (1e-3 * interval)) for r in (earlier, later)]
-    _, here, there = np.intersect1d(*instants, return_indices=True)
+    first, second = (np.round((r.time + r.start) / (1e-3 * interval)) for r in (earlier, later))
+    _, here, there = np.intersect1d(first, second, return_indices=True)
     same = here.size and np.array_equal(earlier.measured[here], later.measured[there])
     return _informative(earlier.measured[here]) if same else 0
 
