@@ -7,6 +7,7 @@ it takes longer than everything else done with a study file.
 import functools
 import math
 import re
+import unicodedata
 from decimal import Decimal
 from typing import Any
 
@@ -23,6 +24,21 @@ _GRAM = ', a gram (standard gravity is written "g_0", of a column in [record.uni
 
 _LONGEST = 80
 """Characters of what was given that a message quotes."""
+
+_MOST = 200
+"""Characters of a number with its unit, or of a unit, that are read."""
+
+_POWER = re.compile(r"\*\*|\^")
+
+_SMALL_POWER = re.compile(
+    r"(?:\*\*|\^)\s*(?:[+-]?\d{1,2}(?:\.\d+)?|\(\s*[+-]?\d{1,2}(?:\.\d+|\s*/\s*\d{1,2})?\s*\))(?![\d.]|\s*(?:\*\*|\^))"
+)
+"""A power of one or two digits or a fraction, which is no power itself: pint computes it at once."""
+
+_SUPERSCRIPTS = re.compile("[\u2070\u00b9\u00b2\u00b3\u2074-\u2079]+")
+
+_LARGEST_POWER = 100.0
+"""Product of all the powers in a unit at most: a power of powers of powers is a number that never ends."""
 
 _NOT_FINITE = re.compile(r"\s*[+-]?(nan|inf(inity)?)\b", re.IGNORECASE)
 
@@ -59,13 +75,13 @@ def factor(name: str, unit: str, where: str) -> float:
     """
     registry = _registry()
     try:
-        unit_amount = registry.Quantity(1.0, registry.parse_units(name))
+        unit_amount = registry.Quantity(1.0, _parsed(name))
         given = unit_amount.to_root_units()
     except Exception:  # pint's parser lets errors of many types through
-        raise InputError(f'{where}: found the unknown unit "{name}", expected {_of(unit)}.') from None
+        raise InputError(f"{where}: found the unknown unit {_shown(name)}, expected {_of(unit)}.") from None
     expected = registry.Quantity(1.0, registry.parse_units(unit))
     if given.units != expected.to_root_units().units:
-        found = f'the unit "{name}"' if name else "no unit"
+        found = f"the unit {_shown(name)}" if name else "no unit"
         hint = _GRAM if name == "g" and expected.check("[acceleration]") else ""
         raise InputError(f"{where}: found {found}{hint}, expected {_of(unit)}.")
     return float(unit_amount.to(expected.units).magnitude)
@@ -94,7 +110,7 @@ def unit_named(text: str) -> str:
         return ""
     for spelled in (name, name.lower()) if len(name) > 3 else (name,):
         try:
-            if _registry().parse_units(spelled).dimensionality:
+            if _parsed(spelled).dimensionality:
                 return spelled
         except Exception:  # pint's parser lets errors of many types through
             continue
@@ -111,6 +127,16 @@ def _registry() -> Any:
     import pint
 
     return pint.UnitRegistry()
+
+
+def _parsed(name: str) -> Any:
+    """The unit called `name`, by pint; **raises** `ValueError` where computing its powers would not end."""
+    spelled = _SUPERSCRIPTS.sub(lambda digits: f"**{unicodedata.normalize('NFKC', digits[0])}", name)
+    powers = _SMALL_POWER.findall(spelled)
+    largest = math.prod(max(1.0, *map(float, re.findall(r"\d+", power))) for power in powers)
+    if len(name) > _MOST or len(powers) < len(_POWER.findall(spelled)) or largest > _LARGEST_POWER:
+        raise ValueError(name)
+    return _registry().parse_units(name)
 
 
 def _text_to_si(given: str, unit: str, where: str, shown: str) -> float:
@@ -136,7 +162,7 @@ def _float(given: float) -> float:
 
 def _split(given: str, where: str, expected: str) -> tuple[str, str]:
     """The number and the unit in a text, as they are written."""
-    split = _NUMBER_AND_UNIT.fullmatch(given)
+    split = _NUMBER_AND_UNIT.fullmatch(given) if len(given) <= _MOST else None
     if split is None:
         raise InputError(f"{where}: found {_shown(given)}, expected {expected}.")
     number, name = split.groups()
@@ -146,7 +172,10 @@ def _split(given: str, where: str, expected: str) -> tuple[str, str]:
 
 
 def _shown(given: object) -> str:
-    text = f'"{given}"' if isinstance(given, str) else str(given)
+    try:
+        text = f'"{given}"' if isinstance(given, str) else str(given)
+    except ValueError:  # more digits than Python writes
+        return "an integer of thousands of digits"
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
 
 

@@ -1,6 +1,8 @@
 """Opens a file of any format that is known, finds channels in it, and reads their samples, a window at a time."""
 
 import math
+import re
+import stat
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -13,6 +15,9 @@ from ..study import check_increasing
 from .readers.base import AbstractReader, Channel
 
 _FAMILY = "files.readers"
+
+_UNIVERSAL_FILE = re.compile(rb"    -1 *\r?\n {0,5}(\d+)b?\s")
+"""How Universal Files begin, with the number of their first dataset; each of these fields has six characters."""
 
 _LAST = "delimited-text"
 """Anything may be text, so it is asked last."""
@@ -52,16 +57,25 @@ def open_file(file: Path, decimal: str = "") -> AbstractReader:
     **Raises:** `InputError` if the file is missing or of no format that is known.
     """
     try:
+        if not stat.S_ISREG(file.stat().st_mode) and not file.is_dir():
+            raise InputError(f"{file}: found a pipe or a device, expected a file of samples, which is read repeatedly.")
         with file.open("rb") as stream:
             head = stream.read(1024)
     except FileNotFoundError:
         raise InputError(f"{file}: there is no such file, expected a file of samples.") from None
     except OSError as error:
         raise InputError(f"{file}: cannot be read ({error.strerror}), expected a file of samples.") from None
+    except InputError:
+        raise
     except ValueError as error:  # a name that no file can have
         raise InputError(f"{file}: cannot be read ({error}), expected a file of samples.") from None
     if head.startswith(b"PK\x03\x04"):
         raise InputError(f"{file}: found a workbook or a ZIP archive, expected the sheet saved as CSV.")
+    if dataset := _UNIVERSAL_FILE.match(head):
+        raise InputError(
+            f"{file}: found a Universal File (UFF, it begins with dataset {dataset[1].decode()}), which is not read; "
+            "expected its time histories exported as CSV or MATLAB arrays."
+        )
     kinds = [member(_FAMILY, name) for name in sorted(members(_FAMILY), key=lambda name: name == _LAST)]
     for kind in kinds:
         if kind.recognises(file, head):

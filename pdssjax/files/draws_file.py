@@ -104,8 +104,9 @@ class DrawsFile:
     def _parsed(self, number: int, line: str) -> Document:
         try:
             entry: object = json.loads(line)
-        except json.JSONDecodeError as error:
-            raise InputError(f"{self._file}: line {number}: found no valid JSON: {error.msg}.") from None
+        except (ValueError, RecursionError) as error:  # beside syntax: integers and nesting beyond what Python reads
+            said = error.msg if isinstance(error, json.JSONDecodeError) else error
+            raise InputError(f"{self._file}: line {number}: found no valid JSON: {said}.") from None
         if not isinstance(entry, dict):
             raise InputError(f"{self._file}: line {number}: found no JSON object, expected one a line.")
         return entry

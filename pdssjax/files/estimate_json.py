@@ -88,6 +88,8 @@ def _document(file: Path) -> Document:
         raise InputError(
             f"{file}: line {error.lineno}, column {error.colno}: found no valid JSON: {error.msg}."
         ) from None
+    except (ValueError, RecursionError) as error:  # integers and nesting beyond what Python reads
+        raise InputError(f"{file}: found no valid JSON: {error}.") from None
     found = document.get("format") if isinstance(document, dict) else None
     if not isinstance(document, dict) or found != FORMAT:
         raise InputError(f'{file}: key "format": found {json.dumps(found)}, expected "{FORMAT}".')

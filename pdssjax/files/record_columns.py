@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
@@ -12,6 +13,11 @@ from jaxtyping import Bool, Float, Int
 from ..core import InputError, column_unit, factor, split_text, unit_named
 from .channel_samples import Clock, find_channel, open_file, read_samples
 from .readers.base import AbstractReader, Channel
+
+_LONGEST = 80
+"""Characters of a cell that a message quotes."""
+
+_GROUP = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 
 
 class Layout(NamedTuple):
@@ -64,7 +70,8 @@ class Columns:
         quantity, row = min(wrong.items(), key=lambda pair: pair[1])
         place, channel = int(self.places[row]), self.channels[quantity]
         text = self.reader.written(place, channel.number)
-        found = f'"{text}"' if text else ("an empty cell" if self.reader.place == "line" else "no number")
+        shown = text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
+        found = f'"{shown}"' if text else ("an empty cell" if self.reader.place == "line" else "no number")
         raise InputError(
             f'{self.file}: {self.reader.place} {place}, column "{channel.name}": found {found}, '
             f"expected a finite number{_about_commas(text)}."
@@ -91,13 +98,21 @@ def read_columns(file: Path, layout: Layout, window: tuple[float, float] | None 
 
 
 def _clock(file: Path, layout: Layout, chosen: Mapping[str, Channel], factors: Mapping[str, float]) -> Clock:
+    kept = {(c.start, c.interval) for c in chosen.values() if c.interval is not None}
+    if len(kept) > 1:
+        said = ", ".join(
+            f'"{c.name}" from {c.start:g} s on every {c.interval:g} s'
+            for c in chosen.values()
+            if c.interval is not None
+        )
+        raise InputError(f"{file}: found clocks that differ ({said}), expected channels of one clock.")
     if layout.interval is not None:
         return Clock(None, start=layout.begin, interval=layout.interval)
     if "time" in chosen:
         return Clock(chosen["time"].number, factors["time"])
-    kept = {(c.start, c.interval) for c in chosen.values() if c.interval is not None}
-    if len(kept) != 1:
-        found = "no clock in it" if not kept else f"{len(kept)} clocks that differ"
+    without = [channel.name for channel in chosen.values() if channel.interval is None]
+    if not kept or without:
+        found = f'no clock of "{without[0]}", which another channel has' if kept else "no clock in it"
         raise InputError(
             f'{file}: found {found}, expected the key "time" in columns with the name of a channel, '
             'or the key time of the record, such as time = { interval = "50 us" }.'
@@ -138,9 +153,13 @@ def scaled(scale: float | str, unit: str, si: str, where: str) -> float:
 
 
 def _about_commas(text: str) -> str:
-    """A hint where a number has a decimal comma."""
+    """A hint where a number has a decimal comma, or what may divide thousands."""
+    thousands = "; what divides thousands is read with decimal = {0} in the record".format
     try:
         float(text.replace(",", ".", 1))
     except ValueError:
         return ""
-    return '; a decimal comma is read with decimal = "," in the record' if "," in text else ""
+    if "," not in text:
+        return thousands('","')
+    hint = '; a decimal comma is read with decimal = "," in the record'
+    return hint + (', one between thousands with decimal = "."' if _GROUP.fullmatch(text) else "")

@@ -17,6 +17,9 @@ from .toml_table import Table
 
 _FAMILY = "study.measurement"
 
+_MOST_SAMPLES = 1e7
+"""Samples of a record that is to be made: some gigabytes with what predicts them."""
+
 _TEXTS = (".csv", ".txt", ".tsv", ".dat", "")
 """What the names of files end in that a virtual rig writes."""
 
@@ -159,6 +162,11 @@ def _planned(table: Table, measurement: AbstractMeasurement) -> dict[str, np.nda
         raise InputError(
             f"{plan.at('interval')}: found {interval:g} s for samples from {start:g} s to {end:g} s, "
             "expected an interval above 0 that fits in between."
+        )
+    if (end - start) / interval > _MOST_SAMPLES:
+        raise InputError(
+            f"{plan.at('interval')}: found {interval:g} s for samples from {start:g} s to {end:g} s, which are "
+            f"{(end - start) / interval:.3g}, expected {_MOST_SAMPLES:g} at most."
         )
     time = start + interval * np.arange(int((end - start) / interval * (1 + 1e-12)) + 1)
     planned = measurement.planned(time - start, {key: plan.number(key, unit) for key, unit in measurement.plan.items()})

@@ -72,7 +72,9 @@ def load_study(path: str | Path, virtual: bool = False) -> Study:
 
 def _read_toml(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        document = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        str(document)  # of a hexadecimal integer Python finds only here that it cannot be written in a message
+        return document
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file, expected a study file.") from None
     except OSError as error:

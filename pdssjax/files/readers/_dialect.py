@@ -10,15 +10,20 @@ import csv
 import re
 from collections import Counter
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
 from ...core import InputError, unit_named
+from ._thousands import plain_number
 
 HEAD = 1 << 18
 """Bytes that are looked at."""
 
 _LINES = 400
+
+_WIDEST = 10_000
+"""Cells of a row at most."""
 
 _BESIDE = 30
 """Lines beside which a preamble may stand (Tektronix)."""
@@ -26,12 +31,12 @@ _BESIDE = 30
 _KINDS = [(";", ","), (";", "."), ("\t", "."), ("\t", ","), (",", "."), (" ", "."), (" ", ","), (",", ",")]
 """Separators with decimal signs; of equals the first is taken, a comma's before all, as most files have it."""
 
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf(inity)?)", re.IGNORECASE)
-
 _MOMENT = re.compile(r"\d{4}-\d\d?-\d\d?([T ]\d\d:[\d:.]+)?|\d+:\d\d[\d:.]*")
 """A date or the time of a clock."""
 
 _BRACKETS = re.compile(r"\s*(\([^)]*\)|\[[^\]]*\])")
+
+_IN_BRACKETS = re.compile(r"\([^()]*\)")
 
 _SCOPE_CLOCK = re.compile(r"(start|increment)\s*[=,;]\s*([-+\d.eE]+)", re.IGNORECASE)
 
@@ -52,6 +57,8 @@ class Column(NamedTuple):
     written: str
     """As it stands."""
     unit: str
+    letter: bool = False
+    """The unit is but a name of one letter among others, which are symbols: V of "t, x, V" may be a velocity."""
 
 
 class Dialect(NamedTuple):
@@ -112,6 +119,7 @@ def dialect_of(file: Path, head: bytes, decimal: str = "") -> Dialect:
         lines = lines[:-1] or lines  # the last one is cut
     if not any(line.strip() for line in lines):
         raise InputError(f"{file}: the file is empty, expected a header line and numbers.")
+    _check_widths(file, lines)
     kinds = [kind for kind in _KINDS if decimal in ("", kind[1])]
     scored = [(_score(lines, *kind), -rank, kind) for rank, kind in enumerate(kinds)]
     best, _, (separator, sign) = max(scored)
@@ -127,19 +135,31 @@ def cells_of(line: str, separator: str, header: bool = False) -> list[str]:
     if separator == " ":
         return line.split()
     if '"' in line:
-        return [cell.strip().strip('"').strip() for cell in next(csv.reader([line], delimiter=separator), [])]
-    parts = re.split(rf"{separator}(?![^(]*\))", line) if header else line.split(separator)
-    return [part.strip() for part in parts]
+        try:
+            return [cell.strip().strip('"').strip() for cell in next(csv.reader([line], delimiter=separator), [])]
+        except csv.Error:  # a cell longer than the library takes
+            return [cell.strip().strip('"') for cell in line.split(separator)]
+    if header and "(" in line:
+        hidden = _IN_BRACKETS.sub(lambda inside: inside[0].replace(separator, "\0"), line)
+        return [part.strip().replace("\0", separator) for part in hidden.split(separator)]
+    return [part.strip() for part in line.split(separator)]
 
 
 def is_number(cell: str, decimal: str) -> bool:
-    # A point beside decimal commas may divide thousands.
-    return bool(_NUMBER.fullmatch(with_points(cell) if decimal == "," else cell))
+    """Whether a cell may be a number, also one whose thousands are divided."""
+    return plain_number(cell, decimal, sure=True) != ""
 
 
 def with_points(text: str) -> str:
     """Text with decimal commas, with points in their place; with what is no number where a point stood."""
     return text.replace(".", "?").replace(",", ".")
+
+
+def _check_widths(file: Path, lines: Sequence[str]) -> None:
+    for number, line in enumerate(lines, start=1):
+        count = 1 + max(line.count(separator) for separator, _ in _KINDS)
+        if count > _WIDEST:
+            raise InputError(f"{file}: line {number}: found {count} cells, expected {_WIDEST} at most.")
 
 
 def _without_numbers(lines: Sequence[str]) -> str:
@@ -191,13 +211,14 @@ def _table(lines: Sequence[str], encoding: str, separator: str, decimal: str) ->
     numeric = [j for j in range(width) if share[j] > 0.5] or list(range(width))
     first = _first(rows, usual, numeric, decimal)
     names, units, above = _header(lines[:first], separator, width, decimal)
-    preamble = " ".join(lines[:first])
-    told = {key.lower(): float(value) for key, value in _SCOPE_CLOCK.findall(_aligned(names, units, preamble))}
-    clock = (told.get("start", 0.0), told["increment"]) if told.get("increment", 0.0) > 0 else None
+    clock = _scope_clock(rows[:first], " ".join(lines[:first]), decimal)
     names, units = _from_preamble(lines[: max(first, _BESIDE)], separator, names, units, numeric, width)
+    bare = [_BRACKETS.sub("", name).strip() for name in names]
     # Beside a clock that is called so "s" is a displacement, not the seconds of another clock.
-    clocked = any(_BRACKETS.sub("", name).strip().lower() in _CLOCKS for name in names)
-    columns = tuple(_column(j, names[j] if names else "", units[j] if units else "", clocked) for j in numeric)
+    clocked = any(name.lower() in _CLOCKS for name in bare)
+    letters = {name.lower() for name in bare if len(name) == 1}
+    symbols = clocked and bool(letters - _UNITS_ALONE - set(_CLOCKS))
+    columns = tuple(_column(j, names[j] if names else "", units[j] if units else "", clocked, symbols) for j in numeric)
     return Dialect(encoding, separator, decimal, first, width, columns, bool(names), tuple(above), clock)
 
 
@@ -209,11 +230,12 @@ def _first(rows: list[list[str]], usual: list[int], numeric: list[int], decimal:
     """The line of the first sample: no words where the numbers stand."""
     words = lambda row: [j for j in numeric if row[j] and not is_number(row[j], decimal)]
     first = next((k for k in usual if not words(rows[k]) and any(row for row in rows[k])), usual[0])
-    # A first sample with a word in it is still a sample, where a header stands above it.
-    while first > 1 and len(rows[first - 1]) == len(rows[first]):
-        above, header = rows[first - 1], rows[first - 2]
+    # A sample with a word in it is still a sample, where its first number, the clock, or a header above it says so.
+    while first > 0 and len(rows[first - 1]) == len(rows[first]):
+        above, header = rows[first - 1], rows[first - 2] if first > 1 else []
         heads = len(header) == len(above) and not any(is_number(cell, decimal) for cell in header)
-        if not heads or not any(is_number(above[j], decimal) for j in numeric):
+        counted = [is_number(above[j], decimal) for j in numeric]
+        if not counted[0] and not (heads and any(counted)):
             break
         if any(unit_named(cell) for cell in above if cell):
             break
@@ -227,6 +249,9 @@ def _header(above: Sequence[str], separator: str, width: int, decimal: str) -> t
     remarks = [line.lstrip("# ") for line in above if line.lstrip().startswith("#")]
     split = lambda line: cells_of(line, separator, header=True)
     rows = [split(line) for line in plain[-2:]]
+    units = bool(rows) and _are_units(rows[-1], decimal)
+    if rows and "increment" in [cell.lower() for cell in rows[0][width:]]:
+        rows = [row[:width] for row in rows]  # beside them stand start and increment of the clock
     fits = lambda row: len(_ended(row)) <= width and len(_ended(row)) >= min(width, 2) and len(row) >= width - 1
     nearest = rows[-1] if rows else []
     if not rows or not fits(nearest):
@@ -235,7 +260,7 @@ def _header(above: Sequence[str], separator: str, width: int, decimal: str) -> t
             return [], [], nearest
     rows = [[*row, *[""] * width][:width] if fits(row) else [] for row in rows]
     last, before = rows[-1], rows[0] if len(rows) > 1 else []
-    if before and _are_units(last, decimal) and not all(unit_named(cell) for cell in before if cell):
+    if before and (units or _are_units(last, decimal)) and not all(unit_named(cell) for cell in before if cell):
         return before, last, last
     return last, [], last
 
@@ -255,10 +280,15 @@ def _ended(row: list[str]) -> list[str]:
     return row
 
 
-def _aligned(names: list[str], units: list[str], preamble: str) -> str:
-    """The preamble, with the numbers that stand below "Start" and "Increment" beside them (Rigol)."""
-    pairs = [f"{name}={unit}" for name, unit in zip(names, units, strict=False)]
-    return " ".join([*pairs, preamble])
+def _scope_clock(above: Sequence[Sequence[str]], preamble: str, decimal: str) -> tuple[float, float] | None:
+    """Start and interval [s] of the clock, where they stand below "Start" and "Increment" or beside them (Rigol)."""
+    told = [(key.lower(), value) for key, value in _SCOPE_CLOCK.findall(preamble)]
+    for names, below in pairwise(above):
+        lowered = [name.lower() for name in names]
+        if "increment" in lowered:
+            told += zip(lowered, below, strict=False)
+    numbers = {key: float(number) for key, value in told if (number := plain_number(value, decimal))}
+    return (numbers.get("start", 0.0), numbers["increment"]) if numbers.get("increment", 0.0) > 0 else None
 
 
 def _from_preamble(
@@ -278,11 +308,12 @@ def _from_preamble(
     return names, units
 
 
-def _column(position: int, written: str, below: str, clocked: bool) -> Column:
+def _column(position: int, written: str, below: str, clocked: bool, symbols: bool) -> Column:
     bare = _BRACKETS.sub("", written).strip()
     inside = [part.strip()[1:-1] for part in _BRACKETS.findall(written)]
     tails = re.findall(r"(?:\s/\s*|\s+in\s+|^in\s+|,\s*)(\S+)$", bare)
     alone = [bare] if bare.lower() in _UNITS_ALONE and not (clocked and bare.lower() == "s") else []
     suffix = [bare.rpartition("_")[2]] if "_" in bare else []
-    unit = next((unit_named(text) for text in [below, *suffix, *inside, *tails, *alone] if unit_named(text)), "")
-    return Column(position, bare or written, written, unit)
+    sure = next((unit_named(text) for text in [below, *suffix, *inside, *tails] if unit_named(text)), "")
+    unit = sure or next((unit_named(text) for text in alone), "")
+    return Column(position, bare or written, written, unit, letter=symbols and not sure and len(unit) == 1)

@@ -32,11 +32,13 @@ class Channel(NamedTuple):
     """Time of the first sample [s] on that clock."""
     written: str = ""
     """The name with the remarks in brackets that stand beside it."""
+    letter: bool = False
+    """Its unit is but its name of one letter, which may be the symbol of something else: V of a velocity."""
 
     def measures(self, unit: str) -> bool:
-        """Whether its unit converts to `unit`; not where it says none."""
+        """Whether its unit converts to `unit`; not where it says none, or where one letter is all it says."""
         try:
-            return bool(self.unit) and factor(self.unit, unit, "") > 0
+            return bool(self.unit) and not self.letter and factor(self.unit, unit, "") > 0
         except InputError:
             return False
 

@@ -14,6 +14,7 @@ import numpy as np
 from ...core import InputError
 from ._dialect import HEAD, Dialect, cells_of, dialect_of, with_points
 from ._errors import refusing
+from ._thousands import GroupedColumns, plain_number
 from .base import BLOCK, AbstractReader, Block, Channel
 
 
@@ -40,13 +41,17 @@ class DelimitedText(AbstractReader):
     def channels(self) -> list[Channel]:
         start, interval = self.dialect.clock or (0.0, None)
         return [
-            Channel(c.name or str(c.position + 1), c.position + 1, c.unit, None, interval, start, c.written)
+            Channel(c.name or str(c.position + 1), c.position + 1, c.unit, None, interval, start, c.written, c.letter)
             for c in self.dialect.columns
         ]
 
     def blocks(self, numbers: Sequence[int], first: int = 0) -> Iterator[Block]:
-        dialect = self.dialect
-        with self.file.open(encoding=dialect.encoding, errors="replace", newline=None) as stream:
+        dialect, positions = self.dialect, [number - 1 for number in numbers]
+        grouped = None if self.decimal else GroupedColumns(positions, dialect.decimal)
+        with (
+            refusing(self.file, "a table of text"),
+            self.file.open(encoding=dialect.encoding, errors="replace", newline=None) as stream,
+        ):
             done = sum(1 for _ in islice(stream, dialect.skipped))
             while lines := list(islice(stream, BLOCK)):
                 places, kept = _samples_of(lines, done)
@@ -56,7 +61,10 @@ class DelimitedText(AbstractReader):
                     continue
                 places, kept, first = places[first:], kept[first:], 0
                 if kept:
-                    yield Block(self._numbers(places, kept, [number - 1 for number in numbers]), places)
+                    values = self._numbers(places, kept, positions)
+                    if grouped is not None:
+                        self._check_thousands(grouped, places, values, kept)
+                    yield Block(values, places)
 
     def written(self, place: int, number: int) -> str:
         with self.file.open(encoding=self.dialect.encoding, errors="replace", newline=None) as stream:
@@ -84,13 +92,33 @@ class DelimitedText(AbstractReader):
         cells = [len(line.split()) if separator == " " else line.count(separator) + 1 for line in lines]
         if any(count != width for count in cells):
             self._check_widths(places, lines, separator, cells)
+        pointed = lines
         if self.dialect.decimal == ",":
-            lines = with_points("\n".join(line.rstrip("\n") for line in lines)).split("\n")
+            pointed = with_points("\n".join(line.rstrip("\n") for line in lines)).split("\n")
         try:
             split = None if separator == " " else separator
-            return np.loadtxt(lines, delimiter=split, usecols=positions, comments=None, ndmin=2)
+            return np.loadtxt(pointed, delimiter=split, usecols=positions, comments=None, ndmin=2)
         except ValueError:
-            return np.array([_row(cells_of(line, separator), positions) for line in lines])
+            number = lambda cell: float(plain_number(cell, self.dialect.decimal, bool(self.decimal)) or "nan")
+            rows = (cells_of(line, separator) for line in lines)
+            return np.array([[number(row[j]) if j < len(row) else np.nan for j in positions] for row in rows])
+
+    def _check_thousands(
+        self, grouped: GroupedColumns, places: np.ndarray, values: np.ndarray, lines: list[str]
+    ) -> None:
+        """Refuses a column of numbers of which nobody but the user can tell whether their thousands are divided."""
+        found = grouped.look(places, values, lines, lambda line: cells_of(line, self.dialect.separator))
+        if found is None:
+            return
+        named = {channel.number: channel.name for channel in self.channels()}
+        name = named.get(found.position + 1, found.position + 1)
+        sign, other = ("comma", ".") if self.dialect.decimal == "," else ("point", ",")
+        raise InputError(
+            f'{self.file}: line {found.place}, column "{name}": found "{found.text}" in a column that has whole '
+            f'numbers, and a {sign} before three digits only: it may divide thousands.  Expected decimal = "{other}" '
+            f'in the record (or --decimal "{other}") if it does, decimal = "{self.dialect.decimal}" if it is the '
+            "decimal sign."
+        )
 
     def _check_widths(self, places: np.ndarray, lines: list[str], separator: str, cells: list[int]) -> None:
         least = 1 + max(column.position for column in self.dialect.columns)
@@ -113,14 +141,3 @@ def _samples_of(lines: list[str], done: int) -> tuple[np.ndarray, list[str]]:
     if all(kept):
         return places, lines
     return places[kept], [line for line, keep in zip(lines, kept, strict=True) if keep]
-
-
-def _row(cells: list[str], positions: list[int]) -> list[float]:
-    return [_number(cells[position]) if position < len(cells) else np.nan for position in positions]
-
-
-def _number(cell: str) -> float:
-    try:
-        return float(cell)
-    except ValueError:
-        return np.nan

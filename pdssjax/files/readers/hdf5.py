@@ -2,7 +2,10 @@
 
 Numbers in one dimension are a channel; of two, each line along the longer one is; a table's columns are, too.
 Units are the attribute `units` or `unit`, a clock is one of `INTERVALS` [s] (`START` [s]) or `RATES` [Hz], of the
-dataset or of its group, as Keysight's oscilloscopes and h5py's users write them.  Samples are read block by block.
+dataset or of its group, as Keysight's oscilloscopes and h5py's users write them.  Numbers that are packed as netCDF's
+CF conventions say it (`scale_factor`, `add_offset`, `_FillValue`, `missing_value`, `valid_min` and the like) are
+unpacked; what is missing is NaN.  Complex numbers are two channels, "name.real" and "name.imag".  Samples are read
+block by block.
 """
 
 from collections.abc import Iterator, Sequence
@@ -10,6 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from ...core import InputError
 from ._errors import library, refusing, same_length
@@ -18,6 +22,18 @@ from .base import BLOCK, AbstractReader, Block, Channel
 INTERVALS = ("interval", "sample_interval", "dt", "wf_increment", "XInc")
 START = ("start", "t0", "wf_start_offset", "XOrg")
 RATES = ("sample_rate", "sampling_rate", "samplerate", "fs")
+
+_PACKING = ("scale_factor", "add_offset")
+
+_MISSING = ("_FillValue", "missing_value")
+
+_VALID = ("valid_range", "valid_min", "valid_max")
+
+_UNREAD = ("_Unsigned", "YInc")
+"""Attributes that change what whole numbers mean, in ways that are not read."""
+
+_MOST_PACKED = 2000
+"""Bytes that one stored byte may stand for; deflate, the usual filter, makes 1032 of one."""
 
 _MAGIC = b"\x89HDF\r\n\x1a\n"
 
@@ -32,6 +48,8 @@ class _Line(NamedTuple):
     """The place in the shorter dimension, or None."""
     transposed: bool
     """Samples follow each other along the last dimension."""
+    part: str = ""
+    """Of a complex number: "real" or "imag"."""
 
 
 class Hdf5(AbstractReader):
@@ -63,9 +81,13 @@ class Hdf5(AbstractReader):
             lines = _lines(opened)
             chosen = [lines[number - 1] for number in numbers]
             count = same_length(self.file, {_name(line): _length(opened, line) for line in chosen})
+            for line in chosen:
+                _check_stored(self.file, opened[line.path])
+            packed = [_packing(self.file, opened[line.path], bool(line.field)) for line in chosen]
             for begin in range(first, count, BLOCK):
                 end = min(begin + BLOCK, count)
-                values = np.column_stack([_part(opened, line, begin, end) for line in chosen])
+                parts = [p.unpacked(_part(opened, line, begin, end)) for line, p in zip(chosen, packed, strict=True)]
+                values = np.column_stack(parts)
                 yield Block(values, np.arange(begin + 1, end + 1))
 
 
@@ -85,24 +107,84 @@ def _of_dataset(path: str, stored: Any) -> list[_Line]:
     if text or stored.ndim not in (1, 2) or max(stored.shape) < 2:
         return []
     if stored.dtype.names and stored.ndim == 1:
-        fields = [name for name in stored.dtype.names if _is_number(stored.dtype[name])]
-        return [_Line(path, name, None, False) for name in fields]
-    if not _is_number(stored.dtype):
-        return []
+        fields = [(name, stored.dtype[name]) for name in stored.dtype.names]
+        return [_Line(path, name, None, False, part) for name, kind in fields for part in _parts(kind)]
+    parts = _parts(stored.dtype)
     if stored.ndim == 1:
-        return [_Line(path, "", None, False)]
+        return [_Line(path, "", None, False, part) for part in parts]
     transposed = stored.shape[1] > stored.shape[0]
-    return [_Line(path, "", across, transposed) for across in range(min(stored.shape))]
+    return [_Line(path, "", across, transposed, part) for part in parts for across in range(min(stored.shape))]
 
 
-def _is_number(kind: np.dtype) -> bool:
-    return bool(np.issubdtype(kind, np.number)) and not np.issubdtype(kind, np.complexfloating)
+def _parts(kind: np.dtype) -> list[str]:
+    """What numbers of a `kind` have: one part without a name, or two of complex ones; none of what is no number."""
+    if np.issubdtype(kind, np.complexfloating):
+        return ["real", "imag"]
+    return [""] if np.issubdtype(kind, np.number) else []
 
 
 def _name(line: _Line, several: bool = True) -> str:
-    if line.field:
-        return f"{line.path}/{line.field}"
-    return line.path if line.across is None or not several else f"{line.path}[{line.across + 1}]"
+    path = f"{line.path}/{line.field}" if line.field else line.path
+    place = f"[{line.across + 1}]" if line.across is not None and several else ""
+    return f"{path}{place}{'.' if line.part else ''}{line.part}"
+
+
+class _Packing(NamedTuple):
+    """How stored numbers stand for values."""
+
+    scale: float
+    offset: float
+    missing: list[float]
+    """Stored numbers that stand for none."""
+    low: float
+    high: float
+    """Stored numbers beyond these stand for none."""
+
+    def unpacked(self, stored: Float[np.ndarray, " samples"]) -> Float[np.ndarray, " samples"]:
+        valid = (stored >= self.low) & (stored <= self.high) & ~np.isin(stored, self.missing)
+        return np.where(valid, self.scale * stored + self.offset, np.nan)
+
+
+def _packing(file: Path, stored: Any, of_table: bool) -> _Packing:
+    """How the dataset `stored` is packed; **raises** `InputError` where its attributes do not tell it."""
+    unread = _UNREAD if stored.dtype.kind in "iu" else ()
+    said = {**{key: stored.parent.attrs[key] for key in unread if key in stored.parent.attrs}, **dict(stored.attrs)}
+    told = {key: said[key] for key in (*_PACKING, *_MISSING, *_VALID, *unread) if key in said}
+    numbers: dict[str, np.ndarray] = {}
+    for key, value in told.items():
+        where = f'{file}: channel "{stored.name.lstrip("/")}": attribute "{key}"'
+        if of_table or key in _UNREAD:
+            of_what = "of a table" if of_table else repr(value)
+            raise InputError(f"{where}: found {of_what}, which is not read; expected the values themselves.")
+        number = np.ravel(np.asarray(value))
+        count = 2 if key == "valid_range" else 1
+        if number.dtype.kind not in "fiu" or number.size < 1 or (key not in _MISSING and number.size != count):
+            raise InputError(f"{where}: found {value!r:.80}, expected {'two numbers' if count == 2 else 'a number'}.")
+        # Markers have the precision of what is stored.
+        is_marker = key not in _PACKING and stored.dtype.kind == "f"
+        numbers[key] = (number.astype(stored.dtype) if is_marker else number).astype(float)
+    one = lambda key, default: float(numbers[key][0]) if key in numbers else default
+    low, high = numbers.get("valid_range", np.array([-np.inf, np.inf]))
+    return _Packing(
+        one("scale_factor", 1.0),
+        one("add_offset", 0.0),
+        [float(number) for key in _MISSING if key in numbers for number in numbers[key]],
+        one("valid_min", float(low)),
+        one("valid_max", float(high)),
+    )
+
+
+def _check_stored(file: Path, stored: Any) -> None:
+    """A dataset may claim more samples than its bytes can hold, and none of them would end."""
+    claimed = stored.size * stored.dtype.itemsize
+    if stored.is_virtual or claimed <= 1 << 27:
+        return
+    held = stored.id.get_storage_size()
+    if claimed > _MOST_PACKED * held:
+        raise InputError(
+            f'{file}: channel "{stored.name.lstrip("/")}": found {stored.size:.3g} samples claimed by {held} bytes, '
+            "expected a file that holds them."
+        )
 
 
 def _channel(opened: Any, line: _Line, number: int) -> Channel:
@@ -130,8 +212,9 @@ def _length(opened: Any, line: _Line) -> int:
 def _part(opened: Any, line: _Line, begin: int, end: int) -> np.ndarray:
     stored = opened[line.path]
     if line.field:
-        return np.asarray(stored[line.field, begin:end], float)
-    if line.across is None:
-        return np.asarray(stored[begin:end], float)
-    part = stored[line.across, begin:end] if line.transposed else stored[begin:end, line.across]
-    return np.asarray(part, float)
+        values = stored[line.field, begin:end]
+    elif line.across is None:
+        values = stored[begin:end]
+    else:
+        values = stored[line.across, begin:end] if line.transposed else stored[begin:end, line.across]
+    return np.asarray(getattr(values, line.part) if line.part else values, float)

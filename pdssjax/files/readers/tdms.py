@@ -1,14 +1,15 @@
 """LabVIEW's TDMS files, by npTDMS: channels are called "group/channel".
 
 Units are the property `unit_string`; the clock of a waveform is `wf_increment` [s], and its first sample is at
-`wf_start_offset` [s].  Samples are read block by block.
+`wf_start_offset` [s] after `wf_start_time`; times count from the earliest of these in the file.  Complex numbers are
+two channels, "name.real" and "name.imag".  Samples are read block by block.
 """
 
 import logging
 import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -33,7 +34,10 @@ class Tdms(AbstractReader):
 
     def channels(self) -> list[Channel]:
         with refusing(self.file, _EXPECTED), _opened(self.file) as opened:
-            found = [_channel(stored, number) for number, stored in enumerate(_numeric(opened), start=1)]
+            lines = _lines(opened)
+            begins = [_begin(stored) for stored, _ in lines]
+            earliest = min([begin for begin in begins if begin is not None], default=None)
+            found = [_channel(line, number, earliest) for number, line in enumerate(lines, start=1)]
             told = [channel for group in opened.groups() for channel in group.channels()]
             if opened.file_status.incomplete_final_segment:
                 empty = [f'"{channel.group_name}/{channel.name}"' for channel in told if not len(channel)]
@@ -50,12 +54,13 @@ class Tdms(AbstractReader):
 
     def blocks(self, numbers: Sequence[int], first: int = 0) -> Iterator[Block]:
         with refusing(self.file, _EXPECTED), _opened(self.file) as opened:
-            stored = _numeric(opened)
-            chosen = [stored[number - 1] for number in numbers]
-            count = same_length(self.file, {channel.name: len(channel) for channel in chosen})
+            lines = _lines(opened)
+            chosen = [lines[number - 1] for number in numbers]
+            count = same_length(self.file, {stored.name: len(stored) for stored, _ in chosen})
             for begin in range(first, count, BLOCK):
                 end = min(begin + BLOCK, count)
-                values = np.column_stack([np.asarray(channel[begin:end], float) for channel in chosen])
+                parts = [(stored[begin:end], part) for stored, part in chosen]
+                values = np.column_stack([np.asarray(getattr(v, part) if part else v, float) for v, part in parts])
                 yield Block(values, np.arange(begin + 1, end + 1))
 
 
@@ -66,20 +71,34 @@ def _opened(file: Path) -> Any:
     return nptdms.TdmsFile.open(file)
 
 
-def _numeric(opened: Any) -> list[Any]:
+_Line: TypeAlias = tuple[Any, str]
+"""A channel of the file; of complex numbers with "real" or "imag"."""
+
+
+def _lines(opened: Any) -> list[_Line]:
     """The channels that hold numbers."""
     stored = [channel for group in opened.groups() for channel in group.channels()]
-    return [c for c in stored if c.dtype is not None and np.issubdtype(c.dtype, np.number) and len(c)]
+    numeric = [c for c in stored if c.dtype is not None and np.issubdtype(c.dtype, np.number) and len(c)]
+    parts = lambda c: ["real", "imag"] if np.issubdtype(c.dtype, np.complexfloating) else [""]
+    return [(channel, part) for channel in numeric for part in parts(channel)]
 
 
-def _channel(stored: Any, number: int) -> Channel:
-    properties = stored.properties
+def _begin(stored: Any) -> np.datetime64 | None:
+    """When the clock of a waveform began, where the file says it."""
+    begin = stored.properties.get("wf_start_time")
+    return None if begin is None else np.datetime64(begin, "ns")
+
+
+def _channel(line: _Line, number: int, earliest: np.datetime64 | None) -> Channel:
+    stored, part = line
+    properties, begin = stored.properties, _begin(stored)
     interval = float(properties.get("wf_increment", 0.0))
+    later = 0.0 if begin is None or earliest is None else float((begin - earliest) / np.timedelta64(1, "s"))
     return Channel(
-        f"{stored.group_name}/{stored.name}",
+        f"{stored.group_name}/{stored.name}{'.' if part else ''}{part}",
         number,
         str(properties.get("unit_string", "")),
         len(stored),
         interval if interval > 0 else None,
-        float(properties.get("wf_start_offset", 0.0)),
+        float(properties.get("wf_start_offset", 0.0)) + later,
     )
