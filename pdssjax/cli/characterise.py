@@ -36,7 +36,13 @@ def characterise(options: argparse.Namespace) -> int:
         try:
             found.append(
                 characterise(
-                    file, **columns, units=units, frequency=frequency, window=window, slip_duration=slip_duration
+                    file,
+                    **columns,
+                    units=units,
+                    frequency=frequency,
+                    window=window,
+                    slip_duration=slip_duration,
+                    decimal=options.decimal or "",
                 )
             )
         except InputError as error:
@@ -66,6 +72,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--frequency", metavar="F", help='of the drive, such as "5 Hz"; left out: found')
     text = 'part of the record to use, such as "0.2 s" "1.8 s"'
     parser.add_argument("--window", nargs=2, metavar=("START", "END"), help=text)
+    parser.add_argument("--decimal", choices=[",", "."], help="decimal sign of texts; left out: told by the file")
     text = "how long a slip takes, which does not count as sticking (default 0)"
     parser.add_argument("--slip-duration", default="0", metavar="T", help=text)
     add_out(parser, required=False)

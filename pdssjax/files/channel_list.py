@@ -15,7 +15,7 @@ def list_channels(file: Path, decimal: str = "") -> tuple[str, list[ChannelSumma
     """
     reader = open_file(file, decimal)
     channels = reader.channels()
-    found = [ChannelSummary(c.number, c.name, c.unit, c.interval) for c in channels]
+    found = [ChannelSummary(c.number, c.name, c.unit, c.interval, c.letter) for c in channels]
     for samples in dict.fromkeys(channel.samples for channel in channels):
         together = [s for s, channel in zip(found, channels, strict=True) if channel.samples == samples]
         for block in reader.blocks([summary.number for summary in together]):

@@ -33,6 +33,9 @@ _SYMBOLS = {"time": ("t",), "voltage": ("u",), "displacement": ("x",), "velocity
 _TRIGGERS = ("trig", "sync", "ttl")
 """What is in the names of channels that show when something began, and neither a drive nor a motion."""
 
+_OF_SENSORS = ("V", "A")
+"""What the amplifiers of sensors give."""
+
 _OTHERS = {"N": "force", "m/s^2": "acceleration"}
 """What a study reads, too, but this does not guess."""
 
@@ -104,8 +107,10 @@ def roles_of(file: Path, hints: Hints) -> Roles:
     except InputError as fault:
         faults.append(str(fault))
     if faults:
-        told = [faults[0], *(fault.removeprefix(f"{file}: ") for fault in faults[1:])]
-        raise InputError("; ".join(fault.removesuffix(".") for fault in told) + ".")
+        said = [faults[0], *(fault.removeprefix(f"{file}: ") for fault in faults[1:])]
+        taken = ", ".join(f'{c.number} ("{c.name}") for the {q}' for q, c in chosen.items() if q not in hints.columns)
+        said += [f"took channel {taken}"] * bool(taken)
+        raise InputError("; ".join(fault.removesuffix(".") for fault in said) + ".")
     columns = {quantity: name_for_study(channel, channels) for quantity, channel in chosen.items()}
     layout = Layout(columns, SI, hints.units, hints.scales, hints.interval, 0.0, hints.decimal)
     return Roles(file, chosen, frozenset(guessed), layout)
@@ -132,8 +137,10 @@ def _triggers(channel: Channel) -> bool:
 
 
 def _example_of_scale(quantity: str, channel: Channel) -> str:
-    usual = {"time": "s", "voltage": "V", "displacement": "um", "velocity": "mm/s"}[quantity]
-    return f'--scale "{quantity}=0.5 {usual}/{channel.unit}"'
+    """The option that makes a `quantity` of a channel's numbers; "" where no instrument shows it in such a unit."""
+    usual = {"displacement": "um", "velocity": "mm/s"}.get(quantity)
+    is_sensor = usual is not None and any(channel.measures(unit) for unit in _OF_SENSORS)
+    return f'--scale "{quantity}=0.5 {usual}/{channel.unit}"' if is_sensor else ""
 
 
 @dataclasses.dataclass
@@ -187,7 +194,7 @@ class _Look:
                 chosen[quantity] = candidates[0]
                 return
         # Without units, or with several that fit, the shapes decide, and names.
-        told = {channel for channel in left if channel.unit} - set(fitting)
+        told = {channel for channel in left if channel.unit and not channel.letter} - set(fitting)
         shapes = [channel for channel in named or fitting or [c for c in left if c not in told] if shaped(channel)]
         by_name = [channel for channel in shapes if not fitting and _called(channel, quantity)]
         for candidates in (shapes, by_name):
@@ -205,7 +212,8 @@ class _Look:
             "voltage": ' (or "none": then --peak tells the voltage)',
         }.get(quantity, "")
         if moving and all(channel.unit and not self._may_be(channel, quantity) for channel in moving):
-            more += f", and --scale with the factor of its numbers, such as {_example_of_scale(quantity, moving[0])}"
+            example = next(filter(None, (_example_of_scale(quantity, channel) for channel in moving)), "")
+            more += f", and --scale with the factor of its numbers, such as {example}" if example else ""
         found = "several channels" if len(shapes or ([] if quantity == "time" else moving)) > 1 else "no channel"
         raise InputError(
             f"{self.file}: found {found} that may be the {quantity} ({listed or 'none is left'}), "
@@ -225,11 +233,13 @@ class _Look:
             options = " ".join(f"--unit {q}={usual[q]}" for q in missing)
             raise InputError(f"{self.file}: found no unit of {told}, expected options such as {options}.")
         for quantity, channel in chosen.items():
-            if channel.unit and quantity not in self.hints.units and not self._may_be(channel, quantity):
+            here = channel._replace(letter=False)
+            if channel.unit and quantity not in self.hints.units and not self._may_be(here, quantity):
+                example = _example_of_scale(quantity, here)
+                scale = f"--scale with the factor of its numbers, such as {example}, or " if example else ""
                 raise InputError(
                     f'{self.file}: found the {quantity} in channel {channel.number} ("{channel.name}") in '
-                    f'"{channel.unit}", expected --scale with the factor of its numbers, such as '
-                    f"{_example_of_scale(quantity, channel)}, or --unit with another unit."
+                    f'"{channel.unit}", expected {scale}--unit with another unit, or another channel by --{quantity}.'
                 )
 
     def _may_be(self, channel: Channel, quantity: str) -> bool:

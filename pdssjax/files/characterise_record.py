@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 from ..core import InputError
 from ..metrics import SI_UNITS, Characterisation, characterisation_of
+from .channel_list import list_channels
 from .channel_samples import open_file
 from .readers.base import Channel
 from .record_columns import Layout, read_columns
@@ -29,6 +30,7 @@ def characterise(
     frequency: float | None = None,
     window: tuple[float, float] | None = None,
     slip_duration: float = 0.0,
+    decimal: str = "",
 ) -> Characterisation:
     """Walking or pushing of the actuator that the `file` records, of any format that is known.
 
@@ -36,23 +38,28 @@ def characterise(
     their names and units.  `units` gives the units of "time", "displacement" or "force" where the
     name of the column does not end in one.  `frequency` [Hz] of the drive; left out, it is found.
     `window` [s] keeps part of the record.  `slip_duration` [s] as for `per_cycle.cycle_metrics`.
+    `decimal` is the decimal sign of a text, "" where the file is to tell it.
 
     **Raises:** `InputError` if the file or an option is at fault or no cycle is found.  Warns with
     `InputWarning` where the cycles are doubtful.
     """
-    measures, columns = _choose(file, {"time": time, "displacement": displacement, "force": force}, units or {})
-    times, values, column = _read(file, measures, columns, units or {}, window)
+    measures, columns = _choose(
+        file, {"time": time, "displacement": displacement, "force": force}, units or {}, decimal
+    )
+    times, values, column = _read(file, measures, columns, units or {}, window, decimal)
     return characterisation_of(
         times, values, measures, file=file, column=column, frequency=frequency, slip_duration=slip_duration
     )
 
 
-def _choose(file: Path, named: Mapping[str, str | None], units: Mapping[str, str]) -> tuple[str, dict[str, str | int]]:
+def _choose(
+    file: Path, named: Mapping[str, str | None], units: Mapping[str, str], decimal: str
+) -> tuple[str, dict[str, str | int]]:
     """What is measured, and the columns to read; without "time" where the file keeps a clock instead."""
     if named["displacement"] and named["force"]:
         raise InputError(f"{file}: found both a displacement and a force to read, expected one of them.")
-    channels = open_file(file).channels()
-    clock = _clock(file, named["time"], channels)
+    channels = open_file(file, decimal).channels()
+    clock = _clock(file, named["time"], channels, decimal)
     for measures in SI_UNITS:
         if name := named[measures]:
             return measures, {**clock, measures: _plain(name)}
@@ -66,14 +73,18 @@ def _choose(file: Path, named: Mapping[str, str | None], units: Mapping[str, str
     return "displacement", {**clock, "displacement": _only(file, [], "displacement", channels).number}
 
 
-def _clock(file: Path, named: str | None, channels: Sequence[Channel]) -> dict[str, str | int]:
+def _clock(file: Path, named: str | None, channels: Sequence[Channel], decimal: str) -> dict[str, str | int]:
     """The column of the times; none where the file keeps a clock."""
     if named:
         return {"time": _plain(named)}
     if any(channel.interval is not None for channel in channels):
         return {}
     fitting = [c for c in channels if c.name.rpartition("/")[2].lower().startswith(("time", "t_"))]
-    fitting = fitting or [c for c in channels if c.measures("s") and c.name.lower() in _CLOCKS]
+    fitting = fitting or [c for c in channels if (c.measures("s") or not c.unit) and c.name.lower() in _CLOCKS]
+    fitting = fitting or [c for c in channels if c.measures("s")]
+    if not fitting:
+        found = {summary.number for summary in list_channels(file, decimal)[1] if summary.step and not summary.uneven}
+        fitting = [channel for channel in channels if channel.number in found and not channel.unit]
     return {"time": _only(file, fitting, "time", channels).number}
 
 
@@ -98,11 +109,12 @@ def _read(
     columns: Mapping[str, str | int],
     units: Mapping[str, str],
     window: tuple[float, float] | None,
+    decimal: str,
 ) -> tuple[Float[np.ndarray, " samples"], Float[np.ndarray, " samples"], str]:
     """Checked times [s] and values [m or N], and the name of the column."""
     si = {"time": "s", measures: SI_UNITS[measures]}
     try:
-        read = read_columns(file, Layout(columns, si, units), window)
+        read = read_columns(file, Layout(columns, si, units, decimal=decimal), window)
     except InputError as error:
         # Here no study tells the unit, an option does.
         option = f'the option --unit "{measures}={si[measures]}"'

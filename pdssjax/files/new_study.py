@@ -1,6 +1,7 @@
 """Makes a study of files: what their samples suggest, as a study file whose guesses are marked, and figures of them."""
 
 import dataclasses
+import math
 import os
 import re
 from collections.abc import Sequence
@@ -281,6 +282,8 @@ _WHY_START = {
 
 def _why_noise(guess: RecordGuess) -> str:
     counted = f"; counted in steps of {_shown(guess, guess.resolution)}" if guess.resolution else ""
+    if guess.resolution and guess.noise <= 1.001 * guess.resolution / math.sqrt(12.0):
+        return f"that of rounding to steps of {_shown(guess, guess.resolution)}, beside which no noise is seen"
     return f"the scatter of neighbouring samples{counted}"
 
 

@@ -57,7 +57,9 @@ if TYPE_CHECKING:
     from .sample_noise import flicker_of as flicker_of
     from .sample_noise import neighbour_scatter as neighbour_scatter
     from .sample_noise import scatter_floor as scatter_floor
+    from .sensor_resolution import counts_without_noise as counts_without_noise
     from .sensor_resolution import resolution_of as resolution_of
+    from .sensor_resolution import rounding_of_counts as rounding_of_counts
     from .slip_timing import SlipDelay as SlipDelay
     from .slip_timing import slip_delay as slip_delay
     from .smoothing import smoothed as smoothed
@@ -94,7 +96,7 @@ else:
             "record_guess": ["RUNNING", "RecordGuess", "gain_of", "guess_record"],
             "residual_split": ["ResidualSplit", "split_residuals"],
             "sample_noise": ["flicker_of", "neighbour_scatter", "scatter_floor"],
-            "sensor_resolution": ["resolution_of"],
+            "sensor_resolution": ["counts_without_noise", "resolution_of", "rounding_of_counts"],
             "slip_timing": ["SlipDelay", "slip_delay"],
             "smoothing": ["smoothed"],
             "waveform_detection": ["detect_waveform"],

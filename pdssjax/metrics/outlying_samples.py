@@ -4,6 +4,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from .pure_error import split_by_phase
+from .sensor_resolution import resolution_of
 
 _LONGEST = 5
 """Samples in a row that may be a glitch; longer ones are misfit."""
@@ -35,7 +36,8 @@ def outliers(
     What repeats every cycle of a drive of that `frequency` [Hz] is misfit, and its median at each phase is taken off
     first; the scale is the median of absolute deviations, which glitches hardly move, or of the changes from one cycle
     to the next: of three cycles one is the median itself, and deviates by nothing.  A slip `predicted` a few
-    samples too early or too late leaves residuals as short, and is none: a shift in time explains it.
+    samples too early or too late leaves residuals as short, and is none: a shift in time explains it.  Nor is what
+    a sensor that counts in steps leaves: less than a step.
     """
     residual = measured - predicted
     finite = np.isfinite(residual)
@@ -52,7 +54,7 @@ def outliers(
     scale = _TO_DEVIATION * max(_middle(left[finite]), _middle(np.concatenate(changes)) / np.sqrt(2.0))
     if scale <= 0.0:
         return np.zeros(0, int)
-    far = np.abs(np.nan_to_num(left)) > _SIGMAS * scale
+    far = np.abs(np.nan_to_num(left)) > max(_SIGMAS * scale, resolution_of(measured[finite]) or 0.0)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], far, [False]]).astype(int)))
     runs = [np.arange(begin, end) for begin, end in zip(edges[::2], edges[1::2], strict=True)]
     short = [run for run in runs if run.size <= _LONGEST]

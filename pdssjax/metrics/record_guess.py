@@ -11,7 +11,7 @@ from .cycle_detection import find_cycles
 from .integrated_velocity import integrated, rest_of
 from .motion_against_voltage import goes_against, rides_against
 from .sample_noise import scatter_floor
-from .sensor_resolution import resolution_of
+from .sensor_resolution import resolution_of, rounding_of_counts
 from .voltage_flanks import frequency_of
 from .waveform import Waveform
 from .waveform_detection import begun, detect_waveform
@@ -128,7 +128,7 @@ def guess_record(
         waveform=waveform,
         start=float(start),
         measures=seen,
-        noise=max(scatter_floor(measured), (resolution or 0.0) / math.sqrt(12.0)),
+        noise=max(scatter_floor(measured), rounding_of_counts(measured)),
         resolution=resolution,
         turned=against,
         hysteresis=leaves if seen == "platform" else math.nan,

@@ -8,7 +8,16 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..core import LENGTH, Display
-from ..metrics import LackOfFit, error_index, lack_of_fit, outliers, r_squared, rmse, scatter_floor
+from ..metrics import (
+    LackOfFit,
+    error_index,
+    lack_of_fit,
+    outliers,
+    r_squared,
+    rmse,
+    rounding_of_counts,
+    scatter_floor,
+)
 from .record import Record
 
 
@@ -149,7 +158,7 @@ def compare(
         motion=record.motion,
         words=record.measurement.words,
         noise_estimated=record.noise is None,
-        noise_floor=scatter_floor(measured) if len(measured) >= 8 else math.nan,
+        noise_floor=max(scatter_floor(measured), rounding_of_counts(measured)) if len(measured) >= 8 else math.nan,
         chi2=chi2,
         reduced_chi2=math.nan if record.noise is None else chi2 / freedom,
         lack_of_fit=repeated_residuals(record, _rest(measured, predicted, found)),

@@ -40,9 +40,12 @@ def check_increasing(
     late = np.flatnonzero(np.diff(time) <= 0)
     if late.size:
         before, here = time[late[0]], time[late[0] + 1]
+        coarse = (
+            "; of a clock with too few digits give the interval: time = { interval = ... } in a record, or --interval"
+        )
         raise InputError(
             f'{file}: {place} {places[late[0] + 1]}, column "{column}": found {here:.15g} s after {before:.15g} s, '
-            "expected times that increase."
+            f"expected times that increase{coarse if here == before else ''}."
         )
 
 

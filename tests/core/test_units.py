@@ -5,7 +5,7 @@ import math
 import pytest
 
 from pdssjax import InputError
-from pdssjax.core import LENGTH, column_unit, factor, to_si
+from pdssjax.core import LENGTH, column_unit, factor, to_si, unit_named
 
 
 @pytest.mark.parametrize(
@@ -98,3 +98,54 @@ def test_small_errors_are_shown_with_two_digits_and_usual_ones_with_four_places(
     assert LENGTH.decimals(1.04e-8, 1e-9) == 4
     assert LENGTH.decimals(1.04e-8, 5.2e-11) == 6
     assert LENGTH.decimals(0.0, math.nan) == 4
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "m**9**9**9",
+        "um/V^(9**9**9)",
+        "((9**99)**99)**99*m",
+        "9**(99*99*99*99)",
+        "9**22**11 m",
+        "((9⁹⁹)⁹⁹)⁹⁹",
+        "m**123456789",
+        "m**(1+1)",
+        pytest.param("m" * 100_000, id="long"),
+        pytest.param("s*(" * 5000 + "m" + ")" * 5000, id="nested"),
+    ],
+)
+def test_powers_that_would_not_end_are_unknown_units(name):
+    with pytest.raises(InputError, match="found the unknown unit") as caught:
+        factor(name, "m", "here")
+    assert len(str(caught.value)) < 200
+    assert unit_named(name) == ""
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "expected"),
+    [
+        ("mm**2/s**2", "m^2/s^2", 1e-6),
+        ("kg*m²*s**-3", "W", 1.0),
+        ("N s**(1/2)/mm**(1/2)", "N*s^0.5/m^0.5", 1000**0.5),
+        ("mN^2.5", "N^2.5", 1e-3**2.5),
+        ("(mm/s) ** 2", "m^2/s^2", 1e-6),
+    ],
+)
+def test_powers_of_units_are_units(name, unit, expected):
+    assert factor(name, unit, "here") == pytest.approx(expected, rel=1e-12)
+
+
+GIVEN = {
+    "digits": "1" * 5000,
+    "blanks": "1 " + " " * 5000 + "m",
+    "integer": 16**5000,
+    "line": "9 m" + " " * 9999 + "\n x",
+}
+
+
+@pytest.mark.parametrize("kind", GIVEN)
+def test_numbers_beyond_reading_are_quoted_briefly(kind):
+    with pytest.raises(InputError) as caught:
+        to_si(GIVEN[kind], "m", "here")
+    assert len(str(caught.value)) < 200

@@ -63,6 +63,7 @@ STUDIES = {
     "NaN in the study": ('"86 g"', "nan", ['"effector.mass"', "nan", "finite"]),
     "beyond all floats": ('"86 g"', "1" + "0" * 400, ['"effector.mass"', "1000", "finite"]),
     "beyond all integers": ('"86 g"', "1" + "0" * 5000, ["no valid TOML", "digits"]),
+    "beyond all integers, in hexadecimal": ('"86 g"', "0x" + "f" * 5000, ["no valid TOML", "digits"]),
     "exponent beyond all": (
         '"86 g"',
         '"1e99999999999999999999 g"',

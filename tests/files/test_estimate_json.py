@@ -149,3 +149,12 @@ def test_a_number_with_a_unit_may_be_edited_in(tmp_path):
     document["parameters"]["piezo.gain"]["value"] = "0.2 um/V"
     file.write_text(json.dumps(document), encoding="utf-8-sig")  # as some editors write it
     assert with_estimate(study, file).values()["piezo.gain"] == 2e-7
+
+
+@pytest.mark.parametrize("value", ["[" * 100_000, "7" * 5000])
+def test_json_beyond_what_python_reads_is_refused_in_one_line(tmp_path, value):
+    file = tmp_path / "estimate.json"
+    file.write_text(f'{{"format": "pdssjax-estimate/1", "parameters": {value}')
+    with pytest.raises(InputError, match="found no valid JSON") as caught:
+        read_covariance(file)
+    assert str(caught.value).startswith(f"{file}: ") and "\n" not in str(caught.value)

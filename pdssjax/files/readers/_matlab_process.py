@@ -68,7 +68,7 @@ def _flat(name: str, value: Any, unit: str) -> list[_Array]:
         unit = _text(value.get("unit", value.get("units", value.get("Unit", ""))))
         return [array for key, inner in value.items() for array in _flat(f"{name}.{key}", inner, unit)]
     if isinstance(value, (list, tuple)) or (isinstance(value, np.ndarray) and value.dtype == object):
-        items = enumerate(_told_apart(np.ravel(np.asarray(value, dtype=object))), start=1)
+        items = enumerate(_told_apart(list(np.ravel(np.asarray(value, dtype=object)))), start=1)
         return [array for number, inner in items for array in _flat(f"{name}[{number}]", inner, unit)]
     if not isinstance(value, np.ndarray) or value.dtype.kind not in "fiuc" or value.ndim not in (1, 2):
         return []

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...metrics import drift_per_cycle, held_in_words, slip_delay
+from ...metrics import counts_without_noise, drift_per_cycle, held_in_words, resolution_of, slip_delay
 from ...study import FittedRecord, Record
 from ..poor_fit import (
     SIGMAS,
@@ -102,6 +102,7 @@ def about_records(
     return (
         notes
         + _about_held(fitted)
+        + _about_counts(fitted)
         + _about_repeating(fitted)
         + _about_slips([r for r in fitted if any(r is other for other in (*misfits, *over)) or repeats(r)])
         + _about_missed(missed)
@@ -113,6 +114,19 @@ def about_records(
 
 def _about_held(fitted: Sequence[FittedRecord]) -> list[str]:
     return [f"Found in {quoted([record])} {held}." for record in fitted if (held := held_in_words(record.measured))]
+
+
+def _about_counts(fitted: Sequence[FittedRecord]) -> list[str]:
+    """Records whose sensor counts in steps that hide their noise."""
+    counted = [record for record in fitted if record.samples >= 8 and counts_without_noise(record.measured)]
+    if not counted:
+        return []
+    figures = listed(f"of {r.display.text(resolution_of(r.measured) or 0.0)} in {quoted([r])}" for r in counted)
+    return [
+        f"The sensor counts in steps, {figures}, and no noise is seen between them: what is left is rounding, which "
+        "follows the motion and does not average out as noise does. The true errors may be larger than the white "
+        "standard errors."
+    ]
 
 
 def _about_repeating(fitted: Sequence[FittedRecord]) -> list[str]:

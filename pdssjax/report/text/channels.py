@@ -19,6 +19,12 @@ def _row(channel: ChannelSummary) -> list[str]:
     elif channel.step:
         interval = f"{channel.step:.6g} {channel.unit}".rstrip()
     notes = ["increases"] * (channel.step is not None)
+    if channel.uneven:
+        notes.append(f"unevenly: steps of {channel.shortest:.4g} to {channel.longest:.4g}")
+    if channel.coarse:
+        notes.append("rises, but repeats numbers: too few digits for a clock")
+    if channel.symbol:
+        notes.append("a unit or a symbol?")
     notes += [f"{channel.missing} without a number"] * (channel.missing > 0)
     numbers = channel.samples > channel.missing
     return [
