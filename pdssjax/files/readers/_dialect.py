@@ -140,8 +140,8 @@ def cells_of(line: str, separator: str, header: bool = False) -> list[str]:
         except csv.Error:  # a cell longer than the library takes
             return [cell.strip().strip('"') for cell in line.split(separator)]
     if header and "(" in line:
-        hidden = _IN_BRACKETS.sub(lambda inside: inside[0].replace(separator, "\0"), line)
-        return [part.strip().replace("\0", separator) for part in hidden.split(separator)]
+        masked = _IN_BRACKETS.sub(lambda inside: inside[0].replace(separator, "\0"), line)
+        return [part.strip().replace("\0", separator) for part in masked.split(separator)]
     return [part.strip() for part in line.split(separator)]
 
 

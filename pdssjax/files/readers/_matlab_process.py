@@ -23,8 +23,8 @@ _Array: TypeAlias = "tuple[str, str, np.ndarray]"
 
 
 def main() -> None:
-    file, memory, seconds = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
-    _limit(memory, seconds)
+    file, most, seconds = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
+    _limit(most, seconds)
     found: list[_Array] = []
     try:
         held = scipy.io.loadmat(file, simplify_cells=True)
@@ -32,7 +32,7 @@ def main() -> None:
         found = [array for key, value in variables.items() for array in _flat(key, value, "")]
         said = {"channels": [(name, unit, values.size) for name, unit, values in found], "names": list(variables)}
     except MemoryError:
-        said = {"broken": f"it needs more than {memory / 2**30:.1f} GiB of memory"}
+        said = {"broken": f"it needs more than {most / 2**30:.1f} GiB of memory"}
     except Exception as error:  # SciPy raises errors of many types
         said = {"broken": str(error) or type(error).__name__}
     text = json.dumps(said).encode()
@@ -42,7 +42,7 @@ def main() -> None:
         sys.stdout.buffer.write(np.ascontiguousarray(values, "<f8").data)
 
 
-def _limit(memory: int, seconds: int) -> None:
+def _limit(more: int, seconds: int) -> None:
     try:
         import resource
     except ImportError:  # Windows
@@ -51,7 +51,7 @@ def _limit(memory: int, seconds: int) -> None:
         begun = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     except (OSError, ValueError):
         begun = 4 << 30
-    for kind, most in ((resource.RLIMIT_AS, begun + memory), (resource.RLIMIT_CPU, seconds)):
+    for kind, most in ((resource.RLIMIT_AS, begun + more), (resource.RLIMIT_CPU, seconds)):
         hard = resource.getrlimit(kind)[1]
         with contextlib.suppress(OSError, ValueError):
             resource.setrlimit(kind, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))

@@ -163,14 +163,14 @@ def _packing(file: Path, stored: Any, of_table: bool) -> _Packing:
         # Markers have the precision of what is stored.
         is_marker = key not in _PACKING and stored.dtype.kind == "f"
         numbers[key] = (number.astype(stored.dtype) if is_marker else number).astype(float)
-    one = lambda key, default: float(numbers[key][0]) if key in numbers else default
+    first_of = lambda key, default: float(numbers[key][0]) if key in numbers else default
     low, high = numbers.get("valid_range", np.array([-np.inf, np.inf]))
     return _Packing(
-        one("scale_factor", 1.0),
-        one("add_offset", 0.0),
+        first_of("scale_factor", 1.0),
+        first_of("add_offset", 0.0),
         [float(number) for key in _MISSING if key in numbers for number in numbers[key]],
-        one("valid_min", float(low)),
-        one("valid_max", float(high)),
+        first_of("valid_min", float(low)),
+        first_of("valid_max", float(high)),
     )
 
 

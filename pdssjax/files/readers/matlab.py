@@ -84,8 +84,8 @@ class Matlab(AbstractReader):
 def _read(file: Path) -> tuple[_Arrays, list[str]]:
     """The arrays in `file` and the names of its variables; **raises** `ValueError` that says why it cannot be read."""
     size = file.stat().st_size
-    memory, seconds = _MEMORY + _PER_BYTE * size, _SECONDS + size // _BYTES_PER_SECOND
-    command = [sys.executable, "-P", str(_PROCESS), str(file), str(memory), str(seconds)]
+    most, seconds = _MEMORY + _PER_BYTE * size, _SECONDS + size // _BYTES_PER_SECOND
+    command = [sys.executable, "-P", str(_PROCESS), str(file), str(most), str(seconds)]
     with tempfile.TemporaryFile() as made:
         try:
             # One thread: each that a library of linear algebra begins takes address space, which is limited.
