@@ -21,6 +21,7 @@ from .initial_values.guess import initial_guess
 from .losses.base import AbstractLoss
 from .parameter_transform import transform_of
 from .residual import Residual
+from .told_ranges import told_ranges, within_told
 
 FitSoFar: TypeAlias = Any
 """A `least_squares.Fit`, which stands above this module."""
@@ -168,7 +169,7 @@ def pose(study: Study, starts: Mapping[str, float], accuracy: Accuracy, loss: Ab
     records = tuple(record for record in study.records if record.role == "fit")
     fixed = {path: starts[path] for path, parameter in study.parameters.items() if not parameter.free}
     apart = {path: told for path, p in study.parameters.items() if (told := p.measured_apart) is not None}
-    transform = transform_of(_with_lengths(study), starts)
+    transform = transform_of(within_told(_with_lengths(study), told_ranges(study)), starts)
     residual = Residual(study.models, records, transform, fixed, accuracy, loss, apart)
     noise = np.array([scatter_floor(r.measured) if r.noise is None else r.noise for r in records])
     return Problem(residual, records, noise)

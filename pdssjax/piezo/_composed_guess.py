@@ -3,13 +3,17 @@
 from collections.abc import Mapping
 
 from ._composition import Composition
-from .base import USUAL_SWING, Shown
+from .base import USUAL_SWING, Shown, ToldRange
 
 _SHARE = 0.2
 """Of the displacement that is hysteresis, where a fit begins."""
 
 _PASSED = 1.5
 """Voltage before the record over that at which the last element slips: at 1 it tells nothing yet, from 2 on no more."""
+
+_FEW = 3.0
+"""Sample intervals that the fastest element of creep takes at least, and lengths of the longest record that the slowest
+takes at most: beyond, one is a part of the gain and the other a drift."""
 
 
 def composed_guess(
@@ -41,3 +45,17 @@ def composed_guess(
     if shown.interval and "time_constant" in nominal:
         guess["time_constant"] = 2.0 * shown.interval
     return guess
+
+
+def creep_range(made: Composition, shown: Shown) -> dict[str, ToldRange]:
+    """Between which numbers records can tell the time of a stack's fastest element of creep; none where it has none."""
+    if not made.creep or not shown.interval or not shown.duration:
+        return {}
+    low = _FEW * shown.interval
+    high = max(_FEW * shown.duration / 10.0 ** (made.creep - 1), 10.0 * low)
+    slowest = "" if made.creep == 1 else f" for element {made.creep}, the slowest"
+    return {
+        "creep_time": ToldRange(
+            low, high, f"{_FEW:g} sample intervals", f"{_FEW:g} times the length of the longest record{slowest}"
+        )
+    }

@@ -11,7 +11,7 @@ from ..core import Scalar, ScalarLike, quantities
 from ..drive.base import Segment, Voltage
 from ..integration import N, Term
 from ._ceramic import Ceramic
-from ._composed_guess import composed_guess
+from ._composed_guess import composed_guess, creep_range
 from ._composed_state import Layout, Parts, joined
 from ._composition import Composition
 from ._dynamics import AbstractDynamics, FirstOrder, Modal, Mode, Static
@@ -19,7 +19,7 @@ from ._hysteresis import AbstractHysteresis, BoucWen, Elements
 from ._on_lines import CeramicArrays, Line, Moment, advanced, begins_of_lines, inside_lines
 from ._rod import Rod, modes
 from ._straightened import lines_a_segment, place_among_lines, straightened
-from .base import AbstractPiezo, Shown, State, Terms, slew_sign
+from .base import AbstractPiezo, Shown, State, Terms, ToldRange, slew_sign
 
 
 class ComposedModel(AbstractPiezo):
@@ -35,6 +35,10 @@ class ComposedModel(AbstractPiezo):
     def first_guess(cls, shown: Shown, known: Mapping[str, float]) -> dict[str, float]:
         nominal = {name: declared.nominal for name, declared in quantities(cls).items()}
         return composed_guess(cls.made, nominal, shown, known, super().first_guess(shown, known))
+
+    @classmethod
+    def told_ranges(cls, shown: Shown) -> dict[str, ToldRange]:
+        return creep_range(cls.made, shown)
 
     def broken_conditions(self) -> tuple[str, ...]:
         if self.made.hysteresis == "maxwell-slip":

@@ -45,6 +45,17 @@ class Shown(NamedTuple):
     """From sample to sample of the finest record [s]."""
 
 
+class ToldRange(NamedTuple):
+    """Between which numbers records can tell a parameter, in SI."""
+
+    low: float
+    high: float
+    why_low: str
+    """What the lower end is, in words."""
+    why_high: str
+    """What the upper end is, in words."""
+
+
 _LOOK_AHEAD = 1e-9
 """Time [s] by which the direction of a voltage at its turning point is told."""
 
@@ -135,6 +146,15 @@ class AbstractPiezo(AbstractModel):
             "damping_ratio": shown.damping_ratio,
         }
         return {name: number for name, number in guess.items() if number is not None and name in quantities(cls)}
+
+    @classmethod
+    def told_ranges(cls, shown: Shown) -> dict[str, ToldRange]:
+        """Between which numbers records can tell parameters of this model, by name; none of those they always tell.
+
+        Beyond, such a parameter does what others do: an element of creep much quicker than the samples is a part of the
+        gain.  Fits stay within, where a study gives no bound.
+        """
+        return {}
 
     def motion(self, state: State, segment: Segment, t_local: ScalarLike, elapsed: ScalarLike) -> State:
         """Where `closed`: the exact state `elapsed` [s] later, `t_local` [s] into a segment; no force."""

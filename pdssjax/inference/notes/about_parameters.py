@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core import display_unit
+from ...piezo.base import ToldRange
 from ...study import REACH, FittedParameter, Parameter
 from ..parameter_transform import ParameterTransform
 from .words import listed, shown
@@ -88,12 +89,17 @@ def about_bounds(
     found: Float[np.ndarray, " p"],
     scale: ParameterTransform,
     parameters: Mapping[str, FittedParameter],
+    told: Mapping[str, ToldRange],
 ) -> list[str]:
-    """Parameters that ended on a bound, or ran out of reach; `found` on the fit's scale."""
+    """Parameters that ended on a bound, or ran out of reach; `found` on the fit's scale.
+
+    **Arguments:** between which numbers the records tell some of them, where that bounds the fit.
+    """
     notes = []
     for side, ends in (("lower", found <= scale.low), ("upper", found >= scale.high)):
         at = [int(i) for i in np.flatnonzero(ends)]
-        unreachable = [i for i in at if _out_of_reach(declared[scale.paths[i]], scale, i, side)]
+        reached = [i for i in at if scale.paths[i] not in told]
+        unreachable = [i for i in reached if _out_of_reach(declared[scale.paths[i]], scale, i, side)]
         if unreachable:
             names, it = listed(scale.paths[i] for i in unreachable), "it" if len(unreachable) == 1 else "them"
             what = "zero" if side == "lower" else "one without limit"
@@ -102,7 +108,7 @@ def about_bounds(
                 f"holds {it} there for the errors of the others. Fix {it}, or add a record that shows {it}."
             )
         others = [scale.paths[i] for i in at if i not in unreachable]
-        notes += [_at_bound(declared[path], parameters[path].value, side) for path in others]
+        notes += [_at_bound(declared[path], parameters[path].value, side, told.get(path)) for path in others]
     return notes
 
 
@@ -118,7 +124,7 @@ def _out_of_reach(declared: Parameter, scale: ParameterTransform, i: int, side: 
     return not np.isclose(np.exp(ends[i]), legal, rtol=1e-5)
 
 
-def _at_bound(declared: Parameter, value: float, side: str) -> str:
+def _at_bound(declared: Parameter, value: float, side: str, told: ToldRange | None) -> str:
     given = declared.low if side == "lower" else declared.high
     key = "min" if side == "lower" else "max"
     head = f"{declared.path} is at its {side} bound, {shown(value, declared.unit)}"
@@ -126,6 +132,12 @@ def _at_bound(declared: Parameter, value: float, side: str) -> str:
         return (
             f"{head}, the {key} that the study gives, and held there for the errors of the others. Move the bound, "
             "unless there is a reason for it: the best fit lies beyond."
+        )
+    if told is not None:
+        return (
+            f"{head}, {told.why_low if side == 'lower' else told.why_high}, and held there for the errors of the "
+            "others: the records do not tell what lies beyond. Fewer elements may do, or a record that shows it; "
+            f"{key} in the study lets the fit go on."
         )
     return f"{head}, the end of its legal range, and held there for the errors of the others. Fix it there."
 

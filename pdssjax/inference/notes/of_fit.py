@@ -10,6 +10,7 @@ from ...study import Estimate, Study
 from ..least_squares import START_FAILED, Fit
 from ..parameter_transform import ParameterTransform
 from ..sensor_signs import about_signs
+from ..told_ranges import told_ranges
 from ..validation import Missed
 from .about_diagnosis import about_agreement
 from .about_models import about_models, about_resonances
@@ -57,7 +58,7 @@ def notes_of(
         *about_starts(study.parameters, parameters),
         *about_information(null, transform.paths, parameters),
         *about_weak_determination(unsure),
-        *about_bounds(study.parameters, fit.free, transform, parameters),
+        *about_bounds(study.parameters, fit.free, transform, parameters, told_ranges(study)),
         *about_distance([parameters[path] for path in transform.paths if path not in silent], transform),
         *about_measured_apart(parameters.values()),
         *about_models(study.models, values),
