@@ -175,7 +175,9 @@ def fit_phase(
     """
     linear, spent = linear_parameters(problem, used) & fitted, 0
     if linear.sum() >= FEWEST:
-        found = project(problem, free, as_weights(problem.noise, used), fitted, linear)
+        found = project(
+            problem, free, as_weights(problem.noise, used), fitted, linear, lambda told: report(f"{name}: {told}")
+        )
         free, spent = found.free, found.evaluations
         report(f"{name}: {linear.sum()} linear parameters projected out, chi-square {found.chi2:.6g}")
     arguments = _solver_arguments(problem, free, used, fitted)

@@ -19,6 +19,7 @@ from .problem import Problem
 from .residual import free_offset
 from .stack_first.freed_stack import with_stack_freed
 from .stack_first.peak_picking import PickedStack
+from .steady_sines import inseparable
 from .uncertainty.amplification import amplification_of
 from .uncertainty.linear_intervals import linear_intervals
 from .uncertainty.standard_errors import standard_errors_of
@@ -50,6 +51,10 @@ def summarise(
     weakly_determined = known.identifiable & (deviation > WEAKLY_DETERMINED)
     known = known._replace(identifiable=known.identifiable & ~weakly_determined)
     deviation = np.where(weakly_determined, np.nan, deviation)
+    mixed = inseparable(problem, fit)
+    if mixed is not None:
+        apart = ~free.among(mixed.paths)
+        known, deviation = known._replace(identifiable=known.identifiable & apart), np.where(apart, deviation, np.nan)
     slopes = np.abs(free.slope(fit.free))
     bounds = {path: study.parameters[path].bounds() for path in free.paths}
     intervals = linear_intervals(fit.free, deviation, freedom, free, bounds)
@@ -88,7 +93,7 @@ def summarise(
         loss=type(loss).__name__.lower(),
         actuator=study.models.chosen,
     )
-    facts = ErrorFacts(known.null, weakly_determined, factor, stack is not None, loss.is_robust, missed)
+    facts = ErrorFacts(known.null, weakly_determined, factor, stack is not None, loss.is_robust, missed, mixed)
     return dataclasses.replace(estimate, notes=notes_of(estimate, study, fit, free, facts))
 
 

@@ -9,6 +9,8 @@ It finds where the fit of all parameters begins: that fit then has little to do 
 is an optimum, and its covariance is that of all parameters.
 """
 
+import time
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -37,6 +39,9 @@ _FACTORS = (5.0, 2.0)
 
 _MOST = 30
 """Steps of either kind."""
+
+_USUAL = 10
+"""Steps that a search from nearby takes."""
 
 _DECADE, _BRIEF, _UNSEEN = 10.0, 3, 2.0
 """Factor of the starts to which a search is compared that left an element unused: so many steps from each; and the
@@ -89,11 +94,12 @@ def project(
     weights: Float[np.ndarray, " records"],
     fitted: Bool[np.ndarray, " p"],
     linear: Bool[np.ndarray, " p"],
+    report: Callable[[str], None] | None = None,
 ) -> Projected:
     """The least-squares point of all that is `fitted`, the `linear` ones of it projected out, from `free` on.
 
-    **Arguments:** `weights` are 1/noise of the records, 0 of those left out.  A search that cannot begin, since
-    the simulation cannot finish at `free`, ends there.
+    **Arguments:** `weights` are 1/noise of the records, 0 of those left out; `report` is told how long it will take.
+    A search that cannot begin, since the simulation cannot finish at `free`, ends there.
     """
     linear, searched = linear & fitted, fitted & ~linear
     logarithmic = problem.residual.transform.logarithmic
@@ -101,8 +107,10 @@ def project(
     here = _solved(task, np.clip(free, task.low, task.high))
     count = 1
     if searched.any() and np.isfinite(here.chi2):
-        local = _by_gauss_newton, _by_quasi_newton
-        for search in local if _is_at_bottom(task, here) else (_by_factors, *local, _by_decades):
+        local, is_near = (_by_gauss_newton, _by_quasi_newton), _is_at_bottom(task, here)
+        if report is not None:
+            report(_forecast(task, here, is_near))
+        for search in local if is_near else (_by_factors, *local, _by_decades):
             here, more = search(task, here)
             count += more
     return Projected(here.free if np.isfinite(here.chi2) else free, here.chi2, 2 * count)
@@ -116,6 +124,18 @@ class _Task(NamedTuple):
     """Of those, which are on a logarithmic scale: thresholds, times."""
     low: Float[np.ndarray, " p"]
     high: Float[np.ndarray, " p"]
+
+
+def _forecast(task: _Task, here: _Point, is_near: bool) -> str:
+    """How long a search will take, by what one linearisation takes."""
+    begun = time.perf_counter()
+    jax.block_until_ready(task.at(here.free))
+    each, positive = time.perf_counter() - begun, int(task.positive.sum())
+    points = _USUAL if is_near else 2 * len(_FACTORS) * positive + 2 * _USUAL + 2 * (_BRIEF + 1) * positive
+    return (
+        f"searching {int(task.searched.sum())} thresholds and times beside {int(task.linear.sum())} linear parameters, "
+        f"some {2.0 * points * each:.1g} s"
+    )
 
 
 def _is_at_bottom(task: _Task, here: _Point) -> bool:

@@ -6,7 +6,8 @@ from typing import Any
 
 from ..core import Scalar
 from ._composed_model import ComposedModel
-from ._composition import Composition, composition_of, fields_of
+from ._composition import Composition, composition_of, fields_of, hysteretic_names, mechanical_names
+from ._loop_columns import loop_numbers
 
 HOME = "pdssjax.piezo.composed"
 """Where classes say that they come from: there another process finds them by name."""
@@ -28,6 +29,9 @@ def composed_class(made: Composition) -> type[ComposedModel]:
         "variant_name": "" if made == Composition() else made.text,
         "variant": staticmethod(composed_variant),
         "is_compliant": compliant,
+        "loop_numbers": loop_numbers(made),
+        "mechanical": mechanical_names(made),
+        "hysteretic": hysteretic_names(made),
         "closed_on_lines": made.closed_on_lines,
         # Copies: a declaration belongs to the one field that it is given to.
         **{field.name: copy.copy(field.declared) for field in fields},

@@ -11,9 +11,9 @@ _SHARE = 0.2
 _PASSED = 1.5
 """Voltage before the record over that at which the last element slips: at 1 it tells nothing yet, from 2 on no more."""
 
-_FEW = 3.0
+_FEW, _LONG = 10.0, 3.0
 """Sample intervals that the fastest element of creep takes at least, and lengths of the longest record that the slowest
-takes at most: beyond, one is a part of the gain and the other a drift."""
+takes at most: quicker, one takes over the gain or a lag of the mechanics, and slower, the other is a drift."""
 
 
 def composed_guess(
@@ -52,10 +52,10 @@ def creep_range(made: Composition, shown: Shown) -> dict[str, ToldRange]:
     if not made.creep or not shown.interval or not shown.duration:
         return {}
     low = _FEW * shown.interval
-    high = max(_FEW * shown.duration / 10.0 ** (made.creep - 1), 10.0 * low)
+    high = max(_LONG * shown.duration / 10.0 ** (made.creep - 1), _LONG * low)
     slowest = "" if made.creep == 1 else f" for element {made.creep}, the slowest"
     return {
         "creep_time": ToldRange(
-            low, high, f"{_FEW:g} sample intervals", f"{_FEW:g} times the length of the longest record{slowest}"
+            low, high, f"{_FEW:g} sample intervals", f"{_LONG:g} times the length of the longest record{slowest}"
         )
     }

@@ -5,6 +5,7 @@ from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..core import Scalar, ScalarLike, quantities
@@ -16,6 +17,7 @@ from ._composed_state import Layout, Parts, joined
 from ._composition import Composition
 from ._dynamics import AbstractDynamics, FirstOrder, Modal, Mode, Static
 from ._hysteresis import AbstractHysteresis, BoucWen, Elements
+from ._loop_columns import loop_columns
 from ._on_lines import CeramicArrays, Line, Moment, advanced, begins_of_lines, inside_lines
 from ._rod import Rod, modes
 from ._straightened import lines_a_segment, place_among_lines, straightened
@@ -35,6 +37,12 @@ class ComposedModel(AbstractPiezo):
     def first_guess(cls, shown: Shown, known: Mapping[str, float]) -> dict[str, float]:
         nominal = {name: declared.nominal for name, declared in quantities(cls).items()}
         return composed_guess(cls.made, nominal, shown, known, super().first_guess(shown, known))
+
+    @classmethod
+    def loop_columns(
+        cls, time: Float[np.ndarray, " n"], volts: Float[np.ndarray, " n"], numbers: Mapping[str, float]
+    ) -> dict[str, Float[np.ndarray, " n"]]:
+        return loop_columns(cls.made, time, volts, numbers)
 
     @classmethod
     def told_ranges(cls, shown: Shown) -> dict[str, ToldRange]:

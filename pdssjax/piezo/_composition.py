@@ -111,6 +111,16 @@ def fields_of(made: Composition) -> list[Field]:
     ]
 
 
+def mechanical_names(made: Composition) -> tuple[str, ...]:
+    """Names of the parameters of a stack's mechanics, without the mass that only friction feedback uses."""
+    return tuple(field.name for field in _dynamics_fields(made) if not field.declared.metadata["quantity"].optional)
+
+
+def hysteretic_names(made: Composition) -> tuple[str, ...]:
+    """Names of the parameters of a stack's hysteresis."""
+    return tuple(field.name for field in _hysteresis_fields(made))
+
+
 def _dynamics_fields(made: Composition) -> list[Field]:
     mass = Field(
         "mass",

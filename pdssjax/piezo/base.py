@@ -12,6 +12,7 @@ from typing import ClassVar, NamedTuple, TypeAlias
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..core import AbstractModel, Declared, Scalar, ScalarLike, quantities
@@ -88,6 +89,15 @@ class AbstractPiezo(AbstractModel):
     is_compliant: ClassVar[bool] = True
     """A force moves the platform: friction can act back on it."""
 
+    mechanical: ClassVar[tuple[str, ...]] = ("natural_frequency", "damping_ratio")
+    """Parameters of the mechanics, if it has them: how the motion follows in time."""
+
+    hysteretic: ClassVar[tuple[str, ...]] = ()
+    """Parameters of its hysteresis."""
+
+    loop_numbers: ClassVar[tuple[str, ...]] = ()
+    """Thresholds and times on which `loop_columns` depend; none where the model has no such columns."""
+
     mass: eqx.AbstractVar[Declared]
     """Moving mass that a force on the platform accelerates at first, a number [kg]; only feedback (5.25) uses it."""
 
@@ -146,6 +156,18 @@ class AbstractPiezo(AbstractModel):
             "damping_ratio": shown.damping_ratio,
         }
         return {name: number for name, number in guess.items() if number is not None and name in quantities(cls)}
+
+    @classmethod
+    def loop_columns(
+        cls, time: Float[np.ndarray, " n"], volts: Float[np.ndarray, " n"], numbers: Mapping[str, float]
+    ) -> dict[str, Float[np.ndarray, " n"]]:
+        """By linear parameter, the motion [m] at `time` [s] that a unit of it makes of `volts` [V], without mechanics.
+
+        From rest at 0 V before t = 0, by NumPy: where a fit of many elements may start is found by it.
+
+        **Arguments:** `numbers` of `loop_numbers`.
+        """
+        raise NotImplementedError(f"{cls.__name__} has no columns of loops")
 
     @classmethod
     def told_ranges(cls, shown: Shown) -> dict[str, ToldRange]:

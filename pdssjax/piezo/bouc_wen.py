@@ -33,6 +33,8 @@ class BoucWen(AbstractPiezo):
 
     has_steady_state = False
 
+    hysteretic = ("alpha", "beta", "gamma")
+
     gain: float = quantity(1.007e-7, "m/V")
     """Displacement per volt C at the end of a long branch [m/V]."""
     natural_frequency: float = quantity(6736.0, "rad/s")

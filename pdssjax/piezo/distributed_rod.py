@@ -31,6 +31,8 @@ class DistributedRod(AbstractPiezo):
 
     count: int = eqx.field(static=True, default=1)
     """How many modes n are kept."""
+    mechanical = ("modulus", "viscosity", "density", "stack_length", "area", "platform_mass")
+
     modulus: float = quantity(1.8967e10, "Pa")
     """Young's modulus E [Pa]."""
     viscosity: float = quantity(1.2106e6, "Pa*s")

@@ -39,6 +39,8 @@ class MaxwellSlip(AbstractPiezo):
 
     has_steady_state = False
 
+    hysteretic = tuple(f"{word}_{j}" for word in ("share", "threshold") for j in range(1, 5))
+
     gain: float = quantity(1.007e-7, "m/V")
     """Displacement per volt C while all elements slip [m/V]."""
     natural_frequency: float = quantity(6736.0, "rad/s")

@@ -216,6 +216,12 @@ def interval_of(record: Record) -> float:
     return float(np.median(np.diff(record.time)))
 
 
+def voltages_at(record: Record, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """The voltage of a record's drive at `time` [s], in V."""
+    assert record.drive is not None
+    return np.broadcast_to(np.asarray(_voltage(record.drive, time)), time.shape)
+
+
 def voltages(record: Record) -> Float[np.ndarray, " n"]:
     """The voltage at the samples [V]; a single 0 where none is applied."""
     return np.zeros(1) if record.drive is None else np.asarray(_voltage(record.drive, record.time))

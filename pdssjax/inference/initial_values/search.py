@@ -23,6 +23,7 @@ from ...piezo.base import Shown
 from ...study import MARK, Models, Parameter, Record, check_begins_early, split_path
 from ..parameter_transform import transform_of
 from ..residual import Residual, as_weights
+from .loop_starts import loop_starts
 from .record_features import (
     as_forces,
     contact_scale,
@@ -202,7 +203,10 @@ def _piezo_from_data(models: Models, known: Mapping[str, float], records: Sequen
     )
     usual = {path: number for path, number in known.items() if MARK not in path}
     given = {path.removeprefix("piezo."): number for path, number in usual.items() if path.startswith("piezo.")}
-    return {f"piezo.{name}": number for name, number in models.piezo.first_guess(shown, given).items()}
+    found = models.piezo.first_guess(shown, given)
+    if not models.feedback:
+        found |= loop_starts(models.piezo, shown, given, driven)
+    return {f"piezo.{name}": number for name, number in found.items()}
 
 
 def _electronics(rate: float, records: Sequence[Record]) -> dict[str, float]:

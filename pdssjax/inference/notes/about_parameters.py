@@ -9,6 +9,7 @@ from ...core import display_unit
 from ...piezo.base import ToldRange
 from ...study import REACH, FittedParameter, Parameter
 from ..parameter_transform import ParameterTransform
+from ..steady_sines import Inseparable
 from .words import listed, shown
 
 FAR = 10.0
@@ -81,6 +82,21 @@ def about_weak_determination(paths: Sequence[str]) -> list[str]:
     return [
         f"The data hardly tell {listed(paths)}: one standard error is a factor of ten or more. Fix what is known "
         "otherwise, or add a record that shows it."
+    ]
+
+
+def about_sines(mixed: Inseparable | None) -> list[str]:
+    """Parameters that records of steady sines do not tell apart."""
+    if mixed is None:
+        return []
+    records, names = listed(f'"{name}"' for name in mixed.records), listed([*mixed.paths, *mixed.beside])
+    at = listed(f"{frequency:.4g} Hz" for frequency in mixed.frequencies)
+    errors = "it has no error" if len(mixed.paths) == 1 else "they have no errors"
+    return [
+        f"The records cannot tell {names} apart: a steady sine tells a gain and a phase, {mixed.told} numbers of "
+        f"{records} (at {at}), where these are {mixed.needed}. What the fit has of {listed(mixed.paths)} rests on the "
+        f"shape of the loops alone, as the law of the stack has it, and {errors}. Hold what is known otherwise "
+        "(value in the study), or add a step or a sine of another frequency."
     ]
 
 

@@ -10,6 +10,7 @@ from ...study import Estimate, Study
 from ..least_squares import START_FAILED, Fit
 from ..parameter_transform import ParameterTransform
 from ..sensor_signs import about_signs
+from ..steady_sines import Inseparable
 from ..told_ranges import told_ranges
 from ..validation import Missed
 from .about_diagnosis import about_agreement
@@ -19,6 +20,7 @@ from .about_parameters import (
     about_distance,
     about_information,
     about_measured_apart,
+    about_sines,
     about_starts,
     about_weak_determination,
 )
@@ -41,6 +43,8 @@ class ErrorFacts(NamedTuple):
     """The loss is robust, so that errors do not depend on the noise given."""
     missed: Sequence[Missed] = ()
     """Records that were not fitted and are not predicted."""
+    mixed: Inseparable | None = None
+    """What steady sines do not tell apart; None where nothing is so."""
 
 
 def notes_of(
@@ -52,12 +56,14 @@ def notes_of(
     parameters, null = estimate.parameters, facts.null
     unknown = {path for v in null for path, share in zip(transform.paths, v, strict=True) if share}
     unsure = [path for path, is_weak in zip(transform.paths, facts.weakly_determined, strict=True) if is_weak]
-    silent = {*unknown, *unsure, *(path for path in transform.paths if parameters[path].at_bound)}
+    mixed = facts.mixed.paths if facts.mixed is not None else ()
+    silent = {*unknown, *unsure, *mixed, *(path for path in transform.paths if parameters[path].at_bound)}
     values = {path: parameter.value for path, parameter in parameters.items()}
     return (
         *about_starts(study.parameters, parameters),
         *about_information(null, transform.paths, parameters),
         *about_weak_determination(unsure),
+        *about_sines(facts.mixed),
         *about_bounds(study.parameters, fit.free, transform, parameters, told_ranges(study)),
         *about_distance([parameters[path] for path in transform.paths if path not in silent], transform),
         *about_measured_apart(parameters.values()),

@@ -1,0 +1,164 @@
+"""Where the fit of a stack with many elements begins: by least squares over what each element makes of the voltage.
+
+Thresholds and times are tried on a grid and refined, all else follows by least squares that keeps weights positive.  It
+takes seconds where a search by simulations, each with a derivative an element, takes a quarter of an hour.
+"""
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core import Quantity, quantities
+from ...metrics import scatter_floor
+from ...piezo.base import AbstractPiezo, Shown
+from ...study import Record
+from ..solver.nonnegative_least_squares import nonnegative_least_squares
+from .record_features import as_displacements, voltages_at
+
+_MOST = 6000
+"""Samples of a record that are looked at."""
+
+_BEFORE = 500
+"""Moments between the drive's start and a record that begins later."""
+
+_RANGES = (0.08, 0.15, 0.25, 0.4, 0.6, 0.9)
+"""Thresholds tried, in parts of the voltage's swing."""
+
+_TIMES = 5
+"""Times tried."""
+
+_STEPS = (1.3, 1.1, 1.03, 1.01)
+"""Factors by which the best are refined."""
+
+_ROUNDS = 6
+"""Of steps by one factor, at most."""
+
+_UNUSED = 1e-3
+"""Where a weight begins that comes out as zero, in parts of the gain."""
+
+_HISTORY = ("initial_voltage", "initial_peak")
+"""Numbers of a stack that has not rested at 0 V, of which nothing is tried."""
+
+
+class _Loop(NamedTuple):
+    time: Float[np.ndarray, " n"]
+    volts: Float[np.ndarray, " n"]
+    seen: Float[np.ndarray, " m"]
+    """Which of them were measured: the last m."""
+    noise: float
+
+
+def loop_starts(
+    piezo: type[AbstractPiezo], shown: Shown, known: Mapping[str, float], records: Sequence[Record]
+) -> dict[str, float]:
+    """Numbers of a stack by name, those that the `records` of its platform alone suggest; none where it has no loops.
+
+    **Arguments:** what the records have `shown`; the numbers `known`, which are held.
+    """
+    if not piezo.loop_numbers or any(known.get(name) for name in _HISTORY):
+        return {}
+    alone = [r for r in as_displacements(records) if r.drive is not None and r.measurement.platform_alone]
+    loops = [_loop(record) for record in alone if record.time.size >= 8]
+    loops = [loop for loop in loops if np.ptp(loop.volts) > 0.0 and np.ptp(loop.seen) > 0.0]
+    if not loops:
+        return {}
+    trial = _Trial(piezo, known, loops, quantities(piezo))
+    grid = [_grid(name, shown, piezo, known, loops) for name in piezo.loop_numbers]
+    tried = [(trial.left(point), point) for point in itertools.product(*grid)]
+    least, best = min(tried, key=lambda pair: pair[0])
+    free = [i for i, name in enumerate(piezo.loop_numbers) if name not in known]
+    ends = [_ends(name, shown, piezo) for name in piezo.loop_numbers]
+    best = _refined(trial, best, least, free, ends)
+    found = trial.weights(best) | dict(zip(piezo.loop_numbers, best, strict=True))
+    return {name: number for name, number in found.items() if name not in known}
+
+
+def _loop(record: Record) -> _Loop:
+    stride = -(-record.time.size // _MOST)
+    time, seen = record.time[::stride], record.measured[::stride]
+    kept = time > 0.0
+    time, seen = time[kept], seen[kept]
+    first = float(time[0]) if time.size else 0.0
+    interval = float(np.median(np.diff(record.time))) * stride
+    before = np.linspace(0.0, first, _BEFORE, endpoint=False)[1:] if first > 2.0 * interval else np.zeros(0)
+    whole = np.concatenate([before, time])
+    noise = record.noise or scatter_floor(record.measured) or float(np.std(seen)) or 1.0
+    return _Loop(whole, voltages_at(record, whole), seen, noise)
+
+
+def _ends(name: str, shown: Shown, piezo: type[AbstractPiezo]) -> tuple[float, float]:
+    told = piezo.told_ranges(shown).get(name)
+    return (0.0, math.inf) if told is None else (told.low, told.high)
+
+
+def _grid(
+    name: str, shown: Shown, piezo: type[AbstractPiezo], known: Mapping[str, float], loops: Sequence[_Loop]
+) -> tuple[float, ...]:
+    if name in known:
+        return (known[name],)
+    told = piezo.told_ranges(shown).get(name)
+    if told is not None:
+        return tuple(map(float, np.geomspace(told.low, told.high, _TIMES)))
+    swing = max(float(np.ptp(np.append(loop.volts, 0.0))) for loop in loops)
+    return tuple(share * swing for share in _RANGES)
+
+
+class _Trial(NamedTuple):
+    piezo: type[AbstractPiezo]
+    known: Mapping[str, float]
+    loops: Sequence[_Loop]
+    declared: Mapping[str, Quantity]
+
+    def left(self, point: Sequence[float]) -> float:
+        """What the best weights leave with these thresholds and times, divided by the noise and squared."""
+        return self._solved(point)[1]
+
+    def weights(self, point: Sequence[float]) -> dict[str, float]:
+        """These weights by name, none zero: a fit's unit is the size of its start."""
+        found, _ = self._solved(point)
+        gain = found.get("gain") or self.known.get("gain") or max(found.values(), default=1e-7) or 1e-7
+        swing = max(float(np.max(np.abs(loop.volts))) for loop in self.loops)
+        power = lambda name: int(name.rpartition("_")[2]) if name.startswith("asymmetry_") else 1
+        return {name: number or _UNUSED * gain / swing ** (power(name) - 1) for name, number in found.items()}
+
+    def _solved(self, point: Sequence[float]) -> tuple[dict[str, float], float]:
+        numbers, rows, targets, names = dict(zip(self.piezo.loop_numbers, point, strict=True)), [], [], []
+        for place, loop in enumerate(self.loops):
+            columns = self.piezo.loop_columns(loop.time, loop.volts, numbers)
+            names = [name for name in columns if name not in self.known]
+            held = sum((columns[n] * self.known[n] for n in columns if n in self.known), np.zeros(loop.time.size))
+            zeros = np.zeros((loop.seen.size, len(self.loops)))
+            zeros[:, place] = 1.0
+            seen = slice(loop.time.size - loop.seen.size, None)
+            rows.append(np.column_stack([*(columns[name][seen] for name in names), zeros]) / loop.noise)
+            targets.append((loop.seen - held[seen]) / loop.noise)
+        signed = np.array([self.declared[name].low != 0.0 for name in names] + [True] * len(self.loops))
+        x, left = nonnegative_least_squares(np.concatenate(rows), np.concatenate(targets), signed)
+        return {name: float(number) for name, number in zip(names, x, strict=False)}, left
+
+
+def _refined(
+    trial: _Trial,
+    best: tuple[float, ...],
+    least: float,
+    free: Sequence[int],
+    ends: Sequence[tuple[float, float]],
+) -> tuple[float, ...]:
+    """From the best of the grid on, one number after the other by ever smaller factors, between its `ends`."""
+    for factor in _STEPS:
+        for _ in range(_ROUNDS):
+            before = least
+            for place in free:
+                for way in (factor, 1.0 / factor):
+                    low, high = ends[place]
+                    there = (*best[:place], min(max(best[place] * way, low), high), *best[place + 1 :])
+                    if (left := trial.left(there)) < least:
+                        best, least = there, left
+                        break
+            if not least < before:
+                break
+    return best

@@ -1,0 +1,164 @@
+"""What records of steady sines alone cannot tell: a sine tells gain and phase at its frequency, two numbers.
+
+A stack's natural frequency, damping ratio and hysteresis all turn the phase.  Where records have fewer frequencies than
+these need, a fit separates them by the shape of the loops, which is that of the law assumed and not of the stack: it
+ended at 71 rad/s for 39 rad/s with an error of 0.24 %.  What follows the onset of a drive tells them all the same.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from ..study import MARK, Record
+from .covariance import least_squares_covariance
+from .fit_statistics import reduced_chi2
+from .initial_values.record_features import frequency_of, voltages
+from .least_squares import Fit
+from .problem import Problem
+
+_SINE = 0.01
+"""Root mean square, over the amplitude, that a sine leaves of a voltage that is one."""
+
+_ALIKE = 0.01
+"""Relative difference of frequencies, or of amplitudes, below which they are one."""
+
+_HARMONICS = 60
+"""Of the drive, of which a steady motion is made at most."""
+
+_TOLD = 0.1
+"""Standard error on the fit's scale up to which what is no steady motion tells a parameter."""
+
+ELECTRONICS = ("sensor.bandwidth", "sensor.delay", "amplifier.bandwidth")
+"""Parameters that turn the phase, too."""
+
+
+class Inseparable(NamedTuple):
+    """Parameters that steady sines do not tell apart."""
+
+    paths: tuple[str, ...]
+    """Those that turn the phase, and are not told by the onset of a drive."""
+    beside: tuple[str, ...]
+    """What else the same numbers have to tell, in words."""
+    records: tuple[str, ...]
+    """Names of the records."""
+    frequencies: tuple[float, ...]
+    """That differ [Hz]."""
+
+    @property
+    def told(self) -> int:
+        """Numbers that the records tell: a gain and a phase at each frequency."""
+        return 2 * len(self.frequencies)
+
+    @property
+    def needed(self) -> int:
+        """Numbers that are wanted of them."""
+        return len(self.paths) + len(self.beside)
+
+
+class _Sine(NamedTuple):
+    frequency: float
+    """[Hz]"""
+    amplitude: float
+    """[V]"""
+
+
+def inseparable(problem: Problem, fit: Fit) -> Inseparable | None:
+    """Which parameters of a `fit` its records cannot tell apart, being steady sines; None where they can."""
+    sines = [_sine(record) for record in problem.records]
+    if not sines or not np.isfinite(fit.chi2):
+        return None
+    known = [sine for sine in sines if sine is not None]
+    if len(known) < len(sines):
+        return None
+    piezo = problem.residual.predictor.models.piezo
+    free = problem.residual.transform.paths
+    bare = [path.partition(MARK)[0] for path in free]
+    turning = [path for path, name in zip(free, bare, strict=True) if _turns(name, piezo.mechanical)]
+    lossy = any(name.removeprefix("piezo.") in piezo.hysteretic for name in bare if name.startswith("piezo."))
+    frequencies = _distinct([sine.frequency for sine in known])
+    # Loops of several sizes at one frequency tell hysteresis, which depends on the size, from damping.
+    several = len(known) > len(frequencies) and len(_distinct([sine.amplitude for sine in known])) > 1
+    beside = ["piezo.gain"] * ("piezo.gain" in bare) + ["hysteresis"] * (lossy and not several)
+    if len(turning) + len(beside) <= 2 * len(frequencies):
+        return None
+    told = _told_by_onset(problem, fit, [float(sine.frequency) for sine in known])
+    left = tuple(path for path in turning if path not in told)
+    if not left:
+        return None
+    return Inseparable(left, tuple(beside), tuple(record.name for record in problem.records), tuple(frequencies))
+
+
+def _turns(path: str, mechanical: Sequence[str]) -> bool:
+    room, _, name = path.partition(".")
+    return path in ELECTRONICS or (room == "piezo" and name in mechanical)
+
+
+def _sine(record: Record) -> _Sine | None:
+    """The sine that drives a platform seen alone through a whole record; None where another voltage does."""
+    if record.drive is None or not record.measurement.platform_alone or record.time.size < 16:
+        return None
+    volts = np.broadcast_to(voltages(record), record.time.shape)
+    return steady_sine(record.time, volts, frequency_of(record))
+
+
+def steady_sine(time: Float[np.ndarray, " n"], volts: Float[np.ndarray, " n"], frequency: float | None) -> _Sine | None:
+    """The sine that `volts` at `time` [s] are throughout, for a cycle or more, of the `frequency` [Hz] or of any."""
+    elapsed = time - time[0]
+    if frequency is None:
+        even = np.linspace(0.0, elapsed[-1], time.size)
+        spectrum = np.abs(np.fft.rfft(np.hanning(time.size) * (np.interp(even, elapsed, volts) - np.mean(volts))))
+        frequency = float(np.argmax(spectrum)) / float(elapsed[-1])
+    amplitude, left = 0.0, math.inf
+    for _ in range(8):
+        if frequency * elapsed[-1] < 1.0:
+            return None
+        angle = 2.0 * np.pi * frequency * elapsed
+        turn = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        design = np.column_stack([np.ones(time.size), turn, turn * (elapsed / elapsed[-1])[:, None]])
+        constant, a, b, da, db = np.linalg.lstsq(design, volts, rcond=None)[0]
+        amplitude = math.hypot(a, b)
+        left = float(np.sqrt(np.mean((volts - design[:, :3] @ [constant, a, b]) ** 2)))
+        if left < _SINE * amplitude or amplitude == 0.0:
+            break
+        # Of a frequency that is off by d/(2 pi) a cos + b sin grows by d t (b cos - a sin).
+        frequency += float(b * da - a * db) / amplitude**2 / (2.0 * np.pi * float(elapsed[-1]))
+    return _Sine(frequency, amplitude) if left < _SINE * amplitude else None
+
+
+def _distinct(numbers: Sequence[float]) -> list[float]:
+    """The numbers, those that are nearly another left out."""
+    kept: list[float] = []
+    for number in sorted(numbers):
+        if not kept or number > (1.0 + _ALIKE) * kept[-1]:
+            kept.append(number)
+    return kept
+
+
+def _told_by_onset(problem: Problem, fit: Fit, frequencies: Sequence[float]) -> set[str]:
+    """Paths of free parameters that are told by what is no steady motion: the onset of a drive that dies away."""
+    jacobian = np.asarray(fit.state.jacobian)
+    if not np.isfinite(jacobian).all():
+        return set()
+    rest = jacobian.copy()
+    for record, rows, frequency in zip(problem.records, problem.rows, frequencies, strict=True):
+        rest[rows] -= _steady_part(record.time, jacobian[rows], frequency)
+    # What rounding leaves of a column tells nothing.
+    rest[:, np.linalg.norm(rest, axis=0) < 1e-9 * np.linalg.norm(jacobian, axis=0)] = 0.0
+    transform = problem.residual.transform
+    known = least_squares_covariance(rest, transform.at_bound(fit.free))
+    error = np.sqrt(np.diag(known.matrix) * max(1.0, reduced_chi2(fit, problem)))
+    return {path for path, e in zip(transform.paths, error, strict=True) if e < _TOLD}
+
+
+def _steady_part(
+    time: Float[np.ndarray, " n"], columns: Float[np.ndarray, "n p"], frequency: float
+) -> Float[np.ndarray, "n p"]:
+    """What of the `columns` repeats every cycle."""
+    cycle = 1.0 / (frequency * float(np.median(np.diff(time))))
+    count = int(min(_HARMONICS, 0.45 * cycle, time.size // 6))
+    angle = 2.0 * np.pi * frequency * np.outer(time - time[0], np.arange(1, count + 1))
+    base = np.column_stack([np.ones(time.size), np.cos(angle), np.sin(angle)])
+    return base @ np.linalg.lstsq(base, columns, rcond=None)[0]
