@@ -81,7 +81,7 @@ def study_text(records: Sequence[NewRecord], told: Told, folder: Path, title: st
         f"title = {quoted(title)}",
         "",
         "[actuator]",
-        f"piezo = {piezo if piezo == LOOPS else quoted(piezo)}  # guess: {_WHY_PIEZO[piezo]}",
+        f"piezo = {piezo if piezo in _PUT_TOGETHER else quoted(piezo)}  # guess: {_WHY_PIEZO[piezo]}",
         f'friction = "{friction}"  # guess: {why}',
         "",
         "[parameters]",
@@ -97,14 +97,21 @@ LOOPS = (
 )
 """The stack of records that are slow and show hysteresis: the motion is linear in all but three of its parameters."""
 
-_OF_LOOPS = ("gain", "time_constant", "play_*", "play_range", "asymmetry_*", "creep_*", "creep_time")
-"""Its parameters, as a study lists them."""
+RINGING_LOOPS = '{ dynamics = "second-order", hysteresis = { law = "play", elements = 4, asymmetry = 3 } }'
+"""The stack of records that show hysteresis, and how the platform rings after a jump of the voltage."""
+
+_PUT_TOGETHER = {
+    LOOPS: ("gain", "time_constant", "play_*", "play_range", "asymmetry_*", "creep_*", "creep_time"),
+    RINGING_LOOPS: ("gain", "natural_frequency", "damping_ratio", "play_*", "play_range", "asymmetry_*"),
+}
+"""Of each stack put together, its parameters as a study lists them."""
 
 _WHY_PIEZO = {
     "bouc-wen": "the platform's motion is a loop of the voltage: hysteresis; stacks put together are others",
     "second-order": "the usual one; pdssjax models lists others",
     "static": "the records are too slow to show how the platform rings",
     LOOPS: "the platform's motion is a loop of the voltage: hysteresis, creep and a lag; see docs/study-file.md",
+    RINGING_LOOPS: "a loop of the voltage, which also jumps: hysteresis and ringing; see docs/study-file.md for creep",
 }
 
 _WHY_FRICTION = {
@@ -125,7 +132,8 @@ def _laws(records: Sequence[NewRecord]) -> tuple[str, str]:
         guess.hysteresis > _HYSTERESIS for guess in guesses if guess.waveform.name in ("sine", "triangle", "sampled")
     )
     slow = ("bouc-wen" if walks else LOOPS) if loops else "second-order" if walks else "static"
-    piezo = "second-order" if fast else slow
+    ringing = RINGING_LOOPS if loops and not walks else "second-order"
+    piezo = ringing if fast else slow
     both = {guess.waveform.direction for guess in walks} >= {"forward", "backward"}
     return piezo, "anisotropic-lugre" if both else "simplified-lugre"
 
@@ -148,15 +156,29 @@ def _parameters(records: Sequence[NewRecord], told: Told, piezo: str, friction: 
             else "  # guess: WEIGH IT; with another, stiffness, damping and force scale alike"
         )
         lines.append(f'"effector.mass" = {{ value = "{mass}" }}{why}')
-    if piezo == LOOPS:
-        lines += [f'"piezo.{field}" = {{}}' for field in _OF_LOOPS]
+    if piezo in _PUT_TOGETHER:
+        lines += [f'"piezo.{field}" = {{}}' for field in _PUT_TOGETHER[piezo]]
     else:
         lines += _piezo_parameters(piezo)
     if walks:
         lines += [
             f'"friction.{f}" = {{}}' for f, d in quantities(member("friction", friction)).items() if not d.optional
         ]
-    return [*lines, *_fall_time(records, walks), *open_parameters([(record.name, record.guess) for record in records])]
+    opened = open_parameters([(record.name, record.guess) for record in records])
+    if not any(line.startswith('"sensor.delay"') for line in opened):
+        opened += _delay_of_jumps(records)
+    return [*lines, *_fall_time(records, walks), *opened]
+
+
+def _delay_of_jumps(records: Sequence[NewRecord]) -> list[str]:
+    """A delay within which a sampled voltage may have jumped, which the ringing tells; none without jumps."""
+    jumps = [r.guess for r in records if r.guess.waveform.name == "sampled" and _jumps(r.guess)]
+    intervals = [sampling_interval(guess) for guess in jumps]
+    finest = min(intervals, default=_SLOW_TICKS)
+    if finest >= _SLOW_TICKS:
+        return []
+    ends = f'start = "{0.5e6 * finest:.4g} us", min = 0, max = "{2e6 * finest:.4g} us"'
+    return [f'"sensor.delay" = {{ {ends} }}  # guess: the voltage jumps between two of its samples']
 
 
 def _fall_time(records: Sequence[NewRecord], walks: bool) -> list[str]:
@@ -190,8 +212,8 @@ def _by_samples(guess: RecordGuess, piezo: str) -> bool:
     Loops under straight lines are known in closed form, under a sine they are not; and a stack with hysteresis feels
     the level that a voltage is counted from.
     """
-    curved = piezo == LOOPS and guess.waveform.name == "sine"
-    felt = piezo in (LOOPS, "bouc-wen") and guess.waveform.counted_from != 0
+    curved = piezo in _PUT_TOGETHER and guess.waveform.name == "sine"
+    felt = piezo in (*_PUT_TOGETHER, "bouc-wen") and guess.waveform.counted_from != 0
     return guess.volts is not None and (curved or felt)
 
 

@@ -20,6 +20,12 @@ _VISIBLE = 6.0
 _SOON = 0.5
 """Part of a record of a step within which its peak must lie."""
 
+_JUMP = 0.1
+"""Part of a voltage's swing by which it changes from one sample to the next where it jumps."""
+
+_BEFORE_JUMP, _AFTER_JUMP = 20, (200, 50)
+"""Samples around a jump in which ringing is looked for, the longer stretch first."""
+
 _MOST = 200_000
 """Moments at which a voltage is looked at."""
 
@@ -81,7 +87,20 @@ def _usual(found: Sequence[Mapping[str, float]]) -> dict[str, float]:
 
 
 def _ringing(record: Record) -> dict[str, float]:
-    return ringing(record.time, record.measured, np.broadcast_to(voltages(record), record.time.shape))
+    """By the whole record; where loops hide it there, by what follows the largest jump of the voltage."""
+    volts = np.broadcast_to(voltages(record), record.time.shape)
+    found = ringing(record.time, record.measured, volts)
+    steps = np.abs(np.diff(volts))
+    if found or not steps.size or not np.max(steps) > _JUMP * np.ptp(volts):
+        return found
+    begin = int(np.argmax(steps))
+    for length in _AFTER_JUMP:
+        after = slice(max(begin - _BEFORE_JUMP, 0), begin + length)
+        found = ringing(record.time[after], record.measured[after], volts[after])
+        if found:
+            # The gain is that of whole loops, not of one jump.
+            return found | {"gain": _range_gain(record)}
+    return {}
 
 
 def is_step(record: Record) -> bool:
