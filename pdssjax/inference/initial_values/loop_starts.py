@@ -19,22 +19,25 @@ from ...study import Record
 from ..solver.nonnegative_least_squares import nonnegative_least_squares
 from .record_features import as_displacements, voltages_at
 
-_MOST = 6000
+_MOST = 3000
 """Samples of a record that are looked at."""
 
 _BEFORE = 500
 """Moments between the drive's start and a record that begins later."""
 
-_RANGES = (0.08, 0.15, 0.25, 0.4, 0.6, 0.9)
+_RANGES = (0.08, 0.15, 0.25, 0.4, 0.55, 0.75, 1.0)
 """Thresholds tried, in parts of the voltage's swing."""
+
+_VALLEYS = 3
+"""Of them, from which the search goes on: with few elements one stands where another should."""
 
 _TIMES = 5
 """Times tried."""
 
-_STEPS = (1.3, 1.1, 1.03, 1.01)
-"""Factors by which the best are refined."""
+_STEPS = (1.3, 1.1, 1.02)
+"""Factors by which they are refined."""
 
-_ROUNDS = 6
+_ROUNDS = 4
 """Of steps by one factor, at most."""
 
 _UNUSED = 1e-3
@@ -68,11 +71,15 @@ def loop_starts(
         return {}
     trial = _Trial(piezo, known, loops, quantities(piezo))
     grid = [_grid(name, shown, piezo, known, loops) for name in piezo.loop_numbers]
-    tried = [(trial.left(point), point) for point in itertools.product(*grid)]
-    least, best = min(tried, key=lambda pair: pair[0])
+    by_first: dict[float, tuple[float, tuple[float, ...]]] = {}
+    for point in itertools.product(*grid):
+        left = trial.left(point)
+        if left < by_first.get(point[0], (math.inf, point))[0]:
+            by_first[point[0]] = left, point
     free = [i for i, name in enumerate(piezo.loop_numbers) if name not in known]
     ends = [_ends(name, shown, piezo) for name in piezo.loop_numbers]
-    best = _refined(trial, best, least, free, ends)
+    promising = sorted(by_first.values())[:_VALLEYS]
+    _, best = min(_refined(trial, point, left, free, ends) for left, point in promising)
     found = trial.weights(best) | dict(zip(piezo.loop_numbers, best, strict=True))
     return {name: number for name, number in found.items() if name not in known}
 
@@ -147,8 +154,8 @@ def _refined(
     least: float,
     free: Sequence[int],
     ends: Sequence[tuple[float, float]],
-) -> tuple[float, ...]:
-    """From the best of the grid on, one number after the other by ever smaller factors, between its `ends`."""
+) -> tuple[float, tuple[float, ...]]:
+    """What is left, and where, from a point of the grid on: one number after the other, between its `ends`."""
     for factor in _STEPS:
         for _ in range(_ROUNDS):
             before = least
@@ -161,4 +168,4 @@ def _refined(
                         break
             if not least < before:
                 break
-    return best
+    return least, best
