@@ -8,8 +8,8 @@ from pdssjax import Accuracy
 from pdssjax.actuator import DrivenPlatform
 from pdssjax.core import member
 from pdssjax.drive.sampled import Sampled
+from pdssjax.inference import guess_starts
 from pdssjax.inference.initial_values.loop_starts import loop_starts
-from pdssjax.inference.initial_values.search import guess_starts
 from pdssjax.piezo.base import Shown
 from pdssjax.simulation import PlatformOnly, sensor_samples
 
@@ -69,7 +69,7 @@ def study(folder, kind="triangle", elements=10, count=1500, given=""):
 
 
 @pytest.mark.parametrize("kind", ["triangle", "sine"])
-@pytest.mark.parametrize("elements", [2, 10, 24])
+@pytest.mark.parametrize("elements", [2, 10, pytest.param(24, marks=pytest.mark.slow)])
 def test_the_start_leaves_little_more_than_noise(tmp_path, kind, elements):
     loaded, weights = study(tmp_path, kind, elements)
     starts, _ = guess_starts(loaded.models, loaded.parameters, loaded.records)
