@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from ..study import Estimate, FittedParameter, FittedRecord, Parameter, Study, compare, failure_cause
 from .covariance import Covariance, correlation
@@ -19,7 +19,7 @@ from .problem import Problem
 from .residual import free_offset
 from .stack_first.freed_stack import with_stack_freed
 from .stack_first.peak_picking import PickedStack
-from .steady_sines import inseparable
+from .steady_sines import Inseparable, inseparable
 from .uncertainty.amplification import amplification_of
 from .uncertainty.linear_intervals import linear_intervals
 from .uncertainty.standard_errors import standard_errors_of
@@ -47,14 +47,8 @@ def summarise(
     values = {path: float(value) for path, value in {**starts, **free.decode(fit.free)}.items()}
     statistics = statistics_of(problem, fit)
     known, naive, with_told, factor, freedom = standard_errors_of(method, problem, fit, stack)
-    deviation = np.sqrt(np.diag(known.matrix))
-    weakly_determined = known.identifiable & (deviation > WEAKLY_DETERMINED)
-    known = known._replace(identifiable=known.identifiable & ~weakly_determined)
-    deviation = np.where(weakly_determined, np.nan, deviation)
     mixed = inseparable(problem, fit)
-    if mixed is not None:
-        apart = ~free.among(mixed.paths)
-        known, deviation = known._replace(identifiable=known.identifiable & apart), np.where(apart, deviation, np.nan)
+    weakly_determined, known, deviation = _determined(known, free, mixed)
     slopes = np.abs(free.slope(fit.free))
     bounds = {path: study.parameters[path].bounds() for path in free.paths}
     intervals = linear_intervals(fit.free, deviation, freedom, free, bounds)
@@ -95,6 +89,20 @@ def summarise(
     )
     facts = ErrorFacts(known.null, weakly_determined, factor, stack is not None, loss.is_robust, missed, mixed)
     return dataclasses.replace(estimate, notes=notes_of(estimate, study, fit, free, facts))
+
+
+def _determined(
+    known: Covariance, free: ParameterTransform, mixed: Inseparable | None
+) -> tuple[Bool[np.ndarray, " p"], Covariance, Float[np.ndarray, " p"]]:
+    """Which parameters hardly have any information, the covariance that says so, and the deviations of the others.
+
+    Parameters that steady sines mix have none either.
+    """
+    deviation = np.sqrt(np.diag(known.matrix))
+    weakly_determined = known.identifiable & (deviation > WEAKLY_DETERMINED)
+    silent = weakly_determined | (np.zeros_like(weakly_determined) if mixed is None else free.among(mixed.paths))
+    known = known._replace(identifiable=known.identifiable & ~silent)
+    return weakly_determined, known, np.where(silent, np.nan, deviation)
 
 
 def _verdict(
