@@ -1,8 +1,8 @@
-"""The page of `pdssjax explore`: one turns a study's numbers and sees what they do.
+"""The page of `pdssjax explore`, on which the numbers of a study are changed and their effect is seen at once.
 
-What it shows is computed without a browser: where sliders stand (`settings`, `knobs`), the record predicted at their
-numbers (`live_record`, `redraw`), fits and sweeps in threads.  `widgets` has the page itself, the one home of Panel
-and Bokeh.  Imports `files` and the rooms below it.
+What it shows is computed without a browser: the numbers and their sliders (`settings`, `knobs`), the record predicted
+at these numbers (`live_record`, `redraw`), fits and sweeps in threads.  `widgets` has the page itself, the only home of
+Panel and Bokeh.  Imports `files` and the rooms below it.
 """
 
 from typing import TYPE_CHECKING

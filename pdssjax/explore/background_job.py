@@ -1,4 +1,4 @@
-"""Work in a thread of its own, that tells how it goes and can be asked to stop."""
+"""Work in a thread of its own, which reports its progress and can be asked to stop."""
 
 import threading
 import time
@@ -9,16 +9,16 @@ from typing import Any, Generic, TypeVar
 Result = TypeVar("Result")
 
 Report = Callable[[str], None]
-"""Told what is being done.  Raises `KeyboardInterrupt` once where the work is asked to stop."""
+"""Takes a line of progress.  Raises `KeyboardInterrupt`, once, where the work was asked to stop."""
 
 
 _STARTED: "weakref.WeakSet[BackgroundJob[Any]]" = weakref.WeakSet()
 
 
 def end_jobs(seconds: float) -> bool:
-    """Asks all jobs to stop and waits for them, so long at most; whether all have ended.
+    """Ask all jobs to stop, wait for them some seconds at most, and say whether all have ended.
 
-    One that compiles cannot be stopped, and where it meets the end of Python it aborts it.
+    A job that compiles cannot be stopped; one that still compiles at the end of Python aborts the process.
     """
     until = time.monotonic() + seconds
     for job in list(_STARTED):
@@ -29,44 +29,47 @@ def end_jobs(seconds: float) -> bool:
 
 
 class BackgroundJob(Generic[Result]):
-    """Runs `work` at once; in its thread `told` gets each of its lines, and `ended` its result or error."""
+    """Runs `work` at once in a thread.
+
+    In that thread `on_line` is given each line of progress, and `on_end` the result or the error.
+    """
 
     def __init__(
         self,
         work: Callable[[Report], Result],
-        told: Callable[[str], None],
-        ended: Callable[[Result | None, BaseException | None], None],
+        on_line: Callable[[str], None],
+        on_end: Callable[[Result | None, BaseException | None], None],
     ):
-        self._work, self._told, self._ended = work, told, ended
+        self._work, self._on_line, self._on_end = work, on_line, on_end
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         _STARTED.add(self)
         self._thread.start()
 
     def cancel(self) -> None:
-        """Asks the work to stop: it does when it next reports."""
+        """Ask the work to stop; it does when it next reports progress."""
         self._stop.set()
 
     @property
     def runs(self) -> bool:
-        """Whether the thread is at work."""
+        """Whether the work goes on."""
         return self._thread.is_alive()
 
     def join(self, seconds: float) -> None:
-        """Waits for the end, so long at most."""
+        """Wait for the end, some seconds at most."""
         self._thread.join(seconds)
 
     def _run(self) -> None:
         try:
             result = self._work(self._report)
         except BaseException as error:
-            self._ended(None, error)
+            self._on_end(None, error)
         else:
-            self._ended(result, None)
+            self._on_end(result, None)
 
     def _report(self, line: str) -> None:
         if self._stop.is_set():
-            # Once: what then puts things in order may go on reporting.
+            # Only once, since what cleans up after the interrupt may report, too.
             self._stop.clear()
             raise KeyboardInterrupt
-        self._told(line)
+        self._on_line(line)

@@ -1,4 +1,4 @@
-"""What the page shows of an estimate, from what estimate.json holds."""
+"""An estimate as texts and curves for the page, made from the content of estimate.json."""
 
 import math
 from typing import NamedTuple
@@ -10,7 +10,7 @@ from ..core import Document, decimals_for, display_unit, percent, rounded
 
 
 class ParameterRow(NamedTuple):
-    """One parameter, in words."""
+    """One parameter as texts of a table."""
 
     path: str
     unit: str
@@ -18,13 +18,13 @@ class ParameterRow(NamedTuple):
     error: str
     """One standard deviation, in the unit and in per cent."""
     interval: str
-    """Of 95 %."""
+    """The interval of 95 %."""
     start: str
     note: str
 
 
 class ProfileCurve(NamedTuple):
-    """The likelihood profile of a parameter, in the unit shown."""
+    """The likelihood profile of a parameter, in the unit of the page."""
 
     path: str
     unit: str
@@ -37,7 +37,7 @@ class ProfileCurve(NamedTuple):
 
 
 class EstimateView(NamedTuple):
-    """An estimate, ready to be shown."""
+    """An estimate in texts, tables and curves."""
 
     headline: str
     advice: str
@@ -49,8 +49,8 @@ class EstimateView(NamedTuple):
 
 
 def estimate_view(document: Document) -> EstimateView:
-    """What is shown of an estimate, as estimate.json tells it."""
-    told, statistics = document["parameters"], document["statistics"]
+    """The view of an estimate, given as the content of estimate.json."""
+    parameters, statistics = document["parameters"], document["statistics"]
     ended = "converged" if document["converged"] else "NOT CONVERGED"
     if document["converged"] and not document.get("explained", True):
         ended += ", BUT DOES NOT EXPLAIN ITS RECORDS"
@@ -63,10 +63,10 @@ def estimate_view(document: Document) -> EstimateView:
     return EstimateView(
         headline,
         f"Errors to believe: {advice['model']}. {advice['reason']}" if advice else "",
-        [_row(path, entry) for path, entry in told.items()],
+        [_row(path, entry) for path, entry in parameters.items()],
         list(document["correlation"]["names"]),
         np.array([[_number(entry) for entry in row] for row in matrix], float).reshape(len(matrix), len(matrix)),
-        [_profile(entry, told[entry["path"]]) for entry in document.get("profiles") or []],
+        [_profile(entry, parameters[entry["path"]]) for entry in document.get("profiles") or []],
         [document["message"], *document["notes"]],
     )
 
@@ -77,7 +77,7 @@ def values_of(document: Document) -> dict[str, float]:
 
 
 def _number(given: float | None) -> float:
-    """JSON has no NaN: there it is null."""
+    """A number of a JSON document, where null stands for NaN."""
     return math.nan if given is None else float(given)
 
 

@@ -1,9 +1,10 @@
-"""One record of a study, predicted while its numbers are turned: compiled once, then a few milliseconds a time.
+"""Records of a study, predicted while their numbers are changed: compiled once, then a few milliseconds a time.
 
 Room for steps is what an integration costs most, so there is as much of it as the record takes, found by a run
 without output.  Numbers that need more are given more, which compiles anew; those that do not keep what they had.
 """
 
+import threading
 from collections.abc import Mapping
 from typing import NamedTuple, TypeVar
 
@@ -17,58 +18,68 @@ from ..core import Count, InputError
 from ..integration import Accuracy, integrate, is_closed
 from ..simulation import Observation, observe
 from ..study import AbstractSetup, Models, Record, Run, Study, Values, drive_with, under_conditions, with_room
+from .redraw import Redraw, Score, redraw
+from .settings import Settings, study_at
 
 Tree = TypeVar("Tree")
-"""Of numbers."""
+"""A tree of numbers."""
 
 ACCURACY = 1e-11
 """Error of a step [m]: 3e-10 m along the records of the example, a thirtieth of their noise."""
 
 _FEWEST = 512
-"""Room for steps at least."""
+"""Smallest room, in steps."""
 
 _SPARE = 1.5
-"""Of the room, over the steps that the first run took."""
+"""Room over the steps that the first run took."""
 
 _MOST_SEGMENTS = 1 << 18
-"""Segments of a drive within a record at most; twice as many take a minute to compile and gigabytes to hold."""
+"""Most segments of a drive within a record; with a fifth as many the first drawing took 46 s on two busy cores."""
 
 OUT_OF_STEPS = 1
-"""The failure that more room cures."""
+"""Failure code of a run that had too little room."""
 
 
 class _Room(NamedTuple):
-    """For what one compiled function has room."""
+    """The sizes for which a function was compiled."""
 
     steps: int
     segments: int
-    """Of the drive; 0 where nothing depends on their number."""
+    """Segments of the drive; 0 where nothing depends on their number."""
 
 
 class LiveRecord:
-    """A record of a study, ready to be predicted at any numbers."""
+    """A record of a study, compiled so that it is predicted at any numbers in milliseconds."""
 
     def __init__(self, study: Study, record: Record, values: Values):
         self.study, self.record = study, record
         self.models = study.models_with(values)
         self.setup: AbstractSetup = _as_arrays(record.measurement.setup(self.models))
-        run, numbers = self._asked(record, values)
+        run, numbers = self._run_of(record, values)
         self._closed = is_closed(self.setup.system(self.models, numbers, run))
         self._rooms: list[_Room] = []
-        """The smallest first: what one extreme number took would slow down all others."""
+        """Smallest first, so that the room for one extreme number does not slow down all others."""
         self._plan(record, values)
 
     def run(self, record: Record, values: Values, instants: Float[np.ndarray, " k"]) -> Observation:
-        """What the sensor shows at the record's sample times, and what moves inside at the `instants` [s].
+        """Predict the record at its sample times, and the motion inside at the `instants` [s].
 
-        **Arguments:** `record` is this one, its drive with other numbers maybe.  What the run gives is NaN where the
-        simulation fails; `message` says why.  Compiles anew where the numbers take more steps than there is room for.
+        **Arguments:**
+
+        - `record`: this record, maybe with other numbers of its drive.
+        - `values`: the numbers [SI] of the parameters.
+        - `instants`: times [s] on the clock of the record.
+
+        **Returns:** the prediction, which is NaN where the simulation fails; its `message` says why.  Compiles where
+        the numbers take more steps than there is room for.
+
+        **Raises:** `InputError` where the drive has too many segments to be shown.
         """
         found = self.run_at_once(record, values, instants)
         return self._observed(record, values, instants, self._plan(record, values)) if found is None else found
 
     def run_at_once(self, record: Record, values: Values, instants: Float[np.ndarray, " k"]) -> Observation | None:
-        """The same without compiling anything; None where the numbers take more steps than there is room for."""
+        """As `run`, but None in place of compiling."""
         segments = self._segments_of(record)
         for room in self._rooms:
             if room.segments >= segments:
@@ -78,7 +89,7 @@ class LiveRecord:
         return None
 
     def _observed(self, record: Record, values: Values, instants: Float[np.ndarray, " k"], room: _Room) -> Observation:
-        run, numbers = self._asked(record, values)
+        run, numbers = self._run_of(record, values)
         accuracy = Accuracy(ACCURACY, ACCURACY, max_steps=room.steps)
         found = observed(self.setup, self.models, run, numbers, instants, accuracy, room.segments)
         return jax.tree.map(np.asarray, found)
@@ -101,14 +112,14 @@ class LiveRecord:
         return segments
 
     def _most(self, record: Record) -> Accuracy:
-        """With room for all the steps that a record may take."""
+        """The accuracy with room for all the steps that a record may take."""
         segments = self._segments_within(record)
         return with_room(
             Accuracy(ACCURACY, ACCURACY), self.setup, self.models, _power_of_two(segments), float(record.time[-1])
         )
 
-    def _asked(self, record: Record, values: Values) -> tuple[Run, dict[str, Float[np.ndarray, ""]]]:
-        """What is done to the rig, and the numbers of the parameters that hold in the record."""
+    def _run_of(self, record: Record, values: Values) -> tuple[Run, dict[str, Float[np.ndarray, ""]]]:
+        """The run of the record, and the numbers of the parameters that hold in it."""
         numbers = {path: float(n) for path, n in _here(record, values).items()}
         drive = None if record.drive is None else drive_with(record, numbers)
         motion = None if record.motion is None else jnp.asarray(record.motion)
@@ -116,8 +127,8 @@ class LiveRecord:
         return run, {path: np.asarray(n, float) for path, n in numbers.items()}
 
     def _plan(self, record: Record, values: Values) -> _Room:
-        """Finds how much room the record takes at the `values`: more than there is for any other."""
-        run, numbers = self._asked(record, values)
+        """Add a larger room, in which the record can be predicted at the `values`."""
+        run, numbers = self._run_of(record, values)
         segments = _power_of_two(2 * self._segments_of(record)) if self._closed else 0
         most = self._most(record)
         steps = 0 if self._closed else int(steps_taken(self.setup, self.models, run, numbers, most))
@@ -134,7 +145,7 @@ def _here(record: Record, values: Values) -> Values:
 
 
 def _as_arrays(tree: Tree) -> Tree:
-    """With numbers as arrays, by which nothing is compiled anew when they change."""
+    """`tree` with arrays in place of numbers, so that nothing is compiled again when they change."""
     return jax.tree.map(lambda leaf: np.asarray(leaf, float), tree)
 
 
@@ -152,7 +163,7 @@ def observed(
     accuracy: Accuracy,
     segments: int,
 ) -> Observation:
-    """A run of a record, looked at, compiled; `instants` [s] are on the clock of the record."""
+    """Predict a run of a record, compiled; the `instants` [s] are on the clock of the record."""
     times, shift = setup.times(run), run.times[0] - setup.times(run)[0]
     system = setup.system(models, values, run)
     return observe(system, setup.output, jnp.asarray(times), jnp.asarray(instants) - shift, accuracy, segments)
@@ -166,6 +177,46 @@ def steps_taken(
     values: Mapping[str, Float[Array | np.ndarray, ""]],
     accuracy: Accuracy,
 ) -> Count:
-    """How many steps a run takes; nothing is made of them, so that it compiles and runs quickly."""
+    """Count the steps of a run; without output this compiles and runs quickly."""
     solution = integrate(setup.system(models, values, run), setup.times(run)[-1], accuracy)
     return solution.count + solution.rejected
+
+
+class LiveRecords:
+    """The live records of a study, each compiled when it is first drawn, for all pages and threads."""
+
+    def __init__(self, study: Study):
+        self.study = study
+        self._live: dict[str, LiveRecord] = {}
+        self._locks = {record.name: threading.Lock() for record in study.records}
+
+    def is_ready(self, name: str) -> bool:
+        """Whether the record `name` has been compiled."""
+        return name in self._live
+
+    def redraw(self, name: str, settings: Settings, instants: Float[np.ndarray, " k"]) -> Redraw:
+        """What is drawn of the record `name` at the numbers of `settings`; may have to compile, which takes seconds."""
+        record = self._at(name, settings)
+        with self._locks[name]:
+            live = self._live.get(name) or LiveRecord(self.study, record, settings.values)
+            found = live.run(record, settings.values, instants)
+            self._live[name] = live
+        return redraw(record, found, instants)
+
+    def redraw_at_once(self, name: str, settings: Settings, instants: Float[np.ndarray, " k"]) -> Redraw | None:
+        """As `redraw`, in milliseconds; None where something must be compiled first."""
+        record, lock = self._at(name, settings), self._locks[name]
+        if name not in self._live or not lock.acquire(blocking=False):
+            return None
+        try:
+            found = self._live[name].run_at_once(record, settings.values, instants)
+        finally:
+            lock.release()
+        return None if found is None else redraw(record, found, instants)
+
+    def score(self, name: str, settings: Settings, instants: Float[np.ndarray, " k"]) -> Score:
+        """How well the record `name` is predicted at the numbers of `settings`."""
+        return self.redraw(name, settings, instants).score
+
+    def _at(self, name: str, settings: Settings) -> Record:
+        return next(record for record in study_at(self.study, settings).records if record.name == name)

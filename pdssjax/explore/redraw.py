@@ -1,4 +1,4 @@
-"""What the page draws of one record: prediction and residuals beside the samples, and what the record is worth."""
+"""The curves that the page draws of one record, and how well the record is predicted."""
 
 import math
 from typing import NamedTuple
@@ -11,10 +11,10 @@ from ..simulation import Inside, Observation
 from ..study import Record, cycles_a_second
 
 DRAWN = 4000
-"""Samples that are drawn of a record at most."""
+"""Most samples of a record that are drawn."""
 
 OVERVIEW, ENLARGED = 700, 2000
-"""Instants of the whole record, and of the stretch that is enlarged, at which the prediction is drawn."""
+"""Number of instants at which the prediction is drawn, over the whole record and over the enlarged stretch."""
 
 
 class Score(NamedTuple):
@@ -25,32 +25,32 @@ class Score(NamedTuple):
     chi2: float
     """Chi-square a degree of freedom; NaN where the simulation failed or no noise is known."""
     noise: float
-    """Standard deviation against which chi-square is counted."""
+    """Standard deviation to which chi-square refers."""
     noise_given: bool
-    """The study gives it; else it is that seen between neighbouring samples."""
+    """Whether the study gives the noise; else it is estimated from neighbouring samples."""
     offset: float
-    """The record's zero: given, or the best at these numbers."""
+    """The zero of the record: given, or the best one at these numbers."""
 
 
 class Redraw(NamedTuple):
-    """A record at some numbers, SI."""
+    """What is drawn of a record at some numbers, in SI."""
 
     predicted: Float[np.ndarray, " samples"]
-    """At the record's samples, the offset included."""
+    """Prediction at the record's samples, with the offset."""
     residual: Float[np.ndarray, " samples"]
     """Measured minus predicted."""
     instants: Float[np.ndarray, " k"]
-    """[s], at which the rest is told."""
+    """Times [s] of what follows."""
     between: Float[np.ndarray, " k"]
-    """Predicted, the offset included."""
+    """Prediction at the instants, with the offset."""
     inside: Inside
     score: Score
     message: str
-    """Why the simulation failed; empty where it did not."""
+    """Why the simulation failed; empty where it did not fail."""
 
 
 def redraw(record: Record, found: Observation, instants: Float[np.ndarray, " k"]) -> Redraw:
-    """What is drawn of `record` where `found` is how it was simulated."""
+    """What is drawn of `record` when its simulation has given `found`."""
     shown = np.asarray(found.shown)
     score = score_of(record, shown)
     zero = score.offset
@@ -59,7 +59,7 @@ def redraw(record: Record, found: Observation, instants: Float[np.ndarray, " k"]
 
 
 def score_of(record: Record, shown: Float[np.ndarray, " samples"]) -> Score:
-    """How well the prediction `shown`, without the record's zero, explains it."""
+    """How well `shown`, the prediction without an offset, explains the record."""
     zero = float(np.mean(record.measured - shown)) if record.offset is None else record.offset
     squares = float(np.sum((record.measured - shown - zero) ** 2))
     noise, count = known_noise(record), record.measured.size
@@ -69,14 +69,14 @@ def score_of(record: Record, shown: Float[np.ndarray, " samples"]) -> Score:
 
 
 def known_noise(record: Record) -> float:
-    """The standard deviation of a record's noise: given, or seen between neighbouring samples; NaN for too few."""
+    """Standard deviation of a record's noise: given, or from neighbouring samples; NaN where these are too few."""
     if record.noise is not None:
         return record.noise
     return scatter_floor(record.measured) if record.time.size >= 8 else math.nan
 
 
-def enlarged_at_first(record: Record) -> tuple[float, float]:
-    """From when to when [s] a record is enlarged at first: around its fastest motion, a slip or the onset of a step."""
+def initial_stretch(record: Record) -> tuple[float, float]:
+    """The stretch [s] that is enlarged at first: around the fastest motion, such as a slip or the onset of a step."""
     time = record.time
     width = max(60 * float(np.median(np.diff(time))), float(time[-1] - time[0]) / 60)
     jump = float(time[np.argmax(np.abs(np.diff(record.measured) / np.diff(time)))])
@@ -84,7 +84,7 @@ def enlarged_at_first(record: Record) -> tuple[float, float]:
 
 
 def within(record: Record, begin: float, end: float) -> tuple[float, float]:
-    """The stretch from `begin` to `end` [s], moved and shortened so that it lies within the record."""
+    """The stretch from `begin` to `end` [s], moved and shortened to lie within the record."""
     first, last = float(record.time[0]), float(record.time[-1])
     width = min(max(end - begin, (last - first) / 2000), last - first)
     begin = min(max(begin, first), last - width)
@@ -92,19 +92,19 @@ def within(record: Record, begin: float, end: float) -> tuple[float, float]:
 
 
 def cycle_of(record: Record) -> float:
-    """By how much the stretch enlarged moves at a time [s]: a cycle of the drive, or a tenth of the record."""
+    """Length [s] by which the buttons move the enlarged stretch: a cycle of the drive, or a tenth of the record."""
     frequency = cycles_a_second(record)
     return 1.0 / frequency if frequency else float(record.time[-1] - record.time[0]) / 10
 
 
 def instants_of(record: Record, begin: float, end: float) -> Float[np.ndarray, " k"]:
-    """When the prediction is drawn [s]: over the whole record, and closely from `begin` to `end`; always as many."""
+    """Times [s] at which the prediction is drawn, dense from `begin` to `end`; their number is always the same."""
     whole = np.linspace(record.time[0], record.time[-1], OVERVIEW)
     return np.sort(np.concatenate([whole, np.linspace(begin, end, ENLARGED)]))
 
 
 def drawn_samples(record: Record) -> Int[np.ndarray, " drawn"]:
-    """Which samples are drawn: all, or of a long record the least and the largest of each of many stretches."""
+    """Indices of the samples that are drawn: all, or the extremes of each of many stretches of a long record."""
     size = record.time.size
     if size <= DRAWN:
         return np.arange(size)

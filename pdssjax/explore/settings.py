@@ -1,49 +1,49 @@
-"""Where every slider stands, and the study with the numbers of the sliders."""
+"""The numbers of all sliders, and the study at these numbers."""
 
 import dataclasses
 from collections.abc import Mapping
 
 from ..core import choices
 from ..study import Record, Study
-from .knobs import inner_drive, own_numbers
+from .knobs import drive_numbers, inner_drive
 
 
 @dataclasses.dataclass(frozen=True)
 class Settings:
-    """All numbers of a page, in SI; never changed, but replaced."""
+    """All numbers of a page [SI]; immutable, so that threads may keep them."""
 
     values: Mapping[str, float]
-    """Of the parameters, by path."""
+    """Numbers of the parameters, by path."""
     drives: Mapping[str, Mapping[str, float]]
-    """Of each record's drive, by the record's name: numbers by path, "drive.voltage"."""
+    """Numbers of each record's drive, by the record's name and then by path, such as "drive.voltage"."""
 
     def with_value(self, path: str, number: float) -> "Settings":
-        """With another number [SI] of a parameter."""
+        """The settings with another number [SI] of a parameter."""
         return dataclasses.replace(self, values={**self.values, path: number})
 
     def with_values(self, values: Mapping[str, float]) -> "Settings":
-        """With other numbers [SI] of some parameters; what is no parameter here is left out."""
+        """The settings with other numbers [SI] of some parameters; unknown paths are ignored."""
         known = {path: float(number) for path, number in values.items() if path in self.values}
         return dataclasses.replace(self, values={**self.values, **known})
 
     def with_drive(self, record: str, path: str, number: float) -> "Settings":
-        """With another number [SI] of a record's drive."""
+        """The settings with another number [SI] of a record's drive."""
         return dataclasses.replace(self, drives={**self.drives, record: {**self.drives[record], path: number}})
 
 
 def settings_of(study: Study) -> Settings:
-    """The numbers of a study.
+    """The settings with the numbers of a study.
 
     **Raises:** `InputError` that names the parameters without a number.
     """
-    return Settings(study.values(), {record.name: own_numbers(record) for record in study.records})
+    return Settings(study.values(), {record.name: drive_numbers(record) for record in study.records})
 
 
 def changed_drives(study: Study, settings: Settings) -> dict[str, dict[str, float]]:
-    """By record, the numbers [SI] of its drive that are not the study's."""
+    """The numbers [SI] of drives that differ from the study's, by the record's name."""
     found = {}
     for record in study.records:
-        before, now = own_numbers(record), settings.drives[record.name]
+        before, now = drive_numbers(record), settings.drives[record.name]
         other = {path: number for path, number in now.items() if number != before[path]}
         if other:
             found[record.name] = other
@@ -51,7 +51,7 @@ def changed_drives(study: Study, settings: Settings) -> dict[str, dict[str, floa
 
 
 def study_at(study: Study, settings: Settings) -> Study:
-    """`study` with the numbers of `settings`: as starts of what is free, as values of what is fixed."""
+    """`study` with the numbers of `settings`, as starts of free parameters and as values of fixed ones."""
     parameters = {
         path: dataclasses.replace(p, value=settings.values[path])
         if p.value is not None
@@ -64,14 +64,14 @@ def study_at(study: Study, settings: Settings) -> Study:
 
 
 def to_be_fitted(study: Study, settings: Settings) -> Study:
-    """`study_at`, but for what was measured apart: the fit may move it, a slider not what was measured."""
+    """The study whose fit starts at `settings`: as `study_at`, but measured parameters keep their measured value."""
     there = study_at(study, settings)
     apart = {path: p for path, p in study.parameters.items() if p.measured_apart}
     return dataclasses.replace(there, parameters=there.parameters | apart)
 
 
 def _driven(study: Study, record: Record, numbers: Mapping[str, float]) -> Record:
-    """`record` with other numbers of its drive, which are its own then."""
+    """`record` with other numbers of its drive, which override the study's."""
     if record.drive is None or not numbers:
         return record
     fields = {path.removeprefix("drive."): number for path, number in numbers.items()}

@@ -1,33 +1,40 @@
-"""A sweep as points on a map: where each lies, what was found there, and the numbers with which it walks."""
+"""A sweep as a map: where its points lie, what was found there, and the motion at a point once it is chosen."""
 
+import dataclasses
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..core import display_unit
+from ..core import InputError, display_unit
+from ..study import Record, Study
+from ..sweeps import Grid, driven_record, sweep
+from .background_job import Report
+from .knobs import inner_drive
+from .live_record import LiveRecord
+from .settings import Settings, study_at
 
 if TYPE_CHECKING:
     import xarray
 
 
 class MapAxis(NamedTuple):
-    """A coordinate of every point."""
+    """A quantity that was varied, with its number at every point."""
 
     path: str
     unit: str
-    """As shown."""
+    """The unit on the page."""
     scale: float
-    """From SI to it."""
+    """Factor from SI to that unit."""
     values: Float[np.ndarray, " points"]
     """[SI]"""
 
     @property
     def label(self) -> str:
-        """What the axis of a map says."""
+        """The label of the axis."""
         return f"{self.path} ({self.unit})" if self.unit else self.path
 
 
@@ -35,20 +42,20 @@ class SweepMap(NamedTuple):
     """The points of a sweep."""
 
     axes: dict[str, MapAxis]
-    """By path, what differs from point to point."""
+    """The quantities that were varied, by path."""
     metrics: dict[str, tuple[str, Float[np.ndarray, " points"]]]
-    """By name: what it is, with the unit shown, and its value at every point in that unit; NaN where it failed."""
+    """The label of each metric, with its unit, and its values in that unit; NaN where a point failed."""
     held: dict[str, float]
-    """By path, the numbers [SI] that all points share."""
+    """The numbers [SI] that all points share, by path."""
     record: str
-    """Whose drive was varied."""
+    """The record whose drive was varied."""
 
     def numbers(self, point: int) -> dict[str, float]:
         """The numbers [SI] of a point, by path."""
         return self.held | {path: float(axis.values[point]) for path, axis in self.axes.items()}
 
     def slice_of(self, shown: Sequence[str], point: int) -> Bool[np.ndarray, " points"]:
-        """Which points are on the map of the axes `shown` that goes through `point`: all else is as there."""
+        """Which points differ from `point` along the axes `shown` alone."""
         others = [axis.values for path, axis in self.axes.items() if path not in shown]
         same = np.ones(next(iter(self.axes.values())).values.size, bool)
         for values in others:
@@ -57,7 +64,7 @@ class SweepMap(NamedTuple):
 
 
 def sweep_map(data: "xarray.Dataset") -> SweepMap:
-    """The points of the dataset that `pdssjax.sweep` gives; bands are left out."""
+    """The map of a dataset made by `pdssjax.sweep`; bands are left out."""
     metrics = [name for name, found in data.data_vars.items() if name != "failure" and "long_name" in found.attrs]
     metrics = [name for name in metrics if not str(name).endswith(("_sd", "_low", "_high", "_straight"))]
     shape = data[metrics[0]].dims
@@ -69,7 +76,7 @@ def sweep_map(data: "xarray.Dataset") -> SweepMap:
         spread = coordinate.broadcast_like(data[metrics[0]]).transpose(*shape).values.ravel()
         if np.unique(spread).size > 1 or len(data.coords) == 1:
             axes[path] = _axis(path, str(coordinate.attrs["units"]), spread)
-    shared = {path: float(told["value"]) for path, told in json.loads(data.attrs["parameters"]).items()}
+    shared = {path: float(entry["value"]) for path, entry in json.loads(data.attrs["parameters"]).items()}
     drive = {str(key): float(value) for key, value in data.attrs.items() if str(key).startswith("drive.")}
     alone = _alone(data, axes)
     found = {str(name): _metric(data[name]) for name in metrics}
@@ -77,9 +84,9 @@ def sweep_map(data: "xarray.Dataset") -> SweepMap:
 
 
 def _alone(data: "xarray.Dataset", axes: dict[str, MapAxis]) -> dict[str, float]:
-    """Coordinates that are the same at every point."""
-    told = {str(c.attrs.get("long_name", name)): c for name, c in data.coords.items() if "units" in c.attrs}
-    return {path: float(c.values.ravel()[0]) for path, c in told.items() if path not in axes}
+    """Numbers [SI] of the coordinates that are the same at every point."""
+    known = {str(c.attrs.get("long_name", name)): c for name, c in data.coords.items() if "units" in c.attrs}
+    return {path: float(c.values.ravel()[0]) for path, c in known.items() if path not in axes}
 
 
 def _axis(path: str, unit: str, values: Float[np.ndarray, " points"]) -> MapAxis:
@@ -97,12 +104,12 @@ def _metric(values: "xarray.DataArray") -> tuple[str, Float[np.ndarray, " points
 
 
 class Tiles(NamedTuple):
-    """From where to where the tiles of points reach along an axis: half-way to their neighbours."""
+    """The ends of the tiles of points along an axis, half-way to their neighbours."""
 
     low: Float[np.ndarray, " points"]
     high: Float[np.ndarray, " points"]
     logarithmic: bool
-    """The points lie at equal ratios."""
+    """Whether the points lie at equal ratios."""
 
 
 def tiles_along(values: Float[np.ndarray, " points"]) -> Tiles:
@@ -122,7 +129,7 @@ def tiles_along(values: Float[np.ndarray, " points"]) -> Tiles:
 
 
 def ticks_along(values: Float[np.ndarray, " points"]) -> list[float]:
-    """Where a logarithmic axis over `values` has ticks: 1, 2 and 5 of a decade; of more than two decades each one."""
+    """Ticks of a logarithmic axis over `values`: 1, 2 and 5 times powers of ten, or these powers over two decades."""
     low, high = float(np.min(values)), float(np.max(values))
     begins = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
     each = (1, 2, 5) if high <= 100.0 * low else (1,)
@@ -138,3 +145,105 @@ def is_grid(data: SweepMap, shown: Sequence[str]) -> bool:
     """Whether the points lie on a grid of the axes `shown`, or are a sample."""
     counts = [np.unique(data.axes[path].values).size for path in shown]
     return math.prod(counts) <= next(iter(data.axes.values())).values.size
+
+
+CYCLES = 5
+"""Cycles of the motion that are shown at a point."""
+
+_INSTANTS = 1500
+"""Times at which these are drawn."""
+
+_EACH_WAY = 9
+"""Voltages, and frequencies, of a small map."""
+
+
+class PointMotion(NamedTuple):
+    """A few cycles from rest; arrays of shape (k,)."""
+
+    time: Float[np.ndarray, " k"]
+    """[s]"""
+    voltage: Float[np.ndarray, " k"]
+    """[V]"""
+    platform: Float[np.ndarray, " k"]
+    """[m]"""
+    effector: Float[np.ndarray, " k"]
+    """[m]"""
+    message: str
+    """Why the simulation failed; empty where it did not fail."""
+
+
+class PointSimulation:
+    """Simulates the record of a sweep at any of its points; compiles at the first."""
+
+    def __init__(self, study: Study, record: str | None):
+        self.record = driven_record(study, record)
+        self.study = study.as_in(self.record)
+        self._live: LiveRecord | None = None
+
+    def motion(self, numbers: Mapping[str, float]) -> PointMotion:
+        """The first `CYCLES` cycles from rest with the `numbers` [SI] of a point, of parameters and drive by path.
+
+        **Raises:** `InputError` where parameters are left without a number.
+        """
+        record, values = self._at(numbers)
+        instants = np.linspace(0.0, float(record.time[-1]), _INSTANTS)
+        self._live = self._live or LiveRecord(self.study, record, values)
+        found = self._live.run(record, values, instants)
+        inside = found.inside
+        platform = np.asarray(inside.platform)
+        effector = platform - np.asarray(inside.relative)
+        return PointMotion(instants, np.asarray(inside.voltage), platform, effector, found.message)
+
+    def _at(self, numbers: Mapping[str, float]) -> tuple[Record, dict[str, float]]:
+        assert self.record.drive is not None
+        named = {field.name for field in dataclasses.fields(inner_drive(self.record.drive))}
+        fields = {path.removeprefix("drive."): n for path, n in numbers.items() if path.startswith("drive.")}
+        drive = self.record.drive.with_numbers({field: n for field, n in fields.items() if field in named})
+        frequency = drive.cycle_frequency()
+        assert frequency is not None
+        time = np.linspace(0.0, CYCLES / float(frequency), 2)
+        legal = self.study.legal()
+        # What the drive has is no parameter of the study here.
+        values = {path: n for path, n in numbers.items() if path in legal and not path.startswith("drive.")}
+        study = dataclasses.replace(
+            self.study, parameters={p: q for p, q in self.study.parameters.items() if not p.startswith("drive.")}
+        )
+        whole = study.values(values) | values
+        return dataclasses.replace(self.record, drive=drive, time=time, measured=np.zeros(2)), whole
+
+
+def small_map(study: Study, settings: Settings, report: Report, chosen: str) -> "xarray.Dataset":
+    """Sweep voltage and frequency around those of a record, at the numbers of `settings`.
+
+    The record is the one called `chosen`, or the first with a periodic drive and an end-effector where it has none.
+
+    **Raises:** `InputError` where no record has a periodic drive and an end-effector, or where this drive has no
+    voltage and frequency.
+    """
+    here = study_at(study, settings)
+    record = _driven(here, chosen)
+    assert record.drive is not None
+    numbers = record.drive.numbers()
+    if not {"voltage", "frequency"} <= set(numbers):
+        raise InputError(
+            f'record "{record.name}": found a drive without voltage and frequency, expected one with both.'
+        )
+    voltage, frequency = float(numbers["voltage"]), float(numbers["frequency"])
+    axes = {
+        "drive.voltage": voltage * np.linspace(0.25, 1.25, _EACH_WAY),
+        "drive.frequency": frequency * np.geomspace(0.25, 4.0, _EACH_WAY),
+    }
+    report("sweeping: compiling")
+    return sweep(
+        here,
+        Grid(axes),
+        record=record.name,
+        progress=lambda done, points: report(f"sweeping: {done} of {points} points"),
+    )
+
+
+def _driven(study: Study, chosen: str) -> Record:
+    try:
+        return driven_record(study, chosen)
+    except InputError:
+        return driven_record(study, None)

@@ -3,30 +3,61 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from ..core import Document, choices
 from ..files import save_study
-from ..study import Record, Study
+from ..inference import FitInterrupted, identify
+from ..study import Estimate, Record, Study
+from .background_job import Report
 from .knobs import inner_drive
-from .live_records import LiveRecords
-from .redraw import Redraw, enlarged_at_first, instants_of
-from .settings import Settings, changed_drives
+from .live_record import LiveRecords
+from .redraw import Redraw, initial_stretch, instants_of
+from .settings import Settings, changed_drives, to_be_fitted
 
 if TYPE_CHECKING:
     import xarray
 
 
+class FitResult(NamedTuple):
+    """The end of a fit."""
+
+    estimate: Estimate | None
+    """None where the fit was cancelled before it had a point."""
+    message: str
+    """A line for the user."""
+
+
+def fit_from_here(study: Study, settings: Settings, report: Report) -> FitResult:
+    """Fit the records of `study` jointly, starting at the numbers of `settings`.
+
+    **Raises:** `InputError` where there is nothing to fit.
+    """
+    try:
+        estimate = identify(to_be_fitted(study, settings), progress=report)
+    except FitInterrupted as interrupt:
+        return FitResult(interrupt.estimate, _cancelled(interrupt.estimate))
+    except KeyboardInterrupt:
+        return FitResult(None, _cancelled(None))
+    return FitResult(estimate, f"The fit {estimate.verdict} in {estimate.seconds:.3g} s: {estimate.message}.")
+
+
+def _cancelled(estimate: Estimate | None) -> str:
+    if estimate is None:
+        return "The fit was cancelled before it had found anything."
+    return "The fit was cancelled; the sliders show the best point so far, not an optimum."
+
+
 @dataclass
 class Workbench:
-    """Made once; pages read it from the server's thread and from their jobs."""
+    """Made once for all pages, which read it from the server's thread and from their jobs."""
 
     study: Study
-    """With a number for every parameter; what the study's file leaves free is free."""
+    """The study, with a number for every parameter; those that its file leaves free are free."""
     begun: Settings
-    """Where the sliders begin."""
+    """The numbers with which the page begins."""
     estimate: Document | None = None
-    """As estimate.json holds it."""
+    """The content of an estimate.json."""
     sweep: "xarray.Dataset | None" = None
     records: LiveRecords = field(init=False)
 
@@ -38,28 +69,28 @@ class Workbench:
         return next(record for record in self.study.records if record.name == name)
 
     def first(self) -> Record:
-        """The record that is shown first: one whose end-effector walks, or else the first."""
-        walks = [record for record in self.study.records if record.measurement.effector_free]
-        return (walks or list(self.study.records))[0]
+        """The record that is shown first: the first with a free end-effector, or else the first."""
+        free = [record for record in self.study.records if record.measurement.effector_free]
+        return (free or list(self.study.records))[0]
 
     def warm(self, record: Record | None = None) -> None:
-        """Compiles what shows a record, by default the first."""
+        """Compile the drawing of a record, by default of the first shown."""
         record = record or self.first()
-        self.records.redraw(record.name, self.begun, instants_of(record, *enlarged_at_first(record)))
+        self.records.redraw(record.name, self.begun, instants_of(record, *initial_stretch(record)))
 
     def redraw_at_once(self, record: Record, settings: Settings) -> Redraw | None:
-        """A record at the numbers of `settings`, its fastest motion enlarged; None where it has to be compiled."""
-        return self.records.redraw_at_once(record.name, settings, instants_of(record, *enlarged_at_first(record)))
+        """What is drawn of a record at the numbers of `settings`; None where it must be compiled first."""
+        return self.records.redraw_at_once(record.name, settings, instants_of(record, *initial_stretch(record)))
 
     def free_path(self) -> Path:
-        """A name for a new study beside this one that nothing has yet."""
+        """A path beside this study that does not exist yet, for a new study."""
         assert self.study.path is not None
         stem = self.study.path.absolute().with_suffix("")
         tried = [stem.with_name(f"{stem.name}-explored{number}.toml") for number in ("", *range(2, 1000))]
         return next(path for path in tried if not path.exists())
 
     def save(self, settings: Settings, target: Path, overwrite: bool) -> Path:
-        """Write the study's file with the numbers of `settings` where it says others or none; the file's whole path.
+        """Write the study with the numbers of `settings` to `target`, and return the file's whole path.
 
         **Raises:** `InputError` as `files.save_study` does.
         """
@@ -71,7 +102,7 @@ class Workbench:
 
 
 def _fields(record: Record, numbers: Mapping[str, float]) -> dict[str, float | str]:
-    """Numbers of a drive by field, and words in place of those that stand for one."""
+    """The numbers of a drive by field, with words in place of the numbers that stand for them."""
     assert record.drive is not None
     words = choices(type(inner_drive(record.drive)))
     found: dict[str, float | str] = {}

@@ -10,10 +10,10 @@ from walking_study import write_walking
 
 from pdssjax import InputError, load_study
 from pdssjax.explore import live_record
-from pdssjax.explore.live_records import LiveRecords
-from pdssjax.explore.redraw import enlarged_at_first, instants_of, within
+from pdssjax.explore.live_record import LiveRecords
+from pdssjax.explore.redraw import initial_stretch, instants_of, within
 from pdssjax.explore.settings import settings_of, study_at
-from pdssjax.explore.sweep_walk import Walker, small_map
+from pdssjax.explore.sweep_map import PointSimulation, small_map
 from pdssjax.study.measurement.friction import Friction
 
 
@@ -29,7 +29,7 @@ def records(study):
 
 def redrawn(records, name, settings):
     record = next(r for r in records.study.records if r.name == name)
-    return record, records.redraw(name, settings, instants_of(record, *enlarged_at_first(record)))
+    return record, records.redraw(name, settings, instants_of(record, *initial_stretch(record)))
 
 
 TURNED = {"piezo.gain": 1.13e-7, "effector.mass": 0.1, "friction.f_ss": 0.5, "drive.fall_time": 1e-3}
@@ -70,7 +70,7 @@ def test_a_platform_alone_has_no_contact(study, records):
 def test_at_once_nothing_is_compiled(study):
     fresh = LiveRecords(study)
     record = study.records[0]
-    instants = instants_of(record, *enlarged_at_first(record))
+    instants = instants_of(record, *initial_stretch(record))
     assert fresh.redraw_at_once("step", settings_of(study), instants) is None
     first = fresh.redraw("step", settings_of(study), instants)
     again = fresh.redraw_at_once("step", settings_of(study), instants)
@@ -82,7 +82,7 @@ def test_a_drive_of_more_segments_than_a_page_can_hold_is_refused_before_anythin
     fresh, settings = LiveRecords(study), settings_of(study).with_drive("walk", "drive.frequency", 1e9)
     walk = study.records[1]
     with pytest.raises(InputError, match=r'record "walk": found a drive of 4.99e\+08 segments within the record'):
-        fresh.redraw("walk", settings, instants_of(walk, *enlarged_at_first(walk)))
+        fresh.redraw("walk", settings, instants_of(walk, *initial_stretch(walk)))
 
 
 class Run(NamedTuple):
@@ -102,7 +102,7 @@ def test_numbers_that_take_many_steps_do_not_slow_down_the_others(study, monkeyp
     monkeypatch.setattr(live_record, "steps_taken", lambda *asked: needs["steps"])
     walk, values = study.records[1], study.values()
     live = live_record.LiveRecord(study, walk, values)
-    instants = instants_of(walk, *enlarged_at_first(walk))
+    instants = instants_of(walk, *initial_stretch(walk))
     assert live.run(walk, values, instants).failure == 0
     needs["steps"] = 1000
     assert live.run_at_once(walk, values, instants) is None
@@ -127,7 +127,7 @@ def test_a_contact_alone_has_a_loop(tmp_path):
 
 def test_the_stretch_enlarged_stays_within_the_record(study):
     walk = study.records[1]
-    begin, end = enlarged_at_first(walk)
+    begin, end = initial_stretch(walk)
     assert walk.time[0] <= begin < end <= walk.time[-1]
     assert within(walk, -1.0, -0.9) == pytest.approx((0.0, 0.1))
     assert within(walk, 0.2, 0.3) == pytest.approx((walk.time[-1] - 0.1, walk.time[-1]))
@@ -135,8 +135,8 @@ def test_the_stretch_enlarged_stays_within_the_record(study):
 
 
 def test_a_point_walks_with_its_numbers(study):
-    walker = Walker(study, None)
-    walk = walker.motion({"drive.voltage": 64.0, "drive.frequency": 25.0, "friction.f_ss": 0.65})
+    simulation = PointSimulation(study, None)
+    walk = simulation.motion({"drive.voltage": 64.0, "drive.frequency": 25.0, "friction.f_ss": 0.65})
     assert walk.message == ""
     assert walk.time[-1] == pytest.approx(5 / 25.0)
     assert walk.voltage.max() == pytest.approx(64.0, rel=0.01)
@@ -156,7 +156,7 @@ def test_a_small_map_is_of_the_record_chosen_where_that_walks(study, monkeypatch
     both = dataclasses.replace(study, records=(step, walk, fast))
     asked = []
     monkeypatch.setattr(
-        "pdssjax.explore.sweep_walk.sweep", lambda study, points, record, progress: asked.append((record, points))
+        "pdssjax.explore.sweep_map.sweep", lambda study, points, record, progress: asked.append((record, points))
     )
     small_map(both, settings_of(both), lambda line: None, chosen)
     ((record, points),) = asked

@@ -173,6 +173,13 @@ def test_a_point_of_the_map_is_clicked_and_walks(page):
     number.fill("11")
     number.press("Enter")
     said(page, "point-told", "point 11: drive.voltage: 75 V, drive.frequency: 40 Hz")
+    number.fill("-5")
+    number.press("Enter")
+    said(page, "point-told", "point 0: drive.voltage: 30 V, drive.frequency: 10 Hz")
+    number.fill("99")
+    number.press("Enter")
+    said(page, "point-told", "point 11:")
+    shows(number, "11")
 
 
 def test_a_fit_is_cancelled_and_the_page_goes_on(page):

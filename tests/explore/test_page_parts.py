@@ -1,21 +1,93 @@
-"""Parts of the page, without a browser."""
+"""Parts of the page without a browser: pale plots, another record, the field of a slider."""
 
+from types import SimpleNamespace
+
+import platform_study
 import pytest
 from walking_study import write_walking
 
-from pdssjax import load_study
+from pdssjax import InputError, load_study
+from pdssjax.explore import Workbench, settings_of
+from pdssjax.explore.knobs import parameter_knobs
+from pdssjax.explore.redraw import instants_of
 
 pn = pytest.importorskip("panel")
-from pdssjax.explore.knobs import parameter_knobs  # noqa: E402  (needs Panel)
+from pdssjax.explore.widgets import page  # noqa: E402  (needs Panel)
 from pdssjax.explore.widgets.control_column import ControlRow  # noqa: E402  (needs Panel)
 
 
-@pytest.fixture(scope="module")
-def study(tmp_path_factory):
-    return load_study(write_walking(tmp_path_factory.mktemp("rig")))
+class AtOnce:
+    """In place of the thread of a page: what is to be done later is done now, what is idle never, and jobs are kept."""
+
+    def __init__(self):
+        self.begun = []
+
+    def later(self, act):
+        act()
+
+    def after(self, milliseconds, act):
+        pass
+
+    def start(self, *job):
+        self.begun.append(job)
+        return SimpleNamespace(runs=False)
 
 
-def test_a_slider_that_is_turned_ends_the_complaint_about_its_field(study):
+def marked(view, name):
+    return list(view.select(lambda part: name in getattr(part, "css_classes", [])))
+
+
+def test_plots_are_pale_while_a_record_is_computed_for_other_numbers(tmp_path, monkeypatch):
+    text = platform_study.PLATFORM.replace(" = {}", " = { start = 0.5 }")
+    study = load_study(platform_study.write_platform(tmp_path, text))
+    bench = Workbench(study, settings_of(study))
+    bench.warm()
+    thread = AtOnce()
+    view = page.Page(bench, thread).view
+    places, (field,) = marked(view, "plots"), marked(view, "field-piezo-gain")
+    assert [place.styles["opacity"] for place in places] == ["1", "1"]
+    monkeypatch.setattr(bench.records, "redraw_at_once", lambda *given: None)  # as where more room is needed
+    field.value = "0.11"
+    assert len(thread.begun) == 1
+    assert [place.styles["opacity"] for place in places] == ["0.3", "0.3"]
+    monkeypatch.undo()
+    field.value = "0.12"
+    assert [place.styles["opacity"] for place in places] == ["1", "1"]
+
+
+class Later(AtOnce):
+    """What is to be done later is kept."""
+
+    def __init__(self):
+        super().__init__()
+        self.kept = []
+
+    def later(self, act):
+        self.kept.append(act)
+
+
+def test_another_record_is_announced_before_it_is_drawn_and_of_several_the_last_is(tmp_path, monkeypatch):
+    study = load_study(write_walking(tmp_path))
+    bench, later, made, tab = Workbench(study, settings_of(study)), Later(), [], page.RecordTab
+    # Nothing is computed.
+    monkeypatch.setattr(bench.records, "redraw_at_once", lambda *given: None)
+    view = page.Page(bench, later).view
+    (select,), (headline,), places = (marked(view, name) for name in ("record", "headline", "plots"))
+    for place in places:
+        place.styles = {"opacity": "1"}
+    monkeypatch.setattr(page, "RecordTab", lambda record, *more: made.append(record.name) or tab(record, *more))
+    for name in ("step", "walk", "step"):
+        select.value = name
+    assert headline.object == "drawing step; the pale plots are of walk"
+    assert [place.styles["opacity"] for place in places] == ["0.3", "0.3"]
+    assert made == []
+    for act in later.kept:
+        act()
+    assert set(made) == {"step"}
+
+
+def test_a_slider_that_is_moved_ends_the_complaint_about_its_field(tmp_path):
+    study = load_study(write_walking(tmp_path))
     said, knob = [], next(k for k in parameter_knobs(study) if k.path == "effector.mass")
     row = ControlRow(knob, 0.086, lambda path, number: None, said.append)
     slider, field = (next(p for p in row.view if name in p.css_classes) for name in ("slider", "field"))
@@ -23,3 +95,37 @@ def test_a_slider_that_is_turned_ends_the_complaint_about_its_field(study):
     assert 'found "heavy"' in said[-1]
     slider.value += 10
     assert said[-1] == ""
+
+
+def test_a_simulation_that_fails_says_why_below_the_sliders_until_a_number_is_changed(tmp_path, monkeypatch):
+    text = platform_study.PLATFORM.replace(" = {}", " = { start = 0.5 }")
+    study = load_study(platform_study.write_platform(tmp_path, text))
+    bench = Workbench(study, settings_of(study))
+    view = page.Page(bench, AtOnce()).view
+    (headline,), (line,), (field,) = (marked(view, name) for name in ("headline", "said", "field-piezo-gain"))
+    failed = bench.records.redraw(study.records[0].name, bench.begun, instants_of(study.records[0], 0.0, 0.1))
+    monkeypatch.setattr(
+        bench.records, "redraw_at_once", lambda *given: failed._replace(message="the motion did not stay finite")
+    )
+    field.value = "0.11"
+    assert "the simulation fails" in headline.object
+    assert line.object == "the motion did not stay finite"
+    monkeypatch.setattr(bench.records, "redraw_at_once", lambda *given: failed)
+    field.value = "0.12"
+    assert "chi-square" in headline.object
+    assert line.object == ""
+
+
+def test_what_could_not_be_compiled_is_told_of_the_numbers_of_the_sliders_alone(tmp_path, monkeypatch):
+    text = platform_study.PLATFORM.replace(" = {}", " = { start = 0.5 }")
+    study = load_study(platform_study.write_platform(tmp_path, text))
+    bench, thread = Workbench(study, settings_of(study)), AtOnce()
+    monkeypatch.setattr(bench.records, "redraw_at_once", lambda *given: None)  # as where something is to be compiled
+    view = page.Page(bench, thread).view
+    (line,), (field,) = marked(view, "said"), marked(view, "field-piezo-gain")
+    ended = [on_end for _, on_end in thread.begun]
+    field.value = "0.11"
+    ended[0](None, InputError("of the numbers before"))
+    assert line.object == ""
+    thread.begun[-1][1](None, InputError("of these numbers"))
+    assert line.object == "of these numbers"

@@ -1,34 +1,40 @@
-"""The sliders: one a number, with a field beside it that takes the exact number."""
+"""The column to the left: sliders with fields for exact numbers, the fit that starts there, and how they are saved."""
 
 import html
+import os
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 
 import panel as pn
 
 from ...core import InputError
-from ..knobs import Choice, Knob, group_of
-from ..slider_range import POSITIONS
-from .style import COMPACT, LEFT, Widget
+from ...study import Study
+from ..background_job import BackgroundJob
+from ..knobs import POSITIONS, Choice, Knob, group_of
+from ..settings import Settings
+from ..workbench import FitResult, fit_from_here
+from .page_thread import PageThread
+from .style import COMPACT, LEFT, MESSAGE, Widget
 
-Turned = Callable[[str, float], None]
-"""Told the path of what was turned, and its number [SI]."""
+OnChange = Callable[[str, float], None]
+"""Takes the path of a number that was changed, and the number [SI]."""
 
-Said = Callable[[str], None]
-"""Told a line for the user."""
+OnMessage = Callable[[str], None]
+"""Takes a line for the user; an empty one takes the last away."""
 
 
 _HEADINGS = {"drive": "drive of all records", "effector": "end-effector"}
-"""Of groups of parameters that are not called as in a study."""
+"""Headings of groups that differ from their name in a study."""
 
 
 class ControlRow:
     """A slider, and the field beside it."""
 
-    def __init__(self, knob: Knob, number: float, turned: Turned, said: Said):
-        self.knob, self._turned, self._said = (
+    def __init__(self, knob: Knob, number: float, on_change: OnChange, on_message: OnMessage):
+        self.knob, self._on_change, self._on_message = (
             knob._replace(range=knob.range.widened(number, knob.quantity)),
-            turned,
-            said,
+            on_change,
+            on_message,
         )
         self._quiet = False
         name = knob.path.partition(".")[2] or knob.path
@@ -64,7 +70,7 @@ class ControlRow:
         )
 
     def show(self, number: float) -> None:
-        """Moves slider and field to `number` [SI] without telling anybody."""
+        """Move slider and field to `number` [SI] without reporting a change."""
         self.knob = self.knob._replace(range=self.knob.range.widened(number, self.knob.quantity))
         self._quiet = True
         try:
@@ -81,8 +87,8 @@ class ControlRow:
                 self._field.value = self.knob.text(number)
             finally:
                 self._quiet = False
-            self._said("")
-            self._turned(self.knob.path, number)
+            self._on_message("")
+            self._on_change(self.knob.path, number)
 
     def _typed(self, event: object) -> None:
         if self._quiet:
@@ -90,51 +96,51 @@ class ControlRow:
         try:
             number = self.knob.read(self._field.value)
         except InputError as error:
-            self._said(str(error))
+            self._on_message(str(error))
             return
-        self._said("")
+        self._on_message("")
         self.show(number)
-        self._turned(self.knob.path, number)
+        self._on_change(self.knob.path, number)
 
 
 class ControlGroup:
-    """The rows of some numbers under headings, and of the words among them."""
+    """Rows of numbers under the headings of their models, and rows of words."""
 
     def __init__(
         self,
         knobs: Sequence[Knob],
         words: Sequence[Choice],
         numbers: Mapping[str, float],
-        turned: Turned,
-        said: Said,
+        on_change: OnChange,
+        on_message: OnMessage,
         title: str = "",
     ):
-        """With a `title` that stands in place of the names of the models."""
-        self.rows = {knob.path: ControlRow(knob, numbers[knob.path], turned, said) for knob in knobs}
+        """A `title` takes the place of the names of the models."""
+        self.rows = {knob.path: ControlRow(knob, numbers[knob.path], on_change, on_message) for knob in knobs}
         parts: list[Widget] = []
         for group in dict.fromkeys(group_of(path) for path in self.rows):
             parts.append(heading(title or _HEADINGS.get(group, group)))
             parts += [row.view for path, row in self.rows.items() if group_of(path) == group]
-        parts += [_words(choice, numbers[choice.path], turned) for choice in words]
+        parts += [_words(choice, numbers[choice.path], on_change) for choice in words]
         self.view = pn.Column(*parts, margin=0)
 
     def show(self, numbers: Mapping[str, float]) -> None:
-        """Moves all sliders to the `numbers` [SI]."""
+        """Move all sliders to the `numbers` [SI]."""
         for path, row in self.rows.items():
             if path in numbers:
                 row.show(numbers[path])
 
 
 def heading(text: str) -> Widget:
-    """Above the rows of a model."""
+    """The heading of a group of rows."""
     return pn.pane.HTML(f"<b>{html.escape(text)}</b>", margin=(4, 0, 0, 0), styles={"font-size": "12px"})
 
 
-def _words(choice: Choice, number: float, turned: Turned) -> Widget:
-    """A row of buttons, one a word."""
+def _words(choice: Choice, number: float, on_change: OnChange) -> Widget:
+    """A row with a list of words."""
     name = choice.path.partition(".")[2]
     word = next(word for word, stands_for in choice.words.items() if stands_for == number)
-    buttons = pn.widgets.Select(
+    select = pn.widgets.Select(
         options=dict(choice.words),
         value=choice.words[word],
         width=118,
@@ -143,6 +149,103 @@ def _words(choice: Choice, number: float, turned: Turned) -> Widget:
         stylesheets=[LEFT.replace("28px", "24px")],
         css_classes=[f"choice-{name.replace('_', '-')}"],
     )
-    buttons.param.watch(lambda event: turned(choice.path, float(event.new)), "value")
+    select.param.watch(lambda event: on_change(choice.path, float(event.new)), "value")
     label = pn.pane.HTML(html.escape(name), width=112, margin=(3, 2, 0, 0), styles={"font-size": "12px"})
-    return pn.Row(label, buttons, margin=0, height=26)
+    return pn.Row(label, select, margin=0, height=26)
+
+
+class FitBox:
+    """Buttons that begin and cancel a fit, and a line on its progress."""
+
+    def __init__(
+        self, study: Study, here: Callable[[], Settings], fitted: Callable[[FitResult], None], thread: PageThread
+    ):
+        self._study, self._here, self._fitted, self._thread = study, here, fitted, thread
+        self._job: BackgroundJob[FitResult] | None = None
+        self._fit = pn.widgets.Button(
+            label="Fit from here", color="primary", height=28, margin=(2, 6, 2, 0), css_classes=["fit"]
+        )
+        self._cancel = pn.widgets.Button(
+            label="Cancel", height=28, margin=(2, 0), disabled=True, css_classes=["cancel"]
+        )
+        self._fit.on_click(lambda event: self._begin())
+        self._cancel.on_click(lambda event: self._stop())
+        self._line = pn.pane.HTML(
+            "", margin=0, width=372, styles={"font-size": "12px", "min-height": "30px"}, css_classes=["fit-said"]
+        )
+        self.view: Widget = pn.Column(pn.Row(self._fit, self._cancel, margin=0), self._line, margin=0)
+
+    def _begin(self) -> None:
+        settings = self._here()
+        self._fit.disabled, self._cancel.disabled = True, False
+        self._say("The fit compiles; the page can be used meanwhile.")
+        self._job = self._thread.start(
+            lambda report: fit_from_here(self._study, settings, report), self._end, self._show_progress
+        )
+
+    def _stop(self) -> None:
+        if self._job is not None:
+            self._cancel.disabled = True
+            self._job.cancel()
+            self._say("Cancelling: the step in progress is finished first.")
+
+    def _show_progress(self, line: str) -> None:
+        if not self._cancel.disabled:
+            self._say(line)
+
+    def _end(self, result: FitResult | None, error: BaseException | None) -> None:
+        self._fit.disabled, self._cancel.disabled = False, True
+        if result is None:
+            what = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
+            self._say(f"The fit failed: {what}")
+            return
+        self._fitted(result)
+        self._say(result.message)
+
+    def _say(self, line: str) -> None:
+        self._line.object = html.escape(line)
+
+
+Save = Callable[[Path, bool], Path]
+"""Writes a study to a path, over another where asked, and gives its whole path.  Raises `InputError` or `OSError`."""
+
+
+class SaveBox:
+    """A field for the path, a button, and a line that says what was saved."""
+
+    def __init__(self, suggested: Path, save: Save):
+        self._save, self._folder = save, suggested.parent
+        self._path = pn.widgets.TextInput(
+            value=suggested.name,
+            width=182,
+            margin=(2, 6, 2, 0),
+            stylesheets=[LEFT],
+            css_classes=["save-path"],
+        )
+        self._button = pn.widgets.Button(label="Save as study", height=28, margin=(2, 6), css_classes=["save"])
+        self._replace = pn.widgets.Checkbox(
+            label="replace", margin=(8, 0, 0, 0), width=68, css_classes=["save-replace"]
+        )
+        self._line = pn.pane.HTML(
+            f"in {html.escape(str(self._folder))}",
+            margin=0,
+            width=372,
+            styles=MESSAGE,
+            css_classes=["save-said"],
+        )
+        self._button.on_click(lambda event: self._press())
+        self.view: Widget = pn.Column(pn.Row(self._path, self._button, self._replace, margin=0), self._line, margin=0)
+
+    def _press(self) -> None:
+        # A name without a folder is a file beside the study.
+        target = self._folder / os.path.expanduser(self._path.value.strip())
+        try:
+            saved = self._save(target, bool(self._replace.value))
+        except InputError as error:
+            said = f"Not saved: {error}"
+        except OSError as error:
+            said = f"Not saved: {target} cannot be written ({error.strerror or error})."
+        else:
+            said = f"Saved: {saved}"
+            self._replace.value = False
+        self._line.object = html.escape(said)

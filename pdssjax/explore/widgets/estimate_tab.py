@@ -16,7 +16,7 @@ _NOTHING = (
 
 
 class EstimateTab:
-    """Filled anew with every estimate."""
+    """A table of the parameters, and plots of correlations and profiles."""
 
     def __init__(self):
         self._text: Widget = pn.pane.HTML(
@@ -26,7 +26,7 @@ class EstimateTab:
             margin=(4, 12),
             css_classes=["estimate"],
         )
-        # One that stretches is as wide as all its plots at least, and the page with it.
+        # A row that stretches would make the page as wide as all plots side by side.
         styles = {"flex-wrap": "wrap", "width": "calc(100% - 16px)"}
         self._plots: Widget = pn.Row(margin=(0, 8), styles=styles, css_classes=["estimate-plots"])
         self.view: Widget = pn.Column(
@@ -34,7 +34,7 @@ class EstimateTab:
         )
 
     def show(self, view: EstimateView) -> None:
-        """Shows an estimate."""
+        """Show an estimate."""
         notes = "".join(f"<p>{html.escape(note)}</p>" for note in view.notes if note)
         advice = f"<p>{html.escape(view.advice)}</p>" if view.advice else ""
         self._text.object = f"<p><b>{html.escape(view.headline)}</b></p>{_table(view)}{advice}{notes}"
@@ -55,7 +55,7 @@ def _table(view: EstimateView) -> str:
 
 
 def _correlations(view: EstimateView) -> Widget:
-    """Every pair as a tile with its number."""
+    """A tile with a number for each pair of parameters."""
     names = [name.partition(".")[2] or name for name in view.names]
     if len(set(names)) < len(names):
         names = view.names
@@ -71,36 +71,36 @@ def _correlations(view: EstimateView) -> Widget:
         }
     )
     size, tall = 150 + 44 * len(names), max(220, 110 + 26 * len(names))
-    made = plain_figure("", "", x_range=names[:-1], y_range=names[:0:-1], title="Correlations", tools="")
+    plot = plain_figure("", "", x_range=names[:-1], y_range=names[:0:-1], title="Correlations", tools="")
     mapper = models.LinearColorMapper(palette=list(RdBu11), low=-1.0, high=1.0, nan_color="#eeeeee")
-    made.rect("x", "y", 0.96, 0.96, source=source, line_color=None, fill_color={"field": "value", "transform": mapper})
-    made.text(
+    plot.rect("x", "y", 0.96, 0.96, source=source, line_color=None, fill_color={"field": "value", "transform": mapper})
+    plot.text(
         "x", "y", "text", source=source, text_color="ink", text_align="center", text_baseline="middle",
         text_font_size="10px",
     )  # fmt: skip
-    made.xaxis.major_label_orientation = 0.8
-    made.grid.grid_line_color = None
-    return _sized(made, size + 60, tall)
+    plot.xaxis.major_label_orientation = 0.8
+    plot.grid.grid_line_color = None
+    return _sized(plot, size + 60, tall)
 
 
 def _profile(curve: ProfileCurve) -> Widget:
     """Chi-square above its minimum against a parameter, with the parabola of the linear model."""
     title = f"{curve.path}: {curve.verdict}"
-    made = plain_figure(f"{curve.path} ({curve.unit or '1'})", "excess of chi-square", title=title, tools="")
+    plot = plain_figure(f"{curve.path} ({curve.unit or '1'})", "excess of chi-square", title=title, tools="")
     source = models.ColumnDataSource({"value": curve.value, "excess": curve.excess, "linear": curve.linear})
-    made.line("value", "linear", source=source, color=GREY, line_dash="dashed", line_width=1.2, legend_label="linear")
-    made.line("value", "excess", source=source, color=BLUE, line_width=1.5, legend_label="profile")
-    made.add_layout(models.Span(location=curve.threshold, dimension="width", line_color=VERMILION))
-    made.add_layout(models.Span(location=curve.estimate, dimension="height", line_color=GREY))
-    made.y_range.update(start=0.0, end=1.55 * curve.threshold)
-    made.legend.label_text_font_size = "10px"
-    made.legend.border_line_color = None
-    made.legend.location = "top_center"
-    made.legend.background_fill_alpha = 0.6
-    made.xaxis.ticker.desired_num_ticks = 3
-    return _sized(made, 300, 230)
+    plot.line("value", "linear", source=source, color=GREY, line_dash="dashed", line_width=1.2, legend_label="linear")
+    plot.line("value", "excess", source=source, color=BLUE, line_width=1.5, legend_label="profile")
+    plot.add_layout(models.Span(location=curve.threshold, dimension="width", line_color=VERMILION))
+    plot.add_layout(models.Span(location=curve.estimate, dimension="height", line_color=GREY))
+    plot.y_range.update(start=0.0, end=1.55 * curve.threshold)
+    plot.legend.label_text_font_size = "10px"
+    plot.legend.border_line_color = None
+    plot.legend.location = "top_center"
+    plot.legend.background_fill_alpha = 0.6
+    plot.xaxis.ticker.desired_num_ticks = 3
+    return _sized(plot, 300, 230)
 
 
-def _sized(made: Model, width: int, height: int) -> Widget:
-    """A plot that fills a place of a fixed size, which may come into sight later."""
-    return pn.Column(pane(made), width=width, height=height, margin=4)
+def _sized(plot: Model, width: int, height: int) -> Widget:
+    """A plot in a place of fixed size, since plots of hidden tabs cannot measure theirs."""
+    return pn.Column(pane(plot), width=width, height=height, margin=4)

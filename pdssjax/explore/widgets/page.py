@@ -1,4 +1,4 @@
-"""One page in one browser: what is turned on the left is redrawn on the right."""
+"""One page in one browser: numbers are changed on the left, and drawn on the right."""
 
 import html
 import json
@@ -11,39 +11,37 @@ from ...core import InputError
 from ...files import estimate_text
 from ..background_job import BackgroundJob, Report
 from ..estimate_view import estimate_view, values_of
-from ..fit_from_here import FitResult
 from ..knobs import drive_choices, drive_knobs, parameter_knobs
-from ..redraw import Redraw, Score, cycle_of, enlarged_at_first, instants_of, within
+from ..redraw import Redraw, Score, cycle_of, initial_stretch, instants_of, within
 from ..settings import Settings
-from ..workbench import Workbench
-from .contact_tab import ContactTab
-from .control_column import ControlGroup
+from ..workbench import FitResult, Workbench
+from .control_column import ControlGroup, FitBox, SaveBox
 from .estimate_tab import EstimateTab
-from .fit_box import FitBox
 from .page_thread import PageThread, in_order
-from .record_tab import RecordTab, keyboard_buttons
-from .save_box import SaveBox
-from .score_table import ScoreTable
-from .style import COLUMN_WIDTH, CUT, LEFT, Widget
-from .sweep_page import SweepPage
+from .record_tabs import ContactTab, RecordTab, ScoreTable, keyboard_buttons
+from .style import COLUMN_WIDTH, CUT, LEFT, MESSAGE, Widget
+from .sweep_tab import SweepPage
 
 _IDLE_MS = 250
-"""How long nothing is turned before the other records are predicted, too."""
+"""Pause [ms] in which nothing is changed before the other records are predicted, too."""
 
+
+_HEADLINE = {"align-self": "center", "min-width": "0", "max-height": "38px", "overflow-y": "auto"}
+"""Style of the line above the plots, which may take two lines."""
 
 _PLACE = {"min-height": "0", "flex": "1 1 0"}
-"""Style of where the plots of a record go."""
+"""Style of the place for the plots of a record."""
 
 
 class Page:
-    """The widgets of one page, and the numbers that they show."""
+    """The widgets of one page, and their numbers."""
 
     def __init__(self, workbench: Workbench, thread: PageThread):
         self._bench, self._thread = workbench, thread
         self._settings, self._study = workbench.begun, workbench.study
         self._record = workbench.first()
-        self._window = enlarged_at_first(self._record)
-        self._asked = self._idle_asked = False
+        self._window = initial_stretch(self._record)
+        self._redraw_asked = self._scores_asked = False
         self._job: BackgroundJob[Redraw] | None = None
         self._scoring: BackgroundJob[dict[str, Score]] | None = None
         self._scores: dict[str, Score] = {}
@@ -64,12 +62,14 @@ class Page:
             css_classes=["record"],
         )
         self._select.param.watch(lambda event: self._choose(str(event.new)), "value")
-        self._headline = pn.pane.HTML("", margin=(7, 8), css_classes=["headline"])
-        self._said = pn.pane.HTML(
-            "", margin=(2, 0), width=372, styles={"font-size": "12px", "color": "#b03a00"}, css_classes=["said"]
+        self._headline = pn.pane.HTML(
+            "", margin=(0, 8), sizing_mode="stretch_width", styles=_HEADLINE, css_classes=["headline"]
+        )
+        self._message = pn.pane.HTML(
+            "", margin=(2, 0), width=372, styles=MESSAGE | {"color": "#b03a00"}, css_classes=["said"]
         )
         knobs = parameter_knobs(self._study)
-        self._parameters = ControlGroup(knobs, [], self._settings.values, self._turn_parameter, self._say)
+        self._parameters = ControlGroup(knobs, [], self._settings.values, self._change_parameter, self._say)
         self._drive_place = pn.Column(margin=0)
         self._estimate = EstimateTab()
         self._scores_table = ScoreTable(self._study.records)
@@ -141,7 +141,7 @@ class Page:
                 height=32,
             ),
             sliders,
-            self._said,
+            self._message,
             self._fit.view,
             self._save.view,
             width=COLUMN_WIDTH,
@@ -149,19 +149,20 @@ class Page:
             styles={"height": "calc(100vh - 8px)", "min-height": "550px", "flex": f"0 0 {COLUMN_WIDTH}px"},
         )
 
-    # What is turned
+    # Changes of numbers
 
-    def _turn_parameter(self, path: str, number: float) -> None:
+    def _change_parameter(self, path: str, number: float) -> None:
         self._settings = self._settings.with_value(path, number)
         self._ask_redraw()
 
-    def _turn_drive(self, path: str, number: float) -> None:
+    def _change_drive(self, path: str, number: float) -> None:
         self._settings = self._settings.with_drive(self._record.name, path, number)
         self._ask_redraw()
 
     def _move_to(self, settings: Settings) -> None:
-        """All sliders to the numbers of `settings`."""
+        """Move all sliders to the numbers of `settings`."""
         self._settings = settings
+        self._say("")
         self._parameters.show(settings.values)
         self._show_drive()
         self._ask_redraw()
@@ -173,7 +174,7 @@ class Page:
             drive_knobs(self._study, record),
             drive_choices(record),
             numbers,
-            self._turn_drive,
+            self._change_drive,
             self._say,
             "drive of this record",
         )
@@ -181,15 +182,16 @@ class Page:
 
     @in_order
     def _choose(self, name: str) -> None:
-        """Shows another record: its plots take a second or more to be made, so what happens is said before."""
+        """Show another record; since its plots take a second or more, the headline says so first."""
         self._dim(True)
+        self._say("")
         self._headline.object = f"drawing {html.escape(name)}; the pale plots are of {html.escape(self._record.name)}"
         # Of records chosen quickly one after the other only the last is drawn.
         self._thread.later(lambda: self._show_record(name) if name == self._select.value else None)
 
     def _show_record(self, name: str) -> None:
         self._record = record = self._bench.record(name)
-        self._window = enlarged_at_first(record)
+        self._window = initial_stretch(record)
         self._show_drive()
         self._record_tab = RecordTab(record, self._window, self._enlarge)
         self._contact_tab = ContactTab(record)
@@ -213,23 +215,22 @@ class Page:
         middle, half = 0.5 * (begin + end), 0.5 * factor * (end - begin)
         self._enlarge(middle - half, middle + half)
 
-    # What is drawn
+    # Drawing
 
     def _ask_redraw(self) -> None:
-        """Draws once, soon, however often it is asked meanwhile."""
-        if not self._asked:
-            self._asked = True
+        """Draw soon, once for all requests until then."""
+        if not self._redraw_asked:
+            self._redraw_asked = True
             self._thread.later(self._redraw)
 
     def _redraw(self, every_tab: bool = False) -> None:
-        self._asked = False
+        self._redraw_asked = False
         begun = time.perf_counter()
         name, settings, instants = self._record.name, self._settings, instants_of(self._record, *self._window)
         try:
             found = self._bench.records.redraw_at_once(name, settings, instants)
         except InputError as error:
-            self._dim(True)
-            self._say(str(error))
+            self._cannot_show(error)
             return
         if found is None:
             self._compile()
@@ -246,11 +247,13 @@ class Page:
         self._scores[self._record.name] = found.score
         self._scores_table.show(self._scores, self._record.name, stale=True)
         took = 1e3 * (time.perf_counter() - begun)
-        chi2 = f"chi-square / n <b>{found.score.chi2:.4g}</b>" if not found.message else html.escape(found.message)
+        chi2 = "the simulation fails" if found.message else f"chi-square / n <b>{found.score.chi2:.4g}</b>"
+        if found.message:
+            self._say(found.message)
         self._headline.object = f'{chi2} <span style="color:#777" class="took">redrawn in {took:.0f} ms</span>'
 
     def _compile(self) -> None:
-        """Draws once the thread that compiles is done; what is turned meanwhile is drawn then, too."""
+        """Compile in a thread, and draw the numbers of that time when it has ended."""
         self._dim(True)
         if self._job is not None and self._job.runs:
             return
@@ -262,29 +265,34 @@ class Page:
         )
         name, settings, instants = self._record.name, self._settings, instants_of(self._record, *self._window)
         work = lambda report: self._bench.records.redraw(name, settings, instants)
-        self._job = self._thread.start(work, lambda result, error: self._made(error))
+        self._job = self._thread.start(work, lambda result, error: self._compiled(error, name, settings))
 
     def _dim(self, earlier: bool) -> None:
-        """Shows whether the plots are of `earlier` numbers than the sliders'."""
+        """Make the plots pale where they are of `earlier` numbers than the sliders'."""
         for place in (self._record_place, self._contact_place):
             place.styles = _PLACE | {"opacity": "0.3" if earlier else "1"}
 
-    def _made(self, error: BaseException | None) -> None:
+    def _compiled(self, error: BaseException | None, name: str, settings: Settings) -> None:
         self._job = None
-        if error is None:
+        if error is None or (name, settings) != (self._record.name, self._settings):
             self._ask_redraw()
         else:
-            self._headline.object = html.escape(f"cannot be shown: {error}")
+            self._cannot_show(error)
 
-    # The other records, once nothing is turned for a moment
+    def _cannot_show(self, error: BaseException) -> None:
+        self._dim(True)
+        self._headline.object = "cannot be shown; the pale plots are of earlier numbers"
+        self._say(str(error))
+
+    # The other records, when nothing has changed for a moment
 
     def _ask_scores(self) -> None:
-        if not self._idle_asked:
-            self._idle_asked = True
+        if not self._scores_asked:
+            self._scores_asked = True
             self._thread.after(_IDLE_MS, self._score)
 
     def _score(self) -> None:
-        self._idle_asked = False
+        self._scores_asked = False
         if self._scoring is not None and self._scoring.runs:
             self._ask_scores()
             return
@@ -295,8 +303,8 @@ class Page:
     def _all_scores(self, settings: Settings, report: Report) -> dict[str, Score]:
         found = {}
         for record in self._study.records:
-            report(record.name)  # between records it can be asked to stop
-            instants = instants_of(record, *enlarged_at_first(record))
+            report(record.name)  # where the job may be stopped
+            instants = instants_of(record, *initial_stretch(record))
             found[record.name] = self._bench.records.score(record.name, settings, instants)
         return found
 
@@ -310,10 +318,10 @@ class Page:
         if settings != self._settings:
             self._ask_scores()
 
-    # What comes of the buttons
+    # Results of fit and save
 
     def _say(self, line: str) -> None:
-        self._said.object = html.escape(line)
+        self._message.object = html.escape(line)
 
     def _fitted(self, result: FitResult) -> None:
         if result.estimate is None:
@@ -327,5 +335,5 @@ class Page:
 
 
 def _place() -> Widget:
-    """Where the plots of a record go."""
+    """A place for the plots of a record."""
     return pn.Column(sizing_mode="stretch_both", margin=0, styles=_PLACE, css_classes=["plots"])

@@ -23,7 +23,7 @@ Result = TypeVar("Result")
 
 
 def in_order(act: Callable[Arguments, None]) -> Callable[Arguments, None]:
-    """`act`, in the thread of the page, with all that it changes sent in one line."""
+    """`act`, for the thread of the page, with all its changes sent in their order."""
 
     @functools.wraps(act)
     def ordered(*args: Arguments.args, **kwargs: Arguments.kwargs) -> None:
@@ -34,7 +34,7 @@ def in_order(act: Callable[Arguments, None]) -> Callable[Arguments, None]:
 
 
 class PageThread:
-    """Made in the thread of the page whose `document` it is; its methods may be called in any."""
+    """Made in the thread of the page that has the `document`; its methods may be called in any thread."""
 
     def __init__(self, document: Document):
         self._document, self._loop = document, IOLoop.current()
@@ -45,23 +45,23 @@ class PageThread:
         self._loop.add_callback(self._if_open, lambda: self._document.add_next_tick_callback(in_order(act)))
 
     def after(self, milliseconds: int, act: Callable[[], None]) -> None:
-        """Call `act` in the thread of the page when some time has passed."""
+        """Call `act` in the thread of the page after some milliseconds."""
         self._loop.add_callback(self._if_open, lambda: self._document.add_timeout_callback(act, milliseconds))
 
     def start(
         self,
         work: Callable[[Report], Result],
-        ended: Callable[[Result | None, BaseException | None], None],
-        told: Callable[[str], None] = lambda line: None,
+        on_end: Callable[[Result | None, BaseException | None], None],
+        on_line: Callable[[str], None] = lambda line: None,
     ) -> BackgroundJob[Result]:
         """Begin `work` in a thread of its own.
 
-        In the thread of the page `ended` is given its result or its error, and `told` each of its lines.
+        In the thread of the page `on_end` is given the result or the error, and `on_line` each line of progress.
         """
         job = BackgroundJob(
             work,
-            lambda line: self.later(lambda: told(line)),
-            lambda result, error: self.later(lambda: ended(result, error)),
+            lambda line: self.later(lambda: on_line(line)),
+            lambda result, error: self.later(lambda: on_end(result, error)),
         )
         self._jobs.add(job)
         return job

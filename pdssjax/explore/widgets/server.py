@@ -1,4 +1,4 @@
-"""Serves the page on the loopback address, to whom the address was told; nothing is fetched from elsewhere.
+"""The server of the page, on the loopback address and for those who know its whole address.
 
 A page of any other site in the same browser can send requests to the loopback address, and by DNS rebinding (a name
 of its own that resolves to 127.0.0.1) it could read the answers, too.  So the address of the page has a secret in it,
@@ -34,7 +34,7 @@ from .style import PAGE, Widget
 ADDRESS = "127.0.0.1"
 
 PATIENCE = 20.0
-"""Seconds for which work that cannot be stopped, such as compiling, is waited for at the end."""
+"""Longest wait [s] at the end for work that cannot be stopped, such as compiling."""
 
 _HTTP_PORT = 80
 """Browsers leave this port out of the host that they name."""
@@ -43,7 +43,7 @@ _LARGEST_BODY = 1 << 16
 """Bytes of a request's body at most; the page sends none."""
 
 _SHARED_PATHS = "/static/", "/favicon.ico"
-"""Where paths begin that need no secret: the code of Bokeh and Panel, which is the same everywhere."""
+"""Beginnings of paths that need no secret: the code of Bokeh and Panel, which is the same everywhere."""
 
 
 def serve(bench: Workbench, port: int, show: bool, report: Callable[[str], None]) -> bool:
@@ -78,14 +78,14 @@ def serve(bench: Workbench, port: int, show: bool, report: Callable[[str], None]
 
 
 class Site(NamedTuple):
-    """Where the page is, and which requests belong to it."""
+    """The address of the page, and which requests belong to it."""
 
     port: int
     secret: str
 
     @property
     def host(self) -> str:
-        """What a browser on the page names as the host."""
+        """The host that a browser names on this page."""
         return ADDRESS if self.port == _HTTP_PORT else f"{ADDRESS}:{self.port}"
 
     @property
@@ -99,7 +99,7 @@ class Site(NamedTuple):
         return f"http://{ADDRESS}:{self.port}{self.path}"
 
     def admits(self, path: str, headers: Mapping[str, str]) -> bool:
-        """Whether a request for `path` comes from the page, or from somebody who was told its address."""
+        """Whether a request for `path` comes from the page itself, or from somebody who knows its address."""
         if headers.get("Host") != self.host or headers.get("Origin", f"http://{self.host}") != f"http://{self.host}":
             return False
         secret = any(hmac.compare_digest(path.encode(), known.encode()) for known in (self.path, f"{self.path}/ws"))
@@ -108,7 +108,7 @@ class Site(NamedTuple):
 
 
 def page_server(bench: Workbench, port: int) -> tuple[Server, Site]:
-    """A server of pages of `bench`, bound but not yet started, and where its page is; `port` 0 takes a free one.
+    """A server of pages of `bench`, bound but not started, and its site; `port` 0 takes a free port.
 
     **Raises:** `OSError` where the port is taken.
     """

@@ -7,22 +7,22 @@ import bokeh.plotting
 import panel as pn
 
 GREY, VERMILION, BLUE, GREEN, PURPLE = "#8c8c8c", "#D55E00", "#0072B2", "#009E73", "#CC79A7"
-"""Of Okabe and Ito, distinct also with a colour vision deficiency."""
+"""Colours of Okabe and Ito, which remain distinct with a colour vision deficiency."""
 
 MILLISECONDS = 1e3
 """Milliseconds in a second; times are shown in them."""
 
 Widget: TypeAlias = Any
-"""Of Panel, whose parameters no type checker can follow."""
+"""A widget or pane of Panel, whose parameters no type checker can follow."""
 
 Option: TypeAlias = Any
-"""What a plot or a pane of Panel and Bokeh takes by name; theirs are of many types."""
+"""A keyword argument of a plot or a pane of Panel and Bokeh; theirs are of many types."""
 
 Model: TypeAlias = Any
-"""A plot, a range or a source of Bokeh, or what makes one: its type stubs allow less than it takes."""
+"""A plot, a range or a source of Bokeh, or their module: the type stubs allow less than Bokeh takes."""
 
 models: Model = bokeh.models
-"""Of Bokeh."""
+"""The models of Bokeh."""
 
 PAGE = """
 body { margin: 0; background: #fff; font-family: "Liberation Sans", Arial, Helvetica, sans-serif; font-size: 13px; }
@@ -35,13 +35,16 @@ COMPACT = """
 .bk-input { height: 24px; min-height: 24px; padding: 0 4px; font-size: 12px; text-align: right; }
 .bk-input-group { margin: 0; }
 """
-"""Of fields beside sliders, and of choices."""
+"""Style of fields beside sliders, and of choices."""
 
-LEFT = COMPACT.replace("right", "left").replace("24px", "28px")
-"""The same of what is not a number."""
+LEFT = COMPACT.replace(":host { margin: 0 !important; }", "").replace("right", "left").replace("24px", "28px")
+"""Style of fields that hold no number."""
+
+MESSAGE = {"font-size": "12px", "overflow-wrap": "anywhere", "max-height": "66px", "overflow-y": "auto"}
+"""Style of a line for the user, which may be long."""
 
 CUT = ".cut { display: block; max-width: 300px; white-space: nowrap; overflow: hidden; text-overflow: ellipsis; }"
-"""Of a name that somebody else gave, however long."""
+"""Style of a name given by the user, which may be long."""
 
 TABLE = """
 table { border-collapse: collapse; font-size: 12px; white-space: nowrap; }
@@ -55,8 +58,8 @@ p { margin: 4px 0; }
 
 
 def plain_figure(x: str, y: str, **more: Option) -> Model:
-    """An empty plot with its axes named, which fills its place."""
-    made: Model = bokeh.plotting.figure(
+    """An empty plot with labelled axes, which fills its place."""
+    plot: Model = bokeh.plotting.figure(
         x_axis_label=x,
         y_axis_label=y,
         tools=more.pop("tools", "pan,wheel_zoom,box_zoom,reset"),
@@ -67,39 +70,39 @@ def plain_figure(x: str, y: str, **more: Option) -> Model:
         min_height=70,
         **more,
     )
-    plain(made)
-    return made
+    plain(plot)
+    return plot
 
 
-def plain(made: Model) -> None:
-    """Gives a plot the page's look."""
-    made.outline_line_color = None
-    made.min_border = 4
-    made.min_border_right = 10
-    for axis in made.axis:
+def plain(plot: Model) -> None:
+    """Give a plot the look of the page."""
+    plot.outline_line_color = None
+    plot.min_border = 4
+    plot.min_border_right = 10
+    for axis in plot.axis:
         axis.axis_label_text_font_style = "normal"
         axis.axis_label_text_font_size = "12px"
         axis.major_label_text_font_size = "11px"
         axis.axis_label_standoff = 3
         axis.minor_tick_line_color = None
         axis.axis_line_color = "#666666"
-    made.grid.grid_line_color = "#ececec"
-    made.title.text_font_size = "12px"
-    made.title.text_font_style = "normal"
+    plot.grid.grid_line_color = "#ececec"
+    plot.title.text_font_size = "12px"
+    plot.title.text_font_style = "normal"
 
 
-def pane(made: Model, flex: float = 1.0, **more: Option) -> Widget:
-    """A plot in its place, `flex` parts of what its neighbours share."""
+def pane(plot: Model, flex: float = 1.0, **more: Option) -> Widget:
+    """A plot in a pane that takes `flex` parts of the space it shares with its neighbours."""
     styles = {"flex": f"{flex} 1 0", "min-width": "0", "min-height": "0"}
-    return pn.pane.Bokeh(made, sizing_mode="stretch_both", margin=0, styles=styles, **more)
+    return pn.pane.Bokeh(plot, sizing_mode="stretch_both", margin=0, styles=styles, **more)
 
 
 def row(*parts: Widget, flex: float = 1.0) -> Widget:
-    """Side by side."""
+    """Widgets side by side."""
     return pn.Row(*parts, sizing_mode="stretch_both", margin=0, styles={"flex": f"{flex} 1 0", "min-height": "0"})
 
 
 def column(*parts: Widget, flex: float = 1.0) -> Widget:
-    """One below the other."""
+    """Widgets one below the other."""
     styles = {"flex": f"{flex} 1 0", "min-height": "0", "min-width": "0"}
     return pn.Column(*parts, sizing_mode="stretch_both", margin=0, styles=styles)

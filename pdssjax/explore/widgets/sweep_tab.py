@@ -1,26 +1,33 @@
-"""The tab of a sweep: a map in which one clicks a point to see its walk."""
+"""The tab of a sweep: a map in which one clicks a point to see the motion there."""
 
+import html
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import panel as pn
 from bokeh.palettes import Viridis256
 
-from ...core import MICROMETRES
-from ..sweep_map import SweepMap, is_grid, ticks_along, tiles_along
-from ..sweep_walk import Walk
+from ...core import MICROMETRES, InputError
+from ..background_job import BackgroundJob
+from ..settings import Settings
+from ..sweep_map import PointMotion, PointSimulation, SweepMap, is_grid, small_map, sweep_map, ticks_along, tiles_along
+from ..workbench import Workbench
+from .page_thread import PageThread
 from .style import BLUE, GREEN, GREY, MILLISECONDS, VERMILION, Model, Widget, models, pane, plain, plain_figure
 
+if TYPE_CHECKING:
+    import xarray
+
 _NOTHING = (
-    "<p>No sweep yet. <b>Make a small map</b> sweeps voltage and frequency about those of the record shown, or of the "
-    "first that walks, at the numbers of the sliders; <code>pdssjax explore STUDY --sweep DIR</code> shows one that "
-    "<code>pdssjax sweep</code> made.</p>"
+    "<p>No sweep yet. <b>Make a small map</b> sweeps voltage and frequency around those of the record shown, or of the "
+    "first one with a periodic drive and an end-effector, at the numbers of the sliders; "
+    "<code>pdssjax explore STUDY --sweep DIR</code> shows one that <code>pdssjax sweep</code> made.</p>"
 )
 
 
 class SweepTab:
-    """A map to the left, the walk at the point chosen to the right."""
+    """A map to the left, and the motion at the chosen point to the right."""
 
     def __init__(self, chosen: Callable[[int], None], make: Callable[[], None], cancel: Callable[[], None]):
         self._chosen, self._points = chosen, np.zeros(0, int)
@@ -33,21 +40,19 @@ class SweepTab:
         self.said = pn.pane.HTML("", margin=(8, 8), css_classes=["map-said"])
         self._selects = {name: _select(name) for name in ("metric", "across", "up")}
         self._count = 0
-        self._point = pn.widgets.IntInput(
-            label="point", start=0, value=0, width=90, margin=(0, 8), css_classes=["map-point"]
-        )
+        self._point = pn.widgets.IntInput(label="point", value=0, width=90, margin=(0, 8), css_classes=["map-point"])
         for select in self._selects.values():
             select.param.watch(lambda event: self._draw(), "value")
         self._point.param.watch(lambda event: self._choose(), "value")
         self._body = pn.Column(pn.pane.HTML(_NOTHING, margin=12), sizing_mode="stretch_both", margin=0)
         top = pn.Row(self.make, self.stop, self.said, margin=0)
         self.view = pn.Column(top, self._body, sizing_mode="stretch_both", margin=0)
-        self._walk_source = models.ColumnDataSource({"time": [], "effector": [], "platform": [], "voltage": []})
-        self._walk_figure = _walk_plot(self._walk_source)
-        self._told = pn.pane.HTML("", margin=(0, 8), css_classes=["point-told"])
+        self._motion_source = models.ColumnDataSource({"time": [], "effector": [], "platform": [], "voltage": []})
+        self._motion_figure = _motion_plot(self._motion_source)
+        self._summary = pn.pane.HTML("", margin=(0, 8), css_classes=["point-told"])
 
     def show(self, found: SweepMap) -> None:
-        """Shows a sweep; its middle point is chosen."""
+        """Show a sweep, with its middle point chosen."""
         self._quiet, self._map = True, found
         paths = list(found.axes)
         options = {
@@ -62,38 +67,44 @@ class SweepTab:
             self._selects["metric"].value = "speed"
         count = next(iter(found.axes.values())).values.size
         self._count = count
-        self._point.end, self._point.value = count - 1, count // 2
+        self._point.value = count // 2
         self._quiet = False
         self._draw()
         self._chosen(self._number())
 
-    def show_walk(self, numbers: dict[str, float], motion: Walk) -> None:
-        """Shows how the point walks that is chosen."""
-        self._walk_source.data = {
+    def show_motion(self, numbers: dict[str, float], motion: PointMotion) -> None:
+        """Show the motion at the chosen point."""
+        self._motion_source.data = {
             "time": MILLISECONDS * motion.time,
             "effector": MICROMETRES * motion.effector,
             "platform": MICROMETRES * motion.platform,
             "voltage": motion.voltage,
         }
         assert self._map is not None
-        said = [_said(self._map, path, numbers[path]) for path in self._map.axes]
+        parts = [_value_text(self._map, path, numbers[path]) for path in self._map.axes]
         point = self._number()
-        said += [
+        parts += [
             f"{label.partition(' (')[0].partition(';')[0]}: {values[point]:.4g}{_unit(label)}"
             for label, values in self._map.metrics.values()
         ]
-        self._told.object = (
-            f"<b>point {point}</b>: " + ", ".join(said) + (f"; {motion.message}" if motion.message else "")
+        self._summary.object = (
+            f"<b>point {point}</b>: " + ", ".join(parts) + (f"; {motion.message}" if motion.message else "")
         )
 
     def _number(self) -> int:
-        """The point that is chosen."""
+        """The number of the chosen point."""
         return int(self._point.value or 0)
 
     def _choose(self) -> None:
-        if not self._quiet and self._map is not None:
-            self._draw()
-            self._chosen(self._number())
+        if self._quiet or self._map is None:
+            return
+        # The widget keeps a number beyond its ends to itself, so that it has none and the nearest point is taken here.
+        nearest = min(max(self._number(), 0), self._count - 1)
+        if self._point.value != nearest:
+            self._point.value = nearest  # comes back here
+            return
+        self._draw()
+        self._chosen(nearest)
 
     def _clicked(self, indices: list[int]) -> None:
         if indices:
@@ -107,18 +118,18 @@ class SweepTab:
         point = self._number()
         grid = is_grid(self._map, shown)
         self._points = np.flatnonzero(self._map.slice_of(shown, point)) if grid else np.arange(self._count)
-        source, made = _map_plot(self._map, shown, metric, self._points, point, grid)
+        source, plot = _map_plot(self._map, shown, metric, self._points, point, grid)
         source.selected.on_change("indices", lambda attr, old, new: self._clicked(list(new)))
         controls = pn.Row(*self._selects.values(), self._point, margin=0)
         plots = pn.Row(
-            pane(made, 1.1),
-            pane(self._walk_figure),
+            pane(plot, 1.1),
+            pane(self._motion_figure),
             sizing_mode="stretch_both",
             margin=0,
             styles={"flex": "1 1 0", "min-height": "0"},
             css_classes=["map"],
         )
-        self._body.objects = [controls, plots, self._told]
+        self._body.objects = [controls, plots, self._summary]
 
 
 def _select(name: str) -> Widget:
@@ -126,11 +137,11 @@ def _select(name: str) -> Widget:
 
 
 def _unit(label: str) -> str:
-    """The unit at the end of a label, "speed (µm/s)"."""
+    """The unit at the end of a label such as "speed (µm/s)"."""
     return f" {label.rpartition('(')[2].rstrip(')')}" if label.endswith(")") else ""
 
 
-def _said(found: SweepMap, path: str, number: float) -> str:
+def _value_text(found: SweepMap, path: str, number: float) -> str:
     axis = found.axes[path]
     return f"{path}: {number * axis.scale:.4g} {axis.unit}".rstrip()
 
@@ -138,7 +149,7 @@ def _said(found: SweepMap, path: str, number: float) -> str:
 def _map_plot(
     found: SweepMap, shown: list[str], metric: str, points: np.ndarray, point: int, grid: bool
 ) -> tuple[Model, Model]:
-    """The map, and the source whose selection tells what was clicked."""
+    """The source whose selection is the point clicked, and the map."""
     label, values = found.metrics[metric]
     axes = [found.axes[path] for path in shown]
     places = [axis.scale * axis.values[points] for axis in axes]
@@ -151,12 +162,12 @@ def _map_plot(
     edges: dict[str, Any] = {"value": values[points], "x": places[0], "y": places[1]}
     for name, tile in zip("xy", tiles, strict=True):
         edges[f"{name}0"], edges[f"{name}1"] = tile.low, tile.high
-    made = plain_figure(
+    plot = plain_figure(
         labels[0], labels[1], x_axis_type=kinds[0], y_axis_type=kinds[1], tools="tap,hover",
         title=f"{found.record}: {label}; click a point",
         tooltips=[(labels[0], "@x"), (labels[1], "@y"), (label, "@value")],
     )  # fmt: skip
-    for axis, tile, ratio in zip((made.xaxis, made.yaxis), tiles, ratios, strict=True):
+    for axis, tile, ratio in zip((plot.xaxis, plot.yaxis), tiles, ratios, strict=True):
         if ratio:
             # Bokeh's own lie at equal distances over less than two decades: 50 and 100 alone from 5 to 80.
             axis.ticker, axis.formatter = ticks_along(np.concatenate(tile[:2])), models.BasicTickFormatter()
@@ -165,11 +176,11 @@ def _map_plot(
     color = {"field": "value", "transform": mapper}
     still = {"nonselection_fill_alpha": 1.0, "selection_fill_alpha": 1.0}
     if flat or not grid:
-        made.scatter("x", "y", size=9, source=source, fill_color=color, line_color=GREY, **still)
+        plot.scatter("x", "y", size=9, source=source, fill_color=color, line_color=GREY, **still)
     else:
-        made.quad("x0", "x1", "y0", "y1", source=source, fill_color=color, line_color=None, **still)
+        plot.quad("x0", "x1", "y0", "y1", source=source, fill_color=color, line_color=None, **still)
     here = np.flatnonzero(points == point)
-    made.scatter(
+    plot.scatter(
         edges["x"][here],
         edges["y"][here],
         marker="circle_x",
@@ -178,12 +189,12 @@ def _map_plot(
         line_color=VERMILION,
         line_width=2,
     )
-    made.grid.grid_line_color = None
+    plot.grid.grid_line_color = None
     if not flat:
-        made.add_layout(
+        plot.add_layout(
             models.ColorBar(color_mapper=mapper, width=10, label_standoff=4, major_label_text_font_size="10px"), "right"
         )
-    return source, made
+    return source, plot
 
 
 def _mapper(values: np.ndarray) -> Model:
@@ -194,23 +205,100 @@ def _mapper(values: np.ndarray) -> Model:
     )
 
 
-def _walk_plot(source: Model) -> Model:
-    made = plain_figure("time (ms)", "displacement (µm)", title="the walk at this point, from rest")
+def _motion_plot(source: Model) -> Model:
+    plot = plain_figure("time (ms)", "displacement (µm)", title="the motion at this point, from rest")
     lines = [
-        made.line("time", "platform", source=source, color=BLUE, line_width=1, legend_label="platform"),
-        made.line("time", "effector", source=source, color=VERMILION, line_width=1.6, legend_label="end-effector"),
+        plot.line("time", "platform", source=source, color=BLUE, line_width=1, legend_label="platform"),
+        plot.line("time", "effector", source=source, color=VERMILION, line_width=1.6, legend_label="end-effector"),
     ]
-    made.y_range.renderers = lines
+    plot.y_range.renderers = lines
     volts = models.DataRange1d()
-    made.extra_y_ranges = {"voltage": volts}
-    made.add_layout(models.LinearAxis(y_range_name="voltage", axis_label="voltage (V)"), "right")
-    drawn = made.line(
+    plot.extra_y_ranges = {"voltage": volts}
+    plot.add_layout(models.LinearAxis(y_range_name="voltage", axis_label="voltage (V)"), "right")
+    drawn = plot.line(
         "time", "voltage", source=source, color=GREEN, alpha=0.6, y_range_name="voltage", legend_label="voltage"
     )
     volts.renderers = [drawn]
-    plain(made)
-    made.legend.location = "top_left"
-    made.legend.background_fill_alpha = 0.6
-    made.legend.border_line_color = None
-    made.legend.label_text_font_size = "10px"
-    return made
+    plain(plot)
+    plot.legend.location = "top_left"
+    plot.legend.background_fill_alpha = 0.6
+    plot.legend.border_line_color = None
+    plot.legend.label_text_font_size = "10px"
+    return plot
+
+
+class SweepPage:
+    """The tab of a sweep with the jobs behind it: a small map, and the motion at a point."""
+
+    def __init__(self, bench: Workbench, here: Callable[[], Settings], chosen: Callable[[], str], thread: PageThread):
+        """`chosen` gives the name of the record that the page shows."""
+        self._bench, self._here, self._chosen, self._thread = bench, here, chosen, thread
+        self._tab = SweepTab(self._choose, self._make, self._cancel)
+        self._map: SweepMap | None = None
+        self._simulation: PointSimulation | None = None
+        self._job: BackgroundJob[xarray.Dataset] | None = None
+        self._motion_job: BackgroundJob[PointMotion] | None = None
+        self._wanted: int | None = None
+        if bench.sweep is not None:
+            self._show(bench.sweep)
+
+    @property
+    def view(self) -> Widget:
+        """The tab."""
+        return self._tab.view
+
+    def _show(self, data: "xarray.Dataset") -> None:
+        try:
+            self._map = sweep_map(data)
+            self._simulation = PointSimulation(self._bench.study, self._map.record)
+            if not self._map.axes:
+                raise InputError("the sweep has no axis, expected one at least.")
+        except (InputError, KeyError) as error:
+            self._say(f"The sweep cannot be shown: {error}")
+            return
+        self._tab.show(self._map)
+
+    def _choose(self, point: int) -> None:
+        """Simulate the chosen point; of points chosen meanwhile only the last is simulated."""
+        self._wanted = point
+        if self._motion_job is None or not self._motion_job.runs:
+            self._simulate_wanted()
+
+    def _simulate_wanted(self) -> None:
+        point, found, simulation = self._wanted, self._map, self._simulation
+        if point is None or found is None or simulation is None:
+            return
+        self._wanted = None
+        numbers = found.numbers(point)
+        self._motion_job = self._thread.start(
+            lambda report: simulation.motion(numbers), lambda motion, error: self._simulated(numbers, motion, error)
+        )
+
+    def _simulated(self, numbers: dict[str, float], motion: PointMotion | None, error: BaseException | None) -> None:
+        self._motion_job = None
+        if motion is None:
+            self._say(f"The point cannot be simulated: {error}")
+        else:
+            self._tab.show_motion(numbers, motion)
+        self._simulate_wanted()
+
+    def _make(self) -> None:
+        settings, chosen = self._here(), self._chosen()
+        self._tab.make.disabled, self._tab.stop.disabled = True, False
+        work = lambda report: small_map(self._bench.study, settings, report, chosen)
+        self._job = self._thread.start(work, self._made, self._say)
+
+    def _cancel(self) -> None:
+        if self._job is not None:
+            self._job.cancel()
+
+    def _made(self, data: "xarray.Dataset | None", error: BaseException | None) -> None:
+        self._tab.make.disabled, self._tab.stop.disabled = False, True
+        if data is not None:
+            self._say("")
+            self._show(data)
+        else:
+            self._say("cancelled" if isinstance(error, KeyboardInterrupt) else f"No map: {error}")
+
+    def _say(self, line: str) -> None:
+        self._tab.said.object = html.escape(line)
