@@ -190,19 +190,6 @@ def test_a_fit_is_cancelled_and_the_page_goes_on(page):
     assert page.locator(".fit button").is_enabled()
 
 
-def test_a_page_is_closed_while_it_computes_and_the_others_go_on(page, address):
-    """What fails is seen at the end: `served` looks through all that the command has told."""
-    other = page.context.browser.new_page()
-    other.goto(address, timeout=PATIENCE)
-    other.locator(".fit button").click(timeout=PATIENCE)
-    show_tab(other, "Sweep")
-    other.locator(".make-map button").click()
-    other.close()
-    show_tab(page, "Record")
-    redrawn(page, lambda: handle(page, "effector-mass").press("ArrowRight"))
-    redrawn(page, lambda: handle(page, "effector-mass").press("ArrowLeft"))
-
-
 def test_a_fit_from_here_moves_the_sliders_to_the_estimate(page):
     gain = field(page, "piezo-gain")
     gain.fill("0.095")
@@ -247,6 +234,19 @@ def test_it_starts_anew_where_it_began(page):
         "() => {" + DEEP + "return deep('.field-piezo-gain').shadowRoot.querySelector('input').value === '0.1'; }",
         timeout=PATIENCE,
     )
+
+
+def test_a_page_is_closed_while_it_computes_and_the_others_go_on(page, address):
+    """What fails is seen at the end: `served` looks through all that the command has told."""
+    other = page.context.browser.new_page()
+    other.goto(address, timeout=PATIENCE)
+    other.locator(".fit button").click(timeout=PATIENCE)
+    show_tab(other, "Sweep")
+    other.locator(".make-map button").click()
+    other.close()
+    show_tab(page, "Record")
+    redrawn(page, lambda: handle(page, "effector-mass").press("ArrowRight"))
+    redrawn(page, lambda: handle(page, "effector-mass").press("ArrowLeft"))
 
 
 def test_nothing_failed_in_the_browser_and_nothing_left_this_machine(opened):

@@ -2,6 +2,7 @@
 
 from types import SimpleNamespace
 
+import fabricated
 import platform_study
 import pytest
 from walking_study import write_walking
@@ -10,9 +11,10 @@ from pdssjax import InputError, load_study
 from pdssjax.explore import Workbench, settings_of
 from pdssjax.explore.knobs import parameter_knobs
 from pdssjax.explore.redraw import instants_of
+from pdssjax.explore.workbench import FitResult
 
 pn = pytest.importorskip("panel")
-from pdssjax.explore.widgets import page  # noqa: E402  (needs Panel)
+from pdssjax.explore.widgets import control_column, page  # noqa: E402  (needs Panel)
 from pdssjax.explore.widgets.control_column import ControlRow  # noqa: E402  (needs Panel)
 
 
@@ -129,3 +131,25 @@ def test_what_could_not_be_compiled_is_told_of_the_numbers_of_the_sliders_alone(
     assert line.object == ""
     thread.begun[-1][1](None, InputError("of these numbers"))
     assert line.object == "of these numbers"
+
+
+class Working(AtOnce):
+    """Jobs are done at once."""
+
+    def start(self, work, on_end, on_line=lambda line: None):
+        on_end(work(on_line), None)
+        return SimpleNamespace(runs=False)
+
+
+def test_a_fit_that_ends_moves_the_sliders_to_its_estimate(tmp_path, monkeypatch):
+    study = load_study(write_walking(tmp_path))
+    bench, estimate = Workbench(study, settings_of(study)), fabricated.estimate()
+    view = page.Page(bench, Working()).view
+    ended = FitResult(estimate, "The fit converged in 1 s.")
+    monkeypatch.setattr(control_column, "fit_from_here", lambda study, settings, report: report("fits") or ended)
+    (fit,), (line,), (field,), (told,) = (marked(view, n) for n in ("fit", "fit-said", "field-piezo-gain", "estimate"))
+    fit.clicks += 1
+    assert line.object == "The fit converged in 1 s."
+    assert float(field.value) == pytest.approx(1e6 * estimate.parameters["piezo.gain"].value, rel=1e-5)
+    assert estimate.title in told.object
+    assert not fit.disabled
