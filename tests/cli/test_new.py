@@ -137,6 +137,29 @@ def hysteresis(file, cycles=12, sets_in=False):
     )
 
 
+@pytest.mark.parametrize("hertz, interval", [(950.0, 2e-4), (190.0, 1e-3)])
+def test_loops_with_ringing_have_both_and_a_delay(tmp_path, hertz, interval):
+    """A sine switched on in mid-cycle: the platform rings there and makes loops for the rest of the record."""
+    time = np.arange(0.0, 3.0, interval)
+    late = np.clip(time - 0.5, 0.0, None)
+    volts = np.where(time < 0.5, 0.0, 150.0 * np.sin(2 * np.pi * late - 0.65))
+    play, center = np.zeros(time.size), 0.0
+    for k, voltage in enumerate(volts):
+        center = float(np.clip(center, voltage - 60.0, voltage + 60.0))
+        play[k] = center
+    rings = np.where(time < 0.5, 0.0, 10.0 * np.cos(2 * np.pi * hertz * late) * np.exp(-late * 0.3 * hertz))
+    motion = 0.115 * volts + 0.018 * play + rings + 0.045 * np.random.default_rng(1).normal(size=time.size)
+    rows = np.stack([time, volts, motion], 1)
+    np.savetxt(tmp_path / "ring.csv", rows, "%.7g", ",", header="time_s,voltage_V,x_um", comments="")
+    text = study_text([guess_file(tmp_path / "ring.csv", Hints({}, {}, {}), Told())], Told(), tmp_path, "ring")
+    (tmp_path / "study.toml").write_text(text, encoding="utf-8")
+    loaded = load_study(tmp_path / "study.toml")
+    assert 'piezo = { dynamics = "second-order", hysteresis = { law = "play"' in text
+    free = {path for path, parameter in loaded.parameters.items() if parameter.free}
+    assert free >= {"piezo.natural_frequency", "piezo.damping_ratio", "piezo.play_4", "sensor.delay"}
+    assert loaded.parameters["sensor.delay"].bounds() == pytest.approx((0.0, 2.0 * interval))
+
+
 def test_a_platform_with_hysteresis_is_told_from_an_end_effector(tmp_path):
     hysteresis(tmp_path / "loops.csv")
     found = guess_file(tmp_path / "loops.csv", Hints({}, {}, {}), Told())
