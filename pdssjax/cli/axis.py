@@ -6,15 +6,15 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core import InputError, Quantity, nearest
-from .option_values import read_number
+from .option_values import read_number, read_whole
 
 _EXPECTED = (
     'expected FROM:TO:COUNT such as "20:80:40", FROM:TO:COUNT:log for equal ratios, values with commas between them, '
     "or one value"
 )
 
-_MOST = 10_000_000
-"""Values on an axis: more are a slip of the pen."""
+MOST_POINTS = 10_000_000
+"""Values on an axis, or points of a sample: more are a slip of the pen."""
 
 
 def read_axis(
@@ -35,16 +35,15 @@ def read_axis(
     parts = [part.strip() for part in text.split(":")]
     if len(parts) == 1:
         return np.array([read_number(part.strip(), unit, where) for part in text.split(",")])
-    if len(parts) not in (3, 4) or not parts[2].isdecimal() or int(parts[2]) < 1 or parts[3:] not in ([], ["log"]):
+    if len(parts) not in (3, 4) or not parts[2].isdecimal() or parts[3:] not in ([], ["log"]):
         raise InputError(f'{where}: found "{text}", {_EXPECTED}.')
-    if int(parts[2]) > _MOST:
-        raise InputError(f'{where}: found "{text}", expected at most {_MOST} values on an axis.')
+    count = read_whole(parts[2], f'{where}: number of values in "{text}"', 1, MOST_POINTS)
     low, high = (read_number(part, unit, where) for part in parts[:2])
     _check_order(low, high, text, where)
     if parts[3:] and not low > 0:
         raise InputError(f'{where}: found "{text}", expected ends above 0 for equal ratios.')
     spaced = np.geomspace if parts[3:] else np.linspace
-    return spaced(low, high, int(parts[2]))
+    return spaced(low, high, count)
 
 
 def read_range(path: str, text: str, legal: Mapping[str, Quantity]) -> tuple[float, float]:

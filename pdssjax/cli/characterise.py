@@ -3,56 +3,58 @@
 import argparse
 import sys
 from pathlib import Path
+from typing import Any
 
 from ..core import InputError
 from .console import say
 from .option_values import read_number, read_pairs
-from .results import add_out, keep_results, say_where
+from .results import add_out, keep_results, reserved, say_where
 
 
 def characterise(options: argparse.Namespace) -> int:
-    from ..core import prepare_jax
-    from ..files import check_free, write_characterisations
-    from ..report.text import format_characterisation
+    with reserved(options):
+        return _characterise(options, _how(options))
 
-    number = lambda given, unit, option: read_number(given, unit, f"option {option}")
-    frequency = number(options.frequency, "Hz", "--frequency") if options.frequency else None
-    slip_duration = number(options.slip_duration, "s", "--slip-duration")
+
+def _how(options: argparse.Namespace) -> dict[str, Any]:
+    """What the options say of all files."""
+    frequency = None
+    if options.frequency is not None:
+        frequency = read_number(options.frequency, "Hz", "option --frequency", above=0.0)
+    slip_duration = read_number(options.slip_duration, "s", "option --slip-duration", least=0.0)
     window = None
     if options.window:
-        start, end = (number(end, "s", "--window") for end in options.window)
+        start, end = (read_number(end, "s", "option --window") for end in options.window)
         window = (start, end)
         if start >= end:
             raise InputError(f"option --window: found {start:g} s to {end:g} s, expected an end after its start.")
     units = read_pairs(options.unit, "--unit", ("time", "displacement", "force"), "displacement=um")
-    if options.out:
-        check_free(options.out, options.overwrite)
-    prepare_jax(dedicated=True)
-    from ..files import characterise
-
     columns = {name: getattr(options, name) for name in ("time", "displacement", "force")}
+    measured = {"units": units, "frequency": frequency, "window": window, "slip_duration": slip_duration}
+    return {**columns, **measured, "decimal": options.decimal or ""}
+
+
+def _characterise(options: argparse.Namespace, how: dict[str, Any]) -> int:
+    from ..core import prepare_jax
+
+    prepare_jax(dedicated=True)
+    from ..files import characterise, write_characterisations
+    from ..report.text import format_characterisation
+
     found, status = [], 0
     for file in options.files:
         try:
-            found.append(
-                characterise(
-                    file,
-                    **columns,
-                    units=units,
-                    frequency=frequency,
-                    window=window,
-                    slip_duration=slip_duration,
-                    decimal=options.decimal or "",
-                )
-            )
+            found.append(characterise(file, **how))
         except InputError as error:
             # The other files are characterised all the same.
             print(f"pdssjax: error: {error}", file=sys.stderr)
             status = 2
+    written = True
+    if options.out and found:
+        written = keep_results(lambda place: write_characterisations(found, place), options.out)
     say("\n".join(map(format_characterisation, found)), end="")
     if not options.out or not found:
         return status
-    written = keep_results(lambda place: write_characterisations(found, place), options.out)
     return say_where(written, f"\nResults are in {options.out}") or status
 
 

@@ -5,7 +5,8 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..core import InputError, check_whole
+from ..core import InputError
+from .option_values import SEED, whole
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -34,20 +35,18 @@ _BELONGS_TO = {
 }
 """By option, the kinds of intervals that have it."""
 
-_LEAST = {"replicates": 2, "draws": 2, "seed": 0, "starts": 0}
-
 
 def add_drawing(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("of --intervals bootstrap and posterior")
-    group.add_argument("--replicates", type=int, metavar="N", help="fits of the bootstrap (default 1000)")
-    group.add_argument("--draws", type=int, metavar="N", help="of each of the posterior's 4 chains (default 1000)")
+    group.add_argument("--replicates", type=whole(2), metavar="N", help="fits of the bootstrap (default 1000)")
+    group.add_argument("--draws", type=whole(2), metavar="N", help="of each of the posterior's 4 chains (default 1000)")
     text = (
         "how the posterior is drawn: randomize-then-optimize (default), or, as a second opinion that takes several "
         "times as long, the No-U-Turn sampler of NumPyro"
     )
     group.add_argument("--sampler", choices=["rto", "nuts"], help=text)
     text = "of the random numbers (default 0); the same seed gives the same draws"
-    group.add_argument("--seed", type=int, metavar="N", help=text)
+    group.add_argument("--seed", type=SEED, metavar="N", help=text)
     text = "the bootstrap draws white noise (default), or whole cycles of the residuals where a drive repeats"
     group.add_argument("--resample", choices=["noise", "cycles"], help=text)
     text = "go on with the draws that DIR holds of a run that was broken off, or with more of them"
@@ -61,9 +60,6 @@ def check_drawing(options: argparse.Namespace) -> None:
             raise InputError(
                 f"option --{name}: found with --intervals {options.intervals}, expected {' or '.join(kinds)}."
             )
-    for name, least in _LEAST.items():
-        if getattr(options, name) is not None:
-            check_whole(f"option --{name}", getattr(options, name), least)
 
 
 def more_of(options: argparse.Namespace, intervals: "Intervals", folder: Path, resume: bool) -> "More":
@@ -71,16 +67,13 @@ def more_of(options: argparse.Namespace, intervals: "Intervals", folder: Path, r
 
     **Arguments:** whether to `resume` what `folder` holds.
 
-    **Raises:** `InputError` where that is more than anyone can want, or there is nothing to resume.
+    **Raises:** `InputError` where there is nothing to resume.
     """
     from concurrent.futures import ThreadPoolExecutor
 
     from ..files import DrawsFile
-    from ..inference import MOST_DRAWN, MOST_STARTS, Drawing
+    from ..inference import Drawing
 
-    for name, most in (("replicates", MOST_DRAWN), ("draws", MOST_DRAWN), ("starts", MOST_STARTS)):
-        if getattr(options, name) is not None:
-            check_whole(f"option --{name}", getattr(options, name), _LEAST[name], most)
     more: More = {}
     file = DrawsFile(folder, resume and intervals in DRAWN)
     if not resume:

@@ -3,18 +3,14 @@
 import argparse
 from pathlib import Path
 
-from ..files import EXAMPLE
 from .console import say
 
 
 def example(options: argparse.Namespace) -> int:
-    import shutil
-
-    from ..files import check_empty
+    from ..files import copy_example
 
     folder = options.folder
-    check_empty(folder)
-    shutil.copytree(EXAMPLE, folder, dirs_exist_ok=True)
+    copy_example(folder)
     say(f"Edit {folder / 'study.toml'}, then run: pdssjax identify {folder / 'study.toml'} --out {folder / 'out'}")
     return 0
 

@@ -7,9 +7,10 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..core import InputError, check_whole
+from ..core import InputError
 from .console import progress, say
 from .numbers import add_numbers, with_numbers
+from .option_values import whole
 
 if TYPE_CHECKING:
     from ..study import Study
@@ -22,7 +23,6 @@ _PORTS = 65535
 def explore(options: argparse.Namespace) -> int:
     from ..core import prepare_jax
 
-    check_whole("option --port", options.port, 0, _PORTS)
     _check_installed()
     prepare_jax(dedicated=True)
     from ..explore import Workbench, serve, settings_of
@@ -77,5 +77,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--sweep", type=Path, metavar="DIR", help="show the map in the results of pdssjax sweep, to click points in"
     )
-    parser.add_argument("--port", type=int, default=0, metavar="N", help="of the page (default: a free one)")
+    parser.add_argument(
+        "--port", type=whole(0, _PORTS), default=0, metavar="N", help="of the page (default: a free one)"
+    )
     parser.add_argument("--no-browser", action="store_true", help="say where the page is, and open no browser")

@@ -1,15 +1,17 @@
 """`pdssjax identify`: estimates an actuator's parameters from the records of a study."""
 
 import argparse
+import contextlib
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..core import members
+from ..core import MOST_STARTS, InputError, members
 from ..files import EXAMPLE
 from .console import progress, say
 from .drawing import DRAWN, add_drawing, check_drawing, more_of
-from .results import NOT_WRITTEN, add_out, keep_results
+from .option_values import whole
+from .results import NOT_WRITTEN, add_out, keep_results, reserved
 
 if TYPE_CHECKING:
     from ..inference import Intervals, Method
@@ -18,14 +20,15 @@ if TYPE_CHECKING:
 
 
 def identify(options: argparse.Namespace) -> int:
-    from ..core import prepare_jax
-    from ..files import check_free, holds_draws, starting_at_estimate
-
     check_drawing(options)
-    check_free(options.out, options.overwrite or options.resume)
-    if options.method == "both":
-        for method in _SIDE_BY_SIDE:
-            check_free(options.out / method, options.overwrite or options.resume)
+    with reserved(options, *(_SIDE_BY_SIDE if options.method == "both" else ())):
+        return _identify(options)
+
+
+def _identify(options: argparse.Namespace) -> int:
+    from ..core import prepare_jax
+    from ..files import holds_draws, starting_at_estimate
+
     prepare_jax(dedicated=True)
     import pdssjax
 
@@ -102,7 +105,6 @@ def _possible(study: "Study") -> "list[Method]":
 
     **Raises:** `InputError` where they allow no two of them.
     """
-    from ..core import InputError
     from ..inference import check_method, pick_peaks
 
     check_method(study, "sequential")
@@ -152,11 +154,17 @@ def _identified(
 
 
 def _report_and_keep(estimate: "Estimate", folder: Path) -> bool:
-    """Print the report of an `estimate`, then write all that belongs to it; whether `folder` took it."""
+    """Print the report of an `estimate` and write all that belongs to it; whether `folder` took it.
+
+    The estimate itself is written before the report is printed, and plots after it.
+    """
     from ..files import write_essentials, write_estimate
     from ..report.text import format_report
 
     try:
+        # Where that fails it is tried, and said, again below.
+        with contextlib.suppress(OSError, InputError):
+            write_essentials(estimate, folder)
         say(format_report(estimate))
         with progress() as tell:
             tell("writing report, predictions and plots")
@@ -202,6 +210,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "has linear intervals only",
     )
     text = "fit from N more starts, spread over their ranges, on all cores, and compare where they end"
-    parser.add_argument("--starts", type=int, default=0, metavar="N", help=text)
+    parser.add_argument("--starts", type=whole(0, MOST_STARTS), default=0, metavar="N", help=text)
     add_drawing(parser)
     add_out(parser)

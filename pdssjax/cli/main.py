@@ -1,9 +1,10 @@
 """The command `pdssjax`: its options, and its exit status.
 
 0 when it worked, 2 when the input is at fault or the installed JAX computes wrongly, 3 when a fit
-did not converge (its best result is written all the same), 4 when results could not be written to
-the folder asked for (the last lines say where they are instead).  Broken off, 130 (Ctrl-C), 143
-(SIGTERM) or 129 (SIGHUP); a fit then leaves the best point so far in its folder, marked.
+did not converge (its best result is written all the same) or nothing of a sweep or a simulation
+could be computed, 4 when results could not be written to the folder asked for (the last lines say
+where they are instead).  Broken off, 130 (Ctrl-C), 143 (SIGTERM) or 129 (SIGHUP); a fit then leaves
+the best point so far in its folder, marked.
 """
 
 import argparse
@@ -42,13 +43,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     told = contextlib.redirect_stderr(LenientStream(sys.stderr))
     with told, warnings.catch_warnings(), requests_to_end() as received:
         warnings.simplefilter("always", InputWarning)
+        # Plots show a box for a letter that their font does not have.
+        warnings.filterwarnings("ignore", r"Glyph .* missing from font", UserWarning)
         warnings.showwarning = announce_warnings(warnings.showwarning)
         try:
             given = sys.argv[1:] if arguments is None else list(arguments)
+            _check_values(given)
             options = _parser(given).parse_args(given)
             return options.run(options)
         except (InputError, MiscompilationError, OSError) as error:
-            print(f"pdssjax: error: {error}", file=sys.stderr)
+            print(f"pdssjax: error: {_cut(str(error))}", file=sys.stderr)
             return 2
         except KeyboardInterrupt:
             print("pdssjax: interrupted", file=sys.stderr)
@@ -69,13 +73,32 @@ def run() -> int:
     return status
 
 
+_LONGEST = 2000
+"""Characters of a message."""
+
 _BROKEN_OFF = 128
 """Exit statuses above it are those of signals."""
 
 
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
-        raise InputError(f"{message} (see {self.prog} --help)")
+        told = f"option {message.removeprefix('argument ')}" if message.startswith("argument -") else message
+        raise InputError(told if told.endswith(".") else f"{told} (see {self.prog} --help)")
+
+
+def _check_values(given: Sequence[str]) -> None:
+    """**Raises** `InputError` for an option with "--" as its value, which argparse takes away without a look."""
+    for argument in given:
+        if argument == "--":
+            return
+        name, equals, value = argument.partition("=")
+        if name.startswith("--") and equals and value == "--":
+            raise InputError(f'option {name}: found "--", expected a value.')
+
+
+def _cut(message: str) -> str:
+    """A `message` without the middle of what is longer than any name of a file or a column."""
+    return message if len(message) <= _LONGEST else f"{message[: _LONGEST // 2]} ... {message[-_LONGEST // 2 :]}"
 
 
 class _Help(argparse.HelpFormatter):
@@ -114,8 +137,9 @@ def _parser(given: Sequence[str] | None = None) -> argparse.ArgumentParser:
         formatter_class=_Help,
         description="Models and identifies piezoelectric stick-slip actuators.",
         epilog="Exit status: 0 it worked; 2 the input is at fault, or JAX computes wrongly; 3 a fit did not converge, "
-        "its best result is written; 4 results could not be written where asked; 130 or 143 interrupted or terminated, "
-        "a fit leaves its best point so far in estimate.json.",
+        "its best result is written, or nothing of a sweep or a simulation could be computed; 4 results could not be "
+        "written where asked; 130 or 143 interrupted or terminated, a fit leaves its best point so far in "
+        "estimate.json.",
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     subcommands = parser.add_subparsers(required=True, metavar="COMMAND", prog=parser.prog)

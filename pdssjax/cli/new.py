@@ -8,7 +8,7 @@ from fnmatch import fnmatch
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..core import InputError
+from ..core import InputError, split_text
 from .console import say
 from .option_values import number_or_text, read_number, read_pairs
 
@@ -167,9 +167,13 @@ def _hints(options: argparse.Namespace) -> "Hints":
         quantity: number_or_text(text)
         for quantity, text in read_pairs(options.scale, "--scale", QUANTITIES, "displacement=0.5 um/V").items()
     }
-    interval = None if options.interval is None else read_number(options.interval, "s", "option --interval")
-    if interval is not None and interval <= 0:
-        raise InputError(f"option --interval: found {interval:g} s, expected a time above 0.")
+    for quantity, factor in scales.items():
+        number = split_text(factor, "option --scale")[0] if isinstance(factor, str) else factor
+        if number == 0 or not math.isfinite(number):
+            raise InputError(f'option --scale: found "{quantity}={factor}", expected a finite number that is not 0.')
+    interval = None
+    if options.interval is not None:
+        interval = read_number(options.interval, "s", "option --interval", above=0.0)
     units = read_pairs(options.unit, "--unit", QUANTITIES, "displacement=um")
     return Hints(columns, units, scales, interval, options.decimal or "")
 
@@ -177,14 +181,14 @@ def _hints(options: argparse.Namespace) -> "Hints":
 def _told(options: argparse.Namespace) -> "Told":
     from ..files import Told
 
-    def number(key: str, unit: str) -> float | None:
+    def number(key: str, unit: str, above: float | None = 0.0) -> float | None:
         text = getattr(options, key)
-        return None if text is None else read_number(text, unit, f"option --{key}")
+        return None if text is None else read_number(text, unit, f"option --{key}", above=above)
 
-    told = Told(number("peak", "V"), number("frequency", "Hz"), number("mass", "kg"))
-    for key, unit, given in (("frequency", "Hz", told.frequency), ("mass", "kg", told.mass)):
-        if given is not None and not 0.0 < given < math.inf:
-            raise InputError(f"option --{key}: found {given:g} {unit}, expected a number above 0.")
+    # The voltage of a drive that goes down first is negative.
+    told = Told(number("peak", "V", None), number("frequency", "Hz"), number("mass", "kg"))
+    if told.peak == 0:
+        raise InputError("option --peak: found 0 V, expected a voltage that is not 0.")
     return told
 
 

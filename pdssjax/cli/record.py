@@ -5,15 +5,20 @@ from pathlib import Path
 
 from .console import progress, say
 from .numbers import add_numbers, study_of
-from .results import add_out, keep_results, say_where
+from .option_values import SEED
+from .results import add_out, keep_results, reserved, say_where
 
 
 def record(options: argparse.Namespace) -> int:
+    with reserved(options):
+        return _record(options)
+
+
+def _record(options: argparse.Namespace) -> int:
     from ..core import prepare_jax
-    from ..files import check_free, check_recordings, write_recordings
+    from ..files import check_recordings, write_recordings
     from ..report.text import format_numbers, format_records
 
-    check_free(options.out, options.overwrite)
     prepare_jax(dedicated=True)
 
     from ..study import compare, make_recordings, numbers_used, truth
@@ -25,13 +30,13 @@ def record(options: argparse.Namespace) -> int:
         tell("simulating")
         made = make_recordings(study, options.seed)
     compared = [compare(r.record, r.true, noise=r.record.noise or 0.0, offset=r.offset) for r in made]
-    say(format_numbers(used))
-    say(format_records(compared))
     went_in = truth(study, made, options.seed)
     with progress() as tell:
         tell("writing records and plots")
         write = lambda place: write_recordings(made, compared, went_in, used, options.study, place)
         written = keep_results(write, options.out)
+    say(format_numbers(used))
+    say(format_records(compared))
     again = f"pdssjax identify {options.out / 'records' / options.study.name} --out ..."
     return say_where(written, f"Records are in {options.out / 'records'}\nIdentify them with: {again}")
 
@@ -41,5 +46,5 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=record)
     parser.add_argument("study", type=Path, metavar="STUDY", help="study file (TOML) whose parameters all have numbers")
     add_numbers(parser)
-    parser.add_argument("--seed", type=int, default=0, help="another seed, other noise (default 0)")
+    parser.add_argument("--seed", type=SEED, default=0, help="another seed, other noise (default 0)")
     add_out(parser)

@@ -1,11 +1,13 @@
 """Where the results of a command go: the option, the attempt to write them, and the exit status."""
 
 import argparse
+import contextlib
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..core import InputError
 from .console import say
 
 if TYPE_CHECKING:
@@ -16,6 +18,26 @@ def add_out(parser: argparse.ArgumentParser, required: bool = True) -> None:
     parser.add_argument("--out", type=Path, required=required, metavar="DIR", help="folder for the results")
     parser.add_argument("--overwrite", action="store_true", help="replace results that DIR already holds")
 
+
+@contextlib.contextmanager
+def reserved(options: argparse.Namespace, *below: str) -> Iterator[None]:
+    """Within it the folder of `--out`, and what is `below` it, are this command's alone; without `--out` nothing is.
+
+    **Raises:** `InputError` where a folder holds results and the options do not say to replace them or to go on, cannot
+    be written to, or another command works there.
+    """
+    from ..files import reserved_folder
+
+    replaces = options.overwrite or getattr(options, "resume", False)
+    with contextlib.ExitStack() as folders:
+        if options.out is not None:
+            for folder in (options.out, *(options.out / name for name in below)):
+                folders.enter_context(reserved_folder(folder, replaces))
+        yield
+
+
+NOTHING_FOUND = 3
+"""Exit status where no point of a sweep, or no record of a simulation, could be computed."""
 
 NOT_WRITTEN = 4
 """Exit status where results could not be written to the folder asked for."""
@@ -33,6 +55,8 @@ def keep_results(write: Callable[[Path], None], folder: Path, estimate: "Estimat
         return True
     except OSError as error:
         print(f"pdssjax: error: {folder}: cannot be written to ({error.strerror or error})", file=sys.stderr)
+    except InputError as error:
+        print(f"pdssjax: error: {error}", file=sys.stderr)
     try:
         print(f"pdssjax: the results are in {write_aside(write)} instead", file=sys.stderr)
     except OSError as error:

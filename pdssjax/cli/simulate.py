@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from .console import progress, say
 from .numbers import add_numbers, study_of
-from .results import add_out, keep_results, say_where
+from .results import NOTHING_FOUND, add_out, keep_results, reserved, say_where
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -16,11 +16,15 @@ if TYPE_CHECKING:
 
 
 def simulate(options: argparse.Namespace) -> int:
+    with reserved(options):
+        return _simulate(options)
+
+
+def _simulate(options: argparse.Namespace) -> int:
     from ..core import prepare_jax
-    from ..files import check_free, write_predictions
+    from ..files import write_predictions
     from ..report.text import format_numbers, format_records
 
-    check_free(options.out, options.overwrite)
     prepare_jax(dedicated=True)
     from ..integration import Accuracy
     from ..study import failure_cause, numbers_used
@@ -34,14 +38,15 @@ def simulate(options: argparse.Namespace) -> int:
         if not all(record.simulated for record in records):
             tell("looking for the parameter to blame")
             cause = failure_cause(study.predictor, study.records, study.values(), Accuracy())
+    with progress() as tell:
+        tell("writing predictions and plots")
+        written = keep_results(lambda place: write_predictions(records, used, place), options.out)
     say(format_numbers(used))
     say(format_records(records))
     if cause:
         print(f"pdssjax: warning: {options.study}: {cause}.", file=sys.stderr)
-    with progress() as tell:
-        tell("writing predictions and plots")
-        written = keep_results(lambda place: write_predictions(records, used, place), options.out)
-    return say_where(written, f"Results are in {options.out}")
+    status = say_where(written, f"Results are in {options.out}")
+    return status or (0 if any(record.simulated for record in records) else NOTHING_FOUND)
 
 
 def _compared(record: "Record", predicted: "ArrayLike") -> "FittedRecord":

@@ -7,10 +7,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..core import InputError
+from ..core import MOST_WORKERS, InputError
+from .axis import MOST_POINTS
 from .console import counter, progress, say
 from .numbers import add_numbers, study_of
-from .results import add_out, keep_results, say_where
+from .option_values import SEED, read_whole, whole
+from .results import NOTHING_FOUND, add_out, keep_results, reserved, say_where
 from .sweep_border import add_border, check_alone, sweep_border
 
 if TYPE_CHECKING:
@@ -24,16 +26,19 @@ if TYPE_CHECKING:
 
 
 def sweep(options: argparse.Namespace) -> int:
+    if options.border is not None:
+        check_alone(options)
+    with contextlib.nullcontext() if options.explain else reserved(options):
+        return _sweep(options)
+
+
+def _sweep(options: argparse.Namespace) -> int:
     import json
 
     from ..core import prepare_jax
-    from ..files import check_free, check_store, write_sweep
+    from ..files import check_store, write_sweep
     from ..report.text import format_numbers, format_sweep
 
-    if options.border is not None:
-        check_alone(options)
-    if not options.explain:
-        check_free(options.out, options.overwrite or options.resume)
     check_store(options.store)
     prepare_jax(dedicated=True)
 
@@ -56,10 +61,24 @@ def sweep(options: argparse.Namespace) -> int:
         return 4
     if options.bands is not None:
         data = with_bands(data).assign_attrs(errors=errors)
+    written = keep_results(lambda place: write_sweep(data, place, options.store), options.out)
     say(format_numbers(json.loads(data.attrs["parameters"])))
     say(format_sweep(data), end="")
-    written = keep_results(lambda place: write_sweep(data, place, options.store), options.out)
-    return say_where(written, f"Results are in {options.out}")
+    status = say_where(written, f"Results are in {options.out}")
+    return status or _verdict(data)
+
+
+def _verdict(data: "xarray.Dataset") -> int:
+    """The exit status; says so where no point has a value."""
+    from ..sweeps import POINT_FAILURES
+
+    if bool(data.speed.notnull().any()):
+        return 0
+    codes = data.failure.values.ravel().tolist()
+    often = POINT_FAILURES[max(set(codes), key=codes.count)]
+    told = f"none of the {len(codes)} points has a value; of most the failure is: {often}"
+    print(f"pdssjax: error: {told}", file=sys.stderr, flush=True)
+    return NOTHING_FOUND
 
 
 class _Unwritable(Exception):
@@ -115,10 +134,11 @@ def _points(study: "Study", options: argparse.Namespace) -> "AbstractPoints":
         return Grid({path: read_axis(path, text, legal, words) for path, text in texts.items()})
     kind, _, count = options.sample.partition(":")
     kinds = {"sobol": Sobol, "latin-hypercube": LatinHypercube}
-    if kind not in kinds or not count.isdecimal():
+    if kind not in kinds or not count:
         raise InputError(f'option --sample: found "{options.sample}", expected sobol:COUNT or latin-hypercube:COUNT.')
+    number = read_whole(count, "option --sample", 1, MOST_POINTS)
     ranges = {path: read_range(path, text, legal) for path, text in texts.items()}
-    return kinds[kind](ranges, int(count), options.seed)
+    return kinds[kind](ranges, number, options.seed)
 
 
 def _asked(study: "Study", points: "AbstractPoints", options: argparse.Namespace) -> "dict[str, tuple[str, ...]]":
@@ -234,10 +254,6 @@ def _explain(
     return 0
 
 
-def _cycles(text: str) -> int | str:
-    return int(text) if text.isdecimal() else text
-
-
 def _axis(text: str) -> tuple[str, str]:
     path, equals, values = text.partition("=")
     if not equals:
@@ -269,7 +285,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="KIND:COUNT",
         help="sobol:COUNT or latin-hypercube:COUNT points of the ranges, written FROM:TO, in place of a grid",
     )
-    parser.add_argument("--seed", type=int, default=0, help="of the sample (default 0)")
+    parser.add_argument("--seed", type=SEED, default=0, help="of the sample (default 0)")
     parser.add_argument(
         "--bands",
         nargs="?",
@@ -278,11 +294,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="95 %% bands by what is known of the parameters (--estimate): to first order (default), or from draws: of "
         "its covariance, or those of a bootstrap or a posterior that lie beside it",
     )
-    parser.add_argument("--draws", type=int, default=200, help="how many a point (default 200)")
+    parser.add_argument("--draws", type=whole(1), default=200, help="how many a point (default 200)")
     parser.add_argument("--record", metavar="NAME", help="the effector record whose drive to vary (default: the first)")
     parser.add_argument(
         "--cycles",
-        type=_cycles,
+        type=whole(1, word="steady"),
         default=4,
         metavar="N",
         help='the cycle that is measured (default 4), or "steady": that after the transient',
@@ -290,7 +306,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     _add_further(parser)
     add_border(parser)
     parser.add_argument("--store", choices=["netcdf", "zarr"], default="netcdf", help="format (default netcdf)")
-    parser.add_argument("--workers", type=int, metavar="N", help="threads on this machine (default: one a core)")
+    parser.add_argument(
+        "--workers", type=whole(1, MOST_WORKERS), metavar="N", help="threads on this machine (default: one a core)"
+    )
     parser.add_argument(
         "--scheduler", metavar="ADDRESS", help="run on the workers of a Dask scheduler, such as tcp://10.0.0.1:8786"
     )

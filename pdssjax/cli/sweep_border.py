@@ -35,7 +35,7 @@ def sweep_border(study: "Study", texts: Mapping[str, str], options: argparse.Nam
         raise InputError(f'option --border-at: found the unknown metric "{metric}"; {nearest(metric, METRICS)}')
     ends, coarse = _along(path, texts, legal)
     over = {other: read_axis(other, text, legal, words) for other, text in texts.items() if other != path}
-    near = read_number(tolerance, unit_of(path, legal), "option --border")
+    near = read_number(tolerance, unit_of(path, legal), "option --border", above=0.0)
     passed = read_number(level, METRICS[metric].unit.replace("1", ""), "option --border-at")
     with progress() as tell:
         tell(f"looking for the border along {path}")
@@ -52,8 +52,8 @@ def sweep_border(study: "Study", texts: Mapping[str, str], options: argparse.Nam
             cycles=options.cycles,
             workers=options.workers,
         )
-    say(format_border(data), end="")
     written = keep_results(lambda place: write_border(data, place, options.store), options.out)
+    say(format_border(data), end="")
     return say_where(written, f"Results are in {options.out}")
 
 
@@ -67,17 +67,15 @@ def check_alone(options: argparse.Namespace) -> None:
 def _along(path: str, texts: Mapping[str, str], legal: "Mapping[str, Quantity]") -> tuple[tuple[float, float], int]:
     """The ends [SI] of the range of `path`, and how many values of it are looked at first."""
     from .axis import read_range
+    from .option_values import read_whole
 
     if path not in texts:
         raise InputError(f'option --border: found no range for "{path}", expected one such as --vary "{path}=FROM:TO".')
     low, _, high_and_count = texts[path].partition(":")
     high, colon, count = high_and_count.partition(":")
-    if colon and (not count.isdecimal() or int(count) < 2):
-        raise InputError(
-            f'sweep: path "{path}": found "{texts[path]}", expected FROM:TO or FROM:TO:COUNT, with at least 2 values '
-            "to look at first."
-        )
-    return read_range(path, f"{low}:{high}" if high else low, legal), int(count) if colon else _COARSE
+    where = f'sweep: path "{path}": values to look at first in "{texts[path]}"'
+    number = read_whole(count.strip(), where, 2) if colon else _COARSE
+    return read_range(path, f"{low}:{high}" if high else low, legal), number
 
 
 def _named_number(option: str, text: str, example: str) -> tuple[str, str]:

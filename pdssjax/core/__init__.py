@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from .arrays import ScalarLike as ScalarLike
     from .arrays import Truth as Truth
     from .blas_threads import one_blas_thread as one_blas_thread
+    from .by_value import equal_by_value as equal_by_value
     from .display_units import LENGTH as LENGTH
     from .display_units import MICROMETRES as MICROMETRES
     from .display_units import VELOCITY as VELOCITY
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from .errors import check_kind as check_kind
     from .errors import check_whole as check_whole
     from .errors import nearest as nearest
+    from .executors import check_executor as check_executor
     from .families import member as member
     from .families import member_name as member_name
     from .families import members as members
@@ -35,6 +37,10 @@ if TYPE_CHECKING:
     from .garbage import seldom_look_for_garbage as seldom_look_for_garbage
     from .jax_setup import prepare_jax as prepare_jax
     from .jax_setup import require_float64 as require_float64
+    from .most import MOST_DRAWN as MOST_DRAWN
+    from .most import MOST_SEED as MOST_SEED
+    from .most import MOST_STARTS as MOST_STARTS
+    from .most import MOST_WORKERS as MOST_WORKERS
     from .notebook import clear_bar as clear_bar
     from .notebook import counted_in_notebook as counted_in_notebook
     from .notebook import draw_in_notebook as draw_in_notebook
@@ -71,14 +77,17 @@ else:
             "arguments": ["ascending_times"],
             "arrays": ["Count", "Document", "Scalar", "ScalarLike", "Truth"],
             "blas_threads": ["one_blas_thread"],
+            "by_value": ["equal_by_value"],
             "display_units": [
                 *("Display", "LENGTH", "MICROMETRES", "VELOCITY", "decimals_for", "display_unit"),
                 *("percent", "rounded", "strongest_pairs"),
             ],
             "errors": ["InputError", "InputWarning", "MiscompilationError", "check_kind", "check_whole", "nearest"],
+            "executors": ["check_executor"],
             "families": ["member", "member_name", "members", "told_by"],
             "garbage": ["seldom_look_for_garbage"],
             "jax_setup": ["prepare_jax", "require_float64"],
+            "most": ["MOST_DRAWN", "MOST_SEED", "MOST_STARTS", "MOST_WORKERS"],
             "notebook": ["clear_bar", "counted_in_notebook", "draw_in_notebook", "told_in_notebook"],
             "physical_quantity": [
                 "AbstractModel",

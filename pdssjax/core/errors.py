@@ -33,14 +33,20 @@ def nearest(name: str, known: Iterable[str]) -> str:
     return f"expected {'one of ' if len(known) > 1 else ''}{listed}."
 
 
+_SHOWN_BITS = 256
+"""Bits of an integer from which a message does not quote it."""
+
+
 def check_whole(name: str, number: object, least: int, most: int | None = None) -> None:
     """**Raises** `InputError` where a `number` is no integer from `least` to `most`."""
     if isinstance(number, bool) or not isinstance(number, int):
-        raise InputError(f"{name}: found {number!r}, expected an integer.")
+        raise InputError(f"{name}: found {number!r:.80}, expected an integer.")
+    # Python refuses to write an integer of thousands of digits.
+    shown = str(number) if number.bit_length() < _SHOWN_BITS else f"an integer of {number.bit_length()} bits"
     if number < least:
-        raise InputError(f"{name}: found {number}, expected {f'at least {least}' if least else '0 or more'}.")
+        raise InputError(f"{name}: found {shown}, expected {f'at least {least}' if least else '0 or more'}.")
     if most is not None and number > most:
-        raise InputError(f"{name}: found {number}, expected at most {most}.")
+        raise InputError(f"{name}: found {shown}, expected at most {most}.")
 
 
 def check_kind(name: str, given: object, kind: type, remedy: str = "") -> None:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from .estimate_results import write_essentials as write_essentials
     from .estimate_results import write_estimate as write_estimate
     from .example import EXAMPLE as EXAMPLE
+    from .example import copy_example as copy_example
     from .guessed_record import NewRecord as NewRecord
     from .guessed_record import Told as Told
     from .guessed_record import guess_file as guess_file
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from .recording_results import write_recordings as write_recordings
     from .results_folder import check_empty as check_empty
     from .results_folder import check_free as check_free
+    from .results_folder import reserved_folder as reserved_folder
     from .results_folder import write_aside as write_aside
     from .study_copy import save_study as save_study
     from .study_schema import schema_text as schema_text
@@ -66,12 +68,12 @@ else:
             "draws_file": ["DrawsFile", "holds_draws"],
             "draws_results": ["read_draws"],
             "estimate_results": ["write_essentials", "write_estimate"],
-            "example": ["EXAMPLE"],
+            "example": ["EXAMPLE", "copy_example"],
             "guessed_record": ["NewRecord", "Told", "guess_file"],
             "new_study": ["drive_of_samples", "write_study"],
             "prediction_results": ["write_predictions"],
             "recording_results": ["check_recordings", "write_recordings"],
-            "results_folder": ["check_empty", "check_free", "write_aside"],
+            "results_folder": ["check_empty", "check_free", "reserved_folder", "write_aside"],
             "study_copy": ["save_study"],
             "study_schema": ["schema_text"],
             "study_toml": ["load_study"],

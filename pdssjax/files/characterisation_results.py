@@ -25,7 +25,7 @@ def write_characterisations(found: Sequence[Characterisation], folder: Path) -> 
             cycle_figure(record).savefig(staging / "plots" / f"{stem}.png")
         _write_cycles(dict(zip(stems, found, strict=True)), staging / "cycles.csv")
         document = {"format": CHARACTERISATION_FORMAT, "records": [_record_document(record) for record in found]}
-        (staging / "characterise.json").write_text(json_text(document), encoding="utf-8")
+        (staging / "characterise.json").write_text(json_text(document), encoding="utf-8", errors="backslashreplace")
 
 
 def _write_cycles(found: dict[str, Characterisation], file: Path) -> None:
@@ -34,7 +34,7 @@ def _write_cycles(found: dict[str, Characterisation], file: Path) -> None:
     names = list(dict.fromkeys(name for record in found.values() for name in record.metrics))
     shown = {name: display_unit(units[name]) for name in names}
     titles = [f"{name}_{unit}" if unit else name for name, (unit, _) in shown.items()]
-    with file.open("w", newline="", encoding="utf-8") as stream:
+    with file.open("w", newline="", encoding="utf-8", errors="backslashreplace") as stream:
         table = csv.writer(stream, lineterminator="\n")
         table.writerow(["record", "cycle", "start_s", *titles])
         for stem, record in found.items():

@@ -16,5 +16,7 @@ def write_comparison(estimates: Sequence[Estimate], folder: Path) -> None:
     from ..report.figures import comparison_figure
 
     with staging_folder(folder) as staging:
-        (staging / "comparison.txt").write_text(format_comparison(*estimates), encoding="utf-8")
+        (staging / "comparison.txt").write_text(
+            format_comparison(*estimates), encoding="utf-8", errors="backslashreplace"
+        )
         comparison_figure(estimates).savefig(staging / "comparison.png")

@@ -21,7 +21,8 @@ def write_draws(draws: Draws, units: dict[str, str], folder: Path) -> None:
     """Put all draws into `folder`; `units` by path of the parameter."""
     if draws.kind == "bootstrap":
         head = ",".join(f"{path} [{units[path]}]" if units[path] else path for path in draws.names)
-        np.savetxt(folder / FILES["bootstrap"], draws.values[0], "%.10g", ",", header=head, comments="")
+        file = folder / FILES["bootstrap"]
+        np.savetxt(file, draws.values[0], "%.10g", ",", header=head, comments="", encoding="utf-8")
     else:
         _write_posterior(draws, units, folder / FILES["posterior"])
 

@@ -51,5 +51,5 @@ def write_essentials(estimate: Estimate, folder: Path) -> None:
 
 
 def _write_essentials(estimate: Estimate, staging: Path) -> None:
-    (staging / "estimate.json").write_text(estimate_text(estimate), encoding="utf-8")
-    (staging / "report.txt").write_text(format_report(estimate), encoding="utf-8")
+    (staging / "estimate.json").write_text(estimate_text(estimate), encoding="utf-8", errors="backslashreplace")
+    (staging / "report.txt").write_text(format_report(estimate), encoding="utf-8", errors="backslashreplace")

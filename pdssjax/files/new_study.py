@@ -12,7 +12,7 @@ import numpy as np
 from ..core import member, quantities
 from ..metrics import RUNNING, RecordGuess
 from .guessed_record import NewRecord, Told
-from .results_folder import check_empty
+from .results_folder import check_empty, staging_folder
 from .toml_text import quoted
 from .unseen_flanks import (
     condition_of,
@@ -49,13 +49,15 @@ def write_study(records: Sequence[NewRecord], told: Told, folder: Path, title: s
 
     check_empty(folder)
     named = _named(records)
-    (folder / "check").mkdir(parents=True)
-    for record in named:
-        stem = re.sub(r"[^\w.-]+", "_", record.name)
-        guess_figure(record.name, record.guess).savefig(folder / "check" / f"{stem}.png")
-    path = folder / "study.toml"
-    path.write_text(study_text(named, told, folder, title), encoding="utf-8")
-    return path
+    # All of it or nothing: what is broken off can be begun again in the same folder.
+    with staging_folder(folder, ("check", "study.toml")) as staging:
+        (staging / "check").mkdir()
+        for record in named:
+            stem = re.sub(r"[^\w.-]+", "_", record.name)
+            guess_figure(record.name, record.guess).savefig(staging / "check" / f"{stem}.png")
+        text = study_text(named, told, folder, title)
+        (staging / "study.toml").write_text(text, encoding="utf-8")
+    return folder / "study.toml"
 
 
 def _named(records: Sequence[NewRecord]) -> list[NewRecord]:

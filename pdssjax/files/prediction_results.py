@@ -39,7 +39,7 @@ def write_predictions(records: Sequence[FittedRecord], used: Numbers, folder: Pa
 
 def write_numbers(used: Numbers, staging: Path) -> None:
     text = json_text({"format": PARAMETERS_FORMAT, "parameters": used})
-    (staging / "parameters.json").write_text(text, encoding="utf-8")
+    (staging / "parameters.json").write_text(text, encoding="utf-8", errors="backslashreplace")
 
 
 def write_records(records: Sequence[FittedRecord], staging: Path) -> None:

@@ -46,4 +46,4 @@ def write_recordings(
         for recording in made:
             write_csv(recording, study, staging / "records" / _place(recording.record, study))
         shutil.copyfile(study, staging / "records" / study.name)
-        (staging / "records" / "truth.json").write_text(json_text(truth), encoding="utf-8")
+        (staging / "records" / "truth.json").write_text(json_text(truth), encoding="utf-8", errors="backslashreplace")

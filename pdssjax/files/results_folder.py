@@ -4,10 +4,12 @@ import contextlib
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import TypeAlias
 
 from ..core import InputError
+from .file_lock import UNFINISHED, folder_lock, is_leftover
 
 _RESULTS = (
     "comparison.txt",
@@ -38,8 +40,11 @@ _DRAWS = "draws.jsonl"
 
 
 def check_empty(folder: Path) -> None:
-    """**Raises** `InputError` where `folder` holds anything, is a file or cannot be written to."""
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+    """**Raises** `InputError` where `folder` holds anything, is a file or cannot be written to.
+
+    What a command that was killed has left unfinished there is nothing.
+    """
+    if folder.exists() and (not folder.is_dir() or not all(is_leftover(path.name) for path in folder.iterdir())):
         raise InputError(f"{folder}: found something there already, expected an empty folder or nothing.")
     _check_writable(folder)
 
@@ -80,18 +85,64 @@ def write_aside(write: Callable[[Path], None]) -> Path:
     return folder
 
 
+_Contents: TypeAlias = dict[str, tuple[int, int]]
+"""What a folder holds of results: number and time of the last change of each file or folder, by name."""
+
+_reserved: dict[Path, _Contents] = {}
+"""What the folders held that commands of this process have reserved, as far as they know."""
+
+
 @contextlib.contextmanager
-def staging_folder(folder: Path) -> Iterator[Path]:
-    """A hidden folder inside `folder`, whose contents move up once all of them are written."""
-    folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=".unfinished-", dir=folder) as temporary:
-        staging = Path(temporary)
+def reserved_folder(folder: Path, overwrite: bool) -> Iterator[None]:
+    """Within it results may go to `folder`, and no other process writes there.
+
+    **Raises:** `InputError` as `check_free` does, and where another process has it.
+    """
+    check_free(folder, overwrite)
+    with folder_lock(folder):
+        # Another process may have put results there before the lock was taken.
+        check_free(folder, overwrite)
+        place = folder.resolve()
+        _reserved[place] = _contents(place, _RESULTS)
+        try:
+            yield
+        finally:
+            del _reserved[place]
+
+
+@contextlib.contextmanager
+def staging_folder(folder: Path, names: Sequence[str] = _RESULTS) -> Iterator[Path]:
+    """A hidden folder inside `folder`, whose contents move up once all of them are written.
+
+    **Arguments:** `names` are what may be in it, in the order in which it moves; what `folder` holds of them is
+    replaced.
+
+    **Raises:** `InputError` where another process has the folder, `FileExistsError` where other results have come into
+    it since this one has reserved it.
+    """
+    with folder_lock(folder), tempfile.TemporaryDirectory(prefix=UNFINISHED, dir=folder) as temporary:
+        staging, place = Path(temporary), folder.resolve()
         yield staging
-        for name in reversed(_RESULTS):
-            _remove(folder / name)
-        for name in _RESULTS:
-            if (staging / name).exists():
-                (staging / name).rename(folder / name)
+        if place in _reserved and _reserved[place] != _contents(place, _RESULTS):
+            raise FileExistsError("other results have come into it meanwhile")
+        try:
+            for name in reversed(names):
+                _remove(folder / name)
+            for name in names:
+                if (staging / name).exists():
+                    (staging / name).rename(folder / name)
+        finally:
+            if place in _reserved:
+                _reserved[place] = _contents(place, _RESULTS)
+
+
+def _contents(folder: Path, names: Sequence[str]) -> _Contents:
+    found: _Contents = {}
+    for name in names:
+        with contextlib.suppress(OSError):
+            told = (folder / name).stat()
+            found[name] = told.st_ino, told.st_mtime_ns
+    return found
 
 
 def _remove(path: Path) -> None:

@@ -1,9 +1,12 @@
 """Writes a sweep, or the border that one looked for: the dataset and its figures."""
 
+import hashlib
 import importlib.util
 import json
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from ..core import InputError
 from .prediction_results import write_numbers
@@ -41,11 +44,40 @@ def write_border(data: "xarray.Dataset", folder: Path, store: str) -> None:
 
 def _put(data: "xarray.Dataset", staging: Path, name: str, store: str) -> None:
     write_numbers(json.loads(data.attrs["parameters"]), staging)
+    data = data.assign_attrs({_DIGEST: _digest(data)})
     if store == "zarr":
         # Only format 2 specifies consolidated metadata; without, whoever opens the store is warned.
         data.to_zarr(staging / f"{name}.zarr", zarr_format=2, consolidated=True)
     else:
         data.to_netcdf(staging / f"{name}.nc", engine="scipy")
+
+
+_DIGEST = "digest"
+"""The attribute with the digest of a dataset: neither format has checksums, and a flipped bit is another number."""
+
+
+def _digest(data: "xarray.Dataset") -> str:
+    """Of all numbers, names and attributes of `data`, the same before it is written and after it was read."""
+    digest = hashlib.sha256(_plain({name: value for name, value in data.attrs.items() if name != _DIGEST}))
+    for name in sorted(map(str, data.variables)):
+        variable = data[name]
+        values = np.asarray(variable.values)
+        digest.update(_plain([name, variable.dims, variable.attrs]))
+        # Formats keep integers in types of their own, and NaN has many forms.
+        numbers = values.astype("<f8") if values.dtype.kind in "iufb" else values.astype(str)
+        digest.update(
+            np.where(numbers != numbers, np.nan, numbers).tobytes() if numbers.dtype.kind == "f" else _plain(numbers)
+        )
+    return digest.hexdigest()
+
+
+def _plain(value: object) -> bytes:
+    """As text that is the same for the same numbers, whatever their types."""
+    as_number = lambda entry: np.asarray(entry).tolist() if hasattr(entry, "dtype") else str(entry)
+    numbers = lambda entry: float(entry) if isinstance(entry, int | float | np.number) else entry
+    if isinstance(value, dict):
+        value = {name: numbers(entry) for name, entry in value.items()}
+    return json.dumps(value, sort_keys=True, default=as_number).encode()
 
 
 def check_store(store: str) -> None:
@@ -57,7 +89,7 @@ def check_store(store: str) -> None:
 def read_sweep(folder: Path) -> "xarray.Dataset":
     """The dataset that `write_sweep` put into `folder`, in memory.
 
-    **Raises:** `InputError` where there is none, or one that cannot be read.
+    **Raises:** `InputError` where there is none, one that cannot be read, or one that was changed since.
     """
     import xarray
 
@@ -66,7 +98,14 @@ def read_sweep(folder: Path) -> "xarray.Dataset":
     if not held:
         raise InputError(f"{folder}: found no {' or '.join(engines)}, expected the results of pdssjax sweep.")
     try:
-        with xarray.open_dataset(folder / held[0], engine=engines[held[0]]) as data:
-            return data.load()
+        with xarray.open_dataset(folder / held[0], engine=engines[held[0]]) as opened:
+            data = opened.load()
     except Exception as error:  # what reads them raises errors of many types
         raise InputError(f"{folder / held[0]}: cannot be read ({error}), expected a sweep.") from None
+    # Of an older version it has none.
+    if data.attrs.get(_DIGEST, "") not in ("", _digest(data)):
+        raise InputError(
+            f"{folder / held[0]}: found numbers that do not match their digest, expected the file as pdssjax sweep "
+            "wrote it; the sweep's command with --resume writes it again."
+        )
+    return data

@@ -1,24 +1,30 @@
 """Keeps a sweep on disk while it runs: a Zarr store, so that what was done outlives an interruption.
 
-One process writes it, a whole chunk a block: first what was found, then the block's status.  Zarr writes a chunk to
-a temporary file and renames it, so that a chunk is there whole or not at all; a block whose status is not there is
-computed again.  The store is made beside its place and renamed, too.
+One process writes it, which has the lock of a file beside it, a whole chunk a block: first what was found, then its
+digest, then the block's status.  Zarr writes a chunk to a temporary file and renames it, so that a chunk is there whole
+or not at all; a block whose status is not there is computed again.  Zarr's chunks have no checksum, and a bit that
+flipped on the disk is another number: the digest is of the job, the number of the block, its points and what was found
+there, and a block that does not match it when it is read is computed again.  The store is made beside its place and
+renamed, too.
 """
 
 import contextlib
 import dataclasses
+import hashlib
 import importlib.metadata
 import shutil
 import tempfile
+import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, UInt8
 
-from ..core import Document, InputError
-from ..sweeps import AbstractBlockStore, BlockPlan, blank, columns_of, differences, extended
+from ..core import Document, InputError, InputWarning
+from ..sweeps import AbstractBlockStore, BlockPlan, blank, columns_of, differences, extended, job_text
+from .file_lock import file_lock
 
 SWEEP_STORE = "points.zarr"
 """Of the store, in the folder of a sweep's results."""
@@ -28,6 +34,12 @@ PENDING, DONE, FAILED = 0, 1, 2
 
 _REASON = 200
 """Bytes kept of why a block failed."""
+
+_DIGEST = 32
+"""Bytes of the digest of a block."""
+
+_LISTED = 8
+"""Blocks that a message names."""
 
 _NEEDED = (3, 1, 6)
 """The version of Zarr from which on it writes by renaming."""
@@ -46,6 +58,7 @@ class SweepStore(AbstractBlockStore):
         """With `resume` it goes on with a store that is there, with `overwrite` it replaces it; else there is none."""
         self.place, self.resume, self.overwrite = Path(place), resume, overwrite
         self._group: Group = None
+        self._lock = contextlib.ExitStack()
         check_zarr()
 
     def open(self, document: Document, plan: BlockPlan) -> tuple[BlockPlan, Sequence[int]]:
@@ -55,6 +68,8 @@ class SweepStore(AbstractBlockStore):
                 "--overwrite to begin anew."
             )
         check_room(document, plan, self.place)
+        beside = self.place.with_name(f".{self.place.name}.lock")
+        self._lock.enter_context(file_lock(beside, self.place, _beside(self.place)))
         if self.place.exists() and not self.resume:
             shutil.rmtree(self.place)
         with _reading(self.place):
@@ -62,23 +77,51 @@ class SweepStore(AbstractBlockStore):
                 plan = _resumed(self.place, _opened(self.place), document, plan)
             else:
                 _create(self.place, document, plan)
-            self._group, self._plan = _opened(self.place), plan
-            return plan, [number for number, status in enumerate(self._status()) if not self._kept(number, status)]
+            self._group, self._plan, self._job = _opened(self.place), plan, job_text(document)
+            _check_arrays(self._group, columns_of(document), plan)
+            _, damaged = self._sound()
+            if damaged:
+                told = f"{_listed(damaged)} what was stored does not match its digest, or has none; computed again."
+                warnings.warn(f"{self.place}: {told}", InputWarning, 3)
+            done = self._status() == DONE
+            return plan, [number for number in range(plan.blocks) if number in damaged or not done[number]]
 
-    def _kept(self, number: int, status: int) -> bool:
-        """Whether a block is done and can be read: what was damaged or lost on the disk is computed again."""
-        if status != DONE:
-            return False
-        try:
-            rows = np.asarray(self._group["found"][self._plan.place(number)])
-        except (OSError, RuntimeError, ValueError):
-            return False
-        # Of every point something is known, if only why there is no more.
-        return bool(np.isfinite(rows).any(axis=1).all())
+    def close(self) -> None:
+        self._lock.close()
 
     def keep(self, number: int, found: Float[np.ndarray, "points columns"]) -> None:
+        found = np.asarray(found, float)
         self._group["found"][self._plan.place(number)] = found
+        self._group["digest"][number] = self._digest(number, found)
         self._group["status"][number] = DONE
+
+    def _digest(self, number: int, found: Float[np.ndarray, "points columns"]) -> UInt8[np.ndarray, " bytes"]:
+        """Of what was found in block `number`, and of where."""
+        points = self._plan.values[self._plan.place(number)]
+        digest = hashlib.sha256(f"{number} {found.shape} {self._job}".encode())
+        for part in (points, found):
+            # The same on every machine, whatever the order of bytes in memory or in the store.
+            digest.update(np.ascontiguousarray(part, "<f8").tobytes())
+        return np.frombuffer(digest.digest(), np.uint8)
+
+    def _sound(self) -> tuple[Float[np.ndarray, "points columns"], set[int]]:
+        """All that can be read, and the blocks that are said to be done but do not match their digest."""
+        place, rows = self._plan.place, self._read_array("found", len(self._plan.order), self._plan.lanes, np.nan)
+        digests = self._read_array("digest", self._plan.blocks, 1, 0)
+        done = np.flatnonzero(self._status() == DONE).tolist()
+        return rows, {n for n in done if not np.array_equal(digests[n], self._digest(n, rows[place(n)]))}
+
+    def _read_array(self, name: str, length: int, chunk: int, filler: float) -> np.ndarray:
+        """The first `length` rows of an array, the `filler` in chunks that cannot be read."""
+        array = self._group[name]
+        with contextlib.suppress(OSError, RuntimeError, ValueError):
+            return np.asarray(array[:length])
+        rows = np.full((length, *array.shape[1:]), filler, array.dtype)
+        for begin in range(0, length, chunk):
+            part = slice(begin, min(begin + chunk, length))
+            with contextlib.suppress(OSError, RuntimeError, ValueError):
+                rows[part] = array[part]
+        return rows
 
     def fail(self, number: int, reason: str) -> None:
         told = np.zeros(_REASON, np.uint8)
@@ -88,14 +131,18 @@ class SweepStore(AbstractBlockStore):
         self._group["status"][number] = FAILED
 
     def read(self) -> Float[np.ndarray, "points columns"]:
-        rows = np.asarray(self._group["found"][: len(self._plan.order)])
-        missing = np.repeat(self._status() != DONE, self._plan.lanes)[: len(rows)]
-        rows[missing] = blank(1, rows.shape[1])
+        rows, damaged = self._sound()
+        missing = self._status() != DONE
+        missing[list(damaged)] = True
+        rows[np.repeat(missing, self._plan.lanes)[: len(rows)]] = blank(1, rows.shape[1])
+        if damaged:
+            told = f"{_listed(damaged)} what was stored does not match its digest and is left out; go on with --resume."
+            warnings.warn(f"{self.place}: {told}", InputWarning, 3)
         return rows
 
     def _status(self) -> Int[np.ndarray, " blocks"]:
         # An extension that was interrupted leaves room at the end.
-        return np.asarray(self._group["status"][: self._plan.blocks])
+        return self._read_array("status", self._plan.blocks, 1, PENDING)
 
     def reasons(self) -> dict[int, str]:
         """Why blocks failed, by their number."""
@@ -118,6 +165,18 @@ def _reading(place: Path) -> Iterator[None]:
         ) from None
 
 
+def _listed(blocks: set[int]) -> str:
+    """Blocks in words, as a message begins."""
+    first = ", ".join(map(str, sorted(blocks)[:_LISTED]))
+    more = f" and {len(blocks) - _LISTED} more" if len(blocks) > _LISTED else ""
+    return f"of block{'s' * (len(blocks) > 1)} {first}{more}"
+
+
+def _beside(place: Path) -> str:
+    """How the names begin of stores that are not yet at their `place`."""
+    return f".unfinished-{place.name}-"
+
+
 def check_zarr() -> None:
     """**Raises** `InputError` where Zarr is not installed, or writes in place."""
     try:
@@ -136,7 +195,7 @@ def check_zarr() -> None:
 def bytes_needed(document: Document, plan: BlockPlan) -> int:
     """How much room [bytes] the store of a plan takes on the disk, at most."""
     rows = len(plan.order) * 8 * (columns_of(document) + plan.values.shape[1] + 1)
-    return rows + 3 * _FILE * plan.blocks + 16 * _FILE
+    return rows + 4 * _FILE * plan.blocks + 20 * _FILE
 
 
 def check_room(document: Document, plan: BlockPlan, place: Path) -> None:
@@ -154,20 +213,54 @@ def _create(place: Path, document: Document, plan: BlockPlan) -> None:
     import zarr
 
     place.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=".unfinished-", dir=place.parent) as folder:
+    with tempfile.TemporaryDirectory(prefix=_beside(place), dir=place.parent) as folder:
         made = Path(folder) / place.name
         group = zarr.create_group(made, attributes={"job": document, "lanes": plan.lanes, "points": len(plan.order)})
-        array = lambda name, shape, chunks, dtype, fill, names: group.create_array(
-            name, shape=shape, chunks=chunks, dtype=dtype, fill_value=fill, dimension_names=names
-        )
-        points, columns = len(plan.order), columns_of(document)
-        array("found", (points, columns), (plan.lanes, columns), "float64", np.nan, ("point", "column"))
-        array("status", (plan.blocks,), (1,), "uint8", PENDING, ("block",))
-        array("reason", (plan.blocks, _REASON), (1, _REASON), "uint8", 0, ("block", "byte"))
-        whole = max(points, 1), max(plan.values.shape[1], 1)
-        array("values", plan.values.shape, whole, "float64", np.nan, ("point", "path"))[:] = plan.values
-        array("order", (points,), whole[:1], "int64", 0, ("point",))[:] = plan.order
+        for name, array in _arrays(columns_of(document), plan).items():
+            made_array = group.create_array(name, **array._asdict())
+            if name in ("values", "order"):
+                made_array[:] = getattr(plan, name)
         made.rename(place)
+
+
+class _Array(NamedTuple):
+    """What the store has of an array, by Zarr's names."""
+
+    shape: tuple[int, ...]
+    chunks: tuple[int, ...]
+    dtype: str
+    fill_value: float
+    dimension_names: tuple[str, ...]
+
+
+def _arrays(columns: int, plan: BlockPlan) -> dict[str, _Array]:
+    """The arrays of a store by name."""
+    points, paths = plan.values.shape
+    whole = max(points, 1), max(paths, 1)
+    return {
+        "found": _Array((points, columns), (plan.lanes, columns), "float64", np.nan, ("point", "column")),
+        "status": _Array((plan.blocks,), (1,), "uint8", PENDING, ("block",)),
+        "reason": _Array((plan.blocks, _REASON), (1, _REASON), "uint8", 0, ("block", "byte")),
+        "digest": _Array((plan.blocks, _DIGEST), (1, _DIGEST), "uint8", 0, ("block", "byte")),
+        "values": _Array((points, paths), whole, "float64", np.nan, ("point", "path")),
+        "order": _Array((points,), whole[:1], "int64", 0, ("point",)),
+    }
+
+
+def _check_arrays(group: Group, columns: int, plan: BlockPlan) -> None:
+    """**Raises** `ValueError` where the arrays of a store are none that hold the blocks of `plan`.
+
+    They may be longer: an extension that was interrupted leaves room at the end.
+    """
+    for name, expected in _arrays(columns, plan).items():
+        found = group[name]
+        is_long = len(found.shape) == len(expected.shape) and found.shape[0] >= expected.shape[0]
+        if str(found.dtype) != expected.dtype or not is_long or found.shape[1:] != expected.shape[1:]:
+            told = f"{found.dtype} of shape {found.shape} in place of {expected.dtype} of shape {expected.shape}"
+            raise ValueError(f"{name}: {told}")
+        # What is in a chunk of its own can be lost, and be computed again, without the others.
+        if name not in ("values", "order") and found.chunks != expected.chunks:
+            raise ValueError(f"{name}: chunks of {found.chunks} in place of {expected.chunks}")
 
 
 def _opened(place: Path) -> Group:
@@ -189,9 +282,9 @@ def _resumed(place: Path, group: Group, document: Document, plan: BlockPlan) -> 
     **Raises:** `InputError` that says what differs where the store is that of another sweep.
     """
     other = differences(document, group.attrs["job"])
-    points = group.attrs["points"]
+    points, lanes = (_whole_attribute(group, name) for name in ("points", "lanes"))
     # Begun on a machine with other devices, it goes on in the blocks that it has.
-    plan = dataclasses.replace(plan, lanes=group.attrs["lanes"])
+    plan = dataclasses.replace(plan, lanes=lanes)
     whole = None if other else extended(plan, np.asarray(group["values"][:points]))
     if whole is None:
         other = other or [f"{points} points, not all of them among these {len(plan.order)}"]
@@ -200,9 +293,20 @@ def _resumed(place: Path, group: Group, document: Document, plan: BlockPlan) -> 
             f"{place}: found the store of another sweep ({'; '.join(other[:3])}{more}); expected that of this one, "
             "another folder, or --overwrite."
         )
+    if "digest" not in group:
+        # Made by a version that kept none: its blocks are computed again.
+        group.create_array("digest", **_arrays(columns_of(document), whole)["digest"]._asdict())
     if len(whole.order) > points:
         _extend(group, whole, points)
     return whole
+
+
+def _whole_attribute(group: Group, name: str) -> int:
+    """An attribute that is a positive integer, of points also 0; **raises** `ValueError` where it is none."""
+    number: object = group.attrs[name]
+    if isinstance(number, bool) or not isinstance(number, int) or number < (name == "lanes"):
+        raise ValueError(f"{name} = {number!r:.40}")
+    return number
 
 
 def _extend(group: Group, plan: BlockPlan, points: int) -> None:
@@ -212,7 +316,7 @@ def _extend(group: Group, plan: BlockPlan, points: int) -> None:
         group["status"][points // plan.lanes] = PENDING
     for name, length in {"found": len(plan.order), "values": len(plan.order), "order": len(plan.order)}.items():
         group[name].resize((length, *group[name].shape[1:]))
-    for name in ("status", "reason"):
+    for name in ("status", "reason", "digest"):
         group[name].resize((plan.blocks, *group[name].shape[1:]))
     group["values"][points:] = plan.values[points:]
     group["order"][:] = plan.order

@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from .covariance import least_squares_covariance as least_squares_covariance
     from .covariance import propagated as propagated
-    from .draws import MOST_DRAWN as MOST_DRAWN
-    from .draws import MOST_STARTS as MOST_STARTS
     from .draws import Drawing as Drawing
     from .draws import Store as Store
     from .identification import FitInterrupted as FitInterrupted
@@ -52,7 +50,7 @@ else:
         __name__,
         {
             "covariance": ["least_squares_covariance", "propagated"],
-            "draws": ["Drawing", "MOST_DRAWN", "MOST_STARTS", "Store"],
+            "draws": ["Drawing", "Store"],
             "solver.ending": ["Ending", "SUCCESSES"],
             "identification": [
                 "FitInterrupted",

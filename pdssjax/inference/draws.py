@@ -9,7 +9,7 @@ from typing import Literal, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 
-from ..core import Document, InputError, check_whole, prepare_jax, require_float64
+from ..core import MOST_DRAWN, MOST_SEED, Document, InputError, check_whole, prepare_jax, require_float64
 
 Resampled: TypeAlias = Literal["noise", "cycles"]
 """What a bootstrap draws: white noise of the size found, or whole cycles of the residuals."""
@@ -21,12 +21,6 @@ Task = TypeVar("Task")
 Result = TypeVar("Result")
 
 REPLICATES, DRAWS, CHAINS = 1000, 1000, 4
-
-MOST_DRAWN = 1_000_000
-"""Replicates, or draws of a chain; more are a slip of the keyboard."""
-
-MOST_STARTS = 100_000
-"""The same of fits from other starts."""
 
 
 class Store(Protocol):
@@ -90,7 +84,7 @@ class Drawing:
     def __post_init__(self):
         if self.count is not None:
             check_whole("count", self.count, 2, MOST_DRAWN)
-        check_whole("seed", self.seed, 0)
+        check_whole("seed", self.seed, 0, MOST_SEED)
         if self.resampled not in ("noise", "cycles"):
             raise InputError(f'resampled: found "{self.resampled}", expected "noise" or "cycles".')
         if self.sampler not in ("rto", "nuts"):

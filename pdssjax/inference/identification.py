@@ -11,6 +11,7 @@ import numpy as np
 
 from ..core import (
     InputError,
+    check_executor,
     check_kind,
     clear_bar,
     member,
@@ -85,8 +86,8 @@ def identify(
     make, and where they are kept.  `loss` is "squares", or of a joint fit "huber" or "cauchy", under which glitches
     pull little; its errors are those of a sandwich covariance, its intervals linear.  So many other `starts` are
     fitted besides the usual ones and compared (`Estimate.multistart`).  Fits and chains that do not need each other
-    run where the `executor` says, in this thread if it is None; profiles and chains only in threads.  `progress` takes
-    lines of text; left out, notebooks show a bar.
+    run where the `executor` says, in this thread if it is None; profiles and chains only in threads, and processes only
+    where they are spawned, not forked.  `progress` takes lines of text; left out, notebooks show a bar.
 
     **Raises:** `InputError` if there is nothing to fit, or for "peaks" no record to pick them from.  A fit that does
     not converge is returned all the same, with `converged` False and the reason in `message`.  `FitInterrupted`, a
@@ -222,7 +223,7 @@ _METHODS: dict[str, tuple[str, ...]] = {
 """By kind of intervals, the methods that have them; all have linear ones."""
 
 
-def _check_arguments(study: object, drawing: object, executor: object, accuracy: object, starts: int) -> None:
+def _check_arguments(study: object, drawing: object, executor: Executor | None, accuracy: object, starts: int) -> None:
     """**Raises** `InputError` where one is nothing of its kind."""
     check_kind("study", study, Study, "load_study")
     check_starts(starts)
@@ -233,6 +234,7 @@ def _check_arguments(study: object, drawing: object, executor: object, accuracy:
     ):
         if given is not None:
             check_kind(name, given, kind)
+    check_executor(executor)
 
 
 def has_intervals(method: Method, intervals: Intervals) -> bool:

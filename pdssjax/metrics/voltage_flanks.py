@@ -7,12 +7,15 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from ..core import equal_by_value
+
 Samples = Float[np.ndarray, " n"]
 
 _FASTER = 0.3
 """A flank that takes less than this part of the other one is a fast one."""
 
 
+@equal_by_value
 @dataclasses.dataclass(frozen=True)
 class VoltageFlanks:
     """Passages between the lowest and the highest quarter."""

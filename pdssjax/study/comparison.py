@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..core import LENGTH, Display
+from ..core import LENGTH, Display, equal_by_value
 from ..metrics import (
     LackOfFit,
     error_index,
@@ -21,6 +21,7 @@ from ..metrics import (
 from .record import Record
 
 
+@equal_by_value
 @dataclass(frozen=True)
 class FittedRecord:
     """One record beside its prediction, in SI."""

@@ -6,6 +6,8 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float, Num
 
+from ..core import equal_by_value
+
 
 @dataclass(frozen=True)
 class ParameterDraws:
@@ -28,6 +30,7 @@ class ParameterDraws:
     """Of a posterior: the same for the ends of the interval."""
 
 
+@equal_by_value
 @dataclass(frozen=True)
 class Draws:
     """Draws of all free parameters."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..core import Figure, decimals_for, display_unit, presenter, rounded
+from ..core import Figure, decimals_for, display_unit, equal_by_value, presenter, rounded
 from .comparison import FittedRecord
 from .diagnosis import Diagnosis
 from .draws import Draws
@@ -151,6 +151,7 @@ class Statistics:
     """Parameters that were measured apart: so many more measurements than samples."""
 
 
+@equal_by_value
 @dataclass(frozen=True)
 class Amplification:
     """How errors of the parameters fitted first move those fitted after them, to first order."""
@@ -177,6 +178,7 @@ class Amplification:
         return self.later[i], self.earlier[j], float(self.matrix[i, j])
 
 
+@equal_by_value
 @dataclass(frozen=True)
 class Estimate:
     """The whole result of one identification."""

@@ -5,7 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ..core import equal_by_value
 
+
+@equal_by_value
 @dataclass(frozen=True)
 class Multistart:
     """Fits from many starts, the lowest chi-square first."""

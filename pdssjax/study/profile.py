@@ -5,7 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ..core import equal_by_value
 
+
+@equal_by_value
 @dataclass(frozen=True)
 class Profile:
     """The likelihood profile of one parameter, from the lower end of its interval to the upper."""

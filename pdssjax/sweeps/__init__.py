@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from .directions import ALONG as ALONG
     from .directions import compared_directions as compared_directions
     from .job import differences as differences
+    from .job import job_text as job_text
     from .point_status import GRAZING as GRAZING
     from .point_status import POINT_FAILURES as POINT_FAILURES
     from .points.base import AbstractPoints as AbstractPoints
@@ -62,7 +63,7 @@ else:
             "directions": ["ALONG", "compared_directions"],
             "cycles.further_metrics": ["FURTHER", "SMOOTH"],
             "dataset": ["register_plot"],
-            "job": ["differences"],
+            "job": ["differences", "job_text"],
             "point_status": ["GRAZING", "POINT_FAILURES"],
             "points.base": ["AbstractPoints"],
             "points.covariance_draws": ["CovarianceDraws"],

@@ -23,7 +23,7 @@ class AbstractBlockStore(abc.ABC):
 
         That is another one of the same points where the store holds a part of them in other blocks.
 
-        **Raises:** `InputError` where it holds another sweep, and says what differs.
+        **Raises:** `InputError` where it holds another sweep, and says what differs, or where another process has it.
         """
 
     @abc.abstractmethod
@@ -33,6 +33,10 @@ class AbstractBlockStore(abc.ABC):
     @abc.abstractmethod
     def fail(self, number: int, reason: str) -> None:
         """Notes that block `number` could not be computed, and why."""
+
+    def close(self) -> None:
+        """Gives back what `open` has taken, such as a lock; what is kept stays."""
+        return None
 
     @abc.abstractmethod
     def read(self) -> Float[np.ndarray, "points columns"]:

@@ -7,8 +7,9 @@ two of one text and of the same points find the same numbers.
 import dataclasses
 import importlib.metadata
 import json
+from numbers import Integral
 
-from ..core import Document, InputError, choices, member, member_name, members, quantities
+from ..core import MOST_DRAWN, Document, InputError, choices, member, member_name, members, quantities
 from ..integration import Accuracy, Taylor
 from ..study import Models
 from .cycles.base import AbstractCycle
@@ -34,9 +35,10 @@ def measured_cycle(cycles: int | str) -> AbstractCycle:
     """
     if cycles == "steady":
         return Steady()
-    if isinstance(cycles, str) or cycles < 1:
-        raise InputError(f'sweep: found cycles = {cycles!r}, expected a number of at least 1, or "steady".')
-    return Numbered(cycles)
+    # An integer of NumPy is one, too.
+    if isinstance(cycles, bool | str) or not isinstance(cycles, Integral) or not 1 <= int(cycles) <= MOST_DRAWN:
+        raise InputError(f'sweep: found cycles = {cycles!r:.80}, expected a number of at least 1, or "steady".')
+    return Numbered(int(cycles))
 
 
 def job_document(function: PointFunction) -> Document:

@@ -14,7 +14,17 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Float
 
-from ..core import Document, InputError, InputWarning, Quantity, check_kind, counted_in_notebook, require_float64
+from ..core import (
+    Document,
+    InputError,
+    InputWarning,
+    Quantity,
+    check_executor,
+    check_kind,
+    check_whole,
+    counted_in_notebook,
+    require_float64,
+)
 from ..integration import Accuracy
 from ..study import Record, Study, UsedNumber, numbers_used
 from .axes import check_axes, check_effects, contradictions
@@ -125,18 +135,16 @@ def sweep(
     for every combination of them: quantities of the drive ("drive.voltage", "drive.frequency", "drive.fall_time") and
     parameters of the study's models ("friction.f_ss_a"), those of an amplifier that the study
     lacks included; or it is a set of points from `pdssjax.sweeps`: `Grid`, `Listed`, `Sobol`, `LatinHypercube`,
-    `CovarianceDraws`, `GivenDraws`, `Crossed`.  `record` names the effector record whose drive is varied,
-    the first one by default; parameters that hold under its conditions do so at all
-    points.  The last of `cycles` cycles is measured; one more is run,
-    whose flank tells the last slip.  With `cycles="steady"` it is the cycle that
-    is left when the transient has died out, and two more numbers say after how many cycles it repeats, and what is
+    `CovarianceDraws`, `GivenDraws`, `Crossed`.  `record` names the effector record whose drive is varied, the first one
+    by default; parameters that hold under its conditions do so at all points.  The last of `cycles` cycles is measured;
+    one more is run, whose flank tells the last slip.  With `cycles="steady"` it is the cycle that is left when the
+    transient has died out, and two more numbers say after how many cycles it repeats, and what is
     left of a deviation after a cycle.  `metrics` names what is found besides, of `pdssjax.sweeps.FURTHER`;
     `derivatives` names parameters and quantities of the drive by which all smooth metrics are derived
-    (`speed_by_piezo_gain`).  `progress(done, points)` is called after each block;
-    in a notebook a bar shows it if there is none.
-    All devices of the machine share a block of points.
+    (`speed_by_piezo_gain`).  `progress(done, points)` is called after each block; in a notebook a bar shows
+    it if there is none.  All devices of the machine share a block of points.
     `workers` is the number of threads, one a core by default.  An `executor` of `concurrent.futures` runs the blocks
-    in place of the threads, at most `in_flight` at a time; its processes start by spawn, since JAX does not outlive
+    in place of the threads, at most `in_flight` at a time; its processes must be spawned, since JAX does not outlive
     a fork.  A `store` keeps what was found block by block and goes on where it stopped.
 
     **Returns:** an `xarray.Dataset`, labelled with units, with one dimension an axis, or those of the set of points:
@@ -147,21 +155,32 @@ def sweep(
 
     **Raises:** `InputError`, before any work, for an unknown path, or one that changes nothing, an illegal value, an
     empty axis, a study without an effector record under a drive with a frequency, a parameter that is no axis and
-    has no number, a store of another sweep; and where the executor's workers do not answer as they should.
+    has no number, a store of another sweep or one that another process has, an executor whose processes are forked; and
+    where the executor's workers do not answer as they should.
     """
     require_float64("sweep")
+    _check_workers(executor, workers, in_flight)
     planned = plan_sweep(
         study, over, record=record, cycles=cycles, accuracy=accuracy, metrics=metrics, derivatives=derivatives
     )
     store = MemoryStore() if store is None else store
     progress = progress or counted_in_notebook("points")
-    plan, pending = store.open(planned.document, planned.plan)
-    planned = dataclasses.replace(planned, plan=plan)
-    _run(planned, pending, store, progress, executor, workers, in_flight)
-    found = _in_order(planned, store)
+    with contextlib.closing(store):
+        plan, pending = store.open(planned.document, planned.plan)
+        planned = dataclasses.replace(planned, plan=plan)
+        _run(planned, pending, store, progress, executor, workers, in_flight)
+        found = _in_order(planned, store)
     return labelled(
         planned.study, planned.base, planned.points, planned.declared, found, planned.function, planned.used
     )
+
+
+def _check_workers(executor: Executor | None, workers: int | None, in_flight: int | None) -> None:
+    """**Raises** `InputError` for an executor or numbers of workers that cannot compute blocks."""
+    check_executor(executor)
+    for name, number in (("workers", workers), ("in_flight", in_flight)):
+        if number is not None:
+            check_whole(name, number, 1)
 
 
 def _run(

@@ -105,9 +105,17 @@ def refused_where_the_study_is_another(study, command, capsys):
     place.write_text(text)
 
 
+def rewrite(folder, document, entries):
+    """A file of draws with the digests of what somebody made of it."""
+    file = DrawsFile(folder, resume=False)
+    file.begin(document)
+    for entry in entries:
+        file.keep(entry)
+
+
 def refused_where_the_fit_is_none(draws, command, capsys):
-    head, *rest = draws.read_text().splitlines()
-    document = json.loads(head)
+    head, *rest = (json.loads(line) for line in draws.read_text().splitlines())
+    document = {key: value for key, value in head.items() if key not in ("format", "digest")}
     for changed in (
         {"free": "x"},
         {"free": document["free"][:1]},
@@ -118,11 +126,10 @@ def refused_where_the_fit_is_none(draws, command, capsys):
         {"multistart": "x"},
         {"multistart": {"names": []}},
     ):
-        draws.write_text("\n".join([json.dumps(document | changed), *rest, ""]))
+        rewrite(draws.parent, document | changed, rest)
         assert main([*command, "--resume"]) == 2
         assert "draws.jsonl: the fit: found " in capsys.readouterr().err
-    less = {key: value for key, value in document.items() if key != "message"}
-    draws.write_text("\n".join([json.dumps(less), *rest, ""]))
+    rewrite(draws.parent, {key: value for key, value in document.items() if key != "message"}, rest)
     assert main([*command, "--resume"]) == 2
     assert "draws.jsonl: the fit: found no 'message'" in capsys.readouterr().err
 

@@ -1,21 +1,30 @@
 """A sweep that is interrupted goes on where it stopped, and ends as if it had not been."""
 
+import contextlib
 import errno
+import json
+import os
 import shutil
+import subprocess
+import sys
+import warnings
 from collections import namedtuple
 
 import numpy as np
 import pytest
 import xarray
-from quick_blocks import OVER, example_study, planned, written
+import zarr
+from quick_blocks import OVER, example_study, found_at, planned, written
 from quick_blocks import quick as quick
 
 import pdssjax
-from pdssjax import InputError
+from pdssjax import InputError, InputWarning
 from pdssjax.cli.main import main
-from pdssjax.files import SweepStore
+from pdssjax.files import SweepStore, read_sweep
+from pdssjax.files.sweep_results import write_sweep
 from pdssjax.files.sweep_store import DONE, FAILED
-from pdssjax.sweeps import execution, sweeping
+from pdssjax.sweeps import POINT_FAILURES, execution, sweeping
+from pdssjax.sweeps.point_status import NOT_COMPUTED
 
 
 @pytest.fixture(scope="module")
@@ -135,16 +144,176 @@ def test_a_store_that_is_there_is_neither_resumed_nor_replaced_unasked(tmp_path,
         pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "no.zarr", resume=True))
 
 
-@pytest.mark.parametrize(
-    "damage", [lambda chunk: chunk.write_bytes(chunk.read_bytes()[:30]), lambda chunk: chunk.unlink()]
-)
-def test_a_block_that_was_damaged_on_the_disk_is_computed_again(tmp_path, study, quick, damage):
+def flip_a_bit(place):
+    """Of a number in the second block, as a disk may: the chunk can be read as before."""
+    array = zarr.open_group(place)["found"]
+    rows = np.asarray(array[64:128])
+    rows.view(np.uint64)[5, 1] ^= np.uint64(1) << np.uint64(62)
+    array[64:128] = rows
+
+
+def exchange(place):
+    chunks = place / "found" / "c"
+    (chunks / "1").rename(chunks / "x")
+    (chunks / "2").rename(chunks / "1")
+    (chunks / "x").rename(chunks / "2")
+
+
+def of_another_sweep(place):
+    shutil.copytree(
+        place.with_name("other.zarr") / "found" / "c" / "1", place / "found" / "c" / "1", dirs_exist_ok=True
+    )
+
+
+def change_metadata(name, **changes):
+    def change(place):
+        file = place / name / "zarr.json"
+        file.write_text(json.dumps(json.loads(file.read_text()) | changes))
+
+    return change
+
+
+DAMAGE = {
+    "cut": (lambda place: [c.write_bytes(c.read_bytes()[:30]) for c in (place / "found" / "c" / "1").iterdir()], 1),
+    "gone": (lambda place: shutil.rmtree(place / "found" / "c" / "1"), 1),
+    "a bit": (flip_a_bit, 1),
+    "exchanged": (exchange, 2),
+    "of another sweep": (of_another_sweep, 1),
+    "no digests": (lambda place: shutil.rmtree(place / "digest"), 7),
+    "a digest gone": (lambda place: shutil.rmtree(place / "digest" / "c" / "1"), 1),
+    "bytes": (
+        change_metadata(
+            "found",
+            codecs=[
+                {"name": "bytes", "configuration": {"endian": "big"}},
+                {"name": "zstd", "configuration": {"level": 0, "checksum": False}},
+            ],
+        ),
+        7,
+    ),
+}
+
+
+@pytest.mark.parametrize(("damage", "blocks"), DAMAGE.values(), ids=DAMAGE.keys())
+def test_a_block_that_was_damaged_on_the_disk_is_computed_again(tmp_path, study, quick, damage, blocks):
     whole = pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr"))
-    damage(tmp_path / "s.zarr" / "found" / "c" / "2" / "0")
+    if damage is of_another_sweep:
+        further = OVER | {"drive.frequency": OVER["drive.frequency"] + 1.0}
+        pdssjax.sweep(study, further, store=SweepStore(tmp_path / "other.zarr"))
+    damage(tmp_path / "s.zarr")
     quick.clear()
-    resumed = pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr", resume=True))
+    listed = "1, 2" if damage is exchange else "1" if blocks == 1 else "0, 1, 2, 3, 4, 5, 6"
+    with pytest.warns(InputWarning, match=rf"s\.zarr: of blocks? {listed} what was stored does not match its digest"):
+        resumed = pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr", resume=True))
     xarray.testing.assert_identical(resumed, whole)
-    assert len(quick) == 1
+    assert len(quick) == blocks
+    again = pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr", resume=True))
+    xarray.testing.assert_identical(again, whole)
+
+
+def test_every_bit_of_a_chunk_is_watched(tmp_path, study, quick):
+    whole = pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr"))
+    (chunk,) = (tmp_path / "s.zarr" / "found" / "c" / "1").iterdir()
+    sound = chunk.read_bytes()
+    for at in np.random.default_rng(1).integers(len(sound), size=4):
+        chunk.write_bytes(sound[:at] + bytes([sound[at] ^ 1 << at % 8]) + sound[at + 1 :])
+        store = SweepStore(tmp_path / "s.zarr", resume=True)
+        with warnings.catch_warnings():
+            # A bit of the compression that means nothing is no damage.
+            warnings.simplefilter("ignore", InputWarning)
+            xarray.testing.assert_identical(pdssjax.sweep(study, OVER, store=store), whole)
+
+
+def test_what_is_damaged_after_it_was_computed_is_left_out_and_said(tmp_path, study, quick):
+    store = SweepStore(tmp_path / "s.zarr")
+    document, plan = planned(study)
+    plan, numbers = store.open(document, plan)
+    for number in numbers:
+        store.keep(number, found_at(plan.values[plan.place(number)]))
+    flip_a_bit(tmp_path / "s.zarr")
+    with pytest.warns(InputWarning, match="of block 1 what was stored does not match its digest and is left out"):
+        rows = store.read()
+    store.close()
+    assert np.flatnonzero(rows[:, -1] == NOT_COMPUTED).tolist() == list(range(64, 128))
+
+
+@pytest.mark.parametrize(
+    ("damage", "said"),
+    [
+        (change_metadata("found", data_type="int64", fill_value=0), "found: int64 of shape"),
+        (change_metadata("found", data_type="float32"), "found: float32 of shape"),
+        (change_metadata("found", shape=[300, 6]), r"of shape \(300, 6\)"),
+        (change_metadata("status", data_type="no"), "damaged"),
+        (change_metadata("", attributes={"lanes": 64, "points": 400}), "found no store of a sweep"),
+        (change_metadata("values", fill_value="x"), "damaged"),
+    ],
+)
+def test_a_store_of_other_arrays_is_refused(tmp_path, study, quick, damage, said):
+    pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr"))
+    damage(tmp_path / "s.zarr")
+    with pytest.raises(InputError, match=said) as refused:
+        pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr", resume=True))
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("changed", [{"lanes": 0}, {"lanes": -64}, {"lanes": 64.5}, {"lanes": 32}, {"points": "x"}])
+def test_a_store_with_other_attributes_is_refused(tmp_path, study, quick, changed):
+    pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr"))
+    file = tmp_path / "s.zarr" / "zarr.json"
+    document = json.loads(file.read_text())
+    file.write_text(json.dumps(document | {"attributes": document["attributes"] | changed}))
+    with pytest.raises(InputError, match=r"found a damaged store of a sweep \(.*--overwrite"):
+        pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr", resume=True))
+
+
+@pytest.mark.parametrize("changed", [{"points": 0}, {"points": 399}, {"points": 401}, {"points": 10**9}])
+def test_a_store_with_another_number_of_points_gives_no_wrong_numbers(tmp_path, study, quick, changed):
+    whole = pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr"))
+    file = tmp_path / "s.zarr" / "zarr.json"
+    document = json.loads(file.read_text())
+    file.write_text(json.dumps(document | {"attributes": document["attributes"] | changed}))
+    with warnings.catch_warnings(), contextlib.suppress(InputError):
+        warnings.simplefilter("ignore", InputWarning)
+        found = pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr", resume=True))
+        xarray.testing.assert_identical(found, whole)
+
+
+def test_two_processes_have_no_store_at_once(tmp_path, study, quick):
+    program = (
+        "import sys, pathlib\nfrom pdssjax.files.file_lock import file_lock\n"
+        "with file_lock(pathlib.Path(sys.argv[1]), pathlib.Path(), 'x'):\n    print('locked', flush=True)\n"
+        "    sys.stdin.read()"
+    )
+    command = [sys.executable, "-c", program, str(tmp_path / ".s.zarr.lock")]
+    paths = os.pathsep.join(path for path in sys.path if path)
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env={**os.environ, "PYTHONPATH": paths}
+    ) as other:
+        assert other.stdout is not None and other.stdout.readline() == "locked\n"
+        with pytest.raises(InputError, match=r"s\.zarr: found another pdssjax at work in it"):
+            pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr", overwrite=True))
+        other.communicate("")
+    (tmp_path / ".unfinished-s.zarr-x").mkdir()
+    pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr", overwrite=True))
+    assert [path.name for path in tmp_path.iterdir()] == ["s.zarr"]
+
+
+@pytest.mark.parametrize("store", ["netcdf", "zarr"])
+def test_a_dataset_that_was_changed_on_the_disk_is_refused(tmp_path, study, quick, store):
+    data = pdssjax.sweep(study, OVER)
+    write_sweep(data, tmp_path, store)
+    xarray.testing.assert_equal(read_sweep(tmp_path), data)
+    if store == "netcdf":
+        changed = xarray.open_dataset(tmp_path / "sweep.nc", engine="scipy").load()
+        changed["net_step"][3, 4] += 1e-9
+        changed.to_netcdf(tmp_path / "sweep.nc", engine="scipy")
+    else:
+        array = zarr.open_group(tmp_path / "sweep.zarr")["net_step"]
+        array[3, 4] = np.asarray(array[3, 4]) + 1e-9
+    with pytest.raises(
+        InputError, match=f"sweep.{'nc' if store == 'netcdf' else store}: found numbers that do not match"
+    ):
+        read_sweep(tmp_path)
 
 
 @pytest.mark.parametrize("gone", ["found", "values", "status"])
@@ -157,7 +326,7 @@ def test_a_store_of_which_something_is_gone_is_refused(tmp_path, study, quick, g
 
 def test_too_many_points_for_the_disk_are_refused_before_any_work(tmp_path, study, quick, monkeypatch):
     monkeypatch.setattr(shutil, "disk_usage", lambda place: namedtuple("Usage", "total used free")(1, 1, 10_000))
-    with pytest.raises(InputError, match=r"found 0\.01 MB free for 400 points, expected 0\.1"):
+    with pytest.raises(InputError, match=r"found 0\.01 MB free for 400 points, expected 0\.2"):
         pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr"))
     assert not quick and not (tmp_path / "s.zarr").exists()
 
@@ -180,6 +349,20 @@ def test_the_command_resumes(tmp_path, quick, capsys, study):
     assert "found the store of another sweep" in capsys.readouterr().err
     xarray.testing.assert_identical(xarray.open_dataset(out / "sweep.nc", engine="scipy").load(), once)
     assert main([*arguments[:-1], "2:50:22", "--out", str(out), "--overwrite"]) == 0
+
+
+def test_a_sweep_whose_every_point_failed_is_no_success(tmp_path, capsys, study, monkeypatch):
+    def computed_block(function, points):
+        found = np.full((len(points), 6), np.nan)
+        found[:, -1] = 1.0
+        return found
+
+    monkeypatch.setattr(execution, "computed_block", computed_block)
+    command = ["sweep", str(written(tmp_path, study)), "--voltage", "20:80:3", "--out", str(tmp_path / "out")]
+    assert main(command) == 3
+    said = capsys.readouterr().err.strip().splitlines()[-1]
+    assert said == f"pdssjax: error: none of the 3 points has a value; of most the failure is: {POINT_FAILURES[1]}"
+    assert (tmp_path / "out" / "sweep.nc").exists()
 
 
 def test_a_disk_that_fills_up_ends_the_sweep_with_a_line_and_nothing_that_was_done_is_lost(

@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ...core import check_whole, sobol_points
+from ...core import MOST_STARTS, check_whole, sobol_points
 from ...study import Multistart, Study
-from ..draws import MOST_STARTS, each_done
+from ..draws import each_done
 from ..fit_statistics import reduced_chi2
 from ..initial_values.search import scatter_ranges
 from ..least_squares import Fit, FitMethod, Progress, quiet

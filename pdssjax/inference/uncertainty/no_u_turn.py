@@ -97,13 +97,15 @@ def sample_by_trajectories(
                 done += 1
                 report(f"posterior: {done} of {chains * len(blocks)} blocks of {BLOCK} draws")
     each = [[kept[chain, block] for block in blocks if block != _WARM] for chain in range(chains)]
-    whole = lambda name: np.stack([np.concatenate([np.array(b[name]) for b in part])[:wanted] for part in each])
-    diverging = np.asarray(whole("diverging"), bool)
+    # JSON has no infinity, which the density is where the model cannot be simulated: it is None there.
+    numbers = lambda block, name: np.array(block[name], float if name == "log_posterior" else None)
+    whole = lambda name: np.stack([np.concatenate([numbers(b, name) for b in part])[:wanted] for part in each])
+    diverging, density = np.asarray(whole("diverging"), bool), whole("log_posterior")
     return Chains(
         free=whole("free"),
         failed=int(np.sum(diverging)),
         statistics={
-            "lp": whole("log_posterior"),
+            "lp": np.where(np.isnan(density), -np.inf, density),
             "acceptance_rate": whole("acceptance"),
             "n_steps": whole("steps"),
             "diverging": diverging,

@@ -130,8 +130,12 @@ def _task_of(entry: Document, size: int) -> tuple[int, int]:
     if not all(isinstance(number, int) for number in task):
         raise TypeError(f"chain, block = {task!r}")
     for name, shape in (("free", (BLOCK, size)), ("proposed", (BLOCK,)), ("log_posterior", (BLOCK,))):
-        if np.shape(np.array(entry[name], float)) != shape:
+        numbers = np.array(entry[name], float)
+        if numbers.shape != shape:
             raise ValueError(f"{name} of block {task[1]} of chain {task[0]} without {BLOCK} draws of {size} parameters")
+        # Where the model cannot be simulated there is no density, and it is NaN.
+        if not np.isfinite(numbers).all() and (name != "log_posterior" or np.isinf(numbers).any()):
+            raise ValueError(f"{name} of block {task[1]} of chain {task[0]} with numbers that are not finite")
     return task
 
 

@@ -124,7 +124,7 @@ def test_a_file_of_draws_goes_on_where_its_last_line_was_cut(tmp_path):
     path = tmp_path / "draws.jsonl"
     path.write_text(path.read_text()[:-25])
     resumed = DrawsFile(tmp_path, resume=True)
-    assert resumed.begun() == {"format": "pdssjax-draws/4", "seed": 0}
+    assert resumed.begun() == {"format": "pdssjax-draws/5", "seed": 0}
     assert len(resumed.kept()) == 5
     same(drawn(6, store=resumed)[2], whole)
     assert len(path.read_text().splitlines()) == 7
@@ -135,10 +135,10 @@ def test_a_file_of_draws_goes_on_where_its_last_line_was_cut(tmp_path):
     ("text", "said"),
     [
         (None, "there is no such file, expected that of a run to go on with"),
-        ("", 'line 1: found no "format": "pdssjax-draws/4"'),
-        ('{"format": "else"}\n', 'line 1: found no "format": "pdssjax-draws/4"'),
-        ('{"format": "pdssjax-draws/4"}\n{"number": \n', "line 2: found no valid JSON"),
-        ('{"format": "pdssjax-draws/4"}\n7\n', "line 2: found no JSON object"),
+        ("", 'line 1: found no "format": "pdssjax-draws/5"'),
+        ("{\n", 'line 1: found no "format": "pdssjax-draws/5"'),
+        ('{"format": "pdssjax-draws/4"}\n', 'line 1: found no "format": "pdssjax-draws/5"'),
+        ('{"format": "pdssjax-draws/5"}\n', "line 1: found something else than its digest is of"),
     ],
 )
 def test_what_cannot_be_resumed_is_said(tmp_path, text, said):
@@ -155,6 +155,8 @@ def test_what_cannot_be_resumed_is_said(tmp_path, text, said):
         (dict(count=2.5), "count: found 2.5, expected an integer"),
         (dict(count=10**12), "count: found 1000000000000, expected at most 1000000"),
         (dict(seed=-1), "seed: found -1, expected 0 or more"),
+        (dict(seed=2**64), "seed: found 18446744073709551616, expected at most 9223372036854775807"),
+        (dict(seed=10**5000), "seed: found an integer of 16610 bits, expected at most 9223372036854775807"),
         (dict(seed="a"), "seed: found 'a', expected an integer"),
         (dict(resampled="x"), 'found "x"'),
     ],

@@ -1,0 +1,214 @@
+"""Locks by which one program at a time works on a folder of results, or on a store.
+
+A lock is one of the operating system on a small file: it ends with the process that holds it, however that ends.  The
+file is removed with the lock; one that a killed process has left is free.
+"""
+
+import contextlib
+import dataclasses
+import errno
+import os
+import shutil
+import sys
+import threading
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+
+from ..core import InputError, InputWarning
+
+LOCK = ".pdssjax.lock"
+"""The file in a folder of results whose lock is that of the folder."""
+
+UNFINISHED = ".unfinished-"
+"""How the names begin of what is written beside its place and then renamed."""
+
+_TRIES = 100
+"""How often a lock file that was removed while it was opened is made anew."""
+
+_BUSY = {errno.EAGAIN, errno.EWOULDBLOCK, errno.EACCES, errno.EDEADLK, getattr(errno, "EDEADLOCK", errno.EDEADLK)}
+"""Numbers of the errors that say that another process holds a lock."""
+
+_BEYOND = 1 << 20
+"""Where in its file the byte lies that Windows locks: beyond the text, which others read."""
+
+
+@dataclasses.dataclass
+class _Held:
+    """A lock that this process holds."""
+
+    descriptor: int | None
+    """Of the open file; None where the disk knows no locks."""
+    made: list[Path]
+    """Folders that were made for it, the innermost first."""
+    holders: int = 1
+    """How often it was taken and not yet given back."""
+
+
+_held: dict[Path, _Held] = {}
+"""The locks of this process, by file."""
+
+_guard = threading.RLock()
+
+
+def is_leftover(name: str) -> bool:
+    """Whether a file or folder of this `name` is a lock or unfinished, and nothing that a user put there."""
+    return name == LOCK or name.startswith(UNFINISHED)
+
+
+@contextlib.contextmanager
+def folder_lock(folder: Path) -> Iterator[None]:
+    """Within it no other process has the `folder`, which is made if it is missing.
+
+    What a killed process has left unfinished in it is removed.  A folder that was made for the lock and is empty at
+    the end is removed, too.
+
+    **Raises:** `InputError` where another process has it.
+    """
+    with file_lock(folder / LOCK, folder, UNFINISHED):
+        yield
+
+
+@contextlib.contextmanager
+def file_lock(file: Path, about: Path, unfinished: str) -> Iterator[None]:
+    """Within it no other process has the lock of `file`; this one may take it several times.
+
+    **Arguments:** `about` is what the lock is of, for messages; names that begin with `unfinished` are removed beside
+    the file, since nobody else works there.
+
+    **Raises:** `InputError` where another process has it.  Warns with `InputWarning` where the disk knows no locks.
+    """
+    place = file.absolute().parent.resolve() / file.name
+    _take(place, about, unfinished)
+    try:
+        yield
+    finally:
+        _give_back(place)
+
+
+def _take(place: Path, about: Path, unfinished: str) -> None:
+    with _guard:
+        held = _held.get(place)
+        if held is not None and (held.descriptor is None or _is_file_of(held.descriptor, place)):
+            held.holders += 1
+            return
+        anew = _locked(place, about, unfinished)
+        if held is not None:
+            # Its file was removed by somebody.
+            anew = dataclasses.replace(anew, holders=held.holders + 1)
+            _close(held.descriptor)
+        _held[place] = anew
+
+
+def _give_back(place: Path) -> None:
+    with _guard:
+        held = _held[place]
+        held.holders -= 1
+        if held.holders:
+            return
+        del _held[place]
+        if held.descriptor is not None:
+            is_ours = _is_file_of(held.descriptor, place)
+            if sys.platform == "win32":
+                _close(held.descriptor)
+            # Removed while it is locked: who has opened it meanwhile sees that it is gone, and makes a new one.
+            with contextlib.suppress(OSError):
+                if is_ours:
+                    place.unlink()
+            if sys.platform != "win32":
+                _close(held.descriptor)
+        with contextlib.suppress(OSError):
+            for folder in held.made:
+                folder.rmdir()
+
+
+def _locked(place: Path, about: Path, unfinished: str) -> _Held:
+    """The lock, taken."""
+    made = [folder for folder in place.parents if not folder.exists()]
+    try:
+        for _ in range(_TRIES):
+            place.parent.mkdir(parents=True, exist_ok=True)
+            with contextlib.suppress(FileNotFoundError):  # whoever had the folder has just removed it
+                descriptor = _opened(place)
+                try:
+                    _lock(descriptor)
+                except OSError as error:
+                    holder = os.read(descriptor, 80).decode(errors="replace").strip()
+                    os.close(descriptor)
+                    if error.errno not in _BUSY:
+                        raise
+                    raise InputError(_busy(about, holder)) from None
+                if _is_file_of(descriptor, place):
+                    _sign(descriptor)
+                    _remove_unfinished(place, unfinished)
+                    return _Held(descriptor, made)
+                os.close(descriptor)
+        raise InputError(_busy(about, ""))
+    except OSError as error:
+        told = (
+            f"{about}: cannot be locked ({error.strerror or error}); see that no other program writes to it meanwhile."
+        )
+        warnings.warn(told, InputWarning, stacklevel=5)
+        return _Held(None, made)
+
+
+def _busy(about: Path, holder: str) -> str:
+    who = f" (process {holder})" if holder else ""
+    return f"{about}: found another pdssjax at work in it{who}, expected another folder, or that it has ended."
+
+
+def _opened(place: Path) -> int:
+    try:
+        return os.open(place, os.O_RDWR | os.O_CREAT, 0o666)
+    except PermissionError:
+        if not place.exists():
+            raise
+        # That of another user; to lock it needs no right to write to it.
+        return os.open(place, os.O_RDONLY)
+
+
+def _lock(descriptor: int) -> None:
+    """**Raises** `OSError` where another process has the lock, without waiting for it."""
+    if sys.platform == "win32":
+        import msvcrt
+
+        os.lseek(descriptor, _BEYOND, os.SEEK_SET)
+        try:
+            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+        finally:
+            os.lseek(descriptor, 0, os.SEEK_SET)
+    else:
+        import fcntl
+
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def _sign(descriptor: int) -> None:
+    """Writes which process has the lock, for messages of others."""
+    with contextlib.suppress(OSError):
+        os.ftruncate(descriptor, 0)
+        os.write(descriptor, f"{os.getpid()}\n".encode())
+
+
+def _is_file_of(descriptor: int, place: Path) -> bool:
+    """Whether the open file is the one that stands at its `place`."""
+    try:
+        here, there = os.fstat(descriptor), os.stat(place)
+    except OSError:
+        return False
+    return (here.st_dev, here.st_ino) == (there.st_dev, there.st_ino)
+
+
+def _remove_unfinished(place: Path, unfinished: str) -> None:
+    for path in place.parent.iterdir():
+        if path.name.startswith(unfinished):
+            if path.is_dir() and not path.is_symlink():
+                shutil.rmtree(path, ignore_errors=True)
+            else:
+                path.unlink(missing_ok=True)
+
+
+def _close(descriptor: int | None) -> None:
+    if descriptor is not None:
+        with contextlib.suppress(OSError):
+            os.close(descriptor)

@@ -1,0 +1,67 @@
+"""Results can be compared with copies of themselves."""
+
+import copy
+import dataclasses
+import importlib
+import pickle
+import pkgutil
+
+import fabricated
+import numpy as np
+import pytest
+
+import pdssjax
+from pdssjax.core import equal_by_value
+
+
+def test_an_estimate_is_equal_to_its_copy_and_to_no_other():
+    estimate = fabricated.estimate()
+    for again in (copy.deepcopy(estimate), pickle.loads(pickle.dumps(estimate))):
+        assert again == estimate
+    covariance = estimate.covariance.copy()
+    covariance[0, 0] *= 1.0 + 1e-15
+    assert dataclasses.replace(estimate, covariance=covariance) != estimate
+    assert dataclasses.replace(estimate, title="another") != estimate
+    assert estimate != "an estimate"
+    parameters = estimate.parameters
+    assert copy.deepcopy(fabricated.draws(parameters, "posterior")) == fabricated.draws(parameters, "posterior")
+
+
+@equal_by_value
+@dataclasses.dataclass(frozen=True)
+class Some:
+    numbers: np.ndarray
+    more: dict[str, float] = dataclasses.field(default_factory=dict)
+
+
+@pytest.mark.parametrize(
+    ("other", "equal"),
+    [
+        (Some(np.array([1.0, np.nan])), True),
+        (Some(np.array([1.0, 2.0])), False),
+        (Some(np.array([1.0])), False),
+        (Some(np.array([1, 2])), False),
+        (Some(np.array([1.0, np.nan]), {"a": float("nan")}), False),
+    ],
+)
+def test_numbers_are_compared_one_by_one(other, equal):
+    assert (Some(np.array([1.0, np.nan])) == other) is equal
+    nothing = Some(np.zeros(0), {"a": float("nan")})
+    assert nothing == Some(np.zeros(0), {"a": float("nan")}) and nothing != Some(np.zeros(0), {"a": 1.0})
+
+
+def with_arrays():
+    """Every dataclass of the package with an array among its fields that is compared by the dataclass itself."""
+    for found in pkgutil.walk_packages(pdssjax.__path__, "pdssjax."):
+        if not found.name.startswith(("pdssjax.explore", "pdssjax.__main__")):
+            for kind in vars(importlib.import_module(found.name)).values():
+                if isinstance(kind, type) and dataclasses.is_dataclass(kind) and kind.__module__ == found.name:
+                    arrays = [field for field in dataclasses.fields(kind) if "ndarray" in str(field.type)]
+                    made = getattr(kind.__eq__, "__code__", None)
+                    # What dataclasses make themselves has no file.
+                    if arrays and made is not None and made.co_filename == "<string>":
+                        yield f"{found.name}.{kind.__name__}"
+
+
+def test_no_dataclass_with_arrays_compares_them_by_itself():
+    assert list(with_arrays()) == []
