@@ -19,7 +19,7 @@ from pdssjax.files import DrawsFile, SweepStore, reserved_folder
 from pdssjax.files.draws_file import DRAWS
 from pdssjax.files.file_lock import LOCK, UNFINISHED
 from pdssjax.files.results_folder import staging_folder
-from pdssjax.sweeps.block_plan import BlockPlan
+from pdssjax.sweeps import BlockPlan
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(sys.platform != "linux", reason="forks")]
 

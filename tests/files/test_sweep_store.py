@@ -20,8 +20,7 @@ from quick_blocks import quick as quick
 import pdssjax
 from pdssjax import InputError, InputWarning
 from pdssjax.cli.main import main
-from pdssjax.files import SweepStore, read_sweep
-from pdssjax.files.sweep_results import write_sweep
+from pdssjax.files import SweepStore, read_sweep, write_sweep
 from pdssjax.files.sweep_store import DONE, FAILED
 from pdssjax.sweeps import POINT_FAILURES, execution, sweeping
 from pdssjax.sweeps.point_status import NOT_COMPUTED
