@@ -31,7 +31,8 @@ def is_settled(
     """Whether the deviations from the steady solution are together below `tolerance` [m].
 
     A sliding contact has settled once that holds; a stuck one already when the ringing that is
-    left in the platform can no longer free it.
+    left in the platform can no longer free it, and an elastic one in equilibrium once nothing rings: at once where the
+    drive waits.
     """
     actuator = sensed.actuator
     if segment.wave is not None or not actuator.piezo.has_steady_state:
@@ -52,6 +53,8 @@ def is_settled(
         safe &= ringing < tolerance
     for distance in of_sensor:
         safe &= distance < tolerance
+    # An elastic contact in equilibrium has no margin, and any ringing would free it.
+    safe |= left < ROUNDING
     # While in contact with a platform that creeps on, the stop's force keeps rising: never settled.
     for in_contact in x.in_contact:
         still, safe = still & (in_contact == 0.0), safe & (in_contact == 0.0)
@@ -87,14 +90,18 @@ def _creeps_in(
 def project_to_steady(
     sensed: SensedMotion, segment: Segment, t_local: ScalarLike, x: StickSlipState[Scalar], mode: Scalar
 ) -> StickSlipState[Scalar]:
-    """The state with the last of the deviations gone; a contact that slid recovers its elastic displacement."""
-    actuator, slid = sensed.actuator, jnp.abs(mode) == 1.0
+    """The state with the last of the deviations gone; a contact that slid recovers its elastic displacement.
+
+    One that is in equilibrium stays so, whatever the constant force: of a force of zero it has the derivative.
+    """
+    actuator = sensed.actuator
     contact, displacement = _equilibrium_state(actuator, x, mode)
+    recovers = (jnp.abs(mode) == 1.0) | (jnp.abs(displacement) < ROUNDING)
     return x._replace(
-        d=jnp.where(slid, x.d + displacement, x.d),
+        d=jnp.where(recovers, x.d + displacement, x.d),
         v=jnp.zeros_like(x.v),
         driven=x.driven if _may_ring_on(actuator) else _steady_platform(actuator, segment, t_local, x),
-        contact_state=chosen(slid, contact, x.contact_state),
+        contact_state=chosen(recovers, contact, x.contact_state),
         sensor_lag=_steady_lag(sensed, segment, t_local, x),
     )
 
