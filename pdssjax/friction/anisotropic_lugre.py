@@ -27,6 +27,7 @@ import jax.numpy as jnp
 
 from ..core import Scalar, ScalarLike, quantity
 from ..integration import Term
+from ._relaxation import relaxed
 from ._search_ranges import lugre_ranges
 from .base import AbstractFriction, State, Terms, deflection_scale
 
@@ -90,6 +91,11 @@ class AnisotropicLuGre(AbstractFriction):
         s0, _, _ = self._branch(sign)
         target = force / s0 if self.state == "deflection" else force
         return (target,), (target - state[0]) * self._displacement()
+
+    def slide(self, state: State, v: Scalar, elapsed: Scalar, sign: ScalarLike) -> State:
+        s0, _, f_ss = self._branch(sign)
+        steady = sign * f_ss / s0 if self.state == "deflection" else sign * f_ss
+        return (relaxed(state[0], steady, s0 / f_ss * (sign * v * elapsed)),)
 
     @classmethod
     def search_ranges(cls, mass: float, acceleration: float, rate: float) -> dict[str, tuple[float, float]]:

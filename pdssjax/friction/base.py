@@ -7,6 +7,7 @@ rate zero, and says by `guards` where a form ends, by `after_event` what follows
 """
 
 import abc
+from collections.abc import Mapping
 from typing import ClassVar, Literal, TypeAlias
 
 import jax.numpy as jnp
@@ -50,6 +51,10 @@ class AbstractFriction(AbstractModel):
     Elastic: a displacement of the contact, in `equilibrium_state`.  Set-valued: the contact sticks, and takes
     whatever lies between its breakaway forces.  Viscous: nothing; under any load the contact creeps.
     """
+
+    without_rate: ClassVar[Mapping[str, float] | None] = None
+    """Parameters and the numbers of them with which the force depends on the path alone, not on how fast it is
+    travelled; empty where it never knows the rate, None where it always does."""
 
     @abc.abstractmethod
     def initial(self) -> State:
@@ -124,6 +129,20 @@ class AbstractFriction(AbstractModel):
             after, passed = self.after_event(state, v, sign, jnp.asarray(float(which))), constant(guard) < 0.0
             state = tuple(jnp.where(passed, new, old) for new, old in zip(after, state, strict=True))
         return state
+
+    @classmethod
+    def slides_in_closed_form(cls) -> bool:
+        """Whether `slide` is known."""
+        return cls.slide is not AbstractFriction.slide
+
+    def slide(self, state: State, v: Scalar, elapsed: Scalar, sign: ScalarLike) -> State:
+        """The state after sliding for `elapsed` [s] at the constant velocity `v` [m/s], through all events of the law.
+
+        **Arguments:** `sign` is that of `v`, which is not 0; the `state` is one with which that motion goes on.
+
+        **Raises:** `NotImplementedError` where the law has no closed form (`slides_in_closed_form`).
+        """
+        raise NotImplementedError(f"{type(self).__name__} knows no closed form")
 
     def extra_error_terms(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:
         """What the law makes of v and the state hardly shows, as displacements [m]; steps resolve it, too.

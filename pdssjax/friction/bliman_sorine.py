@@ -18,12 +18,14 @@ P.-A. Bliman and M. Sorine, Easy-to-use realistic dry friction models for automa
 """
 
 import math
+from typing import ClassVar
 
 import jax.numpy as jnp
 from jax import lax
 
 from ..core import Scalar, ScalarLike, quantity
 from ..integration import Term
+from ._relaxation import relaxed
 from ._search_ranges import lugre_ranges
 from .base import AbstractFriction, State, Terms, deflection_scale
 
@@ -33,6 +35,8 @@ _NEWTON = 30
 
 class BlimanSorine(AbstractFriction):
     """Two deflections z_1, z_2 [m], a fast and a slow one, that pull against each other."""
+
+    without_rate: ClassVar = {}
 
     f_c: float = quantity(0.55, "N")
     """Force f_1 - f_2 of steady sliding [N]."""
@@ -82,6 +86,12 @@ class BlimanSorine(AbstractFriction):
 
         path = lax.fori_loop(0, _NEWTON, improved, jnp.zeros(()))
         fast, slow = sign * lengths * (1.0 - jnp.exp(-path / lengths))
+        return fast, slow
+
+    def slide(self, state: State, v: Scalar, elapsed: Scalar, sign: ScalarLike) -> State:
+        path = sign * v * elapsed
+        lengths = self.eta * self.epsilon, self.epsilon
+        fast, slow = (relaxed(z, sign * length, path / length) for z, length in zip(state, lengths, strict=True))
         return fast, slow
 
     @classmethod

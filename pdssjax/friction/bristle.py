@@ -18,6 +18,8 @@ D. A. Haessig and B. Friedland, ASME Journal of Dynamic Systems, Measurement, an
 113(3), 1991.
 """
 
+from typing import ClassVar
+
 import equinox as eqx
 import jax.numpy as jnp
 from jax import lax
@@ -32,6 +34,8 @@ _GOLDEN = 0.5 * (5.0**0.5 - 1.0)
 
 class Bristle(AbstractFriction):
     """The stretches z_i [m] of N bonds, and as a flag the count of those that have snapped."""
+
+    without_rate: ClassVar = {"sigma2": 0.0}
 
     sigma0: float = quantity(1.0e6, "N/m")
     """Stiffness s0 of all bonds together [N/m]."""

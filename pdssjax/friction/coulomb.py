@@ -24,6 +24,8 @@ class Coulomb(AbstractFriction):
 
     at_rest: ClassVar = "set-valued"
 
+    without_rate: ClassVar = {}
+
     f_c: float = quantity(0.65, "N")
     """Coulomb force f_c [N]."""
 
@@ -41,6 +43,9 @@ class Coulomb(AbstractFriction):
 
     def equilibrium_state(self, state: State, force: Scalar) -> tuple[State, Scalar]:
         return (), jnp.zeros(())
+
+    def slide(self, state: State, v: Scalar, elapsed: Scalar, sign: ScalarLike) -> State:
+        return ()
 
     @classmethod
     def search_ranges(cls, mass: float, acceleration: float, rate: float) -> dict[str, tuple[float, float]]:

@@ -11,6 +11,8 @@ that shows.  Rate-independent and without damping; drifts under an oscillating f
 P. R. Dahl, A solid friction model, Aerospace Corporation TOR-0158(3107-18)-1, 1968.
 """
 
+from typing import ClassVar
+
 import jax.numpy as jnp
 
 from ..core import Scalar, ScalarLike, quantity
@@ -21,12 +23,17 @@ from .base import AbstractFriction, State, Terms, deflection_scale
 _SATURATED = 1e-8
 """The p at which F counts as f_c."""
 
+_NEARLY_LINEAR = 1e-3
+"""Below this log(1 - x) is taken from its series: the closed form divides by 1 - n, which may be 0."""
+
 _TINY = 1e-32
 """Keeps p^2 from being 0, and is lost in it otherwise."""
 
 
 class Dahl(AbstractFriction):
     """An elastic deflection z [m] that yields the more the nearer the force is to f_c; a flag tells saturation."""
+
+    without_rate: ClassVar = {}
 
     sigma0: float = quantity(1.0e6, "N/m")
     """Stiffness s0 of the contact at rest [N/m]."""
@@ -75,6 +82,23 @@ class Dahl(AbstractFriction):
     def on_reversal(self, state: State, sign: ScalarLike) -> State:
         z, _ = state
         return z, jnp.where(constant(self._room(z, sign)) > _SATURATED, 0.0, 1.0)
+
+    def slide(self, state: State, v: Scalar, elapsed: Scalar, sign: ScalarLike) -> State:
+        # p^(1 - n) falls in a straight line: p = p_0 (1 - (1 - n) q)^(1/(1 - n)), q = path s0/f_c p_0^(n - 1).
+        z, saturated = state
+        ended = saturated > 0.0
+        room = jnp.where(ended, 1.0, jnp.maximum(jnp.asarray(constant(self._room(z, sign)), float), _SATURATED))
+        brittleness = 1.0 - jnp.asarray(self.exponent, float)
+        q = sign * v * elapsed * (self.sigma0 / self.f_c) * room**-brittleness
+        x = brittleness * q
+        series = -q * (1.0 + x * (1 / 2 + x * (1 / 3 + x * (1 / 4 + x * (1 / 5 + x / 6)))))
+        nearly = jnp.abs(x) < _NEARLY_LINEAR
+        curved = jnp.log1p(-jnp.where(nearly | (x >= 1.0), 0.5, x)) / jnp.where(nearly, 1.0, brittleness)
+        left = room * jnp.exp(jnp.where(nearly, series, curved))
+        reaches = ended | (x >= 1.0) | (left <= _SATURATED)
+        limit = sign * self.f_c / self.sigma0
+        moved = jnp.where(reaches, limit, limit * (1.0 - left))
+        return jnp.where(ended, z, moved), jnp.where(reaches, 1.0, 0.0)
 
     @classmethod
     def search_ranges(cls, mass: float, acceleration: float, rate: float) -> dict[str, tuple[float, float]]:

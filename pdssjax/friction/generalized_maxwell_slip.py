@@ -19,10 +19,13 @@ is which: any order of them gives the same force.
 F. Al-Bender, V. Lampaert and J. Swevers, IEEE Trans. Automatic Control 50(11), 2005.
 """
 
+from typing import ClassVar
+
 import jax.numpy as jnp
 
 from ..core import Scalar, ScalarLike, quantity
 from ..integration import Term, constant
+from ._relaxation import relaxed
 from ._search_ranges import lugre_ranges, stribeck_range
 from ._stribeck_curve import stribeck_curve, stribeck_guard
 from .base import AbstractFriction, State, Terms, deflection_scale
@@ -38,6 +41,8 @@ _ROUNDING = 1e-12
 
 class GeneralizedMaxwellSlip(AbstractFriction):
     """The stretches z_1 … z_4 [m] of the springs, flags that tell which elements slip, and fast sliding."""
+
+    without_rate: ClassVar = {"weakened": 1.0, "sigma2": 0.0}
 
     stiffness_1: float = quantity(4.0e5, "N/m")
     """Stiffness k_1 of the first element [N/m]."""
@@ -139,6 +144,20 @@ class GeneralizedMaxwellSlip(AbstractFriction):
         springs = zip(state[:_COUNT], self._stiffnesses(), self._strengths(), strict=True)
         slips = [jnp.where(sign * k * z < w * (1.0 - _ROUNDING), 0.0, 1.0) for z, k, w in springs]
         return (*state[:_COUNT], *slips, jnp.zeros_like(state[-1]))
+
+    def slide(self, state: State, v: Scalar, elapsed: Scalar, sign: ScalarLike) -> State:
+        # An element that lets go does so at the stretch that slipping elements tend to, and stays there.
+        remaining = jnp.asarray(constant(self._remaining(v)), float)
+        decay = self.attraction / (remaining * sum(self._strengths())) * elapsed
+        stretches, flags = [], []
+        for z, slips, k, w in zip(
+            state[:_COUNT], state[_COUNT:-1], self._stiffnesses(), self._strengths(), strict=True
+        ):
+            limit, reach = remaining * w / k, sign * (z + v * elapsed)
+            sticking = sign * jnp.minimum(reach, limit)
+            stretches.append(jnp.where(slips > 0.0, relaxed(z, sign * limit, decay), sticking))
+            flags.append(jnp.where((slips > 0.0) | (reach >= limit), 1.0, 0.0))
+        return (*stretches, *flags, state[-1])
 
     @classmethod
     def search_ranges(cls, mass: float, acceleration: float, rate: float) -> dict[str, tuple[float, float]]:

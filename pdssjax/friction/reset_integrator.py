@@ -12,6 +12,8 @@ D. A. Haessig and B. Friedland, ASME Journal of Dynamic Systems, Measurement, an
 113(3), 1991.
 """
 
+from typing import ClassVar
+
 import jax.numpy as jnp
 
 from ..core import Scalar, ScalarLike, quantity
@@ -25,6 +27,8 @@ _ROUNDING = 1e-12
 
 class ResetIntegrator(AbstractFriction):
     """The stretch p [m] of a bond, and a flag that tells whether it is dragged along."""
+
+    without_rate: ClassVar = {"beta": 0.0}
 
     sigma0: float = quantity(1.0e6, "N/m")
     """Stiffness s0 that goes with the sliding force [N/m]; the contact at rest has (1 + a) s0."""
@@ -66,6 +70,13 @@ class ResetIntegrator(AbstractFriction):
         p, _ = state
         limit = self.f_c / self.sigma0
         return p, jnp.where(p * sign < limit * (1.0 - _ROUNDING), 0.0, 1.0)
+
+    def slide(self, state: State, v: Scalar, elapsed: Scalar, sign: ScalarLike) -> State:
+        p, dragged = state
+        limit, reach = self.f_c / self.sigma0, sign * (p + v * elapsed)
+        ends = (dragged > 0.0) | (reach >= limit)
+        stretched = jnp.where(dragged > 0.0, p, sign * jnp.minimum(reach, limit))
+        return stretched, jnp.where(ends, 1.0, 0.0)
 
     @classmethod
     def search_ranges(cls, mass: float, acceleration: float, rate: float) -> dict[str, tuple[float, float]]:

@@ -93,6 +93,9 @@ class Stribeck(AbstractFriction):
     def on_reversal(self, state: State, sign: ScalarLike) -> State:
         return jnp.zeros(()), jnp.where(self.delta == 2.0, 0.0, 1.0)
 
+    def slide(self, state: State, v: Scalar, elapsed: Scalar, sign: ScalarLike) -> State:
+        return state  # flags, which the force does not look at
+
     @classmethod
     def search_ranges(cls, mass: float, acceleration: float, rate: float) -> dict[str, tuple[float, float]]:
         _, damping, force = lugre_ranges(mass, acceleration, rate)

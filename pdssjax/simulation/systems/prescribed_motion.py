@@ -5,14 +5,16 @@ Between two samples of the motion the velocity is constant.
 
 from typing import TypeAlias
 
+import jax
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import Array, Float
 
 from ...actuator import chosen
 from ...core import Scalar, ScalarLike
 from ...drive.base import Segment
 from ...friction.base import AbstractFriction
-from ...integration import AbstractHybridSystem, N, Term, constant, weighted
+from ...integration import AbstractHybridSystem, N, Term, Visited, constant, weighted
 
 State: TypeAlias = tuple[N, tuple[N, ...]]
 """The relative displacement [m], and the state of the contact."""
@@ -40,11 +42,12 @@ class PrescribedMotion(AbstractHybridSystem):
     def segment(self, index: Scalar) -> Segment:
         """Displacement in place of a voltage."""
         i = jnp.clip(jnp.asarray(index).astype(int), 0, self.times.shape[0] - 2)
-        duration = self.times[i + 1] - self.times[i]
+        times, motion = jnp.asarray(self.times), jnp.asarray(self.motion)
+        duration = times[i + 1] - times[i]
         # Records of different lengths are filled up with their last sample.
         over = (jnp.asarray(index) > self.times.shape[0] - 2) | (duration <= 0.0)
-        slope = (self.motion[i + 1] - self.motion[i]) / jnp.where(over, 1.0, duration)
-        return Segment(jnp.where(over, jnp.inf, duration), self.motion[i], jnp.where(over, 0.0, slope))
+        slope = (motion[i + 1] - motion[i]) / jnp.where(over, 1.0, duration)
+        return Segment(jnp.where(over, jnp.inf, duration), motion[i], jnp.where(over, 0.0, slope))
 
     def state_scale(self) -> State[Scalar]:
         """What one unit of each state amounts to as a displacement [m]."""
@@ -76,6 +79,37 @@ class PrescribedMotion(AbstractHybridSystem):
         contact = chosen(moves & (direction != mode), friction.on_reversal(x[1], direction), x[1])
         # The velocity jumps at every sample.
         return (x[0], chosen(moves, friction.on_velocity_jump(contact, v, direction), contact)), direction
+
+    def has_closed_states(self) -> bool:
+        """Where the law knows what a constant velocity does to it, nothing has to be stepped."""
+        return self.friction.slides_in_closed_form()
+
+    def closed_states(self, times: Float[Array, " m"], segments: int) -> Visited:
+        """From sample to sample of the motion, then within the interval of each of the `times`."""
+
+        def next_sample(
+            carry: tuple[State[Scalar], Scalar], index: Scalar
+        ) -> tuple[tuple[State[Scalar], Scalar], tuple[State[Scalar], Scalar]]:
+            segment = self.segment(index)
+            x, mode = self.on_segment_start(segment, *carry)
+            lasts = jnp.isfinite(segment.duration)
+            return (self._slid(segment, x, mode, jnp.where(lasts, segment.duration, 0.0)), mode), (x, mode)
+
+        first = jax.tree.map(lambda x: jnp.asarray(x, float), self.initial())
+        corners = jnp.asarray(self.times)
+        _, (begins, modes) = lax.scan(next_sample, (first, jnp.zeros(())), jnp.arange(corners.shape[0]) * 1.0)
+        places = jnp.clip(jnp.searchsorted(lax.stop_gradient(corners), times, side="right") - 1, 0)
+        t_local, mode = times - corners[places], modes[places]
+        segment = jax.vmap(self.segment)(places * 1.0)
+        x = jax.vmap(self._slid)(segment, jax.tree.map(lambda array: array[places], begins), mode, t_local)
+        return Visited(x, segment, t_local, mode)
+
+    def _slid(self, segment: Segment, x: State[Scalar], mode: Scalar, elapsed: Scalar) -> State[Scalar]:
+        """The state `elapsed` [s] after the begin of a segment in which it is `x`."""
+        moves = mode != _STILL
+        v, sign = jnp.where(moves, segment.slope, 1.0), jnp.where(moves, mode, 1.0)
+        slid = self.friction.slide(x[1], v, jnp.where(moves, elapsed, 0.0), sign)
+        return x[0] + segment.slope * elapsed, chosen(moves, slid, x[1])
 
     def force(self, segment: Segment, t_local: ScalarLike, x: State[Scalar], mode: Scalar) -> Scalar:
         """Friction force [N]; of a set-valued law at rest the middle of its interval."""

@@ -1,0 +1,10 @@
+"""Exponential relaxation: what a linear state does while the velocity is constant."""
+
+import jax.numpy as jnp
+
+from ..core import Scalar, ScalarLike
+
+
+def relaxed(begin: Scalar, end: ScalarLike, exponent: ScalarLike) -> Scalar:
+    """`begin` after a part exp(-exponent) of its distance from `end` is left, exact for small exponents, too."""
+    return begin - (end - begin) * jnp.expm1(-jnp.asarray(exponent, float))
