@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     from ..metrics import RecordGuess
 
 
-QUANTITIES = {"time": "s", "voltage": "V", "displacement": "m", "velocity": "m/s"}
+QUANTITIES = {"time": "s", "voltage": "V", "displacement": "m", "velocity": "m/s", "force": "N"}
 """What a channel may be, and its unit."""
 
-QUANTITIES_NAMED = "time, voltage, displacement or velocity"
+QUANTITIES_NAMED = "time, voltage, displacement, velocity or force"
 
 MEASURED = ("platform", "effector")
 """What a record of a new study may measure."""
@@ -57,6 +57,8 @@ def new(options: argparse.Namespace) -> int:
 
     hints, told, measures = _hints(options), _told(options), _measures(options)
     check_empty(options.folder)
+    if not measures and (status := _of_contacts(options, hints)) is not None:
+        return status
     records, status = [], 0
     for file in options.files:
         try:
@@ -72,6 +74,36 @@ def new(options: argparse.Namespace) -> int:
     say(format_guesses([(record.name, record.guess) for record in records]), end="")
     _warn(records, told)
     load_study(path)
+    say(f"Look at {options.folder / 'check'}, edit {path} where a guess is wrong, then run:")
+    say(f"pdssjax identify {path} --out {options.folder / 'out'}")
+    return 0
+
+
+def _of_contacts(options: argparse.Namespace, hints: "Hints") -> int | None:
+    """The same of files of a contact alone, as a tribometer writes them; None where there is none among them."""
+    from ..core import prepare_jax
+    from ..files import friction_file, load_study, write_friction_study
+
+    found = {file: friction_file(file, hints) for file in options.files}
+    files = [file for file in found.values() if file is not None]
+    if not files:
+        return None
+    if len(files) < len(found):
+        other = next(file for file, contact in found.items() if contact is None)
+        raise InputError(
+            f"{other}: found no force in it, beside {files[0].roles.file}, which is of a contact alone, expected files "
+            'of one kind: make a study of each, and join their [[record]] tables ("What can be measured" in '
+            "docs/study-file.md)."
+        )
+    prepare_jax()
+    path = write_friction_study(files, options.folder, options.title or options.folder.resolve().name)
+    load_study(path)
+    for file in files:
+        turned = ", turned to have the sign of the motion" if file.turned else ""
+        say(
+            f"{file.roles.file}: a contact alone, its force against a {file.quantity}, "
+            f"{file.force.size} samples{turned}"
+        )
     say(f"Look at {options.folder / 'check'}, edit {path} where a guess is wrong, then run:")
     say(f"pdssjax identify {path} --out {options.folder / 'out'}")
     return 0
@@ -226,7 +258,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         parser.add_argument(f"--{quantity}", metavar="COL", help=text)
     text = f"unit of {QUANTITIES_NAMED}, where the file does not tell it; repeatable"
     parser.add_argument("--unit", action="append", default=[], metavar="QUANTITY=UNIT", help=text)
-    text = 'factor of voltage, displacement or velocity, such as "displacement=0.5 um/V"; repeatable'
+    text = 'factor of voltage, displacement, velocity or force, such as "displacement=0.5 um/V"; repeatable'
     parser.add_argument("--scale", action="append", default=[], metavar="QUANTITY=FACTOR", help=text)
     parser.add_argument("--interval", metavar="T", help='between samples where no clock was stored, such as "50 us"')
     parser.add_argument("--decimal", choices=[",", "."], help="decimal sign of texts; left out: told by the file")

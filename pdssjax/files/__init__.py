@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     from .estimate_results import write_estimate as write_estimate
     from .example import EXAMPLE as EXAMPLE
     from .example import copy_example as copy_example
+    from .friction_study import FrictionFile as FrictionFile
+    from .friction_study import friction_file as friction_file
+    from .friction_study import write_friction_study as write_friction_study
     from .guessed_record import NewRecord as NewRecord
     from .guessed_record import Told as Told
     from .guessed_record import guess_file as guess_file
@@ -69,6 +72,8 @@ else:
             "draws_results": ["read_draws"],
             "estimate_results": ["write_essentials", "write_estimate"],
             "example": ["EXAMPLE", "copy_example"],
+            "example": ["EXAMPLE"],
+            "friction_study": ["FrictionFile", "friction_file", "write_friction_study"],
             "guessed_record": ["NewRecord", "Told", "guess_file"],
             "new_study": ["drive_of_samples", "write_study"],
             "prediction_results": ["write_predictions"],

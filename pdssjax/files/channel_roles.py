@@ -16,7 +16,7 @@ from .channel_samples import Clock, find_channel, open_file, read_samples
 from .readers.base import AbstractReader, Channel
 from .record_columns import Layout, scaled
 
-SI = {"time": "s", "voltage": "V", "displacement": "m", "velocity": "m/s"}
+SI = {"time": "s", "voltage": "V", "displacement": "m", "velocity": "m/s", "force": "N"}
 """What is looked for, and its unit."""
 
 _NAMES = {
@@ -24,11 +24,15 @@ _NAMES = {
     "voltage": ("voltage", "volt", "spannung", "u_", "drive", "piezo"),
     "displacement": ("displacement", "position", "weg", "x_", "motion"),
     "velocity": ("velocity", "speed", "geschwindigkeit", "v_"),
+    "force": ("friction", "reib", "force", "kraft", "f_", "ff", "tangential"),
 }
 """How names begin that are preferred to others of the same unit, or of none."""
 
-_SYMBOLS = {"time": ("t",), "voltage": ("u",), "displacement": ("x",), "velocity": ("xdot", "xd")}
+_SYMBOLS = {"time": ("t",), "voltage": ("u",), "displacement": ("x",), "velocity": ("xdot", "xd"), "force": ("f",)}
 """Names as they stand in equations, which arrays of MATLAB often have."""
+
+_NORMAL = ("normal", "load", "last", "fn", "fz")
+"""How names begin of forces across the contact, which are not those of friction."""
 
 _TRIGGERS = ("trig", "sync", "ttl")
 """What is in the names of channels that show when something began, and neither a drive nor a motion."""
@@ -116,6 +120,34 @@ def roles_of(file: Path, hints: Hints) -> Roles:
     return Roles(file, chosen, frozenset(guessed), layout)
 
 
+def friction_roles(file: Path, hints: Hints) -> Roles | None:
+    """Which channels of `file` are what, if it is of a contact alone: a force, a motion, and times where it has some.
+
+    None where it has no force, or shows a voltage that drives a piezo.
+
+    **Raises:** `InputError` as `roles_of` does.
+    """
+    reader = open_file(file, hints.decimal)
+    channels = [c for c in reader.channels() if not c.name.lower().startswith(_NORMAL)]
+    has = lambda quantity: quantity in hints.columns or any(c.measures(SI[quantity]) for c in channels)
+    pulls = has("force") or any(not c.unit and _called(c, "force") for c in channels)
+    driven = hints.columns.get("voltage", "none") != "none" or any(c.measures("V") for c in channels)
+    if not pulls or (driven and "force" not in hints.columns):
+        return None
+    look = _Look(file, reader, channels, hints)
+    clocked = hints.interval is not None or any(channel.interval for channel in channels)
+    timed = not clocked and (has("time") or any(not c.unit and _called(c, "time") for c in channels))
+    chosen: dict[str, Channel] = {}
+    guessed: set[str] = set()
+    motion = look.motion() if has("displacement") or has("velocity") else look.named_motion()
+    for quantity in [*(["time"] * timed), "force", motion]:
+        look.choose(quantity, chosen, guessed, look.increases if quantity == "time" else look.may_move)
+    look.check_units(chosen)
+    columns = {q: name_for_study(chosen[q], channels) for q in [*(["time"] * timed), motion, "force"]}
+    layout = Layout(columns, SI, hints.units, hints.scales, hints.interval, 0.0, hints.decimal, needs_clock=False)
+    return Roles(file, chosen, frozenset(guessed), layout)
+
+
 def name_for_study(channel: Channel, channels: Sequence[Channel]) -> str | int:
     """The name of a channel where it has one of its own, else its number."""
     for name in (channel.name, channel.written):
@@ -138,7 +170,7 @@ def _triggers(channel: Channel) -> bool:
 
 def _example_of_scale(quantity: str, channel: Channel) -> str:
     """The option that makes a `quantity` of a channel's numbers; "" where no instrument shows it in such a unit."""
-    usual = {"displacement": "um", "velocity": "mm/s"}.get(quantity)
+    usual = {"displacement": "um", "velocity": "mm/s", "force": "N"}.get(quantity)
     is_sensor = usual is not None and any(channel.measures(unit) for unit in _OF_SENSORS)
     return f'--scale "{quantity}=0.5 {usual}/{channel.unit}"' if is_sensor else ""
 
@@ -173,6 +205,11 @@ class _Look:
             f'leave the file out, and add a [[record]] with measures = "{kind}" to the study that is made '
             '("What can be measured" in docs/study-file.md), or name a motion by --displacement.'
         )
+
+    def named_motion(self) -> str:
+        """The same where no unit tells it: by name."""
+        named = any(_called(channel, "velocity") for channel in self.channels)
+        return "velocity" if named and not any(_called(c, "displacement") for c in self.channels) else "displacement"
 
     def choose(
         self, quantity: str, chosen: dict[str, Channel], guessed: set[str], shaped: Callable[[Channel], bool]

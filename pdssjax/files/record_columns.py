@@ -37,6 +37,8 @@ class Layout(NamedTuple):
     """With `interval`: time of the first sample [s]."""
     decimal: str = ""
     """The decimal sign of a text, "" where it is to be told."""
+    needs_clock: bool = True
+    """False: where neither file nor study tells the times, samples stand for one a second."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -55,6 +57,8 @@ class Columns:
     """Time of the first sample of the file [s]."""
     end: float
     """Time of the last sample that was looked at [s]."""
+    has_clock: bool = True
+    """False: nothing tells the times."""
 
     def kept(self, keep: Bool[np.ndarray, " samples"]) -> "Columns":
         """The samples that `keep` chooses."""
@@ -88,13 +92,16 @@ def read_columns(file: Path, layout: Layout, window: tuple[float, float] | None 
     channels = reader.channels()
     chosen = {q: find_channel(reader, file, channels, given) for q, given in layout.columns.items()}
     factors = {quantity: _factor(file, layout, quantity, channel) for quantity, channel in chosen.items()}
-    clock = _clock(file, layout, chosen, factors)
+    stored = layout.interval is not None or "time" in chosen or any(c.interval is not None for c in chosen.values())
+    has_clock = stored or layout.needs_clock
+    clock = _clock(file, layout, chosen, factors) if has_clock else Clock(None, interval=1.0)
     if clock.number is None:
         chosen.pop("time", None)
     others = [quantity for quantity in chosen if quantity != "time"]
     samples = read_samples(reader, file, [chosen[q].number for q in others], clock, window)
     values = {quantity: factors[quantity] * samples.values[:, k] for k, quantity in enumerate(others)}
-    return Columns(reader, file, chosen, {"time": samples.time, **values}, samples.places, samples.begin, samples.end)
+    data = {"time": samples.time, **values}
+    return Columns(reader, file, chosen, data, samples.places, samples.begin, samples.end, has_clock)
 
 
 def _clock(file: Path, layout: Layout, chosen: Mapping[str, Channel], factors: Mapping[str, float]) -> Clock:

@@ -54,15 +54,15 @@ def read_record(table: Table, parameters: Table, folder: Path, virtual: bool = F
         drive, overrides = read_drive(described, table, folder, _told_of_drives(parameters, conditions))
     elif "drive" in table.entries:
         raise InputError(
-            f'{table.at("drive")}: found a drive, expected none: the "motion" of a {measurement.name} record is '
-            "prescribed."
+            f'{table.at("drive")}: found a drive, expected none: the "{measurement.prescribed}" of a '
+            f"{measurement.name} record is prescribed."
         )
-    layout = record_layout(table, measurement.columns)
+    layout = record_layout(table, measurement.columns)._replace(needs_clock=measurement.needs_clock)
     drive, earlier = conditioned(table, drive)
     start = _start(table, measurement)
     if virtual:
         _check_writable(table, file, layout)
-    data, begin = _samples(table, file, layout, measurement if virtual else None)
+    data, begin, has_clock = _samples(table, file, layout, measurement if virtual else None)
     where = f'{file}: record "{name}"'
     check_meets_drive(where, begin, data["time"], drive, start)
     length = float(data["time"][-1] - data["time"][0])
@@ -83,24 +83,26 @@ def read_record(table: Table, parameters: Table, folder: Path, virtual: bool = F
         measured=data[measurement.quantity],
         noise=noise,
         offset=None if table.entries.get("offset", "free") == "free" else table.number("offset", unit),
-        motion=data.get("motion"),
+        motion=None if measurement.prescribed is None else data[measurement.prescribed],
         resolution=_positive(table, "resolution", unit) or 0.0,
         columns={q: (str(name), layout.units.get(q, "")) for q, name in layout.columns.items()},
         conditions=conditions,
         start=start,
         rest_voltage=rest_voltage,
+        has_clock=has_clock,
     )
 
 
 def _samples(
     table: Table, file: Path, layout: Layout, planned: AbstractMeasurement | None
-) -> tuple[dict[str, np.ndarray], float]:
-    """The columns of a record, by quantity [SI], and when its file begins [s]; those `planned` where they are."""
+) -> tuple[dict[str, np.ndarray], float, bool]:
+    """The columns of a record, by quantity [SI], those `planned` where they are; when its file begins [s]; whether
+    its samples have times."""
     if planned is not None and "sampling" in table.entries:
         data = _planned(table, planned)
-        return data, float(data["time"][0])
+        return data, float(data["time"][0]), True
     read = read_columns(file, layout, window_of(table))
-    return kept_samples(table, file, layout, read), read.begin
+    return kept_samples(table, file, layout, read), read.begin, read.has_clock
 
 
 def _conditions(table: Table) -> frozenset[str]:

@@ -27,7 +27,10 @@ def write_csv(recording: Recording, study: Path, file: Path) -> None:
     """
     record = recording.record
     scales = column_scales(record, study)
-    data = {"time": record.time + record.start, "motion": record.motion, record.measurement.quantity: record.measured}
+    measurement = record.measurement
+    data = {"time": record.time + record.start, measurement.quantity: record.measured}
+    if measurement.prescribed is not None:
+        data[measurement.prescribed] = record.motion
     names, columns, formats = [], [], []
     for quantity, (name, _) in record.columns.items():
         columns.append(np.asarray(data[quantity]) / scales[quantity])

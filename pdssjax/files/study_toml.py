@@ -4,6 +4,7 @@ Its tables are read one by one: [parameters] by `parameter_table`, [[record]] by
 """
 
 import dataclasses
+import math
 import sys
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -66,6 +67,7 @@ def load_study(path: str | Path, virtual: bool = False) -> Study:
     study = dataclasses.replace(study, parameters=read_parameters(top, study))
     _check_durations(top, study)
     _check_jumps(top, study)
+    _check_measurements(top, study)
     _check_samples(top, study)
     return study
 
@@ -145,6 +147,8 @@ def _check_jumps(top: Table, study: Study) -> None:
     amplified = any(path.startswith("amplifier.") for path in study.parameters)
     for record in study.records:
         where, measurement = f'{top.where}: record "{record.name}": drive', record.measurement
+        if record.drive is None:
+            continue
         jumps = _jumps(record, study.parameters)
         if jumps and not amplified and measurement.at_a_jump():
             raise InputError(
@@ -152,13 +156,24 @@ def _check_jumps(top: Table, study: Study) -> None:
                 f"the platform of this piezo would jump, too, and {measurement.at_a_jump()}."
             )
         # Behind an amplifier a jump is a corner.
-        corners = jumps if amplified else record.drive is not None and record.drive.has_corners()
+        corners = jumps if amplified else record.drive.has_corners()
         if corners and measurement.at_a_corner():
             expected = "a fall or rise time above 0" if amplified else "a smooth one or an amplifier"
             raise InputError(
                 f"{where}: found a voltage with {'jumps' if amplified else 'corners'}, expected {expected}: "
                 f"the velocity of the platform of this piezo would jump there, and {measurement.at_a_corner()}."
             )
+
+
+def _check_measurements(top: Table, study: Study) -> None:
+    """What a measurement refuses of a record, under the models and numbers of the study."""
+    nominal = {path: declared.nominal for path, declared in study.models.declared().items() if declared.optional}
+    for record in study.records:
+        told = {path: math.nan if p.value is None else p.value for path, p in study.parameters.items()}
+        fixed = under_conditions(nominal | told, dict.fromkeys(record.conditions, True))
+        wrong = record.measurement.refused(study.models, {path: float(n) for path, n in fixed.items()}, record)
+        if wrong:
+            raise InputError(f'{top.where}: record "{record.name}": {wrong}.')
 
 
 def _jumps(record: Record, parameters: Mapping[str, Parameter]) -> bool:

@@ -56,7 +56,9 @@ class FittedRecord:
     display: Display = LENGTH
     """How it is shown."""
     motion: Float[np.ndarray, " n"] | None = None
-    """The relative displacement [m], where that is prescribed."""
+    """The relative displacement [m], or velocity [m/s], where that is prescribed."""
+    prescribed: Display = LENGTH
+    """How that is shown."""
     noise_estimated: bool = False
     """The study gives no noise: `noise` is that of these residuals, or NaN."""
     noise_floor: float = math.nan
@@ -157,6 +159,7 @@ def compare(
         unit=record.measurement.unit,
         display=record.measurement.display,
         motion=record.motion,
+        prescribed=record.measurement.prescribed_display,
         words=record.measurement.words,
         noise_estimated=record.noise is None,
         noise_floor=max(scatter_floor(measured), rounding_of_counts(measured)) if len(measured) >= 8 else math.nan,

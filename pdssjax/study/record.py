@@ -35,7 +35,8 @@ class Record:
     offset: float | None
     """Zero of the sensor, in the same unit; None: free."""
     motion: Float[np.ndarray, " samples"] | None = None
-    """The relative displacement of platform against end-effector [m] where that is prescribed."""
+    """The relative displacement of platform against end-effector [m] where that is prescribed, or its velocity [m/s]:
+    the column that `measurement.prescribed` names."""
     resolution: float = 0.0
     """Step in which the sensor counts, in the same unit: for a virtual rig; a fit needs it within the noise."""
     columns: dict[str, tuple[str, str]] = dataclasses.field(default_factory=dict)
@@ -47,6 +48,9 @@ class Record:
     rest_voltage: float | None = None
     """Voltage [V] at which the actuator is taken to have rested before the record, since nothing says what was before;
     None where the study says it, or the drive starts from 0 V."""
+
+    has_clock: bool = True
+    """False: the file has no times, and its samples stand for one a second."""
 
     @property
     def measures(self) -> str:

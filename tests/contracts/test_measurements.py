@@ -37,7 +37,8 @@ def planned(tmp_path_factory):
 def test_columns_have_units_and_are_shown_in_units_of_the_same_kind(measurement):
     first, *between, last = measurement.columns.items()
     assert first == ("time", "s")
-    assert set(between) <= {("motion", "m")}
+    assert set(between) <= {("motion", "m"), ("velocity", "m/s")}
+    assert [quantity for quantity, _ in between] == [measurement.prescribed] * len(between)
     assert last == (measurement.quantity, measurement.unit)
     assert factor(measurement.unit, measurement.unit, "") == pytest.approx(1.0)
     display = measurement.display
@@ -50,7 +51,7 @@ def test_the_parts_that_move_are_parts_of_a_study(measurement, planned):
     parts = measurement.parts()
     assert parts and parts <= MOVING
     assert parts <= {path.split(".")[0] for path in legal_quantities(planned(measurement))}
-    assert measurement.driven == ("motion" not in measurement.columns)
+    assert measurement.driven == (measurement.prescribed is None)
     assert measurement.effector_moves <= bool(measurement.at_a_jump())
 
 
@@ -69,7 +70,7 @@ def test_a_planned_record_has_the_keys_and_columns_told(measurement, planned):
     assert record.measurement == measurement
     assert record.measures == measurement.name
     assert (record.drive is not None) == measurement.driven
-    assert (record.motion is not None) == ("motion" in measurement.columns)
+    assert (record.motion is not None) == (measurement.prescribed is not None)
 
 
 @every

@@ -214,6 +214,8 @@ def contact_scale(record: Record, moved: float | None) -> tuple[float, float, fl
     """
     assert record.motion is not None
     force = 0.5 * float(np.subtract(*np.percentile(record.measured, [95.0, 5.0]))) or 1e-3
+    if record.measurement.prescribed == "velocity":
+        return _curve_scale(record.motion, record.measured, moved)
     steps, pulled = np.diff(record.motion), np.diff(record.measured)
     stroke = float(np.ptp(record.motion)) or 1e-6
     moves = np.abs(steps) > 1e-4 * stroke
@@ -222,6 +224,21 @@ def contact_scale(record: Record, moved: float | None) -> tuple[float, float, fl
     speed = float(np.median(np.abs(steps[moves] / np.diff(record.time)[moves]))) if moves.any() else stroke
     mass = stiffness / (0.3 * (stiffness * speed / force) ** 2) if moved is None else moved
     return mass, force / (0.035 * mass), float(np.sqrt(stiffness / (0.3 * mass)))
+
+
+def _curve_scale(
+    velocities: Float[np.ndarray, " n"], forces: Float[np.ndarray, " n"], moved: float | None
+) -> tuple[float, float, float]:
+    """The same of a friction curve: its forces [N], and a Stribeck velocity amid its `velocities` [m/s].
+
+    The middle of the range of that is 0.017 a/rate (`friction/_search_ranges.py`).
+    """
+    mass = 1.0 if moved is None else moved
+    force = float(np.median(np.abs(forces))) or 1e-3
+    acceleration = force / (0.035 * mass)
+    speeds = np.abs(velocities[velocities != 0.0])
+    amid = float(np.exp(np.mean(np.log(speeds)))) if speeds.size else 1e-3
+    return mass, acceleration, 0.017 * acceleration / amid
 
 
 def frequency_of(record: Record) -> float | None:

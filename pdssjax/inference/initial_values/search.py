@@ -290,7 +290,9 @@ def _search(
 def _beginning(record: Record) -> Record:
     """The first periods of a `record`: enough to tell a trial by, and quick where a contact never rests."""
     if record.motion is not None:
-        parts = {name: getattr(record, name)[:SAMPLES] for name in ("time", "measured", "motion")}
+        curve = record.measurement.prescribed == "velocity"
+        few = slice(None, None, -(-record.time.size // SAMPLES)) if curve else slice(SAMPLES)
+        parts = {name: getattr(record, name)[few] for name in ("time", "measured", "motion")}
         return dataclasses.replace(record, **parts)
     frequency = frequency_of(record)
     if not frequency:

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from .cycles import cycle_figure as cycle_figure
     from .directions import directions_figure as directions_figure
     from .draws import draws_figure as draws_figure
+    from .friction_loops import friction_figure as friction_figure
     from .loops import has_loops as has_loops
     from .loops import loop_figure as loop_figure
     from .multistart import multistart_figure as multistart_figure
@@ -39,6 +40,7 @@ else:
             "directions": ["directions_figure"],
             "draws": ["draws_figure"],
             "record_guess": ["guess_figure"],
+            "friction_loops": ["friction_figure"],
             "loops": ["has_loops", "loop_figure"],
             "multistart": ["multistart_figure"],
             "overview": ["estimate_figure", "study_figure"],

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...core import MICROMETRES, Display
+from ...core import VELOCITY, Display
 from ...study import Estimate, Study
 from ._style import BLUE, GREY, STYLE, VERMILION, YELLOW
 from .records import liveliest_moment
@@ -24,12 +24,22 @@ class _Row(NamedTuple):
     measured: Float[np.ndarray, " n"]
     predicted: Float[np.ndarray, " n"] | None
     motion: Float[np.ndarray, " n"] | None
+    prescribed: Display
+    """How the `motion` is shown."""
 
 
 def study_figure(study: Study) -> Figure:
     """What was measured: every record of a study."""
     rows = [
-        _Row(_titled(r.name, r.measures, r.role), r.measurement.display, r.time, r.measured, None, r.motion)
+        _Row(
+            _titled(r.name, r.measures, r.role),
+            r.measurement.display,
+            r.time,
+            r.measured,
+            None,
+            r.motion,
+            r.measurement.prescribed_display,
+        )
         for r in study.records
     ]
     return _overview(study.title, rows)
@@ -38,7 +48,7 @@ def study_figure(study: Study) -> Figure:
 def estimate_figure(estimate: Estimate) -> Figure:
     """Every record of an estimate against its prediction."""
     rows = [
-        _Row(_titled(r.name, r.measures, r.role), r.display, r.time, r.measured, r.predicted, r.motion)
+        _Row(_titled(r.name, r.measures, r.role), r.display, r.time, r.measured, r.predicted, r.motion, r.prescribed)
         for r in estimate.records
     ]
     return _overview(estimate.title, rows)
@@ -67,8 +77,9 @@ def _draw(whole: Axes, near: Axes, row: _Row) -> None:
     whole.set_title(row.title, loc="left")
     whole.set_ylabel(row.display.unit.replace("um", "µm"))
     if row.motion is not None:
-        _curves(near, MICROMETRES * row.motion, row, slice(None))
-        near.set_xlabel("motion (µm)")
+        order = np.argsort(row.motion) if row.prescribed == VELOCITY else np.arange(row.motion.size)
+        _curves(near, row.prescribed.scale * row.motion[order], row, order)
+        near.set_xlabel(f"{row.prescribed.quantity} ({row.prescribed.unit.replace('um', 'µm')})")
         return
     moment = liveliest_moment(row.time, row.measured)
     _curves(near, 1e3 * row.time[moment], row, moment)

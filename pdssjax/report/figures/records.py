@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...core import MICROMETRES
+from ...core import VELOCITY
 from ...study import FittedRecord
 from ._style import BLUE, GREY, STYLE, VERMILION, YELLOW, fixed_ticks
 
@@ -75,12 +75,14 @@ def _draw_moment(motion: Axes, residual: Axes, record: FittedRecord, moment: np.
 
 def _draw_loops(force: Axes, residual: Axes, record: FittedRecord, motion: Float[np.ndarray, " n"]) -> None:
     """Friction force against the motion: what tells one law from another."""
-    place = MICROMETRES * motion
-    force.plot(place, record.measured, color=GREY, linewidth=2.0)
-    force.plot(place, record.predicted, color=VERMILION, linewidth=0.8)
-    force.set_title("against the motion", loc="left")
-    residual.plot(place, _residual(record), color=BLUE, linewidth=0.5)
-    residual.set_xlabel("motion (µm)")
+    # Loops come in order; the samples of a friction curve need not, and are put into it.
+    order = np.argsort(motion) if record.prescribed == VELOCITY else np.arange(motion.size)
+    place = record.prescribed.scale * motion[order]
+    force.plot(place, record.measured[order], color=GREY, linewidth=2.0)
+    force.plot(place, record.predicted[order], color=VERMILION, linewidth=0.8)
+    force.set_title(f"against the {record.prescribed.quantity}", loc="left")
+    residual.plot(place, _residual(record)[order], color=BLUE, linewidth=0.5)
+    residual.set_xlabel(f"{record.prescribed.quantity} ({record.prescribed.unit.replace('um', 'µm')})")
 
 
 def _draw_noise(panels: Sequence[Axes], record: FittedRecord) -> None:

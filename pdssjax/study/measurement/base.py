@@ -6,12 +6,12 @@ shown.  A record's `measures` names a member, which is found by its file.
 
 import abc
 from collections.abc import Mapping
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from jaxtyping import Float
 
-from ...core import AbstractModel, Display, choices
+from ...core import LENGTH, VELOCITY, AbstractModel, Display, choices
 from ..models import Models
 from ..prediction import AbstractSetup
 
@@ -29,6 +29,20 @@ class Samples(NamedTuple):
     """Zero of the sensor, in the unit of the measurement; None where unknown."""
 
 
+class MeasuredRecord(Protocol):
+    """What a measurement looks at in a record."""
+
+    @property
+    def has_clock(self) -> bool:
+        """Its samples have times of their own."""
+        ...
+
+    @property
+    def motion(self) -> Float[np.ndarray, " samples"] | None:
+        """What is prescribed [m], or [m/s] of a velocity."""
+        ...
+
+
 class AbstractMeasurement(AbstractModel):
     """What a sensor sees; its fields are the keys that a record of it has besides the usual ones.
 
@@ -39,10 +53,13 @@ class AbstractMeasurement(AbstractModel):
     columns: ClassVar[Mapping[str, str]]
     """By quantity, the SI unit of each column: "time" first, what is explained last.
 
-    In between may be "motion", the relative displacement prescribed.
+    In between may be what is prescribed: "motion", the relative displacement, or "velocity", a relative one.
     """
     display: ClassVar[Display]
     """How reports and plots show what is explained."""
+    needs_clock: ClassVar[bool] = True
+    """False: samples without times are read, too, and stand for one a second; `refused` then says where that is wrong.
+    """
     plan: ClassVar[Mapping[str, str]] = {}
     """Numbers that a planned record's `sampling` has besides start, end and interval, with their SI units."""
 
@@ -69,6 +86,16 @@ class AbstractMeasurement(AbstractModel):
     def quantity(self) -> str:
         """The column that is explained."""
         return list(self.columns)[-1]
+
+    @property
+    def prescribed(self) -> str | None:
+        """The column of the relative motion that is prescribed; None where a voltage drives the platform."""
+        return next(iter(list(self.columns)[1:-1]), None)
+
+    @property
+    def prescribed_display(self) -> Display:
+        """How reports and plots show what is prescribed."""
+        return VELOCITY if self.prescribed == "velocity" else LENGTH._replace(quantity="motion")
 
     @property
     def unit(self) -> str:
@@ -106,6 +133,13 @@ class AbstractMeasurement(AbstractModel):
 
     def at_a_corner(self) -> str:
         """What is wrong where the velocity of the platform jumps, as a clause; "", the default, for nothing."""
+        return ""
+
+    def refused(self, models: Models, fixed: Mapping[str, float], record: MeasuredRecord) -> str:
+        """What is wrong with a `record` under these `models`: "found ..., expected ..."; "", the default, for nothing.
+
+        **Arguments:** `fixed` are the numbers of the parameters that are not fitted, by path [SI].
+        """
         return ""
 
     def planned(

@@ -1,6 +1,8 @@
 """Friction force of the contact alone, under a prescribed relative motion: what a tribometer measures.
 
 There is no drive; the motion is a column of the record, or planned as amplitude * sin(2 pi frequency t).
+The contact is undeflected at the first sample.  A record without times, force against displacement, is read where
+the law does not know how fast the motion is.
 """
 
 from collections.abc import Mapping
@@ -9,10 +11,10 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Float
 
-from ...core import Display
+from ...core import Display, member, member_name, members
 from ..models import Models
 from ..prediction import AbstractSetup, ContactAlone
-from .base import AbstractMeasurement, Samples
+from .base import AbstractMeasurement, MeasuredRecord, Samples
 
 
 class Friction(AbstractMeasurement):
@@ -20,6 +22,7 @@ class Friction(AbstractMeasurement):
 
     columns: ClassVar = {"time": "s", "motion": "m", "force": "N"}
     display: ClassVar = Display("force", "forces", "N", 1.0)
+    needs_clock: ClassVar = False
     plan: ClassVar = {"amplitude": "m", "frequency": "Hz"}
 
     def parts(self) -> frozenset[str]:
@@ -27,6 +30,26 @@ class Friction(AbstractMeasurement):
 
     def setup(self, models: Models) -> AbstractSetup:
         return ContactAlone()
+
+    def refused(self, models: Models, fixed: Mapping[str, float], record: MeasuredRecord) -> str:
+        needed, law = models.friction.without_rate, member_name(models.friction)
+        if record.has_clock:
+            return ""
+        if needed is None:
+            knows_none = [name for name in members("friction") if member("friction", name).without_rate is not None]
+            return (
+                f'found no times, which the law "{law}" needs, expected them (the key time in columns, or '
+                f'time = {{ interval = "1 ms" }}) or a law that can do without: {", ".join(knows_none)}'
+            )
+        missing = {f"friction.{field}": number for field, number in needed.items()}
+        missing = {path: number for path, number in missing.items() if fixed.get(path) != number}
+        if not missing:
+            return ""
+        wanted = ", ".join(f'"{path}" = {{ value = {number:g} }}' for path, number in missing.items())
+        return (
+            f'found no times, expected them (the key time in columns) or {wanted}: then the law "{law}" does not know '
+            "how fast the motion is"
+        )
 
     def planned(
         self, time: Float[np.ndarray, " samples"], numbers: Mapping[str, float]
