@@ -77,9 +77,10 @@ def write_friction_study(files: Sequence[FrictionFile], folder: Path, title: str
 
     kinds = {file.quantity: file for file in files}
     if len(kinds) > 1:
+        curve, loop = kinds["velocity"].roles.file, kinds["displacement"].roles.file
         raise InputError(
-            f"{kinds['velocity'].roles.file}: found a force against a velocity beside "
-            f"{kinds['displacement'].roles.file}, a force against a displacement, expected files of one kind: make a study of each."
+            f"{curve}: found a force against a velocity, and in {loop} one against a displacement, expected files of "
+            "one kind: make a study of each."
         )
     check_empty(folder)
     (folder / "check").mkdir(parents=True)

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pdssjax import load_study
+from pdssjax import InputError, load_study
 from pdssjax.cli.main import main
-from pdssjax.core import InputError, member, quantities
+from pdssjax.core import member, quantities
 
 TIME = np.arange(0.0, 2.0, 0.01)
 MOTION = 5.0 * np.sin(2.0 * np.pi * TIME)

@@ -17,10 +17,10 @@ def friction_figure(
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(5.0, 3.6), layout="constrained")
         axes = figure.subplots()
-        line = (
-            {"linewidth": 0.8} if quantity == "displacement" else {"linestyle": "none", "marker": ".", "markersize": 3}
-        )
-        axes.plot(shown.scale * motion, force, color=BLUE, **line)
+        if quantity == "velocity":
+            axes.plot(shown.scale * motion, force, ".", color=BLUE, markersize=3)
+        else:
+            axes.plot(shown.scale * motion, force, color=BLUE, linewidth=0.8)
         axes.set_xlabel(f"{quantity} ({shown.unit.replace('um', 'µm')})")
         axes.set_ylabel("force (N), with the sign of the motion")
         axes.set_title(name, loc="left")
