@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from pdssjax import AbstractFriction
 from pdssjax.core import member, members
-from pdssjax.friction.base import AbstractFriction
 from pdssjax.friction.dahl import Dahl
 
 LAWS = [member("friction", name) for name in members("friction")]

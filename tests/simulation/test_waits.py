@@ -5,8 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from pdssjax import Actuator, Effector, simulate
-from pdssjax.actuator import Amplifier
+from pdssjax import Actuator, Amplifier, Effector, simulate
 from pdssjax.core import member
 from pdssjax.drive.sampled import Sampled
 
