@@ -5,6 +5,6 @@ import jax.numpy as jnp
 from ..core import Scalar, ScalarLike
 
 
-def relaxed(begin: Scalar, end: ScalarLike, exponent: ScalarLike) -> Scalar:
-    """`begin` after a part exp(-exponent) of its distance from `end` is left, exact for small exponents, too."""
+def relax(begin: Scalar, end: ScalarLike, exponent: ScalarLike) -> Scalar:
+    """Return `begin` after a part exp(-exponent) of its distance from `end` is left, exact for small exponents, too."""
     return begin - (end - begin) * jnp.expm1(-jnp.asarray(exponent, float))

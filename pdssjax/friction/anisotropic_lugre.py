@@ -27,7 +27,7 @@ import jax.numpy as jnp
 
 from ..core import Scalar, ScalarLike, quantity
 from ..integration import Term
-from ._relaxation import relaxed
+from ._relaxation import relax
 from ._search_ranges import lugre_ranges
 from .base import AbstractFriction, State, Terms, deflection_scale
 
@@ -95,7 +95,7 @@ class AnisotropicLuGre(AbstractFriction):
     def slide(self, state: State, v: Scalar, elapsed: Scalar, sign: ScalarLike) -> State:
         s0, _, f_ss = self._branch(sign)
         steady = sign * f_ss / s0 if self.state == "deflection" else sign * f_ss
-        return (relaxed(state[0], steady, s0 / f_ss * (sign * v * elapsed)),)
+        return (relax(state[0], steady, s0 / f_ss * (sign * v * elapsed)),)
 
     @classmethod
     def search_ranges(cls, mass: float, acceleration: float, rate: float) -> dict[str, tuple[float, float]]:

@@ -25,7 +25,7 @@ from jax import lax
 
 from ..core import Scalar, ScalarLike, quantity
 from ..integration import Term
-from ._relaxation import relaxed
+from ._relaxation import relax
 from ._search_ranges import lugre_ranges
 from .base import AbstractFriction, State, Terms, deflection_scale
 
@@ -91,7 +91,7 @@ class BlimanSorine(AbstractFriction):
     def slide(self, state: State, v: Scalar, elapsed: Scalar, sign: ScalarLike) -> State:
         path = sign * v * elapsed
         lengths = self.eta * self.epsilon, self.epsilon
-        fast, slow = (relaxed(z, sign * length, path / length) for z, length in zip(state, lengths, strict=True))
+        fast, slow = (relax(z, sign * length, path / length) for z, length in zip(state, lengths, strict=True))
         return fast, slow
 
     @classmethod

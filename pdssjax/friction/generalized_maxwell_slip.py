@@ -25,7 +25,7 @@ import jax.numpy as jnp
 
 from ..core import Scalar, ScalarLike, quantity
 from ..integration import Term, constant
-from ._relaxation import relaxed
+from ._relaxation import relax
 from ._search_ranges import lugre_ranges, stribeck_range
 from ._stribeck_curve import stribeck_curve, stribeck_guard
 from .base import AbstractFriction, State, Terms, deflection_scale
@@ -155,7 +155,7 @@ class GeneralizedMaxwellSlip(AbstractFriction):
         ):
             limit, reach = remaining * w / k, sign * (z + v * elapsed)
             sticking = sign * jnp.minimum(reach, limit)
-            stretches.append(jnp.where(slips > 0.0, relaxed(z, sign * limit, decay), sticking))
+            stretches.append(jnp.where(slips > 0.0, relax(z, sign * limit, decay), sticking))
             flags.append(jnp.where((slips > 0.0) | (reach >= limit), 1.0, 0.0))
         return (*stretches, *flags, state[-1])
 

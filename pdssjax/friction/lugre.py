@@ -16,7 +16,7 @@ import jax.numpy as jnp
 
 from ..core import Scalar, ScalarLike
 from ..integration import Term
-from ._relaxation import relaxed
+from ._relaxation import relax
 from ._stribeck_bristle import AbstractStribeckBristle
 from ._stribeck_curve import stribeck_curve, stribeck_guard
 from .base import State, Terms, deflection_scale
@@ -43,4 +43,4 @@ class LuGre(AbstractStribeckBristle):
 
     def slide(self, state: State, v: Scalar, elapsed: Scalar, sign: ScalarLike) -> State:
         level = jnp.asarray(stribeck_curve(v, self.f_c, self.f_s, self.v_s), float)
-        return relaxed(state[0], sign * level / self.sigma0, self.sigma0 / level * (sign * v * elapsed)), state[1]
+        return relax(state[0], sign * level / self.sigma0, self.sigma0 / level * (sign * v * elapsed)), state[1]

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 
 from ..core import Scalar, ScalarLike, quantity
 from ..integration import Term
-from ._relaxation import relaxed
+from ._relaxation import relax
 from ._search_ranges import lugre_ranges
 from .base import AbstractFriction, State, Terms, deflection_scale
 
@@ -43,7 +43,7 @@ class SimplifiedLuGre(AbstractFriction):
 
     def slide(self, state: State, v: Scalar, elapsed: Scalar, sign: ScalarLike) -> State:
         exponent = self.sigma0 / self.f_ss * (sign * v * elapsed)
-        return (relaxed(state[0], sign * self.f_ss / self.sigma0, exponent),)
+        return (relax(state[0], sign * self.f_ss / self.sigma0, exponent),)
 
     @classmethod
     def search_ranges(cls, mass: float, acceleration: float, rate: float) -> dict[str, tuple[float, float]]:
