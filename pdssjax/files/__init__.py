@@ -72,7 +72,6 @@ else:
             "draws_results": ["read_draws"],
             "estimate_results": ["write_essentials", "write_estimate"],
             "example": ["EXAMPLE", "copy_example"],
-            "example": ["EXAMPLE"],
             "friction_study": ["FrictionFile", "friction_file", "write_friction_study"],
             "guessed_record": ["NewRecord", "Told", "guess_file"],
             "new_study": ["drive_of_samples", "write_study"],
