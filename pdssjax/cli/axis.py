@@ -5,16 +5,13 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Float
 
-from ..core import InputError, Quantity, nearest
+from ..core import MOST_POINTS, InputError, Quantity, nearest
 from .option_values import read_number, read_whole
 
 _EXPECTED = (
     'expected FROM:TO:COUNT such as "20:80:40", FROM:TO:COUNT:log for equal ratios, values with commas between them, '
     "or one value"
 )
-
-MOST_POINTS = 10_000_000
-"""Values on an axis, or points of a sample: more are a slip of the pen."""
 
 
 def read_axis(

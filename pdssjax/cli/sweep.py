@@ -7,8 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..core import MOST_WORKERS, InputError
-from .axis import MOST_POINTS
+from ..core import MOST_POINTS, MOST_WORKERS, InputError
 from .console import counter, progress, say
 from .numbers import add_numbers, study_of
 from .option_values import SEED, read_whole, whole

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from .jax_setup import prepare_jax as prepare_jax
     from .jax_setup import require_float64 as require_float64
     from .most import MOST_DRAWN as MOST_DRAWN
+    from .most import MOST_POINTS as MOST_POINTS
     from .most import MOST_SEED as MOST_SEED
     from .most import MOST_STARTS as MOST_STARTS
     from .most import MOST_WORKERS as MOST_WORKERS
@@ -87,7 +88,7 @@ else:
             "families": ["member", "member_name", "members", "told_by"],
             "garbage": ["seldom_look_for_garbage"],
             "jax_setup": ["prepare_jax", "require_float64"],
-            "most": ["MOST_DRAWN", "MOST_SEED", "MOST_STARTS", "MOST_WORKERS"],
+            "most": ["MOST_DRAWN", "MOST_POINTS", "MOST_SEED", "MOST_STARTS", "MOST_WORKERS"],
             "notebook": ["clear_bar", "counted_in_notebook", "draw_in_notebook", "told_in_notebook"],
             "physical_quantity": [
                 "AbstractModel",

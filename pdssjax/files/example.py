@@ -1,6 +1,5 @@
 """Where the packaged example is, and a copy of it."""
 
-import shutil
 from pathlib import Path
 
 EXAMPLE = Path(__file__).parents[1] / "example"
@@ -12,6 +11,8 @@ def copy_example(folder: Path) -> None:
 
     **Raises:** `InputError` where the folder holds something already, or cannot be written to.
     """
+    import shutil
+
     from .results_folder import check_empty, staging_folder
 
     check_empty(folder)
