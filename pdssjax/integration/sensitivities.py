@@ -1,26 +1,29 @@
-"""The steps of the forward pass again, side by side, with their derivatives.
+"""The steps of the forward pass again, side by side, with their first and second derivatives.
 
-Every step is linearised about its own start, and a linear recurrence joins them.  Where an event ends a step its
-end moves with the parameters; that shift is the saltation (docs/numerics.md), here without a matrix of its own.
+Every step is differentiated about its own start, and a linear recurrence joins the steps.  Where an event ends a step
+its end moves with the parameters; that shift is the saltation (docs/numerics.md), here without a matrix of its own.
+To second order the time of the event, its slope and the jump are differentiated again.
+
+Derivatives are whole arrays, by every parameter that moves: a linear map of them is all that JAX has to transpose or
+to map over, whatever directions are asked for.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float
 
 from ..core import Scalar, Truth
 from .accuracy import Accuracy
-from .forward_pass import find_steps
-from .loop_state import LoopState
 from .polynomials import horner
 from .step_methods.base import AbstractStepMethod, KnownStep
-from .step_table import KNOWN_COLUMNS, Table, read
+from .step_table import KNOWN_COLUMNS, read
 from .system import (
     SETTLED,
     AbstractHybridSystem,
@@ -32,115 +35,88 @@ from .system import (
     unflattener,
 )
 from .taylor_loop import computed_once
-from .tiles import Tile, tiled
+from .tiles import Tile
 
 Keep: TypeAlias = tuple[int, ...]
 """Components of the state of which the polynomials are kept."""
 
-Known: TypeAlias = tuple[dict[str, Float[Array, " room"]], LoopState]
-"""Of every step what cannot be differentiated by, and the last carry."""
-
-StepArrays: TypeAlias = tuple[
-    Float[Array, "room begin"], Float[Array, " begin"], Float[Array, "room kept coefficients"], Known
-]
-"""(begins, end, polynomials, known): a begin or end is origin, local time and state of a step."""
-
+Ends: TypeAlias = tuple[Float[Array, "begin *parameters"], ...]
+"""Derivatives of a step's end by the parameters, of first order on."""
 
 _SMALL = 1e-11
 """Amplitude [m] of a motion from whose events derivatives are carried back to a fixed time."""
 
-
-@eqx.filter_custom_jvp
-def differentiable_steps(
-    system: AbstractHybridSystem, *, horizon: Scalar, accuracy: Accuracy, keep: Keep
-) -> StepArrays:
-    table, loop = find_steps(system, horizon, accuracy)
-    # The loop itself keeps no polynomials: a carry that large would slow it down.
-    return _step_arrays(table, loop, tiled(values(system, accuracy, keep), None, table, loop.count)[1])
+_PAIRS = 64
+"""Pairs of parameters by which second derivatives are taken side by side: bounds the memory."""
 
 
-@differentiable_steps.def_jvp
-def _differentiable_steps_jvp(
-    primals: tuple[AbstractHybridSystem], tangents: tuple[Any], *, horizon: Scalar, accuracy: Accuracy, keep: Keep
-) -> tuple[StepArrays, tuple[Any, ...]]:
-    table, loop = find_steps(primals[0], horizon, accuracy)
-    first_dot, tile = tangents_of(primals[0], tangents[0], accuracy, keep, table.shape[1] - KNOWN_COLUMNS)
-    end_dot, (begins_dot, polynomials, polynomials_dot) = tiled(tile, first_dot, table, loop.count)
-    out = _step_arrays(table, loop, polynomials)
-    nothing = jax.tree.map(lambda _: None, out[3])
-    return out, (begins_dot, end_dot, polynomials_dot, nothing)
+class StepDerivatives(NamedTuple):
+    """What a tile finds of its steps; the axes of the parameters by which derivatives are taken come last."""
+
+    begins: tuple[Float[Array, "rows begin *parameters"], ...]
+    """Of origin, local time and state, derivatives of first order on."""
+    polynomials: tuple[Float[Array, "rows kept coefficients *parameters"], ...]
+    """Themselves, and their derivatives."""
 
 
-def _step_arrays(table: Table, loop: LoopState, polynomials: Float[Array, "room kept coefficients"]) -> StepArrays:
-    size = table.shape[1] - KNOWN_COLUMNS
-    index, mode, step_radius, duration, _ = table[:, size:].T
-    known = dict(index=index, mode=mode, step_radius=step_radius, duration=duration)
-    return table[:, :size], end_of(loop), polynomials, (known, loop)
+def differentiated_steps(
+    moving: AbstractHybridSystem,
+    fixed: AbstractHybridSystem,
+    accuracy: Accuracy,
+    keep: Keep,
+    size: int,
+    order: int,
+) -> tuple[Ends, Tile[Ends, StepDerivatives]]:
+    """Derivatives of the first step's begin by the `moving` leaves of the system, and what takes them through a tile.
 
-
-def end_of(loop: LoopState) -> Float[Array, " begin"]:
-    """Where a run ended, as a step's begin: origin, local time and state."""
-    return jnp.stack([loop.origin, loop.t_local, *loop.x])
-
-
-def values(
-    system: AbstractHybridSystem, accuracy: Accuracy, keep: Keep
-) -> Tile[None, Float[Array, "rows kept coefficients"]]:
-    """Expands a tile's steps again: their polynomials, shape (rows, components kept, degree + 1)."""
-
-    def tile(carry: None, rows: Float[Array, "rows columns"], real: Bool[Array, " rows"]) -> tuple[None, Array]:
-        return carry, _expanded(system, accuracy.method, jnp.asarray(accuracy.tolerance, float), keep, rows)
-
-    return tile
-
-
-class Tangents(NamedTuple):
-    """Of the steps of a tile or a table."""
-
-    begins: Float[Array, "rows begin"]
-    polynomials: Float[Array, "rows kept coefficients"]
-    """Themselves."""
-    moved: Float[Array, "rows kept coefficients"]
-    """The tangents of the polynomials."""
-
-
-def tangents_of(
-    system: AbstractHybridSystem, system_dot: AbstractHybridSystem, accuracy: Accuracy, keep: Keep, size: int
-) -> tuple[Float[Array, " begin"], Tile[Float[Array, " begin"], Tangents]]:
-    """The first begin's tangent along `system_dot`, whose leaves are None where nothing moves, and what takes it on."""
-    moving, fixed = eqx.partition(
-        system, jax.tree.map(lambda t: t is not None, system_dot, is_leaf=lambda t: t is None)
-    )
+    **Arguments:** `size` is how many numbers begin a step; `order` is that of the highest derivatives, up to 2.
+    """
     parameters, rebuilt = ravel_pytree(moving)
-    parameters_dot, _ = ravel_pytree(system_dot)
+    method, tolerance = accuracy.method, jnp.asarray(accuracy.tolerance, float)
+
+    def started(parameters: Float[Array, " parameters"]) -> Float[Array, " begin"]:
+        leaves = jax.tree.leaves(initial_state_and_mode(eqx.combine(rebuilt(parameters), fixed))[0])
+        return jnp.concatenate([jnp.zeros(size - len(leaves)), jnp.stack(leaves)])
 
     def join(
-        tangent: Float[Array, " begin"], step: tuple[Truth, Float[Array, "begin begin"], Float[Array, " begin"]]
-    ) -> tuple[Float[Array, " begin"], Float[Array, " begin"]]:
-        real, matrix, vector = step
-        moved = jnp.sum(matrix * tangent, axis=-1) + vector
-        return jnp.where(real, moved, tangent), tangent
+        before: Ends, step: tuple[Truth, Float[Array, "begin begin"], tuple[Float[Array, "begin *parameters"], ...]]
+    ) -> tuple[Ends, Ends]:
+        real, matrix, gained = step
+        moved = [_contracted(matrix, derivative) + added for derivative, added in zip(before, gained, strict=True)]
+        return tuple(jnp.where(real, new, old) for new, old in zip(moved, before, strict=True)), before
 
     def tile(
-        tangent: Float[Array, " begin"], rows: Float[Array, "rows columns"], real: Bool[Array, " rows"]
-    ) -> tuple[Float[Array, " begin"], Tangents]:
-        polynomials, (ends, inner) = _linearised(
-            moving, fixed, accuracy.method, jnp.asarray(accuracy.tolerance, float), keep, rows
-        )
-        driven = jnp.sum(ends[..., size:] * parameters_dot, axis=-1)
-        end, begins = lax.scan(join, tangent, (real, ends[..., :size], driven))
-        moved = jnp.sum(inner[..., :size] * begins[:, None, None, :], axis=-1)
-        return end, Tangents(begins, polynomials, moved + jnp.sum(inner[..., size:] * parameters_dot, axis=-1))
+        ends: Ends, rows: Float[Array, "rows columns"], real: Bool[Array, " rows"]
+    ) -> tuple[Ends, StepDerivatives]:
+        if order == 0:
+            return ends, StepDerivatives((), (_expanded(eqx.combine(moving, fixed), method, tolerance, keep, rows),))
+        polynomials, (end, inner) = _linearised(moving, fixed, method, tolerance, keep, rows)
+        of_begin = end[..., :size]
+        first, (begins,) = lax.scan(join, ends[:1], (real, of_begin, (end[..., size:],)))
+        unit = jnp.broadcast_to(jnp.eye(parameters.size), (len(rows), parameters.size, parameters.size))
+        along = jnp.concatenate([begins, unit], axis=1)
+        slopes = jax.vmap(_contracted)(inner, along)
+        if order == 1:
+            return first, StepDerivatives((begins,), (polynomials, slopes))
+        end_bends, bends = _bent(moving, fixed, method, tolerance, keep, rows, along)
+        second, (begin_bends,) = lax.scan(join, ends[1:], (real, of_begin, (end_bends,)))
+        bends = bends + jax.vmap(_contracted)(inner[..., :size], begin_bends)
+        return (*first, *second), StepDerivatives((begins, begin_bends), (polynomials, slopes, bends))
 
-    started = lambda parameters: jnp.stack(
-        jax.tree.leaves(initial_state_and_mode(eqx.combine(rebuilt(parameters), fixed))[0])
-    )
-    first_dot = jnp.zeros(size).at[2:].set(jax.jvp(started, (parameters,), (parameters_dot,))[1])
-    return first_dot, tile
+    derivatives: list[Callable[[Float[Array, " parameters"]], Array]] = [started]
+    for _ in range(order):
+        derivatives.append(jax.jacfwd(derivatives[-1]))
+    return tuple(derivative(parameters) for derivative in derivatives[1:]), tile
 
 
-# These two are compiled functions of their own so that they are traced once, however often loops and
-# transformations look at them.
+def _contracted(a: Float[Array, "*left inner"], b: Float[Array, "inner *right"]) -> Float[Array, "..."]:
+    """The sum over the last axis of `a` and the first of `b`; not a dot product, which XLA would not fuse."""
+    left, right = a.ndim - 1, b.ndim - 1
+    return jnp.sum(a.reshape(*a.shape, *(1,) * right) * b.reshape(*(1,) * left, *b.shape), axis=left)
+
+
+# These are compiled functions of their own so that they are traced once, however often loops and transformations
+# look at them.
 @eqx.filter_jit
 def _expanded(
     system: AbstractHybridSystem,
@@ -154,6 +130,44 @@ def _expanded(
     return _kept(polynomials, keep)
 
 
+class _Again(NamedTuple):
+    """The steps of a tile as functions of their inputs: the numbers that begin each, then the parameters."""
+
+    inputs: Float[Array, "rows inputs"]
+    known: Float[Array, "rows known"]
+    restored: Callable[[Array, Array], tuple[AbstractHybridSystem, Float[Array, " columns"]]]
+    """System and row of one step, from its inputs and what is known of it."""
+    step: Callable[[Array, Array], KnownStep]
+
+    def side_by_side(self, function: Callable[..., Any]) -> Callable[..., Any]:
+        """`function(system, row, *found)` of every row, as a function of all inputs and of what was found of each."""
+        of_row = lambda inputs, known, *found: function(*self.restored(inputs, known), *found)
+        return lambda inputs, *found: jax.vmap(of_row)(inputs, self.known, *found)
+
+
+def _again(
+    moving: AbstractHybridSystem,
+    fixed: AbstractHybridSystem,
+    tolerance: Scalar,
+    rows: Float[Array, "rows columns"],
+) -> _Again:
+    size = rows.shape[1] - KNOWN_COLUMNS
+    parameters, rebuilt = ravel_pytree(moving)
+
+    def restored(
+        inputs: Float[Array, " inputs"], known: Float[Array, " known"]
+    ) -> tuple[AbstractHybridSystem, Float[Array, " columns"]]:
+        system = eqx.combine(rebuilt(inputs[size:]), fixed)
+        return system, jnp.concatenate([inputs[:size], known])
+
+    def step(inputs: Float[Array, " inputs"], known: Float[Array, " known"]) -> KnownStep:
+        system, row = restored(inputs, known)
+        return _known_step(system, tolerance, row)
+
+    inputs = jnp.concatenate([rows[:, :size], jnp.broadcast_to(parameters, (len(rows), parameters.size))], axis=1)
+    return _Again(inputs, rows[:, size:], restored, step)
+
+
 @eqx.filter_jit
 def _linearised(
     moving: AbstractHybridSystem,
@@ -165,42 +179,59 @@ def _linearised(
 ) -> tuple[Float[Array, "rows kept coefficients"], Any]:
     """The polynomials of the steps `rows`, and the Jacobians of their ends and polynomials.
 
-    With respect to the begin and every `moving` parameter of the system, whatever the tangents
-    asked for: directions asked for together share it.
+    With respect to the begin and every `moving` parameter of the system.
     """
-    size = rows.shape[1] - KNOWN_COLUMNS
-    parameters, rebuilt = ravel_pytree(moving)
-
-    def again(
-        inputs: Float[Array, " inputs"], known: Float[Array, " known"]
-    ) -> tuple[AbstractHybridSystem, Float[Array, " columns"]]:
-        system = eqx.combine(rebuilt(inputs[size:]), fixed)
-        return system, jnp.concatenate([inputs[:size], known])
-
-    def step(inputs: Float[Array, " inputs"], known: Float[Array, " known"]) -> KnownStep:
-        system, row = again(inputs, known)
-        return _known_step(system, tolerance, row)
+    again = _again(moving, fixed, tolerance, rows)
+    step_radius, duration = again.known[:, 2], again.known[:, 3]
 
     def flow(inputs: Float[Array, "rows inputs"]) -> tuple[Any, Any]:
-        known = rows[:, size:]
-        polynomials = method.expand(step, inputs, known)
+        polynomials = method.expand(again.step, inputs, again.known)
         shown = _kept(polynomials, keep)
-        step_radius, duration = known[:, 2], known[:, 3]
         # Always true, also where a number is not finite.
         true = ~(step_radius[0] < 0.0)
-        side_by_side = lambda f: (
-            lambda *args: jax.vmap(lambda i, k, *found: f(*again(i, k), *found))(inputs, known, *args)
-        )
         x = computed_once(true, lambda polynomials: [horner(list(c), duration) for c in polynomials], polynomials)
-        x = computed_once(true, side_by_side(_exact_end), x)
-        shift = computed_once(true, side_by_side(_event_shift), x)
-        return (side_by_side(_end)(x, shift), shown), shown
+        x = computed_once(true, again.side_by_side(_exact_end), inputs, x)
+        shift = computed_once(true, again.side_by_side(_event_shift), inputs, x)
+        return (again.side_by_side(_end)(inputs, x, shift), shown), shown
 
     # The rows do not know of each other: one direction serves them all.
-    inputs = jnp.concatenate([rows[:, :size], jnp.broadcast_to(parameters, (len(rows), parameters.size))], axis=1)
+    inputs = again.inputs
     along = lambda direction: jax.jvp(flow, (inputs,), (jnp.broadcast_to(direction, inputs.shape),), has_aux=True)
     _, slopes, polynomials = jax.vmap(along, out_axes=(None, -1, None))(jnp.eye(inputs.shape[1]))
     return polynomials, slopes
+
+
+@eqx.filter_jit
+def _bent(
+    moving: AbstractHybridSystem,
+    fixed: AbstractHybridSystem,
+    method: AbstractStepMethod,
+    tolerance: Scalar,
+    keep: Keep,
+    rows: Float[Array, "rows columns"],
+    along: Float[Array, "rows inputs parameters"],
+) -> tuple[
+    Float[Array, "rows begin parameters parameters"], Float[Array, "rows kept coefficients parameters parameters"]
+]:
+    """Second derivatives of the ends and polynomials of the steps `rows`, along pairs of directions of their inputs."""
+    again = _again(moving, fixed, tolerance, rows)
+
+    def flow(inputs: Float[Array, "rows inputs"]) -> tuple[Array, Array]:
+        polynomials = method.expand(again.step, inputs, again.known)
+        each = jnp.stack([coefficients.T for coefficients in polynomials], axis=1)
+        return again.side_by_side(_moving_end)(inputs, each), _kept(polynomials, keep)
+
+    def bend(pair: tuple[Array, Array]) -> tuple[Array, Array]:
+        slope = lambda inputs: jax.jvp(flow, (inputs,), (along[..., pair[0]],))[1]
+        return jax.jvp(slope, (again.inputs,), (along[..., pair[1]],))[1]
+
+    count = along.shape[-1]
+    first, second = np.triu_indices(count)
+    bends = lax.map(bend, (jnp.asarray(first), jnp.asarray(second)), batch_size=min(_PAIRS, max(len(first), 1)))
+    place = np.zeros((count, count), int)
+    place[first, second] = place[second, first] = np.arange(len(first))
+    whole = lambda upper: jnp.moveaxis(upper[place], (0, 1), (-2, -1))
+    return whole(bends[0]), whole(bends[1])
 
 
 def _kept(
@@ -324,3 +355,66 @@ def _rates(
 def _tangent_only(x: Scalar) -> Scalar:
     """Zero in value, `x` in derivative."""
     return x - lax.stop_gradient(x)
+
+
+def _moving_end(
+    system: AbstractHybridSystem, row: Float[Array, " columns"], polynomials: Float[Array, "components coefficients"]
+) -> Float[Array, " begin"]:
+    """The end of a step as `_end` has it, right to the second derivative: along the motion, not along its tangent.
+
+    Two iterations of Newton's method from the time of the table find the time of an event to third order.
+    """
+    step, unflatten = read(row), unflattener(system)
+    segment, begin, mode, which = system.segment(step.index), unflatten(step.begin), step.mode, step.which
+
+    def motion(elapsed: Scalar) -> State:
+        x = [horner(list(coefficients), elapsed) for coefficients in polynomials]
+        return system.exact(segment, step.t_local, begin, elapsed, unflatten(x))
+
+    def margin(elapsed: Scalar) -> Scalar:
+        guards = system.guards(segment, step.t_local + elapsed, motion(elapsed), mode)
+        guards = [jnp.asarray(guard, float) for guard in guards]
+        return jnp.minimum(*guards) if len(guards) == 2 else jnp.stack(guards)[which]
+
+    moves = jnp.where(step.corner, segment.duration, 0.0) - step.t_local
+    shift = jnp.where(step.corner, _tangent_only(moves), 0.0)
+    events = has_guards(system, segment, step.at, motion(step.duration), mode)
+    is_carried_back = jnp.zeros((), bool)
+    if events:
+        at = lambda elapsed: jax.jvp(margin, (elapsed,), (jnp.ones_like(elapsed),))
+        rounding, slope = lax.stop_gradient(at(step.duration))
+        located = step.event & (step.at > 0.0) & (slope != 0)
+        is_carried_back = step.event & system.is_carried_back(slope, mode, which, _SMALL)
+        of_event = jnp.zeros_like(step.duration)
+        for _ in range(2):
+            value, slope = at(step.duration + of_event)
+            of_event = of_event - jnp.where(located, value - rounding, 0.0) / jnp.where(located, slope, 1.0)
+        shift = jnp.where(located, of_event, shift)
+    moved, later = motion(step.duration + shift), step.at + shift
+    follows, following = moved, mode
+    if events:
+        switched, following = system.after_event(segment, later, moved, mode, which)
+        follows = jax.tree.map(lambda a, b: jnp.where(step.event, a, b), switched, moved)
+        following = jnp.where(step.event, following, mode)
+    projected = system.project_to_steady(segment, later, follows, following)
+    follows = jax.tree.map(lambda a, b: jnp.where(step.becomes_settled, a, b), projected, follows)
+    if events:
+        following = jnp.where(step.becomes_settled, SETTLED, following)
+        back = _carried_back(system, segment, later, follows, shift, following)
+        follows = jax.tree.map(lambda a, b: jnp.where(is_carried_back, a, b), back, follows)
+        later = jnp.where(is_carried_back, step.at, later)
+    if system.resets_at_corners:
+        started, _ = system.on_segment_start(system.segment(step.index + 1.0), follows, mode)
+        follows = jax.tree.map(lambda a, b: jnp.where(step.corner, a, b), started, follows)
+    origin = step.origin + jnp.where(step.corner, segment.duration, 0.0)
+    return jnp.stack([origin, jnp.where(step.corner, 0.0, later), *jax.tree.leaves(follows)])
+
+
+def _carried_back(
+    system: AbstractHybridSystem, segment: InputSegment, t_local: Scalar, x: State, shift: Scalar, mode: Scalar
+) -> State:
+    """The state `shift` [s] before the local time at which it is `x`, to second order: the midpoint rule."""
+    rates = lambda t, x: system.field(segment, t, x, mode)
+    halfway = jax.tree.map(lambda a, b: a - 0.5 * shift * b, x, rates(t_local, x))
+    before = jax.tree.map(lambda a, b: a - shift * b, x, rates(t_local - 0.5 * shift, halfway))
+    return system.exact(segment, t_local, x, -shift, before)

@@ -19,13 +19,13 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from ..core import Count, Scalar, ScalarLike, Truth
 from .accuracy import Accuracy
+from .differentiated_run import places, since_begins, steps_of
 from .loop_state import LoopState
 from .polynomials import horner
-from .sensitivities import differentiable_steps
 from .system import AbstractHybridSystem, State, Visited, unflattener
 
 
@@ -97,11 +97,18 @@ def integrate(
     """
     keep = tuple(range(len(jax.tree.leaves(system.initial())))) if keep is None else keep
     horizon = lax.stop_gradient(jnp.asarray(horizon, float))
-    begins, end, polynomials, known_and_loop = differentiable_steps(
-        system, horizon=horizon, accuracy=accuracy, keep=keep
+    begins, end, polynomials, found = steps_of(system, horizon, accuracy, keep)
+    loop, known = found.loop, found.steps
+    steps = Steps(
+        known.index,
+        known.mode,
+        known.step_radius,
+        known.duration,
+        begins[:, 0],
+        begins[:, 1],
+        begins[:, 2:],
+        polynomials,
     )
-    known, loop = known_and_loop
-    steps = Steps(**known, origin=begins[:, 0], t_local=begins[:, 1], x=begins[:, 2:], polynomials=polynomials)
     return Solution(
         steps,
         ended(end, loop),
@@ -122,15 +129,18 @@ def states_at(
     Components outside `keep`, as given to `integrate`, are those of the step's beginning unless the
     system knows them in closed form.
     """
-    steps, stop, x_stop = run.steps, run.end.time, run.end.x
+    steps, end = run.steps, run.end
     begins, opening = steps.origin + steps.t_local, steps.origin[run.period]
     real = jnp.arange(begins.shape[0]) < run.count
-    row, laps = places(jnp.where(real, begins, jnp.inf), opening, stop, run.repeats, times)
-    elapsed = since_begin(begins[row], opening, stop, laps, times)
+    row, laps = places(jnp.where(real, begins, jnp.inf), opening, end.time, run.repeats, times)
+    rows = jnp.append(row, run.period)
+    begun = jnp.concatenate([jnp.stack([steps.origin, steps.t_local], axis=1), steps.x], axis=1)[rows]
+    stop = jnp.concatenate([jnp.stack([end.time - end.t_local, end.t_local]), end.x])
+    elapsed = since_begins(begun, stop, laps, times)
     polynomials = steps.polynomials[row]
     shown = horner([polynomials[:, :, k] for k in range(polynomials.shape[-1])], elapsed[:, None])
     at_begin = Begun(steps.index[row], steps.mode[row], steps.t_local[row], steps.x[row])
-    return visited(system, at_begin, elapsed, shown, keep, (x_stop - steps.x[run.period]) * laps[:, None])
+    return visited(system, at_begin, elapsed, shown, keep, (end.x - steps.x[run.period]) * laps[:, None])
 
 
 class Begun(NamedTuple):
@@ -142,29 +152,6 @@ class Begun(NamedTuple):
     t_local: Float[Array, " m"]
     """[s]"""
     x: Float[Array, "m components"]
-
-
-def places(
-    begins: Float[Array, " room"], opening: Scalar, stop: Scalar, repeats: Truth, times: Float[Array, " m"]
-) -> tuple[Int[Array, " m"], Float[Array, " m"]]:
-    """Of `times` [s] the step in which each lies, and how often the last period was repeated before it.
-
-    **Arguments:** the times [s] at which steps begin, infinite where there is none, and between which the last period
-    lies.  Nothing here has a derivative.
-    """
-    begins, opening, stop, times = lax.stop_gradient((begins, opening, stop, times))
-    cycle = jnp.where(repeats, stop - opening, 1.0)
-    laps = jnp.where(repeats, jnp.maximum(jnp.floor((times - stop) / cycle) + 1.0, 0.0), 0.0)
-    within = times - laps * cycle
-    return jnp.clip(jnp.searchsorted(begins, within, side="right") - 1, 0), laps
-
-
-def since_begin(
-    begins: Float[Array, " m"], opening: Scalar, stop: Scalar, laps: Float[Array, " m"], times: Float[Array, " m"]
-) -> Float[Array, " m"]:
-    """By how much `times` [s] are later than the begins of their steps, after so many repetitions."""
-    within = times - laps * jnp.where(laps > 0, stop - opening, 1.0)
-    return jnp.maximum(within - begins, 0.0)
 
 
 def visited(

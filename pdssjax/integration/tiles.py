@@ -1,8 +1,9 @@
 """The table of steps, a tile of rows at a time: what is found of every step, or what is read off them block by block.
 
 A table has room to spare, and what is found of a step is large: of every step kept, the room that no step took would
-cost a run of few steps more than its steps do.  So what is wanted at few times is read off a block of the table
-before the next is begun.
+cost a run of few steps more than its steps do.  So the loops end with the last step, and what is wanted at few times
+is read off a block of the table before the next is begun.  Nothing here is differentiated: derivatives are among what
+is found.
 """
 
 from collections.abc import Callable
@@ -34,23 +35,24 @@ def tiled(tile: Tile[Carry, Found], carry: Carry, table: Table, count: Count) ->
     """The carry behind the first `count` rows of the table, and what `tile` found of each; zeros for the rest."""
     room, width = table.shape
     tiles = -(-room // _TILE)
-    real = jnp.arange(tiles * _TILE) < count
-    # Rows without a step are computed like the first one: finite, and never used.
-    rows = jnp.concatenate([table, jnp.zeros((tiles * _TILE - room, width))])
-    rows = jnp.where(real[:, None], rows, table[0])
-    stacked = (real.reshape(tiles, _TILE), rows.reshape(tiles, _TILE, width))
-    function = jax.jit(tile, inline=True)  # traced once, for its shapes and for the branch
-    shapes = jax.eval_shape(function, carry, stacked[1][0], stacked[0][0])[1]
+    table = jnp.concatenate([table, jnp.zeros((tiles * _TILE - room, width))])
+    tile = jax.jit(tile, inline=True)  # traced once, for its shapes and for the loop
+    shapes = jax.eval_shape(tile, carry, table[:_TILE], jnp.ones(_TILE, bool))[1]
+    blank = jax.tree.map(lambda s: jnp.zeros((tiles * _TILE, *s.shape[1:]), s.dtype), shapes)
 
-    def blank(carry: Carry, rows: Float[Array, "rows columns"], real: Bool[Array, " rows"]) -> tuple[Carry, Found]:
-        return carry, jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shapes)
+    def next_tile(number: Count, both: tuple[Carry, Found]) -> tuple[Carry, Found]:
+        carry, so_far = both
+        first = number * _TILE
+        real = first + jnp.arange(_TILE) < count
+        # Rows without a step are computed like the first one: finite, and never used.
+        rows = jnp.where(real[:, None], lax.dynamic_slice_in_dim(table, first, _TILE), table[0])
+        carry, found = tile(carry, rows, real)
+        put = lambda all_rows, these: lax.dynamic_update_slice_in_dim(all_rows, these, first, 0)
+        return carry, jax.tree.map(put, so_far, found)
 
-    def next_tile(carry: Carry, args: tuple[Bool[Array, " rows"], Float[Array, "rows columns"]]) -> tuple[Carry, Found]:
-        real, rows = args
-        return lax.cond(real[0], function, blank, carry, rows, real)
-
-    carry, out = lax.scan(next_tile, carry, stacked)
-    return carry, jax.tree.map(lambda a: a.reshape(tiles * _TILE, *a.shape[2:])[:room], out)
+    taken = jnp.minimum(-(-count // _TILE), tiles)
+    carry, found = lax.fori_loop(0, taken, next_tile, (carry, blank))
+    return carry, jax.tree.map(lambda a: a[:room], found)
 
 
 def read_by_blocks(
@@ -59,29 +61,25 @@ def read_by_blocks(
     table: Table,
     count: Count,
     read: Callable[[Found, Count], Read],
-    nothing: Read,
 ) -> tuple[Carry, Read]:
     """The carry behind the first `count` rows of the table, and the sum of what `read` makes of every block.
 
-    **Arguments:** `read` takes what `tile` found of the rows of a block and the number of the first of them, and adds
-    to `nothing`.  In reverse mode a block is computed again, so that its tiles' Jacobians need not be kept.
+    **Arguments:** `read` takes what `tile` found of the rows of a block and the number of the first of them.
     """
     room, width = table.shape
     size = _TILE * min(_BLOCK, -(-room // _TILE))
     blocks = -(-room // size)
-    rows = jnp.concatenate([table, jnp.zeros((blocks * size - room, width))]).reshape(blocks, size, width)
+    table = jnp.concatenate([table, jnp.zeros((blocks * size - room, width))])
 
-    @jax.checkpoint
-    def passed(carry: Carry, so_far: Read, rows: Table, first: Count) -> tuple[Carry, Read]:
+    def passed(carry: Carry, first: Count) -> tuple[Carry, Read]:
+        rows = lax.dynamic_slice_in_dim(table, first, size)
         carry, found = tiled(tile, carry, rows, count - first)
-        return carry, jax.tree.map(jnp.add, so_far, read(found, first))
+        return carry, read(found, first)
 
-    def skipped(carry: Carry, so_far: Read, rows: Table, first: Count) -> tuple[Carry, Read]:
-        return carry, so_far
+    def next_block(number: Count, both: tuple[Carry, Read]) -> tuple[Carry, Read]:
+        carry, found = passed(both[0], number * size)
+        return carry, jax.tree.map(jnp.add, both[1], found)
 
-    def next_block(both: tuple[Carry, Read], args: tuple[Table, Count]) -> tuple[tuple[Carry, Read], None]:
-        rows, first = args
-        return lax.cond(first < count, passed, skipped, *both, rows, first), None
-
-    both, _ = lax.scan(next_block, (carry, nothing), (rows, jnp.arange(blocks) * size))
-    return both
+    shapes = jax.eval_shape(passed, carry, jnp.zeros((), int))[1]
+    nothing = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shapes)
+    return lax.fori_loop(0, jnp.minimum(-(-count // size), blocks), next_block, (carry, nothing))

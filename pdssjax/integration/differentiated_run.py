@@ -1,0 +1,233 @@
+"""A run with its derivatives, to second order, in both modes and under `vmap`: the one place where JAX meets the steps.
+
+The steps are found without derivatives (`forward_pass`).  Their derivatives by every parameter that moves are found
+side by side (`sensitivities`), as whole arrays.  What JAX is told is a function whose derivative is an array times a
+direction; the derivative of that array is the array of second order times a direction.  So forward and reverse mode
+nest in any order, and directions asked for together share all but that product.
+
+Under `vmap` the lanes are run one after the other: side by side every lane would wait for the one with most steps,
+and on a CPU that is slower than a loop.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeAlias, TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array, Bool, Float, Int
+
+from ..core import Count, Scalar, Truth
+from .accuracy import Accuracy
+from .forward_pass import find_steps
+from .loop_state import LoopState
+from .polynomials import horner
+from .sensitivities import Keep, StepDerivatives, differentiated_steps
+from .step_table import KNOWN_COLUMNS, Row, Table, read
+from .system import AbstractHybridSystem
+from .tiles import read_by_blocks, tiled
+
+_HIGHEST = 2
+"""Order of the highest derivatives there are."""
+
+Result = TypeVar("Result")
+
+
+class Looked(NamedTuple):
+    """What of a run has derivatives, each with those up to some order; the axes of the parameters come last."""
+
+    begins: tuple[Float[Array, "rows begin *parameters"], ...]
+    """Origin, local time and state where steps begin: of every step, or where the steps of the times begin and, last,
+    where the repeated period opened."""
+    end: tuple[Float[Array, "begin *parameters"], ...]
+    """The same where the run stopped."""
+    shown: tuple[tuple[Float[Array, "rows kept *shape"], ...], ...]
+    """The components kept.  Of every step its polynomials; or their values at the times, and derivatives of these by
+    the time since the step's begin: `shown[i][j]` is of order i in the parameters and j in the time."""
+
+
+class Found(NamedTuple):
+    """What of a run has no derivatives."""
+
+    steps: Row
+    """Of every step, or of those of the times."""
+    laps: Float[Array, " m"]
+    """How often the repeated period has passed before each of the times."""
+    loop: LoopState
+
+
+def steps_of(
+    system: AbstractHybridSystem, horizon: Scalar, accuracy: Accuracy, keep: Keep
+) -> tuple[Float[Array, "room begin"], Float[Array, " begin"], Float[Array, "room kept coefficients"], Found]:
+    """Of every step to the `horizon` [s] its begin and its polynomials; where the run ended; what else is known."""
+    looked, found = _looked_at((*_all_fixed(system), None), order=0, horizon=horizon, accuracy=accuracy, keep=keep)
+    return looked.begins[0], looked.end[0], looked.shown[0][0], found
+
+
+def seen_at(
+    system: AbstractHybridSystem, times: Float[Array, " m"], horizon: Scalar, accuracy: Accuracy, keep: Keep
+) -> tuple[Float[Array, "m+1 begin"], Float[Array, " begin"], Float[Array, "m kept"], Found]:
+    """The begins of the steps of `times` [s] and of the repeated period; the end; the components kept at the times."""
+    looked, found = _looked_at((*_all_fixed(system), times), order=0, horizon=horizon, accuracy=accuracy, keep=keep)
+    return looked.begins[0], looked.end[0], looked.shown[0][0], found
+
+
+def _all_fixed(system: AbstractHybridSystem) -> tuple[Any, Any]:
+    return eqx.partition(system, lambda _: False)
+
+
+Asked: TypeAlias = tuple[Any, Any, Float[Array, " m"] | None]
+"""The leaves of a system by which derivatives are taken, the other ones, and the times [s]; None: of every step."""
+
+
+@eqx.filter_custom_jvp
+def _looked_at(asked: Asked, *, order: int, horizon: Scalar, accuracy: Accuracy, keep: Keep) -> tuple[Looked, Found]:
+    def look(asked: Asked, horizon: Scalar, accuracy: Accuracy) -> tuple[Looked, Found]:
+        moving, fixed, times = asked
+        table, loop = find_steps(eqx.combine(moving, fixed), horizon, accuracy)
+        size = table.shape[1] - KNOWN_COLUMNS
+        carry, tile = differentiated_steps(moving, fixed, accuracy, keep, size, order)
+        end = end_of(loop)
+        if times is None:
+            ends, steps = tiled(tile, carry, table, loop.count)
+            shown = tuple((polynomials,) for polynomials in steps.polynomials)
+            begins = (table[:, :size], *steps.begins)
+            return Looked(begins, (end, *ends), shown), Found(read(table.T), jnp.zeros(0), loop)
+        rows, laps = _located(table, loop, times)
+        begun = table[rows, :size]
+        elapsed = since_begins(begun, end, laps, times)
+
+        def seen(found: StepDerivatives, first: Count) -> Any:
+            begins = [_rows_of(rows - first, derivative) for derivative in found.begins]
+            here = [_rows_of(rows[:-1] - first, polynomials) for polynomials in found.polynomials]
+            return begins, [[_at(here[i], elapsed, j) for j in range(order - i + 1)] for i in range(order + 1)]
+
+        ends, (begins, shown) = read_by_blocks(tile, carry, table, loop.count, seen)
+        looked = Looked((begun, *begins), (end, *ends), tuple(tuple(of_order) for of_order in shown))
+        return looked, Found(read(table[rows[:-1]].T), laps, loop)
+
+    return _lane_by_lane(look, asked, horizon, accuracy)
+
+
+@_looked_at.def_jvp
+def _looked_at_jvp(
+    primals: tuple[Asked], tangents: tuple[Asked], *, order: int, horizon: Scalar, accuracy: Accuracy, keep: Keep
+) -> tuple[tuple[Looked, Found], tuple[Looked, Any]]:
+    if order == _HIGHEST:
+        raise NotImplementedError(
+            f"found a derivative of order {order + 1} of an integrated motion, expected at most {_HIGHEST}: "
+            "use differences of the second derivatives."
+        )
+    ((moving, fixed, times),), ((moving_dot, fixed_dot, times_dot),) = primals, tangents
+    moving, fixed, direction, before = _more_moving(moving, fixed, moving_dot, fixed_dot)
+    more, found = _looked_at((moving, fixed, times), order=order + 1, horizon=horizon, accuracy=accuracy, keep=keep)
+    # Derivatives by what moved before, and their tangents along the direction.
+    of = lambda derivative, i: _taken(derivative, before, i)
+    along = lambda derivative, i: of(jnp.tensordot(derivative, direction, axes=1), i)
+    orders = range(order + 1)
+    begins_dot = tuple(along(more.begins[i + 1], i) for i in orders)
+    end_dot = tuple(along(more.end[i + 1], i) for i in orders)
+    if times is None:
+        shown = tuple((of(more.shown[i][0], i),) for i in orders)
+        shown_dot = tuple((along(more.shown[i + 1][0], i),) for i in orders)
+    else:
+        times_dot = jnp.zeros_like(times) if times_dot is None else times_dot
+        since = lambda begins, end, times: since_begins(begins, end, found.laps, times)
+        elapsed_dot = jax.jvp(since, (more.begins[0], more.end[0], times), (begins_dot[0], end_dot[0], times_dot))[1]
+        later = lambda i, j: of(more.shown[i][j + 1], i) * elapsed_dot.reshape(-1, *(1,) * (i + 1))
+        shown = tuple(tuple(of(more.shown[i][j], i) for j in range(order - i + 1)) for i in orders)
+        shown_dot = tuple(
+            tuple(along(more.shown[i + 1][j], i) + later(i, j) for j in range(order - i + 1)) for i in orders
+        )
+    looked = Looked(tuple(of(more.begins[i], i) for i in orders), tuple(of(more.end[i], i) for i in orders), shown)
+    return (looked, found), (Looked(begins_dot, end_dot, shown_dot), jax.tree.map(lambda _: None, found))
+
+
+def _more_moving(
+    moving: Any, fixed: Any, moving_dot: Any, fixed_dot: Any
+) -> tuple[Any, Any, Float[Array, " parameters"], Bool[np.ndarray, " parameters"]]:
+    """What moves with what begins to, what stays fixed, the direction, and where in it what moved before stands."""
+    is_none = lambda leaf: leaf is None
+    joining, fixed = eqx.partition(fixed, jax.tree.map(lambda dot: dot is not None, fixed_dot, is_leaf=is_none))
+    direction, moved_before = [jnp.zeros(0)], [np.zeros(0, bool)]
+    leaves = [jax.tree.leaves(tree, is_leaf=is_none) for tree in (moving, moving_dot, joining, fixed_dot)]
+    for moved, moved_dot, joined, joined_dot in zip(*leaves, strict=True):
+        if moved is not None or joined is not None:
+            leaf, tangent = (joined, joined_dot) if moved is None else (moved, moved_dot)
+            direction.append(jnp.ravel(jnp.zeros(jnp.shape(leaf)) if tangent is None else tangent))
+            moved_before.append(np.full(jnp.size(leaf), moved is not None))
+    return eqx.combine(moving, joining), fixed, jnp.concatenate(direction), np.concatenate(moved_before)
+
+
+def _taken(derivative: Array, moved_before: Bool[np.ndarray, " parameters"], order: int) -> Array:
+    """Of a derivative of some order what belongs to the parameters that `moved_before`, along each of its last axes."""
+    if moved_before.all():
+        return derivative
+    for axis in range(derivative.ndim - order, derivative.ndim):
+        derivative = jnp.take(derivative, np.flatnonzero(moved_before), axis)
+    return derivative
+
+
+def _lane_by_lane(function: Callable[..., Result], *args: Any) -> Result:
+    """`function(*args)`; under `vmap` one lane after the other."""
+    arrays, static = eqx.partition(args, eqx.is_array)
+    return jax.custom_batching.sequential_vmap(lambda arrays: function(*eqx.combine(arrays, static)))(arrays)
+
+
+def end_of(loop: LoopState) -> Float[Array, " begin"]:
+    """Where a run ended, as a step's begin: origin, local time and state."""
+    return jnp.stack([loop.origin, loop.t_local, *loop.x])
+
+
+def _located(table: Table, loop: LoopState, times: Float[Array, " m"]) -> tuple[Int[Array, " m+1"], Float[Array, " m"]]:
+    """The steps within which `times` [s] lie and, last, that with which the repeated period opened; and the laps."""
+    end = end_of(loop)
+    real = jnp.arange(len(table)) < loop.count
+    begins = jnp.where(real, table[:, 0] + table[:, 1], jnp.inf)
+    row, laps = places(begins, table[loop.period, 0], end[0] + end[1], loop.repeats, times)
+    return jnp.append(row, loop.period), laps
+
+
+def places(
+    begins: Float[Array, " room"], opening: Scalar, stop: Scalar, repeats: Truth, times: Float[Array, " m"]
+) -> tuple[Int[Array, " m"], Float[Array, " m"]]:
+    """Of `times` [s] the step in which each lies, and how often the last period was repeated before it.
+
+    **Arguments:** the times [s] at which steps begin, infinite where there is none, and between which the last period
+    lies.  Nothing here has a derivative.
+    """
+    begins, opening, stop, times = lax.stop_gradient((begins, opening, stop, times))
+    cycle = jnp.where(repeats, stop - opening, 1.0)
+    laps = jnp.where(repeats, jnp.maximum(jnp.floor((times - stop) / cycle) + 1.0, 0.0), 0.0)
+    within = times - laps * cycle
+    return jnp.clip(jnp.searchsorted(begins, within, side="right") - 1, 0), laps
+
+
+def since_begins(
+    begins: Float[Array, "m+1 begin"], end: Float[Array, " begin"], laps: Float[Array, " m"], times: Float[Array, " m"]
+) -> Float[Array, " m"]:
+    """By how much `times` [s] are later than the begins of their steps, after so many repetitions.
+
+    **Arguments:** the last of the begins opens the period that is repeated, and the `end` ends it.
+    """
+    period = end[0] + end[1] - begins[-1, 0]
+    within = times - laps * jnp.where(laps > 0, period, 1.0)
+    return jnp.maximum(within - (begins[:-1, 0] + begins[:-1, 1]), 0.0)
+
+
+def _rows_of(rows: Int[Array, " m"], block: Float[Array, "rows *shape"]) -> Float[Array, "m *shape"]:
+    """Of a block the given rows, zeros for those of another block."""
+    inside = (rows >= 0) & (rows < len(block))
+    found = block[jnp.clip(rows, 0, len(block) - 1)]
+    return jnp.where(inside.reshape(-1, *(1,) * (found.ndim - 1)), found, 0.0)
+
+
+def _at(
+    polynomials: Float[Array, "m kept coefficients *parameters"], elapsed: Float[Array, " m"], order: int
+) -> Float[Array, "m kept *parameters"]:
+    """Derivatives of some order by the time, of polynomials `elapsed` [s] after their begin."""
+    factor = lambda k: float(np.prod(np.arange(k - order + 1, k + 1)))
+    coefficients = [factor(k) * polynomials[:, :, k] for k in range(order, polynomials.shape[2])]
+    return horner(coefficients, elapsed.reshape(-1, *(1,) * (coefficients[0].ndim - 1)))
