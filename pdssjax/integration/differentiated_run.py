@@ -4,13 +4,10 @@ The steps are found without derivatives (`forward_pass`).  Their derivatives by 
 side by side (`sensitivities`), as whole arrays.  What JAX is told is a function whose derivative is an array times a
 direction; the derivative of that array is the array of second order times a direction.  So forward and reverse mode
 nest in any order, and directions asked for together share all but that product.
-
-Under `vmap` the lanes are run one after the other: side by side every lane would wait for the one with most steps,
-and on a CPU that is slower than a loop.
 """
 
-from collections.abc import Callable
-from typing import Any, NamedTuple, TypeAlias, TypeVar
+from functools import partial
+from typing import Any, NamedTuple, TypeAlias
 
 import equinox as eqx
 import jax
@@ -24,6 +21,7 @@ from .accuracy import Accuracy
 from .forward_pass import find_steps
 from .loop_state import LoopState
 from .polynomials import horner
+from .ruled_call import ruled_call
 from .sensitivities import Keep, StepDerivatives, differentiated_steps
 from .step_table import KNOWN_COLUMNS, Row, Table, read
 from .system import AbstractHybridSystem
@@ -31,8 +29,6 @@ from .tiles import read_by_blocks, tiled
 
 _HIGHEST = 2
 """Order of the highest derivatives there are."""
-
-Result = TypeVar("Result")
 
 
 class Looked(NamedTuple):
@@ -62,7 +58,7 @@ def steps_of(
     system: AbstractHybridSystem, horizon: Scalar, accuracy: Accuracy, keep: Keep
 ) -> tuple[Float[Array, "room begin"], Float[Array, " begin"], Float[Array, "room kept coefficients"], Found]:
     """Of every step to the `horizon` [s] its begin and its polynomials; where the run ended; what else is known."""
-    looked, found = _looked_at((*_all_fixed(system), None), order=0, horizon=horizon, accuracy=accuracy, keep=keep)
+    looked, found = _looked_at((*_all_fixed(system), None), 0, horizon, accuracy, keep)
     return looked.begins[0], looked.end[0], looked.shown[0][0], found
 
 
@@ -70,7 +66,7 @@ def seen_at(
     system: AbstractHybridSystem, times: Float[Array, " m"], horizon: Scalar, accuracy: Accuracy, keep: Keep
 ) -> tuple[Float[Array, "m+1 begin"], Float[Array, " begin"], Float[Array, "m kept"], Found]:
     """The begins of the steps of `times` [s] and of the repeated period; the end; the components kept at the times."""
-    looked, found = _looked_at((*_all_fixed(system), times), order=0, horizon=horizon, accuracy=accuracy, keep=keep)
+    looked, found = _looked_at((*_all_fixed(system), times), 0, horizon, accuracy, keep)
     return looked.begins[0], looked.end[0], looked.shown[0][0], found
 
 
@@ -82,47 +78,49 @@ Asked: TypeAlias = tuple[Any, Any, Float[Array, " m"] | None]
 """The leaves of a system by which derivatives are taken, the other ones, and the times [s]; None: of every step."""
 
 
-@eqx.filter_custom_jvp
-def _looked_at(asked: Asked, *, order: int, horizon: Scalar, accuracy: Accuracy, keep: Keep) -> tuple[Looked, Found]:
-    def look(asked: Asked, horizon: Scalar, accuracy: Accuracy) -> tuple[Looked, Found]:
-        moving, fixed, times = asked
-        table, loop = find_steps(eqx.combine(moving, fixed), horizon, accuracy)
-        size = table.shape[1] - KNOWN_COLUMNS
-        carry, tile = differentiated_steps(moving, fixed, accuracy, keep, size, order)
-        end = end_of(loop)
-        if times is None:
-            ends, steps = tiled(tile, carry, table, loop.count)
-            shown = tuple((polynomials,) for polynomials in steps.polynomials)
-            begins = (table[:, :size], *steps.begins)
-            return Looked(begins, (end, *ends), shown), Found(read(table.T), jnp.zeros(0), loop)
-        rows, laps = _located(table, loop, times)
-        begun = table[rows, :size]
-        elapsed = since_begins(begun, end, laps, times)
-
-        def seen(found: StepDerivatives, first: Count) -> Any:
-            begins = [_rows_of(rows - first, derivative) for derivative in found.begins]
-            here = [_rows_of(rows[:-1] - first, polynomials) for polynomials in found.polynomials]
-            return begins, [[_at(here[i], elapsed, j) for j in range(order - i + 1)] for i in range(order + 1)]
-
-        ends, (begins, shown) = read_by_blocks(tile, carry, table, loop.count, seen)
-        looked = Looked((begun, *begins), (end, *ends), tuple(tuple(of_order) for of_order in shown))
-        return looked, Found(read(table[rows[:-1]].T), laps, loop)
-
-    return _lane_by_lane(look, asked, horizon, accuracy)
+def _looked_at(asked: Asked, order: int, horizon: Scalar, accuracy: Accuracy, keep: Keep) -> tuple[Looked, Found]:
+    """What of a run has derivatives, with those up to `order`, and what has none."""
+    look = partial(_look, order=order, keep=keep)
+    return ruled_call(look, partial(_look_jvp, order=order, keep=keep), asked, horizon, accuracy)
 
 
-@_looked_at.def_jvp
-def _looked_at_jvp(
-    primals: tuple[Asked], tangents: tuple[Asked], *, order: int, horizon: Scalar, accuracy: Accuracy, keep: Keep
+def _look(asked: Asked, horizon: Scalar, accuracy: Accuracy, order: int, keep: Keep) -> tuple[Looked, Found]:
+    moving, fixed, times = asked
+    table, loop = find_steps(eqx.combine(moving, fixed), horizon, accuracy)
+    size = table.shape[1] - KNOWN_COLUMNS
+    carry, tile = differentiated_steps(moving, fixed, accuracy, keep, size, order)
+    end = end_of(loop)
+    if times is None:
+        ends, steps = tiled(tile, carry, table, loop.count)
+        shown = tuple((polynomials,) for polynomials in steps.polynomials)
+        begins = (table[:, :size], *steps.begins)
+        return Looked(begins, (end, *ends), shown), Found(read(table.T), jnp.zeros(0), loop)
+    rows, laps = _located(table, loop, times)
+    begun = table[rows, :size]
+    elapsed = since_begins(begun, end, laps, times)
+
+    def seen(found: StepDerivatives, first: Count) -> Any:
+        begins = [_rows_of(rows - first, derivative) for derivative in found.begins]
+        here = [_rows_of(rows[:-1] - first, polynomials) for polynomials in found.polynomials]
+        return begins, [[_at(here[i], elapsed, j) for j in range(order - i + 1)] for i in range(order + 1)]
+
+    ends, (begins, shown) = read_by_blocks(tile, carry, table, loop.count, seen)
+    looked = Looked((begun, *begins), (end, *ends), tuple(tuple(of_order) for of_order in shown))
+    return looked, Found(read(table[rows[:-1]].T), laps, loop)
+
+
+def _look_jvp(
+    primals: tuple[Asked, Scalar, Accuracy], tangents: tuple[Asked, Any, Any], order: int, keep: Keep
 ) -> tuple[tuple[Looked, Found], tuple[Looked, Any]]:
     if order == _HIGHEST:
         raise NotImplementedError(
             f"found a derivative of order {order + 1} of an integrated motion, expected at most {_HIGHEST}: "
             "use differences of the second derivatives."
         )
-    ((moving, fixed, times),), ((moving_dot, fixed_dot, times_dot),) = primals, tangents
+    (moving, fixed, times), horizon, accuracy = primals
+    (moving_dot, fixed_dot, times_dot), _, _ = tangents
     moving, fixed, direction, before = _more_moving(moving, fixed, moving_dot, fixed_dot)
-    more, found = _looked_at((moving, fixed, times), order=order + 1, horizon=horizon, accuracy=accuracy, keep=keep)
+    more, found = _looked_at((moving, fixed, times), order + 1, horizon, accuracy, keep)
     # Derivatives by what moved before, and their tangents along the direction.
     of = lambda derivative, i: _taken(derivative, before, i)
     along = lambda derivative, i: of(jnp.tensordot(derivative, direction, axes=1), i)
@@ -168,12 +166,6 @@ def _taken(derivative: Array, moved_before: Bool[np.ndarray, " parameters"], ord
     for axis in range(derivative.ndim - order, derivative.ndim):
         derivative = jnp.take(derivative, np.flatnonzero(moved_before), axis)
     return derivative
-
-
-def _lane_by_lane(function: Callable[..., Result], *args: Any) -> Result:
-    """`function(*args)`; under `vmap` one lane after the other."""
-    arrays, static = eqx.partition(args, eqx.is_array)
-    return jax.custom_batching.sequential_vmap(lambda arrays: function(*eqx.combine(arrays, static)))(arrays)
 
 
 def end_of(loop: LoopState) -> Float[Array, " begin"]:
