@@ -189,8 +189,8 @@ def _linearised(
         shown = _kept(polynomials, keep)
         # Always true, also where a number is not finite.
         true = ~(step_radius[0] < 0.0)
-        x = computed_once(true, lambda polynomials: [horner(list(c), duration) for c in polynomials], polynomials)
-        x = computed_once(true, again.side_by_side(_exact_end), inputs, x)
+        x = computed_once(true, lambda p: horner(list(jnp.stack(p, axis=2)), duration[:, None]), polynomials)
+        x = computed_once(true, again.side_by_side(_exact_end), inputs, list(x.T))
         shift = computed_once(true, again.side_by_side(_event_shift), inputs, x)
         return (again.side_by_side(_end)(inputs, x, shift), shown), shown
 
@@ -362,35 +362,37 @@ def _moving_end(
 ) -> Float[Array, " begin"]:
     """The end of a step as `_end` has it, right to the second derivative: along the motion, not along its tangent.
 
-    Two iterations of Newton's method from the time of the table find the time of an event to third order.
+    The shift of its time is zero in value, so that its square is all that the motion, and half the bend of its margin
+    over the slope all that the time of an event, needs besides the tangent.
     """
     step, unflatten = read(row), unflattener(system)
     segment, begin, mode, which = system.segment(step.index), unflatten(step.begin), step.mode, step.which
+    value, rate, bend_of_motion = (_derivative_at(polynomials, step.duration, order) for order in range(3))
 
-    def motion(elapsed: Scalar) -> State:
-        x = [horner(list(coefficients), elapsed) for coefficients in polynomials]
-        return system.exact(segment, step.t_local, begin, elapsed, unflatten(x))
+    def motion(shift: Scalar) -> State:
+        x = value + shift * (rate + 0.5 * shift * bend_of_motion)
+        end = unflatten([x[i] for i in range(len(x))])
+        return system.exact(segment, step.t_local, begin, step.duration + shift, end)
 
-    def margin(elapsed: Scalar) -> Scalar:
-        guards = system.guards(segment, step.t_local + elapsed, motion(elapsed), mode)
+    def margin(shift: Scalar) -> Scalar:
+        guards = system.guards(segment, step.at + shift, motion(shift), mode)
         guards = [jnp.asarray(guard, float) for guard in guards]
         return jnp.minimum(*guards) if len(guards) == 2 else jnp.stack(guards)[which]
 
+    still, one = jnp.zeros_like(step.duration), jnp.ones_like(step.duration)
     moves = jnp.where(step.corner, segment.duration, 0.0) - step.t_local
     shift = jnp.where(step.corner, _tangent_only(moves), 0.0)
-    events = has_guards(system, segment, step.at, motion(step.duration), mode)
+    events = has_guards(system, segment, step.at, motion(still), mode)
     is_carried_back = jnp.zeros((), bool)
     if events:
-        at = lambda elapsed: jax.jvp(margin, (elapsed,), (jnp.ones_like(elapsed),))
-        rounding, slope = lax.stop_gradient(at(step.duration))
+        with_slope = lambda shift: jax.jvp(margin, (shift,), (one,))
+        (gap, slope), (_, bend) = jax.jvp(with_slope, (still,), (one,))
         located = step.event & (step.at > 0.0) & (slope != 0)
-        is_carried_back = step.event & system.is_carried_back(slope, mode, which, _SMALL)
-        of_event = jnp.zeros_like(step.duration)
-        for _ in range(2):
-            value, slope = at(step.duration + of_event)
-            of_event = of_event - jnp.where(located, value - rounding, 0.0) / jnp.where(located, slope, 1.0)
-        shift = jnp.where(located, of_event, shift)
-    moved, later = motion(step.duration + shift), step.at + shift
+        is_carried_back = step.event & system.is_carried_back(lax.stop_gradient(slope), mode, which, _SMALL)
+        tangent = -jnp.where(located, _tangent_only(gap), 0.0) / jnp.where(located, slope, 1.0)
+        bent = lax.stop_gradient(jnp.where(located, 0.5 * bend / slope, 0.0))
+        shift = jnp.where(located, tangent - bent * tangent**2, shift)
+    moved, later = motion(shift), step.at + shift
     follows, following = moved, mode
     if events:
         switched, following = system.after_event(segment, later, moved, mode, which)
@@ -408,6 +410,16 @@ def _moving_end(
         follows = jax.tree.map(lambda a, b: jnp.where(step.corner, a, b), started, follows)
     origin = step.origin + jnp.where(step.corner, segment.duration, 0.0)
     return jnp.stack([origin, jnp.where(step.corner, 0.0, later), *jax.tree.leaves(follows)])
+
+
+def _derivative_at(
+    polynomials: Float[Array, "components coefficients"], time: Scalar, order: int
+) -> Float[Array, " components"]:
+    """Derivatives of some order of polynomials at a `time` that does not move."""
+    count = polynomials.shape[1]
+    factors = np.array([np.prod(np.arange(k - order + 1.0, k + 1.0)) for k in range(order, count)])
+    powers = jnp.power(time, np.arange(count - order))
+    return jnp.sum(polynomials[:, order:] * (factors * powers), axis=1)
 
 
 def _carried_back(
