@@ -14,7 +14,7 @@ from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.drive.triangle import Triangle
 from pdssjax.friction.coulomb import Coulomb
 from pdssjax.friction.simplified_lugre import SimplifiedLuGre
-from pdssjax.integration import SETTLED, TIGHT, integrate, sensitivities
+from pdssjax.integration import SETTLED, TIGHT, integrate, step_end
 from pdssjax.piezo.bouc_wen import BoucWen
 from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.simulation import DISPLACEMENT, STOP_FORCE, PlatformOnly, StickSlip, sensor_samples
@@ -71,7 +71,7 @@ def test_a_platform_that_rings_under_a_settled_contact_moves_at_its_own_rate():
         jnp.asarray(3e-4),
     )
     end = system.exact(segment, at, begin, duration, begin)
-    rates = sensitivities._rates(system, segment, at, begin, duration, end, mode)
+    rates = step_end.rates_at_end(system, segment, at, begin, duration, end, mode)
     expected = system.field(segment, at + duration, end, jnp.ones(())).driven
     assert abs(expected.stack[1]) > 0.1, "it rings"
     np.testing.assert_allclose(rates.driven.stack, expected.stack, rtol=1e-9)
