@@ -46,18 +46,6 @@ HOMES = {
 MOST_LINES = 60
 """Lines of a function at most, its docstring included."""
 
-DIALECT = set(
-    """
-    march walk outset Stage Unloaded Tribometer RESTING relaxed holding plausible fading faint alike alters displaced
-    yields per_volt lapse heats rugged blind cliff crawls promised lost hidden loose informed vague waviness inflation
-    torn one own memory touch came lag
-    """.split()
-)
-"""Names that the package once gave to what has a name in the field: docs/glossary.md holds those in use."""
-
-MODULES = sorted(PACKAGE.rglob("*.py"))
-SCRIPTS = [p for name in ("pdssjax", "tests", "experiments", "benchmarks") for p in sorted((ROOT / name).rglob("*.py"))]
-
 
 def dotted(path: Path) -> str:
     """The name of a module inside the package, such as "drive.step"; of a room, "drive"."""
@@ -274,39 +262,6 @@ def test_files_and_functions_stay_short(path):
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.FunctionDef) and PACKAGE in path.parents:
             assert node.end_lineno - node.lineno < MOST_LINES, f"{node.name} is too long"
-
-
-def words_of(path: Path) -> list[tuple[str, int]]:
-    """Every name that a file gives or uses, each with its line."""
-    return [(name, node.lineno) for node in ast.walk(ast.parse(path.read_text("utf-8"))) for name in names_of(node)]  # pyright: ignore[reportAttributeAccessIssue]
-
-
-def names_of(node: ast.AST) -> list[str]:
-    """The names that a node of a syntax tree gives or uses."""
-    keys = {ast.Name: "id", ast.arg: "arg", ast.Attribute: "attr", ast.FunctionDef: "name", ast.ClassDef: "name"}
-    return [getattr(node, keys[type(node)])] if type(node) in keys else []
-
-
-@pytest.mark.parametrize("path", MODULES, ids=dotted)
-def test_nothing_has_a_name_of_the_old_dialect(path):
-    found = [f"{path.relative_to(ROOT)}:{line}: {name}" for name, line in words_of(path) if name.strip("_") in DIALECT]
-    assert not found, f"words of the old dialect, listed in CONTRIBUTING.md: {', '.join(found)}"
-
-
-@pytest.mark.parametrize("folder", ["tests", "experiments", "benchmarks"])
-def test_nor_has_what_runs_the_package(folder):
-    # A walk is what the thesis's actuator does, and a function of `ast`.
-    old = DIALECT - {"walk"}
-    named = {path.relative_to(ROOT): words_of(path) for path in (ROOT / folder).rglob("*.py")}
-    found = [
-        f"{path}:{line}: {name}" for path, words in named.items() for name, line in words if name.strip("_") in old
-    ]
-    assert not found, f"words of the old dialect, listed in CONTRIBUTING.md: {', '.join(found)}"
-
-
-def test_the_words_of_the_old_dialect_are_listed_for_who_contributes():
-    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
-    assert not [word for word in DIALECT if f"`{word}`" not in text]
 
 
 def run(program: str) -> str:

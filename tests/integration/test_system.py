@@ -193,6 +193,36 @@ def test_states_are_read_off_a_long_run_block_by_block(monkeypatch):
     )
 
 
+def test_second_derivatives_are_right_through_loops_and_lanes():
+    """Forward over reverse mode of a loop, mapped: what a Hessian of a misfit of several records is made of."""
+    parameters, times = jnp.array([0.8, 9.81, 0.7]), jnp.linspace(0.01, 1.5, 40)
+    weights = jnp.cos(jnp.arange(40.0))
+
+    def score(motion, delay):
+        both = lambda p: jnp.sum(motion(p, times - delay * p[0]) * weights) ** 2
+        return lambda p: jnp.sum(jax.lax.map(lambda factor: both(p * factor), jnp.array([1.0, 1.1])))
+
+    balls = lambda p, times: seen(Ball(*p), times)[0] + seen(SmallBall(*p), times)[0]
+    lanes = parameters * jnp.array([[1.0], [0.9]])
+    found = jax.jit(jax.vmap(jax.hessian(score(balls, 1e-3))))(lanes)
+    closed = jax.jit(jax.vmap(jax.hessian(score(lambda p, times: 2.0 * ball(p, times), 1e-3))))(lanes)
+    np.testing.assert_allclose(found, closed, rtol=1e-11, atol=1e-11 * np.abs(closed).max())
+    np.testing.assert_allclose(found, jnp.swapaxes(found, 1, 2), rtol=1e-13)
+
+
+def test_a_third_derivative_is_refused():
+    with pytest.raises(NotImplementedError, match=r"order 3 .* at most 2"):
+        jax.eval_shape(jax.grad(jax.grad(jax.grad(lambda h: seen(Ball(h, 9.81, 0.7), jnp.array([0.1]))[0][0, 0]))), 0.8)
+
+
+def test_the_derivative_by_what_moves_only_later_is_mixed_in():
+    """The height moves in the inner derivative, gravity in the outer: their mixed derivative needs both."""
+    times = jnp.linspace(0.01, 1.5, 40)
+    mixed = lambda motion: jax.jit(jax.grad(jax.grad(lambda h, g: jnp.sum(motion(h, g)), 0), 1))(0.8, 9.81)
+    found = mixed(lambda h, g: seen(Ball(h, g, 0.7), times)[0])
+    assert float(found) == pytest.approx(float(mixed(lambda h, g: ball((h, g, 0.7), times))), rel=1e-12)
+
+
 def test_states_move_with_the_times_at_which_they_are_seen():
     parameters, times = jnp.array([0.8, 9.81, 0.7]), jnp.linspace(0.01, 1.5, 40)
     late = lambda delay: seen(Ball(*parameters), times - delay)[0]
