@@ -47,6 +47,10 @@ MOST_LINES = 60
 """Lines of a function at most, its docstring included."""
 
 
+MODULES = sorted(PACKAGE.rglob("*.py"))
+SCRIPTS = [p for name in ("pdssjax", "tests", "experiments", "benchmarks") for p in sorted((ROOT / name).rglob("*.py"))]
+
+
 def dotted(path: Path) -> str:
     """The name of a module inside the package, such as "drive.step"; of a room, "drive"."""
     return ".".join(path.relative_to(PACKAGE).with_suffix("").parts).removesuffix(".__init__").removesuffix("__init__")
