@@ -3,6 +3,7 @@
 `make docs` executes the tutorials; here they are only read.
 """
 
+import csv
 import json
 import re
 import shlex
@@ -215,6 +216,18 @@ def test_the_rooms_are_drawn_from_the_chart_of_github():
     drawn = boxes(chart)
     assert all(room in drawn for room in ("simulation: hybrid systems", "cli: one file a command"))
     assert drawn.count("&rarr;") == chart.count("-->")
+
+
+def test_claims_are_a_table_that_has_the_ten_of_the_page_and_names_tests_that_exist():
+    with (ROOT / "docs/claims.csv").open(encoding="utf-8", newline="") as file:
+        claims = list(csv.DictReader(file))
+    assert all(set(row) == {"claim", "figure", "command"} and all(row.values()) for row in claims)
+    commands_of_table = " ".join(row["command"] for row in claims)
+    page = (ROOT / "docs/claims.md").read_text(encoding="utf-8")
+    shown = re.findall(r"^\| .+ \| `([^|]+)` \|$", page, re.M)
+    assert len(shown) == 10 and all(command in commands_of_table for command in shown)
+    assert f"all {len(claims)} claims" in page
+    assert all((ROOT / path).exists() for path in re.findall(r"\btests/[\w/.]+", commands_of_table))
 
 
 def test_the_site_is_built_in_ci():
