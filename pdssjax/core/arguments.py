@@ -1,15 +1,14 @@
 """Arrays that a user gives for an argument: refused by name before JAX meets them."""
 
-from typing import Any
-
 import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
+from .arrays import Given
 from .errors import InputError
 
 
-def ascending_times(name: str, given: Any) -> Float[Array | np.ndarray, " m"]:
+def ascending_times(name: str, given: Given) -> Float[Array | np.ndarray, " m"]:
     """The times [s] `given` for the argument `name`, as an array of floating point of shape (m,).
 
     **Raises:** `InputError` for another shape, for no time at all, for what is no finite number, and for times that
@@ -32,7 +31,7 @@ def ascending_times(name: str, given: Any) -> Float[Array | np.ndarray, " m"]:
     return times
 
 
-def _as_floats(name: str, given: Any, expected: str) -> Float[np.ndarray, "..."]:
+def _as_floats(name: str, given: Given, expected: str) -> Float[np.ndarray, "..."]:
     """What is `given` for the argument `name` as a NumPy array; **raises** `InputError` where it is no real numbers."""
     try:
         array = np.asarray(given)

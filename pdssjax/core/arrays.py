@@ -21,3 +21,6 @@ ScalarLike: TypeAlias = float | Scalar
 
 Document: TypeAlias = dict[str, Any]
 """Plain data as a JSON or TOML file holds it: what is in it is said where it is made."""
+
+Given: TypeAlias = Any
+"""What a user passes for a number or an array: of no known type until it has been checked."""

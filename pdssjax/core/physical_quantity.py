@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from .arrays import ScalarLike
+from .arrays import Given, ScalarLike
 from .errors import InputError
 from .units import unit_given
 
@@ -79,7 +79,7 @@ def quantity(
     return eqx.field(default=nominal, converter=as_number, metadata={"quantity": declared})
 
 
-def as_number(given: Any) -> Any:
+def as_number(given: Given) -> Given:
     """What a field declared with `quantity` holds of what is `given`: a float64, or an array of floating point.
 
     Python's and NumPy's numbers become `numpy.float64`, arrays of them and of JAX, traced or not, keep their shape.
@@ -177,7 +177,7 @@ def as_single(model: Model, name: str) -> Model:
     return eqx.tree_at(lambda model: [getattr(model, field) for field in changed], model, list(changed.values()))
 
 
-def single_number(given: Any, declared: Quantity, where: str) -> Any:
+def single_number(given: Given, declared: Quantity, where: str) -> Given:
     """The number `given` for a `declared` quantity as `as_number` has it, of shape ().
 
     **Raises:** `InputError` that begins with `where` for several numbers, for what is no number, and for one outside

@@ -19,6 +19,9 @@ from jaxtyping import Array
 
 Result = TypeVar("Result")
 
+Argument: TypeAlias = Any
+"""A pytree, whatever its leaves; those that are arrays may move."""
+
 Rule: TypeAlias = Callable[[tuple[Any, ...], tuple[Any, ...]], tuple[Any, Any]]
 """From arguments and their tangents (None: nothing moves) to the result and its tangents (None: it does not move)."""
 
@@ -27,7 +30,7 @@ _FlatRule: TypeAlias = Callable[
 ]
 
 
-def ruled_call(function: Callable[..., Result], rule: Rule, *args: Any) -> Result:
+def ruled_call(function: Callable[..., Result], rule: Rule, *args: Argument) -> Result:
     """`function(*args)`, a pytree of arrays, whose derivatives follow from `rule`.
 
     **Arguments:** neither `function` nor `rule` may hold traced arrays that are not among `args`.

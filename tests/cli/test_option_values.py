@@ -12,7 +12,7 @@ from platform_study import PLATFORM, write_platform
 import pdssjax
 from pdssjax.cli import main as cli
 from pdssjax.cli.main import COMMANDS
-from pdssjax.core import MOST_SEED, InputError, check_executor
+from pdssjax.core import MOST_SEED, check_executor
 
 NEEDED = {
     "identify": ["--out", "out"],
@@ -150,7 +150,7 @@ def test_an_executor_that_forks_is_refused(tmp_path):
         lambda: pdssjax.identify(study, intervals="bootstrap", executor=forks),
         lambda: pdssjax.sweep(study, {}, executor=forks),
     ):
-        with pytest.raises(InputError, match=said):
+        with pytest.raises(pdssjax.InputError, match=said):
             asked()
 
 
@@ -158,5 +158,5 @@ def test_an_executor_that_forks_is_refused(tmp_path):
 @pytest.mark.parametrize("number", [0, -1, 1.5, "2"])
 def test_workers_are_whole_numbers(tmp_path, name, number):
     study = pdssjax.load_study(write_platform(tmp_path))
-    with pytest.raises(InputError, match=f"{name}: found"):
+    with pytest.raises(pdssjax.InputError, match=f"{name}: found"):
         pdssjax.sweep(study, {}, **{name: number})
