@@ -13,7 +13,7 @@ WITHOUT_BOUND = {
     ("force", "forward"): 167,
     ("force", "backward"): 234,
 }
-"""Of order 12 at 1e-11 m, which let derivatives grow (docs/numerics.md, "Steps that derivatives can bear")."""
+"""Of order 12 at 1e-11 m, which let derivatives grow (docs/decisions/17-order-and-tolerance.md)."""
 
 
 @pytest.mark.parametrize("state, direction", WITHOUT_BOUND)
