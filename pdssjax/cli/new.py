@@ -13,7 +13,7 @@ from .console import say
 from .option_values import number_or_text, read_number, read_pairs
 
 if TYPE_CHECKING:
-    from ..files import Hints, NewRecord, Told
+    from ..files import FrictionFile, Hints, NewRecord, Told
     from ..metrics import RecordGuess
 
 
@@ -52,23 +52,27 @@ LARGE, USUAL, SMALL = 2e-6, 3e-7, 5e-10
 
 def new(options: argparse.Namespace) -> int:
     from ..core import prepare_jax
-    from ..files import check_empty, guess_file, load_study, write_study
+    from ..files import check_empty, friction_file, guess_file, load_study, write_study
     from ..report.text import format_guesses
 
     hints, told, measures = _hints(options), _told(options), _measures(options)
     check_empty(options.folder)
-    if not measures and (status := _of_contacts(options, hints)) is not None:
-        return status
-    records, status = [], 0
+    contacts, records, status = [], [], 0
     for file in options.files:
         try:
-            records.append(guess_file(file, hints, told, measures.get(file, "")))
+            contact = None if measures else friction_file(file, hints)
+            if contact is not None:
+                contacts.append(contact)
+            else:
+                records.append(guess_file(file, hints, told, measures.get(file, "")))
         except InputError as error:
             # All questions at once.
             print(f"pdssjax: error: {error}", file=sys.stderr)
             status = 2
     if status:
         return status
+    if contacts:
+        return _of_contacts(options, contacts, records)
     prepare_jax(dedicated=True)
     path = write_study(records, told, options.folder, options.title or options.folder.resolve().name)
     say(format_guesses([(record.name, record.guess) for record in records]), end="")
@@ -79,23 +83,18 @@ def new(options: argparse.Namespace) -> int:
     return 0
 
 
-def _of_contacts(options: argparse.Namespace, hints: "Hints") -> int | None:
-    """The same of files of a contact alone, as a tribometer writes them; None where there is none among them."""
+def _of_contacts(options: argparse.Namespace, files: "Sequence[FrictionFile]", others: "Sequence[NewRecord]") -> int:
+    """The same of files of a contact alone, as a tribometer writes them, among which there may be no others."""
     from ..core import prepare_jax
-    from ..files import friction_file, load_study, write_friction_study
+    from ..files import load_study, write_friction_study
 
-    found = {file: friction_file(file, hints) for file in options.files}
-    files = [file for file in found.values() if file is not None]
-    if not files:
-        return None
-    if len(files) < len(found):
-        other = next(file for file, contact in found.items() if contact is None)
+    if others:
         raise InputError(
-            f"{other}: found no force in it, beside {files[0].roles.file}, which is of a contact alone, expected files "
-            'of one kind: make a study of each, and join their [[record]] tables ("What can be measured" in '
-            "docs/study-file.md)."
+            f"{others[0].roles.file}: found no force in it, beside {files[0].roles.file}, which is of a contact alone, "
+            'expected files of one kind: make a study of each, and join their [[record]] tables ("What can be '
+            'measured" in docs/study-file.md).'
         )
-    prepare_jax()
+    prepare_jax(dedicated=True)
     path = write_friction_study(files, options.folder, options.title or options.folder.resolve().name)
     load_study(path)
     for file in files:
