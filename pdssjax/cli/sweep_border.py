@@ -73,7 +73,7 @@ def _along(path: str, texts: Mapping[str, str], legal: "Mapping[str, Quantity]")
         raise InputError(f'option --border: found no range for "{path}", expected one such as --vary "{path}=FROM:TO".')
     low, _, high_and_count = texts[path].partition(":")
     high, colon, count = high_and_count.partition(":")
-    where = f'sweep: path "{path}": values to look at first in "{texts[path]}"'
+    where = f'sweep: path "{path}": "{texts[path]}" as FROM:TO or FROM:TO:COUNT: COUNT'
     number = read_whole(count.strip(), where, 2) if colon else _COARSE
     return read_range(path, f"{low}:{high}" if high else low, legal), number
 
