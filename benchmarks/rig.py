@@ -28,9 +28,14 @@ def stepped(study: Study) -> Study:
     return dataclasses.replace(study, records=tuple(records))
 
 
+def at_truth(study: Study) -> Study:
+    """`study` with its parameters started at the truth."""
+    return study.with_starts({path: truth()[path] for path in study.parameters})
+
+
 def sawtooths(every_cycle: bool = False) -> Study:
     """Only the two 5 Hz records that are fitted, the parameters started at the truth."""
-    study = example(every_cycle).with_starts(truth())
+    study = at_truth(example(every_cycle))
     used = tuple(r for r in study.records if r.measures == "effector" and r.role == "fit")
     study = dataclasses.replace(study, records=used)
     _ = study.predictor  # made here, where nothing is traced

@@ -26,7 +26,7 @@ from ..peers.base import AbstractPeer, Prepared
 from ..peers.c_floor import CFloor, simulate_grid
 from ..peers.pdssjax_taylor import SWEEPING
 from ..problem import PARAMETERS
-from ..rig import example, truth
+from ..rig import at_truth, example
 
 JOB = "sweep, 1000 points"
 TARGET = 1e-3
@@ -149,7 +149,7 @@ def _shared(peer: AbstractPeer, what: Grid, effort: Effort) -> tuple[Entry, Curv
 def _as_called(what: Grid, reference: np.ndarray, effort: Effort) -> Entry:
     """`pdssjax.sweep` at its default accuracy; its error is that of the net step."""
     effort.report(f"{JOB}: as called")
-    study = example().with_starts(truth())
+    study = at_truth(example())
     over = {"drive.voltage": np.array(what.voltages), "drive.frequency": np.array(what.frequencies)}
     call = lambda: pdssjax.sweep(study, over, workers=1, cycles=what.cycles)
     entry = Entry(JOB, "pdssjax.sweep, as called", call, "default", ours=True)

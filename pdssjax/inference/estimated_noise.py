@@ -33,4 +33,5 @@ def _noise_left(problem: Problem, fit: Fit) -> Float[np.ndarray, " records"]:
     """Standard deviation of each record's residuals, in its unit."""
     sizes = np.array([record.time.size for record in problem.records])
     scatter, parts = problem.residual.loss.scatter, by_record(problem, fit)
-    return problem.noise * [scatter(*pair) for pair in zip(parts, sizes - degrees_taken(problem, fit), strict=True)]
+    pairs = zip(parts, sizes - degrees_taken(problem, fit), strict=True)
+    return problem.noise * np.array([scatter(*pair) for pair in pairs])

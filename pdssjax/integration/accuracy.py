@@ -27,7 +27,8 @@ class Accuracy(eqx.Module):
     """Room for this many steps; an integration that needs more ends there and says so."""
 
     def __check_init__(self) -> None:
-        if not isinstance(self.method, AbstractStepMethod):
+        # A checker is sure of it; a user who passes a bare solver of diffrax is not.
+        if not isinstance(self.method, AbstractStepMethod):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise InputError(
                 f"Accuracy.method: found {self.method!r:.80}, expected a step method: pdssjax.Taylor(), or a "
                 "solver of diffrax within one, pdssjax.OneStep(solver)."

@@ -87,7 +87,7 @@ def recorded(field: Field, time: ScalarLike, state: Sequence[ScalarLike]) -> Rec
         Node(
             node.rule,
             tuple(place[id(x)] for x in node.operands),
-            tuple(number if is_literal(number) else None for number in node.numbers),
+            tuple(_literal(number) if is_literal(number) else None for number in node.numbers),
         )
         for node in order.values()
     )
@@ -97,6 +97,11 @@ def recorded(field: Field, time: ScalarLike, state: Sequence[ScalarLike]) -> Rec
         [[jnp.asarray(n, float) for n in node.numbers if not is_literal(n)] for node in order.values()],
         [None if is_zero(node[0]) else jnp.asarray(node[0], float) for node in order.values()],
     )
+
+
+def _literal(number: float) -> float:
+    """The number as Python's, whole ones as they are: NumPy's are floats, too, but no static field takes them."""
+    return number if isinstance(number, int) else float(number)
 
 
 def looped_coefficients(

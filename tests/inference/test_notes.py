@@ -50,8 +50,9 @@ def rung(time, rate=RATE):
 
 def write(folder, records, text=STUDY):
     """A study of the platform alone; for each record its name: the samples, their motion, noise, role, noise line."""
-    for name, (time, motion, noise, role, line) in records.items():
-        rows = np.stack([time, 1e6 * (motion + np.random.default_rng(3).normal(0.0, noise, time.size))], axis=1)
+    for number, (name, (time, motion, noise, role, line)) in enumerate(records.items()):
+        random = np.random.default_rng([3, number] if number else 3)
+        rows = np.stack([time, 1e6 * (motion + random.normal(0.0, noise, time.size))], axis=1)
         np.savetxt(folder / f"{name}.csv", rows, "%.7f", ",", header="time_s,y_um", comments="")
         text += "\n" + step_table(f'role = "{role}"', line, name=name, columns=SHORT)
     (folder / "study.toml").write_text(text)

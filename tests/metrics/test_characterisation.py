@@ -188,7 +188,12 @@ FAULTS = {
         {},
         ["2 columns", '"measured_um"', '"predicted_um"', "--displacement"],
     ),
-    "no time": ("lap_s,displacement_um", [MOTION], {}, ["no column", '"lap_s"', "--time"]),
+    "no time": (
+        "lap_mm,displacement_um",
+        [MOTION],
+        {"displacement": "displacement_um"},
+        ["no column", '"lap_mm"', "--time"],
+    ),
     "no unit": ("time,displacement_um", [MOTION], {}, ['"time"', "no unit", '"time=s"']),
     "unit of another dimension": ("time_s,x_um", [MOTION], {"force": "x_um"}, ['"x_um"', '"um"', "N"]),
     "frequency too low": ("time_s,displacement_um", [MOTION], {"frequency": 0.5}, ["0.5 Hz", "1.25 Hz"]),
