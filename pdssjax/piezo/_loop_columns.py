@@ -15,8 +15,11 @@ Samples = Float[np.ndarray, " n"]
 
 
 def loop_numbers(made: Composition) -> tuple[str, ...]:
-    """Names of the thresholds and times that the columns of `loop_columns` depend on; none of a stack that has none."""
-    if made.hysteresis not in ("none", "play"):
+    """Names of the thresholds and times that the columns of `loop_columns` depend on; none of a stack that has none.
+
+    None of one that lags, either: the columns have no lag, and what it opens of a loop would pass for quick creep.
+    """
+    if made.hysteresis not in ("none", "play") or made.dynamics == "first-order":
         return ()
     return ("play_range",) * (made.hysteresis == "play") + ("creep_time",) * (made.creep > 0)
 
