@@ -8,7 +8,7 @@ import re
 import fabricated
 import numpy as np
 import pytest
-from record_tables import SHORT, step_table
+from record_tables import SHORT, record_table, step_table
 
 import pdssjax
 from pdssjax import Accuracy, Record
@@ -19,7 +19,7 @@ from pdssjax.inference import least_squares as fitting
 from pdssjax.inference import summary
 from pdssjax.inference.notes.about_models import about_models, about_resonances
 from pdssjax.inference.notes.about_parameters import about_information
-from pdssjax.inference.notes.about_records import about_records
+from pdssjax.inference.notes.about_records import about_records, about_rests
 from pdssjax.inference.poor_fit import exceeds_floor, exceeds_given_noise, highest_by_chance
 from pdssjax.inference.problem import pose
 from pdssjax.report.text import format_report
@@ -333,6 +333,35 @@ def test_a_record_that_was_lost_is_told_and_nothing_else_of_it():
     failed = dataclasses.replace(fabricated.estimate().records[3])
     (note,) = about_records([failed], 1.0, False)
     assert "could not finish" in note and '"lost/run"' in note
+
+
+@pytest.mark.parametrize("step", [2e-7, 0.0])
+def test_a_record_that_counts_in_steps_is_told_where_they_hide_its_noise(step):
+    exact = rung(TIME)
+    noise = np.random.default_rng(5).normal(0.0, 0.0 if step else NOISE, TIME.size)
+    measured = np.round(exact / step) * step if step else exact + noise
+    posed = Record("counted", None, "fit", Platform(), Sawtooth(), frozenset(), TIME, measured, None, 0.0)  # pyright: ignore[reportArgumentType]
+    compared = compare(posed, exact, noise=float(np.std(measured - exact)), offset=0.0)
+    told = [note for note in about_records([compared], 1.0, False) if "counts in steps" in note]
+    assert len(told) == (1 if step else 0)
+    assert not step or 'of 0.2 um in "counted"' in told[0]
+
+
+@pytest.mark.parametrize(
+    ("first", "said_before", "told"),
+    [(60.0, "", True), (0.0, "", False), (60.0, 'conditioning = "0 s"', False)],
+)
+def test_a_record_that_begins_off_zero_is_told_unless_the_study_says_what_was_before(
+    tmp_path, first, said_before, told
+):
+    volts = np.where(TIME < 0.0, first, 80.0)
+    rows = np.stack([TIME - TIME[0], volts, 1e6 * rung(TIME)], axis=1)
+    np.savetxt(tmp_path / "bias.csv", rows, "%.7f", ",", header="time_s,voltage_V,y_um", comments="")
+    drive = 'drive = { waveform = "sampled", column = "voltage_V" }'
+    table = record_table("bias", "platform", *filter(None, [said_before]), drive, columns=SHORT)
+    (tmp_path / "study.toml").write_text(f"{STUDY}\n{table}")
+    notes = about_rests(pdssjax.load_study(tmp_path / "study.toml").records)
+    assert [note.startswith('The voltage begins at 60 V in "bias"') for note in notes] == [True] * told
 
 
 @pytest.mark.parametrize(("late", "said"), [(2e-4, "0.2 ms later"), (-2e-4, "0.2 ms earlier"), (0.0, "")])
