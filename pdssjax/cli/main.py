@@ -87,8 +87,13 @@ class _Parser(argparse.ArgumentParser):
 
 
 def _check_values(given: Sequence[str]) -> None:
-    """**Raises** `InputError` for an option with "--" as its value, which argparse takes away without a look."""
+    """**Raises** `InputError` for an option with "--" as its value, which argparse takes away without a look.
+
+    So it does for a NUL, which no name of a file has.
+    """
     for argument in given:
+        if "\0" in argument:
+            raise InputError(f"argument {argument!r:.80}: found a NUL character, expected none.")
         if argument == "--":
             return
         name, equals, value = argument.partition("=")

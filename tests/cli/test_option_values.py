@@ -71,6 +71,11 @@ def test_its_ends_are_taken(name, option):
     assert option != "--cycles" or taken("steady") == "steady"
 
 
+def test_a_nul_is_refused(capsys):
+    said = refused(["simulate", "study.toml", "--out", "o\0ut"], capsys)
+    assert said.startswith("pdssjax: error: argument 'o\\x00ut': found a NUL character")
+
+
 @pytest.mark.parametrize("name", NEEDED)
 def test_two_dashes_are_no_value(name, capsys):
     for action in options_of(name):

@@ -140,6 +140,19 @@ def test_a_broken_file_is_refused_in_one_line(tmp_path, ending, content, expecte
     assert expected in message and ("expected" in message or "empty" in message)
 
 
+def test_a_tdms_file_whose_names_claim_more_than_memory_has_is_refused(tmp_path, monkeypatch):
+    nptdms = pytest.importorskip("nptdms")
+    file = written(tmp_path, "TDMS")
+
+    def exhausted(*arguments):
+        raise MemoryError
+
+    # As Python does where a length that is read is beyond what the system gives.
+    monkeypatch.setattr(nptdms.TdmsFile, "open", exhausted)
+    with pytest.raises(InputError, match=r"more than memory has room for.*expected a TDMS file"):
+        open_file(file).channels()
+
+
 @pytest.mark.filterwarnings("ignore:.*the file ends before its samples do:pdssjax.core.errors.InputWarning")
 @pytest.mark.parametrize("name", made.BINARIES)
 def test_a_file_cut_short_is_refused_or_read_as_far_as_it_goes(tmp_path, name):

@@ -30,8 +30,12 @@ def refusing(file: Path, expected: str) -> Iterator[None]:
     """Within it, whatever a library cannot read becomes one line, an `InputError`."""
     try:
         yield
-    except (InputError, MemoryError):
+    except InputError:
         raise
+    except MemoryError:
+        raise InputError(
+            f"{file}: found more than memory has room for, as a broken file may claim, expected {expected}."
+        ) from None
     except FileNotFoundError:
         raise InputError(f"{file}: there is no such file, expected {expected}.") from None
     except PermissionError as error:
