@@ -141,7 +141,7 @@ from pdssjax import (
 )
 from pdssjax.friction.lugre import LuGre
 from pdssjax.inference import Problem
-from pdssjax.integration import integrate, states_at
+from pdssjax.integration import integrate_steps, states_at
 from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.simulation import StickSlip, sensor_samples
 from pdssjax.study import Models, compare, depends_on, numbers_used
@@ -173,13 +173,13 @@ RIGHT = """
     simulate(actuator, drive, times, accuracy)
     Actuator(SecondOrder(), LuGre(), Effector(0.086))
     sensor_samples(system, times, accuracy)
-    integrate(system, times[-1], accuracy)
+    integrate_steps(system, times[-1], accuracy)
     law.force(law.initial(), times[0], 1.0)
     compare(record, record.measured, noise=1e-8, offset=0.0)
     study.predict(starts, accuracy)
     piezo.rate(piezo.initial(), voltage, 0.0)
     rig.field(segment, times[0], rig.initial(), times[0])
-    states_at(system, integrate(system, times[-1], accuracy), times)
+    states_at(system, integrate_steps(system, times[-1], accuracy), times)
     models.contact({"friction.sigma0": times[0], "friction.sigma1": 45.0})
     sweep(study, {"drive.voltage": times, "drive.frequency": np.array([5.0])})
 """
@@ -202,7 +202,7 @@ SWAPPED = """
     Actuator(SecondOrder(), LuGre(), Effector(path))
     sensor_samples(accuracy, times, system)
     sensor_samples(system, accuracy, times)
-    integrate(system, accuracy, times[-1])
+    integrate_steps(system, accuracy, times[-1])
     law.force(times[0], law.initial(), 1.0)
     law.on_reversal(1.0, law.initial())
     drive.at(path)
@@ -226,7 +226,7 @@ SWAPPED = """
     rig.after_event(segment, times[0], times[0], rig.initial(), times[0])
     rig.force(segment, rig.initial(), times[0], times[0])
     rig.shown_displacement(times)
-    integrate(system, path, accuracy)
+    integrate_steps(system, path, accuracy)
     states_at(system, system, times)
     models.actuator(accuracy)
     models.contact({"friction.sigma0": path})

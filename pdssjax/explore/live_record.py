@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..core import Count, InputError
-from ..integration import Accuracy, integrate, is_closed
+from ..integration import Accuracy, integrate_steps, is_closed
 from ..simulation import Observation, observe
 from ..study import AbstractSetup, Models, Record, Run, Study, Values, drive_with, under_conditions, with_room
 from .redraw import Redraw, Score, redraw
@@ -178,7 +178,7 @@ def steps_taken(
     accuracy: Accuracy,
 ) -> Count:
     """Count the steps of a run; without output this compiles and runs quickly."""
-    solution = integrate(setup.system(models, values, run), setup.times(run)[-1], accuracy)
+    solution = integrate_steps(setup.system(models, values, run), setup.times(run)[-1], accuracy)
     return solution.count + solution.rejected
 
 

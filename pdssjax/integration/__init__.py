@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from .periodic_orbit import moved_orbit as moved_orbit
     from .restart import flat as flat
     from .restart import restarted as restarted
-    from .solution import Solution as Solution
-    from .solution import integrate as integrate
+    from .solution import SteppedRun as SteppedRun
+    from .solution import integrate_steps as integrate_steps
     from .solution import states_at as states_at
     from .steady_cycle import PERIODS as PERIODS
     from .steady_cycle import Cycles as Cycles
@@ -55,7 +55,7 @@ else:
             "forward_pass": ["integrate_to_times"],
             "periodic_orbit": ["SHORT", "moved_orbit"],
             "restart": ["flat", "restarted"],
-            "solution": ["Solution", "integrate", "states_at"],
+            "solution": ["SteppedRun", "integrate_steps", "states_at"],
             "steady_cycle": ["Cycles", "PERIODS", "integrate_cycles"],
             "steady_motion": ["GRAZES", "SteadyState", "steady_state"],
             "step_methods.base": ["AbstractStepMethod"],

@@ -116,7 +116,7 @@ def attempt(
 ) -> Piece:
     """A smooth piece that resolves the state and what only the guards feel, and over which no derivative grows."""
     unflatten = unflattener(system)
-    units = [scale / tolerance for scale in jax.tree.leaves(system.state_scale())]
+    units = [scale / tolerance for scale in jax.tree.leaves(system.error_scale(unflatten(loop.x)))]
     field = field_of(system, segment, unflatten, loop.mode)
     closed = system.closed_components()
     allowed = longest_step(field, loop.t_local, loop.x, loop.mode, closed, method.span, remaining)
@@ -133,8 +133,9 @@ def until_event(
     unflatten = unflattener(system)
     clock = polynomial([loop.t_local, 1.0])
     motion = unflatten([polynomial(c) for c in piece.polynomials])
-    guards = cast("tuple[Series, ...]", system.guards(segment, clock, motion, loop.mode))  # of series, series
-    duration, event, which = first_crossing(guards, len(piece.polynomials[0]), piece.step_radius)
+    size = len(piece.polynomials[0])
+    guards, size = system.guards_along(segment, clock, motion, loop.mode, size, piece.step_radius)
+    duration, event, which = first_crossing(guards, size, piece.step_radius)
     duration = duration / opaque_one
     x = [horner(c, duration) for c in piece.polynomials]
     x = system.exact(segment, loop.t_local, unflatten(loop.x), duration, unflatten(x))

@@ -238,6 +238,8 @@ def _kept(
 def _known_step(system: AbstractHybridSystem, tolerance: Scalar, row: Float[Array, " columns"]) -> KnownStep:
     """A step of the table, as methods want it."""
     step = read(row)
-    field = field_of(system, system.segment(step.index), unflattener(system), step.mode)
-    units = [scale / tolerance for scale in jax.tree.leaves(lax.stop_gradient(system.state_scale()))]
+    unflatten = unflattener(system)
+    field = field_of(system, system.segment(step.index), unflatten, step.mode)
+    scales = lax.stop_gradient(system.error_scale(unflatten(step.begin)))
+    units = [scale / tolerance for scale in jax.tree.leaves(scales)]
     return KnownStep(field, step.t_local, list(step.begin), units, step.step_radius)

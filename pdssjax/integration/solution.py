@@ -19,7 +19,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from ..core import Count, Scalar, ScalarLike, Truth
 from .accuracy import Accuracy
@@ -47,6 +47,10 @@ class Steps(NamedTuple):
     """State at the beginning."""
     polynomials: Float[Array, "room kept coefficients"]
     """Of the components kept, in (time - begin)/step_radius, lowest first."""
+    event: Bool[Array, " room"]
+    """Whether an event ended the step."""
+    which: Int[Array, " room"]
+    """Number of the guard of that event."""
 
 
 class End(NamedTuple):
@@ -68,7 +72,7 @@ def ended(end: Float[Array, " begin"], loop: LoopState) -> End:
     return End(end[0] + end[1], end[2:], loop.index, end[1], loop.mode)
 
 
-class Solution(NamedTuple):
+class SteppedRun(NamedTuple):
     """All that a run leaves behind."""
 
     steps: Steps
@@ -86,9 +90,9 @@ class Solution(NamedTuple):
     """Index into `failure.FAILURES`; 0 where the integration finished."""
 
 
-def integrate(
+def integrate_steps(
     system: AbstractHybridSystem, horizon: ScalarLike, accuracy: Accuracy, keep: tuple[int, ...] | None = None
-) -> Solution:
+) -> SteppedRun:
     """Integrates `system` from its initial state at t = 0 to `horizon` [s].
 
     Differentiable in every floating-point leaf of `system`, but not in `horizon`.  `keep`
@@ -108,8 +112,10 @@ def integrate(
         begins[:, 1],
         begins[:, 2:],
         polynomials,
+        known.event,
+        known.which,
     )
-    return Solution(
+    return SteppedRun(
         steps,
         ended(end, loop),
         loop.period,
@@ -122,11 +128,11 @@ def integrate(
 
 
 def states_at(
-    system: AbstractHybridSystem, run: Solution, times: Float[Array, " m"], keep: tuple[int, ...] | None = None
+    system: AbstractHybridSystem, run: SteppedRun, times: Float[Array, " m"], keep: tuple[int, ...] | None = None
 ) -> Visited:
     """The state at `times` [s], shape (m,), each within the integrated time or its repetition.
 
-    Components outside `keep`, as given to `integrate`, are those of the step's beginning unless the
+    Components outside `keep`, as given to `integrate_steps`, are those of the step's beginning unless the
     system knows them in closed form.
     """
     steps, end = run.steps, run.end

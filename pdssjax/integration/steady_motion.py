@@ -12,7 +12,7 @@ from ..core import Count, Scalar, ScalarLike, Truth
 from .accuracy import Accuracy
 from .periodic_orbit import CONFIRMED, SHORT, Orbit, multipliers, newton_orbit, refined
 from .restart import restarted
-from .solution import Solution, integrate
+from .solution import SteppedRun, integrate_steps
 from .steady_cycle import PERIODS, Cycles, integrate_cycles
 from .system import AbstractHybridSystem, unflattener
 
@@ -37,7 +37,7 @@ Ends = tuple[Float[Array, " components"], Float[Array, " components"]]
 GRAZES = 1e-2
 """`SteadyState.grazing` below this: a small change of the system takes an event away; derivatives may break there."""
 
-Nearness = Callable[[AbstractHybridSystem, Solution], Scalar]
+Nearness = Callable[[AbstractHybridSystem, SteppedRun], Scalar]
 """How near the events of a motion, given by what was integrated and its steps, are to grazing; 1: far from it."""
 
 
@@ -99,7 +99,7 @@ def steady_state(
         cycles = integrate_cycles(still, long, phases, accuracy, tolerance, jnp.where(attempts > 0, MOST, FIRST))
         tried = _first_accepted(still, cycles, long, accuracy, tolerance)
         moving = restarted(still, tried.orbit.x)
-        run = integrate(moving, tried.count * phases[0], accuracy)
+        run = integrate_steps(moving, tried.count * phases[0], accuracy)
         return attempts + 1, (cycles, tried._replace(grazing=jnp.where(tried.accepted, nearness(moving, run), jnp.nan)))
 
     goes_on = lambda now: (now[0] < 2) & ~(now[1][1].grazing >= GRAZES)

@@ -2,7 +2,7 @@
 
 import abc
 from collections.abc import Callable, Iterable
-from typing import Any, NamedTuple, Protocol, TypeAlias
+from typing import Any, NamedTuple, Protocol, TypeAlias, cast
 
 import equinox as eqx
 import jax
@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..core import Scalar, ScalarLike, Truth
-from .taylor_series import Field, Term
+from .taylor_series import Field, Series, Term
 
 SETTLED = 2.0
 """The mode of a system that has settled until the next corner; no guard ends it."""
@@ -88,6 +88,19 @@ class AbstractHybridSystem(eqx.Module):
     @abc.abstractmethod
     def state_scale(self) -> State:
         """What one unit of each component amounts to as a displacement [m]: tolerances are displacements."""
+
+    def error_scale(self, x: State) -> State:
+        """The `state_scale` by which the error of a step from `x` is judged: where tolerances are relative, not one."""
+        return self.state_scale()
+
+    def guards_along(
+        self, segment: InputSegment, t_local: Term, x: State, mode: Scalar, size: int, length: Scalar
+    ) -> tuple[tuple[Series, ...], int]:
+        """The `guards` as series in the time [s] along a step of some `length` [s], and how many coefficients count.
+
+        **Arguments:** time and state as series of which `size` coefficients count.
+        """
+        return cast("tuple[Series, ...]", self.guards(segment, t_local, x, mode)), size  # of series, series
 
     def rates(self, segment: InputSegment, t_local: Scalar, x: State, mode: Scalar) -> State:
         """The true time derivative of the state, scalars, in every mode: for what is shown of a system.

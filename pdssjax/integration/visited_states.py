@@ -1,7 +1,7 @@
-"""The states that a motion goes through at given times, with the derivatives of `integrate` at a fraction of its cost.
+"""The states that a motion goes through at given times, cheaper than by `integrate_steps`, with the same derivatives.
 
-`integrate` keeps every step and its polynomials, for whoever looks between them.  Here they are made block by block
-(`tiles`) and only what the times show of them is kept.
+`integrate_steps` keeps every step and its polynomials, for whoever looks between them.  Here they are made block by
+block (`tiles`) and only what the times show of them is kept.
 """
 
 from typing import NamedTuple
@@ -43,7 +43,8 @@ def visit(
 ) -> Visit:
     """Integrates `system` from its initial state at t = 0, and tells the states at the ascending `times` [s].
 
-    As `integrate` and `states_at` do together, differentiable in every floating-point leaf of `system` and in `times`.
+    As `integrate_steps` and `states_at` do together, differentiable in every floating-point leaf of `system` and in
+    `times`.
 
     **Arguments:** `keep` names the components of the state that are wanted, all by default; the others are those of a
     step's beginning unless the system knows them in closed form.  The run ends at the `horizon` [s], the last of the

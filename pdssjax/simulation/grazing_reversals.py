@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float
 
 from ..core import Scalar
 from ..drive.base import Segment
-from ..integration import AbstractHybridSystem, Solution
+from ..integration import AbstractHybridSystem, SteppedRun
 from .systems.stick_slip import StickSlip
 
 _SMALL = 1e-9
@@ -19,7 +19,7 @@ _SMALL = 1e-9
 
 
 def grazing(
-    system: StickSlip, moving: AbstractHybridSystem, run: Solution, inside: Bool[Array, " room"] | None = None
+    system: StickSlip, moving: AbstractHybridSystem, run: SteppedRun, inside: Bool[Array, " room"] | None = None
 ) -> Scalar:
     """How near the nearest reversal of a `run` is to grazing, between 0 and 1 [1].
 
@@ -52,7 +52,7 @@ def grazing(
     return jnp.min(jnp.where(located if inside is None else inside & located, found, 1.0))
 
 
-def turns(run: Solution) -> Bool[Array, " room"]:
+def turns(run: SteppedRun) -> Bool[Array, " room"]:
     """Whether the relative motion turns or stops where a step ends."""
     mode = run.steps.mode
     following = jnp.roll(mode, -1)

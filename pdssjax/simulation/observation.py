@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from ..drive.base import AbstractDrive
-from ..integration import FAILURES, Accuracy, Visited, exact_states_at, integrate, is_closed, states_at
+from ..integration import FAILURES, Accuracy, Visited, exact_states_at, integrate_steps, is_closed, states_at
 from .sensor_output import Output, System, from_rest
 from .systems.platform_only import PlatformOnly
 from .systems.prescribed_motion import PrescribedMotion
@@ -66,7 +66,7 @@ def observe(
         at = lambda when: exact_states_at(system, jnp.maximum(when, 0.0), segments)
         steps = failure = jnp.zeros((), int)
     else:
-        run = integrate(system, times[-1], accuracy)
+        run = integrate_steps(system, times[-1], accuracy)
         at, steps, failure = partial(states_at, system, run), run.count, run.failure
     sensed = lambda visited: jax.vmap(partial(output.shown, system))(visited[1], visited[2], visited[0], visited[3])
     late = instants - output.delay(system)

@@ -13,7 +13,7 @@ from jaxtyping import Array, Float, Int
 
 from ..core import Count, Scalar, ScalarLike
 from ..drive.base import Segment
-from ..integration import AbstractHybridSystem, Accuracy, exact_states_at, integrate, is_closed, visit
+from ..integration import AbstractHybridSystem, Accuracy, exact_states_at, integrate_steps, is_closed, visit
 
 System: TypeAlias = Any
 """The system of a record: one that has what is asked of it, such as `shown_displacement`."""
@@ -127,7 +127,7 @@ def why_failed(
     """An index into `pdssjax.integration.FAILURES` for `sensor_samples` of the same; 0 where it works."""
     if segments is not None and is_closed(system):
         return jnp.zeros((), int)
-    return integrate(system, times[-1], accuracy, output.components(system)).failure
+    return integrate_steps(system, times[-1], accuracy, output.components(system)).failure
 
 
 def from_rest(times: Float[Array, " m"], failure: Count) -> Callable[[Float[Array, " m"]], Float[Array, " m"]]:

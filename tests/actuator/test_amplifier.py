@@ -14,7 +14,7 @@ from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.drive.sine import Sine
 from pdssjax.drive.step import Step
 from pdssjax.friction.simplified_lugre import SimplifiedLuGre
-from pdssjax.integration import TIGHT, integrate, states_at
+from pdssjax.integration import TIGHT, integrate_steps, states_at
 from pdssjax.piezo.bouc_wen import BoucWen
 from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.piezo.static import Static
@@ -32,7 +32,7 @@ def behind(piezo, amplifier, drive, times):
     """The voltage that reaches the piezo [V], the platform [m], and the run: one program a piezo and a waveform."""
     assert times.shape == (SAMPLES,)
     system = PlatformOnly(DrivenPlatform(piezo, amplifier), drive)
-    run = integrate(system, times[-1], TIGHT)
+    run = integrate_steps(system, times[-1], TIGHT)
     x, *_ = states_at(system, run, times)
     return x.driven.supply[0], jax.vmap(system.shown_displacement)(x), run
 
@@ -187,7 +187,7 @@ def test_a_stop_that_is_met_and_left_changes_nothing_of_what_the_amplifier_gives
         driven = DrivenPlatform(SecondOrder(), Amplifier(numbers[0], numbers[1]))
         actuator = Actuator(driven.piezo, SimplifiedLuGre(), Effector(), False, driven.amplifier, Stop(1e5, gap=4e-7))
         system = StickSlip(actuator, drive) if stopped else PlatformOnly(driven, drive)
-        run = integrate(system, times[-1], TIGHT)
+        run = integrate_steps(system, times[-1], TIGHT)
         x, *_ = states_at(system, run, times)
         return x.driven.supply[0], (x.driven.supply[0], x.in_contact[0] if stopped else None)
 

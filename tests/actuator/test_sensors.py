@@ -16,7 +16,7 @@ from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.drive.step import Step
 from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
 from pdssjax.friction.simplified_lugre import SimplifiedLuGre
-from pdssjax.integration import integrate, states_at
+from pdssjax.integration import integrate_steps, states_at
 from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.piezo.static import Static
 from pdssjax.simulation import STOP_FORCE, PlatformOnly, StickSlip, sensor_samples
@@ -49,7 +49,7 @@ def run(stop, effector=LEVEL):
     """The true motion, with and without a stop in reach: one program for both."""
     actuator = Actuator(SecondOrder(), SimplifiedLuGre(), effector, stop=stop)
     system = StickSlip(actuator, DRIVE, Sensor(filters=False))
-    x, segment, t_local, mode = states_at(system, integrate(system, TIMES[-1], Accuracy()), TIMES)
+    x, segment, t_local, mode = states_at(system, integrate_steps(system, TIMES[-1], Accuracy()), TIMES)
     y, w = jax.vmap(actuator.driven_platform.platform)(x.driven)
     friction = jax.vmap(system.force)(segment, t_local, x, mode)
     return Moved(jax.vmap(system.shown_force)(x), y, y - x.d, w - x.v, friction)

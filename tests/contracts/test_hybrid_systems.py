@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from pdssjax import AbstractHybridSystem, Accuracy, Taylor
-from pdssjax.integration import SETTLED, integrate, states_at
+from pdssjax.integration import SETTLED, integrate_steps, states_at
 from pdssjax.simulation import systems
 
 NAMES = [found.name for found in pkgutil.iter_modules(systems.__path__) if not found.name.startswith("_")]
@@ -40,7 +40,7 @@ def run_of(name: str):
     made = example(name)
 
     def begins(factor):
-        run = integrate(made.system(factor), jnp.asarray(made.HORIZON), USUAL)
+        run = integrate_steps(made.system(factor), jnp.asarray(made.HORIZON), USUAL)
         return run.steps.origin + run.steps.t_local, run
 
     def with_derivative(factor):
@@ -115,7 +115,7 @@ def test_inside_a_mode_the_field_is_smooth_and_guards_are_positive(name):
 def settling(name: str):
     """The example of a system that settles, if its file has one: system and run."""
     system = example(name).settling()
-    return system, jax.jit(lambda: integrate(system, jnp.asarray(example(name).HORIZON), USUAL))()
+    return system, jax.jit(lambda: integrate_steps(system, jnp.asarray(example(name).HORIZON), USUAL))()
 
 
 @pytest.mark.parametrize("name", [name for name in NAMES if hasattr(example(name), "settling")])

@@ -8,7 +8,7 @@ from pdssjax import Accuracy, Actuator, Effector, Taylor
 from pdssjax.actuator import IDEAL
 from pdssjax.drive.sine import Sine
 from pdssjax.friction.simplified_lugre import SimplifiedLuGre
-from pdssjax.integration import integrate
+from pdssjax.integration import integrate_steps
 from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.simulation import StickSlip
 
@@ -18,7 +18,7 @@ def test_an_event_at_the_first_instant_has_no_time_of_its_own():
         contact = SimplifiedLuGre(sigma0=5.2e6, sigma1=6.4, f_ss=0.51)
         actuator = Actuator(SecondOrder(gain=1.1e-7, natural_frequency=rate, damping_ratio=0.14), contact, Effector())
         system = StickSlip(actuator, Sine(64.0, 20.0), IDEAL, 0.0)
-        run = integrate(system, jnp.asarray(2e-4), Accuracy(method=Taylor(6), max_steps=32), (0,))
+        run = integrate_steps(system, jnp.asarray(2e-4), Accuracy(method=Taylor(6), max_steps=32), (0,))
         return run.steps.t_local[1], run.steps.mode[:2]
 
     (begin, moved), modes = jax.jit(lambda r: (jax.jvp(lambda r: second_step(r)[0], (r,), (r,)), second_step(r)[1]))(

@@ -14,7 +14,7 @@ from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.drive.triangle import Triangle
 from pdssjax.friction.coulomb import Coulomb
 from pdssjax.friction.simplified_lugre import SimplifiedLuGre
-from pdssjax.integration import SETTLED, TIGHT, integrate, step_end
+from pdssjax.integration import SETTLED, TIGHT, integrate_steps, step_end
 from pdssjax.piezo.bouc_wen import BoucWen
 from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.simulation import DISPLACEMENT, STOP_FORCE, PlatformOnly, StickSlip, sensor_samples
@@ -81,7 +81,7 @@ def test_a_platform_that_rings_under_a_settled_contact_moves_at_its_own_rate():
 def test_what_is_below_rounding_is_not_stepped():
     # Reversals that rounding makes have no derivative.
     steps = [
-        int(integrate(walk(2e4), jnp.asarray(1.0), Accuracy(settle_tolerance=tolerance)).count)
+        int(integrate_steps(walk(2e4), jnp.asarray(1.0), Accuracy(settle_tolerance=tolerance)).count)
         for tolerance in (1e-15, 0.0)
     ]
     assert steps[0] == steps[1]

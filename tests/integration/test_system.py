@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pdssjax import AbstractHybridSystem, Accuracy, Taylor
-from pdssjax.integration import SETTLED, integrate, states_at, visit
+from pdssjax.integration import SETTLED, integrate_steps, states_at, visit
 
 USUAL = Accuracy(method=Taylor(6), max_steps=64)
 
@@ -131,7 +131,7 @@ def ball(parameters, times, impacts=3):
 
 
 def shown(system, times):
-    run = integrate(system, times[-1], USUAL)
+    run = integrate_steps(system, times[-1], USUAL)
     return jnp.stack(states_at(system, run, times)[0]), run
 
 
@@ -248,7 +248,7 @@ def test_the_end_of_a_run_of_which_no_states_are_asked_moves_with_the_parameters
 
 def test_the_time_of_an_impact_moves_with_height_and_gravity():
     def second_impact(parameters):
-        run = integrate(Ball(*parameters), jnp.asarray(1.3), USUAL)
+        run = integrate_steps(Ball(*parameters), jnp.asarray(1.3), USUAL)
         begins = run.steps.origin + run.steps.t_local
         return begins[jnp.argmax(jnp.cumsum(jnp.abs(run.steps.x[:, 0]) < 1e-9) == 2)]
 

@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float
 
 from ...core import Count, Scalar
 from ...drive.base import AbstractDrive
-from ...integration import AbstractHybridSystem, Accuracy, Solution, Taylor
+from ...integration import AbstractHybridSystem, Accuracy, SteppedRun, Taylor
 from ...metrics import FLANK, CycleMetrics, cycle_metrics
 from ...simulation import StickSlip, StickSlipState
 
@@ -78,7 +78,7 @@ class Course(NamedTuple):
     system: StickSlip
     moving: AbstractHybridSystem
     """What was integrated: the system, or the system from the opening of a cycle on."""
-    run: Solution
+    run: SteppedRun
     begin: Scalar
     """When the first of the cycles opens, on the clock of `moving` [s]."""
     span: Count

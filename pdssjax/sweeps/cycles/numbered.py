@@ -5,7 +5,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ...core import Count
-from ...integration import Accuracy, flat, integrate, integrate_to_times
+from ...integration import Accuracy, flat, integrate_steps, integrate_to_times
 from ...simulation import StickSlip
 from .base import FINE, METRICS, SIDE_BY_SIDE, AbstractCycle, Course, Opening, cycles_at, effector_at, timing
 
@@ -38,5 +38,5 @@ class Numbered(AbstractCycle):
 
     def course(self, system: StickSlip, opening: Opening) -> Course:
         when = timing(system.drive)
-        run = integrate(system, self.number * when.period + when.phases[-1], FINE)
+        run = integrate_steps(system, self.number * when.period + when.phases[-1], FINE)
         return Course(system, system, run, (self.number - 1) * when.period, jnp.ones((), int), 1, run.failure)

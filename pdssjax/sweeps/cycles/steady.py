@@ -19,8 +19,8 @@ from ...integration import (
     PERIODS,
     Accuracy,
     Cycles,
-    integrate,
     integrate_cycles,
+    integrate_steps,
     moved_orbit,
     restarted,
     steady_state,
@@ -97,7 +97,7 @@ class Steady(AbstractCycle):
 def _course(system: StickSlip, opening: Opening, accuracy: Accuracy) -> Course:
     when, again = timing(system.drive), restarted(system, opening.x)
     span = jnp.where(opening.repeats > 0, opening.repeats, PERIODS)
-    run = integrate(again, span * when.period + when.phases[-1], accuracy)
+    run = integrate_steps(again, span * when.period + when.phases[-1], accuracy)
     failure = jnp.where(opening.failure > 0, opening.failure, run.failure)
     return Course(system, again, run, jnp.zeros(()), span, PERIODS, failure)
 
