@@ -14,6 +14,11 @@ if TYPE_CHECKING:
     from .event_location import LOOK_AHEAD as LOOK_AHEAD
     from .failure import FAILURES as FAILURES
     from .forward_pass import integrate_to_times as integrate_to_times
+    from .hybrid_run import RESULTS as RESULTS
+    from .hybrid_run import Events as Events
+    from .hybrid_run import Solution as Solution
+    from .hybrid_run import integrate as integrate
+    from .hybrid_system import HybridSystem as HybridSystem
     from .periodic_orbit import SHORT as SHORT
     from .periodic_orbit import moved_orbit as moved_orbit
     from .restart import flat as flat
@@ -53,6 +58,8 @@ else:
             "event_location": ["LOOK_AHEAD"],
             "failure": ["FAILURES"],
             "forward_pass": ["integrate_to_times"],
+            "hybrid_run": ["Events", "RESULTS", "Solution", "integrate"],
+            "hybrid_system": ["HybridSystem"],
             "periodic_orbit": ["SHORT", "moved_orbit"],
             "restart": ["flat", "restarted"],
             "solution": ["SteppedRun", "integrate_steps", "states_at"],

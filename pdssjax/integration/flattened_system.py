@@ -1,0 +1,222 @@
+"""A `HybridSystem` as the integrator wants its systems: scalars for arrays, and a run that lasts one unit of time.
+
+The clock is that of the run, from 0 to 1, and errors are told in tolerances.  So no constant of the integrator, such as
+the time within which a tie between events is broken, depends on the user's units.
+"""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array, Float
+
+from ..core import Count, InputError, Scalar
+from .hybrid_system import HybridSystem, Tree
+from .system import AbstractHybridSystem, State
+from .taylor_series import Series, Term, constant, polynomial, weighted
+
+_FIRST_MODE = 3
+"""The integrator's number for the user's mode 0: its own 0 is the mode before the start, 2 that of what has settled."""
+
+_GUARD_DEGREE = 16
+"""Degree of the polynomial through a guard along a step."""
+
+_SHORTEST = 1e-15
+"""Part of the run below which a polynomial through a guard is not made for a shorter step."""
+
+_INSIDE = 4.0 * np.finfo(float).eps
+"""Part of the largest time by which a time is kept away from the corners."""
+
+
+class Layout(NamedTuple):
+    """How a state's arrays lie in a list of scalars."""
+
+    structure: Any
+    shapes: tuple[tuple[int, ...], ...]
+
+    def split(self, rows: Float[Array, "*rows components"]) -> Tree:
+        """The pytree whose components stand along the last axis of `rows`."""
+        ends = np.cumsum([int(np.prod(shape)) for shape in self.shapes])
+        leaves = jnp.split(rows, ends[:-1], axis=-1)
+        whole = [leaf.reshape(*rows.shape[:-1], *shape) for leaf, shape in zip(leaves, self.shapes, strict=True)]
+        return jax.tree.unflatten(self.structure, whole)
+
+    def joined(self, tree: Tree, what: str) -> Float[Array, " components"]:
+        """The components of a pytree; **raises** `InputError` where it is not like the state."""
+        structure = jax.tree.structure(tree)
+        if structure != self.structure:
+            raise InputError(f"{what}: found a {structure}, expected a pytree like the state, {self.structure}.")
+        leaves = [jnp.asarray(leaf, float) for leaf in jax.tree.leaves(tree)]
+        if tuple(leaf.shape for leaf in leaves) != self.shapes:
+            found = ", ".join(str(leaf.shape) for leaf in leaves)
+            expected = ", ".join(str(shape) for shape in self.shapes)
+            raise InputError(f"{what}: found leaves of shape {found}, expected those of the state, {expected}.")
+        return jnp.concatenate([leaf.ravel() for leaf in leaves])
+
+
+class Stretch(NamedTuple):
+    """The time between two corners, in parts of the run."""
+
+    begin: Scalar
+    duration: Scalar
+    number: Scalar
+
+
+class FlattenedSystem(AbstractHybridSystem):
+    """A user's system, its first state and arguments, on the clock of a run from `t0` on for a `span` of time."""
+
+    system: HybridSystem
+    y0: Float[Array, " components"]
+    mode0: Count
+    args: Tree
+    t0: Scalar
+    span: Scalar
+    rtol: Float[Array, " components"]
+    atol: Float[Array, " components"]
+    layout: Layout = eqx.field(static=True)
+    expands: bool = eqx.field(static=True)
+    """Whether fields are asked for Taylor series."""
+
+    def initial(self) -> State:
+        return tuple(self.y0)
+
+    def segment(self, index: Scalar) -> Stretch:
+        corners = (jnp.asarray(self.system.corners(self.args), float) - self.t0) / self.span
+        begins = jnp.concatenate([jnp.zeros(1), jnp.maximum(corners, 0.0), jnp.full(1, jnp.inf)])
+        number = jnp.clip(jnp.asarray(index).astype(int), 0, len(corners))
+        return Stretch(begins[number], begins[number + 1] - begins[number], index)
+
+    def field(self, segment: Stretch, t_local: Term, x: State, mode: Scalar) -> State:
+        time, args, mode_of_user = self._time(segment, t_local), self.args, self._mode(mode)
+        if not any(isinstance(part, Series) for part in (t_local, *x)):
+            rates = self.system.vector_field(time, self._state(x), args, mode_of_user)
+            return tuple(self.layout.joined(rates, f"{type(self.system).__name__}.vector_field") * self.span)
+        state = jax.tree.unflatten(self.layout.structure, list(x))
+        rates = _expanded(self.system, "vector_field", time, state, args, mode_of_user)
+        return tuple(weighted(rate, self.span) for rate in jax.tree.leaves(rates, is_leaf=_is_series))
+
+    def guards(self, segment: Stretch, t_local: Term, x: State, mode: Scalar) -> tuple[Term, ...]:
+        time, args, mode_of_user = self._time(segment, t_local), self.args, self._mode(mode)
+        if any(isinstance(part, Series) for part in (t_local, *x)):
+            state = jax.tree.unflatten(self.layout.structure, list(x))
+            guards = _expanded(self.system, "guards", time, state, args, mode_of_user)
+            guards = guards if isinstance(guards, tuple | list) else (guards,)
+            return tuple(guard if isinstance(guard, Series) else polynomial([guard]) for guard in guards)
+        return tuple(self.guard_values(time, self._state(x), mode_of_user))
+
+    def guard_values(self, t: Scalar, y: Tree, mode: Count) -> Float[Array, " guards"]:
+        """The user's guards as one array, whatever they came in."""
+        guards = self.system.guards(t, y, self.args, mode)
+        if isinstance(guards, tuple | list):
+            return jnp.stack([jnp.asarray(guard, float) for guard in guards]) if guards else jnp.zeros(0)
+        guards = jnp.atleast_1d(jnp.asarray(guards, float))
+        if guards.ndim != 1:
+            raise InputError(f"{type(self.system).__name__}.guards: found shape {guards.shape}, expected one axis.")
+        return guards
+
+    def guards_along(
+        self, segment: Stretch, t_local: Term, x: State, mode: Scalar, size: int, length: Scalar
+    ) -> tuple[tuple[Series, ...], int]:
+        if self.expands:
+            return super().guards_along(segment, t_local, x, mode, size, length)
+        nodes, to_coefficients = _polynomial_fit(_GUARD_DEGREE)
+        length = jnp.maximum(length, _SHORTEST)
+        coefficients = jnp.stack([jnp.stack([jnp.asarray(part[k], float) for part in x]) for k in range(size)])
+        elapsed = length * nodes
+        states = jnp.sum(elapsed[:, None, None] ** np.arange(size)[:, None] * coefficients, axis=1)
+        start = constant(t_local)
+        at = lambda later, state: jnp.stack([jnp.zeros(()), *self.guards(segment, start + later, tuple(state), mode)])
+        values = jax.vmap(at)(elapsed, states)[:, 1:]
+        fitted = (to_coefficients @ values) / length ** np.arange(_GUARD_DEGREE + 1.0)[:, None]
+        fitted = fitted.at[0].set(values[0])
+        return tuple(polynomial(list(guard)) for guard in fitted.T), _GUARD_DEGREE + 1
+
+    def after_event(
+        self, segment: Stretch, t_local: Any, x: State, mode: Scalar, which: Scalar
+    ) -> tuple[State, Scalar]:
+        time, whole = self._time(segment, t_local), jnp.asarray(which).astype(int)
+        y, following = self.system.after_event(time, self._state(x), self.args, self._mode(mode), whole)
+        return self._back(y, following, "after_event")
+
+    @property
+    def resets_at_corners(self) -> bool:
+        return type(self.system).after_corner is not HybridSystem.after_corner
+
+    def on_segment_start(self, segment: Stretch, x: State, mode: Scalar) -> tuple[State, Scalar]:
+        starts = mode < 1.0
+        first = jnp.asarray(self.mode0, float) + _FIRST_MODE
+        if not self.resets_at_corners:
+            return x, jnp.where(starts, first, mode)
+        time, which = self._time(segment, 0.0), jnp.asarray(segment.number).astype(int) - 1
+        y, following = self.system.after_corner(time, self._state(x), self.args, self._mode(mode), which)
+        turned, following = self._back(y, following, "after_corner")
+        x = tuple(jnp.where(starts, a, b) for a, b in zip(x, turned, strict=True))
+        return x, jnp.where(starts, first, following)
+
+    def state_scale(self) -> State:
+        return self.error_scale(self.initial())
+
+    def error_scale(self, x: State) -> State:
+        return tuple(1.0 / (self.atol + self.rtol * jnp.abs(jnp.stack(x))))
+
+    def _time(self, segment: Stretch, t_local: Term) -> Any:
+        """The user's time; kept strictly inside the segment, so that a field with a jump has the side it belongs to."""
+        begin, end = segment.begin, segment.begin + segment.duration
+        if isinstance(t_local, Series):
+            return self.t0 + self.span * (begin + t_local)
+        time = self.t0 + self.span * (begin + t_local)
+        gap = _INSIDE * jnp.maximum(jnp.abs(self.t0), jnp.abs(self.t0 + self.span))
+        first = jnp.where(begin > 0.0, self.t0 + self.span * begin + gap, -jnp.inf)
+        inside = jnp.clip(time, first, self.t0 + self.span * end - gap)
+        return time + lax.stop_gradient(inside - time)
+
+    def _state(self, x: State) -> Tree:
+        return self.layout.split(jnp.stack([jnp.asarray(part, float) for part in x]))
+
+    def _mode(self, mode: Scalar) -> Count:
+        return jnp.asarray(mode).astype(int) - _FIRST_MODE
+
+    def _back(self, y: Tree, mode: Any, what: str) -> tuple[State, Scalar]:
+        flat = self.layout.joined(y, f"{type(self.system).__name__}.{what}")
+        return tuple(flat), jnp.asarray(mode, float) + _FIRST_MODE
+
+    def modes_of(self, modes: Float[Array, " m"]) -> Any:
+        """The user's modes for those of the integrator."""
+        return jnp.asarray(modes).astype(int) - _FIRST_MODE
+
+
+def _is_series(leaf: object) -> bool:
+    return isinstance(leaf, Series)
+
+
+def _expanded(system: HybridSystem, method: str, *args: Any) -> Any:
+    """What a method of the user's makes of Taylor series; **raises** `InputError` where it cannot take them."""
+    try:
+        return getattr(system, method)(*args)
+    except (TypeError, AttributeError) as error:
+        raise InputError(
+            f"{type(system).__name__}.{method}: found what a Taylor series cannot pass ({error!s:.120}), expected "
+            "+ - * / and the functions exp, power and cosine_and_sine of pdssjax.integration; or leave `method` out."
+        ) from error
+
+
+def _polynomial_fit(degree: int) -> tuple[Float[np.ndarray, " nodes"], Float[np.ndarray, "nodes nodes"]]:
+    """Chebyshev points of [0, 1], 0 among them, and the matrix from values there to coefficients, lowest first.
+
+    By way of Chebyshev polynomials, of which the coefficients are whole numbers: inverting a Vandermonde matrix would
+    lose four digits.
+    """
+    angles = np.pi * np.arange(degree + 1) / degree
+    half = np.where(np.isin(np.arange(degree + 1), (0, degree)), 0.5, 1.0)
+    # Points run from 0 up: point i has the angle pi - angles[i] in the polynomials of 2 x - 1.
+    to_chebyshev = 2.0 / degree * half[:, None] * half * np.cos(np.outer(np.arange(degree + 1), np.pi - angles))
+    shifted = [np.polynomial.Polynomial([1.0]), np.polynomial.Polynomial([-1.0, 2.0])]
+    for _ in range(degree - 1):
+        shifted.append(2.0 * shifted[1] * shifted[-1] - shifted[-2])
+    to_powers = np.zeros((degree + 1, degree + 1))
+    for k, chebyshev in enumerate(shifted):
+        to_powers[: k + 1, k] = chebyshev.coef
+    return 0.5 - 0.5 * np.cos(angles), to_powers @ to_chebyshev

@@ -1,0 +1,287 @@
+"""Solve a hybrid system between two times: states, events and why it stopped, with right derivatives."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array, Bool, Float, Int
+
+from ..core import Count, InputError, Scalar, ScalarLike, Truth, require_float64
+from .accuracy import Accuracy
+from .flattened_system import FlattenedSystem, Layout
+from .hybrid_system import HybridSystem, Tree
+from .polynomials import horner
+from .solution import SteppedRun, integrate_steps, states_at
+from .step_methods.base import AbstractStepMethod
+from .step_methods.taylor import Taylor
+
+RESULTS = (
+    "",
+    "it ran out of steps: events that accumulate (a ball that comes to rest), a stiff field or too fine a tolerance; "
+    "end the motion in a mode of its own, allow more `max_steps`, or take an implicit solver",
+    "the state did not stay finite",
+    "a guard was negative inside a mode: no event can be located there; see that `after_event` leaves every guard at "
+    "zero or above, and that the first state lies inside its mode",
+    "`t1` is not after `t0`",
+)
+"""What `Solution.result` means: the sentence with that index."""
+
+_NEGATIVE = 1e-6
+"""Part of a guard's largest value in the middles of the steps: what is below its negative is no rounding."""
+
+
+class Events(NamedTuple):
+    """The events of a run, in order; behind the last of them NaN, and -1 for whole numbers."""
+
+    ts: Float[Array, " events"]
+    """Times, in the unit of the time."""
+    which: Int[Array, " events"]
+    """Numbers of the guards that fell through zero."""
+    before: Tree
+    """States just before the events, in the units of the state; every leaf has their axis first."""
+    after: Tree
+    """States just after them."""
+    count: Count
+    """How many there were; where that is more than `max_events` the later ones are not listed."""
+
+
+class Solution(NamedTuple):
+    """What `integrate` gives; times and states in the units they were given in."""
+
+    ts: Float[Array, " times"]
+    """The times asked for."""
+    ys: Tree
+    """The states there, after an event that falls on such a time; every leaf has the axis of the times first.
+
+    NaN at times that were not reached or lie outside the run.
+    """
+    modes: Int[Array, " times"]
+    """The modes there."""
+    events: Events
+    stats: dict[str, Count]
+    """`steps`, `rejected` steps and `events`."""
+    result: Count
+    """0 where the run reached `t1`, else an index into `RESULTS`."""
+
+    @property
+    def message(self) -> str:
+        """What a concrete `result` says, in words; empty where the run reached `t1`."""
+        return RESULTS[int(self.result)]
+
+
+def integrate(
+    system: HybridSystem,
+    t0: ScalarLike,
+    t1: ScalarLike,
+    y0: Tree,
+    args: Tree = None,
+    *,
+    saveat: Any = None,
+    mode: ScalarLike = 0,
+    rtol: Tree = 1e-11,
+    atol: Tree = 1e-13,
+    max_steps: int = 1024,
+    max_events: int = 64,
+    method: AbstractStepMethod | None = None,
+    throw: bool = True,
+) -> Solution:
+    """Solve a hybrid system from `t0` to `t1`, in whatever units it is written; `HybridSystem` shows an example.
+
+    Works under `jit`, `vmap` (lane by lane), `jacfwd`, `jacrev` and both nested, up to second derivatives: by `y0`,
+    `args`, `t0`, `saveat` and the floating-point leaves of `system`, through every event.
+
+    **Arguments:**
+
+    - `system`: what moves
+    - `t0`, `t1`: begin and end, `t1` after `t0`
+    - `y0`: state at `t0`, a pytree of floating-point arrays of any shape
+    - `args`: handed to the methods of `system`, a pytree
+    - `saveat`: times at which the states are wanted, shape (times,), none outside the run; `t1` alone by default
+    - `mode`: at `t0`, a whole number from 0 on
+    - `rtol`, `atol`: one step may be wrong by `atol + rtol |y|`, `atol` in the units of the state; one number for all
+      components, or a pytree like `y0`
+    - `max_steps`: room for so many steps; memory grows with it
+    - `max_events`: how many events are listed
+    - `method`: `OneStep(diffrax.Dopri8())` by default; `OneStep(diffrax.Kvaerno5())` for stiff fields; `Taylor()` for
+      states of scalars whose field is made of + - * / and the functions of `pdssjax.integration`
+    - `throw`: raise where the run does not reach `t1`; if not, `result` says why, and what was not reached is NaN
+
+    **Raises** `InputError` for what cannot be integrated, and `RuntimeError` as `throw` says.
+    """
+    require_float64("integrate")
+    method = _default_method() if method is None else method
+    t0, t1 = jnp.asarray(t0, float), jnp.asarray(t1, float)
+    ts = t1[None] if saveat is None else jnp.asarray(saveat, float)
+    flat = _flattened(system, t0, t1, y0, args, mode, (rtol, atol), isinstance(method, Taylor))
+    _check_times(t0, t1, ts)
+    solution = _solved(flat, ts, Accuracy(1.0, 1.0, method, max_steps), max_events)
+    return _thrown(solution) if throw else solution
+
+
+def _flattened(
+    system: HybridSystem,
+    t0: Scalar,
+    t1: Scalar,
+    y0: Tree,
+    args: Tree,
+    mode: ScalarLike,
+    tolerances: tuple[Tree, Tree],
+    expands: bool,
+) -> FlattenedSystem:
+    """The system with its start, as the integrator wants it; **raises** `InputError` for what it cannot be."""
+    if not isinstance(system, HybridSystem):
+        raise InputError(f"integrate: found a system {system!r:.60}, expected a pdssjax.integration.HybridSystem.")
+    y0 = jax.tree.map(_floating, y0)
+    shapes = tuple(leaf.shape for leaf in jax.tree.leaves(y0))
+    layout = Layout(jax.tree.structure(y0), shapes)
+    if not shapes:
+        raise InputError("integrate: found a state `y0` without a number, expected a pytree of arrays.")
+    if expands and any(shapes):
+        raise InputError(
+            f"integrate: found leaves of `y0` of shape {', '.join(map(str, shapes))}, expected scalars alone for "
+            "`method=Taylor()`; leave `method` out for arrays."
+        )
+    return FlattenedSystem(
+        _of_arrays(system),
+        layout.joined(y0, "integrate: y0"),
+        jnp.asarray(mode, int),
+        _of_arrays(args),
+        t0,
+        # What a unit of the clock is moves no state: its derivative would be rounding.
+        lax.stop_gradient(t1 - t0),
+        _spread(tolerances[0], y0, "rtol"),
+        _spread(tolerances[1], y0, "atol"),
+        layout,
+        expands,
+    )
+
+
+@eqx.filter_jit
+def _solved(flat: FlattenedSystem, ts: Float[Array, " times"], accuracy: Accuracy, max_events: int) -> Solution:
+    run = integrate_steps(flat, 1.0, accuracy)
+    parts = (ts - flat.t0) / flat.span
+    seen = states_at(flat, run, parts)
+    stopped = jnp.where(run.failure > 0, run.end.time, 1.0 + 1e-12)
+    reached = (parts >= -1e-12) & (parts <= stopped) & (flat.span > 0.0)
+    ys = flat.layout.split(jnp.where(reached[:, None], jnp.stack(seen.x, axis=-1), jnp.nan))
+    modes = jnp.where(reached, flat.modes_of(seen.mode), -1)
+    result = jnp.where((run.failure == 0) & _has_negative_guard(flat, run), 3, run.failure)
+    result = jnp.where(flat.span > 0.0, result, 4)
+    stats = {"steps": run.count, "rejected": run.rejected, "events": run.events}
+    return Solution(ts, ys, modes, _events(flat, run, max_events), stats, result)
+
+
+def _events(flat: FlattenedSystem, run: SteppedRun, most: int) -> Events:
+    """The first events of a run, at most so many."""
+    steps, end = run.steps, run.end
+    ended = _real(run) & steps.event
+    rows = jnp.nonzero(ended, size=most, fill_value=0)[0]
+    listed = jnp.arange(most) < ended.sum()
+    last = rows + 1 >= run.count
+    following = jnp.minimum(rows + 1, len(ended) - 1)
+    begins = steps.origin + steps.t_local
+    times = jnp.where(last, end.time, begins[following])
+    after = jnp.where(last[:, None], end.x, steps.x[following])
+    before = _along(steps.polynomials[rows], times - begins[rows])
+    shown = lambda x: flat.layout.split(jnp.where(listed[:, None], x, jnp.nan))
+    ts = jnp.where(listed, flat.t0 + flat.span * times, jnp.nan)
+    return Events(ts, jnp.where(listed, steps.which[rows], -1), shown(before), shown(after), run.events)
+
+
+def _real(run: SteppedRun) -> Bool[Array, " room"]:
+    """Which rows of the table hold a step."""
+    return jnp.arange(len(run.steps.mode)) < run.count
+
+
+def _along(
+    polynomials: Float[Array, "rows components coefficients"], elapsed: Float[Array, " rows"]
+) -> Float[Array, "rows components"]:
+    """States so long after the begins of their steps."""
+    return horner(list(jnp.moveaxis(polynomials, -1, 0)), elapsed[:, None])
+
+
+def _has_negative_guard(flat: FlattenedSystem, run: SteppedRun) -> Truth:
+    """Whether a guard is negative in the middle of a step, by more than rounding."""
+    steps = lax.stop_gradient(run.steps)
+    half = 0.5 * steps.duration
+    times = flat.t0 + flat.span * (steps.origin + steps.t_local + half)
+    states = flat.layout.split(_along(steps.polynomials, half))
+    values = jax.vmap(flat.guard_values)(times, states, flat.modes_of(steps.mode))
+    values = jnp.where(_real(run)[:, None], values, 0.0)
+    return (values < -_NEGATIVE * jnp.max(jnp.abs(values), axis=0)).any()
+
+
+def _thrown(solution: Solution) -> Solution:
+    """The solution, or an error where it is none: at once, or when a traced one is computed."""
+    if not isinstance(solution.result, jax.core.Tracer):
+        if int(solution.result):
+            raise RuntimeError(_sentence(solution.message))
+        return solution
+    ys = solution.ys
+    for code, message in list(enumerate(RESULTS))[1:]:
+        ys = eqx.error_if(ys, solution.result == code, _sentence(message))
+    return solution._replace(ys=ys)
+
+
+def _sentence(message: str) -> str:
+    return f"integrate: {message} (`throw=False` gives what was reached)."
+
+
+def _default_method() -> AbstractStepMethod:
+    import diffrax  # heavy, and only this default needs it
+
+    from .step_methods.diffrax_solver import OneStep
+
+    return OneStep(diffrax.Dopri8())
+
+
+def _floating(leaf: Any) -> Float[Array, "..."]:
+    found = jnp.asarray(leaf)
+    if not jnp.issubdtype(found.dtype, jnp.floating) and not jnp.issubdtype(found.dtype, jnp.integer):
+        raise InputError(f"integrate: found a leaf of `y0` of type {found.dtype}, expected real numbers.")
+    return found.astype(float)
+
+
+def _of_arrays(tree: Tree) -> Tree:
+    """The tree with arrays of JAX for Python's floats and NumPy's arrays: other values then compile nothing anew."""
+    is_number = lambda leaf: isinstance(leaf, float | np.ndarray | np.generic)
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf) if is_number(leaf) else leaf, tree)
+
+
+def _spread(tolerance: Tree, y0: Tree, what: str) -> Float[Array, " components"]:
+    """A tolerance for every component; **raises** `InputError` where it is not like the state."""
+    whole = jax.tree.structure(tolerance)
+    each = jax.tree.map(lambda _: tolerance, y0) if jax.tree_util.treedef_is_leaf(whole) else tolerance
+    try:
+        full: Callable[..., Any] = lambda leaf, number: jnp.broadcast_to(jnp.asarray(number, float), leaf.shape).ravel()
+        parts = jax.tree.leaves(jax.tree.map(full, y0, each))
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"integrate: found `{what}` {tolerance!r:.60}, expected one number or a pytree like `y0`."
+        ) from error
+    spread = lax.stop_gradient(jnp.concatenate(parts))
+    if not isinstance(spread, jax.core.Tracer) and not (np.asarray(spread) >= 0.0).all():
+        raise InputError(f"integrate: found `{what}` {tolerance!r:.60}, expected numbers that are not negative.")
+    return spread
+
+
+def _check_times(t0: Array, t1: Array, ts: Array) -> None:
+    """**Raises** `InputError` for times that are known and wrong."""
+    if t0.ndim or t1.ndim or ts.ndim != 1:
+        raise InputError(
+            f"integrate: found `t0`, `t1`, `saveat` of shape {t0.shape}, {t1.shape}, {ts.shape}, expected two numbers "
+            "and an array with one axis."
+        )
+    if any(isinstance(time, jax.core.Tracer) for time in (t0, t1, ts)):
+        return
+    if not (np.isfinite(t0) and np.isfinite(t1) and t1 > t0):
+        raise InputError(f"integrate: found `t1` = {t1:g}, expected a finite time after `t0` = {t0:g}.")
+    outside = np.asarray((ts < t0) | (ts > t1) | ~np.isfinite(ts))
+    if outside.any():
+        raise InputError(
+            f"integrate: found {np.asarray(ts)[outside][0]:g} in `saveat`, expected times from {t0:g} to {t1:g}."
+        )
