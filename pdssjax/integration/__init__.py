@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from .steady_motion import steady_state as steady_state
     from .step_methods.base import AbstractStepMethod as AbstractStepMethod
     from .step_methods.diffrax_solver import OneStep as OneStep
+    from .step_methods.picard import Picard as Picard
     from .step_methods.taylor import Taylor as Taylor
     from .system import SETTLED as SETTLED
     from .system import AbstractHybridSystem as AbstractHybridSystem
@@ -67,6 +68,7 @@ else:
             "steady_motion": ["GRAZES", "SteadyState", "steady_state"],
             "step_methods.base": ["AbstractStepMethod"],
             "step_methods.diffrax_solver": ["OneStep"],
+            "step_methods.picard": ["Picard"],
             "step_methods.taylor": ["Taylor"],
             "system": ["AbstractHybridSystem", "SETTLED", "Visited"],
             "taylor_series": ["N", "N_co", "Term", "constant", "cosine_and_sine", "exp", "power", "weighted"],

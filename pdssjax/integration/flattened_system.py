@@ -4,16 +4,17 @@ The clock is that of the run, from 0 to 1, and errors are told in tolerances.  S
 the time within which a tie between events is broken, depends on the user's units.
 """
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
-from ..core import Count, InputError, Scalar
+from ..core import Count, InputError, Scalar, ScalarLike
+from .chebyshev import basis
 from .hybrid_system import HybridSystem, Tree
 from .system import AbstractHybridSystem, State
 from .taylor_series import Series, Term, constant, polynomial, weighted
@@ -31,10 +32,14 @@ _INSIDE = 4.0 * np.finfo(float).eps
 """Part of the largest time by which a time is kept away from the corners."""
 
 
+Structure: TypeAlias = Any
+"""A `PyTreeDef`, which JAX gives no type to a reader."""
+
+
 class Layout(NamedTuple):
     """How a state's arrays lie in a list of scalars."""
 
-    structure: Any
+    structure: Structure
     shapes: tuple[tuple[int, ...], ...]
 
     def split(self, rows: Float[Array, "*rows components"]) -> Tree:
@@ -122,20 +127,20 @@ class FlattenedSystem(AbstractHybridSystem):
     ) -> tuple[tuple[Series, ...], int]:
         if self.expands:
             return super().guards_along(segment, t_local, x, mode, size, length)
-        nodes, to_coefficients = _polynomial_fit(_GUARD_DEGREE)
+        points = basis(_GUARD_DEGREE)
         length = jnp.maximum(length, _SHORTEST)
         coefficients = jnp.stack([jnp.stack([jnp.asarray(part[k], float) for part in x]) for k in range(size)])
-        elapsed = length * nodes
+        elapsed = length * points.nodes
         states = jnp.sum(elapsed[:, None, None] ** np.arange(size)[:, None] * coefficients, axis=1)
         start = constant(t_local)
         at = lambda later, state: jnp.stack([jnp.zeros(()), *self.guards(segment, start + later, tuple(state), mode)])
         values = jax.vmap(at)(elapsed, states)[:, 1:]
-        fitted = (to_coefficients @ values) / length ** np.arange(_GUARD_DEGREE + 1.0)[:, None]
+        fitted = points.powers(values) / length ** np.arange(_GUARD_DEGREE + 1.0)[:, None]
         fitted = fitted.at[0].set(values[0])
         return tuple(polynomial(list(guard)) for guard in fitted.T), _GUARD_DEGREE + 1
 
     def after_event(
-        self, segment: Stretch, t_local: Any, x: State, mode: Scalar, which: Scalar
+        self, segment: Stretch, t_local: ScalarLike, x: State, mode: Scalar, which: Scalar
     ) -> tuple[State, Scalar]:
         time, whole = self._time(segment, t_local), jnp.asarray(which).astype(int)
         y, following = self.system.after_event(time, self._state(x), self.args, self._mode(mode), whole)
@@ -183,7 +188,7 @@ class FlattenedSystem(AbstractHybridSystem):
         flat = self.layout.joined(y, f"{type(self.system).__name__}.{what}")
         return tuple(flat), jnp.asarray(mode, float) + _FIRST_MODE
 
-    def modes_of(self, modes: Float[Array, " m"]) -> Any:
+    def modes_of(self, modes: Float[Array, " m"]) -> Int[Array, " m"]:
         """The user's modes for those of the integrator."""
         return jnp.asarray(modes).astype(int) - _FIRST_MODE
 
@@ -201,22 +206,3 @@ def _expanded(system: HybridSystem, method: str, *args: Any) -> Any:
             f"{type(system).__name__}.{method}: found what a Taylor series cannot pass ({error!s:.120}), expected "
             "+ - * / and the functions exp, power and cosine_and_sine of pdssjax.integration; or leave `method` out."
         ) from error
-
-
-def _polynomial_fit(degree: int) -> tuple[Float[np.ndarray, " nodes"], Float[np.ndarray, "nodes nodes"]]:
-    """Chebyshev points of [0, 1], 0 among them, and the matrix from values there to coefficients, lowest first.
-
-    By way of Chebyshev polynomials, of which the coefficients are whole numbers: inverting a Vandermonde matrix would
-    lose four digits.
-    """
-    angles = np.pi * np.arange(degree + 1) / degree
-    half = np.where(np.isin(np.arange(degree + 1), (0, degree)), 0.5, 1.0)
-    # Points run from 0 up: point i has the angle pi - angles[i] in the polynomials of 2 x - 1.
-    to_chebyshev = 2.0 / degree * half[:, None] * half * np.cos(np.outer(np.arange(degree + 1), np.pi - angles))
-    shifted = [np.polynomial.Polynomial([1.0]), np.polynomial.Polynomial([-1.0, 2.0])]
-    for _ in range(degree - 1):
-        shifted.append(2.0 * shifted[1] * shifted[-1] - shifted[-2])
-    to_powers = np.zeros((degree + 1, degree + 1))
-    for k, chebyshev in enumerate(shifted):
-        to_powers[: k + 1, k] = chebyshev.coef
-    return 0.5 - 0.5 * np.cos(angles), to_powers @ to_chebyshev

@@ -8,15 +8,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
 from ..core import Count, InputError, Scalar, ScalarLike, Truth, require_float64
 from .accuracy import Accuracy
 from .flattened_system import FlattenedSystem, Layout
-from .hybrid_system import HybridSystem, Tree
+from .hybrid_system import HybridSystem, Mode, Tree
 from .polynomials import horner
 from .solution import SteppedRun, integrate_steps, states_at
 from .step_methods.base import AbstractStepMethod
+from .step_methods.picard import Picard
 from .step_methods.taylor import Taylor
 
 RESULTS = (
@@ -29,6 +31,8 @@ RESULTS = (
     "`t1` is not after `t0`",
 )
 """What `Solution.result` means: the sentence with that index."""
+
+_USUAL = Picard()
 
 _NEGATIVE = 1e-6
 """Part of a guard's largest value in the middles of the steps: what is below its negative is no rounding."""
@@ -45,7 +49,7 @@ class Events(NamedTuple):
     """States just before the events, in the units of the state; every leaf has their axis first."""
     after: Tree
     """States just after them."""
-    count: Count
+    count: Count  # pyright: ignore[reportIncompatibleMethodOverride]
     """How many there were; where that is more than `max_events` the later ones are not listed."""
 
 
@@ -80,13 +84,13 @@ def integrate(
     y0: Tree,
     args: Tree = None,
     *,
-    saveat: Any = None,
-    mode: ScalarLike = 0,
+    saveat: Float[ArrayLike, " times"] | None = None,
+    mode: Mode = 0,
     rtol: Tree = 1e-11,
     atol: Tree = 1e-13,
     max_steps: int = 1024,
     max_events: int = 64,
-    method: AbstractStepMethod | None = None,
+    method: AbstractStepMethod = _USUAL,
     throw: bool = True,
 ) -> Solution:
     """Solve a hybrid system from `t0` to `t1`, in whatever units it is written; `HybridSystem` shows an example.
@@ -106,14 +110,13 @@ def integrate(
       components, or a pytree like `y0`
     - `max_steps`: room for so many steps; memory grows with it
     - `max_events`: how many events are listed
-    - `method`: `OneStep(diffrax.Dopri8())` by default; `OneStep(diffrax.Kvaerno5())` for stiff fields; `Taylor()` for
+    - `method`: collocation, `Picard()`, by default; `OneStep(diffrax.Kvaerno5())` for stiff fields; `Taylor()` for
       states of scalars whose field is made of + - * / and the functions of `pdssjax.integration`
     - `throw`: raise where the run does not reach `t1`; if not, `result` says why, and what was not reached is NaN
 
     **Raises** `InputError` for what cannot be integrated, and `RuntimeError` as `throw` says.
     """
     require_float64("integrate")
-    method = _default_method() if method is None else method
     t0, t1 = jnp.asarray(t0, float), jnp.asarray(t1, float)
     ts = t1[None] if saveat is None else jnp.asarray(saveat, float)
     flat = _flattened(system, t0, t1, y0, args, mode, (rtol, atol), isinstance(method, Taylor))
@@ -128,7 +131,7 @@ def _flattened(
     t1: Scalar,
     y0: Tree,
     args: Tree,
-    mode: ScalarLike,
+    mode: Mode,
     tolerances: tuple[Tree, Tree],
     expands: bool,
 ) -> FlattenedSystem:
@@ -163,6 +166,8 @@ def _flattened(
 @eqx.filter_jit
 def _solved(flat: FlattenedSystem, ts: Float[Array, " times"], accuracy: Accuracy, max_events: int) -> Solution:
     run = integrate_steps(flat, 1.0, accuracy)
+    # What is not finite at the end would spoil what was reached before.
+    run = run._replace(end=run.end._replace(x=jnp.where(jnp.isfinite(run.end.x), run.end.x, 0.0)))
     parts = (ts - flat.t0) / flat.span
     seen = states_at(flat, run, parts)
     stopped = jnp.where(run.failure > 0, run.end.time, 1.0 + 1e-12)
@@ -231,14 +236,6 @@ def _sentence(message: str) -> str:
     return f"integrate: {message} (`throw=False` gives what was reached)."
 
 
-def _default_method() -> AbstractStepMethod:
-    import diffrax  # heavy, and only this default needs it
-
-    from .step_methods.diffrax_solver import OneStep
-
-    return OneStep(diffrax.Dopri8())
-
-
 def _floating(leaf: Any) -> Float[Array, "..."]:
     found = jnp.asarray(leaf)
     if not jnp.issubdtype(found.dtype, jnp.floating) and not jnp.issubdtype(found.dtype, jnp.integer):
@@ -264,8 +261,8 @@ def _spread(tolerance: Tree, y0: Tree, what: str) -> Float[Array, " components"]
             f"integrate: found `{what}` {tolerance!r:.60}, expected one number or a pytree like `y0`."
         ) from error
     spread = lax.stop_gradient(jnp.concatenate(parts))
-    if not isinstance(spread, jax.core.Tracer) and not (np.asarray(spread) >= 0.0).all():
-        raise InputError(f"integrate: found `{what}` {tolerance!r:.60}, expected numbers that are not negative.")
+    if not isinstance(spread, jax.core.Tracer) and not (np.asarray(spread) > 0.0).all():
+        raise InputError(f"integrate: found `{what}` {tolerance!r:.60}, expected positive numbers.")
     return spread
 
 

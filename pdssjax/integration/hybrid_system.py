@@ -13,6 +13,9 @@ from ..core import Count, Scalar
 Tree: TypeAlias = Any
 """A pytree of floating-point arrays, whatever its author chose: no type can say for all."""
 
+Mode: TypeAlias = int | Count
+"""A whole number from 0 on, which may be traced."""
+
 
 class HybridSystem(eqx.Module):
     """A motion that is smooth within each of its modes, and what ends a mode; `integrate` solves it.
@@ -60,7 +63,7 @@ class HybridSystem(eqx.Module):
         """
         return ()
 
-    def after_event(self, t: Scalar, y: Tree, args: Tree, mode: Count, which: Count) -> tuple[Tree, Any]:
+    def after_event(self, t: Scalar, y: Tree, args: Tree, mode: Count, which: Count) -> tuple[Tree, Mode]:
         """Give the state and the mode after guard number `which`, from 0 on, has fallen through zero.
 
         No guard may be negative there, but for rounding.
@@ -75,6 +78,6 @@ class HybridSystem(eqx.Module):
         """
         return jnp.zeros(0)
 
-    def after_corner(self, t: Scalar, y: Tree, args: Tree, mode: Count, which: Count) -> tuple[Tree, Any]:
+    def after_corner(self, t: Scalar, y: Tree, args: Tree, mode: Count, which: Count) -> tuple[Tree, Mode]:
         """Give the state and the mode after corner number `which`, from 0 on; by default nothing changes."""
         return y, mode

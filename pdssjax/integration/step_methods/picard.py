@@ -1,0 +1,103 @@
+"""Collocation at Chebyshev points, by Picard iteration: a field is asked for values alone, whatever it is made of.
+
+The step is a polynomial that keeps the field's equation at every point, so that what is read off between its ends, and
+the events located on it, are as good as its end (C. W. Clenshaw and H. J. Norton, Computer Journal 6(1), 1963).
+"""
+
+from collections.abc import Callable, Sequence
+from typing import ClassVar, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Float
+
+from ...core import Scalar
+from ..chebyshev import basis
+from ..polynomials import Polynomials
+from ..taylor_series import Field, constant
+from .base import AbstractStepMethod, KnownStep, Piece
+
+_ITERATIONS = 24
+"""Over the `span` of a step the error of a linear field falls to span^24/24!, which is rounding."""
+
+_ROUNDING = 1e-14
+"""Part of a component's size in a step below which its error is rounding, and no shorter step makes it less."""
+
+
+class Collocated(NamedTuple):
+    """A step as values at the points."""
+
+    values: Float[Array, "nodes components"]
+    change: Float[Array, " components"]
+    """By the last iteration, at most."""
+
+
+class Picard(AbstractStepMethod):
+    """Collocation at Chebyshev points of a given degree, for fields that are not stiff."""
+
+    degree: int = eqx.field(static=True, default=14)
+    noise: ClassVar[float] = 10.0
+
+    @property
+    def span(self) -> float:
+        return 1.5
+
+    def attempt(
+        self,
+        field: Field,
+        t_local: Scalar,
+        x: Sequence[Scalar],
+        units: Sequence[Scalar],
+        remaining: Scalar,
+        proposed_step: Scalar,
+        opaque_one: Scalar,
+    ) -> Piece:
+        step_radius = jnp.minimum(proposed_step, remaining)
+        found = self._collocated(field, t_local, x, step_radius)
+        tail = jnp.max(jnp.abs((jnp.asarray(basis(self.degree).to_chebyshev) @ found.values)[-2:]), axis=0)
+        scale = jnp.stack(units)
+        allowed = jnp.maximum(1.0 / scale, _ROUNDING * jnp.max(jnp.abs(found.values), axis=0))
+        size = jnp.max(jnp.maximum(tail, found.change) / allowed)
+        size = jnp.where(jnp.isfinite(size), size, 1e30)
+        factor = jnp.clip(0.8 * (size + 1e-30) ** (-1.0 / self.degree), 0.1, 20.0)
+        accepted = size <= 1.0
+        grown = jnp.where(
+            accepted & (step_radius < proposed_step),
+            jnp.maximum(proposed_step, step_radius * factor),
+            step_radius * factor,
+        )
+        return Piece(self._polynomials(found, step_radius, x), step_radius, accepted, grown)
+
+    def expand(
+        self, step: Callable[..., KnownStep], *rows: Float[Array, "rows ..."]
+    ) -> list[Float[Array, "coefficients rows"]]:
+        def again(*row: Float[Array, "..."]) -> Polynomials:
+            known = step(*row)
+            found = self._collocated(known.field, known.t_local, known.x, known.step_radius)
+            return self._polynomials(found, known.step_radius, known.x)
+
+        return [jnp.stack(coefficients) for coefficients in jax.vmap(again)(*rows)]
+
+    def _collocated(self, field: Field, t_local: Scalar, x: Sequence[Scalar], step_radius: Scalar) -> Collocated:
+        points = basis(self.degree)
+        start = jnp.stack(x)
+        times = t_local + step_radius * points.nodes
+
+        def rates(time: Scalar, state: Float[Array, " components"]) -> Float[Array, " components"]:
+            return jnp.stack([jnp.asarray(constant(rate), float) for rate in field(time, tuple(state))])
+
+        def iterate(_: int, found: Collocated) -> Collocated:
+            values = start + step_radius * (jnp.asarray(points.integral) @ jax.vmap(rates)(times, found.values))
+            return Collocated(values, jnp.max(jnp.abs(values - found.values), axis=0))
+
+        first = Collocated(jnp.broadcast_to(start, (self.degree + 1, len(x))), jnp.zeros_like(start))
+        return lax.fori_loop(0, _ITERATIONS, iterate, first)
+
+    def _polynomials(self, found: Collocated, step_radius: Scalar, x: Sequence[Scalar]) -> Polynomials:
+        # A step without length is at its start; the powers of one near it would not be finite.
+        unit = jnp.where(step_radius > 1e-18, step_radius, 1.0)
+        powers = basis(self.degree).powers(found.values) / unit ** jnp.arange(self.degree + 1.0)[:, None]
+        powers = jnp.where(step_radius > 1e-18, powers, 0.0)
+        return [[x[i], *(powers[k, i] for k in range(1, self.degree + 1))] for i in range(len(x))]
