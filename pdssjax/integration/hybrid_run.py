@@ -35,7 +35,7 @@ RESULTS = (
 _USUAL = Picard()
 
 _NEGATIVE = 1e-6
-"""Part of a guard's largest value in the middles of the steps: what is below its negative is no rounding."""
+"""Part of a guard's largest value at the steps: what is below its negative is no rounding."""
 
 
 class Events(NamedTuple):
@@ -174,7 +174,7 @@ def _solved(flat: FlattenedSystem, ts: Float[Array, " times"], accuracy: Accurac
     reached = (parts >= -1e-12) & (parts <= stopped) & (flat.span > 0.0)
     ys = flat.layout.split(jnp.where(reached[:, None], jnp.stack(seen.x, axis=-1), jnp.nan))
     modes = jnp.where(reached, flat.modes_of(seen.mode), -1)
-    result = jnp.where((run.failure == 0) & _has_negative_guard(flat, run), 3, run.failure)
+    result = jnp.where((run.failure != 2) & _has_negative_guard(flat, run), 3, run.failure)
     result = jnp.where(flat.span > 0.0, result, 4)
     stats = {"steps": run.count, "rejected": run.rejected, "events": run.events}
     return Solution(ts, ys, modes, _events(flat, run, max_events), stats, result)
@@ -210,14 +210,17 @@ def _along(
 
 
 def _has_negative_guard(flat: FlattenedSystem, run: SteppedRun) -> Truth:
-    """Whether a guard is negative in the middle of a step, by more than rounding."""
+    """Whether a guard is negative where a step begins or in its middle, by more than rounding."""
     steps = lax.stop_gradient(run.steps)
-    half = 0.5 * steps.duration
-    times = flat.t0 + flat.span * (steps.origin + steps.t_local + half)
-    states = flat.layout.split(_along(steps.polynomials, half))
-    values = jax.vmap(flat.guard_values)(times, states, flat.modes_of(steps.mode))
-    values = jnp.where(_real(run)[:, None], values, 0.0)
-    return (values < -_NEGATIVE * jnp.max(jnp.abs(values), axis=0)).any()
+
+    def values(elapsed: Float[Array, " room"]) -> Float[Array, "room guards"]:
+        times = flat.t0 + flat.span * (steps.origin + steps.t_local + elapsed)
+        states = flat.layout.split(_along(steps.polynomials, elapsed))
+        found = jax.vmap(flat.guard_values)(times, states, flat.modes_of(steps.mode))
+        return jnp.where(_real(run)[:, None], found, 0.0)
+
+    guards = jnp.concatenate([values(0.0 * steps.duration), values(0.5 * steps.duration)])
+    return (guards < -_NEGATIVE * jnp.max(jnp.abs(guards), axis=0)).any()
 
 
 def _thrown(solution: Solution) -> Solution:
