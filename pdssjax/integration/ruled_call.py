@@ -13,7 +13,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jax.extend.core import ClosedJaxpr, Primitive, jaxpr_as_fun
+from jax.extend.core import Primitive, jaxpr_as_fun
 from jax.interpreters import ad, batching, mlir
 from jaxtyping import Array
 
@@ -47,7 +47,7 @@ def ruled_call(function: Callable[..., Result], rule: Rule, *args: Argument) -> 
         out, out_dot = rule(whole(primals), jax.tree.unflatten(structure, tangents))
         return jax.tree.leaves(out), jax.tree.leaves(out_dot, is_leaf=lambda leaf: leaf is None)
 
-    found = _CALL.bind(*leaves, call=call, rule=flat_rule)
+    found = _CALL.bind(*leaves, call=jaxpr_as_fun(call), types=tuple(call.out_avals), rule=flat_rule)
     return jax.tree.unflatten(jax.tree.structure(result), found)
 
 
@@ -55,12 +55,18 @@ _CALL = Primitive("pdssjax_run")
 _CALL.multiple_results = True
 
 
-def _computed(*leaves: Array, call: ClosedJaxpr, rule: _FlatRule) -> list[Array]:
-    return jaxpr_as_fun(call)(*leaves)
+# What is called is a function, not the traced program itself: newer versions of JAX want rules of their own for
+# primitives that hold one.
+_Call: TypeAlias = Callable[..., list[Array]]
+_Types: TypeAlias = tuple[Any, ...]
+
+
+def _computed(*leaves: Array, call: _Call, types: _Types, rule: _FlatRule) -> list[Array]:
+    return call(*leaves)
 
 
 def _differentiated(
-    primals: Sequence[Array], tangents: Sequence[Any], *, call: ClosedJaxpr, rule: _FlatRule
+    primals: Sequence[Array], tangents: Sequence[Any], *, call: _Call, types: _Types, rule: _FlatRule
 ) -> tuple[Sequence[Array], Sequence[Any]]:
     moves = [None if type(tangent) is ad.Zero else tangent for tangent in tangents]
     out, out_dot = rule(primals, moves)
@@ -69,21 +75,21 @@ def _differentiated(
 
 
 def _lane_by_lane(
-    leaves: Sequence[Array], axes: Sequence[int | None], *, call: ClosedJaxpr, rule: _FlatRule
+    leaves: Sequence[Array], axes: Sequence[int | None], *, call: _Call, types: _Types, rule: _FlatRule
 ) -> tuple[Sequence[Array], Sequence[int]]:
     mapped = [jnp.moveaxis(leaf, axis, 0) for leaf, axis in zip(leaves, axes, strict=True) if axis is not None]
 
     def lane(mapped: list[Array]) -> list[Array]:
         these = iter(mapped)
         whole = [leaf if axis is None else next(these) for leaf, axis in zip(leaves, axes, strict=True)]
-        return _CALL.bind(*whole, call=call, rule=rule)
+        return _CALL.bind(*whole, call=call, types=types, rule=rule)
 
     found = lax.map(lane, mapped)
     return found, [0] * len(found)
 
 
-_CALL.def_impl(lambda *leaves, call, rule: jax.jit(jaxpr_as_fun(call))(*leaves))
-_CALL.def_abstract_eval(lambda *leaves, call, rule: call.out_avals)
+_CALL.def_impl(lambda *leaves, call, types, rule: jax.jit(call)(*leaves))
+_CALL.def_abstract_eval(lambda *leaves, call, types, rule: list(types))
 ad.primitive_jvps[_CALL] = _differentiated
 batching.primitive_batchers[_CALL] = _lane_by_lane
 mlir.register_lowering(_CALL, mlir.lower_fun(_computed, multiple_results=True))
