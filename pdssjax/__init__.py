@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from .files import characterise as characterise
     from .files import load_study as load_study
     from .friction.base import AbstractFriction as AbstractFriction
+    from .inference import BoundedLevenbergMarquardt as BoundedLevenbergMarquardt
     from .inference import Drawing as Drawing
     from .inference import FitInterrupted as FitInterrupted
     from .inference import identify as identify
@@ -27,9 +28,11 @@ if TYPE_CHECKING:
     from .integration import Accuracy as Accuracy
     from .integration import OneStep as OneStep
     from .integration import Taylor as Taylor
+    from .integration import TaylorSolver as TaylorSolver
     from .piezo.base import AbstractPiezo as AbstractPiezo
     from .simulation import simulate as simulate
     from .simulation import steady_cycle as steady_cycle
+    from .simulation import vector_field as vector_field
     from .study import AbstractMeasurement as AbstractMeasurement
     from .study import Estimate as Estimate
     from .study import Record as Record
@@ -47,10 +50,24 @@ else:
             "drive.base": ["AbstractDrive"],
             "files": ["characterise", "load_study"],
             "friction.base": ["AbstractFriction"],
-            "inference": ["Drawing", "FitInterrupted", "identify", "initial_guess", "pose_problem"],
-            "integration": ["AbstractHybridSystem", "AbstractStepMethod", "Accuracy", "OneStep", "Taylor"],
+            "inference": [
+                "BoundedLevenbergMarquardt",
+                "Drawing",
+                "FitInterrupted",
+                "identify",
+                "initial_guess",
+                "pose_problem",
+            ],
+            "integration": [
+                "AbstractHybridSystem",
+                "AbstractStepMethod",
+                "Accuracy",
+                "OneStep",
+                "Taylor",
+                "TaylorSolver",
+            ],
             "piezo.base": ["AbstractPiezo"],
-            "simulation": ["simulate", "steady_cycle"],
+            "simulation": ["simulate", "steady_cycle", "vector_field"],
             "study": ["AbstractMeasurement", "Estimate", "Record", "Study"],
             "sweeps": ["sweep"],
         },

@@ -27,11 +27,17 @@ FACELESS = {"cli": set(), "core": {"lazy"}}
 """Modules that other rooms may import although no face shows them."""
 
 HOMES = {
-    "diffrax": {"integration.step_methods.base", "integration.step_methods.diffrax_solver"},
+    "diffrax": {
+        "integration.solver_names",
+        "integration.step_methods.base",
+        "integration.step_methods.diffrax_solver",
+        "integration.taylor_solver",
+    },
     "optimistix": {
         "integration.step_methods.diffrax_solver",
         "inference.solver.levenberg_marquardt",
         "inference.solver.iterations",
+        "inference.solver.minimisers",
     },
     "matplotlib": {"report.figures", "core.presentation"},  # the latter the type alone
     "numpyro": {"inference.uncertainty.no_u_turn"},

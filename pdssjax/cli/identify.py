@@ -10,6 +10,7 @@ from ..core import MOST_STARTS, InputError, members
 from ..files import EXAMPLE
 from .console import progress, say
 from .drawing import DRAWN, add_drawing, check_drawing, more_of
+from .numbers import add_solver, with_solver
 from .option_values import whole
 from .results import NOT_WRITTEN, add_out, keep_results, reserved
 
@@ -36,7 +37,7 @@ def _identify(options: argparse.Namespace) -> int:
 
     if options.method != "both":
         check_intervals(options.intervals, options.method)
-    study = pdssjax.load_study(options.study)
+    study = with_solver(pdssjax.load_study(options.study), options)
     if options.estimate is not None:
         study = starting_at_estimate(study, options.estimate)
     methods = _possible(study) if options.method == "both" else [options.method]
@@ -211,5 +212,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     text = "fit from N more starts, spread over their ranges, on all cores, and compare where they end"
     parser.add_argument("--starts", type=whole(0, MOST_STARTS), default=0, metavar="N", help=text)
+    add_solver(parser)
     add_drawing(parser)
     add_out(parser)

@@ -1,9 +1,11 @@
 """The numbers of a study's parameters: the options that give them, and the study with them."""
 
 import argparse
+import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..integration import SOLVERS
 from .console import progress
 
 if TYPE_CHECKING:
@@ -15,6 +17,17 @@ def add_numbers(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--estimate", type=Path, metavar="FILE", help=text)
     text = "guess from the records what then has no number: rough, where a fit may begin; without it that is an error"
     parser.add_argument("--guess", action="store_true", help=text)
+    add_solver(parser)
+
+
+def add_solver(parser: argparse.ArgumentParser) -> None:
+    text = "integrate every simulation by this solver; left out: the study's, or taylor. All but taylor are diffrax's"
+    parser.add_argument("--solver", choices=SOLVERS, help=text)
+
+
+def with_solver(study: "Study", options: argparse.Namespace) -> "Study":
+    """`study`, integrated by the solver of `--solver` if there is one."""
+    return study if options.solver is None else dataclasses.replace(study, solver=options.solver)
 
 
 def study_of(options: argparse.Namespace, virtual: bool = False) -> "Study":
@@ -22,7 +35,7 @@ def study_of(options: argparse.Namespace, virtual: bool = False) -> "Study":
     import pdssjax
 
     study = pdssjax.load_study(options.study, virtual=True) if virtual else pdssjax.load_study(options.study)
-    return with_numbers(study, options)
+    return with_numbers(with_solver(study, options), options)
 
 
 def with_numbers(study: "Study", options: argparse.Namespace) -> "Study":

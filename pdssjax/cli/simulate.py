@@ -26,7 +26,6 @@ def _simulate(options: argparse.Namespace) -> int:
     from ..report.text import format_numbers, format_records
 
     prepare_jax(dedicated=True)
-    from ..integration import Accuracy
     from ..study import failure_cause, numbers_used
 
     study = study_of(options)
@@ -37,7 +36,7 @@ def _simulate(options: argparse.Namespace) -> int:
         cause = ""
         if not all(record.simulated for record in records):
             tell("looking for the parameter to blame")
-            cause = failure_cause(study.predictor, study.records, study.values(), Accuracy())
+            cause = failure_cause(study.predictor, study.records, study.values(), study.accuracy)
     with progress() as tell:
         tell("writing predictions and plots")
         written = keep_results(lambda place: write_predictions(records, used, place), options.out)

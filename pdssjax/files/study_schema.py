@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 
 from ..actuator import PARTS
 from ..core import Document, Quantity, member, members
+from ..integration import SOLVERS
 from ..piezo import DYNAMICS, HYSTERESES, MOST, Composition, Field, fields_of
 from ..study import Entry, catalogue_entries
 from .drive_table import SAMPLED_KEYS
@@ -34,6 +35,10 @@ def study_schema() -> Document:
             {
                 "format": {"const": FORMAT},
                 "title": {"type": "string", "description": "As reports call it."},
+                "solver": {
+                    "enum": list(SOLVERS),
+                    "description": "What integrates every simulation; left out: taylor. The others are diffrax's.",
+                },
                 "actuator": _actuator(entries),
                 "parameters": _parameters(entries),
                 "record": {"type": "array", "items": _record(entries), "description": "One of each run of the rig."},

@@ -13,6 +13,7 @@ from typing import Any
 
 from ..core import InputError, member, members
 from ..friction.base import AbstractFriction
+from ..integration import SOLVERS
 from ..study import (
     Parameter,
     Record,
@@ -48,7 +49,7 @@ def load_study(path: str | Path, virtual: bool = False) -> Study:
     path = Path(path)
     top = Table(_read_toml(path), str(path))
     _check_format(top)
-    top.only(["format", "title", "actuator", "parameters", "record"])
+    top.only(["format", "title", "solver", "actuator", "parameters", "record"])
     actuator = top.table("actuator", 'a table with "piezo" and "friction"')
     actuator.only(["piezo", "friction", "friction_state", "feedback", "rests_under_load"])
     piezo = read_piezo(actuator)
@@ -63,6 +64,7 @@ def load_study(path: str | Path, virtual: bool = False) -> Study:
         parameters={},
         records=records,
         rests_under_load=actuator.get("rests_under_load", bool, "true or false", False),
+        solver=top.option("solver", SOLVERS, SOLVERS[0]),
     )
     study = dataclasses.replace(study, parameters=read_parameters(top, study))
     _check_durations(top, study)

@@ -5,7 +5,7 @@ import functools
 import time
 from collections.abc import Callable
 from concurrent.futures import Executor
-from typing import Literal, NamedTuple, TypeAlias, get_args
+from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 
@@ -21,12 +21,12 @@ from ..core import (
     require_float64,
     told_in_notebook,
 )
-from ..integration import Accuracy
-from ..study import Estimate, Study
+from ..integration import Accuracy, accuracy_with
+from ..study import Estimate, Study, Values
 from .draws import Drawing
 from .estimated_noise import with_noise
 from .kept_fit import Found, as_asked, kept, restored
-from .least_squares import Fit, FitMethod, Method, Progress, evaluated, joint, quiet
+from .least_squares import MAX_ITERATIONS, Fit, FitMethod, Method, Progress, evaluated, joint, quiet
 from .losses.base import AbstractLoss
 from .problem import Problem
 from .repeated_samples import check_measured_once
@@ -34,6 +34,7 @@ from .search.best_point import BestPoint, Point, completed
 from .search.multistart import best_fit
 from .search.requested_starts import best_of_starts, check_starts
 from .sensor_signs import question_signs
+from .solver.minimisers import Minimiser, check_minimiser
 from .stack_first.freed_stack import due_to_stack
 from .stack_first.held_stack import rejoined, with_stack_held
 from .stack_first.peak_picking import PickedStack, pick_peaks
@@ -74,6 +75,8 @@ def identify(
     executor: Executor | None = None,
     progress: Progress | None = None,
     accuracy: Accuracy | None = None,
+    solver: Any = None,
+    minimiser: Minimiser | None = None,
 ) -> Estimate:
     """The free parameters of a study from its records with role "fit", with uncertainties.
 
@@ -88,6 +91,8 @@ def identify(
     fitted besides the usual ones and compared (`Estimate.multistart`).  Fits and chains that do not need each other
     run where the `executor` says, in this thread if it is None; profiles and chains only in threads, and processes only
     where they are spawned, not forked.  `progress` takes lines of text; left out, notebooks show a bar.
+    `solver`, a name of `pdssjax.integration.SOLVERS` or a solver of diffrax, integrates in place of the study's, and
+    `minimiser`, such as `optimistix.Dogleg(rtol=1e-8, atol=1e-8)`, minimises in place of the package's own.
 
     **Raises:** `InputError` if there is nothing to fit, or for "peaks" no record to pick them from.  A fit that does
     not converge is returned all the same, with `converged` False and the reason in `message`.  `FitInterrupted`, a
@@ -97,25 +102,21 @@ def identify(
     require_float64("identify")
     begun = time.perf_counter()
     _check_arguments(study, drawing, executor, accuracy, starts)
-    check_method(study, method)
-    check_intervals(intervals, method, executor)
-    cost = _loss(loss, method, intervals)
-    question_signs([record for record in study.records if record.role == "fit"])
+    _check_way(study, method, intervals, executor)
     stack = pick_peaks(study) if method == "peaks" else None
     fitted = with_stack_held(study, stack.values) if stack else study
-    run, report = sequential if method == "sequential" else joint, progress or told_in_notebook() or quiet
-    settings = drawing or Drawing(), starts, executor, accuracy or Accuracy()
+    run, report = _way(method, minimiser), progress or told_in_notebook() or quiet
+    settings = drawing or Drawing(), starts, executor, _fineness(study, accuracy, solver)
     excused = functools.partial(due_to_stack, study, stack, settings[-1]) if stack else None
-    request = _Request(fitted, method, run, cost, intervals, *settings, report, excused)
+    request = _Request(fitted, method, run, _loss(loss, method, intervals), intervals, *settings, report, excused)
     best, done = BestPoint(), None
     try:
         found = _found(request, best)
         done = Point(found.fit, found.problem, found.starts, 2)
         estimate = _summarised(study, method, done, begun, report, stack)
         estimate = dataclasses.replace(estimate, multistart=found.multistart)
-        if np.isfinite(found.fit.chi2):
-            estimate = _with_intervals(estimate, found, request)
-            estimate = dataclasses.replace(estimate, seconds=time.perf_counter() - begun)
+        estimate = _with_intervals(estimate, found, request)
+        estimate = dataclasses.replace(estimate, seconds=time.perf_counter() - begun)
     except KeyboardInterrupt as interrupt:
         point = done or best.point
         so_far = _summarised(study, method, point, begun, report, stack, briefly=not done) if point else None
@@ -169,6 +170,8 @@ def _found(request: _Request, best: BestPoint) -> Found:
 def _with_intervals(estimate: Estimate, found: Found, request: _Request) -> Estimate:
     """`estimate` with the intervals asked for; linear ones where nothing can be drawn around where the fit ended."""
     problem, fit, intervals = found.problem, found.fit, request.intervals
+    if not np.isfinite(fit.chi2):
+        return estimate
     if intervals == "profile":
         return with_profile_intervals(estimate, problem, fit, request.executor, request.report)
     if intervals in DRAWN and not estimate.converged:
@@ -181,6 +184,35 @@ def _with_intervals(estimate: Estimate, found: Found, request: _Request) -> Esti
     if intervals == "posterior":
         return with_posterior(estimate, problem, fit, *how)
     return with_bootstrap(estimate, problem, fit, request.run, *how)
+
+
+def _check_way(study: Study, method: str, intervals: Intervals, executor: Executor | None) -> None:
+    """**Raises** `InputError` where a `study` cannot be fitted so; warns where a record moves against its drive."""
+    check_method(study, method)
+    check_intervals(intervals, method, executor)
+    question_signs([record for record in study.records if record.role == "fit"])
+
+
+def _way(method: Method, minimiser: Minimiser | None) -> FitMethod:
+    """How to fit by a `method`, with `minimiser` if there is one."""
+    usual: FitMethod = sequential if method == "sequential" else joint
+    if minimiser is None:
+        return usual
+    check_minimiser(minimiser)
+
+    def run(problem: Problem, starts: Values, report: Progress, limit: int = MAX_ITERATIONS) -> Fit:
+        return usual(problem._replace(minimiser=minimiser), starts, report, limit)
+
+    return run
+
+
+def _fineness(study: Study, accuracy: Accuracy | None, solver: Any) -> Accuracy:
+    """How to integrate: as asked for, else as the study says."""
+    if accuracy is not None and solver is not None:
+        raise InputError("solver: found one beside an accuracy, expected one of both: Accuracy(method=...) says both.")
+    if accuracy is not None:
+        return accuracy
+    return study.accuracy if solver is None else accuracy_with(solver)
 
 
 def _loss(name: str, method: str, intervals: str) -> AbstractLoss:

@@ -17,6 +17,7 @@ from .solver.iterations import iterate, iterates
 from .solver.kink import along_kink
 from .solver.levenberg_marquardt import BoundedLevenbergMarquardt
 from .solver.lm_state import LMState
+from .solver.minimisers import Outcome, minimised
 from .stack_parameters import of_platform, of_platform_alone
 from .variable_projection import FEWEST, linear_parameters, project
 
@@ -180,9 +181,15 @@ def fit_phase(
         )
         free, spent = found.free, found.evaluations
         report(f"{name}: {linear.sum()} linear parameters projected out, chi-square {found.chi2:.6g}")
+    limit = min(limit, MAX_ITERATIONS)
+    outcome = None
+    if problem.minimiser is not None and fitted.any():
+        options, weights = problem.residual.transform.bounds_where(fitted, free), as_weights(problem.noise, used)
+        outcome = minimised(problem.minimiser, problem.residual, free, weights, options, limit)
+        # What remains is the word on where it ended, by the same tests as those of the package's own solver.
+        free, spent, limit = outcome.point, spent + outcome.steps, 0
     arguments = _solver_arguments(problem, free, used, fitted)
     y, state = arguments.point, arguments.state
-    limit = min(limit, MAX_ITERATIONS)
     for y, state in iterates(*arguments, limit):
         chi2 = float(np.sum(np.asarray(state.residual) ** 2))
         taken = max(int(state.iterations), 1 - int(state.unevaluated))
@@ -192,7 +199,8 @@ def fit_phase(
     predicted = np.inf
     if int(state.ending) == Ending.KINK:
         y, state, predicted = along_kink(*arguments[:2], y, *arguments[3:], state)
-    return _ended(arguments, y, state, fitted, limit, spent, predicted)
+    fit = _ended(arguments, y, state, fitted, limit, spent, predicted)
+    return fit if outcome is None else _by_another(fit, outcome)
 
 
 def _ended(
@@ -213,6 +221,14 @@ def _ended(
         message, success = AT_KINK, True
     message = message.format(jump=float(state.jump))
     return Fit(free, state, success, message, iterations, int(state.evaluations) + spent, ending)
+
+
+def _by_another(fit: Fit, outcome: Outcome) -> Fit:
+    """`fit`, judged at the end of another solver's way, as what that solver found."""
+    message = fit.message
+    if fit.ending == Ending.RUNNING:
+        message = f"{outcome.name} ended ({outcome.message}) where the gradient is not small"
+    return fit._replace(message=message, iterations=fit.iterations + outcome.steps)
 
 
 def _message(

@@ -21,6 +21,7 @@ from .initial_values.guess import initial_guess
 from .losses.base import AbstractLoss
 from .parameter_transform import transform_of
 from .residual import Residual
+from .solver.minimisers import Minimiser
 from .told_ranges import told_ranges, within_told
 
 FitSoFar: TypeAlias = Any
@@ -50,6 +51,8 @@ class Problem(eqx.Module):
     noise: Float[Array | np.ndarray, " records"]
     """Standard deviation of each, in its unit."""
     watch: Watch = eqx.field(static=True, default=unwatched)
+    minimiser: Minimiser | None = eqx.field(static=True, default=None)
+    """Another solver of optimistix that looks for the minimum in place of the package's own."""
 
     def _replace(self, **changes: Any) -> "Problem":
         """The same with other fields, as of a named tuple."""
@@ -192,5 +195,5 @@ def pose_problem(study: Study, accuracy: Accuracy | None = None) -> tuple[Proble
     """
     require_float64("pose_problem")
     starts = initial_guess(study)
-    problem = pose(study, starts, accuracy or Accuracy())
+    problem = pose(study, starts, accuracy or study.accuracy)
     return problem, np.clip(problem.encode(starts), *problem.bounds)

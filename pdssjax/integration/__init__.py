@@ -26,6 +26,10 @@ if TYPE_CHECKING:
     from .solution import SteppedRun as SteppedRun
     from .solution import integrate_steps as integrate_steps
     from .solution import states_at as states_at
+    from .solver_names import SOLVERS as SOLVERS
+    from .solver_names import TAYLOR as TAYLOR
+    from .solver_names import accuracy_with as accuracy_with
+    from .solver_names import step_method as step_method
     from .steady_cycle import PERIODS as PERIODS
     from .steady_cycle import Cycles as Cycles
     from .steady_cycle import integrate_cycles as integrate_cycles
@@ -39,6 +43,7 @@ if TYPE_CHECKING:
     from .system import SETTLED as SETTLED
     from .system import AbstractHybridSystem as AbstractHybridSystem
     from .system import Visited as Visited
+    from .system import unflattener as unflattener
     from .taylor_series import N as N
     from .taylor_series import N_co as N_co
     from .taylor_series import Term as Term
@@ -47,6 +52,7 @@ if TYPE_CHECKING:
     from .taylor_series import exp as exp
     from .taylor_series import power as power
     from .taylor_series import weighted as weighted
+    from .taylor_solver import TaylorSolver as TaylorSolver
     from .visited_states import visit as visit
 else:
     from ..core.lazy import lazy_exports
@@ -64,14 +70,16 @@ else:
             "periodic_orbit": ["SHORT", "moved_orbit"],
             "restart": ["flat", "restarted"],
             "solution": ["SteppedRun", "integrate_steps", "states_at"],
+            "solver_names": ["SOLVERS", "TAYLOR", "accuracy_with", "step_method"],
             "steady_cycle": ["Cycles", "PERIODS", "integrate_cycles"],
             "steady_motion": ["GRAZES", "SteadyState", "steady_state"],
             "step_methods.base": ["AbstractStepMethod"],
             "step_methods.diffrax_solver": ["OneStep"],
             "step_methods.picard": ["Picard"],
             "step_methods.taylor": ["Taylor"],
-            "system": ["AbstractHybridSystem", "SETTLED", "Visited"],
+            "system": ["AbstractHybridSystem", "SETTLED", "Visited", "unflattener"],
             "taylor_series": ["N", "N_co", "Term", "constant", "cosine_and_sine", "exp", "power", "weighted"],
+            "taylor_solver": ["TaylorSolver"],
             "visited_states": ["visit"],
         },
     )

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from .trajectory import displacements as displacements
     from .trajectory import platform as platform
     from .trajectory import simulate as simulate
+    from .vector_field import vector_field as vector_field
 else:
     from ..core.lazy import lazy_exports
 
@@ -53,5 +54,6 @@ else:
             "systems.prescribed_motion": ["PrescribedMotion"],
             "systems.stick_slip": ["StickSlip"],
             "trajectory": ["TRAJECTORY_UNITS", "Trajectory", "displacements", "platform", "simulate"],
+            "vector_field": ["vector_field"],
         },
     )

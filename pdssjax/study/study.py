@@ -29,7 +29,7 @@ from ..core import (
     require_float64,
 )
 from ..friction.base import AbstractFriction
-from ..integration import Accuracy
+from ..integration import Accuracy, accuracy_with
 from ..piezo.base import AbstractPiezo
 from .conditions import paths_in, split_path
 from .estimate import Estimate
@@ -62,6 +62,13 @@ class Study:
     """Records in the order of the file."""
     rests_under_load: bool = False
     """Whether load and tilt acted before t = 0, and motion is counted from rest under them; else they set in then."""
+    solver: str = "taylor"
+    """What integrates its simulations, one of `pdssjax.integration.SOLVERS`."""
+
+    @property
+    def accuracy(self) -> Accuracy:
+        """How finely its simulations are integrated, and by which solver, where nothing else is asked for."""
+        return accuracy_with(self.solver)
 
     def __repr__(self) -> str:
         free = sum(parameter.free for parameter in self.parameters.values())
@@ -106,10 +113,11 @@ class Study:
         self, values: Values | Estimate | None, accuracy: Accuracy | None
     ) -> tuple[Predictor, dict[str, Scalar], Accuracy]:
         require_float64("predict")
-        check_kind("accuracy", accuracy or Accuracy(), Accuracy)
+        accuracy = accuracy or self.accuracy
+        check_kind("accuracy", accuracy, Accuracy)
         given = self._numbers({} if values is None else values)
         full = {path: jnp.asarray(number, float) for path, number in (self.values(given) | given).items()}
-        return self._predictor_of(self.models_with(given)), full, accuracy or Accuracy()
+        return self._predictor_of(self.models_with(given)), full, accuracy
 
     def legal(self) -> dict[str, Quantity]:
         """What is declared of every parameter that the study may list, by path."""

@@ -11,7 +11,6 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core import Document, InputError
-from ..integration import Accuracy
 from .record import Record
 from .simulation_failure import failure_cause
 from .study import Study
@@ -42,7 +41,7 @@ def make_recordings(study: Study, seed: int = 0) -> list[Recording]:
     """
     motions = [np.asarray(motion) for motion in study.predict()]
     if not all(np.isfinite(motion).all() for motion in motions):
-        cause = failure_cause(study.predictor, study.records, study.values(), Accuracy())
+        cause = failure_cause(study.predictor, study.records, study.values(), study.accuracy)
         raise InputError(
             f"{study.path or study.title}: found a simulation that fails, expected numbers that work: {cause}."
         )

@@ -25,7 +25,7 @@ from ..core import (
     counted_in_notebook,
     require_float64,
 )
-from ..integration import Accuracy
+from ..integration import TAYLOR, Accuracy
 from ..study import Record, Study, UsedNumber, numbers_used
 from .axes import check_axes, check_effects, contradictions
 from .block_plan import BlockPlan, plan_blocks
@@ -94,6 +94,8 @@ def plan_sweep(
     used = numbers_used(study, [*points.paths, *(f"drive.{field}" for field in base.overrides)])
     numbers = {path: told["value"] for path, told in used.items()}
     fine = accuracy or cycle.accuracy
+    if accuracy is None and study.solver != TAYLOR:
+        fine = dataclasses.replace(fine, method=study.accuracy.method)
     check_asked(metrics, cycle, [*points.paths, *numbers])
     numbers |= numbers_by(derivatives, study, base, [*points.paths, *numbers])
     check_effects(study, base, derivatives, metrics)

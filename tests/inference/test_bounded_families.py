@@ -9,7 +9,8 @@ import pytest
 from beside_scipy import best_of_scipy
 from scipy.optimize import lsq_linear
 
-from pdssjax.inference import SUCCESSES, BoundedLevenbergMarquardt, Ending
+from pdssjax import BoundedLevenbergMarquardt
+from pdssjax.inference import SUCCESSES, Ending
 from pdssjax.inference.solver.box_least_squares import solve_in_ball_and_box, solve_in_box, triangle
 
 P, N = 7, 60

@@ -18,7 +18,7 @@ that is too small to matter and leaves no more to be gained beyond it.
 Every way to end has its own `Ending`.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeAlias
 
 import equinox as eqx
@@ -45,6 +45,7 @@ from .derivative_check import (
     random_direction,
 )
 from .ending import STOPPED, SUCCESSES, Ending
+from .flat_problem import flat_bounds, flat_function, flat_point
 from .lm_state import Auxiliary, LMState
 from .trust_region import PROBE, Bounds, Proposal, bend, best_step, first_radius, next_radius, shortened, trial_point
 
@@ -67,17 +68,28 @@ _EPSILONS = 4.0
 Free: TypeAlias = Float[Array, " p"]
 """The free parameters."""
 
-ResidualFunction: TypeAlias = Callable[[Float[Array, " p"], Any], tuple[Float[Array, " n"], Auxiliary]]
-"""(y, args) to the residuals and what goes with them."""
+Point: TypeAlias = Any
+"""The caller's parameters, a pytree of floating-point arrays; of a fit the vector `Free`."""
+
+ResidualFunction: TypeAlias = Callable[[Any, Any], tuple[Any, Auxiliary]]
+"""(point, args) to the residuals and what goes with them."""
 
 Arguments: TypeAlias = Any
 """Handed on to the function, a pytree; of a fit the weights of the records."""
 
 
-class BoundedLevenbergMarquardt(
-    optx.AbstractLeastSquaresSolver[Float[Array, " p"], Float[Array, " n"], Auxiliary, LMState]
-):
-    """`options = {"lower": ..., "upper": ...}`; a parameter with equal bounds is held.
+class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Any, Any, Auxiliary, LMState]):
+    """Levenberg-Marquardt between bounds, for any residual, as a solver of `optimistix.least_squares`.
+
+        solver = pdssjax.BoundedLevenbergMarquardt(rtol=1e-12)
+        bounds = {"lower": 0.0, "upper": jnp.array([3.0, jnp.inf])}
+        found = optimistix.least_squares(residual, solver, y0, args, options=bounds)
+        found.value, Ending(int(found.stats["state"].ending))
+
+    The point and the residuals are pytrees of floating-point arrays.  `options` may have "lower" and "upper", each a
+    number or a pytree like the point; a parameter with equal bounds is held, and a start outside is moved to the
+    bound.  Columns are scaled, so that the parameters' units do not matter.  `found.stats["state"]` has residual and
+    Jacobian at the end, over the flattened point, and its `ending` (`pdssjax.inference.Ending`).
 
     The first step only evaluates the start, so that one compiled function does it all: proposed steps, the
     Jacobian, and the differences that it is compared with at the end.
@@ -104,13 +116,17 @@ class BoundedLevenbergMarquardt(
     def init(
         self,
         fn: ResidualFunction,
-        y: Float[Array, " p"],
+        y: Point,
         args: Arguments,
-        options: Bounds,
-        f_struct: jax.ShapeDtypeStruct,
+        options: Mapping[str, Any],
+        f_struct: Any,
         aux_struct: Auxiliary,
         tags: frozenset[object],
     ) -> LMState:
+        flat_bounds(y, options)  # says at once what is wrong with them
+        y, _ = flat_point(y)
+        structs = jax.tree.leaves(f_struct)
+        f_struct = jax.ShapeDtypeStruct((sum(s.size for s in structs),), jnp.result_type(*(s.dtype for s in structs)))
         blank = lambda s: jnp.zeros(s.shape, s.dtype)
         columns = lambda s: jnp.zeros((*s.shape, y.size), s.dtype)
         unity, none = jnp.ones(()), jnp.zeros((), int)
@@ -142,8 +158,24 @@ class BoundedLevenbergMarquardt(
         )
 
     def step(
-        self, fn: ResidualFunction, y: Free, args: Arguments, options: Bounds, state: LMState, tags: frozenset[object]
+        self,
+        fn: ResidualFunction,
+        y: Point,
+        args: Arguments,
+        options: Mapping[str, Any],
+        state: LMState,
+        tags: frozenset[object],
+    ) -> tuple[Point, LMState, Auxiliary]:
+        bounds = flat_bounds(y, options)
+        vector, unravel = flat_point(y)
+        vector = jnp.clip(vector, bounds["lower"], bounds["upper"])
+        vector, state, aux = self._step(flat_function(fn, unravel), vector, args, bounds, state)
+        return unravel(vector), state, aux
+
+    def _step(
+        self, fn: ResidualFunction, y: Free, args: Arguments, options: Bounds, state: LMState
     ) -> tuple[Free, LMState, Auxiliary]:
+        """`step` on vectors."""
         checking = state.ending != Ending.RUNNING
         proposal = best_step(state, y, options, state.size, state.radius)
         apart = _apart(state, y, options, self.atol)
@@ -247,9 +279,9 @@ class BoundedLevenbergMarquardt(
     def terminate(
         self,
         fn: ResidualFunction,
-        y: Float[Array, " p"],
+        y: Point,
         args: Arguments,
-        options: Bounds,
+        options: Mapping[str, Any],
         state: LMState,
         tags: frozenset[object],
     ) -> tuple[Truth, optx.RESULTS]:
@@ -264,14 +296,14 @@ class BoundedLevenbergMarquardt(
     def postprocess(
         self,
         fn: ResidualFunction,
-        y: Float[Array, " p"],
+        y: Point,
         aux: Auxiliary,
         args: Arguments,
-        options: Bounds,
+        options: Mapping[str, Any],
         state: LMState,
         tags: frozenset[object],
         result: optx.RESULTS,
-    ) -> tuple[Float[Array, " p"], Auxiliary, dict[str, LMState]]:
+    ) -> tuple[Point, Auxiliary, dict[str, LMState]]:
         return y, aux, {"state": state}
 
 

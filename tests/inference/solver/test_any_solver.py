@@ -27,7 +27,8 @@ def study(tmp_path) -> pdssjax.Study:
 @pytest.mark.parametrize("solver", ["scipy", "optimistix"])
 def test_a_study_goes_into_any_solver_in_three_lines(study, solver):
     blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.S)
-    (lines,) = [block for block in blocks if f"import {solver}" in block or f"from {solver}" in block]
+    posed = [block for block in blocks if "pose_problem" in block]
+    (lines,) = [block for block in posed if f"import {solver}" in block or f"from {solver}" in block]
     given = {"pdssjax": pdssjax, "study": study}
     exec(lines, given)
     problem, start, values = given["problem"], given["start"], given["values"]

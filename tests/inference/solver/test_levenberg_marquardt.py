@@ -7,7 +7,8 @@ import optimistix as optx
 import pytest
 from jax import lax
 
-from pdssjax.inference import SUCCESSES, BoundedLevenbergMarquardt, Ending
+from pdssjax import BoundedLevenbergMarquardt
+from pdssjax.inference import SUCCESSES, Ending
 from pdssjax.inference.solver import levenberg_marquardt
 from pdssjax.inference.solver.trust_region import best_step
 

@@ -9,7 +9,8 @@ import pytest
 from beside_scipy import best_of_scipy
 from mgh_problems import PROBLEMS, posed, residual
 
-from pdssjax.inference import SUCCESSES, BoundedLevenbergMarquardt, Ending
+from pdssjax import BoundedLevenbergMarquardt
+from pdssjax.inference import SUCCESSES, Ending
 
 _RESIDUAL = jax.jit(residual)
 _JACOBIAN = jax.jit(jax.jacfwd(residual))

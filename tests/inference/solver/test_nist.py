@@ -9,7 +9,8 @@ import pytest
 from beside_scipy import best_of_scipy
 from nist_strd import DATA, MODELS, regression, residual, starts
 
-from pdssjax.inference import SUCCESSES, BoundedLevenbergMarquardt, Ending, least_squares_covariance
+from pdssjax import BoundedLevenbergMarquardt
+from pdssjax.inference import SUCCESSES, Ending, least_squares_covariance
 
 SEVEN_DIGITS = ("Misra1a", "Thurber", "MGH09")
 """Of the easy, the middling and the hard problems, the ones of which more is asked."""

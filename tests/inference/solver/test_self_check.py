@@ -8,7 +8,8 @@ import optimistix as optx
 import pytest
 import scipy.optimize
 
-from pdssjax.inference import BoundedLevenbergMarquardt, Ending
+from pdssjax import BoundedLevenbergMarquardt
+from pdssjax.inference import Ending
 from pdssjax.inference.solver.derivative_check import CHECKS
 from pdssjax.inference.solver.iterations import iterate
 from pdssjax.inference.solver.kink import along_kink, least_promising

@@ -1,0 +1,128 @@
+"""Other least-squares solvers of optimistix in place of the package's own.
+
+They know no bounds.  Where a parameter has both, it is the mean of them plus half their distance times a sine; with
+one it is the bound plus or minus sqrt(z^2 + 1) - 1 (F. James and M. Roos, Computer Physics Communications 10, 343,
+1975).  What is held is not given to them at all.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeAlias
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+from jaxtyping import Array, Float
+
+from ...core import InputError
+from .levenberg_marquardt import BoundedLevenbergMarquardt
+
+Minimiser: TypeAlias = optx.AbstractLeastSquaresSolver[Any, Any, Any, Any]
+"""Whatever its own state is."""
+
+ResidualFunction: TypeAlias = Callable[[Any, Any], tuple[Float[Array, " n"], Any]]
+"""(point, args) to the residuals and what goes with them."""
+
+_INSIDE = 1e-6
+"""A start on a bound, where the sine has no slope, is moved inwards by this share of the distance."""
+
+
+class Outcome(NamedTuple):
+    """Where another solver ended."""
+
+    point: Float[np.ndarray, " p"]
+    steps: int
+    name: str
+    """Of the solver's class."""
+    message: str
+    """What it says of its end."""
+
+
+def check_minimiser(given: object) -> None:
+    """**Raises** `InputError` for what is no least-squares solver of optimistix."""
+    if not isinstance(given, optx.AbstractLeastSquaresSolver):
+        raise InputError(
+            f"minimiser: found {given!r:.80}, expected a least-squares solver of optimistix, such as "
+            "optimistix.Dogleg(rtol=1e-8, atol=1e-8)."
+        )
+
+
+def minimised(
+    minimiser: Minimiser,
+    residual: ResidualFunction,
+    point: Float[np.ndarray, " p"],
+    args: Any,
+    options: dict[str, Float[np.ndarray, " p"]],
+    limit: int,
+) -> Outcome:
+    """Where `minimiser` ends from `point` within the bounds of `options`, after `limit` steps at most."""
+    low, high = options["lower"], options["upper"]
+    free = np.flatnonzero(low < high)
+    point = np.clip(np.asarray(point, float), low, high)
+    begin = _Bounded(jnp.asarray(low[free]), jnp.asarray(high[free]))
+    fn = _Inserted(residual, jnp.asarray(point), jnp.asarray(free), begin)
+    if isinstance(minimiser, BoundedLevenbergMarquardt):
+        found = _run(minimiser, residual, jnp.asarray(point), args, options, limit)
+        end, message = np.asarray(found.value), found.result
+    else:
+        found = _run(minimiser, fn, begin.unbounded(jnp.asarray(point[free])), args, {"jac": "fwd"}, limit)
+        end, message = np.asarray(fn.point(found.value)), found.result
+    said = optx.RESULTS[message] or "converged by its own tests"
+    return Outcome(
+        np.where(np.isfinite(end), end, point), int(found.stats["num_steps"]), type(minimiser).__name__, said
+    )
+
+
+@eqx.filter_jit
+def _run(minimiser: Minimiser, fn: Any, y: Any, args: Any, options: dict[str, Any], limit: int) -> Any:
+    return optx.least_squares(fn, minimiser, y, args, options, has_aux=True, max_steps=limit, throw=False)
+
+
+class _Bounded(eqx.Module):
+    """Parameters between bounds as functions of unbounded ones."""
+
+    low: Float[Array, " p"]
+    high: Float[Array, " p"]
+
+    def bounded(self, z: Float[Array, " p"]) -> Float[Array, " p"]:
+        low, high, both = self._kinds()
+        reach = jnp.sqrt(z**2 + 1.0) - 1.0
+        middle, half = self._middle()
+        single = jnp.where(low, self._low() + reach, jnp.where(high, self._high() - reach, z))
+        return jnp.where(both, middle + half * jnp.sin(z), single)
+
+    def unbounded(self, y: Float[Array, " p"]) -> Float[Array, " p"]:
+        low, high, both = self._kinds()
+        middle, half = self._middle()
+        share = jnp.clip((y - middle) / jnp.where(half > 0.0, half, 1.0), -1.0 + _INSIDE, 1.0 - _INSIDE)
+        away = jnp.maximum(jnp.where(low, y - self._low(), self._high() - y), _INSIDE)
+        single = jnp.where(low | high, jnp.sqrt((away + 1.0) ** 2 - 1.0), y)
+        return jnp.where(both, jnp.arcsin(share), single)
+
+    def _kinds(self) -> tuple[Array, Array, Array]:
+        low, high = jnp.isfinite(self.low), jnp.isfinite(self.high)
+        return low, high, low & high
+
+    def _low(self) -> Float[Array, " p"]:
+        return jnp.where(jnp.isfinite(self.low), self.low, 0.0)
+
+    def _high(self) -> Float[Array, " p"]:
+        return jnp.where(jnp.isfinite(self.high), self.high, 0.0)
+
+    def _middle(self) -> tuple[Float[Array, " p"], Float[Array, " p"]]:
+        return 0.5 * (self._low() + self._high()), 0.5 * (self._high() - self._low())
+
+
+class _Inserted(eqx.Module):
+    """A residual as a function of the unbounded parameters that are free."""
+
+    residual: ResidualFunction
+    whole: Float[Array, " p"]
+    free: Any
+    scale: _Bounded
+
+    def point(self, z: Float[Array, " free"]) -> Float[Array, " p"]:
+        return self.whole.at[self.free].set(self.scale.bounded(z))
+
+    def __call__(self, z: Float[Array, " free"], args: Any) -> tuple[Float[Array, " n"], Any]:
+        return self.residual(self.point(z), args)

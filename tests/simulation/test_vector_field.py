@@ -1,0 +1,62 @@
+"""The field for diffrax: the motion of `simulate` within one mode, the drive's corners, and what is refused."""
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import pdssjax
+from pdssjax import Actuator
+from pdssjax.drive.sawtooth import Sawtooth
+from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
+from pdssjax.piezo.second_order import SecondOrder
+from pdssjax.simulation._drive_clock import segment_at
+
+ACTUATOR, DRIVE = Actuator(SecondOrder(), AnisotropicLuGre()), Sawtooth(64.0, 5.0, 1e-3)
+_RATES = eqx.filter_jit(lambda f, y: f(0.01, y))
+
+TIMES = np.linspace(0.0, 1e-4, 6)
+"""The platform's first way up; the relative motion has not turned yet."""
+
+
+def test_diffrax_solves_it_as_simulate_does_within_a_mode():
+    f = pdssjax.vector_field(ACTUATOR, DRIVE, "advancing")
+    control = diffrax.PIDController(rtol=1e-11, atol=1e-16)
+    term, saved = diffrax.ODETerm(f), diffrax.SaveAt(ts=jnp.asarray(TIMES))
+    found = diffrax.diffeqsolve(
+        term, diffrax.Tsit5(), 0.0, TIMES[-1], 1e-7, f.initial, stepsize_controller=control, saveat=saved
+    )
+    expected = pdssjax.simulate(ACTUATOR, DRIVE, TIMES)
+    assert int(expected.events) == 0
+    platform, effector = jax.vmap(f.displacements)(found.ys)
+    scale = np.abs(expected.platform).max()
+    np.testing.assert_allclose(platform, expected.platform, atol=1e-7 * scale)
+    np.testing.assert_allclose(effector, expected.effector, atol=1e-7 * scale)
+
+
+def test_components_have_names_and_the_mode_follows_the_velocity():
+    f = pdssjax.vector_field(ACTUATOR, DRIVE)
+    assert f.names[:2] == ("d", "v") and len(f.names) == f.initial.size
+    for velocity, mode in ((1e-3, "advancing"), (-1e-3, "retreating")):
+        y = f.initial.at[1].set(velocity)
+        held = pdssjax.vector_field(ACTUATOR, DRIVE, mode)
+        rates = _RATES(f, y)
+        np.testing.assert_array_equal(rates, _RATES(held, y))
+        np.testing.assert_allclose(rates[0], velocity)
+    stuck = pdssjax.vector_field(ACTUATOR, DRIVE, "stuck")
+    np.testing.assert_array_equal(_RATES(stuck, f.initial)[:2], 0.0)
+
+
+def test_the_segment_is_that_of_the_voltage():
+    times = np.array([0.0, 0.05, 0.2003, 0.21, 0.39, 0.4004, 0.7])
+    level = jax.jit(jax.vmap(lambda s, t: s.voltage(t).level))(*jax.vmap(lambda t: segment_at(DRIVE, t))(times))
+    np.testing.assert_allclose(level, DRIVE.at(jnp.asarray(times)), atol=1e-9)
+    corners = pdssjax.vector_field(ACTUATOR, DRIVE).corners(0.5)
+    np.testing.assert_allclose(corners, [0.2, 0.201, 0.4, 0.401])
+
+
+def test_a_mode_that_is_none_is_refused():
+    with pytest.raises(pdssjax.InputError, match="mode: found 'sliding', expected None, or one of advancing, stuck"):
+        pdssjax.vector_field(ACTUATOR, DRIVE, "sliding")
