@@ -54,7 +54,13 @@ def with_arrays():
     """Every dataclass of the package with an array among its fields that is compared by the dataclass itself."""
     for found in pkgutil.walk_packages(pdssjax.__path__, "pdssjax."):
         if not found.name.startswith(("pdssjax.explore", "pdssjax.__main__")):
-            for kind in vars(importlib.import_module(found.name)).values():
+            try:
+                module = importlib.import_module(found.name)
+            except ModuleNotFoundError as error:
+                if str(error.name).startswith("pdssjax"):
+                    raise
+                continue  # an extra that is not installed
+            for kind in vars(module).values():
                 if isinstance(kind, type) and dataclasses.is_dataclass(kind) and kind.__module__ == found.name:
                     arrays = [field for field in dataclasses.fields(kind) if "ndarray" in str(field.type)]
                     made = getattr(kind.__eq__, "__code__", None)

@@ -64,9 +64,10 @@ def with_error_models(estimate: Estimate, problem: Problem, fit: Fit, report: Pr
 
     As it is where the fit could not start, or no parameter has an error.
     """
-    point = fitted_point(estimate.method, problem, fit)._replace(outlying=_outlying(estimate, problem))
+    point = fitted_point(estimate.method, problem, fit)
     if not point.known.any() or not np.isfinite(point.residual).all() or not np.isfinite(point.jacobian).all():
         return estimate
+    point = point._replace(outlying=_outlying(estimate, problem, point.residual.size))
     factor = variance_factor(problem, fit)
     found = _covariances(point, all_error_models(), factor, None)
     evidence = {name: told.evidence for name, told in found.items()}
@@ -100,9 +101,9 @@ def fitted_point(method: Method, problem: Problem, fit: Fit) -> FittedPoint:
     return FittedPoint(method, problem, fit, np.asarray(fit.state.residual), jacobian, fitted, known)
 
 
-def _outlying(estimate: Estimate, problem: Problem) -> Bool[np.ndarray, " n"]:
-    """Which residuals belong to samples that stand out, as the records of the `estimate` have it."""
-    out = np.zeros(problem.residual.size, bool)
+def _outlying(estimate: Estimate, problem: Problem, count: int) -> Bool[np.ndarray, " n"]:
+    """Which of `count` residuals belong to samples that stand out, as the records of the `estimate` have it."""
+    out = np.zeros(count, bool)
     fitted = [record for record in estimate.records if record.role == "fit"]
     for record, rows in zip(fitted, problem.rows, strict=True):
         out[rows][record.outliers] = True
