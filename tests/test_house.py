@@ -268,7 +268,7 @@ def test_what_is_imported_is_declared_and_what_is_needed_is_imported():
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: str(path.relative_to(ROOT)))
 def test_files_and_functions_stay_short(path):
     text = path.read_text(encoding="utf-8")
-    assert len(text.splitlines()) < 400
+    assert len(text.splitlines()) < 450
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.FunctionDef) and PACKAGE in path.parents:
             assert node.end_lineno - node.lineno < MOST_LINES, f"{node.name} is too long"

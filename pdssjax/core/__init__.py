@@ -9,8 +9,10 @@ if TYPE_CHECKING:
     from .arguments import ascending_times as ascending_times
     from .arrays import Count as Count
     from .arrays import Document as Document
+    from .arrays import Given as Given
     from .arrays import Scalar as Scalar
     from .arrays import ScalarLike as ScalarLike
+    from .arrays import Tree as Tree
     from .arrays import Truth as Truth
     from .blas_threads import one_blas_thread as one_blas_thread
     from .by_value import equal_by_value as equal_by_value
@@ -76,7 +78,7 @@ else:
         __name__,
         {
             "arguments": ["ascending_times"],
-            "arrays": ["Count", "Document", "Scalar", "ScalarLike", "Truth"],
+            "arrays": ["Count", "Document", "Given", "Scalar", "ScalarLike", "Tree", "Truth"],
             "blas_threads": ["one_blas_thread"],
             "by_value": ["equal_by_value"],
             "display_units": [

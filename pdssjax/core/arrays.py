@@ -24,3 +24,6 @@ Document: TypeAlias = dict[str, Any]
 
 Given: TypeAlias = Any
 """What a user passes for a number or an array: of no known type until it has been checked."""
+
+Tree: TypeAlias = Any
+"""A pytree, or what a library passes along with one: its structure is its owner's."""

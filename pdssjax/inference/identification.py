@@ -5,11 +5,12 @@ import functools
 import time
 from collections.abc import Callable
 from concurrent.futures import Executor
-from typing import Any, Literal, NamedTuple, TypeAlias, get_args
+from typing import Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 
 from ..core import (
+    Given,
     InputError,
     check_executor,
     check_kind,
@@ -75,7 +76,7 @@ def identify(
     executor: Executor | None = None,
     progress: Progress | None = None,
     accuracy: Accuracy | None = None,
-    solver: Any = None,
+    solver: Given = None,
     minimiser: Minimiser | None = None,
 ) -> Estimate:
     """The free parameters of a study from its records with role "fit", with uncertainties.
@@ -206,7 +207,7 @@ def _way(method: Method, minimiser: Minimiser | None) -> FitMethod:
     return run
 
 
-def _fineness(study: Study, accuracy: Accuracy | None, solver: Any) -> Accuracy:
+def _fineness(study: Study, accuracy: Accuracy | None, solver: Given) -> Accuracy:
     """How to integrate: as asked for, else as the study says."""
     if accuracy is not None and solver is not None:
         raise InputError("solver: found one beside an accuracy, expected one of both: Accuracy(method=...) says both.")

@@ -59,6 +59,7 @@ _CALL.multiple_results = True
 # primitives that hold one.
 _Call: TypeAlias = Callable[..., list[Array]]
 _Types: TypeAlias = tuple[Any, ...]
+"""What JAX knows of each result, in a class of its own."""
 
 
 def _computed(*leaves: Array, call: _Call, types: _Types, rule: _FlatRule) -> list[Array]:

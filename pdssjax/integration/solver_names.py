@@ -1,8 +1,8 @@
 """The integrators that a study, a command or `Accuracy` may name."""
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from ..core import InputError, nearest
+from ..core import Given, InputError, nearest
 
 if TYPE_CHECKING:
     from .accuracy import Accuracy
@@ -29,7 +29,7 @@ _ROOM = 16384
 """Steps that a solver of diffrax may take: of fifth order it needs ten times as many as the series."""
 
 
-def step_method(solver: Any) -> "AbstractStepMethod":
+def step_method(solver: Given) -> "AbstractStepMethod":
     """The step method that `solver` stands for: one of `SOLVERS`, a solver of diffrax, or a step method itself.
 
     **Raises:** `InputError` for anything else, and for a solver without an error estimate.
@@ -57,7 +57,7 @@ def step_method(solver: Any) -> "AbstractStepMethod":
     )
 
 
-def accuracy_with(solver: Any) -> "Accuracy":
+def accuracy_with(solver: Given) -> "Accuracy":
     """The default accuracy by another integrator, with room for the steps that it needs.
 
     **Raises:** `InputError` as `step_method` does.

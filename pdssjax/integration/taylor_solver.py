@@ -6,7 +6,7 @@ coefficients are displacements over the step and neither overflow nor vanish.
 """
 
 from collections.abc import Callable
-from typing import Any, ClassVar, TypeAlias
+from typing import ClassVar, TypeAlias
 
 import diffrax
 import equinox as eqx
@@ -17,7 +17,7 @@ from jax.experimental.jet import jet
 from jax.extend.core import Primitive
 from jaxtyping import Array, Bool, Float, PyTree
 
-from ..core import InputError, Scalar, ScalarLike
+from ..core import InputError, Scalar, ScalarLike, Tree
 
 State: TypeAlias = PyTree[Float[Array, "..."]]
 """Whatever is integrated."""
@@ -61,7 +61,7 @@ class TaylorSolver(diffrax.AbstractAdaptiveSolver[None]):
     """
 
     order_: int = eqx.field(static=True)
-    term_structure: ClassVar[Any] = diffrax.ODETerm
+    term_structure: ClassVar[Tree] = diffrax.ODETerm
     interpolation_cls: ClassVar[Callable[..., TaylorInterpolation]] = TaylorInterpolation
 
     def __init__(self, order: int = 22):
@@ -69,11 +69,11 @@ class TaylorSolver(diffrax.AbstractAdaptiveSolver[None]):
             raise InputError(f"TaylorSolver: order: found {order!r:.80}, expected a whole number of at least 2.")
         self.order_ = order
 
-    def order(self, terms: Any) -> int:
+    def order(self, terms: Tree) -> int:
         """That of the series; the error estimate, its last term, falls with the same power of the step."""
         return self.order_
 
-    def init(self, terms: Any, t0: ScalarLike, t1: ScalarLike, y0: State, args: Any) -> None:
+    def init(self, terms: Tree, t0: ScalarLike, t1: ScalarLike, y0: State, args: Tree) -> None:
         """Keeps nothing from one step to the next."""
         for leaf in jax.tree.leaves(y0):
             if not jnp.issubdtype(jnp.result_type(leaf), jnp.floating):
@@ -83,11 +83,11 @@ class TaylorSolver(diffrax.AbstractAdaptiveSolver[None]):
 
     def step(
         self,
-        terms: Any,
+        terms: Tree,
         t0: ScalarLike,
         t1: ScalarLike,
         y0: State,
-        args: Any,
+        args: Tree,
         solver_state: None,
         made_jump: bool | Bool[Array, ""],
     ) -> tuple[State, State, dict[str, Coefficients], None, diffrax.RESULTS]:
@@ -103,7 +103,7 @@ class TaylorSolver(diffrax.AbstractAdaptiveSolver[None]):
         error = jax.tree.map(lambda rows: jnp.abs(rows[-1]), coefficients)
         return y1, error, {"coefficients": coefficients}, None, diffrax.RESULTS.successful
 
-    def func(self, terms: Any, t0: ScalarLike, y0: State, args: Any) -> Any:
+    def func(self, terms: Tree, t0: ScalarLike, y0: State, args: Tree) -> Tree:
         return terms.vf(t0, y0, args)
 
 

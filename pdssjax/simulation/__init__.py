@@ -6,6 +6,7 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from .flat_vector_field import vector_field as vector_field
     from .grazing_reversals import grazing as grazing
     from .grazing_reversals import turns as turns
     from .observation import Inside as Inside
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
     from .trajectory import displacements as displacements
     from .trajectory import platform as platform
     from .trajectory import simulate as simulate
-    from .vector_field import vector_field as vector_field
 else:
     from ..core.lazy import lazy_exports
 
@@ -54,6 +54,6 @@ else:
             "systems.prescribed_motion": ["PrescribedMotion"],
             "systems.stick_slip": ["StickSlip"],
             "trajectory": ["TRAJECTORY_UNITS", "Trajectory", "displacements", "platform", "simulate"],
-            "vector_field": ["vector_field"],
+            "flat_vector_field": ["vector_field"],
         },
     )

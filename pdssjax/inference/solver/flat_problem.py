@@ -1,17 +1,16 @@
 """A residual between bounds on any pytree as one of vectors, which is what the solver works on."""
 
 from collections.abc import Callable, Mapping
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 
-from ...core import InputError
+from ...core import InputError, Tree
 from .trust_region import Bounds
 
 
-def flat_bounds(y: Any, options: Mapping[str, Any]) -> Bounds:
+def flat_bounds(y: Tree, options: Mapping[str, Tree]) -> Bounds:
     """The "lower" and "upper" of `options` as vectors; one that is left out is infinite.
 
     **Arguments:** each is a number for all of the point `y`, or a pytree of the structure of `y` whose leaves
@@ -26,7 +25,7 @@ def flat_bounds(y: Any, options: Mapping[str, Any]) -> Bounds:
     return {name: _vector(name, end, y) for name, end in ends.items()}
 
 
-def _vector(name: str, end: Any, y: Any) -> Any:
+def _vector(name: str, end: Tree, y: Tree) -> Tree:
     leaves, structure = jax.tree.flatten(y)
     given, form = jax.tree.flatten(end)
     if form != structure and len(given) == 1 and jnp.ndim(given[0]) == 0:
@@ -45,21 +44,21 @@ def _broadcasts(shape: tuple[int, ...], to: tuple[int, ...]) -> bool:
     return missing >= 0 and all(a in (1, b) for a, b in zip(shape, to[missing:], strict=True))
 
 
-def is_vector(y: Any) -> bool:
+def is_vector(y: Tree) -> bool:
     """Whether `y` is one array of one axis."""
     return hasattr(y, "ndim") and y.ndim == 1
 
 
-def flat_function(fn: Callable[[Any, Any], Any], unravel: Callable[[Any], Any]) -> Callable[[Any, Any], Any]:
+def flat_function(fn: Callable[[Tree, Tree], Tree], unravel: Callable[[Tree], Tree]) -> Callable[[Tree, Tree], Tree]:
     """`fn` as a function of the vector that `unravel` makes a point of, with its residuals as one vector."""
 
-    def flat(y: Any, args: Any) -> Any:
+    def flat(y: Tree, args: Tree) -> Tree:
         out, aux = fn(unravel(y), args)
         return (out if is_vector(out) else ravel_pytree(out)[0]), aux
 
     return flat
 
 
-def flat_point(y: Any) -> tuple[Any, Callable[[Any], Any]]:
+def flat_point(y: Tree) -> tuple[Tree, Callable[[Tree], Tree]]:
     """`y` as a vector, and what makes a point of such a vector again."""
     return (y, lambda vector: vector) if is_vector(y) else ravel_pytree(y)

@@ -28,7 +28,7 @@ import optimistix as optx
 from jax import lax
 from jaxtyping import Array, Float
 
-from ...core import Scalar, ScalarLike, Truth
+from ...core import Scalar, ScalarLike, Tree, Truth
 from .box_least_squares import triangle
 from .derivative_check import (
     AGREES,
@@ -78,7 +78,7 @@ Arguments: TypeAlias = Any
 """Handed on to the function, a pytree; of a fit the weights of the records."""
 
 
-class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Any, Any, Auxiliary, LMState]):
+class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Tree, Tree, Auxiliary, LMState]):
     """Levenberg-Marquardt between bounds, for any residual, as a solver of `optimistix.least_squares`.
 
         solver = pdssjax.BoundedLevenbergMarquardt(rtol=1e-12)
@@ -118,8 +118,8 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Any, Any, Auxili
         fn: ResidualFunction,
         y: Point,
         args: Arguments,
-        options: Mapping[str, Any],
-        f_struct: Any,
+        options: Mapping[str, Tree],
+        f_struct: Tree,
         aux_struct: Auxiliary,
         tags: frozenset[object],
     ) -> LMState:
@@ -162,7 +162,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Any, Any, Auxili
         fn: ResidualFunction,
         y: Point,
         args: Arguments,
-        options: Mapping[str, Any],
+        options: Mapping[str, Tree],
         state: LMState,
         tags: frozenset[object],
     ) -> tuple[Point, LMState, Auxiliary]:
@@ -281,7 +281,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Any, Any, Auxili
         fn: ResidualFunction,
         y: Point,
         args: Arguments,
-        options: Mapping[str, Any],
+        options: Mapping[str, Tree],
         state: LMState,
         tags: frozenset[object],
     ) -> tuple[Truth, optx.RESULTS]:
@@ -299,7 +299,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Any, Any, Auxili
         y: Point,
         aux: Auxiliary,
         args: Arguments,
-        options: Mapping[str, Any],
+        options: Mapping[str, Tree],
         state: LMState,
         tags: frozenset[object],
         result: optx.RESULTS,
@@ -340,10 +340,10 @@ def _evaluated(
     return step, residual, ends
 
 
-def _linearised(fn: ResidualFunction, y: Float[Array, " p"], args: Arguments) -> tuple[Any, Any]:
+def _linearised(fn: ResidualFunction, y: Float[Array, " p"], args: Arguments) -> tuple[Tree, Tree]:
     """What the function gives, and the Jacobian of each of its two parts."""
 
-    def both(y: Float[Array, " p"]) -> tuple[Any, Any]:
+    def both(y: Float[Array, " p"]) -> tuple[Tree, Tree]:
         out = fn(y, args)
         return out, out
 
@@ -351,7 +351,7 @@ def _linearised(fn: ResidualFunction, y: Float[Array, " p"], args: Arguments) ->
     return out, slopes
 
 
-def _with_slopes(state: LMState, y: Float[Array, " p"], out: Any, slopes: Any) -> LMState:
+def _with_slopes(state: LMState, y: Float[Array, " p"], out: Tree, slopes: Tree) -> LMState:
     """`state` at the point `y`, where the function gives `out`, with these Jacobians."""
     (residual, aux), (jacobian, aux_jacobian) = out, slopes
     # What is left of a column by rounding would have its parameter thrown about, and no gradient ever small.

@@ -14,7 +14,7 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float
 
-from ...core import InputError
+from ...core import InputError, Tree
 from .levenberg_marquardt import BoundedLevenbergMarquardt
 
 Minimiser: TypeAlias = optx.AbstractLeastSquaresSolver[Any, Any, Any, Any]
@@ -51,7 +51,7 @@ def minimised(
     minimiser: Minimiser,
     residual: ResidualFunction,
     point: Float[np.ndarray, " p"],
-    args: Any,
+    args: Tree,
     options: dict[str, Float[np.ndarray, " p"]],
     limit: int,
 ) -> Outcome:
@@ -74,7 +74,7 @@ def minimised(
 
 
 @eqx.filter_jit
-def _run(minimiser: Minimiser, fn: Any, y: Any, args: Any, options: dict[str, Any], limit: int) -> Any:
+def _run(minimiser: Minimiser, fn: Tree, y: Tree, args: Tree, options: dict[str, Tree], limit: int) -> Tree:
     return optx.least_squares(fn, minimiser, y, args, options, has_aux=True, max_steps=limit, throw=False)
 
 
@@ -118,11 +118,11 @@ class _Inserted(eqx.Module):
 
     residual: ResidualFunction
     whole: Float[Array, " p"]
-    free: Any
+    free: Tree
     scale: _Bounded
 
     def point(self, z: Float[Array, " free"]) -> Float[Array, " p"]:
         return self.whole.at[self.free].set(self.scale.bounded(z))
 
-    def __call__(self, z: Float[Array, " free"], args: Any) -> tuple[Float[Array, " n"], Any]:
+    def __call__(self, z: Float[Array, " free"], args: Tree) -> tuple[Float[Array, " n"], Tree]:
         return self.residual(self.point(z), args)
