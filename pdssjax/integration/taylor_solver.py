@@ -74,7 +74,10 @@ class TaylorSolver(diffrax.AbstractAdaptiveSolver[None]):
         return self.order_
 
     def init(self, terms: Tree, t0: ScalarLike, t1: ScalarLike, y0: State, args: Tree) -> None:
-        """Keeps nothing from one step to the next."""
+        """Keep nothing from one step to the next.
+
+        **Raises:** `InputError` for a state that is not of real floating-point numbers.
+        """
         for leaf in jax.tree.leaves(y0):
             if not jnp.issubdtype(jnp.result_type(leaf), jnp.floating):
                 raise InputError(
@@ -91,7 +94,7 @@ class TaylorSolver(diffrax.AbstractAdaptiveSolver[None]):
         solver_state: None,
         made_jump: bool | Bool[Array, ""],
     ) -> tuple[State, State, dict[str, Coefficients], None, diffrax.RESULTS]:
-        """The series over one step; its last term is the error estimate."""
+        """The series over one step; its last term is the error estimate, in the units of the state."""
         control = terms.contr(t0, t1)
         share = jnp.asarray(t1 - t0)
 
