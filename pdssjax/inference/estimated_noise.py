@@ -34,4 +34,4 @@ def _noise_left(problem: Problem, fit: Fit) -> Float[np.ndarray, " records"]:
     sizes = np.array([record.time.size for record in problem.records])
     scatter, parts = problem.residual.loss.scatter, by_record(problem, fit)
     pairs = zip(parts, sizes - degrees_taken(problem, fit), strict=True)
-    return problem.noise * np.array([scatter(*pair) for pair in pairs])
+    return problem.noise * np.array([scatter(*pair) for pair in pairs])  # pyright: ignore[reportReturnType]

@@ -190,7 +190,7 @@ def _with_intervals(estimate: Estimate, found: Found, request: _Request) -> Esti
 def _check_way(study: Study, method: str, intervals: Intervals, executor: Executor | None) -> None:
     """**Raises** `InputError` where a `study` cannot be fitted so; warns where a record moves against its drive."""
     check_method(study, method)
-    check_intervals(intervals, method, executor)
+    check_intervals(intervals, method, executor)  # pyright: ignore[reportArgumentType]
     question_signs([record for record in study.records if record.role == "fit"])
 
 

@@ -133,7 +133,7 @@ class FlattenedSystem(AbstractHybridSystem):
         elapsed = length * points.nodes
         states = jnp.sum(elapsed[:, None, None] ** np.arange(size)[:, None] * coefficients, axis=1)
         start = constant(t_local)
-        at = lambda later, state: jnp.stack([jnp.zeros(()), *self.guards(segment, start + later, tuple(state), mode)])
+        at = lambda later, state: jnp.stack([jnp.zeros(()), *self.guards(segment, start + later, tuple(state), mode)])  # pyright: ignore[reportArgumentType]
         values = jax.vmap(at)(elapsed, states)[:, 1:]
         fitted = points.powers(values) / length ** np.arange(_GUARD_DEGREE + 1.0)[:, None]
         fitted = fitted.at[0].set(values[0])

@@ -136,7 +136,7 @@ def _flattened(
     expands: bool,
 ) -> FlattenedSystem:
     """The system with its start, as the integrator wants it; **raises** `InputError` for what it cannot be."""
-    if not isinstance(system, HybridSystem):
+    if not isinstance(system, HybridSystem):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise InputError(f"integrate: found a system {system!r:.60}, expected a pdssjax.integration.HybridSystem.")
     y0 = jax.tree.map(_floating, y0)
     shapes = tuple(leaf.shape for leaf in jax.tree.leaves(y0))
@@ -225,7 +225,7 @@ def _has_negative_guard(flat: FlattenedSystem, run: SteppedRun) -> Truth:
 
 def _thrown(solution: Solution) -> Solution:
     """The solution, or an error where it is none: at once, or when a traced one is computed."""
-    if not isinstance(solution.result, jax.core.Tracer):
+    if not isinstance(solution.result, jax.core.Tracer):  # pyright: ignore[reportAttributeAccessIssue]
         if int(solution.result):
             raise RuntimeError(_sentence(solution.message))
         return solution
@@ -264,7 +264,7 @@ def _spread(tolerance: Tree, y0: Tree, what: str) -> Float[Array, " components"]
             f"integrate: found `{what}` {tolerance!r:.60}, expected one number or a pytree like `y0`."
         ) from error
     spread = lax.stop_gradient(jnp.concatenate(parts))
-    if not isinstance(spread, jax.core.Tracer) and not (np.asarray(spread) > 0.0).all():
+    if not isinstance(spread, jax.core.Tracer) and not (np.asarray(spread) > 0.0).all():  # pyright: ignore[reportAttributeAccessIssue]
         raise InputError(f"integrate: found `{what}` {tolerance!r:.60}, expected positive numbers.")
     return spread
 
@@ -276,7 +276,7 @@ def _check_times(t0: Array, t1: Array, ts: Array) -> None:
             f"integrate: found `t0`, `t1`, `saveat` of shape {t0.shape}, {t1.shape}, {ts.shape}, expected two numbers "
             "and an array with one axis."
         )
-    if any(isinstance(time, jax.core.Tracer) for time in (t0, t1, ts)):
+    if any(isinstance(time, jax.core.Tracer) for time in (t0, t1, ts)):  # pyright: ignore[reportAttributeAccessIssue]
         return
     if not (np.isfinite(t0) and np.isfinite(t1) and t1 > t0):
         raise InputError(f"integrate: found `t1` = {t1:g}, expected a finite time after `t0` = {t0:g}.")

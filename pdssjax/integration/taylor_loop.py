@@ -87,7 +87,7 @@ def recorded(field: Field, time: ScalarLike, state: Sequence[ScalarLike]) -> Rec
         Node(
             node.rule,
             tuple(place[id(x)] for x in node.operands),
-            tuple(_literal(number) if is_literal(number) else None for number in node.numbers),
+            tuple(_literal(number) if is_literal(number) else None for number in node.numbers),  # pyright: ignore[reportArgumentType]
         )
         for node in order.values()
     )

@@ -5,6 +5,10 @@ of the next one.  `jax.experimental.jet` expands f along the series.  The step's
 coefficients are displacements over the step and neither overflow nor vanish.
 """
 
+# What diffrax passes are pytrees, of which the checker knows nothing.
+# pyright: reportUnknownParameterType=false, reportIncompatibleMethodOverride=false
+# pyright: reportIncompatibleVariableOverride=false, reportUnnecessaryIsInstance=false
+
 from collections.abc import Callable
 from typing import ClassVar, TypeAlias
 
