@@ -71,7 +71,7 @@ def test_where_nothing_fails_there_is_no_cause(stalled):
 def test_a_virtual_rig_and_a_simulation_name_it_too(stalled, tmp_path, capsys):
     with pytest.raises(InputError, match=r"study\.toml: found a simulation that fails.*amplifier\.bandwidth at "):
         make_recordings(stalled)
-    assert main(["simulate", str(stalled.path), "--out", str(tmp_path / "out")]) == 0
+    assert main(["simulate", str(stalled.path), "--out", str(tmp_path / "out")]) == 3
     printed = capsys.readouterr()
     assert "simulation failed" in printed.out
     assert "With amplifier.bandwidth at" in printed.err
