@@ -12,7 +12,7 @@ from ..actuator import Actuator
 from ..core import InputError, Scalar, ScalarLike, require_float64
 from ..drive.base import AbstractDrive
 from ..integration import Accuracy, unflattener
-from ._drive_clock import segment_at
+from ._drive_clock import DriveClock, clock_of
 from .steady_cycles import checked_arguments
 from .systems._stick_slip_state import ADVANCING, RETREATING, STUCK, StickSlipState
 from .systems._sticking import mode_from_rest
@@ -28,13 +28,16 @@ class VectorField(eqx.Module):
     """`f(t, y, args)`, the time derivative of the flat state `y` at the time `t` [s]; see `vector_field`."""
 
     system: StickSlip
+    clock: DriveClock
+    initial: Float[Array, " components"]
+    """The state at t = 0, at rest, just after the drive has begun; shape (components,)."""
     mode: ContactMode | None = eqx.field(static=True)
 
     def __call__(
         self, t: ScalarLike, y: Float[Array, " components"], args: object = None
     ) -> Float[Array, " components"]:
         """The rates of the components, shape (components,), each in its unit a second; `args` are not used."""
-        segment, t_local = segment_at(self.system.drive, jnp.asarray(t, float))
+        segment, t_local = self.clock.at(jnp.asarray(t, float))
         x = self._state(y)
         if self.mode is not None:
             mode = jnp.asarray(_MODES[self.mode])
@@ -42,13 +45,6 @@ class VectorField(eqx.Module):
             at_rest = mode_from_rest(self.system.actuator, segment, t_local, x, ended=0.0)
             mode = jnp.where(x.v == 0.0, at_rest, jnp.sign(x.v))
         return jnp.stack(jax.tree.leaves(self.system.rates(segment, t_local, x, mode)))
-
-    @property
-    def initial(self) -> Float[Array, " components"]:
-        """The state at t = 0, at rest, just after the drive has begun; shape (components,)."""
-        zero = jnp.zeros(())
-        x, _ = self.system.on_segment_start(self.system.segment(zero), self.system.initial(), zero)
-        return jnp.stack([jnp.asarray(leaf, float) for leaf in jax.tree.leaves(x)])
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -103,4 +99,13 @@ def vector_field(actuator: Actuator, drive: AbstractDrive, mode: ContactMode | N
     if mode is not None and mode not in _MODES:
         raise InputError(f"mode: found {mode!r:.80}, expected None, or one of {', '.join(_MODES)}.")
     actuator, drive, _ = checked_arguments(actuator, drive, Accuracy())
-    return VectorField(StickSlip(actuator, drive), mode)
+    system = StickSlip(actuator, drive)
+    return VectorField(system, clock_of(drive), _initial(system), mode)
+
+
+@eqx.filter_jit
+def _initial(system: StickSlip) -> Float[Array, " components"]:
+    """The components of the state in which the first segment begins."""
+    zero = jnp.zeros(())
+    x, _ = system.on_segment_start(system.segment(zero), system.initial(), zero)
+    return jnp.stack([jnp.asarray(leaf, float) for leaf in jax.tree.leaves(x)])
