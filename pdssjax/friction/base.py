@@ -56,6 +56,12 @@ class AbstractFriction(AbstractModel):
     """Parameters and the numbers of them with which the force depends on the path alone, not on how fast it is
     travelled; empty where it never knows the rate, None where it always does."""
 
+    flags_shape_force: ClassVar[bool] = True
+    """Whether the force of a law with events depends on the flags that they set, as bonds and saturation do.
+
+    Not where a flag only ends a step: then `rate` and `force` are right whatever it says.
+    """
+
     @abc.abstractmethod
     def initial(self) -> State:
         """The internal state of the undisturbed contact."""

@@ -12,6 +12,8 @@ C. Canudas de Wit et al., IEEE Trans. Automatic Control 40(3), 1995; on passivit
 N. Barabanov and R. Ortega, IEEE Trans. Automatic Control 45(4), 2000.
 """
 
+from typing import ClassVar
+
 import jax.numpy as jnp
 
 from ..core import Scalar, ScalarLike
@@ -24,6 +26,8 @@ from .base import State, Terms, deflection_scale
 
 class LuGre(AbstractStribeckBristle):
     """One mean bristle deflection z [m], whose limit depends on the velocity; a flag tells fast sliding."""
+
+    flags_shape_force: ClassVar = False
 
     def rate(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:
         level = stribeck_curve(v, self.f_c, self.f_s, self.v_s)

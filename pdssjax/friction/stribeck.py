@@ -42,6 +42,7 @@ class Stribeck(AbstractFriction):
     """
 
     at_rest: ClassVar = "set-valued"
+    flags_shape_force: ClassVar = False
 
     f_c: float = quantity(0.55, "N")
     """Coulomb force f_c, of fast sliding without its viscous part [N]."""

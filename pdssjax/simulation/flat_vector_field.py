@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 from ..actuator import Actuator
 from ..core import InputError, Scalar, ScalarLike, require_float64
 from ..drive.base import AbstractDrive
+from ..friction.base import AbstractFriction
 from ..integration import Accuracy, unflattener
 from ._drive_clock import DriveClock, clock_of
 from .steady_cycles import checked_arguments
@@ -90,17 +91,36 @@ def vector_field(actuator: Actuator, drive: AbstractDrive, mode: ContactMode | N
     `Study.predict` locate the events, by any solver, and differentiate rightly.
 
     **Arguments:** `mode` holds the field of one mode, smooth and right as long as the contact stays in it; None takes
-    the mode from the sign of v.  Events that change the state besides (flags of fast sliding, memory of a reversal,
-    the jump of a platform without inertia) are `simulate`'s alone.
+    the mode from the sign of v.
 
-    **Raises:** `InputError` for an actuator, a drive or a mode of another kind, and in single precision.
+    **Raises:** `InputError` for an actuator, a drive or a mode of another kind, and in single precision; without a
+    `mode` also for a part whose state changes at events, which a field cannot tell: a law with bonds or saturation,
+    hysteresis, an amplifier that slews, a stop, a platform without inertia.
     """
     require_float64("vector_field")
     if mode is not None and mode not in _MODES:
         raise InputError(f"mode: found {mode!r:.80}, expected None, or one of {', '.join(_MODES)}.")
     actuator, drive, _ = checked_arguments(actuator, drive, Accuracy())
     system = StickSlip(actuator, drive)
+    if mode is None and (part := _part_with_events(system)):
+        raise InputError(
+            f"vector_field: found {part}, whose state changes at events that a field does not tell, expected parts "
+            "whose state is smooth; `pdssjax.simulate` has the events, and `mode` a field that is right between them."
+        )
     return VectorField(system, clock_of(drive), _initial(system), mode)
+
+
+def _part_with_events(system: StickSlip) -> str:
+    """The first part of an actuator that changes its state at an event of its own; empty where none does."""
+    actuator = system.actuator
+    law, platform = actuator.friction, actuator.driven_platform
+    if law.flags_shape_force and type(law).after_event is not AbstractFriction.after_event:
+        return f"the friction law {type(law).__name__}"
+    if actuator.stop is not None:
+        return "a stop"
+    if platform.state_jumps or platform.guards(system.segment(jnp.zeros(())), 0.0, platform.initial()):
+        return f"the platform's {type(actuator.piezo).__name__} and its amplifier"
+    return ""
 
 
 @eqx.filter_jit

@@ -11,7 +11,12 @@ import pdssjax
 from pdssjax import Actuator
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
+from pdssjax.friction.dahl import Dahl
+from pdssjax.friction.lugre import LuGre
+from pdssjax.friction.reset_integrator import ResetIntegrator
+from pdssjax.piezo.maxwell_slip import MaxwellSlip
 from pdssjax.piezo.second_order import SecondOrder
+from pdssjax.piezo.static import Static
 from pdssjax.simulation._drive_clock import clock_of
 
 ACTUATOR, DRIVE = Actuator(SecondOrder(), AnisotropicLuGre()), Sawtooth(64.0, 5.0, 1e-3)
@@ -55,6 +60,25 @@ def test_the_segment_is_that_of_the_voltage():
     np.testing.assert_allclose(level, DRIVE.at(jnp.asarray(times)), atol=1e-9)
     corners = pdssjax.vector_field(ACTUATOR, DRIVE).corners(0.5)
     np.testing.assert_allclose(corners, [0.2, 0.201, 0.4, 0.401])
+
+
+@pytest.mark.parametrize(
+    ("part", "actuator"),
+    [
+        ("ResetIntegrator", Actuator(SecondOrder(), ResetIntegrator())),
+        ("Dahl", Actuator(SecondOrder(), Dahl())),
+        ("Static", Actuator(Static(), AnisotropicLuGre())),
+        ("MaxwellSlip", Actuator(MaxwellSlip(), AnisotropicLuGre())),
+    ],
+)
+def test_a_part_with_events_of_its_own_is_refused_but_within_a_mode(part, actuator):
+    with pytest.raises(pdssjax.InputError, match=f"vector_field: found .*{part}.* whose state changes at events"):
+        pdssjax.vector_field(actuator, DRIVE)
+    assert pdssjax.vector_field(actuator, DRIVE, "advancing").mode == "advancing"
+
+
+def test_flags_that_only_end_a_step_are_no_events():
+    assert pdssjax.vector_field(Actuator(SecondOrder(), LuGre()), DRIVE).mode is None
 
 
 def test_a_mode_that_is_none_is_refused():
