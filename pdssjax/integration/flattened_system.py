@@ -13,9 +13,9 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int
 
-from ..core import Count, InputError, Scalar, ScalarLike
+from ..core import Count, InputError, Scalar, ScalarLike, Tree
 from .chebyshev import basis
-from .hybrid_system import HybridSystem, Tree
+from .hybrid_system import HybridSystem
 from .system import AbstractHybridSystem, State
 from .taylor_series import Series, Term, constant, polynomial, weighted
 

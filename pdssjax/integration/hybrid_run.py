@@ -11,10 +11,10 @@ from jax import lax
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
-from ..core import Count, InputError, Scalar, ScalarLike, Truth, require_float64
+from ..core import Count, InputError, Scalar, ScalarLike, Tree, Truth, require_float64
 from .accuracy import Accuracy
 from .flattened_system import FlattenedSystem, Layout
-from .hybrid_system import HybridSystem, Mode, Tree
+from .hybrid_system import HybridSystem, Mode
 from .polynomials import horner
 from .solution import SteppedRun, integrate_steps, states_at
 from .step_methods.base import AbstractStepMethod

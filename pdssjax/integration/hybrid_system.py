@@ -2,16 +2,13 @@
 
 import abc
 from collections.abc import Sequence
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..core import Count, Scalar
-
-Tree: TypeAlias = Any
-"""A pytree of floating-point arrays, whatever its author chose: no type can say for all."""
+from ..core import Count, Scalar, Tree
 
 Mode: TypeAlias = int | Count
 """A whole number from 0 on, which may be traced."""

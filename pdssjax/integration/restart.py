@@ -6,6 +6,7 @@ from jaxtyping import Array, Float
 
 from ..core import Scalar, ScalarLike, Truth
 from .system import AbstractHybridSystem, AnySegment, InputSegment, State, Term, unflattener
+from .taylor_series import Series
 
 
 class Restarted(AbstractHybridSystem):
@@ -39,6 +40,14 @@ class Restarted(AbstractHybridSystem):
 
     def state_scale(self) -> State:
         return self.system.state_scale()
+
+    def error_scale(self, x: State) -> State:
+        return self.system.error_scale(x)
+
+    def guards_along(
+        self, segment: InputSegment, t_local: Term, x: State, mode: Scalar, size: int, length: Scalar
+    ) -> tuple[tuple[Series, ...], int]:
+        return self.system.guards_along(segment, t_local, x, mode, size, length)
 
     def rates(self, segment: InputSegment, t_local: Scalar, x: State, mode: Scalar) -> State:
         return self.system.rates(segment, t_local, x, mode)

@@ -17,10 +17,9 @@ from jax.extend.core import Primitive, jaxpr_as_fun
 from jax.interpreters import ad, batching, mlir
 from jaxtyping import Array
 
-Result = TypeVar("Result")
+from ..core import Tree
 
-Argument: TypeAlias = Any
-"""A pytree, whatever its leaves; those that are arrays may move."""
+Result = TypeVar("Result")
 
 Rule: TypeAlias = Callable[[tuple[Any, ...], tuple[Any, ...]], tuple[Any, Any]]
 """From arguments and their tangents (None: nothing moves) to the result and its tangents (None: it does not move)."""
@@ -30,10 +29,11 @@ _FlatRule: TypeAlias = Callable[
 ]
 
 
-def ruled_call(function: Callable[..., Result], rule: Rule, *args: Argument) -> Result:
+def ruled_call(function: Callable[..., Result], rule: Rule, *args: Tree) -> Result:
     """`function(*args)`, a pytree of arrays, whose derivatives follow from `rule`.
 
-    **Arguments:** neither `function` nor `rule` may hold traced arrays that are not among `args`.
+    **Arguments:** `args` are pytrees, of which the arrays may move.  Neither `function` nor `rule` may hold traced
+    arrays that are not among them.
     """
     arrays, static = eqx.partition(args, eqx.is_array)
     leaves, structure = jax.tree.flatten(arrays)

@@ -5,6 +5,7 @@ field does after the switch follows in the next step.  To second order it moves 
 (`moving_end`).
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -13,8 +14,8 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float
 
-from ..core import Scalar, Truth
-from .step_table import read
+from ..core import Count, Scalar, Truth
+from .step_table import Row, read
 from .system import SETTLED, AbstractHybridSystem, InputSegment, State, has_guards, unflattener
 
 _SMALL = 1e-11
@@ -46,8 +47,7 @@ def event_shift_of(system: AbstractHybridSystem, row: Float[Array, " columns"], 
     def margin(event_shift: Scalar) -> Scalar:
         rates = system.field(segment, at + event_shift, end, mode)
         moved = jax.tree.map(lambda a, b: a + event_shift * b, end, rates)
-        guards = [jnp.asarray(guard, float) for guard in system.guards(segment, at + event_shift, moved, mode)]
-        return jnp.minimum(*guards) if len(guards) == 2 else jnp.stack(guards)[which]
+        return _ending_guard(system, segment, at + event_shift, moved, mode, which)
 
     shift_of_event, is_carried_back = 0.0, jnp.zeros((), bool)
     if has_guards(system, segment, at, end, mode):
@@ -63,6 +63,14 @@ def event_shift_of(system: AbstractHybridSystem, row: Float[Array, " columns"], 
     return Shift(shift, is_carried_back)
 
 
+def _ending_guard(
+    system: AbstractHybridSystem, segment: InputSegment, t_local: Scalar, x: State, mode: Scalar, which: Count
+) -> Scalar:
+    """The guard number `which`; of two, the one that is lower."""
+    guards = [jnp.asarray(guard, float) for guard in system.guards(segment, t_local, x, mode)]
+    return jnp.minimum(*guards) if len(guards) == 2 else jnp.stack(guards)[which]
+
+
 def moved_end(
     system: AbstractHybridSystem, row: Float[Array, " columns"], x: list[Scalar], shift: Shift
 ) -> Float[Array, " begin"]:
@@ -76,28 +84,50 @@ def moved_end(
     ringing, with the error that steps make of it.
     """
     step, unflatten = read(row), unflattener(system)
-    at, mode, later = step.at, step.mode, step.at + shift.time
-    end, segment = unflatten(x), system.segment(step.index)
+    at, mode, end, segment = step.at, step.mode, unflatten(x), system.segment(step.index)
     before = rates_at_end(system, segment, step.t_local, unflatten(step.begin), step.duration, end, mode)
     moved = jax.tree.map(lambda a, b: a + shift.time * b, end, before)
-    follows, following, events = moved, mode, has_guards(system, segment, at, end, mode)
+
+    def carried_back(follows: State, following: Scalar) -> State:
+        after = rates_at_end(system, segment, at, follows, jnp.zeros_like(at), follows, following)
+        back = lambda x, f, m, y, g: x + shift.time * (f - g) + (y - m)
+        return jax.tree.map(back, end, before, moved, follows, after)
+
+    return _next_begin(system, step, segment, moved, shift, carried_back)
+
+
+def _next_begin(
+    system: AbstractHybridSystem,
+    step: Row,
+    segment: InputSegment,
+    moved: State,
+    shift: Shift,
+    carried_back: Callable[[State, Scalar], State],
+) -> Float[Array, " begin"]:
+    """What follows on a step that ends in the state `moved`, after its event or corner: (origin, local time, state).
+
+    **Arguments:** `carried_back` takes state and mode after an event back to the time of the table.
+    """
+    at, later = step.at, step.at + shift.time
+    follows, following, events = moved, step.mode, has_guards(system, segment, at, moved, step.mode)
     if events:
-        switched, following = system.after_event(segment, later, moved, mode, step.which)
-        follows = jax.tree.map(lambda a, b: jnp.where(step.event, a, b), switched, moved)
-        following = jnp.where(step.event, following, mode)
-    projected = system.project_to_steady(segment, later, follows, following)
-    follows = jax.tree.map(lambda a, b: jnp.where(step.becomes_settled, a, b), projected, follows)
+        switched, following = system.after_event(segment, later, moved, step.mode, step.which)
+        follows = _either(step.event, switched, moved)
+        following = jnp.where(step.event, following, step.mode)
+    follows = _either(step.becomes_settled, system.project_to_steady(segment, later, follows, following), follows)
     if events:
         following = jnp.where(step.becomes_settled, SETTLED, following)
-        after = rates_at_end(system, segment, at, follows, jnp.zeros_like(at), follows, following)
-        carried_back = lambda x, f, m, y, g: jnp.where(shift.is_carried_back, x + shift.time * (f - g) + (y - m), y)
-        follows = jax.tree.map(carried_back, end, before, moved, follows, after)
+        follows = _either(shift.is_carried_back, carried_back(follows, following), follows)
         later = jnp.where(shift.is_carried_back, at, later)
     if system.resets_at_corners:
-        started, _ = system.on_segment_start(system.segment(step.index + 1.0), follows, mode)
-        follows = jax.tree.map(lambda a, b: jnp.where(step.corner, a, b), started, follows)
+        started, _ = system.on_segment_start(system.segment(step.index + 1.0), follows, step.mode)
+        follows = _either(step.corner, started, follows)
     origin = step.origin + jnp.where(step.corner, segment.duration, 0.0)
     return jnp.stack([origin, jnp.where(step.corner, 0.0, later), *jax.tree.leaves(follows)])
+
+
+def _either(condition: Truth, new: State, old: State) -> State:
+    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), new, old)
 
 
 def rates_at_end(
@@ -148,9 +178,7 @@ def moving_end(
         return system.exact(segment, step.t_local, begin, step.duration + shift, end)
 
     def margin(shift: Scalar) -> Scalar:
-        guards = system.guards(segment, step.at + shift, motion(shift), mode)
-        guards = [jnp.asarray(guard, float) for guard in guards]
-        return jnp.minimum(*guards) if len(guards) == 2 else jnp.stack(guards)[which]
+        return _ending_guard(system, segment, step.at + shift, motion(shift), mode, which)
 
     still, one = jnp.zeros_like(step.duration), jnp.ones_like(step.duration)
     moves = jnp.where(step.corner, segment.duration, 0.0) - step.t_local
@@ -165,24 +193,8 @@ def moving_end(
         tangent = -jnp.where(located, _tangent_only(gap), 0.0) / jnp.where(located, slope, 1.0)
         bent = lax.stop_gradient(jnp.where(located, 0.5 * bend / slope, 0.0))
         shift = jnp.where(located, tangent - bent * tangent**2, shift)
-    moved, later = motion(shift), step.at + shift
-    follows, following = moved, mode
-    if events:
-        switched, following = system.after_event(segment, later, moved, mode, which)
-        follows = jax.tree.map(lambda a, b: jnp.where(step.event, a, b), switched, moved)
-        following = jnp.where(step.event, following, mode)
-    projected = system.project_to_steady(segment, later, follows, following)
-    follows = jax.tree.map(lambda a, b: jnp.where(step.becomes_settled, a, b), projected, follows)
-    if events:
-        following = jnp.where(step.becomes_settled, SETTLED, following)
-        back = _carried_back(system, segment, later, follows, shift, following)
-        follows = jax.tree.map(lambda a, b: jnp.where(is_carried_back, a, b), back, follows)
-        later = jnp.where(is_carried_back, step.at, later)
-    if system.resets_at_corners:
-        started, _ = system.on_segment_start(system.segment(step.index + 1.0), follows, mode)
-        follows = jax.tree.map(lambda a, b: jnp.where(step.corner, a, b), started, follows)
-    origin = step.origin + jnp.where(step.corner, segment.duration, 0.0)
-    return jnp.stack([origin, jnp.where(step.corner, 0.0, later), *jax.tree.leaves(follows)])
+    carried_back = lambda follows, following: _carried_back(system, segment, step.at + shift, follows, shift, following)
+    return _next_begin(system, step, segment, motion(shift), Shift(shift, is_carried_back), carried_back)
 
 
 def _derivative_at(

@@ -22,6 +22,7 @@ from jax.extend.core import Primitive
 from jaxtyping import Array, Bool, Float, PyTree
 
 from ..core import InputError, Scalar, ScalarLike, Tree
+from .polynomials import horner
 
 State: TypeAlias = PyTree[Float[Array, "..."]]
 """Whatever is integrated."""
@@ -39,7 +40,7 @@ class TaylorInterpolation(diffrax.AbstractLocalInterpolation):
 
     def evaluate(self, t0: ScalarLike, t1: ScalarLike | None = None, left: bool = True) -> State:
         """The state at `t0`, or what it changes by from `t0` to `t1`."""
-        at = lambda time: jax.tree.map(lambda rows: _horner(rows, self._share(time)), self.coefficients)
+        at = lambda time: jax.tree.map(lambda rows: horner(list(rows), self._share(time)), self.coefficients)
         return at(t0) if t1 is None else jax.tree.map(jnp.subtract, at(t1), at(t0))
 
     def _share(self, time: ScalarLike) -> Scalar:
@@ -106,7 +107,7 @@ class TaylorSolver(diffrax.AbstractAdaptiveSolver[None]):
             return terms.vf_prod(t0 + share * passed, y, args, control)
 
         coefficients = taylor_of(field, y0, self.order_)
-        y1 = jax.tree.map(lambda rows: _horner(rows, 1.0), coefficients)
+        y1 = jax.tree.map(lambda rows: horner(list(rows), 1.0), coefficients)
         error = jax.tree.map(lambda rows: jnp.abs(rows[-1]), coefficients)
         return y1, error, {"coefficients": coefficients}, None, diffrax.RESULTS.successful
 
@@ -152,10 +153,3 @@ def taylor_of(field: Callable[[Scalar, State], State], y0: State, order: int) ->
             "smooth functions of jax.numpy; solvers such as diffrax.Dopri8 take any."
         ) from error
     return jax.tree.unflatten(structure, rows)
-
-
-def _horner(rows: Float[Array, "coefficients ..."], at: ScalarLike) -> Float[Array, "..."]:
-    value = rows[-1]
-    for row in rows[-2::-1]:
-        value = value * at + row
-    return value

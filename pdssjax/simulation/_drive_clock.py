@@ -35,7 +35,7 @@ class DriveClock(eqx.Module):
         return self.drive.segment(place + cycles * (self.origins.size - self.first)), time - self.origins[place]
 
 
-def clock_of(drive: AbstractDrive) -> DriveClock:
+def drive_clock(drive: AbstractDrive) -> DriveClock:
     """The clock of `drive`; its functions are compiled once for drives of one kind."""
     cycle = drive.period()
     first, count = cycle or (0, drive.segments(_FOR_EVER))

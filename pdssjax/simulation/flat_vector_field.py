@@ -13,7 +13,7 @@ from ..core import InputError, Scalar, ScalarLike, require_float64
 from ..drive.base import AbstractDrive
 from ..friction.base import AbstractFriction
 from ..integration import Accuracy, unflattener
-from ._drive_clock import DriveClock, clock_of
+from ._drive_clock import DriveClock, drive_clock
 from .steady_cycles import checked_arguments
 from .systems._stick_slip_state import ADVANCING, RETREATING, STUCK, StickSlipState
 from .systems._sticking import mode_from_rest
@@ -107,7 +107,7 @@ def vector_field(actuator: Actuator, drive: AbstractDrive, mode: ContactMode | N
             f"vector_field: found {part}, whose state changes at events that a field does not tell, expected parts "
             "whose state is smooth; `pdssjax.simulate` has the events, and `mode` a field that is right between them."
         )
-    return VectorField(system, clock_of(drive), _initial(system), mode)
+    return VectorField(system, drive_clock(drive), _initial(system), mode)
 
 
 def _part_with_events(system: StickSlip) -> str:

@@ -1,12 +1,16 @@
-"""Systems written from docs/integration.md alone, beside closed forms: values and derivatives both ways."""
+"""Systems written from docs/integration.md alone, beside closed forms and SciPy: values and derivatives both ways."""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
-from pdssjax.integration import HybridSystem, integrate
+from pdssjax.core import InputError
+from pdssjax.integration import HybridSystem, Picard, Taylor, cosine_and_sine, integrate
 from pdssjax.integration.chebyshev import basis
+
+ROOM = {"loss": 0.2, "power": 8.0, "levels": (18.0, 22.0)}
 
 FEW = 128
 """Steps for which there is room: less to compile for and to expand."""
@@ -39,6 +43,45 @@ class Room(HybridSystem):
         return y, 1 - mode
 
 
+class Oscillator(HybridSystem):
+    """A driven pendulum that strikes a wall: a vector state, and functions that no series passes."""
+
+    restitution: float
+
+    def vector_field(self, t, y, args, mode):
+        return jnp.array([y[1], -jnp.sin(y[0]) - 0.1 * y[1] + args["force"] * jnp.cos(1.3 * t)])
+
+    def guards(self, t, y, args, mode):
+        return (args["wall"] - jnp.tanh(y[0]),)
+
+    def after_event(self, t, y, args, mode, which):
+        return y.at[1].multiply(-self.restitution), mode
+
+
+class Pulse(HybridSystem):
+    """Charges until a corner that is an argument, and then goes down: a field with a jump in time."""
+
+    def vector_field(self, t, y, args, mode):
+        return jnp.where(t < args, 1.0 - y, -y)
+
+    def corners(self, args):
+        return args[None]
+
+
+class Swing(HybridSystem):
+    """A spring between two stops, made of what Taylor series can pass."""
+
+    def vector_field(self, t, y, args, mode):
+        x, v = y
+        return v, -args * x + cosine_and_sine(t)[0]
+
+    def guards(self, t, y, args, mode):
+        return 0.8 - y[0], y[0] + 0.8
+
+    def after_event(self, t, y, args, mode, which):
+        return (y[0], -0.5 * y[1]), mode
+
+
 def ball(parameters, times):
     """Height and speed and the first three impacts, from the law of free fall."""
     height, gravity, restitution = parameters
@@ -56,8 +99,9 @@ def with_slopes(function, differentiate=jax.jacfwd):
     return jax.jit(differentiate(lambda p: (function(p),) * 2, has_aux=True))
 
 
-@pytest.mark.parametrize(("length", "time"), [(1.0, 1.0)])
-def test_a_ball_bounces_as_the_law_of_free_fall_has_it(length, time):
+# A micrometre and a microsecond, and a kilometre and an hour: no constant of the integrator has a unit.
+@pytest.mark.parametrize(("length", "time"), [(1.0, 1.0), (1e-6, 1e-6), (1e3, 3.6e3)])
+def test_a_ball_bounces_as_the_law_of_free_fall_has_it_in_any_units(length, time):
     units = jnp.array([length, length / time**2, 1.0])
     scale = jnp.array([[length], [length / time]])
     times = jnp.linspace(0.0, 1.5, 40)
@@ -100,6 +144,112 @@ def test_a_heater_switches_at_its_levels_in_every_lane():
     np.testing.assert_allclose(times, jax.vmap(closed)(*lanes), rtol=0.0, atol=1e-9)
     np.testing.assert_allclose(slopes, jax.vmap(jax.jacfwd(closed))(*lanes), rtol=1e-7)
     assert set(np.asarray(modes).tolist()) <= {0, 1}
+
+
+def scipy_oscillator(force, wall, restitution, times):
+    """The pendulum with SciPy, from event to event."""
+    field = lambda t, y: [y[1], -np.sin(y[0]) - 0.1 * y[1] + force * np.cos(1.3 * t)]
+
+    def strikes(t, y):
+        return wall - np.tanh(y[0])
+
+    strikes.terminal, strikes.direction = True, -1
+    t, y, states, struck = 0.0, [0.1, 0.0], [], []
+    while True:
+        run = solve_ivp(field, (t, times[-1]), y, "DOP853", rtol=2.3e-14, atol=1e-14, events=strikes, dense_output=True)
+        inside = times[(times >= t) & (times <= run.t[-1])]
+        states.append(run.sol(inside))
+        if run.status != 1:
+            return np.concatenate(states, axis=1), np.array(struck)
+        t, y = run.t[-1], [run.y[0, -1], -restitution * run.y[1, -1]]
+        struck.append(t)
+
+
+def test_a_pendulum_strikes_a_wall_as_scipy_has_it():
+    times = np.linspace(0.0, 8.0, 25)
+
+    def motion(p):
+        solution = integrate(
+            Oscillator(p[2]), 0.0, 8.0, jnp.array([0.1, 0.0]), {"force": p[0], "wall": p[1]}, saveat=times
+        )
+        return solution.ys, solution.events.ts[:2]
+
+    parameters = np.array([0.9, 0.4, 0.8])
+    values, struck = scipy_oscillator(*parameters, times)
+    assert len(struck) >= 2
+    slopes, (found, at) = with_slopes(motion)(parameters)
+    np.testing.assert_allclose(found, values.T, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(at, struck[:2], rtol=0.0, atol=1e-9)
+    for i in range(3):
+        step = 1e-4 * np.eye(3)[i]
+        two, one = ((scipy_oscillator(*(parameters + k * step), times)[0]) for k in (2, 1))
+        back, further = ((scipy_oscillator(*(parameters - k * step), times)[0]) for k in (1, 2))
+        difference = (8.0 * (one - back) - (two - further)) / (12.0 * 1e-4)
+        np.testing.assert_allclose(slopes[0][..., i], difference.T, rtol=0.0, atol=1e-7 * np.abs(difference).max())
+
+
+def test_a_field_may_jump_at_a_corner_that_moves():
+    times = jnp.array([0.5, 1.0, 1.5])
+    charge = lambda corner: integrate(Pulse(), 0.0, 1.5, 0.0, corner, saveat=times, max_steps=FEW).ys
+    corner = jnp.asarray(0.7)
+    slopes, values = with_slopes(charge)(corner)
+    closed = lambda corner: jnp.where(
+        times < corner, 1.0 - jnp.exp(-times), (1.0 - jnp.exp(-corner)) * jnp.exp(corner - times)
+    )
+    np.testing.assert_allclose(values, closed(corner), rtol=0.0, atol=1e-11)
+    np.testing.assert_allclose(slopes, jax.jacfwd(closed)(corner), rtol=1e-8, atol=1e-10)
+
+
+def test_a_taylor_series_gives_what_the_solver_does():
+    motion = lambda method: integrate(Swing(), 0.0, 10.0, (0.1, 0.0), 2.0, max_steps=256, method=method)
+    series, usual = jax.jit(lambda: (motion(Taylor()), motion(Picard())))()
+    assert int(series.events.count) == int(usual.events.count) > 1
+    assert int(series.stats["steps"]) < int(usual.stats["steps"])
+    np.testing.assert_allclose(series.ys, usual.ys, rtol=0.0, atol=1e-9)
+
+
+def test_a_run_that_ends_early_says_why_and_raises_where_it_is_asked_to():
+    """A ball whose bounces accumulate runs out of steps; what it did not reach is not a number."""
+    args = {"gravity": 9.81, "restitution": 0.5}
+    run = lambda throw: integrate(
+        BouncingBall(), 0.0, 3.0, (0.8, 0.0), args, saveat=[0.2, 2.9], max_steps=32, throw=throw
+    )
+    early = run(False)
+    assert int(early.result) == 1
+    assert "events that accumulate" in early.message
+    assert float(early.ys[0][0]) == pytest.approx(0.8 - 0.5 * 9.81 * 0.2**2, abs=1e-12)
+    assert np.isnan(early.ys[0][1])
+    with pytest.raises(RuntimeError, match="ran out of steps"):
+        run(True)
+    buried = integrate(BouncingBall(), 0.0, 0.1, (-0.8, 0.0), args, max_steps=32, throw=False)
+    assert "guard was negative" in buried.message
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"t1": 0.0}, "expected a finite time after `t0`"),
+        ({"saveat": [0.5, 1.5]}, r"found 1.5 in `saveat`, expected times from 0 to 1"),
+        ({"saveat": 0.5}, "expected two numbers and an array with one axis"),
+        ({"y0": ()}, "without a number"),
+        ({"y0": (1.0, 1j)}, "expected real numbers"),
+        ({"y0": jnp.ones(2), "method": Taylor()}, r"shape \(2,\), expected scalars"),
+        ({"atol": (1e-9,)}, "expected one number or a pytree like `y0`"),
+        ({"rtol": -1e-9}, "expected positive numbers"),
+        ({"system": "ball"}, "expected a pdssjax.integration.HybridSystem"),
+        ({"y0": (1.0, 0.0, 0.0)}, "vector_field: found a PyTreeDef"),
+        ({"system": Room(), "y0": 20.0, "args": ROOM, "method": Taylor()}, "found what a Taylor series cannot pass"),
+    ],
+)
+def test_what_cannot_be_integrated_is_refused(change, message):
+    given = {"system": BouncingBall(), "t0": 0.0, "t1": 1.0, "y0": (0.8, 0.0), "args": {"gravity": 9.81}}
+    with pytest.raises(InputError, match=message):
+        integrate(**(given | change))
+
+
+def test_single_precision_is_refused(monkeypatch):
+    with jax.enable_x64(False), pytest.raises(InputError, match="in double"):
+        integrate(BouncingBall(), 0.0, 1.0, (0.8, 0.0))
 
 
 def test_a_polynomial_through_a_guard_is_right_to_rounding():

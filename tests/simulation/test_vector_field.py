@@ -17,7 +17,7 @@ from pdssjax.friction.reset_integrator import ResetIntegrator
 from pdssjax.piezo.maxwell_slip import MaxwellSlip
 from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.piezo.static import Static
-from pdssjax.simulation._drive_clock import clock_of
+from pdssjax.simulation._drive_clock import drive_clock
 
 ACTUATOR, DRIVE = Actuator(SecondOrder(), AnisotropicLuGre()), Sawtooth(64.0, 5.0, 1e-3)
 _RATES = eqx.filter_jit(lambda f, y: f(0.01, y))
@@ -56,7 +56,7 @@ def test_components_have_names_and_the_mode_follows_the_velocity():
 
 def test_the_segment_is_that_of_the_voltage():
     times = np.array([0.0, 0.05, 0.2003, 0.21, 0.39, 0.4004, 0.7])
-    level = jax.jit(jax.vmap(lambda s, t: s.voltage(t).level))(*jax.vmap(clock_of(DRIVE).at)(jnp.asarray(times)))
+    level = jax.jit(jax.vmap(lambda s, t: s.voltage(t).level))(*jax.vmap(drive_clock(DRIVE).at)(jnp.asarray(times)))
     np.testing.assert_allclose(level, DRIVE.at(jnp.asarray(times)), atol=1e-9)
     corners = pdssjax.vector_field(ACTUATOR, DRIVE).corners(0.5)
     np.testing.assert_allclose(corners, [0.2, 0.201, 0.4, 0.401])

@@ -12,6 +12,7 @@ import optimistix as optx
 from jaxtyping import Array, Float
 
 from ...core import Scalar, Truth
+from ..chebyshev import basis
 from ..polynomials import Polynomials
 from ..taylor_series import Field, constant
 from .base import AbstractStepMethod, KnownStep, Piece
@@ -88,11 +89,11 @@ class OneStep(AbstractStepMethod):
         solver_state = solver.init(term, begin, end, start, None)
         _, error, dense, _, result = solver.step(term, begin, end, start, None, solver_state, False)
         inner = solver.interpolation_cls(t0=begin, t1=end, **dense)
-        nodes, fit = _fit(self.degree)
-        values = jax.vmap(inner.evaluate)(jnp.asarray(nodes) + 0.0 * t_local)
+        points = basis(self.degree)
+        values = jax.vmap(inner.evaluate)(jnp.asarray(points.nodes) + 0.0 * t_local)
         # The solver's time runs from 0 to 1.
         unit = jnp.where(step_radius > 0, step_radius, 1.0)
-        coefficients = (jnp.asarray(fit) @ values) / scale / unit ** jnp.arange(self.degree + 1.0)[:, None]
+        coefficients = points.powers(values) / scale / unit ** jnp.arange(self.degree + 1.0)[:, None]
         polynomials = [[coefficients[k, i] for k in range(self.degree + 1)] for i in range(len(x))]
         return polynomials, error, result == diffrax.RESULTS.successful
 
@@ -120,9 +121,3 @@ def _differentiable(solver: Any) -> Any:
     if getattr(solver, "scan_kind", "") is not None:
         return solver
     return eqx.tree_at(lambda s: s.scan_kind, solver, "bounded", is_leaf=lambda leaf: leaf is None)
-
-
-def _fit(degree: int) -> tuple[Float[np.ndarray, " nodes"], Float[np.ndarray, "nodes nodes"]]:
-    """Chebyshev points of [0, 1] and the matrix from values there to coefficients."""
-    nodes = 0.5 - 0.5 * np.cos(np.pi * np.arange(degree + 1) / degree)
-    return nodes, np.linalg.inv(np.vander(nodes, increasing=True))
