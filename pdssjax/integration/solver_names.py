@@ -2,9 +2,10 @@
 
 from typing import TYPE_CHECKING
 
-from ..core import Given, InputError, nearest
+from ..core import InputError, nearest
 
 if TYPE_CHECKING:
+    from ..core import Given
     from .accuracy import Accuracy
     from .step_methods.base import AbstractStepMethod
 
@@ -29,7 +30,7 @@ _ROOM = 16384
 """Steps that a solver of diffrax may take: of fifth order it needs ten times as many as the series."""
 
 
-def step_method(solver: Given) -> "AbstractStepMethod":
+def step_method(solver: "Given") -> "AbstractStepMethod":
     """The step method that `solver` stands for: one of `SOLVERS`, a solver of diffrax, or a step method itself.
 
     **Raises:** `InputError` for anything else, and for a solver without an error estimate.
@@ -57,7 +58,7 @@ def step_method(solver: Given) -> "AbstractStepMethod":
     )
 
 
-def accuracy_with(solver: Given) -> "Accuracy":
+def accuracy_with(solver: "Given") -> "Accuracy":
     """The default accuracy by another integrator, with room for the steps that it needs.
 
     **Raises:** `InputError` as `step_method` does.

@@ -192,7 +192,7 @@ def recorded(name: str, offset: float | None, noise: float | None) -> SimpleName
 def test_simulate_writes_each_record_with_its_own_zero(calls, tmp_path, capsys, monkeypatch):
     calls.study.records = (recorded("free", None, None), recorded("given", 1e-6, 1e-8), recorded("lost", None, 1e-8))
     ramp = 1e-5 * np.linspace(0.0, 1.0, 101)
-    calls.study.values, calls.study.predictor = lambda but=(): {}, None
+    calls.study.values, calls.study.predictor, calls.study.accuracy = lambda but=(): {}, None, None
     calls.study.predict = lambda: [ramp, ramp, np.full(101, np.nan)]
     monkeypatch.setattr(pdssjax.study, "failure_cause", lambda *what: 'in "lost" the cause')
     assert cli.main(["simulate", "rig.toml", "--out", str(tmp_path)]) == 0

@@ -42,7 +42,8 @@ def study():
 
 @pytest.mark.parametrize("intervals", ["profile", "posterior"])
 def test_what_needs_threads_refuses_processes(study, intervals):
-    with ProcessPoolExecutor(1) as pool, pytest.raises(InputError, match=r"found a ProcessPoolExecutor .* of threads"):
+    spawning = ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"))
+    with spawning as pool, pytest.raises(InputError, match=r"found a ProcessPoolExecutor .* of threads"):
         pdssjax.identify(study, intervals=intervals, executor=pool)
 
 

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pdssjax.core import LENGTH
 from pdssjax.study import compare
+from pdssjax.study.measurement.effector import Effector
 
 RANDOM = np.random.default_rng(0)
 TIME = np.arange(800) / 100.0
@@ -16,10 +16,9 @@ NOISE = 1e-8
 def compared(residual):
     """Eight cycles of 1 Hz predicted but for this residual, in units of the noise."""
     motion = 1e-6 * np.abs(np.mod(TIME, 1.0) - 0.5)
-    measurement = SimpleNamespace(unit="m", display=LENGTH, words={}, platform_alone=False)
     drive = SimpleNamespace(cycle_frequency=lambda: 1.0)
     record = SimpleNamespace(
-        name="walk", role="fit", measures="effector", measurement=measurement, drive=drive, motion=None,
+        name="walk", role="fit", measures="effector", measurement=Effector(), drive=drive, motion=None,
         time=TIME, measured=motion + NOISE * residual, noise=NOISE, offset=0.0,
     )  # fmt: skip
     return compare(record, motion, noise=NOISE, offset=0.0)  # pyright: ignore[reportArgumentType]
