@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from ..metrics import lack_of_fit, neighbour_scatter
+from ..metrics import lack_of_fit, neighbour_scatter, rounding_of_counts
 from ..study import Agreement, FittedRecord, repeated_residuals
 from .covariance import least_squares_covariance
 from .diagnostics.diagnose import records_agreement
@@ -38,6 +38,9 @@ FEWEST = 50
 
 SIGMAS = 4.0
 """Standard deviations beyond which an excess is not chance."""
+
+DIGITS = 1e-9
+"""Residuals over the swing of a record that no sensor resolves (30 bits): what rounding leaves of exact numbers."""
 
 NOTICEABLE = 2.0
 """Standard errors by which records must move a parameter for their disagreement to count."""
@@ -110,6 +113,24 @@ def outliers_explain(record: FittedRecord) -> bool:
     return record.outliers.size > 0 and exceeds_noise(whole) and not exceeds_noise(record)
 
 
+def is_unresolved(rms: float, measured: Float[np.ndarray, " n"], noise: float | None) -> bool:
+    """Whether residuals of this root mean square are smaller than a record can show, so that no pattern tells a misfit.
+
+    They are smaller than the `noise` given beyond chance, no larger than the rounding of the counts of its sensor, or
+    as small as rounding makes them of exact numbers.
+
+    **Arguments:** `rms` and `noise` (None where not given) in the unit of the samples `measured`.
+    """
+    if rms <= max(ABOVE_FLOOR * rounding_of_counts(measured), DIGITS * float(np.ptp(measured))):
+        return True
+    return noise is not None and (rms / noise) ** 2 < min(1.0 / EXCESS, lowest_by_chance(measured.size))
+
+
+def leaves_unresolved(record: FittedRecord) -> bool:
+    """`is_unresolved` of what a fit leaves of a record, without the samples that stand out."""
+    return is_unresolved(record.rest_rmse, record.measured, None if record.noise_estimated else record.noise)
+
+
 def neighbour_correlation(record: FittedRecord) -> float:
     """Correlation of neighbouring residuals: 0 for white noise, towards 1 for a misfit that is smooth.
 
@@ -129,12 +150,12 @@ def rest_scatter(record: FittedRecord) -> float:
 
 
 def repeats(record: FittedRecord) -> bool:
-    """Residuals repeat from cycle to cycle beyond chance: the model's misfit, whatever noise is given.
+    """Residuals that are large enough to tell repeat from cycle to cycle beyond chance: the model's misfit.
 
     So do those that a fit would leave that does not see samples that stand out: what these pull repeats, too.
     """
     found = record.lack_of_fit
-    if found is None or record.frequency is None or not found.sigmas > SIGMAS:
+    if found is None or record.frequency is None or not found.sigmas > SIGMAS or leaves_unresolved(record):
         return False
     if record.undisturbed is not None and record.outliers.size:
         found = lack_of_fit(record.rest, record.time, record.frequency)
@@ -166,8 +187,9 @@ def enlarged_covariance(fit: Fit, problem: Problem) -> Float[np.ndarray, "p p"]:
 def leaves_more_than_noise(fit: Fit, problem: Problem) -> bool:
     """Residuals are more than noise: in their size, in what repeats every cycle, or in how neighbours are correlated.
 
-    The size shows little where no noise is given, and a slip at a wrong moment hides in it.  Samples that stand out do
-    not make a fit poor, nor what they pull it off by: another optimum would leave them, too.
+    The size shows little where no noise is given, and a slip at a wrong moment hides in it.  Records that cannot show
+    what is left of them (`is_unresolved`) have no say in the other two.  Samples that stand out do not make a fit poor,
+    nor what they pull it off by: another optimum would leave them, too.
     """
     if not np.isfinite(fit.chi2):
         return True
@@ -175,13 +197,24 @@ def leaves_more_than_noise(fit: Fit, problem: Problem) -> bool:
     parts = [rest.residual[rows] for rows in problem.rows]
     if _exceeds_noise(parts, fit, problem):
         return True
-    samples = sum(int(np.sum(np.isfinite(part))) for part in parts)
-    products = sum(np.nansum(part[1:] * part[:-1]) for part in parts)
-    squares = sum(np.nansum(part**2) for part in parts)
+    judged = [
+        (record, part)
+        for record, part, noise in zip(problem.records, parts, problem.noise, strict=True)
+        if not is_unresolved(float(noise) * _root_mean_square(part), record.measured, record.noise)
+    ]
+    samples = sum(int(np.sum(np.isfinite(part))) for _, part in judged)
+    products = sum(np.nansum(part[1:] * part[:-1]) for _, part in judged)
+    squares = sum(np.nansum(part**2) for _, part in judged)
     correlation = products / max(squares, 1e-300)
-    found = [repeated_residuals(record, part) for record, part in zip(problem.records, parts, strict=True)]
+    found = [repeated_residuals(record, part) for record, part in judged]
     sigmas = [repeated.sigmas for repeated in found if repeated is not None]
-    return bool(correlation > SIGMAS / np.sqrt(samples) or sum(sigmas) > SIGMAS * np.sqrt(len(sigmas)))
+    return bool(correlation * np.sqrt(samples) > SIGMAS or sum(sigmas) > SIGMAS * np.sqrt(len(sigmas)))
+
+
+def _root_mean_square(part: Float[np.ndarray, " samples"]) -> float:
+    """Of the residuals that are not NaN; 0 where all are."""
+    finite = part[np.isfinite(part)]
+    return float(np.sqrt(np.mean(finite**2))) if finite.size else 0.0
 
 
 def _exceeds_noise(parts: Sequence[Float[np.ndarray, " samples"]], fit: Fit, problem: Problem) -> bool:

@@ -16,6 +16,7 @@ from pdssjax.inference.losses.squares import Squares
 from pdssjax.inference.poor_fit import (
     exceeds_given_noise,
     leaves_more_than_noise,
+    leaves_unresolved,
     neighbour_correlation,
     stays_below_given_noise,
 )
@@ -46,16 +47,23 @@ def judged(*records):
 
     Neighbours have opposite signs: by its size alone.
     """
-    sizes = [samples for samples, _, _ in records]
-    ends = np.cumsum([0, *sizes])
-    rows = [slice(a, b) for a, b in itertools.pairwise(ends)]
     parts = [np.sqrt(mean) * np.resize([1.0, -1.0], samples) for samples, mean, _ in records]
+    return judged_of(
+        *((part, part, 1.0 if given else None, 1.0) for part, (_, _, given) in zip(parts, records, strict=True))
+    )
+
+
+def judged_of(*records):
+    """The same of these (whitened residuals, measured, noise given, noise by which they were whitened)."""
+    parts = [part for part, _, _, _ in records]
+    ends = np.cumsum([0, *(part.size for part in parts)])
+    rows = [slice(a, b) for a, b in itertools.pairwise(ends)]
     told = [
-        SimpleNamespace(time=np.arange(part.size), measured=part, noise=1.0 if given else None, offset=0.0, drive=None)
-        for part, (_, _, given) in zip(parts, records, strict=True)
+        SimpleNamespace(time=np.arange(part.size), measured=measured, noise=given, offset=0.0, drive=None)
+        for part, measured, given, _ in records
     ]
-    residual = SimpleNamespace(loss=Squares())
-    problem = SimpleNamespace(records=told, rows=rows, residual=residual, noise=np.ones(len(told)))
+    residual, noise = SimpleNamespace(loss=Squares()), np.array([noise for *_, noise in records])
+    problem = SimpleNamespace(records=told, rows=rows, residual=residual, noise=noise)
     left = np.concatenate(parts)
     fit = SimpleNamespace(chi2=float(left @ left), free=np.zeros(3), state=SimpleNamespace(residual=left))
     return leaves_more_than_noise(fit, problem)  # pyright: ignore[reportArgumentType]
@@ -98,3 +106,36 @@ def test_right_fits_under_every_loss_are_hardly_ever_said_to_leave_more_than_noi
     roots = np.asarray(loss.root(jnp.asarray(RANDOM.normal(size=(1500, 400)))))
     scatters = np.array([loss.scatter(row, 400.0) ** 2 for row in roots])
     assert np.std(scatters) == pytest.approx(np.sqrt(2.0 / 400.0 / loss.scatter_efficiency), rel=0.1)
+
+
+TIME = np.arange(500)
+MOTION = 5.0 * np.sin(0.02 * TIME) + 3.0 * np.sin(0.0317 * TIME)
+SMOOTH = np.sin(0.3 * TIME) * np.sqrt(2.0)
+
+
+@pytest.mark.parametrize(
+    ("measured", "given", "left", "unresolved"),
+    [
+        (MOTION, 0.01, 0.005, True),  # half the noise that the study states
+        (MOTION, 0.01, 0.0099, False),  # as large as that noise, and smooth
+        (np.round(MOTION, 2), None, 0.0028, True),  # what counting in steps of 0.01 rounds
+        (np.round(MOTION, 2), None, 0.0040, False),
+        (MOTION, None, 1e-9, True),  # what rounding leaves of exact numbers
+        (MOTION, None, 1e-6, False),
+    ],
+)
+def test_smooth_residuals_that_a_record_cannot_show_are_no_misfit(measured, given, left, unresolved):
+    assert judged_of((SMOOTH * left / (given or left), measured, given, given or left)) is not unresolved
+    beside = dataclasses.replace(
+        record(SMOOTH),
+        measured=measured,
+        predicted=measured - left * SMOOTH,
+        noise=given or left,
+        noise_estimated=given is None,
+    )
+    assert leaves_unresolved(beside) is unresolved
+
+
+def test_records_that_cannot_show_a_misfit_do_not_hide_one_in_others():
+    exact = (1e-6 * RANDOM.normal(size=500), MOTION, 1.0, 1.0)
+    assert not judged_of(exact) and judged_of(exact, (0.99 * SMOOTH, MOTION, 1.0, 1.0))

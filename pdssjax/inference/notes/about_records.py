@@ -12,6 +12,7 @@ from ..poor_fit import (
     exceeds_floor,
     exceeds_given_noise,
     largest_by_chance,
+    leaves_unresolved,
     neighbour_correlation,
     repeats,
     rest_scatter,
@@ -190,7 +191,7 @@ def _not_predicted(records: Sequence[FittedRecord]) -> str:
 
 
 def _about_correlation(fitted: Sequence[FittedRecord]) -> list[str]:
-    correlated = [record for record in fitted if neighbour_correlation(record) > CORRELATED]
+    correlated = [r for r in fitted if neighbour_correlation(r) > CORRELATED and not leaves_unresolved(r)]
     if not correlated:
         return []
     return [

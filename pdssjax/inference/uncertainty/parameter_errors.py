@@ -13,6 +13,7 @@ from ..covariance import least_squares_covariance
 from ..fit_statistics import degrees_taken
 from ..least_squares import Fit, Method, Progress, evaluated
 from ..parameter_transform import ParameterTransform
+from ..poor_fit import leaves_unresolved
 from ..problem import Problem
 from ..stack_parameters import of_platform_alone, of_stack, stack_rows
 from .error_advice import EVIDENT, advise
@@ -77,6 +78,10 @@ def with_error_models(estimate: Estimate, problem: Problem, fit: Fit, report: Pr
     free = problem.residual.transform
     parameters = _with_errors(estimate.parameters, found, free, fit.free)
     slopes = np.abs(free.slope(fit.free))
+    fitted = [record for record in estimate.records if record.role == "fit"]
+    # Rounding follows the motion as a misfit does, and is none.
+    misfits = zip(fitted, evidence["with-misfit"], strict=True)
+    evidence["with-misfit"] = [0.0 if leaves_unresolved(record) else most for record, most in misfits]
     advice = advise(parameters, evidence, [record.name for record in problem.records])
     if advice is not None and not estimate.converged:
         advice = advice._replace(
