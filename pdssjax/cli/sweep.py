@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..core import MOST_POINTS, MOST_WORKERS, InputError
-from .console import counter, progress, say
+from .console import counter, say
 from .numbers import add_numbers, study_of
 from .option_values import SEED, read_whole, whole
 from .results import NOTHING_FOUND, add_out, keep_results, reserved, say_where
@@ -236,20 +236,17 @@ def _executor(address: str | None) -> "Iterator[tuple[Executor | None, int | Non
 def _explain(
     study: "Study", points: "AbstractPoints", options: argparse.Namespace, asked: "dict[str, tuple[str, ...]]"
 ) -> int:
-    """Says what the sweep would take, and does nothing else."""
+    """Print how many points and how much room the sweep would take."""
     from ..files import bytes_needed, check_room
-    from ..report.text import format_forecast
-    from ..sweeps import forecast, plan_sweep
+    from ..report.text import format_plan
+    from ..sweeps import plan_sweep
 
     metrics, derivatives = asked["metrics"], asked["derivatives"]
     planned = plan_sweep(
         study, points, record=options.record, cycles=options.cycles, metrics=metrics, derivatives=derivatives
     )
     check_room(planned.document, planned.plan, options.out)
-    with progress() as tell:
-        tell("timing a few blocks")
-        told = forecast(planned, options.workers)
-    say(format_forecast(told, bytes_needed(planned.document, planned.plan)), end="")
+    say(format_plan(planned, bytes_needed(planned.document, planned.plan)), end="")
     return 0
 
 
@@ -313,7 +310,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--resume", action="store_true", help="go on with a sweep of DIR that was interrupted")
     parser.add_argument(
-        "--explain", action="store_true", help="say how many points, how much room and time it takes, and do nothing"
+        "--explain", action="store_true", help="say how many points and how much room it takes, and do nothing"
     )
     add_out(parser)
 

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from .border import DEAD as DEAD
     from .border import find_border as find_border
     from .cluster import cluster_executor as cluster_executor
-    from .cost import Forecast as Forecast
-    from .cost import forecast as forecast
     from .cycles.base import METRICS as METRICS
     from .cycles.further_metrics import FURTHER as FURTHER
     from .cycles.further_metrics import SMOOTH as SMOOTH
@@ -57,7 +55,6 @@ else:
             "block_store": ["AbstractBlockStore", "MemoryStore", "blank", "columns_of"],
             "border": ["DEAD", "find_border"],
             "cluster": ["cluster_executor"],
-            "cost": ["Forecast", "forecast"],
             "varied_record": ["driven_record"],
             "cycles.base": ["METRICS"],
             "directions": ["ALONG", "compared_directions"],

@@ -297,7 +297,7 @@ def _stop_before_work() -> None:
     # Set past the modules' own look-up, which would load the real ones.
     for module, name in (
         *((pdssjax, "identify"), (pdssjax, "initial_guess"), (pdssjax.inference, "pick_peaks")),
-        *((pdssjax.study, "make_recordings"), (pdssjax.sweeps, "find_border"), (pdssjax.sweeps, "forecast")),
+        *((pdssjax.study, "make_recordings"), (pdssjax.sweeps, "find_border")),
         *((pdssjax.sweeps, "cluster_executor"), (pdssjax.explore, "Workbench"), (pdssjax.explore, "serve")),
         *((pdssjax.files, "write_study"), (pdssjax.files, "write_friction_study")),
     ):

@@ -13,10 +13,10 @@ if TYPE_CHECKING:
     from .characterisation import format_characterisation as format_characterisation
     from .comparison import format_comparison as format_comparison
     from .estimate import format_report as format_report
-    from .forecast import format_forecast as format_forecast
     from .new_study import format_guesses as format_guesses
     from .records import format_numbers as format_numbers
     from .records import format_records as format_records
+    from .sweep import format_plan as format_plan
     from .sweep import format_sweep as format_sweep
 else:
     from ...core.lazy import lazy_exports
@@ -30,9 +30,8 @@ else:
             "characterisation": ["format_characterisation"],
             "comparison": ["format_comparison"],
             "estimate": ["format_report"],
-            "forecast": ["format_forecast"],
             "new_study": ["format_guesses"],
             "records": ["format_numbers", "format_records"],
-            "sweep": ["format_sweep"],
+            "sweep": ["format_plan", "format_sweep"],
         },
     )

@@ -1,4 +1,4 @@
-"""The extremes of a sweep, as plain text."""
+"""A sweep as plain text: its plan, and the extremes of what was found."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -11,6 +11,20 @@ from ._layout import aligned_table, heading, note
 
 if TYPE_CHECKING:
     import xarray
+
+    from ...sweeps import PlannedSweep
+
+
+def format_plan(planned: "PlannedSweep", size: int) -> str:
+    """Points, blocks and room on the disk (`size` [bytes]) of a sweep that has not been run."""
+    plan, count = planned.plan, len(planned.points)
+    skipped = count - len(plan.order)
+    rows = [
+        ["points", str(count), f"{skipped} of them skipped" if skipped else ""],
+        ["blocks", str(plan.blocks), f"of {plan.lanes} points, a chunk of the store each"],
+        ["room on the disk", f"{size / 1e6:.3g} MB", "at most"],
+    ]
+    return heading("What this sweep takes") + aligned_table("<><", rows)
 
 
 def format_sweep(data: "xarray.Dataset") -> str:
