@@ -6,7 +6,6 @@ Turns a parameter fifty times, and prints for each record the median and the lar
 slider to the arrays that are drawn, in ms.  The page adds what the browser takes.
 """
 
-import json
 import time
 
 import numpy as np
@@ -14,16 +13,17 @@ import numpy as np
 import pdssjax
 from pdssjax import prepare_jax
 from pdssjax.explore import Workbench, settings_of
-from pdssjax.files import EXAMPLE
+from pdssjax.explore.redraw import initial_stretch, instants_of
+
+from .rig import example, truth
 
 TURNS = 50
 
 
 def main() -> None:
     prepare_jax(dedicated=True)
-    study = pdssjax.load_study(EXAMPLE / "study.toml")
-    truth = json.loads((EXAMPLE / "truth.json").read_text(encoding="utf-8"))["parameters"]
-    study = study.with_values({path: truth[path]["value"] for path in study.parameters})
+    study = example()
+    study = study.with_values({path: truth()[path] for path in study.parameters})
     bench = Workbench(study, settings_of(study))
     for record in study.records:
         begun = time.perf_counter()
@@ -37,7 +37,7 @@ def turn(bench: Workbench, record: pdssjax.Record, factor: float) -> float:
     """Seconds for one redraw with another gain."""
     settings = bench.begun.with_value("piezo.gain", factor * bench.begun.values["piezo.gain"])
     begun = time.perf_counter()
-    found = bench.redraw_at_once(record, settings)
+    found = bench.records.redraw_at_once(record.name, settings, instants_of(record, *initial_stretch(record)))
     assert found is not None and not found.message
     return time.perf_counter() - begun
 

@@ -12,7 +12,7 @@ from ..study import Estimate, Record, Study
 from .background_job import Report
 from .knobs import inner_drive
 from .live_record import LiveRecords
-from .redraw import Redraw, initial_stretch, instants_of
+from .redraw import initial_stretch, instants_of
 from .settings import Settings, changed_drives, to_be_fitted
 
 if TYPE_CHECKING:
@@ -77,10 +77,6 @@ class Workbench:
         """Compile the drawing of a record, by default of the first shown."""
         record = record or self.first()
         self.records.redraw(record.name, self.begun, instants_of(record, *initial_stretch(record)))
-
-    def redraw_at_once(self, record: Record, settings: Settings) -> Redraw | None:
-        """What is drawn of a record at the numbers of `settings`; None where it must be compiled first."""
-        return self.records.redraw_at_once(record.name, settings, instants_of(record, *initial_stretch(record)))
 
     def free_path(self) -> Path:
         """A path beside this study that does not exist yet, for a new study."""
