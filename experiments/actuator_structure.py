@@ -12,8 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from pdssjax import AbstractDrive, Accuracy, Actuator, Effector
-from pdssjax.actuator import IDEAL
-from pdssjax.actuator import PARTS as RIG_PARTS
+from pdssjax.actuator import IDEAL, PARTS as RIG_PARTS
 from pdssjax.core import member, quantities
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.simulation import (

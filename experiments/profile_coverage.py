@@ -16,8 +16,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import pdssjax
-from experiments.blind_rigs import NAME as RIGS
-from experiments.blind_rigs import missed, rig
+from experiments.blind_rigs import NAME as RIGS, missed, rig
 from experiments.common import BLUE, GREEN, OUT, Row, print_table, save, styled
 from experiments.coverage_figure import draw_coverage
 from experiments.draws import numbered_results, read_tasks

@@ -8,31 +8,18 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from .actuator import Actuator as Actuator
     from .amplifier import Amplifier as Amplifier
-    from .driven_platform import DrivenPlatform as DrivenPlatform
-    from .driven_platform import DrivenPlatformState as DrivenPlatformState
-    from .driven_platform import chosen as chosen
-    from .effector import GRAVITY as GRAVITY
-    from .effector import Effector as Effector
+    from .driven_platform import (
+        DrivenPlatform as DrivenPlatform,
+        DrivenPlatformState as DrivenPlatformState,
+        chosen as chosen,
+    )
+    from .effector import GRAVITY as GRAVITY, Effector as Effector
     from .part_names import PART_NAMES as PART_NAMES
     from .parts import PARTS as PARTS
-    from .sensor import IDEAL as IDEAL
-    from .sensor import Sensor as Sensor
+    from .sensor import IDEAL as IDEAL, Sensor as Sensor
     from .stop import Stop as Stop
     from .zero_order_hold import ZeroOrderHold as ZeroOrderHold
 else:
     from ..core.lazy import lazy_exports
 
-    __getattr__, __dir__, __all__ = lazy_exports(
-        __name__,
-        {
-            "actuator": ["Actuator"],
-            "amplifier": ["Amplifier"],
-            "driven_platform": ["DrivenPlatform", "DrivenPlatformState", "chosen"],
-            "effector": ["Effector", "GRAVITY"],
-            "part_names": ["PART_NAMES"],
-            "parts": ["PARTS"],
-            "sensor": ["IDEAL", "Sensor"],
-            "stop": ["Stop"],
-            "zero_order_hold": ["ZeroOrderHold"],
-        },
-    )
+    __getattr__, __dir__, __all__ = lazy_exports(__name__)

@@ -14,6 +14,4 @@ if TYPE_CHECKING:
 else:
     from ..core.lazy import lazy_exports
 
-    __getattr__, __dir__, __all__ = lazy_exports(
-        __name__, {"settings": ["settings_of"], "widgets.server": ["serve"], "workbench": ["Workbench"]}
-    )
+    __getattr__, __dir__, __all__ = lazy_exports(__name__)

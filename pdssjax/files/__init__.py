@@ -11,77 +11,49 @@ if TYPE_CHECKING:
     from .characterisation_results import write_characterisations as write_characterisations
     from .characterise_record import characterise as characterise
     from .comparison_results import write_comparison as write_comparison
-    from .draws_file import DrawsFile as DrawsFile
-    from .draws_file import holds_draws as holds_draws
+    from .draws_file import DrawsFile as DrawsFile, holds_draws as holds_draws
     from .draws_results import read_draws as read_draws
-    from .estimate_json import estimate_text as estimate_text
-    from .estimate_json import read_covariance as read_covariance
-    from .estimate_json import read_estimate as read_estimate
-    from .estimate_json import starting_at_estimate as starting_at_estimate
-    from .estimate_json import with_estimate as with_estimate
-    from .estimate_results import write_essentials as write_essentials
-    from .estimate_results import write_estimate as write_estimate
-    from .example import EXAMPLE as EXAMPLE
-    from .example import copy_example as copy_example
-    from .friction_study import FrictionFile as FrictionFile
-    from .friction_study import friction_file as friction_file
-    from .friction_study import write_friction_study as write_friction_study
-    from .guessed_record import NewRecord as NewRecord
-    from .guessed_record import Told as Told
-    from .guessed_record import guess_file as guess_file
-    from .new_study import drive_of_samples as drive_of_samples
-    from .new_study import write_study as write_study
+    from .estimate_json import (
+        estimate_text as estimate_text,
+        read_covariance as read_covariance,
+        read_estimate as read_estimate,
+        starting_at_estimate as starting_at_estimate,
+        with_estimate as with_estimate,
+    )
+    from .estimate_results import write_essentials as write_essentials, write_estimate as write_estimate
+    from .example import EXAMPLE as EXAMPLE, copy_example as copy_example
+    from .friction_study import (
+        FrictionFile as FrictionFile,
+        friction_file as friction_file,
+        write_friction_study as write_friction_study,
+    )
+    from .guessed_record import NewRecord as NewRecord, Told as Told, guess_file as guess_file
+    from .new_study import drive_of_samples as drive_of_samples, write_study as write_study
     from .prediction_results import write_predictions as write_predictions
-    from .recording_results import check_recordings as check_recordings
-    from .recording_results import write_recordings as write_recordings
-    from .results_folder import check_empty as check_empty
-    from .results_folder import check_free as check_free
-    from .results_folder import reserved_folder as reserved_folder
-    from .results_folder import write_aside as write_aside
+    from .recording_results import check_recordings as check_recordings, write_recordings as write_recordings
+    from .results_folder import (
+        check_empty as check_empty,
+        check_free as check_free,
+        reserved_folder as reserved_folder,
+        write_aside as write_aside,
+    )
     from .study_copy import save_study as save_study
     from .study_schema import schema_text as schema_text
     from .study_toml import load_study as load_study
-    from .sweep_results import check_store as check_store
-    from .sweep_results import read_sweep as read_sweep
-    from .sweep_results import write_border as write_border
-    from .sweep_results import write_sweep as write_sweep
-    from .sweep_store import SWEEP_STORE as SWEEP_STORE
-    from .sweep_store import SweepStore as SweepStore
-    from .sweep_store import bytes_needed as bytes_needed
-    from .sweep_store import check_room as check_room
-    from .sweep_store import check_zarr as check_zarr
+    from .sweep_results import (
+        check_store as check_store,
+        read_sweep as read_sweep,
+        write_border as write_border,
+        write_sweep as write_sweep,
+    )
+    from .sweep_store import (
+        SWEEP_STORE as SWEEP_STORE,
+        SweepStore as SweepStore,
+        bytes_needed as bytes_needed,
+        check_room as check_room,
+        check_zarr as check_zarr,
+    )
 else:
     from ..core.lazy import lazy_exports
 
-    __getattr__, __dir__, __all__ = lazy_exports(
-        __name__,
-        {
-            "channel_list": ["list_channels"],
-            "channel_roles": ["Hints"],
-            "characterisation_results": ["write_characterisations"],
-            "characterise_record": ["characterise"],
-            "comparison_results": ["write_comparison"],
-            "estimate_json": [
-                "estimate_text",
-                "read_covariance",
-                "read_estimate",
-                "starting_at_estimate",
-                "with_estimate",
-            ],
-            "draws_file": ["DrawsFile", "holds_draws"],
-            "draws_results": ["read_draws"],
-            "estimate_results": ["write_essentials", "write_estimate"],
-            "example": ["EXAMPLE", "copy_example"],
-            "friction_study": ["FrictionFile", "friction_file", "write_friction_study"],
-            "guessed_record": ["NewRecord", "Told", "guess_file"],
-            "new_study": ["drive_of_samples", "write_study"],
-            "prediction_results": ["write_predictions"],
-            "recording_results": ["check_recordings", "write_recordings"],
-            "results_folder": ["check_empty", "check_free", "reserved_folder", "write_aside"],
-            "study_copy": ["save_study"],
-            "study_schema": ["schema_text"],
-            "study_toml": ["load_study"],
-            "sweep_results": ["check_store", "read_sweep", "write_border", "write_sweep"],
-            "sweep_store": ["SWEEP_STORE", "SweepStore", "bytes_needed", "check_room", "check_zarr"],
-        },
-    )
+    __getattr__, __dir__, __all__ = lazy_exports(__name__)

@@ -11,8 +11,7 @@ import pytest
 
 import pdssjax
 from pdssjax import InputError, InputWarning
-from pdssjax.cli import console
-from pdssjax.cli import main as cli
+from pdssjax.cli import console, main as cli
 from pdssjax.cli.console import counter
 from pdssjax.files import EXAMPLE, DrawsFile
 from pdssjax.study.measurement.effector import Effector

@@ -12,8 +12,7 @@ import pytest
 import quick_blocks
 import xarray
 import zarr
-from quick_blocks import example_study, found_at, planned, written
-from quick_blocks import quick as quick
+from quick_blocks import example_study, found_at, planned, quick as quick, written
 
 from pdssjax.cli.main import main
 from pdssjax.files import SweepStore

@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 import xarray
 import zarr
-from quick_blocks import OVER, example_study, found_at, planned, written
-from quick_blocks import quick as quick
+from quick_blocks import OVER, example_study, found_at, planned, quick as quick, written
 
 import pdssjax
 from pdssjax import InputError, InputWarning

@@ -15,8 +15,7 @@ from pdssjax import Accuracy, Record
 from pdssjax.cli.main import main
 from pdssjax.core import member
 from pdssjax.drive.sawtooth import Sawtooth
-from pdssjax.inference import least_squares as fitting
-from pdssjax.inference import summary
+from pdssjax.inference import least_squares as fitting, summary
 from pdssjax.inference.notes.about_models import about_models, about_resonances
 from pdssjax.inference.notes.about_parameters import about_information
 from pdssjax.inference.notes.about_records import about_records, about_rests

@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 from combinations.motion import simulate
 from combinations.rig import rig_of
-from independent_laws import LawRig
-from independent_laws import simulate as simulate_on_one_stack
+from independent_laws import LawRig, simulate as simulate_on_one_stack
 from laws.dahl import Dahl
 from laws.generalized_maxwell_slip import GeneralizedMaxwellSlip
 from laws.lugre import LuGre

@@ -17,8 +17,7 @@ from independent_friction import Law
 from independent_laws import LawRig, simulate
 from laws.coulomb import Coulomb
 
-from pdssjax import Accuracy, Actuator, Effector
-from pdssjax import simulate as simulated
+from pdssjax import Accuracy, Actuator, Effector, simulate as simulated
 from pdssjax.core import member, members
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.integration import TIGHT

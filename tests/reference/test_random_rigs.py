@@ -5,8 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from independent import Rig
-from independent import simulate as simulate_anisotropic
+from independent import Rig, simulate as simulate_anisotropic
 from independent_laws import LawRig, simulate
 from rigs import SAMPLES, trajectory
 from test_independent_laws import SIMULATED, cases, moments, packaged

@@ -10,8 +10,7 @@ import pytest
 import pdssjax
 from pdssjax import Accuracy, InputError
 from pdssjax.cli.main import main
-from pdssjax.inference import Ending
-from pdssjax.inference import least_squares as fitting
+from pdssjax.inference import Ending, least_squares as fitting
 from pdssjax.study import failure_cause, make_recordings
 
 STUDY = """\

@@ -6,8 +6,7 @@ import shutil
 import numpy as np
 import pytest
 import xarray
-from quick_blocks import example_study
-from quick_blocks import quick as quick
+from quick_blocks import example_study, quick as quick
 
 import pdssjax
 from pdssjax import InputError

@@ -9,8 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from quick_blocks import example_study
-from quick_blocks import quick as quick
+from quick_blocks import example_study, quick as quick
 
 import pdssjax
 from pdssjax import InputError

@@ -7,8 +7,7 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor
 
 import numpy as np
 import pytest
-from quick_blocks import example_study, found_at
-from quick_blocks import quick as quick
+from quick_blocks import example_study, found_at, quick as quick
 
 import pdssjax
 from pdssjax import Accuracy, InputError, OneStep

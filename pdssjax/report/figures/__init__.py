@@ -14,11 +14,9 @@ if TYPE_CHECKING:
     from .directions import directions_figure as directions_figure
     from .draws import draws_figure as draws_figure
     from .friction_loops import friction_figure as friction_figure
-    from .loops import has_loops as has_loops
-    from .loops import loop_figure as loop_figure
+    from .loops import has_loops as has_loops, loop_figure as loop_figure
     from .multistart import multistart_figure as multistart_figure
-    from .overview import estimate_figure as estimate_figure
-    from .overview import study_figure as study_figure
+    from .overview import estimate_figure as estimate_figure, study_figure as study_figure
     from .profiles import profile_figure as profile_figure
     from .record_guess import guess_figure as guess_figure
     from .records import record_figure as record_figure
@@ -29,26 +27,4 @@ if TYPE_CHECKING:
 else:
     from ...core.lazy import lazy_exports
 
-    __getattr__, __dir__, __all__ = lazy_exports(
-        __name__,
-        {
-            "amplification": ["amplification_figure"],
-            "border": ["border_figure"],
-            "comparison": ["comparison_figure"],
-            "correlations": ["correlation_figure"],
-            "cycles": ["cycle_figure"],
-            "directions": ["directions_figure"],
-            "draws": ["draws_figure"],
-            "record_guess": ["guess_figure"],
-            "friction_loops": ["friction_figure"],
-            "loops": ["has_loops", "loop_figure"],
-            "multistart": ["multistart_figure"],
-            "overview": ["estimate_figure", "study_figure"],
-            "profiles": ["profile_figure"],
-            "records": ["record_figure"],
-            "residual_split": ["residual_split_figure"],
-            "standard_errors": ["error_figure"],
-            "sweep": ["sweep_figure"],
-            "trajectory": ["trajectory_figure"],
-        },
-    )
+    __getattr__, __dir__, __all__ = lazy_exports(__name__)

@@ -12,7 +12,4 @@ if TYPE_CHECKING:
 else:
     from ...core.lazy import lazy_exports
 
-    __getattr__, __dir__, __all__ = lazy_exports(
-        __name__,
-        {"estimate": ["estimate_html"], "study": ["study_html"], "trajectory": ["trajectory_html"]},
-    )
+    __getattr__, __dir__, __all__ = lazy_exports(__name__)

@@ -7,31 +7,15 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from .border import format_border as format_border
-    from .catalogue import format_catalogue as format_catalogue
-    from .catalogue import format_entry as format_entry
+    from .catalogue import format_catalogue as format_catalogue, format_entry as format_entry
     from .channels import format_channels as format_channels
     from .characterisation import format_characterisation as format_characterisation
     from .comparison import format_comparison as format_comparison
     from .estimate import format_report as format_report
     from .new_study import format_guesses as format_guesses
-    from .records import format_numbers as format_numbers
-    from .records import format_records as format_records
-    from .sweep import format_plan as format_plan
-    from .sweep import format_sweep as format_sweep
+    from .records import format_numbers as format_numbers, format_records as format_records
+    from .sweep import format_plan as format_plan, format_sweep as format_sweep
 else:
     from ...core.lazy import lazy_exports
 
-    __getattr__, __dir__, __all__ = lazy_exports(
-        __name__,
-        {
-            "border": ["format_border"],
-            "catalogue": ["format_catalogue", "format_entry"],
-            "channels": ["format_channels"],
-            "characterisation": ["format_characterisation"],
-            "comparison": ["format_comparison"],
-            "estimate": ["format_report"],
-            "new_study": ["format_guesses"],
-            "records": ["format_numbers", "format_records"],
-            "sweep": ["format_plan", "format_sweep"],
-        },
-    )
+    __getattr__, __dir__, __all__ = lazy_exports(__name__)

@@ -11,8 +11,7 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Float
 
-from ...core import VELOCITY as SHOWN
-from ...core import Choice, choice
+from ...core import VELOCITY as SHOWN, Choice, choice
 from ...metrics import integrated, rest_of
 from ...simulation import VELOCITY
 from ..models import Models
