@@ -2,7 +2,8 @@
 
 A voltage V and a start that come from a sawtooth's slow flanks alone are wrong by what is wrong in the fall time tf: by
 V = s (T - tf), s the slope, and by tf.  One sample on each fast flank tells tf far below the sampling interval.  So the
-voltage that is looked for is U = s T, to which a slow flank would come in a whole period.
+voltage that is looked for is U = s T, to which a slow flank would come in a whole period.  The numbers of a sawtooth
+here are U [V], the period T, the begin of a fast flank and its duration tf [s].
 
 Which samples lie on a flank depends on where it is: several flanks may explain the same samples equally well, each
 within nanoseconds.  So they are looked for from many starts, and the errors hold all that are found.
@@ -15,8 +16,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from jaxtyping import Float
 
-from .sample_noise import scatter_between_corners
-from .sawtooth_shape import levels_of, line_of, peak_of, slopes_of_levels, slopes_of_line
+from .sensor_samples import scatter_between_corners
 from .voltage_flanks import Samples
 
 _TRIED = (0.3, 0.8, 1.3, 1.8, 2.4)
@@ -248,3 +248,98 @@ def _errors(jacobian: Float[np.ndarray, "n p"]) -> Float[np.ndarray, " p"]:
     if np.min(np.abs(np.diag(triangle))) < 1e-10:
         return np.full(size.size, math.inf)
     return np.linalg.norm(np.linalg.inv(triangle), axis=1) / size
+
+
+def levels_of(time: Samples, forward: bool, whole_rise: float, period: float, start: float, duration: float) -> Samples:
+    """Peak to 0 V within `duration` and back, towards `whole_rise` [V], over the rest of a period; not `forward`: the
+    other way."""
+    passed = np.mod(time - start, period)
+    fallen = np.where(passed < duration, passed / duration, (period - passed) / (period - duration))
+    return peak_of(whole_rise, period, duration) * (1.0 - fallen if forward else fallen)
+
+
+def slopes_of_levels(
+    time: Samples, forward: bool, whole_rise: float, period: float, start: float, duration: float
+) -> Float[np.ndarray, "n 4"]:
+    """The derivatives of `levels_of` by the numbers, beside its corners."""
+    cycle = np.floor((time - start) / period)
+    passed, slow = time - start - cycle * period, period - duration
+    fast, left = passed < duration, (period - passed) / slow
+    by_passed = np.where(fast, 1.0 / duration, -1.0 / slow)
+    by_period = np.where(fast, 0.0, (1.0 - left) / slow) - cycle * by_passed
+    by_duration = np.where(fast, -passed / duration**2, left / slow)
+    by_flank = np.stack([np.zeros(time.size), by_period, -by_passed, by_duration], axis=1)
+    fallen = np.where(fast, passed / duration, left)
+    level, sign = (1.0 - fallen, -1.0) if forward else (fallen, 1.0)
+    peak = _slopes_of_peak(whole_rise, period, duration)
+    return level[:, None] * peak + sign * peak_of(whole_rise, period, duration) * by_flank
+
+
+def line_of(numbers: Float[np.ndarray, "4"], forward: bool) -> Float[np.ndarray, "3"]:
+    """(a, s, c) of its slow flanks u = a + s t - c n, n the number of the cycle."""
+    whole_rise, period, start, duration = numbers
+    slope = whole_rise / period
+    foot = slope * (start + duration)
+    peak = peak_of(whole_rise, period, duration)
+    return np.array([-foot, slope, whole_rise] if forward else [peak + foot, -slope, -whole_rise])
+
+
+def slopes_of_line(numbers: Float[np.ndarray, "4"], forward: bool) -> Float[np.ndarray, "3 4"]:
+    """The derivatives of `line_of`."""
+    whole_rise, period, start, duration = numbers
+    slope, late = whole_rise / period, (start + duration) / period
+    foot = np.array([late, -slope * late, slope, slope])
+    of_slope, drop = np.array([1.0 / period, -slope / period, 0.0, 0.0]), np.array([1.0, 0.0, 0.0, 0.0])
+    peak = _slopes_of_peak(whole_rise, period, duration)
+    return np.stack([-foot, of_slope, drop] if forward else [peak + foot, -of_slope, -drop])
+
+
+def peak_of(whole_rise: float, period: float, duration: float) -> float:
+    """Of a sawtooth whose slow flank would come to `whole_rise` [V] in a period [s]."""
+    return whole_rise * (1.0 - duration / period)
+
+
+def _slopes_of_peak(whole_rise: float, period: float, duration: float) -> Float[np.ndarray, "4"]:
+    """Its derivatives by whole rise, period, start and duration."""
+    return np.array([1.0 - duration / period, whole_rise * duration / period**2, 0.0, -whole_rise / period])
+
+
+JUMP = 1.6
+"""Sampling intervals up to which a flank cannot be told from a jump."""
+
+_SURE = 5.0
+"""Standard errors within which what least squares tell of a flank is taken to lie."""
+
+
+class Timing(NamedTuple):
+    """What the samples of a voltage leave open of its fast flanks."""
+
+    shortest: float
+    """Duration that such a flank may have [s]."""
+    longest: float
+    """The same."""
+    within: float
+    """By so much the drive may start earlier or later [s]."""
+    errors: tuple[float, float] | None = None
+    """Standard errors of duration and start [s] where samples on flanks locate them; None where only bounds are known.
+    """
+
+
+def timing_of(sharp: SharpFlanks | None, seen: float, interval: float) -> Timing:
+    """Of fast flanks that were located, or else seen between two levels to last so long, 0 where no sample shows it."""
+    if sharp is None and seen:
+        # Two levels with few samples between tell too long a flank.
+        return Timing(max(0.5 * seen - interval, 0.0), 1.5 * seen + interval, 0.5 * seen + interval)
+    if sharp is None:
+        return Timing(0.0, JUMP * interval, 2.0 * interval)
+    about, within = _SURE * sharp.duration_error, _SURE * sharp.start_error
+    errors = sharp.duration_error, sharp.start_error
+    return Timing(max(sharp.duration - about, 0.0), sharp.duration + about, within, errors)
+
+
+def widened(timing: Timing, error: float) -> Timing:
+    """`timing` where what the flanks are told by has an `error` of its own, as a time [s]."""
+    shortest, longest, within, errors = timing
+    about = _SURE * error
+    both = None if errors is None else (math.hypot(errors[0], error), math.hypot(errors[1], error))
+    return Timing(max(shortest - about, 0.0), longest + about, within + about, both)

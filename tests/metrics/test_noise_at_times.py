@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pdssjax.metrics import NoiseInTime, StationaryNoise, noise_at, noise_in_time
-from pdssjax.metrics.noise_at_times import _deviances
+from pdssjax.metrics.coloured_noise import _deviances
 
 RANDOM = np.random.default_rng(7)
 

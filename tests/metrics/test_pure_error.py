@@ -6,7 +6,7 @@ from scipy import stats
 from scipy.signal import lfilter
 
 from pdssjax.metrics import lack_of_fit
-from pdssjax.metrics.pure_error import _sigmas
+from pdssjax.metrics.residuals import _sigmas
 
 FREQUENCY, CYCLES = 5.0, 6
 RANDOM = np.random.default_rng(3)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pdssjax.metrics.sawtooth_shape import levels_of, line_of, slopes_of_levels, slopes_of_line
+from pdssjax.metrics.sharpened_flanks import levels_of, line_of, slopes_of_levels, slopes_of_line
 
 NUMBERS = np.array([60.0, 0.13, 0.021, 0.013])
 STEPS = 1e-6 * NUMBERS

@@ -9,7 +9,7 @@ from voltages import INTERVAL, SHAPES, check, first_rise, samples, sawtooth
 
 from pdssjax.drive.sine import Sine
 from pdssjax.metrics import detect_waveform, neighbour_scatter, resolution_of, scatter_floor
-from pdssjax.metrics.sample_noise import scatter_between_corners
+from pdssjax.metrics.sensor_samples import scatter_between_corners
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.005])

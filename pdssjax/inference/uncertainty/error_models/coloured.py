@@ -2,8 +2,8 @@
 
     cov = sum over records of  G' C G + the sum over glitches of  g g'
 
-C is the autocovariance of the record's noise (`metrics/autocovariance.py`, at uneven times
-`metrics/noise_at_times.py`): of its residuals less their mean over the cycles at each phase, where the record repeats,
+C is the autocovariance of the record's noise (`metrics/coloured_noise.py`, at uneven times
+`metrics/coloured_noise.py`): of its residuals less their mean over the cycles at each phase, where the record repeats,
 else of all its residuals.  Samples that stand out are no part of it, since ten among 3000 would colour all others:
 those in a row are one glitch, independent of all else, which moves the parameters by g.  With the influence G of a
 misspecified model

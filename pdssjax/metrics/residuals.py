@@ -1,0 +1,293 @@
+"""What the residuals of a record consist of: misfit that repeats every cycle, noise, glitches, slips that come late.
+
+Residuals at equal phase are repeated measurements, whatever the model; what scatters among them is the
+measurement's own noise ("pure error"), and what their means scatter beyond it is the model's misfit (R. A. Fisher's
+test of lack of fit; N. R. Draper and H. Smith, Applied Regression Analysis, Wiley 1998, chapter 2).
+
+A motion x that comes later by d leaves - x' d.  In the slips x' is some hundred times that of the slow flanks, so a
+line of the residuals there against x' has the slope - d, whatever the level at which they lie.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from .coloured_noise import Noise, noise_at
+from .sensor_samples import resolution_of
+
+
+def rmse(measured: Float[np.ndarray, " n"], predicted: Float[np.ndarray, " n"]) -> float:
+    """Root mean square of the residuals, in the unit of the data."""
+    return float(np.sqrt(np.mean((measured - predicted) ** 2)))
+
+
+def error_index(measured: Float[np.ndarray, " n"], predicted: Float[np.ndarray, " n"]) -> float:
+    """The thesis's error index (4.14), sqrt(sum (measured - predicted)^2 / (n - 1)), in the unit of the data."""
+    return float(np.sqrt(np.sum((measured - predicted) ** 2) / (len(measured) - 1)))
+
+
+def r_squared(measured: Float[np.ndarray, " n"], predicted: Float[np.ndarray, " n"]) -> float:
+    """Share of the measured variance that the prediction explains."""
+    return float(1.0 - np.mean((measured - predicted) ** 2) / np.var(measured))
+
+
+_OFF_GRID = 0.02
+"""Samples by which a cycle may differ from a whole number of them, over the record, to have equal phases."""
+
+
+class LackOfFit(NamedTuple):
+    """What repeats in a record's residuals, and what does not."""
+
+    noise: float
+    """Standard deviation of what does not repeat, in the record's unit: the noise, whatever the model."""
+    misfit: float
+    """Root mean square of what repeats beyond what noise leaves of it, in the record's unit; 0 where it is none."""
+    sigmas: float
+    """How far the mean squares between and within phases are from alike, in standard deviations of chance."""
+
+
+class CycleSplit(NamedTuple):
+    """Residuals as their mean over the cycles at each phase, and the rest.
+
+    Of n samples and as many phases as a cycle has sample intervals.
+    """
+
+    group: Int[np.ndarray, " n"]
+    """The phase that each sample belongs to; -1 where the residual is not finite."""
+    sizes: Int[np.ndarray, " phases"]
+    """Samples at each phase."""
+    mean: Float[np.ndarray, " phases"]
+    """Mean residual at each phase; 0 where there is no sample."""
+    rest: Float[np.ndarray, " n"]
+    """Residual less its phase's mean, enlarged by sqrt(m/(m - 1)) for the mean of m; NaN where a phase came once."""
+
+    def phases(self) -> Float[np.ndarray, " phases"]:
+        """Where in the cycle each phase lies, from 0 to 1."""
+        return (np.arange(self.sizes.size) + 0.5) / self.sizes.size
+
+
+def split_by_phase(
+    residual: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"], frequency: float
+) -> CycleSplit | None:
+    """The `residual` of a record, sampled at `time` [s], split by the phase of a drive of so many cycles a second [Hz].
+
+    Samples are grouped by phase: exactly where a cycle holds a whole number of sample intervals, else into bins as
+    wide as one interval, within which a steep misfit counts as noise.
+
+    **Returns:** None where fewer than one and a half cycles, or than eight phases with two samples or more, were
+    recorded.
+    """
+    finite = np.isfinite(residual)
+    values, clock = residual[finite], time[finite]
+    if values.size < 16 or np.ptp(clock) * frequency < 1.5:
+        return None
+    count = 1.0 / (frequency * float(np.median(np.diff(clock))))
+    cycles = np.ptp(clock) * frequency
+    exact = abs(count - round(count)) * cycles < _OFF_GRID
+    phase = np.mod(clock * frequency, 1.0) * (round(count) if exact else count)
+    group = np.mod(np.round(phase), round(count)).astype(int) if exact else np.floor(phase).astype(int)
+    sizes = np.bincount(group)
+    if np.sum(sizes > 1) < 8:
+        return None
+    mean = np.bincount(group, values) / np.maximum(sizes, 1)
+    repeated = sizes[group] > 1
+    enlarged = np.sqrt(sizes[group] / np.maximum(sizes[group] - 1, 1))
+    everywhere, rest = np.full(residual.shape, -1), np.full(residual.shape, np.nan)
+    everywhere[finite] = group
+    rest[finite] = np.where(repeated, (values - mean[group]) * enlarged, np.nan)
+    return CycleSplit(everywhere, sizes, mean, rest)
+
+
+def lack_of_fit(residual: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"], frequency: float) -> LackOfFit | None:
+    """What repeats in the `residual` of a record, sampled at `time` [s], of a drive of so many cycles a second [Hz].
+
+    Where neighbouring samples of the noise are alike, as many fewer of them count as independent.
+
+    **Returns:** None where `split_by_phase` has none.
+    """
+    split = split_by_phase(residual, time, frequency)
+    if split is None:
+        return None
+    group, values = split.group[split.group >= 0], residual[split.group >= 0]
+    repeated = split.sizes[group] > 1
+    phases, samples = int(np.sum(split.sizes > 1)), int(np.sum(repeated))
+    within = float(np.sum((values - split.mean[group])[repeated] ** 2)) / (samples - phases)
+    centre = np.mean(values[repeated])
+    between = float(np.sum((split.mean[group] - centre)[repeated] ** 2)) / (phases - 1)
+    misfit = max(between - within, 0.0) * (phases - 1) / samples
+    independent = _independent(split, time)
+    sigmas = _sigmas(between, within, (phases - 1) * independent, (samples - phases) * independent)
+    return LackOfFit(float(np.sqrt(within)), float(np.sqrt(misfit)), sigmas)
+
+
+def _independent(split: CycleSplit, time: Float[np.ndarray, " n"]) -> float:
+    """Independent samples of the noise a sample, by those of a cycle."""
+    freedom = float(np.sum(np.isfinite(split.rest)))
+    noise = noise_at(time, split.rest, freedom, split.sizes.size // 2)
+    return noise.independent(time[: split.sizes.size])
+
+
+def _sigmas(between: float, within: float, above: float, below: float) -> float:
+    """How unlikely a ratio of mean squares is, as a normal deviate (E. Paulson, Ann. Math. Statist. 13, 1942)."""
+    if within <= 0.0:
+        return float("inf") if between > 0.0 else 0.0
+    root = (between / within) ** (1.0 / 3.0)
+    a, b = 2.0 / (9.0 * above), 2.0 / (9.0 * below)
+    return float(((1.0 - b) * root - (1.0 - a)) / np.sqrt(b * root**2 + a))
+
+
+class ResidualSplit(NamedTuple):
+    """Of n samples."""
+
+    cycles: CycleSplit | None
+    """The mean over the cycles at each phase; None where the record does not repeat."""
+    rest: Float[np.ndarray, " n"]
+    """What does not repeat, enlarged for the means taken out; all of it where the record does not repeat."""
+    noise: Noise
+    """What `rest` is a sample of."""
+    freedom: float
+    """Its degrees of freedom."""
+
+
+def split_residuals(
+    residual: Float[np.ndarray, " n"],
+    time: Float[np.ndarray, " n"],
+    frequency: float | None,
+    freedom: float = float("inf"),
+) -> ResidualSplit:
+    """The `residual` of a record, sampled at `time` [s], split; NaN is left out.
+
+    **Arguments:** cycles of the drive a second [Hz], None where it does not repeat; the `freedom` that a fit leaves of
+    the samples, where nothing repeats: variances grow by what it has taken out.
+    """
+    cycles = None if frequency is None else split_by_phase(residual, time, frequency)
+    if cycles is None:
+        samples = float(np.sum(np.isfinite(residual)))
+        freedom = min(freedom, samples)
+        return ResidualSplit(None, residual, noise_at(time, residual, freedom, residual.size), freedom)
+    # Enlarged by m/(m - 1) already: each of the rest counts.
+    samples = float(np.sum(np.isfinite(cycles.rest)))
+    noise = noise_at(time, cycles.rest, samples, cycles.sizes.size // 2)
+    return ResidualSplit(cycles, cycles.rest, noise, samples)
+
+
+_LONGEST = 5
+"""Samples in a row that may be a glitch; longer ones are misfit."""
+
+_SIGMAS = 7.0
+"""Robust standard deviations from which a sample stands out: of normal noise one in 4e11."""
+
+_TO_DEVIATION = 1.4826
+"""Standard deviation of normal noise over the median of its sizes."""
+
+_BESIDE = 0.2
+"""Share of a glitch by which the samples on either side of it may be off."""
+
+_SHIFTED = 0.4
+"""Share of a residual left by a shift in time that explains it; in a steep motion one of a glitch leaves a half."""
+
+_AROUND = 2
+"""Samples on either side that a shift must not throw off."""
+
+
+def outliers(
+    measured: Float[np.ndarray, " n"],
+    predicted: Float[np.ndarray, " n"],
+    time: Float[np.ndarray, " n"],
+    frequency: float | None,
+) -> Int[np.ndarray, " k"]:
+    """Indices of the samples `measured` at `time` [s] that stand out of the residuals in runs of at most five.
+
+    What repeats every cycle of a drive of that `frequency` [Hz] is misfit, and its median at each phase is taken off
+    first; the scale is the median of absolute deviations, which glitches hardly move, or of the changes from one cycle
+    to the next: of three cycles one is the median itself, and deviates by nothing.  A slip `predicted` a few
+    samples too early or too late leaves residuals as short, and is none: a shift in time explains it.  Nor is what
+    a sensor that counts in steps leaves: less than a step.
+    """
+    residual = measured - predicted
+    finite = np.isfinite(residual)
+    if not finite.any():
+        return np.zeros(0, int)
+    left = residual - np.median(residual[finite])
+    split = None if frequency is None else split_by_phase(residual, time, frequency)
+    changes = [np.zeros(0)]
+    if split is not None:
+        for phase in np.flatnonzero(split.sizes > 2):
+            members = split.group == phase
+            changes.append(np.diff(left[members]))
+            left[members] -= np.median(left[members])
+    scale = _TO_DEVIATION * max(_middle(left[finite]), _middle(np.concatenate(changes)) / np.sqrt(2.0))
+    if scale <= 0.0:
+        return np.zeros(0, int)
+    far = np.abs(np.nan_to_num(left)) > max(_SIGMAS * scale, resolution_of(measured[finite]) or 0.0)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], far, [False]]).astype(int)))
+    runs = [np.arange(begin, end) for begin, end in zip(edges[::2], edges[1::2], strict=True)]
+    short = [run for run in runs if run.size <= _LONGEST]
+    glitches = [run for run in short if _is_alone(left, run) and not _is_shifted(left, predicted, run)]
+    return np.concatenate([np.zeros(0, int), *glitches])
+
+
+def _middle(deviations: Float[np.ndarray, " k"]) -> float:
+    """Median of the sizes."""
+    return float(np.median(np.abs(deviations))) if deviations.size else 0.0
+
+
+def _is_alone(left: Float[np.ndarray, " n"], run: Int[np.ndarray, " k"]) -> bool:
+    """The samples on either side are hardly off: a smooth misfit leaves them off, too."""
+    beside = left[[i for i in (int(run[0]) - 1, int(run[-1]) + 1) if 0 <= i < left.size]]
+    return float(np.nanmax(np.abs(beside), initial=0.0)) < _BESIDE * float(np.max(np.abs(left[run])))
+
+
+def _is_shifted(left: Float[np.ndarray, " n"], predicted: Float[np.ndarray, " n"], run: Int[np.ndarray, " k"]) -> bool:
+    """The prediction some samples earlier or later would leave little there, and of the samples around."""
+    places = np.arange(left.size)
+    around = places[max(run[0] - _AROUND, 0) : run[-1] + _AROUND + 1]
+    sizes = [
+        np.nanmax(np.abs(left[around] + predicted[around] - np.interp(around + shift, places, predicted)))
+        for shift in np.arange(-_LONGEST, _LONGEST + 0.5, 0.5)
+    ]
+    return min(sizes) < _SHIFTED * float(np.max(np.abs(left[run])))
+
+
+_SLIPPING = 0.2
+"""Part of the largest rate from which on a motion slips."""
+
+_FASTER = 5.0
+"""Times the usual rate that it is, at least."""
+
+_LEAST = 6
+"""Samples in slips."""
+
+
+class SlipDelay(NamedTuple):
+    """Of all slips of a record together."""
+
+    delay: float
+    """By how much later than predicted they come [s]."""
+    standard_error: float
+    """[s]"""
+    explains: float
+    """Share of the sum of squares that is left in the slips, about its mean, that this delay explains [1]."""
+
+
+def slip_delay(
+    time: Float[np.ndarray, " n"], predicted: Float[np.ndarray, " n"], residual: Float[np.ndarray, " n"]
+) -> SlipDelay | None:
+    """By how much later slips come than `predicted` [m] at `time` [s], by the `residual` (measured less predicted).
+
+    None where no part of the motion is much faster than the rest, or too few samples lie in it.  NaN is left out.
+    """
+    rate = np.gradient(predicted, time)
+    fast, usual = float(np.max(np.abs(rate))), float(np.median(np.abs(rate)))
+    slips = (np.abs(rate) > max(_SLIPPING * fast, _FASTER * usual)) & np.isfinite(residual)
+    if np.count_nonzero(slips) < _LEAST:
+        return None
+    moves, left = rate[slips] - np.mean(rate[slips]), residual[slips] - np.mean(residual[slips])
+    size = float(moves @ moves)
+    if size == 0.0 or not np.any(left):
+        return None
+    delay = -float(moves @ left) / size
+    unexplained = left + delay * moves
+    error = float(np.sqrt(unexplained @ unexplained / (left.size - 2) / size))
+    return SlipDelay(delay, error, 1.0 - float(unexplained @ unexplained) / float(left @ left))

@@ -1,0 +1,83 @@
+"""Samples smoothed by a Gaussian, thinned behind a low-pass, and integrated: none of it with a delay.
+
+Smoothing takes v_k = sum of g_j u_(k+j), with g_j proportional to exp(-(j dt)^2 / (2 sigma^2)).  A harmonic of angular
+frequency w is left with exp(-(w sigma)^2 / 2) of its size.  White noise of standard deviation s is left with
+s sqrt(dt / (2 sqrt(pi) sigma)), and its rate with that over sqrt(2) sigma, where the raw samples' differences have
+sqrt(2) s / dt.
+
+Thinning takes h_k = sinc(2 f k) w_k with a Kaiser window (beta = 8.6, 90 dB), which passes what lies below 0.32 of the
+new sampling rate and stops what lies above half of it, so that nothing faster than the new samples can show folds into
+them.
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+_KERNEL_REACH = 5.0
+"""Standard deviations that the kernel reaches to each side."""
+
+
+def smoothed(samples: Float[np.ndarray, " n"], width: float) -> Float[np.ndarray, " n"]:
+    """`samples` smoothed over `width`, sigma in intervals; beyond the ends they go on point-symmetrically."""
+    reach = min(int(np.ceil(_KERNEL_REACH * width)), samples.size - 1)
+    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / width) ** 2)
+    before = 2.0 * samples[0] - samples[reach:0:-1]
+    after = 2.0 * samples[-1] - samples[-2 : -reach - 2 : -1]
+    return np.convolve(np.concatenate([before, samples, after]), kernel / kernel.sum(), "valid")
+
+
+_FILTER_REACH = 16
+"""New samples on each side that the filter takes."""
+
+_MIDDLE = 0.411
+"""Of the filter's flank, in new sampling rates."""
+
+_BETA = 8.6
+
+
+def decimated(samples: Float[np.ndarray, "samples columns"], by: int) -> Float[np.ndarray, "kept columns"]:
+    """Every sample number `by` of evenly spaced `samples`, behind a low-pass.
+
+    Those within 16 new samples of an end, for which the filter has not enough, are left out.
+    """
+    reach = _FILTER_REACH * by
+    around = np.arange(-reach, reach + 1)
+    kernel = np.sinc(2.0 * _MIDDLE * around / by) * np.kaiser(2 * reach + 1, _BETA)
+    kernel /= kernel.sum()
+    if len(samples) < kernel.size:
+        return samples[:0]
+    windows = np.lib.stride_tricks.sliding_window_view(samples, kernel.size, axis=0)[::by]
+    return windows @ kernel
+
+
+_FEWEST = 8
+"""Samples whose mean is taken for a zero."""
+
+_RESTS = 1e-3
+"""Part of the largest voltage by which it may vary where the rig is taken to rest."""
+
+
+def rest_of(
+    time: Float[np.ndarray, " n"], speed: Float[np.ndarray, " n"], volts: Float[np.ndarray, " n"], returns: bool
+) -> float | None:
+    """What the sensor of a velocity `speed` [m/s] shows of a thing at rest [m/s].
+
+    Before the drive, which starts at `time` 0 [s]; or at the end, where the voltage `volts` [V] holds; or on average,
+    of what `returns` to where it began.  None where no part of the record tells it.
+    """
+    late = volts[-max(volts.size // 5, _FEWEST) :]
+    if np.sum(time < 0) >= _FEWEST:
+        rests = speed[time < 0]
+    elif np.ptp(late) <= _RESTS * np.max(np.abs(volts)):
+        rests = speed[-late.size :]
+    elif returns:
+        rests = speed
+    else:
+        return None
+    return float(np.mean(rests))
+
+
+def integrated(time: Float[np.ndarray, " n"], speed: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """The way [m] since the first sample, by trapezia."""
+    steps = 0.5 * (speed[1:] + speed[:-1]) * np.diff(time)
+    return np.concatenate([np.zeros(1), np.cumsum(steps)])
