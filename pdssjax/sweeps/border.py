@@ -15,9 +15,7 @@ from jaxtyping import Bool, Float
 
 from ..core import InputError, InputWarning
 from ..study import Study
-from .points.base import check_ranges
-from .points.grid import Grid
-from .points.listed import Listed
+from .points import Grid, Listed, check_ranges
 from .sweeping import PlannedSweep, plan_sweep, sweep
 
 if TYPE_CHECKING:

@@ -1,4 +1,9 @@
-"""What a sweep found, labelled: an `xarray.Dataset` with units, what was held, and why points failed."""
+"""What a sweep found, labelled: an `xarray.Dataset` with units, what was held, and why points failed.
+
+Bands tell how well its metrics are known, given what is known of the parameters.  From draws: mean, standard deviation
+and quantiles.  From sigma points: to first order, with a flag where the metric bends or breaks within the uncertainty,
+so that first order does not do (`SigmaPoints`).
+"""
 
 import dataclasses
 import json
@@ -8,13 +13,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from ..core import Figure, Quantity, presenter
+from ..core import Figure, InputError, Quantity, presenter
 from ..study import Record, Study, UsedNumber
-from .cycles.base import Metric
+from .blocks import GRAZING, POINT_FAILURES
+from .cycles import Metric
 from .point import PointFunction
-from .point_status import POINT_FAILURES
-from .points.base import AbstractPoints
-from .varied_record import drive_of
+from .points import STEP, AbstractPoints
+from .request_check import drive_of
 
 if TYPE_CHECKING:
     import xarray
@@ -100,3 +105,105 @@ def register_plot() -> None:
 
     if not hasattr(xarray.Dataset, "pdssjax"):
         xarray.register_dataset_accessor("pdssjax")(SweepAccessor)
+
+
+COVERED = 0.95
+"""Part of the draws, or of a normal distribution, that lies in a band."""
+
+NORMAL = 1.959964
+"""Half the width of the band of a normal distribution, in standard deviations."""
+
+STRAIGHT = 0.04
+"""What first order may miss of the variance where it is said to hold, as a part of it."""
+
+_KINDS = {
+    "sd": "standard deviation of",
+    "low": "lower end of the 95 % band of",
+    "high": "upper end of the 95 % band of",
+}
+
+
+def with_bands(data: "xarray.Dataset") -> "xarray.Dataset":
+    """`data` of a sweep over draws or sigma points without that dimension: each metric with its band.
+
+    **Arguments:** `data` has the dimension "draw" of `CovarianceDraws` or "sigma_point" of `SigmaPoints`.
+
+    **Returns:** for every metric its value (the mean of the draws, or that at the estimate), `METRIC_sd`,
+    `METRIC_low` and `METRIC_high`; `failure`, of a point that failed; and to first order
+    `METRIC_straight`, 1 where that holds.  A point that failed is left out of draws; of sigma points it leaves none.
+
+    **Raises:** `ValueError` for a dataset with neither dimension.
+    """
+    dimension = next((name for name in ("draw", "sigma_point") if name in data.dims), None)
+    if dimension is None:
+        raise ValueError(f"Expected a sweep over draws or sigma points, but its dimensions are {tuple(data.dims)}.")
+    bands = _of_draws if dimension == "draw" else _of_sigma_points
+    along = [name for name in data.coords if dimension in data[name].dims]
+    kept = data.drop_vars(along)
+    found = kept.drop_vars(list(kept.data_vars))
+    # A point with a reversal that grazes has its metrics: what failed says more.
+    failed = kept.failure.where(kept.failure != GRAZING, 0).max(dimension, keep_attrs=True)
+    found["failure"] = failed.where(failed > 0, kept.failure.max(dimension))
+    for name in [str(name) for name in kept.data_vars if name != "failure"]:
+        told = kept[name].attrs
+        for kind, values in bands(kept[name], dimension).items():
+            says = f"{_KINDS[kind]} {told['long_name']}" if kind in _KINDS else told["long_name"]
+            unit = "1" if kind == "straight" else told["units"]
+            says = f"first order holds for {told['long_name']}" if kind == "straight" else says
+            found[f"{name}_{kind}" if kind else name] = values.assign_attrs(units=unit, long_name=says)
+    return found.assign_attrs(bands="draws" if dimension == "draw" else "first order")
+
+
+def _of_draws(values: "xarray.DataArray", dimension: str) -> dict[str, "xarray.DataArray"]:
+    low, high = 0.5 * (1.0 - COVERED), 0.5 * (1.0 + COVERED)
+    ends = values.quantile([low, high], dimension).drop_vars("quantile")
+    mean, sd = values.mean(dimension), values.std(dimension, ddof=1)
+    return {"": mean, "sd": sd, "low": ends.isel(quantile=0), "high": ends.isel(quantile=1)}
+
+
+def _of_sigma_points(values: "xarray.DataArray", dimension: str) -> dict[str, "xarray.DataArray"]:
+    middle = values.isel({dimension: 0}, drop=True)
+    up = values.isel({dimension: slice(1, None, 2)})
+    down = values.isel({dimension: slice(2, None, 2)})
+    axes, far = slice(None, up.sizes[dimension] // 2), slice(up.sizes[dimension] // 2, None)
+    odd, even = (up - down) / 2.0, (up + down) / 2.0 - middle
+    variance = ((odd.isel({dimension: axes}) / STEP) ** 2).sum(dimension, skipna=False)
+    # Apart, since one may hide the other: what bends both ways is missed by both.
+    found = [(part.isel({dimension: far}) ** 2).mean(dimension, skipna=False) for part in (odd, even)]
+    straight = (abs(found[0] - variance) + found[1] <= STRAIGHT * variance).astype(float)
+    sd = variance**0.5
+    return {"": middle, "sd": sd, "low": middle - NORMAL * sd, "high": middle + NORMAL * sd, "straight": straight}
+
+
+ALONG = "drive_direction"
+"""The dimension of the directions in a sweep's dataset."""
+
+COMPARED = ("speed", "net_step", "efficiency", "stroke", "back_slip")
+
+
+def compared_directions(data: "xarray.Dataset") -> "xarray.Dataset":
+    """What the directions of a sweep with both differ by, without their dimension.
+
+    **Returns:** for every metric `METRIC_difference`, how much more forward has of it than backward, in the metric's
+    unit, each counted along its drive: below zero is the wrong way.  `asymmetry` is the speeds' difference by the mean
+    of their magnitudes: 0 where both are alike, 2 where backward does not move along its drive at all, -2 where
+    forward does not; NaN where neither moves.
+
+    **Raises:** `InputError` for a dataset that has not both directions.
+    """
+    if data.sizes.get(ALONG) != 2:
+        raise InputError("sweep: found no two directions to compare, expected an axis drive.direction with both.")
+    forward, backward = (data.sel({ALONG: way}, drop=True) for way in (1.0, -1.0))
+    # The efficiency counts along the drive already.
+    along = lambda name: backward[name] if name == "efficiency" else -backward[name]
+    found = forward.drop_vars(list(forward.data_vars))
+    for name in COMPARED:
+        told = data[name].attrs
+        difference = forward[name] - along(name)
+        says = f"forward less backward: {told['long_name']}"
+        found[f"{name}_difference"] = difference.assign_attrs(units=told["units"], long_name=says)
+    ahead, back = forward["speed"], along("speed")
+    mean = 0.5 * (abs(ahead) + abs(back))
+    says = "speed forward less backward, by the mean of their magnitudes"
+    found["asymmetry"] = ((ahead - back) / mean.where(mean > 0)).assign_attrs(units="1", long_name=says)
+    return found

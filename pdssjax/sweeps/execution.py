@@ -1,12 +1,19 @@
-"""Runs the blocks of a sweep: on threads of this machine, or on any executor of `concurrent.futures`.
+"""Runs the blocks of a sweep: on threads, on any executor of `concurrent.futures`, or on a Dask cluster.
 
 What is sent to an executor is plain data: the job as text, a block's number and its points.  A process that has not
-seen the job builds it from the text and keeps it, compiled.
+seen the job builds it from the text and keeps it, compiled.  The text also tells sweeps apart: two of one text and of
+the same points find the same numbers.
+
+The settings of a cluster, TLS among them, are those of Dask (`DASK_DISTRIBUTED__COMM__TLS__...`, or its configuration
+files).
 """
 
 import contextlib
+import dataclasses
 import functools
+import importlib.metadata
 import itertools
+import json
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import (
     FIRST_COMPLETED,
@@ -17,17 +24,130 @@ from concurrent.futures import (
     ThreadPoolExecutor,
     wait,
 )
-from typing import TypeAlias, TypeVar
+from numbers import Integral
+from typing import Any, TypeAlias, TypeVar
 
 import jax
 import numpy as np
 from jaxtyping import Float
 
-from ..core import Document, InputError, prepare_jax
-from .block_plan import BlockPlan
-from .device_mesh import default_workers
-from .job import check_travels, job_text, package_version, point_function
+from ..core import MOST_DRAWN, Document, InputError, choices, member, member_name, members, prepare_jax, quantities
+from ..integration import Accuracy, Taylor
+from ..study import Models
+from .blocks import BlockPlan, default_workers
+from .cycles import AbstractCycle, Numbered, Steady
 from .point import PointFunction, compute_block
+
+FORMAT = "pdssjax-sweep/1"
+
+
+def package_version() -> str:
+    """The version of pdssjax that is installed; empty where it only lies on the path."""
+    try:
+        return importlib.metadata.version("pdssjax")
+    except importlib.metadata.PackageNotFoundError:
+        return ""
+
+
+def measured_cycle(cycles: int | str) -> AbstractCycle:
+    """The cycle that `sweep(cycles=...)` asks for: a number, or "steady".
+
+    **Raises:** `InputError` for anything else.
+    """
+    if cycles == "steady":
+        return Steady()
+    # An integer of NumPy is one, too.
+    if isinstance(cycles, bool | str) or not isinstance(cycles, Integral) or not 1 <= int(cycles) <= MOST_DRAWN:
+        raise InputError(f'sweep: found cycles = {cycles!r:.80}, expected a number of at least 1, or "steady".')
+    return Numbered(int(cycles))
+
+
+def job_document(function: PointFunction) -> Document:
+    """`function` as plain data: members by name, numbers by path or field, in SI."""
+    models, drive = function.models, function.drive
+    numbers = {field: float(getattr(drive, field)) for field in [*quantities(type(drive)), *choices(type(drive))]}
+    # Left out where nothing is asked for, so that stores from before there was anything to ask are those of this sweep.
+    asked = {"further": list(function.further), "derivatives": list(function.by)}
+    return {name: list(of) for name, of in asked.items() if of} | {
+        "format": FORMAT,
+        "pdssjax": package_version(),
+        "actuator": models.chosen | {"parts": sorted(models.parts)},
+        "drive": {"waveform": member_name(type(drive)), **numbers},
+        "parameters": {path: float(number) for path, number in function.numbers.items()},
+        "paths": list(function.paths),
+        "cycles": function.cycle.described,
+        "accuracy": _accuracy_document(function.accuracy),
+        "metrics": list(function.columns),
+    }
+
+
+def point_function(document: Document) -> PointFunction:
+    """What `document` describes; `job_document` the other way round."""
+    actuator, drive, accuracy = document["actuator"], dict(document["drive"]), dict(document["accuracy"])
+    models = Models(
+        member("piezo", actuator["piezo"]),
+        member("friction", actuator["friction"]),
+        actuator["friction_state"],
+        actuator["feedback"],
+        frozenset(actuator["parts"]),
+        actuator.get("rests_under_load", False),
+    )
+    waveform = member("drive", drive.pop("waveform"))
+    order = accuracy.pop("method")["order"]
+    return PointFunction(
+        models,
+        waveform(**drive),
+        tuple(document["paths"]),
+        document["parameters"],
+        measured_cycle(document["cycles"]),
+        Accuracy(method=Taylor(order), **accuracy),
+        tuple(document.get("further", ())),
+        tuple(document.get("derivatives", ())),
+    )
+
+
+def job_text(document: Document) -> str:
+    """A `document` as text, the same for the same content."""
+    return json.dumps(document, sort_keys=True)
+
+
+def check_travels(document: Document) -> None:
+    """**Raises** `InputError` for what another process could not build again from `document`."""
+    if document["accuracy"]["method"]["name"] != "taylor":
+        found = document["accuracy"]["method"]["name"]
+        raise InputError(f'sweep: found the step method "{found}" with an executor, expected a Taylor series.')
+    named = {"piezo": document["actuator"]["piezo"], "friction": document["actuator"]["friction"]}
+    for family, name in (named | {"drive": document["drive"]["waveform"]}).items():
+        if name.partition(":")[0] not in members(family):
+            raise InputError(
+                f'sweep: found the {family} "{name}" with an executor, which pdssjax does not have; expected one of '
+                f"{', '.join(members(family))}: other processes know no others."
+            )
+
+
+def differences(document: Document, other: Document, at: str = "") -> list[str]:
+    """Where two documents differ, each as "parameters.friction.f_ss_a: 0.8, not 0.7"; the first is called for."""
+    found: list[str] = []
+    for key in sorted({*document, *other}):
+        here, there = document.get(key), other.get(key)
+        name = f"{at}.{key}".lstrip(".")
+        if isinstance(here, dict) and isinstance(there, dict):
+            found += differences(here, there, name)
+        elif here != there:
+            found.append(f"{name}: {_told(there)}, not {_told(here)}")
+    return found
+
+
+def _told(value: object) -> str:
+    return "none" if value is None else f"{value!r}" if isinstance(value, float) else str(value)
+
+
+def _accuracy_document(accuracy: Accuracy) -> Document:
+    method = accuracy.method
+    described = {"name": "taylor", "order": method.order} if isinstance(method, Taylor) else {"name": repr(method)}
+    numbers = {f.name: getattr(accuracy, f.name) for f in dataclasses.fields(accuracy) if f.name != "method"}
+    return {name: float(n) if isinstance(n, float) else int(n) for name, n in numbers.items()} | {"method": described}
+
 
 Block: TypeAlias = Float[np.ndarray, "lanes columns"]
 """What was found at the points of a block: the metrics, then the failure, one row a point."""
@@ -68,7 +188,7 @@ def run_block(text: str, number: int, points: Float[np.ndarray, "lanes paths"]) 
     """What a worker does: the block `number` of the job `text`, found at its `points`."""
     if not jax.config.jax_enable_x64:  # pyright: ignore[reportAttributeAccessIssue]
         prepare_jax()
-    return number, computed_block(_rebuilt(text), points)
+    return number, compute_block(_rebuilt(text), points)
 
 
 @functools.lru_cache(maxsize=4)
@@ -85,16 +205,11 @@ def _rebuilt(text: str) -> PointFunction:
     return point_function(document)
 
 
-def computed_block(function: PointFunction, points: Float[np.ndarray, "lanes paths"]) -> Block:
-    """What is found at the `points` of a block, here."""
-    return compute_block(function, points)
-
-
 def _on_threads(
     function: PointFunction, plan: BlockPlan, numbers: Iterator[int], workers: int, in_flight: int | None
 ) -> Generator[tuple[int, Callable[[], Block]], None, None]:
     pool = ThreadPoolExecutor(workers)
-    submit = lambda number: pool.submit(computed_block, function, plan.block(number))
+    submit = lambda number: pool.submit(compute_block, function, plan.block(number))
     try:
         # The first block alone: it compiles what the others share.  In a thread, too, since no signal is heard in one
         # that compiles, which may take minutes.
@@ -150,3 +265,50 @@ def _result(future: Future[tuple[int, Block]], number: int) -> Block:
 def _room(executor: Executor) -> int:
     workers = getattr(executor, "_max_workers", None)
     return 2 * workers if isinstance(workers, int) else _IN_FLIGHT
+
+
+_PATIENCE = 10.0
+"""How long a scheduler may take to answer [s]."""
+
+
+@contextlib.contextmanager
+def cluster_executor(address: str) -> Iterator[tuple[Executor, int]]:
+    """An executor on the workers of the Dask scheduler at `address`, such as "tcp://10.0.0.1:8786", and their threads.
+
+    **Raises:** `InputError` where `distributed` is not installed, no scheduler answers, it has no workers, or one of
+    them has another pdssjax or none.
+    """
+    try:
+        from distributed import Client
+    except ImportError:
+        raise InputError(
+            "option --scheduler: found no distributed, expected it installed: \"pip install 'pdssjax[cluster]'\"."
+        ) from None
+    try:
+        client = Client(address, timeout=_PATIENCE, set_as_default=False)
+    except (OSError, TimeoutError, ValueError, TypeError) as error:
+        told = str(error).strip().splitlines()[:1] or [type(error).__name__]
+        raise InputError(
+            f"scheduler {address}: found none that answers ({told[0]}), expected a Dask scheduler."
+        ) from None
+    with contextlib.closing(client):
+        threads = sum(_answer(client.nthreads()).values())
+        if not threads:
+            raise InputError(f"scheduler {address}: found no workers, expected at least one.")
+        _check_versions(address, _answer(client.run(importlib.metadata.version, "pdssjax", on_error="return")))
+        # A block is the same wherever and however often it is computed: a worker that dies is replaced.
+        yield client.get_executor(pure=False, retries=2), threads
+
+
+def _answer(told: Any) -> dict[str, Any]:
+    """By worker, what it told; `distributed` types it as if it were awaited."""
+    return told
+
+
+def _check_versions(address: str, found: dict[str, object]) -> None:
+    here = package_version()
+    for worker, version in found.items():
+        if version == here:
+            continue
+        told = f"pdssjax {version}" if isinstance(version, str) else "no pdssjax"
+        raise InputError(f"scheduler {address}: worker {worker}: found {told}, expected pdssjax {here} as here.")

@@ -17,12 +17,9 @@ from ..drive.base import AbstractDrive
 from ..integration import GRAZES, Accuracy
 from ..simulation import StickSlip
 from ..study import Models
-from .cycles.base import METRICS, OF_FLANKS, AbstractCycle, Metric
-from .cycles.course import closing, step_metrics
-from .cycles.further_metrics import FURTHER, SMOOTH, counted, nearest_to_grazing, output_force
-from .cycles.peak_friction import peak_friction
-from .device_mesh import shared_out, whole_shares
-from .point_status import GRAZING, INCOMPLETE
+from .blocks import GRAZING, INCOMPLETE, shared_out, whole_shares
+from .cycles import METRICS, OF_FLANKS, AbstractCycle, Metric, closing, step_metrics
+from .further_metrics import FURTHER, SMOOTH, counted, nearest_to_grazing, output_force, peak_friction
 
 _FEW = 8
 """Points that are looked at patiently in one call, or one a device where there are more of these."""

@@ -1,14 +1,150 @@
-"""What is asked of a sweep besides the metrics that every cycle has: whether it can be found."""
+"""What is asked of a sweep: the record whose drive it varies, the paths of its points, further metrics, derivatives."""
 
-from collections.abc import Sequence
+import dataclasses
+from collections.abc import Mapping, Sequence
 
-from ..core import InputError, nearest
-from ..study import Record, Study
-from .axes import sweepable, sweepable_choices
-from .cycles.base import AbstractCycle
-from .cycles.further_metrics import FURTHER
-from .cycles.steady import Steady
-from .varied_record import drive_of
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ..core import InputError, Quantity, check_range, choices, nearest
+from ..drive.base import AbstractDrive
+from ..study import MASS_UNUSED, Record, Study, check_whole_parts, unused_by, without_effect
+from .cycles import AbstractCycle, Steady
+from .further_metrics import FURTHER
+
+
+def driven_record(study: Study, name: str | None) -> Record:
+    """The effector record `name`, by default the first one under a periodic drive.
+
+    Its drive's voltage is told by the peak, however the study tells it, unless the study lists "drive.voltage".
+
+    **Raises:** `InputError` where there is none.
+    """
+    where = study.path or study.title
+    driven = [r for r in study.records if r.measurement.effector_free and drive_of(r).period() is not None]
+    if not driven:
+        raise InputError(f"{where}: found no effector record under a periodic drive, expected one whose drive to vary.")
+    if name is None:
+        return _by_peak(driven[0], study)
+    for record in driven:
+        if record.name == name:
+            return _by_peak(record, study)
+    raise InputError(f'{where}: found no record "{name}" to sweep; {nearest(name, [r.name for r in driven])}')
+
+
+def _by_peak(record: Record, study: Study) -> Record:
+    if "drive.voltage" in study.parameters:
+        return record
+    drive, listed = drive_of(record), study.as_in(record).parameters
+    shared = {field: p.number for field in drive.numbers() if (p := listed.get(f"drive.{field}")) is not None}
+    known = {f: number for f, number in shared.items() if number is not None and f not in record.overrides}
+    return dataclasses.replace(record, drive=drive.with_numbers(known).told_by_peak())
+
+
+def drive_of(record: Record) -> AbstractDrive:
+    """That of a record whose end-effector moves."""
+    assert record.drive is not None
+    return record.drive
+
+
+_SENSOR = (
+    "a sweep tells the motion itself, not what the sensor shows of it",
+    "a record that is seen through the sensor, as pdssjax simulate and study.predict show it",
+)
+"""Why the sensor's parameters change nothing in a sweep, and what they are for."""
+
+_STOP = "no metric asked for depends on a stop", 'the metric "output_force" (--metrics output_force)'
+"""Why the stop's parameters change nothing, and what would make them count."""
+
+
+def sweepable(study: Study, base: Record) -> dict[str, Quantity]:
+    """What is declared of everything that can be varied, by path: the drive of `base` and the models' parameters."""
+    legal = {f"drive.{field}": q for field, q in drive_of(base).declared().items()}
+    return legal | {path: q for path, q in study.legal().items() if not path.startswith("drive.")}
+
+
+def changes_a_sweep(path: str, study: Study, metrics: Sequence[str]) -> bool:
+    """Whether the points of a sweep with these further `metrics` depend on `path`, of those that are `sweepable`."""
+    return not _why_unread(path, study, metrics)
+
+
+def check_effects(study: Study, base: Record, paths: Sequence[str], metrics: Sequence[str]) -> None:
+    """**Raises** `InputError` for one of the `paths`, all of them sweepable, that no point would depend on."""
+    words = sweepable_choices(base)
+    check_whole_parts(paths, study.parameters, "sweep")
+    for path in paths:
+        why = _why_unread(path, study, metrics)
+        if why:
+            read = [other for other in sweepable(study, base) if changes_a_sweep(other, study, metrics)]
+            raise without_effect("sweep", path, *why, [*read, *words])
+
+
+def _why_unread(path: str, study: Study, metrics: Sequence[str]) -> tuple[str, str] | tuple[()]:
+    """Why a path changes no point, and what it needs to; nothing where it does."""
+    part = path.split(".")[0]
+    if part == "sensor":
+        return _SENSOR
+    if part == "stop" and "output_force" not in metrics:
+        return _STOP
+    return MASS_UNUSED if path in unused_by(study.models) else ()
+
+
+def sweepable_choices(base: Record) -> dict[str, dict[str, float]]:
+    """What of the drive of `base` is one of some words, by path: each word with the number that stands for it."""
+    return {f"drive.{field}": words for field, words in choices(type(drive_of(base))).items()}
+
+
+def check_axes(
+    study: Study, base: Record, paths: Sequence[str], values: Float[np.ndarray, "points paths"]
+) -> dict[str, Quantity]:
+    """What is declared of each path; a choice counts as a pure number.
+
+    **Raises:** `InputError` for an unknown path and for a number outside its legal range.
+    """
+    legal, words = sweepable(study, base), sweepable_choices(base)
+    declared = {}
+    for path, column in zip(paths, values.T, strict=True):
+        if path in words:
+            _check_words(path, column, words[path])
+            declared[path] = Quantity(0.0, "", False, -np.inf, np.inf, True)
+            continue
+        if path not in legal:
+            raise InputError(f'sweep: found the unknown path "{path}"; {nearest(path, [*legal, *words])}')
+        for end in (column.min(), column.max()):
+            check_range(float(end), legal[path], f'sweep: path "{path}"')
+        declared[path] = legal[path]
+    return declared
+
+
+def _check_words(path: str, column: Float[np.ndarray, " points"], words: Mapping[str, float]) -> None:
+    for value in np.unique(column):
+        if value not in words.values():
+            expected = " or ".join(f"{number:g} ({word})" for word, number in words.items())
+            raise InputError(f'sweep: path "{path}": found {value:g}, expected {expected}.')
+
+
+def contradictions(
+    drive: AbstractDrive, paths: Sequence[str], values: Float[np.ndarray, "points paths"], shared: Mapping[str, float]
+) -> Bool[np.ndarray, " points"]:
+    """Whether the numbers of each point's drive contradict each other (a fall longer than the period), shape (points,).
+
+    A voltage of zero moves nothing, which is a point like any other.
+    """
+    fields = [path.removeprefix("drive.") for path in paths]
+    named = [i for i, path in enumerate(paths) if path.startswith("drive.") and fields[i] != "voltage"]
+    if not named or not len(values):
+        return np.zeros(len(values), bool)
+    held = {path.removeprefix("drive."): n for path, n in shared.items() if path.startswith("drive.")}
+    held = {field: number for field, number in held.items() if hasattr(drive, field)}
+    different, which = np.unique(values[:, named], axis=0, return_inverse=True)
+    broken = [
+        bool(
+            set(drive.with_numbers(held | dict(zip([fields[i] for i in named], row, strict=True))).broken_conditions())
+            - {"voltage"}
+        )
+        for row in different.tolist()
+    ]
+    return np.array(broken)[which.ravel()]
 
 
 def check_asked(metrics: Sequence[str], cycle: AbstractCycle, known: Sequence[str]) -> None:

@@ -27,20 +27,12 @@ from ..core import (
 )
 from ..integration import TAYLOR, Accuracy
 from ..study import Record, Study, UsedNumber, numbers_used
-from .axes import check_axes, check_effects, contradictions
-from .block_plan import BlockPlan, plan_blocks
-from .block_store import AbstractBlockStore, MemoryStore
+from .blocks import SKIPPED, AbstractBlockStore, BlockPlan, MemoryStore, check_memory, lanes_here, plan_blocks
 from .dataset import labelled
-from .device_mesh import lanes_here
-from .execution import run_blocks
-from .job import job_document, measured_cycle
-from .memory import check_memory
+from .execution import job_document, measured_cycle, run_blocks
 from .point import PointFunction
-from .point_status import SKIPPED
-from .points.base import AbstractPoints
-from .points.grid import Grid
-from .request_check import check_asked, numbers_by
-from .varied_record import drive_of, driven_record
+from .points import AbstractPoints, Grid
+from .request_check import check_asked, check_axes, check_effects, contradictions, drive_of, driven_record, numbers_by
 
 if TYPE_CHECKING:
     import xarray

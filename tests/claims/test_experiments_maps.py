@@ -29,7 +29,7 @@ def blocks(monkeypatch):
     """The net step is 0.1 um a volt and the gain's share above a border that rises with the frequency."""
     seen = []
 
-    def computed_block(function, points):
+    def compute_block(function, points):
         seen.append(len(points))
         of = lambda path: points[:, function.paths.index(path)] if path in function.paths else function.numbers[path]
         way = of("drive.direction") if "drive.direction" in function.paths else 1.0
@@ -38,7 +38,7 @@ def blocks(monkeypatch):
         found = (way * net, way * net * of("drive.frequency"), net / stroke, way * stroke, way * (stroke - net))
         return np.column_stack([*found, ones, 0.0 * ones, 0.0 * ones])
 
-    monkeypatch.setattr(execution, "computed_block", computed_block)
+    monkeypatch.setattr(execution, "compute_block", compute_block)
     return seen
 
 

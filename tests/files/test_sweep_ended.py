@@ -36,13 +36,13 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 quick = int(sys.argv.pop(1))
 counted = itertools.count()
 
-def computed_block(function, points):
+def compute_block(function, points):
     if next(counted) >= quick:
         print("deaf", file=sys.stderr, flush=True)
         hashlib.pbkdf2_hmac("sha256", b"", b"", 300_000_000)  # minutes
     return found_at(points)
 
-execution.computed_block = computed_block
+execution.compute_block = compute_block
 sys.exit(run())
 """
 """The command line, whose blocks after so many hear no signal, as while a compiler works."""
@@ -131,13 +131,13 @@ def blocks_done(place):
 
 
 def test_who_interrupts_the_command_is_told_how_to_go_on(tmp_path, quick, capsys, study, monkeypatch):
-    def computed_block(function, points):
+    def compute_block(function, points):
         if len(quick) == 2:
             raise KeyboardInterrupt
         quick.append(points)
         return found_at(points)
 
-    monkeypatch.setattr(execution, "computed_block", computed_block)
+    monkeypatch.setattr(execution, "compute_block", compute_block)
     command = [
         "sweep",
         str(written(tmp_path, study)),

@@ -22,7 +22,7 @@ from pdssjax.cli.main import main
 from pdssjax.files import SweepStore, read_sweep, write_sweep
 from pdssjax.files.sweep_store import DONE, FAILED
 from pdssjax.sweeps import POINT_FAILURES, execution, sweeping
-from pdssjax.sweeps.point_status import NOT_COMPUTED
+from pdssjax.sweeps.blocks import NOT_COMPUTED
 
 
 @pytest.fixture(scope="module")
@@ -58,19 +58,19 @@ def test_a_sweep_that_was_interrupted_ends_as_if_it_had_not_been(tmp_path, study
 
 
 def test_blocks_that_failed_have_a_reason_and_are_tried_again(tmp_path, study, quick, monkeypatch):
-    works = execution.computed_block
+    works = execution.compute_block
 
-    def computed_block(function, points):
+    def compute_block(function, points):
         if points[0, 1] > 25.0:
             raise MemoryError("no room")
         return works(function, points)
 
-    monkeypatch.setattr(execution, "computed_block", computed_block)
+    monkeypatch.setattr(execution, "compute_block", compute_block)
     store = SweepStore(tmp_path / "s.zarr")
     data = pdssjax.sweep(study, OVER, store=store)
     assert store.reasons() and set(store.reasons().values()) == {"MemoryError: no room"}
     assert set(np.asarray(store._group["status"])) == {DONE, FAILED} and np.isnan(data.net_step).any()
-    monkeypatch.setattr(execution, "computed_block", works)
+    monkeypatch.setattr(execution, "compute_block", works)
     resumed = pdssjax.sweep(study, OVER, store=SweepStore(tmp_path / "s.zarr", resume=True))
     xarray.testing.assert_identical(resumed, pdssjax.sweep(study, OVER))
 
@@ -350,12 +350,12 @@ def test_the_command_resumes(tmp_path, quick, capsys, study):
 
 
 def test_a_sweep_whose_every_point_failed_is_no_success(tmp_path, capsys, study, monkeypatch):
-    def computed_block(function, points):
+    def compute_block(function, points):
         found = np.full((len(points), 6), np.nan)
         found[:, -1] = 1.0
         return found
 
-    monkeypatch.setattr(execution, "computed_block", computed_block)
+    monkeypatch.setattr(execution, "compute_block", compute_block)
     command = ["sweep", str(written(tmp_path, study)), "--voltage", "20:80:3", "--out", str(tmp_path / "out")]
     assert main(command) == 3
     said = capsys.readouterr().err.strip().splitlines()[-1]

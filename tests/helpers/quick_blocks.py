@@ -51,9 +51,9 @@ def quick(monkeypatch):
     """Sweeps find `found_at` their points; the list says which points each block had, in order."""
     blocks = []
 
-    def computed_block(function, points):
+    def compute_block(function, points):
         blocks.append(points)
         return found_at(points)
 
-    monkeypatch.setattr(execution, "computed_block", computed_block)
+    monkeypatch.setattr(execution, "compute_block", compute_block)
     return blocks

@@ -142,7 +142,7 @@ def test_the_command_gives_bands(tmp_path, estimate, quick, capsys, monkeypatch,
     linear_in_gain = lambda function, points: np.column_stack(
         [*[1e7 * points[:, 1:2] * points[:, :1]] * 5, 0 * points[:, :1]]
     )
-    monkeypatch.setattr(execution, "computed_block", linear_in_gain)
+    monkeypatch.setattr(execution, "compute_block", linear_in_gain)
     gains = 1.007e-7 * (1.0 + 0.01 * np.random.default_rng(6).standard_normal(1000))
     np.savetxt(tmp_path / "bootstrap.csv", gains, "%.10g", header="piezo.gain [m/V]", comments="")
     shutil.copytree(EXAMPLE, tmp_path / "study")

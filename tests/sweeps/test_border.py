@@ -30,13 +30,13 @@ def dead(monkeypatch):
     """The step efficiency rises from zero at a voltage that depends on the frequency; says how many points it had."""
     asked = []
 
-    def computed_block(function, points):
+    def compute_block(function, points):
         asked.append(len(points))
         frequency, voltage = points[:, 0], points[:, -1]
         efficiency = np.maximum(0.01 + 0.05 * (voltage - 12.0 - 0.7 * frequency), 0.0)
         return np.column_stack([*[efficiency] * 5, np.zeros(len(points))])
 
-    monkeypatch.setattr(execution, "computed_block", computed_block)
+    monkeypatch.setattr(execution, "compute_block", compute_block)
     return asked
 
 

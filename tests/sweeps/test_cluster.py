@@ -14,8 +14,8 @@ from quick_blocks import example_study, quick as quick
 import pdssjax
 from pdssjax import InputError
 from pdssjax.files import SweepStore
-from pdssjax.sweeps import cluster, cluster_executor
-from pdssjax.sweeps.job import package_version
+from pdssjax.sweeps import cluster_executor, execution
+from pdssjax.sweeps.execution import package_version
 
 NEEDED = pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="needs pdssjax[cluster]")
 
@@ -105,7 +105,7 @@ def test_a_real_cluster_finds_what_threads_find(quick):
 @NEEDED
 @pytest.mark.filterwarnings("ignore")
 def test_a_scheduler_that_is_not_there_is_told_in_a_line(monkeypatch):
-    monkeypatch.setattr(cluster, "_PATIENCE", 0.3)
+    monkeypatch.setattr(execution, "_PATIENCE", 0.3)
     with pytest.raises(InputError) as refused, cluster_executor("tcp://127.0.0.1:9"):
         pass
     assert "found none that answers" in str(refused.value) and "\n" not in str(refused.value)
@@ -162,7 +162,7 @@ def test_the_tls_settings_of_dask_are_those_of_a_sweep(quick, monkeypatch, certi
         assert local.scheduler_address.startswith("tls://")
         with cluster_executor(local.scheduler_address) as (pool, _):
             there = pdssjax.sweep(example_study(), GRID, executor=pool)
-        monkeypatch.setattr(cluster, "_PATIENCE", 0.3)
+        monkeypatch.setattr(execution, "_PATIENCE", 0.3)
         with (
             dask.config.set({"distributed.comm.tls.ca-file": None}),
             pytest.raises(InputError, match=r"scheduler tls://.*TLS") as refused,

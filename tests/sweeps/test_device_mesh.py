@@ -13,13 +13,13 @@ import pytest
 from quick_blocks import example_study
 
 import pdssjax
-from pdssjax.sweeps.device_mesh import shared_out
+from pdssjax.sweeps.blocks import shared_out
 
 ROOT = Path(__file__).parents[2]
 HALVED = """\
 import jax, json
 import jax.numpy as jnp
-from pdssjax.sweeps.device_mesh import default_workers, lanes_here, shared_out, whole_shares
+from pdssjax.sweeps.blocks import default_workers, lanes_here, shared_out, whole_shares
 from test_device_mesh import POINTS, turns
 found = jax.jit(lambda points: shared_out(jax.vmap(turns), points))(POINTS)
 print(json.dumps([found.tolist(), len(found.devices()), whole_shares(7), lanes_here(), default_workers()]))

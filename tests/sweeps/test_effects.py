@@ -10,7 +10,7 @@ from pdssjax import InputError
 from pdssjax.cli.main import main
 from pdssjax.files import EXAMPLE
 from pdssjax.sweeps import CovarianceDraws, Crossed, Grid, Sobol, changes_a_sweep, find_border, plan_sweep
-from pdssjax.sweeps.job import job_document, point_function
+from pdssjax.sweeps.execution import job_document, point_function
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from quick_blocks import example_study, found_at, quick as quick
 import pdssjax
 from pdssjax import Accuracy, InputError, OneStep
 from pdssjax.sweeps import POINT_FAILURES, Grid, execution, plan_sweep
-from pdssjax.sweeps.job import differences, job_document, job_text, point_function
+from pdssjax.sweeps.execution import differences, job_document, job_text, point_function
 
 OVER = {"drive.voltage": np.linspace(20.0, 80.0, 30), "drive.frequency": np.linspace(2.0, 50.0, 20)}
 """600 points: ten blocks."""
@@ -84,12 +84,12 @@ def test_a_step_method_that_does_not_travel_is_refused_before_any_work(study, qu
 
 
 def test_a_block_that_cannot_be_computed_is_nan_and_says_so(study, quick, monkeypatch):
-    def computed_block(function, points):
+    def compute_block(function, points):
         if (points[:, 0] > 79.0).any() and (points[:, 1] > 49.0).any():
             raise MemoryError("no room")
         return found_at(points)
 
-    monkeypatch.setattr(execution, "computed_block", computed_block)
+    monkeypatch.setattr(execution, "compute_block", compute_block)
     data = pdssjax.sweep(study, OVER)
     failed = data.failure.values == POINT_FAILURES.index("its block of points could not be computed")
     assert 0 < failed.sum() <= 128 and np.isnan(data.net_step.values[failed]).all()
@@ -97,10 +97,10 @@ def test_a_block_that_cannot_be_computed_is_nan_and_says_so(study, quick, monkey
 
 
 def test_what_fails_at_once_is_raised(study, monkeypatch):
-    def computed_block(function, points):
+    def compute_block(function, points):
         raise TypeError("a mistake")
 
-    monkeypatch.setattr(execution, "computed_block", computed_block)
+    monkeypatch.setattr(execution, "compute_block", compute_block)
     with pytest.raises(TypeError, match="a mistake"):
         pdssjax.sweep(study, OVER)
 

@@ -20,11 +20,11 @@ from pdssjax.report.figures import directions_figure
 from pdssjax.report.text import format_sweep
 from pdssjax.simulation import STOP_FORCE, StickSlip, sensor_samples
 from pdssjax.sweeps import FURTHER, Listed, compared_directions, execution, plan_sweep
-from pdssjax.sweeps.cycles.numbered import Numbered
-from pdssjax.sweeps.cycles.peak_friction import peak_friction
-from pdssjax.sweeps.job import job_document, point_function
+from pdssjax.sweeps.blocks import GRAZING, INCOMPLETE, POINT_FAILURES
+from pdssjax.sweeps.cycles import Numbered
+from pdssjax.sweeps.execution import job_document, point_function
+from pdssjax.sweeps.further_metrics import peak_friction
 from pdssjax.sweeps.point import compute_block, per_unit
-from pdssjax.sweeps.point_status import GRAZING, INCOMPLETE, POINT_FAILURES
 
 DRIVES = {"drive.voltage": [64.0, 120.0], "drive.frequency": [50.0, 150.0]}
 STOP = {"stop.stiffness": [1e5, 1e5]}
@@ -102,7 +102,7 @@ def test_units_of_derivatives_can_be_read(unit, of, found):
     ],
 )
 def test_what_cannot_be_found_is_refused_before_any_work(study, monkeypatch, asked, essential):
-    monkeypatch.setattr(execution, "computed_block", lambda *given: pytest.fail("computed for nothing"))
+    monkeypatch.setattr(execution, "compute_block", lambda *given: pytest.fail("computed for nothing"))
     with pytest.raises(InputError) as refused:
         pdssjax.sweep(study, DRIVES, **asked)
     assert essential in str(refused.value) and "\n" not in str(refused.value)
@@ -204,12 +204,12 @@ def test_directions_are_drawn_beside_each_other(cut):
 def test_the_command_asks_for_metrics_and_derivatives(study, tmp_path, monkeypatch, capsys):
     seen = []
 
-    def computed_block(function, points):
+    def compute_block(function, points):
         seen.append(function)
         row = found_at(points)
         return np.column_stack([row[:, :5], np.ones((len(points), len(function.columns) - 5)), row[:, -1]])
 
-    monkeypatch.setattr(execution, "computed_block", computed_block)
+    monkeypatch.setattr(execution, "compute_block", compute_block)
     estimate = tmp_path / "estimate.json"
     known = {path: {"value": value} for path, value in study.values().items()}
     estimate.write_text(json.dumps({"format": "pdssjax-estimate/1", "converged": True, "parameters": known}))

@@ -5,7 +5,7 @@ import pytest
 
 from pdssjax import InputError
 from pdssjax.sweeps import CovarianceDraws, Crossed, GivenDraws, Grid, LatinHypercube, Listed, Sobol
-from pdssjax.sweeps.block_plan import plan_blocks
+from pdssjax.sweeps.blocks import plan_blocks
 
 RANGES = {"drive.voltage": (20.0, 80.0), "drive.frequency": (2.0, 50.0)}
 

@@ -11,8 +11,8 @@ import pdssjax
 from benchmarks.maps import net_step_after
 from pdssjax import Accuracy, InputError
 from pdssjax.sweeps import Listed, plan_sweep
-from pdssjax.sweeps.job import job_document, point_function
-from pdssjax.sweeps.point_status import INCOMPLETE
+from pdssjax.sweeps.blocks import INCOMPLETE
+from pdssjax.sweeps.execution import job_document, point_function
 
 POINTS = {"drive.voltage": [30.0, 64.0, 150.0, 80.0], "drive.frequency": [5.0, 50.0, 120.0, 250.0]}
 

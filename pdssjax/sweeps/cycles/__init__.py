@@ -1,1 +1,0 @@
-"""Which cycle of a motion a sweep measures: a family, one choice a file."""

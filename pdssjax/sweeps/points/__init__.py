@@ -1,1 +1,0 @@
-"""Which points a sweep computes: a family, one way to choose them a file."""
