@@ -1,14 +1,22 @@
-"""What shows results in a notebook: `pdssjax.core.presenter()` is this module, by its name (`pdssjax/__init__.py`)."""
+"""What shows results in a notebook: `pdssjax.core.presenter()` is this module, by its name (`pdssjax/__init__.py`).
 
-from ..core import Figure, InputError, draw_in_notebook
-from ..simulation import Trajectory
-from ..study import Estimate, Study
+As HTML a result has its numbers with units, as in the report; all that comes from outside is escaped.
+"""
+
+import html
+import math
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..core import Figure, InputError, decimals_for, display_unit, draw_in_notebook, member_name, percent, rounded
+from ..simulation import TRAJECTORY_UNITS, Trajectory
+from ..study import Estimate, FittedParameter, FittedRecord, Parameter, Record, Study
 
 
 def as_html(shown: object) -> str:
     """A result as a piece of HTML."""
-    from .html import estimate_html, study_html, trajectory_html
-
     if isinstance(shown, Estimate):
         return estimate_html(shown)
     if isinstance(shown, Study):
@@ -66,3 +74,164 @@ def _estimate_figure(estimate: Estimate, what: str | None) -> Figure:
     if what not in known:
         raise InputError(f'plot: found "{what}", expected one of {", ".join(known)}.')
     return known[what]()
+
+
+def _table(align: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Rows below a head; `align` holds "<" or ">" for each column."""
+    sides = ["left" if side == "<" else "right" for side in align]
+    lines = [_row("th", sides, head), *(_row("td", sides, row) for row in rows)]
+    return f"<_table>\n<thead>{lines[0]}</thead>\n<tbody>\n" + "\n".join(lines[1:]) + "\n</tbody>\n</_table>"
+
+
+def _row(tag: str, sides: Sequence[str], cells: Sequence[str]) -> str:
+    shown = [
+        f'<{tag} style="text-align: {side}">{html.escape(units(cell))}</{tag}>'
+        for side, cell in zip(sides, cells, strict=True)
+    ]
+    return f"<tr>{''.join(shown)}</tr>"
+
+
+def paragraph(strong: str, text: str = "") -> str:
+    """One line, what matters most of it in bold."""
+    return f"<p><strong>{html.escape(strong)}</strong> {html.escape(units(text))}".rstrip() + "</p>"
+
+
+def folded(title: str, lines: Sequence[str]) -> str:
+    """Lines that open at a click; nothing where there are none."""
+    if not lines:
+        return ""
+    items = "".join(f"<li>{html.escape(line)}</li>" for line in lines)
+    return f"<details><summary>{html.escape(title)} ({len(lines)})</summary><ul>{items}</ul></details>"
+
+
+def units(text: str) -> str:
+    """Micro as a letter of its own, since HTML is no terminal."""
+    return re.sub(r"\bum\b", "µm", text)
+
+
+def estimate_html(estimate: Estimate) -> str:
+    """The tables of the report, and its notes folded."""
+    parameters = list(estimate.parameters.values())
+    parts = [
+        paragraph(estimate.title, _outcome(estimate)),
+        _table(
+            "<>>><<<",
+            ["parameter", "value", "+/-", "", "unit", "95 % interval", ""],
+            [_fitted_parameter(parameter) for parameter in parameters],
+        ),
+        _table(
+            "<<>>>>><",
+            ["record", "role", "samples", "r2", "rmse", "noise", "chi2/n", "unit"],
+            [_fitted_record(record) for record in estimate.records],
+        ),
+        folded("Notes", estimate.notes),
+    ]
+    return "\n".join(filter(None, parts))
+
+
+def _outcome(estimate: Estimate) -> str:
+    verdict = estimate.verdict if estimate.success else estimate.verdict.upper()
+    known = not estimate.statistics.noise_estimated
+    chi2 = f", reduced chi-square {estimate.statistics.reduced_chi2:.5g}" if known else ""
+    more = (
+        ""
+        if estimate.explained
+        else "; the records leave more than noise, contradict each other or are missed, see the notes"
+    )
+    return f"{estimate.method} fit {verdict}: {estimate.message}{chi2}{more}"
+
+
+def _fitted_parameter(parameter: FittedParameter) -> list[str]:
+    unit, scale = display_unit(parameter.unit)
+    places = decimals_for(parameter.standard_error * scale)
+    low, high = (rounded(end * scale, places) for end in parameter.interval)
+    return [
+        parameter.path,
+        rounded(parameter.value * scale, places),
+        rounded(parameter.standard_error * scale, places) if parameter.free else "",
+        percent(parameter.standard_error, parameter.value) if parameter.free else "",
+        unit,
+        f"{low} .. {high}" if parameter.free and parameter.identifiable else "",
+        parameter.remark,
+    ]
+
+
+def _fitted_record(record: FittedRecord) -> list[str]:
+    scale, places = record.display.scale, record.display.decimals(record.rmse, record.noise)
+    return [
+        record.name,
+        "fitted" if record.role == "fit" else "validation",
+        str(record.samples),
+        rounded(record.r2, 7),
+        rounded(record.rmse * scale, places),
+        rounded(record.noise * scale, places) + (" (found)" if record.noise_estimated else ""),
+        rounded(record.reduced_chi2, 3),
+        record.display.unit if record.simulated else "simulation failed",
+    ]
+
+
+def study_html(study: Study) -> str:
+    """What a study knows and what was measured."""
+    reading = f" ({study.friction_state} state)" if study.friction.__name__.startswith("Anisotropic") else ""
+    feedback = ", with friction feedback" if study.feedback else ""
+    resting = ", at rest under its load from the beginning" if study.rests_under_load else ""
+    models = f"piezo: {member_name(study.piezo)}, friction: {member_name(study.friction)}{reading}{feedback}{resting}"
+    return "\n".join(
+        [
+            paragraph(study.title, models),
+            _table(
+                "<<><<",
+                ["parameter", "", "number", "unit", "bounds given"],
+                [_study_parameter(parameter) for parameter in study.parameters.values()],
+            ),
+            _table(
+                "<<<<>>>",
+                ["record", "measures", "role", "drive", "samples", "from (s)", "to (s)"],
+                [_study_record(record) for record in study.records],
+            ),
+        ]
+    )
+
+
+def _study_parameter(parameter: Parameter) -> list[str]:
+    unit, scale = display_unit(parameter.unit)
+    number = "found in the data" if parameter.number is None else f"{parameter.number * scale:.6g}"
+    given = [end for end in (parameter.low, parameter.high) if end is not None]
+    low, high = (math.nan if end is None else end * scale for end in (parameter.low, parameter.high))
+    bounds = f"{low:.4g} .. {high:.4g}".replace("nan", "") if given else ""
+    kind = "free" if parameter.free else "fixed"
+    if parameter.measured_apart is not None:
+        kind, number = "measured apart", f"{number} +/- {parameter.measured_apart[1] * scale:.2g}"
+    return [parameter.path, kind, number, unit, bounds]
+
+
+def _study_record(record: Record) -> list[str]:
+    drive = "prescribed motion" if record.drive is None else _drive(record)
+    ends = [f"{record.time[at]:.4g}" for at in (0, -1)]
+    return [record.name, record.measures, record.role, drive, str(record.time.size), *ends]
+
+
+def _drive(record: Record) -> str:
+    drive = record.drive
+    assert drive is not None
+    frequency = drive.cycle_frequency()
+    cycles = "" if frequency is None else f", {float(frequency):g} Hz"
+    return f"{member_name(type(drive))}, {float(drive.peak()):g} V{cycles}"
+
+
+def trajectory_html(run: Trajectory) -> str:
+    """The least, the greatest and the last value of every channel, with its unit."""
+    if np.ndim(run.time) != 1:
+        return paragraph("Trajectory", f"of arrays of shape {np.shape(run.effector)}")
+    rows = []
+    for name, unit in TRAJECTORY_UNITS.items():
+        shown, scale = display_unit(unit)
+        values = scale * np.asarray(getattr(run, name))
+        rows.append([name, *(f"{number:.5g}" for number in (values.min(), values.max(), values[-1])), shown])
+    outcome = run.message or f"{int(run.steps)} steps, {int(run.events)} switches of the mode"
+    return "\n".join(
+        [
+            paragraph(f"Trajectory of {np.size(run.time)} samples", outcome),
+            _table("<>>><", ["", "least", "greatest", "last", "unit"], rows),
+        ]
+    )

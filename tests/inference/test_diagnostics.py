@@ -9,7 +9,7 @@ from pdssjax.inference.diagnostics.agreement import agreement, score_of, white_s
 from pdssjax.inference.diagnostics.combinations import best_remedy, combinations
 from pdssjax.inference.diagnostics.diagnose import record_groups
 from pdssjax.inference.notes.about_diagnosis import about_agreement
-from pdssjax.report.text.diagnosis import format_diagnosis
+from pdssjax.report.text.estimate import format_diagnosis
 from pdssjax.study import Agreement, Combination, Diagnosis, Remedy
 
 PATHS = ("a", "b", "c")

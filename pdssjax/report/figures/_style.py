@@ -1,8 +1,14 @@
-"""Colours and style of every figure; the palette of Okabe and Ito."""
+"""Colours, style and axes of every figure; the palette of Okabe and Ito.
+
+Figures are made without pyplot, so that no window system and no global state is involved.
+"""
 
 from typing import Any
 
+import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, NullLocator, StrMethodFormatter
 
 # From the palette of Okabe and Ito, distinct also with a colour vision deficiency and in grey print.
 GREY, VERMILION, BLUE, YELLOW, GREEN = "0.5", "#D55E00", "#0072B2", "#F0E442", "#009E73"
@@ -26,3 +32,31 @@ def fixed_ticks(most: int, *panels: Axes) -> None:
     """
     for panel in panels:
         panel.locator_params(axis="y", nbins=most)
+
+
+_DECADE, _MANY = 10.0, 100.0
+"""Over a smaller ratio than the first 1, 2 and 5 of each decade are too few ticks: there these lie at equal distances.
+Over a larger one than the second they are too many: there each decade has one."""
+
+
+def in_equal_ratios(places: Float[np.ndarray, " values"]) -> bool:
+    """Whether an axis goes by equal ratios, as `FROM:TO:COUNT:log` makes it."""
+    if places.size < 3 or places.min() <= 0:
+        return False
+    ratios = places[1:] / places[:-1]
+    return bool(np.ptp(ratios) < 1e-6 * ratios[0] and np.ptp(np.diff(places)) > 1e-6 * np.ptp(places))
+
+
+def scale_axes(axes: Axes, **places: Float[np.ndarray, " values"]) -> None:
+    """Makes the axes `x` and `y` logarithmic whose `places` go by equal ratios."""
+    for name, values in places.items():
+        if in_equal_ratios(values):
+            ratio = values.max() / values.min()
+            wide, subs = ratio >= _DECADE, (1.0, 2.0, 5.0) if ratio <= _MANY else (1.0,)
+            axes.set(**{f"{name}scale": "log"})
+            axis = axes.xaxis if name == "x" else axes.yaxis
+            axis.set_major_locator(LogLocator(subs=subs) if wide else MaxNLocator(6, steps=[1, 2, 5, 10]))
+            if not wide:
+                axis.set_minor_locator(NullLocator())
+            axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+            axis.set_minor_formatter(NullFormatter())

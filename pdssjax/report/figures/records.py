@@ -1,9 +1,7 @@
-"""Figure of a record against its prediction.
-
-Figures are made without pyplot, so that no window system and no global state is involved.
-"""
+"""Figures of records against their predictions: over time, against the voltage, and what the residuals consist of."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import matplotlib
 import numpy as np
@@ -11,8 +9,10 @@ from jaxtyping import Bool, Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...core import VELOCITY
-from ...study import FittedRecord
+from ...core import VELOCITY, Display
+from ...inference import repeats
+from ...metrics import CycleSplit, NoiseInTime, ResidualSplit, grid_positions, sample_autocovariance, split_residuals
+from ...study import Estimate, FittedRecord, Study
 from ._style import BLUE, GREY, STYLE, VERMILION, YELLOW, fixed_ticks
 
 
@@ -109,3 +109,236 @@ def _caption(record: FittedRecord) -> str:
         quality += f", chi-square per sample {record.reduced_chi2:.3g}"
     role = "fitted" if record.role == "fit" else "not fitted"
     return f"{record.name}\n{record.measures}, {role}, {quality if record.simulated else 'the simulation failed'}"
+
+
+class _Row(NamedTuple):
+    """What is drawn of one record."""
+
+    title: str
+    display: Display
+    time: Float[np.ndarray, " n"]
+    measured: Float[np.ndarray, " n"]
+    predicted: Float[np.ndarray, " n"] | None
+    motion: Float[np.ndarray, " n"] | None
+    prescribed: Display
+    """How the `motion` is shown."""
+
+
+def study_figure(study: Study) -> Figure:
+    """What was measured: every record of a study."""
+    rows = [
+        _Row(
+            _titled(r.name, r.measures, r.role),
+            r.measurement.display,
+            r.time,
+            r.measured,
+            None,
+            r.motion,
+            r.measurement.prescribed_display,
+        )
+        for r in study.records
+    ]
+    return _overview(study.title, rows)
+
+
+def estimate_figure(estimate: Estimate) -> Figure:
+    """Every record of an estimate against its prediction."""
+    rows = [
+        _Row(_titled(r.name, r.measures, r.role), r.display, r.time, r.measured, r.predicted, r.motion, r.prescribed)
+        for r in estimate.records
+    ]
+    return _overview(estimate.title, rows)
+
+
+def _titled(name: str, measures: str, role: str) -> str:
+    return f"{name}: {measures}" + (", not fitted" if role == "validate" else "")
+
+
+def _overview(title: str, rows: Sequence[_Row]) -> Figure:
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(7.4, 0.9 + 1.25 * len(rows)), layout="constrained")
+        grid = figure.subplots(len(rows), 2, squeeze=False)
+        for row, (whole, near) in zip(rows, grid, strict=True):
+            _draw_row(whole, near, row)
+        grid[-1, 0].set_xlabel("time (s)")
+        if any(row.predicted is not None for row in rows):
+            figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
+        figure.suptitle(title, x=0.01, ha="left", fontsize=10.0, wrap=True)
+        figure.align_ylabels(grid[:, 0])
+    return figure
+
+
+def _draw_row(whole: Axes, near: Axes, row: _Row) -> None:
+    _curves(whole, row.time, row, slice(None))
+    whole.set_title(row.title, loc="left")
+    whole.set_ylabel(row.display.unit.replace("um", "µm"))
+    if row.motion is not None:
+        order = np.argsort(row.motion) if row.prescribed == VELOCITY else np.arange(row.motion.size)
+        _curves(near, row.prescribed.scale * row.motion[order], row, order)
+        near.set_xlabel(f"{row.prescribed.quantity} ({row.prescribed.unit.replace('um', 'µm')})")
+        return
+    moment = liveliest_moment(row.time, row.measured)
+    _curves(near, 1e3 * row.time[moment], row, moment)
+    near.set_xlabel("time (ms)", fontsize=7.5, labelpad=1.0)
+    near.tick_params(labelsize=7.5)
+    whole.axvspan(*row.time[moment][[0, -1]], color=YELLOW, alpha=0.5, linewidth=0, zorder=0)
+
+
+def _curves(axes: Axes, x: Float[np.ndarray, " n"], row: _Row, part: "slice | np.ndarray") -> None:
+    scale = row.display.scale
+    alone = row.predicted is None
+    axes.plot(
+        x, scale * row.measured[part], color=BLUE if alone else GREY, linewidth=1.0 if alone else 2.2, label="measured"
+    )
+    if row.predicted is not None:
+        axes.plot(x, scale * row.predicted[part], color=VERMILION, linewidth=0.9, label="predicted")
+
+
+FEWEST = 20
+"""Levels of the voltage from which on a loop is worth a figure: a step has two."""
+
+
+def has_loops(record: FittedRecord) -> bool:
+    """The platform alone was measured while its voltage ran up or down."""
+    return record.voltage is not None and np.unique(np.round(record.voltage, 9)).size >= FEWEST
+
+
+def loop_figure(record: FittedRecord) -> Figure:
+    """Displacement against voltage over the residual against voltage.
+
+    **Arguments:** a `record` that `has_loops`.
+    """
+    if record.voltage is None:
+        raise ValueError("Expected a record with a voltage, but it has none.")
+    scale, unit = record.display.scale, record.display.unit.replace("um", "µm")
+    residual = scale * (record.measured - record.predicted)
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(5.6, 5.6), layout="constrained")
+        motion, left = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
+        motion.plot(record.voltage, scale * record.measured, color=GREY, linewidth=2.4, label="measured")
+        motion.plot(record.voltage, scale * record.predicted, color=VERMILION, linewidth=0.8, label="predicted")
+        motion.set_ylabel(f"{record.display.quantity} ({unit})")
+        motion.legend(loc="best")
+        left.plot(record.voltage, residual, ".", color=BLUE, markersize=2.0, alpha=0.35, markeredgewidth=0)
+        left.axhline(0.0, color="0.6", linewidth=0.7, zorder=0)
+        left.set_ylabel(f"residual ({unit})")
+        left.set_xlabel("voltage (V)")
+        figures = f"rms {scale * record.rmse:.3g} {unit}, largest {scale * record.largest_error:.3g} {unit}"
+        figure.suptitle(f"{record.name}\nagainst the voltage: {figures}", x=0.01, ha="left", fontsize=10.0, wrap=True)
+        fixed_ticks(8, motion)
+        fixed_ticks(4, left)
+        figure.align_ylabels((motion, left))
+    return figure
+
+
+_MOST_SHOWN = 60
+"""Intervals up to which the autocorrelation is shown at most."""
+
+_MARGIN = 0.1
+"""Room above and below residuals, as a share of their span, where an axis leaves out samples that stand out."""
+
+
+def residual_split_figure(record: FittedRecord) -> Figure:
+    """Mean over the cycles at each phase beside all residuals; to the right, the autocorrelation of the rest.
+
+    Of a record that does not repeat, all residuals over time.  All of them are those of the report.  Samples that stand
+    out may lie beyond the axis, whose caption says by how much, and are left out of means and autocorrelation.
+    """
+    split = split_residuals(record.residual_without_outliers, record.time, record.frequency)
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(7.4, 2.9), layout="constrained")
+        residuals, correlation = figure.subplots(1, 2, width_ratios=(3, 2))
+        if split.cycles is None:
+            _draw_all(residuals, record)
+        else:
+            _draw_cycle(residuals, record, split.cycles)
+        if record.outliers.size:
+            _show_others(residuals, record)
+        _draw_autocorrelation(correlation, record, split)
+        figure.suptitle(f"{record.name}\n{_split_caption(record, split)}", x=0.01, ha="left", fontsize=10.0, wrap=True)
+    return figure
+
+
+def _draw_cycle(axes: Axes, record: FittedRecord, cycles: CycleSplit) -> None:
+    scale, unit = record.display.scale, record.display.unit.replace("um", "µm")
+    there = cycles.sizes > 0
+    place = cycles.phases()
+    residual = scale * record.residual
+    seen = cycles.group >= 0
+    # Samples that stand out have no group, but a phase.
+    phase = np.mod(record.time * (record.frequency or 0.0), 1.0)
+    phase[seen] = place[cycles.group[seen]]
+    axes.plot(phase, residual, ".", color="0.75", markersize=2, label="every cycle")
+    within = float(np.sqrt(np.nanmean(cycles.rest**2)))
+    band = 2.0 * scale * within / np.sqrt(np.maximum(cycles.sizes, 1))
+    centre = float(np.mean(residual[seen]))
+    axes.fill_between(
+        place[there],
+        centre - band[there],
+        centre + band[there],
+        color=GREY,
+        alpha=0.35,
+        linewidth=0,
+        label="± 2 by noise",
+    )
+    axes.plot(place[there], scale * cycles.mean[there], color=BLUE, linewidth=1.0, label="mean of the cycles")
+    axes.set_xlabel("phase of the cycle")
+    axes.set_ylabel(f"residual ({unit})")
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, markerscale=3, borderaxespad=0.2)
+
+
+def _draw_all(axes: Axes, record: FittedRecord) -> None:
+    scale, unit = record.display.scale, record.display.unit.replace("um", "µm")
+    axes.plot(record.time, scale * record.residual, color=BLUE, linewidth=0.6)
+    axes.set_xlabel("time (s)")
+    axes.set_ylabel(f"residual ({unit})")
+
+
+def _show_others(axes: Axes, record: FittedRecord) -> None:
+    """End the axis where the samples end that do not stand out."""
+    others = record.display.scale * record.residual_without_outliers
+    others = others[np.isfinite(others)]
+    if others.size and np.ptp(others) > 0.0:
+        margin = _MARGIN * float(np.ptp(others))
+        axes.set_ylim(float(others.min()) - margin, float(others.max()) + margin)
+
+
+def _draw_autocorrelation(axes: Axes, record: FittedRecord, split: ResidualSplit) -> None:
+    interval, places = float(np.median(np.diff(record.time))), grid_positions(record.time)
+    if places is None:
+        interval = max(interval, float(np.ptp(record.time)) / (4 * record.time.size))
+        places = np.rint((record.time - record.time[0]) / interval).astype(int)
+    longest = record.time.size // 2 if split.cycles is None else split.cycles.sizes.size // 2
+    shown = max(min(_MOST_SHOWN, longest), 2)
+    covariance = sample_autocovariance(split.rest, places, shown)
+    if covariance[0] <= 0.0:
+        return
+    apart = interval * np.arange(shown)
+    band = 2.0 / np.sqrt(max(split.freedom, 1.0))
+    axes.axhspan(-band, band, color="0.9", linewidth=0, zorder=-1)
+    axes.vlines(1e3 * apart, 0.0, covariance / covariance[0], color=BLUE, linewidth=1.2)
+    noise = split.noise
+    if isinstance(noise, NoiseInTime):
+        model, label = noise.covariance_at(apart), f"white and slow noise ({1e3 * noise.duration:.2g} ms)"
+    else:
+        model, label = noise.autocovariance(shown), f"autoregression of order {noise.order}"
+    label = label if noise.order else "white noise"
+    style = ".-" if noise.order else "."
+    axes.plot(1e3 * apart, model / model[0], style, color=VERMILION, linewidth=0.9, markersize=2.5, label=label)
+    axes.axhline(0.0, color=GREY, linewidth=0.5)
+    axes.set_xlabel("interval (ms)")
+    axes.set_ylabel("autocorrelation " + ("of the residuals" if split.cycles is None else "of the rest"))
+    axes.legend(loc="upper right")
+
+
+def _split_caption(record: FittedRecord, split: ResidualSplit) -> str:
+    show = lambda number: record.display.text(number).replace("um", "µm")
+    without = ""
+    if record.outliers.size:
+        largest = float(np.max(np.abs(record.residual[record.outliers])))
+        without = f"; samples that stand out: {record.outliers.size}, by up to {show(largest)}"
+    if split.cycles is None or record.lack_of_fit is None:
+        return f"does not repeat: misfit and slow noise cannot be told apart{without}"
+    found = record.lack_of_fit
+    what = "misfit" if repeats(record) else "as chance has it, no misfit"
+    return f"repeats every cycle: {show(found.misfit)} ({what}); does not: {show(found.noise)} (noise){without}"

@@ -1,4 +1,4 @@
-"""Maps of a sweep: one panel a metric, over one or two axes."""
+"""Figures of sweeps: maps and lines of metrics, both directions beside each other, the border that was looked for."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -8,16 +8,63 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.patheffects import withStroke
 
 from ...core import InputError, display_unit
-from ...sweeps import ALONG, DEAD, GRAZING
-from ._axis_scale import scale_axes
-from ._dead_zone import BARE, bare_key, border_key, draw_border, explain, has_border
-from ._style import STYLE, VERMILION
+from ...sweeps import ALONG, DEAD, GRAZING, compared_directions
+from ._style import STYLE, VERMILION, in_equal_ratios, scale_axes
 
 if TYPE_CHECKING:
     import xarray
+
+
+_WIDTH = 1.2
+
+BARE = "0.85"
+"""Colour of a cell of a map that has no value to show."""
+
+
+def has_border(dead: Float[np.ndarray, "rows columns"]) -> bool:
+    """Whether `dead`, below zero in the dead zone, changes its sign on a map."""
+    return min(dead.shape) > 1 and bool(np.nanmin(dead, initial=np.inf) < 0 < np.nanmax(dead, initial=-np.inf))
+
+
+def draw_border(
+    axes: Axes,
+    x: Float[np.ndarray, " columns"],
+    y: Float[np.ndarray, " rows"],
+    dead: Float[np.ndarray, "rows columns"],
+    colour: str,
+) -> None:
+    """The border, where there is one."""
+    if has_border(dead):
+        axes.contour(x, y, dead, levels=[0.0], colors=colour, linewidths=_WIDTH).set(path_effects=_edged(colour))
+
+
+def border_key(colour: str, says: str) -> Artist:
+    """The border's entry in a legend."""
+    return Line2D([], [], color=colour, linewidth=_WIDTH, path_effects=_edged(colour), label=says)
+
+
+def bare_key(says: str) -> Artist:
+    """The entry of cells without a value."""
+    return Patch(facecolor=BARE, label=says)
+
+
+def explain(figure: Figure, keys: Sequence[Artist]) -> None:
+    """Puts a legend with the `keys` below all panels."""
+    if keys:
+        figure.legend(handles=list(keys), loc="outside lower center", ncols=len(keys))
+
+
+def _edged(colour: str) -> list[withStroke]:
+    """White shows on neither a bright map nor on paper: it gets an edge."""
+    return [withStroke(linewidth=_WIDTH + 1.2, foreground="0.2")] if colour == "w" else []
+
 
 PANELS = ("speed", "net_step", "efficiency", "back_slip")
 
@@ -169,3 +216,162 @@ def _number(value: "xarray.DataArray") -> str:
         return "forward" if float(value) > 0 else "backward"
     unit, scale = display_unit(value.attrs["units"])
     return f"{float(value) * scale:.4g} {'' if unit == '1' else unit}".rstrip()
+
+
+FORWARD, BACKWARD = "#0072B2", "#D55E00"
+
+_WIDE = 8.0
+"""The largest speed by the median above which a map's colours go by the logarithm."""
+
+_ALIKE = 1e-3
+"""Colours of the asymmetry reach this far at least: less is rounding."""
+
+
+def directions_figure(data: "xarray.Dataset") -> Figure:
+    """The speeds along the drive, forward and backward, of a `sweep` with both, and their difference by their mean.
+
+    Lines over one axis, maps over the first two; further axes are held at their middle, as the title says.  On a map
+    a line is the border of the dead zone of a direction, where the step efficiency is `DEAD`; what moves the wrong way
+    or failed is grey.
+    """
+    others = [str(name) for name in data.sizes if name != "drive_direction"]
+    names = drawn_over(data, others)
+    middle = {name: (data.sizes[name] - 1) // 2 for name in others if name not in names}
+    cut = data.isel(middle)
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(9.6, 3.2), layout="constrained")
+        axes = figure.subplots(1, 2 if len(names) == 1 else 3)
+        (_direction_lines if len(names) == 1 else _direction_maps)(list(axes), cut, names)
+        title = ", ".join([str(data.attrs["title"]), f"drive of {data.attrs['record']}", *held_fixed(data, middle)])
+        figure.suptitle(title, x=0.01, ha="left", fontsize=9.5, wrap=True)
+    return figure
+
+
+def _direction_lines(axes: list[Axes], data: "xarray.Dataset", names: list[str]) -> None:
+    numbers = data[names[0]] if names[0] in data.coords else None
+    places, place = shown(numbers) if numbers is not None else (np.arange(data.sizes[names[0]]), names[0])
+    speeds, label = shown(_along_the_drive(data).transpose("drive_direction", ...))
+    for way, name, colour in ((1.0, "forward", FORWARD), (-1.0, "backward", BACKWARD)):
+        row = int(np.argmax(data.drive_direction.values == way))
+        axes[0].plot(places, speeds[row], ".-", color=colour, markersize=4, label=name)
+    axes[0].set_ylabel(label)
+    axes[0].legend()
+    axes[1].plot(places, 100.0 * compared_directions(data).asymmetry.values, ".-", color="k", markersize=4)
+    axes[1].axhline(0.0, color="k", linewidth=0.6)
+    axes[1].set_ylabel("difference (% of the mean)")
+    for panel in axes:
+        panel.set_xlabel(place)
+        panel.set_xlim(axes[0].get_xlim())
+
+
+def _direction_maps(axes: list[Axes], data: "xarray.Dataset", names: list[str]) -> None:
+    (y, rows), (x, columns) = (shown(data[name]) for name in names)
+    speeds, label = shown(_along_the_drive(data))
+    scale, found = _speed_scale(speeds), {}
+    for panel, way, name, colour in zip(axes, (1.0, -1.0), ("forward", "backward"), (FORWARD, BACKWARD), strict=False):
+        part = data.sel(drive_direction=way)
+        values, _ = shown(_along_the_drive(data).sel(drive_direction=way).transpose(*names))
+        values = np.where(values > 0.0, values, np.nan)
+        panel.set_facecolor(BARE)
+        panel.pcolormesh(x, y, values, shading="nearest", rasterized=True, cmap="viridis", norm=scale)
+        panel.set_title(name, color=colour, loc="left")
+        found[colour] = part.efficiency.transpose(*names).values - DEAD
+        draw_border(panel, x, y, found[colour], "w")
+    figure = axes[0].figure
+    assert isinstance(figure, Figure)
+    figure.colorbar(axes[0].collections[0], ax=axes[:2], label=label)
+    axes[2].set_title("what they differ by", loc="left")
+    asymmetry = 100.0 * compared_directions(data).asymmetry.transpose(*names).values
+    reach = max(float(np.nanmax(np.abs(asymmetry), initial=0.0)), 100.0 * _ALIKE)
+    colours: dict[str, Any] = {"cmap": "RdBu", "vmin": -reach, "vmax": reach}
+    image = axes[2].pcolormesh(x, y, asymmetry, shading="nearest", rasterized=True, **colours)
+    figure.colorbar(image, ax=axes[2], label="difference (% of the mean)")
+    for colour, dead in found.items():
+        draw_border(axes[2], x, y, dead, colour)
+    for panel in axes:
+        panel.set_xlabel(columns)
+        scale_axes(panel, x=x, y=y)
+    axes[0].set_ylabel(rows)
+    explain(figure, _direction_keys(found, speeds))
+
+
+def _direction_keys(
+    found: Mapping[str, Float[np.ndarray, "rows columns"]], values: Float[np.ndarray, "..."]
+) -> list[Artist]:
+    """What the legend of maps explains, only what is there, of speeds along the drive."""
+    drawn = [colour for colour, dead in found.items() if has_border(dead)]
+    says = {FORWARD: "that of forward", BACKWARD: "that of backward"}
+    keys = [border_key("w", f"border of the dead zone (efficiency of {100 * DEAD:g} %)")] if drawn else []
+    keys += [border_key(colour, says[colour]) for colour in drawn]
+    bare = ["moves the wrong way"] * bool((values <= 0).any()) + ["failed"] * bool(np.isnan(values).any())
+    return keys + [bare_key(" or ".join(bare))] * bool(bare)
+
+
+def _along_the_drive(data: "xarray.Dataset") -> "xarray.DataArray":
+    """The speeds, positive where the motion is the drive's."""
+    told = data.speed.attrs | {"long_name": "speed along the drive"}
+    return (data.speed * data.drive_direction).assign_attrs(told).rename("speed")
+
+
+def _speed_scale(speeds: Float[np.ndarray, "..."]) -> Normalize:
+    """Colours of speeds: by their logarithm where most are small beside the largest."""
+    known = speeds[np.isfinite(speeds) & (speeds > 0)]
+    top = float(known.max(initial=0.0))
+    if known.size and top > _WIDE * float(np.median(known)):
+        return LogNorm(1e-4 * top, top, clip=True)
+    return Normalize(0.0, top or 1.0)
+
+
+_LINES = 7
+"""Of a second axis so many values are drawn, the first and the last among them."""
+
+
+def border_figure(data: "xarray.Dataset") -> Figure:
+    """The border of a `find_border` over the first axis of its grid, a line for each value of the second.
+
+    Further axes are held at their middle, as the title says.  Where there is no border the line has a gap.
+    """
+    every = [str(name) for name in data.border.dims]
+    names = drawn_over(data, every)
+    middle = {name: (data.sizes[name] - 1) // 2 for name in every if name not in names}
+    cut = data.isel(middle)
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(5.2, 3.6), layout="constrained")
+        axes = figure.subplots()
+        _border_lines(axes, cut, names)
+        told = [data.attrs["title"], f"drive of {data.attrs['record']}", data.attrs["of"], *held_fixed(data, middle)]
+        figure.suptitle(", ".join(told), x=0.01, ha="left", fontsize=9.5, wrap=True)
+    return figure
+
+
+def _border_lines(axes: Axes, data: "xarray.Dataset", names: list[str]) -> None:
+    border, label = shown(data.border)
+    axes.set_ylabel(label)
+    if not names:
+        axes.axhline(float(border), color="#0072B2")
+        return
+    places, place = shown(data[names[0]])
+    if len(names) == 1:
+        axes.plot(places, border, ".-", color="#0072B2", markersize=4)
+    else:
+        values, what = shown(data[names[1]])
+        rows = np.unique(np.linspace(0, len(values) - 1, _LINES).round().astype(int))
+        for i, row in enumerate(rows):
+            colour = matplotlib.colormaps["viridis"](i / max(len(rows) - 1, 1) * 0.9)
+            label = _named(names[1], float(values[row]))
+            axes.plot(places, border[:, row], ".-", color=colour, markersize=4, label=label)
+        axes.legend(title=what)
+    if in_equal_ratios(places):
+        scale_axes(axes, x=places)
+    elif len(places) > 1:
+        # Where there is no border the axis goes on.
+        margin = 0.05 * np.ptp(places)
+        axes.set_xlim(places.min() - margin, places.max() + margin)
+    axes.set_xlabel(place)
+
+
+def _named(dimension: str, value: float) -> str:
+    """A value of the second axis."""
+    if dimension == "drive_direction":
+        return "forward" if value > 0 else "backward"
+    return f"{value:.4g}"

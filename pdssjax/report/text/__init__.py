@@ -6,15 +6,16 @@ Imports results from the rooms below, never files.
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from .border import format_border as format_border
-    from .catalogue import format_catalogue as format_catalogue, format_entry as format_entry
-    from .channels import format_channels as format_channels
-    from .characterisation import format_characterisation as format_characterisation
-    from .comparison import format_comparison as format_comparison
-    from .estimate import format_report as format_report
-    from .new_study import format_guesses as format_guesses
+    from .estimate import format_comparison as format_comparison, format_report as format_report
+    from .listings import (
+        format_catalogue as format_catalogue,
+        format_channels as format_channels,
+        format_characterisation as format_characterisation,
+        format_entry as format_entry,
+        format_guesses as format_guesses,
+    )
     from .records import format_numbers as format_numbers, format_records as format_records
-    from .sweep import format_plan as format_plan, format_sweep as format_sweep
+    from .sweep import format_border as format_border, format_plan as format_plan, format_sweep as format_sweep
 else:
     from ...core.lazy import lazy_exports
 

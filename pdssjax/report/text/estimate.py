@@ -3,16 +3,25 @@
 The order and the vocabulary follow lmfit's `fit_report`, which people in the field know.
 """
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
 
 from ...core import decimals_for, display_unit, percent, rounded, strongest_pairs
-from ...study import Estimate, FittedParameter
+from ...study import (
+    Amplification,
+    Combination,
+    Diagnosis,
+    Draws,
+    Estimate,
+    FittedParameter,
+    Multistart,
+    ParameterDraws,
+    Profile,
+    Remedy,
+)
 from ._layout import aligned_table, heading, note
-from .amplification import format_amplification
-from .diagnosis import format_diagnosis
-from .draws import format_draws
-from .multistart import format_multistart
-from .profiles import format_profiles
 from .records import format_records
 
 WORTH_KNOWING = 0.3
@@ -139,3 +148,224 @@ def _correlations(estimate: Estimate) -> str:
     if not pairs:
         return "    none\n"
     return aligned_table("<>", [[f"C({path}, {other})", f"{value:+.3f}"] for path, other, value in pairs])
+
+
+_MOST_PRODUCTS = 3
+"""Combinations shown of either kind: those that limit what is known, and those that the fit is sure of."""
+
+_PARTS = 4
+"""Parameters of a combination that are named."""
+
+
+def format_diagnosis(diagnosis: Diagnosis) -> str:
+    """The worst and the best determined products of powers of parameters, with their relative standard errors."""
+    ranked = sorted(diagnosis.combinations, key=lambda found: -found.relative_error)
+    best = ranked[max(_MOST_PRODUCTS, len(ranked) - _MOST_PRODUCTS) :][::-1]
+    text = heading("Products that the data determine least") + _products(ranked[:_MOST_PRODUCTS])
+    if diagnosis.remedy is not None:
+        text += _advice(diagnosis.remedy)
+    if best:
+        text += "\n" + heading("Products that the data determine best") + _products(best)
+        text += note("Exponents are rounded, small ones left out; estimate.json has those that the errors belong to.")
+    return text
+
+
+def _products(found: Sequence[Combination]) -> str:
+    return aligned_table("<>", [[_product(each), f"{100 * each.relative_error:.2g} %"] for each in found])
+
+
+def _advice(remedy: Remedy) -> str:
+    """What would help most."""
+    gains = ", ".join(f"{path} from {100 * a:.2g} to {100 * b:.2g} %" for path, (a, b) in remedy.errors.items())
+    return note(f"If {remedy.path} were known from elsewhere, errors would fall: {gains}.")
+
+
+def _product(combination: Combination) -> str:
+    """Such as "friction.sigma1_b  friction.f_ss_b^-0.42"."""
+    parts = list(combination.exponents.items())
+    text = "  ".join(path if abs(e - 1.0) < 0.005 else f"{path}^{e:.2f}" for path, e in parts[:_PARTS])
+    return text if len(parts) <= _PARTS else f"{text}  ..."
+
+
+def format_amplification(amplification: Amplification) -> str:
+    """A table of relative changes, and its largest entry in words."""
+    amplification = amplification.visible()
+    rows = [
+        [path, *(rounded(float(value), 2) for value in row)]
+        for path, row in zip(amplification.later, amplification.matrix, strict=True)
+    ]
+    moved, mover, factor = amplification.strongest()
+    sentence = f"    1 % in {mover} moves {moved} by {_digits(abs(factor))} %.\n"
+    head = ["", *amplification.earlier]
+    title = heading("Amplification: per cent in the row for 1 % in the column, where that is held")
+    return title + aligned_table("<" + ">" * len(amplification.earlier), [head, *rows]) + sentence
+
+
+def format_effects(amplification: Amplification) -> str:
+    """Of each parameter identified first, in words, the two that an error of it moves most where it is held."""
+    amplification = amplification.visible()
+    lines = ["    Where the stack is held, its errors are carried on:\n"]
+    for j, mover in enumerate(amplification.earlier):
+        column = np.abs(amplification.matrix[:, j])
+        moved = [f"{amplification.later[i]} by {_digits(float(column[i]))} %" for i in np.argsort(-column)[:2]]
+        lines.append(f"    1 % in {mover} moves {' and '.join(moved)}.\n")
+    return "".join(lines)
+
+
+def _digits(percent: float) -> str:
+    """Two of them, without an exponent."""
+    return f"{float(f'{percent:.2g}'):g}"
+
+
+def format_multistart(multistart: Multistart) -> str:
+    """How many starts led to which optimum, and how much worse each is than the best."""
+    count, least = multistart.chi2.size, float(np.min(multistart.chi2))
+    failed = int(np.sum(~multistart.converged))
+    optima = "1 optimum" if multistart.distinct == 1 else f"{multistart.distinct} distinct optima"
+    said = f"    {count} starts, {count - failed} of them converged, to {optima}\n"
+    rows = [["optimum", "starts", "chi-square above the lowest"]]
+    for number in range(multistart.distinct):
+        at = multistart.optimum == number
+        rows.append([str(number + 1), str(int(np.sum(at))), f"{float(np.min(multistart.chi2[at])) - least:.4g}"])
+    return heading("Starts") + said + aligned_table(">>>", rows)
+
+
+def format_draws(draws: Draws, parameters: Mapping[str, FittedParameter]) -> str:
+    """A line a parameter: mean and deviation of the draws, their intervals, and whether chains agree."""
+    chains, each, _ = draws.values.shape
+    drawn = f"{chains} chains of {each} draws" if draws.kind == "posterior" else f"{each} replicates"
+    lines = f"    {drawn}, seed {draws.seed}; {draws.failed} {draws.failure}\n    drawn: {draws.description}\n"
+    head = ["", "unit", "mean", "+/-", "", "95 % of the draws"]
+    head += ["R-hat", "effective"] if draws.kind == "posterior" else ["mirrored", "linear +/-"]
+    rows = [head, *(_drawn(draw, parameters[draw.path], draws.kind == "posterior") for draw in draws.parameters)]
+    return heading(draws.kind.capitalize()) + lines + aligned_table("<<>>>>>>", rows)
+
+
+def _drawn(drawn: ParameterDraws, parameter: FittedParameter, posterior: bool) -> list[str]:
+    unit, factor = display_unit(parameter.unit)
+    places = decimals_for(drawn.deviation * factor)
+    interval = lambda ends: " .. ".join(rounded(end * factor, places) for end in ends)
+    row = [
+        drawn.path,
+        unit,
+        rounded(drawn.mean * factor, places),
+        rounded(drawn.deviation * factor, places),
+        percent(drawn.deviation, drawn.mean),
+        interval(drawn.percentile),
+    ]
+    if posterior:
+        return [*row, "-" if drawn.rhat is None else f"{drawn.rhat:.3f}", _count(drawn)]
+    return [
+        *row,
+        "-" if drawn.basic is None else interval(drawn.basic),
+        rounded(parameter.standard_error * factor, places),
+    ]
+
+
+def _count(drawn: ParameterDraws) -> str:
+    """The smaller of both effective sample sizes."""
+    known = [size for size in (drawn.effective, drawn.effective_tails) if size is not None]
+    return f"{min(known):.0f}" if known else "-"
+
+
+def format_profiles(profiles: Sequence[Profile], parameters: Mapping[str, FittedParameter]) -> str:
+    """One line a parameter: the verdict, and how far both ends lie from where the standard error puts them.
+
+    Free parameters without a profile are there, too, held by a bound at the estimate or without information.
+    """
+    rows = [["", "verdict", "below", "above", "quality"]]
+    for profile in profiles:
+        low, high = parameters[profile.path].verdicts or ("", "")
+        quality = "-" if math.isnan(profile.quality) else f"{profile.quality:.2f}"
+        ends = [
+            _ratio(low, profile.linear[0] / profile.threshold),
+            _ratio(high, profile.linear[-1] / profile.threshold),
+        ]
+        rows.append([profile.path, profile.verdict, *ends, quality])
+    told = {profile.path for profile in profiles}
+    for path, parameter in parameters.items():
+        if parameter.free and path not in told and (parameter.at_bound or not parameter.identifiable):
+            verdict = "held by a bound: the estimate lies there" if parameter.at_bound else "flat: no information"
+            rows.append([path, verdict, "-", "-", "-"])
+    legend = (
+        "    below, above: distance of either end in units of that of the linear interval (1.00: a parabola).\n"
+        "    quality: 1 where the points of the curve foretell each other, 0 where one misses by the threshold.\n"
+    )
+    return heading("Profiles of chi-square") + aligned_table("<<>>>", rows) + legend
+
+
+def _ratio(verdict: str, square: float) -> str:
+    return f"{math.sqrt(square):.2f}" if verdict == "bounded" else "-"
+
+
+_NAIVE = "    naive: the results of the earlier step taken for exact; corrected: their errors carried on.\n"
+
+
+def format_comparison(joint: Estimate, *others: Estimate) -> str:
+    """Fits side by side: values, and the errors with and without those of the earlier step.
+
+    **Arguments:** the `joint` fit, and fits of the same study in two steps, at least one.
+    """
+    table = _pair(joint, others[0]) if len(others) == 1 else _stacked(joint, *others)
+    effects = [format_effects(other.amplification) for other in others[:1] if other.amplification is not None]
+    return table + "".join(effects)
+
+
+def _pair(joint: Estimate, sequential: Estimate) -> str:
+    head = ["", "unit", "joint", "+/-", sequential.method, "+/- naive", "+/- corrected", "shift/sigma"]
+    rows = [_compared(joint.parameters[path], sequential.parameters[path]) for path in joint.names]
+    legend = f"{_NAIVE}    shift/sigma: difference of the two values, in corrected standard errors.\n"
+    title = heading(f"{sequential.method.capitalize()} against joint")
+    return title + aligned_table("<<>>>>>>", [head, *rows]) + legend
+
+
+def _compared(joint: FittedParameter, sequential: FittedParameter) -> list[str]:
+    unit, factor = display_unit(joint.unit)
+    places = decimals_for(min(joint.standard_error, sequential.standard_error) * factor)
+    naive = sequential.naive_standard_error
+    return [
+        joint.path,
+        unit,
+        rounded(joint.value * factor, places),
+        percent(joint.standard_error, joint.value),
+        rounded(sequential.value * factor, places),
+        "-" if naive is None else percent(naive, sequential.value),
+        percent(sequential.standard_error, sequential.value),
+        _shift(joint, sequential),
+    ]
+
+
+def _shift(joint: FittedParameter, other: FittedParameter) -> str:
+    shift = (other.value - joint.value) / other.standard_error if other.standard_error else float("nan")
+    return rounded(shift, 2)
+
+
+def _stacked(*estimates: Estimate) -> str:
+    """A parameter's values below one another, one way a line."""
+    head = ["", "", "unit", "value", "+/- naive", "+/- corrected", "shift/sigma"]
+    rows = [row for path in estimates[0].names for row in _ways(path, *estimates)]
+    legend = f"{_NAIVE}    shift/sigma: distance from the joint fit's value, in corrected standard errors.\n"
+    ways = [estimate.method for estimate in estimates]
+    title = heading(f"{', '.join(ways[:-1])} and {ways[-1]} side by side".capitalize())
+    return title + aligned_table("<<<>>>>", [head, *rows]) + legend
+
+
+def _ways(path: str, *estimates: Estimate) -> list[list[str]]:
+    joint = estimates[0].parameters[path]
+    unit, factor = display_unit(joint.unit)
+    rows = []
+    for estimate in estimates:
+        found = estimate.parameters[path]
+        first = estimate is estimates[0]
+        rows.append(
+            [
+                path if first else "",
+                estimate.method,
+                unit if first else "",
+                rounded(found.value * factor, decimals_for(found.standard_error * factor)),
+                "" if found.naive_standard_error is None else percent(found.naive_standard_error, found.value),
+                percent(found.standard_error, found.value),
+                "" if first else _shift(joint, found),
+            ]
+        )
+    return rows
