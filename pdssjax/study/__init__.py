@@ -13,14 +13,6 @@ if TYPE_CHECKING:
         cycles_a_second as cycles_a_second,
         repeated_residuals as repeated_residuals,
     )
-    from .conditions import (
-        MARK as MARK,
-        paths_in as paths_in,
-        split_path as split_path,
-        under_conditions as under_conditions,
-    )
-    from .diagnosis import Agreement as Agreement, Combination as Combination, Diagnosis as Diagnosis, Remedy as Remedy
-    from .draws import Draws as Draws, ParameterDraws as ParameterDraws
     from .estimate import (
         UNSEEN as UNSEEN,
         Amplification as Amplification,
@@ -31,10 +23,26 @@ if TYPE_CHECKING:
         ParameterError as ParameterError,
         Statistics as Statistics,
     )
+    from .findings import (
+        Agreement as Agreement,
+        Combination as Combination,
+        Diagnosis as Diagnosis,
+        Draws as Draws,
+        Multistart as Multistart,
+        ParameterDraws as ParameterDraws,
+        Profile as Profile,
+        Remedy as Remedy,
+    )
     from .measurement.base import MOVING as MOVING, AbstractMeasurement as AbstractMeasurement, Samples as Samples
     from .models import Models as Models, Values as Values
-    from .multistart import Multistart as Multistart
-    from .parameter import REACH as REACH, Parameter as Parameter
+    from .parameter import (
+        MARK as MARK,
+        REACH as REACH,
+        Parameter as Parameter,
+        paths_in as paths_in,
+        split_path as split_path,
+        under_conditions as under_conditions,
+    )
     from .parameter_use import (
         MASS_UNUSED as MASS_UNUSED,
         check_whole_parts as check_whole_parts,
@@ -45,13 +53,12 @@ if TYPE_CHECKING:
         AbstractSetup as AbstractSetup,
         Lowered as Lowered,
         Predictor as Predictor,
+        Run as Run,
         failures as failures,
         predicted as predicted,
         with_room as with_room,
     )
-    from .profile import Profile as Profile
-    from .record import Record as Record
-    from .record_groups import Run as Run
+    from .record import Record as Record, drive_with as drive_with, shared_fields as shared_fields
     from .resonances import SHOWN as SHOWN, Resonance as Resonance, depends_on as depends_on, hidden_from as hidden_from
     from .sample_times import (
         STEP_TIME as STEP_TIME,
@@ -59,11 +66,14 @@ if TYPE_CHECKING:
         check_increasing as check_increasing,
         check_meets_drive as check_meets_drive,
     )
-    from .shared_drive import drive_with as drive_with, shared_fields as shared_fields
     from .simulation_failure import failure_cause as failure_cause
-    from .study import Study as Study, legal_quantities as legal_quantities
+    from .study import (
+        Study as Study,
+        UsedNumber as UsedNumber,
+        legal_quantities as legal_quantities,
+        numbers_used as numbers_used,
+    )
     from .summaries import entry_summaries as entry_summaries
-    from .used_numbers import UsedNumber as UsedNumber, numbers_used as numbers_used
     from .virtual_rig import Recording as Recording, make_recordings as make_recordings, truth as truth
 else:
     from ..core.lazy import lazy_exports

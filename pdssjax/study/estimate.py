@@ -9,10 +9,7 @@ from jaxtyping import Float
 
 from ..core import Figure, decimals_for, display_unit, equal_by_value, presenter, rounded
 from .comparison import FittedRecord
-from .diagnosis import Diagnosis
-from .draws import Draws
-from .multistart import Multistart
-from .profile import Profile
+from .findings import Diagnosis, Draws, Multistart, Profile
 
 if TYPE_CHECKING:
     import pandas

@@ -1,8 +1,16 @@
-"""One parameter of a study: free or fixed, its start and its bounds."""
+"""One parameter of a study: free or fixed, its start and its bounds, and the condition under which it may hold.
+
+A parameter such as "friction.f_ss_a@wet" holds in the records that have the condition "wet"; every other record takes
+the number of the parameter without a condition.
+"""
 
 import dataclasses
+from collections.abc import Collection, Iterable, Mapping
 
-from ..core import Quantity
+import jax.numpy as jnp
+
+from ..core import Quantity, Truth
+from .models import Values
 
 REACH = 1e3
 """Factor by which a positive parameter may leave its start where the study sets no bound."""
@@ -71,3 +79,34 @@ class Parameter:
     def free(self) -> bool:
         """Whether a fit may change it."""
         return self.value is None
+
+
+MARK = "@"
+"""Between the path of a parameter and the condition under which it holds."""
+
+
+def split_path(path: str) -> tuple[str, str]:
+    """The path of the parameter, and the condition under which it holds; "" where it always does."""
+    base, _, condition = path.partition(MARK)
+    return base, condition
+
+
+def paths_in(paths: Iterable[str], conditions: Collection[str]) -> dict[str, str]:
+    """Which of the parameters with these `paths` hold in a record made under `conditions`: by path without one."""
+    split = {path: split_path(path) for path in paths}
+    usual = {base: path for path, (base, condition) in split.items() if not condition}
+    return usual | {base: path for path, (base, condition) in split.items() if condition and condition in conditions}
+
+
+def under_conditions(values: Values, holds: Mapping[str, Truth | bool]) -> Values:
+    """The numbers of one record by paths without conditions.
+
+    **Arguments:** for each condition of the `values`, whether it `holds` in the record; a condition that is not
+    there does not.
+    """
+    found = {path: number for path, number in values.items() if MARK not in path}
+    for path, number in values.items():
+        base, condition = split_path(path)
+        if condition in holds:
+            found[base] = jnp.where(holds[condition], number, found[base])
+    return found

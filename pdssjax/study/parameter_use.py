@@ -11,8 +11,7 @@ from jax.core import Tracer
 
 from ..core import InputError, Quantity, check_range, nearest
 from .models import Models
-from .record import Record
-from .shared_drive import drive_with, shared_fields
+from .record import Record, drive_with, shared_fields
 
 _ELECTRONICS = frozenset({"amplifier", "sensor"})
 """Parts of every rig that is driven; the study has them where it, or what is asked of it, names their parameters."""

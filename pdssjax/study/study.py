@@ -7,6 +7,7 @@ import dataclasses
 import functools
 from collections.abc import Collection, Mapping
 from pathlib import Path
+from typing import NotRequired, TypedDict
 
 import jax.numpy as jnp
 import numpy as np
@@ -31,10 +32,9 @@ from ..core import (
 from ..friction.base import AbstractFriction
 from ..integration import Accuracy, accuracy_with
 from ..piezo.base import AbstractPiezo
-from .conditions import paths_in, split_path
 from .estimate import Estimate
 from .models import Models, Values, parts_told_by
-from .parameter import Parameter
+from .parameter import Parameter, paths_in, split_path
 from .parameter_use import check_numbers, check_read, check_whole_parts
 from .prediction import Lowered, Predictor, predicted
 from .record import Record
@@ -257,3 +257,27 @@ def legal_quantities(study: Study) -> dict[str, Quantity]:
         numbers = quantities(member("drive", drive))
         legal |= {f"drive.{f}": q for f, q in numbers.items() if f != "frequency"}
     return legal | {path: legal[split_path(path)[0]] for path in study.parameters}
+
+
+class UsedNumber(TypedDict):
+    """The number of a parameter, as plain data."""
+
+    value: float
+    """In SI."""
+    unit: str
+    source: str
+    """Where it comes from, in words."""
+    standard_error: NotRequired[float]
+    """In SI; where the points of a sweep scatter about the value."""
+
+
+def numbers_used(study: Study, but: Collection[str] = ()) -> dict[str, UsedNumber]:
+    """By path, the number of every listed parameter `but` those.
+
+    **Raises:** `InputError` for parameters without a number.
+    """
+    told = study.parameters
+    return {
+        path: {"value": number, "unit": told[path].unit, "source": told[path].origin}
+        for path, number in study.values(but).items()
+    }

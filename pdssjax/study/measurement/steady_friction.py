@@ -17,8 +17,7 @@ from ...core import Display, member, member_name, members
 from ...integration import AbstractHybridSystem
 from ...simulation import FRICTION_FORCE, Output, PrescribedMotion
 from ..models import Models, Values
-from ..prediction import AbstractSetup
-from ..record_groups import Run
+from ..prediction import AbstractSetup, Run
 from .base import AbstractMeasurement, MeasuredRecord, Samples
 
 _FAR = 1e3
