@@ -7,17 +7,20 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from .actuator import Actuator as Actuator
-    from .amplifier import Amplifier as Amplifier
     from .driven_platform import (
         DrivenPlatform as DrivenPlatform,
         DrivenPlatformState as DrivenPlatformState,
         chosen as chosen,
     )
-    from .effector import GRAVITY as GRAVITY, Effector as Effector
-    from .part_names import PART_NAMES as PART_NAMES
-    from .parts import PARTS as PARTS
-    from .sensor import IDEAL as IDEAL, Sensor as Sensor
-    from .stop import Stop as Stop
+    from .parts import (
+        GRAVITY as GRAVITY,
+        IDEAL as IDEAL,
+        PARTS as PARTS,
+        Amplifier as Amplifier,
+        Effector as Effector,
+        Sensor as Sensor,
+        Stop as Stop,
+    )
     from .zero_order_hold import ZeroOrderHold as ZeroOrderHold
 else:
     from ..core.lazy import lazy_exports

@@ -6,10 +6,8 @@ from ..core import AbstractModel, ScalarLike, check_kind
 from ..friction.base import AbstractFriction
 from ..integration import Term
 from ..piezo.base import AbstractPiezo
-from .amplifier import Amplifier
 from .driven_platform import DrivenPlatform
-from .effector import Effector
-from .stop import Stop
+from .parts import Amplifier, Effector, Stop
 
 
 class Actuator(AbstractModel):

@@ -9,7 +9,7 @@ from ..core import Scalar, ScalarLike, Truth
 from ..drive.base import Segment, Voltage
 from ..integration import N, N_co, Term, weighted
 from ..piezo.base import AbstractPiezo
-from .amplifier import Amplifier
+from .parts import Amplifier
 
 
 class DrivenPlatformState(NamedTuple, Generic[N_co]):

@@ -6,7 +6,6 @@ The ground floor: imports no other room of pdssjax.
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from .arguments import ascending_times as ascending_times
     from .arrays import (
         Count as Count,
         Document as Document,
@@ -15,8 +14,8 @@ if TYPE_CHECKING:
         ScalarLike as ScalarLike,
         Tree as Tree,
         Truth as Truth,
+        ascending_times as ascending_times,
     )
-    from .blas_threads import one_blas_thread as one_blas_thread
     from .by_value import equal_by_value as equal_by_value
     from .display_units import (
         LENGTH as LENGTH,
@@ -30,30 +29,21 @@ if TYPE_CHECKING:
         strongest_pairs as strongest_pairs,
     )
     from .errors import (
-        InputError as InputError,
-        InputWarning as InputWarning,
-        MiscompilationError as MiscompilationError,
-        check_kind as check_kind,
-        check_whole as check_whole,
-        nearest as nearest,
-    )
-    from .executors import check_executor as check_executor
-    from .families import member as member, member_name as member_name, members as members, told_by as told_by
-    from .garbage import seldom_look_for_garbage as seldom_look_for_garbage
-    from .jax_setup import prepare_jax as prepare_jax, require_float64 as require_float64
-    from .most import (
         MOST_DRAWN as MOST_DRAWN,
         MOST_POINTS as MOST_POINTS,
         MOST_SEED as MOST_SEED,
         MOST_STARTS as MOST_STARTS,
         MOST_WORKERS as MOST_WORKERS,
+        InputError as InputError,
+        InputWarning as InputWarning,
+        MiscompilationError as MiscompilationError,
+        check_executor as check_executor,
+        check_kind as check_kind,
+        check_whole as check_whole,
+        nearest as nearest,
     )
-    from .notebook import (
-        clear_bar as clear_bar,
-        counted_in_notebook as counted_in_notebook,
-        draw_in_notebook as draw_in_notebook,
-        told_in_notebook as told_in_notebook,
-    )
+    from .families import member as member, member_name as member_name, members as members, told_by as told_by
+    from .jax_setup import prepare_jax as prepare_jax, require_float64 as require_float64
     from .physical_quantity import (
         AbstractModel as AbstractModel,
         Choice as Choice,
@@ -69,7 +59,16 @@ if TYPE_CHECKING:
         quantity as quantity,
         single_number as single_number,
     )
-    from .presentation import Figure as Figure, present_with as present_with, presenter as presenter
+    from .presentation import (
+        Figure as Figure,
+        clear_bar as clear_bar,
+        counted_in_notebook as counted_in_notebook,
+        draw_in_notebook as draw_in_notebook,
+        present_with as present_with,
+        presenter as presenter,
+        told_in_notebook as told_in_notebook,
+    )
+    from .process import one_blas_thread as one_blas_thread, seldom_look_for_garbage as seldom_look_for_garbage
     from .quasi_random import sobol_points as sobol_points
     from .units import (
         column_unit as column_unit,

@@ -1,6 +1,7 @@
-"""What is said when the input is at fault, or legal but suspicious."""
+"""What is said when the input is at fault, or legal but suspicious, and the checks that need no arrays."""
 
 from collections.abc import Iterable
+from concurrent.futures import Executor
 
 
 class InputError(ValueError):
@@ -55,3 +56,33 @@ def check_kind(name: str, given: object, kind: type, remedy: str = "") -> None:
         article = "an" if kind.__name__[0] in "AEIO" else "a"
         expected = f"{article} {kind.__name__}" + (f", as {remedy} gives it" if remedy else "")
         raise InputError(f"{name}: found {given!r:.80}, expected {expected}.")
+
+
+MOST_DRAWN = 1_000_000
+"""Replicates, draws of a chain or a point, cycles of a sweep; more are a slip of the keyboard."""
+
+MOST_STARTS = 100_000
+"""The same of fits from other starts."""
+
+MOST_POINTS = 10_000_000
+"""Values on an axis of a sweep, or points of a sample."""
+
+MOST_WORKERS = 1024
+"""The same of threads."""
+
+MOST_SEED = 2**63 - 1
+"""The greatest seed that every format of results can keep."""
+
+
+def check_executor(executor: Executor | None) -> None:
+    """**Raises** `InputError` for a pool whose processes are forked.
+
+    JAX has threads, whose locks a forked process inherits as they are: it would wait for them without end.  What starts
+    anew (spawn, forkserver), threads and clusters are welcome.
+    """
+    context = getattr(executor, "_mp_context", None)
+    if context is not None and context.get_start_method() == "fork":
+        raise InputError(
+            f"executor: found a {type(executor).__name__} whose processes are forked, which JAX does not outlive; "
+            'expected one that spawns them: ProcessPoolExecutor(mp_context=multiprocessing.get_context("spawn")).'
+        )

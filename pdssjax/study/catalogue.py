@@ -24,7 +24,7 @@ class Entry:
     summary: str
     """Its first sentence."""
     text: str
-    """Equations and sources, as its module tells them."""
+    """Equations and sources, as a member's module or a part's class tells them."""
     parameters: dict[str, tuple[Quantity, str]]
     """By name, what is declared, and what it is."""
     choices: dict[str, list[str]]
@@ -51,12 +51,11 @@ def find_entry(name: str) -> Entry:
 def _entry(name: str) -> Entry:
     said, mark, short = name.partition("/")
     model = member(FAMILIES[said], short) if mark else PARTS[name]
-    text = inspect.cleandoc(sys.modules[model.__module__].__doc__ or "")
+    text = inspect.cleandoc((sys.modules[model.__module__] if mark else model).__doc__ or "")
     told = _field_docs(model)
     declared = {field: (quantity, told.get(field, "")) for field, quantity in quantities(model).items()}
     options = {field: list(words) for field, words in choices(model).items()}
-    summary = first_sentence(text if mark else model.__doc__ or "")
-    return Entry(name, summary, text, declared, options)
+    return Entry(name, first_sentence(text), text, declared, options)
 
 
 def _field_docs(model: type) -> dict[str, str]:

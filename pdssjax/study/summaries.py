@@ -1,15 +1,17 @@
 """What each thing that a study may name is, in a sentence; read from the files, so that nothing need be loaded."""
 
-from ..actuator import PART_NAMES
 from ..core import members, told_by
 
 FAMILIES = {"drive": "drive", "piezo": "piezo", "friction": "friction", "measurement": "study.measurement"}
 """Of these a study chooses a member: drives by `waveform`, measurements by `measures`, the others in [actuator]."""
 
+PARTS_OF_A_RIG = ("effector", "stop", "amplifier", "sensor")
+"""The keys of `pdssjax.actuator.PARTS`, told without loading it."""
+
 
 def entry_names() -> list[str]:
     """Of all members and parts, family by family: "friction/lugre", "sensor"."""
-    return [*(f"{said}/{name}" for said, family in FAMILIES.items() for name in members(family)), *PART_NAMES]
+    return [*(f"{said}/{name}" for said, family in FAMILIES.items() for name in members(family)), *PARTS_OF_A_RIG]
 
 
 def first_sentence(told: str) -> str:
@@ -26,4 +28,4 @@ def _told(name: str) -> str:
     said, mark, short = name.partition("/")
     if mark:
         return told_by(f"{FAMILIES[said]}.{short.replace('-', '_')}")
-    return told_by(f"actuator.{name}", name.capitalize())
+    return told_by("actuator.parts", name.capitalize())

@@ -1,6 +1,6 @@
 """Force of the blocked end-effector: P(t) on a force sensor in its way, the stop.
 
-Behind the sensor's low-pass and delay, with a zero of its own; `pdssjax.actuator.stop` has the law of the stop.
+Behind the sensor's low-pass and delay, with a zero of its own; `pdssjax.actuator.parts` has the law of the stop.
 """
 
 from typing import ClassVar

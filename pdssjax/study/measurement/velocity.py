@@ -2,7 +2,7 @@
 
 `of` says which of them the beam meets.  With the sensor's low-pass of bandwidth f_s it shows s' = w_s (v - s),
 w_s = 2 pi f_s, which is the true velocity less the rate of the lag of a displacement sensor with the same
-low-pass (`pdssjax.actuator.sensor`); the delay shifts it.  A zero that is left free takes the mean of what
+low-pass (`pdssjax.actuator.parts`); the delay shifts it.  A zero that is left free takes the mean of what
 is left, a steady speed of walking included.
 """
 
