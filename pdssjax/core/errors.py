@@ -1,7 +1,10 @@
 """What is said when the input is at fault, or legal but suspicious, and the checks that need no arrays."""
 
 from collections.abc import Iterable
-from concurrent.futures import Executor
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
 
 
 class InputError(ValueError):
@@ -74,7 +77,7 @@ MOST_SEED = 2**63 - 1
 """The greatest seed that every format of results can keep."""
 
 
-def check_executor(executor: Executor | None) -> None:
+def check_executor(executor: "Executor | None") -> None:
     """**Raises** `InputError` for a pool whose processes are forked.
 
     JAX has threads, whose locks a forked process inherits as they are: it would wait for them without end.  What starts
