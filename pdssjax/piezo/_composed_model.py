@@ -1,6 +1,11 @@
-"""The model of a composed stack; `composed` tells its equations."""
+"""The model of a composed stack, and its class, made of the text that names it: its parameters become its fields.
 
+`composed` tells the equations.
+"""
+
+import copy
 from collections.abc import Mapping
+from functools import cache
 from typing import Any, ClassVar
 
 import jax
@@ -11,16 +16,31 @@ from jaxtyping import Array, Float, Int
 from ..core import Scalar, ScalarLike, quantities
 from ..drive.base import Segment, Voltage
 from ..integration import N, Term
-from ._ceramic import Ceramic
-from ._composed_guess import composed_guess, creep_range
-from ._composed_state import Layout, Parts, joined
-from ._composition import Composition
+from ._ceramic import AbstractHysteresis, BoucWen, Ceramic, Elements, Layout, Parts, joined
+from ._composition import (
+    Composition,
+    composed_guess,
+    composition_of,
+    creep_range,
+    fields_of,
+    hysteretic_names,
+    loop_columns,
+    loop_numbers,
+    mechanical_names,
+)
 from ._dynamics import AbstractDynamics, FirstOrder, Modal, Mode, Static
-from ._hysteresis import AbstractHysteresis, BoucWen, Elements
-from ._loop_columns import loop_columns
-from ._on_lines import CeramicArrays, Line, Moment, advanced, begins_of_lines, inside_lines
+from ._on_lines import (
+    CeramicArrays,
+    Line,
+    Moment,
+    advanced,
+    begins_of_lines,
+    inside_lines,
+    lines_a_segment,
+    place_among_lines,
+    straightened,
+)
 from ._rod import Rod, modes
-from ._straightened import lines_a_segment, place_among_lines, straightened
 from .base import AbstractPiezo, Shown, State, Terms, ToldRange, slew_sign
 
 
@@ -224,3 +244,49 @@ class ComposedModel(AbstractPiezo):
 
     def _parts(self, state: tuple[N, ...]) -> Parts[Any]:
         return self._layout().split(state)
+
+
+HOME = "pdssjax.piezo.composed"
+"""Where classes say that they come from: there another process finds them by name."""
+
+
+@cache
+def composed_class(made: Composition) -> type[ComposedModel]:
+    """The class of a stack that is `made` so: always the same one."""
+    fields = fields_of(made)
+    compliant = made.dynamics in ("second-order", "rod")
+    name = "Composed" if made == Composition() else f"Composed:{made.text}"
+    contents: dict[str, Any] = {
+        "__module__": HOME,
+        "__qualname__": name,
+        "__doc__": ComposedModel.__doc__,
+        "__annotations__": {field.name: float for field in fields},
+        "made": made,
+        "told": {field.name: field.text for field in fields},
+        "variant_name": "" if made == Composition() else made.text,
+        "variant": staticmethod(composed_variant),
+        "is_compliant": compliant,
+        "loop_numbers": loop_numbers(made),
+        "mechanical": mechanical_names(made),
+        "hysteretic": hysteretic_names(made),
+        "closed_on_lines": made.closed_on_lines,
+        # Copies: a declaration belongs to the one field that it is given to.
+        **{field.name: copy.copy(field.declared) for field in fields},
+    }
+    if "mass" not in contents:
+        contents["mass"] = property(_mass)
+    metaclass: Any = type(ComposedModel)
+    return metaclass(name, (ComposedModel,), contents)
+
+
+def _mass(stack: ComposedModel) -> Scalar:
+    """Moving mass [kg] that a force accelerates at first; infinite where none moves the platform."""
+    return stack.dynamics.mass()
+
+
+def composed_variant(text: str) -> type[ComposedModel]:
+    """The stack that `text` describes, such as "static+play-8+creep-3".
+
+    **Raises:** `KeyError` for what is no such text.
+    """
+    return composed_class(composition_of(text))

@@ -1,13 +1,17 @@
-"""What a composed stack is made of, its name, and the parameters that follow from it.
+"""What a composed stack is made of: its parts, the parameters they have, where a fit of them may start.
 
-A name such as "composed:first-order+play-8+asymmetry-3+creep-3" says it all: jobs of sweeps and other
-processes build the same class from it.
+`Composition` reads and writes the text that names a stack, such as "static+play-8+creep-3".
 """
 
 import re
+from collections.abc import Mapping
 from typing import NamedTuple
 
+import numpy as np
+from jaxtyping import Float
+
 from ..core import Declared, quantity
+from .base import USUAL_SWING, Shown, ToldRange
 
 DYNAMICS = ("static", "first-order", "second-order", "rod")
 """Of the mechanics, the slowest words first."""
@@ -202,3 +206,109 @@ def _history_fields(made: Composition) -> list[Field]:
             for j in range(1, made.creep + 1)
         ),
     ]
+
+
+_SHARE = 0.2
+"""Of the displacement that is hysteresis, where a fit begins."""
+
+_PASSED = 1.5
+"""Voltage before the record over that at which the last element slips: at 1 it tells nothing yet, from 2 on no more."""
+
+_FEW, _LONG = 10.0, 3.0
+"""Sample intervals that the fastest element of creep takes at least, and lengths of the longest record that the slowest
+takes at most: quicker, one takes over the gain or a lag of the mechanics, and slower, the other is a drift."""
+
+
+def composed_guess(
+    made: Composition, nominal: Mapping[str, float], shown: Shown, known: Mapping[str, float], guess: dict[str, float]
+) -> dict[str, float]:
+    """`guess`, what records show of any stack, with what follows for one that is `made` so; numbers by name.
+
+    **Arguments:** `nominal` numbers of its parameters; what its records have `shown`; `known` numbers are given.
+    """
+    guess = dict(guess)
+    swing = shown.swing or USUAL_SWING
+    gain = known.get("gain", guess.get("gain", nominal["gain"]))
+    if made.hysteresis in ("play", "bouc-wen"):
+        # The records show what follows in the end.
+        guess["gain"] = (1.0 - _SHARE) * gain
+    if made.has_elements:
+        word = "play" if made.hysteresis == "play" else "stop"
+        guess |= {f"{word}_range": nominal[f"{word}_range"] * swing / USUAL_SWING}
+        guess |= {f"{word}_{j}": _SHARE * gain / made.elements for j in range(1, made.elements + 1)}
+        guess["initial_peak"] = _PASSED * known.get(f"{word}_range", guess[f"{word}_range"])
+    if made.hysteresis == "bouc-wen":
+        beta = known.get("beta", nominal["beta"] * USUAL_SWING / swing)
+        guess |= {"hysteresis": _SHARE * gain, "beta": beta, "gamma": beta / 3.0, "initial_peak": 0.5 * swing}
+    guess |= {f"asymmetry_{k}": 0.01 * gain / swing ** (k - 1) for k in range(2, made.asymmetry + 1)}
+    guess |= {f"initial_creep_{j}": 0.01 * gain * swing for j in range(1, made.creep + 1)}
+    guess |= {f"creep_{j}": 0.01 * gain for j in range(1, made.creep + 1)}
+    if made.creep and shown.duration:
+        guess["creep_time"] = 10.0 * shown.duration / 10.0**made.creep
+    if shown.interval and "time_constant" in nominal:
+        guess["time_constant"] = 2.0 * shown.interval
+    return guess
+
+
+def creep_range(made: Composition, shown: Shown) -> dict[str, ToldRange]:
+    """Between which numbers records can tell the time of a stack's fastest element of creep; none where it has none."""
+    if not made.creep or not shown.interval or not shown.duration:
+        return {}
+    low = _FEW * shown.interval
+    high = max(_LONG * shown.duration / 10.0 ** (made.creep - 1), _LONG * low)
+    slowest = "" if made.creep == 1 else f" for element {made.creep}, the slowest"
+    return {
+        "creep_time": ToldRange(
+            low, high, f"{_FEW:g} sample intervals", f"{_LONG:g} times the length of the longest record{slowest}"
+        )
+    }
+
+
+Samples = Float[np.ndarray, " n"]
+
+
+def loop_numbers(made: Composition) -> tuple[str, ...]:
+    """Names of the thresholds and times that the columns of `loop_columns` depend on; none of a stack that has none.
+
+    None of one that lags, either: the columns have no lag, and what it opens of a loop would pass for quick creep.
+    """
+    if made.hysteresis not in ("none", "play") or made.dynamics == "first-order":
+        return ()
+    return ("play_range",) * (made.hysteresis == "play") + ("creep_time",) * (made.creep > 0)
+
+
+def loop_columns(made: Composition, time: Samples, volts: Samples, numbers: Mapping[str, float]) -> dict[str, Samples]:
+    """By linear parameter, the motion [m] at `time` [s] that a unit of it makes of `volts` [V], from rest at 0 V.
+
+    **Arguments:** the thresholds [V] and times [s] that `loop_numbers` names.
+    """
+    columns = {"gain": volts} | {f"asymmetry_{k}": volts**k for k in range(2, made.asymmetry + 1)}
+    if made.hysteresis == "play":
+        thresholds = numbers["play_range"] * np.arange(1, made.elements + 1) / made.elements
+        played = _play(volts, thresholds)
+        columns |= {f"play_{j + 1}": played[:, j] for j in range(made.elements)}
+    return columns | {f"creep_{j + 1}": _crept(time, volts, numbers["creep_time"] * 10.0**j) for j in range(made.creep)}
+
+
+def _play(volts: Samples, thresholds: Float[np.ndarray, " m"]) -> Float[np.ndarray, "n m"]:
+    out, z = np.empty((volts.size, thresholds.size)), np.zeros(thresholds.size)
+    rises = np.diff(volts, prepend=0.0) >= 0.0
+    begins = np.flatnonzero(np.diff(rises, prepend=not rises[0]))
+    for begin, end in zip(begins, [*begins[1:], volts.size], strict=True):
+        run = volts[begin:end, None]
+        out[begin:end] = np.maximum(z, run - thresholds) if rises[begin] else np.minimum(z, run + thresholds)
+        z = out[end - 1]
+    return out
+
+
+def _crept(time: Samples, volts: Samples, lasts: float) -> Samples:
+    steps = np.diff(time)
+    fades = np.exp(-steps / lasts)
+    # On a line c goes from c0 - u0 + tau u' to nothing, around u - tau u'.
+    behind = lasts * np.diff(volts) / steps
+    out, crept = np.empty(volts.size), float(volts[0]) * (1.0 - float(np.exp(-time[0] / lasts)))
+    out[0] = crept
+    for k, (fade, late, before, now) in enumerate(zip(fades, behind, volts[:-1], volts[1:], strict=True), start=1):
+        crept = now - late + (crept - before + late) * fade
+        out[k] = crept
+    return out

@@ -23,7 +23,7 @@ import jax.numpy as jnp
 from ..core import Scalar, ScalarLike, quantities, quantity
 from ..drive.base import Segment, Voltage
 from ..integration import N, Term
-from ._bouc_wen_path import after_jump
+from ._ceramic import after_jump
 from ._oscillator import accelerated
 from .base import USUAL_SWING, AbstractPiezo, Shown, State, Terms, slew_sign
 

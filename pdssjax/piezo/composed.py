@@ -22,8 +22,7 @@ P. Krejci and K. Kuhnen, IEE Proceedings Control Theory and Applications 148(3),
 of Control 9(4), 2003 (modified, with asymmetry); creep as in `creep`; Bouc-Wen as in `bouc-wen`.
 """
 
-from ._composed_class import composed_class, composed_variant
-from ._composed_model import ComposedModel
+from ._composed_model import ComposedModel, composed_class, composed_variant
 from ._composition import Composition
 
 Composed: type[ComposedModel] = composed_class(Composition())

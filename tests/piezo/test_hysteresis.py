@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 from pdssjax.core import member
 from pdssjax.drive.base import Segment, Voltage
-from pdssjax.piezo._bouc_wen_path import after_jump
+from pdssjax.piezo._ceramic import after_jump
 from pdssjax.piezo.bouc_wen import BoucWen
 from pdssjax.piezo.maxwell_slip import MaxwellSlip
 

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from pdssjax.piezo._polynomial_response import lag_response, oscillator_response
+from pdssjax.piezo._dynamics import lag_response, oscillator_response
 
 TIMES = np.array([1e-9, 1e-4, 0.1, 0.9, 1.1, 1.8, 1.9, 2.5, 3.5, 4.1, 4.2, 5.0, 8.0, 20.0])
 DAMPINGS = [0.01, 0.3, 1.0, 1.019, 1.021, 3.0, 8.0]
