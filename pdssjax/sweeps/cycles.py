@@ -8,6 +8,7 @@ steps.
 
 import abc
 from functools import partial
+from numbers import Integral
 from typing import NamedTuple
 
 import equinox as eqx
@@ -17,7 +18,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
-from ..core import Count, Scalar
+from ..core import MOST_DRAWN, Count, InputError, Scalar
 from ..drive.base import AbstractDrive
 from ..integration import (
     GRAZES,
@@ -393,3 +394,16 @@ def _measured(system: StickSlip, cycles: Cycles, period: Count, decay: Scalar) -
 def _ratio(cycles: Cycles) -> Scalar:
     """What is left of a deviation after a cycle; nothing where two cycles are equal."""
     return jnp.where(jnp.isfinite(cycles.ratio), cycles.ratio, 0.0)
+
+
+def measured_cycle(cycles: int | str) -> AbstractCycle:
+    """The cycle that `sweep(cycles=...)` asks for: a number, or "steady".
+
+    **Raises:** `InputError` for anything else.
+    """
+    if cycles == "steady":
+        return Steady()
+    # An integer of NumPy is one, too.
+    if isinstance(cycles, bool | str) or not isinstance(cycles, Integral) or not 1 <= int(cycles) <= MOST_DRAWN:
+        raise InputError(f'sweep: found cycles = {cycles!r:.80}, expected a number of at least 1, or "steady".')
+    return Numbered(int(cycles))

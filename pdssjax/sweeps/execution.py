@@ -24,18 +24,17 @@ from concurrent.futures import (
     ThreadPoolExecutor,
     wait,
 )
-from numbers import Integral
 from typing import Any, TypeAlias, TypeVar
 
 import jax
 import numpy as np
 from jaxtyping import Float
 
-from ..core import MOST_DRAWN, Document, InputError, choices, member, member_name, members, prepare_jax, quantities
+from ..core import Document, InputError, choices, member, member_name, members, prepare_jax, quantities
 from ..integration import Accuracy, Taylor
 from ..study import Models
 from .blocks import BlockPlan, default_workers
-from .cycles import AbstractCycle, Numbered, Steady
+from .cycles import measured_cycle
 from .point import PointFunction, compute_block
 
 FORMAT = "pdssjax-sweep/1"
@@ -47,19 +46,6 @@ def package_version() -> str:
         return importlib.metadata.version("pdssjax")
     except importlib.metadata.PackageNotFoundError:
         return ""
-
-
-def measured_cycle(cycles: int | str) -> AbstractCycle:
-    """The cycle that `sweep(cycles=...)` asks for: a number, or "steady".
-
-    **Raises:** `InputError` for anything else.
-    """
-    if cycles == "steady":
-        return Steady()
-    # An integer of NumPy is one, too.
-    if isinstance(cycles, bool | str) or not isinstance(cycles, Integral) or not 1 <= int(cycles) <= MOST_DRAWN:
-        raise InputError(f'sweep: found cycles = {cycles!r:.80}, expected a number of at least 1, or "steady".')
-    return Numbered(int(cycles))
 
 
 def job_document(function: PointFunction) -> Document:

@@ -28,8 +28,9 @@ from ..core import (
 from ..integration import TAYLOR, Accuracy
 from ..study import Record, Study, UsedNumber, numbers_used
 from .blocks import SKIPPED, AbstractBlockStore, BlockPlan, MemoryStore, check_memory, lanes_here, plan_blocks
+from .cycles import measured_cycle
 from .dataset import labelled
-from .execution import job_document, measured_cycle, run_blocks
+from .execution import job_document, run_blocks
 from .point import PointFunction
 from .points import AbstractPoints, Grid
 from .request_check import check_asked, check_axes, check_effects, contradictions, drive_of, driven_record, numbers_by
