@@ -12,8 +12,7 @@ import numpy as np
 
 import pdssjax
 from pdssjax import prepare_jax
-from pdssjax.explore import Workbench, settings_of
-from pdssjax.explore.redraw import initial_stretch, instants_of
+from pdssjax.explore import Workbench, initial_stretch, instants_of, settings_of
 
 from .rig import example, truth
 

@@ -8,6 +8,7 @@ Panel and Bokeh.  Imports `files` and the rooms below it.
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from .redraw import initial_stretch as initial_stretch, instants_of as instants_of
     from .settings import settings_of as settings_of
     from .widgets.server import serve as serve
     from .workbench import Workbench as Workbench

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from pdssjax.core import InputError
+from pdssjax import InputError
 from pdssjax.integration import HybridSystem, Picard, Taylor, cosine_and_sine, integrate
 from pdssjax.integration.chebyshev import basis
 
