@@ -8,9 +8,8 @@ import pytest
 from walking_study import write_walking
 
 from pdssjax import InputError, load_study
-from pdssjax.explore import Workbench, settings_of
+from pdssjax.explore import Workbench, instants_of, settings_of
 from pdssjax.explore.knobs import parameter_knobs
-from pdssjax.explore.redraw import instants_of
 from pdssjax.explore.workbench import FitResult
 
 pn = pytest.importorskip("panel")

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from pdssjax import InputError
-from pdssjax.integration import HybridSystem, Picard, Taylor, cosine_and_sine, integrate
+from pdssjax import InputError, Taylor
+from pdssjax.integration import HybridSystem, Picard, cosine_and_sine, integrate
 from pdssjax.integration.chebyshev import basis
 
 ROOM = {"loss": 0.2, "power": 8.0, "levels": (18.0, 22.0)}
