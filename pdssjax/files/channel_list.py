@@ -21,4 +21,4 @@ def list_channels(file: Path, decimal: str = "") -> tuple[str, list[ChannelSumma
         for block in reader.blocks([summary.number for summary in together]):
             for summary, values in zip(together, block.values.T, strict=True):
                 summary.add(values)
-    return type(reader).__module__.rpartition(".")[2].replace("_", " "), found
+    return reader.kind.replace("-", " "), found

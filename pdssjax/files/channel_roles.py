@@ -13,7 +13,7 @@ from jaxtyping import Float
 from ..core import InputError
 from ..metrics import detect_waveform
 from .channel_samples import Clock, find_channel, open_file, read_samples
-from .readers.base import AbstractReader, Channel
+from .readers.base import AbstractSource, Channel
 from .record_columns import Layout, scaled
 
 SI = {"time": "s", "voltage": "V", "displacement": "m", "velocity": "m/s", "force": "N"}
@@ -180,7 +180,7 @@ class _Look:
     """Looks at the channels of a file."""
 
     file: Path
-    reader: AbstractReader
+    reader: AbstractSource
     channels: Sequence[Channel]
     hints: Hints
 

@@ -1,9 +1,10 @@
 """Opens a file of any format that is known, finds channels in it, and reads their samples, a window at a time."""
 
+import functools
 import math
 import re
 import stat
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,7 +13,9 @@ from jaxtyping import Float, Int
 
 from ..core import InputError, member, members, nearest
 from ..study import check_increasing
-from .readers.base import AbstractReader, Channel
+from .readers._errors import refusing
+from .readers.base import AbstractReader, AbstractSource, Block, Channel
+from .reading_process import Pairs, answers
 
 _FAMILY = "files.readers"
 
@@ -51,7 +54,7 @@ class Samples(NamedTuple):
     """Time of the last sample that was looked at [s]."""
 
 
-def open_file(file: Path, decimal: str = "") -> AbstractReader:
+def open_file(file: Path, decimal: str = "") -> AbstractSource:
     """A reader of `file`, by what it holds and what it ends in; `decimal` is that of its text, "" where to be told.
 
     **Raises:** `InputError` if the file is missing or of no format that is known.
@@ -79,14 +82,52 @@ def open_file(file: Path, decimal: str = "") -> AbstractReader:
     kinds = [member(_FAMILY, name) for name in sorted(members(_FAMILY), key=lambda name: name == _LAST)]
     for kind in kinds:
         if kind.recognises(file, head):
-            return kind(file, decimal)
+            reader: AbstractReader = kind(file, decimal)
+            return reader if reader.in_process else _Apart(reader)
     known = ", ".join(kind.ending for kind in kinds)
     raise InputError(
         f"{file}: found a format that is not known (it begins with {head[:8]!r}), expected one of {known}."
     )
 
 
-def find_channel(reader: AbstractReader, file: Path, channels: Sequence[Channel], given: str | int) -> Channel:
+class _Apart(AbstractSource):
+    """A file that another process reads, as `reader` would in this one."""
+
+    def __init__(self, reader: AbstractReader) -> None:
+        self.reader = reader
+        self.file = reader.file
+
+    @property
+    def kind(self) -> str:
+        return self.reader.kind
+
+    def channels(self) -> list[Channel]:
+        return self._channels
+
+    @functools.cached_property
+    def _channels(self) -> list[Channel]:
+        with refusing(self.file, self.reader.expected):
+            return [Channel(*channel) for channel, _ in answers(channels_of, self.file, self.kind)]
+
+    def blocks(self, numbers: Sequence[int], first: int = 0) -> Iterator[Block]:
+        with refusing(self.file, self.reader.expected):
+            for begin, values in answers(blocks_of, self.file, self.kind, list(numbers), first):
+                yield Block(values, np.arange(begin, begin + len(values)))
+
+
+def channels_of(file: Path, kind: str) -> Pairs:
+    """The channels of a `file` of a `kind`, with no samples."""
+    for channel in member(_FAMILY, kind)(file).channels():
+        yield channel, np.zeros(0)
+
+
+def blocks_of(file: Path, kind: str, numbers: Sequence[int], first: int) -> Pairs:
+    """The place of the first sample of each block of a `file` of a `kind`, and the block's samples."""
+    for block in member(_FAMILY, kind)(file).blocks(numbers, first):
+        yield int(block.places[0]), block.values
+
+
+def find_channel(reader: AbstractSource, file: Path, channels: Sequence[Channel], given: str | int) -> Channel:
     """The channel that is `given` by its name or its number.
 
     **Raises:** `InputError` if there is none, or several.
@@ -117,7 +158,7 @@ def find_channel(reader: AbstractReader, file: Path, channels: Sequence[Channel]
 
 
 def read_samples(
-    reader: AbstractReader, file: Path, numbers: Sequence[int], clock: Clock, window: tuple[float, float] | None = None
+    reader: AbstractSource, file: Path, numbers: Sequence[int], clock: Clock, window: tuple[float, float] | None = None
 ) -> Samples:
     """Samples of the channels with these `numbers`, those within the `window` [s] where one is given.
 
@@ -164,7 +205,7 @@ def _filled(time: Float[np.ndarray, " samples"], before: float) -> Float[np.ndar
 
 
 def _check_times(
-    reader: AbstractReader, file: Path, number: int, before: float, time: np.ndarray, places: np.ndarray
+    reader: AbstractSource, file: Path, number: int, before: float, time: np.ndarray, places: np.ndarray
 ) -> None:
     known = np.isfinite(time)
     here, where = time[known], places[known]

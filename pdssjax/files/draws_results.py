@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from ..core import InputError
 from ..study import Draws
+from .reading_process import Pairs, answers
 
 FILES = {"bootstrap": "bootstrap.csv", "posterior": "posterior.nc"}
 """In a folder of results, by the kind of the draws."""
@@ -54,14 +55,20 @@ def _read_bootstrap(file: Path) -> tuple[tuple[str, ...], Float[np.ndarray, "dra
 
 
 def _read_posterior(file: Path) -> tuple[tuple[str, ...], Float[np.ndarray, "draws p"]]:
+    names, columns = zip(*answers(posterior_of, file), strict=True)
+    return names, np.stack(columns, axis=1)
+
+
+def posterior_of(file: Path) -> Pairs:
+    """The path of each parameter in a posterior, and its draws; asked of another process."""
     import xarray
 
     with file.open("rb") as begin:
         grouped = begin.read(4) == b"\x89HDF"
     engine, group = ("h5netcdf", "posterior") if grouped else ("scipy", None)
     with xarray.open_dataset(file, engine=engine, group=group) as data:
-        names = tuple(str(name) for name in data.data_vars)
-        return names, np.stack([np.asarray(data[name]).ravel() for name in names], axis=1)
+        for name in data.data_vars:
+            yield str(name), np.asarray(data[name], float).ravel()
 
 
 def _write_posterior(draws: Draws, units: dict[str, str], file: Path) -> None:

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int
 
 from ..core import InputError, column_unit, factor, split_text, unit_named
 from .channel_samples import Clock, find_channel, open_file, read_samples
-from .readers.base import AbstractReader, Channel
+from .readers.base import AbstractSource, Channel
 
 _LONGEST = 80
 """Characters of a cell that a message quotes."""
@@ -45,7 +45,7 @@ class Layout(NamedTuple):
 class Columns:
     """Columns of a file in SI; NaN where the file has no number."""
 
-    reader: AbstractReader
+    reader: AbstractSource
     file: Path
     channels: Mapping[str, Channel]
     """By quantity; without "time" where an interval tells the times."""

@@ -24,6 +24,12 @@ def written(folder, name):
     return file
 
 
+def reader_of(file):
+    """The reader of `file` in this process, where it can be patched and its memory be measured."""
+    opened = open_file(file)
+    return getattr(opened, "reader", opened)
+
+
 def test_members_say_what_they_read():
     kinds = [member("files.readers", name) for name in members("files.readers")]
     assert len(kinds) >= 5
@@ -53,9 +59,11 @@ def test_the_same_samples_come_from_every_format(tmp_path, name):
 @pytest.mark.parametrize("name", [*made.TEXTS, *made.BINARIES])
 def test_blocks_join_to_the_whole_and_may_begin_anywhere(tmp_path, name, monkeypatch):
     file = written(tmp_path, name)
-    reader = open_file(file)
+    reader = reader_of(file)
     numbers = [channel.number for channel in reader.channels()][::-2]
     whole = [block.values for block in reader.blocks(numbers)]
+    apart = [block.values for block in open_file(file).blocks(numbers)]
+    np.testing.assert_array_equal(apart, whole)
     assert len(whole) == 1 and whole[0].shape == (made.COUNT, 2)
     module = sys.modules[type(reader).__module__]
     monkeypatch.setattr(module, "BLOCK", 70)
@@ -152,7 +160,7 @@ def test_a_tdms_file_whose_names_claim_more_than_memory_has_is_refused(tmp_path,
     # As Python does where a length that is read is beyond what the system gives.
     monkeypatch.setattr(nptdms.TdmsFile, "open", exhausted)
     with pytest.raises(InputError, match=r"more than memory has room for.*expected a TDMS file"):
-        open_file(file).channels()
+        reader_of(file).channels()
 
 
 @pytest.mark.filterwarnings("ignore:.*the file ends before its samples do:pdssjax.core.errors.InputWarning")
@@ -190,7 +198,7 @@ def test_a_missing_library_is_named_with_the_line_that_installs_it(tmp_path, mon
     file = written(tmp_path, name)
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(InputError, match=r'not installed; expected: pip install "pdssjax') as caught:
-        open_file(file).channels()
+        reader_of(file).channels()
     assert module in str(caught.value) and line in str(caught.value)
 
 
@@ -198,10 +206,10 @@ def test_text_and_older_matlab_need_no_library_of_an_extra(tmp_path, monkeypatch
     for module in ("h5py", "nptdms", "RigolWFM", "RigolWFM.wfm"):
         monkeypatch.setitem(sys.modules, module, None)
     for name in ("comma", "MATLAB 5"):
-        assert len(open_file(written(tmp_path, name)).channels()) == 3
+        assert len(reader_of(written(tmp_path, name)).channels()) == 3
     (tmp_path / "scope.wfm").write_bytes(b"\xa5\xa5")
     with pytest.raises(InputError, match=r'RigolWFM.*pip install "pdssjax\[oscilloscope\]"'):
-        open_file(tmp_path / "scope.wfm").channels()
+        reader_of(tmp_path / "scope.wfm").channels()
 
 
 @pytest.mark.parametrize(("header", "unit"), [("t,u,s", ""), ("time [ms],u,s", ""), ("s,u,V", "s")])
@@ -271,7 +279,7 @@ def peak_memory(file, window):
     """Samples read from a window, and the largest memory [bytes] that it took."""
     import tracemalloc
 
-    reader = open_file(file)
+    reader = reader_of(file)
     numbers = [channel.number for channel in reader.channels()]
     tracemalloc.start()
     try:
@@ -300,7 +308,7 @@ def test_memory_is_that_of_a_block_and_of_the_window_alone(tmp_path, ending, mon
             for begin in range(0, count, block):
                 part = 1e-6 * np.arange(begin, begin + block)
                 stored.write_segment([nptdms.ChannelObject("run", name, part) for name in "tux"])
-    monkeypatch.setattr(sys.modules[type(open_file(file)).__module__], "BLOCK", block)
+    monkeypatch.setattr(sys.modules[type(reader_of(file)).__module__], "BLOCK", block)
     read, peak = peak_memory(file, (0.0999995, 0.1009995))
     assert read.time.size == 1000
     assert read.time[0] == pytest.approx(0.1) and read.begin == 0.0

@@ -1,9 +1,6 @@
 """Files that describe themselves are believed as a whole, or refused: packing, clocks, complex numbers, names."""
 
 import os
-import struct
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -147,42 +144,6 @@ def test_series_of_one_name_are_told_apart_by_their_path_and_x_is_their_clock(tm
     channels = open_file(file).channels()
     assert [(c.name, c.unit) for c in channels] == [("time", "s"), ("Gain1/Out1", ""), ("Gain2/Out1", ""), ("u", "V")]
     np.testing.assert_array_equal(channel_values(file, "Gain2/Out1"), 2.0 * np.arange(6))
-
-
-def matlab_file(folder):
-    file = folder / "one.mat"
-    scipy.io.savemat(file, {"t": np.arange(4.0), "x": np.arange(4.0) ** 2})
-    return file
-
-
-@pytest.mark.parametrize("kind", [0x86, 0xFF, 0x1000])
-def test_a_matlab_file_on_which_scipy_crashes_is_refused_in_one_line(tmp_path, kind):
-    file = matlab_file(tmp_path)
-    content = bytearray(file.read_bytes())
-    tag = content.index(struct.pack("<II", 9, 32))  # an element of doubles
-    content[tag : tag + 4] = struct.pack("<I", kind)
-    file.write_bytes(content)
-    with pytest.raises(InputError, match=r"found a broken file \(.*\), expected a MATLAB file") as caught:
-        open_file(file).channels()
-    assert "\n" not in str(caught.value)
-
-
-def test_a_matlab_file_that_unpacks_to_more_than_it_may_is_refused(tmp_path, monkeypatch):
-    pytest.importorskip("resource")
-    monkeypatch.setattr("pdssjax.files.readers.matlab._MEMORY", 1 << 26)
-    file = tmp_path / "bomb.mat"
-    scipy.io.savemat(file, {"x": np.zeros(30_000_000, np.int8)}, do_compression=True)
-    assert file.stat().st_size < 100_000
-    with pytest.raises(InputError, match=r"it needs more than 0\.1 GiB of memory"):
-        open_file(file).channels()
-
-
-def test_the_process_that_reads_matlab_files_imports_little(tmp_path):
-    script = sys.modules[type(open_file(matlab_file(tmp_path))).__module__]._PROCESS
-    heavy = "[m for m in ('jax', 'pdssjax', 'pint') if m in sys.modules]"
-    code = f"import sys, runpy; runpy.run_path({str(script)!r}); print({heavy})"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
 
 
 @pytest.mark.parametrize(

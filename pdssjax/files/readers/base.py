@@ -1,7 +1,7 @@
 """The interface of everything that samples are read from: a file of an instrument as a list of channels.
 
 A member knows one format.  It opens the file anew for every question, so that nothing stays open, and gives
-samples in blocks, so that a file need not fit into memory.
+samples in blocks, so that a file need not fit into memory.  All but text is read in a process of its own.
 """
 
 import abc
@@ -12,7 +12,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from ...core import InputError, factor
+from ...core import InputError, factor, member_name
 
 
 class Channel(NamedTuple):
@@ -56,22 +56,17 @@ BLOCK = 200_000
 """Samples of a block."""
 
 
-class AbstractReader(abc.ABC):
-    """A format of files; final members are made from the path of a file and what the user says of its decimals."""
+class AbstractSource(abc.ABC):
+    """A file that samples are read from, whatever process reads it."""
 
-    ending: ClassVar[str]
-    """What files of this format end in, for messages: "`.tdms`"."""
+    file: Path
     place: ClassVar[str] = "sample"
     """What `Block.places` counts, as messages call it."""
 
+    @property
     @abc.abstractmethod
-    def __init__(self, file: Path, decimal: str = "") -> None:
-        """A reader of `file`; nothing is read yet.  `decimal` is "," or ".", or "" where it is to be told."""
-
-    @classmethod
-    @abc.abstractmethod
-    def recognises(cls, file: Path, head: bytes) -> bool:
-        """Whether the `file`, which begins with the bytes `head`, has this format."""
+    def kind(self) -> str:
+        """The format: the name of the member that reads it."""
 
     @abc.abstractmethod
     def channels(self) -> list[Channel]:
@@ -94,3 +89,27 @@ class AbstractReader(abc.ABC):
     def written(self, place: int, number: int) -> str:
         """What stands at a `place` of the channel `number` as the file has it; "" where it holds no text."""
         return ""
+
+
+class AbstractReader(AbstractSource):
+    """A format of files; final members are made from the path of a file and what the user says of its decimals."""
+
+    ending: ClassVar[str]
+    """What files of this format end in, for messages: "`.tdms`"."""
+    expected: ClassVar[str]
+    """What messages call such a file: "a TDMS file"."""
+    in_process: ClassVar[bool] = False
+    """Whether a file is read by the process that asks: of a format whose reader nothing in a file can crash."""
+
+    @abc.abstractmethod
+    def __init__(self, file: Path, decimal: str = "") -> None:
+        """A reader of `file`; nothing is read yet.  `decimal` is "," or ".", or "" where it is to be told."""
+
+    @property
+    def kind(self) -> str:
+        return member_name(type(self))
+
+    @classmethod
+    @abc.abstractmethod
+    def recognises(cls, file: Path, head: bytes) -> bool:
+        """Whether the `file`, which begins with the bytes `head`, has this format."""

@@ -22,6 +22,8 @@ class DelimitedText(AbstractReader):
     """A table of text."""
 
     ending = ".csv"
+    expected = "a table of text"
+    in_process = True
     place = "line"
 
     def __init__(self, file: Path, decimal: str = "") -> None:
@@ -35,7 +37,7 @@ class DelimitedText(AbstractReader):
     @functools.cached_property
     def dialect(self) -> Dialect:
         """How the file is written."""
-        with refusing(self.file, "a table of text"), self.file.open("rb") as stream:
+        with refusing(self.file, self.expected), self.file.open("rb") as stream:
             return dialect_of(self.file, stream.read(HEAD), self.decimal)
 
     def channels(self) -> list[Channel]:
@@ -49,7 +51,7 @@ class DelimitedText(AbstractReader):
         dialect, positions = self.dialect, [number - 1 for number in numbers]
         grouped = None if self.decimal else GroupedColumns(positions, dialect.decimal)
         with (
-            refusing(self.file, "a table of text"),
+            refusing(self.file, self.expected),
             self.file.open(encoding=dialect.encoding, errors="replace", newline=None) as stream,
         ):
             done = sum(1 for _ in islice(stream, dialect.skipped))

@@ -56,6 +56,7 @@ class Hdf5(AbstractReader):
     """An HDF5 file."""
 
     ending = ".h5"
+    expected = "an HDF5 file"
 
     def __init__(self, file: Path, decimal: str = "") -> None:
         self.file = file
@@ -66,7 +67,7 @@ class Hdf5(AbstractReader):
 
     def channels(self) -> list[Channel]:
         h5py = library("h5py", "hdf5", self.file)
-        with refusing(self.file, "an HDF5 file"), h5py.File(self.file, "r") as opened:
+        with refusing(self.file, self.expected), h5py.File(self.file, "r") as opened:
             lines = _lines(opened)
             if not lines:
                 raise InputError(
@@ -77,7 +78,7 @@ class Hdf5(AbstractReader):
 
     def blocks(self, numbers: Sequence[int], first: int = 0) -> Iterator[Block]:
         h5py = library("h5py", "hdf5", self.file)
-        with refusing(self.file, "an HDF5 file"), h5py.File(self.file, "r") as opened:
+        with refusing(self.file, self.expected), h5py.File(self.file, "r") as opened:
             lines = _lines(opened)
             chosen = [lines[number - 1] for number in numbers]
             count = same_length(self.file, {_name(line): _length(opened, line) for line in chosen})

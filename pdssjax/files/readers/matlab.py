@@ -3,18 +3,14 @@
 Channels are called "name", "struct.field", and "name[2]" where an array has several columns; complex numbers are two,
 "name.real" and "name.imag".  A struct with the fields Name and Data (dSPACE ControlDesk) is called by its Name, with
 its Unit, and by the end of its Path where several have that Name.  Files of version 7.3 are HDF5, and read as such.
-A file is read as a whole, by a process of its own (`_matlab_process.py`), whose end by a broken file is not that of
-this one.
+A file is read as a whole.
 """
 
 import functools
-import json
-import os
-import subprocess
-import sys
-import tempfile
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -23,28 +19,18 @@ from ...core import InputError
 from ._errors import refusing, same_length
 from .base import BLOCK, AbstractReader, Block, Channel
 
-_EXPECTED = "a MATLAB file"
 
-_PROCESS = Path(__file__).with_name("_matlab_process.py")
-
-_MEMORY = 2 << 30
-"""Bytes that reading may take, and as many more for each byte of the file as `_PER_BYTE`."""
-
-_PER_BYTE = 20
-
-_SECONDS = 60
-"""For reading, and one more for each so many bytes of the file."""
-
-_BYTES_PER_SECOND = 5_000_000
-
-_Arrays = list[tuple[str, str, Float[np.ndarray, " samples"]]]
-"""Name, unit and samples of every channel."""
+class _Array(NamedTuple):
+    name: str
+    unit: str
+    values: Float[np.ndarray, " samples"]
 
 
 class Matlab(AbstractReader):
     """A .mat file before version 7.3."""
 
     ending = ".mat"
+    expected = "a MATLAB file"
 
     def __init__(self, file: Path, decimal: str = "") -> None:
         self.file = file
@@ -63,53 +49,73 @@ class Matlab(AbstractReader):
 
     def blocks(self, numbers: Sequence[int], first: int = 0) -> Iterator[Block]:
         chosen = [self._arrays[number - 1] for number in numbers]
-        count = same_length(self.file, {name: values.size for name, _, values in chosen})
+        count = same_length(self.file, {array.name: array.values.size for array in chosen})
         for begin in range(first, count, BLOCK):
             end = min(begin + BLOCK, count)
-            yield Block(np.column_stack([v[begin:end] for *_, v in chosen]), np.arange(begin + 1, end + 1))
+            yield Block(np.column_stack([a.values[begin:end] for a in chosen]), np.arange(begin + 1, end + 1))
 
     @functools.cached_property
-    def _arrays(self) -> _Arrays:
-        """What is in the file; samples lie in a temporary file that ends with this reader."""
-        with refusing(self.file, _EXPECTED):
-            found, names = _read(self.file)
+    def _arrays(self) -> list[_Array]:
+        import scipy.io  # a quarter of a second
+
+        with refusing(self.file, self.expected):
+            held = scipy.io.loadmat(self.file, simplify_cells=True)
+        variables = {key: value for key, value in held.items() if not key.startswith("__")}
+        found = [array for key, value in variables.items() for array in _flat(key, value, "")]
         if not found:
             raise InputError(
-                f"{self.file}: found no channel among {names[:6]}, expected arrays of numbers "
+                f"{self.file}: found no channel among {list(variables)[:6]}, expected arrays of numbers "
                 "(MATLAB's tables and timeseries: save them as plain arrays or structs)."
             )
         return found
 
 
-def _read(file: Path) -> tuple[_Arrays, list[str]]:
-    """The arrays in `file` and the names of its variables; **raises** `ValueError` that says why it cannot be read."""
-    size = file.stat().st_size
-    most, seconds = _MEMORY + _PER_BYTE * size, _SECONDS + size // _BYTES_PER_SECOND
-    command = [sys.executable, "-P", str(_PROCESS), str(file), str(most), str(seconds)]
-    with tempfile.TemporaryFile() as made:
-        try:
-            # One thread: each that a library of linear algebra begins takes address space, which is limited.
-            status = subprocess.run(
-                command,
-                stdin=subprocess.DEVNULL,
-                stdout=made,
-                stderr=subprocess.DEVNULL,
-                timeout=2 * seconds,
-                env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"},
-            ).returncode
-        except subprocess.TimeoutExpired:
-            status = -1
-        made.seek(0)
-        length = int.from_bytes(made.read(8), "little")
-        if status != 0 or not length:
-            raise ValueError("SciPy crashed, or did not come to an end, on what is in it")
-        said = json.loads(made.read(length))
-        if "broken" in said:
-            raise ValueError(said["broken"])
-        counts = [count for *_, count in said["channels"]]
-        # The mapping keeps what is in the temporary file after it is closed.
-        samples = np.memmap(made, "<f8", "r", 8 + length, (sum(counts),)) if any(counts) else np.zeros(0)
-    begins = np.cumsum([0, *counts])
-    parts = [samples[begin : begin + count] for begin, count in zip(begins, counts, strict=False)]
-    told = zip(said["channels"], parts, strict=True)
-    return [(name, unit, values) for (name, unit, _), values in told], said["names"]
+def _flat(name: str, value: Any, unit: str) -> list[_Array]:
+    """The channels within a variable."""
+    if isinstance(value, Mapping):
+        label, data = _text(value.get("Name", "")), value.get("Data")
+        if label and isinstance(data, np.ndarray):
+            return _flat(label, data, _text(value.get("Unit", "")))
+        if isinstance(value.get("X"), Mapping) and "Y" in value:
+            return _captured(name, value)
+        unit = _text(value.get("unit", value.get("units", value.get("Unit", ""))))
+        return [array for key, inner in value.items() for array in _flat(f"{name}.{key}", inner, unit)]
+    if isinstance(value, (list, tuple)) or (isinstance(value, np.ndarray) and value.dtype == object):
+        items = enumerate(_told_apart(list(np.ravel(np.asarray(value, dtype=object)))), start=1)
+        return [array for number, inner in items for array in _flat(f"{name}[{number}]", inner, unit)]
+    if not isinstance(value, np.ndarray) or value.dtype.kind not in "fiuc" or value.ndim not in (1, 2):
+        return []
+    if max(value.shape, default=0) < 2:
+        return []
+    if value.dtype.kind == "c":
+        return [*_flat(f"{name}.real", value.real, unit), *_flat(f"{name}.imag", value.imag, unit)]
+    if value.ndim == 1:
+        return [_Array(name, unit, value.astype(float))]
+    lines = value if value.shape[0] < value.shape[1] else value.T
+    several = len(lines) > 1
+    named = lambda k: f"{name}[{k}]" if several else name
+    return [_Array(named(k), unit, line.astype(float)) for k, line in enumerate(lines, start=1)]
+
+
+def _captured(name: str, value: Mapping[str, Any]) -> list[_Array]:
+    """The channels of a capture of dSPACE: X is the clock of the series in Y, also where it has no name."""
+    clock = value["X"]
+    if isinstance(clock.get("Data"), np.ndarray) and not _text(clock.get("Name", "")):
+        clock = {**clock, "Name": "time", "Unit": _text(clock.get("Unit", "")) or "s"}
+    parts = {**value, "X": clock}
+    return [array for key, inner in parts.items() for array in _flat(f"{name}.{key}", inner, "")]
+
+
+def _told_apart(items: Sequence[Any]) -> list[Any]:
+    """Series of a list, those with one Name (dSPACE's "ADC") called by the end of their Path, too."""
+    named = lambda item: _text(item.get("Name", "")) if isinstance(item, Mapping) else ""
+    count = Counter(map(named, items))
+    made: list[Any] = []
+    for item in items:
+        end = _text(item.get("Path", "")).rpartition("/")[2] if isinstance(item, Mapping) else ""
+        made.append({**item, "Name": f"{end}/{named(item)}"} if end and count[named(item)] > 1 else item)
+    return made
+
+
+def _text(value: object) -> str:
+    return value if isinstance(value, str) else ""

@@ -27,13 +27,12 @@ _LECROY = b"WAVEDESC"
 Shown = list[tuple[Channel, Float[np.ndarray, " samples"]]]
 """Channels that were on, each with its samples."""
 
-_EXPECTED = "a file of an oscilloscope that RigolWFM knows (or export it as CSV)"
-
 
 class Oscilloscope(AbstractReader):
     """A binary file of an oscilloscope."""
 
     ending = ".wfm"
+    expected = "a file of an oscilloscope that RigolWFM knows (or export it as CSV)"
 
     def __init__(self, file: Path, decimal: str = "") -> None:
         self.file = file
@@ -56,7 +55,7 @@ class Oscilloscope(AbstractReader):
     def _shown(self) -> Shown:
         """The channels that were on."""
         wfm = library("RigolWFM.wfm", "oscilloscope", self.file)
-        expected = _EXPECTED
+        expected = self.expected
         if self.file.name.lower().endswith(".wfm.bin"):
             expected = f"{self.file.name[:-8]}.bin, which describes the samples that are in this one"
         with refusing(self.file, expected):

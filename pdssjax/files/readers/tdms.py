@@ -17,13 +17,12 @@ from ...core import InputError, InputWarning
 from ._errors import library, refusing, same_length
 from .base import BLOCK, AbstractReader, Block, Channel
 
-_EXPECTED = "a TDMS file"
-
 
 class Tdms(AbstractReader):
     """A TDMS file."""
 
     ending = ".tdms"
+    expected = "a TDMS file"
 
     def __init__(self, file: Path, decimal: str = "") -> None:
         self.file = file
@@ -33,7 +32,7 @@ class Tdms(AbstractReader):
         return head.startswith(b"TDSm") or file.suffix.lower() == ".tdms"
 
     def channels(self) -> list[Channel]:
-        with refusing(self.file, _EXPECTED), _opened(self.file) as opened:
+        with refusing(self.file, self.expected), _opened(self.file) as opened:
             lines = _lines(opened)
             begins = [_begin(stored) for stored, _ in lines]
             earliest = min([begin for begin in begins if begin is not None], default=None)
@@ -49,11 +48,11 @@ class Tdms(AbstractReader):
                     stacklevel=2,
                 )
         if not found:
-            raise InputError(f"{self.file}: found no channel of numbers, expected {_EXPECTED} with some.")
+            raise InputError(f"{self.file}: found no channel of numbers, expected {self.expected} with some.")
         return found
 
     def blocks(self, numbers: Sequence[int], first: int = 0) -> Iterator[Block]:
-        with refusing(self.file, _EXPECTED), _opened(self.file) as opened:
+        with refusing(self.file, self.expected), _opened(self.file) as opened:
             lines = _lines(opened)
             chosen = [lines[number - 1] for number in numbers]
             count = same_length(self.file, {stored.name: len(stored) for stored, _ in chosen})

@@ -1,0 +1,182 @@
+"""Files are read by another process: what they claim, or do to a library, becomes one line, and costs little."""
+
+import os
+import struct
+import subprocess
+import sys
+from pathlib import Path
+
+import fabricated
+import instrument_files
+import numpy as np
+import pytest
+import scipy.io
+from answering import numbered
+
+from pdssjax import InputError, InputWarning
+from pdssjax.files import list_channels, reading_process
+from pdssjax.files.channel_samples import open_file
+from pdssjax.files.draws_results import read_draws, write_draws
+from pdssjax.files.reading_process import answers
+
+HERE = Path(__file__)
+
+
+@pytest.fixture(autouse=True)
+def known_to_the_other_process(monkeypatch):
+    """The helpers of tests; a process that was started before does not know them."""
+    reading_process._end_idle()
+    paths = [str(HERE.parents[1] / "helpers"), os.environ.get("PYTHONPATH", "")]
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(paths))
+    yield
+    reading_process._end_idle()
+
+
+def test_pairs_come_one_by_one_from_one_process():
+    found = list(answers(numbered, HERE, 3, "printed")) + list(answers(numbered, HERE, 4))
+    assert [item[:2] for item, _ in found] == [[HERE.name, k] for k in (0, 1, 2, 0, 1, 2, 3)]
+    assert len({item[2] for item, _ in found}) == 1 and found[0][0][2] != os.getpid()
+    for (_, number, _), values in found:
+        np.testing.assert_array_equal(values, np.full((2, number), 0.1 * number))
+
+
+def test_answers_that_are_interleaved_or_given_up_are_not_mixed():
+    one, other = answers(numbered, HERE, 5), answers(numbered, HERE, 5)
+    numbers = [(a[0][1], b[0][1]) for a, b in zip(one, other, strict=True)]
+    assert numbers == [(k, k) for k in range(5)]
+    given_up = answers(numbered, HERE, 5)
+    next(given_up)
+    given_up.close()
+    assert [item[1] for item, _ in answers(numbered, HERE, 2)] == [0, 1]
+
+
+def test_a_process_that_was_ended_meanwhile_is_replaced():
+    ((_, _, pid), _), *_ = answers(numbered, HERE, 1)
+    (waiting,) = reading_process._idle[os.getpid()]
+    waiting.kill()
+    waiting.wait()
+    (((_, _, other), _),) = answers(numbered, HERE, 1)
+    assert other != pid
+
+
+@pytest.mark.parametrize(
+    ("stop", "kind", "said"),
+    [
+        ("refused", InputError, r"test_reading_process.py: found nothing, expected all\.$"),
+        ("broken", ValueError, "^no such thing$"),
+        ("crashed", ValueError, "^the library that reads it crashed on what is in it$"),
+        ("endless", ValueError, "^the library that reads it came to no end in 1 s$"),
+        ("much", ValueError, r"^it needs more than 0\.1 GiB of memory$"),
+    ],
+)
+def test_what_ends_it_is_said_and_the_next_question_is_answered(stop, kind, said, monkeypatch):
+    if stop in ("endless", "much"):
+        pytest.importorskip("resource")
+        monkeypatch.setattr(reading_process, "SECONDS", 1)
+        monkeypatch.setattr(reading_process, "MEMORY", 1 << 27)
+    got = []
+    with pytest.raises(kind, match=said) as caught:
+        got.extend(answers(numbered, HERE, 2, stop))
+    assert len(got) == 2 and (type(caught.value) is kind)
+    assert len(list(answers(numbered, HERE, 3))) == 3
+
+
+def test_warnings_are_handed_on():
+    with pytest.warns(InputWarning, match="the end is missing"):
+        assert len(list(answers(numbered, HERE, 1, "warned"))) == 1
+
+
+def test_the_process_imports_little():
+    modules = "".join(f"import pdssjax.files.readers.{n}; " for n in ("hdf5", "matlab", "tdms", "oscilloscope"))
+    heavy = "[m for m in ('jax', 'pint', 'equinox', 'scipy', 'xarray', 'h5py') if m in sys.modules]"
+    code = f"import sys; import pdssjax.files.reading_process, pdssjax.files.channel_samples; {modules}print({heavy})"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def matlab_file(folder):
+    file = folder / "one.mat"
+    scipy.io.savemat(file, {"t": np.arange(4.0), "x": np.arange(4.0) ** 2})
+    return file
+
+
+@pytest.mark.parametrize("kind", [0x86, 0xFF, 0x1000])
+def test_a_matlab_file_on_which_scipy_crashes_is_refused_in_one_line(tmp_path, kind):
+    file = matlab_file(tmp_path)
+    content = bytearray(file.read_bytes())
+    tag = content.index(struct.pack("<II", 9, 32))  # an element of doubles
+    content[tag : tag + 4] = struct.pack("<I", kind)
+    file.write_bytes(content)
+    with pytest.raises(InputError, match=r"found a broken file \(.*\), expected a MATLAB file") as caught:
+        open_file(file).channels()
+    assert "\n" not in str(caught.value)
+
+
+def test_the_format_that_the_other_process_reads_is_named(tmp_path):
+    kind, (time, _) = list_channels(matlab_file(tmp_path))
+    assert kind == "matlab" and time.name == "t"
+
+
+MORE = r"more than memory has room for, as a broken file may claim, expected (a MATLAB|an HDF5) file"
+
+
+def test_a_matlab_file_that_unpacks_to_more_than_it_may_is_refused(tmp_path, monkeypatch):
+    pytest.importorskip("resource")
+    monkeypatch.setattr(reading_process, "MEMORY", 1 << 26)
+    file = tmp_path / "bomb.mat"
+    scipy.io.savemat(file, {"x": np.zeros(30_000_000, np.int8)}, do_compression=True)
+    assert file.stat().st_size < 100_000
+    with pytest.raises(InputError, match=MORE):
+        open_file(file).channels()
+
+
+def endless(file):
+    """Sets the size of the first text in the heap of an HDF5 file to none, on which its library looks for the next."""
+    content = bytearray(file.read_bytes())
+    heap = content.index(b"GCOL")
+    content[heap + 24 : heap + 32] = bytes(8)
+    file.write_bytes(content)
+
+
+@pytest.mark.parametrize("name", ["HDF5", "MATLAB 7.3"])
+def test_an_hdf5_file_on_which_its_library_loops_is_refused_in_one_line(tmp_path, name, monkeypatch):
+    pytest.importorskip("resource")
+    h5py = pytest.importorskip("h5py")
+    monkeypatch.setattr(reading_process, "SECONDS", 1)
+    ending, write = instrument_files.BINARIES[name]
+    file = tmp_path / f"loop{ending}"
+    write(file)
+    with h5py.File(file, "a") as stored:
+        stored["extra"] = np.arange(4.0)
+        stored["extra"].attrs["units"] = "s"
+    endless(file)
+    with pytest.raises(InputError, match=r"came to no end in 1 s\), expected an HDF5 file\.$") as caught:
+        open_file(file).channels()
+    assert str(caught.value).startswith(f"{file}: ")
+
+
+def test_an_hdf5_file_that_unpacks_to_more_than_it_may_is_refused(tmp_path, monkeypatch):
+    pytest.importorskip("resource")
+    h5py = pytest.importorskip("h5py")
+    file = tmp_path / "bomb.h5"
+    with h5py.File(file, "w") as stored:
+        stored.create_dataset("x", data=np.zeros(100_000_000, np.int8), chunks=(100_000_000,), compression="gzip")
+    monkeypatch.setattr(reading_process, "MEMORY", 1 << 26)
+    with pytest.raises(InputError, match=r"^.*bomb.h5: found .*, expected an HDF5 file\.$"):
+        list(open_file(file).blocks([1]))
+
+
+@pytest.mark.parametrize("what", ["endless", "cut"])
+def test_a_posterior_that_is_damaged_is_told_in_a_line(tmp_path, what, monkeypatch):
+    pytest.importorskip("resource")
+    pytest.importorskip("h5netcdf")
+    monkeypatch.setattr(reading_process, "SECONDS", 3)
+    draws = fabricated.draws(fabricated.estimate().parameters, "posterior")
+    write_draws(draws, {"piezo.gain": "m/V", "friction.sigma1_a": "N s/m"}, tmp_path)
+    file = tmp_path / "posterior.nc"
+    if what == "endless":
+        endless(file)
+    else:
+        file.write_bytes(file.read_bytes()[:3000])
+    with pytest.raises(InputError, match=r"posterior.nc: cannot be read \(.*\), expected the draws"):
+        read_draws(tmp_path / "estimate.json", "posterior")
