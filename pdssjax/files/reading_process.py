@@ -70,14 +70,19 @@ def answers(function: Callable[..., Pairs], file: Path, *arguments: Any) -> Gene
         "seconds": seconds,
     }
     process = _process()
+    assert process.stdin is not None and process.stdout is not None
     kept = False
     try:
-        assert process.stdin is not None and process.stdout is not None
         process.stdin.write(json.dumps(question).encode() + b"\n")
         process.stdin.flush()
         while "last" not in (part := _part(process, process.stdout, seconds))[0]:
             yield part[0]["item"], part[1]
         kept = True
+    except GeneratorExit:
+        # Who has seen enough has often seen all: then the process is free for the next file.
+        with contextlib.suppress(Exception):
+            kept = "last" in _part(process, process.stdout, seconds)[0]
+        raise
     except BrokenPipeError:
         raise ValueError("the process that reads it has ended") from None
     finally:

@@ -44,10 +44,13 @@ def test_answers_that_are_interleaved_or_given_up_are_not_mixed():
     one, other = answers(numbered, HERE, 5), answers(numbered, HERE, 5)
     numbers = [(a[0][1], b[0][1]) for a, b in zip(one, other, strict=True)]
     assert numbers == [(k, k) for k in range(5)]
-    given_up = answers(numbered, HERE, 5)
-    next(given_up)
-    given_up.close()
-    assert [item[1] for item, _ in answers(numbered, HERE, 2)] == [0, 1]
+    for seen, same in ((1, False), (5, True)):
+        given_up = answers(numbered, HERE, 5)
+        *_, ((_, _, pid), _) = [next(given_up) for _ in range(seen)]
+        given_up.close()
+        found = [item for item, _ in answers(numbered, HERE, 2)]
+        assert [number for _, number, _ in found] == [0, 1]
+        assert (found[0][2] == pid) == same
 
 
 def test_a_process_that_was_ended_meanwhile_is_replaced():
