@@ -6,11 +6,10 @@ Imports `report` and the rooms below it.
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from .channel_list import list_channels as list_channels
     from .channel_roles import Hints as Hints
+    from .channel_samples import list_channels as list_channels
     from .characterisation_results import write_characterisations as write_characterisations
     from .characterise_record import characterise as characterise
-    from .comparison_results import write_comparison as write_comparison
     from .draws_file import DrawsFile as DrawsFile, holds_draws as holds_draws
     from .draws_results import read_draws as read_draws
     from .estimate_json import (
@@ -20,7 +19,11 @@ if TYPE_CHECKING:
         starting_at_estimate as starting_at_estimate,
         with_estimate as with_estimate,
     )
-    from .estimate_results import write_essentials as write_essentials, write_estimate as write_estimate
+    from .estimate_results import (
+        write_comparison as write_comparison,
+        write_essentials as write_essentials,
+        write_estimate as write_estimate,
+    )
     from .example import EXAMPLE as EXAMPLE, copy_example as copy_example
     from .friction_study import (
         FrictionFile as FrictionFile,

@@ -1,4 +1,4 @@
-"""Opens a file of any format that is known, finds channels in it, and reads their samples, a window at a time."""
+"""Opens a file of any format that is known, lists and finds its channels, and reads samples, a window at a time."""
 
 import functools
 import math
@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..core import InputError, member, members, nearest
+from ..metrics import ChannelSummary
 from ..study import check_increasing
 from .readers._errors import refusing
 from .readers.base import AbstractReader, AbstractSource, Block, Channel
@@ -125,6 +126,24 @@ def blocks_of(file: Path, kind: str, numbers: Sequence[int], first: int) -> Pair
     """The place of the first sample of each block of a `file` of a `kind`, and the block's samples."""
     for block in member(_FAMILY, kind)(file).blocks(numbers, first):
         yield int(block.places[0]), block.values
+
+
+def list_channels(file: Path, decimal: str = "") -> tuple[str, list[ChannelSummary]]:
+    """The format of `file`, and its channels; the file is read block by block.
+
+    **Arguments:** `decimal` is the decimal sign of a text, "" where the file is to tell it.
+
+    **Raises:** `InputError` if the file is missing, broken or of no format that is known.
+    """
+    reader = open_file(file, decimal)
+    channels = reader.channels()
+    found = [ChannelSummary(c.number, c.name, c.unit, c.interval, c.letter) for c in channels]
+    for samples in dict.fromkeys(channel.samples for channel in channels):
+        together = [s for s, channel in zip(found, channels, strict=True) if channel.samples == samples]
+        for block in reader.blocks([summary.number for summary in together]):
+            for summary, values in zip(together, block.values.T, strict=True):
+                summary.add(values)
+    return reader.kind.replace("-", " "), found
 
 
 def find_channel(reader: AbstractSource, file: Path, channels: Sequence[Channel], given: str | int) -> Channel:

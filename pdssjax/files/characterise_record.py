@@ -8,8 +8,7 @@ from jaxtyping import Float
 
 from ..core import InputError
 from ..metrics import SI_UNITS, Characterisation, characterisation_of
-from .channel_list import list_channels
-from .channel_samples import open_file
+from .channel_samples import list_channels, open_file
 from .readers.base import Channel
 from .record_columns import Layout, read_columns
 

@@ -1,8 +1,9 @@
-"""Writes an estimate: `estimate.json`, the report, plots and predictions."""
+"""Writes an estimate (`estimate.json`, the report, plots and predictions), and several side by side."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
-from ..report.text import format_report
+from ..report.text import format_comparison, format_report
 from ..study import Estimate
 from .draws_results import write_draws
 from .estimate_json import estimate_text
@@ -53,3 +54,17 @@ def write_essentials(estimate: Estimate, folder: Path) -> None:
 def _write_essentials(estimate: Estimate, staging: Path) -> None:
     (staging / "estimate.json").write_text(estimate_text(estimate), encoding="utf-8", errors="backslashreplace")
     (staging / "report.txt").write_text(format_report(estimate), encoding="utf-8", errors="backslashreplace")
+
+
+def write_comparison(estimates: Sequence[Estimate], folder: Path) -> None:
+    """Put `comparison.txt` and `comparison.png` into `folder`, in place of older ones.
+
+    **Arguments:** the joint fit first, then those in two steps.
+    """
+    from ..report.figures import comparison_figure
+
+    with staging_folder(folder) as staging:
+        (staging / "comparison.txt").write_text(
+            format_comparison(*estimates), encoding="utf-8", errors="backslashreplace"
+        )
+        comparison_figure(estimates).savefig(staging / "comparison.png")

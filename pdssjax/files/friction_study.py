@@ -13,7 +13,7 @@ from ..core import InputError, member, quantities
 from .channel_roles import Hints, Roles, friction_roles
 from .record_columns import read_columns
 from .results_folder import check_empty
-from .toml_text import quoted
+from .toml_table import quoted
 
 _LAWS = {"displacement": "dahl", "velocity": "stribeck"}
 """The law of a new study, by the motion that its records have."""

@@ -8,8 +8,10 @@ import numpy as np
 from ..core import InputError
 from ..metrics import RecordGuess, guess_record
 from .channel_roles import Hints, Roles, roles_of
-from .missing_samples import filled
 from .record_columns import Columns, read_columns
+
+_FEW = 0.05
+"""Part of a record's samples that may be no numbers, and are excluded."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,7 +53,7 @@ def guess_file(file: Path, hints: Hints, told: Told, measures: str = "") -> NewR
     if "voltage" not in roles.channels and told.peak is None:
         raise InputError(f'{file}: found no voltage, expected --peak with that of the drive, such as --peak "30 V".')
     read = read_columns(file, roles.layout)
-    columns, without = filled(read, roles.motion)
+    columns, without = _filled(read, roles.motion)
     columns.check_numbers()
     if columns.data["time"].size < 16:
         raise InputError(f"{file}: found {columns.data['time'].size} samples, expected a record of 16 at least.")
@@ -79,3 +81,24 @@ def _guessed(file: Path, columns: Columns, quantity: str, told: Told, measures: 
         if isinstance(error, InputError):
             raise
         raise InputError(f"{file}: {error}.") from None
+
+
+def _filled(columns: Columns, motion: str) -> tuple[Columns, tuple[tuple[float, float], ...]]:
+    """The columns with samples that are no numbers filled from beside them, where they are few, and when those were."""
+    time = columns.data["time"]
+    wrong = ~np.all([np.isfinite(column) for column in columns.data.values()], axis=0)
+    if not wrong.any() or not np.all(np.isfinite(time)) or np.mean(wrong) > _FEW:
+        return columns, ()
+    known, data = np.flatnonzero(~wrong), dict(columns.data)
+    for quantity in set(data) - {"time"}:
+        # A motion keeps the steps in which its sensor counts.
+        last = known[np.maximum(np.searchsorted(known, np.arange(time.size), "right") - 1, 0)]
+        held = data[quantity][last]
+        between = np.interp(time, time[known], data[quantity][known])
+        data[quantity] = np.where(wrong, held if quantity == motion else between, data[quantity])
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], wrong, [False]]).astype(int)))
+    beside = 0.25 * float(np.median(np.diff(time)))
+    gaps = zip(edges[::2], edges[1::2] - 1, strict=True)
+    return dataclasses.replace(columns, data=data), tuple(
+        (float(time[a]) - beside, float(time[b]) + beside) for a, b in gaps
+    )

@@ -13,7 +13,7 @@ from ..core import member, quantities
 from ..metrics import RUNNING, RecordGuess
 from .guessed_record import NewRecord, Told
 from .results_folder import check_empty, staging_folder
-from .toml_text import quoted
+from .toml_table import quoted
 from .unseen_flanks import (
     condition_of,
     early_start,

@@ -1,6 +1,7 @@
-"""Checked access to the tables of a TOML file, with messages that name the place."""
+"""Checked access to the tables of a TOML file, with messages that name the place; text as TOML writes it."""
 
 import dataclasses
+import json
 from collections.abc import Iterable
 from typing import Any, TypeVar, overload
 
@@ -88,3 +89,9 @@ def _shown(value: object) -> str:
     if isinstance(value, dict):
         return "a table"
     return f'"{value}"' if isinstance(value, str) else str(value)
+
+
+def quoted(text: str) -> str:
+    """A `text` as a string of TOML, in quotation marks."""
+    # What JSON escapes TOML escapes alike, but for the last control character.
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

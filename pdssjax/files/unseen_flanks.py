@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 
 from ..metrics import RecordGuess, Timing, gain_of
-from .toml_text import quoted
+from .toml_table import quoted
 
 _RINGS = 2.5e-4
 """Interval [s] up to which samples show the ringing after a flank, which tells when it was; beyond, a drive's start and
