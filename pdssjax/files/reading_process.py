@@ -24,11 +24,15 @@ from pathlib import Path
 from typing import IO, Any, TypeAlias
 
 import numpy as np
+from jaxtyping import Float
 
 from ..core import InputError, InputWarning
+from .json_text import Plain
 
-Pairs: TypeAlias = Iterator[tuple[Any, np.ndarray]]
-"""What JSON can write, and an array of floats, any number of times."""
+Pair: TypeAlias = tuple[Plain, Float[np.ndarray, "..."]]
+"""What JSON can write, and an array."""
+
+Pairs: TypeAlias = Iterator[Pair]
 
 MEMORY = 1 << 30
 """Bytes that the process may take for a file beyond what it began with; `MEMORY_PER_BYTE` more for each of the file."""
@@ -54,7 +58,7 @@ _idle: dict[int, list[_Process]] = {}
 """Processes that wait for a question, by the process that started them: one that is forked shares no pipe."""
 
 
-def answers(function: Callable[..., Pairs], file: Path, *arguments: Any) -> Generator[tuple[Any, np.ndarray]]:
+def answers(function: Callable[..., Pairs], file: Path, *arguments: Plain) -> Generator[Pair]:
     """What `function(file, *arguments)` yields, in a process of its own; `function` is found by its name there.
 
     **Raises:** `InputError` where the function does, `ValueError` with a short reason where it raises anything else,
