@@ -70,8 +70,8 @@ def _why(estimate: "Estimate") -> str:
     if not estimate.converged:
         return estimate.message
     return (
-        "they leave more than noise, or contradict each other, or those that were not fitted are not predicted. "
-        "The law lacks something, or the optimum is a wrong one; see the notes"
+        "they leave more than noise, contradict each other, or a validation record is missed. "
+        "The law lacks something, or the optimum is wrong: see the notes"
     )
 
 
