@@ -1,4 +1,4 @@
-"""The actuator: what drives the platform, what it rides on, and what holds the two together."""
+"""The actuator: amplifier, piezo with platform, friction, end-effector and stop."""
 
 import equinox as eqx
 
@@ -46,5 +46,5 @@ class Actuator(AbstractModel):
 
     @property
     def platform_closed(self) -> bool:
-        """The motion of the platform is known in closed form, and friction leaves it alone."""
+        """Whether the motion of the platform is known in closed form and friction does not act on it."""
         return self.driven_platform.closed and not self.feedback

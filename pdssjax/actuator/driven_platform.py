@@ -27,17 +27,17 @@ class DrivenPlatform(eqx.Module):
 
     @property
     def closed(self) -> bool:
-        """The motion is known in closed form while no force acts on the platform."""
+        """Whether the motion is known in closed form while no force acts on the platform."""
         return self.piezo.closed and self.amplifier is None
 
     @property
     def closed_on_lines(self) -> bool:
-        """The same where the voltage is a chain of straight lines."""
+        """Whether the motion is known in closed form under a chain of straight lines, while no force acts."""
         return self.piezo.closed_on_lines and self.amplifier is None
 
     @property
     def state_jumps(self) -> bool:
-        """The state of the piezo may jump at the corners of the drive."""
+        """Whether the state of the piezo may jump at the corners of the drive."""
         return type(self.piezo).on_segment_start is not AbstractPiezo.on_segment_start
 
     def initial(self) -> DrivenPlatformState[Scalar]:
@@ -111,7 +111,7 @@ class DrivenPlatform(eqx.Module):
         return DrivenPlatformState(stack, supply)
 
     def is_small_event(self, slope: Scalar, which: Scalar, amplitude: float) -> Truth:
-        """Whether an event of the piezo's with this `slope` of its guard is that of a voltage at rest.
+        """Whether an event of the piezo with this `slope` of its guard comes from a voltage at rest.
 
         The voltage then moves the stack by less than `amplitude` [m] in a time constant.
 

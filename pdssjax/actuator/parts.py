@@ -58,7 +58,7 @@ class Amplifier(AbstractModel):
         return u, jnp.where(slews != 0.0, 0.0, jnp.where(which == 0, 1.0, -1.0))
 
     def steady(self, segment: Segment) -> Segment:
-        """What the piezo gets of a straight segment in the end: the same, later."""
+        """The voltage on the piezo late in a straight segment: that of the command, 1/w_a later."""
         return segment._replace(start=segment.start - segment.slope * (1.0 / self.pole()))
 
     def pole(self) -> ScalarLike:
@@ -87,7 +87,7 @@ class Effector(AbstractModel):
     """Angle by which the forward direction points downhill [rad]."""
 
     def pull(self) -> Scalar:
-        """All constant force on the end-effector, positive forward [N]."""
+        """The constant force on the end-effector, load and weight along the tilt, positive forward [N]."""
         return self.load + self.mass * GRAVITY * jnp.sin(jnp.asarray(self.tilt, float))
 
 
@@ -135,23 +135,23 @@ class Sensor(AbstractModel):
         return (jnp.zeros(()),) if self.filters else ()
 
     def rate(self, sensor_lag: tuple[Term, ...], speed: Term) -> tuple[Term, ...]:
-        """Time derivative of the lag where what is measured changes with `speed`."""
+        """Time derivative of the lag where the measured quantity changes at the rate `speed`."""
         return tuple(speed - e * self.pole() for e in sensor_lag)
 
     def steady(self, sensor_lag: tuple[Scalar, ...], speed: Scalar) -> tuple[Scalar, ...]:
-        """The lag behind what has long changed with `speed`."""
+        """The lag behind a quantity that has long changed at the rate `speed`."""
         return tuple(speed / self.pole() for _ in sensor_lag)
 
     def after_jump(self, sensor_lag: tuple[Scalar, ...], jump: Scalar) -> tuple[Scalar, ...]:
-        """The lag after what is measured has jumped: what is shown has not."""
+        """The lag after a jump of the measured quantity; the shown one does not jump."""
         return tuple(e + jump for e in sensor_lag)
 
     def shown_displacement(self, sensor_lag: tuple[Scalar, ...], true: Scalar) -> Scalar:
-        """What it shows of a displacement [m], or of whatever it follows, `sensor_lag` behind."""
+        """The displacement [m], or other quantity, that the sensor shows, `sensor_lag` behind."""
         return true - sensor_lag[0] if sensor_lag else true
 
     def shown_velocity(self, sensor_lag: tuple[Scalar, ...], true: Scalar) -> Scalar:
-        """What it shows of a velocity [m/s]: the rate of what it shows of the displacement, x' - e' = w_s e."""
+        """The velocity [m/s] that the sensor shows: the rate of the shown displacement, x' - e' = w_s e."""
         return sensor_lag[0] * self.pole() if sensor_lag else true
 
     def pole(self) -> ScalarLike:

@@ -35,14 +35,14 @@ class ZeroOrderHold(AbstractDrive):
         return None
 
     def cycle_frequency(self) -> ScalarLike | None:
-        """That of the drive it holds [Hz]: the staircase repeats but for where the intervals fall."""
+        """Frequency of the held drive [Hz]: the staircase repeats but for where the intervals fall."""
         return self.drive.cycle_frequency()
 
     def has_jumps(self) -> bool:
         return True
 
     def peak(self) -> ScalarLike:
-        """That of the drive it holds [V]: the staircase stays below by what the voltage changes in an interval."""
+        """Peak of the held drive [V]: the staircase stays below by the change of the voltage in an interval."""
         return self.drive.peak()
 
     def flanks(self) -> Flanks | None:
@@ -52,7 +52,7 @@ class ZeroOrderHold(AbstractDrive):
         return self.drive.slow_flank_times(parts)
 
     def declared(self) -> dict[str, Quantity]:
-        """What is declared of the drive it holds: the interval is a record's own."""
+        """Declared quantities of the held drive: the interval is a record's own."""
         return self.drive.declared()
 
     def numbers(self) -> dict[str, ScalarLike]:

@@ -1,4 +1,4 @@
-"""The two flanks of a cycle, a slow and a fast one: which piece of the drive is which, and where in it a time lies."""
+"""Pieces of a drive whose cycle is a slow and a fast flank, and the progress of a time within them."""
 
 from typing import NamedTuple
 
@@ -60,5 +60,5 @@ def progress(
 
 
 def too_long(flank: float, room: float, whole: str) -> str:
-    """Of a flank [s] that has to be shorter than its `room` [s], called `whole`."""
+    """Say that a `flank` [s] must be shorter than the `room` [s] of its `whole`."""
     return f"{flank:g} s, expected less than {whole}, {room:g} s"

@@ -111,7 +111,7 @@ class AbstractDrive(AbstractModel):
         return True
 
     def told_by_peak(self) -> Self:
-        """The same drive, with the peak for its number "voltage", as a generator is set; not traced.
+        """This drive with its peak as the number "voltage", as a generator is set; not traced.
 
         By default as it is.
         """
@@ -122,18 +122,18 @@ class AbstractDrive(AbstractModel):
         """Largest magnitude that the voltage takes or tends to [V], a number."""
 
     def flanks(self) -> Flanks | None:
-        """Of a waveform whose cycle is a slow and a fast flank; None, the default, of all others."""
+        """The slow and the fast flank of the cycle; None, the default, where a waveform has no such flanks."""
         return None
 
     def slow_flank_times(self, parts: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """When the voltage has gone `parts` of its way along the slow flank, in parts of that flank's duration [1].
+        """Times at which the slow flank has covered `parts` of its voltage, in parts of its duration [1].
 
         The same where the flank is straight, the default.
         """
         return parts
 
     def broken_conditions(self) -> dict[str, str]:
-        """By field, what its numbers must obey together and do not: "0.6 s, expected less than the period, 0.5 s".
+        """Conditions between numbers that are broken, by field: "0.6 s, expected less than the period, 0.5 s".
 
         Not under `jit`: it reads the numbers.
         """
@@ -146,11 +146,11 @@ class AbstractDrive(AbstractModel):
         return (cls(),)
 
     def declared(self) -> dict[str, Quantity]:
-        """What is declared of the numbers that describe it, by field; nothing where samples do."""
+        """Declared quantities of the numbers that describe the drive, by field; none where samples do."""
         return quantities(type(self))
 
     def numbers(self) -> dict[str, ScalarLike]:
-        """Its number [SI] for every field that is `declared`."""
+        """The number [SI] of every `declared` field."""
         return {field: getattr(self, field) for field in self.declared()}
 
     def with_numbers(self, numbers: Mapping[str, ScalarLike]) -> Self:
@@ -159,7 +159,7 @@ class AbstractDrive(AbstractModel):
         return eqx.tree_at(pick, self, [as_number(number) for number in numbers.values()]) if numbers else self
 
     def segments(self, until: float) -> int:
-        """How many segments begin by the time `until` [s], or a few more; not traced."""
+        """Number of segments that begin by the time `until` [s], or a few more; not traced."""
         cycle = self.period()
         if cycle is None:
             return 2
@@ -171,5 +171,5 @@ class AbstractDrive(AbstractModel):
 
 @eqx.filter_jit
 def _durations(drive: AbstractDrive, indices: Int[np.ndarray, " n"]) -> Float[Array, " n"]:
-    """Of some segments [s], compiled as one: each operation by itself costs as much."""
+    """Durations of some segments [s], compiled as one: each operation by itself costs as much."""
     return jax.vmap(lambda index: drive.segment(index).duration)(indices)

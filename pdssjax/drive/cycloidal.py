@@ -64,7 +64,7 @@ class Cycloidal(AbstractDrive):
         return Flanks(self.direction * self.voltage / (1.0 / self.frequency - fast), fast)
 
     def slow_flank_times(self, parts: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """As the drive's [1]: the cycloid solved for the time, by a table of 1e-5 of the flank."""
+        """Times along the slow flank [1]: the cycloid solved for the time, by a table of 1e-5 of the flank."""
         times = np.linspace(0.0, 1.0, 100_001)
         return np.interp(parts, times - np.sin(2.0 * np.pi * times) / (2.0 * np.pi), times)
 

@@ -1,4 +1,4 @@
-"""Any voltage, from samples: what a generator was told to make, or what was measured at the piezo.
+"""Any voltage, from samples of a generator's table or of a measurement at the piezo.
 
 Between the samples the voltage is a straight line, or is held.  From t = 0 to the first
 sample the first voltage holds, after the last sample the last one, for good.
@@ -22,7 +22,7 @@ def _array(given: Any) -> Any:
 
 
 class Sampled(AbstractDrive):
-    """One segment a sample, the wait for the first one before them."""
+    """One segment a sample, after one for the time before the first."""
 
     times: Float[Array | np.ndarray, " n"] = eqx.field(default=(0.0, 0.1, 0.2), converter=_array)
     """Sample times [s], ascending, from 0 on; shape (n,)."""

@@ -6,5 +6,5 @@ from ..core import Scalar, ScalarLike
 
 
 def relax(begin: Scalar, end: ScalarLike, exponent: ScalarLike) -> Scalar:
-    """Return `begin` after a part exp(-exponent) of its distance from `end` is left, exact for small exponents, too."""
+    """Relax from `begin` until exp(-exponent) of the distance to `end` is left; exact for small exponents, too."""
     return begin - (end - begin) * jnp.expm1(-jnp.asarray(exponent, float))

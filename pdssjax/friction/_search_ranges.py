@@ -1,4 +1,4 @@
-"""Where to look for what friction laws share, from the motion of the rig: stiffness, damping, force, velocity."""
+"""Search ranges of parameters that friction laws share: stiffness, damping, force, velocity."""
 
 
 def lugre_ranges(mass: float, acceleration: float, rate: float) -> tuple[tuple[float, float], ...]:

@@ -1,4 +1,4 @@
-"""What LuGre and its relatives share: one mean bristle, and a Stribeck curve at which it yields."""
+"""Base of LuGre and its relatives: one mean bristle that yields at a Stribeck curve."""
 
 import jax.numpy as jnp
 

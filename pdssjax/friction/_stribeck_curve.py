@@ -23,7 +23,7 @@ def stribeck_curve(v: Term, f_c: ScalarLike, f_s: ScalarLike, v_s: ScalarLike) -
 
 
 def stribeck_guard(fast: Term, v: Term, sign: ScalarLike, v_s: ScalarLike, far: ScalarLike = 4.0) -> Term:
-    """The guard of a flag that tells `fast` sliding, far out where the Stribeck curve is flat.
+    """The guard of the flag of `fast` sliding, far out where the Stribeck curve is flat.
 
     The Taylor coefficients of e^(-x^2) about x grow up to the order 2 x^2 or so before they fall.  Far
     out the first dozen is small and says nothing of the others: a step that brakes would run past

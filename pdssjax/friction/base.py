@@ -115,7 +115,7 @@ class AbstractFriction(AbstractModel):
         """
 
     def guards(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:
-        """Positive while the law keeps its form; always as many, in the same order."""
+        """Guards of the law, positive while it keeps its form; always as many, in the same order."""
         return ()
 
     def after_event(self, state: State, v: Scalar, sign: ScalarLike, which: Scalar) -> State:
@@ -138,7 +138,7 @@ class AbstractFriction(AbstractModel):
 
     @classmethod
     def slides_in_closed_form(cls) -> bool:
-        """Whether `slide` is known."""
+        """Whether the law has a closed form of sliding at a constant velocity (`slide`)."""
         return cls.slide is not AbstractFriction.slide
 
     def slide(self, state: State, v: Scalar, elapsed: Scalar, sign: ScalarLike) -> State:
@@ -151,7 +151,7 @@ class AbstractFriction(AbstractModel):
         raise NotImplementedError(f"{type(self).__name__} knows no closed form")
 
     def extra_error_terms(self, state: Terms, v: Term, sign: ScalarLike) -> Terms:
-        """What the law makes of v and the state hardly shows, as displacements [m]; steps resolve it, too.
+        """Functions of v that the state hardly shows, as displacements [m]; steps resolve them, too.
 
         A curve in v, such as Stribeck's (`_stribeck_curve`).  Without it a step may run past the curve, and the
         derivatives by its parameters are wrong.

@@ -15,7 +15,7 @@ TAILS = 0.05, 0.95
 
 
 def rhat(draws: Float[np.ndarray, "chains draws"]) -> float:
-    """How far the chains are from agreeing in place or in spread: 1 where they do, to be below 1.01.
+    """R-hat, of place or of spread whichever is larger: 1 where the chains agree, to be below 1.01.
 
     NaN where there are fewer than four draws, or all are the same.
     """
@@ -27,7 +27,7 @@ def rhat(draws: Float[np.ndarray, "chains draws"]) -> float:
 
 
 def effective_size(draws: Float[np.ndarray, "chains draws"]) -> float:
-    """As many independent draws say as much of the middle ("bulk"); NaN as for `rhat`."""
+    """Number of independent draws that say as much of the middle ("bulk"); NaN as for `rhat`."""
     halves = _halves(draws)
     return _effective(_normal_scores(halves)) if np.ptp(halves) > 0.0 else float("nan")
 

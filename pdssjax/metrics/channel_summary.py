@@ -1,4 +1,4 @@
-"""What a channel of a file amounts to: how many samples, over what range, and whether it may be a clock."""
+"""Summary of a channel of a file: number of samples, range, and whether it may be a clock."""
 
 import math
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ _RISES = 0.1
 
 @dataclass
 class ChannelSummary:
-    """One channel, told block by block; numbers are in its own `unit`."""
+    """Summary of one channel, built block by block; numbers are in its own `unit`."""
 
     number: int
     """In the file, from 1."""
@@ -47,7 +47,7 @@ class ChannelSummary:
     last: float = math.nan
 
     def add(self, values: Float[np.ndarray, " samples"]) -> None:
-        """The next samples."""
+        """Add the next samples."""
         numbers = values[np.isfinite(values)]
         self.samples += values.size
         self.missing += values.size - numbers.size

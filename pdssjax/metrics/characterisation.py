@@ -50,7 +50,7 @@ class Summary:
 
 @dataclass(frozen=True, eq=False)
 class Characterisation:
-    """What one record says; SI units, positive along the slow flank."""
+    """Performance of an actuator by one record; SI units, positive along the slow flank."""
 
     file: Path
     measures: str
@@ -97,7 +97,7 @@ def characterisation_of(
     frequency: float | None,
     slip_duration: float,
 ) -> Characterisation:
-    """What the samples `values` [m or N] at `times` [s] say by themselves.
+    """Characterise the samples `values` [m or N] at `times` [s] without a model.
 
     **Arguments:** `measures` is "displacement" or "force"; `file` and `column` name where the samples come
     from, for messages and for the result.  `frequency` [Hz] and `slip_duration` [s] as for `characterise`.

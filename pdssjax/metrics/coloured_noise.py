@@ -43,14 +43,14 @@ class StationaryNoise(NamedTuple):
     """Variance of w, in the unit of the noise squared."""
 
     def autocovariance(self, lags: int) -> Float[np.ndarray, " lags"]:
-        """At the lags 0, 1, ... `lags` - 1, in the unit of the noise squared."""
+        """Autocovariance at the lags 0, 1, ... `lags` - 1, in the unit of the noise squared."""
         size = 8 * 2 ** int(np.ceil(np.log2(max(lags, 32))))
         transfer = np.fft.rfft(np.concatenate([[1.0], -self.coefficients]), size)
         return np.fft.irfft(self.innovation / np.abs(transfer) ** 2, size)[:lags]
 
     @property
     def order(self) -> int:
-        """How many numbers tell of its colour."""
+        """Number of parameters of the colour."""
         return self.coefficients.size
 
     def evidence(self, freedom: float, time: Float[np.ndarray, " n"]) -> float:
@@ -61,7 +61,7 @@ class StationaryNoise(NamedTuple):
         return float(freedom * np.log(variance / self.innovation) - 2.0 * self.order)
 
     def independent(self, time: Float[np.ndarray, " n"]) -> float:
-        """Independent samples a sample, as the variance of their mean square tells (M. S. Bartlett, 1946)."""
+        """Independent samples per sample, by the variance of their mean square (M. S. Bartlett, 1946)."""
         if not self.order:
             return 1.0
         covariance = self.autocovariance(_lags(time))
@@ -121,7 +121,7 @@ def sample_autocovariance(
 def stationary_noise(
     values: Float[np.ndarray, " n"], positions: Int[np.ndarray, " n"], freedom: float, most: int
 ) -> StationaryNoise:
-    """The noise that `values` are a sample of, about zero; NaN is left out.
+    """Fit stationary noise about zero to `values`; NaN is left out.
 
     **Arguments:** `freedom`, the degrees of freedom that a fit has left of the samples: variances grow by their ratio;
     `most`, the highest order looked at.
@@ -196,7 +196,7 @@ _AT_ONCE = 256
 
 
 class NoiseInTime(NamedTuple):
-    """White noise and a slow one."""
+    """White noise plus slow noise, at any times."""
 
     variance: float
     """s^2, in the unit of the noise squared."""
@@ -211,11 +211,11 @@ class NoiseInTime(NamedTuple):
 
     @property
     def order(self) -> int:
-        """How many numbers tell of its colour."""
+        """Number of parameters of the colour."""
         return 0 if self.share == 0.0 else 3 if self.pulsation else 2
 
     def covariance_at(self, apart: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-        """Of samples so far `apart` [s]."""
+        """Covariance of samples `apart` [s]."""
         slow = np.exp(-np.abs(apart) / self.duration) * np.cos(self.pulsation * apart)
         return self.variance * np.where(apart == 0.0, 1.0, self.share * slow)
 
@@ -224,7 +224,7 @@ class NoiseInTime(NamedTuple):
         return self.gain - 2.0 * self.order
 
     def independent(self, time: Float[np.ndarray, " n"]) -> float:
-        """Independent samples a sample, as the variance of their mean square tells (M. S. Bartlett, 1946)."""
+        """Independent samples per sample, by the variance of their mean square (M. S. Bartlett, 1946)."""
         # exp(-2 t / tau) cos(w t)^2 in two parts.
         parts = (NoiseInTime(1.0, self.share**2, 0.5 * self.duration, turn) for turn in (0.0, 2.0 * self.pulsation))
         return 2.0 * time.size / float(sum(np.sum(part.times(np.ones((time.size, 1)), time)) for part in parts))

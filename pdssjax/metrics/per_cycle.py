@@ -217,7 +217,7 @@ def _lines(
 
 
 class CycleDrift(NamedTuple):
-    """What a cycle leaves, and what it consists of, in the unit of the samples."""
+    """Gain and stroke of a cycle, in the unit of the samples."""
 
     net: float
     """From one cycle to the next, on average."""
@@ -230,7 +230,7 @@ class CycleDrift(NamedTuple):
 def drift_per_cycle(
     time: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"], frequency: float
 ) -> CycleDrift | None:
-    """Every sample beside what was measured a cycle later, the first cycle left out where three are there.
+    """Compare every sample with that one cycle later; the first cycle is left out where there are three.
 
     **Arguments:** `time` [s] ascends; `frequency` in cycles a second [Hz].
 

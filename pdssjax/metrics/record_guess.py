@@ -70,7 +70,7 @@ class RecordGuess:
 
     @property
     def display(self) -> Display:
-        """How what was measured is shown."""
+        """Units in which the measured quantity is shown."""
         return LENGTH if self.velocity is None else VELOCITY
 
     @property

@@ -37,7 +37,7 @@ _OFF_GRID = 0.02
 
 
 class LackOfFit(NamedTuple):
-    """What repeats in a record's residuals, and what does not."""
+    """Test of lack of fit: the repeating part of a record's residuals against the rest."""
 
     noise: float
     """Standard deviation of what does not repeat, in the record's unit: the noise, whatever the model."""
@@ -261,7 +261,7 @@ _LEAST = 6
 
 
 class SlipDelay(NamedTuple):
-    """Of all slips of a record together."""
+    """Delay of all slips of a record together."""
 
     delay: float
     """By how much later than predicted they come [s]."""

@@ -78,6 +78,6 @@ def rest_of(
 
 
 def integrated(time: Float[np.ndarray, " n"], speed: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """The way [m] since the first sample, by trapezia."""
+    """Displacement [m] since the first sample, by the trapezoidal rule."""
     steps = 0.5 * (speed[1:] + speed[:-1]) * np.diff(time)
     return np.concatenate([np.zeros(1), np.cumsum(steps)])

@@ -48,7 +48,7 @@ def neighbour_scatter(values: Float[np.ndarray, " n"]) -> float:
 
 
 def scatter_between_corners(values: Float[np.ndarray, " n"]) -> float:
-    """The same of a voltage, straight between its corners: less than half of the samples may be next to one.
+    """Standard deviation of white noise in a voltage of straight pieces; most samples must not be next to a corner.
 
     By the median alone, which stays 0 where nothing but corners scatters.  Each sample next to a corner raises it: 43 %
     too much where a quarter are.  Of fewer than four values, 0.
@@ -95,7 +95,7 @@ def resolution_of(measured: Float[np.ndarray, " samples"]) -> float | None:
 
 
 def rounding_of_counts(measured: Float[np.ndarray, " samples"]) -> float:
-    """The standard deviation of what counting in steps rounds, in the samples' unit; 0 where no step is seen."""
+    """Standard deviation of the rounding to steps, in the samples' unit; 0 where no step is seen."""
     return (resolution_of(measured) or 0.0) / math.sqrt(12.0)
 
 
@@ -190,7 +190,7 @@ def held_for(measured: Float[np.ndarray, " samples"]) -> float | None:
 
 
 def held_in_words(measured: Float[np.ndarray, " samples"]) -> str:
-    """What a sensor shows that holds its values, and what to do about it, as what follows "found"; "" of others."""
+    """Describe a sensor that holds its values, and what to do about it, as a clause after "found"; "" of others."""
     every = held_for(measured)
     if every is None:
         return ""

@@ -137,7 +137,7 @@ def sharpened_sawtooth(
 def sharpened_step(
     time: Samples, volts: Samples, about: tuple[float, float, float], interval: float
 ) -> SharpFlanks | None:
-    """The same of a step: `about` holds voltage [V], begin and duration [s] of the rise."""
+    """The step of least squares near `about`, which holds voltage [V], begin and duration [s] of the rise."""
     voltage, start, rise = about
     middle = start + 0.5 * rise
     durations = (rise, *(share * interval for share in _TRIED))
@@ -251,8 +251,10 @@ def _errors(jacobian: Float[np.ndarray, "n p"]) -> Float[np.ndarray, " p"]:
 
 
 def levels_of(time: Samples, forward: bool, whole_rise: float, period: float, start: float, duration: float) -> Samples:
-    """Peak to 0 V within `duration` and back, towards `whole_rise` [V], over the rest of a period; not `forward`: the
-    other way."""
+    """Voltage of a sawtooth: from its peak to 0 V within `duration` [s], then back over the rest of a period.
+
+    Not `forward`, the other way.  The slow flank would reach `whole_rise` [V] in a whole period.
+    """
     passed = np.mod(time - start, period)
     fallen = np.where(passed < duration, passed / duration, (period - passed) / (period - duration))
     return peak_of(whole_rise, period, duration) * (1.0 - fallen if forward else fallen)
@@ -276,7 +278,7 @@ def slopes_of_levels(
 
 
 def line_of(numbers: Float[np.ndarray, "4"], forward: bool) -> Float[np.ndarray, "3"]:
-    """(a, s, c) of its slow flanks u = a + s t - c n, n the number of the cycle."""
+    """Coefficients (a, s, c) of the slow flanks u = a + s t - c n, n the number of the cycle."""
     whole_rise, period, start, duration = numbers
     slope = whole_rise / period
     foot = slope * (start + duration)
@@ -295,7 +297,7 @@ def slopes_of_line(numbers: Float[np.ndarray, "4"], forward: bool) -> Float[np.n
 
 
 def peak_of(whole_rise: float, period: float, duration: float) -> float:
-    """Of a sawtooth whose slow flank would come to `whole_rise` [V] in a period [s]."""
+    """Peak [V] of a sawtooth whose slow flank would reach `whole_rise` [V] in a whole period [s]."""
     return whole_rise * (1.0 - duration / period)
 
 
@@ -312,7 +314,7 @@ _SURE = 5.0
 
 
 class Timing(NamedTuple):
-    """What the samples of a voltage leave open of its fast flanks."""
+    """Range of the duration of fast flanks and of the drive's start, by the samples of the voltage."""
 
     shortest: float
     """Duration that such a flank may have [s]."""
@@ -326,7 +328,7 @@ class Timing(NamedTuple):
 
 
 def timing_of(sharp: SharpFlanks | None, seen: float, interval: float) -> Timing:
-    """Of fast flanks that were located, or else seen between two levels to last so long, 0 where no sample shows it."""
+    """Timing of located fast flanks; else of those `seen` [s] long between two levels, 0 where no sample is."""
     if sharp is None and seen:
         # Two levels with few samples between tell too long a flank.
         return Timing(max(0.5 * seen - interval, 0.0), 1.5 * seen + interval, 0.5 * seen + interval)
@@ -338,7 +340,7 @@ def timing_of(sharp: SharpFlanks | None, seen: float, interval: float) -> Timing
 
 
 def widened(timing: Timing, error: float) -> Timing:
-    """`timing` where what the flanks are told by has an `error` of its own, as a time [s]."""
+    """Widen a `timing` by an additional `error` [s] of the flanks."""
     shortest, longest, within, errors = timing
     about = _SURE * error
     both = None if errors is None else (math.hypot(errors[0], error), math.hypot(errors[1], error))

@@ -1,4 +1,4 @@
-"""The rises and falls of a voltage: when they come, how long they take, and the period they tell."""
+"""The rises and falls of a voltage: when they come, how long they take, and their period."""
 
 import dataclasses
 import math
@@ -66,7 +66,7 @@ def _passage(time: Samples, level: Samples) -> tuple[float, float]:
 
 
 def period_of(flanks: VoltageFlanks) -> float | None:
-    """By a line through the middles of the slower flanks; None where there are too few or they are uneven."""
+    """Period [s] by a line through the middles of the slower flanks; None where they are too few or uneven."""
     slower, other = flanks.rises, flanks.falls
     if not flanks.rise > flanks.fall:
         slower, other = other, slower
@@ -80,7 +80,7 @@ def period_of(flanks: VoltageFlanks) -> float | None:
 
 
 class FastFlanks(NamedTuple):
-    """Of a voltage whose cycles are a slow and a fast flank."""
+    """Fast flanks of a voltage whose cycles are a slow and a fast flank."""
 
     fall: bool
     """The fast ones fall: the voltage of a walk forward."""

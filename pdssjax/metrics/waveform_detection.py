@@ -1,4 +1,4 @@
-"""Tells the waveform of a drive from samples of its voltage: kind, voltage, frequency, flanks, and when it starts.
+"""Find the waveform of a drive from samples of its voltage: kind, voltage, frequency, flanks, and when it starts.
 
 1.  Levels: the extremes; a voltage below zero is turned round.
 2.  Flanks: passages from the lowest quarter to the highest and back, each with the moments at which it passes them.
@@ -219,7 +219,7 @@ def _rest(time: Samples, volts: Samples, extent: float) -> _Rest | None:
 
 
 def begun(found: Waveform, time: Samples, rests: float | None, tolerance: float, located: float = math.inf) -> Waveform:
-    """A waveform whose `start` is that of some cycle, with that of the drive in its place.
+    """Replace a waveform's `start`, that of some cycle, by that of the drive.
 
     **Arguments:** `rests` tells when it leaves a rest at 0 V in the record [s], None where it does not; `tolerance`
     [s] how near a cycle's begin must be to the clock's zero for the clock to count from the drive's start, and

@@ -1,4 +1,4 @@
-"""Single waveforms laid over samples of a voltage, each with what it leaves and how well its numbers are told.
+"""Fits of single waveforms to samples of a voltage, with residuals and standard errors.
 
 A sawtooth's slow flanks are fitted by u = a + s t - c n, n the number of the cycle, which gives period c/s, voltage
 and start far below a sample; triangle and trapezoid are the edges of their flanks, moved until they leave the least.

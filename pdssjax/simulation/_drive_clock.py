@@ -1,4 +1,4 @@
-"""In which segment of a drive a time lies."""
+"""The clock of a drive: the segment in which a time lies."""
 
 import equinox as eqx
 import jax

@@ -49,7 +49,7 @@ class VectorField(eqx.Module):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What each component is: "d", "v", "driven.stack.0", "contact_state.0", ..."""
+        """Name of each component: "d", "v", "driven.stack.0", "contact_state.0", ..."""
         leaves, _ = jax.tree_util.tree_flatten_with_path(self.system.initial())
         return tuple(jax.tree_util.keystr(path, simple=True, separator=".") for path, _ in leaves)
 

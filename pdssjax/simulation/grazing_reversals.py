@@ -1,4 +1,4 @@
-"""How near a reversal of the relative motion is to grazing: to one that a small change of the parameters takes away.
+"""Grazing reversals of the relative motion, which a small change of the parameters takes away.
 
 Derivatives and Floquet multipliers may break there.
 """
@@ -21,7 +21,7 @@ _SMALL = 1e-9
 def grazing(
     system: StickSlip, moving: AbstractHybridSystem, run: SteppedRun, inside: Bool[Array, " room"] | None = None
 ) -> Scalar:
-    """How near the nearest reversal of a `run` is to grazing, between 0 and 1 [1].
+    """Distance of the nearest reversal of a `run` from grazing, between 0 (it grazes) and 1 [1].
 
     With the relative acceleration a at the reversal and its rate b the velocity is near a t + b t^2 / 2: it would
     turn again after 2 a / b.  That, in units of the slowest oscillation's 1/w, is small where the reversal grazes.

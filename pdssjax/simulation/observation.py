@@ -30,7 +30,7 @@ class Inside(NamedTuple):
 
 
 class Observation(NamedTuple):
-    """One run, looked at."""
+    """What the sensor shows of one run, and what moves inside."""
 
     shown: Float[Array, " m"]
     """What the sensor shows, in the unit of the record."""

@@ -32,7 +32,7 @@ def _at_once(system: System) -> ScalarLike:
 
 
 class Output(NamedTuple):
-    """What is shown of a system; static, since records that share it share one compiled function."""
+    """The quantity of a system that a sensor shows; static, since records that share it share one compiled function."""
 
     shown: Callable[[System, Segment, Scalar, State, Scalar], Scalar]
     """(system, segment, t_local, x, mode) to what is shown [SI], shape ()."""
@@ -124,13 +124,13 @@ def why_failed(
     output: Output = DISPLACEMENT,
     segments: int | None = None,
 ) -> Int[Array, ""]:
-    """An index into `pdssjax.integration.FAILURES` for `sensor_samples` of the same; 0 where it works."""
+    """Index into `pdssjax.integration.FAILURES` of the run behind `sensor_samples`; 0 where it works."""
     if segments is not None and is_closed(system):
         return jnp.zeros((), int)
     return integrate_steps(system, times[-1], accuracy, output.components(system)).failure
 
 
 def from_rest(times: Float[Array, " m"], failure: Count) -> Callable[[Float[Array, " m"]], Float[Array, " m"]]:
-    """Zero before the start; NaN where the run failed, and so is every derivative: as a factor, not as a choice."""
+    """Function that sets values to zero before the start and, with all derivatives, to NaN where the run failed."""
     known = jnp.where(failure > 0, jnp.nan, 1.0)
     return lambda value: jnp.where(times >= 0, value, 0.0) * known

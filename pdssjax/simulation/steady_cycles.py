@@ -1,4 +1,4 @@
-"""The steady motion of an actuator: what is left of it when the transient has died out."""
+"""The steady motion of an actuator, after the transient has died out."""
 
 import dataclasses
 from functools import partial
@@ -58,7 +58,7 @@ def _steady_cycle(actuator: Actuator, drive: AbstractDrive, fine: Accuracy, tole
 def checked_arguments(
     actuator: Actuator, drive: AbstractDrive, accuracy: Accuracy
 ) -> tuple[Actuator, AbstractDrive, Accuracy]:
-    """The same, with quantities as one simulation takes them (`pdssjax.core.as_single`).
+    """Arguments of a steady cycle, with quantities as one simulation takes them (`pdssjax.core.as_single`).
 
     **Raises:** `InputError` that names the argument for one of another kind, and the quantity for one that is no
     single number within its legal range, or contradicts another of the drive, as far as they are known: those that

@@ -86,7 +86,7 @@ def test_the_command_finds_the_border_and_draws_it(command, dead, tmp_path, caps
     assert found.attrs["points"] == 10 * (9 + 7)
     assert (tmp_path / "out" / "border.png").stat().st_size > 5_000
     told = capsys.readouterr().out
-    assert "Border of efficiency = 0.01, told to 0.2 V between 8 and 150 V" in told
+    assert "Border of efficiency = 0.01, to within 0.2 V, between 8 and 150 V" in told
     assert "drive.frequency (Hz)" in told and "there is none" not in told
 
 

@@ -57,8 +57,8 @@ def _outcome(estimate: Estimate) -> str:
     outcome = f"    {estimate.method} fit{loss} {verdict}: {estimate.message}\n"
     if estimate.converged and not estimate.explained:
         outcome += (
-            "    The records leave more than noise, or contradict each other, or those that were not fitted are not "
-            "predicted:\n    the law lacks something, or the optimum is a wrong one; see the notes.\n"
+            "    The records leave more than noise, contradict each other, or a validation record is missed.\n"
+            "    The law lacks something, or the optimum is wrong: see the notes.\n"
         )
     return outcome
 
@@ -97,7 +97,7 @@ def _parameters(estimate: Estimate) -> str:
     rows = [head, *(_parameter(parameter, models) for parameter in estimate.parameters.values())]
     align, legend = "<<>>" + ">" * len(names) + "><<<", ""
     if estimate.method != "joint":
-        legend = "    naive: the error if the results of the piezo's own fit were exact; +/-: with their errors.\n"
+        legend = "    naive: error with the piezo's own fit taken as exact; +/-: with its errors included.\n"
     else:
         place = 4 + len(names)
         align, rows = align[:place] + align[place + 1 :], [row[:place] + row[place + 1 :] for row in rows]
@@ -166,7 +166,7 @@ def format_diagnosis(diagnosis: Diagnosis) -> str:
         text += _advice(diagnosis.remedy)
     if best:
         text += "\n" + heading("Products that the data determine best") + _products(best)
-        text += note("Exponents are rounded, small ones left out; estimate.json has those that the errors belong to.")
+        text += note("Exponents are rounded and small ones left out; estimate.json has the exact ones.")
     return text
 
 
@@ -204,7 +204,7 @@ def format_amplification(amplification: Amplification) -> str:
 def format_effects(amplification: Amplification) -> str:
     """Of each parameter identified first, in words, the two that an error of it moves most where it is held."""
     amplification = amplification.visible()
-    lines = ["    Where the stack is held, its errors are carried on:\n"]
+    lines = ["    What errors of the held stack do:\n"]
     for j, mover in enumerate(amplification.earlier):
         column = np.abs(amplification.matrix[:, j])
         moved = [f"{amplification.later[i]} by {_digits(float(column[i]))} %" for i in np.argsort(-column)[:2]]
@@ -289,7 +289,7 @@ def format_profiles(profiles: Sequence[Profile], parameters: Mapping[str, Fitted
             rows.append([path, verdict, "-", "-", "-"])
     legend = (
         "    below, above: distance of either end in units of that of the linear interval (1.00: a parabola).\n"
-        "    quality: 1 where the points of the curve foretell each other, 0 where one misses by the threshold.\n"
+        "    quality: 1 where the points of the curve predict each other, 0 where one misses by the threshold.\n"
     )
     return heading("Profiles of chi-square") + aligned_table("<<>>>", rows) + legend
 
@@ -298,7 +298,7 @@ def _ratio(verdict: str, square: float) -> str:
     return f"{math.sqrt(square):.2f}" if verdict == "bounded" else "-"
 
 
-_NAIVE = "    naive: the results of the earlier step taken for exact; corrected: their errors carried on.\n"
+_NAIVE = "    naive: error with the earlier step taken as exact; corrected: with its errors included.\n"
 
 
 def format_comparison(joint: Estimate, *others: Estimate) -> str:

@@ -82,7 +82,7 @@ FIGURES = {
     "back_slip": "back-slip S_0",
     "net_step": "net step S - S_0",
     "efficiency": "step efficiency (3.1)",
-    "efficiency_by_extremes": "the same, by extremes",
+    "efficiency_by_extremes": "efficiency, by extremes",
     "speed": "average speed",
     "noise": "noise on the flanks",
     "output": "output force",

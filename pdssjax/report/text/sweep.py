@@ -147,13 +147,13 @@ def format_border(data: "xarray.Dataset") -> str:
     text = heading(f"Border along {asked['path']}") + aligned_table("<" * data.border.ndim + ">>", [head, *rows])
     if data.border.size > _MOST:
         text += f"    ... and {data.border.size - _MOST} more\n"
-    text += f"    Border of {asked['of']}, told to {asked['tolerance'] * scale:g} {unit}"
+    text += f"    Border of {asked['of']}, to within {asked['tolerance'] * scale:g} {unit},"
     text += f" between {asked['low'] * scale:g} and {asked['high'] * scale:g} {unit}; {asked['points']} points.\n"
     none = int(np.isnan(data.border.values).sum())
-    text += f"    At {none} of {data.border.size} there is none in that range.\n" if none else ""
+    text += f"    At {none} of {data.border.size} points there is no border in that range.\n" if none else ""
     often = int((data.passes.values > 1).sum())
     if often:
-        text += f"    At {often} of {data.border.size} it is passed more than once: this is the lowest place.\n"
+        text += f"    At {often} of {data.border.size} points it is passed more than once; the lowest is shown.\n"
     return text
 
 

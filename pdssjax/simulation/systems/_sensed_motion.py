@@ -15,7 +15,7 @@ from ._stop_contact import push_on_stop
 
 
 class SensedMotion(NamedTuple):
-    """A sensor that looks at an actuator."""
+    """A sensor of the motion of an actuator, or of the force on its stop."""
 
     actuator: Actuator
     sensor: Sensor
@@ -42,6 +42,6 @@ class SensedMotion(NamedTuple):
         return self.sensor.after_jump(x.sensor_lag, jump * self.on_platform)
 
     def speed(self, x: StickSlipState[N]) -> N:
-        """Of what it looks at [m/s]."""
+        """Rate of the measured quantity [m/s]."""
         _, w = self.actuator.driven_platform.platform(x.driven)
         return w - x.v * (1.0 - self.on_platform)

@@ -90,7 +90,7 @@ def _creeps_in(
 def project_to_steady(
     sensed: SensedMotion, segment: Segment, t_local: ScalarLike, x: StickSlipState[Scalar], mode: Scalar
 ) -> StickSlipState[Scalar]:
-    """The state with the last of the deviations gone; a contact that slid recovers its elastic displacement.
+    """The state projected onto the steady solution; a contact that slid recovers its elastic displacement.
 
     One that is in equilibrium stays so, whatever the constant force: of a force of zero it has the derivative.
     """

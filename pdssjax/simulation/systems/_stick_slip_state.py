@@ -13,7 +13,7 @@ ADVANCING, STUCK, RETREATING = 1.0, 0.0, -1.0
 
 
 class StickSlipState(NamedTuple, Generic[N_co]):
-    """All that moves; the parts that an actuator has not are empty."""
+    """The state of an actuator; components of parts that it lacks are empty."""
 
     d: N_co
     """Relative displacement [m]."""

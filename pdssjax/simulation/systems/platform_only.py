@@ -1,4 +1,4 @@
-"""The platform without an end-effector that it could feel: the hybrid system of amplifier, piezo and sensor.
+"""The hybrid system of amplifier, piezo and sensor, without an end-effector.
 
 For what has no closed form: a stack with hysteresis, an amplifier, a slow sensor.
 """
@@ -17,7 +17,7 @@ from ...integration import SETTLED, AbstractHybridSystem, N_co, Term, Visited
 
 
 class State(NamedTuple, Generic[N_co]):
-    """All that moves."""
+    """State of piezo, amplifier and sensor."""
 
     driven: DrivenPlatformState[N_co]
     sensor_lag: tuple[N_co, ...]
@@ -36,7 +36,7 @@ class PlatformOnly(AbstractHybridSystem):
 
     @property
     def resets_at_corners(self) -> bool:
-        """The platform jumps, or the piezo learns that the amplifier's input turned."""
+        """Whether the platform jumps, or the piezo learns that the amplifier's input turned."""
         return self.driven_platform.state_jumps or self.driven_platform.amplifier is not None
 
     def segment(self, index: Scalar) -> Segment:
@@ -65,17 +65,17 @@ class PlatformOnly(AbstractHybridSystem):
         return super().rates(segment, t_local, x, jnp.ones_like(mode))
 
     def guards(self, segment: Segment, t_local: Term, x: State[Term], mode: Scalar) -> tuple[Term, ...]:
-        """Those of amplifier and piezo."""
+        """Guards of amplifier and piezo, positive inside the mode."""
         return self.driven_platform.guards(segment, t_local, x.driven)
 
     def after_event(
         self, segment: Segment, t_local: ScalarLike, x: State[Scalar], mode: Scalar, which: Scalar
     ) -> tuple[State[Scalar], Scalar]:
-        """The event of amplifier or piezo, which go on in the same mode."""
+        """State after an event of amplifier or piezo, and the mode, which stays."""
         return x._replace(driven=self.driven_platform.after_event(segment, t_local, x.driven, which)), mode
 
     def is_carried_back(self, slope: Scalar, mode: Scalar, which: Scalar, amplitude: float) -> Truth:
-        """Whether an event of the piezo's is that of a voltage at rest, to within `amplitude` [m]."""
+        """Whether an event of the piezo comes from a voltage at rest, to within `amplitude` [m]."""
         return self.driven_platform.is_small_event(slope, which, amplitude)
 
     def on_segment_start(self, segment: Segment, x: State[Scalar], mode: Scalar) -> tuple[State[Scalar], Scalar]:
@@ -87,14 +87,14 @@ class PlatformOnly(AbstractHybridSystem):
     def is_settled(
         self, segment: Segment, t_local: ScalarLike, x: State[Scalar], mode: Scalar, tolerance: ScalarLike
     ) -> Truth:
-        """Nothing but steady creep is left, to within `tolerance` [m]."""
+        """Whether only steady creep is left, to within `tolerance` [m]."""
         away = self.driven_platform.ringing(segment, t_local, x.driven, 0.0)
         for value, steady in zip(x.sensor_lag, self._steady_lag(segment, t_local, x), strict=True):
             away = jnp.maximum(away, jnp.abs(value - steady))
         return (mode != SETTLED) & (away < tolerance)
 
     def project_to_steady(self, segment: Segment, t_local: ScalarLike, x: State[Scalar], mode: Scalar) -> State[Scalar]:
-        """The state with the last of the deviations gone."""
+        """The state projected onto the steady solution."""
         return State(
             self.driven_platform.steady(segment, t_local, x.driven, 0.0), self._steady_lag(segment, t_local, x)
         )
@@ -112,17 +112,17 @@ class PlatformOnly(AbstractHybridSystem):
     def exact(
         self, segment: Segment, t_local: ScalarLike, begin: State[Scalar], elapsed: ScalarLike, end: State[Scalar]
     ) -> State[Scalar]:
-        """`end` with what is known in closed form put right."""
+        """`end` with the components known in closed form replaced."""
         if not self._closed:
             return end
         return end._replace(driven=self.driven_platform.motion(segment, t_local, begin.driven, elapsed))
 
     def has_closed_states(self) -> bool:
-        """Where guards may have to be passed, only if nothing at all has to be stepped."""
+        """Whether all states are known in closed form; through guards only if nothing has to be stepped."""
         return self.driven_platform.closed_on_lines and not self.driven_platform.closed and not self.sensor.initial()
 
     def closed_states(self, times: Float[Array, " m"], segments: int) -> Visited:
-        """By the piezo, which knows all corners of a chain of straight lines at once and follows waves as lines."""
+        """States by the piezo, which passes all corners of a chain of lines at once and follows waves as lines."""
         chain = jax.vmap(self.drive.segment)(jnp.arange(segments) * 1.0)
         lasts = jnp.isfinite(chain.duration)
         ends = jnp.cumsum(jnp.where(lasts, chain.duration, jnp.inf))

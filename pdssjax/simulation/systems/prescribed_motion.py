@@ -36,11 +36,11 @@ class PrescribedMotion(AbstractHybridSystem):
 
     @property
     def resets_at_corners(self) -> bool:
-        """Flags may change at the samples."""
+        """Whether the flags of the law may change at the samples."""
         return type(self.friction).on_reversal is not AbstractFriction.on_reversal
 
     def segment(self, index: Scalar) -> Segment:
-        """Displacement in place of a voltage."""
+        """Segment of the prescribed motion: displacement in place of a voltage."""
         i = jnp.clip(jnp.asarray(index).astype(int), 0, self.times.shape[0] - 2)
         times, motion = jnp.asarray(self.times), jnp.asarray(self.motion)
         duration = times[i + 1] - times[i]
@@ -61,7 +61,7 @@ class PrescribedMotion(AbstractHybridSystem):
         return (v, tuple(weighted(rate, moves) for rate in rates))
 
     def guards(self, segment: Segment, t_local: Term, x: State[Term], mode: Scalar) -> tuple[Term, ...]:
-        """The law's own."""
+        """Guards of the friction law."""
         moves = jnp.where(mode == _STILL, 0.0, 1.0)
         law = self.friction.guards(x[1], x[0] * 0.0 + segment.slope, mode)
         return tuple(guard * moves + (1.0 - moves) for guard in law)
@@ -81,11 +81,11 @@ class PrescribedMotion(AbstractHybridSystem):
         return (x[0], chosen(moves, friction.on_velocity_jump(contact, v, direction), contact)), direction
 
     def has_closed_states(self) -> bool:
-        """Where the law knows what a constant velocity does to it, nothing has to be stepped."""
+        """Whether the law has a closed form at constant velocity, so that nothing is stepped."""
         return self.friction.slides_in_closed_form()
 
     def closed_states(self, times: Float[Array, " m"], segments: int) -> Visited:
-        """From sample to sample of the motion, then within the interval of each of the `times`."""
+        """States at `times`: from sample to sample of the motion, then within the interval of each."""
 
         def next_sample(
             carry: tuple[State[Scalar], Scalar], index: Scalar

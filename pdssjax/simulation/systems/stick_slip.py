@@ -186,7 +186,7 @@ class StickSlip(AbstractHybridSystem):
 
     @property
     def resets_at_corners(self) -> bool:
-        """The platform jumps, the law knows reversals, or the piezo learns that the amplifier's input turned."""
+        """Whether the platform jumps, the law knows reversals, or the piezo learns that its input turned."""
         driven_platform = self.actuator.driven_platform
         knows_reversals = type(self.actuator.friction).on_reversal is not AbstractFriction.on_reversal
         return driven_platform.state_jumps or knows_reversals or self.actuator.amplifier is not None
@@ -205,7 +205,7 @@ class StickSlip(AbstractHybridSystem):
         return project_to_steady(self._sensed, segment, t_local, x, mode)
 
     def shifting_components(self) -> tuple[int, ...]:
-        """Where the end-effector is; with a stop that matters, too."""
+        """The component of the end-effector's place, on which nothing else depends; none with a stop."""
         return () if self.initial().in_contact else (0,)
 
     def extra_error_terms(self, x: StickSlipState[Term], mode: Scalar) -> tuple[Term, ...]:
@@ -224,7 +224,7 @@ class StickSlip(AbstractHybridSystem):
         elapsed: ScalarLike,
         end: StickSlipState[Scalar],
     ) -> StickSlipState[Scalar]:
-        """`end` with what is known in closed form put right: the platform without feedback."""
+        """`end` with the components known in closed form replaced: the platform without feedback."""
         if not self.actuator.platform_closed:
             return end
         return end._replace(driven=self.actuator.driven_platform.motion(segment, t_local, begin.driven, elapsed))
