@@ -87,7 +87,7 @@ def test_the_command_finds_the_border_and_draws_it(command, dead, tmp_path, caps
     assert (tmp_path / "out" / "border.png").stat().st_size > 5_000
     told = capsys.readouterr().out
     assert "Border of efficiency = 0.01, to within 0.2 V, between 8 and 150 V" in told
-    assert "drive.frequency (Hz)" in told and "there is none" not in told
+    assert "drive.frequency (Hz)" in told and "there is no border" not in told
 
 
 def test_the_command_finds_where_another_metric_passes_a_level(command, dead, tmp_path, capsys):
@@ -98,7 +98,7 @@ def test_the_command_finds_where_another_metric_passes_a_level(command, dead, tm
     # A metric without a sign of its own begins at zero: 0.01 + 0.05 (voltage - ...) passes 1e-5 where it begins.
     np.testing.assert_allclose(found.border[0], 12.0 + 0.7 * 5.0 - 0.2, rtol=0.0, atol=0.1)
     assert np.isnan(found.border[1]).all()
-    assert "At 2 of 4 there is none" in capsys.readouterr().out
+    assert "At 2 of 4 points there is no border" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
