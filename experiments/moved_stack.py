@@ -110,7 +110,9 @@ def _misfit(problem: Problem, residual: Float[np.ndarray, " n"]) -> float:
 def _worst_r2(problem: Problem, residual: Float[np.ndarray, " n"]) -> float:
     """Of the records that show more than the platform, from whitened residuals."""
     ends = np.cumsum([record.time.size for record in problem.records])[:-1]
-    parts = zip(np.split(residual, ends), problem.residual.measured, problem.noise, _walks(problem), strict=True)
+    parts = zip(
+        np.split(residual, ends), problem.residual.comparison.measured, problem.noise, _walks(problem), strict=True
+    )
     return min(1.0 - float(np.mean((noise * r) ** 2) / np.var(y)) for r, y, noise, walks in parts if walks)
 
 

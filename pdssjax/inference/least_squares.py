@@ -3,21 +3,20 @@
 from collections.abc import Callable, Sequence
 from typing import Literal, NamedTuple, Protocol, TypeAlias
 
-import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..study import Lowered, Values
+from ..study import Values
 from .problem import Problem
-from .residual import Residual, as_weights
+from .residual import as_weights
 from .solver.ending import SUCCESSES, Ending
-from .solver.iterations import iterate, iterates
+from .solver.iterations import Run, begin, iterates
 from .solver.kink import along_kink
 from .solver.levenberg_marquardt import BoundedLevenbergMarquardt
 from .solver.lm_state import LMState
 from .solver.minimisers import Outcome, minimised
+from .solver.trust_region import Bounds
 from .stack_parameters import of_platform, of_platform_alone
 from .variable_projection import FEWEST, linear_parameters, project
 
@@ -63,17 +62,6 @@ AT_KINK = (
 AT_BOUNDS = "at bounds: the gradient is small for all other parameters"
 
 INTERRUPTED = "interrupted; this is the best point so far, not an optimum"
-
-
-class Iteration(NamedTuple):
-    """The arguments of `iterate`."""
-
-    solver: BoundedLevenbergMarquardt
-    residual: Residual
-    point: Float[np.ndarray, " p"]
-    args: Float[np.ndarray, " records"]
-    options: dict[str, Float[np.ndarray, " p"]]
-    state: LMState
 
 
 class FitMethod(Protocol):
@@ -142,13 +130,6 @@ def piezo_alone(problem: Problem, starts: Values, report: Progress) -> dict[str,
     return {path: float(found[path]) for path, wanted in zip(names.paths, piezo, strict=True) if wanted}
 
 
-def lowered(problem: Problem, starts: Values) -> Lowered:
-    """What every iteration runs, traced; its `compile` may go on in another thread."""
-    free = problem.residual.transform.encode(starts)
-    everything = np.ones(len(problem.records), bool), np.ones(free.size, bool)
-    return iterate.lower(*_solver_arguments(problem, free, *everything))  # pyright: ignore[reportFunctionMemberAccess]
-
-
 def summed(last: Fit, earlier: Sequence[Fit]) -> Fit:
     """`last` with the iterations of the `earlier` phases counted in."""
     return last._replace(
@@ -188,9 +169,9 @@ def fit_phase(
         outcome = minimised(problem.minimiser, problem.residual, free, weights, options, limit)
         # What remains is the word on where it ended, by the same tests as those of the package's own solver.
         free, spent, limit = outcome.point, spent + outcome.steps, 0
-    arguments = _solver_arguments(problem, free, used, fitted)
-    y, state = arguments.point, arguments.state
-    for y, state in iterates(*arguments, limit):
+    run, point, blank = _begun(problem, free, used, fitted)
+    y, state = point, blank
+    for y, state in iterates(run, point, blank, limit):
         chi2 = float(np.sum(np.asarray(state.residual) ** 2))
         taken = max(int(state.iterations), 1 - int(state.unevaluated))
         so_far = Fit(np.asarray(y), state, False, INTERRUPTED, taken, int(state.evaluations) + spent)
@@ -198,13 +179,13 @@ def fit_phase(
         report(f"{name}: iteration {int(state.iterations)}, chi-square {chi2:.6g}")
     predicted = np.inf
     if int(state.ending) == Ending.KINK:
-        y, state, predicted = along_kink(*arguments[:2], y, *arguments[3:], state)
-    fit = _ended(arguments, y, state, fitted, limit, spent, predicted)
+        y, state, predicted = along_kink(run, y, state)
+    fit = _ended(run, y, state, fitted, limit, spent, predicted)
     return fit if outcome is None else _by_another(fit, outcome)
 
 
 def _ended(
-    arguments: Iteration,
+    run: Run,
     y: Float[Array | np.ndarray, " p"],
     state: LMState,
     fitted: Bool[np.ndarray, " p"],
@@ -215,8 +196,8 @@ def _ended(
     """The fit that a run was, after `spent` evaluations before it; on a kink its slopes still promise `predicted`."""
     free, ending = np.asarray(y), Ending(int(state.ending))
     iterations = max(int(state.iterations), 1 - int(state.unevaluated))
-    message, success = _message(ending, free, arguments.options, fitted, limit), ending in SUCCESSES
-    small = float(arguments.solver.small_jump) * float(np.sum(np.asarray(state.residual) ** 2))
+    message, success = _message(ending, free, run.bounds, fitted, limit), ending in SUCCESSES
+    small = float(run.solver.small_jump) * float(np.sum(np.asarray(state.residual) ** 2))
     if ending == Ending.KINK and predicted <= small:
         message, success = AT_KINK, True
     message = message.format(jump=float(state.jump))
@@ -234,21 +215,21 @@ def _by_another(fit: Fit, outcome: Outcome) -> Fit:
 def _message(
     ending: Ending,
     free: Float[np.ndarray, " p"],
-    options: dict[str, Float[np.ndarray, " p"]],
+    bounds: Bounds,
     fitted: Bool[np.ndarray, " p"],
     limit: int,
 ) -> str:
     if ending == Ending.RUNNING:
         return f"no convergence within {limit} iterations"
-    at_bound = fitted & ((free <= options["lower"]) | (free >= options["upper"]))
+    at_bound = fitted & ((free <= bounds["lower"]) | (free >= bounds["upper"]))
     return AT_BOUNDS if ending == Ending.CONVERGED and at_bound.any() else MESSAGES[ending]
 
 
-def _solver_arguments(
+def _begun(
     problem: Problem, free: Float[np.ndarray, " p"], used: Bool[np.ndarray, " records"], fitted: Bool[np.ndarray, " p"]
-) -> Iteration:
-    """What the first iteration starts from: the arguments of `iterate`."""
-    options = problem.residual.transform.bounds_where(fitted, free)
+) -> tuple[Run, Float[Array, " p"], LMState]:
+    """The run over the `fitted` parameters and the `used` records, the point where it starts, and its state there."""
+    bounds = problem.residual.transform.bounds_where(fitted, free)
     weights = as_weights(problem.noise, used)
     samples = sum(record.time.size for record, use in zip(problem.records, used, strict=True) if use)
     # A step that lowers chi-square by 1e-4 is a hundredth of a standard error, one by 0.05 a quarter.
@@ -260,20 +241,6 @@ def _solver_arguments(
         invisible=INVISIBLE * visible,
         small_jump=SMALL_JUMP * visible,
     )
-    y = np.clip(np.asarray(free, float), options["lower"], options["upper"])
-    state = _begin(solver, problem.residual, y, weights, options)
-    return Iteration(solver, problem.residual, y, weights, options, state)
-
-
-@eqx.filter_jit
-def _begin(
-    solver: BoundedLevenbergMarquardt,
-    residual: Residual,
-    y: Float[Array | np.ndarray, " p"],
-    weights: Float[Array | np.ndarray, " records"],
-    options: dict[str, Float[np.ndarray, " p"]],
-) -> LMState:
-    # Known without tracing the residual, which takes long.
-    out, aux = (jax.ShapeDtypeStruct((size,), y.dtype) for size in (residual.size, weights.size))
-    bounds = {end: jnp.asarray(at) for end, at in options.items()}
-    return solver.init(residual, jnp.asarray(y), weights, bounds, out, aux, frozenset())
+    y = jnp.asarray(np.clip(np.asarray(free, float), bounds["lower"], bounds["upper"]))
+    run = Run(solver, problem.evaluations(weights), {end: jnp.asarray(at) for end, at in bounds.items()})
+    return run, y, begin(run, y, np.zeros(problem.residual.size), weights)

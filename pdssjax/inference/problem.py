@@ -6,21 +6,22 @@ Any solver can take it; `pose_problem` makes it of a study.
 import dataclasses
 import itertools
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol, TypeAlias
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import equinox as eqx
-import jax
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
 from ..core import Scalar, require_float64
 from ..integration import Accuracy
 from ..metrics import scatter_floor
-from ..study import Parameter, Record, Study, Values
+from ..study import Lowered, Parameter, Predictor, Record, Study, Values, predicted
 from .initial_values.guess import initial_guess
 from .losses.base import AbstractLoss
 from .parameter_transform import transform_of
-from .residual import Residual
+from .residual import Residual, compared
+from .solver.iterations import Evaluations, OfFunction, Point
 from .solver.minimisers import Minimiser
 from .told_ranges import told_ranges, within_told
 
@@ -53,6 +54,10 @@ class Problem(eqx.Module):
     watch: Watch = eqx.field(static=True, default=unwatched)
     minimiser: Minimiser | None = eqx.field(static=True, default=None)
     """Another solver of optimistix that looks for the minimum in place of the package's own."""
+    predictor: Predictor | None = None
+    """Of all records of the study, where there is one: values are computed by what predicts all of them."""
+    places: tuple[int, ...] = eqx.field(static=True, default=())
+    """Where the records fitted stand among those."""
 
     def _replace(self, **changes: Any) -> "Problem":
         """The same with other fields, as of a named tuple."""
@@ -68,7 +73,7 @@ class Problem(eqx.Module):
     def rows_apart(self) -> slice:
         """Where what was measured apart stands among them, in the order of `residual.apart`: behind the samples."""
         samples = sum(record.time.size for record in self.records)
-        return slice(samples, samples + len(self.residual.apart))
+        return slice(samples, samples + len(self.residual.comparison.apart))
 
     @property
     def bounds(self) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]]:
@@ -81,7 +86,9 @@ class Problem(eqx.Module):
         For cross-validation: what is compiled is shared, so that parts may be held out in turn.  Noise and counts of
         samples stay those of whole records.
         """
-        return self._replace(residual=eqx.tree_at(lambda residual: residual.used, self.residual, tuple(used)))
+        return self._replace(
+            residual=eqx.tree_at(lambda residual: residual.comparison.used, self.residual, tuple(used))
+        )
 
     def encode(self, values: Values) -> Float[np.ndarray, " p"]:
         """Values by path [SI] on the fit's scale."""
@@ -96,15 +103,25 @@ class Problem(eqx.Module):
 
         NaN where the simulation cannot finish.
         """
-        return _whitened(self.residual, free, self._weights())
+        return self.evaluations(self._weights()).values(free)[0]
 
     def jacobian(self, free: Float[Array | np.ndarray, " p"]) -> Float[Array, "n p"]:
         """Of `whitened`; compiled."""
-        return _whitened_jacobian(self.residual, free, self._weights())
+        return self.linearised(free)[1]
 
     def linearised(self, free: Float[Array | np.ndarray, " p"]) -> tuple[Float[Array, " n"], Float[Array, "n p"]]:
         """`whitened` and `jacobian` at once, for the price of the second; compiled."""
-        return _linearised(self.residual, free, self._weights())
+        return Linearisation(self.residual, self._weights())(free)
+
+    def evaluations(self, weights: Float[Array | np.ndarray, " records"]) -> Evaluations:
+        """Residuals and Jacobian as what is compiled, with `weights` (1/noise) of the records, 0 to leave one out."""
+        if self.predictor is None:
+            return OfFunction(self.residual, weights)
+        return _OfStudy(self.residual, weights, self.predictor, self.places)
+
+    def lowered(self, free: Float[Array | np.ndarray, " p"]) -> Lowered:
+        """`linearised`, traced; its `compile` may go on in another thread."""
+        return OfFunction(self.residual, self._weights()).lowered(free)
 
     @property
     def linearisation(self) -> "Linearisation":
@@ -122,33 +139,28 @@ class Linearisation(eqx.Module):
     weights: Float[Array | np.ndarray, " records"]
 
     def __call__(self, free: Float[Array | np.ndarray, " p"]) -> tuple[Float[Array, " n"], Float[Array, "n p"]]:
-        return _linearised(self.residual, free, self.weights)
+        (whitened, _), (jacobian, _) = OfFunction(self.residual, self.weights).linearised(free)
+        return whitened, jacobian
 
 
-@eqx.filter_jit
-def _whitened(
-    residual: Residual, free: Float[Array | np.ndarray, " p"], weights: Float[Array | np.ndarray, " records"]
-) -> Float[Array, " n"]:
-    return residual(free, weights)[0]
+class _OfStudy(NamedTuple):
+    """The evaluations of a study's residual; values are those of the function that predicts all its records."""
 
+    residual: Residual
+    weights: Float[Array | np.ndarray, " records"]
+    predictor: Predictor
+    places: tuple[int, ...]
 
-@eqx.filter_jit
-def _whitened_jacobian(
-    residual: Residual, free: Float[Array | np.ndarray, " p"], weights: Float[Array | np.ndarray, " records"]
-) -> Float[Array, "n p"]:
-    return jax.jacfwd(lambda free: residual(free, weights)[0])(free)
+    def values(self, point: Point) -> tuple[Float[Array, " n"], Float[Array, " records"]]:
+        if isinstance(point, Tracer) or isinstance(self.weights, Tracer):
+            return self.residual(point, self.weights)  # compiled with what calls it, without the other records
+        values, used = self.residual.values(point), np.zeros(len(self.predictor.samples), bool)
+        used[list(self.places)] = np.asarray(self.weights) > 0
+        motions = predicted(self.predictor, values, self.residual.accuracy, used)
+        return compared(self.residual.comparison, [motions[place] for place in self.places], values, self.weights)
 
-
-@eqx.filter_jit
-def _linearised(
-    residual: Residual, free: Float[Array | np.ndarray, " p"], weights: Float[Array | np.ndarray, " records"]
-) -> tuple[Float[Array, " n"], Float[Array, "n p"]]:
-    def twice(free: Float[Array, " p"]) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-        whitened = residual(free, weights)[0]
-        return whitened, whitened
-
-    jacobian, whitened = jax.jacfwd(twice, has_aux=True)(free)
-    return whitened, jacobian
+    def linearised(self, point: Point) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        return OfFunction(self.residual, self.weights).linearised(point)
 
 
 SHORTEST = 1e-9
@@ -175,7 +187,8 @@ def pose(study: Study, starts: Mapping[str, float], accuracy: Accuracy, loss: Ab
     transform = transform_of(within_told(_with_lengths(study), told_ranges(study)), starts)
     residual = Residual(study.models, records, transform, fixed, accuracy, loss, apart)
     noise = np.array([scatter_floor(r.measured) if r.noise is None else r.noise for r in records])
-    return Problem(residual, records, noise)
+    places = tuple(place for place, record in enumerate(study.records) if record.role == "fit")
+    return Problem(residual, records, noise, predictor=study.predictor, places=places)
 
 
 def pose_problem(study: Study, accuracy: Accuracy | None = None) -> tuple[Problem, Float[np.ndarray, " p"]]:

@@ -14,27 +14,84 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..integration import Accuracy
-from ..study import Models, Predictor, Record
+from ..study import Models, Predictor, Record, Values
 from .losses.base import AbstractLoss
 from .losses.squares import Squares
 from .parameter_transform import ParameterTransform
+
+
+class Comparison(eqx.Module):
+    """What predicted motions are compared with: the samples of the records, and what was measured apart."""
+
+    measured: tuple[Float[np.ndarray, " samples"], ...]
+    used: tuple[Bool[np.ndarray, " samples"], ...]
+    """Which samples of each record count: all, unless some are held out."""
+    offsets: tuple[float | None, ...]
+    """Given zeros of the sensors, each in its unit; None where free."""
+    loss: AbstractLoss
+    apart: dict[str, Float[np.ndarray, "2"]]
+    """By path of a free parameter that was measured apart, in alphabetical order: number and standard error [SI]."""
+
+    def __init__(
+        self,
+        records: Sequence[Record],
+        loss: AbstractLoss | None = None,
+        apart: Mapping[str, tuple[float, float]] | None = None,
+    ):
+        self.measured = tuple(record.measured for record in records)
+        self.used = tuple(np.ones(record.measured.size, bool) for record in records)
+        self.offsets = tuple(record.offset for record in records)
+        self.loss = Squares() if loss is None else loss
+        # In the order that JAX gives a dictionary: it is that of the residuals, compiled or not.
+        self.apart = {path: np.asarray(told, float) for path, told in sorted((apart or {}).items())}
+
+    @property
+    def size(self) -> int:
+        """How many residuals there are: samples of all records, then what was measured apart."""
+        return sum(measured.size for measured in self.measured) + len(self.apart)
+
+    def __call__(
+        self,
+        predicted: Sequence[Float[Array, " samples"]],
+        values: Values,
+        weights: Float[Array | np.ndarray, " records"],
+    ) -> tuple[Float[Array, " n"], Float[Array, " records"]]:
+        """Stacked residuals, under a robust loss their roots (`losses.base`), and each record's offset, in its unit.
+
+        After the samples comes how far each parameter that was measured apart is from that, in standard errors.
+        `weights` are 1/noise [1/m] of the records, 0 to leave one out: its residuals are 0, and its offset says
+        nothing.  Where all samples of a record are held out its residuals are 0, and its offset is that of all of them.
+        """
+        parts, zeros = [], []
+        for i, (measured, motion, offset) in enumerate(zip(self.measured, predicted, self.offsets, strict=True)):
+            difference = jnp.asarray(measured - motion)
+            weight = jnp.where(self.used[i], weights[i], 0.0)
+            zero = self.loss.location(difference, weight) if offset is None else jnp.asarray(offset, float)
+            parts.append(jnp.where(weight > 0, self.loss.root((difference - zero) * weight), 0.0))
+            zeros.append(zero)
+        told = [(values[path] - number) / error for path, (number, error) in self.apart.items()]
+        return jnp.concatenate([*parts, jnp.asarray(told, float)]), jnp.stack(zeros)
+
+
+@eqx.filter_jit
+def compared(
+    comparison: Comparison,
+    motions: Sequence[Float[Array, " samples"]],
+    values: Values,
+    weights: Float[Array | np.ndarray, " records"],
+) -> tuple[Float[Array, " n"], Float[Array, " records"]]:
+    """What `comparison` gives, compiled."""
+    return comparison(motions, values, weights)
 
 
 class Residual(eqx.Module):
     """The residual vector as a function of the free numbers."""
 
     predictor: Predictor
-    measured: tuple[Float[np.ndarray, " samples"], ...]
-    used: tuple[Bool[np.ndarray, " samples"], ...]
-    """Which samples of each record count: all, unless some are held out."""
-    offsets: tuple[float | None, ...]
-    """Given zeros of the sensors, each in its unit; None where free."""
+    comparison: Comparison
     transform: ParameterTransform
     fixed: dict[str, Float[np.ndarray, ""]]
     accuracy: Accuracy
-    loss: AbstractLoss
-    apart: dict[str, Float[np.ndarray, "2"]]
-    """By path of a free parameter that was measured apart, in alphabetical order: number and standard error [SI]."""
 
     def __init__(
         self,
@@ -47,42 +104,36 @@ class Residual(eqx.Module):
         apart: Mapping[str, tuple[float, float]] | None = None,
     ):
         self.predictor = Predictor(models, records)
-        self.measured = tuple(record.measured for record in records)
-        self.used = tuple(np.ones(record.measured.size, bool) for record in records)
-        self.offsets = tuple(record.offset for record in records)
+        self.comparison = Comparison(records, loss, apart)
         self.transform = transform
         self.fixed = {path: np.asarray(value, float) for path, value in fixed.items()}
         self.accuracy = accuracy
-        self.loss = Squares() if loss is None else loss
-        # In the order that JAX gives a dictionary: it is that of the residuals, compiled or not.
-        self.apart = {path: np.asarray(told, float) for path, told in sorted((apart or {}).items())}
+
+    @property
+    def loss(self) -> AbstractLoss:
+        """What is summed of the residuals."""
+        return self.comparison.loss
+
+    @property
+    def apart(self) -> dict[str, Float[np.ndarray, "2"]]:
+        """What was measured apart of free parameters, by path: number and standard error [SI]."""
+        return self.comparison.apart
 
     @property
     def size(self) -> int:
-        """How many residuals there are: samples of all records, then what was measured apart."""
-        return sum(measured.size for measured in self.measured) + len(self.apart)
+        """How many residuals there are."""
+        return self.comparison.size
+
+    def values(self, free: Float[Array | np.ndarray, " p"]) -> Values:
+        """All parameters [SI] by path, the free ones from the scale of the fit."""
+        return self.fixed | self.transform.decode(free)
 
     def __call__(
         self, free: Float[Array | np.ndarray, " p"], weights: Float[Array | np.ndarray, " records"]
     ) -> tuple[Float[Array, " n"], Float[Array, " records"]]:
-        """Stacked residuals, under a robust loss their roots (`losses.base`), and each record's offset, in its unit.
-
-        After the samples comes how far each parameter that was measured apart is from that, in standard errors.
-        `weights` are 1/noise [1/m] of the records, 0 to leave one out, which then is not simulated: its residuals
-        are 0, and its offset says nothing.  Where all samples of a record are held out its residuals are 0, and its
-        offset is that of all of them.
-        """
-        values = self.fixed | self.transform.decode(free)
-        predicted = self.predictor(values, self.accuracy, jnp.asarray(weights) > 0)
-        parts, zeros = [], []
-        for i, (measured, motion, offset) in enumerate(zip(self.measured, predicted, self.offsets, strict=True)):
-            difference = jnp.asarray(measured - motion)
-            weight = jnp.where(self.used[i], weights[i], 0.0)
-            zero = self.loss.location(difference, weight) if offset is None else jnp.asarray(offset, float)
-            parts.append(jnp.where(weight > 0, self.loss.root((difference - zero) * weight), 0.0))
-            zeros.append(zero)
-        told = [(values[path] - number) / error for path, (number, error) in self.apart.items()]
-        return jnp.concatenate([*parts, jnp.asarray(told, float)]), jnp.stack(zeros)
+        """Residuals and offsets as of `Comparison`; a record whose weight is 0 is not simulated."""
+        values = self.values(free)
+        return self.comparison(self.predictor(values, self.accuracy, jnp.asarray(weights) > 0), values, weights)
 
 
 def free_offset(

@@ -3,7 +3,7 @@
 import equinox as eqx
 import jax.numpy as jnp
 
-from ..core import InputError, Scalar
+from ..core import InputError, Scalar, ScalarLike, as_number
 from .step_methods.base import AbstractStepMethod
 from .step_methods.taylor import Taylor
 
@@ -14,9 +14,9 @@ ROUNDING = 1e-15
 class Accuracy(eqx.Module):
     """How finely to integrate."""
 
-    tolerance: float = 1e-14
+    tolerance: ScalarLike = eqx.field(default=1e-14, converter=as_number)
     """Local error allowed in one step, as a displacement [m]; hundreds of steps and reversals make 1e-11 m of it."""
-    settle_tolerance: float = 3e-14
+    settle_tolerance: ScalarLike = eqx.field(default=3e-14, converter=as_number)
     """Deviation [m] from the steady solution below which the remainder of a segment is not stepped.
 
     Smaller by as much as derivatives of what rings are larger than the motion.

@@ -55,6 +55,7 @@ if TYPE_CHECKING:
         Predictor as Predictor,
         Run as Run,
         failures as failures,
+        lowered as lowered,
         predicted as predicted,
         with_room as with_room,
     )

@@ -19,7 +19,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
-from ..core import Count, Truth
+from ..core import Count, Given, Truth, as_number
 from ..drive.base import AbstractDrive
 from ..integration import AbstractHybridSystem, Accuracy
 from ..simulation import (
@@ -285,6 +285,16 @@ class Predictor(eqx.Module):
             segments = [setup.segments(r.drive, r.time) for setup, r in zip(setups, records, strict=True)]
             self.groups = record_groups(records, setups, segments)
 
+    def until(self, ends: Float[np.ndarray, " records"]) -> "Predictor":
+        """The same, but that motions end at the times `ends` [s]: later samples show what is there at that time.
+
+        What is compiled is shared.
+        """
+        cut = lambda group: np.minimum(group.runs.times, ends[list(group.places), None])
+        return eqx.tree_at(
+            lambda predictor: [group.runs.times for group in predictor.groups], self, [cut(g) for g in self.groups]
+        )
+
     def __call__(
         self, values: Values, accuracy: Accuracy, used: Bool[Array | np.ndarray, " records"] | None = None
     ) -> list[Float[Array, " samples"]]:
@@ -296,10 +306,33 @@ class Predictor(eqx.Module):
         return [row[:samples] for row, samples in zip(rows, self.samples, strict=True)]
 
 
+def predicted(
+    predictor: Predictor,
+    values: Values,
+    accuracy: Accuracy,
+    used: Bool[Array | np.ndarray, " records"] | None = None,
+) -> list[Float[Array, " samples"]]:
+    """What `predictor` gives of the records that are `used`, by default all, compiled once for all that ask."""
+    return _predicted(*_as_arrays(predictor, values, accuracy, used))
+
+
+def lowered(predictor: Predictor, values: Values, accuracy: Accuracy) -> Lowered:
+    """`predicted`, traced; its `compile` may go on in another thread."""
+    return _predicted.lower(*_as_arrays(predictor, values, accuracy))  # pyright: ignore[reportFunctionMemberAccess]
+
+
+def _as_arrays(
+    predictor: Predictor, values: Values, accuracy: Accuracy, used: Bool[Array | np.ndarray, " records"] | None = None
+) -> tuple[Predictor, dict[str, Given], Accuracy, Bool[Array | np.ndarray, " records"]]:
+    numbers = {path: as_number(number) for path, number in values.items()}
+    return predictor, numbers, accuracy, np.ones(len(predictor.samples), bool) if used is None else used
+
+
 @eqx.filter_jit
-def predicted(predictor: Predictor, values: Values, accuracy: Accuracy) -> list[Float[Array, " samples"]]:
-    """What `predictor` gives, compiled."""
-    return predictor(values, accuracy)
+def _predicted(
+    predictor: Predictor, values: Values, accuracy: Accuracy, used: Bool[Array | np.ndarray, " records"]
+) -> list[Float[Array, " samples"]]:
+    return predictor(values, accuracy, used)
 
 
 @eqx.filter_jit

@@ -9,7 +9,6 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import NotRequired, TypedDict
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -17,7 +16,6 @@ from ..core import (
     Figure,
     InputError,
     Quantity,
-    Scalar,
     ScalarLike,
     check_kind,
     check_range,
@@ -36,7 +34,7 @@ from .estimate import Estimate
 from .models import Models, Values, parts_told_by
 from .parameter import Parameter, paths_in, split_path
 from .parameter_use import check_numbers, check_read, check_whole_parts
-from .prediction import Lowered, Predictor, predicted
+from .prediction import Lowered, Predictor, lowered, predicted
 from .record import Record
 
 
@@ -107,17 +105,14 @@ class Study:
 
     def lowered(self, values: Values) -> Lowered:
         """`predict`, traced; its `compile` may go on in another thread."""
-        return predicted.lower(*self._asked(values, None))  # pyright: ignore[reportFunctionMemberAccess]
+        return lowered(*self._asked(values, None))
 
-    def _asked(
-        self, values: Values | Estimate | None, accuracy: Accuracy | None
-    ) -> tuple[Predictor, dict[str, Scalar], Accuracy]:
+    def _asked(self, values: Values | Estimate | None, accuracy: Accuracy | None) -> tuple[Predictor, Values, Accuracy]:
         require_float64("predict")
         accuracy = accuracy or self.accuracy
         check_kind("accuracy", accuracy, Accuracy)
         given = self._numbers({} if values is None else values)
-        full = {path: jnp.asarray(number, float) for path, number in (self.values(given) | given).items()}
-        return self._predictor_of(self.models_with(given)), full, accuracy
+        return self._predictor_of(self.models_with(given)), self.values(given) | given, accuracy
 
     def legal(self) -> dict[str, Quantity]:
         """What is declared of every parameter that the study may list, by path."""

@@ -137,7 +137,7 @@ def refused_where_the_fit_is_none(draws, command, capsys):
 def test_a_problem_can_be_sent_to_another_process(tmp_path):
     problem, _ = pdssjax.pose_problem(pdssjax.load_study(write_platform(tmp_path)))
     sent = pickle.loads(pickle.dumps(problem))
-    np.testing.assert_array_equal(sent.residual.measured[0], problem.residual.measured[0])
+    np.testing.assert_array_equal(sent.residual.comparison.measured[0], problem.residual.comparison.measured[0])
     assert sent.residual.transform.paths == problem.residual.transform.paths
     np.testing.assert_array_equal(sent.bounds[0], problem.bounds[0])
 

@@ -228,14 +228,13 @@ def test_a_clock_in_unix_time_is_refused(drive):
 def scattered(monkeypatch, models, parameters, records, around, held=(), **how):
     """What `scatter_starts` finds where chi-square is the distance from `around`, on logarithmic scales."""
 
-    def tried(residual, points, weights):
-        tried.paths = residual.transform.paths
-        beside = np.array([residual.transform.encode({path: around[path] for path in tried.paths})])
-        return np.sum((points - beside) ** 2, axis=1)
+    def tried(beginnings, trials):
+        distance = lambda trial: sum(np.log(trial[path] / around[path]) ** 2 for path in trial if trial[path] > 0.0)
+        return np.array([distance(trial) for trial in trials])
 
-    tried.paths = ()
     monkeypatch.setattr(search, "_tried", tried)
-    return search.scatter_starts(models, parameters, records, around, held, **how), tried.paths
+    found = search.scatter_starts(models, parameters, records, around, held, **how)
+    return found, [path for path in parameters if len({start[path] for start in found}) > 1]
 
 
 def test_scattered_starts_differ_in_all_that_is_free_and_positive_and_the_best_come_first(monkeypatch):

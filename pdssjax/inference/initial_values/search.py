@@ -10,19 +10,19 @@ import dataclasses
 import os
 from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from ...core import as_number
 from ...integration import Accuracy
 from ...metrics import scatter_floor
 from ...piezo.base import Shown
-from ...study import MARK, Models, Parameter, Record, check_begins_early, split_path
-from ..parameter_transform import transform_of
-from ..residual import Residual, as_weights
+from ...study import MARK, Models, Parameter, Predictor, Record, Values, check_begins_early, predicted, split_path
+from ..residual import Comparison, compared
 from .loop_starts import loop_starts
 from .record_features import (
     as_forces,
@@ -38,8 +38,8 @@ from .record_features import (
 TRIALS = 512
 """Points of the hypercube."""
 
-_TOGETHER = 16
-"""Of them are tried by one core one after the other; `TRIALS` is a multiple of it."""
+_COARSE = Accuracy(tolerance=1e-9, settle_tolerance=1e-10)
+"""How finely trials are integrated."""
 
 PERIODS = 3.0
 """Periods of a record that the trials are compared with."""
@@ -81,7 +81,7 @@ def rank_starts(
     known, ranges, searchable = _split_known(models, parameters, records, better or {})
     if not searchable:
         return [guess_starts(models, parameters, records)[0] | dict(better or {})]
-    trials = _search(models, known, ranges, parameters, searchable)
+    trials = _search(models, known, ranges, parameters, records, searchable)
     return [_every(known | trial, parameters) for trial in trials]
 
 
@@ -114,7 +114,7 @@ def scatter_starts(
     if not (ranges and used):
         return []
     known = {path: number for path, number in around.items() if path not in ranges}
-    trials = _search(models, known, ranges, parameters, used)
+    trials = _search(models, known, ranges, parameters, records, used)
     return [{path: (known | trial)[path] for path in parameters} for trial in trials]
 
 
@@ -268,52 +268,66 @@ def _search(
     ranges: Mapping[str, tuple[float, float]],
     parameters: Mapping[str, Parameter],
     records: Sequence[Record],
+    used: Sequence[Record],
 ) -> list[dict[str, float]]:
-    """The trials against the first periods of the `records`, the best first."""
+    """The trials against the first periods of those `records` that are `used`, the best first."""
     paths = list(ranges)
     low, high = (np.log([ranges[path][end] for path in paths]) for end in (0, 1))
     random = np.random.default_rng(0)
     strata = np.stack([random.permutation(TRIALS) for _ in paths], axis=1)
     points = low + (high - low) * (strata + random.random(strata.shape)) / TRIALS
-    used = [_beginning(record) for record in records]
-    searched = {path: Parameter(path, p.unit, p.quantity) for path, p in parameters.items() if path in ranges}
-    first = {path: float(np.exp(x)) for path, x in zip(paths, points[0], strict=True)}
-    ordered = transform_of({path: searched[path] for path in paths}, first)
-    residual = Residual(models, used, ordered, known, Accuracy(tolerance=1e-9, settle_tolerance=1e-10))
-    weights = as_weights([scatter_floor(record.measured) for record in used], [True] * len(used))
-    encoded = np.stack([ordered.encode(dict(zip(paths, np.exp(point), strict=True))) for point in points])
-    costs = _tried(residual, encoded, weights)
+    trials = [{path: float(np.exp(x)) for path, x in zip(paths, point, strict=True)} for point in points]
+    costs = _tried(_beginnings(models, records, used), [_every(known | trial, parameters) for trial in trials])
     order = np.argsort(np.where(np.isfinite(costs), costs, np.inf))
-    return [{path: float(np.exp(x)) for path, x in zip(paths, points[i], strict=True)} for i in order]
+    return [trials[i] for i in order]
 
 
-def _beginning(record: Record) -> Record:
-    """The first periods of a `record`: enough to tell a trial by, and quick where a contact never rests."""
-    if record.motion is not None:
-        curve = record.measurement.prescribed == "velocity"
-        few = slice(None, None, -(-record.time.size // SAMPLES)) if curve else slice(SAMPLES)
-        parts = {name: getattr(record, name)[few] for name in ("time", "measured", "motion")}
-        return dataclasses.replace(record, **parts)
-    frequency = frequency_of(record)
-    if not frequency:
+class _Beginnings(NamedTuple):
+    """The first periods of records: enough to tell a trial by, and quick where a contact never rests."""
+
+    predictor: Predictor
+    comparison: Comparison
+    weights: Float[np.ndarray, " records"]
+    """1/noise; 0 of those that are not used."""
+
+    def cost(self, values: Values) -> float:
+        """Chi-square with the numbers `values` [SI]."""
+        values = {path: as_number(number) for path, number in values.items()}
+        motions = predicted(self.predictor, values, _COARSE, self.weights > 0)
+        return float(jnp.sum(compared(self.comparison, motions, values, self.weights)[0] ** 2))
+
+
+def _beginnings(models: Models, records: Sequence[Record], used: Sequence[Record]) -> _Beginnings:
+    """The beginnings of the `records`, of which those are `used`; what predicts them whole predicts them, too."""
+    if any(record.motion is not None for record in used):
+        records = used = [_thinned(record) for record in used]
+    ends = np.array([_end(record) for record in records])
+    early = tuple(record.time <= end for record, end in zip(records, ends, strict=True))
+    comparison = eqx.tree_at(lambda comparison: comparison.used, Comparison(records), early)
+    is_used = [any(record is other for other in used) for record in records]
+    shown = zip(records, early, is_used, strict=True)
+    weights = np.array([1.0 / scatter_floor(record.measured[e]) if use else 0.0 for record, e, use in shown])
+    return _Beginnings(Predictor(models, records).until(ends), comparison, weights)
+
+
+def _thinned(record: Record) -> Record:
+    """Of a curve of a friction force against velocity every so many samples; of another record the first."""
+    if record.motion is None:
         return record
-    kept = record.time <= record.time[0] + PERIODS / float(frequency)
-    return dataclasses.replace(record, time=record.time[kept], measured=record.measured[kept])
+    curve = record.measurement.prescribed == "velocity"
+    few = slice(None, None, -(-record.time.size // SAMPLES)) if curve else slice(SAMPLES)
+    parts = {name: getattr(record, name)[few] for name in ("time", "measured", "motion")}
+    return dataclasses.replace(record, **parts)
 
 
-def _tried(
-    residual: Residual, points: Float[np.ndarray, "trials p"], weights: Float[np.ndarray, " records"]
-) -> Float[np.ndarray, " trials"]:
-    """Chi-square at each of the `points`, shape (trials, parameters), side by side on all cores."""
-    parts = points.reshape(-1, _TOGETHER, points.shape[1])
-    costs_of = lambda part: np.asarray(_costs(residual, part, weights))
+def _end(record: Record) -> float:
+    """When the first periods of a record end [s]."""
+    frequency = frequency_of(record) if record.motion is None else None
+    return float(record.time[0] + PERIODS / float(frequency) if frequency else record.time[-1])
+
+
+def _tried(beginnings: _Beginnings, trials: Sequence[Values]) -> Float[np.ndarray, " trials"]:
+    """Chi-square of each trial, side by side on all cores."""
+    first = beginnings.cost(trials[0])  # alone: it compiles what the others share
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        # The first part alone: it compiles what the others share.
-        return np.concatenate([costs_of(parts[0]), *pool.map(costs_of, parts[1:])])
-
-
-@eqx.filter_jit
-def _costs(
-    residual: Residual, points: Float[Array | np.ndarray, "trials p"], weights: Float[Array | np.ndarray, " records"]
-) -> Float[Array, " trials"]:
-    return lax.map(lambda point: jnp.sum(residual(point, weights)[0] ** 2), points)
+        return np.array([first, *pool.map(beginnings.cost, trials[1:])])

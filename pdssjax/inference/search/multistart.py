@@ -15,7 +15,7 @@ from ...study import Study
 from ..estimated_noise import with_noise
 from ..fit_statistics import reduced_chi2
 from ..initial_values.search import guess_starts
-from ..least_squares import Fit, FitMethod, Progress, lowered, summed
+from ..least_squares import Fit, FitMethod, Progress, summed
 from ..long_records import question_lengths
 from ..losses.base import AbstractLoss
 from ..problem import Problem, pose
@@ -65,10 +65,10 @@ def best_fit(
 
 
 def _compile(problem: Problem, study: Study, starts: dict[str, float]) -> None:
-    """Compile what fits and predicts side by side: XLA is busy with one while Python traces the next."""
+    """Compile values and Jacobian side by side: XLA is busy with one while Python traces the other."""
     with ThreadPoolExecutor() as pool:
-        pool.submit(lowered(problem, starts).compile)
         pool.submit(study.lowered(starts).compile)
+        pool.submit(problem.lowered(problem.encode(starts)).compile)
 
 
 def _first(problem: Problem, starts: dict[str, float], run: FitMethod, report: Progress) -> Fit:

@@ -1,56 +1,151 @@
-"""The loop of a least-squares solver: one compiled iteration after the other, apart from problem and method."""
+"""The loop of a fit: Levenberg-Marquardt steps driven from Python, between calls of what is compiled once.
+
+The residual is compiled as one function for values and one for values with the Jacobian, whoever calls them; what the
+solver makes of them is small.  Within `optimistix.least_squares` the same solver compiles everything together.
+"""
 
 from collections.abc import Callable, Iterator
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
 from jaxtyping import Array, Float
 
-from ...core import Truth
 from .ending import Ending
-
-Solver: TypeAlias = optx.AbstractLeastSquaresSolver[Any, Any, Any, Any]
-"""Whatever its own point and state are."""
-
-SolverState: TypeAlias = Any
-"""That of the solver, which has an `ending` and a count of `iterations`."""
+from .levenberg_marquardt import BoundedLevenbergMarquardt, Free, Judged, linearised
+from .lm_state import LMState
+from .trust_region import Bounds, Trial, first_point, second_point
 
 ResidualFunction: TypeAlias = Callable[[Any, Any], Any]
 """(point, args) to the residuals and what goes with them."""
 
+Shaped: TypeAlias = Any
+"""A pytree of what has a shape and a type of numbers."""
 
-@eqx.filter_jit
-def iterate(
-    solver: Solver,
-    residual: ResidualFunction,
-    point: Float[Array | np.ndarray, " p"],
-    args: Float[Array | np.ndarray, " records"],
-    options: dict[str, Float[np.ndarray, " p"]],
-    state: SolverState,
-) -> tuple[Float[Array | np.ndarray, " p"], SolverState, Truth]:
-    """One iteration of `solver` on `residual(point, args)`: point and state after it, and whether it was the last."""
-    point, state, _ = solver.step(residual, point, args, options, state, frozenset())
-    over, _ = solver.terminate(residual, point, args, options, state, frozenset())
-    return point, state, over
+Point: TypeAlias = Float[Array | np.ndarray, " p"]
 
 
-def iterates(
-    solver: Solver,
-    residual: ResidualFunction,
-    point: Float[Array | np.ndarray, " p"],
-    args: Float[Array | np.ndarray, " records"],
-    options: dict[str, Float[np.ndarray, " p"]],
-    state: SolverState,
-    limit: int,
-) -> Iterator[tuple[Float[Array | np.ndarray, " p"], SolverState]]:
-    """Point and state after every iteration, until the solver ends or has linearised `limit` times.
+class Evaluations(Protocol):
+    """A residual as what is compiled: for values, and for values with the Jacobian."""
+
+    def values(self, point: Point) -> tuple[Float[Array, " n"], Any]:
+        """The residuals, and what goes with them."""
+        ...
+
+    def linearised(self, point: Point) -> tuple[tuple[Float[Array, " n"], Any], tuple[Float[Array, "n p"], Any]]:
+        """What `values` gives, and the Jacobian of each of the two."""
+        ...
+
+
+class OfFunction(NamedTuple):
+    """The evaluations of any `function(point, args)` that JAX can trace."""
+
+    function: ResidualFunction
+    args: Any
+
+    def values(self, point: Point) -> tuple[Float[Array, " n"], Any]:
+        return _values(self.function, point, self.args)
+
+    def linearised(self, point: Point) -> tuple[tuple[Float[Array, " n"], Any], tuple[Float[Array, "n p"], Any]]:
+        return _linearised(self.function, point, self.args)
+
+    def lowered(self, point: Point) -> Any:
+        """`linearised`, traced; its `compile` may go on in another thread."""
+        return _linearised.lower(self.function, point, self.args)  # pyright: ignore[reportFunctionMemberAccess]
+
+
+class Run(NamedTuple):
+    """What a run of the solver is made of, but for its point and state."""
+
+    solver: BoundedLevenbergMarquardt
+    evaluations: Evaluations
+    bounds: Bounds
+
+
+def iterate(run: Run, point: Free, state: LMState) -> tuple[Free, LMState, bool]:
+    """One iteration: point and state after it, and whether it was the last."""
+    solver, evaluations, bounds = run
+    trial, first = _begun(solver, point, bounds, state)
+    found = evaluations.values(first)[0] if bool(trial.has_first) else state.residual
+    step, last = _gone_on(point, bounds, state, trial, found)
+    judged = _judged(solver, point, bounds, state, trial, step, jnp.stack([found, evaluations.values(last)[0]]))
+    if not bool(judged.accepted):
+        return point, judged.state, _is_over(judged.state)
+    after = _moved(solver, bounds, state, trial, judged, *evaluations.linearised(judged.proposed))
+    return judged.proposed if bool(after.accepted) else point, after, _is_over(after)
+
+
+def iterates(run: Run, point: Free, state: LMState, limit: int) -> Iterator[tuple[Free, LMState]]:
+    """Free and state after every iteration, until the solver ends or has linearised `limit` times.
 
     At least one iteration is made.  An ending that the solver has begun to check is checked to its end.
     """
     while True:
-        point, state, over = iterate(solver, residual, point, args, options, state)
+        point, state, over = iterate(run, point, state)
         yield point, state
         if over or (int(state.iterations) >= limit and int(state.ending) == Ending.RUNNING):
             return
+
+
+def _is_over(state: LMState) -> bool:
+    return bool(BoundedLevenbergMarquardt.is_over(state.ending, state.checked))
+
+
+def begin(run: Run, point: Point, residual: Shaped, others: Shaped) -> LMState:
+    """The state before anything is evaluated, for a `residual` of that shape and `others` that go with it."""
+    shapes = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype), (residual, others))
+    return _blank(run.solver, jnp.asarray(point), run.bounds, *shapes)
+
+
+@eqx.filter_jit
+def _blank(solver: BoundedLevenbergMarquardt, point: Free, bounds: Bounds, residual: Shaped, others: Shaped) -> LMState:
+    return solver.init(lambda point, args: (point, None), point, None, bounds, residual, others, frozenset())
+
+
+@eqx.filter_jit
+def _values(function: ResidualFunction, point: Point, args: Any) -> tuple[Float[Array, " n"], Any]:
+    return function(point, args)
+
+
+@eqx.filter_jit
+def _linearised(function: ResidualFunction, point: Point, args: Any) -> Any:
+    return linearised(function, jnp.asarray(point), args)
+
+
+@eqx.filter_jit
+def _begun(solver: BoundedLevenbergMarquardt, point: Free, bounds: Bounds, state: LMState) -> tuple[Trial, Free]:
+    trial = solver.trial(point, bounds, state)
+    return trial, first_point(point, bounds, trial)
+
+
+@eqx.filter_jit
+def _gone_on(point: Free, bounds: Bounds, state: LMState, trial: Trial, found: Float[Array, " n"]) -> tuple[Free, Free]:
+    return second_point(point, bounds, state, trial, found)
+
+
+@eqx.filter_jit
+def _judged(
+    solver: BoundedLevenbergMarquardt,
+    point: Free,
+    bounds: Bounds,
+    state: LMState,
+    trial: Trial,
+    step: Free,
+    ends: Float[Array, "2 n"],
+) -> Judged:
+    return solver.judged(point, bounds, state, trial, step, ends)
+
+
+@eqx.filter_jit
+def _moved(
+    solver: BoundedLevenbergMarquardt,
+    bounds: Bounds,
+    state: LMState,
+    trial: Trial,
+    judged: Judged,
+    out: tuple[Float[Array, " n"], Any],
+    slopes: tuple[Float[Array, "n p"], Any],
+) -> LMState:
+    return solver.moved(bounds, state, trial, judged, out, slopes)

@@ -11,12 +11,12 @@ from collections import deque
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from .ending import Ending
-from .iterations import ResidualFunction, iterate, iterates
-from .levenberg_marquardt import BoundedLevenbergMarquardt
+from .iterations import Run, begin, iterate, iterates
 from .lm_state import LMState
 
 _MOST = 8
@@ -39,32 +39,25 @@ class Mixture(NamedTuple):
 
 
 def along_kink(
-    solver: BoundedLevenbergMarquardt,
-    residual: ResidualFunction,
-    y: Float[Array | np.ndarray, " p"],
-    args: Float[Array | np.ndarray, " records"],
-    options: dict[str, Float[np.ndarray, " p"]],
-    blank: LMState,
-    state: LMState,
+    run: Run, y: Float[Array | np.ndarray, " p"], state: LMState
 ) -> tuple[Float[Array | np.ndarray, " p"], LMState, float]:
     """On from where a run ended in `Ending.KINK`, while that lowers the sum of squares.
 
-    **Arguments:** as of `iterate`, with the state `blank` that a run begins with, and the one at `y`.
-
     **Returns:** the point, its state, and the decrease of the sum of squares that is still predicted there.
     """
-    least = np.inf
+    bounds = {end: np.asarray(at) for end, at in run.bounds.items()}
+    blank, least = begin(run, np.asarray(y), state.residual, state.aux), np.inf
     for _ in range(_MOST):
-        sides = [iterate(solver, residual, side, args, options, blank)[1] for side in np.asarray(state.across)]
-        mixture = least_promising(state, sides, y, options)
+        sides = [iterate(run, side, blank)[1] for side in state.across]
+        mixture = least_promising(state, sides, y, bounds)
         least, squares = mixture.predicted, _squares(state)
-        if not float(solver.invisible) * squares < least < np.inf:
+        if not float(run.solver.invisible) * squares < least < np.inf:
             break
-        to = np.clip(np.asarray(y) + mixture.step, options["lower"], options["upper"])
-        _, started, _ = iterate(solver, residual, to, args, options, blank)
+        to = jnp.asarray(np.clip(np.asarray(y) + mixture.step, bounds["lower"], bounds["upper"]))
+        _, started, _ = iterate(run, to, blank)
         # No farther than that step: the whole way down this side of the kink is known to lead across it.
         near = started._replace(radius=np.linalg.norm(np.asarray(started.size) * mixture.step))
-        further, last = deque(iterates(solver, residual, to, args, options, near, _LIMIT), maxlen=1).pop()
+        further, last = deque(iterates(run, to, near, _LIMIT), maxlen=1).pop()
         if not _squares(last) < squares:
             break
         y, state = further, last._replace(evaluations=last.evaluations + state.evaluations + len(sides))

@@ -18,8 +18,8 @@ that is too small to matter and leaves no more to be gained beyond it.
 Every way to end has its own `Ending`.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, TypeAlias
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple, TypeAlias
 
 import equinox as eqx
 import jax
@@ -28,7 +28,7 @@ import optimistix as optx
 from jax import lax
 from jaxtyping import Array, Float
 
-from ...core import Scalar, ScalarLike, Tree, Truth
+from ...core import Count, Scalar, ScalarLike, Tree, Truth
 from .box_least_squares import triangle
 from .derivative_check import (
     AGREES,
@@ -47,7 +47,17 @@ from .derivative_check import (
 from .ending import STOPPED, SUCCESSES, Ending
 from .flat_problem import flat_bounds, flat_function, flat_point
 from .lm_state import Auxiliary, LMState
-from .trust_region import PROBE, Bounds, Proposal, bend, best_step, first_radius, next_radius, shortened, trial_point
+from .trust_region import (
+    Bounds,
+    Trial,
+    best_step,
+    first_point,
+    first_radius,
+    next_radius,
+    second_point,
+    shortened,
+    trial_point,
+)
 
 _AT_BOUND = 1e-9
 """So near to a bound, by the effect on the residual relative to that, a parameter counts as on it."""
@@ -76,6 +86,21 @@ ResidualFunction: TypeAlias = Callable[[Any, Any], tuple[Any, Auxiliary]]
 
 Arguments: TypeAlias = Any
 """Handed on to the function, a pytree; of a fit the weights of the records."""
+
+
+class Judged(NamedTuple):
+    """What was found of a trial."""
+
+    state: LMState
+    """The state after it, if it is not accepted."""
+    proposed: Free
+    accepted: Truth
+    radius: Scalar
+    gained: Scalar
+    """Decrease of the sum of squares."""
+    ratio: Scalar
+    """Of that to the decrease predicted."""
+    squares: Scalar
 
 
 class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Tree, Tree, Auxiliary, LMState]):
@@ -176,53 +201,72 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Tree, Tree, Auxi
         self, fn: ResidualFunction, y: Free, args: Arguments, options: Bounds, state: LMState
     ) -> tuple[Free, LMState, Auxiliary]:
         """`step` on vectors."""
-        checking = state.ending != Ending.RUNNING
-        proposal = best_step(state, y, options, state.size, state.radius)
-        apart = _apart(state, y, options, self.atol)
-        # A straight step costs one evaluation; where one fell short, a bent one may be worth two, and those after it.
-        bending = ~checking & ~state.unevaluated & ((state.rejected > 0) | state.curved)
+        trial = self.trial(y, options, state)
+        step, ends = _evaluated(fn, y, args, options, state, trial)
+        judged = self.judged(y, options, state, trial, step, ends)
 
-        step, residual, ends = _evaluated(fn, y, args, options, state, proposal, apart, bending)
+        def move() -> LMState:
+            return self.moved(options, state, trial, judged, *linearised(fn, judged.proposed, args))
+
+        state = lax.cond(judged.accepted, move, lambda: judged.state)
+        return jnp.where(state.accepted, judged.proposed, y), state, state.aux
+
+    def trial(self, y: Free, options: Bounds, state: LMState) -> Trial:
+        """What an iteration is about to evaluate."""
+        # A straight step costs one evaluation; where one fell short, a bent one may be worth two, and those after it.
+        checking = state.ending != Ending.RUNNING
+        bending = ~checking & ~state.unevaluated & ((state.rejected > 0) | state.curved)
+        proposal = best_step(state, y, options, state.size, state.radius)
+        return Trial(proposal, jnp.stack(_apart(state, y, options, self.atol)), checking, bending)
+
+    def judged(
+        self,
+        y: Free,
+        options: Bounds,
+        state: LMState,
+        trial: Trial,
+        step: Free,
+        ends: Float[Array, "2 n"],
+    ) -> Judged:
+        """What the evaluations of a `trial` say of its `step`: the residuals at its probe and its end, or apart."""
+        proposal, residual = trial.proposal, ends[1]
         proposed = jnp.where(state.unevaluated, y, trial_point(y, step, proposal, options))
         squares, predicted = jnp.sum(residual**2), proposal.predicted
         # As a difference of two sums of squares it would be lost in rounding near the end.
         gained = jnp.sum((state.residual - residual) * (state.residual + residual))
         ratio = jnp.where(state.unevaluated, 0.5, gained / jnp.where(predicted > 0, predicted, 1.0))
-        accepted = ~checking & jnp.isfinite(squares) & (state.unevaluated | ((predicted > 0) & (ratio > 1e-4)))
-
+        accepted = ~trial.checking & jnp.isfinite(squares) & (state.unevaluated | ((predicted > 0) & (ratio > 1e-4)))
         radius = next_radius(state, proposal, gained, squares, ratio)
+        before = _counted(state, trial)
+        after = lax.cond(
+            trial.checking,
+            lambda: self._compared(before, ends, trial.apart, y),
+            lambda: self._ended(_stayed(before, radius)),
+        )
+        return Judged(after, proposed, accepted, radius, gained, ratio, squares)
 
-        def move(state: LMState) -> LMState:
-            out, slopes = _linearised(fn, proposed, args)
-            # From a point whose slopes are not known nothing tells where to go: it is as good as one without a value.
-            usable, shorter = jnp.all(jnp.isfinite(slopes[0])), shortened(state, proposal)
-            go_on = lambda state: settle(_with_slopes(state, proposed, out, slopes))
-            return lax.cond(usable, go_on, lambda state: stay(state)._replace(radius=shorter), state)
+    def moved(self, options: Bounds, state: LMState, trial: Trial, judged: Judged, out: Tree, slopes: Tree) -> LMState:
+        """`state` after the step of a `trial` that was accepted, to where the function gives `out` with `slopes`."""
+        proposal, before = trial.proposal, _counted(state, trial)
 
-        def settle(moved: LMState) -> LMState:
-            slow = ~state.unevaluated & (gained < jnp.maximum(self.slow * squares, state.rounding))
+        def settle() -> LMState:
+            slow = ~state.unevaluated & (judged.gained < jnp.maximum(self.slow * judged.squares, state.rounding))
+            curved = (trial.bending | (judged.ratio < _STRAIGHT)) & (proposal.predicted > _FINE * judged.squares)
+            moved = _with_slopes(before, judged.proposed, out, slopes)
             moved = moved._replace(
-                radius=jnp.where(state.unevaluated, first_radius(moved, proposed), radius),
+                radius=jnp.where(state.unevaluated, first_radius(moved, judged.proposed), judged.radius),
                 accepted=jnp.array(True),
                 rejected=jnp.zeros_like(state.rejected),
                 slow_steps=jnp.where(slow, state.slow_steps + 1, 0),
-                curved=~state.unevaluated & (bending | (ratio < _STRAIGHT)) & (predicted > _FINE * squares),
+                curved=~state.unevaluated & curved,
                 iterations=state.iterations + ~state.unevaluated,
                 unevaluated=jnp.array(False),
             )
-            return _with_prediction(moved, proposed, options)
+            return _with_prediction(moved, judged.proposed, options)
 
-        def stay(state: LMState) -> LMState:
-            # A start that cannot be evaluated stays so: there is nothing to go on from.
-            return state._replace(radius=radius, rejected=state.rejected + 1)
-
-        def compare(state: LMState) -> LMState:
-            return self._compared(state, ends, jnp.stack(apart), y)
-
-        iterate = lambda state: self._ended(lax.cond(accepted, move, stay, state))
-        state = lax.cond(checking, compare, iterate, state._replace(accepted=jnp.array(False)))
-        state = state._replace(evaluations=state.evaluations + jnp.where(checking | bending, 2, 1))
-        return jnp.where(state.accepted, proposed, y), state, state.aux
+        # From a point whose slopes are not known nothing tells where to go: it is as good as one without a value.
+        usable = jnp.all(jnp.isfinite(slopes[0]))
+        return self._ended(lax.cond(usable, settle, lambda: _stayed(before, shortened(state, proposal))))
 
     def _ended(self, state: LMState) -> LMState:
         """`state` with its ending, if this is one."""
@@ -285,13 +329,18 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Tree, Tree, Auxi
         state: LMState,
         tags: frozenset[object],
     ) -> tuple[Truth, optx.RESULTS]:
-        over = (state.ending != Ending.RUNNING) & (state.checked >= CHECKS)
+        over = self.is_over(state.ending, state.checked)
         success = jnp.any(jnp.stack([state.ending == ending for ending in SUCCESSES]))
         start_failed = state.ending == Ending.START_FAILED
         failed = optx.RESULTS.where(
             start_failed, optx.RESULTS.nonlinear_divergence, optx.RESULTS.nonlinear_max_steps_reached
         )
         return over, optx.RESULTS.where(over & ~success, failed, optx.RESULTS.successful)
+
+    @staticmethod
+    def is_over(ending: Count, checked: Count) -> Truth:
+        """Whether a run has ended and its Jacobian has been compared with all differences."""
+        return (ending != Ending.RUNNING) & (checked >= CHECKS)
 
     def postprocess(
         self,
@@ -308,39 +357,31 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Tree, Tree, Auxi
 
 
 def _evaluated(
-    fn: ResidualFunction,
-    y: Free,
-    args: Arguments,
-    options: Bounds,
-    state: LMState,
-    proposal: Proposal,
-    apart: Sequence[Free],
-    bending: Truth,
-) -> tuple[Free, Float[Array, " n"], Float[Array, "2 n"]]:
-    """The proposed step, bent if `bending` as a probe along it says, and the residual there; or, once the run has
-    ended, at the ends of a difference, which stand `apart`.
+    fn: ResidualFunction, y: Free, args: Arguments, options: Bounds, state: LMState, trial: Trial
+) -> tuple[Free, Float[Array, "2 n"]]:
+    """The step of a `trial`, and the residuals at its two points; in a loop, so that `fn` is compiled once."""
 
-    **Returns:** the step, the residual, and those of the probe and of the proposed point, or of both ends.
-    """
-    checking = state.ending != Ending.RUNNING
+    def evaluate(first: Float[Array, " n"], last: Truth) -> tuple[Float[Array, " n"], tuple[Free, Float[Array, " n"]]]:
+        step, at = second_point(y, options, state, trial, first)
+        at = jnp.where(last, at, first_point(y, options, trial))
+        found = lax.cond(last | trial.has_first, lambda: fn(at, args)[0], lambda: state.residual)
+        return found, (step, found)
 
-    def evaluate(
-        carry: tuple[Free, Float[Array, " n"]], second: Truth
-    ) -> tuple[tuple[Free, Float[Array, " n"]], Float[Array, " n"]]:
-        step, _ = carry
-        at = jnp.where(second, trial_point(y, step, proposal, options), y + PROBE * proposal.step)
-        at = jnp.where(checking, jnp.where(second, apart[1], apart[0]), at)
-        at = jnp.where(state.unevaluated, y, jnp.clip(at, options["lower"], options["upper"]))
-        found = lax.cond(second | bending | checking, lambda: fn(at, args)[0], lambda: state.residual)
-        bent = jnp.where(~second & bending, proposal.step + bend(state, proposal, found), step)
-        return (bent, found), found
-
-    begin = (proposal.step, state.residual)
-    (step, residual), ends = lax.scan(evaluate, begin, jnp.array([False, True]))
-    return step, residual, ends
+    _, (steps, ends) = lax.scan(evaluate, state.residual, jnp.array([False, True]))
+    return steps[1], ends
 
 
-def _linearised(fn: ResidualFunction, y: Float[Array, " p"], args: Arguments) -> tuple[Tree, Tree]:
+def _counted(state: LMState, trial: Trial) -> LMState:
+    """`state` with the evaluations of a `trial`; accepted only when it is."""
+    return state._replace(accepted=jnp.array(False), evaluations=state.evaluations + jnp.where(trial.has_first, 2, 1))
+
+
+def _stayed(state: LMState, radius: Scalar) -> LMState:
+    """`state` after a rejection; a start that cannot be evaluated stays so, for there is nothing to go on from."""
+    return state._replace(radius=radius, rejected=state.rejected + 1)
+
+
+def linearised(fn: ResidualFunction, y: Float[Array, " p"], args: Arguments) -> tuple[Tree, Tree]:
     """What the function gives, and the Jacobian of each of its two parts."""
 
     def both(y: Float[Array, " p"]) -> tuple[Tree, Tree]:

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jax.scipy.linalg import solve_triangular
 from jaxtyping import Array, Float
 
-from ...core import Scalar, ScalarLike
+from ...core import Scalar, ScalarLike, Truth
 from .box_least_squares import BoxSolution, solve_in_ball_and_box
 from .lm_state import LMState
 
@@ -99,3 +99,36 @@ def trial_point(
     moves = proposal.step != 0.0
     to = jnp.where(proposal.solution.at_low & moves, lower, to)
     return jnp.where(proposal.solution.at_high & moves, upper, to)
+
+
+class Trial(NamedTuple):
+    """What an iteration evaluates: a probe along its step, if it bends, and its end; once a run has ended, two points
+    of which the difference is compared with the Jacobian."""
+
+    proposal: Proposal
+    apart: Float[Array, "2 p"]
+    """Those two points."""
+    checking: Truth
+    """The run has ended."""
+    bending: Truth
+
+    @property
+    def has_first(self) -> Truth:
+        """Whether anything is evaluated before the end of the step."""
+        return self.bending | self.checking
+
+
+def first_point(y: Float[Array, " p"], options: Bounds, trial: Trial) -> Float[Array, " p"]:
+    """What is evaluated first, where anything is."""
+    probe = jnp.clip(y + PROBE * trial.proposal.step, options["lower"], options["upper"])
+    return jnp.where(trial.checking, trial.apart[0], probe)
+
+
+def second_point(
+    y: Float[Array, " p"], options: Bounds, state: LMState, trial: Trial, first: Float[Array, " n"]
+) -> tuple[Float[Array, " p"], Float[Array, " p"]]:
+    """The step, bent as the `first` residual says, and the point that is evaluated last."""
+    proposal = trial.proposal
+    bent = jnp.where(trial.bending, proposal.step + bend(state, proposal, first), proposal.step)
+    at = jnp.where(trial.checking, trial.apart[1], trial_point(y, bent, proposal, options))
+    return bent, jnp.where(state.unevaluated, y, at)

@@ -86,7 +86,7 @@ def fitted_replicate(
     """The fit to the data of replicate `number`."""
     random = np.random.default_rng([seed, number])
     data = redrawn(problem, centre, resampled, random), apart_redrawn(problem, centre, random)
-    drawn = eqx.tree_at(lambda residual: (residual.measured, residual.apart), problem.residual, data)
+    drawn = eqx.tree_at(lambda r: (r.comparison.measured, r.comparison.apart), problem.residual, data)
     fit = run(problem._replace(residual=drawn), problem.decode(centre.free), quiet)
     return Replicate(number, np.asarray(fit.free, float), bool(fit.success and np.isfinite(fit.chi2)), fit.message)
 
@@ -98,7 +98,7 @@ def redrawn(
     parts = [centre.residual[rows] for rows in problem.rows]
     measured = []
     for record, part, noise, factor, before in zip(
-        problem.records, parts, problem.noise, centre.factors, problem.residual.measured, strict=True
+        problem.records, parts, problem.noise, centre.factors, problem.residual.comparison.measured, strict=True
     ):
         phases = phases_of(record) if resampled == "cycles" else None
         if phases is None:
@@ -114,7 +114,7 @@ def apart_redrawn(problem: Problem, centre: _Centre, random: np.random.Generator
     left = centre.residual[problem.rows_apart]
     return {
         path: np.array([number + error * (off - random.standard_normal()), error])
-        for (path, (number, error)), off in zip(problem.residual.apart.items(), left, strict=True)
+        for (path, (number, error)), off in zip(problem.residual.comparison.apart.items(), left, strict=True)
     }
 
 

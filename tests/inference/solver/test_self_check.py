@@ -11,7 +11,7 @@ import scipy.optimize
 from pdssjax import BoundedLevenbergMarquardt
 from pdssjax.inference import Ending
 from pdssjax.inference.solver.derivative_check import CHECKS
-from pdssjax.inference.solver.iterations import iterate
+from pdssjax.inference.solver.iterations import OfFunction, Run, iterate
 from pdssjax.inference.solver.kink import along_kink, least_promising
 
 X = jnp.linspace(0.0, 3.0, 60)
@@ -196,18 +196,21 @@ def test_a_minimum_on_a_fold_is_reached_and_told_from_a_wrong_jacobian(short):
     args = {"at": at, "slope": jnp.asarray(5.0)}
     found = solve(folded, args, least + jnp.array([0.05, -0.02, 0.01]))
     assert ending(found) == Ending.KINK and found.result != optx.RESULTS.successful
-    begun = found.value, args, BOUNDS, blank(args), found.stats["state"]
-    y, state, predicted = along_kink(SOLVER, eqx.Partial(folded), *begun)
+    y, state, predicted = along_kink(of_fold(args), found.value, found.stats["state"])
     assert predicted < float(SOLVER.invisible) * float(jnp.sum(state.residual**2))
     np.testing.assert_allclose(y, least, atol=1e-3)
     assert float(jnp.sum(state.residual**2)) == pytest.approx(float(jnp.sum(folded(least, args)[0] ** 2)), rel=1e-4)
+
+
+def of_fold(args):
+    return Run(SOLVER, OfFunction(eqx.Partial(folded), args), BOUNDS)
 
 
 def test_a_fold_that_is_a_ridge_is_no_minimum():
     at, least = fold_beside(0.0)
     args = {"at": at, "slope": jnp.asarray(-5.0)}
     top = blank(args)._replace(across=jnp.stack([least + 1e-6, least - 1e-6]))
-    sides = [iterate(SOLVER, eqx.Partial(folded), y, args, BOUNDS, top)[1] for y in top.across]
+    sides = [iterate(of_fold(args), y, top)[1] for y in top.across]
     assert least_promising(top, sides, least, BOUNDS).predicted == np.inf
 
 

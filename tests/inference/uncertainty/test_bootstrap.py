@@ -21,12 +21,18 @@ NOISE = 0.2
 TRUTH = np.array([1.0, -2.0])
 
 
+class Samples(eqx.Module):
+    """What was measured."""
+
+    measured: tuple[np.ndarray, ...]
+    apart: dict[str, np.ndarray] = eqx.field(default_factory=dict)
+
+
 class LineResidual(eqx.Module):
     """Of a straight line."""
 
-    measured: tuple[np.ndarray, ...]
+    comparison: Samples
     transform: ParameterTransform
-    apart: dict[str, np.ndarray] = eqx.field(default_factory=dict)
 
 
 def of_a_line(measured) -> tuple[Problem, Fit]:
@@ -34,13 +40,13 @@ def of_a_line(measured) -> tuple[Problem, Fit]:
     everywhere = np.full(2, np.inf)
     transform = ParameterTransform(("a", "b"), np.zeros(2, bool), np.ones(2), -everywhere, everywhere)
     record = SimpleNamespace(time=TIME, drive=None, noise=NOISE)
-    problem = Problem(LineResidual((measured,), transform), (record,), np.array([NOISE]))  # pyright: ignore
+    problem = Problem(LineResidual(Samples((measured,)), transform), (record,), np.array([NOISE]))  # pyright: ignore
     return problem, run(problem, None, None)
 
 
 def run(problem, starts, report, limit=200):
     """The fit in closed form."""
-    measured = problem.residual.measured[0]
+    measured = problem.residual.comparison.measured[0]
     free = np.linalg.lstsq(DESIGN, measured, rcond=None)[0]
     state = SimpleNamespace(residual=(measured - DESIGN @ free) / NOISE, jacobian=-DESIGN / NOISE)
     return Fit(free, state, True, "", 1, 1)  # pyright: ignore
