@@ -7,7 +7,7 @@ import pytest
 
 from pdssjax.core.lazy import lazy_exports
 
-SOURCE = '''
+SOURCE = """
 if TYPE_CHECKING:
     from .errors import InputError as InputError
     from .units import (
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     )
 else:
     from .families import members
-'''
+"""
 
 
 @pytest.fixture

@@ -13,6 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ...core import Tree
+from ...study import Lowered
 from .ending import Ending
 from .levenberg_marquardt import BoundedLevenbergMarquardt, Free, Judged, linearised
 from .lm_state import LMState
@@ -27,14 +29,18 @@ Shaped: TypeAlias = Any
 Point: TypeAlias = Float[Array | np.ndarray, " p"]
 
 
+Linearised: TypeAlias = tuple[tuple[Float[Array, " n"], Tree], tuple[Float[Array, "n p"], Tree]]
+"""The residuals and what goes with them, and the Jacobian of each of the two."""
+
+
 class Evaluations(Protocol):
     """A residual as what is compiled: for values, and for values with the Jacobian."""
 
-    def values(self, point: Point) -> tuple[Float[Array, " n"], Any]:
+    def values(self, point: Point) -> tuple[Float[Array, " n"], Tree]:
         """The residuals, and what goes with them."""
         ...
 
-    def linearised(self, point: Point) -> tuple[tuple[Float[Array, " n"], Any], tuple[Float[Array, "n p"], Any]]:
+    def linearised(self, point: Point) -> Linearised:
         """What `values` gives, and the Jacobian of each of the two."""
         ...
 
@@ -43,15 +49,15 @@ class OfFunction(NamedTuple):
     """The evaluations of any `function(point, args)` that JAX can trace."""
 
     function: ResidualFunction
-    args: Any
+    args: Tree
 
-    def values(self, point: Point) -> tuple[Float[Array, " n"], Any]:
+    def values(self, point: Point) -> tuple[Float[Array, " n"], Tree]:
         return _values(self.function, point, self.args)
 
-    def linearised(self, point: Point) -> tuple[tuple[Float[Array, " n"], Any], tuple[Float[Array, "n p"], Any]]:
+    def linearised(self, point: Point) -> Linearised:
         return _linearised(self.function, point, self.args)
 
-    def lowered(self, point: Point) -> Any:
+    def lowered(self, point: Point) -> Lowered:
         """`linearised`, traced; its `compile` may go on in another thread."""
         return _linearised.lower(self.function, point, self.args)  # pyright: ignore[reportFunctionMemberAccess]
 
@@ -105,12 +111,12 @@ def _blank(solver: BoundedLevenbergMarquardt, point: Free, bounds: Bounds, resid
 
 
 @eqx.filter_jit
-def _values(function: ResidualFunction, point: Point, args: Any) -> tuple[Float[Array, " n"], Any]:
+def _values(function: ResidualFunction, point: Point, args: Tree) -> tuple[Float[Array, " n"], Tree]:
     return function(point, args)
 
 
 @eqx.filter_jit
-def _linearised(function: ResidualFunction, point: Point, args: Any) -> Any:
+def _linearised(function: ResidualFunction, point: Point, args: Tree) -> Linearised:
     return linearised(function, jnp.asarray(point), args)
 
 
@@ -145,7 +151,7 @@ def _moved(
     state: LMState,
     trial: Trial,
     judged: Judged,
-    out: tuple[Float[Array, " n"], Any],
-    slopes: tuple[Float[Array, "n p"], Any],
+    out: tuple[Float[Array, " n"], Tree],
+    slopes: tuple[Float[Array, "n p"], Tree],
 ) -> LMState:
     return solver.moved(bounds, state, trial, judged, out, slopes)
