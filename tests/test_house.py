@@ -49,7 +49,7 @@ HOMES = {
 }
 """The modules or folders that may import a heavy dependency."""
 
-WHOLE = "core", "actuator", "metrics", "study", "sweeps", "report"
+WHOLE = "core", "drive", "piezo", "friction", "actuator", "metrics", "study", "sweeps", "report"
 """Rooms whose modules each hold a whole idea."""
 
 LEAST_IMPORTERS, LEAST_LINES = 2, 150
