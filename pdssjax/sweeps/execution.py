@@ -180,8 +180,6 @@ def run_block(text: str, number: int, points: Float[np.ndarray, "lanes paths"]) 
 @functools.lru_cache(maxsize=4)
 def _rebuilt(text: str) -> PointFunction:
     """The function of a job, built once in a process; JAX keeps what it compiled of it."""
-    import json
-
     document = json.loads(text)
     if document["pdssjax"] != package_version():
         raise InputError(

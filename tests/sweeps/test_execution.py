@@ -71,9 +71,9 @@ def test_only_plain_data_is_sent_and_the_job_is_rebuilt_from_it(study, quick):
 
 
 def test_a_worker_with_another_version_is_told_in_a_line(study, quick, monkeypatch):
-    execution._rebuilt.cache_clear()
-    monkeypatch.setattr(execution, "package_version", lambda: "0.0.9")
-    with pytest.raises(InputError, match=r"found pdssjax 0\.0\.9 on a worker, expected"):
+    of_another = lambda document: json.dumps(document | {"pdssjax": "0.0.9"})
+    monkeypatch.setattr(execution, "job_text", of_another)
+    with pytest.raises(InputError, match=r"found pdssjax .* on a worker, expected 0\.0\.9 as here"):
         pdssjax.sweep(study, {"drive.voltage": np.linspace(1.0, 2.0, 192)}, executor=Later(), in_flight=3)
 
 
