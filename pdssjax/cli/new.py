@@ -84,7 +84,7 @@ def new(options: argparse.Namespace) -> int:
 
 
 def _of_contacts(options: argparse.Namespace, files: "Sequence[FrictionFile]", others: "Sequence[NewRecord]") -> int:
-    """The same of files of a contact alone, as a tribometer writes them, among which there may be no others."""
+    """Make a study of friction records of a contact alone, as a tribometer writes them; `others` must be empty."""
     from ..core import prepare_jax
     from ..files import load_study, write_friction_study
 

@@ -18,13 +18,13 @@ _FOLLOWS = 0.97
 """Share of the motion that the voltage explains from which a platform is taken to be seen."""
 
 _LOOSELY = 0.8
-"""The same of a platform with hysteresis, under a voltage that makes nothing slip."""
+"""Share of the motion that the voltage explains of a platform with hysteresis, where nothing can slip."""
 
 _STANDS = 0.02
 """Part of its stroke that a motion may go on in a cycle and still stand where it began."""
 
 _WALKS = 0.1
-"""The same of an end-effector under a voltage that is no sawtooth."""
+"""Part of its stroke that an end-effector goes on in a cycle and walks, under a voltage that is no sawtooth."""
 
 _EVENLY = 0.3
 """Part of a net step by which steps may differ from phase to phase of a cycle."""

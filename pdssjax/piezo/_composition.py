@@ -287,7 +287,8 @@ def loop_columns(made: Composition, time: Samples, volts: Samples, numbers: Mapp
         thresholds = numbers["play_range"] * np.arange(1, made.elements + 1) / made.elements
         played = _play(volts, thresholds)
         columns |= {f"play_{j + 1}": played[:, j] for j in range(made.elements)}
-    return columns | {f"creep_{j + 1}": _crept(time, volts, numbers["creep_time"] * 10.0**j) for j in range(made.creep)}
+    times = [numbers["creep_time"] * 10.0**j for j in range(made.creep)]
+    return columns | {f"creep_{j}": _creep_response(time, volts, lasts) for j, lasts in enumerate(times, start=1)}
 
 
 def _play(volts: Samples, thresholds: Float[np.ndarray, " m"]) -> Float[np.ndarray, "n m"]:
@@ -301,7 +302,8 @@ def _play(volts: Samples, thresholds: Float[np.ndarray, " m"]) -> Float[np.ndarr
     return out
 
 
-def _crept(time: Samples, volts: Samples, lasts: float) -> Samples:
+def _creep_response(time: Samples, volts: Samples, lasts: float) -> Samples:
+    """The voltage [V] behind a creep of the time constant `lasts` [s], from rest at 0 V."""
     steps = np.diff(time)
     fades = np.exp(-steps / lasts)
     # On a line c goes from c0 - u0 + tau u' to nothing, around u - tau u'.

@@ -79,7 +79,7 @@ DISPLACEMENT = Output(_displacement, _of_displacement)
 """Of platform or end-effector [m], behind the sensor's low-pass."""
 
 VELOCITY = Output(_velocity, _of_velocity)
-"""The same of a sensor of velocity [m/s]."""
+"""Velocity of platform or end-effector [m/s], behind the sensor's low-pass."""
 
 ACCELERATION = Output(_acceleration, _of_all)
 """The rate of that velocity [m/s2]."""

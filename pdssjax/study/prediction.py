@@ -364,7 +364,7 @@ def _of_group(
     accuracy: Accuracy,
     used: Bool[Array, " records"] | None,
 ) -> Array:
-    """The same of the records of a group, one after the other, stacked."""
+    """What is asked of the records of a group, one after the other, stacked."""
     roomy = with_room(accuracy, group.setups, models, group.segments, group.duration)
 
     def of_record(

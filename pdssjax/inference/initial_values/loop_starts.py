@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from ...core import Quantity, quantities
 from ...metrics import scatter_floor
-from ...piezo.base import AbstractPiezo, Shown
+from ...piezo.base import AbstractPiezo, Shown, ToldRange
 from ...study import Record
 from ..solver.nonnegative_least_squares import nonnegative_least_squares
 from .record_features import as_displacements, voltages_at
@@ -70,17 +70,18 @@ def loop_starts(
     if not loops:
         return {}
     trial = _Trial(piezo, known, loops, quantities(piezo))
-    grid = [_grid(name, shown, piezo, known, loops) for name in piezo.loop_numbers]
+    told = piezo.told_ranges(shown)
+    grid = [_grid(name, told.get(name), known, loops) for name in piezo.loop_numbers]
     by_first: dict[float, tuple[float, tuple[float, ...]]] = {}
     for point in itertools.product(*grid):
         left = trial.left(point)
         if left < by_first.get(point[0], (math.inf, point))[0]:
             by_first[point[0]] = left, point
     free = [i for i, name in enumerate(piezo.loop_numbers) if name not in known]
-    ends = [_ends(name, shown, piezo) for name in piezo.loop_numbers]
+    ends = [told[name][:2] if name in told else (0.0, math.inf) for name in piezo.loop_numbers]
     promising = sorted(by_first.values())[:_VALLEYS]
     _, best = min(_refined(trial, point, left, free, ends) for left, point in promising)
-    found = trial.weights(best) | dict(zip(piezo.loop_numbers, best, strict=True))
+    found = trial.best_weights(best) | dict(zip(piezo.loop_numbers, best, strict=True))
     return {name: number for name, number in found.items() if name not in known}
 
 
@@ -97,17 +98,10 @@ def _loop(record: Record) -> _Loop:
     return _Loop(whole, voltages_at(record, whole), seen, noise)
 
 
-def _ends(name: str, shown: Shown, piezo: type[AbstractPiezo]) -> tuple[float, float]:
-    told = piezo.told_ranges(shown).get(name)
-    return (0.0, math.inf) if told is None else (told.low, told.high)
-
-
-def _grid(
-    name: str, shown: Shown, piezo: type[AbstractPiezo], known: Mapping[str, float], loops: Sequence[_Loop]
-) -> tuple[float, ...]:
+def _grid(name: str, told: ToldRange | None, known: Mapping[str, float], loops: Sequence[_Loop]) -> tuple[float, ...]:
+    """The thresholds or times tried: those `known`, else over the range that the records tell."""
     if name in known:
         return (known[name],)
-    told = piezo.told_ranges(shown).get(name)
     if told is not None:
         return tuple(map(float, np.geomspace(told.low, told.high, _TIMES)))
     swing = max(float(np.ptp(np.append(loop.volts, 0.0))) for loop in loops)
@@ -124,8 +118,8 @@ class _Trial(NamedTuple):
         """What the best weights leave with these thresholds and times, divided by the noise and squared."""
         return self._solved(point)[1]
 
-    def weights(self, point: Sequence[float]) -> dict[str, float]:
-        """These weights by name, none zero: a fit's unit is the size of its start."""
+    def best_weights(self, point: Sequence[float]) -> dict[str, float]:
+        """The weights that leave the least, by name, none zero: a fit's unit is the size of its start."""
         found, _ = self._solved(point)
         gain = found.get("gain") or self.known.get("gain") or max(found.values(), default=1e-7) or 1e-7
         swing = max(float(np.max(np.abs(loop.volts))) for loop in self.loops)

@@ -229,9 +229,9 @@ def contact_scale(record: Record, moved: float | None) -> tuple[float, float, fl
 def _curve_scale(
     velocities: Float[np.ndarray, " n"], forces: Float[np.ndarray, " n"], moved: float | None
 ) -> tuple[float, float, float]:
-    """The same of a friction curve: its forces [N], and a Stribeck velocity amid its `velocities` [m/s].
+    """Mass, acceleration and rate that stand for a friction curve, from its `forces` [N] and `velocities` [m/s].
 
-    The middle of the range of that is 0.017 a/rate (`friction/_search_ranges.py`).
+    A Stribeck velocity amid those velocities is 0.017 a/rate, the middle of its range (`friction/_search_ranges.py`).
     """
     mass = 1.0 if moved is None else moved
     force = float(np.median(np.abs(forces))) or 1e-3

@@ -80,11 +80,11 @@ class _Left:
         return float(np.sum((self._motion - design @ numbers) ** 2)), float(numbers[0])
 
     def by_lag(self, rate: float) -> tuple[float, float]:
-        """The same of the response of a lag of the time constant 1 / `rate` [s]."""
+        """Sum of squares [m2] and gain [m/V] by the response of a lag of the time constant 1 / `rate` [s]."""
         return self.of(np.real(self._followed(-rate)) * rate, np.exp(-rate * self._elapsed))
 
     def by_mode(self, rate: float, damping: float) -> tuple[float, float]:
-        """The same of the response of a mode of frequency `rate` [rad/s]."""
+        """Sum of squares [m2] and gain [m/V] by the response of a mode of frequency `rate` [rad/s]."""
         if not 0.0 < damping < 1.0:
             return math.inf, 0.0
         ring = rate * math.sqrt(1.0 - damping**2)

@@ -29,7 +29,7 @@ _OFF_GRID = 0.02
 """Samples by which the cycles may leave the grid of samples over a record."""
 
 _BESIDE_GRID = 0.25
-"""The same of a single sample, whose clock may be uneven."""
+"""Samples by which a single sample may leave that grid, since its clock may be uneven."""
 
 
 class Replicate(NamedTuple):

@@ -79,7 +79,7 @@ class Proposals(NamedTuple):
     log_proposed: Float[np.ndarray, " draws"]
     """log q, but for a constant."""
     log_learned: Float[np.ndarray, " draws"]
-    """The same of the density that the polynomial stands for."""
+    """Logarithm of the density that the polynomial stands for, but for a constant."""
 
 
 def _as_arrays(widths: Widths) -> Widths:

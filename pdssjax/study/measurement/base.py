@@ -160,5 +160,19 @@ class AbstractMeasurement(AbstractModel):
         return None
 
 
+class AbstractContactMeasurement(AbstractMeasurement):
+    """The friction force of the contact alone under a prescribed motion, as a tribometer measures it."""
+
+    display: ClassVar = Display("force", "forces", "N", 1.0)
+    needs_clock: ClassVar = False
+    plan: ClassVar = {"amplitude": "m", "frequency": "Hz"}
+
+    def parts(self) -> frozenset[str]:
+        return frozenset({"friction"})
+
+    def force(self, samples: Samples) -> Float[np.ndarray, " samples"] | None:
+        return samples.measured
+
+
 MOVING = frozenset({"piezo", "friction", "effector", "stop"})
 """The parts of a study that may move in a record."""

@@ -11,22 +11,16 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Float
 
-from ...core import Display, member, member_name, members
+from ...core import member, member_name, members
 from ..models import Models
 from ..prediction import AbstractSetup, ContactAlone
-from .base import AbstractMeasurement, MeasuredRecord, Samples
+from .base import AbstractContactMeasurement, MeasuredRecord
 
 
-class Friction(AbstractMeasurement):
+class Friction(AbstractContactMeasurement):
     """The contact, by a tribometer."""
 
     columns: ClassVar = {"time": "s", "motion": "m", "force": "N"}
-    display: ClassVar = Display("force", "forces", "N", 1.0)
-    needs_clock: ClassVar = False
-    plan: ClassVar = {"amplitude": "m", "frequency": "Hz"}
-
-    def parts(self) -> frozenset[str]:
-        return frozenset({"friction"})
 
     def setup(self, models: Models) -> AbstractSetup:
         return ContactAlone()
@@ -55,6 +49,3 @@ class Friction(AbstractMeasurement):
         self, time: Float[np.ndarray, " samples"], numbers: Mapping[str, float]
     ) -> dict[str, Float[np.ndarray, " samples"]]:
         return {"motion": numbers["amplitude"] * np.sin(2.0 * np.pi * numbers["frequency"] * time)}
-
-    def force(self, samples: Samples) -> Float[np.ndarray, " samples"] | None:
-        return samples.measured

@@ -13,12 +13,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ...core import Display, member, member_name, members
+from ...core import member, member_name, members
 from ...integration import AbstractHybridSystem
 from ...simulation import FRICTION_FORCE, Output, PrescribedMotion
 from ..models import Models, Values
 from ..prediction import AbstractSetup, Run
-from .base import AbstractMeasurement, MeasuredRecord, Samples
+from .base import AbstractContactMeasurement, MeasuredRecord
 
 _FAR = 1e3
 """Path [m] after which sliding is steady; laws forget over micrometres."""
@@ -49,16 +49,10 @@ class _SteadySliding(AbstractSetup):
         return jnp.append(0.0, jnp.cumsum(_FAR / jnp.abs(velocities))), velocities
 
 
-class SteadyFriction(AbstractMeasurement):
+class SteadyFriction(AbstractContactMeasurement):
     """The contact in steady sliding, by a tribometer."""
 
     columns: ClassVar = {"time": "s", "velocity": "m/s", "force": "N"}
-    display: ClassVar = Display("force", "forces", "N", 1.0)
-    needs_clock: ClassVar = False
-    plan: ClassVar = {"amplitude": "m", "frequency": "Hz"}
-
-    def parts(self) -> frozenset[str]:
-        return frozenset({"friction"})
 
     def setup(self, models: Models) -> AbstractSetup:
         return _SteadySliding()
@@ -85,6 +79,3 @@ class SteadyFriction(AbstractMeasurement):
         # Shifted by a quarter of a sample, so that none of the velocities is 0.
         shift = 0.25 * float(time[1] - time[0])
         return {"velocity": peak * np.cos(2.0 * np.pi * numbers["frequency"] * (time + shift))}
-
-    def force(self, samples: Samples) -> Float[np.ndarray, " samples"] | None:
-        return samples.measured
