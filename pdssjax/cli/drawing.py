@@ -20,6 +20,7 @@ if TYPE_CHECKING:
         drawing: Drawing
         starts: int
         executor: Executor
+        effort: str
 
 
 DRAWN = "bootstrap", "posterior"
@@ -63,7 +64,7 @@ def check_drawing(options: argparse.Namespace) -> None:
 
 
 def more_of(options: argparse.Namespace, intervals: "Intervals", folder: Path, resume: bool) -> "More":
-    """What is drawn and kept in `folder`, and how many starts are compared, on all cores.
+    """What is drawn and kept in `folder`, how many starts are compared, on all cores, and the effort.
 
     **Arguments:** whether to `resume` what `folder` holds.
 
@@ -85,4 +86,6 @@ def more_of(options: argparse.Namespace, intervals: "Intervals", folder: Path, r
         more["starts"] = options.starts
     if more or intervals == "profile":
         more["executor"] = ThreadPoolExecutor(os.cpu_count())
+    if options.effort != "usual":
+        more["effort"] = options.effort
     return more

@@ -210,6 +210,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="of the joint fit: the sum of squares (default), or a robust one, under which glitches pull little; it "
         "has linear intervals only",
     )
+    parser.add_argument(
+        "--effort",
+        choices=["quick", "usual", "thorough"],
+        default="usual",
+        help="how many starts a doubtful fit is compared with, how many evaluations that may take, and after how many "
+        "slow steps a fit ends (default: usual)",
+    )
     text = "fit from N more starts, spread over their ranges, on all cores, and compare where they end"
     parser.add_argument("--starts", type=whole(0, MOST_STARTS), default=0, metavar="N", help=text)
     add_solver(parser)

@@ -191,6 +191,7 @@ def estimate_document(estimate: Estimate) -> Document:
         "actuator": dict(estimate.actuator),
         "method": estimate.method,
         "loss": estimate.loss,
+        "effort": estimate.effort,
         "converged": estimate.converged,
         "explained": estimate.explained,
         "message": estimate.message,

@@ -25,6 +25,7 @@ from ..core import (
 from ..integration import Accuracy, accuracy_with
 from ..study import Estimate, Study, Values
 from .draws import Drawing
+from .effort import Effort, effort_of
 from .estimated_noise import with_noise
 from .kept_fit import Found, as_asked, kept, restored
 from .least_squares import MAX_ITERATIONS, Fit, FitMethod, Method, Progress, evaluated, joint, quiet
@@ -71,6 +72,7 @@ def identify(
     *,
     intervals: Intervals = "linear",
     loss: str = "squares",
+    effort: str = "usual",
     drawing: Drawing | None = None,
     starts: int = 0,
     executor: Executor | None = None,
@@ -88,7 +90,9 @@ def identify(
     chi-square is no parabola and take a few evaluations with derivatives an end, or those of its "posterior"; or those
     of a "bootstrap", which takes a whole fit a replicate, not for "peaks".  `drawing` says how many draws these two
     make, and where they are kept.  `loss` is "squares", or of a joint fit "huber" or "cauchy", under which glitches
-    pull little; its errors are those of a sandwich covariance, its intervals linear.  So many other `starts` are
+    pull little; its errors are those of a sandwich covariance, its intervals linear.  `effort` is "quick", "usual" or
+    "thorough": how many starts a doubtful fit is compared with, how many evaluations that may take, and after which
+    slow steps a fit ends.  So many other `starts` are
     fitted besides the usual ones and compared (`Estimate.multistart`).  Fits and chains that do not need each other
     run where the `executor` says, in this thread if it is None; profiles and chains only in threads, and processes only
     where they are spawned, not forked.  `progress` takes lines of text; left out, notebooks show a bar.
@@ -104,18 +108,21 @@ def identify(
     begun = time.perf_counter()
     _check_arguments(study, drawing, executor, accuracy, starts)
     _check_way(study, method, intervals, executor)
+    how_long = effort_of(effort)
     stack = pick_peaks(study) if method == "peaks" else None
     fitted = with_stack_held(study, stack.values) if stack else study
     run, report = _way(method, minimiser), progress or told_in_notebook() or quiet
     settings = drawing or Drawing(), starts, executor, _fineness(study, accuracy, solver)
     excused = functools.partial(due_to_stack, study, stack, settings[-1]) if stack else None
-    request = _Request(fitted, method, run, _loss(loss, method, intervals), intervals, *settings, report, excused)
+    request = _Request(
+        fitted, method, run, _loss(loss, method, intervals), intervals, *settings, report, excused, how_long
+    )
     best, done = BestPoint(), None
     try:
         found = _found(request, best)
         done = Point(found.fit, found.problem, found.starts, 2)
         estimate = _summarised(study, method, done, begun, report, stack)
-        estimate = dataclasses.replace(estimate, multistart=found.multistart)
+        estimate = dataclasses.replace(estimate, multistart=found.multistart, effort=effort)
         estimate = _with_intervals(estimate, found, request)
         estimate = dataclasses.replace(estimate, seconds=time.perf_counter() - begun)
     except KeyboardInterrupt as interrupt:
@@ -143,17 +150,20 @@ class _Request(NamedTuple):
     report: Progress
     excused: Callable[[Fit, Problem], bool] | None
     """Whether what a poor fit leaves is due to the stack held in it."""
+    effort: Effort
 
 
 def _found(request: _Request, best: BestPoint) -> Found:
     """The fit, its problem and its starts: found anew, or those around which draws go on."""
     study, report, accuracy, store = request.study, request.report, request.accuracy, request.drawing.store
-    what = as_asked(study, request.method, request.intervals, request.drawing, request.starts, accuracy)
-    earlier = restored(request.drawing, what, study, accuracy, report) if request.intervals in DRAWN else None
+    effort = request.effort
+    what = as_asked(study, request.method, request.intervals, request.drawing, request.starts, accuracy, effort.name)
+    earlier = restored(request.drawing, what, study, accuracy, report, effort) if request.intervals in DRAWN else None
     if earlier is not None:
         return earlier
     report("finding starts")
-    fit, problem, starts = best_fit(study, accuracy, best.watched(request.run), report, request.loss, request.excused)
+    run = best.watched(request.run)
+    fit, problem, starts = best_fit(study, accuracy, run, report, request.loss, request.excused, effort)
     table = None
     if request.starts:
         usual = fit

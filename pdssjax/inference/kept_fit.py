@@ -12,6 +12,7 @@ from ..core import Document
 from ..integration import Accuracy
 from ..study import Multistart, Parameter, Record, Study
 from .draws import Drawing, reading, same_run
+from .effort import USUAL, Effort
 from .least_squares import Fit, Method, Progress, evaluated
 from .problem import Problem, pose
 from .solver.ending import Ending
@@ -30,7 +31,13 @@ class Found(NamedTuple):
 
 
 def as_asked(
-    study: Study, method: Method, intervals: str, drawing: Drawing, more_starts: int, accuracy: Accuracy
+    study: Study,
+    method: Method,
+    intervals: str,
+    drawing: Drawing,
+    more_starts: int,
+    accuracy: Accuracy,
+    effort: str = USUAL.name,
 ) -> Document:
     """What the draws of a run have in common, by which a later one knows whether it may go on.
 
@@ -45,6 +52,7 @@ def as_asked(
         "proposals": PROPOSALS if intervals == "posterior" else None,
         "more_starts": more_starts,
         "accuracy": _fingerprint(accuracy),
+        "effort": effort,
         "actuator": study.models.chosen,
         # Draws are kept without names.
         "order": [*study.parameters, *(record.name for record in study.records if record.role == "fit")],
@@ -89,7 +97,9 @@ def kept(what: Document, found: Found) -> Document:
     }
 
 
-def restored(drawing: Drawing, what: Document, study: Study, accuracy: Accuracy, report: Progress) -> Found | None:
+def restored(
+    drawing: Drawing, what: Document, study: Study, accuracy: Accuracy, report: Progress, effort: Effort = USUAL
+) -> Found | None:
     """Fit, problem and starts of a run that goes on; its residuals are computed again.
 
     **Returns:** None where the store of the `drawing` has none.
@@ -107,7 +117,7 @@ def restored(drawing: Drawing, what: Document, study: Study, accuracy: Accuracy,
         table = _table(document["multistart"])
         free = _numbers(document, "free", sum(parameter.free for parameter in study.parameters.values()))
         noise = _numbers(document, "noise", len(what["records"]))
-    problem = pose(study, starts, accuracy)._replace(noise=noise)
+    problem = pose(study, starts, accuracy, effort=effort)._replace(noise=noise)
     return Found(evaluated(problem, free, report)._replace(**how), problem, starts, table)
 
 

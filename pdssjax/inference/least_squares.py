@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..study import Values
+from .effort import Effort
 from .problem import Problem
 from .residual import as_weights
 from .solver.ending import SUCCESSES, Ending
@@ -26,7 +27,8 @@ Progress: TypeAlias = Callable[[str], None]
 Method: TypeAlias = Literal["joint", "sequential", "peaks"]
 """All parameters at once, or the piezo first: by least squares, or from the peaks of step responses."""
 
-MAX_ITERATIONS = 200
+MAX_ITERATIONS = 1000
+"""Of one run, whatever the effort."""
 
 INVISIBLE = 0.01
 """Decrease of chi-square, in units of the reduced chi-square, that is a tenth of a standard error: not to be seen."""
@@ -41,7 +43,7 @@ MESSAGES = {
     Ending.WITHIN_ROUNDING: "as far as the simulation's rounding allows: what the linear model still "
     "predicts is less than a tenth of a standard error",
     Ending.SLOW_STEPS: "slow steps along an ill-conditioned valley, where chi-square hardly falls "
-    "although the linear model predicts it",
+    "although the linear model predicts it: the last {spent} evaluations gained {gained:.2g}{advice}",
     Ending.STALLED: "stalled, the gradient is small but the Jacobian all but singular, and no step "
     "lowers chi-square although the linear model predicts it",
     Ending.REJECTED: "no step lowers chi-square although its gradient is not small",
@@ -52,7 +54,7 @@ MESSAGES = {
     "too small to move any parameter by a third of its standard error",
     Ending.KINK: "chi-square has a kink here, where the residuals change their slope, and may be lower beyond it",
 }
-"""What the user reads of each ending; of a jump, with its size."""
+"""What the user reads of each ending; of a jump, with its size, and of slow steps, with what they gained."""
 
 AT_KINK = (
     "on a kink of chi-square, where the residuals change their slope: it is higher on either side, and standard errors "
@@ -162,7 +164,7 @@ def fit_phase(
         )
         free, spent = found.free, found.evaluations
         report(f"{name}: {linear.sum()} linear parameters projected out, chi-square {found.chi2:.6g}")
-    limit = min(limit, MAX_ITERATIONS)
+    limit = min(limit, MAX_ITERATIONS, problem.effort.iterations)
     outcome = None
     if problem.minimiser is not None and fitted.any():
         options, weights = problem.residual.transform.bounds_where(fitted, free), as_weights(problem.noise, used)
@@ -171,8 +173,11 @@ def fit_phase(
         free, spent, limit = outcome.point, spent + outcome.steps, 0
     run, point, blank = _begun(problem, free, used, fitted)
     y, state = point, blank
+    course: list[tuple[int, float]] = []
     for y, state in iterates(run, point, blank, limit):
         chi2 = float(np.sum(np.asarray(state.residual) ** 2))
+        if bool(state.accepted):
+            course.append((int(state.evaluations), chi2))
         taken = max(int(state.iterations), 1 - int(state.unevaluated))
         so_far = Fit(np.asarray(y), state, False, INTERRUPTED, taken, int(state.evaluations) + spent)
         problem.watch(problem, used, so_far)
@@ -181,6 +186,8 @@ def fit_phase(
     if int(state.ending) == Ending.KINK:
         y, state, predicted = along_kink(run, y, state)
     fit = _ended(run, y, state, fitted, limit, spent, predicted)
+    if fit.ending == Ending.SLOW_STEPS:
+        fit = fit._replace(message=_slow(problem.effort, course))
     return fit if outcome is None else _by_another(fit, outcome)
 
 
@@ -200,8 +207,19 @@ def _ended(
     small = float(run.solver.small_jump) * float(np.sum(np.asarray(state.residual) ** 2))
     if ending == Ending.KINK and predicted <= small:
         message, success = AT_KINK, True
-    message = message.format(jump=float(state.jump))
+    if ending == Ending.SMALL_JUMP:
+        message = message.format(jump=float(state.jump))
     return Fit(free, state, success, message, iterations, int(state.evaluations) + spent, ending)
+
+
+def _slow(effort: Effort, course: Sequence[tuple[int, float]]) -> str:
+    """The message of a run that ended in slow steps.
+
+    **Arguments:** the `course` of the run: evaluations and chi-square after each accepted step.
+    """
+    (before, higher), (after, lower) = course[-min(effort.slow_steps + 1, len(course))], course[-1]
+    told = {"spent": after - before, "gained": higher - lower, "advice": effort.advice}
+    return MESSAGES[Ending.SLOW_STEPS].format(**told)
 
 
 def _by_another(fit: Fit, outcome: Outcome) -> Fit:
@@ -232,14 +250,15 @@ def _begun(
     bounds = problem.residual.transform.bounds_where(fitted, free)
     weights = as_weights(problem.noise, used)
     samples = sum(record.time.size for record, use in zip(problem.records, used, strict=True) if use)
-    # A step that lowers chi-square by 1e-4 is a hundredth of a standard error, one by 0.05 a quarter.
+    # A step that lowers chi-square by 1e-4 is a hundredth of a standard error.
     visible: float = np.float64(1.0 / samples)  # an array: a new Python float would compile anew
     solver = BoundedLevenbergMarquardt(
         rtol=1e-4 * visible,
         atol=1e-4,
-        slow=0.05 * visible,
+        slow=problem.effort.slow_gain * visible,
         invisible=INVISIBLE * visible,
         small_jump=SMALL_JUMP * visible,
+        most_slow_steps=problem.effort.slow_steps,
     )
     y = jnp.asarray(np.clip(np.asarray(free, float), bounds["lower"], bounds["upper"]))
     run = Run(solver, problem.evaluations(weights), {end: jnp.asarray(at) for end, at in bounds.items()})

@@ -17,6 +17,7 @@ from ..core import Scalar, require_float64
 from ..integration import Accuracy
 from ..metrics import scatter_floor
 from ..study import Lowered, Parameter, Predictor, Record, Study, Values, predicted
+from .effort import USUAL, Effort
 from .initial_values.guess import initial_guess
 from .losses.base import AbstractLoss
 from .parameter_transform import transform_of
@@ -58,6 +59,8 @@ class Problem(eqx.Module):
     """Of all records of the study, where there is one: values are computed by what predicts all of them."""
     places: tuple[int, ...] = eqx.field(static=True, default=())
     """Where the records fitted stand among those."""
+    effort: Effort = eqx.field(static=True, default=USUAL)
+    """After how many iterations and slow steps a run ends."""
 
     def _replace(self, **changes: Any) -> "Problem":
         """The same with other fields, as of a named tuple."""
@@ -179,7 +182,13 @@ def _with_lengths(study: Study) -> dict[str, Parameter]:
     return {path: floored(parameter) for path, parameter in study.parameters.items()}
 
 
-def pose(study: Study, starts: Mapping[str, float], accuracy: Accuracy, loss: AbstractLoss | None = None) -> Problem:
+def pose(
+    study: Study,
+    starts: Mapping[str, float],
+    accuracy: Accuracy,
+    loss: AbstractLoss | None = None,
+    effort: Effort = USUAL,
+) -> Problem:
     """The fit of a study's records with role "fit", parameters scaled after their `starts`."""
     records = tuple(record for record in study.records if record.role == "fit")
     fixed = {path: starts[path] for path, parameter in study.parameters.items() if not parameter.free}
@@ -188,7 +197,7 @@ def pose(study: Study, starts: Mapping[str, float], accuracy: Accuracy, loss: Ab
     residual = Residual(study.models, records, transform, fixed, accuracy, loss, apart)
     noise = np.array([scatter_floor(r.measured) if r.noise is None else r.noise for r in records])
     places = tuple(place for place, record in enumerate(study.records) if record.role == "fit")
-    return Problem(residual, records, noise, predictor=study.predictor, places=places)
+    return Problem(residual, records, noise, predictor=study.predictor, places=places, effort=effort)
 
 
 def pose_problem(study: Study, accuracy: Accuracy | None = None) -> tuple[Problem, Float[np.ndarray, " p"]]:

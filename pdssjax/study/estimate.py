@@ -211,6 +211,8 @@ class Estimate:
     loss: str = "squares"
     """What was minimised, a member of `pdssjax.inference.losses`; of a robust one the standard errors are those of a
     sandwich covariance."""
+    effort: str = "usual"
+    """How much work the fit was allowed: "quick", "usual" or "thorough"."""
     diagnosis: Diagnosis | None = None
     """Which combinations the data determine, and whether the records agree; None where nothing could be simulated."""
     explained: bool = True

@@ -12,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 from ...integration import Accuracy
 from ...study import Study
+from ..effort import USUAL, Effort
 from ..estimated_noise import with_noise
 from ..fit_statistics import reduced_chi2
 from ..initial_values.search import guess_starts
@@ -19,8 +20,10 @@ from ..least_squares import Fit, FitMethod, Progress, summed
 from ..long_records import question_lengths
 from ..losses.base import AbstractLoss
 from ..problem import Problem, pose
+from ..solver.ending import Ending
 from ..variable_projection import is_separable
-from .perturbed_restarts import beyond_discontinuity
+from .budget import Budget
+from .perturbed_restarts import MOST_RESTARTS, beyond_discontinuity
 from .races import Contest, platform_unobserved, race, ranked, reason_at_first, reason_in_the_end, shown
 
 _FIRST = 12
@@ -37,31 +40,38 @@ def best_fit(
     report: Progress,
     loss: AbstractLoss | None = None,
     excused: Callable[[Fit, Problem], bool] | None = None,
+    effort: Effort = USUAL,
 ) -> tuple[Fit, Problem, dict[str, float]]:
     """The fit from the study's starts; where it is poor and not `excused`, the best from several found from the data.
+
+    As many as the `effort` allows: once its evaluations are spent other starts are no longer fitted.
 
     **Returns:** the fit, its problem with the noise found, and the starts it came from.
     """
     starts, missing = guess_starts(study.models, study.parameters, study.records)
-    problem = pose(study, starts, accuracy, loss)
+    problem = pose(study, starts, accuracy, loss, effort)
     question_lengths(problem, starts)
     _compile(problem, study, starts)
     if is_separable(problem):  # what is searched is little, and no contact makes wrong optima of it
         fit, problem = with_noise(run(problem, starts, report), problem, run, report)
         return fit, problem, starts
     found = ranked(study, study.parameters, problem, starts, report) if missing else []
-    contest = Contest(study, problem, found, missing and platform_unobserved(study, problem), run, report, excused)
-    fit = _first(problem, found[0], run, report) if missing else run(problem, starts, report)
+    budget = Budget(effort)
+    tried, unobserved = budget.counted(run), missing and platform_unobserved(study, problem)
+    contest = Contest(study, problem, found, unobserved, tried, report, excused, effort)
+    fit = _first(problem, found[0], tried, report) if missing else tried(problem, starts, report)
     starts = shown(found[0], starts, contest) if missing else starts
     raced = reason_at_first(fit, contest)
     if raced:
         fit, starts = race(raced, fit, starts, contest)
-    fit = beyond_discontinuity(fit, problem, run, report)
+    fit = beyond_discontinuity(fit, problem, tried, report, effort.some(MOST_RESTARTS))
     again = reason_in_the_end(fit, starts, contest, bool(raced))
     if again:
         fit, starts = race(again, fit, starts, contest)
+    if budget.refused and fit.ending == Ending.RUNNING:  # the best of what was begun, brought to its end
+        fit = summed(run(problem, problem.decode(fit.free), report), [fit])
     fit, problem = with_noise(fit, problem, run, report)
-    return fit, problem, starts
+    return (fit._replace(message=fit.message + budget.word) if budget.refused else fit), problem, starts
 
 
 def _compile(problem: Problem, study: Study, starts: dict[str, float]) -> None:

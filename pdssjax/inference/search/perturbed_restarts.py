@@ -33,11 +33,13 @@ _LARGEST_PERTURBATION = 0.3
 """Largest change of one parameter by a perturbation, on the fit's scale."""
 
 
-def beyond_discontinuity(fit: Fit, problem: Problem, run: FitMethod, report: Progress) -> Fit:
-    """`fit`, or a better one beyond a discontinuity at which it may have ended."""
+def beyond_discontinuity(
+    fit: Fit, problem: Problem, run: FitMethod, report: Progress, most: int = MOST_RESTARTS
+) -> Fit:
+    """`fit`, or a better one beyond a discontinuity at which it may have ended, after `most` restarts in vain."""
     if _is_discontinuous(fit):
         report("chi-square is discontinuous here: restarting from perturbed points")
-        return restarts(fit, problem, run, MOST_RESTARTS, _is_discontinuous)
+        return restarts(fit, problem, run, most, _is_discontinuous)
     return fit
 
 

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...study import Parameter, Study, Values
+from ..effort import USUAL, Effort
 from ..fit_statistics import reduced_chi2
 from ..initial_values.search import rank_starts, scatter_starts
 from ..least_squares import Fit, FitMethod, Progress, piezo_alone
@@ -68,6 +69,8 @@ class Contest(NamedTuple):
     report: Progress
     excused: Callable[[Fit, Problem], bool] | None = None
     """Whether what a poor fit leaves comes of what is held in it, so that no other start would help; None: never."""
+    effort: Effort = USUAL
+    """How many starts are tried."""
 
     def is_poor(self, fit: Fit) -> bool:
         """A `fit` leaves more than noise, or records contradict each other, and another start may mend it.
@@ -109,7 +112,8 @@ def reason_in_the_end(fit: Fit, starts: dict[str, float], contest: Contest, race
 
 def race(reason: str, fit: Fit, starts: dict[str, float], contest: Contest) -> tuple[Fit, dict[str, float]]:
     """The best of `fit` and of the fits from the other starts that the `reason` asks for, and its starts."""
-    (rounds, until_good, announced, scattered), (_, problem, _, _, run, report, _) = RACES[reason], contest
+    (rounds, until_good, announced, scattered), (_, problem, _, _, run, report, _, effort) = RACES[reason], contest
+    rounds = [(effort.some(admitted), limit) for admitted, limit in rounds]
     if announced:
         report(announced)
     others = _scattered(fit, starts, contest) if scattered else _searched(starts, contest)
@@ -119,7 +123,7 @@ def race(reason: str, fit: Fit, starts: dict[str, float], contest: Contest) -> t
     best, begun = successive_halving(fit, problem, starts, others, rounds, good, run, report)
     if scattered:
         report("restarting the best from perturbed points")
-        return restarts(best, problem, run, 2 * MOST_RESTARTS), begun
+        return restarts(best, problem, run, effort.some(2 * MOST_RESTARTS)), begun
     return best, shown(begun, starts, contest)
 
 
@@ -157,14 +161,16 @@ def _scattered(fit: Fit, starts: dict[str, float], contest: Contest) -> list[dic
     known = lambda path: path in problem.residual.apart or (platform and shown_by_platform(path, problem))
     held = [path for path in problem.residual.transform.paths if known(path)]
     around = starts | {path: float(number) for path, number in problem.decode(fit.free).items() if path in held}
-    scattered = scatter_starts(study.models, study.parameters, study.records, around, held)[:_SCATTERED]
+    scattered = scatter_starts(study.models, study.parameters, study.records, around, held)[
+        : contest.effort.some(_SCATTERED)
+    ]
     given = {path: p.start for path, p in study.parameters.items() if path.startswith("piezo.") and p.free}
     given = {path: start for path, start in given.items() if start is not None and path not in held}
     if not given:
         return scattered
     contest.report("searching for starts with the stack as the study gives it")
     what = study.models, study.parameters, study.records, around | given, [*held, *given]
-    return [*scatter_starts(*what, to_sticking=True)[:_STACK_GIVEN], *scattered]
+    return [*scatter_starts(*what, to_sticking=True)[: contest.effort.some(_STACK_GIVEN)], *scattered]
 
 
 def _without_starts(contest: Contest) -> dict[str, Parameter]:

@@ -12,6 +12,7 @@ from waves import PATHS, Waves, at, run
 from pdssjax import Accuracy
 from pdssjax.core import quantity
 from pdssjax.inference import Ending, Fit
+from pdssjax.inference.effort import EFFORTS
 from pdssjax.inference.losses.huber import Huber
 from pdssjax.inference.losses.squares import Squares
 from pdssjax.inference.poor_fit import leaves_more_than_noise
@@ -28,8 +29,9 @@ BAD, WORSE, NEAR = at(6.0, -5.0), at(8.0, -8.0), at(1.2, 0.9)
 class Rig:
     """A study that stands for `problem`; what is asked of searches, races and restarts is noted."""
 
-    def __init__(self, monkeypatch, problem, given, ranked, scattered=(), longer=0):
+    def __init__(self, monkeypatch, problem, given, ranked, scattered=(), longer=0, effort=EFFORTS["usual"]):
         self.problem, self.longer, self.messages, self.events = problem, longer, [], []
+        self.effort = effort
         quantity_of = quantity(1.0, "m")  # what is declared matters to no race
         parameters = {path: Parameter(path, "m", quantity_of, start=given.get(path)) for path in PATHS}
         self.study = SimpleNamespace(models=None, parameters=parameters, records=problem.records)
@@ -73,7 +75,7 @@ class Rig:
             ended = fit.success and not (self.first_is_lost and len(limits) == 1)
             return fit._replace(iterations=fit.iterations + more, evaluations=fit.evaluations + more, success=ended)
 
-        fit, _, starts = best_fit(self.study, Accuracy(), counted, self.messages.append)  # pyright: ignore
+        fit, _, starts = best_fit(self.study, Accuracy(), counted, self.messages.append, effort=self.effort)  # pyright: ignore
         self.limits = limits
         return fit, starts
 
@@ -374,3 +376,21 @@ def test_a_fit_that_misses_a_record_that_was_not_fitted_is_compared_with_others(
     # Residuals are 1.7 times the distance from (1, 1).
     np.testing.assert_allclose(asked, [np.eye(2) / 1.7**2][: len(asked)])
     assert bool(asked) == (excused is None)
+
+
+@pytest.mark.parametrize(("effort", "tried"), [("quick", 12), ("usual", 48)])
+def test_effort_says_how_many_starts_a_poor_fit_is_compared_with(monkeypatch, effort, tried):
+    rig = Rig(monkeypatch, Waves(4.0, 2.0), BAD, [WORSE], everywhere(), effort=EFFORTS[effort])
+    rig.fitted()
+    assert rig.races[-1][1] == [(tried, 6), (tried // 4, 12)] and len(rig.races[-1][0]) == tried
+    assert rig.of("restarts")[-1][1][3] == EFFORTS[effort].some(2 * MOST_RESTARTS)
+
+
+def test_once_the_evaluations_are_spent_the_best_so_far_is_brought_to_its_end_and_told(monkeypatch):
+    scarce = EFFORTS["usual"]._replace(evaluations=30)
+    rig = Rig(monkeypatch, Waves(4.0, 2.0), BAD, [WORSE], everywhere(), effort=scarce)
+    fit, _ = rig.fitted()
+    whole = run(rig.problem, BAD, None)
+    assert fit.ending != Ending.RUNNING and fit.chi2 <= whole.chi2
+    assert "no other start was fitted" in fit.message and '"thorough" goes on' in fit.message
+    assert rig.limits.count(1) > 10
