@@ -6,7 +6,7 @@ from waves import Waves, at, run
 from pdssjax import InputError
 from pdssjax.inference.effort import EFFORTS, USUAL, effort_of
 from pdssjax.inference.least_squares import _slow
-from pdssjax.inference.search.budget import Budget
+from pdssjax.inference.search.multistart import Budget
 
 
 def test_an_unknown_effort_is_refused_with_the_nearest():

@@ -11,18 +11,17 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 from ...integration import Accuracy
-from ...study import Study
+from ...study import Study, Values
 from ..effort import USUAL, Effort
 from ..estimated_noise import with_noise
 from ..fit_statistics import reduced_chi2
 from ..initial_values.search import guess_starts
-from ..least_squares import Fit, FitMethod, Progress, summed
+from ..least_squares import Fit, FitMethod, Progress, quiet, summed
 from ..long_records import question_lengths
 from ..losses.base import AbstractLoss
 from ..problem import Problem, pose
 from ..solver.ending import Ending
 from ..variable_projection import is_separable
-from .budget import Budget
 from .perturbed_restarts import MOST_RESTARTS, beyond_discontinuity
 from .races import Contest, platform_unobserved, race, ranked, reason_at_first, reason_in_the_end, shown
 
@@ -31,6 +30,35 @@ _FIRST = 12
 
 _PROMISING = 2.0
 """Reduced chi-square at that moment."""
+
+
+class Budget:
+    """Counts the evaluations of every run that it watches, and ends the comparison with other starts.
+
+    Once they are spent a run takes a single step, so that the best so far stands.
+    """
+
+    def __init__(self, effort: Effort):
+        self.effort, self.spent, self.refused = effort, 0, 0
+
+    def counted(self, run: FitMethod) -> FitMethod:
+        """`run`, as long as evaluations are left."""
+
+        def limited(problem: Problem, starts: Values, report: Progress, limit: int = self.effort.iterations) -> Fit:
+            if self.spent >= self.effort.evaluations:
+                self.refused += 1
+                return run(problem, starts, quiet, 1)
+            fit = run(problem, starts, report, limit)
+            self.spent += fit.evaluations
+            return fit
+
+        return limited
+
+    @property
+    def word(self) -> str:
+        """What a user reads where runs were refused."""
+        told = f"; after {self.spent} evaluations no other start was fitted"
+        return told + self.effort.advice
 
 
 def best_fit(
