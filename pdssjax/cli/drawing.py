@@ -21,6 +21,7 @@ if TYPE_CHECKING:
         starts: int
         executor: Executor
         effort: str
+        check_with: str
 
 
 DRAWN = "bootstrap", "posterior"
@@ -64,7 +65,7 @@ def check_drawing(options: argparse.Namespace) -> None:
 
 
 def more_of(options: argparse.Namespace, intervals: "Intervals", folder: Path, resume: bool) -> "More":
-    """What is drawn and kept in `folder`, how many starts are compared, on all cores, and the effort.
+    """What is drawn and kept in `folder`, how many starts are compared, on all cores, the effort and the check.
 
     **Arguments:** whether to `resume` what `folder` holds.
 
@@ -88,4 +89,6 @@ def more_of(options: argparse.Namespace, intervals: "Intervals", folder: Path, r
         more["executor"] = ThreadPoolExecutor(os.cpu_count())
     if options.effort != "usual":
         more["effort"] = options.effort
+    if options.check_with:
+        more["check_with"] = options.check_with
     return more

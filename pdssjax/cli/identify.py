@@ -10,7 +10,7 @@ from ..core import MOST_STARTS, InputError, members
 from ..files import EXAMPLE
 from .console import progress, say
 from .drawing import DRAWN, add_drawing, check_drawing, more_of
-from .numbers import add_solver, with_solver
+from .numbers import add_check, add_solver, with_solver
 from .option_values import whole
 from .results import NOT_WRITTEN, add_out, keep_results, reserved
 
@@ -220,5 +220,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     text = "fit from N more starts, spread over their ranges, on all cores, and compare where they end"
     parser.add_argument("--starts", type=whole(0, MOST_STARTS), default=0, metavar="N", help=text)
     add_solver(parser)
+    add_check(parser)
     add_drawing(parser)
     add_out(parser)

@@ -25,6 +25,11 @@ def add_solver(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--solver", choices=SOLVERS, help=text)
 
 
+def add_check(parser: argparse.ArgumentParser) -> None:
+    text = "fit again from the optimum by this integrator, and report what every parameter differs by"
+    parser.add_argument("--check-with", choices=SOLVERS, metavar="SOLVER", help=text)
+
+
 def with_solver(study: "Study", options: argparse.Namespace) -> "Study":
     """`study`, integrated by the solver of `--solver` if there is one."""
     return study if options.solver is None else dataclasses.replace(study, solver=options.solver)

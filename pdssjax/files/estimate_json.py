@@ -192,6 +192,8 @@ def estimate_document(estimate: Estimate) -> Document:
         "method": estimate.method,
         "loss": estimate.loss,
         "effort": estimate.effort,
+        "solver": estimate.solver,
+        "minimiser": estimate.minimiser,
         "converged": estimate.converged,
         "explained": estimate.explained,
         "message": estimate.message,
@@ -215,7 +217,7 @@ def estimate_document(estimate: Estimate) -> Document:
         "statistics": vars(estimate.statistics),
         "notes": estimate.notes,
         "seconds": estimate.seconds,
-    }
+    } | ({} if estimate.check is None else {"check": vars(estimate.check)})
 
 
 def _draws_document(draws: Draws | None) -> Document | None:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from concurrent.futures import Executor
 from typing import Literal, NamedTuple, TypeAlias, get_args
 
+import equinox as eqx
 import numpy as np
 
 from ..core import (
@@ -23,10 +24,11 @@ from ..core import (
     told_in_notebook,
 )
 from ..integration import Accuracy, accuracy_with
-from ..study import Estimate, Study, Values
+from ..study import OWN_MINIMISER, Estimate, Study, Values
 from .draws import Drawing
 from .effort import Effort, effort_of
 from .estimated_noise import with_noise
+from .integrator_check import check_accuracy, with_check
 from .kept_fit import Found, as_asked, kept, restored
 from .least_squares import MAX_ITERATIONS, Fit, FitMethod, Method, Progress, evaluated, joint, quiet
 from .losses.base import AbstractLoss
@@ -80,6 +82,7 @@ def identify(
     accuracy: Accuracy | None = None,
     solver: Given = None,
     minimiser: Minimiser | None = None,
+    check_with: Given = None,
 ) -> Estimate:
     """The free parameters of a study from its records with role "fit", with uncertainties.
 
@@ -98,6 +101,7 @@ def identify(
     where they are spawned, not forked.  `progress` takes lines of text; left out, notebooks show a bar.
     `solver`, a name of `pdssjax.integration.SOLVERS` or a solver of diffrax, integrates in place of the study's, and
     `minimiser`, such as `optimistix.Dogleg(rtol=1e-8, atol=1e-8)`, minimises in place of the package's own.
+    `check_with`, given like `solver`, fits again from the optimum by that integrator (`Estimate.check`).
 
     **Raises:** `InputError` if there is nothing to fit, or for "peaks" no record to pick them from.  A fit that does
     not converge is returned all the same, with `converged` False and the reason in `message`.  `FitInterrupted`, a
@@ -108,30 +112,15 @@ def identify(
     begun = time.perf_counter()
     _check_arguments(study, drawing, executor, accuracy, starts)
     _check_way(study, method, intervals, executor)
-    how_long = effort_of(effort)
+    fineness, report = _fineness(study, accuracy, solver), progress or told_in_notebook() or quiet
+    referee = check_accuracy(check_with, fineness)
     stack = pick_peaks(study) if method == "peaks" else None
     fitted = with_stack_held(study, stack.values) if stack else study
-    run, report = _way(method, minimiser), progress or told_in_notebook() or quiet
-    settings = drawing or Drawing(), starts, executor, _fineness(study, accuracy, solver)
-    excused = functools.partial(due_to_stack, study, stack, settings[-1]) if stack else None
-    request = _Request(
-        fitted, method, run, _loss(loss, method, intervals), intervals, *settings, report, excused, how_long
-    )
-    best, done = BestPoint(), None
-    try:
-        found = _found(request, best)
-        done = Point(found.fit, found.problem, found.starts, 2)
-        estimate = _summarised(study, method, done, begun, report, stack)
-        estimate = dataclasses.replace(estimate, multistart=found.multistart, effort=effort)
-        estimate = _with_intervals(estimate, found, request)
-        estimate = dataclasses.replace(estimate, seconds=time.perf_counter() - begun)
-    except KeyboardInterrupt as interrupt:
-        point = done or best.point
-        so_far = _summarised(study, method, point, begun, report, stack, briefly=not done) if point else None
-        raise FitInterrupted(so_far) from interrupt
-    finally:
-        clear_bar(report)
-    return estimate
+    excused = functools.partial(due_to_stack, study, stack, fineness) if stack else None
+    settings = drawing or Drawing(), starts, executor, fineness, minimiser, referee
+    run, how = _way(method, minimiser), _loss(loss, method, intervals)
+    request = _Request(fitted, method, run, how, intervals, *settings, report, excused, effort_of(effort))
+    return _estimated(study, request, stack, begun)
 
 
 class _Request(NamedTuple):
@@ -147,10 +136,35 @@ class _Request(NamedTuple):
     starts: int
     executor: Executor | None
     accuracy: Accuracy
+    minimiser: Minimiser | None
+    """In place of the package's own."""
+    referee: Accuracy | None
+    """How to integrate the fit that checks this one, if one is asked for."""
     report: Progress
     excused: Callable[[Fit, Problem], bool] | None
     """Whether what a poor fit leaves is due to the stack held in it."""
     effort: Effort
+
+
+def _estimated(study: Study, request: _Request, stack: PickedStack | None, begun: float) -> Estimate:
+    """The estimate that is asked for; **raises** `FitInterrupted` with the best so far where it is broken off."""
+    best, done, estimate = BestPoint(), None, None
+    try:
+        found = _found(request, best)
+        done = Point(found.fit, found.problem, found.starts, 2)
+        estimate = _summarised(study, request, done, begun, stack)
+        estimate = dataclasses.replace(estimate, multistart=found.multistart, effort=request.effort.name)
+        estimate = _with_intervals(estimate, found, request)
+        estimate = _checked(estimate, found, request)
+        estimate = dataclasses.replace(estimate, seconds=time.perf_counter() - begun)
+    except KeyboardInterrupt as interrupt:
+        point = done or best.point
+        if estimate is None and point is not None:
+            estimate = _summarised(study, request, point, begun, stack, briefly=not done)
+        raise FitInterrupted(estimate) from interrupt
+    finally:
+        clear_bar(request.report)
+    return estimate
 
 
 def _found(request: _Request, best: BestPoint) -> Found:
@@ -238,24 +252,30 @@ def _loss(name: str, method: str, intervals: str) -> AbstractLoss:
     return loss
 
 
+def _checked(estimate: Estimate, found: Found, request: _Request) -> Estimate:
+    """`estimate` with what a fit by another integrator differs by, where one is asked for."""
+    if request.referee is None:
+        return estimate
+    second = eqx.tree_at(lambda problem: problem.residual.accuracy, found.problem, request.referee)
+    second = second._replace(minimiser=request.minimiser)
+    return with_check(estimate, found.fit, second, request.method, request.report)
+
+
 def _summarised(
-    study: Study,
-    method: Method,
-    point: Point,
-    begun: float,
-    report: Progress,
-    stack: PickedStack | None,
-    briefly: bool = False,
+    study: Study, request: _Request, point: Point, begun: float, stack: PickedStack | None, briefly: bool = False
 ) -> Estimate:
+    """The estimate at a `point`, by the whole `study`, of a fit that began at the time `begun` [s]."""
+    report = request.report
     # Who ends a process with a signal may kill it soon after: no second derivatives then, which take long.
     report("predicting every record")
     point = point._replace(fit=completed(point, report), covers=2)
     if stack is not None:
         point = rejoined(study, point, point.problem.residual.accuracy, report)
-    estimate = summarise(study, method, point.problem, point.fit, point.starts, stack)
+    estimate = summarise(study, request.method, point.problem, point.fit, point.starts, stack)
     if stack is None and not point.problem.residual.loss.is_robust and not briefly:
         estimate = with_error_models(estimate, point.problem, point.fit, report)
-    return dataclasses.replace(estimate, seconds=time.perf_counter() - begun)
+    minimiser = OWN_MINIMISER if request.minimiser is None else type(request.minimiser).__name__
+    return dataclasses.replace(estimate, minimiser=minimiser, seconds=time.perf_counter() - begun)
 
 
 _METHODS: dict[str, tuple[str, ...]] = {

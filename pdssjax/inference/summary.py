@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ..integration import solver_name
 from ..study import Estimate, FittedParameter, FittedRecord, Parameter, Study, compare, failure_cause
 from .covariance import Covariance, correlation
 from .diagnostics.diagnose import diagnose
@@ -86,6 +87,7 @@ def summarise(
         explained=explained,
         loss=type(loss).__name__.lower(),
         actuator=study.models.chosen,
+        solver=solver_name(problem.residual.accuracy.method),
     )
     facts = ErrorFacts(known.null, weakly_determined, factor, stack is not None, loss.is_robust, missed, mixed)
     return dataclasses.replace(estimate, notes=notes_of(estimate, study, fit, free, facts))
@@ -114,15 +116,22 @@ def _verdict(
     not predicted by it.
     """
     if fit.message == START_FAILED:
-        residual = problem.residual
-        cause = failure_cause(residual.predictor, problem.records, {**residual.fixed, **values}, residual.accuracy)
-        return False, f"{START_FAILED}: {cause or 'its residuals are not finite'}"
+        return False, how_it_ended(problem, fit, values)
     explained = not (unexplained or leaves_more_than_noise(fit, problem))
     if stack is None or explained or not np.isfinite(fit.chi2):
         return explained, fit.message
     if leaves_more_than_noise(*with_stack_freed(fit, problem, stack)):
         return False, fit.message
     return True, f"{fit.message}; the stack as it was read off peaks does not follow its records"
+
+
+def how_it_ended(problem: Problem, fit: Fit, values: Mapping[str, float]) -> str:
+    """How a fit ended, in a sentence; where it could not start at `values` [SI], with what fails there."""
+    if fit.message != START_FAILED:
+        return fit.message
+    residual = problem.residual
+    cause = failure_cause(residual.predictor, problem.records, {**residual.fixed, **values}, residual.accuracy)
+    return f"{START_FAILED}: {cause or 'its residuals are not finite'}"
 
 
 def _with_told(

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
         SOLVERS as SOLVERS,
         TAYLOR as TAYLOR,
         accuracy_with as accuracy_with,
+        solver_name as solver_name,
         step_method as step_method,
     )
     from .steady_cycle import PERIODS as PERIODS, Cycles as Cycles, integrate_cycles as integrate_cycles

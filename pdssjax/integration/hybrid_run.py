@@ -16,10 +16,12 @@ from .accuracy import Accuracy
 from .flattened_system import FlattenedSystem, Layout
 from .hybrid_system import HybridSystem, Mode
 from .polynomials import horner
+from .restart import Restarted, flat as components
 from .solution import SteppedRun, integrate_steps, states_at
 from .step_methods.base import AbstractStepMethod
 from .step_methods.picard import Picard
 from .step_methods.taylor import Taylor
+from .system import AbstractHybridSystem, unflattener
 
 RESULTS = (
     "",
@@ -78,10 +80,10 @@ class Solution(NamedTuple):
 
 
 def integrate(
-    system: HybridSystem,
+    system: HybridSystem | AbstractHybridSystem,
     t0: ScalarLike,
     t1: ScalarLike,
-    y0: Tree,
+    y0: Tree = None,
     args: Tree = None,
     *,
     saveat: Float[ArrayLike, " times"] | None = None,
@@ -100,7 +102,9 @@ def integrate(
 
     **Arguments:**
 
-    - `system`: what moves
+    - `system`: what moves; or an `AbstractHybridSystem`, the integrator's own interface, of which the package's own
+      systems are (`pdssjax.simulation.StickSlip(actuator, drive)`): it knows its start (`y0` may be left out), its
+      arguments, modes and scale, `t0` is 0 s, and a step may be wrong by `atol`, a displacement [m]
     - `t0`, `t1`: begin and end, `t1` after `t0`
     - `y0`: state at `t0`, a pytree of floating-point arrays of any shape
     - `args`: handed to the methods of `system`, a pytree
@@ -119,10 +123,44 @@ def integrate(
     require_float64("integrate")
     t0, t1 = jnp.asarray(t0, float), jnp.asarray(t1, float)
     ts = t1[None] if saveat is None else jnp.asarray(saveat, float)
-    flat = _flattened(system, t0, t1, y0, args, mode, (rtol, atol), isinstance(method, Taylor))
-    _check_times(t0, t1, ts)
-    solution = _solved(flat, ts, Accuracy(1.0, 1.0, method, max_steps), max_events)
+    if isinstance(system, AbstractHybridSystem):
+        _check_own(t0, args, mode, atol)
+        _check_times(t0, t1, ts)
+        begun = Restarted(system, components(system.initial() if y0 is None else y0), 0.0)
+        solution = _of_own(begun, t1, ts, Accuracy(atol, 3.0 * atol, method, max_steps), max_events)
+    else:
+        flattened = _flattened(system, t0, t1, y0, args, mode, (rtol, atol), isinstance(method, Taylor))
+        _check_times(t0, t1, ts)
+        solution = _solved(flattened, ts, Accuracy(1.0, 1.0, method, max_steps), max_events)
     return _thrown(solution) if throw else solution
+
+
+def _check_own(t0: Array, args: Tree, mode: Mode, atol: Tree) -> None:
+    """**Raises** `InputError` for what an `AbstractHybridSystem` knows itself."""
+    if isinstance(t0, jax.core.Tracer) or (t0.ndim == 0 and t0 != 0.0):  # pyright: ignore[reportAttributeAccessIssue]
+        raise InputError(
+            f"integrate: found `t0` = {t0}, expected 0 for an AbstractHybridSystem: its input begins there."
+        )
+    known = {"args": args is not None, "mode": not (isinstance(mode, int) and mode == 0), "atol": np.ndim(atol) > 0}
+    if wrong := [name for name, is_wrong in known.items() if is_wrong]:
+        raise InputError(
+            f"integrate: found `{wrong[0]}` for an AbstractHybridSystem, expected none: it knows its arguments and "
+            "modes, and `atol` is one number, a displacement [m]."
+        )
+
+
+@eqx.filter_jit
+def _of_own(
+    system: AbstractHybridSystem, t1: Scalar, ts: Float[Array, " times"], accuracy: Accuracy, max_events: int
+) -> Solution:
+    """The solution of a system that has the integrator's own interface, from 0 s on."""
+    run = _finite(integrate_steps(system, t1, accuracy))
+    seen = states_at(system, run, ts)
+    reached = ts <= jnp.where(run.failure > 0, run.end.time, t1)
+    ys = jax.tree.map(lambda leaf: jnp.where(reached, leaf, jnp.nan), seen.x)
+    modes = jnp.where(reached, seen.mode.astype(int), -1)
+    split = jax.vmap(unflattener(system))
+    return Solution(ts, ys, modes, _events(run, 0.0, 1.0, split, max_events), _stats(run), run.failure)
 
 
 def _flattened(
@@ -165,9 +203,7 @@ def _flattened(
 
 @eqx.filter_jit
 def _solved(flat: FlattenedSystem, ts: Float[Array, " times"], accuracy: Accuracy, max_events: int) -> Solution:
-    run = integrate_steps(flat, 1.0, accuracy)
-    # What is not finite at the end would spoil what was reached before.
-    run = run._replace(end=run.end._replace(x=jnp.where(jnp.isfinite(run.end.x), run.end.x, 0.0)))
+    run = _finite(integrate_steps(flat, 1.0, accuracy))
     parts = (ts - flat.t0) / flat.span
     seen = states_at(flat, run, parts)
     stopped = jnp.where(run.failure > 0, run.end.time, 1.0 + 1e-12)
@@ -176,12 +212,27 @@ def _solved(flat: FlattenedSystem, ts: Float[Array, " times"], accuracy: Accurac
     modes = jnp.where(reached, flat.modes_of(seen.mode), -1)
     result = jnp.where((run.failure != 2) & _has_negative_guard(flat, run), 3, run.failure)
     result = jnp.where(flat.span > 0.0, result, 4)
-    stats = {"steps": run.count, "rejected": run.rejected, "events": run.events}
-    return Solution(ts, ys, modes, _events(flat, run, max_events), stats, result)
+    events = _events(run, flat.t0, flat.span, flat.layout.split, max_events)
+    return Solution(ts, ys, modes, events, _stats(run), result)
 
 
-def _events(flat: FlattenedSystem, run: SteppedRun, most: int) -> Events:
-    """The first events of a run, at most so many."""
+def _finite(run: SteppedRun) -> SteppedRun:
+    """The run with a finite end: what is not would spoil what was reached before."""
+    return run._replace(end=run.end._replace(x=jnp.where(jnp.isfinite(run.end.x), run.end.x, 0.0)))
+
+
+def _stats(run: SteppedRun) -> dict[str, Count]:
+    return {"steps": run.count, "rejected": run.rejected, "events": run.events}
+
+
+def _events(
+    run: SteppedRun,
+    t0: ScalarLike,
+    span: ScalarLike,
+    split: Callable[[Float[Array, "events components"]], Tree],
+    most: int,
+) -> Events:
+    """The first events of a run, at most so many; its clock began at `t0`, and its unit is `span`."""
     steps, end = run.steps, run.end
     ended = _real(run) & steps.event
     rows = jnp.nonzero(ended, size=most, fill_value=0)[0]
@@ -192,8 +243,8 @@ def _events(flat: FlattenedSystem, run: SteppedRun, most: int) -> Events:
     times = jnp.where(last, end.time, begins[following])
     after = jnp.where(last[:, None], end.x, steps.x[following])
     before = _along(steps.polynomials[rows], times - begins[rows])
-    shown = lambda x: flat.layout.split(jnp.where(listed[:, None], x, jnp.nan))
-    ts = jnp.where(listed, flat.t0 + flat.span * times, jnp.nan)
+    shown = lambda x: split(jnp.where(listed[:, None], x, jnp.nan))
+    ts = jnp.where(listed, t0 + span * times, jnp.nan)
     return Events(ts, jnp.where(listed, steps.which[rows], -1), shown(before), shown(after), run.events)
 
 

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..core import Scalar
+from ..core import Scalar, require_float64
 from .system import AbstractHybridSystem, initial_state_and_mode
 
 Scalars = TypeVar("Scalars")
@@ -37,7 +37,8 @@ class LoopState(NamedTuple):
 
 
 def initial_loop_state(system: AbstractHybridSystem) -> LoopState:
-    """Before the first step."""
+    """Before the first step of any run; **raises** `InputError` in single precision."""
+    require_float64("pdssjax.integration")
     zero = jnp.zeros(())
     first, mode = initial_state_and_mode(system)
     leaves = tuple(jax.tree.leaves(first))

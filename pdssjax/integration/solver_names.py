@@ -58,6 +58,13 @@ def step_method(solver: "Given") -> "AbstractStepMethod":
     )
 
 
+def solver_name(method: "AbstractStepMethod") -> str:
+    """The name of a step method, as in `SOLVERS` where it is one of those: `step_method` the other way round."""
+    from .step_methods.diffrax_solver import OneStep
+
+    return type(method.solver if isinstance(method, OneStep) else method).__name__.lower()
+
+
 def accuracy_with(solver: "Given") -> "Accuracy":
     """The default accuracy by another integrator, with room for the steps that it needs.
 

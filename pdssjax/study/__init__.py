@@ -14,6 +14,7 @@ if TYPE_CHECKING:
         repeated_residuals as repeated_residuals,
     )
     from .estimate import (
+        OWN_MINIMISER as OWN_MINIMISER,
         UNSEEN as UNSEEN,
         Amplification as Amplification,
         ErrorAdvice as ErrorAdvice,
@@ -24,10 +25,12 @@ if TYPE_CHECKING:
         Statistics as Statistics,
     )
     from .findings import (
+        VISIBLE as VISIBLE,
         Agreement as Agreement,
         Combination as Combination,
         Diagnosis as Diagnosis,
         Draws as Draws,
+        IntegratorCheck as IntegratorCheck,
         Multistart as Multistart,
         ParameterDraws as ParameterDraws,
         Profile as Profile,

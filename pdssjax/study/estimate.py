@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from ..core import Figure, decimals_for, display_unit, equal_by_value, presenter, rounded
 from .comparison import FittedRecord
-from .findings import Diagnosis, Draws, Multistart, Profile
+from .findings import Diagnosis, Draws, IntegratorCheck, Multistart, Profile
 
 if TYPE_CHECKING:
     import pandas
@@ -175,6 +175,10 @@ class Amplification:
         return self.later[i], self.earlier[j], float(self.matrix[i, j])
 
 
+OWN_MINIMISER = "BoundedLevenbergMarquardt"
+"""The package's own, which minimises where nothing else is asked for."""
+
+
 @equal_by_value
 @dataclass(frozen=True)
 class Estimate:
@@ -225,6 +229,12 @@ class Estimate:
     """By error model as in `errors`, in the product of the SI units, in the order of `names`."""
     actuator: Mapping[str, str | bool] = field(default_factory=dict)
     """What was fitted, as [actuator] of the study's file has it; empty where nothing is known of it."""
+    solver: str = "taylor"
+    """Name of the integrator, of `pdssjax.integration.SOLVERS` where it is one of those."""
+    minimiser: str = OWN_MINIMISER
+    """Name of the class of the solver that looked for the minimum."""
+    check: IntegratorCheck | None = None
+    """How far a fit by another integrator ends from here; None where none was asked for."""
 
     @property
     def success(self) -> bool:

@@ -1,5 +1,6 @@
-"""What an identification finds beside its numbers: diagnosis, profiles, draws, and where many starts ended."""
+"""What an identification finds beside its numbers: diagnosis, profiles, draws, where many starts and another integrator ended."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -7,6 +8,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Num
 
 from ..core import equal_by_value
+
+VISIBLE = 0.1
+"""Standard errors by which a parameter has to differ to be worth a note."""
 
 
 @dataclass(frozen=True)
@@ -157,3 +161,33 @@ class Multistart:
     def distinct(self) -> int:
         """How many optima were found."""
         return int(np.max(self.optimum, initial=-1)) + 1
+
+
+@dataclass(frozen=True)
+class IntegratorCheck:
+    """A second fit, by another integrator, from where the first one ended."""
+
+    solver: str
+    """Name of that integrator, such as "kvaerno5"."""
+    differences: Mapping[str, float]
+    """By path of a free parameter, what the second fit found less what the first one did, in standard errors; NaN where
+    the parameter has no standard error, or where the second fit could not start."""
+    converged: bool
+    """Whether the second fit did."""
+    message: str
+    """One sentence on how the second fit ended."""
+
+    @property
+    def largest(self) -> tuple[str, float] | None:
+        """Path and difference of the parameter that differs most; None where no difference is known."""
+        known = {path: number for path, number in self.differences.items() if number == number}
+        return max(known.items(), key=lambda entry: abs(entry[1])) if known else None
+
+    @property
+    def sentence(self) -> str:
+        """The result in one line."""
+        if self.largest is None:
+            return f"by {self.solver}: no difference is known: {self.message}"
+        path, number = self.largest
+        ended = "" if self.converged else f"; that fit did not converge: {self.message}"
+        return f"by {self.solver}: no parameter differs by more than {abs(number):.2g} standard errors ({path}){ended}"

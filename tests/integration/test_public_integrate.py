@@ -124,28 +124,6 @@ def test_a_ball_bounces_as_the_law_of_free_fall_has_it_in_any_units(length, time
             np.testing.assert_allclose(found, closed, rtol=1e-8, atol=1e-8)
 
 
-def test_a_heater_switches_at_its_levels_in_every_lane():
-    """Between events the temperature is an exponential, so that its periods are known."""
-
-    def switched(loss, power):
-        args = {"loss": loss, "power": power, "levels": (18.0, 22.0)}
-        solution = integrate(Room(), 0.0, 10.0, 20.0, args, mode=1, max_steps=FEW, max_events=4, throw=False)
-        return solution.events.ts, solution.modes[-1]
-
-    def closed(loss, power):
-        level = power / loss
-        first = jnp.log((level - 20.0) / (level - 22.0)) / loss
-        down, up = jnp.log(22.0 / 18.0) / loss, jnp.log((level - 18.0) / (level - 22.0)) / loss
-        return first + jnp.stack([0.0 * down, down, down + up, 2 * down + up])
-
-    lanes = jnp.array([0.2, 0.25]), jnp.array([8.0, 9.0])
-    both = lambda loss, power: (switched(loss, power), jax.jacrev(lambda lost: switched(lost, power)[0])(loss))
-    (times, modes), slopes = jax.jit(jax.vmap(both))(*lanes)
-    np.testing.assert_allclose(times, jax.vmap(closed)(*lanes), rtol=0.0, atol=1e-9)
-    np.testing.assert_allclose(slopes, jax.vmap(jax.jacfwd(closed))(*lanes), rtol=1e-7)
-    assert set(np.asarray(modes).tolist()) <= {0, 1}
-
-
 def scipy_oscillator(force, wall, restitution, times):
     """The pendulum with SciPy, from event to event."""
     field = lambda t, y: [y[1], -np.sin(y[0]) - 0.1 * y[1] + force * np.cos(1.3 * t)]
@@ -165,39 +143,171 @@ def scipy_oscillator(force, wall, restitution, times):
         struck.append(t)
 
 
-def test_a_pendulum_strikes_a_wall_as_scipy_has_it():
-    times = np.linspace(0.0, 8.0, 25)
+class ImpactOscillator(HybridSystem):
+    """A mass on a spring beside a wall that it hits, touches or misses."""
 
-    def motion(p):
-        solution = integrate(
-            Oscillator(p[2]), 0.0, 8.0, jnp.array([0.1, 0.0]), {"force": p[0], "wall": p[1]}, saveat=times
-        )
-        return solution.ys, solution.events.ts[:2]
+    def vector_field(self, t, y, args, mode):
+        return y[1], -y[0]
 
-    parameters = np.array([0.9, 0.4, 0.8])
-    values, struck = scipy_oscillator(*parameters, times)
-    assert len(struck) >= 2
-    slopes, (found, at) = with_slopes(motion)(parameters)
-    np.testing.assert_allclose(found, values.T, rtol=0.0, atol=1e-9)
-    np.testing.assert_allclose(at, struck[:2], rtol=0.0, atol=1e-9)
-    for i in range(3):
-        step = 1e-4 * np.eye(3)[i]
-        two, one = ((scipy_oscillator(*(parameters + k * step), times)[0]) for k in (2, 1))
-        back, further = ((scipy_oscillator(*(parameters - k * step), times)[0]) for k in (1, 2))
-        difference = (8.0 * (one - back) - (two - further)) / (12.0 * 1e-4)
-        np.testing.assert_allclose(slopes[0][..., i], difference.T, rtol=0.0, atol=1e-7 * np.abs(difference).max())
+    def guards(self, t, y, args, mode):
+        return args["wall"] - y[0]
+
+    def after_event(self, t, y, args, mode, which):
+        return (args["wall"], -args["restitution"] * y[1]), mode
 
 
-def test_a_field_may_jump_at_a_corner_that_moves():
+class Block(HybridSystem):
+    """A block on a belt, held back by a spring: it sticks in mode 0 and slips in mode 1."""
+
+    def vector_field(self, t, y, args, mode):
+        pull = args["kinetic"] - args["stiffness"] * y["x"]
+        return {"x": y["v"], "v": jnp.where(mode == 1, pull / args["mass"], 0.0)}
+
+    def guards(self, t, y, args, mode):
+        return jnp.where(mode == 1, args["belt"] - y["v"][0], args["static"] - args["stiffness"] * y["x"][0])
+
+    def after_event(self, t, y, args, mode, which):
+        return {"x": y["x"], "v": args["belt"][None]}, 1 - mode
+
+
+def heater(p):
+    """Times of the first four events and the temperature at the end."""
+    args = {"loss": p[0], "power": p[1], "levels": (18.0, 22.0)}
+    run = integrate(Room(), 0.0, 10.0, 20.0, args, mode=1, max_steps=FEW, max_events=4, throw=False)
+    return jnp.append(run.events.ts, run.ys)
+
+
+def closed_heater(p):
+    """Between events the temperature is an exponential, so that its periods are known."""
+    level = p[1] / p[0]
+    first = jnp.log((level - 20.0) / (level - 22.0)) / p[0]
+    down, up = jnp.log(22.0 / 18.0) / p[0], jnp.log((level - 18.0) / (level - 22.0)) / p[0]
+    times = first + jnp.stack([0.0 * down, down, down + up, 2 * down + up, 2 * (down + up)])
+    number = int(np.searchsorted(np.asarray(jax.lax.stop_gradient(times)), 10.0))
+    since = 10.0 - times[number - 1]
+    cooling = 22.0 * jnp.exp(-p[0] * since)
+    heating = level - (level - 18.0) * jnp.exp(-p[0] * since)
+    return jnp.append(times[:4], cooling if number % 2 else heating)
+
+
+TIMES = np.linspace(0.0, 8.0, 25)
+
+
+def pendulum(p):
+    """States and the times of the first two strikes."""
+    args = {"force": p[0], "wall": p[1]}
+    run = integrate(Oscillator(p[2]), 0.0, 8.0, jnp.array([0.1, 0.0]), args, saveat=TIMES)
+    return jnp.append(run.ys.ravel(), run.events.ts[:2])
+
+
+def scipy_pendulum(p):
+    values, struck = scipy_oscillator(*np.asarray(p), TIMES)
+    return np.append(values.T.ravel(), struck[:2])
+
+
+def charge(p):
+    return integrate(Pulse(), 0.0, 1.5, 0.0, p[0], saveat=[0.5, 1.0, 1.5], max_steps=FEW).ys
+
+
+def closed_charge(p):
     times = jnp.array([0.5, 1.0, 1.5])
-    charge = lambda corner: integrate(Pulse(), 0.0, 1.5, 0.0, corner, saveat=times, max_steps=FEW).ys
-    corner = jnp.asarray(0.7)
-    slopes, values = with_slopes(charge)(corner)
-    closed = lambda corner: jnp.where(
-        times < corner, 1.0 - jnp.exp(-times), (1.0 - jnp.exp(-corner)) * jnp.exp(corner - times)
-    )
-    np.testing.assert_allclose(values, closed(corner), rtol=0.0, atol=1e-11)
-    np.testing.assert_allclose(slopes, jax.jacfwd(closed)(corner), rtol=1e-8, atol=1e-10)
+    return jnp.where(times < p[0], 1.0 - jnp.exp(-times), (1.0 - jnp.exp(-p[0])) * jnp.exp(p[0] - times))
+
+
+def impact(p):
+    """State after an impact and its time: of the speed at the start, the wall and the restitution."""
+    args = {"wall": p[1], "restitution": p[2]}
+    run = integrate(ImpactOscillator(), 0.0, 3.0, (0.0, p[0]), args, max_steps=FEW, max_events=1)
+    return jnp.stack([*(part[0] for part in run.ys), run.events.ts[0]])
+
+
+def closed_impact(p):
+    speed, wall, restitution = p
+    at, back = jnp.arcsin(wall / speed), restitution * jnp.sqrt(speed**2 - wall**2)
+    cosine, sine = jnp.cos(3.0 - at), jnp.sin(3.0 - at)
+    return jnp.stack([wall * cosine - back * sine, -wall * sine - back * cosine, at])
+
+
+def slips(p):
+    """Place at the end and the times of the first four events: of mass, stiffness, static and kinetic friction."""
+    args = dict(zip(("mass", "stiffness", "static", "kinetic"), p, strict=True)) | {"belt": jnp.asarray(0.5)}
+    start = {"x": jnp.zeros(1), "v": jnp.full(1, 0.5)}
+    run = integrate(Block(), 0.0, 12.0, start, args, max_steps=FEW, max_events=4)
+    return jnp.append(run.ys["x"].ravel(), run.events.ts)
+
+
+def closed_slips(p):
+    """Slipping it swings about kinetic/stiffness until it is as fast as the belt again, as far behind as ahead."""
+    mass, stiffness, static, kinetic = p
+    rate, ahead = jnp.sqrt(stiffness / mass), (static - kinetic) / stiffness
+    slip = (jnp.pi + 2.0 * jnp.arctan2(0.5 / rate, ahead)) / rate
+    stick = 2.0 * ahead / 0.5
+    first = static / stiffness / 0.5
+    times = jnp.stack([first, first + slip, first + slip + stick, first + 2.0 * slip + stick])
+    return jnp.append(kinetic / stiffness - ahead + 0.5 * (12.0 - times[3]), times)
+
+
+def fall(p):
+    run = integrate(BouncingBall(), 0.0, 1.5, (p[0], 0.0), {"gravity": p[1], "restitution": p[2]}, max_steps=FEW)
+    return jnp.append(jnp.stack(run.ys).ravel(), run.events.ts[:3])
+
+
+def closed_fall(p):
+    states, impacts = ball(p, jnp.array([1.5]))
+    return jnp.append(states.ravel(), impacts)
+
+
+SIX = {
+    "ball": (fall, closed_fall, [[0.8, 9.81, 0.7], [0.7, 9.7, 0.75]]),
+    "heater": (heater, closed_heater, [[0.2, 8.0], [0.25, 9.0]]),
+    "impact oscillator": (impact, closed_impact, [[1.3, 1.0, 0.8], [1.01, 1.0, 0.9]]),
+    "block": (slips, closed_slips, [[1.0, 1.2, 1.5, 0.6], [0.9, 1.1, 1.4, 0.7]]),
+    "switched charge": (charge, closed_charge, [[0.7], [1.2]]),
+    "pendulum": (pendulum, None, [[0.9, 0.4, 0.8], [0.95, 0.42, 0.7]]),
+}
+"""Of numbers alone: by the integrator, in closed form if there is one, and two lanes of the numbers."""
+
+
+def differences(function, p):
+    """Central differences of fourth order, shape (values, numbers)."""
+    columns = []
+    for step in 1e-4 * np.eye(len(p)):
+        two, one, back, further = (function(p + k * step) for k in (2, 1, -1, -2))
+        columns.append((8.0 * (one - back) - (two - further)) / (12.0 * 1e-4))
+    return np.stack(columns, axis=-1)
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.slow) for name in SIX])
+def test_a_system_has_right_values_and_derivatives_both_ways_in_every_lane(name):
+    found, closed, lanes = SIX[name]
+    lanes = np.array(lanes)
+
+    @jax.jit
+    @jax.vmap
+    def run(p):
+        forward, values = jax.jacfwd(lambda p: (found(p),) * 2, has_aux=True)(p)
+        return values, forward, jax.jacrev(found)(p)
+
+    for p, values, *slopes in zip(lanes, *map(np.asarray, run(lanes)), strict=True):
+        expected = scipy_pendulum(p) if closed is None else closed(p)
+        by = differences(scipy_pendulum, p) if closed is None else jax.jacfwd(closed)(p)
+        assert np.isfinite(expected).all()
+        np.testing.assert_allclose(values, expected, rtol=0.0, atol=1e-9)
+        for slope in slopes:
+            np.testing.assert_allclose(slope, by, rtol=0.0, atol=1e-7 * max(1.0, np.abs(by).max()))
+
+
+def test_towards_grazing_values_stay_right_and_the_derivative_grows_without_bound():
+    """Of the speed at the start: below the wall nothing happens, just above it the slope is -1.78 over a root."""
+    place = lambda speed: impact(jnp.array([speed, 1.0, 0.8]))[0]
+    speeds = jnp.array([0.99, 1.0 + 1e-8, 1.0001, 1.1])
+    values, slopes = jax.jit(jax.vmap(jax.value_and_grad(place)))(speeds)
+    closed = lambda speed: closed_impact(jnp.stack([speed, jnp.ones(()), 0.8 * jnp.ones(())]))[0]
+    np.testing.assert_allclose(values[0], 0.99 * np.sin(3.0), atol=1e-11)
+    np.testing.assert_allclose(slopes[0], np.sin(3.0), atol=1e-10)
+    np.testing.assert_allclose(values[1:], jax.vmap(closed)(speeds[1:]), atol=1e-8)
+    np.testing.assert_allclose(slopes[1:], jax.vmap(jax.grad(closed))(speeds[1:]), rtol=1e-4)
+    assert slopes[1] < -1e4
 
 
 def test_a_taylor_series_gives_what_the_solver_does():
@@ -245,11 +355,6 @@ def test_what_cannot_be_integrated_is_refused(change, message):
     given = {"system": BouncingBall(), "t0": 0.0, "t1": 1.0, "y0": (0.8, 0.0), "args": {"gravity": 9.81}}
     with pytest.raises(InputError, match=message):
         integrate(**(given | change))
-
-
-def test_single_precision_is_refused(monkeypatch):
-    with jax.enable_x64(False), pytest.raises(InputError, match="in double"):
-        integrate(BouncingBall(), 0.0, 1.0, (0.8, 0.0))
 
 
 def test_a_polynomial_through_a_guard_is_right_to_rounding():

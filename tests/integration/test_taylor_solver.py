@@ -31,14 +31,14 @@ def test_van_der_pol_takes_a_fifth_of_the_steps_of_dopri8_and_agrees_with_scipy_
     beside = solve_ivp(field, (0.0, 20.0), [2.0, 0.0], "DOP853", TIMES, rtol=3e-14, atol=1e-14)
     np.testing.assert_allclose(found.ys["x"], beside.y[0], atol=2e-10)
     np.testing.assert_allclose(found.ys["v"], beside.y[1], atol=1e-9)
-    # Dopri8 takes 503 and Tsit5 2911.
-    assert int(found.stats["num_accepted_steps"]) <= 115
+    # 99 accepted and 130 in all when this was written.
+    assert int(found.stats["num_accepted_steps"]) <= 105
     assert int(found.stats["num_steps"]) <= 150
 
 
 @pytest.mark.slow
-def test_dopri8_needs_four_times_the_steps():
-    assert int(solved(diffrax.Dopri8()).stats["num_steps"]) > 450
+def test_dopri8_accepts_five_times_the_steps():
+    assert int(solved(diffrax.Dopri8()).stats["num_accepted_steps"]) == pytest.approx(503, abs=5)
 
 
 def test_the_coefficients_are_those_of_the_solution():
@@ -60,3 +60,5 @@ def test_what_is_no_order_and_no_real_state_is_refused():
         TaylorSolver(1)
     with pytest.raises(InputError, match="y0: found an array of complex128, expected real"):
         TaylorSolver().init(None, 0.0, 1.0, jnp.ones(2) + 1j, None)
+    with pytest.raises(InputError, match="y0: found an array of float32, expected real arrays of float64"):
+        TaylorSolver().init(None, 0.0, 1.0, {"x": jnp.ones(2, jnp.float32)}, None)

@@ -107,8 +107,3 @@ def test_gradients_are_right_in_every_leaf(name):
 def test_wrong_arguments_are_refused_by_name(call, says):
     with pytest.raises(pdssjax.InputError, match=says):
         call()
-
-
-def test_single_precision_is_refused():
-    with jax.enable_x64(False), pytest.raises(pdssjax.InputError, match="simulate: found JAX in single precision"):
-        pdssjax.simulate(rig(), drive(), TIMES)

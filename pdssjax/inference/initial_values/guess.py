@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ...core import InputError, check_kind
+from ...core import InputError, check_kind, require_float64
 from ...study import Study
 from .search import rank_starts
 
@@ -14,8 +14,10 @@ def initial_guess(study: Study) -> dict[str, float]:
     unknown is searched for by trying plausible points against the records, which takes some
     seconds.  A guess is where a fit may begin, not an estimate: expect factors, not percents.
 
-    **Raises:** `InputError` where a guess is needed from records that are still to be made.
+    **Raises:** `InputError` where a guess is needed from records that are still to be made, and where JAX works in
+    single precision.
     """
+    require_float64("initial_guess")
     check_kind("study", study, Study, "load_study")
     missing = study.missing()
     unmade = [record.name for record in study.records if not np.any(record.measured)]

@@ -28,7 +28,7 @@ import optimistix as optx
 from jax import lax
 from jaxtyping import Array, Float
 
-from ...core import Count, Scalar, ScalarLike, Tree, Truth
+from ...core import Count, Scalar, ScalarLike, Tree, Truth, require_float64
 from .box_least_squares import triangle
 from .derivative_check import (
     AGREES,
@@ -118,6 +118,8 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Tree, Tree, Auxi
 
     The first step only evaluates the start, so that one compiled function does it all: proposed steps, the
     Jacobian, and the differences that it is compared with at the end.
+
+    **Raises:** `InputError` for bounds that are not like the point, and where JAX works in single precision.
     """
 
     rtol: float = 1e-8
@@ -148,6 +150,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Tree, Tree, Auxi
         aux_struct: Auxiliary,
         tags: frozenset[object],
     ) -> LMState:
+        require_float64("BoundedLevenbergMarquardt")
         flat_bounds(y, options)  # says at once what is wrong with them
         y, _ = flat_point(y)
         structs = jax.tree.leaves(f_struct)

@@ -9,7 +9,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ...core import decimals_for, display_unit, percent, rounded, strongest_pairs
+from ...integration import TAYLOR
 from ...study import (
+    OWN_MINIMISER,
     Amplification,
     Combination,
     Diagnosis,
@@ -77,6 +79,12 @@ def _statistics(estimate: Estimate) -> str:
         ("Akaike criterion", f"{statistics.aic:.6g}"),
         ("Bayesian criterion", f"{statistics.bic:.6g}"),
     ]
+    if estimate.solver != TAYLOR:
+        lines.append(("solver", estimate.solver))
+    if estimate.minimiser != OWN_MINIMISER:
+        lines.append(("minimiser", estimate.minimiser))
+    if estimate.check is not None:
+        lines.append(("check", estimate.check.sentence))
     return "".join(f"    {name:<19}= {text}\n" for name, text in lines)
 
 

@@ -1,0 +1,88 @@
+"""A fit once more by another integrator, from where the first one ended."""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float
+
+from ..core import Given, InputError
+from ..integration import SOLVERS, Accuracy, accuracy_with, solver_name
+from ..study import VISIBLE, Estimate, IntegratorCheck
+from .least_squares import Fit, Method, Progress, fit_phase
+from .problem import Problem
+from .solver.ending import Ending
+from .stack_first.sequential import sequential
+from .summary import how_it_ended
+
+
+def check_accuracy(check_with: Given, accuracy: Accuracy) -> Accuracy | None:
+    """How to integrate the second fit; None where `check_with` is None.
+
+    **Raises:** `InputError` for what is no solver, and for the one by which the fit itself integrates.
+    """
+    if check_with is None:
+        return None
+    try:
+        other = accuracy_with(check_with)
+    except InputError as error:
+        raise InputError(f"check_with: {error}") from None
+    used = solver_name(accuracy.method)
+    if solver_name(other.method) == used:
+        rest = ", ".join(name for name in SOLVERS if name != used)
+        raise InputError(f'check_with: found "{used}", by which the fit itself integrates; expected one of {rest}.')
+    return other
+
+
+def with_check(estimate: Estimate, fit: Fit, second: Problem, method: Method, report: Progress) -> Estimate:
+    """`estimate` with what a second fit, from where the first `fit` ended, differs by; large differences get a note.
+
+    **Arguments:** the `second` problem is the first one by another integrator, with the noise found by the first fit.
+    """
+    name = solver_name(second.residual.accuracy.method)
+    if not fit.success:
+        note = f"No check by {name}: the fit did not converge."
+        return dataclasses.replace(estimate, notes=(*estimate.notes, note))
+    report(f"fitting again by {name}")
+    again = _fitted_again(second, fit.free, method, report)
+    names = second.residual.transform
+    ends = [names.in_si(_end(run)) for run in (fit, again)]
+    errors = np.array([estimate.parameters[path].standard_error for path in names.paths])
+    away = np.where(errors > 0.0, ends[1] - ends[0], np.nan) / np.where(errors > 0.0, errors, 1.0)
+    away = away if np.isfinite(again.chi2) else np.full_like(away, np.nan)
+    values = {path: float(value) for path, value in second.decode(again.free).items()}
+    check = IntegratorCheck(
+        name,
+        {path: float(number) for path, number in zip(names.paths, away, strict=True)},
+        again.success,
+        how_it_ended(second, again, values),
+    )
+    return dataclasses.replace(estimate, check=check, notes=(*estimate.notes, *_notes(check)))
+
+
+def _fitted_again(problem: Problem, free: Float[np.ndarray, " p"], method: Method, report: Progress) -> Fit:
+    """The fit from the point `free`; a joint one without its first phase, which would lead away from there."""
+    tell: Progress = lambda told: report(f"check: {told}")
+    if method == "sequential":
+        return sequential(problem, problem.decode(free), tell)
+    return fit_phase(problem, free, np.ones(len(problem.records), bool), np.ones(free.size, bool), "all", tell)
+
+
+def _end(fit: Fit) -> Float[np.ndarray, " p"]:
+    """Where a fit points: where it ended, and the step that was too small to be taken.
+
+    A fit ends where that step is below a hundredth of a standard error; integrators agree to better than that.
+    """
+    if fit.ending != Ending.CONVERGED:
+        return fit.free
+    return fit.free + np.asarray(fit.state.proposed_step)
+
+
+def _notes(check: IntegratorCheck) -> list[str]:
+    """What the user must read of a check."""
+    if check.largest is None or not check.converged:
+        return [f"The check says little, {check.sentence}."]
+    if abs(check.largest[1]) <= VISIBLE:
+        return []
+    return [
+        f"Another integrator finds other numbers, {check.sentence}. One of the two is too coarse for these records."
+    ]
