@@ -1,5 +1,6 @@
 """Solve a hybrid system between two times: states, events and why it stopped, with right derivatives."""
 
+import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -121,23 +122,30 @@ def integrate(
     **Raises** `InputError` for what cannot be integrated, and `RuntimeError` as `throw` says.
     """
     require_float64("integrate")
+    own = isinstance(system, AbstractHybridSystem)
+    if own:
+        y0 = system.initial() if y0 is None else y0
+        _check_own(system, y0, t0, args, mode, atol)
     t0, t1 = jnp.asarray(t0, float), jnp.asarray(t1, float)
     ts = t1[None] if saveat is None else jnp.asarray(saveat, float)
-    if isinstance(system, AbstractHybridSystem):
-        _check_own(t0, args, mode, atol)
-        _check_times(t0, t1, ts)
-        begun = Restarted(system, components(system.initial() if y0 is None else y0), 0.0)
-        solution = _of_own(begun, t1, ts, Accuracy(atol, 3.0 * atol, method, max_steps), max_events)
+    if own:
+        moving: Any = Restarted(system, components(y0), 0.0)
+        fine, solve = jnp.asarray(atol, float), functools.partial(_solved_own, t1=t1)
+        accuracy = Accuracy(fine, 3.0 * fine, method, max_steps)  # pyright: ignore[reportArgumentType]
     else:
-        flattened = _flattened(system, t0, t1, y0, args, mode, (rtol, atol), isinstance(method, Taylor))
-        _check_times(t0, t1, ts)
-        solution = _solved(flattened, ts, Accuracy(1.0, 1.0, method, max_steps), max_events)
+        moving = _flattened(system, t0, t1, y0, args, mode, (rtol, atol), isinstance(method, Taylor))
+        accuracy, solve = Accuracy(1.0, 1.0, method, max_steps), _solved
+    _check_times(t0, t1, ts)
+    solution = solve(moving, ts, accuracy, max_events)
     return _thrown(solution) if throw else solution
 
 
-def _check_own(t0: Array, args: Tree, mode: Mode, atol: Tree) -> None:
-    """**Raises** `InputError` for what an `AbstractHybridSystem` knows itself."""
-    if isinstance(t0, jax.core.Tracer) or (t0.ndim == 0 and t0 != 0.0):  # pyright: ignore[reportAttributeAccessIssue]
+def _check_own(system: AbstractHybridSystem, y0: Tree, t0: ScalarLike, args: Tree, mode: Mode, atol: Tree) -> None:
+    """**Raises** `InputError` for what an `AbstractHybridSystem` knows itself, and for a state that is not like its."""
+    found, expected = jax.tree.structure(y0), jax.tree.structure(system.initial())
+    if found != expected:
+        raise InputError(f"integrate: found `y0` of the structure {found}, expected that of the system, {expected}.")
+    if isinstance(t0, jax.core.Tracer) or np.any(np.not_equal(t0, 0.0)):  # pyright: ignore[reportAttributeAccessIssue]
         raise InputError(
             f"integrate: found `t0` = {t0}, expected 0 for an AbstractHybridSystem: its input begins there."
         )
@@ -150,8 +158,8 @@ def _check_own(t0: Array, args: Tree, mode: Mode, atol: Tree) -> None:
 
 
 @eqx.filter_jit
-def _of_own(
-    system: AbstractHybridSystem, t1: Scalar, ts: Float[Array, " times"], accuracy: Accuracy, max_events: int
+def _solved_own(
+    system: AbstractHybridSystem, ts: Float[Array, " times"], accuracy: Accuracy, max_events: int, *, t1: Scalar
 ) -> Solution:
     """The solution of a system that has the integrator's own interface, from 0 s on."""
     run = _finite(integrate_steps(system, t1, accuracy))

@@ -47,6 +47,18 @@ def best_of_scipy(
     return min(found)
 
 
+def trf_within(residual: Callable, jacobian: Callable, start: np.ndarray, low: np.ndarray, high: np.ndarray):
+    """SciPy's result by "trf" from `start`, within bounds between which it lies; what has equal bounds is held."""
+    start = np.asarray(start)
+    free = np.flatnonzero(low < high)
+    whole = lambda x: _filled(start, free, x)
+    fun, jac = lambda x: np.asarray(residual(whole(x))), lambda x: np.asarray(jacobian(whole(x)))[:, free]
+    bounds = low[free], high[free]
+    return least_squares(
+        fun, start[free], jac, bounds, "trf", ftol=1e-15, xtol=1e-15, gtol=1e-15, x_scale="jac", max_nfev=2000
+    )
+
+
 def _filled(start, free, x):
     whole = np.array(start)
     whole[free] = x

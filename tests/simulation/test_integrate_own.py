@@ -42,6 +42,7 @@ def test_the_actuator_moves_as_simulate_has_it_and_its_events_move_with_the_mass
     ("change", "says"),
     [
         ({"t0": 1.0, "t1": 2.0}, "found `t0` = 1.0, expected 0 for an AbstractHybridSystem"),
+        ({"y0": (0.0, 0.0)}, "found `y0` of the structure .* expected that of the system"),
         ({"args": {}}, "found `args` for an AbstractHybridSystem"),
         ({"mode": 1}, "found `mode` for"),
         ({"atol": (1e-12, 1e-12)}, "found `atol` for .* a displacement"),

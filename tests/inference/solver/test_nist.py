@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 import pytest
-from beside_scipy import best_of_scipy
+from beside_scipy import best_of_scipy, trf_within
 from nist_strd import DATA, MODELS, regression, residual, starts
 
 from pdssjax import BoundedLevenbergMarquardt
@@ -28,10 +28,13 @@ def _solved(y, problem, options):
 
 def solve(name, start):
     """From a padded `start`; what is padded is held."""
-    problem = regression(name)
+    return _solved(jnp.asarray(start), regression(name), unbounded(name, start))
+
+
+def unbounded(name, start):
+    """Bounds that hold what is padded at `start`."""
     free = np.arange(start.size) < len(DATA[name]["certified"])
-    options = {"lower": np.where(free, -np.inf, start), "upper": np.where(free, np.inf, start)}
-    return _solved(jnp.asarray(start), problem, options)
+    return {"lower": np.where(free, -np.inf, start), "upper": np.where(free, np.inf, start)}
 
 
 @pytest.mark.parametrize("which", [0, 1], ids=["far", "near"])
@@ -60,3 +63,19 @@ def test_scipy_gets_no_lower_from_there(name):
     low, high = np.where(free, -np.inf, y), np.where(free, np.inf, y)
     best = best_of_scipy(lambda b: _RESIDUAL(b, problem), lambda b: _JACOBIAN(b, problem), y, low, high)
     assert float(np.sum(solution.stats["state"].residual ** 2)) <= 1.005 * best
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_bound_that_keeps_the_answer_out_leads_where_trf_does(name):
+    """Halfway between the near start and the certified value, in the first parameter."""
+    problem, start = regression(name), starts(name)[1]
+    options, certified = unbounded(name, start), DATA[name]["certified"][0]
+    end = "upper" if certified > start[0] else "lower"
+    options[end][0] = 0.5 * (start[0] + certified)
+    solution = _solved(jnp.asarray(start), problem, options)
+    state, y = solution.stats["state"], np.asarray(solution.value)
+    assert (y >= options["lower"]).all() and (y <= options["upper"]).all()
+    bounds = options["lower"], options["upper"]
+    beside = trf_within(lambda b: _RESIDUAL(b, problem), lambda b: _JACOBIAN(b, problem), start, *bounds)
+    squares = float(np.sum(state.residual**2))
+    assert squares <= 2.0 * beside.cost * (1.0 + 1e-8), Ending(int(state.ending)).name
