@@ -1,4 +1,4 @@
-"""What an identification finds beside its numbers: diagnosis, profiles, draws, where many starts and another integrator ended."""
+"""What an identification finds beside its numbers: diagnosis, profiles, draws, and where other fits ended."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
