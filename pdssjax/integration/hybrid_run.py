@@ -131,7 +131,7 @@ def integrate(
     if own:
         moving: Any = Restarted(system, components(y0), 0.0)
         fine, solve = jnp.asarray(atol, float), functools.partial(_solved_own, t1=t1)
-        accuracy = Accuracy(fine, 3.0 * fine, method, max_steps)  # pyright: ignore[reportArgumentType]
+        accuracy = Accuracy(fine, 3.0 * fine, method, max_steps)
     else:
         moving = _flattened(system, t0, t1, y0, args, mode, (rtol, atol), isinstance(method, Taylor))
         accuracy, solve = Accuracy(1.0, 1.0, method, max_steps), _solved

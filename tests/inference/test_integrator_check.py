@@ -52,7 +52,9 @@ def test_differences_are_those_of_where_both_fits_lead(tmp_path):
     for shift in (0.004, 0.5):
         # A motion larger by a factor has a gain larger by it; so little that no step of a fit would be taken, or more.
         factor = 1.0 + shift * gain.standard_error / gain.value
-        moved = eqx.tree_at(lambda p: p.residual.measured[0], problem, factor * problem.residual.measured[0])
+        moved = eqx.tree_at(
+            lambda p: p.residual.comparison.measured[0], problem, factor * problem.residual.comparison.measured[0]
+        )
         checked = with_check(estimate, fit, moved, "joint", quiet)
         assert checked.check.converged
         assert checked.check.differences["piezo.gain"] == pytest.approx(shift, rel=2e-3)
@@ -67,7 +69,9 @@ def test_a_second_fit_that_cannot_start_and_a_first_one_that_failed_are_said(tmp
     study = pdssjax.load_study(write_platform(tmp_path, TEXT))
     problem, fit = fitted(study)
     estimate = fabricated.estimate()
-    unusable = eqx.tree_at(lambda p: p.residual.measured[0], problem, np.nan * problem.residual.measured[0])
+    unusable = eqx.tree_at(
+        lambda p: p.residual.comparison.measured[0], problem, np.nan * problem.residual.comparison.measured[0]
+    )
     parameters = dict.fromkeys(problem.residual.transform.paths, estimate.parameters["piezo.gain"])
     checked = with_check(dataclasses.replace(estimate, parameters=parameters), fit, unusable, "joint", quiet)
     assert checked.check.largest is None and not checked.check.converged
