@@ -4,8 +4,14 @@ Nearly all of the tests' time goes into compiling, so they compile quickly rathe
 optimisation and without its expensive passes.
 """
 
+import ctypes
+import gc
 import os
+import sys
 
+import equinox as eqx
+import jax
+import pytest
 from stand_ins import calls as calls
 
 from pdssjax import prepare_jax
@@ -18,3 +24,14 @@ QUICKLY = (
 os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {QUICKLY}".strip()
 
 prepare_jax(dedicated=True)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_runtest_teardown(item, nextitem):
+    """Drop what a file compiled at its end: files share little, and it adds up to gigabytes."""
+    if nextitem is None or nextitem.path != item.path:
+        jax.clear_caches()
+        eqx.clear_caches()
+        gc.collect()
+        if sys.platform == "linux":
+            ctypes.CDLL(None).malloc_trim(0)
