@@ -1,10 +1,11 @@
 """SI values as people read them: display units, and digits that match the standard error."""
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
-from jaxtyping import Float
+if TYPE_CHECKING:  # listing the models loads no library
+    import numpy as np
+    from jaxtyping import Float
 
 MICROMETRES = 1e6
 """Micrometres in a metre; every length in reports, plots and predictions is in micrometres."""
@@ -78,7 +79,7 @@ def percent(part: float, whole: float) -> str:
 
 
 def strongest_pairs(
-    names: tuple[str, ...], correlation: Float[np.ndarray, "p p"], least: float
+    names: tuple[str, ...], correlation: "Float[np.ndarray, 'p p']", least: float
 ) -> list[tuple[str, str, float]]:
     """Pairs of parameters correlated by at least `least` in size, the strongest first."""
     pairs = [

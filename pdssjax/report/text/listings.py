@@ -5,20 +5,20 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from ...core import decimals_for, display_unit, rounded
-from ...metrics import ChannelSummary, Characterisation, RecordGuess, Summary
 from ._layout import aligned_table, heading
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # listing channels and models loads no JAX
+    from ...metrics import ChannelSummary, Characterisation, RecordGuess, Summary
     from ...study import Entry
 
 
-def format_channels(file: str, form: str, channels: Sequence[ChannelSummary]) -> str:
+def format_channels(file: str, form: str, channels: "Sequence[ChannelSummary]") -> str:
     """A table of the `channels` of a `file` of the format `form`."""
     head = ["", "channel", "unit", "samples", "least", "greatest", "interval", ""]
     return heading(f"{file}, {form}") + aligned_table("><<>>>><", [head, *map(_channel, channels)])
 
 
-def _channel(channel: ChannelSummary) -> list[str]:
+def _channel(channel: "ChannelSummary") -> list[str]:
     interval = ""
     if channel.interval:
         interval = f"{channel.interval:.6g} s"
@@ -55,13 +55,13 @@ _BEGINS = {
 """How it is known when a drive starts, in short."""
 
 
-def format_guesses(guesses: Sequence[tuple[str, RecordGuess]]) -> str:
+def format_guesses(guesses: "Sequence[tuple[str, RecordGuess]]") -> str:
     """A table of what each named record is taken to be."""
     head = ["", "measures", "drive", "", "V", "Hz", "t = 0 (s)", "", "noise"]
     return heading("Guessed from the files") + aligned_table("<<<<>>><>", [head, *(_guess(*pair) for pair in guesses)])
 
 
-def _guess(name: str, guess: RecordGuess) -> list[str]:
+def _guess(name: str, guess: "RecordGuess") -> list[str]:
     wave = guess.waveform
     frequency = wave.numbers.get("frequency")
     return [
@@ -96,7 +96,7 @@ _LONG = 1e3
 """Lengths of a record from a clock's zero to its first sample from which times count from that sample."""
 
 
-def format_characterisation(found: Characterisation) -> str:
+def format_characterisation(found: "Characterisation") -> str:
     """What one record says: its cycles, and each figure with mean, error and scatter."""
     cycles = found.cycles
     way = "backward, the slow flank falls: figures are turned" if cycles.falls else "forward, the slow flank rises"
@@ -116,19 +116,19 @@ def format_characterisation(found: Characterisation) -> str:
     return heading(str(found.file)) + text + aligned_table("<<>>>", [head, *rows]) + legend
 
 
-def _zero(found: Characterisation) -> float:
+def _zero(found: "Characterisation") -> float:
     """What times are counted from: the clock's zero, or the first sample where a clock counts from long before."""
     first, last = float(found.time[0]), float(found.time[-1])
     return first if abs(first) > _LONG * (last - first) else 0.0
 
 
-def _span(found: Characterisation) -> str:
+def _span(found: "Characterisation") -> str:
     zero = _zero(found)
     told = f"{found.time[0] - zero:g} s to {found.time[-1] - zero:g} s"
     return f"{told} from the first one, at {zero:.10g} s" if zero else told
 
 
-def _figure(title: str, summary: Summary) -> list[str]:
+def _figure(title: str, summary: "Summary") -> list[str]:
     unit, scale = display_unit(summary.unit) if summary.unit else ("%", 100.0)
     error = summary.standard_error * scale
     numbers = (summary.mean * scale, error, summary.standard_deviation * scale)
@@ -142,8 +142,6 @@ def format_catalogue(summaries: Mapping[str, str]) -> str:
 
 def format_entry(entry: "Entry") -> str:
     """One member: its parameters, and its equations as its module tells them."""
-    from ...core import display_unit
-
     head = ["", "unit", "nominal", "", "what it is"]
     rows = [
         [name, unit, f"{declared.nominal * scale:.6g}", "optional" if declared.optional else "", told]
