@@ -60,7 +60,7 @@ def _as_called(right: Reference, effort: Effort) -> list[Entry]:
     entries = []
     for job, (call, error) in calls.items():
         effort.report(f"{job}: as called")
-        entry = Entry(job, "pdssjax, as called", call, "default", Accuracy().tolerance * UM, ours=True)
+        entry = Entry(job, "pdssjax, as called", call, "default", float(Accuracy().tolerance) * UM, ours=True)
         entry.first_seconds = seconds_of(call)
         entry.error, entry.note = error(call()), "compilation within the first call"
         entries.append(entry)

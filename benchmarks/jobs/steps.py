@@ -32,7 +32,7 @@ def measure(effort: Effort) -> Outcome:
             else:
                 rows.setdefault(f"order {order}", row)
     effort.report("steps: default accuracy")
-    rows["default"] = _counter(usual.method)(usual.tolerance, usual.settle_tolerance)
+    rows["default"] = _counter(usual.method)(float(usual.tolerance), float(usual.settle_tolerance))
     rows["default"]["jacobian_error"] = _default_jacobian_error()
     return Outcome([], facts={"steps": rows}, lines=[_sentence(name, row) for name, row in rows.items()])
 

@@ -94,7 +94,7 @@ class OneStep(AbstractStepMethod):
         # The solver's time runs from 0 to 1.
         unit = jnp.where(step_radius > 0, step_radius, 1.0)
         coefficients = points.powers(values) / scale / unit ** jnp.arange(self.degree + 1.0)[:, None]
-        polynomials = [[coefficients[k, i] for k in range(self.degree + 1)] for i in range(len(x))]
+        polynomials: Polynomials = [[coefficients[k, i] for k in range(self.degree + 1)] for i in range(len(x))]
         return polynomials, error, result == diffrax.RESULTS.successful
 
     def _inner(self) -> Any:
