@@ -7,6 +7,7 @@ optimisation and without its expensive passes.
 import ctypes
 import gc
 import os
+import resource
 import sys
 
 import equinox as eqx
@@ -35,3 +36,30 @@ def pytest_runtest_teardown(item, nextitem):
         gc.collect()
         if sys.platform == "linux":
             ctypes.CDLL(None).malloc_trim(0)
+
+
+COSTS = []
+"""Of the workers that have ended: CPU seconds and peak memory [GB]."""
+
+
+def cost():
+    """CPU seconds of this process and of those that it started and saw end; its own peak memory [GB]."""
+    own, others = resource.getrusage(resource.RUSAGE_SELF), resource.getrusage(resource.RUSAGE_CHILDREN)
+    unit = 1e-9 if sys.platform == "darwin" else 1e-6  # of bytes there, of kilobytes elsewhere
+    return sum(u.ru_utime + u.ru_stime for u in (own, others)), unit * own.ru_maxrss
+
+
+def pytest_sessionfinish(session):
+    if hasattr(session.config, "workeroutput"):
+        session.config.workeroutput["cost"] = cost()
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node):
+    COSTS.extend([node.workeroutput["cost"]] if hasattr(node, "workeroutput") else [])
+
+
+def pytest_terminal_summary(terminalreporter):
+    seconds, peaks = zip(*(COSTS or [cost()]), strict=True)
+    each = " + ".join(f"{peak:.1f}" for peak in peaks)
+    terminalreporter.write_line(f"CPU {sum(seconds):.0f} s, peak memory {sum(peaks):.1f} GB ({each} by worker)")

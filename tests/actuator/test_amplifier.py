@@ -148,6 +148,7 @@ def test_a_static_platform_shows_what_the_amplifier_gives():
     np.testing.assert_allclose(shown, C * volts, rtol=0.0, atol=1e-14)
 
 
+@pytest.mark.slow
 def test_hysteresis_behind_it_learns_that_the_voltage_turns_at_a_corner_of_the_command():
     times = np.linspace(0.0, 0.012, SAMPLES + 1)[1:]
     a, b, g, bandwidth = 0.3, 0.03, 0.01, 3e3

@@ -44,9 +44,13 @@ class Moved(NamedTuple):
     friction: Float[Array, " samples"]
 
 
-@jax.jit
 def run(stop, effector=LEVEL):
-    """The true motion, with and without a stop in reach: one program for both."""
+    """The true motion, with and without a stop in reach: one program for all stops and effectors."""
+    return _run(stop, effector)
+
+
+@jax.jit
+def _run(stop, effector):
     actuator = Actuator(SecondOrder(), SimplifiedLuGre(), effector, stop=stop)
     system = StickSlip(actuator, DRIVE, Sensor(filters=False))
     x, segment, t_local, mode = states_at(system, integrate_steps(system, TIMES[-1], Accuracy()), TIMES)

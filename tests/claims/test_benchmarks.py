@@ -117,6 +117,7 @@ def test_every_peer_sweeps_alike(peer: AbstractPeer):
     np.testing.assert_allclose(found, simulate_grid(PARAMETERS, SWEEP, 1e-8, order=12), atol=2e-3)
 
 
+@pytest.mark.slow
 @needs_gcc
 def test_ours_sweeps_like_the_c_floor():
     found = PdssJax(6).sweep(SWEEP).run(PARAMETERS, 1e-6)

@@ -53,6 +53,7 @@ def test_what_is_not_finite_has_missed():
     assert blind_rigs.missed({"chi2": 1.0, "joint": {"chi2": float("nan")}}, "joint")
 
 
+@pytest.mark.slow
 def test_rigs_differ_but_for_what_is_not_fitted_and_are_the_same_again():
     first, second = blind_rigs.truth_of(1), blind_rigs.truth_of(2)
     assert first == blind_rigs.truth_of(1)

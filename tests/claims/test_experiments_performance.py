@@ -68,6 +68,7 @@ def test_a_sensor_that_stops_the_end_effector_feels_the_breakaway_force_and_a_so
     assert softer < 0.7 * stiff
 
 
+@pytest.mark.slow
 def test_the_walks_of_the_fit_are_those_of_the_experiment_where_the_parameters_are_the_published_ones():
     predicted = np.asarray(performance.walks(jnp.zeros(len(performance.PARAMETERS)), "deflection"))
     np.testing.assert_allclose(predicted[:4], [88.61, 19.00, 53.37, 53.37], atol=0.02)

@@ -66,6 +66,7 @@ def test_a_velocity_is_told_from_a_displacement_and_turned(tmp_path, of, sign):
     assert float(record.drive.peak()) == pytest.approx(40.0, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_two_commands_lead_from_a_vibrometer_to_the_stack(tmp_path):
     file = written(tmp_path, "platform")
     assert cli.main(["new", str(tmp_path / "rig"), "--files", str(file)]) == 0

@@ -9,6 +9,9 @@ from walking_study import write_made_estimate, write_made_sweep, write_walking
 
 from pdssjax import load_study
 
+# A browser and what the page compiles: by default `test_page_parts` has the page, and `test_server` who may see it.
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):

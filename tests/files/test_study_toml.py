@@ -65,7 +65,7 @@ def test_record_holds_si_numbers(tmp_path):
 @pytest.mark.parametrize(
     ("parameters", "volts"),
     [
-        ('"drive.voltage" = { value = "50 V", standard_error = "3 mV" }', 50.0),
+        pytest.param('"drive.voltage" = { value = "50 V", standard_error = "3 mV" }', 50.0, marks=pytest.mark.slow),
         ('"drive.voltage" = { value = "40 V" }\n"drive.voltage@hot" = { start = "51 V" }', 51.0),
     ],
 )

@@ -93,6 +93,7 @@ def test_a_voltage_is_measured_apart_where_its_noise_counts(tmp_path, noise, tol
         assert not study.parameters["drive.voltage"].free
 
 
+@pytest.mark.slow
 def test_a_sawtooth_has_the_error_that_its_slow_flanks_leave(tmp_path):
     found = []
     for seed in range(24):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from marks import slow
 from sliding import push, zigzag
 
 from pdssjax.friction.anisotropic_lugre import AnisotropicLuGre
@@ -132,21 +133,21 @@ def creep(law) -> np.ndarray:
     return push(law, force, np.arange(CYCLES) / FREQUENCY, mass=0.05, dashpot=300.0)[2:]
 
 
-@pytest.mark.parametrize("law", [Elastoplastic(), ResetIntegrator()], ids=str)
+@pytest.mark.parametrize("law", [slow(Elastoplastic()), ResetIntegrator()], ids=str)
 def test_these_laws_do_not_drift_under_a_force_that_swings_below_breakaway(law):
     seen = creep(law)
     assert seen[-1] > 1e-7
     assert np.abs(np.diff(seen)).max() < 1e-12
 
 
-@pytest.mark.parametrize("law", [GeneralizedMaxwellSlip(), GeneralizedMaxwellSlip(weakened=1.0)], ids=str)
+@pytest.mark.parametrize("law", [GeneralizedMaxwellSlip(), slow(GeneralizedMaxwellSlip(weakened=1.0))], ids=str)
 def test_maxwell_slip_creeps_less_and_less_and_not_for_ever(law):
     """It shakes down: the weak elements slip a little less in every cycle, and in the end none does."""
     steps = np.diff(creep(law))
     assert (steps[1:] < 0.7 * steps[:-1]).all()
 
 
-@pytest.mark.parametrize("law", [Dahl(), SimplifiedLuGre(), LuGre(f_c=0.65, f_s=0.65)], ids=str)
+@pytest.mark.parametrize("law", [slow(Dahl()), slow(SimplifiedLuGre()), LuGre(f_c=0.65, f_s=0.65)], ids=str)
 def test_dahl_and_lugre_drift_under_such_a_force_as_far_as_the_closed_form_says(law):
     """dF = s0 (1 -+ F/f_c) dx up and down; dashpot and inertia only delay."""
     high, low = (BIAS + SWING) / 0.65, (BIAS - SWING) / 0.65

@@ -69,6 +69,8 @@ def test_a_predicted_record_with_a_parameter_of_its_own_does_not_accuse_the_mode
     assert ("does not carry over" in note) == (not is_local)
 
 
+# By default `test_notes` has records that contradict each other.
+@pytest.mark.slow
 def test_shared_parameters_alone_contradict_and_that_is_said(tmp_path):
     study = pdssjax.load_study(write(tmp_path, STUDY.replace('"piezo.gain@other" = {}\n', "")))
     (note,) = [n for n in pdssjax.identify(study).notes if "contradict" in n]

@@ -69,7 +69,7 @@ def study(folder, kind="triangle", elements=10, count=1500, given=""):
 
 
 @pytest.mark.parametrize("kind", ["triangle", "sine"])
-@pytest.mark.parametrize("elements", [2, 10, pytest.param(24, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("elements", [2, *(pytest.param(n, marks=pytest.mark.slow) for n in (10, 24))])
 def test_the_start_leaves_little_more_than_noise(tmp_path, kind, elements):
     loaded, weights = study(tmp_path, kind, elements)
     starts, _ = guess_starts(loaded.models, loaded.parameters, loaded.records)

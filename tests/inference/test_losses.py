@@ -95,7 +95,7 @@ def test_the_fit_of_the_roots_is_scipy_s_robust_fit(name):
     np.testing.assert_allclose(found, theirs.x, atol=2e-5)
 
 
-@pytest.mark.parametrize("name", ["huber", "cauchy"])
+@pytest.mark.parametrize("name", [pytest.param("huber", marks=pytest.mark.slow), "cauchy"])
 def test_the_errors_are_what_estimates_scatter_by_with_and_without_glitches(name):
     random = np.random.default_rng(3)
     for glitches in (0, 8):

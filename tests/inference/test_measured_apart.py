@@ -69,7 +69,7 @@ def test_all_error_models_count_it(estimates):
         assert after == pytest.approx(1.0 / np.hypot(1.0 / before, 1.0 / 1e-11), rel=0.05)
 
 
-@pytest.mark.parametrize("loss", ["huber", "cauchy"])
+@pytest.mark.parametrize("loss", ["huber", pytest.param("cauchy", marks=pytest.mark.slow)])
 def test_under_a_robust_loss_it_has_the_error_given_too(studies, estimates, loss):
     gain = dataclasses.replace(studies[1].parameters["piezo.gain"], standard_error=1e-12)
     study = dataclasses.replace(studies[1], parameters=studies[1].parameters | {"piezo.gain": gain})

@@ -127,6 +127,7 @@ drive = { waveform = "sine", voltage = "10 V", frequency = "20 Hz" }
 """
 
 
+@pytest.mark.slow
 def test_a_record_without_a_slip_is_called_so(tmp_path):
     time = np.arange(0.0, 0.25, 5e-4)
     motion = 5.0 * GAIN * (1.0 - np.cos(2.0 * np.pi * 20.0 * time))
@@ -219,7 +220,7 @@ def made_record(samples, noise, seed, given=NOISE):
     return compare(posed, motion, noise=given or float(np.std(measured - motion)), offset=0.0)
 
 
-@pytest.mark.parametrize("samples", [20, 100, 400, 1600])
+@pytest.mark.parametrize("samples", [20, 100, *(pytest.param(n, marks=pytest.mark.slow) for n in (400, 1600))])
 def test_chance_alone_raises_no_alarm(samples):
     made = [made_record(samples, NOISE, seed) for seed in range(300)]
     assert not any(map(exceeds_given_noise, made))

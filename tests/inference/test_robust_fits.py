@@ -50,7 +50,7 @@ def studies(tmp_path_factory):
     return [pdssjax.load_study(write(folder, n)) for folder, n in zip(folders, (40, 0), strict=True)]
 
 
-@pytest.mark.parametrize("loss", ["huber", "cauchy"])
+@pytest.mark.parametrize("loss", ["huber", pytest.param("cauchy", marks=pytest.mark.slow)])
 def test_glitches_do_not_move_a_robust_fit(studies, loss):
     estimate = pdssjax.identify(studies[0], loss=loss)
     assert estimate.converged and estimate.loss == loss

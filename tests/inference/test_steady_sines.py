@@ -53,7 +53,7 @@ def note_of(estimate):
     return [note for note in estimate.notes if "apart: a steady sine tells" in note]
 
 
-@pytest.mark.parametrize("hertz", [10.0, 35.0, 90.0])
+@pytest.mark.parametrize("hertz", [35.0, *(pytest.param(hertz, marks=pytest.mark.slow) for hertz in (10.0, 90.0))])
 def test_a_steady_sine_alone_tells_no_mechanics(tmp_path, hertz):
     estimate = pdssjax.identify(study(tmp_path, (hertz, 1.0)))
     (note,) = note_of(estimate)
@@ -64,7 +64,14 @@ def test_a_steady_sine_alone_tells_no_mechanics(tmp_path, hertz):
         assert np.isnan(found.standard_error) and not found.errors
 
 
-@pytest.mark.parametrize("sines", [((35.0, 1.0), (90.0, 1.0)), ((35.0, 0.0),), ((10.0, 1.0), (90.0, 0.0))])
+@pytest.mark.parametrize(
+    "sines",
+    [
+        ((35.0, 1.0), (90.0, 1.0)),
+        ((35.0, 0.0),),
+        pytest.param(((10.0, 1.0), (90.0, 0.0)), marks=pytest.mark.slow),
+    ],
+)
 def test_another_frequency_or_the_onset_tells_it(tmp_path, sines):
     estimate = pdssjax.identify(study(tmp_path, *sines))
     assert not note_of(estimate)

@@ -79,6 +79,7 @@ def test_a_fit_whose_parameters_are_all_at_bounds_is_judged_as_it_is(tmp_path):
     assert any('"fine"' in note and "does not carry over" in note for note in estimate.notes)
 
 
+@pytest.mark.slow
 def test_by_chance_no_fit_is_refuted(tmp_path):
     refuted = [not identified(tmp_path, GAIN, draw=draw).success for draw in range(40)]
     assert not any(refuted)

@@ -137,6 +137,7 @@ def test_a_weight_that_would_be_negative_stays_at_zero():
     assert (found == 0.0).sum() == 3
 
 
+@pytest.mark.slow
 def test_the_fit_that_follows_has_the_covariance_of_all_parameters(posed, plain):
     problem, free = posed
     fit = joint(problem, problem.decode(free), quiet)

@@ -100,6 +100,7 @@ def test_a_ball_that_bounces_once_in_some_periods_has_the_multipliers_of_the_clo
     np.testing.assert_allclose(motion.x[:2], [0.5 * periods * since - 0.5 * since**2, 0.5 * periods - since], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_where_the_period_doubles_the_motion_of_two_periods_is_found_with_its_multipliers():
     below, above = found(0.99 * DOUBLES, 1), found(1.03 * DOUBLES, 1)
     assert int(below.period) == 1 and int(above.period) == 2

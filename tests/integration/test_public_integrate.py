@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from marks import slow
 from scipy.integrate import solve_ivp
 
 from pdssjax import InputError, Taylor
@@ -100,7 +101,7 @@ def with_slopes(function, differentiate=jax.jacfwd):
 
 
 # A micrometre and a microsecond, and a kilometre and an hour: no constant of the integrator has a unit.
-@pytest.mark.parametrize(("length", "time"), [(1.0, 1.0), (1e-6, 1e-6), (1e3, 3.6e3)])
+@pytest.mark.parametrize(("length", "time"), [slow(1.0, 1.0), (1e-6, 1e-6), slow(1e3, 3.6e3)])
 def test_a_ball_bounces_as_the_law_of_free_fall_has_it_in_any_units(length, time):
     units = jnp.array([length, length / time**2, 1.0])
     scale = jnp.array([[length], [length / time]])
@@ -165,6 +166,8 @@ def scipy_oscillator(force, wall, restitution, times):
         struck.append(t)
 
 
+# By default a ball and a heater are held against closed forms.
+@pytest.mark.slow
 def test_a_pendulum_strikes_a_wall_as_scipy_has_it():
     times = np.linspace(0.0, 8.0, 25)
 
@@ -300,6 +303,8 @@ def test_towards_grazing_values_stay_right_and_the_derivative_grows_without_boun
     assert slopes[1] < -1e4
 
 
+# By default `test_taylor_solver` has the series.
+@pytest.mark.slow
 def test_a_taylor_series_gives_what_the_solver_does():
     motion = lambda method: integrate(Swing(), 0.0, 10.0, (0.1, 0.0), 2.0, max_steps=256, method=method)
     series, usual = jax.jit(lambda: (motion(Taylor()), motion(Picard())))()

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from independent import Rig
+from marks import slow
 from rigs import NAMES, SAMPLES, compiled, jacobian, models, trajectory, values, varied
 
 from pdssjax import Accuracy
@@ -42,7 +43,7 @@ def differences(rig: Rig, name: str, step: float = 3e-5) -> np.ndarray:
     return (4.0 * slope(step) - slope(2.0 * step)) / 3.0
 
 
-@pytest.mark.parametrize("name", RIGS)
+@pytest.mark.parametrize("name", [slow(name) if RIGS[name].feedback else name for name in RIGS])
 def test_every_parameter_against_differences(name):
     rig = RIGS[name]
     default, tight = jacobian(rig, TIMES, Accuracy()), jacobian(rig, TIMES, TIGHT)
@@ -75,6 +76,8 @@ def test_reverse_mode_agrees_with_forward_mode():
 BATCH = [Rig(voltage=voltage, cycle=1.0 / rate) for voltage in (20.0, 64.0, 150.0) for rate in (2.0, 5.0, 20.0)]
 
 
+# By default `test_sweeping` holds each point of a sweep against its own run.
+@pytest.mark.slow
 def test_batches_of_voltages_and_frequencies_equal_single_runs():
     accuracy = Accuracy()
     numbers = np.stack([values(r) for r in BATCH])

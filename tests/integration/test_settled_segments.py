@@ -40,7 +40,7 @@ def loop(frequency):
 @pytest.mark.parametrize(
     ("system", "value", "output", "resolution"),
     [
-        pytest.param(walk, 2e4, DISPLACEMENT, 1e-9, id="a quick sensor of a slow walk"),
+        pytest.param(walk, 2e4, DISPLACEMENT, 1e-9, id="a quick sensor of a slow walk", marks=pytest.mark.slow),
         pytest.param(push, 2e3, STOP_FORCE, 1e-6, id="a force sensor that is leant on", marks=pytest.mark.slow),
         pytest.param(loop, 6736.0, DISPLACEMENT, 1e-9, id="a stack with hysteresis on a slow triangle"),
     ],

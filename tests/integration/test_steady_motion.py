@@ -126,6 +126,8 @@ def test_its_multipliers_are_those_of_the_two_reversals():
     assert float(motion.multipliers[2]) == 0.0
 
 
+# By default multipliers are held against the closed form.
+@pytest.mark.slow
 def test_the_transient_shrinks_as_the_multipliers_say():
     _, (_, motion) = found()
     system, duration = CoulombOscillator(*FORCED), 2.0 * jnp.pi / FORCED[2]

@@ -26,9 +26,9 @@ def run_with(accuracy: Accuracy, rig: Rig, times: np.ndarray):
 @pytest.mark.parametrize(
     "solver",
     [
-        pytest.param(diffrax.Tsit5(), marks=pytest.mark.slow),
+        diffrax.Tsit5(),
         pytest.param(diffrax.Dopri8(), marks=pytest.mark.slow),
-        diffrax.Kvaerno5(),
+        pytest.param(diffrax.Kvaerno5(), marks=pytest.mark.slow),
         pytest.param(diffrax.HalfSolver(diffrax.Midpoint()), marks=pytest.mark.slow),
     ],
     ids=lambda solver: type(solver).__name__,

@@ -158,7 +158,13 @@ def test_a_long_record_of_a_stack_without_one_of_its_parts_is_that_of_a_few_samp
     np.testing.assert_allclose(found[::16], jax.jit(shown)(stack, often[::16]), rtol=0.0, atol=1e-15)
 
 
-@pytest.mark.parametrize("name", ["second-order+play-4+asymmetry-3+creep-2", "second-order+maxwell-slip-2"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param("second-order+play-4+asymmetry-3+creep-2", marks=pytest.mark.slow),
+        "second-order+maxwell-slip-2",
+    ],
+)
 def test_what_rides_on_a_composed_stack_moves_as_scipy_makes_it_move(name):
     """With the contact's reaction on the platform, whose hysteresis stays the voltage's."""
     stack, composition = dataclasses.replace(made(name), mass=0.3), composition_of(name)
@@ -208,7 +214,14 @@ def test_creep_after_a_step_follows_its_closed_form():
     np.testing.assert_allclose(found, 50.0 * (1e-7 + crept), rtol=1e-12)
 
 
-@pytest.mark.parametrize("name", ["first-order+play-3+asymmetry-2+creep-2", "second-order+play-4+asymmetry-3+creep-2"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "first-order+play-3+asymmetry-2+creep-2",
+        "second-order+maxwell-slip-2",
+        pytest.param("second-order+play-4+asymmetry-3+creep-2", marks=pytest.mark.slow),
+    ],
+)
 def test_derivatives_agree_with_differences(name):
     stack = made(name)
     predict, times = compiled(name)
@@ -225,7 +238,13 @@ def test_derivatives_agree_with_differences(name):
         np.testing.assert_allclose(column, difference, rtol=0.0, atol=2e-4 * size + 1e-15)
 
 
-@pytest.mark.parametrize("name", ["second-order+play-4+asymmetry-3+creep-2", "static+play-4+asymmetry-3+creep-2"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param("second-order+play-4+asymmetry-3+creep-2", marks=pytest.mark.slow),
+        "static+play-4+asymmetry-3+creep-2",
+    ],
+)
 def test_stepped_and_in_closed_form_are_the_same(name, monkeypatch):
     stack = made(name)
     predict, times = compiled(name)
@@ -267,7 +286,9 @@ def test_a_steep_flank_of_a_bent_curve_moves_a_stack_as_scipy_has_it(name):
     np.testing.assert_allclose(predict(fall), expected, rtol=0.0, atol=1e-10 * np.ptp(expected))
 
 
-@pytest.mark.parametrize("name", ["second-order+asymmetry-3", "first-order+play-3+asymmetry-5"])
+@pytest.mark.parametrize(
+    "name", [pytest.param("second-order+asymmetry-3", marks=pytest.mark.slow), "first-order+play-3+asymmetry-5"]
+)
 def test_derivatives_by_the_length_of_a_very_steep_flank_agree_with_differences(name):
     times = jnp.asarray([0.0203, 0.0207, 0.0402])
     predict = jax.jit(lambda fall: shown_at(stack_class(name)(), Sawtooth(60.0, 50.0, fall), times))
@@ -281,8 +302,8 @@ WAVES = [Sine(30.0, 7.0), Sine(-25.0, 9.0, 20.0, 1.0), Cycloidal(30.0, 9.0, 4e-3
 @pytest.mark.parametrize(
     ("name", "drive", "output"),
     [
-        ("second-order+play-4+asymmetry-3+creep-2", WAVES[1], DISPLACEMENT),
-        ("second-order+play-4+asymmetry-3+creep-2", WAVES[3], DISPLACEMENT),
+        pytest.param("second-order+play-4+asymmetry-3+creep-2", WAVES[1], DISPLACEMENT, marks=pytest.mark.slow),
+        pytest.param("second-order+play-4+asymmetry-3+creep-2", WAVES[3], DISPLACEMENT, marks=pytest.mark.slow),
         ("static+maxwell-slip-3+creep-1", WAVES[0], DISPLACEMENT),
         ("static+maxwell-slip-3+creep-1", WAVES[2], VELOCITY),
     ],
@@ -304,8 +325,12 @@ def test_waves_are_followed_as_lines_as_fine_as_the_sensor_sees(name, drive, out
         assert np.median(np.abs(lines - stepped)) < 1e-6 * swing
 
 
-def test_derivatives_under_waves_agree_with_differences():
-    leaves, tree = jax.tree.flatten((made("second-order+play-4+asymmetry-3+creep-2"), WAVES[1]))
+@pytest.mark.parametrize(
+    "name",
+    ["static+maxwell-slip-3+creep-1", pytest.param("second-order+play-4+asymmetry-3+creep-2", marks=pytest.mark.slow)],
+)
+def test_derivatives_under_waves_agree_with_differences(name):
+    leaves, tree = jax.tree.flatten((made(name), WAVES[1]))
     numbers = np.array([float(leaf) for leaf in leaves])
     scale = np.where(numbers == 0.0, 1e-3, np.abs(numbers))
     times = jnp.linspace(0.0, 0.4, 101) + 1e-4

@@ -265,6 +265,7 @@ def test_the_effector_walks_under_any_drive_as_scipy_has_it(name):
     np.testing.assert_allclose(shown.T, integrated(Plain(), pieces, times, CONTACT), rtol=0.0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_effector_walks_under_a_cycloid_from_rest():
     times = jnp.linspace(0.0, 0.1, 61)[1:]
     actuator = Actuator(SecondOrder(), SimplifiedLuGre(), Effector())

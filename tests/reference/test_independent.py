@@ -6,6 +6,7 @@ import jax
 import numpy as np
 import pytest
 from independent import Rig, simulate
+from marks import slow
 from rigs import SAMPLES, trajectory
 
 from pdssjax import Accuracy, Actuator, Effector
@@ -44,7 +45,11 @@ def check(run, expected, micrometres, newtons):
     np.testing.assert_allclose(run.friction, expected[:, 2], rtol=0.0, atol=newtons)
 
 
-@pytest.mark.parametrize("name", RIGS)
+LONG = "cycles too short to rest", "rings on while it sticks", "rests downhill", "force, feedback, rests uphill"
+"""What takes many events, or a structure of its own: by default `test_rests_under_load` has rigs that rest."""
+
+
+@pytest.mark.parametrize("name", [slow(name) if name in LONG else name for name in RIGS])
 def test_trajectories(name):
     expected = simulate(RIGS[name], TIMES)
     check(trajectory(RIGS[name], TIMES, Accuracy()), expected, 1e-3, 1e-3)

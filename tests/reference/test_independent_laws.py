@@ -40,9 +40,7 @@ def cases(name: str) -> dict[str, Law]:
 LAWS = {f"{name}, {kind}".rstrip(", "): (name, law) for name in SIMULATED for kind, law in cases(name).items()}
 QUICK = {
     "coulomb": ("20 Hz, ideal", "20 Hz, fall time, backward, downhill"),
-    "lugre": ("20 Hz, ideal", "20 Hz, fall time, backward, downhill"),
-    "reset-integrator": ("20 Hz, ideal", "20 Hz, fall time, backward, downhill"),
-    "bliman-sorine": ("20 Hz, fall time, backward, downhill",),
+    "lugre": ("20 Hz, fall time, backward, downhill",),
 }
 """Rigs that take less than a few seconds, by law; of others it is the first, if any."""
 RIGS: dict[str, dict[str, Any]] = {

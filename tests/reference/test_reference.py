@@ -35,6 +35,8 @@ def test_trajectories(case, accuracy, micrometres):
     np.testing.assert_allclose(run.effector * 1e6, case["effector_um"], rtol=0.0, atol=micrometres)
 
 
+# By default `test_sensitivities` has every parameter.
+@pytest.mark.slow
 # By default `test_sensitivities` has the derivatives of the force state, with feedback.
 @pytest.mark.parametrize(
     "case",

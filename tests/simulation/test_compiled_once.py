@@ -53,6 +53,8 @@ def test_one_compilation_serves_all_numbers(traced):
     assert len(traced) == 1
 
 
+# By default gradients pass through below, and lanes in a sweep.
+@pytest.mark.slow
 def test_transformations_from_outside_pass_through():
     end = lambda voltage: pdssjax.simulate(rig(), drive(voltage), TIMES).effector[-1]
     voltages = jnp.array([40.0, 60.0])

@@ -37,13 +37,21 @@ def dahl_by_hand(stiffness: float, level: float) -> np.ndarray:
     return np.array(out)
 
 
-def test_dahl_follows_its_exponentials():
-    law = Dahl()
-    np.testing.assert_allclose(force(law), dahl_by_hand(law.sigma0, law.f_c), atol=1e-9)
+UNDAMPED = SimplifiedLuGre(sigma1=0.0)
+"""The same as Dahl's law with the exponent 1, and compiled in a fifth of the time."""
+of_dahl = pytest.mark.parametrize(
+    "law", [pytest.param(Dahl(), id="dahl", marks=pytest.mark.slow), pytest.param(UNDAMPED, id="simplified-lugre")]
+)
 
 
-def test_the_force_does_not_depend_on_the_pace_without_damping():
-    law = Dahl()
+@of_dahl
+def test_dahl_follows_its_exponentials(law):
+    level = law.f_c if isinstance(law, Dahl) else law.f_ss
+    np.testing.assert_allclose(force(law), dahl_by_hand(law.sigma0, level), atol=1e-9)
+
+
+@of_dahl
+def test_the_force_does_not_depend_on_the_pace_without_damping(law):
     np.testing.assert_allclose(force(law, times=3.0 * TIMES), force(law), atol=1e-9)
 
 

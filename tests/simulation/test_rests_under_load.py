@@ -32,7 +32,7 @@ def actuator(rig: str, effector: Effector, rests: bool = True) -> Actuator:
     return Actuator(*models, effector, feedback, rests_under_load=rests)
 
 
-QUICK = "lugre", "felt by a stack with play and creep"
+QUICK = ("coulomb",)
 """What the default tests look at."""
 
 

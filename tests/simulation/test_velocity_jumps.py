@@ -62,8 +62,10 @@ def dahl(law):
 
 @pytest.mark.parametrize(
     ("law", "referee"),
-    [(ResetIntegrator(), reset_integrator), (Dahl(exponent=0.4), dahl)],
-    ids=["reset-integrator", "dahl"],
+    [
+        pytest.param(ResetIntegrator(), reset_integrator, id="reset-integrator"),
+        pytest.param(Dahl(exponent=0.4), dahl, id="dahl", marks=pytest.mark.slow),
+    ],
 )
 def test_a_law_that_knows_reversals_learns_of_one_that_a_corner_makes(law, referee):
     drive = Triangle(60.0, 1000.0, 0.3)
@@ -96,6 +98,7 @@ def test_feedback_on_a_stack_that_no_force_moves_changes_nothing():
     np.testing.assert_allclose(with_it, without, atol=1e-18)
 
 
+@pytest.mark.slow
 def test_a_velocity_that_does_not_jump_is_not_made_to_by_rounding():
     """A stack behind a lag goes on as fast as before where an element of play lets go, or the contact reverses.
 
@@ -116,6 +119,7 @@ def test_a_velocity_that_does_not_jump_is_not_made_to_by_rounding():
     np.testing.assert_allclose(traced.effector, held.effector, atol=1e-13)
 
 
+@pytest.mark.slow
 def test_a_jump_into_fast_sliding_is_fast_sliding():
     """Its flags stayed those of a slow beginning: steps ran past the Stribeck curve on the way back, 3 nm of 34.
 

@@ -76,6 +76,7 @@ def test_a_virtual_rig_and_a_simulation_name_it_too(stalled, tmp_path, capsys):
     assert "With amplifier.bandwidth at" in printed.err
 
 
+@pytest.mark.slow
 def test_records_that_are_left_out_are_not_simulated_and_spoil_no_derivative(stalled):
     (slow,) = stalled.records
     quick = dataclasses.replace(slow, name="quick", time=1e-6 * np.arange(20), measured=np.zeros(20))

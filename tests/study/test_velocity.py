@@ -62,7 +62,9 @@ def test_the_velocity_is_the_rate_of_the_displacement(true, of, displacement):
     assert (speed[TIMES < 0] == 0.0).all()
 
 
-@pytest.mark.parametrize("feedback", [False, pytest.param(True, marks=pytest.mark.slow)])
+# By default `test_sensors` has the low-pass and the delay.
+@pytest.mark.slow
+@pytest.mark.parametrize("feedback", [False, True])
 def test_a_slow_sensor_shows_the_velocity_low_passed_and_late(true, tmp_path, feedback):
     seen = [Velocity(of) for of in OF]
     ideal = shown(tmp_path, seen, feedback=True) if feedback else [true[of] for of in OF]

@@ -85,6 +85,8 @@ def driven_by(study, drive):
     return dataclasses.replace(study, records=(dataclasses.replace(record, drive=drive, overrides={}),))
 
 
+# By default strokes of straight flanks are held against single runs.
+@pytest.mark.slow
 def test_the_stroke_of_a_curved_flank_is_what_is_moved_along_it(study):
     """A straight line through the middle of a cycloid is twice as steep, and made 1.6 times the stack's stroke of it.
 

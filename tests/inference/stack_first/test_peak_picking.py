@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from marks import slow
 from platform_study import DAMPING, GAIN, NOISE_LINE, PLATFORM, RATE, write_platform
 from record_tables import step_table
 
@@ -92,7 +93,7 @@ def test_without_noise_the_truth_is_found_to_what_half_a_sample_allows(platform,
         assert abs(rate) < off / half * np.mean(1.0 / np.arange(1, PEAKS + 1)) * 1.02 + 2.0 * worst * damping**2 + 1e-9
 
 
-@pytest.mark.parametrize(("interval", "noise"), [(50e-6, 1e-8), (10e-6, 1e-8), (50e-6, 5e-8)])
+@pytest.mark.parametrize(("interval", "noise"), [(50e-6, 1e-8), slow(10e-6, 1e-8), slow(50e-6, 5e-8)])
 def test_errors_are_those_of_a_monte_carlo_over_noise_and_the_place_between_samples(platform, interval, noise):
     """Its 120 readings know an error to some 7 %; that of what is read once scatters itself."""
     random = np.random.default_rng(4)

@@ -52,7 +52,7 @@ def test_that_one_factor_enlarges_what_it_need_not_is_said(noises, apart, wide):
     assert "enlarged" not in _density_in_words(problem, 1.0, [])  # pyright: ignore[reportArgumentType]
 
 
-@both
+@slow_nuts
 def test_of_a_gaussian_they_have_its_moments_to_the_monte_carlo_error(sampler):
     for factor in (1.0, 4.0):
         chains = drawn(linear, [0.0, 0.0], Drawing(500, sampler=sampler), factor=factor)
@@ -83,6 +83,8 @@ def test_of_a_banana_too_however_narrow_it_is(stiffness, sampler):
     assert np.std(straight) == pytest.approx(1.0 / stiffness, rel=0.1)
 
 
+# By default a banana bends, and `test_residual_polynomial` has the fourth order.
+@pytest.mark.slow
 def test_of_a_valley_that_bends_in_the_fourth_order():
     """x0 is normal around 1, and x1 around a polynomial of it, to a two-thousandth."""
     bend = lambda x: 0.3 * (x - 1.0) ** 4
@@ -116,7 +118,11 @@ def test_the_prior_is_flat_in_the_values_where_the_fit_sees_their_logarithms(sam
 
 @pytest.mark.parametrize(
     ("sampler", "count", "residuals"),
-    [("rto", 2000, wavy), ("rto", 2000, kinked), pytest.param("nuts", 600, wavy, marks=pytest.mark.slow)],
+    [
+        ("rto", 2000, wavy),
+        pytest.param("rto", 2000, kinked, marks=pytest.mark.slow),
+        pytest.param("nuts", 600, wavy, marks=pytest.mark.slow),
+    ],
 )
 def test_what_no_polynomial_describes_is_drawn_from_the_model_all_the_same(sampler, count, residuals):
     chains = drawn(residuals, [0.0, 0.0], Drawing(count, seed=2, sampler=sampler))
@@ -268,6 +274,8 @@ def saturating(x):
     return (curve(x) - curve(jnp.array([0.0, 0.0]))) / 0.08
 
 
+# By default moments are held against closed forms and grids.
+@pytest.mark.slow
 def test_another_sampler_finds_the_same_moments():
     """NumPyro's No-U-Turn sampler, of the model itself."""
     numpyro = pytest.importorskip("numpyro.infer")
