@@ -1,6 +1,7 @@
 """The house rules: a room imports only rooms below it, and of them only what they show; a module is a whole idea."""
 
 import ast
+import functools
 import importlib
 import re
 import subprocess
@@ -71,6 +72,7 @@ def dotted(path: Path) -> str:
     return ".".join(path.relative_to(PACKAGE).with_suffix("").parts).removesuffix(".__init__").removesuffix("__init__")
 
 
+@functools.cache
 def imported(path: Path) -> list[tuple[str, list[str]]]:
     """What a file imports, at its top or within a function, in absolute terms: (module, names)."""
     package = path.relative_to(ROOT).parts[:-1]

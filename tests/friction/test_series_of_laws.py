@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from marks import slow
 from scipy.integrate import solve_ivp
 from sliding import Contact
 
@@ -92,7 +93,7 @@ def test_the_power_series_of_a_law_is_its_solution(name, branch, sign):
 
 
 @pytest.mark.parametrize("name", LAWS)
-@pytest.mark.parametrize("branch", BRANCHES, ids=lambda b: b[0])
+@pytest.mark.parametrize("branch", [BRANCHES[0], *map(slow, BRANCHES[1:])], ids=lambda b: b[0])
 def test_a_force_can_be_differentiated_by_every_parameter_of_its_law(name, branch):
     law, path, elapsed = LAWS[name], branch[1], 0.2 * branch[2]
     m = begun(name, path, 1.0)

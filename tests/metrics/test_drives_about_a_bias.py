@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from marks import slow
 from voltages import INTERVAL, SHAPES, check, first_rise, samples
 
 from pdssjax.metrics import detect_waveform, flicker_of
@@ -22,7 +23,7 @@ def test_a_drive_about_a_bias_is_counted_from_the_level_at_which_it_rests(name, 
     assert found.begins == "seen" and found.start == pytest.approx(0.2137, abs=1.01 * INTERVAL)
 
 
-@pytest.mark.parametrize(("low", "voltage"), [(-20.0, 120.0), (30.0, -100.0)])
+@pytest.mark.parametrize(("low", "voltage"), [(-20.0, 120.0), slow(30.0, -100.0)])
 @pytest.mark.parametrize("name", BIASED)
 def test_a_drive_about_a_bias_that_runs_is_counted_from_its_end_nearer_to_zero(name, low, voltage):
     """Or the other way round, as a sawtooth the other way: both are the same voltage."""
