@@ -13,7 +13,7 @@ from .problem import Problem
 from .residual import as_weights
 from .solver.ending import SUCCESSES, Ending
 from .solver.iterations import Run, begin, iterates
-from .solver.kink import along_kink
+from .solver.kink import along_kink, beside_kink
 from .solver.levenberg_marquardt import BoundedLevenbergMarquardt
 from .solver.lm_state import LMState
 from .solver.minimisers import Outcome, minimised
@@ -183,6 +183,7 @@ def fit_phase(
         problem.watch(problem, used, so_far)
         report(f"{name}: iteration {int(state.iterations)}, chi-square {chi2:.6g}")
     predicted = np.inf
+    y, state = beside_kink(run, y, state)
     if int(state.ending) == Ending.KINK:
         y, state, predicted = along_kink(run, y, state)
     fit = _ended(run, y, state, fitted, limit, spent, predicted)

@@ -58,7 +58,7 @@ class Projected(NamedTuple):
     """All parameters, on the fit's scale."""
     chi2: float
     evaluations: int
-    """Linearisations."""
+    """Linearisations, at most."""
 
 
 class _Point(NamedTuple):
@@ -153,7 +153,8 @@ def _by_factors(task: _Task, here: _Point) -> tuple[_Point, int]:
             tried = []
             for way in (-1.0, 1.0):
                 step = way * np.log(factor) * (np.arange(here.free.size) == place)
-                tried.append(_solved(task, np.clip(here.free + step, task.low, task.high)))
+                best = min([here, *tried], key=lambda point: point.chi2)
+                tried.append(_solved(task, np.clip(here.free + step, task.low, task.high), best.chi2))
             count += len(tried)
             here = min([here, *tried], key=lambda point: point.chi2)
     return here, count
@@ -196,7 +197,7 @@ def _by_gauss_newton(task: _Task, here: _Point, most: int = _MOST) -> tuple[_Poi
     while count < most and damping <= _LARGEST:
         step = np.zeros(here.free.size)
         step[task.searched] = _gauss_newton(task, here, damping)
-        there, count = _solved(task, np.clip(here.free + step, task.low, task.high)), count + 1
+        there, count = _solved(task, np.clip(here.free + step, task.low, task.high), here.chi2), count + 1
         if not there.chi2 < here.chi2:
             damping *= 10.0
             continue
@@ -251,13 +252,20 @@ def _learnt(
     return curvature - np.outer(bent, bent) / expected + np.outer(mixed, mixed) / float(moved @ mixed)
 
 
-def _solved(task: _Task, free: Float[np.ndarray, " p"]) -> _Point:
-    """The best linear parameters for the others in `free`, and the linearisation there."""
+def _solved(task: _Task, free: Float[np.ndarray, " p"], below: float = np.inf) -> _Point:
+    """The best linear parameters for the others in `free`, and the linearisation there.
+
+    It is that with the linear parameters of `free` where chi-square is not `below` what was found before: such a point
+    is rejected, and the linear model knows its chi-square.
+    """
     linear, moved = task.linear, free.copy()
     residual, jacobian = task.at(free)
     ends = ((end - free)[linear] for end in (task.low, task.high))
-    moved[linear] += np.asarray(_box_step(jacobian[:, linear], residual, *ends))
+    step = _box_step(jacobian[:, linear], residual, *ends)
+    moved[linear] += np.asarray(step)
     moved = np.clip(moved, task.low, task.high)
+    if not (left := float(jnp.sum((residual + jacobian[:, linear] @ step) ** 2))) < below:
+        return _Point(moved, residual, jacobian, left if np.isfinite(left) else np.inf)
     residual, jacobian = task.at(moved)
     chi2 = float(jnp.sum(residual**2))
     return _Point(moved, residual, jacobian, chi2 if np.isfinite(chi2) else np.inf)

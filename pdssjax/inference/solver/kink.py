@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .ending import Ending
+from .ending import STOPPED, Ending
 from .iterations import Run, begin, iterate, iterates
 from .lm_state import LMState
 
@@ -27,6 +27,12 @@ _WITHIN = 1e-12
 
 _LIMIT = 100
 """Linearisations after each step along a kink."""
+
+_REACHES = tuple(4.0**power for power in range(-10, 1))
+"""Shares of a proposed step at which a kink before its end is looked for, the nearest first."""
+
+_HALVINGS, _COMPARED = 16, 4
+"""Of the stretch with the kink; and those over which a slope that does not jump becomes so many times steadier."""
 
 
 class Mixture(NamedTuple):
@@ -57,13 +63,78 @@ def along_kink(
         _, started, _ = iterate(run, to, blank)
         # No farther than that step: the whole way down this side of the kink is known to lead across it.
         near = started._replace(radius=np.linalg.norm(np.asarray(started.size) * mixture.step))
-        further, last = deque(iterates(run, to, near, _LIMIT), maxlen=1).pop()
+        further, last = beside_kink(run, *deque(iterates(run, to, near, _LIMIT), maxlen=1).pop())
         if not _squares(last) < squares:
             break
         y, state = further, last._replace(evaluations=last.evaluations + state.evaluations + len(sides))
         if int(state.ending) != Ending.KINK:
             return y, state, float(state.predicted_reduction)
     return y, state, least
+
+
+def beside_kink(
+    run: Run, y: Float[Array | np.ndarray, " p"], state: LMState
+) -> tuple[Float[Array | np.ndarray, " p"], LMState]:
+    """The kink that stopped a run beside it, with the ending `Ending.KINK`; the run's own end where there is none.
+
+    Along the step that is proposed there the sum of squares falls up to the kink and rises beyond it.  Steps that would
+    cross the kink gain nothing, shorter ones little; and differences as long as a standard error may show too little of
+    it, since the slopes of most residuals stay.
+    """
+    if int(state.ending) not in STOPPED:
+        return y, state
+    blank, bounds = begin(run, np.asarray(y), state.residual, state.aux), run.bounds
+    step = np.asarray(state.proposed_step)
+
+    def seen(share: float, to: Float[Array, " p"], there: LMState) -> _Point:
+        change = np.asarray(there.jacobian) @ step
+        return _Point(share, to, there, change, float(change @ np.asarray(there.residual)))
+
+    def at(share: float) -> _Point:
+        to = jnp.asarray(np.clip(np.asarray(y) + share * step, bounds["lower"], bounds["upper"]))
+        return seen(share, to, iterate(run, to, blank)[1])
+
+    before, beyond, count = seen(0.0, jnp.asarray(y), state), None, 0
+    for share in _REACHES:
+        point, count = at(share), count + 1
+        if point.slope >= 0.0:
+            beyond = point
+            break
+        before = point
+    if beyond is None or not before.slope < 0.0:
+        return y, state
+    rises = [beyond.slope - before.slope]
+    for _ in range(_HALVINGS):
+        middle, count = at(0.5 * (before.share + beyond.share)), count + 1
+        before, beyond = (middle, beyond) if middle.slope < 0.0 else (before, middle)
+        rises.append(beyond.slope - before.slope)
+    lower = min(before, beyond, key=lambda point: _squares(point.state))
+    if rises[-1] < 0.5 * rises[-1 - _COMPARED] or _jumps(before, beyond) or _squares(lower.state) > _squares(state):
+        return y, state
+    counted = {"evaluations": state.evaluations + count, "iterations": state.iterations}
+    ended = jnp.asarray(int(Ending.KINK))
+    across = jnp.stack([beyond.free, before.free])
+    return lower.free, lower.state._replace(ending=ended, checked=state.checked, across=across, **counted)
+
+
+class _Point(NamedTuple):
+    """On the way of a proposed step."""
+
+    share: float
+    """Of the step."""
+    free: Float[Array, " p"]
+    state: LMState
+    change: Float[np.ndarray, " n"]
+    """Of the residual, by the whole step and the Jacobian here."""
+    slope: float
+    """Half of that of the sum of squares."""
+
+
+def _jumps(before: _Point, beyond: _Point) -> bool:
+    """Whether the residual jumps between two points, by more than its slopes explain."""
+    jump = np.linalg.norm(np.asarray(beyond.state.residual) - np.asarray(before.state.residual))
+    steepest = max(np.linalg.norm(before.change), np.linalg.norm(beyond.change))
+    return not jump <= 2.0 * (beyond.share - before.share) * steepest
 
 
 def _squares(state: LMState) -> float:

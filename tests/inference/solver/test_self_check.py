@@ -12,7 +12,7 @@ from pdssjax import BoundedLevenbergMarquardt
 from pdssjax.inference import Ending
 from pdssjax.inference.solver.derivative_check import CHECKS
 from pdssjax.inference.solver.iterations import OfFunction, Run, iterate
-from pdssjax.inference.solver.kink import along_kink, least_promising
+from pdssjax.inference.solver.kink import along_kink, beside_kink, least_promising
 
 X = jnp.linspace(0.0, 3.0, 60)
 NOISE = jnp.asarray(np.random.default_rng(7).normal(0.0, 1.0, 60))
@@ -204,6 +204,41 @@ def test_a_minimum_on_a_fold_is_reached_and_told_from_a_wrong_jacobian(short):
 
 def of_fold(args):
     return Run(SOLVER, OfFunction(eqx.Partial(folded), args), BOUNDS)
+
+
+def stopped_beside(least, run, off=1e-4):
+    """A run that has ended in slow steps a hundredth of a standard error beside the point `least`."""
+    y = jnp.asarray(least + off * np.array([1.0, -0.1, 0.5]))
+    shape = jax.eval_shape(lambda: run.evaluations.values(y)[0])
+    start = SOLVER.init(None, y, None, BOUNDS, shape, None, frozenset())
+    return y, iterate(run, y, start)[1]._replace(ending=jnp.asarray(int(Ending.SLOW_STEPS)))
+
+
+@pytest.mark.parametrize(("short", "slope"), [(0.1, 0.3), (0.1, 5.0), (1.0, 5.0)])
+def test_slow_steps_beside_a_fold_are_led_on_to_the_minimum_on_it(short, slope):
+    at, least = fold_beside(short)
+    run = of_fold({"at": at, "slope": jnp.asarray(slope)})
+    y, state = beside_kink(run, *stopped_beside(least, run))
+    assert int(state.ending) == Ending.KINK
+    ahead, behind = (float(jnp.sum(point) - at) for point in state.across)
+    assert ahead * behind < 0.0 and abs(ahead - behind) < 1e-5
+    y, state, predicted = along_kink(run, y, state)
+    assert predicted < float(SOLVER.invisible) * float(jnp.sum(state.residual**2))
+    np.testing.assert_allclose(y, least, atol=1e-3)
+
+
+def recoiling(y, args):
+    """Beyond a sum of the parameters one of them jumps, by `args`, so that the sum of squares rises from there on."""
+    return decay(y + jnp.where(jnp.sum(y) > args["at"], args["jump"], 0.0) * jnp.array([1.0, 0.0, 0.0])), None
+
+
+@pytest.mark.parametrize("jump", [0.0, 0.05])
+def test_slow_steps_beside_a_smooth_minimum_or_a_jump_are_no_kink(jump):
+    at, least = fold_beside(0.1)
+    run = Run(SOLVER, OfFunction(eqx.Partial(recoiling), {"at": at, "jump": jnp.asarray(jump)}), BOUNDS)
+    ended, state = stopped_beside(least, run, -1e-4)
+    y, after = beside_kink(run, ended, state)
+    assert y is ended and after is state
 
 
 def test_a_fold_that_is_a_ridge_is_no_minimum():
