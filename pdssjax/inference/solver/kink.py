@@ -25,6 +25,9 @@ _MOST = 8
 _WITHIN = 1e-12
 """Room at the bounds, by effect on the residual, that a solver of box problems asks for."""
 
+_SHARES = tuple(0.5**power for power in range(11))
+"""Of such a step that are tried: the kink may bend away from it."""
+
 _LIMIT = 100
 """Linearisations after each step along a kink."""
 
@@ -59,17 +62,32 @@ def along_kink(
         least, squares = mixture.predicted, _squares(state)
         if not float(run.solver.invisible) * squares < least < np.inf:
             break
-        to = jnp.asarray(np.clip(np.asarray(y) + mixture.step, bounds["lower"], bounds["upper"]))
-        _, started, _ = iterate(run, to, blank)
-        # No farther than that step: the whole way down this side of the kink is known to lead across it.
-        near = started._replace(radius=np.linalg.norm(np.asarray(started.size) * mixture.step))
-        further, last = beside_kink(run, *deque(iterates(run, to, near, _LIMIT), maxlen=1).pop())
-        if not _squares(last) < squares:
+        lower = _lower(run, y, mixture.step, squares, blank)
+        if lower is None:
             break
-        y, state = further, last._replace(evaluations=last.evaluations + state.evaluations + len(sides))
+        y, last = lower
+        state = last._replace(evaluations=last.evaluations + state.evaluations + len(sides))
         if int(state.ending) != Ending.KINK:
             return y, state, float(state.predicted_reduction)
     return y, state, least
+
+
+def _lower(
+    run: Run, y: Float[Array | np.ndarray, " p"], step: Float[np.ndarray, " p"], squares: float, blank: LMState
+) -> tuple[Float[Array | np.ndarray, " p"], LMState] | None:
+    """Where a run ends below `squares` that begins after a `step` along a kink, or a part of it; None if none does."""
+    for share in _SHARES:
+        to = jnp.asarray(np.clip(np.asarray(y) + share * step, run.bounds["lower"], run.bounds["upper"]))
+        _, started, _ = iterate(run, to, blank)
+        # The way of a whole step may lead down to the kink again; a part of it stays near enough.
+        if share < 1.0 and not _squares(started) < squares:
+            continue
+        # No farther than that step: the whole way down this side of the kink is known to lead across it.
+        near = started._replace(radius=share * np.linalg.norm(np.asarray(started.size) * step))
+        further, last = beside_kink(run, *deque(iterates(run, to, near, _LIMIT), maxlen=1).pop())
+        if _squares(last) < squares:
+            return further, last
+    return None
 
 
 def beside_kink(
