@@ -13,7 +13,7 @@ TIMES = np.linspace(0.0, 1.0, 81)
 MOTION = 2e-6 * np.interp(TIMES, [0.0, 0.21, 0.4, 0.45, 1.0], [0.0, 1.0, -1.0, -1.0, 0.5])
 """A triangle with a rest."""
 CLOSED = [name for name in members("friction") if member("friction", name).slides_in_closed_form()]
-QUICK = ("reset-integrator",)
+QUICK = ("coulomb", "reset-integrator")
 
 
 def shown(name, segments):

@@ -98,7 +98,10 @@ class PrescribedMotion(AbstractHybridSystem):
         first = jax.tree.map(lambda x: jnp.asarray(x, float), self.initial())
         corners = jnp.asarray(self.times)
         _, (begins, modes) = lax.scan(next_sample, (first, jnp.zeros(())), jnp.arange(corners.shape[0]) * 1.0)
-        places = jnp.clip(jnp.searchsorted(lax.stop_gradient(corners), times, side="right") - 1, 0)
+        fixed = lax.stop_gradient(corners)
+        # The motion ends with its last interval; what comes after is the last sample again, to fill up.
+        last = jnp.searchsorted(fixed, fixed[-1]) - 1
+        places = jnp.clip(jnp.searchsorted(fixed, times, side="right") - 1, 0, last)
         t_local, mode = times - corners[places], modes[places]
         segment = jax.vmap(self.segment)(places * 1.0)
         x = jax.vmap(self._slid)(segment, jax.tree.map(lambda array: array[places], begins), mode, t_local)
