@@ -206,6 +206,9 @@ def test_a_fit_from_here_moves_the_sliders_to_the_estimate(page):
 
 
 def test_the_numbers_are_saved_as_a_study_and_over_nothing_unasked(page, folder):
+    gain = field(page, "piezo-gain")
+    gain.fill("0.11")
+    gain.press("Enter")
     path = page.locator(".save-path input")
     suggested = path.input_value()
     (folder / "tool.toml").write_text("[tool]")
