@@ -28,7 +28,6 @@ Shaped: TypeAlias = Any
 
 Point: TypeAlias = Float[Array | np.ndarray, " p"]
 
-
 Linearised: TypeAlias = tuple[tuple[Float[Array, " n"], Tree], tuple[Float[Array, "n p"], Tree]]
 """The residuals and what goes with them, and the Jacobian of each of the two."""
 
@@ -84,7 +83,7 @@ def iterate(run: Run, point: Free, state: LMState) -> tuple[Free, LMState, bool]
 
 
 def iterates(run: Run, point: Free, state: LMState, limit: int) -> Iterator[tuple[Free, LMState]]:
-    """Free and state after every iteration, until the solver ends or has linearised `limit` times.
+    """Point and state after every iteration, until the solver ends or has linearised `limit` times.
 
     At least one iteration is made.  An ending that the solver has begun to check is checked to its end.
     """
