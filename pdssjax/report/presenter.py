@@ -13,6 +13,7 @@ import numpy as np
 from ..core import Figure, InputError, decimals_for, display_unit, draw_in_notebook, member_name, percent, rounded
 from ..simulation import TRAJECTORY_UNITS, Trajectory
 from ..study import Estimate, FittedParameter, FittedRecord, Parameter, Record, Study
+from .page import Table, table_html
 
 
 def as_html(shown: object) -> str:
@@ -78,17 +79,7 @@ def _estimate_figure(estimate: Estimate, what: str | None) -> Figure:
 
 def _table(align: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Rows below a head; `align` holds "<" or ">" for each column."""
-    sides = ["left" if side == "<" else "right" for side in align]
-    lines = [_row("th", sides, head), *(_row("td", sides, row) for row in rows)]
-    return f"<_table>\n<thead>{lines[0]}</thead>\n<tbody>\n" + "\n".join(lines[1:]) + "\n</tbody>\n</_table>"
-
-
-def _row(tag: str, sides: Sequence[str], cells: Sequence[str]) -> str:
-    shown = [
-        f'<{tag} style="text-align: {side}">{html.escape(units(cell))}</{tag}>'
-        for side, cell in zip(sides, cells, strict=True)
-    ]
-    return f"<tr>{''.join(shown)}</tr>"
+    return table_html(Table([units(cell) for cell in head], [[units(cell) for cell in row] for row in rows], align))
 
 
 def paragraph(strong: str, text: str = "") -> str:

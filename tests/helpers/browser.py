@@ -1,4 +1,4 @@
-"""A real browser on the page of `pdssjax explore`, and what its console and its network have to say."""
+"""A real browser on a page, that of `pdssjax explore` above all, and what its console and its network have to say."""
 
 import contextlib
 import os
@@ -74,24 +74,31 @@ FOREIGN = "evil.example"
 
 
 @contextlib.contextmanager
-def opened_page(address):
-    """The page on a small screen, the errors of its console, and the hosts that it asked."""
+def browsed(address, width=1366, height=768):
+    """A page on a screen of that size, the errors of its console, and the hosts that it asked."""
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(
             executable_path=browser_path(), args=["--no-sandbox", f"--host-resolver-rules=MAP {FOREIGN} 127.0.0.1"]
         )
-        page = browser.new_page(viewport={"width": 1366, "height": 768})
+        page = browser.new_page(viewport={"width": width, "height": height})
         errors, hosts = [], set()
         page.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
         page.on("pageerror", lambda error: errors.append(str(error)))
         page.on("request", lambda request: hosts.add(urlsplit(request.url).hostname or "within the page"))
         page.on("websocket", lambda socket: hosts.add(urlsplit(socket.url).hostname))
         page.goto(address, timeout=PATIENCE)
-        page.wait_for_function(CHI2, timeout=PATIENCE)
         yield page, errors, hosts
         browser.close()
+
+
+@contextlib.contextmanager
+def opened_page(address):
+    """The page of `pdssjax explore` on a small screen, ready, as `browsed` gives it."""
+    with browsed(address) as (page, errors, hosts):
+        page.wait_for_function(CHI2, timeout=PATIENCE)
+        yield page, errors, hosts
 
 
 def said(page, where, text):

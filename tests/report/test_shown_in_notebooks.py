@@ -39,11 +39,13 @@ class Tables(html.parser.HTMLParser):
         super().__init__()
         self.rows: list[list[str]] = []
         self.open: list[str] = []
+        self.tables = 0
         self.feed(text)
         assert not self.open
 
     def handle_starttag(self, tag, attrs):
         self.open.append(tag)
+        self.tables += tag == "table"
         if tag == "tr":
             self.rows.append([])
         if tag in ("td", "th"):
@@ -64,6 +66,7 @@ def row(text: str, first: str) -> list[str]:
 
 def test_an_estimate_shows_values_errors_and_units():
     shown = fabricated.estimate()._repr_html_()
+    assert Tables(shown).tables == 2
     assert row(shown, "piezo.gain")[1:5] == ["0.1007020", "0.0000070", "0.00695 %", "µm/V"]
     assert row(shown, "friction.sigma0_a")[4] == "N/µm"
     assert row(shown, "effector.mass") == ["effector.mass", "86", "", "", "g", "", "fixed"]
