@@ -16,6 +16,7 @@ import pytest
 from stand_ins import calls as calls
 
 from pdssjax import prepare_jax
+from pdssjax.core import forget_programs
 
 # XLA reads this when the first computation is asked for.
 QUICKLY = (
@@ -33,6 +34,7 @@ def pytest_runtest_teardown(item, nextitem):
     if nextitem is None or nextitem.path != item.path:
         jax.clear_caches()
         eqx.clear_caches()
+        forget_programs()
         gc.collect()
         if sys.platform == "linux":
             ctypes.CDLL(None).malloc_trim(0)

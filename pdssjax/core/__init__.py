@@ -44,6 +44,12 @@ if TYPE_CHECKING:
     )
     from .families import member as member, member_name as member_name, members as members, told_by as told_by
     from .jax_setup import prepare_jax as prepare_jax, require_float64 as require_float64
+    from .kept_programs import (
+        KeptFunction as KeptFunction,
+        forget_programs as forget_programs,
+        keep_programs_in as keep_programs_in,
+        kept_jit as kept_jit,
+    )
     from .physical_quantity import (
         AbstractModel as AbstractModel,
         Choice as Choice,

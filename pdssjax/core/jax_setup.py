@@ -28,6 +28,7 @@ from jaxlib.version import __version__ as jaxlib_version
 from jaxtyping import Array, Float
 
 from .errors import InputError, InputWarning, MiscompilationError
+from .kept_programs import keep_programs_in
 from .process import seldom_look_for_garbage
 
 _ROWS = 16_385
@@ -213,6 +214,7 @@ def prepare_jax(*, dedicated: bool = False) -> None:
         seldom_look_for_garbage()
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     check_compiler(folder)
+    keep_programs_in(folder, _circumstances())
 
 
 def require_float64(what: str) -> None:

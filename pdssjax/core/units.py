@@ -35,6 +35,15 @@ _SMALL_POWER = re.compile(
 )
 """A power of one or two digits or a fraction, which is no power itself: pint computes it at once."""
 
+_COMMON = {
+    **{name: (name, 1.0) for name in ("m", "s", "V", "N", "Hz", "kg")},
+    **{name: ("m", size) for name, size in (("mm", 1e-3), ("um", 1e-6), ("µm", 1e-6), ("nm", 1e-9))},
+    **{name: ("s", size) for name, size in (("ms", 1e-3), ("us", 1e-6))},
+    **{"g": ("kg", 1e-3), "mV": ("V", 1e-3), "kHz": ("Hz", 1e3), "mN": ("N", 1e-3)},
+    **{"um/V": ("m/V", 1e-6), "N/um": ("N/m", 1e6), "um/s": ("m/s", 1e-6), "mm/s": ("m/s", 1e-3)},
+}
+"""What most studies are written in, each with its SI unit: pint takes most of a second to load."""
+
 _SUPERSCRIPTS = re.compile("[\u2070\u00b9\u00b2\u00b3\u2074-\u2079]+")
 
 _LARGEST_POWER = 100.0
@@ -73,6 +82,10 @@ def factor(name: str, unit: str, where: str) -> float:
     **Raises:** `InputError` that begins with `where` if `name` is not a unit or is one of
     another dimension.
     """
+    if name == unit and name:
+        return 1.0
+    if name in _COMMON and _COMMON[name][0] == unit:
+        return _COMMON[name][1]
     registry = _registry()
     try:
         unit_amount = registry.Quantity(1.0, _parsed(name))
@@ -106,8 +119,8 @@ def unit_given(given: object, unit: str) -> tuple[str, float]:
 def unit_named(text: str) -> str:
     """The unit that an instrument writes as `text` ("Volt", "[um]", "(ms)"), for `factor`; "" where it is none."""
     name = text.strip().strip("()[]{}<>").strip().replace("\u03bc", "\u00b5")
-    if not name or name[0].isdigit():
-        return ""
+    if name in _COMMON or not name or name[0].isdigit():
+        return name if name in _COMMON else ""
     for spelled in (name, name.lower()) if len(name) > 3 else (name,):
         try:
             if _parsed(spelled).dimensionality:

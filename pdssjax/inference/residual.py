@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from ..core import kept_jit
 from ..integration import Accuracy
 from ..study import Models, Predictor, Record, Values
 from .losses.base import AbstractLoss
@@ -73,7 +74,7 @@ class Comparison(eqx.Module):
         return jnp.concatenate([*parts, jnp.asarray(told, float)]), jnp.stack(zeros)
 
 
-@eqx.filter_jit
+@kept_jit
 def compared(
     comparison: Comparison,
     motions: Sequence[Float[Array, " samples"]],

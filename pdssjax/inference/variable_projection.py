@@ -186,7 +186,8 @@ def _leaves_unused(task: _Task, here: _Point) -> bool:
     columns = np.asarray(here.jacobian)[:, moves]
     size = np.asarray(_norms(jnp.asarray(columns)))
     scatter = np.sqrt(here.chi2 / max(columns.shape[0] - columns.shape[1], 1))
-    errors = scatter * np.sqrt(np.diag(np.linalg.pinv((columns / size).T @ (columns / size)))) / size
+    spread = np.diag(np.linalg.pinv((columns / size).T @ (columns / size)))
+    errors = scatter * np.sqrt(np.maximum(spread, 0.0)) / size  # rounding may leave less than nothing
     room = np.minimum(here.free - task.low, task.high - here.free)[moves]
     return bool((room < _UNSEEN * errors)[task.linear[moves]].any())
 

@@ -2,14 +2,13 @@
 
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..actuator import Actuator, DrivenPlatform
-from ..core import Figure, InputError, ascending_times, presenter, require_float64
+from ..core import Figure, InputError, ascending_times, kept_jit, presenter, require_float64
 from ..drive.base import AbstractDrive
 from ..integration import FAILURES, Accuracy, visit
 from ..piezo.base import AbstractPiezo
@@ -123,7 +122,7 @@ def simulate(
     return _simulated(actuator, drive, ascending_times("times", times), fine, cycles)
 
 
-@eqx.filter_jit
+@kept_jit
 def _simulated(
     actuator: Actuator,
     drive: AbstractDrive,

@@ -19,7 +19,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
-from ..core import Count, Given, Truth, as_number
+from ..core import Count, Given, Truth, as_number, kept_jit
 from ..drive.base import AbstractDrive
 from ..integration import AbstractHybridSystem, Accuracy
 from ..simulation import (
@@ -318,7 +318,7 @@ def predicted(
 
 def lowered(predictor: Predictor, values: Values, accuracy: Accuracy) -> Lowered:
     """`predicted`, traced; its `compile` may go on in another thread."""
-    return _predicted.lower(*_as_arrays(predictor, values, accuracy))  # pyright: ignore[reportFunctionMemberAccess]
+    return _predicted.prepared(*_as_arrays(predictor, values, accuracy))
 
 
 def _as_arrays(
@@ -328,14 +328,14 @@ def _as_arrays(
     return predictor, numbers, accuracy, np.ones(len(predictor.samples), bool) if used is None else used
 
 
-@eqx.filter_jit
+@kept_jit
 def _predicted(
     predictor: Predictor, values: Values, accuracy: Accuracy, used: Bool[Array | np.ndarray, " records"]
 ) -> list[Float[Array, " samples"]]:
     return predictor(values, accuracy, used)
 
 
-@eqx.filter_jit
+@kept_jit
 def failures(predictor: Predictor, values: Values, accuracy: Accuracy) -> list[Count]:
     """For each record an index into `pdssjax.integration.FAILURES`: why it cannot be predicted; 0 where it can."""
     return _of_each_record(why_failed, predictor, values, accuracy)

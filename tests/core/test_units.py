@@ -5,7 +5,7 @@ import math
 import pytest
 
 from pdssjax import InputError
-from pdssjax.core import LENGTH, column_unit, factor, to_si, unit_named
+from pdssjax.core import LENGTH, column_unit, factor, to_si, unit_named, units
 
 
 @pytest.mark.parametrize(
@@ -149,3 +149,10 @@ def test_numbers_beyond_reading_are_quoted_briefly(kind):
     with pytest.raises(InputError) as caught:
         to_si(GIVEN[kind], "m", "here")
     assert len(str(caught.value)) < 200
+
+
+@pytest.mark.parametrize("name", units._COMMON)
+def test_common_units_are_those_of_pint(name, monkeypatch):
+    unit, size = units._COMMON[name]
+    monkeypatch.setattr(units, "_COMMON", {})
+    assert factor(name, unit, "here") == size

@@ -249,7 +249,7 @@ def _header(above: Sequence[str], separator: str, width: int, decimal: str) -> t
     remarks = [line.lstrip("# ") for line in above if line.lstrip().startswith("#")]
     split = lambda line: cells_of(line, separator, header=True)
     rows = [split(line) for line in plain[-2:]]
-    units = bool(rows) and _are_units(rows[-1], decimal)
+    units = len(rows) > 1 and _are_units(rows[-1], decimal)
     if rows and "increment" in [cell.lower() for cell in rows[0][width:]]:
         rows = [row[:width] for row in rows]  # beside them stand start and increment of the clock
     fits = lambda row: len(_ended(row)) <= width and len(_ended(row)) >= min(width, 2) and len(row) >= width - 1

@@ -7,13 +7,12 @@ solver makes of them is small.  Within `optimistix.least_squares` the same solve
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple, Protocol, TypeAlias
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ...core import Tree
+from ...core import Tree, kept_jit
 from ...study import Lowered
 from .ending import Ending
 from .levenberg_marquardt import BoundedLevenbergMarquardt, Free, Judged, linearised
@@ -58,7 +57,7 @@ class OfFunction(NamedTuple):
 
     def lowered(self, point: Point) -> Lowered:
         """`linearised`, traced; its `compile` may go on in another thread."""
-        return _linearised.lower(self.function, point, self.args)  # pyright: ignore[reportFunctionMemberAccess]
+        return _linearised.prepared(self.function, point, self.args)
 
 
 class Run(NamedTuple):
@@ -104,33 +103,33 @@ def begin(run: Run, point: Point, residual: Shaped, others: Shaped) -> LMState:
     return _blank(run.solver, jnp.asarray(point), run.bounds, *shapes)
 
 
-@eqx.filter_jit
+@kept_jit
 def _blank(solver: BoundedLevenbergMarquardt, point: Free, bounds: Bounds, residual: Shaped, others: Shaped) -> LMState:
     return solver.init(lambda point, args: (point, None), point, None, bounds, residual, others, frozenset())
 
 
-@eqx.filter_jit
+@kept_jit
 def _values(function: ResidualFunction, point: Point, args: Tree) -> tuple[Float[Array, " n"], Tree]:
     return function(point, args)
 
 
-@eqx.filter_jit
+@kept_jit
 def _linearised(function: ResidualFunction, point: Point, args: Tree) -> Linearised:
     return linearised(function, jnp.asarray(point), args)
 
 
-@eqx.filter_jit
+@kept_jit
 def _begun(solver: BoundedLevenbergMarquardt, point: Free, bounds: Bounds, state: LMState) -> tuple[Trial, Free]:
     trial = solver.trial(point, bounds, state)
     return trial, first_point(point, bounds, trial)
 
 
-@eqx.filter_jit
+@kept_jit
 def _gone_on(point: Free, bounds: Bounds, state: LMState, trial: Trial, found: Float[Array, " n"]) -> tuple[Free, Free]:
     return second_point(point, bounds, state, trial, found)
 
 
-@eqx.filter_jit
+@kept_jit
 def _judged(
     solver: BoundedLevenbergMarquardt,
     point: Free,
@@ -143,7 +142,7 @@ def _judged(
     return solver.judged(point, bounds, state, trial, step, ends)
 
 
-@eqx.filter_jit
+@kept_jit
 def _moved(
     solver: BoundedLevenbergMarquardt,
     bounds: Bounds,

@@ -1,0 +1,328 @@
+"""Functions whose executables are kept on disk: a later process neither traces nor lowers them again.
+
+JAX keeps what XLA made of a function, under a key that is known only when the function has been traced and lowered: two
+thirds of what a fit that compiles nothing waits for.  Here the key is what the function is called with: the models by
+the names of their classes and their choices, shapes and kinds of numbers, the sources of this package, the versions of
+the libraries, processor and flags.  What is given from outside the package, a friction law of the user's, has no such
+name for what it does, and is compiled by JAX as ever.
+"""
+
+import contextlib
+import functools
+import hashlib
+import importlib.metadata
+import io
+import os
+import pickle
+import tempfile
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Generic, NamedTuple, ParamSpec, TypeAlias, TypeVar
+
+import equinox as eqx
+import jax
+import jax.monitoring
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jax.experimental import serialize_executable
+
+from .arrays import Tree
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+Arrays: TypeAlias = Sequence[Any]
+"""NumPy's or JAX's, of any shapes."""
+
+_MOST = 8
+"""Executables of a function that a process holds: one of a fit takes 5 MB, and records of a batch differ in length."""
+
+_LIBRARIES = ("jax", "jaxlib", "numpy", "equinox", "diffrax", "optimistix", "lineax")
+"""What executables are made of, beside this package; also whose classes the arguments may hold."""
+
+
+class _Home(NamedTuple):
+    """Where executables are kept, and what they depend on beside what they are called with."""
+
+    folder: Path
+    circumstances: str
+
+
+_homes: list[_Home] = []
+"""The one, if any."""
+
+
+def keep_programs_in(folder: Path | None, circumstances: str) -> None:
+    """Keep executables in a `folder` that nobody else may write to, since they are run; None to keep none.
+
+    **Arguments:** `circumstances` name processor, flags and compiler.
+    """
+    _homes[:] = [] if folder is None else [_Home(folder, f"{_sources()}\n{circumstances}")]
+    _listen()
+
+
+_in_thread = threading.local()
+
+
+def _cache_hits() -> int:
+    """How many functions JAX has read from its own cache, in this thread."""
+    return getattr(_in_thread, "hits", 0)
+
+
+@functools.cache
+def _listen() -> None:
+    def told(event: str, **_: object) -> None:
+        if event == "/jax/compilation_cache/cache_hits":
+            _in_thread.hits = _cache_hits() + 1
+
+    jax.monitoring.register_event_listener(told)
+
+
+def forget_programs() -> None:
+    """Drop the executables that this process holds, as `jax.clear_caches` does with JAX's own."""
+    for function in _functions:
+        function.forget()
+
+
+class Program(NamedTuple):
+    """An executable, and what its outputs are leaves of."""
+
+    executable: Callable[..., Arrays]
+    outputs: Tree
+    """The tree of the outputs with numbers for leaves."""
+
+    def __call__(self, leaves: Arrays) -> Tree:
+        """The outputs for the arrays among the arguments."""
+        return jax.tree.unflatten(jax.tree.structure(self.outputs), self.executable(*leaves))
+
+
+class KeptFunction(Generic[P, R]):
+    """`equinox.filter_jit` of a function that returns arrays, with executables that are kept on disk."""
+
+    def __init__(self, function: Callable[P, R]):
+        functools.update_wrapper(self, function)
+        self._function = function
+        self._jitted = eqx.filter_jit(function)
+        self._programs: OrderedDict[Any, _Slot] = OrderedDict()
+        self._lock = threading.Lock()
+        _functions.append(self)
+
+    def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
+        """What the function gives; compiled with what calls it where that is being traced."""
+        if kwargs or any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(args)) or not _can_be_kept():
+            return self._jitted(*args, **kwargs)
+        leaves, call, key = self._asked(args)
+        return self._slot(key).program(call)(leaves)
+
+    def prepared(self, *args: P.args, **kwargs: P.kwargs) -> "Prepared":
+        """The function for arguments like these, traced unless it is kept; its `compile` may go on in a thread."""
+        if kwargs or not _can_be_kept():
+            return self._jitted.lower(*args, **kwargs)  # pyright: ignore[reportFunctionMemberAccess]
+        _, call, key = self._asked(args)
+        slot = self._slot(key)
+        return Prepared(slot, slot.lowered(call))
+
+    def forget(self) -> None:
+        """Drop its executables."""
+        with self._lock:
+            self._programs.clear()
+
+    def _asked(self, args: tuple[Any, ...]) -> "tuple[list[Any], _Call, Any]":
+        """The arrays among the arguments, the rest of them with the function, and a key of both but for numbers."""
+        arrays, rest = eqx.partition(args, _is_array)
+        leaves, tree = jax.tree.flatten(arrays)
+        shapes = tuple((np.shape(leaf), leaf.dtype, bool(getattr(leaf, "weak_type", False))) for leaf in leaves)
+        others, shape_of_others = jax.tree.flatten(rest)
+        call = _Call(self._function, leaves, tree, rest, shapes)
+        kinds = tuple(type(other) for other in others)  # 1, 1.0 and True are equal, and make other programs
+        return leaves, call, (shapes, tree, tuple(others), kinds, shape_of_others, _settings())
+
+    def _slot(self, key: Any) -> "_Slot":
+        with self._lock:
+            slot = self._programs.setdefault(key, _Slot())
+            self._programs.move_to_end(key)
+            while len(self._programs) > _MOST:
+                self._programs.popitem(last=False)
+            return slot
+
+
+_functions: list[KeptFunction[Any, Any]] = []
+
+
+def kept_jit(function: Callable[P, R]) -> KeptFunction[P, R]:
+    """`function` compiled, of any arguments, and its executables kept: for functions that return arrays."""
+    return KeptFunction(function)
+
+
+class _Call(NamedTuple):
+    """A function with its arguments."""
+
+    function: Callable[..., Any]
+    leaves: list[Any]
+    tree: Any
+    rest: Tree
+    shapes: tuple[Any, ...]
+
+    def file(self) -> Path | None:
+        """Where the executable is kept; None where it has no name."""
+        if not _homes:
+            return None
+        name = io.BytesIO()
+        skeleton = jax.tree.unflatten(self.tree, [0] * len(self.leaves))
+        try:
+            what = (self.function.__module__, self.function.__qualname__, self.rest, skeleton, repr(self.shapes))
+            _Names(name).dump(what)
+        except (pickle.PicklingError, AttributeError, TypeError):
+            return None
+        name.write(f"{_homes[0].circumstances}{_settings()}".encode())
+        return _homes[0].folder / f"program-{hashlib.sha256(name.getvalue()).hexdigest()[:40]}"
+
+
+class Prepared(NamedTuple):
+    """A function that has been traced, or whose executable is kept."""
+
+    slot: "_Slot"
+    lowered: "Callable[[], Program]"
+
+    def compile(self) -> object:
+        """Compiles it, for all that call it afterwards."""
+        return self.slot.filled(self.lowered)
+
+
+class _Slot:
+    """Room for one executable, which one thread makes."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._program: Program | None = None
+
+    def program(self, call: _Call) -> Program:
+        """The executable, from disk, or compiled and kept there."""
+        return self._program or self.filled(self.lowered(call))
+
+    def lowered(self, call: _Call) -> Callable[[], Program]:
+        """What makes the executable, after tracing where that must be done."""
+        if self._program is not None:
+            return lambda: self._program  # pyright: ignore[reportReturnType]
+        file = call.file()
+        if file is not None and (kept := _loaded(file)) is not None:
+            return lambda: kept
+        outputs: list[Any] = []
+
+        def flat(*leaves: Any) -> list[Any]:
+            args = eqx.combine(jax.tree.unflatten(call.tree, leaves), call.rest)
+            found, tree = jax.tree.flatten(call.function(*args))
+            outputs[:] = [jax.tree.unflatten(tree, range(len(found)))]
+            return found
+
+        flat.__name__ = call.function.__name__
+        began = time.perf_counter()
+        lowered = jax.jit(flat, keep_unused=True).lower(*call.leaves)
+
+        def compiled() -> Program:
+            hits = _cache_hits()
+            program = Program(lowered.compile(), outputs[0])
+            took = time.perf_counter() - began
+            # What JAX has read from its own cache cannot be written again: the kernels would be missing.
+            fresh = _cache_hits() == hits
+            if file is not None and fresh and took >= jax.config.jax_persistent_cache_min_compile_time_secs:  # pyright: ignore[reportAttributeAccessIssue]
+                _keep(program, file)
+            return program
+
+        return compiled
+
+    def filled(self, make: Callable[[], Program]) -> Program:
+        """The executable, by `make` unless another thread has made it."""
+        with self._lock:
+            if self._program is None:
+                self._program = make()
+            return self._program
+
+
+class _Names(pickle.Pickler):
+    """Writes arguments by the names of their classes, equal ones equally, and refuses those of other packages."""
+
+    def __init__(self, file: io.BytesIO):
+        super().__init__(file)
+        self.fast = True  # without references to what was written before, which depend on identity
+
+    def reducer_override(self, obj: Any) -> Any:
+        if isinstance(obj, type) or hasattr(obj, "__qualname__"):
+            home = str(getattr(obj, "__module__", "")).partition(".")[0]
+            if home not in ("pdssjax", "builtins", "types", "functools", "enum", *_LIBRARIES):
+                raise pickle.PicklingError(f"{obj!r} is of another package")
+        return NotImplemented
+
+
+def _is_array(leaf: object) -> bool:
+    return isinstance(leaf, jax.Array | np.ndarray | np.generic)
+
+
+def _can_be_kept() -> bool:
+    """Executables are called with arrays of the one device there is, and are not run for each number."""
+    run_by_parts = jax.config.jax_disable_jit  # pyright: ignore[reportAttributeAccessIssue]
+    return jax.default_backend() == "cpu" and jax.device_count() == 1 and not run_by_parts
+
+
+def _settings() -> tuple[object, ...]:
+    """Of JAX, those that change what a function becomes."""
+    names = (
+        "enable_x64",
+        "debug_nans",
+        "debug_infs",
+        "enable_checks",
+        "default_matmul_precision",
+        "numpy_dtype_promotion",
+    )
+    return tuple(getattr(jax.config, f"jax_{name}", None) for name in names)
+
+
+@functools.cache
+def _sources() -> str:
+    """Those of this package, and the versions of the libraries."""
+    sources = hashlib.sha256()
+    root = Path(__file__).parent.parent
+    for file in sorted(root.rglob("*.py")):
+        sources.update(str(file.relative_to(root)).encode() + b"\0" + file.read_bytes())
+    versions = [f"{name} {importlib.metadata.version(name)}" for name in _LIBRARIES]
+    return "\n".join([sources.hexdigest(), *versions])
+
+
+@functools.cache
+def _register_lapack() -> None:
+    """Linear algebra of the CPU is known to XLA once something that needs it was lowered; an executable would crash."""
+    jax.jit(jnp.linalg.qr).lower(np.eye(2))
+
+
+def _loaded(file: Path) -> Program | None:
+    """The executable in `file`; None where there is none, or not as it was written."""
+    try:
+        content = file.read_bytes()
+    except OSError:
+        return None
+    digest, content = content[:32], content[32:]
+    if hashlib.sha256(content).digest() != digest:
+        return None
+    _register_lapack()
+    try:
+        *executable, outputs = pickle.loads(content)
+        return Program(serialize_executable.deserialize_and_load(*executable), outputs)
+    except (jax.errors.JaxRuntimeError, pickle.UnpicklingError):  # of another compiler, whatever its version says
+        return None
+
+
+def _keep(program: Program, file: Path) -> None:
+    """Write the executable to `file`, whole or not at all; nothing where it cannot be written."""
+    try:
+        content = pickle.dumps((*serialize_executable.serialize(program.executable), program.outputs))  # pyright: ignore[reportArgumentType]
+    except (ValueError, TypeError, pickle.PicklingError):  # what calls back into Python
+        return
+    with contextlib.suppress(OSError):
+        descriptor, name = tempfile.mkstemp(dir=file.parent)
+        with os.fdopen(descriptor, "wb") as unfinished:
+            unfinished.write(hashlib.sha256(content).digest() + content)
+        Path(name).replace(file)

@@ -1,0 +1,113 @@
+"""Executables on disk: the same numbers without tracing again, for what has a name, and never in place of another."""
+
+import dataclasses
+import zlib
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from pdssjax.core import forget_programs, keep_programs_in, kept_jit
+from pdssjax.friction.coulomb import Coulomb
+
+TRACED = []
+
+
+class Pair(NamedTuple):
+    twice: jax.Array
+    solved: jax.Array
+
+
+@kept_jit
+def function(model, numbers, choice):
+    TRACED.append(choice)
+    matrix = jnp.eye(3) + numbers[:, None] * numbers
+    return Pair((2.0 + isinstance(choice, bool)) * numbers, jnp.linalg.solve(matrix, choice * numbers))
+
+
+@pytest.fixture
+def folder(tmp_path):
+    keep_programs_in(tmp_path, "here")
+    TRACED.clear()
+    yield tmp_path
+    keep_programs_in(None, "")
+    forget_programs()
+
+
+@pytest.fixture
+def choice(tmp_path):
+    """A number that no other run has: JAX then has nothing of it in a cache of its own."""
+    return 1.0 + zlib.crc32(f"{tmp_path} {np.datetime64('now')}".encode()) / 2**32
+
+
+NUMBERS = np.array([1.0, 2.0, 3.0])
+
+
+def test_the_next_process_does_not_trace(folder, choice):
+    first = function(Coulomb(), NUMBERS, choice)
+    forget_programs()
+    again = function(Coulomb(), NUMBERS, choice)
+    assert len(TRACED) == 1 and isinstance(again, Pair)
+    assert all(np.array_equal(a, b) for a, b in zip(first, again, strict=True))
+    np.testing.assert_allclose(again.solved, np.linalg.solve(np.eye(3) + np.outer(NUMBERS, NUMBERS), choice * NUMBERS))
+    np.testing.assert_array_equal(function(Coulomb(), 2.0 * NUMBERS, choice).twice, 4.0 * NUMBERS)
+    assert len(TRACED) == 1
+
+
+def test_choices_and_circumstances_make_another_program(folder, choice):
+    function(Coulomb(), NUMBERS, choice)
+    function(Coulomb(), NUMBERS, 2.0 * choice)
+    forget_programs()
+    keep_programs_in(folder, "there")
+    function(Coulomb(), NUMBERS, choice)
+    assert len(TRACED) == 3
+
+
+def test_equal_choices_of_different_kinds_are_told_apart(folder):
+    assert function(None, NUMBERS, 1).twice[0] == 2.0
+    assert function(None, NUMBERS, True).twice[0] == 3.0
+
+
+def test_a_damaged_file_is_made_again(folder, choice):
+    function(Coulomb(), NUMBERS, choice)
+    (file,) = folder.iterdir()
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 1
+    file.write_bytes(content)
+    forget_programs()
+    np.testing.assert_array_equal(function(Coulomb(), NUMBERS, choice).twice, 2.0 * NUMBERS)
+    assert len(TRACED) == 2
+
+
+def test_models_of_other_packages_are_not_kept(folder, choice):
+    class OfTheUser(eqx.Module):
+        number: float = 1.0
+
+    function(OfTheUser(), NUMBERS, choice)
+    assert not list(folder.iterdir())
+
+
+def test_a_process_holds_few(folder, choice):
+    for k in range(9):
+        function(None, NUMBERS, choice + k)
+    function(None, NUMBERS, choice + 8)
+    assert len(TRACED) == 9
+    for file in folder.iterdir():
+        file.unlink()
+    function(None, NUMBERS, choice)
+    assert len(TRACED) == 10
+
+
+def test_within_a_trace_it_is_compiled_with_what_calls_it(folder):
+    slope = jax.jit(jax.grad(lambda x: function(None, x * NUMBERS, 1.0).twice.sum()))(1.0)
+    assert slope == pytest.approx(2.0 * NUMBERS.sum())
+    assert not list(folder.iterdir())
+
+
+def test_prepared_ahead(folder, choice):
+    function.prepared(dataclasses.replace(Coulomb()), NUMBERS, choice).compile()
+    function(Coulomb(), NUMBERS, choice)
+    assert len(TRACED) == 1
