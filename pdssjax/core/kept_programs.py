@@ -319,7 +319,7 @@ def _keep(program: Program, file: Path) -> None:
     """Write the executable to `file`, whole or not at all; nothing where it cannot be written."""
     try:
         content = pickle.dumps((*serialize_executable.serialize(program.executable), program.outputs))  # pyright: ignore[reportArgumentType]
-    except (ValueError, TypeError, pickle.PicklingError):  # what calls back into Python
+    except (AttributeError, ValueError, TypeError, pickle.PicklingError):  # what calls back into Python
         return
     with contextlib.suppress(OSError):
         descriptor, name = tempfile.mkstemp(dir=file.parent)

@@ -111,3 +111,13 @@ def test_prepared_ahead(folder, choice):
     function.prepared(dataclasses.replace(Coulomb()), NUMBERS, choice).compile()
     function(Coulomb(), NUMBERS, choice)
     assert len(TRACED) == 1
+
+
+@kept_jit
+def calling_back(numbers):
+    return jax.pure_callback(np.sin, numbers, numbers)
+
+
+def test_what_calls_back_into_python_is_not_kept(folder):
+    np.testing.assert_array_equal(calling_back(NUMBERS), np.sin(NUMBERS))
+    assert not list(folder.iterdir())
