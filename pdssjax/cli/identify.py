@@ -87,7 +87,7 @@ def _intervals_of(method: "Method", asked: "Intervals") -> "Intervals":
 
 
 def _noted(estimate: "Estimate", asked: argparse.Namespace, intervals: "Intervals", loss: str) -> "Estimate":
-    """With a note each where other intervals, or another loss, were `asked` for than are given."""
+    """With the command, and a note each where other intervals, or another loss, were `asked` for than are given."""
     import dataclasses
 
     notes = []
@@ -98,7 +98,8 @@ def _noted(estimate: "Estimate", asked: argparse.Namespace, intervals: "Interval
             f"No {asked.loss}: the {estimate.method} method has no robust loss, and glitches pull it as they do least "
             "squares."
         )
-    return dataclasses.replace(estimate, notes=(*estimate.notes, *notes))
+    made = dataclasses.replace(estimate.provenance, command=asked.command_line)
+    return dataclasses.replace(estimate, notes=(*estimate.notes, *notes), provenance=made)
 
 
 def _possible(study: "Study") -> "list[Method]":

@@ -11,6 +11,7 @@ import argparse
 import contextlib
 import importlib
 import os
+import shlex
 import sys
 import warnings
 from collections.abc import Sequence
@@ -23,6 +24,7 @@ from .signals import exit_status, requests_to_end
 COMMANDS = {
     "identify": "estimate an actuator's parameters, with uncertainties, from the records of a study",
     "new": "make a study of files: channels, waveforms, noise and laws guessed, marked and drawn to be checked",
+    "report": "one HTML page of a folder of results, to be sent to a colleague",
     "simulate": "predict every record of a study, at its values and starts or at those of an estimate",
     "explore": "a page in the browser on which a study's numbers are turned: measured against predicted, fits, sweeps",
     "channels": "list the channels of files: CSV, MATLAB, TDMS, HDF5, oscilloscopes",
@@ -50,6 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             given = sys.argv[1:] if arguments is None else list(arguments)
             _check_values(given)
             options = _parser(given).parse_args(given)
+            options.command_line = shlex.join(["pdssjax", *given])
             return options.run(options)
         except (InputError, MiscompilationError, OSError) as error:
             print(f"pdssjax: error: {_cut(str(error))}", file=sys.stderr)

@@ -74,7 +74,11 @@ if TYPE_CHECKING:
         presenter as presenter,
         told_in_notebook as told_in_notebook,
     )
-    from .process import one_blas_thread as one_blas_thread, seldom_look_for_garbage as seldom_look_for_garbage
+    from .process import (
+        installed_versions as installed_versions,
+        one_blas_thread as one_blas_thread,
+        seldom_look_for_garbage as seldom_look_for_garbage,
+    )
     from .quasi_random import sobol_points as sobol_points
     from .units import (
         column_unit as column_unit,

@@ -6,6 +6,7 @@ notebook progress is a bar below the cell, of plain HTML, which needs no widgets
 """
 
 import importlib
+import os
 import sys
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Protocol, cast
@@ -25,6 +26,10 @@ class Presenter(Protocol):
 
     def as_figure(self, shown: object, what: str | None = None) -> Figure:
         """A result as a figure of matplotlib; `what` of it, or an overview."""
+        ...
+
+    def write_report(self, shown: object, path: "str | os.PathLike[str]", overwrite: bool) -> None:
+        """A result as one HTML file."""
         ...
 
 

@@ -1,8 +1,9 @@
-"""Settings of the process: how often Python looks for garbage, how many threads linear algebra takes."""
+"""The process: how often Python looks for garbage, how many threads linear algebra takes, which versions compute."""
 
 import contextlib
 import gc
 import importlib
+import platform
 from collections.abc import Iterator
 
 _OBJECTS = 100_000
@@ -30,3 +31,18 @@ def one_blas_thread() -> Iterator[None]:
     importlib.import_module("scipy.linalg")  # limits reach only what is loaded, and SciPy brings a library of its own
     with threadpool_limits(1, user_api="blas"):
         yield
+
+
+_COMPUTING = "pdssjax", "jax", "jaxlib", "diffrax", "equinox", "optimistix", "numpy", "scipy"
+"""Packages on which the digits of a result may depend."""
+
+
+def installed_versions() -> dict[str, str]:
+    """The versions of Python and of the packages that compute, by name; without those that were never installed."""
+    from importlib import metadata
+
+    found = {"python": platform.python_version()}
+    for package in _COMPUTING:
+        with contextlib.suppress(metadata.PackageNotFoundError):
+            found[package] = metadata.version(package)
+    return found

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from .characterise_record import characterise as characterise
     from .draws_file import DrawsFile as DrawsFile, holds_draws as holds_draws
     from .draws_results import read_draws as read_draws
+    from .estimate_folder import read_estimate_folder as read_estimate_folder
     from .estimate_json import (
         estimate_text as estimate_text,
         read_covariance as read_covariance,
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
         reserved_folder as reserved_folder,
         write_aside as write_aside,
     )
+    from .results_page import read_page as read_page
     from .study_copy import save_study as save_study
     from .study_schema import schema_text as schema_text
     from .study_toml import load_study as load_study

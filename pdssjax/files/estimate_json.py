@@ -184,7 +184,16 @@ def estimate_document(estimate: Estimate) -> Document:
         if estimate.method != "joint":
             parameters[path]["naive_standard_error"] = parameter.naive_standard_error
     keys = "name role samples r2 error_index rmse noise offset offset_standard_error simulated measures".split()
-    keys += ["largest_error", "noise_estimated", "noise_floor", "chi2", "reduced_chi2"]
+    keys += [
+        "largest_error",
+        "noise_estimated",
+        "noise_floor",
+        "chi2",
+        "reduced_chi2",
+        "frequency",
+        "excitation",
+        "file",
+    ]
     return {
         "format": FORMAT,
         "title": estimate.title,
@@ -217,6 +226,7 @@ def estimate_document(estimate: Estimate) -> Document:
         "statistics": vars(estimate.statistics),
         "notes": estimate.notes,
         "seconds": estimate.seconds,
+        "provenance": vars(estimate.provenance),
     } | ({} if estimate.check is None else {"check": vars(estimate.check)})
 
 

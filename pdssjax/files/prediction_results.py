@@ -7,7 +7,9 @@ from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
+from jaxtyping import Float
 
+from ..core import Display
 from ..metrics import Characterisation
 from ..study import FittedRecord, UsedNumber
 from .json_text import json_text
@@ -17,6 +19,9 @@ PARAMETERS_FORMAT = "pdssjax-parameters/1"
 
 _TAKEN = ("amplification", "correlations", "draws", "multistart", "profiles", "standard_errors")
 """What `plots` holds besides a plot of each record."""
+
+COMPARED = "measured", "predicted", "residual"
+"""Columns after the time, each with the unit behind it."""
 
 _LONGEST = 60
 """Letters of a file's name: four bytes each at most, of the 255 that a name may have."""
@@ -50,18 +55,38 @@ def write_records(records: Sequence[FittedRecord], staging: Path) -> None:
     for stem, record in zip(file_stems(records), records, strict=True):
         unit, scale = record.display.unit, record.display.scale
         table = np.column_stack([record.measured, record.predicted, record.measured - record.predicted])
+        applied = applied_columns(record)
         np.savetxt(
             staging / "predictions" / f"{stem}.csv",
-            np.column_stack([record.time, scale * table]),
-            fmt=("%.15g", "%.9g", "%.9g", "%.9g"),
+            np.column_stack([record.time, scale * table, *applied.values()]),
+            fmt=("%.15g", *["%.9g"] * (3 + len(applied))),
             delimiter=",",
-            header=f"time_s,measured_{unit},predicted_{unit},residual_{unit}",
+            header=",".join(["time_s", *(f"{name}_{unit}" for name in COMPARED), *applied]),
             comments="",
         )
         record_figure(record).savefig(staging / "plots" / f"{stem}.png")
         if record.simulated and has_loops(record):
             (staging / "plots" / "loops").mkdir(exist_ok=True)
             loop_figure(record).savefig(staging / "plots" / "loops" / f"{stem}.png")
+
+
+def applied_columns(record: FittedRecord) -> dict[str, Float[np.ndarray, " n"]]:
+    """What was applied to the rig in the unit of the column, by the column's name, as far as the record has it."""
+    columns = {}
+    if record.motion is not None:
+        columns[prescribed_column(record.prescribed)] = record.prescribed.scale * record.motion
+    if record.voltage is not None:
+        columns[VOLTAGE] = record.voltage
+    return columns
+
+
+VOLTAGE = "voltage_V"
+"""Column of the command, where the platform alone was measured."""
+
+
+def prescribed_column(display: Display) -> str:
+    """Name of the column of a motion or velocity that was prescribed."""
+    return f"{display.quantity}_{display.unit}"
 
 
 def file_stems(records: Sequence[FittedRecord] | Sequence[Characterisation]) -> list[str]:

@@ -15,6 +15,7 @@ _RESULTS = (
     "comparison.txt",
     "comparison.png",
     "report.txt",
+    "report.html",
     "records",
     "predictions",
     "cycles.csv",

@@ -6,8 +6,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ..core import installed_versions
 from ..integration import solver_name
-from ..study import Estimate, FittedParameter, FittedRecord, Parameter, Study, compare, failure_cause
+from ..study import Estimate, FittedParameter, FittedRecord, Parameter, Provenance, Study, compare, failure_cause
 from .covariance import Covariance, correlation
 from .diagnostics.diagnose import diagnose
 from .fit_statistics import degrees_taken, statistics_of
@@ -88,6 +89,7 @@ def summarise(
         loss=type(loss).__name__.lower(),
         actuator=study.models.chosen,
         solver=solver_name(problem.residual.accuracy.method),
+        provenance=Provenance(study=str(study.path or ""), versions=installed_versions()),
     )
     facts = ErrorFacts(known.null, weakly_determined, factor, stack is not None, loss.is_robust, missed, mixed)
     return dataclasses.replace(estimate, notes=notes_of(estimate, study, fit, free, facts))

@@ -5,6 +5,7 @@ As HTML a result has its numbers with units, as in the report; all that comes fr
 
 import html
 import math
+import os
 import re
 from collections.abc import Sequence
 
@@ -75,6 +76,15 @@ def _estimate_figure(estimate: Estimate, what: str | None) -> Figure:
     if what not in known:
         raise InputError(f'plot: found "{what}", expected one of {", ".join(known)}.')
     return known[what]()
+
+
+def write_report(shown: object, path: str | os.PathLike[str], overwrite: bool) -> None:
+    """Write an estimate into one HTML file; **raises** `InputError` as `write_page` does."""
+    from .page import estimate_page, write_page
+
+    if not isinstance(shown, Estimate):
+        raise TypeError(f"Argument `shown` must be an estimate, but it is a {type(shown).__name__}")
+    write_page(path, estimate_page(shown), overwrite=overwrite)
 
 
 def _table(align: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -197,17 +207,8 @@ def _study_parameter(parameter: Parameter) -> list[str]:
 
 
 def _study_record(record: Record) -> list[str]:
-    drive = "prescribed motion" if record.drive is None else _drive(record)
     ends = [f"{record.time[at]:.4g}" for at in (0, -1)]
-    return [record.name, record.measures, record.role, drive, str(record.time.size), *ends]
-
-
-def _drive(record: Record) -> str:
-    drive = record.drive
-    assert drive is not None
-    frequency = drive.cycle_frequency()
-    cycles = "" if frequency is None else f", {float(frequency):g} Hz"
-    return f"{member_name(type(drive))}, {float(drive.peak()):g} V{cycles}"
+    return [record.name, record.measures, record.role, record.excitation, str(record.time.size), *ends]
 
 
 def trajectory_html(run: Trajectory) -> str:

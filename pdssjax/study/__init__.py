@@ -22,6 +22,7 @@ if TYPE_CHECKING:
         FittedParameter as FittedParameter,
         MeasuredApart as MeasuredApart,
         ParameterError as ParameterError,
+        Provenance as Provenance,
         Statistics as Statistics,
     )
     from .findings import (

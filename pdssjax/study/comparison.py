@@ -80,6 +80,10 @@ class FittedRecord:
     """As `predicted` where the fit had not seen the `outliers` of its records, which pull it; None: as `predicted`."""
     voltage: Float[np.ndarray, " n"] | None = None
     """The command at `time` [V], where the platform alone is measured; else None."""
+    excitation: str = ""
+    """What moved the rig, in words: waveform, peak voltage and frequency of the drive."""
+    file: str = ""
+    """Name of the file of data, without its folder."""
 
     @property
     def residual(self) -> Float[np.ndarray, " n"]:
@@ -111,8 +115,8 @@ class FittedRecord:
 
     @property
     def largest_error(self) -> float:
-        """Of the residuals, by size; NaN where the simulation failed."""
-        return float(np.max(np.abs(self.residual)))
+        """Largest residual by size; NaN where the simulation failed, or there are no samples."""
+        return float(np.max(np.abs(self.residual))) if self.time.size else math.nan
 
 
 def compare(
@@ -170,6 +174,8 @@ def compare(
         outliers=found,
         undisturbed=undisturbed,
         voltage=_voltage(record),
+        excitation=record.excitation,
+        file=record.file.name,
     )
 
 

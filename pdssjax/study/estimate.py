@@ -1,5 +1,6 @@
 """What an identification found: plain values in SI units, for the report, the plots and the files."""
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, NamedTuple
@@ -175,6 +176,18 @@ class Amplification:
         return self.later[i], self.earlier[j], float(self.matrix[i, j])
 
 
+@dataclass(frozen=True)
+class Provenance:
+    """What made an estimate, so that it can be made again."""
+
+    command: str = ""
+    """Command line of the fit; "" where a program called `pdssjax.identify`."""
+    study: str = ""
+    """Path of the study's file, as it was given; "" where there is none."""
+    versions: Mapping[str, str] = field(default_factory=dict)
+    """Of Python and of the packages that compute, by name; empty where nothing is known of them."""
+
+
 OWN_MINIMISER = "BoundedLevenbergMarquardt"
 """The package's own, which minimises where nothing else is asked for."""
 
@@ -235,6 +248,8 @@ class Estimate:
     """Name of the class of the solver that looked for the minimum."""
     check: IntegratorCheck | None = None
     """How far a fit by another integrator ends from here; None where none was asked for."""
+    provenance: Provenance = Provenance()
+    """Command, study and versions that it was made with."""
 
     @property
     def success(self) -> bool:
@@ -265,6 +280,17 @@ class Estimate:
         **Raises:** `InputError` for anything else.
         """
         return presenter().as_figure(self, what)
+
+    def report(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
+        """Write one HTML file for a colleague, which opens in any browser without network.
+
+        It has what was measured and fitted, all parameters with errors and intervals, findings, figures that can be
+        zoomed, versions, and how to repeat it.
+
+        **Raises:** `InputError` where `path` exists and `overwrite` is false, or is a folder; `OSError` where nothing
+        can be written there.
+        """
+        presenter().write_report(self, path, overwrite)
 
     def to_dataframe(self) -> "pandas.DataFrame":
         """The parameters as a table of pandas, one a row, indexed by path, in SI.

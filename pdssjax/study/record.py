@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from ..core import ScalarLike
+from ..core import ScalarLike, member_name
 from ..drive.base import AbstractDrive
 from .measurement.base import AbstractMeasurement
 
@@ -58,6 +58,15 @@ class Record:
     def measures(self) -> str:
         """What was measured, as a study file writes it: "platform", "effector", ..."""
         return self.measurement.name
+
+    @property
+    def excitation(self) -> str:
+        """What moves the rig, in words: waveform, peak voltage and frequency of the drive."""
+        if self.drive is None:
+            return "prescribed motion"
+        frequency = self.drive.cycle_frequency()
+        cycles = "" if frequency is None else f", {float(frequency):g} Hz"
+        return f"{member_name(type(self.drive))}, {float(self.drive.peak()):g} V{cycles}"
 
 
 def shared_fields(record: Record) -> dict[str, str]:

@@ -63,7 +63,7 @@ def page(*figures: Figure) -> Page:
     sections = [
         Section("Records", [HOSTILE], tables=[table], figures=shown),
         Section("Notes", points=[HOSTILE, "second"], folded=True),
-        Section(HOSTILE, commands=["pdssjax identify a.toml", HOSTILE]),
+        Section(HOSTILE, lines=["pdssjax identify a.toml", HOSTILE]),
     ]
     return Page(f"Rig {HOSTILE}", sections, subtitle=HOSTILE)
 

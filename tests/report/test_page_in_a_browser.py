@@ -1,7 +1,9 @@
 """A page in a real browser, from the disk: figures are zoomed and moved, nothing fails, nothing is asked for."""
 
+import dataclasses
 import re
 
+import fabricated
 import pytest
 from browser import browsed
 from matplotlib.figure import Figure
@@ -117,6 +119,33 @@ def test_a_telephone_shows_all_of_it_without_scrolling_the_page_sideways(page):
 def test_what_is_folded_is_printed(page):
     page.pdf(format="A4")
     assert page.locator("details[open]").count() == 1
+
+
+def test_the_page_of_an_identification_opens_without_complaint(page, tmp_path):
+    estimate = fabricated.with_errors(fabricated.estimate())
+    title = "Rig <img src=x onerror=alert(1)> 'A' & B"
+    dataclasses.replace(estimate, title=title, records=estimate.records[1:2]).report(tmp_path / "rig.html")
+    opened = page.context.new_page()
+    complaints, asked = [], []
+    opened.on("console", lambda message: complaints.append(message.text))
+    opened.on("pageerror", lambda error: complaints.append(str(error)))
+    opened.on("request", lambda request: asked.append(request.url))
+    address = (tmp_path / "rig.html").as_uri()
+    opened.goto(address)
+    assert opened.locator("h1").inner_text() == title
+    figure = opened.locator("figure svg").last
+    opened.locator("summary").click()
+    figure.scroll_into_view_if_needed()
+    whole = view(figure)
+    figure.hover()
+    opened.mouse.wheel(0, -100)
+    assert view(figure)[2] < whole[2]
+    figure.dblclick()
+    assert view(figure) == pytest.approx(whole)
+    opened.set_viewport_size({"width": 375, "height": 700})
+    assert opened.evaluate("document.scrollingElement.scrollWidth") <= 375
+    assert not complaints and asked == [address]
+    opened.close()
 
 
 def test_nothing_failed_and_nothing_was_asked_for(opened):

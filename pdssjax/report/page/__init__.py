@@ -16,6 +16,7 @@ if TYPE_CHECKING:
         table_html as table_html,
         write_page as write_page,
     )
+    from .estimate import estimate_page as estimate_page
 else:
     from ...core.lazy import lazy_exports
 

@@ -13,6 +13,7 @@ import json
 import math
 import os
 import re
+import struct
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -52,7 +53,8 @@ class Table:
 class Illustration:
     """A figure with what a reader has to know of it."""
 
-    figure: Figure
+    figure: Figure | bytes
+    """Of matplotlib, or the content of a PNG file."""
     caption: str
     """One or two sentences below it."""
     description: str = ""
@@ -61,15 +63,15 @@ class Illustration:
 
 @dataclass(frozen=True)
 class Section:
-    """A part of a page, in this order: paragraphs, a list, commands, tables, figures."""
+    """A part of a page, in this order: paragraphs, a list, lines as they are, tables, figures."""
 
     heading: str
     text: Sequence[str] = ()
     """Paragraphs."""
     points: Sequence[str] = ()
     """Entries of a list."""
-    commands: Sequence[str] = ()
-    """Lines for a terminal or a program, shown as they are."""
+    lines: Sequence[str] = ()
+    """Lines of a program or of a plain text, shown as they are, in letters of one width."""
     tables: Sequence[Table] = ()
     figures: Sequence[Illustration] = ()
     folded: bool = False
@@ -164,8 +166,8 @@ def _section(section: Section, at: int, numbers: Iterator[int]) -> str:
     parts = [f"<p>{html.escape(text)}</p>" for text in section.text]
     if section.points:
         parts.append("<ul>" + "".join(f"<li>{html.escape(text)}</li>" for text in section.points) + "</ul>")
-    if section.commands:
-        parts.append(f'<pre tabindex="0"><code>{html.escape(chr(10).join(section.commands))}</code></pre>')
+    if section.lines:
+        parts.append(f'<pre tabindex="0">{html.escape(chr(10).join(section.lines))}</pre>')
     for table in section.tables:
         label = html.escape(table.caption or section.heading, quote=True)
         parts.append(
@@ -206,8 +208,11 @@ def _cell(tag: str, side: str, cell: str | Share, scope: str = "") -> str:
 
 
 def _illustration(shown: Illustration, number: int) -> str:
-    caption = f"Figure {number}. {shown.caption}"
-    svg = _svg(shown.figure, number, shown.description or shown.caption)
+    caption, description = f"Figure {number}. {shown.caption}", shown.description or shown.caption
+    if isinstance(shown.figure, bytes):
+        svg = _picture(shown.figure, description)
+    else:
+        svg = _svg(shown.figure, number, description)
     return f"<figure>\n{svg}\n<figcaption>{html.escape(caption)}</figcaption>\n</figure>"
 
 
@@ -217,6 +222,31 @@ slowly, and is refused by mail servers."""
 
 _DPI = 300
 """Dots per inch of lines that are embedded as pictures, so that they bear some zooming."""
+
+
+_REM_AN_INCH = 8.0
+"""Width on the screen of an inch of a figure, in letters, so that all figures have lettering of one size."""
+
+
+def _element(view: str, inches: float, description: str, axes: list[dict[str, Any]], content: str) -> str:
+    """What is zoomed on the page."""
+    label, known = (html.escape(each, quote=True) for each in (description, json.dumps(axes)))
+    style = f"max-width: {_REM_AN_INCH * inches:.4g}rem"
+    return f'<svg viewBox="{view}" style="{style}" role="img" aria-label="{label}" data-axes="{known}">{content}</svg>'
+
+
+_DOTS_AN_INCH = 200
+"""Of pictures that come as they are: that of the plots in a folder of results."""
+
+
+def _picture(content: bytes, description: str) -> str:
+    """A PNG file as an element of HTML; **raises** `InputError` where it is none."""
+    if content[:8] != b"\x89PNG\r\n\x1a\n" or len(content) < 24:
+        raise InputError(f"figure: found {len(content)} bytes that are no PNG picture ({description}), expected one.")
+    width, height = struct.unpack(">II", content[16:24])
+    data = base64.b64encode(content).decode()
+    image = f'<image width="{width}" height="{height}" href="data:image/png;base64,{data}"/>'
+    return _element(f"0 0 {width} {height}", width / _DOTS_AN_INCH, description, [], image)
 
 
 def _svg(figure: Figure, number: int, description: str) -> str:
@@ -233,8 +263,7 @@ def _svg(figure: Figure, number: int, description: str) -> str:
     body = re.sub(r'(\bid=")([^"]+)(")', renamed, body)
     body = re.sub(r'(\bhref="#)([^"]+)(")', renamed, body)
     body = re.sub(r"(\burl\(#)([^)]+)(\))", renamed, body)
-    label, axes = (html.escape(each, quote=True) for each in (description, json.dumps(_axes(figure))))
-    return f'<svg viewBox="{view}" role="img" aria-label="{label}" data-axes="{axes}">{body.strip()}</svg>'
+    return _element(view, figure.get_figwidth(), description, _axes(figure), body.strip())
 
 
 @contextmanager

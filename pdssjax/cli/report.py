@@ -1,0 +1,37 @@
+"""`pdssjax report`: results as one HTML page for a colleague."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from ..core import InputError
+from .console import progress
+from .results import NOT_WRITTEN, say_where
+
+
+def report(options: argparse.Namespace) -> int:
+    file = options.folder / "report.html" if options.out is None else options.out
+    if file.exists() and not options.overwrite:
+        raise InputError(f"{file}: found a file there already; expected another --out, or --overwrite.")
+    with progress() as tell:
+        tell("drawing")
+        from ..files import read_page
+        from ..report.page import write_page
+
+        page = read_page(options.folder)
+        try:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            write_page(file, page, overwrite=options.overwrite)
+        except OSError as error:
+            print(f"pdssjax: error: {file}: cannot be written to ({error.strerror or error})", file=sys.stderr)
+            return NOT_WRITTEN
+    return say_where(True, f"The page is in {file}")
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `report`."""
+    parser.set_defaults(run=report)
+    parser.add_argument("folder", type=Path, metavar="DIR", help="folder of results, such as that of identify")
+    text = "HTML file to write (default: report.html in DIR)"
+    parser.add_argument("--out", type=Path, metavar="FILE", help=text)
+    parser.add_argument("--overwrite", action="store_true", help="replace a file that is there already")

@@ -1,0 +1,425 @@
+"""The page of one identification: what was measured, what was fitted, how sure it is, and how to make it again."""
+
+import contextlib
+import math
+import re
+import textwrap
+from collections.abc import Iterator
+
+import numpy as np
+
+from ...core import InputError, decimals_for, display_unit, percent, rounded, strongest_pairs
+from ...integration import TAYLOR
+from ...study import (
+    OWN_MINIMISER,
+    Combination,
+    Estimate,
+    FittedParameter,
+    FittedRecord,
+    Provenance,
+    find_entry,
+    split_path,
+)
+from .. import figures
+from ..text.estimate import format_amplification, format_draws, format_multistart, format_profiles
+from .document import Illustration, Page, Section, Share, Table
+
+
+def estimate_page(estimate: Estimate) -> Page:
+    """Everything that the plain report says of an `estimate`, with its figures, in an order for one who was not there.
+
+    Records without samples, as a fit that was broken off leaves them, are listed and not drawn.
+    """
+    notes = [Section("Findings", points=estimate.notes)] if estimate.notes else []
+    sections = [
+        Section("Result", list(_result(estimate))),
+        *notes,
+        _measured(estimate),
+        _fitted(estimate),
+        _parameters(estimate),
+        _correlations(estimate),
+        *_records(estimate),
+        *_more(estimate),
+        _origin(estimate.provenance, estimate),
+    ]
+    return Page(estimate.title, sections, subtitle=f"Identification of a piezoelectric actuator: {_verdict(estimate)}")
+
+
+def micro(unit: str) -> str:
+    """A unit with micro as a letter of its own: "µm/V" of "um/V"."""
+    return unit.replace("um", "µm")
+
+
+def _verdict(estimate: Estimate) -> str:
+    return f"the {estimate.method} fit {estimate.verdict}"
+
+
+def _result(estimate: Estimate) -> Iterator[str]:
+    """The outcome in sentences."""
+    statistics = estimate.statistics
+    fitted = [record for record in estimate.records if record.role == "fit"]
+    yield f"{_verdict(estimate).capitalize()}: {estimate.message.rstrip('.')}."
+    if estimate.converged and not estimate.explained:
+        yield (
+            "The records leave more than noise, contradict each other, or a validation record is missed. The friction "
+            "law or the piezo model lacks something, or the optimum is a wrong one: see the findings."
+        )
+    apart = f", and {statistics.measured_apart} measured apart" if statistics.measured_apart else ""
+    judged = (
+        "The noise was estimated from the residuals of the fit, so chi-square does not judge the model."
+        if statistics.noise_estimated
+        else f"The reduced chi-square is {statistics.reduced_chi2:.4g}; it is 1 where the model explains the records "
+        "to within their noise."
+    )
+    yield (
+        f"{_count(len(estimate.names), 'parameter')} and {statistics.free - len(estimate.names)} sensor zeros were "
+        f"fitted to {statistics.samples} samples of {_count(len(fitted), 'record')}{apart}. {judged}"
+    )
+    validation = [record for record in estimate.records if record.role != "fit"]
+    if validation:
+        each = "; ".join(f"{record.name}: {_quality(record)}" for record in validation)
+        yield f"Predicted without having been fitted ({_count(len(validation), 'validation record')}): {each}."
+    known = [p for p in estimate.parameters.values() if p.free and p.value and math.isfinite(p.standard_error)]
+    if len(known) > 1:
+        ranked = sorted(known, key=lambda p: abs(p.standard_error / p.value))
+        best, worst = (f"{p.path} ({percent(p.standard_error, p.value)})" for p in (ranked[0], ranked[-1]))
+        yield f"Best known is {best}, least known {worst}, in standard errors."
+    unknown = [p.path for p in estimate.parameters.values() if p.free and not p.identifiable]
+    if unknown:
+        yield f"The records do not determine {', '.join(unknown)}."
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}" + "s" * (number != 1)
+
+
+def _quality(record: FittedRecord) -> str:
+    """How well a record is predicted, in a few words."""
+    if not record.simulated:
+        return "the simulation failed"
+    scale, unit = record.display.scale, micro(record.display.unit)
+    rms = f"residual {scale * record.rmse:.3g} {unit} rms"
+    if math.isfinite(record.reduced_chi2):
+        return f"{rms} at a noise of {scale * record.noise:.3g} {unit}, chi-square per sample {record.reduced_chi2:.3g}"
+    return rms
+
+
+def _measured(estimate: Estimate) -> Section:
+    rows = []
+    for record in estimate.records:
+        scale, unit = record.display.scale, micro(record.display.unit)
+        noise = "found" if record.noise_estimated else "given"
+        span, interval = "", ""
+        if record.time.size > 1:
+            span = f"{record.time[0]:.4g} to {record.time[-1]:.4g}"
+            interval = f"{1e3 * float(np.median(np.diff(record.time))):.4g}"
+        of = "".join(f" of {word}" if key == "of" else f", {key} {word}" for key, word in record.words.items())
+        rows.append(
+            [
+                record.name,
+                f"{record.measures}{of}",
+                record.excitation,
+                "fitted" if record.role == "fit" else "validation",
+                str(record.samples),
+                span,
+                interval,
+                f"{scale * record.noise:.3g} {unit}, {noise}" if math.isfinite(record.noise) else "unknown",
+                record.file,
+            ]
+        )
+    head = ["record", "measured", "excitation", "role", "samples", "from, to (s)", "interval (ms)", "noise", "file"]
+    # An older folder does not say what moved the rig, nor which files were read.
+    there = [at for at in range(len(head)) if any(row[at] for row in rows)]
+    caption = (
+        "Validation records are predicted and compared, not fitted. Times count from the start of the drive. The noise "
+        "was given, or found in the residuals."
+    )
+    shown = Table(
+        [head[at] for at in there],
+        [[row[at] for at in there] for row in rows],
+        "".join("<<<<>>><<"[at] for at in there),
+        caption,
+    )
+    return Section("What was measured", tables=[shown])
+
+
+def _fitted(estimate: Estimate) -> Section:
+    """The models and the way of fitting."""
+    chosen, rows = estimate.actuator, []
+    for family in ("piezo", "friction"):
+        if family in chosen:
+            name = str(chosen[family])
+            rows.append([f"{family} model", name, _summary(f"{family}/{name.partition(':')[0]}")])
+    if "anisotropic" in str(chosen.get("friction")):
+        rows.append(["state of the law", str(chosen.get("friction_state", "")), "What stays the same at a reversal."])
+    if "feedback" in chosen:
+        does = "acts back on the platform" if chosen["feedback"] else "does not act back on the platform"
+        rows.append(["friction feedback", "yes" if chosen["feedback"] else "no", f"The contact force {does}."])
+    if chosen.get("rests_under_load"):
+        rows.append(["rest", "under load", "Load and tilt acted before the drive started."])
+    ways = {
+        "joint": "All parameters at once, from all fitted records.",
+        "sequential": "The piezo first, then the friction with the piezo held; errors of the first step are included.",
+        "peaks": "The piezo from the peaks of its step responses, then the friction with the piezo held.",
+    }
+    rows.append(["method", estimate.method, ways[estimate.method]])
+    losses = {"squares": "Sum of squared residuals, each divided by its noise."}
+    rows.append(["loss", estimate.loss, losses.get(estimate.loss, "A robust loss, under which glitches pull little.")])
+    if estimate.solver != TAYLOR:
+        rows.append(["integrator", estimate.solver, "In place of the Taylor series."])
+    if estimate.minimiser != OWN_MINIMISER:
+        rows.append(["minimiser", estimate.minimiser, "In place of the package's Levenberg-Marquardt."])
+    if estimate.check is not None:
+        rows.append(["check by a second integrator", estimate.check.solver, estimate.check.sentence])
+    return Section("What was fitted", tables=[Table(["what", "choice", "meaning"], rows, "<<<")])
+
+
+def _summary(name: str) -> str:
+    """The first sentence about a member; nothing where this version does not have it."""
+    with contextlib.suppress(InputError):
+        return re.sub(r" \([\d., -]+\)", "", find_entry(name).summary)  # without numbers of equations
+    return ""
+
+
+_LEAST_SHARE, _DECADES = 1e-4, 4.0
+"""Relative error at which a bar has no length, and the decades from there to a full one."""
+
+
+def _parameters(estimate: Estimate) -> Section:
+    meanings = _meanings(estimate)
+    rows = [_numbers(parameter, meanings.get(path, "")) for path, parameter in estimate.parameters.items()]
+    head = ["parameter", "value", "standard error", "unit", "relative error", "95 % interval", "what it is"]
+    caption = "Bars are logarithmic, from 0.01 % (empty) to 100 % (full)."
+    tables, drawings = [Table(head, rows, "<>><><<", caption)], []
+    text = [estimate.error_advice.reason] if estimate.error_advice is not None else []
+    models = list(next((p.errors for p in estimate.parameters.values() if p.errors), {}))
+    if models:
+        text.append(
+            f"Standard error, relative error and interval are {_basis(estimate, models[0])}. Coloured errors hold "
+            "whatever the colour of the noise; errors with misfit also cover what the model's own error may do to a "
+            "parameter."
+        )
+    free = [parameter for parameter in estimate.parameters.values() if parameter.free]
+    if any(p.value and math.isfinite(p.standard_error) for p in free):
+        tables.append(_further_errors(estimate, free, models))
+        caption = "Standard errors in per cent of the values, on a logarithmic axis."
+        description = f"{caption} The numbers are in the table above."
+        drawings.append(Illustration(figures.error_figure(estimate), caption, description))
+    return Section("Parameters", text, tables=tables, figures=drawings)
+
+
+def _further_errors(estimate: Estimate, free: list[FittedParameter], models: list[str]) -> Table:
+    """Relative errors by every error model, and where the fit started."""
+    naive = estimate.method != "joint"
+    head = ["parameter", *(model.replace("-", " ") for model in models), *["naive"] * naive, "start", "unit"]
+    rows = []
+    for parameter in free:
+        unit, scale = display_unit(parameter.unit)
+        errors = [parameter.errors[model].standard_error if parameter.errors else math.nan for model in models]
+        if naive:
+            errors.append(math.nan if parameter.naive_standard_error is None else parameter.naive_standard_error)
+        start = "-" if parameter.start is None else f"{parameter.start * scale:.4g}"
+        rows.append([parameter.path, *(percent(error, parameter.value) for error in errors), start, micro(unit) or "1"])
+    caption = "Standard errors by every error model, in per cent of the value, and where the fit started."
+    if naive:
+        caption += " Naive errors take the result of the piezo's own fit for exact."
+    return Table(head, rows, "<" + ">" * (len(head) - 2) + "<", caption)
+
+
+def _basis(estimate: Estimate, model: str) -> str:
+    """What the interval of a parameter rests on."""
+    profiled = any(parameter.verdicts for parameter in estimate.parameters.values())
+    way = estimate.draws.kind if estimate.draws is not None else "profile likelihood" if profiled else ""
+    return f"by the {model} error model" + (f", the interval by {way}" if way else "")
+
+
+def _numbers(parameter: FittedParameter, meaning: str) -> list[str | Share]:
+    """The cells of a parameter."""
+    unit, scale = display_unit(parameter.unit)
+    places = decimals_for(parameter.standard_error * scale)
+    low, high = (rounded(end * scale, places) for end in parameter.interval)
+    relative = abs(parameter.standard_error / parameter.value) if parameter.value else math.nan
+    length = math.log10(relative / _LEAST_SHARE) / _DECADES if relative > 0.0 else math.nan
+    known = parameter.free and math.isfinite(parameter.standard_error)
+    return [
+        parameter.path,
+        rounded(parameter.value * scale, places),
+        rounded(parameter.standard_error * scale, places) if known else "",
+        micro(unit) or "1",
+        Share(percent(parameter.standard_error, parameter.value), length) if known else "",
+        "" if low == high == "-" else f"{low} to {high}",
+        ". ".join(filter(None, [parameter.remark.capitalize(), meaning])),
+    ]
+
+
+def _meanings(estimate: Estimate) -> dict[str, str]:
+    """What each parameter is, by its path, as the models of this version say; without those that they do not have."""
+    drives = {record.excitation.partition(",")[0] for record in estimate.records} - {"prescribed motion"}
+    homes = {"drive": [f"drive/{name}" for name in drives]}
+    for family in ("piezo", "friction"):
+        homes[family] = [f"{family}/{estimate.actuator[family]}"] if family in estimate.actuator else []
+    found: dict[str, str] = {}
+    for path in estimate.parameters:
+        base, condition = split_path(path)
+        family, _, name = base.partition(".")
+        for home in homes.get(family, [family]):
+            with contextlib.suppress(InputError, KeyError):
+                told = find_entry(home).parameters[name][1]
+                under = f" (under {condition})" if condition else ""
+                found[path] = f"{told.partition(' [')[0].rstrip('.')}{told.partition(']')[2].rstrip('.')}{under}"
+    return found
+
+
+WORTH_KNOWING = 0.7
+"""Correlations smaller than this in size are in the figure alone."""
+
+_MOST_PAIRS, _MOST_PRODUCTS = 6, 3
+
+
+def _correlations(estimate: Estimate) -> Section:
+    """Which parameters are known together only, and what would help."""
+    tables, drawings, text = [], [], []
+    pairs = strongest_pairs(estimate.names, estimate.correlation, WORTH_KNOWING)
+    if pairs:
+        text.append(
+            f"Of {_count(len(pairs), 'pair')} with a correlation of {WORTH_KNOWING:g} or more in size, an error of one "
+            "parameter goes with an error of the other: the records determine a combination better than either."
+        )
+        rows = [[path, other, f"{value:+.3f}"] for path, other, value in pairs[:_MOST_PAIRS]]
+        tables.append(Table(["parameter", "with", "correlation"], rows, "<<>", "The strongest correlations."))
+    else:
+        text.append(f"No two parameters are correlated by {WORTH_KNOWING:g} or more in size.")
+    diagnosis = estimate.diagnosis
+    if diagnosis is not None and len(diagnosis.combinations) > 1:
+        ranked = sorted(diagnosis.combinations, key=lambda found: -found.relative_error)
+        worst, best = ranked[:_MOST_PRODUCTS], ranked[max(_MOST_PRODUCTS, len(ranked) - _MOST_PRODUCTS) :][::-1]
+        rows = [
+            [what, _product(each), f"{100 * each.relative_error:.2g} %"]
+            for what, few in (("least", worst), ("best", best))
+            for each in few
+        ]
+        caption = "Products of powers that the records determine least and best; exponents are rounded."
+        tables.append(Table(["determined", "product", "standard error"], rows, "<<>", caption))
+        if (remedy := diagnosis.remedy) is not None:
+            gains = [f"{path} from {100 * a:.2g} to {100 * b:.2g} %" for path, (a, b) in remedy.errors.items()]
+            text.append(f"If {remedy.path} were known from elsewhere, standard errors would fall: {', '.join(gains)}.")
+    if len(estimate.names) > 1:
+        caption = "Correlations of the estimates."
+        description = f"{caption} The strongest are in the table above."
+        drawings.append(Illustration(figures.correlation_figure(estimate), caption, description))
+    return Section("Correlations", text, tables=tables, figures=drawings)
+
+
+def _product(combination: Combination) -> str:
+    parts = [path if abs(e - 1.0) < 0.005 else f"{path}^{e:.2f}" for path, e in combination.exponents.items()]
+    return " · ".join(parts[:4]) + (" · ..." if len(parts) > 4 else "")
+
+
+def _records(estimate: Estimate) -> list[Section]:
+    """Every record against its prediction, and what the residuals consist of."""
+    head = ["record", "role", "r²", "rms", "largest", "noise", "unit", "chi-square per sample", "zero"]
+    rows = []
+    for record in estimate.records:
+        scale, places = record.display.scale, record.display.decimals(record.rmse, record.noise)
+        lengths = record.rmse, record.largest_error, record.noise
+        rows.append(
+            [
+                record.name,
+                "fitted" if record.role == "fit" else "validation",
+                rounded(record.r2, 7),
+                *(rounded(number * scale, places) for number in lengths),
+                micro(record.display.unit),
+                rounded(record.reduced_chi2, 3) if record.simulated else "simulation failed",
+                rounded(record.offset * scale, places),
+            ]
+        )
+    caption = (
+        "Residuals are measured less predicted: their root mean square and the largest. Chi-square per sample is "
+        "against the noise given, and 1 where the record is explained; zero is that of the sensor."
+    )
+    drawn = [record for record in estimate.records if record.time.size > 1]
+    text = [
+        "Measured (grey) and predicted (orange), the residual (blue) below, two standard deviations of the noise as a "
+        "grey band. To the right the fastest moment, which is shaded in the record, or force against motion."
+    ]
+    if len(drawn) < len(estimate.records):
+        text = ["Some records have no samples in this folder, as where a fit was broken off, and are not drawn."]
+    drawings = [_illustrated(record) for record in drawn]
+    drawings += [
+        Illustration(figures.loop_figure(record), f'Displacement against voltage of "{record.name}".')
+        for record in drawn
+        if record.simulated and figures.has_loops(record)
+    ]
+    shown = Section("Measured and predicted", text, tables=[Table(head, rows, "<<>>>><>>", caption)], figures=drawings)
+    split = [
+        Illustration(
+            figures.residual_split_figure(record),
+            f'Residuals of "{record.name}": what repeats every cycle is misfit of the model, the rest is noise.',
+        )
+        for record in drawn
+        if record.role == "fit" and record.simulated
+    ]
+    if not split:
+        return [shown]
+    return [shown, Section("Residuals: misfit and noise", figures=split, folded=True)]
+
+
+def _illustrated(record: FittedRecord) -> Illustration:
+    by = f", {record.excitation}" if record.excitation else ""
+    caption = f'"{record.name}": {record.display.quantity} of the {record.measures}{by}.'
+    description = f"Measured and predicted, {caption} {_quality(record)}."
+    return Illustration(figures.record_figure(record), caption, description)
+
+
+def _more(estimate: Estimate) -> Iterator[Section]:
+    """What only some estimates have: profiles, draws, starts, amplification."""
+    if estimate.profiles:
+        caption = "Chi-square minimised over all other parameters, beside the parabola of the linear model."
+        figure = Illustration(figures.profile_figure(estimate.profiles, estimate.parameters), caption)
+        yield _tabled("Profiles of chi-square", format_profiles(estimate.profiles, estimate.parameters), figure)
+    if estimate.draws is not None:
+        text = format_draws(estimate.draws, estimate.parameters)
+        if estimate.draws.values.size:
+            caption = "Draws beside the normal distribution of the linear model, and pairs beside its 95 % ellipse."
+            yield _tabled(estimate.draws.kind.capitalize(), text, Illustration(figures.draws_figure(estimate), caption))
+        else:
+            yield _tabled(estimate.draws.kind.capitalize(), text)
+    if estimate.multistart is not None:
+        caption = "Chi-square where each start ended, sorted, and the parameters at the optima."
+        figure = Illustration(figures.multistart_figure(estimate.multistart), caption)
+        yield _tabled("Other starts", format_multistart(estimate.multistart), figure)
+    if estimate.method != "joint" and estimate.amplification is not None:
+        caption = "What an error of 1 % of a parameter that is held does to those fitted after it."
+        figure = Illustration(figures.amplification_figure(estimate.amplification), caption)
+        yield _tabled("Amplification of errors", format_amplification(estimate.amplification), figure)
+
+
+def _tabled(heading: str, text: str, *drawings: Illustration) -> Section:
+    """A part of the plain report without its heading."""
+    lines = textwrap.dedent(text.partition("\n")[2]).strip("\n").splitlines()
+    return Section(heading, lines=lines, figures=drawings)
+
+
+def _origin(made: Provenance, estimate: Estimate) -> Section:
+    """How to make it again."""
+    text = [f"The fit took {estimate.seconds:.3g} s."]
+    if made.command:
+        lines = [made.command]
+    elif made.study:
+        settings = {"method": (estimate.method, "joint"), "loss": (estimate.loss, "squares")}
+        settings["effort"] = estimate.effort, "usual"
+        given = "".join(f", {key}={value!r}" for key, (value, usual) in settings.items() if value != usual)
+        lines = [
+            "import pdssjax",
+            "",
+            "pdssjax.prepare_jax()",
+            f"study = pdssjax.load_study({made.study!r})",
+            f"estimate = pdssjax.identify(study{given})",
+            'estimate.report("report.html")',
+        ]
+    else:
+        lines = []
+        text.append("The results do not say with which command and which study they were made.")
+    rows = [[package, version] for package, version in made.versions.items()]
+    tables = [Table(["package", "version"], rows, "<<", "Versions that computed it.")] if rows else []
+    return Section("How to repeat it", text, lines=lines, tables=tables)
