@@ -125,7 +125,7 @@ def test_the_page_of_an_identification_opens_without_complaint(page, tmp_path):
     estimate = fabricated.with_errors(fabricated.estimate())
     title = "Rig <img src=x onerror=alert(1)> 'A' & B"
     dataclasses.replace(estimate, title=title, records=estimate.records[1:2]).report(tmp_path / "rig.html")
-    opened = page.context.new_page()
+    opened = page.context.browser.new_page()
     complaints, asked = [], []
     opened.on("console", lambda message: complaints.append(message.text))
     opened.on("pageerror", lambda error: complaints.append(str(error)))
