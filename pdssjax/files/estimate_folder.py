@@ -155,7 +155,7 @@ _FIGURES = "r2 error_index rmse noise offset offset_standard_error noise_floor c
 def _record(entry: Document) -> FittedRecord:
     """A record without samples."""
     kind = member("study.measurement", entry["measures"])
-    words = {key: entry[key] for key in choices(kind)}
+    words = {key: entry.get(key, next(iter(options))) for key, options in choices(kind).items()}
     measurement = kind(**{key: choices(kind)[key][word] for key, word in words.items()})
     none = np.zeros(0)
     misfit = entry.get("lack_of_fit")

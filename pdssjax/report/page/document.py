@@ -169,6 +169,8 @@ def _section(section: Section, at: int, numbers: Iterator[int]) -> str:
     if section.lines:
         parts.append(f'<pre tabindex="0">{html.escape(chr(10).join(section.lines))}</pre>')
     for table in section.tables:
+        if table.caption:  # beside the table, which may be wider than the screen
+            parts.append(f'<p class="caption">{html.escape(table.caption)}</p>')
         label = html.escape(table.caption or section.heading, quote=True)
         parts.append(
             f'<div class="table" tabindex="0" role="region" aria-label="{label}">\n{table_html(table)}\n</div>'
@@ -181,20 +183,19 @@ def _section(section: Section, at: int, numbers: Iterator[int]) -> str:
 
 
 def table_html(table: Table) -> str:
-    """A table of HTML, its columns aligned without a style sheet; all cells are escaped.
+    """A table of HTML without its caption, its columns aligned without a style sheet; all cells are escaped.
 
     **Raises:** `ValueError` where a row has more or fewer cells than the head.
     """
     align = table.align or "<" + ">" * (len(table.head) - 1)
     sides = ["left" if side == "<" else "right" for side in align]
-    caption = f"<caption>{html.escape(table.caption)}</caption>\n" if table.caption else ""
     head = "".join(_cell("th", side, cell, ' scope="col"') for side, cell in zip(sides, table.head, strict=True))
     rows = []
     for cells in table.rows:
         first, *others = zip(sides, cells, strict=True)
         rows.append(_cell("th", *first, ' scope="row"') + "".join(_cell("td", *each) for each in others))
     body = "\n".join(f"<tr>{row}</tr>" for row in rows)
-    return f"<table>\n{caption}<thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody>\n</table>"
+    return f"<table>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody>\n</table>"
 
 
 def _cell(tag: str, side: str, cell: str | Share, scope: str = "") -> str:
