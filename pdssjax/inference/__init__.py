@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from .least_squares import Fit as Fit, Method as Method, fit_phase as fit_phase, joint as joint
     from .parameter_transform import transform_of as transform_of
     from .poor_fit import repeats as repeats
-    from .problem import Problem as Problem, pose_problem as pose_problem
+    from .problem import Problem as Problem, pose as pose, pose_problem as pose_problem
     from .residual import Residual as Residual, as_weights as as_weights
     from .solver.ending import SUCCESSES as SUCCESSES, Ending as Ending
     from .solver.iterations import iterates as iterates

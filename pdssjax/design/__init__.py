@@ -1,0 +1,24 @@
+"""What to measure next: the records, drives and samples that tell most, within what rig and recorder can do.
+
+Imports `inference` and the rooms below it.
+"""
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .criteria import CRITERIA as CRITERIA
+    from .experiments import Experiment as Experiment, Limits as Limits, Resources as Resources
+    from .information import Noise as Noise, record_information as record_information
+    from .plan import (
+        FORMAT as FORMAT,
+        Knowledge as Knowledge,
+        Plan as Plan,
+        PlannedRecord as PlannedRecord,
+        knowledge_of as knowledge_of,
+        misfit_by_kind as misfit_by_kind,
+    )
+    from .planning import Aim as Aim, design_experiment as design_experiment
+else:
+    from ..core.lazy import lazy_exports
+
+    __getattr__, __dir__, __all__ = lazy_exports(__name__)

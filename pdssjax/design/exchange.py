@@ -1,0 +1,173 @@
+"""The best selection of candidates within a budget: greedy construction, then Fedorov's exchange.
+
+One candidate of the plan at a time is exchanged for the one of all that improves the criterion most, until no exchange
+does (V. V. Fedorov, Theory of Optimal Experiments, Academic Press 1972).  With the candidates' informations in memory
+all exchanges of one place are judged at once.  Candidates differ in what they take of the budget: pairs are exchanged
+as well, so that one record can give samples to another.
+
+While a plan is still too small to determine everything, plans are compared with a faint information added
+(`_FAINT`).  It serves the search alone: what a finished plan promises is computed without it, and what no candidate
+sees has been refused before.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from .criteria import AbstractCriterion
+
+_FAINT = 1e-6
+"""Information on every unknown [1], on a relative scale: an error of a factor of e^1000."""
+
+_AT_ONCE = 20_000_000
+"""Numbers of informations that are judged together."""
+
+
+class Candidates(NamedTuple):
+    """What may be chosen, any of them several times."""
+
+    information: Float[np.ndarray, "candidates draws q q"]
+    takes: Float[np.ndarray, "candidates resources"]
+    """Of each resource: samples, records, seconds, cost."""
+
+    def some(self, kept: Sequence[int]) -> "Candidates":
+        """Those at the places `kept`."""
+        return Candidates(self.information[list(kept)], self.takes[list(kept)])
+
+
+class Search(NamedTuple):
+    """What candidates are judged by."""
+
+    criterion: AbstractCriterion
+    prior: Float[np.ndarray, "draws q q"]
+    """Information known before."""
+    budget: Float[np.ndarray, " resources"]
+
+    @property
+    def base(self) -> Float[np.ndarray, "draws q q"]:
+        """What the search adds candidates to."""
+        return self.prior + _FAINT * np.eye(self.prior.shape[-1])
+
+    def scores(
+        self, known: Float[np.ndarray, "draws q q"], information: Float[np.ndarray, "candidates draws q q"]
+    ) -> Float[np.ndarray, " candidates"]:
+        """The criterion with each of the candidates added to what is `known`; infinite where it has no number."""
+        size = max(1, _AT_ONCE // max(1, known.size))
+        parts = [information[i : i + size] for i in range(0, len(information), size)]
+        found = np.concatenate([self.criterion(known + part) for part in parts]) if parts else np.zeros(0)
+        return np.where(np.isfinite(found), found, np.inf)
+
+
+def chosen(candidates: Candidates, search: Search, rounds: int = 12) -> list[int]:
+    """The places of the candidates of the best plan found, in ascending order; some perhaps several times."""
+    plan = _greedy(candidates, search)
+    least = _score(candidates, search, plan)
+    for _ in range(rounds):
+        before = least
+        plan, least = _exchanged(candidates, search, plan, least)
+        plan, least = _exchanged_in_pairs(candidates, search, plan, least)
+        if least >= before - 1e-9 * max(1.0, abs(before)):
+            break
+    return sorted(plan)
+
+
+def _known(candidates: Candidates, search: Search, plan: Sequence[int]) -> Float[np.ndarray, "draws q q"]:
+    return search.base + candidates.information[list(plan)].sum(axis=0)
+
+
+def _score(candidates: Candidates, search: Search, plan: Sequence[int]) -> float:
+    return float(search.criterion(_known(candidates, search, plan)))
+
+
+def _affordable(candidates: Candidates, search: Search, plan: Sequence[int]) -> Bool[np.ndarray, " candidates"]:
+    """Which candidates the budget leaves room for beside those of a `plan`."""
+    left = search.budget - candidates.takes[list(plan)].sum(axis=0)
+    return np.all(candidates.takes <= left * (1 + 1e-9) + 1e-12, axis=1)
+
+
+def _best_addition(candidates: Candidates, search: Search, plan: Sequence[int]) -> tuple[int, float] | None:
+    """The candidate that is best added to a `plan`, and the criterion with it; None where there is room for none."""
+    open_ = np.flatnonzero(_affordable(candidates, search, plan))
+    if not open_.size:
+        return None
+    scores = search.scores(_known(candidates, search, plan), candidates.information[open_])
+    best = int(np.argmin(scores))
+    return int(open_[best]), float(scores[best])
+
+
+def _greedy(candidates: Candidates, search: Search) -> list[int]:
+    """A plan that spends the budget evenly: each record takes what the others to come leave it."""
+    plan: list[int] = []
+    records = int(search.budget[1])
+    while len(plan) < records:
+        left = search.budget - candidates.takes[plan].sum(axis=0)
+        even = left / (records - len(plan))
+        open_ = _affordable(candidates, search, plan)
+        modest = open_ & np.all(candidates.takes <= np.where(np.isfinite(even), even, np.inf) * (1 + 1e-9), axis=1)
+        places = np.flatnonzero(modest if modest.any() else open_)
+        if not places.size:
+            break
+        scores = search.scores(_known(candidates, search, plan), candidates.information[places])
+        plan.append(int(places[np.argmin(scores)]))
+    return plan
+
+
+def _exchanged(candidates: Candidates, search: Search, plan: list[int], least: float) -> tuple[list[int], float]:
+    """The plan after each of its places was given to the best candidate, and one more added where there is room."""
+    for place in range(len(plan)):
+        others = plan[:place] + plan[place + 1 :]
+        better = _best_addition(candidates, search, others)
+        if better is not None and better[1] < least - 1e-12:
+            plan, least = [*plan[:place], better[0], *plan[place + 1 :]], better[1]
+    more = _best_addition(candidates, search, plan)
+    while more is not None and more[1] < least - 1e-12:
+        plan, least = [*plan, more[0]], more[1]
+        more = _best_addition(candidates, search, plan)
+    return plan, least
+
+
+def _exchanged_in_pairs(
+    candidates: Candidates, search: Search, plan: list[int], least: float
+) -> tuple[list[int], float]:
+    """The plan after pairs of places were given away, first to a smaller candidate, then to the best that fits."""
+    for first in range(len(plan)):
+        for second in range(len(plan)):
+            if first == second or max(first, second) >= len(plan):
+                continue
+            others = [candidate for place, candidate in enumerate(plan) if place not in (first, second)]
+            smaller = _smaller(candidates, search, others, plan[first])
+            if smaller is None:
+                continue
+            better = _best_addition(candidates, search, [*others, smaller])
+            if better is not None and better[1] < least - 1e-12:
+                plan, least = [*others, smaller, better[0]], better[1]
+    return plan, least
+
+
+def _smaller(candidates: Candidates, search: Search, plan: list[int], than: int) -> int | None:
+    """The best candidate that takes at most three quarters of the samples that another one does; None without any."""
+    places = np.flatnonzero(candidates.takes[:, 0] <= 0.75 * candidates.takes[than, 0])
+    if not places.size:
+        return None
+    scores = search.scores(_known(candidates, search, plan), candidates.information[places])
+    return int(places[np.argmin(scores)])
+
+
+def promising(candidates: Candidates, search: Search, count: int) -> list[int]:
+    """The places of the `count` candidates that a good plan is most likely to be made of.
+
+    They are ranked by what each is worth beside a first plan, within its class of samples, so that all sizes remain.
+    """
+    plan = chosen(candidates, search, rounds=2)
+    known = _known(candidates, search, plan)
+    scores = search.scores(known, candidates.information)
+    sizes = candidates.takes[:, 0]
+    classes = np.unique(sizes)
+    each = max(1, count // classes.size)
+    kept = set(plan)
+    for size in classes:
+        members = np.flatnonzero(sizes == size)
+        kept |= set(members[np.argsort(scores[members])[:each]].tolist())
+    return sorted(kept)

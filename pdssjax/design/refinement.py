@@ -1,0 +1,181 @@
+"""What is continuous in a plan: windows and intervals of the samples, voltages, frequencies and duties.
+
+The sampling of each record is improved by a local search, and blocks of samples move from the record that misses them
+least to the one that gains most.  Voltages, frequencies and duties follow the gradient of the criterion within their
+limits (L-BFGS-B: R. H. Byrd, P. Lu, J. Nocedal and C. Zhu, SIAM J. Scientific Computing 16(5), 1995).  With the
+criterion's derivative by the information of each record, the gradient takes only differences of that record.
+"""
+
+import dataclasses
+import itertools
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from scipy.optimize import minimize
+
+from .exchange import Search
+from .experiments import Experiment, Limits
+from .sampling import FEWEST, Schedule, improved_schedule
+from .survey import Point, Survey
+
+Pair = tuple[Experiment, Schedule]
+"""A record of a plan: the experiment and its sampling."""
+
+BLOCKS = (2, 8, 32)
+"""Parts of a record's samples that move to another record."""
+
+STEP = 2e-3
+"""Relative difference by which a criterion is differentiated."""
+
+_EVALUATIONS = 12
+"""Of criterion and gradient."""
+
+
+class Task(NamedTuple):
+    """What a refinement works with."""
+
+    survey: Survey
+    search: Search
+    points: Sequence[Point]
+    takes: Callable[[Experiment, Schedule], Float[np.ndarray, " resources"]]
+    report: Callable[[str], None]
+
+    @property
+    def numbers(self) -> range:
+        """Of the points."""
+        return range(len(self.points))
+
+    @property
+    def limits(self) -> Limits:
+        """Of rig, sensor and recorder."""
+        return self.survey.limits
+
+    def information(self, pair: Pair) -> Float[np.ndarray, "draws q q"]:
+        """Of one record, interpolated."""
+        return self.survey.information(*pair, self.numbers)
+
+    def value(self, information: Float[np.ndarray, "draws q q"]) -> float:
+        """The criterion of records that have this information together."""
+        found = float(self.search.criterion(self.search.base + information))
+        return found if np.isfinite(found) else np.inf
+
+    def fits(self, pair: Pair, others: Sequence[Pair]) -> bool:
+        """Whether the recorder can take a record, and the budget has room for it beside the others."""
+        experiment, schedule = pair
+        if not schedule.fits(experiment.period, self.limits.interval or 0.0, self.limits.duration or np.inf):
+            return False
+        taken = sum((self.takes(*other) for other in others), np.zeros_like(self.search.budget))
+        return bool(np.all(taken + self.takes(*pair) <= self.search.budget * (1 + 1e-9)))
+
+
+def refined(task: Task, plan: Sequence[Pair]) -> list[Pair]:
+    """The plan with better windows and drives, within the same budget."""
+    best = _with_blocks_moved(task, _with_better_windows(task, list(plan)))
+    task.report("refining voltages and frequencies")
+    moved = _with_better_drives(task, best)
+    if moved != best:
+        task.survey.simulate([e for e, _ in moved], dict(enumerate(task.points)), lambda done, count: None)
+        moved = _with_blocks_moved(task, _with_better_windows(task, moved))
+        exact = lambda pairs: task.value(task.survey.exact_information(pairs, task.points).sum(axis=0))
+        best = moved if exact(moved) < exact(best) else best
+    return best
+
+
+def _with_better_windows(task: Task, plan: list[Pair]) -> list[Pair]:
+    """The plan after a local search of each record's sampling, one after the other."""
+    for place, (experiment, schedule) in enumerate(plan):
+        if experiment.motion is not None:
+            continue
+        others = plan[:place] + plan[place + 1 :]
+        rest = sum((task.information(other) for other in others), np.zeros_like(task.search.prior))
+        task.report(f"refining the samples of record {place + 1} of {len(plan)}")
+        better, _ = improved_schedule(
+            schedule,
+            lambda other, e=experiment, o=others: task.fits((e, other), o),
+            lambda other, e=experiment, r=rest: task.value(r + task.information((e, other))),
+        )
+        plan = [*plan[:place], (experiment, better), *plan[place + 1 :]]
+    return plan
+
+
+def _with_blocks_moved(task: Task, plan: list[Pair]) -> list[Pair]:
+    """The plan after blocks of samples moved from record to record, as long as that improves it."""
+    known = [task.information(pair) for pair in plan]
+    least = task.value(sum(known, np.zeros_like(task.search.prior)))
+    for part in BLOCKS:
+        improved = True
+        while improved:
+            improved = False
+            for giver, taker in itertools.permutations(range(len(plan)), 2):
+                trial = _moved(plan, giver, taker, part)
+                if trial is None or not all(task.fits(trial[i], trial[:i] + trial[i + 1 :]) for i in (giver, taker)):
+                    continue
+                new = list(known)
+                new[giver], new[taker] = task.information(trial[giver]), task.information(trial[taker])
+                value = task.value(sum(new, np.zeros_like(task.search.prior)))
+                if value < least - 1e-6:
+                    plan, known, least, improved = trial, new, value, True
+    return plan
+
+
+def _moved(plan: list[Pair], giver: int, taker: int, part: int) -> list[Pair] | None:
+    """The plan with one `part` of the giver's samples taken by another record; None where that cannot be."""
+    (experiment, schedule), (other, receiving) = plan[giver], plan[taker]
+    block = max(1, schedule.samples // part)
+    gained = block * schedule.windows // receiving.windows
+    if schedule.samples - block < FEWEST or gained < 1 or None in (experiment.drive, other.drive):
+        return None
+    out = list(plan)
+    out[giver] = experiment, dataclasses.replace(schedule, samples=schedule.samples - block)
+    out[taker] = other, dataclasses.replace(receiving, samples=receiving.samples + gained)
+    return out
+
+
+def _with_better_drives(task: Task, plan: list[Pair]) -> list[Pair]:
+    """The plan with voltages, frequencies and duties where the criterion is least nearby."""
+    ends = {"voltage": task.limits.voltage, "frequency": task.limits.frequency}
+    if task.limits.duty:
+        ends["duty"] = min(task.limits.duty), max(task.limits.duty)
+    free = [
+        (place, field, low, high)
+        for place, (experiment, _) in enumerate(plan)
+        for field in experiment.shape
+        for low, high in [ends.get(field) or (1.0, 1.0)]
+        if low < high
+    ]
+    if not free:
+        return plan
+    lows, highs = (np.log([entry[i] for entry in free]) for i in (2, 3))
+    start = np.log([plan[place][0].shape[field] for place, field, _, _ in free])
+
+    def at(x: Float[np.ndarray, " v"]) -> list[Pair]:
+        out = list(plan)
+        for (place, field, _, _), number in zip(free, np.exp(np.clip(x, lows, highs)), strict=True):
+            out[place] = out[place][0].with_shape({field: number}), out[place][1]
+        return out
+
+    def value_and_slope(x: Float[np.ndarray, " v"]) -> tuple[float, Float[np.ndarray, " v"]]:
+        here = at(x)
+        steps = np.where(x + STEP <= highs, STEP, -STEP)
+        moved = [at(x + steps * (np.arange(x.size) == i))[place] for i, (place, *_) in enumerate(free)]
+        found = task.survey.exact_information([*here, *moved], task.points)
+        known = found[: len(here)].sum(axis=0)
+        value, slope = task.value(known), np.zeros(x.size)
+        for i, (place, *_) in enumerate(free):
+            changed = task.value(known - found[place] + found[len(here) + i])
+            slope[i] = (changed - value) / steps[i]
+        return (value, slope) if np.isfinite(value) and np.isfinite(slope).all() else (1e9, np.zeros(x.size))
+
+    allowed = lambda pairs: all(task.fits(pair, pairs[:i] + pairs[i + 1 :]) for i, pair in enumerate(pairs))
+    found = minimize(
+        value_and_slope,
+        np.clip(start, lows, highs),
+        jac=True,
+        method="L-BFGS-B",
+        bounds=list(zip(lows, highs, strict=True)),
+        options={"maxfun": _EVALUATIONS, "maxiter": _EVALUATIONS},
+    )
+    end, sound = at(found.x), [e for e, _ in at(found.x) if e.drive is None or not e.drive.broken_conditions()]
+    return end if allowed(end) and len(sound) == len(end) else plan
