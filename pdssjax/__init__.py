@@ -13,6 +13,13 @@ if TYPE_CHECKING:
         Stop as Stop,
     )
     from .core import InputError as InputError, InputWarning as InputWarning, prepare_jax as prepare_jax
+    from .design import (
+        Aim as Aim,
+        Limits as Limits,
+        Plan as Plan,
+        Resources as Resources,
+        design_experiment as design_experiment,
+    )
     from .drive.base import AbstractDrive as AbstractDrive
     from .files import characterise as characterise, load_study as load_study
     from .friction.base import AbstractFriction as AbstractFriction

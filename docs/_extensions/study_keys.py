@@ -22,6 +22,8 @@ def kind(schema: Schema) -> str:
         parts = [part for part in schema["anyOf"] if "description" not in part or "const" in part]
         names = {"number": "a number", "string": "a text", "integer": "a whole number", "object": "a table"}
         return " or ".join(dict.fromkeys(names.get(part.get("type", ""), kind(part)) for part in parts))
+    if isinstance(schema.get("type"), list):
+        return " or ".join(kind({"type": one}) for one in schema["type"])
     names = {"string": "a text", "integer": "a whole number", "boolean": "`true` or `false`"}
     names |= {"number": "a number", "object": "a table", "array": "a list"}
     return names.get(schema.get("type", ""), "")
@@ -66,7 +68,7 @@ def drives(schema: Schema) -> Iterator[str]:
 
 
 def lines_of(part: str) -> list[str]:
-    """The lines of one part of the study: "study", "actuator", "parameters", "record" or "drive"."""
+    """The lines of one part of the study: "study", "actuator", "parameters", "record", "drive" or "design"."""
     whole = json.loads(schema_text())
     record = whole["properties"]["record"]["items"]
     if part == "study":

@@ -31,6 +31,7 @@ COMMANDS = {
     "characterise": "step efficiency, speed and output force from records alone (thesis, chapter 3)",
     "record": "make the records of a study on a virtual rig, with noise, zeros and rounding, from a seed",
     "sweep": "net step, speed and step efficiency over a grid of drive quantities and parameters",
+    "design": "which records to make next, and where their samples go: plan, study, drive files and templates",
     "models": "list the drives, piezos, friction laws, measurements and parts of a rig that a study may name, "
     "or explain one",
     "schema": "print the JSON schema of the study file, with which editors complete and check it",

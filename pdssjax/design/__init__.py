@@ -18,6 +18,8 @@ if TYPE_CHECKING:
         misfit_by_kind as misfit_by_kind,
     )
     from .planning import Aim as Aim, design_experiment as design_experiment
+    from .rehearsal import Rehearsal as Rehearsal, rehearse as rehearse
+    from .rival import fitted_rival as fitted_rival, with_law as with_law
 else:
     from ..core.lazy import lazy_exports
 

@@ -60,9 +60,21 @@ class Search(NamedTuple):
         return np.where(np.isfinite(found), found, np.inf)
 
 
-def chosen(candidates: Candidates, search: Search, rounds: int = 12) -> list[int]:
-    """The places of the candidates of the best plan found, in ascending order; some perhaps several times."""
-    plan = _greedy(candidates, search)
+def chosen(candidates: Candidates, search: Search, rounds: int = 12, starts: int = 6) -> list[int]:
+    """The places of the candidates of the best plan found, in ascending order; some perhaps several times.
+
+    **Arguments:** exchange begins with the greedy plan, and with plans whose first candidate is another one, in all
+    with so many `starts`; it ends after so many `rounds` at the latest.
+    """
+    greedy = _greedy(candidates, search, [])
+    others = np.random.default_rng(0).permutation(np.flatnonzero(_affordable(candidates, search, [])))[: starts - 1]
+    plans = [greedy, *(_greedy(candidates, search, [int(first)]) for first in others)]
+    found = [_improved(candidates, search, plan, rounds) for plan in plans]
+    return sorted(min(found, key=lambda pair: pair[1])[0])
+
+
+def _improved(candidates: Candidates, search: Search, plan: list[int], rounds: int) -> tuple[list[int], float]:
+    """Where exchange leads from a `plan`, and the criterion there."""
     least = _score(candidates, search, plan)
     for _ in range(rounds):
         before = least
@@ -70,7 +82,7 @@ def chosen(candidates: Candidates, search: Search, rounds: int = 12) -> list[int
         plan, least = _exchanged_in_pairs(candidates, search, plan, least)
         if least >= before - 1e-9 * max(1.0, abs(before)):
             break
-    return sorted(plan)
+    return plan, least
 
 
 def _known(candidates: Candidates, search: Search, plan: Sequence[int]) -> Float[np.ndarray, "draws q q"]:
@@ -97,9 +109,9 @@ def _best_addition(candidates: Candidates, search: Search, plan: Sequence[int]) 
     return int(open_[best]), float(scores[best])
 
 
-def _greedy(candidates: Candidates, search: Search) -> list[int]:
-    """A plan that spends the budget evenly: each record takes what the others to come leave it."""
-    plan: list[int] = []
+def _greedy(candidates: Candidates, search: Search, plan: list[int]) -> list[int]:
+    """The `plan` with more candidates, which spend the budget evenly: each takes what those to come leave it."""
+    plan = list(plan)
     records = int(search.budget[1])
     while len(plan) < records:
         left = search.budget - candidates.takes[plan].sum(axis=0)
@@ -131,28 +143,31 @@ def _exchanged(candidates: Candidates, search: Search, plan: list[int], least: f
 def _exchanged_in_pairs(
     candidates: Candidates, search: Search, plan: list[int], least: float
 ) -> tuple[list[int], float]:
-    """The plan after pairs of places were given away, first to a smaller candidate, then to the best that fits."""
+    """The plan after pairs of places were given away, first to a smaller or the best candidate, then to the best."""
     for first in range(len(plan)):
         for second in range(len(plan)):
             if first == second or max(first, second) >= len(plan):
                 continue
             others = [candidate for place, candidate in enumerate(plan) if place not in (first, second)]
-            smaller = _smaller(candidates, search, others, plan[first])
-            if smaller is None:
-                continue
-            better = _best_addition(candidates, search, [*others, smaller])
-            if better is not None and better[1] < least - 1e-12:
-                plan, least = [*others, smaller, better[0]], better[1]
+            for begun in (
+                _smaller(candidates, search, others, plan[first]),
+                _best_addition(candidates, search, others),
+            ):
+                better = None if begun is None else _best_addition(candidates, search, [*others, begun[0]])
+                if begun is not None and better is not None and better[1] < least - 1e-12:
+                    plan, least = [*others, begun[0], better[0]], better[1]
+                    break
     return plan, least
 
 
-def _smaller(candidates: Candidates, search: Search, plan: list[int], than: int) -> int | None:
-    """The best candidate that takes at most three quarters of the samples that another one does; None without any."""
+def _smaller(candidates: Candidates, search: Search, plan: list[int], than: int) -> tuple[int, float] | None:
+    """The best addition of those that take at most three quarters of the samples that another does, if there is any."""
     places = np.flatnonzero(candidates.takes[:, 0] <= 0.75 * candidates.takes[than, 0])
     if not places.size:
         return None
     scores = search.scores(_known(candidates, search, plan), candidates.information[places])
-    return int(places[np.argmin(scores)])
+    best = int(np.argmin(scores))
+    return int(places[best]), float(scores[best])
 
 
 def promising(candidates: Candidates, search: Search, count: int) -> list[int]:
@@ -160,7 +175,7 @@ def promising(candidates: Candidates, search: Search, count: int) -> list[int]:
 
     They are ranked by what each is worth beside a first plan, within its class of samples, so that all sizes remain.
     """
-    plan = chosen(candidates, search, rounds=2)
+    plan = chosen(candidates, search, rounds=2, starts=1)
     known = _known(candidates, search, plan)
     scores = search.scores(known, candidates.information)
     sizes = candidates.takes[:, 0]

@@ -126,6 +126,10 @@ class Experiment:
         assert self.drive is not None
         return dataclasses.replace(self, drive=self.drive.with_numbers(numbers))
 
+    def rounded(self) -> "Experiment":
+        """The same with voltage, frequency and duty to four digits, as a generator is set."""
+        return self.with_shape({f: float(f"{n:.4g}") for f, n in self.shape.items()}) if self.shape else self
+
     @property
     def words(self) -> dict[str, str]:
         """The choices of the drive, such as the direction, by field."""
@@ -229,7 +233,8 @@ def completed_limits(study: Study, limits: Limits, misfit: Mapping[str, float]) 
     driven = [record.drive for record in records if record.drive is not None]
     peaks = [float(drive.peak()) for drive in driven]
     rates = [float(f) for drive in driven if (f := drive.cycle_frequency()) is not None]
-    steps = [float(np.min(np.diff(record.time))) for record in records]
+    # Of a clock as it is written, without the rounding of differences.
+    steps = [float(f"{np.min(np.diff(record.time)):.6g}") for record in records]
     lasting = [float(record.time[-1]) for record in records]
     noise = dict(limits.noise) | {k: _noise(k, records, where) * misfit.get(k, 1.0) for k in {*kinds} - {*limits.noise}}
     out = dataclasses.replace(

@@ -110,10 +110,10 @@ class PlannedRecord:
     def record(self, study: Study) -> Record:
         """As a record of a study, still to be made, its zero free."""
         made = self.experiment.record(study, self.name, self.times, self.noise.deviation)
-        unit = {"m": "um", "m/s": "mm/s", "N": "N"}[made.measurement.unit]
-        columns = {"time": ("time_s", ""), made.measurement.quantity: (f"{made.measurement.quantity}_{unit}", unit)}
-        if made.motion is not None:
-            columns["motion"] = ("motion_um", "um")
+        measurement, columns = made.measurement, {"time": ("time_s", "")}
+        if measurement.prescribed is not None:
+            columns[measurement.prescribed] = (f"{measurement.prescribed}_{measurement.prescribed_display.unit}", "")
+        columns[measurement.quantity] = (f"{measurement.quantity}_{measurement.display.unit}", "")
         return dataclasses.replace(made, columns=columns)
 
 
@@ -134,8 +134,10 @@ class Plan:
     """Standard errors [SI] by the plan's records alone."""
     after: Errors
     """Standard errors [SI] by both."""
+    alone_identify: Errors
+    """As `alone`, of a fit that does not whiten coloured noise, as `identify` does; the same where it is white."""
     after_identify: Errors
-    """The same of a fit that does not whiten coloured noise, as `identify` does; `after` where the noise is white."""
+    """As `after`, of such a fit."""
     value: float
     """The criterion with the plan, the mean over what is not known."""
     value_before: float

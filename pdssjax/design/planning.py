@@ -53,6 +53,8 @@ class Aim(NamedTuple):
     """Voltage [V] and frequency [Hz] at which the mean speed is to be predicted, of "prediction"."""
     rival: Study | None = None
     """The study with another law, fitted to the same records: all its numbers are known.  Of "discrimination"."""
+    rival_knowledge: Knowledge | None = None
+    """What that fit knows of them; None: nothing."""
 
 
 def design_experiment(
@@ -296,7 +298,7 @@ def _prior(request: _Request, survey: Survey) -> Float[np.ndarray, "q q"]:
         own = len(survey.own.paths)
         out[:own, :own] = prior_information(request.study, request.knowledge, survey.own.paths)
         if survey.rival is not None and request.aim.rival is not None:
-            rival = Knowledge(dict(request.aim.rival.values()))
+            rival = request.aim.rival_knowledge or Knowledge(dict(request.aim.rival.values()))
             paths = survey.rival.paths
             out[own : own + len(paths), own : own + len(paths)] = prior_information(request.aim.rival, rival, paths)
     return out
@@ -367,6 +369,7 @@ def _finished(
 ) -> Plan:
     """The plan with what it promises, at its own samples."""
     plan = sorted(plan, key=lambda pair: (request.limits.kinds or ()).index(pair[0].kind))
+    plan = [(experiment.rounded(), schedule.rounded()) for experiment, schedule in plan]
     information = survey.exact_information(plan, points)
     together = information.sum(axis=0)
     value = float(search.criterion(search.prior + together))
@@ -388,7 +391,8 @@ def _finished(
         for number, (experiment, schedule) in enumerate(plan, start=1)
     )
     errors = lambda matrix: _errors(request, paths, matrix)
-    after = errors(prior + mine)
+    after, by_itself = errors(prior + mine), errors(mine)
+    by_identify = lambda told: _errors_of_identify(request, survey, points[0], plan, told)
     return Plan(
         study=study,
         knowledge=request.knowledge,
@@ -397,9 +401,10 @@ def _finished(
         budget=request.budget,
         records=records,
         before=errors(prior),
-        alone=errors(mine),
+        alone=by_itself,
         after=after,
-        after_identify=_errors_of_identify(request, survey, points[0], plan, prior) or after,
+        alone_identify=by_identify(np.zeros_like(prior)) or by_itself,
+        after_identify=by_identify(prior) or after,
         value=value,
         value_before=_value_before(search),
         notes=tuple(notes),

@@ -93,6 +93,7 @@ def _with_better_windows(task: Task, plan: list[Pair]) -> list[Pair]:
         task.report(f"refining the samples of record {place + 1} of {len(plan)}")
         better, _ = improved_schedule(
             schedule,
+            task.limits.interval or schedule.interval,
             lambda other, e=experiment, o=others: task.fits((e, other), o),
             lambda other, e=experiment, r=rest: task.value(r + task.information((e, other))),
         )

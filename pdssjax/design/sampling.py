@@ -78,6 +78,10 @@ class Schedule:
         """Sample times [s] from the start of the drive."""
         return np.ravel(self.begins(period)[:, None] + self.interval * np.arange(self.samples))
 
+    def rounded(self) -> "Schedule":
+        """The same with the first sample at a whole number of tenths of a microsecond."""
+        return dataclasses.replace(self, lead=round(self.lead, 7), interval=float(f"{self.interval:.9g}"))
+
     def list_windows(self, period: float | None) -> list[Window]:
         """The windows in their order."""
         return [Window(float(begin), self.samples, self.interval) for begin in self.begins(period)]
@@ -116,7 +120,7 @@ def possible_schedules(
         # Once triggered, the recorder may go on through as many cycles; samples before the drive tell the zero.
         if windows == 1 and shifts == 1:
             whole = duration if period is None else min(duration, max(WINDOWS) * period)
-            even = Schedule(0, 1, 0.0, count, max(finest, whole / count * (1 - 1e-9)), 1)
+            even = Schedule(0, 1, 0.0, count, finest * max(1, int(whole / count / finest)), 1)
             early = Schedule(0, 1, -0.1 * count * factor * finest, count, factor * finest, 1)
             for schedule in (even, early):
                 if schedule.fits(period, finest, duration):
@@ -128,16 +132,21 @@ def contact_schedules(period: float, share: float, most: int, finest: float, dur
     """The same of a contact under a prescribed motion, which is known at the samples only: even, from its start on."""
     counts = dict.fromkeys(min(max(round(part * share), FEWEST), most) for part in PARTS)
     spans = [cycles * period for cycles in (1, 2, 4) if cycles * period <= duration]
-    made = [Schedule(0, 1, 0.0, n, max(finest, span / n), 1) for n in counts for span in spans]
+    made = [Schedule(0, 1, 0.0, n, finest * max(1, int(span / n / finest)), 1) for n in counts for span in spans]
     return [schedule for schedule in dict.fromkeys(made) if schedule.fits(period, finest, duration)]
 
 
-def neighbours(schedule: Schedule) -> list[Schedule]:
-    """Schedules that differ in one respect and have no more samples: the moves of a local search."""
+def neighbours(schedule: Schedule, finest: float) -> list[Schedule]:
+    """Schedules that differ in one respect and have no more samples: the moves of a local search.
+
+    Intervals are whole numbers of the `finest` [s] that the recorder can do, as its clock is divided.
+    """
     change = lambda **fields: dataclasses.replace(schedule, **fields)
     interval, samples = schedule.interval, schedule.samples
     moved = [change(lead=schedule.lead + steps * interval) for steps in (-64, -16, -4, -1, -0.5, 0.5, 1, 4, 16, 64)]
-    moved += [change(interval=interval * factor) for factor in (0.5, 0.7, 0.9, 1.1, 1.4, 2.0)]
+    ticks = round(interval / finest)
+    others = {ticks - 1, ticks + 1, *(round(factor * ticks) for factor in (0.5, 0.7, 0.9, 1.1, 1.4, 2.0))}
+    moved += [change(interval=count * finest) for count in sorted(others) if count >= 1]
     moved += [change(first=schedule.first + step) for step in (-1, 1, 4)]
     moved += [change(windows=2 * schedule.windows, samples=samples // 2)]
     moved += [change(windows=(schedule.windows + 1) // 2, samples=2 * samples)] if schedule.windows % 2 == 0 else []
@@ -212,12 +221,21 @@ def graded(begin: float, end: float, spacing: float) -> Float[np.ndarray, " poin
 
 
 def improved_schedule(
-    schedule: Schedule, allowed: Callable[[Schedule], bool], score: Callable[[Schedule], float], rounds: int = 6
+    schedule: Schedule,
+    finest: float,
+    allowed: Callable[[Schedule], bool],
+    score: Callable[[Schedule], float],
+    rounds: int = 6,
 ) -> tuple[Schedule, float]:
-    """The best schedule that a local search reaches from `schedule`, and its score; lower is better."""
+    """The best schedule that a local search reaches from `schedule`, and its score; lower is better.
+
+    **Arguments:** the recorder's least interval `finest` [s], which schedules are `allowed`, and their `score`.
+    """
     best, least = schedule, score(schedule)
     for _ in range(rounds):
-        trials = [(score(other), place, other) for place, other in enumerate(neighbours(best)) if allowed(other)]
+        trials = [
+            (score(other), place, other) for place, other in enumerate(neighbours(best, finest)) if allowed(other)
+        ]
         if not trials or min(trials)[0] >= least - 1e-7:
             break
         least, _, best = min(trials)

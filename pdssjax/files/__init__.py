@@ -10,6 +10,12 @@ if TYPE_CHECKING:
     from .channel_samples import list_channels as list_channels
     from .characterisation_results import write_characterisations as write_characterisations
     from .characterise_record import characterise as characterise
+    from .design_table import (
+        BUDGET_KEYS as BUDGET_KEYS,
+        DesignTable as DesignTable,
+        read_design as read_design,
+        read_knowledge as read_knowledge,
+    )
     from .draws_file import DrawsFile as DrawsFile, holds_draws as holds_draws
     from .draws_results import read_draws as read_draws
     from .estimate_folder import read_estimate_folder as read_estimate_folder
@@ -33,6 +39,12 @@ if TYPE_CHECKING:
     )
     from .guessed_record import NewRecord as NewRecord, Told as Told, guess_file as guess_file
     from .new_study import drive_of_samples as drive_of_samples, write_study as write_study
+    from .plan_results import (
+        REHEARSAL as REHEARSAL,
+        plan_folder as plan_folder,
+        write_plan as write_plan,
+        write_rehearsal as write_rehearsal,
+    )
     from .prediction_results import write_predictions as write_predictions
     from .recording_results import check_recordings as check_recordings, write_recordings as write_recordings
     from .results_folder import (

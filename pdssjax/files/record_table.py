@@ -1,5 +1,6 @@
 """A record, as a study's [[record]] table and its file tell it."""
 
+import itertools
 import warnings
 from pathlib import Path
 
@@ -69,7 +70,8 @@ def read_record(table: Table, parameters: Table, folder: Path, virtual: bool = F
     drive, rested, rest_voltage = rest_before(table, parameters, drive, begin - start, length, settles)
     start -= earlier + rested
     data["time"] = data["time"] - start
-    _warn(where, data["time"], drive)
+    if "sampling" not in table.entries:  # what was planned is no slip of a unit
+        _warn(where, data["time"], drive)
     noise = _positive(table, "noise", unit)
     _question_noise(table, noise, data[measurement.quantity], measurement)
     return Record(
@@ -156,8 +158,26 @@ def _check_writable(table: Table, file: Path, layout: Layout) -> None:
 
 def _planned(table: Table, measurement: AbstractMeasurement) -> dict[str, np.ndarray]:
     """Sample times, and the motion where that is prescribed, as the record's `sampling` plans them."""
-    example = 'a table such as { start = "0.2 s", end = "2 s", interval = "1 ms" }'
-    plan = table.table("sampling", example)
+    example = 'a table such as { start = "0.2 s", end = "2 s", interval = "1 ms" }, or a list of such tables'
+    listed = isinstance(table.entries["sampling"], list)
+    windows = table.get("sampling", list, example) if listed else [table.get("sampling", dict, example)]
+    plans = [Table(window, table.at("sampling")) for window in windows if isinstance(window, dict)]
+    if not windows or len(plans) < len(windows):
+        raise InputError(f"{table.at('sampling')}: found {windows}, expected {example}.")
+    times = [_window(plan, measurement) for plan in plans]
+    for earlier, later in itertools.pairwise(times):
+        if later[0] <= earlier[-1]:
+            raise InputError(
+                f"{table.at('sampling')}: found a window from {later[0]:g} s on after one up to {earlier[-1]:g} s, "
+                "expected windows in the order of time that do not overlap."
+            )
+    time = np.concatenate(times)
+    numbers = {key: plans[0].number(key, unit) for key, unit in measurement.plan.items()}
+    return {"time": time, **measurement.planned(time - time[0], numbers), measurement.quantity: np.zeros(time.shape)}
+
+
+def _window(plan: Table, measurement: AbstractMeasurement) -> np.ndarray:
+    """The sample times [s] of one table of a `sampling`."""
     plan.only(["start", "end", "interval", *measurement.plan])
     start, end, interval = plan.number("start", "s", 0.0), plan.number("end", "s"), plan.number("interval", "s")
     if not 0.0 < interval < end - start:
@@ -170,9 +190,7 @@ def _planned(table: Table, measurement: AbstractMeasurement) -> dict[str, np.nda
             f"{plan.at('interval')}: found {interval:g} s for samples from {start:g} s to {end:g} s, which are "
             f"{(end - start) / interval:.3g}, expected {_MOST_SAMPLES:g} at most."
         )
-    time = start + interval * np.arange(int((end - start) / interval * (1 + 1e-12)) + 1)
-    planned = measurement.planned(time - start, {key: plan.number(key, unit) for key, unit in measurement.plan.items()})
-    return {"time": time, **planned, measurement.quantity: np.zeros(time.shape)}
+    return start + interval * np.arange(int((end - start) / interval * (1 + 1e-12)) + 1)
 
 
 def _positive(table: Table, key: str, unit: str) -> float | None:

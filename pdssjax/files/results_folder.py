@@ -31,6 +31,14 @@ _RESULTS = (
     "border.png",
     "characterise.json",
     "parameters.json",
+    "plan.txt",
+    "plan.png",
+    "plan.html",
+    "plan.toml",
+    "plan-together.toml",
+    "drives",
+    "templates",
+    "plan.json",
     "estimate.json",
 )
 """What a folder of results may hold; the JSON file is moved in last, so where it is, all is."""

@@ -11,6 +11,7 @@ from ..core import Document, Quantity, member, members
 from ..integration import SOLVERS
 from ..piezo import DYNAMICS, HYSTERESES, MOST, Composition, Field, fields_of
 from ..study import Entry, catalogue_entries
+from .design_table import BUDGET_KEYS, DESIGN_KEYS
 from .drive_table import SAMPLED_KEYS
 from .json_text import json_text
 from .record_table import RECORD_KEYS
@@ -42,6 +43,7 @@ def study_schema() -> Document:
                 "actuator": _actuator(entries),
                 "parameters": _parameters(entries),
                 "record": {"type": "array", "items": _record(entries), "description": "One of each run of the rig."},
+                "design": _design(),
             },
             ["format", "actuator", "parameters"],
         ),
@@ -176,7 +178,10 @@ def _record(entries: Mapping[str, Entry]) -> Document:
         "start": _quantity("s", "When the drive starts on the file's clock."),
         "drive": _drive(entries),
         "resolution": _quantity("", "Step in which the sensor counts."),
-        "sampling": {"type": "object", "description": "Of a record to be made: start, end, interval."},
+        "sampling": {
+            "type": ["object", "array"],
+            "description": "Of a record to be made: start, end, interval; or a list of such windows.",
+        },
         "conditioning": {"description": "What the drive did before t = 0: cycles, or a time for which it was held."},
         "conditions": {"type": "array", "items": _TEXT, "description": "Under which parameters@condition hold."},
         **{key: {"enum": words} for key, words in choices.items()},
@@ -184,6 +189,17 @@ def _record(entries: Mapping[str, Entry]) -> Document:
     described["offset"]["anyOf"].append({"const": "free"})
     assert set(RECORD_KEYS) <= set(described)
     return _table(described, ["file", "measures"])
+
+
+def _design() -> Document:
+    """What the next records may be: of `pdssjax design`."""
+    lists = ("kinds", "waveforms", "voltage", "frequency", "duty", "amplitude")
+    tables = ("noise", "correlation_time", "range", "rig")
+    kinds: dict[str, Document] = {key: {"type": "array"} for key in lists} | {key: {"type": "object"} for key in tables}
+    budget = _table({key: {"type": "number", "description": "Of all records."} for key in BUDGET_KEYS})
+    keys = {key: kinds.get(key, _quantity("")) | {"description": text} for key, text in DESIGN_KEYS.items()}
+    keys["budget"] = budget | {"description": DESIGN_KEYS["budget"]}
+    return _table(keys, description="What rig, sensor and recorder can do, for the next records.")
 
 
 def _columns(kind: str) -> Mapping[str, str]:

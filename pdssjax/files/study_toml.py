@@ -9,9 +9,8 @@ import sys
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
-from ..core import InputError, member, members
+from ..core import Document, InputError, member, members
 from ..friction.base import AbstractFriction
 from ..integration import SOLVERS
 from ..piezo import DYNAMICS, HYSTERESES, MOST, Composition
@@ -55,9 +54,9 @@ def load_study(path: str | Path, virtual: bool = False) -> Study:
     looks like a mistake.
     """
     path = Path(path)
-    top = Table(_read_toml(path), str(path))
+    top = Table(read_toml(path), str(path))
     _check_format(top)
-    top.only(["format", "title", "solver", "actuator", "parameters", "record"])
+    top.only(["format", "title", "solver", "actuator", "parameters", "record", "design"])
     actuator = top.table("actuator", 'a table with "piezo" and "friction"')
     actuator.only(["piezo", "friction", "friction_state", "feedback", "rests_under_load"])
     piezo = _read_piezo(actuator)
@@ -82,7 +81,8 @@ def load_study(path: str | Path, virtual: bool = False) -> Study:
     return study
 
 
-def _read_toml(path: Path) -> dict[str, Any]:
+def read_toml(path: Path) -> Document:
+    """What is in a file of TOML; **raises** `InputError` if it is missing or none."""
     try:
         document = tomllib.loads(path.read_text(encoding="utf-8-sig"))
         str(document)  # of a hexadecimal integer Python finds only here that it cannot be written in a message

@@ -12,9 +12,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..core import Figure, InputError, decimals_for, display_unit, draw_in_notebook, member_name, percent, rounded
+from ..design import Plan
 from ..simulation import TRAJECTORY_UNITS, Trajectory
 from ..study import Estimate, FittedParameter, FittedRecord, Parameter, Record, Study
 from .page import Table, table_html
+from .text import ERROR_HEAD, RECORD_HEAD, error_rows, plan_summary, record_row
 
 
 def as_html(shown: object) -> str:
@@ -25,6 +27,8 @@ def as_html(shown: object) -> str:
         return study_html(shown)
     if isinstance(shown, Trajectory):
         return trajectory_html(shown)
+    if isinstance(shown, Plan):
+        return plan_html(shown)
     raise TypeError(f"Argument `shown` must be a result, but it is a {type(shown).__name__}")
 
 
@@ -36,7 +40,7 @@ def as_figure(shown: object, what: str | None = None) -> Figure:
 
 
 def _figure(shown: object, what: str | None) -> Figure:
-    from .figures import study_figure, sweep_figure, trajectory_figure
+    from .figures import design_figure, study_figure, sweep_figure, trajectory_figure
 
     if isinstance(shown, Estimate):
         return _estimate_figure(shown, what)
@@ -44,6 +48,8 @@ def _figure(shown: object, what: str | None) -> Figure:
         return study_figure(shown)
     if isinstance(shown, Trajectory):
         return trajectory_figure(shown)
+    if isinstance(shown, Plan):
+        return design_figure(shown)
     return sweep_figure(shown)  # pyright: ignore[reportArgumentType]
 
 
@@ -225,5 +231,17 @@ def trajectory_html(run: Trajectory) -> str:
         [
             paragraph(f"Trajectory of {np.size(run.time)} samples", outcome),
             _table("<>>><", ["", "least", "greatest", "last", "unit"], rows),
+        ]
+    )
+
+
+def plan_html(plan: Plan) -> str:
+    """The records of a plan, and the expected errors."""
+    records, errors = [record_row(planned) for planned in plan.records], error_rows(plan)
+    return "\n".join(
+        [
+            paragraph(f"Next records: {plan.study.title}", plan_summary(plan)),
+            _table("<>>><<>", RECORD_HEAD, records),
+            _table("<>>>>", ERROR_HEAD, errors),
         ]
     )

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
         multistart_figure as multistart_figure,
         profile_figure as profile_figure,
     )
+    from .plan import design_figure as design_figure
     from .recordings import (
         cycle_figure as cycle_figure,
         friction_figure as friction_figure,

@@ -14,6 +14,17 @@ if TYPE_CHECKING:
         format_entry as format_entry,
         format_guesses as format_guesses,
     )
+    from .plan import (
+        CONTRIBUTES as CONTRIBUTES,
+        ERROR_HEAD as ERROR_HEAD,
+        RECORD_HEAD as RECORD_HEAD,
+        error_rows as error_rows,
+        format_design as format_design,
+        format_rehearsal as format_rehearsal,
+        plan_summary as plan_summary,
+        record_row as record_row,
+        sampling_words as sampling_words,
+    )
     from .records import format_numbers as format_numbers, format_records as format_records
     from .sweep import format_border as format_border, format_plan as format_plan, format_sweep as format_sweep
 else:

@@ -1,0 +1,183 @@
+"""The [design] table of a study: what rig, sensor and recorder can do, and what the next records may take together.
+
+An option of the command line is a line of the same table, and goes before it.
+"""
+
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from ..core import Document, InputError, member
+from ..design import Knowledge, Limits, Resources, misfit_by_kind
+from .estimate_json import read_covariance, read_estimate
+from .study_toml import read_toml
+from .toml_table import Table
+
+DESIGN_KEYS: dict[str, str] = {
+    "kinds": 'What may be measured: "platform", "effector", "velocity", "force", "friction".',
+    "waveforms": "Drives that the generator can make.",
+    "voltage": "Least and greatest [V].",
+    "frequency": "Least and greatest [Hz].",
+    "duty": "Shares of the period that the slow flank may take.",
+    "amplitude": "Of the motion prescribed in friction records [m].",
+    "interval": "Least time between samples [s].",
+    "duration": "Longest record [s].",
+    "noise": "Standard deviation, by kind.",
+    "correlation_time": "Of the noise [s], by kind; left out: white.",
+    "range": "Largest extent that a sensor sees, by kind.",
+    "rig": "By path, numbers to which a fixed parameter may be set for a record.",
+    "record_cost": "Of each record, in a unit of your choice (1).",
+    "second_cost": "Of each second recorded (0).",
+    "budget": "Samples, records, seconds and cost of all records together.",
+}
+"""What each key says."""
+
+BUDGET_KEYS = ("samples", "records", "seconds", "cost")
+"""What the records may take."""
+
+
+class DesignTable(NamedTuple):
+    """What a study and the options say of the next records."""
+
+    limits: Limits
+    budget: Resources
+    document: Document
+    """The table, as a plan's study has it."""
+
+
+def read_design(study: Path, lines: Sequence[str] = (), budget: Mapping[str, str] | None = None) -> DesignTable:
+    """The [design] table of a file, with `lines` of TOML and a `budget`, by key, before what it says.
+
+    **Raises:** `InputError` for what is unknown, missing or of another unit.
+    """
+    stated: Document = dict(Table(read_toml(study), str(study)).table("design", "a table", {}).entries)
+    for line in lines:
+        stated |= _line(line)
+    spent: Document = dict(stated.get("budget", {}) if isinstance(stated.get("budget", {}), dict) else {})
+    spent |= {key: _number(text) for key, text in (budget or {}).items()}
+    stated["budget"] = spent
+    table = Table(stated, f"{study}: design")
+    table.only(DESIGN_KEYS)
+    return DesignTable(_limits(table), _budget(table), stated)
+
+
+def _line(line: str) -> Document:
+    try:
+        return tomllib.loads(line)
+    except ValueError as error:
+        raise InputError(
+            f"option --limit: found {line!r:.80}, expected a line of TOML such as 'interval = \"50 us\"': {error}."
+        ) from None
+
+
+def _number(text: str) -> float | int | str:
+    try:
+        return int(text)
+    except ValueError:
+        return text
+
+
+def _budget(table: Table) -> Resources:
+    spent = table.table("budget", "a table such as { samples = 2000, records = 4 }")
+    spent.only(BUDGET_KEYS)
+    whole = lambda key: _whole(spent, key)
+    rest = {key: spent.number(key, unit) for key, unit in (("seconds", "s"), ("cost", "")) if key in spent.entries}
+    return Resources(samples=whole("samples"), records=whole("records"), **rest)
+
+
+def _whole(table: Table, key: str) -> int:
+    expected = "a whole number above 0, as in --budget samples=2000 records=4"
+    found = table.get(key, object, expected)
+    if isinstance(found, bool) or not isinstance(found, int) or found < 1:
+        raise InputError(f"{table.at(key)}: found {found}, expected {expected}.")
+    return found
+
+
+def _limits(table: Table) -> Limits:
+    stated = table.entries
+    pair = lambda key, unit: _pair(table, key, unit) if key in stated else None
+    number = lambda key, unit: table.number(key, unit) if key in stated else None
+    return Limits(
+        kinds=_texts(table, "kinds") or None,
+        waveforms=_texts(table, "waveforms") or None,
+        voltage=pair("voltage", "V"),
+        frequency=pair("frequency", "Hz"),
+        duty=_numbers(table, "duty", ""),
+        amplitude=_numbers(table, "amplitude", "m"),
+        interval=number("interval", "s"),
+        duration=number("duration", "s"),
+        noise=_by_kind(table, "noise", _unit),
+        correlation_time=_by_kind(table, "correlation_time", lambda kind: "s"),
+        range=_by_kind(table, "range", _unit),
+        rig=_rig(table),
+        record_cost=table.number("record_cost", "", 1.0),
+        second_cost=table.number("second_cost", "", 0.0),
+    )
+
+
+def _unit(kind: str) -> str:
+    try:
+        return member("study.measurement", kind)().unit
+    except KeyError:
+        return ""  # refused by name afterwards
+
+
+def _texts(table: Table, key: str) -> tuple[str, ...]:
+    found = table.get(key, list, "a list of names", [])
+    if not all(isinstance(name, str) for name in found) or (key in table.entries and not found):
+        raise InputError(f"{table.at(key)}: found {found}, expected a list of names.")
+    return tuple(found)
+
+
+def _numbers(table: Table, key: str, unit: str) -> tuple[float, ...]:
+    found = table.get(key, list, "a list of numbers", [])
+    inner = Table(dict(enumerate(found)), table.at(key))  # pyright: ignore[reportArgumentType]
+    return tuple(inner.number(place, unit) for place in inner.entries)
+
+
+def _pair(table: Table, key: str, unit: str) -> tuple[float, float]:
+    found = _numbers(table, key, unit)
+    if len(found) != 2:
+        raise InputError(f"{table.at(key)}: found {table.entries[key]}, expected the least and the greatest.")
+    return found[0], found[1]
+
+
+def _by_kind(table: Table, key: str, unit: Callable[[str], str]) -> dict[str, float]:
+    inner = table.table(key, 'a table by kind such as { effector = "..." }', {})
+    return {kind: inner.number(kind, unit(kind)) for kind in inner.entries}
+
+
+def _rig(table: Table) -> dict[str, tuple[float, ...]]:
+    """Numbers by path, still in the unit that the text says; a text without a legal path is refused afterwards."""
+    from ..actuator import PARTS
+    from ..core import quantities
+
+    units = {f"{name}.{field}": q.unit for name, part in PARTS.items() for field, q in quantities(part).items()}
+    inner = table.table("rig", 'a table such as { "effector.tilt" = ["-5 deg", "5 deg"] }', {})
+    return {path: _numbers(inner, path, units.get(path, "")) for path in inner.entries}
+
+
+def read_knowledge(file: Path) -> Knowledge:
+    """What `file`, an estimate.json, tells a plan: values, covariance, misfit, and parameters with open intervals.
+
+    **Raises:** `InputError` if the file is missing or no estimate.
+    """
+    document = read_estimate(file)
+    try:
+        parameters = document["parameters"]
+        values = {path: float(told["value"]) for path, told in parameters.items()}
+        fitted = [r for r in document["records"] if r["role"] == "fit"]
+        records = [(r["measures"], r.get("reduced_chi2") or float("nan")) for r in fitted]
+        verdicts = {path: told.get("interval_verdicts") or () for path, told in parameters.items()}
+        determined = any(told.get("standard_error") for told in parameters.values())
+    except (KeyError, TypeError, ValueError, AttributeError):
+        raise InputError(f"{file}: found no parameters and records, expected what pdssjax identify wrote.") from None
+    known = read_covariance(file) if determined else None
+    return Knowledge(
+        values=values,
+        **({} if known is None else {"names": known.names, "covariance": known.covariance}),
+        misfit=misfit_by_kind(records),
+        open=tuple(path for path, ends in verdicts.items() if "flat" in ends),
+        source=f"estimate {file}",
+    )

@@ -1,0 +1,245 @@
+"""Writes a plan: in words, figure, page and JSON; its records as a study; voltages for the generator; templates.
+
+`plan.toml` has the plan's records, each with its `sampling`, so that `pdssjax record` makes them on the virtual rig and
+`pdssjax identify` fits them once they are measured.  `plan-together.toml` has the records so far besides.
+"""
+
+import math
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+import tomlkit
+
+from ..core import Document, InputError, choices, quantities
+from ..design import Plan, PlannedRecord, Rehearsal
+from ..report.text import format_design
+from ..study import Study
+from .estimate_results import write_estimate
+from .json_text import json_text
+from .prediction_results import file_stems
+from .recording_results import write_csv
+from .results_folder import staging_folder
+
+MEASURED = "measured"
+"""Folder beside a plan's study in which its records are to be put."""
+
+REHEARSAL, IDENTIFIED = "rehearsal", "identified"
+"""Folder of what the virtual rig made of a plan, and of what was identified there."""
+
+_POINTS = 20_000
+"""Lines of a drive file at most."""
+
+TomlTable: TypeAlias = Any
+"""A table of tomlkit, which keeps comments and order."""
+
+
+def write_plan(plan: Plan, source: Path, design: Document, folder: Path) -> None:
+    """Put a `plan` into `folder`, in place of older results.
+
+    **Arguments:** `source` is the file of the study that it is made for, and `design` the table of its limits.
+
+    **Raises:** `InputError` where the study's file is gone.
+    """
+    from ..report.figures import design_figure
+    from ..report.page import write_page
+    from ..report.page.plan import plan_page
+
+    with staging_folder(folder) as staging:
+        (staging / "plan.json").write_text(json_text(plan.document()), encoding="utf-8")
+        (staging / "plan.txt").write_text(format_design(plan), encoding="utf-8")
+        design_figure(plan).savefig(staging / "plan.png")
+        write_page(staging / "plan.html", plan_page(plan))
+        _write_studies(plan, source, design, folder, staging)
+        (staging / "drives").mkdir()
+        (staging / "templates").mkdir()
+        for stem, planned in zip(file_stems(plan.records), plan.records, strict=True):  # pyright: ignore[reportArgumentType]
+            _write_drive(planned, staging / "drives" / f"{stem}.csv")
+            _write_template(plan.study, planned, staging / "templates" / f"{stem}.csv")
+
+
+def _write_studies(plan: Plan, source: Path, design: Document, folder: Path, staging: Path) -> None:
+    (staging / "plan.toml").write_text(plan_study(plan, source, design, folder, together=False), encoding="utf-8")
+    if any(np.any(record.measured) for record in plan.study.records):
+        text = plan_study(plan, source, design, folder, together=True)
+        (staging / "plan-together.toml").write_text(text, encoding="utf-8")
+
+
+def plan_study(plan: Plan, source: Path, design: Document, folder: Path, *, together: bool) -> str:
+    """The study of a plan's records as the text of a file in `folder`; `together` with the records so far."""
+    try:
+        document: TomlTable = tomlkit.parse(source.read_text(encoding="utf-8-sig"))
+    except OSError as error:
+        raise InputError(f"{source}: cannot be read ({error.strerror}), expected the study of the plan.") from None
+    document["title"] = f"{plan.study.title}, planned records"
+    _set_numbers(document["parameters"], plan)
+    so_far = document.pop("record", []) if "record" in document else []
+    document.pop("design", None)
+    document.add("design", _toml(design))
+    records = tomlkit.aot()
+    for record in so_far if together else []:
+        _move_files(record, source.parent, folder)
+        records.append(record)
+    taken = {str(record.get("name", "")) for record in (so_far if together else [])}
+    for stem, planned in zip(file_stems(plan.records), plan.records, strict=True):  # pyright: ignore[reportArgumentType]
+        records.append(_record(plan.study, planned, stem, taken))
+    document.add("record", records)
+    head = f"# Made by pdssjax design for {source.name}: put what is measured into {MEASURED}/.\n"
+    return head + tomlkit.dumps(document)
+
+
+def _set_numbers(parameters: TomlTable, plan: Plan) -> None:
+    """The numbers that the plan counts with as starts and values, what was measured apart left as it is."""
+    for path, parameter in plan.with_rig.parameters.items():
+        number = plan.knowledge.values.get(path, parameter.number)
+        if path not in parameters:
+            parameters[path] = tomlkit.inline_table()
+        entry = parameters[path]
+        if number is not None and "standard_error" not in entry:
+            entry["start" if parameter.free else "value"] = float(f"{number:.9g}")
+
+
+def _move_files(record: TomlTable, before: Path, after: Path) -> None:
+    """Files are named from where the plan is."""
+    for table in (record, record.get("drive")):
+        if isinstance(table, dict) and "file" in table and not Path(table["file"]).is_absolute():
+            path = os.path.relpath((before / table["file"]).absolute(), after.absolute())
+            table["file"] = Path(path).as_posix()  # pyright: ignore[reportIndexIssue]
+
+
+def _record(study: Study, planned: PlannedRecord, stem: str, taken: set[str]) -> TomlTable:
+    """The [[record]] table of a planned record."""
+    experiment, made = planned.experiment, planned.record(study)
+    table = tomlkit.table()
+    names = (planned.name, *(f"{planned.name} ({n})" for n in range(2, 100)))
+    table["name"] = next(name for name in names if name not in taken)
+    table["file"] = f"{MEASURED}/{stem}.csv"
+    table["columns"] = _inline({quantity: name for quantity, (name, _) in made.columns.items()})
+    table["measures"] = experiment.kind
+    display = made.measurement.display
+    table["noise"] = f"{planned.noise.deviation * display.scale:.6g} {display.unit}"
+    if experiment.conditions:
+        table["conditions"] = sorted(experiment.conditions)
+    more: dict[str, str] = {}
+    if experiment.motion is not None:
+        more = {"amplitude": f"{1e6 * experiment.motion[0]:.9g} um", "frequency": f"{experiment.motion[1]:.9g} Hz"}
+    table["sampling"] = _sampling(planned, more)
+    if experiment.drive is not None:
+        table["drive"] = _inline(_drive(study, planned))
+    return table
+
+
+def _sampling(planned: PlannedRecord, more: Mapping[str, str]) -> TomlTable:
+    """The windows; each ends half an interval after its last sample, so that no rounding takes or adds one."""
+    windows = [
+        {
+            "start": f"{window.start:.10g} s",
+            "end": f"{window.start + (window.samples - 0.5) * window.interval:.10g} s",
+            "interval": f"{window.interval:.9g} s",
+            **more,
+        }
+        for window in planned.schedule.list_windows(planned.experiment.period)
+    ]
+    if len(windows) == 1:
+        return _inline(windows[0])
+    listed = tomlkit.array()
+    listed.extend([_inline(window) for window in windows])
+    return listed.multiline(True)
+
+
+def _drive(study: Study, planned: PlannedRecord) -> Document:
+    """The drive as a study has it: numbers that are not the study's, with units, and words."""
+    drive, experiment = planned.experiment.drive, planned.experiment
+    assert drive is not None
+    out: Document = {"waveform": experiment.group[1]}
+    first = {field: next(iter(words)) for field, words in choices(type(drive)).items()}
+    out |= {field: word for field, word in experiment.words.items() if word != first[field] or field == "direction"}
+    overrides = planned.record(study).overrides
+    for field, declared in quantities(type(drive)).items():
+        number = float(drive.numbers()[field])
+        if field in overrides and (not declared.optional or number != declared.nominal):
+            out[field] = f"{number:.9g} {declared.unit}".strip() if declared.unit else number
+    return out
+
+
+def _inline(entries: Mapping[str, object]) -> TomlTable:
+    table = tomlkit.inline_table()
+    table.update(entries)
+    return table
+
+
+def _toml(document: Document) -> TomlTable:
+    """Plain data as a table, tables within it in one line each."""
+    table = tomlkit.table()
+    for key, value in document.items():
+        table[key] = _inline(value) if isinstance(value, dict) else value
+    return table
+
+
+def _write_drive(planned: PlannedRecord, file: Path) -> None:
+    """The voltage, or the prescribed motion, of a record from its start to its last sample."""
+    experiment, end = planned.experiment, max(float(planned.times[-1]), 1e-6)
+    step = min(planned.schedule.interval, (experiment.period or end) / 1000.0)
+    time = np.linspace(0.0, end, min(_POINTS, math.ceil(end / step) + 1))
+    if experiment.motion is not None:
+        amplitude, frequency = experiment.motion
+        name, values = "motion_um", 1e6 * amplitude * np.sin(2.0 * np.pi * frequency * (time - planned.times[0]))
+    else:
+        assert experiment.drive is not None
+        # A jump is two lines: what is just before a corner is the voltage there, too.
+        corners = _corners(planned, end)
+        time = np.unique(np.concatenate([time, corners, np.maximum(corners - 1e-7, 0.0)]))
+        name, values = "voltage_V", np.asarray(experiment.drive.at(time))  # pyright: ignore[reportArgumentType]
+    table = np.column_stack([time, values])
+    np.savetxt(file, table, fmt=("%.8f", "%.6g"), delimiter=",", header=f"time_s,{name}", comments="")
+
+
+def _corners(planned: PlannedRecord, end: float) -> np.ndarray:
+    """Times [s] of the corners of a drive up to `end` [s]."""
+    within, period = planned.experiment.corners(), planned.experiment.period
+    if period is None:
+        return np.zeros(1)
+    cycles = np.arange(math.ceil(end / period) + 1)
+    times = np.ravel(cycles[:, None] * period + np.array(within))
+    return times[times <= end]
+
+
+def _write_template(study: Study, planned: PlannedRecord, file: Path) -> None:
+    """The columns of a record, the times filled in, what is to be measured empty."""
+    record = planned.record(study)
+    names = [name for name, _ in record.columns.values()]
+    lines = [",".join(names)]
+    motion = [""] * record.time.size if record.motion is None else [f",{1e6 * x:.9g}" for x in record.motion]
+    lines += [f"{t:.10g}{m}," for t, m in zip(record.time, motion, strict=True)]
+    file.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def write_rehearsal(rehearsal: Rehearsal, plan: Plan, source: Path, design: Document, folder: Path) -> None:
+    """Put what the virtual rig made of a plan into `folder`: the records, their study, and the identification.
+
+    The folder is that of a plan that was carried out: `pdssjax design` goes on from it.
+    """
+    with staging_folder(folder, ("plan.toml", MEASURED)) as staging:
+        text = plan_study(plan, source, design, folder, together=False)
+        (staging / "plan.toml").write_text(text, encoding="utf-8")
+        own = rehearsal.recordings[-len(plan.records) :]
+        for stem, recording in zip(file_stems(plan.records), own, strict=True):  # pyright: ignore[reportArgumentType]
+            write_csv(recording, staging / "plan.toml", staging / MEASURED / f"{stem}.csv")
+    write_estimate(rehearsal.estimate, folder / IDENTIFIED)
+
+
+def plan_folder(folder: Path) -> tuple[Path, Path | None]:
+    """The study and the estimate of a folder that a plan was made or carried out in.
+
+    **Raises:** `InputError` where it holds no plan.
+    """
+    studies: Sequence[str] = ("plan-together.toml", "plan.toml")
+    study = next((folder / name for name in studies if (folder / name).is_file()), None)
+    if study is None:
+        raise InputError(
+            f"{folder}: found no plan.toml, expected a study file with --estimate FILE, or the folder of a plan."
+        )
+    places = (folder / IDENTIFIED / "estimate.json", folder / "estimate.json")
+    return study, next((place for place in places if place.is_file()), None)
