@@ -68,7 +68,10 @@ def drives(schema: Schema) -> Iterator[str]:
 
 
 def lines_of(part: str) -> list[str]:
-    """The lines of one part of the study: "study", "actuator", "parameters", "record", "drive" or "design"."""
+    """The lines of one part of the study.
+
+    They are "study", "actuator", "parameters", "record", "drive", "design" and "budget".
+    """
     whole = json.loads(schema_text())
     record = whole["properties"]["record"]["items"]
     if part == "study":
@@ -77,4 +80,6 @@ def lines_of(part: str) -> list[str]:
         return parameters(whole["properties"]["parameters"])
     if part == "drive":
         return list(drives(record["properties"]["drive"]))
+    if part == "budget":
+        return table(whole["properties"]["design"]["properties"]["budget"])
     return table(record if part == "record" else whole["properties"][part])

@@ -79,7 +79,7 @@ class Resources(eqx.Module):
 
     @property
     def amounts(self) -> Float[np.ndarray, "4"]:
-        """Samples, records, seconds and cost."""
+        """Samples, records, time [s] and cost."""
         return np.array([self.samples, self.records, self.seconds, self.cost])
 
 
@@ -285,7 +285,8 @@ def _check(study: Study, limits: Limits, where: str) -> None:
     for key in ("interval", "duration"):
         if not 0.0 < getattr(limits, key) < math.inf:
             raise InputError(f"{where}: {key}: found {getattr(limits, key):g} s, expected a time above 0.")
-    if limits.interval >= limits.duration:  # pyright: ignore[reportOptionalOperand]
+    assert limits.interval is not None and limits.duration is not None
+    if limits.interval >= limits.duration:
         raise InputError(f"{where}: interval: found {limits.interval:g} s in records of {limits.duration:g} s.")
     for key in ("noise", "range"):
         for kind, number in getattr(limits, key).items():
@@ -349,7 +350,7 @@ def _drives(
     """The drives of a waveform, what is neither varied nor the study's as in its record of the kind and waveform."""
     model = member("drive", waveform)
     declared = quantities(model)
-    alike = [r.drive for r in study.records if isinstance(r.drive, model)]
+    alike = [r.drive for r in study.records if r.drive is not None and type(r.drive) is model]
     base: AbstractDrive = alike[0] if alike else model()
     axes = {"voltage": voltages, "frequency": frequencies} | ({"duty": duties} if duties else {})
     axes = {field: numbers for field, numbers in axes.items() if field in declared}

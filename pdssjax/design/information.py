@@ -139,7 +139,7 @@ def unseen_combinations(information: Float[np.ndarray, "q q"], paths: Sequence[s
     diagonal = np.diag(information)
     largest = float(np.max(diagonal, initial=0.0))
     seen = diagonal > UNSEEN * UNSEEN * largest
-    found = [Unseen({paths[i]: 1.0}) for i in np.flatnonzero(~seen)]
+    found = [Unseen({path: 1.0}) for path, is_seen in zip(paths, seen, strict=True) if not is_seen]
     kept = np.flatnonzero(seen)
     if not kept.size:
         return found
@@ -148,7 +148,8 @@ def unseen_combinations(information: Float[np.ndarray, "q q"], paths: Sequence[s
     for vector in vectors.T[values <= UNSEEN * values[-1]]:
         direction = vector / scale
         direction = direction / direction[np.argmax(np.abs(direction))]
-        parts = {paths[i]: float(e) for i, e in zip(kept, direction, strict=True) if abs(e) >= TAKES_PART}
+        names = [path for path, is_seen in zip(paths, seen, strict=True) if is_seen]
+        parts = {path: float(e) for path, e in zip(names, direction, strict=True) if abs(e) >= TAKES_PART}
         found.append(Unseen(dict(sorted(parts.items(), key=lambda part: -abs(part[1])))))
     return found
 

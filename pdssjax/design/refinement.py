@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy.optimize import minimize
 
 from .exchange import Search
 from .experiments import Experiment, Limits
@@ -136,6 +135,8 @@ def _moved(plan: list[Pair], giver: int, taker: int, part: int) -> list[Pair] | 
 
 def _with_better_drives(task: Task, plan: list[Pair]) -> list[Pair]:
     """The plan with voltages, frequencies and duties where the criterion is least nearby."""
+    from scipy.optimize import minimize  # takes a while to load
+
     ends = {"voltage": task.limits.voltage, "frequency": task.limits.frequency}
     if task.limits.duty:
         ends["duty"] = min(task.limits.duty), max(task.limits.duty)

@@ -44,8 +44,7 @@ def write_plan(plan: Plan, source: Path, design: Document, folder: Path) -> None
     **Raises:** `InputError` where the study's file is gone.
     """
     from ..report.figures import design_figure
-    from ..report.page import write_page
-    from ..report.page.plan import plan_page
+    from ..report.page import plan_page, write_page
 
     with staging_folder(folder) as staging:
         (staging / "plan.json").write_text(json_text(plan.document()), encoding="utf-8")
@@ -106,7 +105,7 @@ def _move_files(record: TomlTable, before: Path, after: Path) -> None:
     for table in (record, record.get("drive")):
         if isinstance(table, dict) and "file" in table and not Path(table["file"]).is_absolute():
             path = os.path.relpath((before / table["file"]).absolute(), after.absolute())
-            table["file"] = Path(path).as_posix()  # pyright: ignore[reportIndexIssue]
+            table["file"] = Path(path).as_posix()
 
 
 def _record(study: Study, planned: PlannedRecord, stem: str, taken: set[str]) -> TomlTable:

@@ -15,8 +15,7 @@ from ..core import Figure, InputError, decimals_for, display_unit, draw_in_noteb
 from ..design import Plan
 from ..simulation import TRAJECTORY_UNITS, Trajectory
 from ..study import Estimate, FittedParameter, FittedRecord, Parameter, Record, Study
-from .page import Table, table_html
-from .text import ERROR_HEAD, RECORD_HEAD, error_rows, plan_summary, record_row
+from .page import Table, plan_html, table_html
 
 
 def as_html(shown: object) -> str:
@@ -231,17 +230,5 @@ def trajectory_html(run: Trajectory) -> str:
         [
             paragraph(f"Trajectory of {np.size(run.time)} samples", outcome),
             _table("<>>><", ["", "least", "greatest", "last", "unit"], rows),
-        ]
-    )
-
-
-def plan_html(plan: Plan) -> str:
-    """The records of a plan, and the expected errors."""
-    records, errors = [record_row(planned) for planned in plan.records], error_rows(plan)
-    return "\n".join(
-        [
-            paragraph(f"Next records: {plan.study.title}", plan_summary(plan)),
-            _table("<>>><<>", RECORD_HEAD, records),
-            _table("<>>>>", ERROR_HEAD, errors),
         ]
     )

@@ -3,7 +3,8 @@
 import numpy as np
 
 import pdssjax
-from pdssjax.design import Experiment, Knowledge, Limits, Noise, Plan, PlannedRecord, Resources
+from pdssjax import Limits, Plan, Resources
+from pdssjax.design import Experiment, Knowledge, Noise, PlannedRecord
 from pdssjax.design.criteria import Determinant
 from pdssjax.design.sampling import Schedule
 from pdssjax.drive.sawtooth import Sawtooth

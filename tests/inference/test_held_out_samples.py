@@ -8,10 +8,10 @@ from platform_study import DAMPING, GAIN, RATE, write_platform
 
 import pdssjax
 from pdssjax import Accuracy
+from pdssjax.inference import pose
 from pdssjax.inference.losses.cauchy import Cauchy
 from pdssjax.inference.losses.huber import Huber
 from pdssjax.inference.losses.squares import Squares
-from pdssjax.inference.problem import pose
 
 TRUTH = {"piezo.gain": GAIN, "piezo.natural_frequency": RATE, "piezo.damping_ratio": DAMPING}
 STARTS = TRUTH | {"friction.sigma0": 1e6, "friction.sigma1": 45.0, "friction.f_ss": 0.65}

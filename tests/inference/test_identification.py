@@ -10,8 +10,7 @@ import pytest
 import pdssjax
 from pdssjax import Accuracy
 from pdssjax.files import EXAMPLE
-from pdssjax.inference import least_squares as fitting
-from pdssjax.inference.problem import pose
+from pdssjax.inference import least_squares as fitting, pose
 
 TRUTH = {
     path: entry["value"]

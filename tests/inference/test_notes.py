@@ -15,12 +15,11 @@ from pdssjax import Accuracy, Record
 from pdssjax.cli.main import main
 from pdssjax.core import member
 from pdssjax.drive.sawtooth import Sawtooth
-from pdssjax.inference import least_squares as fitting, summary
+from pdssjax.inference import least_squares as fitting, pose, summary
 from pdssjax.inference.notes.about_models import about_models, about_resonances
 from pdssjax.inference.notes.about_parameters import about_information
 from pdssjax.inference.notes.about_records import about_records, about_rests
 from pdssjax.inference.poor_fit import exceeds_floor, exceeds_given_noise, highest_by_chance
-from pdssjax.inference.problem import pose
 from pdssjax.report.text import format_report
 from pdssjax.study import FittedParameter, Models, compare
 from pdssjax.study.measurement.effector import Effector

@@ -21,7 +21,7 @@ def design_figure(plan: Plan) -> Figure:
     height = max(0.9 + 0.28 * len(plan.after), 0.5 + 0.95 * len(shown))
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(9.0, height), layout="constrained")
-        left, right = figure.subfigures(1, 2, width_ratios=(1.0, 1.15))
+        left, right = np.ravel(np.asarray(figure.subfigures(1, 2, width_ratios=(1.0, 1.15))))
         _draw_errors(left.subplots(), plan)
         panels = np.ravel(right.subplots(len(shown), 1, squeeze=False))
         for axes, planned in zip(panels, shown, strict=True):

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
         write_page as write_page,
     )
     from .estimate import estimate_page as estimate_page
+    from .plan import plan_html as plan_html, plan_page as plan_page
 else:
     from ...core.lazy import lazy_exports
 
