@@ -47,7 +47,7 @@ def plan_page(plan: Plan) -> Page:
                     "The folder has a drive file for each record (drives), a template of what is to be measured "
                     "(templates), and a study (plan.toml) whose files belong into the folder measured."
                 ],
-                commands=steps,
+                lines=steps,
             ),
         ],
     )
