@@ -16,28 +16,27 @@ if TYPE_CHECKING:
         has_intervals as has_intervals,
         identify as identify,
     )
-    from .initial_values.guess import initial_guess as initial_guess
-    from .initial_values.search import guess_starts as guess_starts
+    from .initial_values.search import guess_starts as guess_starts, initial_guess as initial_guess
     from .least_squares import Fit as Fit, Method as Method, fit_phase as fit_phase, joint as joint
     from .parameter_transform import transform_of as transform_of
     from .poor_fit import repeats as repeats
     from .problem import Problem as Problem, pose as pose, pose_problem as pose_problem
     from .residual import Residual as Residual, as_weights as as_weights
-    from .solver.ending import SUCCESSES as SUCCESSES, Ending as Ending
     from .solver.iterations import iterates as iterates
     from .solver.levenberg_marquardt import BoundedLevenbergMarquardt as BoundedLevenbergMarquardt
+    from .solver.lm_state import SUCCESSES as SUCCESSES, Ending as Ending
+    from .stack_first.held_stack import sequential as sequential, with_piezo_held as with_piezo_held
     from .stack_first.peak_picking import PickedStack as PickedStack, pick_peaks as pick_peaks
-    from .stack_first.sequential import sequential as sequential, with_piezo_held as with_piezo_held
     from .uncertainty.influence import (
         curvature_of as curvature_of,
         influence_of as influence_of,
         principal_directions as principal_directions,
     )
+    from .uncertainty.linear_intervals import NORMAL_95 as NORMAL_95, half_width_95 as half_width_95
     from .uncertainty.parameter_errors import (
         all_error_models as all_error_models,
         with_error_models as with_error_models,
     )
-    from .uncertainty.students_t import NORMAL_95 as NORMAL_95, half_width_95 as half_width_95
 else:
     from ..core.lazy import lazy_exports
 

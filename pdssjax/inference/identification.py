@@ -27,22 +27,16 @@ from ..integration import Accuracy, accuracy_with
 from ..study import OWN_MINIMISER, Estimate, Study, Values
 from .draws import Drawing
 from .effort import Effort, effort_of
-from .estimated_noise import with_noise
 from .integrator_check import check_accuracy, with_check
 from .kept_fit import Found, as_asked, kept, restored
 from .least_squares import MAX_ITERATIONS, Fit, FitMethod, Method, Progress, evaluated, joint, quiet
 from .losses.base import AbstractLoss
 from .problem import Problem
-from .repeated_samples import check_measured_once
-from .search.best_point import BestPoint, Point, completed
-from .search.multistart import best_fit
-from .search.requested_starts import best_of_starts, check_starts
-from .sensor_signs import question_signs
+from .record_checks import check_measured_once, question_signs
+from .search.multistart import BestPoint, Point, best_fit, best_of_starts, check_starts, completed, with_noise
 from .solver.minimisers import Minimiser, check_minimiser
-from .stack_first.freed_stack import due_to_stack
-from .stack_first.held_stack import rejoined, with_stack_held
+from .stack_first.held_stack import due_to_stack, rejoined, sequential, with_stack_held
 from .stack_first.peak_picking import PickedStack, pick_peaks
-from .stack_first.sequential import sequential
 from .summary import summarise
 from .uncertainty.drawn_intervals import with_bootstrap, with_posterior
 from .uncertainty.parameter_errors import with_error_models

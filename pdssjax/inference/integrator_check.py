@@ -10,8 +10,8 @@ from ..integration import SOLVERS, Accuracy, accuracy_with, solver_name
 from ..study import VISIBLE, Estimate, IntegratorCheck
 from .least_squares import Fit, Method, Progress, fit_phase
 from .problem import Problem
-from .solver.ending import Ending
-from .stack_first.sequential import sequential
+from .solver.lm_state import Ending
+from .stack_first.held_stack import sequential
 from .summary import how_it_ended
 
 

@@ -15,7 +15,7 @@ from .draws import Drawing, reading, same_run
 from .effort import USUAL, Effort
 from .least_squares import Fit, Method, Progress, evaluated
 from .problem import Problem, pose
-from .solver.ending import Ending
+from .solver.lm_state import Ending
 from .uncertainty.posterior import PROPOSALS
 
 

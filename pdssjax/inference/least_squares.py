@@ -11,11 +11,10 @@ from ..study import Values
 from .effort import Effort
 from .problem import Problem
 from .residual import as_weights
-from .solver.ending import SUCCESSES, Ending
 from .solver.iterations import Run, begin, iterates
 from .solver.kink import along_kink, beside_kink
 from .solver.levenberg_marquardt import BoundedLevenbergMarquardt
-from .solver.lm_state import LMState
+from .solver.lm_state import SUCCESSES, Ending, LMState
 from .solver.minimisers import Outcome, minimised
 from .solver.trust_region import Bounds
 from .stack_parameters import of_platform, of_platform_alone

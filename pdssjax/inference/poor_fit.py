@@ -18,7 +18,7 @@ from jaxtyping import Float
 from ..metrics import lack_of_fit, neighbour_scatter, rounding_of_counts
 from ..study import Agreement, FittedRecord, repeated_residuals
 from .covariance import least_squares_covariance
-from .diagnostics.diagnose import records_agreement
+from .diagnosis import records_agreement
 from .fit_statistics import degrees_of_freedom, reduced_chi2
 from .least_squares import Fit
 from .problem import Problem

@@ -18,7 +18,7 @@ from ..integration import Accuracy
 from ..metrics import scatter_floor
 from ..study import Lowered, Parameter, Predictor, Record, Study, Values, predicted
 from .effort import USUAL, Effort
-from .initial_values.guess import initial_guess
+from .initial_values.search import initial_guess
 from .losses.base import AbstractLoss
 from .parameter_transform import transform_of
 from .residual import Residual, compared

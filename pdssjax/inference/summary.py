@@ -1,6 +1,18 @@
-"""Turns a fit into an estimate: errors, correlations, statistics, records, and what the user must read."""
+"""Turns a fit into an estimate: errors, correlations, statistics, records, and what the user must read.
+
+How far estimates lie from what was measured apart: the pull.
+
+An estimate p combines the told value t, of standard error s, with the records, and is correlated with it:
+
+    var(p - t) = var(p) + s^2 - 2 cov(p, t)
+
+cov(p, t) is s^2 times how far the estimate follows t.  Where residuals are as large as the noise given and all is
+fitted at once it is var(p), and the pull is (p - t) / sqrt(s^2 - var(p)), as in fits with constraints in particle
+physics (L. Demortier and L. Lyons, Everything you always wanted to know about pulls, CDF/ANAL/PUBLIC/5776, 2002).
+"""
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -8,26 +20,50 @@ from jaxtyping import Bool, Float
 
 from ..core import installed_versions
 from ..integration import solver_name
-from ..study import Estimate, FittedParameter, FittedRecord, Parameter, Provenance, Study, compare, failure_cause
+from ..study import (
+    Estimate,
+    FittedParameter,
+    FittedRecord,
+    MeasuredApart,
+    Parameter,
+    Provenance,
+    Study,
+    compare,
+    failure_cause,
+)
 from .covariance import Covariance, correlation
-from .diagnostics.diagnose import diagnose
+from .diagnosis import diagnose
 from .fit_statistics import degrees_taken, statistics_of
 from .least_squares import START_FAILED, Fit, Method, by_record
-from .measured_apart import measured_apart
 from .notes.of_fit import ErrorFacts, notes_of
 from .parameter_transform import ParameterTransform
 from .poor_fit import contradicting, exceeds_floor, leaves_more_than_noise
 from .problem import Problem
 from .residual import free_offset
-from .stack_first.freed_stack import with_stack_freed
+from .stack_first.held_stack import with_stack_freed
 from .stack_first.peak_picking import PickedStack
 from .steady_sines import Inseparable, inseparable
-from .uncertainty.amplification import amplification_of
-from .uncertainty.linear_intervals import linear_intervals
-from .uncertainty.standard_errors import standard_errors_of
-from .uncertainty.variance_factor import record_factors
+from .uncertainty.linear_intervals import linear_intervals, record_factors
+from .uncertainty.parameter_errors import standard_errors_of
+from .uncertainty.two_steps import amplification_of
 from .validation import is_refuted, missed_records
 from .without_outliers import undisturbed_point
+
+_SEEN = 0.1
+"""Standard deviation of the difference over the standard error told, below which the records tell next to nothing: the
+error of the estimate is 99.5 % of that told, or more."""
+
+
+def measured_apart(told: tuple[float, float], value: float, variance: float, covariance: float) -> MeasuredApart:
+    """What was `told` of a parameter, number and standard error, beside its estimate; all in its unit.
+
+    **Arguments:** the estimate's `value` and `variance`, NaN where not known, and its `covariance` with what was told.
+    """
+    number, error = told
+    difference = variance + error**2 - 2.0 * covariance
+    seen = difference > (_SEEN * error) ** 2
+    return MeasuredApart(number, error, (value - number) / math.sqrt(difference) if seen else math.nan)
+
 
 WEAKLY_DETERMINED = float(np.log(10.0))
 """Standard error on the fit's scale from which a parameter counts as one without information."""

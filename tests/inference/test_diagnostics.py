@@ -5,10 +5,8 @@ import pytest
 
 import pdssjax
 from pdssjax.files import EXAMPLE
-from pdssjax.inference.diagnostics.agreement import agreement, score_of, white_score
-from pdssjax.inference.diagnostics.combinations import best_remedy, combinations
-from pdssjax.inference.diagnostics.diagnose import record_groups
-from pdssjax.inference.notes.about_diagnosis import about_agreement
+from pdssjax.inference.diagnosis import agreement, best_remedy, combinations, record_groups, score_of, white_score
+from pdssjax.inference.notes.about_records import about_agreement
 from pdssjax.report.text.estimate import format_diagnosis
 from pdssjax.study import Agreement, Combination, Diagnosis, Remedy
 

@@ -10,11 +10,11 @@ from scipy import stats
 from scipy.integrate import quad
 
 from pdssjax.core import member
-from pdssjax.inference.estimated_noise import with_noise
 from pdssjax.inference.fit_statistics import degrees_taken
 from pdssjax.inference.losses.base import AbstractLoss
 from pdssjax.inference.losses.squares import Squares
 from pdssjax.inference.parameter_transform import ParameterTransform
+from pdssjax.inference.search.multistart import with_noise
 
 
 class Linear(SimpleNamespace):

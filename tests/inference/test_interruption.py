@@ -17,7 +17,7 @@ from pdssjax.cli.main import main
 from pdssjax.cli.signals import Terminated, exit_status, requests_to_end
 from pdssjax.files import EXAMPLE, estimate_text
 from pdssjax.inference.least_squares import INTERRUPTED
-from pdssjax.inference.search.best_point import BestPoint
+from pdssjax.inference.search.multistart import BestPoint
 from pdssjax.study.measurement.effector import Effector
 from pdssjax.study.measurement.platform import Platform
 

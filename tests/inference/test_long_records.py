@@ -7,7 +7,7 @@ import pytest
 
 import pdssjax
 from pdssjax import InputWarning, pose_problem
-from pdssjax.inference.long_records import question_lengths
+from pdssjax.inference.search.multistart import question_lengths
 
 STUDY = """\
 format = "pdssjax-study/1"

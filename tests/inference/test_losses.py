@@ -9,7 +9,7 @@ import scipy.optimize
 
 from pdssjax.core import member, members
 from pdssjax.inference import least_squares_covariance
-from pdssjax.inference.uncertainty.robust_covariance import robust_covariance
+from pdssjax.inference.uncertainty.parameter_errors import robust_covariance
 
 NAMES = members("inference.losses")
 LOSSES = {name: member("inference.losses", name)() for name in NAMES}

@@ -16,9 +16,8 @@ from pdssjax.cli.main import main
 from pdssjax.core import member
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.inference import least_squares as fitting, pose, summary
-from pdssjax.inference.notes.about_models import about_models, about_resonances
-from pdssjax.inference.notes.about_parameters import about_information
 from pdssjax.inference.notes.about_records import about_records, about_rests
+from pdssjax.inference.notes.of_fit import about_information, about_models, about_resonances
 from pdssjax.inference.poor_fit import exceeds_floor, exceeds_given_noise, highest_by_chance
 from pdssjax.report.text import format_report
 from pdssjax.study import FittedParameter, Models, compare

@@ -10,7 +10,7 @@ from study_files import STUDY, write_study
 import pdssjax
 from pdssjax import InputError
 from pdssjax.core import member
-from pdssjax.inference.repeated_samples import check_measured_once
+from pdssjax.inference.record_checks import check_measured_once
 
 NOISE = np.random.default_rng(0)
 

@@ -5,7 +5,7 @@ import pytest
 from marks import slow
 from scipy.signal import lsim
 
-from pdssjax.inference.initial_values.ringing import ringing
+from pdssjax.inference.initial_values.record_features import ringing
 
 
 def response(time, volts, gain, rate, damping):

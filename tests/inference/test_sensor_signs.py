@@ -7,7 +7,7 @@ import pytest
 
 from pdssjax import InputWarning, load_study
 from pdssjax.files import EXAMPLE
-from pdssjax.inference.sensor_signs import about_signs, question_signs
+from pdssjax.inference.record_checks import about_signs, question_signs
 
 RECORDS = load_study(EXAMPLE / "study.toml").records
 

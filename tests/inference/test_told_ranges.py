@@ -5,7 +5,7 @@ import pytest
 
 import pdssjax
 from pdssjax import pose_problem
-from pdssjax.inference.notes.about_parameters import about_bounds
+from pdssjax.inference.notes.of_fit import about_bounds
 from pdssjax.inference.told_ranges import told_ranges
 from pdssjax.piezo.base import Shown
 from pdssjax.piezo.composed import Composed

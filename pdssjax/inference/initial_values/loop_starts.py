@@ -16,7 +16,7 @@ from ...core import Quantity, quantities
 from ...metrics import scatter_floor
 from ...piezo.base import AbstractPiezo, Shown, ToldRange
 from ...study import Record
-from ..solver.nonnegative_least_squares import nonnegative_least_squares
+from ..solver.box_least_squares import nonnegative_least_squares
 from .record_features import as_displacements, voltages_at
 
 _MOST = 3000

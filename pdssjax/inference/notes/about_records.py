@@ -1,26 +1,113 @@
-"""Which records the fit does not explain, and how."""
+"""Which records the fit does not explain, and how: samples that stand out, records that contradict each other."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from ...core import display_unit
 from ...metrics import counts_without_noise, drift_per_cycle, held_in_words, resolution_of, slip_delay
-from ...study import FittedRecord, Record
+from ...study import Diagnosis, FittedRecord, Record
 from ..poor_fit import (
     SIGMAS,
     above_floor,
+    contradicting,
     exceeds_floor,
     exceeds_given_noise,
     largest_by_chance,
     leaves_unresolved,
     neighbour_correlation,
+    outliers_explain,
     repeats,
     rest_scatter,
     stays_below_given_noise,
 )
 from ..validation import Missed
-from .about_outliers import about_outliers
-from .words import listed, quoted
+
+
+def shown(number: float, unit: str) -> str:
+    """A number in SI as people read it, with its unit."""
+    name, factor = display_unit(unit)
+    return f"{number * factor:.4g} {name}".rstrip()
+
+
+def listed(texts: Iterable[str]) -> str:
+    """One, two and three, as a sentence has them."""
+    texts = list(texts)
+    return " and ".join([", ".join(texts[:-1]), texts[-1]]) if len(texts) > 1 else "".join(texts)
+
+
+def quoted(records: Sequence[FittedRecord]) -> str:
+    """The names of records."""
+    return listed(f'"{record.name}"' for record in records)
+
+
+def about_better_optimum(when: str, chi2: float, path: str, number: float) -> str:
+    """A note on a point below the optimum, with the `number` [SI] of one parameter there."""
+    return f"{when} a better optimum was found (chi-square {chi2:.6g}): start the fit from {path} = {number:.6g} in SI."
+
+
+def about_outliers(records: Sequence[FittedRecord], enlarged: str, is_robust: bool) -> list[str]:
+    """Which samples of the `records` stand out, and where they are all that the model does not explain.
+
+    **Arguments:** what the note says of how errors are `enlarged`; whether the loss is robust.
+    """
+    found = [record for record in records if record.outliers.size]
+    if not found:
+        return []
+    note = f"Samples stand out of the residuals: {listed(map(_outliers, found))}. "
+    if alone := [record for record in found if outliers_explain(record)]:
+        figures = listed(_rest(record) for record in alone)
+        note += f"They are most likely glitches: without them all is down to the noise ({figures}). "
+        note += f"{enlarged} " if any(record.role == "fit" and not record.noise_estimated for record in alone) else ""
+    else:
+        note += "They may be glitches. "
+    if is_robust:
+        return [f"{note}Under this loss they pull little; exclude in the study leaves them out."]
+    return [f"{note}Leave them out (exclude in the study) or fit with --loss huber, under which they pull little."]
+
+
+def _rest(record: FittedRecord) -> str:
+    if record.noise_estimated:
+        return f"{above_floor(record):.2g} times the noise between neighbouring samples in {quoted([record])}"
+    return f"chi-square per sample {record.rest_chi2:.3g}, with them {record.reduced_chi2:.3g}, in {quoted([record])}"
+
+
+def _outliers(record: FittedRecord) -> str:
+    off = np.abs(record.measured - record.predicted)[record.outliers]
+    times = listed(f"{t:.6g}" for t in record.time[record.outliers][np.argsort(-off)][:3])
+    count = record.outliers.size
+    return (
+        f"{count} in {quoted([record])} by up to {record.display.text(float(off.max()))}, "
+        f"{'the largest ' if count > 3 else ''}at t = {times} s"
+    )
+
+
+_LINEAR = 100.0
+"""Standard errors up to which a linear step is quoted: it is exact where parameters hardly move."""
+
+
+def about_agreement(diagnosis: Diagnosis | None, method: str = "joint") -> list[str]:
+    """Records, or all of one direction or kind, that ask for other parameters than the rest."""
+    found = [] if diagnosis is None else contradicting(diagnosis.agreement)
+    if not found:
+        return []
+    worst = max(found, key=lambda agreement: agreement.sigmas)
+    path, shift = worst.largest()
+    far = f"{abs(shift):.2g} standard errors" if abs(shift) < _LINEAR else f"over {_LINEAR:.0f} standard errors"
+    path += "" if method == "joint" else " of a joint fit"
+    names = listed(f'"{name}"' for name in worst.records)
+    alone = len(worst.records) == 1
+    others = "the other records" if alone else f"those of another {worst.what}"
+    others_too = {name for agreement in found for name in agreement.records} - set(worst.records)
+    also = f" So do {listed(chr(34) + name + chr(34) for name in sorted(others_too))}, less." if others_too else ""
+    return [
+        f"{names} {'contradicts' if alone else 'contradict'} {others} ({worst.sigmas:.3g} standard deviations beyond "
+        f"chance): without {'it' if alone else 'them'} {path} would be {far} "
+        f"{'larger' if shift > 0 else 'smaller'}.{also} These parameters do not explain all: look for a wrong "
+        "voltage, direction, unit or sign, a surface that differs, a law that lacks something, or a better optimum "
+        "elsewhere (--starts 50)."
+    ]
+
 
 CORRELATED = 0.3
 """Correlation of neighbouring residuals from which they are no noise."""

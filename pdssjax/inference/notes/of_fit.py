@@ -1,30 +1,270 @@
-"""All notes of one fit, in the order in which they are read."""
+"""All notes of one fit, in the order in which they are read, and what the records tell of the parameters."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ...study import Estimate, Study
+from ...core import display_unit
+from ...piezo.base import ToldRange
+from ...study import (
+    REACH,
+    SHOWN,
+    Estimate,
+    FittedParameter,
+    Models,
+    Parameter,
+    Record,
+    Resonance,
+    Study,
+    depends_on,
+    hidden_from,
+)
 from ..least_squares import START_FAILED, Fit
 from ..parameter_transform import ParameterTransform
-from ..sensor_signs import about_signs
+from ..record_checks import about_signs
 from ..steady_sines import Inseparable
 from ..told_ranges import told_ranges
 from ..validation import Missed
-from .about_diagnosis import about_agreement
-from .about_models import about_models, about_resonances
-from .about_parameters import (
-    about_bounds,
-    about_distance,
-    about_information,
-    about_measured_apart,
-    about_sines,
-    about_starts,
-    about_weak_determination,
-)
-from .about_records import about_peaks, about_records, about_rests
+from .about_records import about_agreement, about_peaks, about_records, about_rests, listed, shown
+
+UNDAMPED = 0.005
+"""Damping ratio below which a contact or a platform is not to be believed: it would ring for thirty periods."""
+
+
+def about_models(models: Models, values: Mapping[str, float]) -> list[str]:
+    """Conditions that tie parameters together, and are broken by what was found."""
+    broken = models.actuator(values).piezo.broken_conditions()
+    return [
+        f"The parameters found break a condition of the model: {text}. Set min and max so that it holds, or fix "
+        "one of them, and fit again."
+        for text in broken
+    ]
+
+
+def about_resonances(
+    models: Models, values: dict[str, float], paths: Sequence[str], records: Sequence[Record]
+) -> list[str]:
+    """Modes that no record is sampled finely enough for, and modes without damping; of free `paths` only."""
+    notes = []
+    for mode, involved in depends_on(models, values, paths).items():
+        seen = [record for record in records if mode.acts_on(record.measurement)]
+        if not involved or not seen:
+            continue
+        if aliased := hidden_from(mode, records):
+            notes.append(_alias(mode, involved, aliased))
+        if 0.0 < mode.damping_ratio < UNDAMPED:
+            notes.append(
+                f"The {mode.what} is found to ring at {mode.frequency:.4g} Hz with a damping ratio of "
+                f"{mode.damping_ratio:.2g}, for {0.16 / mode.damping_ratio:.0f} periods: that is not to be believed "
+                f"of a real one. Look at {listed(involved)}: another start, or min and max, may lead to another "
+                "optimum."
+            )
+    return list(dict.fromkeys(notes))
+
+
+def _alias(mode: Resonance, involved: Sequence[str], records: Sequence[Record]) -> str:
+    rates = [1.0 / float(np.percentile(np.diff(record.time), 10.0)) for record in records]
+    names = listed(f'"{record.name}" ({rate:.4g} Hz)' for record, rate in zip(records, rates, strict=True))
+    highest_rate, enough = max(rates), float(f"{mode.frequency / SHOWN:.2g}")
+    image = abs(mode.frequency - round(mode.frequency / highest_rate) * highest_rate)
+    return (
+        f"The {mode.what} is found to ring at {mode.frequency:.4g} Hz (damping ratio {mode.damping_ratio:.2g}), above "
+        f"the {SHOWN * highest_rate:.4g} Hz that samples at {highest_rate:.4g} Hz show; no record that it acts on is "
+        f"sampled more finely: {names}. It may be an alias, since its samples are like those of {image:.4g} Hz. Do not "
+        f"trust {listed(involved)} before a record sampled at {enough:g} Hz or more has confirmed "
+        f"{'them' if len(involved) > 1 else 'it'}."
+        + " A stage this slow needs no resonance: fix it, or choose static dynamics."
+        * (mode.what == "platform")
+    )
+
+
+FAR = 10.0
+"""Factor by which a parameter must have moved from its start to be worth a word."""
+
+
+CONTRADICTED = 3.0
+"""Pull of what was measured apart that is worth a word: by chance one in 370 has it."""
+
+
+def about_starts(declared: Mapping[str, Parameter], parameters: Mapping[str, FittedParameter]) -> list[str]:
+    """Where the starts that were given from elsewhere than the study come from."""
+    free = [path for path, parameter in parameters.items() if parameter.free]
+    # Not of a fit that began elsewhere, as where it was poor and other starts were tried.
+    given = [declared[path].source for path in free if declared[path].start == parameters[path].start]
+    return [
+        f"Of the {len(free)} free parameters {given.count(source)} started at the numbers of: {source}."
+        for source in dict.fromkeys(given)
+        if source
+    ]
+
+
+def about_information(
+    null: Sequence[Float[np.ndarray, " p"]], paths: Sequence[str], parameters: Mapping[str, FittedParameter]
+) -> list[str]:
+    """What the data do not tell, by the directions that leave the residuals alone."""
+    notes = []
+    for direction in null:
+        part = [(path, share) for path, share in zip(paths, direction, strict=True) if share != 0]
+        names = listed(path for path, _ in part)
+        if len(part) == 1:
+            notes.append(_without_information(parameters[names]))
+        elif all(abs(share - 1.0) < 1e-3 for _, share in part):
+            notes.append(
+                f"The data tell {names} only up to a common factor: all of them may be multiplied by the same "
+                "number. Fix one, for example the mass, to know the others."
+            )
+        else:
+            notes.append(
+                f"The data tell {names} only in combination; what is given is one of many equal solutions. Fix one "
+                "of them, or add a record that tells them apart."
+            )
+    return notes
+
+
+def _without_information(parameter: FittedParameter) -> str:
+    head = f"The data say nothing about {parameter.path}"
+    advice = "Fix it, or add a record that shows it."
+    if not moved(parameter):
+        return f"{head}; its value is where the fit began. {advice}"
+    begun, ended = (shown(number, parameter.unit) for number in (_start(parameter), parameter.value))
+    return (
+        f"{head} at the values found; on the way there it moved from {begun} to {ended}, which means nothing. {advice}"
+    )
+
+
+def moved(parameter: FittedParameter) -> bool:
+    """A free parameter is not where it began."""
+    return not np.isclose(parameter.value, _start(parameter), rtol=1e-6, atol=0.0)
+
+
+def _start(parameter: FittedParameter) -> float:
+    return parameter.value if parameter.start is None else parameter.start
+
+
+def about_weak_determination(paths: Sequence[str]) -> list[str]:
+    """Parameters whose errors are wider than a factor of ten."""
+    if not paths:
+        return []
+    return [
+        f"The data hardly tell {listed(paths)}: one standard error is a factor of ten or more. Fix what is known "
+        "otherwise, or add a record that shows it."
+    ]
+
+
+def about_sines(mixed: Inseparable | None) -> list[str]:
+    """Parameters that records of steady sines do not tell apart."""
+    if mixed is None:
+        return []
+    records, names = listed(f'"{name}"' for name in mixed.records), listed([*mixed.paths, *mixed.beside])
+    at = listed(f"{frequency:.4g} Hz" for frequency in mixed.frequencies)
+    errors = "it has no error" if len(mixed.paths) == 1 else "they have no errors"
+    return [
+        f"The records cannot tell {names} apart: a steady sine tells a gain and a phase, {mixed.told} numbers of "
+        f"{records} (at {at}), where these are {mixed.needed}. What the fit has of {listed(mixed.paths)} rests on the "
+        f"shape of the loops alone, as the law of the stack has it, and {errors}. Hold what is known otherwise "
+        "(value in the study), or add a step or a sine of another frequency."
+    ]
+
+
+def about_bounds(
+    declared: Mapping[str, Parameter],
+    found: Float[np.ndarray, " p"],
+    scale: ParameterTransform,
+    parameters: Mapping[str, FittedParameter],
+    told: Mapping[str, ToldRange],
+) -> list[str]:
+    """Parameters that ended on a bound, or ran out of reach; `found` on the fit's scale.
+
+    **Arguments:** between which numbers the records tell some of them, where that bounds the fit.
+    """
+    notes = []
+    for side, ends in (("lower", found <= scale.low), ("upper", found >= scale.high)):
+        at = [int(i) for i in np.flatnonzero(ends)]
+        reached = [i for i in at if scale.paths[i] not in told]
+        unreachable = [i for i in reached if _out_of_reach(declared[scale.paths[i]], scale, i, side)]
+        if unreachable:
+            names, it = listed(scale.paths[i] for i in unreachable), "it" if len(unreachable) == 1 else "them"
+            what = "zero" if side == "lower" else "one without limit"
+            notes.append(
+                f"The data cannot tell {names} from {what}: the fit stopped a factor of {REACH:g} from the start, and "
+                f"holds {it} there for the errors of the others. Fix {it}, or add a record that shows {it}."
+            )
+        others = [scale.paths[i] for i in at if i not in unreachable]
+        notes += [_at_bound(declared[path], parameters[path].value, side, told.get(path)) for path in others]
+    return notes
+
+
+def _out_of_reach(declared: Parameter, scale: ParameterTransform, i: int, side: str) -> bool:
+    """The end is that of a fit's reach: neither the study's nor that of the legal range."""
+    given, legal, ends = (
+        (declared.low, declared.quantity.low, scale.low)
+        if side == "lower"
+        else (declared.high, declared.quantity.high, scale.high)
+    )
+    if given is not None or not scale.logarithmic[i]:
+        return False
+    return not np.isclose(np.exp(ends[i]), legal, rtol=1e-5)
+
+
+def _at_bound(declared: Parameter, value: float, side: str, told: ToldRange | None) -> str:
+    given = declared.low if side == "lower" else declared.high
+    key = "min" if side == "lower" else "max"
+    head = f"{declared.path} is at its {side} bound, {shown(value, declared.unit)}"
+    if given is not None:
+        return (
+            f"{head}, the {key} that the study gives, and held there for the errors of the others. Move the bound, "
+            "unless there is a reason for it: the best fit lies beyond."
+        )
+    if told is not None:
+        return (
+            f"{head}, {told.why_low if side == 'lower' else told.why_high}, and held there for the errors of the "
+            "others: the records do not tell what lies beyond. Fewer elements may do, or a record that shows it; "
+            f"{key} in the study lets the fit go on."
+        )
+    return f"{head}, the end of its legal range, and held there for the errors of the others. Fix it there."
+
+
+def about_distance(parameters: Iterable[FittedParameter], scale: ParameterTransform) -> list[str]:
+    """Parameters that ended far from where they began; of what was measured apart the pull tells it."""
+    notes = []
+    for parameter in parameters:
+        if parameter.measured_apart is not None:
+            continue
+        i, begun = scale.paths.index(parameter.path), _start(parameter)
+        if scale.logarithmic[i]:
+            ratio = parameter.value / begun
+            if not 1.0 / FAR <= ratio <= FAR:
+                how = f"a factor of {max(ratio, 1.0 / ratio):.3g}"
+                notes.append((parameter, how))
+        elif abs(parameter.value - begun) > FAR * scale.unit[i]:
+            notes.append((parameter, f"{abs(parameter.value - begun) / scale.unit[i]:.3g} times the size of its start"))
+    if not notes:
+        return []
+    parts = [f"{p.path}, from {shown(_start(p), p.unit)} to {shown(p.value, p.unit)}, by {how}" for p, how in notes]
+    return [
+        f"Far from where the fit began: {'; '.join(parts)}. If that is not what is known of the rig, another optimum "
+        "may be the true one: give a start near what is known, or min and max, and fit again."
+    ]
+
+
+def about_measured_apart(parameters: Iterable[FittedParameter]) -> list[str]:
+    """Parameters that the records want elsewhere than where they were measured apart."""
+    notes = []
+    for parameter in parameters:
+        if parameter.measured_apart is None or not abs(parameter.measured_apart.pull) > CONTRADICTED:
+            continue
+        number, error, pull = parameter.measured_apart
+        unit = display_unit(parameter.unit)[0]
+        told = f"{parameter.with_error(number, error)} {unit}".rstrip()
+        ended = f"{parameter.with_error(parameter.value, error).partition(' ')[0]} {unit}".rstrip()
+        notes.append(
+            f"The records contradict {parameter.path} as it was measured apart, {told}: it ended at {ended}, "
+            f"a pull of {pull:+.2g} (the difference in standard deviations "
+            "that it has by chance). One of them is wrong, or the model is."
+        )
+    return notes
 
 
 class ErrorFacts(NamedTuple):

@@ -5,25 +5,168 @@ basins; small discontinuities lie within them, where a parameter decides whether
 reverses or just does not (the law's forces jump there, and the motion after it with them).
 So several starts are raced while the fit is poor, has run into a bound or took a long way (`races.py`), and a fit
 that ends at a discontinuity is restarted from perturbed points.
+
+Fits from as many starts as a user asks for: how many optima there are, and whether the best was found.
+
+The starts are Sobol points over the ranges that a search would use, on logarithmic scales.  Two fits have ended in
+the same optimum where neither chi-square nor the linear model tells their ends apart.
 """
 
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+import functools
+import warnings
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor, ThreadPoolExecutor
+from typing import NamedTuple
 
-from ...integration import Accuracy
-from ...study import Study, Values
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ...core import MOST_STARTS, InputWarning, check_whole, sobol_points
+from ...integration import Accuracy, is_closed
+from ...study import Multistart, Run, Study, Values, with_room
+from ..draws import each_done
 from ..effort import USUAL, Effort
-from ..estimated_noise import with_noise
-from ..fit_statistics import reduced_chi2
-from ..initial_values.search import guess_starts
-from ..least_squares import Fit, FitMethod, Progress, quiet, summed
-from ..long_records import question_lengths
+from ..fit_statistics import degrees_taken, reduced_chi2
+from ..initial_values.search import guess_starts, scatter_ranges
+from ..least_squares import MAX_ITERATIONS, Fit, FitMethod, Progress, by_record, evaluated, quiet, summed
 from ..losses.base import AbstractLoss
-from ..problem import Problem, pose
-from ..solver.ending import Ending
+from ..problem import Problem, pose, unwatched
+from ..solver.lm_state import Ending
+from ..stack_parameters import of_platform_alone
 from ..variable_projection import is_separable
-from .perturbed_restarts import MOST_RESTARTS, beyond_discontinuity
-from .races import Contest, platform_unobserved, race, ranked, reason_at_first, reason_in_the_end, shown
+from .races import (
+    MOST_RESTARTS,
+    Contest,
+    beyond_discontinuity,
+    platform_unobserved,
+    race,
+    ranked,
+    reason_at_first,
+    reason_in_the_end,
+    shown,
+)
+
+
+class Point(NamedTuple):
+    """Where a run of a fit has been."""
+
+    fit: Fit
+    problem: Problem
+    starts: dict[str, float]
+    """Where that run began [SI], by path; fixed parameters too."""
+    covers: int
+    """What the run fits: 2 all records, 1 those that need the contact, 0 those of the platform."""
+
+
+class BestPoint:
+    """Remembers the best point of all runs that it watches."""
+
+    def __init__(self):
+        self.point: Point | None = None
+        self._starts: dict[str, float] = {}
+
+    def watched(self, run: FitMethod) -> FitMethod:
+        """`run`, which tells of every iteration."""
+
+        def told(problem: Problem, starts: Values, report: Progress, limit: int = MAX_ITERATIONS) -> Fit:
+            given = {**problem.residual.fixed, **starts}
+            self._starts = {path: float(number) for path, number in given.items()}
+            return run(problem._replace(watch=self.note), starts, report, limit)
+
+        return told
+
+    def note(self, problem: Problem, used: Bool[np.ndarray, " records"], fit: Fit) -> None:
+        """Keep the point of `fit`, of the records `used`, if it is the best so far.
+
+        A run over more of the records is better, whatever its chi-square; among runs over the
+        same ones chi-square tells, unless the noise was estimated anew: then the later counts.
+        """
+        if not np.isfinite(fit.chi2):
+            return
+        platform = of_platform_alone(problem.records)
+        covers = 2 if used.all() else 1 if (used & ~platform).any() else 0
+        best = self.point
+        if best is not None and covers <= best.covers:
+            same_noise = np.array_equal(problem.noise, best.problem.noise)
+            if covers < best.covers or (same_noise and fit.chi2 >= best.fit.chi2):
+                return
+        self.point = Point(fit, problem._replace(watch=unwatched), self._starts, covers)
+
+
+def completed(point: Point, report: Progress) -> Fit:
+    """The fit at a `point`, with the residuals and the Jacobian of all records."""
+    if point.covers == 2:
+        return point.fit
+    whole = evaluated(point.problem, point.fit.free, report)
+    return point.fit._replace(state=whole.state, evaluations=point.fit.evaluations + whole.evaluations)
+
+
+_MUCH = 2e9
+"""Bytes that every evaluation may take without a word."""
+
+_A_STEP = 200.0
+"""Bytes by step, component and direction: 2.6 GB of 240 000 steps of 6 components in 9 directions were seen."""
+
+
+def question_lengths(problem: Problem, starts: Values) -> None:
+    """Warns with `InputWarning` of records whose derivatives take more than 2 GB.
+
+    What is known in closed form is not stepped.
+    """
+    residual = problem.residual
+    for record in problem.records:
+        models, motion = residual.predictor.models, record.motion
+        setup = record.measurement.setup(models)
+        run = Run(record.drive, jnp.asarray(record.time), None if motion is None else jnp.asarray(motion))
+        system = setup.system(models, {**residual.fixed, **starts}, run)
+        if is_closed(system):
+            continue
+        segments, last = setup.segments(record.drive, record.time), float(record.time[-1])
+        steps = with_room(residual.accuracy, setup, models, segments, last).max_steps
+        directions = 1 + len(residual.transform.paths)
+        size = _A_STEP * steps * len(jax.tree.leaves(system.initial())) * directions
+        if size > _MUCH:
+            warnings.warn(
+                f'record "{record.name}": {last:.3g} s of it are stepped, with room for {steps} steps: their '
+                f"derivatives take about {1e-9 * size:.1f} GB, where 2 GB are usual. A window shortens a record "
+                '(window = ["0 s", "1 s"]); stacks of play or maxwell-slip whose platform is seen alone, by a sensor '
+                "without a bandwidth and without an amplifier, need no steps.",
+                InputWarning,
+                stacklevel=2,
+            )
+
+
+_FEWEST, _MOST = 2, 10
+"""Times that the noise is found and fitted with; a first guess from a few samples may be far too large."""
+
+_SETTLED = 0.02
+"""Relative change of the noise that is none."""
+
+
+def with_noise(fit: Fit, problem: Problem, run: FitMethod, report: Progress) -> tuple[Fit, Problem]:
+    """Estimates the noise of the records that do not give it, and fits again with that."""
+    unknown = [record.noise is None for record in problem.records]
+    for number in range(_MOST):
+        if not any(unknown) or not np.isfinite(fit.chi2):
+            break
+        noise = np.where(unknown, _noise_left(problem, fit), problem.noise)
+        if number >= _FEWEST and np.allclose(noise, problem.noise, rtol=_SETTLED, atol=0.0):
+            break
+        report("weighing the records by the noise found")
+        problem = problem._replace(noise=noise)
+        fit = summed(run(problem, problem.decode(fit.free), report), [fit])
+    return fit, problem
+
+
+def _noise_left(problem: Problem, fit: Fit) -> Float[np.ndarray, " records"]:
+    """Standard deviation of each record's residuals, in its unit."""
+    sizes = np.array([record.time.size for record in problem.records])
+    scatter, parts = problem.residual.loss.scatter, by_record(problem, fit)
+    pairs = zip(parts, sizes - degrees_taken(problem, fit), strict=True)
+    return problem.noise * np.array([scatter(*pair) for pair in pairs])  # pyright: ignore[reportReturnType]
+
 
 _FIRST = 12
 """Iterations after which a fit from a start that was searched for must look promising."""
@@ -116,3 +259,98 @@ def _first(problem: Problem, starts: dict[str, float], run: FitMethod, report: P
         return first
     fit = run(problem, problem.decode(first.free), report)
     return summed(fit, [first])
+
+
+APART = 1.0
+"""Distance by the linear model, in standard deviations of the noise, from which two ends are different optima."""
+
+
+class Ended(NamedTuple):
+    """One fit."""
+
+    begun: dict[str, float]
+    fit: Fit
+
+
+def check_starts(count: int) -> None:
+    """**Raises** `InputError` where so many starts are none."""
+    check_whole("starts", count, 0, MOST_STARTS)
+
+
+def spread_starts(study: Study, around: Mapping[str, float], count: int, seed: int = 0) -> list[dict[str, float]]:
+    """`count` starts for every listed parameter [SI]; `around` gives what has no range of its own."""
+    ranges = scatter_ranges(study.models, study.parameters, study.records, around)
+    low, high = (np.log([ends[side] for ends in ranges.values()]) for side in (0, 1))
+    points = low + (high - low) * sobol_points(count, len(ranges), seed)
+    return [dict(around) | dict(zip(ranges, map(float, np.exp(point)), strict=True)) for point in points]
+
+
+def best_of_starts(
+    study: Study,
+    problem: Problem,
+    fit: Fit,
+    starts: dict[str, float],
+    count: int,
+    run: FitMethod,
+    executor: Executor | None,
+    report: Progress,
+) -> tuple[Fit, dict[str, float], Multistart]:
+    """The best of the usual `fit` and of `count` others, its starts, and where all of them ended."""
+    values = {path: float(number) for path, number in {**starts, **problem.decode(fit.free)}.items()}
+    others = spread_starts(study, values, count)
+    found: dict[int, Ended] = {}
+    report(f"fitting from {count} more starts")
+    work = functools.partial(_fitted, problem, run, others)
+    for number, ended in each_done(work, range(count), executor):
+        found[number] = Ended(others[number], ended)
+        report(f"more starts: {len(found)} of {count}, lowest chi-square {min(e.fit.chi2 for e in found.values()):.6g}")
+    everyone = [Ended(starts, fit), *(found[number] for number in range(count))]
+    total = sum(ended.fit.evaluations for ended in everyone)
+    best = min(everyone, key=lambda ended: ended.fit.chi2 if ended.fit.success else np.inf)
+    if fit.success and (not best.fit.chi2 < fit.chi2 or _same(best.fit, fit, problem)):
+        best = everyone[0]
+    return best.fit._replace(evaluations=total), best.begun, _table(problem, everyone, study, values)
+
+
+def _fitted(problem: Problem, run: FitMethod, starts: list[dict[str, float]], number: int) -> Fit:
+    return run(problem, starts[number], quiet)
+
+
+def _table(problem: Problem, everyone: list[Ended], study: Study, around: Mapping[str, float]) -> Multistart:
+    """All ends, the lowest chi-square first."""
+    ordered = sorted(everyone, key=lambda ended: ended.fit.chi2)
+    transform = problem.residual.transform
+    fits = [ended.fit for ended in ordered]
+    return Multistart(
+        names=transform.paths,
+        chi2=np.array([fit.chi2 for fit in fits]),
+        converged=np.array([fit.success for fit in fits]),
+        starts=np.array([[ended.begun[path] for path in transform.paths] for ended in ordered]),
+        ends=transform.in_si(np.stack([fit.free for fit in fits])),
+        optimum=np.array(optima(fits, problem)),
+        iterations=np.array([fit.iterations for fit in fits]),
+        ranges=scatter_ranges(study.models, study.parameters, study.records, around),
+    )
+
+
+def optima(fits: list[Fit], problem: Problem) -> list[int]:
+    """For each of the `fits`, the lowest chi-square first, the number of its optimum; -1 where it did not converge."""
+    representatives: list[Fit] = []
+    numbers = []
+    for fit in fits:
+        number = -1
+        if fit.success:
+            equal = [k for k, other in enumerate(representatives) if _same(fit, other, problem)]
+            number = equal[0] if equal else len(representatives)
+            if not equal:
+                representatives.append(fit)
+        numbers.append(number)
+    return numbers
+
+
+def _same(fit: Fit, other: Fit, problem: Problem) -> bool:
+    """Neither chi-square nor the linear model tells the ends of two fits apart."""
+    factor = max(1.0, reduced_chi2(other, problem))
+    step: Float[np.ndarray, " p"] = np.asarray(fit.free) - np.asarray(other.free)
+    apart = float(np.sum((np.asarray(other.state.jacobian) @ step) ** 2))
+    return abs(fit.chi2 - other.chi2) < APART**2 * factor and apart < APART**2 * factor

@@ -1,11 +1,20 @@
 """Why a fit is raced against fits from other starts, which ones, and for how long: one table, one rule.
 
-Every race is a successive halving (`successive_halving.py`).  Before a fit is trusted there may be one at first, while
+Every race is a successive halving (`successive_halving`).  Before a fit is trusted there may be one at first, while
 it is poor, and one in the end, where the best optimum may yet lie elsewhere or the way was long.
+
+Successive halving: many starts fitted for a few iterations, of which the best go on.
+
+K. Jamieson and A. Talwalkar, Non-stochastic best arm identification and hyperparameter optimization, AISTATS 2016.
+
+Restarts from points perturbed around where a fit ended: what lies beyond a discontinuity, or in the next valley.
+
+Each is a step of monotonic basin hopping (R. H. Leary, Journal of Global Optimization 18, 2000): a point is kept
+only where the fit from it ends lower.
 """
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,13 +23,132 @@ from ...study import Parameter, Study, Values
 from ..effort import USUAL, Effort
 from ..fit_statistics import reduced_chi2
 from ..initial_values.search import rank_starts, scatter_starts
-from ..least_squares import Fit, FitMethod, Progress, piezo_alone
+from ..least_squares import Fit, FitMethod, Progress, piezo_alone, quiet
 from ..poor_fit import enlarged_covariance, is_poor
 from ..problem import Problem
+from ..solver.lm_state import STOPPED, Ending
 from ..stack_parameters import of_platform_alone, shown_by_platform
 from ..validation import is_refuted, missed_records
-from .perturbed_restarts import MOST_RESTARTS, restarts
-from .successive_halving import successive_halving
+
+PATIENCE = 3
+"""Starts in a row that may fail to improve a poor fit: then it is the model that is poor."""
+
+
+def successive_halving(
+    fit: Fit,
+    problem: Problem,
+    starts: dict[str, float],
+    others: Sequence[dict[str, float]],
+    rounds: Sequence[tuple[int, int]],
+    good: Callable[[Fit], bool],
+    run: FitMethod,
+    report: Progress,
+) -> tuple[Fit, dict[str, float]]:
+    """The best of `fit` and of the fits from the `others`, with the evaluations of all, and its starts."""
+    total, candidates = fit.evaluations, [(other, other, 0) for other in others]
+    late = [(fit, starts)] if fit.ending == Ending.RUNNING else []
+    for admitted, limit in rounds:
+        results = []
+        for number, (begun, at, taken) in enumerate(candidates[:admitted], 1):
+            report(f"trying others: start {number} of {min(admitted, len(candidates))}, {limit} iterations each")
+            rival = run(problem, at, quiet, limit)
+            results.append((rival._replace(iterations=rival.iterations + taken), begun))
+        total += sum(rival.evaluations for rival, _ in results)
+        results = sorted(results + late, key=lambda result: result[0].chi2)
+        candidates, late = [(begun, problem.decode(rival.free), rival.iterations) for rival, begun in results], []
+    in_vain = 0
+    for begun, at, taken in candidates:
+        if in_vain == PATIENCE or good(fit):
+            break
+        report("going on from the best of the other starts")
+        rival = run(problem, at, report)
+        total += rival.evaluations
+        in_vain = 0 if rival.chi2 < (1.0 - 1e-3) * fit.chi2 else in_vain + 1
+        if rival.chi2 <= (1.0 + 1e-9) * fit.chi2:
+            fit, starts = rival._replace(iterations=rival.iterations + taken), begun
+    return fit._replace(evaluations=total), starts
+
+
+_DISCONTINUOUS = 2.2
+"""Evaluations per iteration above which the residual counts as discontinuous; smooth: 1, after a rejection: 2."""
+
+_DISCONTINUOUS_ENDINGS = (*STOPPED, Ending.DISCONTINUITY, Ending.SMALL_JUMP, Ending.KINK)
+
+MOST_RESTARTS = 4
+"""Perturbed restarts in a row that may fail to lower chi-square."""
+
+_LOWER = 0.01
+"""By how much chi-square must fall to make it another result."""
+
+_PERTURBATION = 2.0
+"""Size of the first perturbation in standard errors; each that fails is followed by one twice as large."""
+
+_SCATTER = 0.01
+"""Smallest perturbation that is as large for every parameter, on the fit's scale."""
+
+_LARGEST_PERTURBATION = 0.3
+"""Largest change of one parameter by a perturbation, on the fit's scale."""
+
+
+def beyond_discontinuity(
+    fit: Fit, problem: Problem, run: FitMethod, report: Progress, most: int = MOST_RESTARTS
+) -> Fit:
+    """`fit`, or a better one beyond a discontinuity at which it may have ended, after `most` restarts in vain."""
+    if _is_discontinuous(fit):
+        report("chi-square is discontinuous here: restarting from perturbed points")
+        return restarts(fit, problem, run, most, _is_discontinuous)
+    return fit
+
+
+def restarts(
+    fit: Fit, problem: Problem, run: FitMethod, most: int, needed: Callable[[Fit], bool] = lambda fit: True
+) -> Fit:
+    """`fit`, or a better one from points perturbed more and more, as long as that is `needed`.
+
+    The first `MOST_RESTARTS` are perturbed along what the records hardly show, further ones as much in every
+    parameter.  There are none around where nothing can be simulated.
+
+    **Returns:** the best, once so many in a row as `most` found no better one, with the evaluations of all.
+    """
+    random = np.random.default_rng(0)
+    taken, spent, in_vain = 0, 0, 0
+    while np.isfinite(fit.chi2) and needed(fit) and in_vain < most:
+        factor, isotropic = 2.0 ** (in_vain % MOST_RESTARTS), in_vain >= MOST_RESTARTS
+        step = _isotropic_step(fit, factor, random) if isotropic else _step_of_errors(fit, problem, factor, random)
+        rival = run(problem, problem.decode(_perturbed(fit, problem, step)), quiet)
+        spent += rival.evaluations
+        in_vain = 0 if rival.chi2 < fit.chi2 - 1.0 else in_vain + 1
+        if rival.chi2 < fit.chi2 - _LOWER:
+            taken, spent = taken + fit.iterations, spent - rival.evaluations + fit.evaluations
+            fit = rival
+    return fit._replace(iterations=fit.iterations + taken, evaluations=fit.evaluations + spent)
+
+
+def _is_discontinuous(fit: Fit) -> bool:
+    """Many steps were rejected on the way, or the last ones: chi-square is not what its gradient predicts."""
+    # Of its last run alone: the evaluations of a fit are also those of all that it was compared with.
+    last = fit.state
+    return fit.ending in _DISCONTINUOUS_ENDINGS or int(last.evaluations) - 5 > _DISCONTINUOUS * int(last.iterations)
+
+
+def _isotropic_step(fit: Fit, factor: float, random: np.random.Generator) -> np.ndarray:
+    """A random step, as large for every parameter, so that those at bounds leave them."""
+    return _SCATTER * factor * random.normal(size=fit.free.size)
+
+
+def _step_of_errors(fit: Fit, problem: Problem, factor: float, random: np.random.Generator) -> np.ndarray:
+    """A random step of some standard errors, in parameters that are not at bounds."""
+    moves = ~problem.residual.transform.at_bound(fit.free)
+    _, singular, rows = np.linalg.svd(np.where(moves, np.asarray(fit.state.jacobian), 0.0), full_matrices=False)
+    errors = 1.0 / np.maximum(singular, 1e-9 * singular[0])
+    sizes = np.minimum(_PERTURBATION * factor * errors, _LARGEST_PERTURBATION)
+    return (rows.T @ (sizes * random.normal(size=singular.size))) * moves
+
+
+def _perturbed(fit: Fit, problem: Problem, step: np.ndarray) -> np.ndarray:
+    """Where the `fit` ended, and a `step` further, within the bounds; no parameter leaves farther than allowed."""
+    step = step / max(1.0, np.max(np.abs(step)) / _LARGEST_PERTURBATION)
+    return np.clip(fit.free + step, *problem.bounds)
 
 
 class Race(NamedTuple):

@@ -14,9 +14,8 @@ from jaxtyping import Array, Float
 
 from ...core import Tree, kept_jit
 from ...study import Lowered
-from .ending import Ending
 from .levenberg_marquardt import BoundedLevenbergMarquardt, Free, Judged, linearised
-from .lm_state import LMState
+from .lm_state import Ending, LMState
 from .trust_region import Bounds, Trial, first_point, second_point
 
 ResidualFunction: TypeAlias = Callable[[Any, Any], Any]

@@ -15,9 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .ending import STOPPED, Ending
 from .iterations import Run, begin, iterate, iterates
-from .lm_state import LMState
+from .lm_state import STOPPED, Ending, LMState
 
 _MOST = 8
 """Steps along a kink."""

@@ -44,15 +44,16 @@ from .derivative_check import (
     proposed_direction,
     random_direction,
 )
-from .ending import STOPPED, SUCCESSES, Ending
-from .flat_problem import flat_bounds, flat_function, flat_point
-from .lm_state import Auxiliary, LMState
+from .lm_state import STOPPED, SUCCESSES, Auxiliary, Ending, LMState
 from .trust_region import (
     Bounds,
     Trial,
     best_step,
     first_point,
     first_radius,
+    flat_bounds,
+    flat_function,
+    flat_point,
     next_radius,
     second_point,
     shortened,

@@ -1,20 +1,35 @@
-"""The fit of everything else with the stack held at numbers found before, and the whole problem at its end.
+"""The fit of everything else with the stack held at numbers found before, and the fit in two steps that way.
 
 The second of two steps: the records of the platform alone have been used and are left out, so that starts, restarts
 and verdicts look at the others only.  Afterwards all records and parameters are put together again, for the statistics
 and for the covariance, which carries the stack's errors on.
+
+Whether what the walks leave can come of the stack as it was read off peaks.
+
+The stack is held where it was read, and wrong by its errors; the walks show that as they show a law that lacks
+something.  So they are judged by what they would leave had the stack been free to move as far as its errors let it.
+To first order that is the least of
+
+    |r + J d|^2 + d_s' C^-1 d_s
+
+over steps d of all parameters, d_s those of what was read, with its covariance C.  A stack that would have to be off
+by more than chance gives its errors explains nothing.
 """
 
 import dataclasses
 from collections.abc import Mapping
 
 import numpy as np
+from jaxtyping import Float
 
 from ...integration import Accuracy
-from ...study import Study, split_path
-from ..least_squares import Progress, evaluated, summed
+from ...study import Study, Values, split_path
+from ..least_squares import MAX_ITERATIONS, Fit, Progress, evaluated, fit_phase, quiet, summed
+from ..poor_fit import highest_by_chance, is_poor
 from ..problem import Problem, pose
-from ..search.best_point import Point
+from ..search.multistart import Point
+from ..stack_parameters import of_platform_alone, of_stack
+from .peak_picking import PATHS, PickedStack
 
 
 def with_stack_held(study: Study, stack: Mapping[str, float]) -> Study:
@@ -48,3 +63,61 @@ def _with_noise_of(second: Problem, whole: Problem) -> Problem:
     known = {id(record): noise for record, noise in zip(second.records, second.noise, strict=True)}
     noise = [known.get(id(record), floor) for record, floor in zip(whole.records, whole.noise, strict=True)]
     return whole._replace(noise=np.array(noise))
+
+
+def sequential(problem: Problem, starts: Values, report: Progress, limit: int = MAX_ITERATIONS) -> Fit:
+    """The piezo from the platform records; then, with the piezo held, the others from the rest."""
+    platform = of_platform_alone(problem.records)
+    free = problem.residual.transform.encode(starts)
+    piezo = of_stack(problem)
+    first = fit_phase(problem, free, platform, piezo, "piezo", report, limit)
+    last = with_piezo_held(problem, first.free, report, limit)
+    if not first.success:
+        last = last._replace(success=False, message=f"piezo: {first.message}", ending=first.ending)
+    return summed(last, [first])
+
+
+def with_piezo_held(
+    problem: Problem, free: Float[np.ndarray, " p"], report: Progress, limit: int = MAX_ITERATIONS
+) -> Fit:
+    """The other parameters from the records that do not show the platform alone, from the point `free`."""
+    platform = of_platform_alone(problem.records)
+    piezo = of_stack(problem)
+    second = fit_phase(problem, free, ~platform, ~piezo, "friction", report, limit)
+    # Both steps' residuals, for the statistics and the errors.
+    whole = evaluated(problem, second.free, report)
+    state = whole.state._replace(iterations=second.state.iterations, evaluations=second.state.evaluations)
+    ended = {"success": second.success, "message": second.message, "ending": second.ending}
+    return summed(whole._replace(state=state, **ended), [second])
+
+
+def due_to_stack(study: Study, stack: PickedStack, accuracy: Accuracy, fit: Fit, problem: Problem) -> bool:
+    """The walks are explained but for the errors of the `stack` held in this `fit` of a `study`."""
+    numbers = {**problem.residual.fixed, **problem.decode(fit.free)}
+    starts = {path: float(number) for path, number in numbers.items()}
+    whole = rejoined(study, Point(fit, problem, starts, 1), accuracy, quiet)
+    return not is_poor(*with_stack_freed(whole.fit, whole.problem, stack))
+
+
+def with_stack_freed(fit: Fit, problem: Problem, stack: PickedStack) -> tuple[Fit, Problem]:
+    """Of a whole study, at the end of a fit with the `stack` held: the walks alone, with what they then leave."""
+    paths, platform = problem.residual.transform.paths, of_platform_alone(problem.records)
+    rows = np.concatenate(
+        [np.arange(r.start, r.stop) for r, alone in zip(problem.rows, platform, strict=True) if not alone]
+    )
+    residual, jacobian = np.asarray(fit.state.residual)[rows], np.asarray(fit.state.jacobian)[rows]
+    read = problem.residual.transform.among(PATHS)
+    moves = (read | ~of_stack(problem)) & ~problem.residual.transform.at_bound(fit.free)
+    places = [PATHS.index(path) for path in paths if path in PATHS]
+    known = np.zeros((len(places), len(paths)))
+    known[:, read] = np.linalg.cholesky(np.linalg.inv(stack.covariance[np.ix_(places, places)])).T
+    columns = np.vstack([jacobian, known]) * moves
+    size = np.linalg.norm(columns, axis=0)
+    size = np.where(size > 0, size, 1.0)
+    step = -np.linalg.lstsq(columns / size, np.append(residual, np.zeros(len(places))), rcond=1e-9)[0] / size
+    walks = tuple(record for record, alone in zip(problem.records, platform, strict=True) if not alone)
+    off = float(np.sum((known @ step) ** 2))
+    if off < len(places) * highest_by_chance(len(places)):
+        residual = residual + jacobian @ (step * moves)
+    state = fit.state._replace(residual=residual, jacobian=jacobian)
+    return fit._replace(state=state), problem._replace(records=walks, noise=problem.noise[~platform])

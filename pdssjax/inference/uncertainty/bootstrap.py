@@ -20,7 +20,7 @@ from ...study import Record
 from ..draws import REPLICATES, Drawing, Resampled, each_done, reading
 from ..least_squares import Fit, FitMethod, Progress, quiet
 from ..problem import Problem
-from .variance_factor import record_factors
+from .linear_intervals import record_factors
 
 FEWEST_CYCLES = 3
 """Whole cycles in a record from which they can be drawn."""

@@ -3,19 +3,106 @@
 At the current point the end of a model of second order, whose residuals may bend (`second_order`), is the next point.
 Where steps vanish the gradient has no component but the parameter's own, and chi-square is the threshold's, whatever
 the model left out.  What bends is told by what all searches share, or learned on the way by one alone.
+
+How residuals bend, learned by all searches for ends of intervals together.
+
+A polynomial of third order (`residual_polynomial`) is learned from every linearisation that any of them has asked for,
+as soon as there are enough to determine it.  Before that there is the curvature at the optimum, from probes.
 """
 
 import enum
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from .probes import probe_places
-from .quadratic_end import Aim, best_of_others, follow, parabola
-from .second_order import Linearisation, SecondOrder, learned
-from .shared_curvature import SharedCurvature
+from .quadratic_end import Aim, best_of_others, factors, follow, parabola
+from .residual_polynomial import SampledPolynomial, count_points, learned_polynomial
+from .second_order import Curvature, Linearisation, SecondOrder, learned
+
+PROBED = 0.05
+"""How far from the point its curvature is probed, in half widths of the linear intervals."""
+
+
+def standard_errors(
+    optimum: Linearisation, threshold: float | Float[np.ndarray, " p"], reach: float
+) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p p"]]:
+    """Half widths of the linear intervals, none longer than can be followed; and a scale: J scale is orthonormal.
+
+    The `threshold` is that of all parameters, or one each.
+    What changes nothing as far as it can be followed has an axis of its own, as long as that: together with others,
+    which singular vectors of equal values would mix it with, it would shorten theirs.
+    """
+    told = reach * np.linalg.norm(optimum.jacobian, axis=0) > np.sqrt(threshold)
+    scale = np.diag(np.where(told, 0.0, reach))
+    if told.any():
+        _, singular, rows, norms = factors(optimum.jacobian[:, told])
+        axes = (rows / singular[:, None]).T / norms[:, None]
+        axes = axes * np.minimum(1.0, reach / np.maximum(np.max(np.abs(axes), axis=0), 1e-300))
+        scale[np.ix_(told, np.flatnonzero(told)[: singular.size])] = axes
+    return np.minimum(np.linalg.norm(scale, axis=1) * np.sqrt(threshold), reach), scale
+
+
+def probe_places(
+    at: Float[np.ndarray, " p"],
+    sizes: Float[np.ndarray, " p"],
+    scale: Float[np.ndarray, "p p"],
+    bounds: tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]],
+) -> list[Float[np.ndarray, " p"]]:
+    """A place a parameter: each goes a little along the valley in which that one would leave the point."""
+    places = []
+    for index in range(at.size):
+        along = scale @ scale[index]
+        step = PROBED * along * (sizes[index] / max(abs(along[index]), 1e-300))
+        ahead, behind = (np.clip(at + sign * step, *bounds) for sign in (1.0, -1.0))
+        places.append(ahead if np.abs(ahead - at).max() >= np.abs(behind - at).max() else behind)
+    return [place for place in places if np.any(place != at)]
+
+
+_GROWTH = 1.1
+"""So many times as many points as last time, and the polynomial is learned anew: it may take longer than they do."""
+
+
+class SharedCurvature:
+    """Around an `optimum`, by `probes` near it.
+
+    **Arguments:** the `scale` in which the Jacobian's columns are orthonormal; the `factor` by which variances exceed
+    those of the noise given.
+    """
+
+    def __init__(
+        self,
+        optimum: Linearisation,
+        probes: Sequence[Linearisation],
+        scale: Float[np.ndarray, "p p"],
+        factor: float = 1.0,
+    ):
+        self.optimum, self.scale, self.factor = optimum, scale, factor
+        self.at_optimum = learned(optimum, probes, scale)
+        self.points: list[Linearisation] = list(probes)
+        # Without probes some directions may have been seen by none: only what is learned on the way counts.
+        self.learns = bool(probes)
+        self.polynomial: SampledPolynomial | None = None
+        self.due = count_points(optimum.at.size)
+        """How many linearisations the polynomial is learned of next time, the optimum's among them."""
+
+    @property
+    def known(self) -> bool:
+        """There is a polynomial."""
+        return self.polynomial is not None
+
+    def learn(self, points: Sequence[Linearisation]) -> None:
+        """Of further linearisations."""
+        self.points += points
+        if self.learns and len(self.points) + 1 >= self.due:
+            self.polynomial = learned_polynomial(self.optimum, self.points, self.scale, self.factor)
+            self.due = int(_GROWTH * len(self.points)) + 1
+
+    def at(self, place: Float[np.ndarray, " p"]) -> Curvature | None:
+        """The curvature at a place by the polynomial, if there is one."""
+        return None if self.polynomial is None else self.polynomial.curvature(place, self.scale)
+
 
 Asking = Generator[Float[np.ndarray, " p"], Linearisation, "End"]
 """Yields where to linearise next, and is sent what was found there."""

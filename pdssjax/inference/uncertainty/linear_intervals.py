@@ -1,12 +1,99 @@
-"""95 % intervals by standard errors: symmetric on the scale of the fit, and no further than parameters may lie."""
+"""95 % intervals by standard errors: how wide by Student's t, and no further than parameters may lie.
 
-from collections.abc import Mapping
+And by how much variances grow where residuals exceed the noise that was given.
+
+The variance of a parameter is a sum of shares V_k, each of records whose noise is known from n_k degrees of freedom.
+It is distributed nearly as chi-square over nu is, of
+
+    nu = (sum V_k)^2 / sum(V_k^2 / n_k)
+
+degrees of freedom (F. E. Satterthwaite, Biometrics Bulletin 2(6), 1946; B. L. Welch, Biometrika 34, 1947): exactly so
+where one record, or the noise of all, tells all of it.  Noise that is given has infinitely many.
+"""
+
+from collections.abc import Mapping, Sequence
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
+from ..fit_statistics import degrees_taken
+from ..least_squares import Fit, by_record
 from ..parameter_transform import ParameterTransform
-from .students_t import half_width_95
+from ..problem import Problem
+from ..stack_parameters import of_platform_alone
+
+NORMAL_95 = 1.959964
+"""Half width of a 95 % interval in standard errors, where the noise is known."""
+
+
+def half_width_95(freedom: Float[np.ndarray, "..."] | float) -> Float[np.ndarray, "..."]:
+    """Half width of a 95 % interval in standard errors, by the degrees of `freedom` of their estimate."""
+    from scipy.special import stdtrit
+
+    return np.where(np.isfinite(freedom), stdtrit(freedom, 0.975), NORMAL_95)
+
+
+def effective_freedom(
+    variance: Float[np.ndarray, " p"],
+    shares: Sequence[Float[np.ndarray, " p"]],
+    freedom: Sequence[float] | Float[np.ndarray, " k"],
+    pooled: Sequence[bool] | Bool[np.ndarray, " k"],
+) -> Float[np.ndarray, " p"]:
+    """Degrees of freedom of the `variance` of each parameter; infinite where it is not known, or all noise is.
+
+    **Arguments:** the `shares` that records have in it, and from how many degrees of `freedom` the noise of each is
+    known; `pooled` are records whose noise is known from all of them together, with the same freedom.
+    """
+    together = sum((share for share, use in zip(shares, pooled, strict=True) if use), np.zeros(variance.size))
+    uncertain = together**2 / max((n for n, use in zip(freedom, pooled, strict=True) if use), default=np.inf)
+    for share, degrees, use in zip(shares, freedom, pooled, strict=True):
+        if not use:
+            uncertain = uncertain + share**2 / degrees
+    known = np.isfinite(variance) & (uncertain > 0.0)
+    return np.where(known, variance**2 / np.where(known, uncertain, 1.0), np.inf)
+
+
+def variance_factor(problem: Problem, fit: Fit, after_stack: bool = False) -> float:
+    """By how much the variances given grow with residuals that are larger; they never shrink.
+
+    By the records whose noise is given: noise that is estimated is that of the residuals already.  With `after_stack`
+    by those of them that do not show the platform alone, where that was not fitted to.
+    """
+    counted = np.array([record.noise is not None for record in problem.records])
+    if after_stack:
+        counted &= ~of_platform_alone(problem.records)
+    squares = np.array([np.sum(part**2) for part in by_record(problem, fit)])
+    sizes = np.array([record.time.size for record in problem.records])
+    freedom = np.sum((sizes - degrees_taken(problem, fit, after_stack))[counted])
+    factor = float(np.sum(squares[counted]) / max(freedom, 1.0))
+    return max(1.0, factor) if np.isfinite(factor) else 1.0
+
+
+def noise_freedom(
+    problem: Problem, fit: Fit, factor: float, after_stack: bool = False
+) -> tuple[Float[np.ndarray, " records"], Bool[np.ndarray, " records"]]:
+    """From how many degrees of freedom the noise of each record is known, and which records share theirs.
+
+    Where it was estimated these are the record's own.  Noise that is given is known, but where residuals exceed it
+    (`factor` above 1) it is as large as those of all such records say.
+    """
+    given = np.array([record.noise is not None for record in problem.records])
+    sizes = np.array([record.time.size for record in problem.records])
+    left = sizes - degrees_taken(problem, fit, after_stack)
+    counted = given & ~of_platform_alone(problem.records) if after_stack else given
+    together = max(float(np.sum(left[counted])), 1.0) if factor > 1.0 else np.inf
+    return np.where(given, together, np.maximum(left, 1.0)), given
+
+
+def record_factors(problem: Problem, factor: float) -> Float[np.ndarray, " records"]:
+    """The `factor` for records whose noise is given, 1 for the others."""
+    return np.array([1.0 if record.noise is None else factor for record in problem.records])
+
+
+def row_factors(problem: Problem, factor: float) -> Float[np.ndarray, " n"]:
+    """The same for all residuals; what was measured apart has the error given, whatever the samples are off by."""
+    sizes = [record.time.size for record in problem.records]
+    return np.append(np.repeat(record_factors(problem, factor), sizes), np.ones(len(problem.residual.apart)))
 
 
 def linear_intervals(

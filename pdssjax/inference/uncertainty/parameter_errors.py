@@ -1,28 +1,103 @@
-"""The errors of every parameter by all error models."""
+"""The errors of every parameter by all methods, losses and error models, and which of them to believe.
+
+That is the last whose assumption the residuals bear out, where it matters.
+
+Standard errors of a fit, by every method and loss: of white noise, enlarged where residuals exceed the noise given.
+
+A fit in two steps has the first step's errors carried on (`two_steps`), and beside them the naive ones, which take the
+first step for exact.  What peaks tell of a stack is a first step whose samples are their readings.
+"""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
 from ...core import member, members
-from ...study import Estimate, FittedParameter, ParameterError, cycles_a_second
-from ..covariance import least_squares_covariance
+from ...study import ErrorAdvice, Estimate, FittedParameter, ParameterError, cycles_a_second
+from ..covariance import Covariance, least_squares_covariance
 from ..fit_statistics import degrees_taken
 from ..least_squares import Fit, Method, Progress, evaluated
+from ..losses.base import AbstractLoss
+from ..notes.about_records import listed
 from ..parameter_transform import ParameterTransform
 from ..poor_fit import leaves_unresolved
 from ..problem import Problem
+from ..stack_first.peak_picking import PATHS, PickedStack
 from ..stack_parameters import of_platform_alone, of_stack, stack_rows
-from .error_advice import EVIDENT, advise
 from .error_models.base import AbstractErrorModel, RecordErrors, total_of
 from .influence import curvature_of, influence_of, principal_directions
-from .linear_intervals import linear_intervals
-from .students_t import effective_freedom
+from .linear_intervals import (
+    effective_freedom,
+    linear_intervals,
+    noise_freedom,
+    record_factors,
+    row_factors,
+    variance_factor,
+)
 from .two_steps import TwoSteps
-from .variance_factor import noise_freedom, record_factors, variance_factor
+
+EVIDENT = 10.0
+"""Evidence of a record for an error model (as of Akaike's criterion) from which the one before it is wrong: some four
+standard deviations."""
+
+MATTERS = 1.15
+"""Ratio of a parameter's errors by two models from which it matters which one is believed."""
+
+
+def advise(
+    parameters: Mapping[str, FittedParameter], evidence: Mapping[str, Sequence[float]], records: Sequence[str]
+) -> ErrorAdvice | None:
+    """Which error model to believe, in one sentence.
+
+    **Arguments:** `parameters` with their errors; the `evidence` of the fitted `records` for each model, from "white"
+    on: by that of "coloured", neighbouring residuals are alike, by that of "with-misfit", more of them than noise
+    explains is alike in all cycles (or smooth, in a record that does not repeat).
+
+    **Returns:** None where no parameter has errors.
+    """
+    known = [parameter for parameter in parameters.values() if parameter.errors]
+    if not known:
+        return None
+    slow, repeating = (_evident(evidence.get(name, ()), records) for name in ("coloured", "with-misfit"))
+    grown, path = _most_changed(known, "coloured", "with-misfit")
+    if repeating and grown >= MATTERS:
+        return ErrorAdvice(
+            "with-misfit",
+            f"Believe the errors with misfit: residuals in {repeating} are alike from cycle to cycle, or smooth, "
+            "beyond what noise explains, so the model errs there, and more data of the same kind do not average that "
+            f"away. It makes errors up to {grown:.2g} times the coloured ones ({path}).",
+        )
+    ratio, path = _most_changed(known, "white", "coloured")
+    if (slow or repeating) and not 1.0 / MATTERS < ratio < MATTERS:
+        return ErrorAdvice(
+            "coloured",
+            f"Believe the coloured errors: residuals in {slow or repeating} are not independent of each other, and the "
+            f"white ones are wrong by a factor of up to {max(ratio, 1.0 / ratio):.2g} ({path}); no misfit that makes a "
+            "difference is seen.",
+        )
+    why = "the residuals are independent of each other, and none repeat beyond chance"
+    if slow or repeating:
+        why = f"what is not white in the residuals of {slow or repeating} changes no error by more than 15 %"
+    return ErrorAdvice("white", f"The white errors hold: {why}.")
+
+
+def _evident(evidence: Sequence[float], records: Sequence[str]) -> str:
+    """The records with evidence, quoted, as a sentence has them; "" for none."""
+    return listed(f'"{name}"' for name, most in zip(records, evidence, strict=False) if most >= EVIDENT)
+
+
+def _most_changed(parameters: Sequence[FittedParameter], before: str, after: str) -> tuple[float, str]:
+    """The ratio of errors by two models that is farthest from 1, and whose it is."""
+    ratios = [
+        (p.errors[after].standard_error / p.errors[before].standard_error, p.path)
+        for p in parameters
+        if p.errors[before].standard_error > 0 and p.errors[after].standard_error > 0
+    ]
+    return max(ratios, key=lambda pair: max(pair[0], 1.0 / pair[0]), default=(1.0, ""))
 
 
 class FittedPoint(NamedTuple):
@@ -227,3 +302,129 @@ def _with_errors(
         path: dataclasses.replace(p, errors=errors[path]) if p.free and np.isfinite(p.standard_error) else p
         for path, p in parameters.items()
     }
+
+
+def robust_covariance(
+    root: Float[np.ndarray, " n"],
+    jacobian: Float[np.ndarray, "n p"],
+    held: Bool[np.ndarray, " p"],
+    loss: AbstractLoss,
+    apart: Float[np.ndarray, "k p"] | None = None,
+) -> tuple[Covariance, Float[np.ndarray, "p p"]]:
+    """B^-1 M B^-1 with B = J' diag(rho''/2) J and M = J' diag(rho'/2)^2 J (P. J. Huber, Robust Statistics, 1981, 7.6).
+
+    What is given of the noise only scales the loss: M takes the scatter from the residuals themselves.  What was
+    measured apart has the error given: it adds J' J to both.
+
+    **Arguments:** `root`s of the residuals of the samples and their `jacobian`, as the fit leaves them; `held`
+    parameters count as known; the Jacobian of what was measured `apart`.
+
+    **Returns:** the covariance, and B^-1, by which the estimate follows what was measured apart; NaN alike.
+    """
+    given = np.zeros((0, jacobian.shape[1])) if apart is None else apart
+    whole = least_squares_covariance(np.concatenate([jacobian, given]), held)
+    kept = np.flatnonzero(whole.identifiable)
+    if not kept.size:
+        return whole, whole.matrix
+    original = loss.original(jnp.asarray(root))
+    r, influence, curvature = map(np.asarray, (original, loss.influence(original), loss.curvature(original)))
+    slope = np.where(np.abs(root) > 1e-12, influence / np.where(root == 0.0, 1.0, root), 1.0)
+    columns, others = jacobian[:, kept] / slope[:, None], given[:, kept]
+    norms = np.hypot(np.linalg.norm(columns, axis=0), np.linalg.norm(others, axis=0))
+    columns, others = columns / norms, others / norms
+    known = others.T @ others
+    bread = np.linalg.inv(columns.T @ (curvature[:, None] * columns) + known)
+    scores = columns * influence[:, None]
+    spread = bread @ (scores.T @ scores * r.size / max(r.size - kept.size, 1) + known) @ bread
+    matrices = [np.full_like(whole.matrix, np.nan) for _ in range(2)]
+    for matrix, found in zip(matrices, (spread, bread), strict=True):
+        matrix[np.ix_(kept, kept)] = found / np.outer(norms, norms)
+    return whole._replace(matrix=matrices[0]), matrices[1]
+
+
+class StandardErrors(NamedTuple):
+    """Of p free numbers, on the fit's scale."""
+
+    known: Covariance
+    """Enlarged by the `factor`."""
+    naive: Float[np.ndarray, "p p"] | None
+    """The covariance that takes the first of two steps for exact, enlarged as well; None of a joint fit."""
+    with_told: Float[np.ndarray, " p"]
+    """Covariance of each estimate with what was measured apart of it, which the estimate follows; no other counts."""
+    factor: float
+    """By which variances exceed those of the noise given; 1 under a robust loss, which takes the scatter from the
+    residuals."""
+    freedom: Float[np.ndarray, " p"]
+    """Degrees of freedom of the noise that each standard error rests on; infinite where it is known."""
+
+
+def standard_errors_of(method: Method, problem: Problem, fit: Fit, stack: PickedStack | None) -> StandardErrors:
+    """The covariances of a `fit`; with a `stack` from peaks its own is that of the first step."""
+    if problem.residual.loss.is_robust:
+        return _robust(problem, fit)
+    point, naive = fitted_point(method, problem, fit), None
+    whole = least_squares_covariance(point.jacobian, problem.residual.transform.at_bound(fit.free))
+    factor = variance_factor(problem, fit, after_stack=stack is not None)
+    factors, unknown = row_factors(problem, factor), ~point.known
+    if method == "joint":
+        effect = influence_at(point)
+    else:
+        steps = two_steps(point) if stack is None else _after_peaks(point, stack)
+        factors = np.append(factors, np.ones(len(steps.first) - factors.size))
+        if stack is not None:
+            unknown |= of_stack(problem) & ~problem.residual.transform.among(PATHS)
+        effect = steps.influence()
+        naive = _covariance(steps.apart().influence(), factors, unknown)
+    known = whole._replace(matrix=_covariance(effect, factors, unknown))
+    squares = factors[:, None] * effect**2
+    shares = [np.sum(squares[rows], axis=0) for rows in problem.rows]
+    noise = noise_freedom(problem, fit, factor, after_stack=stack is not None)
+    freedom = effective_freedom(np.diag(known.matrix), shares, *noise)
+    return StandardErrors(known, naive, _with_told(point, effect, stack), factor, freedom)
+
+
+def _covariance(
+    effect: Float[np.ndarray, "n p"], factors: Float[np.ndarray, " n"], unknown: Bool[np.ndarray, " p"]
+) -> Float[np.ndarray, "p p"]:
+    matrix = effect.T @ (factors[:, None] * effect)
+    matrix[unknown] = np.nan
+    matrix[:, unknown] = np.nan
+    return matrix
+
+
+def _after_peaks(point: FittedPoint, stack: PickedStack) -> TwoSteps:
+    """The steps of a fit after `stack`, whose readings are further rows below the residuals."""
+    paths, platform = point.problem.residual.transform.paths, stack_rows(point.problem)
+    earlier = np.array([i for i, path in enumerate(paths) if path in PATHS and point.known[i]], int)
+    later = np.flatnonzero(~of_stack(point.problem) & point.known)
+    places = [PATHS.index(paths[i]) for i in earlier]
+    readings = np.zeros((earlier.size, len(paths)))
+    readings[:, earlier] = np.linalg.inv(np.linalg.cholesky(stack.covariance[np.ix_(places, places)]))
+    walks = point.jacobian * ~platform[:, None]
+    return TwoSteps(np.concatenate([0.0 * walks, readings]), np.concatenate([walks, 0.0 * readings]), earlier, later)
+
+
+def _with_told(
+    point: FittedPoint, effect: Float[np.ndarray, "n p"], stack: PickedStack | None
+) -> Float[np.ndarray, " p"]:
+    """The effect of a told number is that of its row, whose error is 1 over its Jacobian on this scale."""
+    residual, out = point.problem.residual, np.zeros(effect.shape[1])
+    for row, path in enumerate(residual.apart, point.problem.rows_apart.start):
+        place = residual.transform.paths.index(path)
+        if stack is not None and path in PATHS:
+            out[place] = stack.covariance[PATHS.index(path), PATHS.index(path)]
+        elif point.jacobian[row, place] != 0.0:
+            out[place] = effect[row, place] / point.jacobian[row, place]
+    return out
+
+
+def _robust(problem: Problem, fit: Fit) -> StandardErrors:
+    loss, held = problem.residual.loss, problem.residual.transform.at_bound(fit.free)
+    roots, jacobian = np.asarray(fit.state.residual), np.asarray(fit.state.jacobian)
+    samples, apart = slice(problem.rows_apart.start), jacobian[problem.rows_apart]
+    known, bread = robust_covariance(roots[samples], jacobian[samples], held, loss, apart)
+    given = np.sum((apart @ np.nan_to_num(bread)) ** 2, axis=0)
+    left = max(samples.stop - known.identifiable.sum(), 1)
+    variance = np.diag(known.matrix)
+    freedom = effective_freedom(variance, [variance - given], [left], [False])
+    return StandardErrors(known, None, np.diag(bread), 1.0, freedom)

@@ -17,12 +17,12 @@ from ...core import InputError
 from ..least_squares import Progress
 from .at_bounds import AtBounds, at_bounds
 from .end_search import End
+from .linear_intervals import NORMAL_95
 from .profile_likelihood import Box, Evaluate, Which, interval_ends, learn_curvature
 from .quadratic_end import factors
 from .randomize_then_optimize import Mixture, Proposals, Widths, propose
 from .residual_polynomial import ResidualPolynomial, count_points, learned_polynomial, of_second_order
 from .second_order import Linearisation
-from .students_t import NORMAL_95
 
 _FAR = 1.5 * NORMAL_95**2
 """Excess of chi-square at the ends: 1.5 times that at those of a 95 % interval."""

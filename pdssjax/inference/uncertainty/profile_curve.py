@@ -12,12 +12,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from .end_search import End
-from .probes import standard_errors
+from .end_search import End, SharedCurvature, standard_errors
 from .profile_likelihood import REACH, Box, Evaluate, linearise
 from .quadratic_end import Aim, lowest
 from .second_order import Linearisation, SecondOrder
-from .shared_curvature import SharedCurvature
 
 _HALVINGS = 2
 """Of each side, at most: 3 points between the optimum and the end."""

@@ -12,11 +12,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..draws import each_done
-from .end_search import Asking, End, EndSearch
-from .probes import probe_places, standard_errors
+from .end_search import Asking, End, EndSearch, SharedCurvature, probe_places, standard_errors
 from .quadratic_end import Aim
 from .second_order import Linearisation
-from .shared_curvature import SharedCurvature
 
 Evaluate = Callable[
     [Float[Array | np.ndarray, " p"]], tuple[Float[Array | np.ndarray, " n"], Float[Array | np.ndarray, "n p"]]

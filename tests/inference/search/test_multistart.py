@@ -5,8 +5,7 @@ from types import SimpleNamespace
 from waves import Waves, at, run
 
 from pdssjax.inference import Ending, Fit
-from pdssjax.inference.search.perturbed_restarts import MOST_RESTARTS, beyond_discontinuity, restarts
-from pdssjax.inference.search.successive_halving import PATIENCE, successive_halving
+from pdssjax.inference.search.races import MOST_RESTARTS, PATIENCE, beyond_discontinuity, restarts, successive_halving
 
 
 def told(messages):

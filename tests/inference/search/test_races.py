@@ -18,7 +18,7 @@ from pdssjax.inference.losses.squares import Squares
 from pdssjax.inference.poor_fit import leaves_more_than_noise
 from pdssjax.inference.search import multistart, races
 from pdssjax.inference.search.multistart import best_fit
-from pdssjax.inference.search.perturbed_restarts import MOST_RESTARTS
+from pdssjax.inference.search.races import MOST_RESTARTS
 from pdssjax.inference.validation import Missed
 from pdssjax.study import Parameter
 

@@ -12,8 +12,8 @@ from pdssjax import InputError
 from pdssjax.core import sobol_points
 from pdssjax.inference import Ending, Fit
 from pdssjax.inference.parameter_transform import ParameterTransform
-from pdssjax.inference.search import requested_starts
-from pdssjax.inference.search.requested_starts import best_of_starts, check_starts, optima
+from pdssjax.inference.search import multistart
+from pdssjax.inference.search.multistart import best_of_starts, check_starts, optima
 
 PATHS = "a", "b"
 RANGES = {"a": (0.5, 20.0)}
@@ -60,7 +60,7 @@ def run(problem, starts, report, limit=200):
 
 @pytest.fixture
 def study(monkeypatch):
-    monkeypatch.setattr(requested_starts, "scatter_ranges", lambda *given: RANGES)
+    monkeypatch.setattr(multistart, "scatter_ranges", lambda *given: RANGES)
     return SimpleNamespace(models=None, parameters={}, records=())
 
 

@@ -12,7 +12,7 @@ from nist_strd import DATA, regression, residual, starts
 from scipy.optimize import least_squares
 
 from pdssjax import BoundedLevenbergMarquardt, InputError
-from pdssjax.inference.solver.flat_problem import flat_bounds
+from pdssjax.inference.solver.trust_region import flat_bounds
 
 PAGE = Path(__file__).parents[3] / "docs/python.md"
 

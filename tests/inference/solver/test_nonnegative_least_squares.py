@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from pdssjax.inference.solver.nonnegative_least_squares import nonnegative_least_squares
+from pdssjax.inference.solver.box_least_squares import nonnegative_least_squares
 
 
 @pytest.mark.parametrize("seed", range(12))

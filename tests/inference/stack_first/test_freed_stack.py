@@ -9,7 +9,7 @@ from pdssjax.inference import Ending, Fit
 from pdssjax.inference.losses.squares import Squares
 from pdssjax.inference.poor_fit import leaves_more_than_noise
 from pdssjax.inference.search import races
-from pdssjax.inference.stack_first import freed_stack
+from pdssjax.inference.stack_first import held_stack
 from pdssjax.inference.stack_first.peak_picking import PATHS
 
 TIME = np.arange(0.0, 1.0, 1e-3)
@@ -58,7 +58,7 @@ def held(misread, law):
 STACK = SimpleNamespace(covariance=np.diag(ERRORS**2))
 
 
-WITH_STACK_FREED = freed_stack.with_stack_freed
+WITH_STACK_FREED = held_stack.with_stack_freed
 
 
 def freed(fit, problem):
@@ -81,9 +81,9 @@ def test_what_a_misread_stack_leaves_of_walks_is_no_fault_of_the_law(misread, la
 @pytest.mark.parametrize("law, reason", [(0.0, None), (3.0, "poor")], ids=["misread", "wrong law"])
 def test_other_optima_are_not_looked_for_where_the_stack_explains_what_is_left(monkeypatch, law, reason):
     fit, problem = held(1.5, law)
-    monkeypatch.setattr(freed_stack, "rejoined", lambda study, point, *_: point)
-    monkeypatch.setattr(freed_stack, "with_stack_freed", lambda fit, problem, stack: freed(fit, problem))
-    excused = lambda fit, problem: freed_stack.due_to_stack(None, STACK, None, fit, problem)  # pyright: ignore
+    monkeypatch.setattr(held_stack, "rejoined", lambda study, point, *_: point)
+    monkeypatch.setattr(held_stack, "with_stack_freed", lambda fit, problem, stack: freed(fit, problem))
+    excused = lambda fit, problem: held_stack.due_to_stack(None, STACK, None, fit, problem)  # pyright: ignore
     contest = lambda excused: races.Contest(
         SimpleNamespace(parameters={}, records=()), problem, [], False, None, None, excused
     )

@@ -8,7 +8,7 @@ import pytest
 from pdssjax.inference import Ending, Fit, sequential
 from pdssjax.inference.stack_parameters import of_stack, stack_rows
 
-MODULE = "pdssjax.inference.stack_first.sequential"
+MODULE = "pdssjax.inference.stack_first.held_stack"
 
 
 def record(platform_alone, *conditions):

@@ -5,7 +5,7 @@ import dataclasses
 import fabricated
 import pytest
 
-from pdssjax.inference.uncertainty.error_advice import advise
+from pdssjax.inference.uncertainty.parameter_errors import advise
 from pdssjax.study import ParameterError
 
 RECORDS = ["step", "5 Hz A"]

@@ -7,17 +7,19 @@ from scipy.signal import lfilter
 
 from pdssjax.core import member
 from pdssjax.inference import influence_of
-from pdssjax.inference.uncertainty.error_models._phase_process import (
-    _basis,
-    distances,
-    matern,
-    phase_process,
-    restricted_likelihood,
-)
 from pdssjax.inference.uncertainty.error_models.base import RecordErrors
 from pdssjax.inference.uncertainty.error_models.coloured import Coloured
 from pdssjax.inference.uncertainty.error_models.white import White
-from pdssjax.inference.uncertainty.error_models.with_misfit import WithMisfit, misfit_of, noise_of_means
+from pdssjax.inference.uncertainty.error_models.with_misfit import (
+    WithMisfit,
+    _basis,
+    distances,
+    matern,
+    misfit_of,
+    noise_of_means,
+    phase_process,
+    restricted_likelihood,
+)
 from pdssjax.metrics import ResidualSplit, StationaryNoise, split_residuals
 
 RANDOM = np.random.default_rng(4)

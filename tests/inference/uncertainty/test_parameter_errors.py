@@ -12,8 +12,8 @@ from pdssjax.inference import least_squares_covariance
 from pdssjax.inference.losses.squares import Squares
 from pdssjax.inference.parameter_transform import ParameterTransform
 from pdssjax.inference.uncertainty import parameter_errors
+from pdssjax.inference.uncertainty.linear_intervals import variance_factor
 from pdssjax.inference.uncertainty.parameter_errors import all_error_models, fitted_point, with_error_models
-from pdssjax.inference.uncertainty.variance_factor import variance_factor
 
 RANDOM = np.random.default_rng(9)
 PATHS = ("piezo.gain", "piezo.damping_ratio", "friction.sigma0", "friction.sigma1", "friction.f_ss")

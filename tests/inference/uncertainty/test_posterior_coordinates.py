@@ -7,12 +7,12 @@ import pytest
 from scipy import stats
 
 from pdssjax import Drawing
-from pdssjax.inference.uncertainty.posterior import sample_posterior
-from pdssjax.inference.uncertainty.posterior_coordinates import (
+from pdssjax.inference.uncertainty.drawn_intervals import (
     InCoordinates,
     PosteriorCoordinates,
     posterior_coordinates,
 )
+from pdssjax.inference.uncertainty.posterior import sample_posterior
 from pdssjax.inference.uncertainty.posterior_model import posterior_model
 from pdssjax.inference.uncertainty.second_order import Linearisation
 from pdssjax.metrics import effective_size, rhat

@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq, least_squares, minimize
 
-from pdssjax.inference.uncertainty.end_search import End, Verdict
-from pdssjax.inference.uncertainty.probes import standard_errors
+from pdssjax.inference.uncertainty.end_search import End, SharedCurvature, Verdict, standard_errors
 from pdssjax.inference.uncertainty.profile_curve import Curve, profile_curve
+from pdssjax.inference.uncertainty.profile_intervals import verdict_of
 from pdssjax.inference.uncertainty.profile_likelihood import interval_ends, learn_curvature, linearise
-from pdssjax.inference.uncertainty.profile_verdict import verdict_of
-from pdssjax.inference.uncertainty.shared_curvature import SharedCurvature
 
 THRESHOLD = 3.841458820694124
 RANDOM = np.random.default_rng(5)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from pdssjax.inference.losses.squares import Squares
-from pdssjax.inference.measured_apart import measured_apart
 from pdssjax.inference.parameter_transform import ParameterTransform
-from pdssjax.inference.uncertainty.standard_errors import standard_errors_of
+from pdssjax.inference.summary import measured_apart
+from pdssjax.inference.uncertainty.parameter_errors import standard_errors_of
 
 PATHS = ("piezo.gain", "friction.sigma0", "friction.f_ss")
 STEP, WALK, OTHER = slice(0, 40), slice(40, 300), slice(300, 400)

@@ -16,8 +16,8 @@ from pdssjax.inference.losses.huber import Huber
 from pdssjax.inference.losses.squares import Squares
 from pdssjax.inference.parameter_transform import ParameterTransform
 from pdssjax.inference.uncertainty.drawn_intervals import with_draws
-from pdssjax.inference.uncertainty.standard_errors import standard_errors_of
-from pdssjax.inference.uncertainty.students_t import effective_freedom, half_width_95
+from pdssjax.inference.uncertainty.linear_intervals import effective_freedom, half_width_95
+from pdssjax.inference.uncertainty.parameter_errors import standard_errors_of
 from pdssjax.study import Draws, ParameterDraws
 
 PATHS = ("piezo.gain", "friction.sigma0", "friction.f_ss")

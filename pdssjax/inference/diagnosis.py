@@ -1,9 +1,16 @@
-"""Which records disagree with the others: score tests and one-step deletion at the joint optimum, without a refit.
+"""Which records contradict each other, which combinations of parameters they tell, and what follows for each.
+
+Which records disagree with the others: score tests and one-step deletion at the joint optimum, without a refit.
 
 At the optimum the scores J_k' r_k of all records add up to zero.  If the same parameters hold in all of them, the
 score of one is as large as noise makes it; if a record asks for other parameters, it pulls (L. G. Godfrey,
 Misspecification Tests in Econometrics, Cambridge 1988; for deletion R. D. Cook and S. Weisberg, Residuals and
 Agreement in Regression, Chapman and Hall 1982).
+
+Which combinations of parameters the data determine, and how well: eigenvectors of the relative covariance.
+
+With every parameter on a relative scale a direction v is the product of p_i^v_i.  Products along the eigenvectors are
+independent of each other, and the square root of the eigenvalue is the relative standard error.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,7 +19,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ...study import Agreement
+from ..study import Agreement, Combination, Diagnosis, Record, Remedy
+from .least_squares import Fit
+from .problem import Problem
 
 _LEAST = 1e-10
 """Share of the information below which a direction is not told."""
@@ -140,3 +149,107 @@ def _inverse(information: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
     """Of what is known; nothing where nothing is."""
     scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
     return np.linalg.pinv(information / np.outer(scale, scale), rcond=_LEAST, hermitian=True) / np.outer(scale, scale)
+
+
+TAKES_PART = 0.15
+"""Exponent, against the largest, below which a parameter is left out of a product."""
+
+HALVED = 0.5
+"""Share of its error below which a parameter has gained from what is known of another."""
+
+WORTH_MENDING = 0.05
+"""Relative standard error from which a parameter is worth a remedy."""
+
+
+def combinations(relative: Float[np.ndarray, "p p"], paths: tuple[str, ...]) -> tuple[Combination, ...]:
+    """Of the covariance of relative changes; the worst determined combination first.
+
+    **Arguments:** parameters without information have NaN rows and columns, and are left out.
+    """
+    known = np.flatnonzero(np.isfinite(np.diag(relative)))
+    if not known.size:
+        return ()
+    values, vectors = np.linalg.eigh(relative[np.ix_(known, known)])
+    found = []
+    for value, vector in zip(values[::-1], vectors.T[::-1], strict=True):
+        exponents = vector / vector[np.argmax(np.abs(vector))]
+        parts = {paths[i]: float(e) for i, e in zip(known, exponents, strict=True) if abs(e) >= TAKES_PART}
+        ranked = dict(sorted(parts.items(), key=lambda part: -abs(part[1])))
+        # The error of the product as it is written, so that the number belongs to what is read.
+        powers = np.array([ranked.get(paths[i], 0.0) for i in known])
+        spread = powers @ relative[np.ix_(known, known)] @ powers
+        found.append(Combination(ranked, float(np.sqrt(max(spread, value, 0.0)))))
+    return tuple(found)
+
+
+def best_remedy(relative: Float[np.ndarray, "p p"], paths: tuple[str, ...]) -> Remedy | None:
+    """The one parameter of which knowledge from elsewhere would lower the errors of others most.
+
+    If p_j were known exactly, the variance of p_i would fall by C_ij^2 / C_jj.
+
+    **Returns:** None where no parameter of an error worth it would lose half of that.
+    """
+    known = np.flatnonzero(np.isfinite(np.diag(relative)) & (np.diag(relative) > 0.0))
+    matrix = relative[np.ix_(known, known)]
+    errors = np.sqrt(np.diag(matrix))
+    best, gained = None, 0.0
+    for j in range(known.size):
+        left = np.sqrt(np.maximum(errors**2 - matrix[:, j] ** 2 / matrix[j, j], 0.0))
+        gains = [i for i in range(known.size) if i != j and errors[i] > WORTH_MENDING and left[i] < HALVED * errors[i]]
+        gain = sum(float(np.log(errors[i] / max(left[i], 1e-3 * errors[i]))) for i in gains)
+        if gain > gained:
+            gained = gain
+            best = Remedy(paths[known[j]], {paths[known[i]]: (float(errors[i]), float(left[i])) for i in gains})
+    return best
+
+
+def diagnose(problem: Problem, fit: Fit, covariance: Float[np.ndarray, "p p"]) -> Diagnosis:
+    """Combinations that the data determine, what would help, and records that disagree.
+
+    **Arguments:** the `covariance` on the fit's scale, NaN where a parameter has no information or is held.
+    """
+    transform = problem.residual.transform
+    found = problem.decode(fit.free)
+    values = np.array([abs(float(found[path])) for path in transform.paths])
+    relative = np.where(values > 0.0, np.abs(transform.slope(fit.free)) / np.where(values > 0.0, values, 1.0), np.nan)
+    changes = covariance * np.outer(relative, relative)
+    parts = records_agreement(problem, fit, covariance)
+    return Diagnosis(combinations(changes, transform.paths), best_remedy(changes, transform.paths), parts)
+
+
+def records_agreement(problem: Problem, fit: Fit, covariance: Float[np.ndarray, "p p"]) -> tuple[Agreement, ...]:
+    """How far records, and groups of them, disagree with the others at the joint optimum next to the `fit`.
+
+    **Arguments:** as of `diagnose`.
+    """
+    known = np.flatnonzero(np.isfinite(np.diag(covariance)))
+    groups = record_groups(problem.records)
+    if not (groups and known.size):
+        return ()
+    residual, jacobian = np.asarray(fit.state.residual), np.asarray(fit.state.jacobian)[:, known]
+    scores = [score_of(residual[rows], jacobian[rows]) for rows in problem.rows]
+    apart = white_score(residual[problem.rows_apart], jacobian[problem.rows_apart])
+    errors = np.sqrt(np.diag(covariance))[known]
+    return agreement(scores, apart, groups, errors, [problem.residual.transform.paths[i] for i in known])
+
+
+def record_groups(records: Sequence[Record]) -> dict[tuple[str, tuple[str, ...]], Bool[np.ndarray, " records"]]:
+    """Every record by itself, and those that have their direction or kind in common; by what, and their names."""
+    count = len(records)
+    gathered = {("record", str(i)): [i] for i in range(count)}
+    for i, record in enumerate(records):
+        gathered.setdefault(("kind", record.measures), []).append(i)
+        if direction := _direction(record):
+            gathered.setdefault(("direction", direction), []).append(i)
+    groups = {}
+    for (what, _), members in gathered.items():
+        if len(members) < count and (what == "record" or len(members) > 1):
+            names = tuple(records[i].name for i in members)
+            groups[what, names] = np.isin(np.arange(count), members)
+    return groups
+
+
+def _direction(record: Record) -> str:
+    """Where the slow flank of its drive leads; "" where it has none."""
+    flanks = None if record.drive is None else record.drive.flanks()
+    return "" if flanks is None else "forward" if float(flanks.slope) > 0.0 else "backward"

@@ -1,1 +1,0 @@
-"""What a fit tells beside its numbers: combinations the data determine, records that disagree."""

@@ -1,0 +1,106 @@
+"""What is asked of the records before a fit: samples that it would see twice, a sensor that counts the other way.
+
+Samples that a study would fit twice: a file under two names, a record listed twice, windows that overlap.
+
+Counted twice, the same errors pass for two measurements, and standard errors come out too small, by up to the root of
+two.  Samples are compared, not names; two runs that only resemble each other differ in their noise.
+
+Questions a record that moves against its drive: a sensor that counts the other way, or the other direction.
+
+A platform follows the voltage, an end-effector late on the slow flanks of its drive; where one goes the other way,
+something is the wrong way round.
+"""
+
+import itertools
+import warnings
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from ..core import InputError, InputWarning
+from ..metrics import goes_against, rides_against
+from ..study import Record
+from .initial_values.record_features import voltages
+
+_FEWEST = 16
+"""Equal samples, all that two records have in common, from which they are the same and not so by chance."""
+
+
+def check_measured_once(records: Sequence[Record], where: object) -> None:
+    """**Raises** `InputError`, which begins with `where`, for the first two of the `records` that share samples.
+
+    Only what is fitted counts, and only records of the same quantity are compared.
+    """
+    fitted = [record for record in records if record.role == "fit"]
+    for earlier, later in itertools.combinations(fitted, 2):
+        if earlier.measurement == later.measurement and (shared := _shared(earlier, later)):
+            raise InputError(
+                f'{where}: record "{later.name}" ({later.file}): found {shared} of its {later.time.size} samples in '
+                f'record "{earlier.name}" ({earlier.file}), too, expected every sample once. Fitted twice they would '
+                "pass for new measurements, and the errors be too small: leave one record out, or give it role = "
+                '"validate" or another window.'
+            )
+
+
+def _shared(earlier: Record, later: Record) -> int:
+    """How many samples two records have in common; 0 where they differ in any that could be."""
+    if earlier.time.size == later.time.size and np.array_equal(earlier.measured, later.measured):
+        # Also where the clock of a copy was set anew.
+        return _informative(earlier.measured)
+    # On the clocks of the files, each up to a rounding.
+    interval = float(np.median(np.diff(earlier.time))) if earlier.time.size > 1 else 1.0
+    first, second = (np.round((r.time + r.start) / (1e-3 * interval)) for r in (earlier, later))
+    _, here, there = np.intersect1d(first, second, return_indices=True)
+    same = here.size and np.array_equal(earlier.measured[here], later.measured[there])
+    return _informative(earlier.measured[here]) if same else 0
+
+
+def _informative(values: Float[np.ndarray, " n"]) -> int:
+    """How many samples there are; 0 of few, and of those that show nothing but rest."""
+    return values.size if values.size >= _FEWEST and np.ptp(values) > 0 else 0
+
+
+_FEWEST_MOVING = 8
+"""Samples from which it is looked at."""
+
+
+def question_signs(records: Sequence[Record]) -> None:
+    """Warns with `InputWarning` of records of displacements that move against their drives."""
+    for record in records:
+        if found := _doubt(record):
+            warnings.warn(f"{record.file}: {found}", InputWarning, stacklevel=2)
+
+
+def about_signs(records: Sequence[Record]) -> list[str]:
+    """The same as sentences for a report."""
+    return [f"{found[0].upper()}{found[1:]}" for record in records if (found := _doubt(record))]
+
+
+def _doubt(record: Record) -> str | None:
+    if not (_told(record) and _against(record)):
+        return None
+    turned = " or the drive's direction is the other one" if _has_flanks(record) else ""
+    return (
+        f'record "{record.name}": found a motion against the voltage, expected one with it; the sensor counts the '
+        f"other way (scale = -1 in the record turns it; where it has a scale, the other sign){turned}."
+    )
+
+
+def _against(record: Record) -> bool:
+    samples = record.time, record.measured, voltages(record)
+    frequency = record.drive.cycle_frequency() if record.drive is not None else None
+    if frequency is None or not _has_flanks(record) or record.measurement.platform_alone:
+        return goes_against(*samples)
+    return rides_against(*samples, 1.0 / float(frequency))
+
+
+def _has_flanks(record: Record) -> bool:
+    return record.drive is not None and record.drive.flanks() is not None
+
+
+def _told(record: Record) -> bool:
+    """Whether the voltage says which way a record goes: not where it is a wave that the platform may lag behind."""
+    if record.drive is None or record.measurement.unit != "m" or record.time.size < _FEWEST_MOVING:
+        return False
+    return _has_flanks(record) or (record.measurement.platform_alone and record.drive.cycle_frequency() is None)
