@@ -21,7 +21,7 @@ if TYPE_CHECKING:
         design_experiment as design_experiment,
     )
     from .drive.base import AbstractDrive as AbstractDrive
-    from .files import characterise as characterise, load_study as load_study
+    from .files import characterise as characterise, compare as compare, load_study as load_study
     from .friction.base import AbstractFriction as AbstractFriction
     from .inference import (
         BoundedLevenbergMarquardt as BoundedLevenbergMarquardt,
@@ -40,6 +40,7 @@ if TYPE_CHECKING:
         TaylorSolver as TaylorSolver,
     )
     from .piezo.base import AbstractPiezo as AbstractPiezo
+    from .selection import Comparison as Comparison
     from .simulation import simulate as simulate, steady_cycle as steady_cycle, vector_field as vector_field
     from .study import (
         AbstractMeasurement as AbstractMeasurement,

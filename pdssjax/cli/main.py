@@ -23,6 +23,7 @@ from .signals import exit_status, requests_to_end
 
 COMMANDS = {
     "identify": "estimate an actuator's parameters, with uncertainties, from the records of a study",
+    "compare": "fit records under several friction laws or piezos, and find the simplest that predicts as well as any",
     "new": "make a study of files: channels, waveforms, noise and laws guessed, marked and drawn to be checked",
     "report": "one HTML page of a folder of results, to be sent to a colleague",
     "simulate": "predict every record of a study, at its values and starts or at those of an estimate",

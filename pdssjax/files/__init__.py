@@ -10,6 +10,11 @@ if TYPE_CHECKING:
     from .channel_samples import list_channels as list_channels
     from .characterisation_results import write_characterisations as write_characterisations
     from .characterise_record import characterise as characterise
+    from .comparison_folder import (
+        CandidateFolder as CandidateFolder,
+        compare as compare,
+        write_selection as write_selection,
+    )
     from .design_table import (
         BUDGET_KEYS as BUDGET_KEYS,
         DesignTable as DesignTable,

@@ -14,6 +14,8 @@ from .file_lock import UNFINISHED, folder_lock, is_leftover
 _RESULTS = (
     "comparison.txt",
     "comparison.png",
+    "residuals.png",
+    "comparison.html",
     "report.txt",
     "report.html",
     "records",
@@ -39,13 +41,14 @@ _RESULTS = (
     "drives",
     "templates",
     "plan.json",
+    "comparison.json",
     "estimate.json",
 )
 """What a folder of results may hold; the JSON file is moved in last, so where it is, all is."""
 
 
-_DRAWS = "draws.jsonl"
-"""Lies beside them and is not replaced with them: a run that is broken off goes on with it."""
+_DRAWS, CANDIDATES = "draws.jsonl", "candidates"
+"""Lie beside them and are not replaced with them: a run that is broken off goes on with them."""
 
 
 def check_empty(folder: Path) -> None:
@@ -63,7 +66,7 @@ def check_free(folder: Path, overwrite: bool) -> None:
 
     **Raises:** `InputError` if it holds results and `overwrite` is false, or cannot be written to.
     """
-    held = [name for name in (*_RESULTS, _DRAWS) if (folder / name).exists()]
+    held = [name for name in (*_RESULTS, _DRAWS, CANDIDATES) if (folder / name).exists()]
     if held and not overwrite:
         raise InputError(
             f"{folder}: found results already ({', '.join(held)}); expected another folder, or --overwrite."

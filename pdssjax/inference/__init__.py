@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from .covariance import least_squares_covariance as least_squares_covariance, propagated as propagated
     from .draws import Drawing as Drawing, Store as Store
+    from .effort import EFFORTS as EFFORTS, effort_of as effort_of
     from .identification import (
         FitInterrupted as FitInterrupted,
         Intervals as Intervals,
@@ -17,7 +18,15 @@ if TYPE_CHECKING:
         identify as identify,
     )
     from .initial_values.search import guess_starts as guess_starts, initial_guess as initial_guess
-    from .least_squares import Fit as Fit, Method as Method, fit_phase as fit_phase, joint as joint
+    from .kept_fit import fingerprint as fingerprint
+    from .least_squares import (
+        Fit as Fit,
+        Method as Method,
+        Progress as Progress,
+        evaluated as evaluated,
+        fit_phase as fit_phase,
+        joint as joint,
+    )
     from .parameter_transform import transform_of as transform_of
     from .poor_fit import repeats as repeats
     from .problem import Problem as Problem, pose as pose, pose_problem as pose_problem
@@ -31,6 +40,7 @@ if TYPE_CHECKING:
         curvature_of as curvature_of,
         influence_of as influence_of,
         principal_directions as principal_directions,
+        pseudo_inverse as pseudo_inverse,
     )
     from .uncertainty.linear_intervals import NORMAL_95 as NORMAL_95, half_width_95 as half_width_95
     from .uncertainty.parameter_errors import (

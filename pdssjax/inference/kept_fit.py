@@ -51,7 +51,7 @@ def as_asked(
         "sampler": drawing.sampler,
         "proposals": PROPOSALS if intervals == "posterior" else None,
         "more_starts": more_starts,
-        "accuracy": _fingerprint(accuracy),
+        "accuracy": fingerprint(accuracy),
         "effort": effort,
         "actuator": study.models.chosen,
         # Draws are kept without names.
@@ -75,9 +75,9 @@ def _measured(record: Record) -> Document:
         "conditions": sorted(record.conditions),
         "overrides": sorted(record.overrides),
         "measures": record.measures,
-        "measurement": _fingerprint(record.measurement),
-        "drive": _fingerprint(record.drive),
-        "samples": _fingerprint(samples),
+        "measurement": fingerprint(record.measurement),
+        "drive": fingerprint(record.drive),
+        "samples": fingerprint(samples),
     }
 
 
@@ -151,7 +151,7 @@ def _plain(value: object) -> object:
     return value.tolist() if isinstance(value, np.ndarray) else value
 
 
-def _fingerprint(value: object) -> str:
+def fingerprint(value: object) -> str:
     """Of all numbers and names that a value is made of."""
     digest = hashlib.sha256()
     for part in _parts(value):
@@ -167,6 +167,10 @@ def _parts(value: object) -> Iterator[bytes]:
         for field in dataclasses.fields(value):
             yield field.name.encode()
             yield from _parts(getattr(value, field.name))
+    elif isinstance(value, frozenset | set):
+        yield from _parts(sorted(value))
+    elif isinstance(value, dict):
+        yield from _parts(sorted(value.items()))
     elif isinstance(value, tuple | list):
         for part in value:
             yield from _parts(part)

@@ -13,9 +13,11 @@ import numpy as np
 
 from ..core import Figure, InputError, decimals_for, display_unit, draw_in_notebook, member_name, percent, rounded
 from ..design import Plan
+from ..selection import Comparison
 from ..simulation import TRAJECTORY_UNITS, Trajectory
 from ..study import Estimate, FittedParameter, FittedRecord, Parameter, Record, Study
 from .page import Table, plan_html, table_html
+from .text import selection_sentences
 
 
 def as_html(shown: object) -> str:
@@ -28,6 +30,8 @@ def as_html(shown: object) -> str:
         return trajectory_html(shown)
     if isinstance(shown, Plan):
         return plan_html(shown)
+    if isinstance(shown, Comparison):
+        return comparison_html(shown)
     raise TypeError(f"Argument `shown` must be a result, but it is a {type(shown).__name__}")
 
 
@@ -49,6 +53,8 @@ def _figure(shown: object, what: str | None) -> Figure:
         return trajectory_figure(shown)
     if isinstance(shown, Plan):
         return design_figure(shown)
+    if isinstance(shown, Comparison):
+        return _comparison_figure(shown, what)
     return sweep_figure(shown)  # pyright: ignore[reportArgumentType]
 
 
@@ -84,12 +90,15 @@ def _estimate_figure(estimate: Estimate, what: str | None) -> Figure:
 
 
 def write_report(shown: object, path: str | os.PathLike[str], overwrite: bool) -> None:
-    """Write an estimate into one HTML file; **raises** `InputError` as `write_page` does."""
-    from .page import estimate_page, write_page
+    """Write a result into one HTML file; **raises** `InputError` as `write_page` does."""
+    from .page import comparison_page, estimate_page, write_page
 
-    if not isinstance(shown, Estimate):
-        raise TypeError(f"Argument `shown` must be an estimate, but it is a {type(shown).__name__}")
-    write_page(path, estimate_page(shown), overwrite=overwrite)
+    if isinstance(shown, Comparison):
+        write_page(path, comparison_page(shown), overwrite=overwrite)
+    elif isinstance(shown, Estimate):
+        write_page(path, estimate_page(shown), overwrite=overwrite)
+    else:
+        raise TypeError(f"Argument `shown` must be an estimate or a comparison, but it is a {type(shown).__name__}")
 
 
 def _table(align: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -232,3 +241,22 @@ def trajectory_html(run: Trajectory) -> str:
             _table("<>>><", ["", "least", "greatest", "last", "unit"], rows),
         ]
     )
+
+
+def comparison_html(found: Comparison) -> str:
+    """The answer and the table of models."""
+    words = selection_sentences(found)
+    first, *others = words.answer
+    table = table_html(Table(words.head, words.rows, "<>>>>>><"))
+    parts = [paragraph(found.title, first), table, *(paragraph("", text) for text in others)]
+    return "\n".join([*parts, folded("What each other model leaves", words.lacks)]).strip()
+
+
+def _comparison_figure(found: Comparison, what: str | None) -> Figure:
+    from .figures import residual_strips_figure, selection_figure
+
+    if what not in (None, "residuals"):
+        raise InputError(f'plot: found "{what}", expected "residuals" or nothing.')
+    if not found.chosen:
+        raise InputError("plot: found no model with a fit, expected one at least.")
+    return selection_figure(found) if what is None else residual_strips_figure(found)

@@ -32,6 +32,10 @@ if TYPE_CHECKING:
         residual_split_figure as residual_split_figure,
         study_figure as study_figure,
     )
+    from .selection import (
+        residual_strips_figure as residual_strips_figure,
+        selection_figure as selection_figure,
+    )
     from .sweep import (
         border_figure as border_figure,
         directions_figure as directions_figure,

@@ -6,6 +6,7 @@ Imports results from the rooms below, never files.
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from .comparison import comparison_page as comparison_page
     from .document import (
         Illustration as Illustration,
         Page as Page,

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
         sampling_words as sampling_words,
     )
     from .records import format_numbers as format_numbers, format_records as format_records
+    from .selection import format_selection as format_selection, selection_sentences as selection_sentences
     from .sweep import format_border as format_border, format_plan as format_plan, format_sweep as format_sweep
 else:
     from ...core.lazy import lazy_exports

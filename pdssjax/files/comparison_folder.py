@@ -1,0 +1,222 @@
+"""Compares models and keeps what is found: every candidate as soon as it is fitted, the comparison at the end."""
+
+import contextlib
+import dataclasses
+import importlib.metadata
+import io
+import json
+import shutil
+import warnings
+import zipfile
+from collections.abc import Iterable, Sequence
+from concurrent.futures import Executor
+from pathlib import Path
+
+import numpy as np
+
+from ..core import Document, InputError, InputWarning
+from ..inference import Progress
+from ..report.page import comparison_page, write_page
+from ..report.text import format_selection
+from ..selection import EFFORT, Candidate, Comparison, FittedCandidate, compare_models
+from ..study import Estimate, Study
+from .estimate_results import write_essentials
+from .file_lock import UNFINISHED
+from .json_text import json_text
+from .results_folder import CANDIDATES, reserved_folder, staging_folder
+
+FORMAT, CANDIDATE_FORMAT = "pdssjax-comparison/1", "pdssjax-candidate/1"
+
+_KEPT = "candidate.npz"
+"""The file beside a candidate's estimate with what a comparison needs of it."""
+
+_RESULTS = "comparison.txt", "comparison.png", "residuals.png", "comparison.html", "comparison.json"
+"""What a comparison writes; the JSON file is moved in last."""
+
+
+def compare(
+    study: Study,
+    *,
+    friction: Iterable[str] | None = None,
+    piezo: Iterable[str] | None = None,
+    feedback: Iterable[bool] | None = None,
+    effort: str = EFFORT,
+    executor: Executor | None = None,
+    out: str | Path | None = None,
+    resume: bool = False,
+    overwrite: bool = False,
+    progress: Progress | None = None,
+) -> Comparison:
+    """Fit a study's records under its own model and others, and find the simplest one that predicts as well as any.
+
+        study = pdssjax.load_study("study.toml")
+        comparison = pdssjax.compare(study, friction=["coulomb", "dahl", "lugre"], out="which-law")
+        print(comparison.chosen, comparison.ambiguous)
+
+    Models are judged by samples that their fits have not seen: blocks of time and whole records are held out in turn,
+    under one noise for all of them, which is coloured where the residuals are.
+
+    **Arguments:**
+
+    - `study`: its records with role "fit" are fitted, those with role "validate" only predicted.
+    - `friction`: names of laws to compare with the study's own; ["all"] for every one, and None, if nothing else is
+      asked for, too.  "anisotropic-lugre:force" is a law with that reading of its state.
+    - `piezo`: names of models of stack and platform.  All combinations are compared.
+    - `feedback`: [True] or [False] adds the other reading of whether friction acts back on the platform.
+    - `effort`: of each fit, "quick", "usual" or "thorough".
+    - `executor`: where the fits run; None: in processes that are spawned, one a core.
+    - `out`: a folder for the results; each candidate's identification goes to `candidates` in it as it is done.
+    - `resume`: candidates that `out` holds already, of the same study, records and effort, are not fitted again.
+    - `overwrite`: results that `out` holds are replaced.
+    - `progress`: takes lines of text; left out, notebooks show a bar.
+
+    **Returns:** the `Comparison`.  A model that cannot be fitted is in it, with the reason.
+
+    **Raises:** `InputError` for a name that is none, where there is nothing to compare or to resume, and where `out`
+    holds results or another process works there.
+    """
+    how = {"friction": friction, "piezo": piezo, "feedback": feedback, "effort": effort}
+    if out is None:
+        if resume or overwrite:
+            raise InputError("out: found none, expected a folder to resume or to overwrite.")
+        return compare_models(study, **how, executor=executor, progress=progress)
+    folder = Path(out)
+    with reserved_folder(folder, overwrite or resume):
+        store = CandidateFolder(folder, resume)
+        found = compare_models(study, **how, executor=executor, progress=progress, store=store)
+        write_selection(found, folder)
+    return found
+
+
+class CandidateFolder:
+    """Keeps fitted candidates in `candidates/NAME` of a folder, each as the folder of an identification.
+
+    **Arguments:** the `folder` of the comparison; whether to `resume` what it holds, or to remove it.
+
+    **Raises:** `InputError` where there is nothing to resume.
+    """
+
+    def __init__(self, folder: Path, resume: bool):
+        self.place = folder / CANDIDATES
+        if resume and not self.place.is_dir():
+            raise InputError(f"{self.place}: found nothing to resume, expected what a comparison has kept there.")
+        if not resume and self.place.exists():
+            shutil.rmtree(self.place)
+        self._warned = False
+
+    def kept(self, candidate: Candidate, digest: str) -> FittedCandidate | None:
+        """What was kept of a candidate with this `digest`; None where there is nothing, or something else."""
+        file = self.place / candidate.folder / _KEPT
+        try:
+            return _read(file, digest)
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
+            told = f"{file}: found no kept candidate ({error}); it is fitted again."
+            warnings.warn(told, InputWarning, stacklevel=2)
+            return None
+
+    def keep(self, candidate: Candidate, digest: str, fitted: FittedCandidate, estimate: Estimate | None) -> None:
+        """Write a candidate's results; where the disk takes nothing more the comparison goes on without."""
+        folder = self.place / candidate.folder
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            if estimate is not None:
+                write_essentials(estimate, folder)
+            if not fitted.failure:
+                _write(folder / _KEPT, digest, fitted)
+        except OSError as error:
+            if not self._warned:
+                told = f"{folder}: cannot be written ({error.strerror or error}); the comparison goes on in memory."
+                warnings.warn(told, InputWarning, stacklevel=2)
+            self._warned = True
+
+
+_ARRAYS = "residuals", "held_out"
+
+
+def _write(file: Path, digest: str, fitted: FittedCandidate) -> None:
+    """Write a candidate beside its place and rename, so that the file is whole at any moment."""
+    plain = {f.name: getattr(fitted, f.name) for f in dataclasses.fields(fitted) if f.name not in _ARRAYS}
+    document = json.dumps({"format": CANDIDATE_FORMAT, "digest": digest, **plain}, default=_plain)
+    arrays = {f"{name}_{k}": array for name in _ARRAYS for k, array in enumerate(getattr(fitted, name))}
+    content = io.BytesIO()
+    np.savez(content, document=np.array(document), **arrays)
+    beside = file.with_name(f"{UNFINISHED}{file.name}")
+    beside.write_bytes(content.getvalue())
+    beside.replace(file)
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, np.generic):
+        return value.item()
+    return dict(value)  # pyright: ignore[reportArgumentType, reportCallIssue]
+
+
+def _read(file: Path, digest: str) -> FittedCandidate | None:
+    """The candidate in a `file`; None where its digest is another one."""
+    with np.load(file, allow_pickle=False) as content:
+        document: Document = json.loads(str(content["document"]))
+        if document.pop("format") != CANDIDATE_FORMAT or document.pop("digest") != digest:
+            return None
+        for name in _ARRAYS:
+            count = sum(key.startswith(f"{name}_") for key in content.files)
+            document[name] = tuple(content[f"{name}_{k}"] for k in range(count))
+        document["free"] = tuple(document["free"])
+    return FittedCandidate(**document)
+
+
+def write_selection(found: Comparison, folder: Path, commands: Sequence[str] = ()) -> None:
+    """Put text, figures, page and `comparison.json` of a comparison into `folder`, in place of older ones.
+
+    **Arguments:** the `commands` that repeat it, for the page.
+    """
+    from ..report.figures import residual_strips_figure, selection_figure
+
+    with staging_folder(folder, _RESULTS) as staging:
+        (staging / "comparison.txt").write_text(format_selection(found), encoding="utf-8", errors="backslashreplace")
+        if found.chosen:
+            selection_figure(found).savefig(staging / "comparison.png")
+            residual_strips_figure(found).savefig(staging / "residuals.png")
+        write_page(staging / "comparison.html", comparison_page(found, _versions(), commands))
+        (staging / "comparison.json").write_text(comparison_text(found), encoding="utf-8", errors="backslashreplace")
+
+
+def _versions() -> list[str]:
+    """What computed it."""
+    found = []
+    for name in ("pdssjax", "jax", "jaxlib", "numpy"):
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+            found.append(f"{name} {importlib.metadata.version(name)}")
+    return [f"Computed with {', '.join(found)}."] if found else []
+
+
+def comparison_text(found: Comparison) -> str:
+    """The contents of `comparison.json`; SI."""
+    document: Document = {
+        "format": FORMAT,
+        "title": found.title,
+        "chosen": found.chosen or None,
+        "best": found.best or None,
+        "groups": [list(group) for group in found.groups],
+        "blocks": found.blocks,
+        "whole_records": found.whole_records,
+        "noise": {name: noise._asdict() for name, noise in found.noise.items()},
+        "telling": None if found.telling is None else found.telling._asdict(),
+        "seconds": found.seconds,
+        "models": [],
+    }
+    for result in found.results:
+        fitted = result.fitted
+        names = ("name", "model", "free", "failure", "converged", "explained", "message", "values", "units", "errors")
+        entry = {name: getattr(fitted, name) for name in (*names, "refitted", "start", "seconds")}
+        for name in ("time", "records"):
+            pair = getattr(result, name)
+            told = None if pair is None else {"worse_by": pair.total, "standard_error": pair.standard_error}
+            entry[f"held_out_{name}"] = told
+        entry["criterion"] = result.criterion
+        entry["group"] = result.group
+        entry["worse"] = result.is_worse
+        entry["misfit"] = None if result.misfit is None else result.misfit._asdict()
+        document["models"].append(entry)
+    return json_text(document)

@@ -1,0 +1,98 @@
+"""Figures of a comparison of models: held-out scores with their errors, and residuals beside the best model's."""
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ...selection import Comparison, Difference, Result
+from ...study import Record, cycles_a_second
+from ._style import BLUE, GREEN, GREY, STYLE, VERMILION
+
+MOST_STRIPS = 6
+"""Models whose residuals are drawn, the chosen one and the nearest to it first."""
+
+MOST_POINTS = 4000
+"""Samples of a strip that are drawn: more are one black bar."""
+
+
+def selection_figure(found: Comparison) -> Figure:
+    """By how much each model scores below the best one on held-out samples, with two standard errors."""
+    shown = [result for result in found.results if result.time is not None]
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(7.4, 1.3 + 0.3 * len(shown)), layout="constrained")
+        has_records = any(result.records is not None for result in shown)
+        panels = figure.subplots(1, 1 + has_records, sharey=True, squeeze=False)[0]
+        _draw_scores(panels[0], found, shown, "time", "blocks of time")
+        if has_records:
+            _draw_scores(panels[1], found, shown, "records", "whole records")
+        panels[0].set_yticks(range(len(shown)), [_label(result) for result in shown])
+        panels[0].set_ylim(len(shown) - 0.5, -0.5)
+        figure.supxlabel("log score on held-out samples below the best model, with 2 standard errors", fontsize=9.0)
+    return figure
+
+
+def _label(result: Result) -> str:
+    return f"{result.name} ({len(result.fitted.free)})"
+
+
+def _draw_scores(axes: Axes, found: Comparison, shown: list[Result], which: str, title: str) -> None:
+    for place, result in enumerate(shown):
+        difference: Difference | None = getattr(result, which)
+        if difference is None:
+            continue
+        colour = VERMILION if result.is_worse else GREEN if result.name == found.chosen else BLUE
+        error = 2.0 * difference.standard_error
+        axes.errorbar(difference.total, place, xerr=error, fmt="o", color=colour, markersize=4, capsize=2)
+    axes.axvline(0.0, color=GREY, linewidth=0.8, zorder=0)
+    # Laws that are far off would press all others together.
+    axes.set_xscale("symlog", linthresh=10.0)
+    axes.set_title(title, loc="left")
+
+
+def residual_strips_figure(found: Comparison) -> Figure:
+    """The residuals of each model in the record that has most of what it leaves, grey those of the best one."""
+    shown = _strips(found)
+    best = found[found.best].fitted
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(7.4, 0.6 + 1.05 * len(shown)), layout="constrained")
+        panels = figure.subplots(len(shown), 1, squeeze=False)[:, 0]
+        for axes, result in zip(panels, shown, strict=True):
+            place = _place(found, result)
+            beside = None if result.name == found.best else best.residuals[place]
+            _draw_strip(axes, found.records[place], result, place, beside)
+        panels[-1].set_xlabel("time (s), or part of the drive's cycle where a record repeats")
+    return figure
+
+
+def _strips(found: Comparison) -> list[Result]:
+    """The chosen model, the best one, and those that are nearest to it."""
+    fitted = [result for result in found.results if result.time is not None]
+    distance = lambda result: abs(result.time.total) if result.time is not None else 0.0
+    first = [result for result in fitted if result.name in (found.chosen, found.best)]
+    others = sorted((result for result in fitted if result not in first), key=distance)
+    kept = [*first, *others][:MOST_STRIPS]
+    return [result for result in fitted if result in kept]
+
+
+def _place(found: Comparison, result: Result) -> int:
+    """The record of a strip: that which has most of what the model leaves, else the first that shows a contact."""
+    names = [record.name for record in found.records]
+    if result.misfit is not None:
+        return names.index(result.misfit.record)
+    misfits = [other.misfit.record for other in found.results if other.misfit is not None]
+    return names.index(max(set(misfits), key=misfits.count)) if misfits else 0
+
+
+def _draw_strip(axes: Axes, record: Record, result: Result, place: int, best: np.ndarray | None) -> None:
+    display, frequency = record.measurement.display, cycles_a_second(record)
+    repeats = frequency is not None and np.ptp(record.time) * frequency >= 1.0
+    where = np.mod(record.time * frequency, 1.0) if repeats and frequency else record.time
+    few = slice(None, None, -(-record.time.size // MOST_POINTS))
+    colour = VERMILION if result.is_worse else BLUE
+    axes.plot(where[few], display.scale * result.fitted.residuals[place][few], ".", color=colour, markersize=1.6)
+    if best is not None:
+        axes.plot(where[few], display.scale * best[few], ".", color=GREY, markersize=1.2)
+    axes.set_title(f"{_label(result)}: {record.name}", loc="left")
+    axes.set_ylabel(f"residual ({display.unit})")
+    axes.set_xlabel("")

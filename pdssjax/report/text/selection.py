@@ -1,0 +1,196 @@
+"""A comparison of models in words and as a table: which is enough, what the others leave, what would tell more."""
+
+import math
+from typing import NamedTuple
+
+from ...core import rounded
+from ...selection import Comparison, Difference, Misfit, Result, TellingRecord
+from ...study import Record
+from ._layout import aligned_table, heading, note
+
+HEAD = "model", "free", "held out", "+/-", "records", "+/-", "criterion", ""
+"""Of the table of models."""
+
+
+def format_selection(found: Comparison) -> str:
+    """The report of a comparison."""
+    words = selection_sentences(found)
+    parts = [f"{found.title}: which model?\n", *(note(sentence, 0) for sentence in words.answer), "\n"]
+    parts += [heading("Models"), aligned_table("<>>>>>><", [words.head, *words.rows]), note(words.caption)]
+    for title, lines in (
+        ("What each other model leaves", words.lacks),
+        ("What would tell them apart", [words.telling] if words.telling else []),
+        ("Noise, the same for all models", words.noise),
+        ("Models without a fit", words.failures),
+    ):
+        if lines:
+            parts += ["\n", heading(title), *map(note, lines)]
+    return "".join(parts)
+
+
+class SelectionSentences(NamedTuple):
+    """What is said of a comparison, for whatever shows it."""
+
+    answer: list[str]
+    head: tuple[str, ...]
+    rows: list[tuple[str, ...]]
+    caption: str
+    lacks: list[str]
+    telling: str
+    noise: list[str]
+    failures: list[str]
+
+
+def selection_sentences(found: Comparison) -> SelectionSentences:
+    """A comparison in words and as the rows of a table."""
+    return SelectionSentences(
+        _answer(found),
+        HEAD,
+        list(map(_row, found.results)),
+        _caption(found),
+        _lacks(found),
+        _would_tell(found),
+        _noise_lines(found),
+        [f"{result.name}: {result.fitted.failure}" for result in found.results if result.fitted.failure],
+    )
+
+
+def _answer(found: Comparison) -> list[str]:
+    """The answer in a few sentences: the model that is enough, and those that the records cannot tell from it."""
+    if not found.chosen:
+        return ["No model has a fit that could be compared; below is why."]
+    chosen, best = found[found.chosen], found[found.best]
+    held = f"{_count(found.blocks, 'block')} of time"
+    if found.whole_records:
+        held += f" and {_count(found.whole_records, 'whole record')}"
+    if not (found.blocks or found.whole_records):
+        return [
+            f"Nothing could be held out of these records, so they do not tell; {found.chosen} is the simplest model."
+        ]
+    told = [f"{found.chosen} is the simplest model that predicts held-out samples ({held}) no worse than any."]
+    if found.chosen != found.best:
+        time = chosen.time
+        assert time is not None
+        told.append(
+            f"{found.best} predicts them best, by {_number(time.total)} in log score with a standard error of "
+            f"{_number(time.standard_error)}, which is no reason for "
+            f"{_more(len(best.fitted.free) - len(chosen.fitted.free))}."
+        )
+    if found.ambiguous:
+        told.append(f"These records do not tell it from {_listed(found.ambiguous)}.")
+    worse = [result.name for result in found.results if result.is_worse]
+    if worse:
+        told.append(f"Significantly worse: {_listed(worse)}.")
+    if not chosen.fitted.explained:
+        told.append("It leaves more than noise, so another model or another optimum may do better than all of these.")
+    if not chosen.fitted.converged:
+        told.append("Its fit did not converge: compare again with more effort.")
+    return told
+
+
+def _row(result: Result) -> tuple[str, ...]:
+    """A model as a row of the table."""
+    free = str(len(result.fitted.free))
+    if result.fitted.failure:
+        return result.name, free, "", "", "", "", "", "no fit"
+    remarks = ["worse"] * result.is_worse + ["not converged"] * (not result.fitted.converged)
+    remarks += ["leaves more than noise"] * (not result.fitted.explained)
+    pairs = (*_pair(result.time), *_pair(result.records))
+    return result.name, free, *pairs, rounded(result.criterion, 1), ", ".join(remarks)
+
+
+def _caption(found: Comparison) -> str:
+    """What the columns of the table are."""
+    return (
+        "held out, records: by how much the log score on held-out blocks of time, and on whole records, lies below "
+        f"that of the best model, {found.best or 'none'}, and its standard error. A model is worse from two standard "
+        "errors on, where the difference also exceeds half of what the best model leaves beyond noise. criterion: "
+        "Schwarz's with the number of independent samples, above the lowest."
+    )
+
+
+def _lacks(found: Comparison) -> list[str]:
+    """For each model that is worse, where its residuals exceed those of the best one."""
+    records = {record.name: record for record in found.records}
+    return [
+        f"{result.name}: {_misfit(result.misfit, found.best, records[result.misfit.record])}"
+        for result in found.results
+        if result.is_worse and result.misfit is not None
+    ]
+
+
+def _misfit(misfit: Misfit, best: str, record: Record) -> str:
+    display = record.measurement.display
+    if misfit.by_phase:
+        window = f"between {100 * misfit.begin:.0f} and {100 * misfit.end:.0f} % of the drive's cycle"
+    else:
+        window = f"between {misfit.begin:.4g} and {misfit.end:.4g} s"
+    mine, theirs = (f"{display.scale * rms:.3g}" for rms in (misfit.rms, misfit.best_rms))
+    return (
+        f"{100 * misfit.share:.0f} % of what it leaves beyond {best} lies in the record {misfit.record}, {window}; "
+        f"the root mean square of the record is {mine} {display.unit}, that of {best} {theirs}."
+    )
+
+
+def _would_tell(found: Comparison) -> str:
+    """Which record would tell models apart that these records do not; "" where there is nothing to tell."""
+    if not found.ambiguous:
+        return ""
+    if found.telling is None:
+        return "No record like these, at other voltages or frequencies, shows a difference between the fitted models."
+    sentence = f"To tell {_listed(found.telling.models)} apart, measure {_telling(found.telling)}."
+    chosen, other = (found[name].fitted.model for name in found.telling.models)
+    if all(chosen[key] == other[key] for key in chosen if key not in ("friction", "friction_state")):
+        sentence += f" pdssjax design STUDY --against {other['friction']} plans such records within limits and costs."
+    return sentence
+
+
+def _telling(told: TellingRecord) -> str:
+    record = f"the {told.measures} as in {told.template}"
+    if math.isnan(told.voltage):
+        record += f" with the motion {told.speed:g} times as fast" if told.speed != 1.0 else " once more"
+    else:
+        record += f" at {told.voltage:.3g} V and {told.frequency:.3g} Hz"
+    if told.window < 1.0:
+        record += f", with all samples in the first {100 * told.window:.0f} % of each cycle"
+    strength = "enough to tell" if told.sigmas > 8.0 else "just enough" if told.sigmas > 4.0 else "too little to tell"
+    return (
+        f"{record}: of {told.tried} records tried, the two fitted models differ most there, by {told.sigmas:.2g} "
+        f"standard deviations of the noise over {told.samples} samples, which is {strength}"
+    )
+
+
+def _noise_lines(found: Comparison) -> list[str]:
+    """The noise of every record."""
+    records = {record.name: record for record in found.records}
+    lines = []
+    for name, noise in found.noise.items():
+        display = records[name].measurement.display
+        told = "told" if noise.told else "found"
+        colour = f"correlated over {1e3 * noise.correlation_time:.3g} ms" if noise.correlation_time > 0.0 else "white"
+        lines.append(
+            f"{name}: {display.scale * noise.deviation:.3g} {display.unit} ({told}), {colour}, "
+            f"{noise.independent:.0f} of {records[name].time.size} samples count as independent"
+        )
+    return lines
+
+
+def _pair(found: Difference | None) -> tuple[str, str]:
+    return ("", "") if found is None else (_number(found.total), _number(found.standard_error))
+
+
+def _number(value: float) -> str:
+    return f"{value:.1f}" if abs(value) < 1e4 else f"{value:.3g}"
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}" + ("s" if number != 1 else "")
+
+
+def _more(parameters: int) -> str:
+    return f"{_count(parameters, 'more parameter')}" if parameters > 0 else "another model"
+
+
+def _listed(names: tuple[str, ...] | list[str]) -> str:
+    *others, last = names
+    return f"{', '.join(others)} and {last}" if others else last

@@ -1,0 +1,220 @@
+"""What a fitted model predicts of samples that it did not see: blocks of time, whole records, records to validate with.
+
+At an optimum with whitened residuals r and Jacobian J the parameters without the samples of a part are, to first order,
+
+    free + d,    (J'J - J_part' J_part) d = J_part' r_part
+
+which costs a solve in place of a fit; the zero of a record that is free is one more column.  The part is then
+simulated at these parameters, not linearised.  The step is believed where the samples that were left explain no less
+after it than before; else the model is fitted again without the part.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ..inference import Problem, evaluated, fit_phase, pose_problem, pseudo_inverse
+from ..study import Estimate, Record, Study, cycles_a_second
+
+BLOCKS = 6
+"""Parts of a record that are held out in turn, at most."""
+
+FEWEST_CYCLES = 3
+"""Cycles from which on they are the blocks."""
+
+SLICES = 5
+"""Slices of each part of a record that does not repeat: the part is spread over the record, so that what is left tells
+the parameters, and each slice is long beside what the samples next to it tell of its noise."""
+
+FEWEST = 20
+"""Samples of a part at least."""
+
+WORSE = 0.5
+"""Chi-square by which the samples that were left may fare worse after a step that is believed: a fit without the part
+would lower theirs, by what a parameter gains by chance or more."""
+
+TOLD = 1e-4
+"""Share of the information on a direction that has to be left without a part; with less of it the direction stays
+where all samples have it."""
+
+REFIT = 20
+"""Linearisations of a fit without a part, which begins near its optimum."""
+
+
+class Part(NamedTuple):
+    """Samples of one record that are held out together."""
+
+    record: int
+    """Its place in the study."""
+    rows: Bool[np.ndarray, " samples"]
+    """Which of its samples."""
+    kind: str
+    """"time": a block of a record; "record": all of one; "validation": all of one that no fit sees."""
+
+
+def parts_of(study: Study) -> tuple[Part, ...]:
+    """What is held out in turn, the same for every model: it depends on drives and sample times alone."""
+    parts = []
+    for place, record in enumerate(study.records):
+        whole = np.ones(record.time.size, bool)
+        if record.role != "fit":
+            parts.append(Part(place, whole, "validation"))
+            continue
+        parts += [Part(place, rows, "time") for rows in _blocks(record)]
+        others = [r for k, r in enumerate(study.records) if k != place and r.role == "fit"]
+        if any(r.measures == record.measures for r in others):
+            parts.append(Part(place, whole, "record"))
+    return tuple(parts)
+
+
+def _blocks(record: Record) -> list[Bool[np.ndarray, " samples"]]:
+    """Blocks of time of a record: its cycles, some together, or slices that are spread over it."""
+    frequency, time = cycles_a_second(record), record.time
+    if frequency is not None and np.ptp(time) * frequency >= FEWEST_CYCLES - 0.5:
+        cycle = np.floor(time * frequency + 1e-9).astype(int)
+        # A rest of a cycle at either end goes with its neighbour.
+        first, last = (int(np.round(end * frequency)) for end in (time[0], time[-1]))
+        cycle = np.clip(cycle, first, last - 1)
+        groups = _grouped(cycle - cycle.min(), BLOCKS)
+    else:
+        count = int(min(BLOCKS * SLICES, time.size // FEWEST * SLICES))
+        groups = np.arange(time.size) * max(count, 1) // time.size % max(min(BLOCKS, count // SLICES), 1)
+    found = [groups == group for group in np.unique(groups)]
+    return found if len(found) > 1 and min(map(np.sum, found)) >= FEWEST else []
+
+
+def _grouped(numbers: np.ndarray, most: int) -> np.ndarray:
+    """Neighbouring `numbers` from 0 on taken together, so that there are `most` groups of them at most."""
+    count = int(numbers.max()) + 1
+    return numbers * min(most, count) // count
+
+
+class HeldOut(NamedTuple):
+    """What was predicted of the parts that were held out."""
+
+    residuals: tuple[Float[np.ndarray, " samples"], ...]
+    """Measured less predicted of the samples of each part, in the record's unit; NaN where the simulation failed, or
+    the samples that were left do not tell the parameters."""
+    refitted: int
+    """Parts for which the model was fitted again."""
+
+
+def held_out(study: Study, estimate: Estimate, parts: Sequence[Part]) -> HeldOut:
+    """What the model of a `study`, fitted as in its `estimate`, predicts of each of the `parts` without having seen it.
+
+    The zero of a record that is free is found from its samples that are not held out; of a whole record, which has
+    none, it is the one that leaves the least.
+    """
+    at = _at_optimum(study, estimate)
+    out, refitted = [], 0
+    for part in parts:
+        if part.kind == "validation":
+            record = study.records[part.record]
+            rest = record.measured - at.motions(at.free)[part.record]
+            out.append(rest - _zero(record, rest, part.rows))
+            continue
+        free, again = at.without(part)
+        refitted += again
+        out.append(at.residual(part, free))
+    return HeldOut(tuple(out), refitted)
+
+
+def _zero(record: Record, rest: Float[np.ndarray, " samples"], used: Bool[np.ndarray, " samples"]) -> float:
+    return float(np.mean(rest[used])) if record.offset is None else record.offset
+
+
+class _Optimum(NamedTuple):
+    """Where a model was fitted, of p parameters and n samples."""
+
+    study: Study
+    problem: Problem
+    free: Float[np.ndarray, " p"]
+    residual_at: Float[np.ndarray, " n"]
+    basis: Float[np.ndarray, "n k"]
+    """Orthonormal; spans what parameters that are not at a bound, and free zeros, do to the residuals."""
+    spread: Float[np.ndarray, "q k"]
+    """The step of these parameters and zeros that changes the residuals by a column of `basis`."""
+    moved: Bool[np.ndarray, " p"]
+    """Which parameters are not at a bound and have any effect."""
+    places: dict[int, int]
+    """Where a record of the study stands among those fitted."""
+
+    def motions(self, free: Float[np.ndarray, " p"]) -> list[Float[np.ndarray, " samples"]]:
+        """What every record of the study is predicted as, without its zero."""
+        values = {path: float(number) for path, number in self.problem.decode(free).items()}
+        return [np.asarray(motion) for motion in self.study.predict(values)]
+
+    def without(self, part: Part) -> tuple[Float[np.ndarray, " p"], bool]:
+        """The parameters that the samples outside a `part` give, and whether it took another fit; NaN for none."""
+        left = self._left(part)
+        basis, residual = self.basis * left[:, None], self.residual_at * left
+        # Of what all samples tell of each direction, the share that is left without the part.
+        share, axes = np.linalg.eigh(basis.T @ basis)
+        told = share > TOLD
+        step = self.spread @ (axes[:, told] @ ((axes[:, told].T @ -(basis.T @ residual)) / share[told]))
+        free = self.free.copy()
+        free[self.moved] += step[: int(np.sum(self.moved))]
+        free = np.clip(free, *self.problem.bounds)
+        if self._chi2(free, part) <= self._chi2(self.free, part) + WORSE:
+            return free, False
+        return self._refitted(part), True
+
+    def _left(self, part: Part) -> Bool[np.ndarray, " n"]:
+        """Which residuals are left."""
+        left = np.ones(self.residual_at.size, bool)
+        left[self.problem.rows[self.places[part.record]]] = ~part.rows
+        return left
+
+    def _chi2(self, free: Float[np.ndarray, " p"], part: Part) -> float:
+        """Of the samples outside a `part`; infinite where the simulation fails."""
+        motions, total = self.motions(free), 0.0
+        for place, number in self.places.items():
+            record, used = self.study.records[place], np.ones(motions[place].size, bool)
+            if place == part.record:
+                used = ~part.rows
+            if used.any():
+                rest = (record.measured - motions[place])[used]
+                rest = rest - _zero(record, rest, np.ones(rest.size, bool))
+                total += float(np.sum(rest**2)) / float(self.problem.noise[number]) ** 2
+        return total if np.isfinite(total) else np.inf
+
+    def _refitted(self, part: Part) -> Float[np.ndarray, " p"]:
+        used = [np.ones(record.time.size, bool) for record in self.problem.records]
+        used[self.places[part.record]] = ~part.rows
+        problem = self.problem.fitted_to(used)
+        every = np.ones(len(used), bool)
+        fit = fit_phase(problem, self.free, every, self.moved, "all", lambda told: None, REFIT)
+        return np.asarray(fit.free)
+
+    def residual(self, part: Part, free: Float[np.ndarray, " p"]) -> Float[np.ndarray, " held"]:
+        """Measured less predicted of a `part` with the parameters `free`."""
+        record = self.study.records[part.record]
+        rest = record.measured - self.motions(free)[part.record]
+        outside = ~part.rows if (~part.rows).any() else part.rows
+        return (rest - _zero(record, rest, outside))[part.rows]
+
+
+def _at_optimum(study: Study, estimate: Estimate) -> _Optimum:
+    """The problem of a `study` at the optimum of its `estimate`, with the noise that was found there."""
+    values = {path: estimate.parameters[path].value for path in estimate.names}
+    noise = {record.name: record.noise for record in estimate.records}
+    problem, _ = pose_problem(study.with_starts(values))
+    problem = problem._replace(noise=np.array([noise[record.name] for record in problem.records]))
+    free = np.clip(problem.encode(values), *problem.bounds)
+    state = evaluated(problem, free, lambda told: None).state
+    jacobian = np.asarray(state.jacobian)
+    # A range that follows from where a fit starts is another one here: the estimate knows what it ended at.
+    ended = np.array([estimate.parameters[path].at_bound for path in problem.residual.transform.paths])
+    moved = ~(ended | problem.residual.transform.at_bound(free)) & (np.linalg.norm(jacobian, axis=0) > 0.0)
+    zeros = np.zeros((jacobian.shape[0], 0))
+    for record, rows in zip(problem.records, problem.rows, strict=True):
+        if record.offset is None:
+            column = np.zeros((jacobian.shape[0], 1))
+            column[rows] = 1.0
+            zeros = np.hstack([zeros, column])
+    basis, spread = pseudo_inverse(np.hstack([jacobian[:, moved], zeros]))
+    fitted = [place for place, record in enumerate(study.records) if record.role == "fit"]
+    places = {place: number for number, place in enumerate(fitted)}
+    return _Optimum(study, problem, free, np.asarray(state.residual), basis, spread, moved, places)

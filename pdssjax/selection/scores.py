@@ -1,0 +1,277 @@
+"""How well models predict held-out samples under noise that is the same for all, and which is worse beyond chance.
+
+A part of n samples whose residuals are e scores, with C the covariance of the noise of its record,
+
+    log p = - (e' C^-1 e + log det C + n log 2 pi) / 2.
+
+C is found once, from the residuals of the model that fits best: what does not repeat from cycle to cycle of them, with
+its correlation in time; a standard deviation that the study tells stands unless they exceed it.  Neither AIC nor
+leave-one-out holds under such noise: both count neighbouring samples as independent, and prefer the model that follows
+the noise.
+
+With w = L^-1 e, L L' = C, two models differ by d = (|w_b|^2 - |w_a|^2) / 2 in a part.  By noise alone d varies by
+|w_a - w_b|^2; where the parts of a record differ more than that, their scatter counts (Q. H. Vuong, Econometrica 57(2),
+1989).  A difference is significant from two standard errors on, and matters where it exceeds both `LEAST` and half of
+what the better model itself leaves beyond noise: where no model is right, differences below their common error are no
+reason to choose.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ..metrics import NoiseInTime, StationaryNoise, grid_positions, outliers, split_residuals
+from ..study import Record, cycles_a_second
+from .held_out import Part
+
+SIGMAS = 2.0
+"""Standard errors from which a difference is significant."""
+
+LEAST = 3.0
+"""Difference of log scores below which none matters: odds of twenty to one."""
+
+AT_ONCE = 256
+"""Samples between which covariances are computed at once; longer parts are cut, and the pieces taken for
+independent."""
+
+EVEN = 1e-6
+"""Part of the variance that is white, so that the covariance of very slow noise can be inverted."""
+
+BEYOND = 4.0
+"""Standard deviations by which |w|^2 has to exceed the number of samples for a model to leave more than noise."""
+
+
+class CommonNoise(NamedTuple):
+    """The noise of one record, the same for every model."""
+
+    deviation: float
+    """Standard deviation, in the record's unit."""
+    is_told: bool
+    """The study tells it, and residuals exceed it by no more than chance."""
+    correlation_time: float
+    """Time [s] by which neighbouring samples are alike: half the width of their correlation squared, summed."""
+    independent: float
+    """How many samples count as independent."""
+    noise: StationaryNoise | NoiseInTime
+    used: Bool[np.ndarray, " samples"]
+    """Which samples are compared: those that do not stand out of the best fit's residuals."""
+
+
+def common_noise(record: Record, predicted: Float[np.ndarray, " samples"], freedom: float) -> CommonNoise:
+    """The noise of a `record` by the residuals of the best fit, which has left `freedom` degrees of freedom."""
+    frequency, residual = cycles_a_second(record), record.measured - predicted
+    used = np.ones(record.time.size, bool)
+    used[outliers(record.measured, predicted, record.time, frequency)] = False
+    rest = np.where(used, residual - (np.mean(residual[used]) if record.offset is None else 0.0), np.nan)
+    found = split_residuals(rest, record.time, frequency, freedom).noise
+    share = min(max(found.independent(record.time), 1.0 / record.time.size), 1.0)
+    variance = _variance(found)
+    by_chance = 1.0 + BEYOND * float(np.sqrt(2.0 / (share * record.time.size)))
+    told = 0.0 if record.noise is None else record.noise**2
+    is_told = told > 0.0 and variance <= by_chance * told
+    wanted = told if is_told else variance or 1.0
+    if variance == 0.0:
+        found = StationaryNoise(np.zeros(0), wanted)
+    elif isinstance(found, NoiseInTime):
+        found = found._replace(variance=wanted)
+    else:
+        found = found._replace(innovation=found.innovation * wanted / variance)
+    interval = float(np.median(np.diff(record.time)))
+    correlated, independent = interval * (0.5 / share - 0.5), share * float(np.sum(used))
+    return CommonNoise(float(np.sqrt(wanted)), is_told, correlated, independent, found, used)
+
+
+def _variance(noise: StationaryNoise | NoiseInTime) -> float:
+    return noise.variance if isinstance(noise, NoiseInTime) else float(noise.autocovariance(1)[0])
+
+
+class Whitener(NamedTuple):
+    """Makes residuals of some samples of a record white."""
+
+    pieces: tuple[tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k k"]], ...]
+    """Places among the samples, and the inverse of the root of their covariance."""
+    log_volume: float
+    """log det C + n log 2 pi."""
+
+    @property
+    def samples(self) -> int:
+        """How many are compared."""
+        return sum(places.size for places, _ in self.pieces)
+
+    def __call__(self, residual: Float[np.ndarray, " n"]) -> Float[np.ndarray, " m"]:
+        """w of a `residual`, NaN where the simulation failed."""
+        return np.concatenate([np.zeros(0), *(inverse @ residual[places] for places, inverse in self.pieces)])
+
+
+def whitener(record: Record, noise: CommonNoise, rows: Bool[np.ndarray, " samples"]) -> Whitener:
+    """What makes residuals of the `rows` of a record white; samples that stand out are left out."""
+    places = np.flatnonzero(rows)
+    compared = np.flatnonzero(noise.used[places])
+    cuts = np.flatnonzero(np.diff(places[compared]) > 1) + 1
+    pieces, volume = [], 0.0
+    for run in np.split(compared, cuts):
+        for piece in np.array_split(run, -(-run.size // AT_ONCE)) if run.size else ():
+            root = np.linalg.cholesky(_covariance(record, noise.noise, places[piece]))
+            pieces.append((piece, np.linalg.inv(root)))
+            volume += 2.0 * float(np.sum(np.log(np.diag(root)))) + piece.size * np.log(2.0 * np.pi)
+    return Whitener(tuple(pieces), volume)
+
+
+def _covariance(record: Record, noise: StationaryNoise | NoiseInTime, places: np.ndarray) -> Float[np.ndarray, "k k"]:
+    if isinstance(noise, NoiseInTime):
+        out = noise.covariance_at(record.time[places, None] - record.time[places])
+    else:
+        grid = grid_positions(record.time)
+        at = (np.arange(record.time.size) if grid is None else grid)[places]
+        out = noise.autocovariance(int(at[-1] - at[0]) + 1)[np.abs(at[:, None] - at)]
+    return out + EVEN * out[0, 0] * np.eye(places.size)
+
+
+class Difference(NamedTuple):
+    """By how much one model predicts held-out samples better than another."""
+
+    total: float
+    """Of the log scores of all parts; positive where the first is better."""
+    standard_error: float
+    matters: bool
+    """It is not below `LEAST`, nor below half of what the better one leaves beyond noise."""
+
+    @property
+    def sigmas(self) -> float:
+        """The difference in standard errors; 0 where the models predict the same."""
+        return self.total / self.standard_error if self.standard_error > 0.0 else 0.0
+
+    @property
+    def is_significant(self) -> bool:
+        """Two standard errors and more, and it matters."""
+        return abs(self.sigmas) >= SIGMAS and self.matters
+
+
+class Scores(NamedTuple):
+    """What several models score on the same parts."""
+
+    parts: tuple[Part, ...]
+    whitened: Mapping[str, tuple[Float[np.ndarray, " m"], ...]]
+    """By model, w of each part."""
+    log_volumes: tuple[float, ...]
+
+    def only(self, *kinds: str) -> "Scores":
+        """Those of parts of some `kinds`."""
+        kept = [k for k, part in enumerate(self.parts) if part.kind in kinds]
+        take = lambda values: tuple(values[k] for k in kept)
+        whitened = {name: take(w) for name, w in self.whitened.items()}
+        return Scores(take(self.parts), whitened, take(self.log_volumes))
+
+    def total(self, name: str) -> float:
+        """The log score of a model on all parts."""
+        squares = sum(float(w @ w) for w in self.whitened[name])
+        return -0.5 * (squares + sum(self.log_volumes))
+
+    def excess(self, name: str) -> float:
+        """By how much |w|^2 of a model exceeds the number of samples, where that is beyond chance; else 0."""
+        w = np.concatenate([np.zeros(0), *self.whitened[name]])
+        over = float(w @ w) - w.size
+        return over if over > BEYOND * np.sqrt(2.0 * max(w.size, 1)) else 0.0
+
+    def difference(self, first: str, second: str) -> Difference:
+        """By how much the `first` model is better than the `second` one."""
+        better, worse = self.whitened[first], self.whitened[second]
+        values = np.array([0.5 * float(b @ b - a @ a) for a, b in zip(better, worse, strict=True)])
+        chance = np.array([float(np.sum((a - b) ** 2)) for a, b in zip(better, worse, strict=True)])
+        variance = 0.0
+        for record in {part.record for part in self.parts}:
+            here = np.array([part.record == record for part in self.parts])
+            count, scatter = int(here.sum()), 0.0
+            if count > 1:
+                scatter = count * float(np.var(values[here], ddof=1))
+            variance += max(scatter, float(np.sum(chance[here])))
+        total = float(np.sum(values))
+        left = self.excess(first if total >= 0.0 else second)
+        return Difference(total, float(np.sqrt(variance)), abs(total) >= max(LEAST, 0.5 * left))
+
+    def best(self, among: Sequence[str]) -> str:
+        """The model of the highest score; of equal ones the first."""
+        return max(among, key=self.total)
+
+
+def scores_of(
+    records: Sequence[Record],
+    noises: Sequence[CommonNoise],
+    parts: Sequence[Part],
+    residuals: Mapping[str, Sequence[Float[np.ndarray, " n"]]],
+) -> Scores:
+    """The scores of models from their `residuals`, by model one array a part; a part that any model fails is dropped.
+
+    So is one without samples that are compared.
+    """
+    kept, whitened = [], {name: [] for name in residuals}
+    volumes = []
+    for number, part in enumerate(parts):
+        white = whitener(records[part.record], noises[part.record], part.rows)
+        found = {name: white(np.asarray(of[number])) for name, of in residuals.items()}
+        if not white.samples or not all(np.isfinite(w).all() for w in found.values()):
+            continue
+        kept.append(part)
+        volumes.append(white.log_volume)
+        for name, w in found.items():
+            whitened[name].append(w)
+    return Scores(tuple(kept), {name: tuple(w) for name, w in whitened.items()}, tuple(volumes))
+
+
+def choose(order: Sequence[str], scores: Scores) -> tuple[str, str]:
+    """The simplest model that predicts held-out samples no worse than any, and the one that predicts them best.
+
+    Whole records that no fit has seen go first: a model that predicts them significantly worse is never chosen,
+    however well it follows blocks of the records fitted.
+
+    **Arguments:** models from the simplest on.
+    """
+    records = scores.only("record", "validation")
+    best = records.best(order)
+    eligible = [name for name in order if not records.difference(best, name).is_significant]
+    time = scores.only("time", "validation")
+    reference = time.best(eligible)
+    for name in eligible:
+        if not time.difference(reference, name).is_significant:
+            return name, reference
+    return reference, reference
+
+
+def groups_of(order: Sequence[str], chosen: str, reference: str, scores: Scores) -> list[list[str]]:
+    """Models that the held-out samples do not tell apart, the best group first, each from the simplest on.
+
+    A group has those that are not significantly worse than its best member; the first one is the group of the
+    `reference`, and holds the `chosen` model.
+    """
+    time, records = scores.only("time", "validation"), scores.only("record", "validation")
+    alike = lambda best, name: (
+        not (time.difference(best, name).is_significant or records.difference(best, name).is_significant)
+    )
+    left, out, best = list(order), [], reference
+    while left:
+        group = [name for name in left if name in (best, chosen if not out else best) or alike(best, name)]
+        out.append(group)
+        left = [name for name in left if name not in group]
+        best = time.best(left) if left else ""
+    return out
+
+
+def criterion(
+    records: Sequence[Record],
+    noises: Sequence[CommonNoise],
+    residuals: Sequence[Float[np.ndarray, " samples"]],
+    free: int,
+) -> float:
+    """Schwarz's criterion under the common noise: - 2 log L + p log n, n the number of independent samples.
+
+    **Arguments:** of each record that is fitted, its noise and the residuals of the fit; how many numbers are `free`.
+    """
+    total, independent = 0.0, 0.0
+    for record, noise, residual in zip(records, noises, residuals, strict=True):
+        white = whitener(record, noise, np.ones(residual.size, bool))
+        w = white(residual)
+        total += float(w @ w) + white.log_volume
+        independent += noise.independent
+    return total + free * float(np.log(max(independent, 1.0)))

@@ -1,0 +1,261 @@
+"""Comparisons as a whole: failures stop nothing, what is done is kept and taken again, and what the answer says."""
+
+import dataclasses
+import json
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+
+import numpy as np
+import pytest
+from compared_laws import Here, contact_study, made_up, write_contact
+from matplotlib.figure import Figure
+
+import pdssjax
+from pdssjax import InputError
+from pdssjax.cli.main import main
+from pdssjax.report import figures
+from pdssjax.report.text import format_selection
+from pdssjax.selection import FittedCandidate, TellingRecord, comparing
+
+LEFT = {"coulomb": 0.03, "dahl": 0.0, "lugre": 0.0002}
+"""By law, the misfit [N] that it leaves beside the noise."""
+
+
+@pytest.fixture
+def fits(monkeypatch):
+    """Made-up fits, run in this thread; the names of those that were asked for, and what neighbours gave them."""
+    asked: dict[str, dict] = {}
+
+    def fit(task):
+        asked[task.candidate.name] = dict(task.values)
+        if task.candidate.name == "stribeck":
+            raise RuntimeError("the processor is on fire")
+        return made_up(task.candidate, LEFT.get(task.candidate.name, 0.05)), object()
+
+    told = TellingRecord(("dahl", "lugre"), "slow", "friction", np.nan, np.nan, 1.0, 10.0, 250, 9.0, 3)
+    monkeypatch.setattr(comparing, "fit_candidate", fit)
+    monkeypatch.setattr(comparing, "most_telling_record", lambda *models: told)
+    return asked
+
+
+@pytest.fixture
+def kept_estimates(monkeypatch):
+    """In place of an identification's files one file with a word in it; figures are empty, which is quicker."""
+    from pdssjax.files import comparison_folder
+
+    for name in ("selection_figure", "residual_strips_figure"):
+        monkeypatch.setitem(vars(figures), name, lambda found: Figure(figsize=(1.0, 1.0)))
+
+    def write(estimate, folder):
+        (folder / "estimate.json").write_text("{}")
+
+    monkeypatch.setattr(comparison_folder, "write_essentials", write)
+
+
+def compared(study, laws="coulomb,lugre", **more):
+    return pdssjax.compare(study, friction=laws.split(","), executor=Here(), **more)
+
+
+def test_the_simplest_law_that_predicts_as_well_is_chosen_and_each_begins_near_another(tmp_path, fits):
+    found = compared(contact_study(tmp_path))
+    assert [result.name for result in found.results] == ["coulomb", "dahl", "lugre"]
+    assert found.chosen == "dahl" and found.groups[0] == ("dahl", "lugre") and found.ambiguous == ("lugre",)
+    assert found["coulomb"].is_worse and not found["lugre"].is_worse
+    assert fits == {
+        "coulomb": {},
+        "dahl": {"friction.f_c": 1.0},
+        "lugre": {"friction.sigma0": 1.0, "friction.f_c": 1.0},
+    }
+    assert found.noise["slow"].told and found.noise["slow"].independent > 200
+    assert found.to_dataframe().loc["coulomb", "worse"]
+
+
+def test_a_model_that_fails_is_a_row_that_says_why_and_stops_no_other(tmp_path, fits):
+    found = compared(contact_study(tmp_path), "coulomb,stribeck,lugre")
+    assert found["stribeck"].fitted.failure == "RuntimeError: the processor is on fire"
+    assert found.chosen == "dahl" and found["stribeck"].group == -1
+    assert "stribeck: RuntimeError: the processor is on fire" in format_selection(found)
+
+
+def test_where_all_fail_nothing_is_chosen(tmp_path, monkeypatch):
+    def fit(task):
+        raise RuntimeError("no")
+
+    monkeypatch.setattr(comparing, "fit_candidate", fit)
+    found = compared(contact_study(tmp_path))
+    assert found.chosen == "" and found.groups == ()
+    assert "No model has a fit" in format_selection(found)
+    found.report(tmp_path / "page.html")
+    with pytest.raises(InputError, match="found no model with a fit"):
+        found.plot()
+
+
+def test_the_answer_says_what_is_enough_what_is_worse_and_where(tmp_path, fits):
+    text = format_selection(compared(contact_study(tmp_path)))
+    assert "dahl is the simplest model that predicts held-out samples" in text
+    assert "These records do not tell it from lugre." in text and "Significantly worse: coulomb." in text
+    assert "coulomb: " in text.partition("What each other model leaves")[2]
+    assert "measure the friction as in slow with the motion 10 times as fast" in " ".join(text.split())
+
+
+def test_the_folder_has_text_figures_page_and_numbers(tmp_path, fits, kept_estimates):
+    found = compared(contact_study(tmp_path), out=tmp_path / "out")
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert names == {
+        "comparison.txt",
+        "comparison.png",
+        "residuals.png",
+        "comparison.html",
+        "comparison.json",
+        "candidates",
+    }
+    document = json.loads((tmp_path / "out/comparison.json").read_text())
+    assert document["chosen"] == "dahl" and [m["name"] for m in document["models"]] == ["coulomb", "dahl", "lugre"]
+    assert document["models"][0]["held_out_time"]["worse_by"] == pytest.approx(found["coulomb"].time.total)
+    page = (tmp_path / "out/comparison.html").read_text()
+    assert "dahl is the simplest model" in page and "friction.sigma0" in page and "numpy" in page
+    with pytest.raises(InputError, match="found results already"):
+        compared(contact_study(tmp_path), out=tmp_path / "out")
+
+
+def test_what_is_done_is_taken_again_and_what_changed_is_fitted_anew(tmp_path, fits, kept_estimates):
+    study, out = contact_study(tmp_path), tmp_path / "out"
+    whole = compared(study, out=out)
+    fits.clear()
+    again = compared(study, out=out, resume=True)
+    assert not fits and dataclasses.replace(again, seconds=0.0) == dataclasses.replace(whole, seconds=0.0)
+    compared(study, "coulomb,lugre,bliman-sorine", out=out, resume=True)
+    assert list(fits) == ["bliman-sorine"]
+    fits.clear()
+    bounded = dataclasses.replace(study.parameters["friction.f_c"], high=0.9)
+    other = dataclasses.replace(study, parameters=study.parameters | {"friction.f_c": bounded})
+    compared(other, out=out, resume=True)
+    assert set(fits) == {"coulomb", "dahl", "lugre"}
+    fits.clear()
+    (out / "candidates/dahl/candidate.npz").write_bytes(b"PK cut")
+    with pytest.warns(pdssjax.InputWarning, match="found no kept candidate"):
+        compared(other, out=out, resume=True)
+    assert set(fits) == {"dahl"}
+
+
+def test_what_is_broken_off_keeps_what_is_done(tmp_path, fits, kept_estimates, monkeypatch):
+    study, out = contact_study(tmp_path), tmp_path / "out"
+    usual = comparing.fit_candidate
+
+    def interrupted(task):
+        if task.candidate.name == "lugre":
+            raise KeyboardInterrupt
+        return usual(task)
+
+    monkeypatch.setattr(comparing, "fit_candidate", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        compared(study, out=out)
+    assert {path.name for path in (out / "candidates").iterdir()} == {"coulomb", "dahl"}
+    monkeypatch.setattr(comparing, "fit_candidate", usual)
+    fits.clear()
+    assert compared(study, out=out, resume=True).chosen == "dahl"
+    assert list(fits) == ["lugre"]
+
+
+def test_a_disk_that_takes_nothing_stops_nothing(tmp_path, fits, monkeypatch):
+    from pdssjax.files import comparison_folder
+
+    def full(estimate, folder):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(comparison_folder, "write_essentials", full)
+    with pytest.warns(pdssjax.InputWarning, match="No space left on device.*goes on in memory") as told:
+        assert compared(contact_study(tmp_path), out=tmp_path / "out").chosen == "dahl"
+    assert len(told) == 1
+
+
+def test_figures_are_drawn_and_shown(tmp_path, fits):
+    found = compared(contact_study(tmp_path))
+    assert len(found.plot().axes) == 2 and len(found.plot("residuals").axes) == 3
+    assert "dahl is the simplest" in found._repr_html_() and "dahl" in repr(found)
+    with pytest.raises(InputError, match='plot: found "scores", expected "residuals"'):
+        found.plot("scores")
+
+
+@pytest.mark.parametrize(
+    ("asked", "told"),
+    [
+        ({"effort": "lazy"}, 'effort: found "lazy"'),
+        ({"executor": 3}, "executor: found 3, expected an Executor"),
+        ({"resume": True}, "out: found none, expected a folder"),
+        ({"out": "nowhere", "resume": True}, "found nothing to resume"),
+    ],
+)
+def test_what_is_asked_wrongly_is_refused(tmp_path, monkeypatch, asked, told):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=told):
+        pdssjax.compare(contact_study(tmp_path), **asked)
+    assert not (tmp_path / "nowhere").exists()
+
+
+def test_a_pool_that_forks_and_a_study_of_nothing_fitted_are_refused(tmp_path):
+    study = contact_study(tmp_path)
+    with ProcessPoolExecutor(1, mp_context=get_context("fork")) as pool, pytest.raises(InputError, match="are forked"):
+        pdssjax.compare(study, executor=pool)
+    records = tuple(dataclasses.replace(record, role="validate") for record in study.records)
+    with pytest.raises(InputError, match='found no record with role "fit"'):
+        pdssjax.compare(dataclasses.replace(study, records=records))
+    with pytest.raises(InputError, match=r"study: found 'study\.toml', expected a Study"):
+        pdssjax.compare("study.toml")
+
+
+def test_the_command_answers_on_the_console_and_ends_with_0(tmp_path, fits, kept_estimates, monkeypatch, capsys):
+    workers = comparing._workers
+    monkeypatch.setattr(comparing, "_workers", lambda executor, most: workers(Here(), most))
+    file, out = write_contact(tmp_path), tmp_path / "out"
+    assert main(["compare", str(file), "--friction", "coulomb,lugre", "--out", str(out)]) == 0
+    shown = capsys.readouterr()
+    assert "dahl is the simplest model" in shown.out and f"Results are in {out}" in shown.out
+    assert "3 of 3 models; lugre: done" in shown.err
+    assert "pdssjax " in (out / "comparison.html").read_text()
+    assert main(["compare", str(file), "--friction", "coulomb,lugre", "--out", str(out)]) == 2
+    assert "found results already" in capsys.readouterr().err
+    fits.clear()
+    assert main(["compare", str(file), "--friction", "coulomb,lugre", "--out", str(out), "--resume"]) == 0
+    assert not fits
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (["--friction", "coulomb,"], 'found "coulomb,", expected names with commas'),
+        (["--friction", "colomb"], 'found the unknown name "colomb"; did you mean "coulomb"?'),
+        (["--piezo", "second-order"], "found one model to compare"),
+        (["--feedback", "maybe"], "option --feedback: invalid choice"),
+        (["--effort", "none"], "option --effort: invalid choice"),
+        (["--friction", "all", "--resume"], "found nothing to resume"),
+    ],
+)
+def test_wrong_options_are_one_line_and_lose_nothing(tmp_path, capsys, options, told):
+    out = tmp_path / "out"
+    assert main(["compare", str(write_contact(tmp_path)), *options, "--out", str(out)]) == 2
+    (line,) = [text for text in capsys.readouterr().err.splitlines() if "error" in text]
+    assert told in line
+    assert not out.exists()
+
+
+def test_a_misfit_is_found_where_it_is(tmp_path):
+    study = contact_study(tmp_path)
+    from pdssjax.selection import candidates_of
+    from pdssjax.selection.scores import common_noise
+
+    dahl = candidates_of(study, friction=["coulomb"])[1]
+    best = made_up(dahl, 0.0)
+    there = (study.records[1].time > 0.5) & (study.records[1].time < 0.6)
+    bent = best.residuals[1] + 0.1 * there
+    model = dataclasses.replace(best, residuals=(best.residuals[0], bent))
+    noises = [common_noise(r, r.measured - e, 200.0) for r, e in zip(study.records, best.residuals, strict=True)]
+    found = comparing.misfit_beside(study, model, best, noises)
+    assert found.record == "wide" and 0.5 <= found.begin < found.end <= 0.61 and not found.by_phase
+    assert found.rms > found.best_rms and found.share > 0.5
+    assert comparing.misfit_beside(study, best, best, noises) is None
+
+
+def test_a_fitted_candidate_holds_plain_values():
+    assert FittedCandidate("a", {}, (), failure="no").failure == "no"
+    assert np.isnan(FittedCandidate("a", {}, ()).deviance)
