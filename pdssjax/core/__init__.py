@@ -27,6 +27,7 @@ if TYPE_CHECKING:
         percent as percent,
         rounded as rounded,
         strongest_pairs as strongest_pairs,
+        with_micro_sign as with_micro_sign,
     )
     from .errors import (
         MOST_DRAWN as MOST_DRAWN,

@@ -54,6 +54,11 @@ def display_unit(unit: str) -> tuple[str, float]:
     return _UNITS.get(unit, (unit, 1.0))
 
 
+def with_micro_sign(text: str) -> str:
+    """A unit, or a number with one, with µ in place of the u of terminals: "µm/V" of "um/V"."""
+    return text.replace("um", "µm")
+
+
 def decimals_for(error: float) -> int | None:
     """Decimal places that show `error` with two significant digits; None where there is no error."""
     if not (math.isfinite(error) and error > 0):

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..core import Document, decimals_for, display_unit, percent, rounded
+from ..core import Document, decimals_for, display_unit, percent, rounded, with_micro_sign
 
 
 class ParameterRow(NamedTuple):
@@ -90,7 +90,7 @@ def _row(path: str, entry: Document) -> ParameterRow:
     start = _number(entry.get("start")) * scale
     return ParameterRow(
         path,
-        unit.replace("um", "µm"),
+        with_micro_sign(unit),
         rounded(value, places),
         f"{rounded(error, places)} ({percent(error, value)})" if known else "",
         f"{rounded(low, places)} to {rounded(high, places)}" if known else "",
@@ -113,7 +113,7 @@ def _profile(entry: Document, parameter: Document) -> ProfileCurve:
     unit, scale = display_unit(parameter["unit"])
     value, excess, linear = (np.array([_number(x) for x in entry[key]]) for key in ("value", "excess", "linear"))
     estimate = _number(parameter["value"]) * scale
-    shown = unit.replace("um", "µm")
+    shown = with_micro_sign(unit)
     return ProfileCurve(
         entry["path"], shown, scale * value, excess, linear, entry["threshold"], estimate, entry["verdict"]
     )

@@ -7,7 +7,7 @@ import dataclasses
 import math
 from typing import NamedTuple
 
-from ..core import InputError, Quantity, check_range, choices, display_unit, to_si
+from ..core import InputError, Quantity, check_range, choices, display_unit, to_si, with_micro_sign
 from ..drive.base import AbstractDrive
 from ..study import MARK, Record, Study, shared_fields
 
@@ -95,7 +95,7 @@ class Knob(NamedTuple):
     @property
     def unit(self) -> str:
         """The unit on the page, such as "µm/V"; "" for a pure number."""
-        return display_unit(self.quantity.unit)[0].replace("um", "µm")
+        return with_micro_sign(display_unit(self.quantity.unit)[0])
 
     def text(self, number: float) -> str:
         """`number` [SI] as a text in the unit of the page."""

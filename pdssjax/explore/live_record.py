@@ -28,10 +28,10 @@ ACCURACY = 1e-11
 """Error of a step [m]: 3e-10 m along the records of the example, a thirtieth of their noise."""
 
 _FEWEST = 512
-"""Smallest room, in steps."""
+"""Smallest capacity for integration steps."""
 
 _SPARE = 1.5
-"""Room over the steps that the first run took."""
+"""Ratio of the capacity to the steps that the first run took."""
 
 _MOST_SEGMENTS = 1 << 18
 """Most segments of a drive within a record; with a fifth as many the first drawing took 46 s on two busy cores."""
@@ -58,7 +58,7 @@ class LiveRecord:
         run, numbers = self._run_of(record, values)
         self._closed = is_closed(self.setup.system(self.models, numbers, run))
         self._rooms: list[_Room] = []
-        """Smallest first, so that the room for one extreme number does not slow down all others."""
+        """Compiled capacities, the smallest first: that for an extreme number must not slow down all others."""
         self._plan(record, values)
 
     def run(self, record: Record, values: Values, instants: Float[np.ndarray, " k"]) -> Observation:
@@ -79,7 +79,7 @@ class LiveRecord:
         return self._observed(record, values, instants, self._plan(record, values)) if found is None else found
 
     def run_at_once(self, record: Record, values: Values, instants: Float[np.ndarray, " k"]) -> Observation | None:
-        """As `run`, but None in place of compiling."""
+        """Predict as `run` does, but return None where something would have to be compiled."""
         segments = self._segments_of(record)
         for room in self._rooms:
             if room.segments >= segments:
@@ -112,7 +112,7 @@ class LiveRecord:
         return segments
 
     def _most(self, record: Record) -> Accuracy:
-        """The accuracy with room for all the steps that a record may take."""
+        """Accuracy with capacity for all steps that a record may take."""
         segments = self._segments_within(record)
         return with_room(
             Accuracy(ACCURACY, ACCURACY), self.setup, self.models, _power_of_two(segments), float(record.time[-1])
@@ -204,7 +204,7 @@ class LiveRecords:
         return redraw(record, found, instants)
 
     def redraw_at_once(self, name: str, settings: Settings, instants: Float[np.ndarray, " k"]) -> Redraw | None:
-        """As `redraw`, in milliseconds; None where something must be compiled first."""
+        """Redraw in milliseconds as `redraw` does, but return None where something must be compiled first."""
         record, lock = self._at(name, settings), self._locks[name]
         if name not in self._live or not lock.acquire(blocking=False):
             return None

@@ -11,7 +11,7 @@ from ..simulation import Inside, Observation
 from ..study import Record, cycles_a_second
 
 DRAWN = 4000
-"""Most samples of a record that are drawn."""
+"""Largest number of samples of a record that are drawn."""
 
 OVERVIEW, ENLARGED = 700, 2000
 """Number of instants at which the prediction is drawn, over the whole record and over the enlarged stretch."""
@@ -33,14 +33,14 @@ class Score(NamedTuple):
 
 
 class Redraw(NamedTuple):
-    """What is drawn of a record at some numbers, in SI."""
+    """Curves of a record at given parameters, in SI."""
 
     predicted: Float[np.ndarray, " samples"]
     """Prediction at the record's samples, with the offset."""
     residual: Float[np.ndarray, " samples"]
     """Measured minus predicted."""
     instants: Float[np.ndarray, " k"]
-    """Times [s] of what follows."""
+    """Times of `between` and `inside` [s]."""
     between: Float[np.ndarray, " k"]
     """Prediction at the instants, with the offset."""
     inside: Inside
@@ -50,7 +50,7 @@ class Redraw(NamedTuple):
 
 
 def redraw(record: Record, found: Observation, instants: Float[np.ndarray, " k"]) -> Redraw:
-    """What is drawn of `record` when its simulation has given `found`."""
+    """Compute the curves of `record` from its simulated observation `found`."""
     shown = np.asarray(found.shown)
     score = score_of(record, shown)
     zero = score.offset

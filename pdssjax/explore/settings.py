@@ -10,12 +10,12 @@ from .knobs import drive_numbers, inner_drive
 
 @dataclasses.dataclass(frozen=True)
 class Settings:
-    """All numbers of a page [SI]; immutable, so that threads may keep them."""
+    """All parameters of a page [SI]; immutable, so that threads may share them."""
 
     values: Mapping[str, float]
-    """Numbers of the parameters, by path."""
+    """Values of the study's parameters, by path."""
     drives: Mapping[str, Mapping[str, float]]
-    """Numbers of each record's drive, by the record's name and then by path, such as "drive.voltage"."""
+    """Parameters of each record's drive, by the record's name and then by path, such as "drive.voltage"."""
 
     def with_value(self, path: str, number: float) -> "Settings":
         """The settings with another number [SI] of a parameter."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..core import InputError, display_unit
+from ..core import InputError, display_unit, with_micro_sign
 from ..study import Record, Study
 from ..sweeps import Grid, driven_record, sweep
 from .background_job import Report
@@ -46,12 +46,12 @@ class SweepMap(NamedTuple):
     metrics: dict[str, tuple[str, Float[np.ndarray, " points"]]]
     """The label of each metric, with its unit, and its values in that unit; NaN where a point failed."""
     held: dict[str, float]
-    """The numbers [SI] that all points share, by path."""
+    """Parameters that all points share [SI], by path."""
     record: str
     """The record whose drive was varied."""
 
     def numbers(self, point: int) -> dict[str, float]:
-        """The numbers [SI] of a point, by path."""
+        """Parameters of a point [SI], by path."""
         return self.held | {path: float(axis.values[point]) for path, axis in self.axes.items()}
 
     def slice_of(self, shown: Sequence[str], point: int) -> Bool[np.ndarray, " points"]:
@@ -91,7 +91,7 @@ def _alone(data: "xarray.Dataset", axes: dict[str, MapAxis]) -> dict[str, float]
 
 def _axis(path: str, unit: str, values: Float[np.ndarray, " points"]) -> MapAxis:
     shown, scale = display_unit("" if unit == "1" else unit)
-    return MapAxis(path, shown.replace("um", "µm"), scale, values.astype(float))
+    return MapAxis(path, with_micro_sign(shown), scale, values.astype(float))
 
 
 def _metric(values: "xarray.DataArray") -> tuple[str, Float[np.ndarray, " points"]]:
@@ -99,7 +99,7 @@ def _metric(values: "xarray.DataArray") -> tuple[str, Float[np.ndarray, " points
     if values.name == "efficiency":
         unit, scale = "%", 100.0
     says = str(values.attrs["long_name"]).replace(" (3.1)", "")
-    label = says if unit in ("", "1") else f"{says} ({unit.replace('um', 'µm')})"
+    label = says if unit in ("", "1") else f"{says} ({with_micro_sign(unit)})"
     return label, scale * values.values.ravel().astype(float)
 
 
@@ -142,7 +142,7 @@ def _equal(numbers: Float[np.ndarray, " n"]) -> bool:
 
 
 def is_grid(data: SweepMap, shown: Sequence[str]) -> bool:
-    """Whether the points lie on a grid of the axes `shown`, or are a sample."""
+    """Whether the points lie on a grid over the axes `shown` (rather than being a random sample)."""
     counts = [np.unique(data.axes[path].values).size for path in shown]
     return math.prod(counts) <= next(iter(data.axes.values())).values.size
 
@@ -151,10 +151,10 @@ CYCLES = 5
 """Cycles of the motion that are shown at a point."""
 
 _INSTANTS = 1500
-"""Times at which these are drawn."""
+"""Number of instants at which the motion at a point is drawn."""
 
 _EACH_WAY = 9
-"""Voltages, and frequencies, of a small map."""
+"""Number of voltages, and of frequencies, of a small map."""
 
 
 class PointMotion(NamedTuple):

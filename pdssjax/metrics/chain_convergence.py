@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 TAILS = 0.05, 0.95
-"""Quantiles whose effective sample size is that of the tails."""
+"""Quantiles at which the effective sample size of the tails is evaluated."""
 
 
 def rhat(draws: Float[np.ndarray, "chains draws"]) -> float:
@@ -27,7 +27,7 @@ def rhat(draws: Float[np.ndarray, "chains draws"]) -> float:
 
 
 def effective_size(draws: Float[np.ndarray, "chains draws"]) -> float:
-    """Number of independent draws that say as much of the middle ("bulk"); NaN as for `rhat`."""
+    """Effective sample size of the middle of a distribution ("bulk"); NaN as for `rhat`."""
     halves = _halves(draws)
     return _effective(_normal_scores(halves)) if np.ptp(halves) > 0.0 else float("nan")
 
@@ -41,7 +41,7 @@ def effective_size_of_tails(draws: Float[np.ndarray, "chains draws"]) -> float:
 
 
 def _halves(draws: Float[np.ndarray, "chains draws"]) -> Float[np.ndarray, "halves half"]:
-    """Each chain as two; the middle draw of an odd number is left out."""
+    """Split each chain into two halves; the middle draw of an odd number is left out."""
     half = draws.shape[1] // 2
     if half < 2:
         return np.zeros((2 * draws.shape[0], 2))
@@ -49,7 +49,7 @@ def _halves(draws: Float[np.ndarray, "chains draws"]) -> Float[np.ndarray, "halv
 
 
 def _normal_scores(draws: Float[np.ndarray, "chains draws"]) -> Float[np.ndarray, "chains draws"]:
-    """Of the ranks among all draws; equal ones share the mean of their ranks."""
+    """Normal scores of the ranks among all draws; equal draws share the mean of their ranks."""
     _, place, count = np.unique(draws, return_inverse=True, return_counts=True)
     ranks = np.cumsum(count) - 0.5 * (count - 1)
     inverse = NormalDist().inv_cdf
@@ -58,7 +58,7 @@ def _normal_scores(draws: Float[np.ndarray, "chains draws"]) -> Float[np.ndarray
 
 
 def _variances(draws: Float[np.ndarray, "chains draws"]) -> tuple[float, float]:
-    """Within the chains, and of all."""
+    """Variance within the chains, and of all draws."""
     length = draws.shape[1]
     within = float(np.mean(np.var(draws, axis=1, ddof=1)))
     between = float(np.var(np.mean(draws, axis=1), ddof=1)) if draws.shape[0] > 1 else 0.0

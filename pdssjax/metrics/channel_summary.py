@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-_UNEVEN = 0.1
-"""Part of its mean step by which the steps of a clock may differ."""
+_LARGEST_UNEVENNESS = 0.1
+"""Largest range of the steps of a clock, as a fraction of their mean."""
 
-_RISES = 0.1
-"""Part of its range that a clock with too few digits goes on at once."""
+_LARGEST_STEP = 0.1
+"""Largest step of a clock with too few digits, as a fraction of its range."""
 
 
 @dataclass
@@ -18,31 +18,31 @@ class ChannelSummary:
     """Summary of one channel, built block by block; numbers are in its own `unit`."""
 
     number: int
-    """In the file, from 1."""
+    """Position in the file, from 1."""
     name: str
     unit: str
-    """As the file says it; "" where it does not."""
+    """Unit as the file gives it; "" where it gives none."""
     interval: float | None = None
-    """Of the clock that the file keeps for it [s]; None where there is none."""
+    """Sampling interval that the file gives for the channel [s]; None where there is none."""
     symbol: bool = False
-    """Its unit is but its name of one letter, which may be the symbol of something else."""
+    """The unit was taken from a name of one letter, which may be the symbol of something else."""
     samples: int = 0
     missing: int = 0
-    """Samples that are no numbers."""
+    """Number of samples that are no finite numbers."""
     low: float = math.inf
-    """The least of its numbers."""
+    """Smallest value."""
     high: float = -math.inf
-    """The greatest of them."""
+    """Largest value."""
     increases: bool = True
-    """Each sample is above the one before: it may be a clock."""
+    """Whether each sample is above the one before, as of a clock."""
     repeats: bool = False
-    """Some sample is the one before: a clock, where no sample is below, that has too few digits."""
+    """Whether a sample equals the one before, as of a clock with too few digits."""
     falls: bool = False
-    """Some sample is below the one before."""
+    """Whether a sample is below the one before."""
     shortest: float = math.inf
-    """The least step from one sample to the next, where there are several."""
+    """Smallest step from one sample to the next; infinite for fewer than two samples."""
     longest: float = -math.inf
-    """The greatest of them."""
+    """Largest step from one sample to the next."""
     first: float = math.nan
     last: float = math.nan
 
@@ -66,17 +66,17 @@ class ChannelSummary:
 
     @property
     def step(self) -> float | None:
-        """Mean step of a channel that may be a clock, in its `unit`; None of any other."""
+        """Mean step of a channel that may be a clock, in its `unit`; None for others."""
         counted = self.samples - self.missing
         return (self.last - self.first) / (counted - 1) if self.increases and counted > 2 else None
 
     @property
     def uneven(self) -> bool:
         """Whether a channel that may be a clock has steps that differ by more than a tenth of their mean."""
-        return self.step is not None and self.longest - self.shortest > _UNEVEN * self.step
+        return self.step is not None and self.longest - self.shortest > _LARGEST_UNEVENNESS * self.step
 
     @property
     def coarse(self) -> bool:
-        """Whether a channel would be a clock, had it more digits: it never falls, and shows few times twice."""
+        """Whether a channel may be a clock with too few digits: it never falls, and its steps are small."""
         rises = not self.falls and self.repeats and self.high > self.low
-        return rises and self.longest < _RISES * (self.high - self.low)
+        return rises and self.longest < _LARGEST_STEP * (self.high - self.low)

@@ -85,7 +85,7 @@ def _lags(time: Float[np.ndarray, " n"]) -> int:
 
 
 def grid_positions(time: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"] | None:
-    """Where samples lie on an even grid, in its intervals; None where `time` [s] is on no such grid.
+    """Integer positions of samples on an even grid; None where `time` [s] lies on no such grid.
 
     A gap in the record then stays a gap.
     """
@@ -164,50 +164,50 @@ def stationary_times(
     return np.fft.irfft(spectrum, 2 * length, axis=0)[positions]
 
 
-_ODDS = (0.4, 2.0, 20.0)
-"""a / (1 - a) where the search begins."""
+_FIRST_ODDS = (0.4, 2.0, 20.0)
+"""Starts of the search for a / (1 - a)."""
 
-_DURATIONS = 9
-"""Values of tau, the same."""
+_FIRST_DURATIONS = 9
+"""Number of starts of the search for tau, at equal ratios."""
 
-_TURNS = (1.0, 3.0, 9.0)
-"""w tau of noise that rings, the same."""
+_FIRST_TURNS = (1.0, 3.0, 9.0)
+"""Starts of the search for w tau of noise that rings."""
 
-_STEPS = (1.8, 1.35, 1.1)
-"""Factors by which a search goes on."""
+_REFINEMENT_FACTORS = (1.8, 1.35, 1.1)
+"""Factors between neighbouring points of the search, in the order in which it is refined."""
 
 _LEAST, _MOST = 1e-3, 1e7
-"""Of a / (1 - a)."""
+"""Bounds of a / (1 - a)."""
 
-_QUICKEST = 1e3
+_LARGEST_TURN = 1e3
 """Largest w tau."""
 
-_FEWEST = 16
-"""Samples from which noise may be anything but white."""
+_FEWEST_SAMPLES = 16
+"""Fewest samples for noise that is not white."""
 
-_STRETCH = 4096
-"""Samples that one filter goes through at most."""
+_LONGEST_STRETCH = 4096
+"""Most samples in one stretch, which one Kalman filter goes through."""
 
-_STRETCHES = 8
-"""Such stretches that are looked at, spread over the record: they tell enough."""
+_MOST_STRETCHES = 8
+"""Most stretches evaluated, spread over the record: more hardly change the estimate."""
 
-_AT_ONCE = 256
-"""Samples between which covariances are computed at once."""
+_BLOCK = 256
+"""Samples per block of the product with the covariance matrix."""
 
 
 class NoiseInTime(NamedTuple):
     """White noise plus slow noise, at any times."""
 
     variance: float
-    """s^2, in the unit of the noise squared."""
+    """Variance s^2 of a sample, in the unit of the noise squared."""
     share: float = 0.0
-    """a; 0 of white noise."""
+    """Share a of the slow noise in the variance; 0 for white noise."""
     duration: float = 1.0
-    """tau [s]"""
+    """Correlation time tau of the slow noise [s]."""
     pulsation: float = 0.0
-    """w [rad/s]; 0 of noise that does not ring."""
+    """Angular frequency w of noise that rings [rad/s]; 0 where it does not."""
     gain: float = 0.0
-    """By how much twice the logarithm of the likelihood exceeds that of white noise."""
+    """Twice the gain in log-likelihood over white noise."""
 
     @property
     def order(self) -> int:
@@ -236,7 +236,7 @@ class NoiseInTime(NamedTuple):
             return out
         scale, rate = self.variance * self.share, 1.0 / self.duration - 1j * self.pulsation
         kernel = lambda apart: np.exp(-rate * np.abs(apart))
-        blocks = [slice(begin, begin + _AT_ONCE) for begin in range(0, time.size, _AT_ONCE)]
+        blocks = [slice(begin, begin + _BLOCK) for begin in range(0, time.size, _BLOCK)]
         for rows in blocks:
             out[rows] += scale * kernel(time[rows, None] - time[rows]).real @ columns[rows]
         # All that lies before a block acts on it through one sum, which fades and turns; so does all that lies behind.
@@ -251,7 +251,7 @@ class NoiseInTime(NamedTuple):
 
 
 Noise: TypeAlias = StationaryNoise | NoiseInTime
-"""On an even grid, or at any times."""
+"""Noise of a record: `StationaryNoise` for samples on an even grid, `NoiseInTime` for samples at any times."""
 
 
 def noise_at(time: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"], freedom: float, most: int) -> Noise:
@@ -275,12 +275,12 @@ def noise_in_time(values: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"]
     size = float(np.mean(values**2)) if values.size else 0.0
     grown = values.size / max(freedom, 1.0)
     best, least = NoiseInTime(size * grown), 0.0
-    if values.size < _FEWEST or size <= 0.0:
+    if values.size < _FEWEST_SAMPLES or size <= 0.0:
         return best
     gaps, scaled, part = _stretches(time, values / np.sqrt(size))
     judge = lambda numbers: _deviances(gaps, scaled, numbers)
     price = 2.0 * np.log(np.log(max(freedom, 3.0)))
-    for turns in ((0.0,), _TURNS):
+    for turns in ((0.0,), _FIRST_TURNS):
         numbers = _lowest(judge, float(np.median(np.diff(time))), float(np.ptp(time)), turns)
         deviance, level = (float(found[0]) for found in judge(np.tile(numbers, (3**3, 1))))
         odds, duration, turn = map(float, numbers)
@@ -297,9 +297,9 @@ def _stretches(
 
     **Returns:** last, which part of all samples is in them.
     """
-    count = -(-values.size // _STRETCH)
+    count = -(-values.size // _LONGEST_STRETCH)
     size = values.size // count
-    chosen = np.unique(np.linspace(0, count - 1, min(count, _STRETCHES)).astype(int))
+    chosen = np.unique(np.linspace(0, count - 1, min(count, _MOST_STRETCHES)).astype(int))
     cut = lambda whole: whole[: count * size].reshape(count, size)[chosen]
     return cut(np.diff(time, prepend=time[0])), cut(values), chosen.size * size / values.size
 
@@ -311,16 +311,16 @@ def _lowest(
     turns: Sequence[float],
 ) -> Float[np.ndarray, " 3"]:
     """a / (1 - a), tau and w tau of the lowest deviance; 27 at a time, so that what judges them is compiled once."""
-    durations = np.geomspace(0.5 * shortest, 0.5 * longest, _DURATIONS)
-    begin = [np.array(list(itertools.product(_ODDS, durations, (turn,)))) for turn in turns]
-    low, high = np.array([_LEAST, 0.1 * shortest, 0.0]), np.array([_MOST, longest, _QUICKEST])
+    durations = np.geomspace(0.5 * shortest, 0.5 * longest, _FIRST_DURATIONS)
+    begin = [np.array(list(itertools.product(_FIRST_ODDS, durations, (turn,)))) for turn in turns]
+    low, high = np.array([_LEAST, 0.1 * shortest, 0.0]), np.array([_MOST, longest, _LARGEST_TURN])
 
     def best_of(batches: Sequence[Float[np.ndarray, "m 3"]]) -> tuple[float, Float[np.ndarray, " 3"]]:
         found = [(np.nan_to_num(np.asarray(judge(batch)[0]), nan=np.inf), batch) for batch in batches]
         return min(((float(np.min(d)), batch[int(np.argmin(d))]) for d, batch in found), key=lambda pair: pair[0])
 
     value, best = best_of(begin)
-    for step in _STEPS:
+    for step in _REFINEMENT_FACTORS:
         around = np.array(list(itertools.product((1.0 / step, 1.0, step), repeat=3)))
         while True:
             lower, there = best_of([np.clip(best * around, low, high)])

@@ -19,25 +19,25 @@ from ..core import InputError
 from .per_cycle import FLANK, cycle_metrics
 
 HARMONICS = 12
-"""Of the sawtooth that is compared with the record."""
+"""Number of harmonics of the sawtooth that is compared with the record."""
 
 LEAST_PER_CYCLE = 8
-"""Samples a cycle needs, for its slow flank to have a slope with a scatter."""
+"""Fewest samples per cycle: a slow flank needs a slope and a scatter."""
 
 TRENDS = (1, 5)
-"""Degrees of the polynomials that are taken off, the second only if the first leaves no clear sawtooth."""
+"""Degrees of the polynomial trends that are removed; the second only if the first leaves no clear sawtooth."""
 
 CLEAR_FIT = 0.5
-"""Share of the variance that a clear sawtooth explains."""
+"""Least share of the variance that a clear sawtooth explains."""
 
 LEAST_FIT = 0.2
-"""Share of the variance that a sawtooth must explain, for there to be cycles at all."""
+"""Least share of the variance that a sawtooth explains where there are cycles at all."""
 
 _LEAST_SLIP = 0.3
-"""Of the usual way against the slow flank within a hundredth of a cycle, below which there was no slip."""
+"""Least motion of a slip within a hundredth of a cycle, as a fraction of the usual one."""
 
 _LEAST_STROKE = 0.02
-"""Part of the record's largest stroke from which flanks may be those of the drive."""
+"""Least stroke of a flank of the drive, as a fraction of the record's largest stroke."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,19 +45,19 @@ class Cycles:
     """The complete cycles of a record, one after the other: each a slow flank and the slip at its end."""
 
     frequency: float
-    """Given, or else the one seen [Hz]."""
+    """Frequency that was given, or else `seen` [Hz]."""
     seen: float
     """Frequency by a line through the times of the slips [Hz]."""
     seen_error: float
-    """Its standard error [Hz]; infinite where fewer than two slips were located."""
+    """Standard error of `seen` [Hz]; infinite where fewer than two slips were located."""
     start: float
-    """When the first of the complete cycles begins, in the middle of a slip [s]."""
+    """Begin of the first complete cycle, in the middle of a slip [s]."""
     count: int
-    """How many complete cycles there are."""
+    """Number of complete cycles."""
     rejected: int
-    """How many further cycles were begun in the record, but incomplete or unlike the others."""
+    """Number of further cycles in the record that are incomplete or unlike the others."""
     falls: bool
-    """The slow flank falls: the drive is backward."""
+    """Whether the slow flank falls, as of a backward drive."""
     fit: float
     """Share of the variance of the complete cycles about their trend that the best sawtooth explains."""
 

@@ -39,7 +39,7 @@ Samples = Float[Array, " m"] | Float[np.ndarray, " m"]
 Number = Float[Array, ""] | float
 
 FLANK = (0.2, 0.8)
-"""The part of a slow flank that is fitted, in fractions of it; symmetric about its middle."""
+"""Fitted part of a slow flank, as fractions of it; symmetric about its middle."""
 
 PLATEAU = (0.75, 0.95)
 """The part whose line gives the output force; short of the end, since the drop's time is not known to a sample."""
@@ -220,11 +220,11 @@ class CycleDrift(NamedTuple):
     """Gain and stroke of a cycle, in the unit of the samples."""
 
     net: float
-    """From one cycle to the next, on average."""
+    """Mean displacement from one cycle to the next."""
     standard_error: float
-    """Of `net`, by the scatter of the samples; their noise is taken for independent."""
+    """Standard error of `net` from the scatter of the samples, with independent noise."""
     stroke: float
-    """Between the extremes, once the drift is taken out."""
+    """Range within a cycle after the drift is removed."""
 
 
 def drift_per_cycle(

@@ -14,32 +14,33 @@ from .voltage_flanks import frequency_of
 from .waveform_detection import begun, detect_waveform
 from .waveform_fits import Waveform
 
-_FOLLOWS = 0.97
-"""Share of the motion that the voltage explains from which a platform is taken to be seen."""
+_LEAST_EXPLAINED = 0.97
+"""Least share of the variance of a platform's motion that a straight line of the voltage explains."""
 
-_LOOSELY = 0.8
-"""Share of the motion that the voltage explains of a platform with hysteresis, where nothing can slip."""
+_LEAST_EXPLAINED_WITH_HYSTERESIS = 0.8
+"""Least share for a platform with hysteresis, under a voltage without fast flanks, where nothing can slip."""
 
-_STANDS = 0.02
-"""Part of its stroke that a motion may go on in a cycle and still stand where it began."""
+_NET_STEP_OF_SAWTOOTH = 0.02
+"""Largest net step of a motion that does not walk, as a fraction of its stroke, under a sawtooth."""
 
-_WALKS = 0.1
-"""Part of its stroke that an end-effector goes on in a cycle and walks, under a voltage that is no sawtooth."""
+_NET_STEP_OTHERWISE = 0.1
+"""The same under other voltages, which drive platforms more often, whose sensor may drift."""
 
-_EVENLY = 0.3
-"""Part of a net step by which steps may differ from phase to phase of a cycle."""
+_STEP_SCATTER = 0.3
+"""Largest scatter of the step from one cycle to the next over the phases of a cycle, as a fraction of that step."""
 
-_MOVES = 0.1
-"""Part of the voltage by which it changes in a quarter of a cycle where it moves the platform."""
+_LEAST_VOLTAGE_CHANGE = 0.1
+"""Least change of the voltage within a quarter of a cycle, as a fraction of its range, that moves the platform."""
 
-_UNLIKE = 0.04
-"""Part of a motion by which its begin differs from a cycle later where the drive starts with the record."""
+_ONSET_DEVIATION = 0.04
+"""Least deviation of the first samples from those a cycle later where the drive starts with the record, as a fraction
+of the motion's range."""
 
-_ROUNDED = 5e-4
-"""Part of a frequency found in a motion by which it may be rounded, if its error allows that."""
+_ROUNDING = 5e-4
+"""Largest relative change by rounding of a frequency found in a motion."""
 
 RUNNING = 2
-"""Cycles for which a drive that ran before the record is taken to have run."""
+"""Number of cycles assumed before a record whose drive was running already."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -109,11 +110,11 @@ def guess_record(
         seen = measures or "effector"
     else:
         waveform = detect_waveform(time, volts)
-        motion = _travelled(time, motion, volts, waveform) if velocity else motion
-        explained, leaves = _following(motion, volts)
-        seen = measures or _measured(waveform, explained, _walks(time, motion, volts, waveform), where)
+        motion = _displacement_of(time, motion, volts, waveform) if velocity else motion
+        explained, leaves = _line_of_voltage(motion, volts)
+        seen = measures or _measured_part(waveform, explained, _walks(time, motion, volts, waveform), where)
         if seen == "platform" and waveform.name == "sine" and waveform.begins == "running":
-            waveform = _set_in(time, motion, waveform)
+            waveform = _started_with_record(time, motion, waveform)
     against = volts is not None and _against(time, motion, volts, waveform, seen)
     resolution = resolution_of(measured)
     start = waveform.start
@@ -134,13 +135,13 @@ def guess_record(
     )
 
 
-def _travelled(
+def _displacement_of(
     time: Float[np.ndarray, " n"],
     speed: Float[np.ndarray, " n"],
     volts: Float[np.ndarray, " n"],
     waveform: Waveform,
 ) -> Float[np.ndarray, " n"]:
-    """The way [m] of a velocity [m/s], which nothing but the record tells the zero of."""
+    """Integrate a velocity [m/s] to a displacement [m], with the zero of its sensor taken from the record itself."""
     early = time - waveform.start if waveform.begins == "seen" else time - time[0]
     held = np.where(early > 0.0, waveform.numbers["voltage"], 0.0) if waveform.name == "step" else volts
     zero = rest_of(early, speed, held, returns=True)
@@ -161,8 +162,10 @@ def _against(
 
 
 def gain_of(guess: RecordGuess) -> float:
-    """How far the platform moves with a volt [m/V], roughly; of an end-effector, while it sticks to it.  NaN without
-    a recorded voltage, and where that of an end-effector does not repeat."""
+    """Rough gain of the platform [m/V], from its own motion or from that of an end-effector while it sticks.
+
+    NaN without a recorded voltage, and for an end-effector under a voltage that does not repeat.
+    """
     if guess.volts is None:
         return math.nan
     if guess.measures == "platform":
@@ -173,17 +176,21 @@ def gain_of(guess: RecordGuess) -> float:
     # A quarter of a period later is on the same slow flank, for most samples; plateaus tell nothing.
     quarter = max(1, round(0.25 / frequency / float(np.median(np.diff(guess.time)))))
     motion, volts = (np.abs(c[quarter:] - c[:-quarter]) for c in (guess.motion, guess.volts))
-    moves = volts > _MOVES * np.ptp(guess.volts)
+    moves = volts > _LEAST_VOLTAGE_CHANGE * np.ptp(guess.volts)
     return float(np.median(motion[moves]) / np.median(volts[moves])) if moves.any() else math.nan
 
 
-def _measured(waveform: Waveform, explained: float, walks: bool, where: str) -> str:
-    """What a motion of which the voltage explains a share, and that walks or not, is of: platform or effector."""
-    if waveform.name == "step" or explained > _FOLLOWS:
+def _measured_part(waveform: Waveform, explained: float, walks: bool, where: str) -> str:
+    """Tell whether a motion is that of the platform or of the end-effector.
+
+    **Arguments:** `explained` is the share of its variance that the voltage explains, `walks` whether it goes on from
+    cycle to cycle.
+    """
+    if waveform.name == "step" or explained > _LEAST_EXPLAINED:
         return "platform"
-    if walks and (waveform.has_fast_flanks or explained < _LOOSELY):
+    if walks and (waveform.has_fast_flanks or explained < _LEAST_EXPLAINED_WITH_HYSTERESIS):
         return "effector"
-    if not waveform.has_fast_flanks and explained > _LOOSELY:
+    if not waveform.has_fast_flanks and explained > _LEAST_EXPLAINED_WITH_HYSTERESIS:
         return "platform"
     raise InputError(
         f"{where}: found a motion of which the voltage ({waveform.name}) explains {100 * max(explained, 0.0):.0f} %, "
@@ -194,7 +201,7 @@ def _measured(waveform: Waveform, explained: float, walks: bool, where: str) -> 
 def _walks(
     time: Float[np.ndarray, " n"], motion: Float[np.ndarray, " n"], volts: Float[np.ndarray, " n"], waveform: Waveform
 ) -> bool:
-    """Whether a motion goes on from cycle to cycle, beside what the voltage makes of it."""
+    """Whether a motion has a net step per cycle besides the part that follows the voltage."""
     frequency = waveform.numbers.get("frequency") or frequency_of(time, volts)
     if frequency is None:
         return False
@@ -202,23 +209,25 @@ def _walks(
     _, speed, follows = np.linalg.lstsq(design, motion, rcond=None)[0]
     net, stroke = abs(speed) / frequency, abs(follows) * np.ptp(volts)
     if waveform.has_fast_flanks:
-        return bool(net > _STANDS * stroke)
+        return bool(net > _NET_STEP_OF_SAWTOOTH * stroke)
     # Other voltages are those of platforms more often, whose sensor may drift.
-    return bool(net > _WALKS * stroke) and _steps_evenly(time, motion, frequency)
+    return bool(net > _NET_STEP_OTHERWISE * stroke) and _steps_evenly(time, motion, frequency)
 
 
 def _steps_evenly(time: Float[np.ndarray, " n"], motion: Float[np.ndarray, " n"], frequency: float) -> bool:
-    """Whether a motion is the same a cycle later, but for a step that is nearly the same at any phase."""
+    """Whether the step of a motion from one cycle to the next is nearly the same at every phase."""
     later = time + 1.0 / frequency
     within = later <= time[-1]
     if not within.any():
         return False
     steps = np.interp(later[within], time, motion) - motion[within]
-    return bool(np.median(np.abs(steps - np.median(steps))) < _EVENLY * abs(np.median(steps)))
+    return bool(np.median(np.abs(steps - np.median(steps))) < _STEP_SCATTER * abs(np.median(steps)))
 
 
-def _set_in(time: Float[np.ndarray, " n"], motion: Float[np.ndarray, " n"], waveform: Waveform) -> Waveform:
-    """A sine that starts with the record, at its phase there, where the motion tells that it did not run before.
+def _started_with_record(
+    time: Float[np.ndarray, " n"], motion: Float[np.ndarray, " n"], waveform: Waveform
+) -> Waveform:
+    """Let a sine start with the record, at its phase there, if the motion shows that it did not run before.
 
     Then the first samples are unlike those a cycle later, which are like those of the next cycle.
     """
@@ -228,7 +237,7 @@ def _set_in(time: Float[np.ndarray, " n"], motion: Float[np.ndarray, " n"], wave
     early = time[time < time[0] + 0.05 / frequency]
     shown = [np.interp(early + cycle / frequency, time, motion) for cycle in range(3)]
     first, later = (float(np.max(np.abs(a - b))) for a, b in ((shown[0], shown[1]), (shown[1], shown[2])))
-    if first < _UNLIKE * np.ptp(motion) or first < 4.0 * later:
+    if first < _ONSET_DEVIATION * np.ptp(motion) or first < 4.0 * later:
         return waveform
     phase = 2.0 * math.pi * math.remainder((float(time[0]) - waveform.start) * frequency, 1.0)
     return dataclasses.replace(
@@ -250,7 +259,7 @@ def _by_motion(
         falls, left = cycles.falls, 1.0 - cycles.fit
         middle = cycles.count // 2
         slip = cycles.start + middle / cycles.seen
-        frequency = frequency or _plainest(cycles.seen, min(2.0 * cycles.seen_error, _ROUNDED * cycles.seen))
+        frequency = frequency or _plainest(cycles.seen, min(2.0 * cycles.seen_error, _ROUNDING * cycles.seen))
     numbers = {"voltage": peak, "frequency": frequency}
     direction = "backward" if falls else "forward"
     found = Waveform("sawtooth", numbers, direction, slip, "running", math.sqrt(max(left, 0.0)))
@@ -267,29 +276,29 @@ def _plainest(value: float, tolerance: float) -> float:
     return value
 
 
-def _following(motion: Float[np.ndarray, " n"], volts: Float[np.ndarray, " n"]) -> tuple[float, float]:
-    """What a line of the voltage explains of a motion, r2, and what it leaves, in parts of the motion."""
+def _line_of_voltage(motion: Float[np.ndarray, " n"], volts: Float[np.ndarray, " n"]) -> tuple[float, float]:
+    """Fit a straight line of the voltage to a motion: r2, and the rms residual as a fraction of the motion's range."""
     straight = np.stack([np.ones(volts.size), volts], axis=1)
     left = motion - straight @ np.linalg.lstsq(straight, motion, rcond=None)[0]
     explained = 1.0 - float(np.var(left) / (np.var(motion) or 1.0))
     return explained, float(np.std(left) / (np.ptp(motion) or 1.0))
 
 
-_CLEAR = -0.7
-"""Correlation of motion and voltage, both without their lines in time, below which a motion goes against it."""
+_OPPOSED_CORRELATION = -0.7
+"""Correlation of detrended motion and voltage below which the motion goes against the voltage."""
 
-_MOST = 0.75
-"""Share of the cycles in which an end-effector goes against the voltage where its sensor counts the other way."""
+_OPPOSED_SHARE = 0.75
+"""Least share of cycles against the voltage for an end-effector whose sensor counts the other way."""
 
-_LATE = 0.5, 0.95
-"""Parts of a cycle, from one fast flank to the next, between which the slow one is looked at."""
+_SLOW_FLANK = 0.5, 0.95
+"""Part of a cycle, from one fast flank to the next, in which the slow flank is evaluated."""
 
 
 def goes_against(
     time: Float[np.ndarray, " n"], motion: Float[np.ndarray, " n"], volts: Float[np.ndarray, " n"]
 ) -> bool:
-    """Whether `motion` [m] goes against `volts` [V] at `time` [s], of a platform or of what follows it."""
-    return _correlation(time, motion, volts) < _CLEAR
+    """Whether the `motion` [m] of a platform, or of what follows it, goes against `volts` [V] at `time` [s]."""
+    return _correlation(time, motion, volts) < _OPPOSED_CORRELATION
 
 
 def rides_against(
@@ -305,24 +314,24 @@ def rides_against(
 
     **Arguments:** a fast flank begins every `period` [s] from the `start` [s] on.
     """
-    first = math.ceil((time[0] - start) / period - _LATE[0])
-    cycles = np.arange(max(first, 0), math.floor((time[-1] - start) / period - _LATE[1]) + 1)
+    first = math.ceil((time[0] - start) / period - _SLOW_FLANK[0])
+    cycles = np.arange(max(first, 0), math.floor((time[-1] - start) / period - _SLOW_FLANK[1]) + 1)
     if not cycles.size:
         return goes_against(time, motion, volts)
     # Samples within: between two of them may lie the fast flank.
-    early, late = (start + (cycles + part) * period for part in _LATE)
+    early, late = (start + (cycles + part) * period for part in _SLOW_FLANK)
     firsts, lasts = np.searchsorted(time, early), np.searchsorted(time, late, side="right") - 1
     within = lasts > firsts
     if not within.any():
         return goes_against(time, motion, volts)
     ways = [column[lasts[within]] - column[firsts[within]] for column in (motion, volts)]
-    return bool(np.mean(ways[0] * ways[1] < 0) > _MOST)
+    return bool(np.mean(ways[0] * ways[1] < 0) > _OPPOSED_SHARE)
 
 
 def _correlation(
     time: Float[np.ndarray, " n"], motion: Float[np.ndarray, " n"], volts: Float[np.ndarray, " n"]
 ) -> float:
-    """Of motion and voltage, both without their lines in time; 0 where one of them is a line."""
+    """Correlation of motion and voltage after a linear detrend in time; 0 where nothing is left of one of them."""
     line = np.stack([np.ones(time.size), time - time.mean()], axis=1)
     bent = [column - line @ np.linalg.lstsq(line, column, rcond=None)[0] for column in (motion, volts)]
     size = [float(np.linalg.norm(column)) for column in bent]

@@ -33,7 +33,7 @@ def r_squared(measured: Float[np.ndarray, " n"], predicted: Float[np.ndarray, " 
 
 
 _OFF_GRID = 0.02
-"""Samples by which a cycle may differ from a whole number of them, over the record, to have equal phases."""
+"""Largest drift of the phase over a record, in samples, for samples of all cycles to share their phases."""
 
 
 class LackOfFit(NamedTuple):
@@ -44,7 +44,7 @@ class LackOfFit(NamedTuple):
     misfit: float
     """Root mean square of what repeats beyond what noise leaves of it, in the record's unit; 0 where it is none."""
     sigmas: float
-    """How far the mean squares between and within phases are from alike, in standard deviations of chance."""
+    """Difference of the mean squares between and within phases, as a normal deviate."""
 
 
 class CycleSplit(NamedTuple):
@@ -54,7 +54,7 @@ class CycleSplit(NamedTuple):
     """
 
     group: Int[np.ndarray, " n"]
-    """The phase that each sample belongs to; -1 where the residual is not finite."""
+    """Index of the phase of each sample; -1 where the residual is not finite."""
     sizes: Int[np.ndarray, " phases"]
     """Samples at each phase."""
     mean: Float[np.ndarray, " phases"]
@@ -129,7 +129,7 @@ def _independent(split: CycleSplit, time: Float[np.ndarray, " n"]) -> float:
 
 
 def _sigmas(between: float, within: float, above: float, below: float) -> float:
-    """How unlikely a ratio of mean squares is, as a normal deviate (E. Paulson, Ann. Math. Statist. 13, 1942)."""
+    """Express a ratio of mean squares as a normal deviate (E. Paulson, Ann. Math. Statist. 13, 1942)."""
     if within <= 0.0:
         return float("inf") if between > 0.0 else 0.0
     root = (between / within) ** (1.0 / 3.0)
@@ -138,16 +138,16 @@ def _sigmas(between: float, within: float, above: float, below: float) -> float:
 
 
 class ResidualSplit(NamedTuple):
-    """Of n samples."""
+    """Residuals of n samples, split into what repeats every cycle and the rest."""
 
     cycles: CycleSplit | None
     """The mean over the cycles at each phase; None where the record does not repeat."""
     rest: Float[np.ndarray, " n"]
     """What does not repeat, enlarged for the means taken out; all of it where the record does not repeat."""
     noise: Noise
-    """What `rest` is a sample of."""
+    """Model of the noise in `rest`."""
     freedom: float
-    """Its degrees of freedom."""
+    """Degrees of freedom of `rest`."""
 
 
 def split_residuals(
@@ -156,7 +156,7 @@ def split_residuals(
     frequency: float | None,
     freedom: float = float("inf"),
 ) -> ResidualSplit:
-    """The `residual` of a record, sampled at `time` [s], split; NaN is left out.
+    """Split the `residual` of a record at `time` [s] into what repeats every cycle and the rest; NaN is left out.
 
     **Arguments:** cycles of the drive a second [Hz], None where it does not repeat; the `freedom` that a fit leaves of
     the samples, where nothing repeats: variances grow by what it has taken out.
@@ -172,23 +172,24 @@ def split_residuals(
     return ResidualSplit(cycles, cycles.rest, noise, samples)
 
 
-_LONGEST = 5
-"""Samples in a row that may be a glitch; longer ones are misfit."""
+_LONGEST_GLITCH = 5
+"""Most samples in a row that count as a glitch; longer runs are misfit."""
 
-_SIGMAS = 7.0
-"""Robust standard deviations from which a sample stands out: of normal noise one in 4e11."""
+_OUTLIER_SIGMAS = 7.0
+"""Robust standard deviations beyond which a sample stands out, as one in 4e11 of normal noise does."""
 
-_TO_DEVIATION = 1.4826
-"""Standard deviation of normal noise over the median of its sizes."""
+_STD_OVER_MEDIAN = 1.4826
+"""Ratio of the standard deviation of normal noise to the median of its absolute values."""
 
-_BESIDE = 0.2
-"""Share of a glitch by which the samples on either side of it may be off."""
+_NEIGHBOUR_SHARE = 0.2
+"""Largest residual beside a glitch, as a fraction of the glitch."""
 
-_SHIFTED = 0.4
-"""Share of a residual left by a shift in time that explains it; in a steep motion one of a glitch leaves a half."""
+_SHIFT_LEAVES = 0.4
+"""Largest fraction of a residual that a shift in time may leave to explain it; for a glitch in a steep motion a half is
+left."""
 
-_AROUND = 2
-"""Samples on either side that a shift must not throw off."""
+_SHIFT_CONTEXT = 2
+"""Samples on either side that a shift in time has to explain, too."""
 
 
 def outliers(
@@ -217,58 +218,58 @@ def outliers(
             members = split.group == phase
             changes.append(np.diff(left[members]))
             left[members] -= np.median(left[members])
-    scale = _TO_DEVIATION * max(_middle(left[finite]), _middle(np.concatenate(changes)) / np.sqrt(2.0))
+    scale = _STD_OVER_MEDIAN * max(_median_size(left[finite]), _median_size(np.concatenate(changes)) / np.sqrt(2.0))
     if scale <= 0.0:
         return np.zeros(0, int)
-    far = np.abs(np.nan_to_num(left)) > max(_SIGMAS * scale, resolution_of(measured[finite]) or 0.0)
+    far = np.abs(np.nan_to_num(left)) > max(_OUTLIER_SIGMAS * scale, resolution_of(measured[finite]) or 0.0)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], far, [False]]).astype(int)))
     runs = [np.arange(begin, end) for begin, end in zip(edges[::2], edges[1::2], strict=True)]
-    short = [run for run in runs if run.size <= _LONGEST]
+    short = [run for run in runs if run.size <= _LONGEST_GLITCH]
     glitches = [run for run in short if _is_alone(left, run) and not _is_shifted(left, predicted, run)]
     return np.concatenate([np.zeros(0, int), *glitches])
 
 
-def _middle(deviations: Float[np.ndarray, " k"]) -> float:
-    """Median of the sizes."""
+def _median_size(deviations: Float[np.ndarray, " k"]) -> float:
+    """Median of the absolute values; 0 of none."""
     return float(np.median(np.abs(deviations))) if deviations.size else 0.0
 
 
 def _is_alone(left: Float[np.ndarray, " n"], run: Int[np.ndarray, " k"]) -> bool:
-    """The samples on either side are hardly off: a smooth misfit leaves them off, too."""
+    """Whether the samples beside a run fit: next to a smooth misfit they do not."""
     beside = left[[i for i in (int(run[0]) - 1, int(run[-1]) + 1) if 0 <= i < left.size]]
-    return float(np.nanmax(np.abs(beside), initial=0.0)) < _BESIDE * float(np.max(np.abs(left[run])))
+    return float(np.nanmax(np.abs(beside), initial=0.0)) < _NEIGHBOUR_SHARE * float(np.max(np.abs(left[run])))
 
 
 def _is_shifted(left: Float[np.ndarray, " n"], predicted: Float[np.ndarray, " n"], run: Int[np.ndarray, " k"]) -> bool:
-    """The prediction some samples earlier or later would leave little there, and of the samples around."""
+    """Whether the prediction a few samples earlier or later explains a run and the samples around it."""
     places = np.arange(left.size)
-    around = places[max(run[0] - _AROUND, 0) : run[-1] + _AROUND + 1]
+    around = places[max(run[0] - _SHIFT_CONTEXT, 0) : run[-1] + _SHIFT_CONTEXT + 1]
     sizes = [
         np.nanmax(np.abs(left[around] + predicted[around] - np.interp(around + shift, places, predicted)))
-        for shift in np.arange(-_LONGEST, _LONGEST + 0.5, 0.5)
+        for shift in np.arange(-_LONGEST_GLITCH, _LONGEST_GLITCH + 0.5, 0.5)
     ]
-    return min(sizes) < _SHIFTED * float(np.max(np.abs(left[run])))
+    return min(sizes) < _SHIFT_LEAVES * float(np.max(np.abs(left[run])))
 
 
-_SLIPPING = 0.2
-"""Part of the largest rate from which on a motion slips."""
+_SLIP_OF_LARGEST = 0.2
+"""Least rate of a slip, as a fraction of the largest rate."""
 
-_FASTER = 5.0
-"""Times the usual rate that it is, at least."""
+_SLIP_OF_MEDIAN = 5.0
+"""Least rate of a slip, as a multiple of the median rate."""
 
-_LEAST = 6
-"""Samples in slips."""
+_FEWEST_SLIP_SAMPLES = 6
+"""Fewest samples in slips that determine their delay."""
 
 
 class SlipDelay(NamedTuple):
     """Delay of all slips of a record together."""
 
     delay: float
-    """By how much later than predicted they come [s]."""
+    """Measured less predicted time of the slips [s]."""
     standard_error: float
     """[s]"""
     explains: float
-    """Share of the sum of squares that is left in the slips, about its mean, that this delay explains [1]."""
+    """Share of the residuals' sum of squares within slips, about their mean, that the delay explains [1]."""
 
 
 def slip_delay(
@@ -280,8 +281,8 @@ def slip_delay(
     """
     rate = np.gradient(predicted, time)
     fast, usual = float(np.max(np.abs(rate))), float(np.median(np.abs(rate)))
-    slips = (np.abs(rate) > max(_SLIPPING * fast, _FASTER * usual)) & np.isfinite(residual)
-    if np.count_nonzero(slips) < _LEAST:
+    slips = (np.abs(rate) > max(_SLIP_OF_LARGEST * fast, _SLIP_OF_MEDIAN * usual)) & np.isfinite(residual)
+    if np.count_nonzero(slips) < _FEWEST_SLIP_SAMPLES:
         return None
     moves, left = rate[slips] - np.mean(rate[slips]), residual[slips] - np.mean(residual[slips])
     size = float(moves @ moves)

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 _KERNEL_REACH = 5.0
-"""Standard deviations that the kernel reaches to each side."""
+"""Reach of the kernel to each side, in standard deviations."""
 
 
 def smoothed(samples: Float[np.ndarray, " n"], width: float) -> Float[np.ndarray, " n"]:
@@ -27,10 +27,10 @@ def smoothed(samples: Float[np.ndarray, " n"], width: float) -> Float[np.ndarray
 
 
 _FILTER_REACH = 16
-"""New samples on each side that the filter takes."""
+"""Reach of the low-pass to each side, in new samples."""
 
-_MIDDLE = 0.411
-"""Of the filter's flank, in new sampling rates."""
+_CUTOFF = 0.411
+"""Middle of the low-pass's flank, in units of the new sampling rate."""
 
 _BETA = 8.6
 
@@ -42,7 +42,7 @@ def decimated(samples: Float[np.ndarray, "samples columns"], by: int) -> Float[n
     """
     reach = _FILTER_REACH * by
     around = np.arange(-reach, reach + 1)
-    kernel = np.sinc(2.0 * _MIDDLE * around / by) * np.kaiser(2 * reach + 1, _BETA)
+    kernel = np.sinc(2.0 * _CUTOFF * around / by) * np.kaiser(2 * reach + 1, _BETA)
     kernel /= kernel.sum()
     if len(samples) < kernel.size:
         return samples[:0]
@@ -50,25 +50,25 @@ def decimated(samples: Float[np.ndarray, "samples columns"], by: int) -> Float[n
     return windows @ kernel
 
 
-_FEWEST = 8
-"""Samples whose mean is taken for a zero."""
+_FEWEST_AT_REST = 8
+"""Fewest samples whose mean serves as a zero."""
 
-_RESTS = 1e-3
-"""Part of the largest voltage by which it may vary where the rig is taken to rest."""
+_RESTING_RANGE = 1e-3
+"""Largest range of the voltage while the rig rests, as a fraction of the largest voltage."""
 
 
 def rest_of(
     time: Float[np.ndarray, " n"], speed: Float[np.ndarray, " n"], volts: Float[np.ndarray, " n"], returns: bool
 ) -> float | None:
-    """What the sensor of a velocity `speed` [m/s] shows of a thing at rest [m/s].
+    """Zero of a velocity sensor [m/s]: what it shows of a thing at rest, from a record `speed` [m/s].
 
     Before the drive, which starts at `time` 0 [s]; or at the end, where the voltage `volts` [V] holds; or on average,
     of what `returns` to where it began.  None where no part of the record tells it.
     """
-    late = volts[-max(volts.size // 5, _FEWEST) :]
-    if np.sum(time < 0) >= _FEWEST:
+    late = volts[-max(volts.size // 5, _FEWEST_AT_REST) :]
+    if np.sum(time < 0) >= _FEWEST_AT_REST:
         rests = speed[time < 0]
-    elif np.ptp(late) <= _RESTS * np.max(np.abs(volts)):
+    elif np.ptp(late) <= _RESTING_RANGE * np.max(np.abs(volts)):
         rests = speed[-late.size :]
     elif returns:
         rests = speed

@@ -11,23 +11,23 @@ import math
 import numpy as np
 from jaxtyping import Bool, Float
 
-_FAR = 3.0
-"""Standard deviations from which a second difference counts as motion, not noise."""
+_MOTION_SIGMAS = 3.0
+"""Second differences beyond this many standard deviations count as motion, not noise."""
 
-_KEPT = 0.98658
-"""Standard deviation of a normal variable cut off there."""
+_TRUNCATED_STD = 0.98658
+"""Standard deviation of a standard normal variable truncated at `_MOTION_SIGMAS`."""
 
-_BEND = float(np.sqrt(6.0))
+_SECOND_DIFFERENCE_STD = float(np.sqrt(6.0))
 """Standard deviation of a second difference of white noise of standard deviation 1."""
 
 _FEWEST_TURNS = 8
-"""Turns from one sample to the next from which a voltage flickers."""
+"""Least number of reversals between neighbouring samples in a voltage that flickers."""
 
 _TURNING = 0.005
-"""Share of the samples that turn in a voltage that flickers, at least."""
+"""Least share of samples at a reversal in a voltage that flickers."""
 
-_EXACT = 1e-8
-"""Part of the samples' standard deviation that no sensor resolves: one of 0.1 nm does 1e-8 of a way of 1 cm."""
+_LEAST_RELATIVE_NOISE = 1e-8
+"""Smallest noise as a fraction of the samples' standard deviation: a sensor of 0.1 nm over a way of 1 cm."""
 
 
 def neighbour_scatter(values: Float[np.ndarray, " n"]) -> float:
@@ -40,11 +40,11 @@ def neighbour_scatter(values: Float[np.ndarray, " n"]) -> float:
     if values.size < 8:
         return float(np.std(values))
     bends = np.abs(np.diff(values, 2))
-    spread = _typical(bends)
+    spread = _std_from_median(bends)
     for _ in range(20):
-        near = bends[bends <= _FAR * spread] if spread > 0 else bends
-        spread = float(np.sqrt(np.mean(near**2))) / _KEPT
-    return spread / _BEND
+        near = bends[bends <= _MOTION_SIGMAS * spread] if spread > 0 else bends
+        spread = float(np.sqrt(np.mean(near**2))) / _TRUNCATED_STD
+    return spread / _SECOND_DIFFERENCE_STD
 
 
 def scatter_between_corners(values: Float[np.ndarray, " n"]) -> float:
@@ -53,11 +53,11 @@ def scatter_between_corners(values: Float[np.ndarray, " n"]) -> float:
     By the median alone, which stays 0 where nothing but corners scatters.  Each sample next to a corner raises it: 43 %
     too much where a quarter are.  Of fewer than four values, 0.
     """
-    return _typical(np.abs(np.diff(values, 2))) / _BEND if values.size > 3 else 0.0
+    return _std_from_median(np.abs(np.diff(values, 2))) / _SECOND_DIFFERENCE_STD if values.size > 3 else 0.0
 
 
 def flicker_of(volts: Float[np.ndarray, " n"]) -> float:
-    """How far a voltage jumps to and fro between neighbouring samples, in its unit; 0 where it hardly does.
+    """Amplitude of the jumps of a voltage to and fro between neighbouring samples, in its unit; 0 where they are rare.
 
     That is one step of a converter that flickers between two, however seldom, and 1.7 standard deviations of white
     noise.  A voltage without noise turns at its corners alone.
@@ -74,11 +74,11 @@ def scatter_floor(measured: Float[np.ndarray, " samples"]) -> float:
     scatter = neighbour_scatter(measured)
     if measured.size < 8:
         return scatter or 1e-9
-    return max(scatter, _EXACT * float(np.std(measured)), 1e-12)
+    return max(scatter, _LEAST_RELATIVE_NOISE * float(np.std(measured)), 1e-12)
 
 
-def _typical(bends: Float[np.ndarray, " n"]) -> float:
-    """The standard deviation of normal numbers of these sizes, by their median."""
+def _std_from_median(bends: Float[np.ndarray, " n"]) -> float:
+    """Estimate the standard deviation of normal deviates from the median of their absolute values."""
     return 1.4826 * float(np.median(bends))
 
 
@@ -143,48 +143,51 @@ def _moves(voltage: Float[np.ndarray, " n"] | None, first: int, count: int) -> b
     return bool(np.ptp(middle) > _MOVED * np.ptp(voltage))
 
 
-_LARGE = 1.5
-"""Steps, in counts of the sensor, that are motion and no rounding."""
+_LEAST_MOTION_STEP = 1.5
+"""Least step that is motion and not rounding, in counts of the sensor."""
 
-_FEWEST = 10
-"""Runs of equal samples between such steps from which it is said."""
+_FEWEST_RUNS = 10
+"""Least number of runs of equal samples, each between two large steps, to conclude that a sensor holds values."""
 
-_ALIKE = 0.9
-"""Share of them that must be as long as most, or a sample longer, as where sensor and digitiser are not in step."""
+_USUAL_LENGTH_SHARE = 0.9
+"""Least share of these runs with the usual length, or one sample more where sensor and digitiser are not in step."""
 
-_SOONER = 0.01
-"""Share of all steps, small ones, too, that may come sooner after the one before."""
+_EARLY_STEP_SHARE = 0.01
+"""Largest share of all steps, small ones included, that may come sooner than a held value allows."""
 
-_LONGEST = 8
-"""Samples that a value is held for at most; a square wave rests for longer."""
+_LONGEST_HOLD = 8
+"""Most samples for which a value is held; a square wave rests for longer."""
 
-_BETWEEN = 0.02
-"""Part of a sample by which the mean run differs from a whole number of them where sensor and digitiser are not in
-step."""
+_OUT_OF_STEP = 0.02
+"""Deviation of the mean run from a whole number of samples that shows sensor and digitiser to be out of step."""
 
-_GOES_ON = 0.05
-"""Share of the large steps that go on in the direction of the one before; a sampled square wave only alternates."""
+_CONTINUING_SHARE = 0.05
+"""Least share of large steps in the direction of the step before; a sampled square wave only alternates."""
 
 
 def held_for(measured: Float[np.ndarray, " samples"]) -> float | None:
-    """For how many samples a sensor shows each value, on average, in a record of them; None for a new one at each."""
+    """Mean number of samples for which a sensor holds each value; None where every sample is a new value."""
     steps = np.diff(measured)
     places = np.flatnonzero(steps)
-    if places.size <= _FEWEST:
+    if places.size <= _FEWEST_RUNS:
         return None
     sizes = np.abs(steps[places])
-    large = sizes > _LARGE * max(resolution_of(measured) or 0.0, float(np.percentile(sizes, 10.0)))
+    large = sizes > _LEAST_MOTION_STEP * max(resolution_of(measured) or 0.0, float(np.percentile(sizes, 10.0)))
     both = large[1:] & large[:-1]
     lengths, turns = np.diff(places)[both], np.diff(np.sign(steps[places]))[both]
-    if lengths.size < _FEWEST:
+    if lengths.size < _FEWEST_RUNS:
         return None
     usual = int(np.percentile(lengths, 5.0))
-    if not 2 <= usual <= _LONGEST or np.mean(turns == 0.0) < _GOES_ON or np.mean(np.diff(places) < usual) > _SOONER:
+    if (
+        not 2 <= usual <= _LONGEST_HOLD
+        or np.mean(turns == 0.0) < _CONTINUING_SHARE
+        or np.mean(np.diff(places) < usual) > _EARLY_STEP_SHARE
+    ):
         return None
     once = (lengths == usual) | (lengths == usual + 1)
     # A new value may be the old one where little moves.
     several = lengths % usual == 0
-    if np.mean(once) < 0.5 * _ALIKE or np.mean(once | several) < _ALIKE:
+    if np.mean(once) < 0.5 * _USUAL_LENGTH_SHARE or np.mean(once | several) < _USUAL_LENGTH_SHARE:
         return None
     return float(np.mean(lengths[once]))
 
@@ -195,7 +198,7 @@ def held_in_words(measured: Float[np.ndarray, " samples"]) -> str:
     if every is None:
         return ""
     cure = f"write held = {every:.0f} in its [[record]]"
-    if abs(every - round(every)) > _BETWEEN:
+    if abs(every - round(every)) > _OUT_OF_STEP:
         cure = "read it at the rate at which the sensor shows new ones"
     return (
         f"a new value at every {every:.2g} samples only, and the one before in between, as of a sensor that holds its "
@@ -204,7 +207,7 @@ def held_in_words(measured: Float[np.ndarray, " samples"]) -> str:
 
 
 def fresh_samples(measured: Float[np.ndarray, " samples"], every: int) -> Bool[np.ndarray, " samples"]:
-    """Which samples are the first of a value, where a sensor shows a new one at `every` so many of them."""
+    """Mark the first sample of each value of a sensor that shows a new value once in `every` samples."""
     changes = np.flatnonzero(np.diff(measured)) + 1
     first = int(np.argmax(np.bincount(changes % every, minlength=every)))
     return np.arange(measured.size) % every == first

@@ -19,36 +19,36 @@ from jaxtyping import Float
 from .sensor_samples import scatter_between_corners
 from .voltage_flanks import Samples
 
-_TRIED = (0.3, 0.8, 1.3, 1.8, 2.4)
-"""Sampling intervals from which the duration of a flank is looked for."""
+_FIRST_DURATIONS = (0.3, 0.8, 1.3, 1.8, 2.4)
+"""Starts of the search for the duration of a fast flank, in sampling intervals."""
 
-_STARTS = 60
-"""Of least squares, drawn around them."""
+_RANDOM_STARTS = 60
+"""Number of further random starts of the least squares."""
 
-_CORNER = 0.05
-"""Part of a fast flank beside its ends, where a sample may as well be off it."""
+_CORNER_SHARE = 0.05
+"""Fraction of a fast flank at either end where a sample does not count as on it."""
 
 _LOCATED = 0.5
 """Standard error of start and duration, in sampling intervals, above which samples on a flank do not locate it."""
 
-_EXPLAINED = 1.5
-"""Standard deviations of the voltage's noise up to which straight flanks explain it."""
+_LARGEST_MISFIT = 1.5
+"""Largest rms residual of straight flanks, in standard deviations of the voltage's noise."""
 
 _HUM = 5e-3
-"""Part of the voltage up to which what slow flanks leave counts as noise, too: hum is far larger in one sample of a
-fast flank than in where that begins."""
+"""Largest residual of slow flanks that counts as noise, as a fraction of the voltage: hum matters far more to one
+sample on a fast flank than to where that flank begins."""
 
-_NEAR = 0.25
-"""Part of a period up to which samples are near a fast flank: the others tell the slow one."""
+_NEAR_FLANK = 0.25
+"""Distance from a fast flank, as a fraction of the period, beyond which samples determine the slow flank."""
 
-_AS_WELL = 12.0
-"""Chi-square above the least one up to which other flanks explain the samples as well; each weighs as it is likely."""
+_AVERAGED_EXCESS = 12.0
+"""Largest excess of chi-square of a minimum that is averaged with the best, each weighted by its likelihood."""
 
-_ROUND = 9.0
-"""Chi-square that a frequency of few digits may cost: generators are set to such."""
+_ROUNDING_EXCESS = 9.0
+"""Largest excess of chi-square of a frequency rounded to `_FREQUENCY_DIGITS`, as generators are set."""
 
-_DIGITS = 3
-"""Of such a frequency."""
+_FREQUENCY_DIGITS = 3
+"""Significant digits of a rounded frequency."""
 
 
 class SharpFlanks(NamedTuple):
@@ -57,28 +57,28 @@ class SharpFlanks(NamedTuple):
     voltage: float
     """[V]"""
     period: float
-    """Of a sawtooth [s]; infinite of a step."""
+    """Period of a sawtooth [s]; infinite for a step."""
     start: float
     """Begin of a fast flank [s]."""
     duration: float
-    """Of it [s]."""
+    """Duration of a fast flank [s]."""
     start_error: float
     """[s]"""
     duration_error: float
     """[s]"""
     voltage_error: float
-    """[V]; of a sawtooth that of the voltage which its slow flanks would come to in a whole period."""
+    """Standard error [V]; for a sawtooth, of the voltage to which its slow flank would come in a whole period."""
 
 
 class _Fitted(NamedTuple):
     numbers: Float[np.ndarray, " p"]
     errors: Float[np.ndarray, " p"]
     least: float
-    """Chi-square of the best."""
+    """Chi-square at the best minimum."""
 
 
 Residuals: TypeAlias = Callable[[np.ndarray], Samples]
-"""Of the numbers, in standard deviations of the noise."""
+"""Residuals as a function of the numbers, in standard deviations of the noise."""
 
 
 def sharpened_sawtooth(
@@ -94,7 +94,7 @@ def sharpened_sawtooth(
     """
     voltage, period, start = about
     turn = np.mod((time - start) / period + 0.5, 1.0) - 0.5
-    near = np.abs(turn) * period < min(2.0 * max(seen, interval) + 4.0 * interval, _NEAR * period)
+    near = np.abs(turn) * period < min(2.0 * max(seen, interval) + 4.0 * interval, _NEAR_FLANK * period)
     noise = max(scatter_between_corners(volts), 1e-6 * voltage)
     slow = _slow_flanks(time[~near], volts[~near], start, period, noise, _HUM * voltage)
     if slow is None:
@@ -115,12 +115,12 @@ def sharpened_sawtooth(
     scale = np.array([voltage, period / time.size, interval, interval])
     found = _least_squares(residuals, firsts, low, high, scale, jacobian)
     # With the period that a generator may have been set to.
-    period = 1.0 / float(f"{1.0 / found.numbers[1]:.{_DIGITS}g}")
+    period = 1.0 / float(f"{1.0 / found.numbers[1]:.{_FREQUENCY_DIGITS}g}")
     whole = lambda numbers: np.insert(numbers, 1, period)
     others = [np.delete(values, 1, axis=-1) for values in (firsts, low, high, scale)]
     by_others = lambda numbers: np.delete(jacobian(whole(numbers)), 1, axis=1)
     held = _least_squares(lambda numbers: residuals(whole(numbers)), *others, jacobian=by_others)
-    if held.least < found.least + _ROUND:
+    if held.least < found.least + _ROUNDING_EXCESS:
         numbers = whole(held.numbers)
         # Another period may explain the samples as well, with other flanks.
         found = _Fitted(numbers, np.hypot(found.errors, numbers - found.numbers), held.least)
@@ -140,7 +140,7 @@ def sharpened_step(
     """The step of least squares near `about`, which holds voltage [V], begin and duration [s] of the rise."""
     voltage, start, rise = about
     middle = start + 0.5 * rise
-    durations = (rise, *(share * interval for share in _TRIED))
+    durations = (rise, *(share * interval for share in _FIRST_DURATIONS))
     shifts = (-0.3, 0.0, 0.3)
     firsts = [[voltage, middle - 0.5 * long + shift * interval, long] for long in durations for shift in shifts]
     low, high = np.array([0.5 * voltage, -np.inf, 1e-3 * interval]), np.array([2.0 * voltage, np.inf, np.inf])
@@ -160,7 +160,7 @@ def sharpened_step(
 def _slow_flanks(
     time: Samples, volts: Samples, start: float, period: float, noise: float, hum: float
 ) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 3"], float] | None:
-    """Of slow flanks u = a + s t - c n, n the number of the cycle: (a, s, c), the root of their information, and noise.
+    """Fit slow flanks u = a + s t - c n, n the cycle: (a, s, c), the root of their information, and the noise.
 
     The `noise` [V] grows to what they leave, up to the `hum` [V] that neighbouring samples do not show.  None where
     they do not tell them.
@@ -176,7 +176,7 @@ def _slow_flanks(
 
 
 def _numbers_of(line: np.ndarray, duration: float, forward: bool) -> list[float]:
-    """The sawtooth whose slow flanks are on a `line`, and whose fast ones last so long."""
+    """Numbers of the sawtooth with slow flanks on a `line` and fast flanks of a `duration` [s]."""
     a, slope, drop = line
     period = drop / slope
     whole_rise = abs(drop)
@@ -187,11 +187,11 @@ def _numbers_of(line: np.ndarray, duration: float, forward: bool) -> list[float]
 def _starts(
     line: Float[np.ndarray, "3"], triangle: Float[np.ndarray, "3 3"], forward: bool, seen: float, interval: float
 ) -> Float[np.ndarray, "starts 4"]:
-    """Sawteeth from which one is looked for: durations near that `seen`, and draws of them and of the slow flanks."""
+    """Starts of the least squares: durations near the one `seen` [s], and random durations and slow flanks."""
     random = np.random.default_rng(0)
-    durations = [seen, *(share * interval for share in _TRIED)]
-    lines = line + np.linalg.solve(triangle, 1.5 * random.standard_normal((3, _STARTS))).T
-    drawn = random.uniform(0.05, 1.2 * max(seen / interval, _TRIED[-1]), _STARTS) * interval
+    durations = [seen, *(share * interval for share in _FIRST_DURATIONS)]
+    lines = line + np.linalg.solve(triangle, 1.5 * random.standard_normal((3, _RANDOM_STARTS))).T
+    drawn = random.uniform(0.05, 1.2 * max(seen / interval, _FIRST_DURATIONS[-1]), _RANDOM_STARTS) * interval
     pairs = [*((line, duration) for duration in durations), *zip(lines, drawn, strict=True)]
     return np.array([_numbers_of(slow, duration, forward) for slow, duration in pairs])
 
@@ -204,7 +204,7 @@ def _least_squares(
     scale: Float[np.ndarray, " p"],
     jacobian: Callable[[np.ndarray], Float[np.ndarray, "n p"]] | None = None,
 ) -> _Fitted:
-    """All minima that explain the samples as well as the best as one: their mean, and errors that hold them all."""
+    """Average all minima that explain the samples as well as the best one; the errors cover their spread."""
     from scipy.optimize import least_squares
 
     # Of SciPy's methods with bounds the one that does less beside the residuals, which are few.
@@ -217,7 +217,7 @@ def _least_squares(
     minima: list[tuple[float, np.ndarray, np.ndarray]] = []
     for end in ends:
         above, errors = 2.0 * end.cost - least, _errors(end.jac)
-        if above > _AS_WELL:
+        if above > _AVERAGED_EXCESS:
             break
         if not any(np.all(np.abs(end.x - other) <= errors) for _, other, errors in minima):
             minima.append((above, end.x, errors))
@@ -229,14 +229,14 @@ def _least_squares(
 
 
 def _explains(found: _Fitted, samples: int, noise: float, voltage: float) -> bool:
-    """The samples are as near to straight flanks as their noise lets them be."""
+    """Whether straight flanks explain the samples to within their noise."""
     left = math.sqrt(found.least / max(samples - found.numbers.size, 1))
-    return left * noise < _EXPLAINED * noise + 2e-4 * abs(voltage)
+    return left * noise < _LARGEST_MISFIT * noise + 2e-4 * abs(voltage)
 
 
 def _on_flank(passed: Samples) -> int:
-    """How many samples lie on a flank, by the part of it that has passed at each."""
-    return int(np.count_nonzero((passed > _CORNER) & (passed < 1.0 - _CORNER)))
+    """Count the samples on a flank, given the fraction of the flank that has passed at each."""
+    return int(np.count_nonzero((passed > _CORNER_SHARE) & (passed < 1.0 - _CORNER_SHARE)))
 
 
 def _errors(jacobian: Float[np.ndarray, "n p"]) -> Float[np.ndarray, " p"]:

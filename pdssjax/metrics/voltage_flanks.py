@@ -11,27 +11,27 @@ from ..core import equal_by_value
 
 Samples = Float[np.ndarray, " n"]
 
-_FASTER = 0.3
-"""A flank that takes less than this part of the other one is a fast one."""
+_FAST_FLANK_SHARE = 0.3
+"""Largest duration of a fast flank, as a fraction of the other flank's."""
 
 
 @equal_by_value
 @dataclasses.dataclass(frozen=True)
 class VoltageFlanks:
-    """Passages between the lowest and the highest quarter."""
+    """Passages of a voltage between the lowest and the highest quarter of its range."""
 
     rises: Samples
-    """Middles of rises [s]."""
+    """Times of the middles of rises [s]."""
     falls: Samples
     rise: float
-    """Usual duration of a whole rise [s], were it a straight line; NaN without any."""
+    """Median duration of a rise over the whole range, taken as straight [s]; NaN without any."""
     fall: float
     extent: float
-    """Of the voltage [V], noise and all, which the flanks' durations refer to."""
+    """Range of the voltage, noise included, to which durations of flanks refer [V]."""
 
 
 def extremes_of(volts: Samples) -> tuple[float, float]:
-    """The lowest and the highest voltage [V], but for a few samples in a thousand."""
+    """Lowest and highest voltage [V], a few samples in a thousand left out."""
     low, high = np.percentile(volts, [0.2, 99.8])
     return float(low), float(high)
 
@@ -55,7 +55,7 @@ def voltage_flanks(time: Samples, volts: Samples, low: float, high: float) -> Vo
 
 
 def _passage(time: Samples, level: Samples) -> tuple[float, float]:
-    """When a passage from one quarter to the other is half way, and how long a whole one would take [s]."""
+    """Middle of a passage from one quarter to the other, and the duration of one over the whole range [s]."""
     if time.size < 5:
         ordered = np.maximum.accumulate(level if level[-1] > level[0] else 1.0 - level)
         early, middle, late = (float(np.interp(share, ordered, time)) for share in (0.25, 0.5, 0.75))
@@ -83,9 +83,9 @@ class FastFlanks(NamedTuple):
     """Fast flanks of a voltage whose cycles are a slow and a fast flank."""
 
     fall: bool
-    """The fast ones fall: the voltage of a walk forward."""
+    """Whether the fast flanks fall, as for a walk forward."""
     duration: float
-    """Of a fast one [s]."""
+    """Duration of a fast flank [s]."""
     middles: Samples
     """[s]"""
     period: float
@@ -95,7 +95,7 @@ class FastFlanks(NamedTuple):
 def fast_flanks(flanks: VoltageFlanks) -> FastFlanks | None:
     """The fast flanks of a voltage; None where both flanks take about as long, or tell no period."""
     period = period_of(flanks)
-    if period is None or not min(flanks.rise, flanks.fall) < _FASTER * max(flanks.rise, flanks.fall):
+    if period is None or not min(flanks.rise, flanks.fall) < _FAST_FLANK_SHARE * max(flanks.rise, flanks.fall):
         return None
     fall = flanks.fall < flanks.rise
     middles = flanks.falls if fall else flanks.rises

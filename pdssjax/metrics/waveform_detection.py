@@ -27,34 +27,34 @@ if TYPE_CHECKING:
 
 
 MOST_MISFIT = 0.015
-"""Root mean square that a waveform may leave, in parts of the voltage, beside the noise."""
+"""Largest rms residual of a waveform beyond the noise, as a fraction of the voltage."""
 
 _VOLTS = "voltage", "bias"
-"""Numbers of a waveform that turn with it."""
+"""Numbers of a waveform that change sign with the voltage."""
 
 _REST = 4
-"""Samples of a rest, at least."""
+"""Fewest samples of a rest."""
 
 _LEVELS = 4
-"""How often the level that a voltage is counted from is found anew, at most."""
+"""Most rounds in which the level that a voltage is counted from is refined."""
 
 _SAME = 2e-5
-"""Part of the voltage by which it may be off."""
+"""Largest deviation of that level, as a fraction of the voltage."""
 
 _HELD = 0.03
-"""Part of a record that a voltage at which it begins lasts, at least, where it was held before."""
+"""Least duration of the voltage at which a record begins, as a fraction of the record, if it was held before."""
 
 _SURELY = 0.85
-"""Part of a rest whose samples are its level."""
+"""Least share of the samples of a rest at its level."""
 
 _FLICKERS = 1.5
-"""Times the flicker of a voltage by which it is away from a level."""
+"""Least distance of a voltage from a level that it has left, in multiples of its flicker."""
 
 _UNDER_WAY = 0.1
-"""Part of the voltage at which it is surely on its way."""
+"""Least distance from a rest that the voltage has surely left, as a fraction of the voltage."""
 
 _TOLD = 1e-3
-"""Part of the frequency up to which its bound of two standard errors goes unsaid."""
+"""Largest relative bound (two standard errors) of the frequency that is not mentioned."""
 
 
 def detect_waveform(time: Samples, volts: Samples) -> Waveform:
@@ -181,11 +181,11 @@ class _Rest(NamedTuple):
     """A voltage that does not change from the first sample on."""
 
     end: float
-    """When it leaves the rest [s]."""
+    """Time at which the voltage leaves the rest [s]."""
     level: float
     """[V]"""
     samples: int
-    """Of which it is the mean."""
+    """Number of samples of which `level` is the mean."""
 
 
 def _flicker(volts: Samples, extent: float) -> float:
@@ -239,10 +239,10 @@ def begun(found: Waveform, time: Samples, rests: float | None, tolerance: float,
 
 
 _SHARES = (0.1, 0.5, 0.9)
-"""Parts of a flank between which its first and its second half are timed."""
+"""Fractions of a flank between which its first and its second half are timed."""
 
 _SAMPLES = 3
-"""Between the first and the last of them, at least: with fewer a corner between two samples looks like a bend."""
+"""Fewest samples between the first and the last of `_SHARES`: with fewer a corner looks like a bend."""
 
 
 def rounding_of(time: Float[np.ndarray, " n"], volts: Float[np.ndarray, " n"], waveform: "Waveform") -> float:

@@ -17,7 +17,7 @@ from .sharpened_flanks import JUMP, SharpFlanks, Timing, levels_of, sharpened_sa
 from .voltage_flanks import Samples, VoltageFlanks, fast_flanks, period_of
 
 AT_ZERO = 0.02
-"""Part of the voltage up to which a level counts as 0 V."""
+"""Largest level that counts as 0 V, as a fraction of the voltage."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Waveform:
     numbers: dict[str, float]
     """By field of the drive."""
     direction: str
-    """Of a sawtooth or a cycloidal: "forward" or "backward"; else ""."""
+    """Direction of a sawtooth or a cycloidal, "forward" or "backward"; "" for others."""
     start: float
     """When the drive starts [s]: t = 0 of the study."""
     begins: str
@@ -37,29 +37,29 @@ class Waveform:
     "clock": the clock's zero begins a cycle; "running": it ran before;
     "motion": the motion sets in with the record."""
     misfit: float
-    """Root mean square of what the waveform leaves, in parts of the voltage."""
+    """Root mean square residual of the waveform, as a fraction of the voltage."""
     uncertain: tuple[str, ...] = ()
-    """Fields that the samples tell only within a bound, in words."""
+    """Fields that the samples determine only within a bound, in words."""
     timing: Timing | None = None
     """Of a step, a sawtooth or a cycloidal."""
     voltage_error: float = 0.0
     """Standard error of the voltage [V]; of a sawtooth, of what its slow flank would come to in a whole period."""
     frequency_error: float = 0.0
-    """Standard error of the frequency by the noise, in parts of it."""
+    """Relative standard error of the frequency by the noise."""
     counted_from: float = 0.0
     """Level at which it rests, or to which it returns, in place of 0 V [V]: its voltage is counted from there."""
 
     @property
     def has_fast_flanks(self) -> bool:
-        """A cycle is a slow and a fast flank: the drive of a walk."""
+        """Whether a cycle is a slow and a fast flank, as in the drive of a walk."""
         return self.name in ("sawtooth", "cycloidal")
 
 
 _LONGEST = 0.5
-"""Part of a period that a fast flank may take."""
+"""Longest fast flank, as a fraction of the period."""
 
 _BESIDE = 1.2
-"""Sampling intervals beside a jump in which it may lie."""
+"""Sampling intervals on either side of a jump within which it may lie."""
 
 
 def fit_cycloidal(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: float) -> Waveform | None:
@@ -386,4 +386,4 @@ def fit_sine(time: Samples, volts: Samples, flanks: VoltageFlanks, interval: flo
 
 
 FITS = (fit_sawtooth, fit_triangle, fit_sine, fit_trapezoid, fit_cycloidal)
-"""Of drives that repeat, the simpler ones first."""
+"""Fits of the drives that repeat, the simpler ones first."""

@@ -8,7 +8,7 @@ import numpy as np
 import panel as pn
 from jaxtyping import Bool, Float
 
-from ...core import MICROMETRES, decimals_for, rounded
+from ...core import MICROMETRES, decimals_for, rounded, with_micro_sign
 from ...study import Record
 from ..redraw import Redraw, Score, drawn_samples, known_noise
 from .style import (
@@ -40,7 +40,7 @@ class RecordTab:
     def __init__(self, record: Record, window: tuple[float, float], moved: Moved):
         self._record, self._drawn = record, drawn_samples(record)
         display = record.measurement.display
-        self._scale, self._unit = display.scale, display.unit.replace("um", "µm")
+        self._scale, self._unit = display.scale, with_micro_sign(display.unit)
         self._window = window
         self._quiet = False
         self._whole, self._near = _Sources(), _Sources()
@@ -293,7 +293,7 @@ class ScoreTable:
             cells += ["…", "", "", ""]
         else:
             display = record.measurement.display
-            unit = display.unit.replace("um", "µm")
+            unit = with_micro_sign(display.unit)
             places = decimals_for(0.1 * score.noise * display.scale)
             amount = lambda number: f"{rounded(number * display.scale, places)} {unit}"
             chi2 = f"{score.chi2:.4g}" if math.isfinite(score.chi2) else "simulation failed"

@@ -25,7 +25,7 @@ STYLE: dict[Any, Any] = {
 
 
 def fixed_ticks(most: int, *panels: Axes) -> None:
-    """At most so many intervals of ticks on y, whatever the height of the `panels`.
+    """Limit the number of tick intervals on y to `most`, whatever the height of the `panels`.
 
     The layout leaves room for the labels of the ticks before it has settled the height: were there others then, with a
     digit more, the axis's own label would be cut off.
@@ -35,12 +35,12 @@ def fixed_ticks(most: int, *panels: Axes) -> None:
 
 
 _DECADE, _MANY = 10.0, 100.0
-"""Over a smaller ratio than the first 1, 2 and 5 of each decade are too few ticks: there these lie at equal distances.
-Over a larger one than the second they are too many: there each decade has one."""
+"""Ratios of the ends of a logarithmic axis: below the first its ticks are equidistant, up to the second they are at
+1, 2 and 5 of each decade, above it at each decade."""
 
 
 def in_equal_ratios(places: Float[np.ndarray, " values"]) -> bool:
-    """Whether an axis goes by equal ratios, as `FROM:TO:COUNT:log` makes it."""
+    """Whether the points of an axis have equal ratios, as `FROM:TO:COUNT:log` makes them."""
     if places.size < 3 or places.min() <= 0:
         return False
     ratios = places[1:] / places[:-1]
@@ -48,7 +48,7 @@ def in_equal_ratios(places: Float[np.ndarray, " values"]) -> bool:
 
 
 def scale_axes(axes: Axes, **places: Float[np.ndarray, " values"]) -> None:
-    """Makes the axes `x` and `y` logarithmic whose `places` go by equal ratios."""
+    """Make the axes `x` and `y` logarithmic if their points have equal ratios."""
     for name, values in places.items():
         if in_equal_ratios(values):
             ratio = values.max() / values.min()

@@ -99,11 +99,11 @@ _COLUMNS = 3
 """Panels side by side."""
 
 _COLOURS = (BLUE, GREEN, VERMILION)
-"""Of the ways, in their order."""
+"""Colours of the methods, in the order of the estimates."""
 
 
 def comparison_figure(estimates: Sequence[Estimate]) -> Figure:
-    """One panel a free parameter: each way's estimate and 95 % interval, in per cent off the joint fit's value.
+    """Draw each method's estimate and 95 % interval, a panel per parameter, in per cent from the joint fit's value.
 
     The first of the `estimates` is the joint fit.  Thick: the interval with the errors of the earlier step; thin, with
     ends: that which takes them for exact.
@@ -131,7 +131,7 @@ def comparison_figure(estimates: Sequence[Estimate]) -> Figure:
 
 
 def _naive_interval(found: FittedParameter) -> tuple[float, float]:
-    """The 95 % interval by the naive error, on the scale of the fit that the interval by the whole error is on."""
+    """95 % interval by the naive error, on the same scale, linear or logarithmic, as that by the whole error."""
     naive, (low, high) = found.naive_standard_error or 0.0, found.interval
     whole = found.errors["white"].interval if "white" in found.errors else (low, high)
     naive *= float(half_width_95(found.degrees_of_freedom))

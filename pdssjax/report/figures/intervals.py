@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from ...core import InputError, display_unit
+from ...core import InputError, display_unit, with_micro_sign
 from ...study import Draws, Estimate, FittedParameter, Multistart, Profile
 from ._style import BLUE, GREY, STYLE, VERMILION
 
@@ -45,21 +45,21 @@ def _draw_profile(axes: Axes, profile: Profile, parameter: FittedParameter) -> N
     axes.axvline(factor * parameter.value, color=GREY, linewidth=0.5)
     axes.set_ylim(0.0, 1.4 * profile.threshold)
     axes.set_title(f"{profile.path}\n{profile.verdict}", loc="left")
-    axes.set_xlabel(f"[{unit.replace('um', 'µm')}]" if unit else "[-]")
+    axes.set_xlabel(f"[{with_micro_sign(unit)}]" if unit else "[-]")
     axes.locator_params(axis="x", nbins=3)
 
 
 _MOST = 12
-"""Parameters shown; of more, those that the draws tell least about."""
+"""Most parameters shown; of more, the least certain ones."""
 
 _POINTS = 2000
-"""Draws shown of two parameters."""
+"""Most draws shown in a scatter plot of two parameters."""
 
 _ELLIPSE = np.sqrt(-2.0 * np.log(0.05))
-"""Half axes of what holds 95 % of a normal distribution of two numbers, in standard deviations."""
+"""Half axes of the ellipse with 95 % of a bivariate normal distribution, in standard deviations."""
 
 _SIZE = 1.35
-"""Inches of a panel."""
+"""Width and height of a panel [inch]."""
 
 
 def draws_figure(estimate: Estimate) -> Figure:
@@ -98,7 +98,7 @@ def draws_figure(estimate: Estimate) -> Figure:
 
 
 def _least_known(draws: Draws) -> list[str]:
-    """Parameters that move, in their order."""
+    """The least certain parameters that vary, in their order."""
     told = {each.path: each.deviation / max(abs(each.mean), 1e-300) for each in draws.parameters if each.deviation > 0}
     least = sorted(told, key=lambda path: told[path], reverse=True)[:_MOST]
     return [path for path in draws.names if path in least]
@@ -150,7 +150,7 @@ def _factor(estimate: Estimate, path: str) -> float:
 
 
 def _label(estimate: Estimate, path: str) -> str:
-    unit = display_unit(estimate.parameters[path].unit)[0].replace("um", "µm")
+    unit = with_micro_sign(display_unit(estimate.parameters[path].unit)[0])
     return f"{path.split('.', 1)[-1]}\n[{unit or '-'}]"
 
 
@@ -161,13 +161,13 @@ def _caption(draws: Draws) -> str:
 
 
 _OTHERS = VERMILION, "#009E73", "#CC79A7", "#56B4E9", "#E69F00"
-"""Of the optima after the best, in turn; from the palette of Okabe and Ito."""
+"""Colours of the optima after the best; from the palette of Okabe and Ito."""
 
 _FLOOR = 1e-3
-"""Excess of chi-square shown for all that are lower."""
+"""Smallest excess of chi-square on the axis; lower ones are shown here."""
 
 _SHOWN = 12
-"""Optima whose parameters are drawn, the best first."""
+"""Number of optima whose parameters are drawn, the best first."""
 
 
 def multistart_figure(multistart: Multistart) -> Figure:
@@ -206,7 +206,7 @@ def _waterfall(axes: Axes, multistart: Multistart) -> None:
 
 
 def _optima(axes: Axes, multistart: Multistart) -> None:
-    """Relative to the best optimum, on a scale that is linear within one per cent."""
+    """Draw the parameters of the optima relative to the best one, on a scale that is linear within one per cent."""
     rows = np.arange(len(multistart.names))
     firsts = [int(np.flatnonzero(multistart.optimum == n)[0]) for n in range(min(multistart.distinct, _SHOWN))]
     best = multistart.ends[firsts[0] if firsts else 0]

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...core import LENGTH, MICROMETRES, VELOCITY, InputError
+from ...core import LENGTH, MICROMETRES, VELOCITY, InputError, with_micro_sign
 from ...metrics import Characterisation, RecordGuess
 from ...simulation import Trajectory
 from ._style import BLUE, GREY, STYLE, VERMILION, YELLOW, fixed_ticks
@@ -75,7 +75,7 @@ def waveform_at(guess: RecordGuess, time: Float[np.ndarray, " n"]) -> Float[np.n
 
 
 def _moment(guess: RecordGuess) -> tuple[float, float]:
-    """Around the fastest change of the voltage, or of the motion where none was recorded."""
+    """Select the samples around the fastest change of the voltage, or of the motion where none was recorded."""
     shown = guess.motion if guess.volts is None else guess.volts
     interval = float(np.median(np.diff(guess.time)))
     width = max(60 * interval, (guess.time[-1] - guess.time[0]) / 60)
@@ -99,11 +99,11 @@ def _guess_caption(name: str, guess: RecordGuess) -> str:
 
 
 def _unit(guess: RecordGuess) -> str:
-    return guess.display.unit.replace("um", "µm")
+    return with_micro_sign(guess.display.unit)
 
 
 def _shown_time(seconds: float) -> str:
-    """To the nanosecond; in milliseconds where it is short, as the enlarged panels show it."""
+    """Text of a time to the nanosecond; in milliseconds where it is short, as in the enlarged panels."""
     return f"{round(1e3 * seconds, 6) + 0.0:.4g} ms" if abs(seconds) < 0.1 else f"{seconds:.7g} s"
 
 
@@ -130,7 +130,7 @@ def cycle_figure(found: Characterisation) -> Figure:
 
 
 def _draw_cycles(axes: Axes, found: Characterisation, scale: float) -> None:
-    """The record, as it was measured."""
+    """Draw the record as it was measured."""
     period = 1.0 / found.cycles.frequency
     slips = found.cycles.start + np.arange(found.cycles.count + 1) * period
     for index in range(0, found.cycles.count, 2):
@@ -154,7 +154,7 @@ def _draw_cycles(axes: Axes, found: Characterisation, scale: float) -> None:
 
 
 def _draw_overlaid(axes: Axes, found: Characterisation, scale: float, periods: float) -> None:
-    """What lies within `periods` periods of each slip, signed so that slow flanks rise."""
+    """Draw what lies within `periods` periods of each slip, signed so that slow flanks rise."""
     cycles, signed = found.cycles, found.sign * found.values
     period = 1.0 / cycles.frequency
     shades = matplotlib.colormaps["cividis"](np.linspace(0.0, 0.9, cycles.count))
@@ -200,7 +200,7 @@ def friction_figure(
             axes.plot(shown.scale * motion, force, ".", color=BLUE, markersize=3)
         else:
             axes.plot(shown.scale * motion, force, color=BLUE, linewidth=0.8)
-        axes.set_xlabel(f"{quantity} ({shown.unit.replace('um', 'µm')})")
+        axes.set_xlabel(f"{quantity} ({with_micro_sign(shown.unit)})")
         axes.set_ylabel("force (N), with the sign of the motion")
         axes.set_title(name, loc="left")
         fixed_ticks(5, axes)

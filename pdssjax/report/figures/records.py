@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...core import VELOCITY, Display
+from ...core import VELOCITY, Display, with_micro_sign
 from ...inference import repeats
 from ...metrics import CycleSplit, NoiseInTime, ResidualSplit, grid_positions, sample_autocovariance, split_residuals
 from ...study import Estimate, FittedRecord, Study
@@ -82,7 +82,7 @@ def _draw_loops(force: Axes, residual: Axes, record: FittedRecord, motion: Float
     force.plot(place, record.predicted[order], color=VERMILION, linewidth=0.8)
     force.set_title(f"against the {record.prescribed.quantity}", loc="left")
     residual.plot(place, _residual(record)[order], color=BLUE, linewidth=0.5)
-    residual.set_xlabel(f"{record.prescribed.quantity} ({record.prescribed.unit.replace('um', 'µm')})")
+    residual.set_xlabel(f"{record.prescribed.quantity} ({with_micro_sign(record.prescribed.unit)})")
 
 
 def _draw_noise(panels: Sequence[Axes], record: FittedRecord) -> None:
@@ -95,7 +95,7 @@ def _draw_noise(panels: Sequence[Axes], record: FittedRecord) -> None:
 
 def _shown(record: FittedRecord) -> tuple[float, str]:
     """The factor from SI to the unit shown, and its name."""
-    return record.display.scale, record.display.unit.replace("um", "µm")
+    return record.display.scale, with_micro_sign(record.display.unit)
 
 
 def _residual(record: FittedRecord) -> Float[np.ndarray, " n"]:
@@ -112,7 +112,7 @@ def _caption(record: FittedRecord) -> str:
 
 
 class _Row(NamedTuple):
-    """What is drawn of one record."""
+    """Curves of one record in an overview."""
 
     title: str
     display: Display
@@ -121,11 +121,11 @@ class _Row(NamedTuple):
     predicted: Float[np.ndarray, " n"] | None
     motion: Float[np.ndarray, " n"] | None
     prescribed: Display
-    """How the `motion` is shown."""
+    """Quantity and unit in which `motion` is shown."""
 
 
 def study_figure(study: Study) -> Figure:
-    """What was measured: every record of a study."""
+    """Draw every record of a study as it was measured."""
     rows = [
         _Row(
             _titled(r.name, r.measures, r.role),
@@ -142,7 +142,7 @@ def study_figure(study: Study) -> Figure:
 
 
 def estimate_figure(estimate: Estimate) -> Figure:
-    """Every record of an estimate against its prediction."""
+    """Draw every record of an estimate against its prediction."""
     rows = [
         _Row(_titled(r.name, r.measures, r.role), r.display, r.time, r.measured, r.predicted, r.motion, r.prescribed)
         for r in estimate.records
@@ -171,11 +171,11 @@ def _overview(title: str, rows: Sequence[_Row]) -> Figure:
 def _draw_row(whole: Axes, near: Axes, row: _Row) -> None:
     _curves(whole, row.time, row, slice(None))
     whole.set_title(row.title, loc="left")
-    whole.set_ylabel(row.display.unit.replace("um", "µm"))
+    whole.set_ylabel(with_micro_sign(row.display.unit))
     if row.motion is not None:
         order = np.argsort(row.motion) if row.prescribed == VELOCITY else np.arange(row.motion.size)
         _curves(near, row.prescribed.scale * row.motion[order], row, order)
-        near.set_xlabel(f"{row.prescribed.quantity} ({row.prescribed.unit.replace('um', 'µm')})")
+        near.set_xlabel(f"{row.prescribed.quantity} ({with_micro_sign(row.prescribed.unit)})")
         return
     moment = liveliest_moment(row.time, row.measured)
     _curves(near, 1e3 * row.time[moment], row, moment)
@@ -195,11 +195,11 @@ def _curves(axes: Axes, x: Float[np.ndarray, " n"], row: _Row, part: "slice | np
 
 
 FEWEST = 20
-"""Levels of the voltage from which on a loop is worth a figure: a step has two."""
+"""Fewest voltage levels of a record with loops; a step has two."""
 
 
 def has_loops(record: FittedRecord) -> bool:
-    """The platform alone was measured while its voltage ran up or down."""
+    """Whether a record shows the platform alone while its voltage runs up or down."""
     return record.voltage is not None and np.unique(np.round(record.voltage, 9)).size >= FEWEST
 
 
@@ -210,7 +210,7 @@ def loop_figure(record: FittedRecord) -> Figure:
     """
     if record.voltage is None:
         raise ValueError("Expected a record with a voltage, but it has none.")
-    scale, unit = record.display.scale, record.display.unit.replace("um", "µm")
+    scale, unit = record.display.scale, with_micro_sign(record.display.unit)
     residual = scale * (record.measured - record.predicted)
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(5.6, 5.6), layout="constrained")
@@ -231,11 +231,11 @@ def loop_figure(record: FittedRecord) -> Figure:
     return figure
 
 
-_MOST_SHOWN = 60
-"""Intervals up to which the autocorrelation is shown at most."""
+_LONGEST_LAG = 60
+"""Largest lag of the autocorrelation that is shown, in sampling intervals."""
 
-_MARGIN = 0.1
-"""Room above and below residuals, as a share of their span, where an axis leaves out samples that stand out."""
+_OUTLIER_MARGIN = 0.1
+"""Margin of an axis from which outliers are left out, as a fraction of the span of the other residuals."""
 
 
 def residual_split_figure(record: FittedRecord) -> Figure:
@@ -260,7 +260,7 @@ def residual_split_figure(record: FittedRecord) -> Figure:
 
 
 def _draw_cycle(axes: Axes, record: FittedRecord, cycles: CycleSplit) -> None:
-    scale, unit = record.display.scale, record.display.unit.replace("um", "µm")
+    scale, unit = record.display.scale, with_micro_sign(record.display.unit)
     there = cycles.sizes > 0
     place = cycles.phases()
     residual = scale * record.residual
@@ -288,18 +288,18 @@ def _draw_cycle(axes: Axes, record: FittedRecord, cycles: CycleSplit) -> None:
 
 
 def _draw_all(axes: Axes, record: FittedRecord) -> None:
-    scale, unit = record.display.scale, record.display.unit.replace("um", "µm")
+    scale, unit = record.display.scale, with_micro_sign(record.display.unit)
     axes.plot(record.time, scale * record.residual, color=BLUE, linewidth=0.6)
     axes.set_xlabel("time (s)")
     axes.set_ylabel(f"residual ({unit})")
 
 
 def _show_others(axes: Axes, record: FittedRecord) -> None:
-    """End the axis where the samples end that do not stand out."""
+    """Limit the axis to the residuals that are no outliers."""
     others = record.display.scale * record.residual_without_outliers
     others = others[np.isfinite(others)]
     if others.size and np.ptp(others) > 0.0:
-        margin = _MARGIN * float(np.ptp(others))
+        margin = _OUTLIER_MARGIN * float(np.ptp(others))
         axes.set_ylim(float(others.min()) - margin, float(others.max()) + margin)
 
 
@@ -309,7 +309,7 @@ def _draw_autocorrelation(axes: Axes, record: FittedRecord, split: ResidualSplit
         interval = max(interval, float(np.ptp(record.time)) / (4 * record.time.size))
         places = np.rint((record.time - record.time[0]) / interval).astype(int)
     longest = record.time.size // 2 if split.cycles is None else split.cycles.sizes.size // 2
-    shown = max(min(_MOST_SHOWN, longest), 2)
+    shown = max(min(_LONGEST_LAG, longest), 2)
     covariance = sample_autocovariance(split.rest, places, shown)
     if covariance[0] <= 0.0:
         return
@@ -332,7 +332,7 @@ def _draw_autocorrelation(axes: Axes, record: FittedRecord, split: ResidualSplit
 
 
 def _split_caption(record: FittedRecord, split: ResidualSplit) -> str:
-    show = lambda number: record.display.text(number).replace("um", "µm")
+    show = lambda number: with_micro_sign(record.display.text(number))
     without = ""
     if record.outliers.size:
         largest = float(np.max(np.abs(record.residual[record.outliers])))

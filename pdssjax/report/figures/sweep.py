@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 
-from ...core import InputError, display_unit
+from ...core import InputError, display_unit, with_micro_sign
 from ...sweeps import ALONG, DEAD, GRAZING, compared_directions
 from ._style import STYLE, VERMILION, in_equal_ratios, scale_axes
 
@@ -40,7 +40,7 @@ def draw_border(
     dead: Float[np.ndarray, "rows columns"],
     colour: str,
 ) -> None:
-    """The border, where there is one."""
+    """Draw the border of the dead zone, where there is one."""
     if has_border(dead):
         axes.contour(x, y, dead, levels=[0.0], colors=colour, linewidths=_WIDTH).set(path_effects=_edged(colour))
 
@@ -51,7 +51,7 @@ def border_key(colour: str, says: str) -> Artist:
 
 
 def bare_key(says: str) -> Artist:
-    """The entry of cells without a value."""
+    """Entry of cells without a value in a legend."""
     return Patch(facecolor=BARE, label=says)
 
 
@@ -62,7 +62,7 @@ def explain(figure: Figure, keys: Sequence[Artist]) -> None:
 
 
 def _edged(colour: str) -> list[withStroke]:
-    """White shows on neither a bright map nor on paper: it gets an edge."""
+    """Edge for white lines, which would not show on a bright map or on paper."""
     return [withStroke(linewidth=_WIDTH + 1.2, foreground="0.2")] if colour == "w" else []
 
 
@@ -101,14 +101,14 @@ def sweep_figure(data: "xarray.Dataset") -> Figure:
 
 
 def drawn_over(data: "xarray.Dataset", dimensions: Sequence[str]) -> list[str]:
-    """Over which of the `dimensions` a figure goes: the first two with several values, or the first where none has."""
+    """Axes of a figure: the first two of the `dimensions` with several values, or the first where none has."""
     # The dimension of a list or sample has no values of its own.
     along = [name for name in dimensions if name in data.coords] or list(dimensions)
     return [name for name in along if data.sizes[name] > 1][:2] or along[:1]
 
 
 def held_fixed(data: "xarray.Dataset", middle: Mapping[str, int]) -> list[str]:
-    """In words, at what the dimensions are held of which one entry is shown."""
+    """Describe the values at which the dimensions that are not drawn are held."""
     return [
         f"{data[n].attrs.get('long_name', n)} = {_number(data[n][i])}" if n in data.coords else f"{n} {i}"
         for n, i in middle.items()
@@ -182,12 +182,12 @@ def _lines_of_a_map(
 
 
 def _dead(data: "xarray.Dataset", over: list[str]) -> Float[np.ndarray, "rows columns"]:
-    """Below zero in the dead zone, whichever way it moves."""
+    """Size of the step efficiency less `DEAD`: negative in the dead zone, whichever way it moves."""
     return np.abs(data["efficiency"].transpose(*over).values) - DEAD
 
 
 def _keys(data: "xarray.Dataset", over: list[str]) -> list[Artist]:
-    """What the legend of maps explains: only what is there."""
+    """Entries of the legend of maps, only for what they show."""
     dead, keys = _dead(data, over), []
     if min(dead.shape) > 2 and has_border(dead):
         keys.append(border_key(VERMILION, f"border of the dead zone (step efficiency of {100 * DEAD:g} %, either way)"))
@@ -203,12 +203,12 @@ def _varies(values: Float[np.ndarray, "..."]) -> bool:
 
 
 def shown(values: "xarray.DataArray") -> tuple[Float[np.ndarray, "..."], str]:
-    """Numbers in display units, and what they are called."""
+    """Values in display units, and the label of their axis."""
     unit, scale = display_unit(values.attrs["units"])
     if values.name == "efficiency":
         unit, scale = "%", 100.0
     name = values.attrs["long_name"]
-    return scale * values.values, name if unit in ("", "1") else f"{name} ({unit.replace('um', 'µm')})"
+    return scale * values.values, name if unit in ("", "1") else f"{name} ({with_micro_sign(unit)})"
 
 
 def _number(value: "xarray.DataArray") -> str:
@@ -220,11 +220,11 @@ def _number(value: "xarray.DataArray") -> str:
 
 FORWARD, BACKWARD = "#0072B2", "#D55E00"
 
-_WIDE = 8.0
-"""The largest speed by the median above which a map's colours go by the logarithm."""
+_LOGARITHMIC_RATIO = 8.0
+"""Ratio of the largest to the median speed above which colours of a map are logarithmic."""
 
-_ALIKE = 1e-3
-"""Colours of the asymmetry reach this far at least: less is rounding."""
+_LEAST_ASYMMETRY = 1e-3
+"""Smallest range of the colours of the asymmetry; smaller differences are rounding."""
 
 
 def directions_figure(data: "xarray.Dataset") -> Figure:
@@ -282,7 +282,7 @@ def _direction_maps(axes: list[Axes], data: "xarray.Dataset", names: list[str]) 
     figure.colorbar(axes[0].collections[0], ax=axes[:2], label=label)
     axes[2].set_title("what they differ by", loc="left")
     asymmetry = 100.0 * compared_directions(data).asymmetry.transpose(*names).values
-    reach = max(float(np.nanmax(np.abs(asymmetry), initial=0.0)), 100.0 * _ALIKE)
+    reach = max(float(np.nanmax(np.abs(asymmetry), initial=0.0)), 100.0 * _LEAST_ASYMMETRY)
     colours: dict[str, Any] = {"cmap": "RdBu", "vmin": -reach, "vmax": reach}
     image = axes[2].pcolormesh(x, y, asymmetry, shading="nearest", rasterized=True, **colours)
     figure.colorbar(image, ax=axes[2], label="difference (% of the mean)")
@@ -317,13 +317,13 @@ def _speed_scale(speeds: Float[np.ndarray, "..."]) -> Normalize:
     """Colours of speeds: by their logarithm where most are small beside the largest."""
     known = speeds[np.isfinite(speeds) & (speeds > 0)]
     top = float(known.max(initial=0.0))
-    if known.size and top > _WIDE * float(np.median(known)):
+    if known.size and top > _LOGARITHMIC_RATIO * float(np.median(known)):
         return LogNorm(1e-4 * top, top, clip=True)
     return Normalize(0.0, top or 1.0)
 
 
-_LINES = 7
-"""Of a second axis so many values are drawn, the first and the last among them."""
+_MOST_LINES = 7
+"""Most values of the second axis that are drawn, the first and the last among them."""
 
 
 def border_figure(data: "xarray.Dataset") -> Figure:
@@ -355,7 +355,7 @@ def _border_lines(axes: Axes, data: "xarray.Dataset", names: list[str]) -> None:
         axes.plot(places, border, ".-", color="#0072B2", markersize=4)
     else:
         values, what = shown(data[names[1]])
-        rows = np.unique(np.linspace(0, len(values) - 1, _LINES).round().astype(int))
+        rows = np.unique(np.linspace(0, len(values) - 1, _MOST_LINES).round().astype(int))
         for i, row in enumerate(rows):
             colour = matplotlib.colormaps["viridis"](i / max(len(rows) - 1, 1) * 0.9)
             label = _named(names[1], float(values[row]))
@@ -371,7 +371,7 @@ def _border_lines(axes: Axes, data: "xarray.Dataset", names: list[str]) -> None:
 
 
 def _named(dimension: str, value: float) -> str:
-    """A value of the second axis."""
+    """Label of a value of the second axis."""
     if dimension == "drive_direction":
         return "forward" if value > 0 else "backward"
     return f"{value:.4g}"

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ...core import InputError, decimals_for, display_unit, percent, rounded, strongest_pairs
+from ...core import InputError, decimals_for, display_unit, percent, rounded, strongest_pairs, with_micro_sign
 from ...integration import TAYLOR
 from ...study import (
     OWN_MINIMISER,
@@ -43,11 +43,6 @@ def estimate_page(estimate: Estimate) -> Page:
         _origin(estimate.provenance, estimate),
     ]
     return Page(estimate.title, sections, subtitle=f"Identification of a piezoelectric actuator: {_verdict(estimate)}")
-
-
-def micro(unit: str) -> str:
-    """A unit with micro as a letter of its own: "µm/V" of "um/V"."""
-    return unit.replace("um", "µm")
 
 
 def _verdict(estimate: Estimate) -> str:
@@ -97,7 +92,7 @@ def _quality(record: FittedRecord) -> str:
     """How well a record is predicted, in a few words."""
     if not record.simulated:
         return "the simulation failed"
-    scale, unit = record.display.scale, micro(record.display.unit)
+    scale, unit = record.display.scale, with_micro_sign(record.display.unit)
     rms = f"residual {scale * record.rmse:.3g} {unit} rms"
     if math.isfinite(record.reduced_chi2):
         return f"{rms} at a noise of {scale * record.noise:.3g} {unit}, chi-square per sample {record.reduced_chi2:.3g}"
@@ -107,7 +102,7 @@ def _quality(record: FittedRecord) -> str:
 def _measured(estimate: Estimate) -> Section:
     rows = []
     for record in estimate.records:
-        scale, unit = record.display.scale, micro(record.display.unit)
+        scale, unit = record.display.scale, with_micro_sign(record.display.unit)
         noise = "found" if record.noise_estimated else "given"
         span, interval = "", ""
         if record.time.size > 1:
@@ -219,7 +214,14 @@ def _further_errors(estimate: Estimate, free: list[FittedParameter], models: lis
         if naive:
             errors.append(math.nan if parameter.naive_standard_error is None else parameter.naive_standard_error)
         start = "-" if parameter.start is None else f"{parameter.start * scale:.4g}"
-        rows.append([parameter.path, *(percent(error, parameter.value) for error in errors), start, micro(unit) or "1"])
+        rows.append(
+            [
+                parameter.path,
+                *(percent(error, parameter.value) for error in errors),
+                start,
+                with_micro_sign(unit) or "1",
+            ]
+        )
     caption = "Standard errors by every error model, in per cent of the value, and where the fit started."
     if naive:
         caption += " Naive errors take the result of the piezo's own fit for exact."
@@ -245,7 +247,7 @@ def _numbers(parameter: FittedParameter, meaning: str) -> list[str | Share]:
         parameter.path,
         rounded(parameter.value * scale, places),
         rounded(parameter.standard_error * scale, places) if known else "",
-        micro(unit) or "1",
+        with_micro_sign(unit) or "1",
         Share(percent(parameter.standard_error, parameter.value), length) if known else "",
         "" if low == high == "-" else f"{low} to {high}",
         ". ".join(filter(None, [parameter.remark.capitalize(), meaning])),
@@ -328,7 +330,7 @@ def _records(estimate: Estimate) -> list[Section]:
                 "fitted" if record.role == "fit" else "validation",
                 rounded(record.r2, 7),
                 *(rounded(number * scale, places) for number in lengths),
-                micro(record.display.unit),
+                with_micro_sign(record.display.unit),
                 rounded(record.reduced_chi2, 3) if record.simulated else "simulation failed",
                 rounded(record.offset * scale, places),
             ]

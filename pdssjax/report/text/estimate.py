@@ -27,7 +27,7 @@ from ._layout import aligned_table, heading, note
 from .records import format_records
 
 WORTH_KNOWING = 0.3
-"""Correlations smaller than this are left out of the report."""
+"""Smallest correlation in size that the report lists."""
 
 
 def format_report(estimate: Estimate) -> str:
@@ -89,7 +89,7 @@ def _statistics(estimate: Estimate) -> str:
 
 
 def _reduced_chi2(estimate: Estimate) -> str:
-    """The number, unless it is 1 by construction."""
+    """Reduced chi-square as text; "-" where it is 1 by construction."""
     fitted = [record for record in estimate.records if record.role == "fit"]
     silent = sum(record.noise_estimated for record in fitted)
     if estimate.statistics.noise_estimated:
@@ -113,7 +113,7 @@ def _parameters(estimate: Estimate) -> str:
 
 
 def _about_errors(estimate: Estimate, models: Sequence[str]) -> str:
-    """What the errors by each model cover, and which to believe."""
+    """Explain what the errors by each model cover, and which to believe."""
     if estimate.error_advice is None:
         return ""
     from ...inference import all_error_models
@@ -159,10 +159,10 @@ def _correlations(estimate: Estimate) -> str:
 
 
 _MOST_PRODUCTS = 3
-"""Combinations shown of either kind: those that limit what is known, and those that the fit is sure of."""
+"""Number of combinations listed, of the least and of the best determined ones each."""
 
 _PARTS = 4
-"""Parameters of a combination that are named."""
+"""Most parameters of a combination that are named."""
 
 
 def format_diagnosis(diagnosis: Diagnosis) -> str:
@@ -183,13 +183,13 @@ def _products(found: Sequence[Combination]) -> str:
 
 
 def _advice(remedy: Remedy) -> str:
-    """What would help most."""
+    """Name the one parameter whose separate measurement would help most."""
     gains = ", ".join(f"{path} from {100 * a:.2g} to {100 * b:.2g} %" for path, (a, b) in remedy.errors.items())
     return note(f"If {remedy.path} were known from elsewhere, errors would fall: {gains}.")
 
 
 def _product(combination: Combination) -> str:
-    """Such as "friction.sigma1_b  friction.f_ss_b^-0.42"."""
+    """Text of a combination, such as "friction.sigma1_b  friction.f_ss_b^-0.42"."""
     parts = list(combination.exponents.items())
     text = "  ".join(path if abs(e - 1.0) < 0.005 else f"{path}^{e:.2f}" for path, e in parts[:_PARTS])
     return text if len(parts) <= _PARTS else f"{text}  ..."
@@ -210,7 +210,7 @@ def format_amplification(amplification: Amplification) -> str:
 
 
 def format_effects(amplification: Amplification) -> str:
-    """Of each parameter identified first, in words, the two that an error of it moves most where it is held."""
+    """Name, for each parameter identified first, the two others that its error moves most."""
     amplification = amplification.visible()
     lines = ["    What errors of the held stack do:\n"]
     for j, mover in enumerate(amplification.earlier):
@@ -221,12 +221,12 @@ def format_effects(amplification: Amplification) -> str:
 
 
 def _digits(percent: float) -> str:
-    """Two of them, without an exponent."""
+    """Text of a percentage with two significant digits, without an exponent."""
     return f"{float(f'{percent:.2g}'):g}"
 
 
 def format_multistart(multistart: Multistart) -> str:
-    """How many starts led to which optimum, and how much worse each is than the best."""
+    """List how many starts led to each optimum, and its chi-square above the lowest."""
     count, least = multistart.chi2.size, float(np.min(multistart.chi2))
     failed = int(np.sum(~multistart.converged))
     optima = "1 optimum" if multistart.distinct == 1 else f"{multistart.distinct} distinct optima"
@@ -239,7 +239,7 @@ def format_multistart(multistart: Multistart) -> str:
 
 
 def format_draws(draws: Draws, parameters: Mapping[str, FittedParameter]) -> str:
-    """A line a parameter: mean and deviation of the draws, their intervals, and whether chains agree."""
+    """List mean, deviation and intervals of the draws of each parameter, and whether the chains agree."""
     chains, each, _ = draws.values.shape
     drawn = f"{chains} chains of {each} draws" if draws.kind == "posterior" else f"{each} replicates"
     lines = f"    {drawn}, seed {draws.seed}; {draws.failed} {draws.failure}\n    drawn: {draws.description}\n"
@@ -271,13 +271,13 @@ def _drawn(drawn: ParameterDraws, parameter: FittedParameter, posterior: bool) -
 
 
 def _count(drawn: ParameterDraws) -> str:
-    """The smaller of both effective sample sizes."""
+    """Text of the smaller effective sample size, of the middle or of the tails; "-" where none is known."""
     known = [size for size in (drawn.effective, drawn.effective_tails) if size is not None]
     return f"{min(known):.0f}" if known else "-"
 
 
 def format_profiles(profiles: Sequence[Profile], parameters: Mapping[str, FittedParameter]) -> str:
-    """One line a parameter: the verdict, and how far both ends lie from where the standard error puts them.
+    """List the verdict of each parameter, and both ends of its interval relative to the linear ones.
 
     Free parameters without a profile are there, too, held by a bound at the estimate or without information.
     """
@@ -349,7 +349,7 @@ def _shift(joint: FittedParameter, other: FittedParameter) -> str:
 
 
 def _stacked(*estimates: Estimate) -> str:
-    """A parameter's values below one another, one way a line."""
+    """List the values of each parameter below one another, a line per method."""
     head = ["", "", "unit", "value", "+/- naive", "+/- corrected", "shift/sigma"]
     rows = [row for path in estimates[0].names for row in _ways(path, *estimates)]
     legend = f"{_NAIVE}    shift/sigma: distance from the joint fit's value, in corrected standard errors.\n"

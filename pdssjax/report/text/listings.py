@@ -52,7 +52,7 @@ _BEGINS = {
     "running": "ran before",
     "motion": "by the motion",
 }
-"""How it is known when a drive starts, in short."""
+"""Short texts for how the start of a drive was found."""
 
 
 def format_guesses(guesses: "Sequence[tuple[str, RecordGuess]]") -> str:
@@ -90,14 +90,14 @@ FIGURES = {
     "minimum": "lowest sample",
     "mean": "mean force",
 }
-"""What a characterisation reports, in order."""
+"""Titles of the figures of a characterisation, in the order of its report."""
 
 _LONG = 1e3
-"""Lengths of a record from a clock's zero to its first sample from which times count from that sample."""
+"""Distance of a record from the clock's zero, in lengths of the record, beyond which times count from its begin."""
 
 
 def format_characterisation(found: "Characterisation") -> str:
-    """What one record says: its cycles, and each figure with mean, error and scatter."""
+    """Report of a characterised record: its cycles, and mean, error and scatter of each figure."""
     cycles = found.cycles
     way = "backward, the slow flank falls: figures are turned" if cycles.falls else "forward, the slow flank rises"
     places = decimals_for(cycles.seen_error)
@@ -117,7 +117,7 @@ def format_characterisation(found: "Characterisation") -> str:
 
 
 def _zero(found: "Characterisation") -> float:
-    """What times are counted from: the clock's zero, or the first sample where a clock counts from long before."""
+    """Origin of the times shown [s]: the clock's zero, or the first sample if that is far from it."""
     first, last = float(found.time[0]), float(found.time[-1])
     return first if abs(first) > _LONG * (last - first) else 0.0
 
@@ -136,12 +136,12 @@ def _figure(title: str, summary: "Summary") -> list[str]:
 
 
 def format_catalogue(summaries: Mapping[str, str]) -> str:
-    """All members and parts, by name what each is, one line each."""
+    """List all members and parts, each with its summary."""
     return aligned_table("<<", [["", "what it is"], *map(list, summaries.items())])
 
 
 def format_entry(entry: "Entry") -> str:
-    """One member: its parameters, and its equations as its module tells them."""
+    """Describe one member: its equations, from its module's docstring, and its parameters."""
     head = ["", "unit", "nominal", "", "what it is"]
     rows = [
         [name, unit, f"{declared.nominal * scale:.6g}", "optional" if declared.optional else "", told]

@@ -48,7 +48,7 @@ def format_sweep(data: "xarray.Dataset") -> str:
 
 
 def _errors(errors: str) -> str:
-    """What bands are by, in words."""
+    """Name of the errors that bands rest on."""
     if errors in ("bootstrap", "posterior"):
         return f"the draws of the {errors}"
     plain = {"with-misfit": "the errors with misfit", "standard": "the standard errors"}
@@ -56,7 +56,7 @@ def _errors(errors: str) -> str:
 
 
 def _places(data: "xarray.Dataset") -> "list[xarray.DataArray]":
-    """What differs from point to point: of a sample the dimension has no values of its own, but all along it has."""
+    """Coordinates that vary from point to point, those along the dimension of a sample included."""
     return [axis for axis in data.coords.values() if "units" in axis.attrs]
 
 
@@ -66,7 +66,7 @@ def _unit(axis: "xarray.DataArray") -> str:
 
 
 def _extremes(data: "xarray.Dataset", name: str, places: "Sequence[xarray.DataArray]", banded: bool) -> list[list[str]]:
-    """The rows of a metric: where it is most and where it is least; one where both look alike."""
+    """Rows of a metric, at its largest and its smallest value; one row where both look alike."""
     values = data[name]
     unit, scale = ("%", 100.0) if name == "efficiency" else display_unit(values.attrs["units"])
     head = [values.attrs["long_name"], unit]
@@ -88,7 +88,7 @@ def _extremes(data: "xarray.Dataset", name: str, places: "Sequence[xarray.DataAr
 
 
 def _failures(data: "xarray.Dataset") -> str:
-    """How many points failed, and of what; those whose cycle grazes have their metrics."""
+    """Count the points that failed, by cause, and those whose cycle grazes, which have their metrics."""
     codes, counts = np.unique(data.failure.values, return_counts=True)
     counted = {int(code): int(count) for code, count in zip(codes, counts, strict=True) if code}
     grazing = counted.pop(GRAZING, 0)
@@ -99,14 +99,14 @@ def _failures(data: "xarray.Dataset") -> str:
 
 
 def _of_record(data: "xarray.Dataset") -> str:
-    """Whose drive was varied, and which way it goes, as far as that is told and is no axis."""
+    """Name the record whose drive was varied, and its direction where that is known and no axis."""
     name, direction = data.attrs.get("record"), data.attrs.get("drive.direction")
     way = "" if direction is None else ", forward" if direction > 0 else ", backward"
     return f': the drive of "{name}"{way}' if name else ""
 
 
 def _both_directions(data: "xarray.Dataset") -> str:
-    """How the speeds backward compare with those forward, and how many points move the wrong way."""
+    """Compare the speeds backward with those forward, and count the points that move the wrong way."""
     along = {way: (way * data.speed.sel(drive_direction=way)).values for way in (1.0, -1.0)}
     forward, backward = along.values()
     both = (forward > 0) & (backward > 0)
@@ -130,7 +130,7 @@ def _number(coordinate: "xarray.DataArray") -> str:
 
 
 _MOST = 60
-"""Rows that are printed; all are in the file."""
+"""Most rows that are printed; the file has all of them."""
 
 
 def format_border(data: "xarray.Dataset") -> str:
