@@ -20,8 +20,8 @@ if TYPE_CHECKING:
         Effector as Effector,
         Sensor as Sensor,
         Stop as Stop,
+        ZeroOrderHold as ZeroOrderHold,
     )
-    from .zero_order_hold import ZeroOrderHold as ZeroOrderHold
 else:
     from ..core.lazy import lazy_exports
 

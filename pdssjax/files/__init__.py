@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from .channel_roles import Hints as Hints
     from .channel_samples import list_channels as list_channels
-    from .characterisation_results import write_characterisations as write_characterisations
-    from .characterise_record import characterise as characterise
+    from .characterise_record import characterise as characterise, write_characterisations as write_characterisations
     from .comparison_folder import (
         CandidateFolder as CandidateFolder,
         compare as compare,

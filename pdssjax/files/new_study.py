@@ -11,10 +11,9 @@ import numpy as np
 
 from ..core import member, quantities
 from ..metrics import RUNNING, RecordGuess
-from .guessed_record import NewRecord, Told
-from .results_folder import check_empty, staging_folder
-from .toml_table import quoted
-from .unseen_flanks import (
+from .guessed_record import (
+    NewRecord,
+    Told,
     condition_of,
     early_start,
     is_open,
@@ -23,6 +22,8 @@ from .unseen_flanks import (
     open_parameters,
     sampling_interval,
 )
+from .results_folder import check_empty, staging_folder
+from .toml_table import quoted
 
 _JUMP = 0.3
 """Part of the way of a voltage from one sample to the next that makes a stack ring."""

@@ -6,10 +6,8 @@ Knows no actuator: a system tells its field, its guards and its resets.  Imports
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from .accuracy import ROUNDING as ROUNDING, TIGHT as TIGHT, Accuracy as Accuracy
-    from .closed_form import exact_states_at as exact_states_at, is_closed as is_closed
+    from .accuracy import FAILURES as FAILURES, ROUNDING as ROUNDING, TIGHT as TIGHT, Accuracy as Accuracy
     from .event_location import LOOK_AHEAD as LOOK_AHEAD
-    from .failure import FAILURES as FAILURES
     from .forward_pass import integrate_to_times as integrate_to_times
     from .hybrid_run import RESULTS as RESULTS, Events as Events, Solution as Solution, integrate as integrate
     from .hybrid_system import HybridSystem as HybridSystem
@@ -46,7 +44,7 @@ if TYPE_CHECKING:
         weighted as weighted,
     )
     from .taylor_solver import TaylorSolver as TaylorSolver
-    from .visited_states import visit as visit
+    from .visited_states import exact_states_at as exact_states_at, is_closed as is_closed, visit as visit
 else:
     from ..core.lazy import lazy_exports
 

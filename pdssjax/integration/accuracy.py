@@ -1,4 +1,4 @@
-"""How finely to integrate: tolerances, the step method, and room for steps."""
+"""How finely to integrate: tolerances, the step method, room for steps; and why a run ended early."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -6,6 +6,14 @@ import jax.numpy as jnp
 from ..core import InputError, Scalar, ScalarLike, as_number
 from .step_methods.base import AbstractStepMethod
 from .step_methods.taylor import Taylor
+
+FAILURES = (
+    "",
+    "the integration ran out of steps before the end of the record: look for a stiffness, frequency or bandwidth that "
+    "is too high, take a shorter record, or allow more steps (in Python: `Accuracy(max_steps=...)`)",
+    "the motion did not stay finite",
+)
+
 
 ROUNDING = 1e-15
 """Deviation [m] that is never stepped: at 1e-17 m derivatives of one random actuator in forty were lost."""

@@ -14,8 +14,8 @@ from jax import lax
 from jaxtyping import Array, Float, Int
 
 from ..core import Count, InputError, Scalar, ScalarLike, Tree
-from .chebyshev import basis
 from .hybrid_system import HybridSystem
+from .polynomials import basis
 from .system import AbstractHybridSystem, State
 from .taylor_series import Series, Term, constant, polynomial, weighted
 

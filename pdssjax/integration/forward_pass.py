@@ -13,9 +13,8 @@ from jaxtyping import Array, Float
 
 from ..core import Count, Scalar
 from .accuracy import Accuracy
-from .loop_state import LoopState, initial_loop_state, pack
 from .one_step import fineness, one_step
-from .step_table import KNOWN_COLUMNS, Table
+from .step_table import KNOWN_COLUMNS, LoopState, Table, initial_loop_state, pack
 from .system import AbstractHybridSystem, State, unflattener
 
 _BLOCK = 5
@@ -40,7 +39,7 @@ class Reached(NamedTuple):
     """Accepted."""
     rejected: Count
     failure: Count
-    """Index into `failure.FAILURES`; 0 where the integration finished."""
+    """Index into `accuracy.FAILURES`; 0 where the integration finished."""
 
 
 def find_steps(system: AbstractHybridSystem, horizon: Scalar, accuracy: Accuracy) -> tuple[Table, LoopState]:

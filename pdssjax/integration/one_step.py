@@ -1,24 +1,94 @@
-"""One step of the forward pass: a smooth piece, the event or the corner that ends it, and what follows."""
+"""One step of the forward pass: a smooth piece, the event or the corner that ends it, and what follows.
 
+The bound on steps over which derivatives do not grow: a span of the quickest transient, read off the field itself.
+
+See docs/numerics.md, "Steps that derivatives can bear".
+"""
+
+from collections.abc import Sequence
 from typing import NamedTuple, cast
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from ..core import Scalar, Truth
 from .accuracy import Accuracy
 from .event_location import first_crossing
-from .loop_state import LoopState, kept
 from .polynomials import horner
-from .repeated_period import new_period
-from .step_bound import longest_step
-from .step_length import shortened
 from .step_methods.base import AbstractStepMethod, Piece
-from .step_table import BECAME_SETTLED, CORNER, EVENT, WHICH, written
-from .system import SETTLED, AbstractHybridSystem, InputSegment, State, field_of, has_guards, unflattener
-from .taylor_series import Series, polynomial
+from .step_methods.taylor import shortened
+from .step_table import BECAME_SETTLED, CORNER, EVENT, WHICH, LoopState, kept, written
+from .system import SETTLED, AbstractHybridSystem, InputSegment, State, Unflatten, field_of, has_guards, unflattener
+from .taylor_series import Field, Series, constant, polynomial
+
+_FORCED = 1.5
+"""So many times longer a step may be for what is known in closed form, and only enters the rest as a forcing."""
+
+
+def longest_step(
+    field: Field,
+    t_local: Scalar,
+    x: Sequence[Scalar],
+    mode: Scalar,
+    closed: Sequence[int],
+    span: float,
+    remaining: Scalar,
+) -> Scalar:
+    """How long a step [s] from `x` at `t_local` [s] may be: what is `remaining` [s], or less where derivatives grow.
+
+    **Arguments:** the numbers of the components that are known in closed form; the `span` of the method in time
+    constants.  What has settled does not move, and has no bound.
+    """
+    rate = _quickest_rate(field, t_local, x, closed)
+    too_far = (mode != SETTLED) & (remaining * rate > span)
+    return jnp.where(too_far, span / rate, remaining)
+
+
+def _quickest_rate(field: Field, t_local: Scalar, x: Sequence[Scalar], closed: Sequence[int]) -> Scalar:
+    """About the largest modulus [1/s] of the eigenvalues of the field's Jacobian at `x`; see `span` of the methods.
+
+    A transient that has decayed has coefficients that vanish and allow any step.  What the same step
+    does to derivatives is not seen there: beyond the method's region of stability they grow, and with them
+    what is left of rounding, from step to step.  Two components a, b that feel each other turn or decay at
+    the rate sqrt|J_ab J_ba|, whatever their units; what only one of them feels changes no eigenvalue.
+    """
+
+    def flow(x: Float[Array, " components"]) -> Float[Array, " components"]:
+        return jnp.stack([jnp.asarray(constant(rate), float) for rate in field(t_local, list(x))])
+
+    jacobian = jax.jacfwd(flow)(jnp.stack(x))
+    known = np.isin(np.arange(len(x)), closed)
+    weight = np.where(known, 1.0 / _FORCED**2, 1.0)
+    mutual = jnp.abs(jacobian * jacobian.T) * weight
+    return jnp.sqrt(jnp.max(jnp.sum(jnp.where(jnp.isfinite(mutual), mutual, 0.0), axis=1)))
+
+
+def new_period(
+    cycle: tuple[int, int] | None,
+    system: AbstractHybridSystem,
+    settle_tolerance: Scalar,
+    unflatten: Unflatten,
+    loop: LoopState,
+    ahead: Scalar,
+    x: State,
+    mode: Scalar,
+    corner: Truth,
+) -> tuple[Truth | bool, Truth]:
+    """Whether a period of the drive opens here, and whether it repeats the last one.
+
+    It does where both began at rest and in the same state but for a shift: a contact may
+    also rest while it sticks, each time with another force, or while the platform rings.
+    """
+    if cycle is None:
+        return False, jnp.zeros((), bool)
+    first, every = cycle
+    opens = corner & (ahead >= first) & ((ahead - first) % every == 0)
+    # Each is within `rest` of the steady solution; the factor keeps that from looking like a difference.
+    same = system.same_state(x, unflatten(loop.period_start), 4.0 * settle_tolerance)
+    return opens, opens & (loop.period_start_settled > 0) & (mode == SETTLED) & same
 
 
 class Fineness(NamedTuple):

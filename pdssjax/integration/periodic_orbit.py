@@ -49,7 +49,7 @@ class Orbit(NamedTuple):
     confirmed: Count
     """How often in a row, from where the last look led, the distance was below the tolerance."""
     failure: Count
-    """Index into `failure.FAILURES`; 0 where the integration went well."""
+    """Index into `accuracy.FAILURES`; 0 where the integration went well."""
 
 
 def newton_orbit(

@@ -24,8 +24,8 @@ from jaxtyping import Array, Bool, Float, Int
 from ..core import Count, Scalar, ScalarLike, Truth
 from .accuracy import Accuracy
 from .differentiated_run import places, since_begins, steps_of
-from .loop_state import LoopState
 from .polynomials import horner
+from .step_table import LoopState
 from .system import AbstractHybridSystem, State, Visited, unflattener
 
 
@@ -87,7 +87,7 @@ class SteppedRun(NamedTuple):
     events: Count
     """Switches of the mode that were located."""
     failure: Count
-    """Index into `failure.FAILURES`; 0 where the integration finished."""
+    """Index into `accuracy.FAILURES`; 0 where the integration finished."""
 
 
 def integrate_steps(

@@ -41,7 +41,7 @@ class Cycles(NamedTuple):
     """By what the distance between cycles has shrunk in the last one."""
     steps: Count
     failure: Count
-    """Index into `failure.FAILURES`; 0 where the integration went well."""
+    """Index into `accuracy.FAILURES`; 0 where the integration went well."""
 
 
 class _Carry(NamedTuple):

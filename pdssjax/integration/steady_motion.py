@@ -61,7 +61,7 @@ class SteadyState(NamedTuple):
     looks: Count
     """How often Newton's method integrated and linearised a cycle; two confirm what the integration found."""
     failure: Count
-    """Index into `failure.FAILURES`; 0 where the integration went well."""
+    """Index into `accuracy.FAILURES`; 0 where the integration went well."""
 
 
 class _Tried(NamedTuple):

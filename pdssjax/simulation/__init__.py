@@ -8,14 +8,16 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from .flat_vector_field import vector_field as vector_field
     from .grazing_reversals import grazing as grazing, turns as turns
-    from .observation import Inside as Inside, Observation as Observation, observe as observe
     from .sensor_output import (
         ACCELERATION as ACCELERATION,
         DISPLACEMENT as DISPLACEMENT,
         FRICTION_FORCE as FRICTION_FORCE,
         STOP_FORCE as STOP_FORCE,
         VELOCITY as VELOCITY,
+        Inside as Inside,
+        Observation as Observation,
         Output as Output,
+        observe as observe,
         sensor_samples as sensor_samples,
         why_failed as why_failed,
     )

@@ -56,7 +56,7 @@ def test_a_flank_that_samples_show_leaves_nothing_open(tmp_path):
 
 
 def test_samples_too_far_apart_for_the_ringing_leave_a_step_as_it_is(tmp_path, monkeypatch):
-    monkeypatch.setattr("pdssjax.files.unseen_flanks._RINGS", 0.5 * DT)
+    monkeypatch.setattr("pdssjax.files.guessed_record._RINGS", 0.5 * DT)
     study = study_of(tmp_path, lambda t: np.where(t >= 0, 60.0, 0.0), "platform")
     assert not any("@" in path for path in study.parameters)
 

@@ -7,9 +7,9 @@ import pytest
 from pdssjax import Accuracy, Actuator
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.friction.stribeck import Stribeck
-from pdssjax.integration.loop_state import initial_loop_state
 from pdssjax.integration.one_step import attempt, until_event
 from pdssjax.integration.polynomials import horner
+from pdssjax.integration.step_table import initial_loop_state
 from pdssjax.integration.taylor_series import polynomial
 from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.simulation import StickSlip

@@ -13,7 +13,7 @@ from sliding import Contact, slid
 from pdssjax import AbstractFriction, Accuracy
 from pdssjax.friction.bristle import Bristle
 from pdssjax.integration.polynomials import horner
-from pdssjax.integration.step_length import resolved_radius
+from pdssjax.integration.step_methods.taylor import resolved_radius
 from pdssjax.integration.taylor_series import Series, polynomial, unknown
 
 SPEEDS = np.array([0.0, 1e-5, 3e-4, 2e-3, 9e-3, 4e-2, 0.1])

@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 
 from pdssjax import InputError, Taylor
 from pdssjax.integration import HybridSystem, Picard, cosine_and_sine, integrate
-from pdssjax.integration.chebyshev import basis
+from pdssjax.integration.polynomials import basis
 
 ROOM = {"loss": 0.2, "power": 8.0, "levels": (18.0, 22.0)}
 

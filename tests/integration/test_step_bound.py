@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import pytest
 
 from pdssjax.integration import SETTLED
-from pdssjax.integration.step_bound import longest_step
+from pdssjax.integration.one_step import longest_step
 
 RATE, DAMPING, SPAN = 6736.0, 0.1772, 16.0 / 3.0
 

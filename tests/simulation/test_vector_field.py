@@ -17,7 +17,7 @@ from pdssjax.friction.reset_integrator import ResetIntegrator
 from pdssjax.piezo.maxwell_slip import MaxwellSlip
 from pdssjax.piezo.second_order import SecondOrder
 from pdssjax.piezo.static import Static
-from pdssjax.simulation._drive_clock import drive_clock
+from pdssjax.simulation.flat_vector_field import drive_clock
 
 ACTUATOR, DRIVE = Actuator(SecondOrder(), AnisotropicLuGre()), Sawtooth(64.0, 5.0, 1e-3)
 _RATES = eqx.filter_jit(lambda f, y: f(0.01, y))

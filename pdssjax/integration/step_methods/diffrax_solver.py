@@ -12,8 +12,7 @@ import optimistix as optx
 from jaxtyping import Array, Float
 
 from ...core import Scalar, Truth
-from ..chebyshev import basis
-from ..polynomials import Polynomials
+from ..polynomials import Polynomials, basis
 from ..taylor_series import Field, constant
 from .base import AbstractStepMethod, KnownStep, Piece
 

@@ -14,8 +14,7 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from ...core import Scalar
-from ..chebyshev import basis
-from ..polynomials import Polynomials
+from ..polynomials import Polynomials, basis
 from ..taylor_series import Field, constant
 from .base import AbstractStepMethod, KnownStep, Piece
 
