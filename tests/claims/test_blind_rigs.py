@@ -8,7 +8,7 @@ import pytest
 import pdssjax
 from experiments import blind_rigs
 from experiments.three_ways import known_truth
-from pdssjax.inference.least_squares import evaluated
+from pdssjax.inference import evaluated
 from pdssjax.inference.poor_fit import is_poor, leaves_more_than_noise
 
 FITTED = [path for path, parameter in blind_rigs.packaged().parameters.items() if parameter.free]

@@ -11,8 +11,7 @@ from waves import PATHS, Waves, at, run
 
 from pdssjax import Accuracy
 from pdssjax.core import quantity
-from pdssjax.inference import Ending, Fit
-from pdssjax.inference.effort import EFFORTS
+from pdssjax.inference import EFFORTS, Ending, Fit
 from pdssjax.inference.losses.huber import Huber
 from pdssjax.inference.losses.squares import Squares
 from pdssjax.inference.poor_fit import leaves_more_than_noise
