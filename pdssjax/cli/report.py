@@ -10,6 +10,11 @@ from .results import NOT_WRITTEN, say_where
 
 
 def report(options: argparse.Namespace) -> int:
+    from ..files import own_page
+
+    own = own_page(options.folder)
+    if own is not None and options.out is None:
+        return say_where(True, f"The page is in {own}")
     file = options.folder / "report.html" if options.out is None else options.out
     if file.exists() and not options.overwrite:
         raise InputError(f"{file}: found a file there already; expected another --out, or --overwrite.")
@@ -18,10 +23,13 @@ def report(options: argparse.Namespace) -> int:
         from ..files import read_page
         from ..report.page import write_page
 
-        page = read_page(options.folder)
+        page = None if own is not None else read_page(options.folder)
         try:
             file.parent.mkdir(parents=True, exist_ok=True)
-            write_page(file, page, overwrite=options.overwrite)
+            if own is not None:
+                file.write_bytes(own.read_bytes())
+            elif page is not None:
+                write_page(file, page, overwrite=options.overwrite)
         except OSError as error:
             print(f"pdssjax: error: {file}: cannot be written to ({error.strerror or error})", file=sys.stderr)
             return NOT_WRITTEN

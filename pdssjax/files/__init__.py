@@ -57,7 +57,7 @@ if TYPE_CHECKING:
         reserved_folder as reserved_folder,
         write_aside as write_aside,
     )
-    from .results_page import read_page as read_page
+    from .results_page import own_page as own_page, read_page as read_page
     from .study_copy import save_study as save_study
     from .study_schema import schema_text as schema_text
     from .study_toml import load_study as load_study

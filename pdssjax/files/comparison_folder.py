@@ -1,8 +1,6 @@
 """Compares models and keeps what is found: every candidate as soon as it is fitted, the comparison at the end."""
 
-import contextlib
 import dataclasses
-import importlib.metadata
 import io
 import json
 import shutil
@@ -14,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core import Document, InputError, InputWarning
+from ..core import Document, InputError, InputWarning, installed_versions
 from ..inference import Progress
 from ..report.page import comparison_page, write_page
 from ..report.text import format_selection
@@ -183,12 +181,8 @@ def write_selection(found: Comparison, folder: Path, commands: Sequence[str] = (
 
 
 def _versions() -> list[str]:
-    """What computed it."""
-    found = []
-    for name in ("pdssjax", "jax", "jaxlib", "numpy"):
-        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
-            found.append(f"{name} {importlib.metadata.version(name)}")
-    return [f"Computed with {', '.join(found)}."] if found else []
+    """What computed it, as a sentence."""
+    return [f"Computed with {', '.join(f'{name} {version}' for name, version in installed_versions().items())}."]
 
 
 def comparison_text(found: Comparison) -> str:

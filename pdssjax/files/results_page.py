@@ -11,6 +11,15 @@ _MOST_BYTES = 2_000_000
 """Of pictures on a page: written as text they are a third larger, and a page of more than 3 MB is refused by mail."""
 
 
+_OWN = "comparison.html", "plan.html"
+"""Pages that commands write themselves, since they know more than their files say."""
+
+
+def own_page(folder: Path) -> Path | None:
+    """The page that the command wrote into its `folder` of results; None where it wrote none."""
+    return next((folder / name for name in _OWN if (folder / name).is_file()), None)
+
+
 def read_page(folder: Path) -> Page:
     """The page of a `folder` of results: of an estimate all that is known, of others their texts and pictures.
 

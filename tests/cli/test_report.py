@@ -76,3 +76,14 @@ def test_pictures_beyond_what_can_be_mailed_are_named(tmp_path, monkeypatch):
     monkeypatch.setattr(results_page, "_MOST_BYTES", 10)
     assert main(["report", str(tmp_path)]) == 0
     assert "too large to send: large.png." in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("name", ["comparison.html", "plan.html"])
+def test_a_page_that_a_command_wrote_itself_is_taken(tmp_path, capsys, name):
+    (tmp_path / name).write_text("its page", encoding="utf-8")
+    (tmp_path / "comparison.txt").write_text("its text", encoding="utf-8")
+    assert main(["report", str(tmp_path)]) == 0
+    assert f"The page is in {tmp_path / name}" in capsys.readouterr().out
+    assert main(["report", str(tmp_path), "--out", str(tmp_path / "sent" / "page.html")]) == 0
+    assert (tmp_path / "sent" / "page.html").read_text(encoding="utf-8") == "its page"
+    assert main(["report", str(tmp_path), "--out", str(tmp_path / "sent" / "page.html")]) == 2
