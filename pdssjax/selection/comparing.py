@@ -40,6 +40,9 @@ from .telling_records import most_telling_record
 EFFORT = "quick"
 """Of each fit, unless another is asked for: a law that is wrong is poor from every start, and would try them all."""
 
+NO_BETTER = 1.0
+"""Deviance by which a model may lie above its simpler neighbour: a fit may end a little before its optimum."""
+
 BINS = 20
 """Parts of a cycle, or of a record, in which a misfit is looked for."""
 
@@ -72,6 +75,8 @@ class Task(NamedTuple):
     candidate: Candidate
     values: Mapping[str, float]
     """Of a neighbour's optimum [SI], by path; empty where there is none."""
+    deviance: float
+    """Of the neighbour's fit; infinite where there is none."""
     parts: tuple[Part, ...]
     effort: str
 
@@ -154,7 +159,7 @@ def _fit_all(
         while waiting or running:
             for candidate in [c for c in waiting if near[c.name] is None or near[c.name] in done]:
                 waiting.remove(candidate)
-                task = Task(candidate, _values_near(candidate, near, done), parts, effort)
+                task = Task(candidate, *_optimum_near(candidate, near, done), parts, effort)
                 running[submit(fit_candidate, task)] = candidate
             for future in wait(running, return_when=FIRST_COMPLETED).done:
                 candidate = running.pop(future)
@@ -170,14 +175,16 @@ def _fit_all(
 _Answer = tuple[FittedCandidate, Estimate | None]
 
 
-def _values_near(
+def _optimum_near(
     candidate: Candidate, near: Mapping[str, str | None], done: Mapping[str, FittedCandidate]
-) -> dict[str, float]:
-    """The optimum of the nearest simpler candidate that has one; empty where there is none."""
+) -> tuple[dict[str, float], float]:
+    """Numbers and deviance of the nearest simpler candidate that has a fit; none and infinite where there is none."""
     name = near[candidate.name]
     while name is not None and done[name].failure:
         name = near.get(name)
-    return {} if name is None else {path: done[name].values[path] for path in done[name].free}
+    if name is None:
+        return {}, np.inf
+    return {path: done[name].values[path] for path in done[name].free}, done[name].deviance
 
 
 def _answer(future: Future[_Answer], candidate: Candidate) -> _Answer:
@@ -239,7 +246,7 @@ def _begin_process() -> None:
 
 
 def fit_candidate(task: Task) -> _Answer:
-    """Fit a candidate from its neighbour's optimum, and where that is poor from the study's starts; hold parts out."""
+    """Fit a candidate from its neighbour's optimum, if need be from the study's starts, too; hold parts out."""
     candidate, begun = task.candidate, time.perf_counter()
     try:
         require_float64("compare")
@@ -264,20 +271,29 @@ def fit_candidate(task: Task) -> _Answer:
 
 
 def _best_estimate(task: Task) -> tuple[Estimate, str]:
-    """The better of the fits from the neighbour's optimum and, where that is poor, from the study's own starts."""
+    """The fit from the neighbour's optimum, or a better one from the study's own starts.
+
+    A poor fit is compared with other starts within `identify`.  From the study's own it is repeated where it did not
+    converge, or explains less than the simpler neighbour: then it ended in a wrong optimum.
+    """
     own = task.candidate.study
     fit = functools.partial(identify, effort=task.effort, progress=_quiet)
     near = starting_near(task.candidate, task.values) if task.values else own
     first = fit(near)
-    if first.success or not task.values:
+    as_good = first.converged and _deviance(first) <= task.deviance + NO_BETTER
+    if not task.values or first.success or as_good:
         return first, "neighbour" if task.values else "study"
     second = fit(own)
     better = second.statistics.aic < first.statistics.aic or not np.isfinite(first.statistics.aic)
     return (second, "study") if better else (first, "neighbour")
 
 
+def _deviance(estimate: Estimate) -> float:
+    """Minus twice the logarithm of the likelihood that the fit maximised."""
+    return estimate.statistics.aic - 2.0 * estimate.statistics.free
+
+
 def _fitted(candidate: Candidate, estimate: Estimate, start: str) -> FittedCandidate:
-    statistics = estimate.statistics
     return FittedCandidate(
         name=candidate.name,
         model=candidate.study.models.chosen,
@@ -288,7 +304,7 @@ def _fitted(candidate: Candidate, estimate: Estimate, start: str) -> FittedCandi
         values={path: parameter.value for path, parameter in estimate.parameters.items()},
         units={path: parameter.unit for path, parameter in estimate.parameters.items()},
         errors={path: estimate.parameters[path].standard_error for path in estimate.names},
-        deviance=statistics.aic - 2.0 * statistics.free,
+        deviance=_deviance(estimate),
         residuals=tuple(record.residual for record in estimate.records),
         start=start,
     )

@@ -29,7 +29,7 @@ SLICES = 5
 the parameters, and each slice is long beside what the samples next to it tell of its noise."""
 
 FEWEST = 20
-"""Samples of a part at least."""
+"""Samples of a block, about; a record of fewer than two blocks is not cut."""
 
 WORSE = 0.5
 """Chi-square by which the samples that were left may fare worse after a step that is believed: a fit without the part
@@ -72,17 +72,18 @@ def parts_of(study: Study) -> tuple[Part, ...]:
 def _blocks(record: Record) -> list[Bool[np.ndarray, " samples"]]:
     """Blocks of time of a record: its cycles, some together, or slices that are spread over it."""
     frequency, time = cycles_a_second(record), record.time
+    most = min(BLOCKS, time.size // FEWEST)
+    if most < 2:
+        return []
     if frequency is not None and np.ptp(time) * frequency >= FEWEST_CYCLES - 0.5:
         cycle = np.floor(time * frequency + 1e-9).astype(int)
         # A rest of a cycle at either end goes with its neighbour.
         first, last = (int(np.round(end * frequency)) for end in (time[0], time[-1]))
         cycle = np.clip(cycle, first, last - 1)
-        groups = _grouped(cycle - cycle.min(), BLOCKS)
+        groups = _grouped(cycle - cycle.min(), most)
     else:
-        count = int(min(BLOCKS * SLICES, time.size // FEWEST * SLICES))
-        groups = np.arange(time.size) * max(count, 1) // time.size % max(min(BLOCKS, count // SLICES), 1)
-    found = [groups == group for group in np.unique(groups)]
-    return found if len(found) > 1 and min(map(np.sum, found)) >= FEWEST else []
+        groups = np.arange(time.size) * (most * SLICES) // time.size % most
+    return [groups == group for group in np.unique(groups)]
 
 
 def _grouped(numbers: np.ndarray, most: int) -> np.ndarray:

@@ -4,6 +4,7 @@ import dataclasses
 import json
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +16,8 @@ from pdssjax import InputError
 from pdssjax.cli.main import main
 from pdssjax.report import figures
 from pdssjax.report.text import format_selection
-from pdssjax.selection import FittedCandidate, TellingRecord, comparing
+from pdssjax.selection import FittedCandidate, TellingRecord, candidates_of, comparing
+from pdssjax.selection.scores import common_noise
 
 LEFT = {"coulomb": 0.03, "dahl": 0.0, "lugre": 0.0002}
 """By law, the misfit [N] that it leaves beside the noise."""
@@ -239,11 +241,45 @@ def test_wrong_options_are_one_line_and_lose_nothing(tmp_path, capsys, options, 
     assert not out.exists()
 
 
+ENDED = {
+    "good": (True, True, 100.0),
+    "poor": (True, False, 100.0),
+    "worse than its neighbour": (True, False, 300.0),
+    "not converged": (False, False, 100.0),
+}
+"""Whether a fit converged, whether it explains its records, and its deviance."""
+
+
+@pytest.mark.parametrize(("near", "start"), [("good", "neighbour"), ("poor", "neighbour")])
+def test_a_fit_that_explains_no_less_than_the_simpler_neighbour_stands(tmp_path, monkeypatch, near, start):
+    asked, found = best_of(tmp_path, monkeypatch, near)
+    assert asked == ["neighbour"] and found == start
+
+
+@pytest.mark.parametrize("near", ["worse than its neighbour", "not converged"])
+def test_one_that_explains_less_or_did_not_converge_is_tried_from_the_studys_starts(tmp_path, monkeypatch, near):
+    asked, found = best_of(tmp_path, monkeypatch, near)
+    assert asked == ["neighbour", "study"] and found == "study"
+
+
+def best_of(tmp_path, monkeypatch, near):
+    """Which starts were fitted where that from a neighbour ended so, and that from the study's own well."""
+    asked = []
+
+    def identify(study, **how):
+        start = "study" if study.parameters["friction.f_c"].start is None else "neighbour"
+        asked.append(start)
+        converged, explained, deviance = ENDED[near] if start == "neighbour" else (True, True, 50.0)
+        statistics = SimpleNamespace(aic=deviance, free=0)
+        return SimpleNamespace(converged=converged, success=converged and explained, statistics=statistics)
+
+    monkeypatch.setattr(comparing, "identify", identify)
+    dahl = candidates_of(contact_study(tmp_path), friction=["coulomb"])[1]
+    return asked, comparing._best_estimate(comparing.Task(dahl, {"friction.f_c": 0.5}, 200.0, (), "quick"))[1]
+
+
 def test_a_misfit_is_found_where_it_is(tmp_path):
     study = contact_study(tmp_path)
-    from pdssjax.selection import candidates_of
-    from pdssjax.selection.scores import common_noise
-
     dahl = candidates_of(study, friction=["coulomb"])[1]
     best = made_up(dahl, 0.0)
     there = (study.records[1].time > 0.5) & (study.records[1].time < 0.6)
