@@ -67,8 +67,8 @@ def _result(estimate: Estimate) -> Iterator[str]:
         "to within their noise."
     )
     yield (
-        f"{_count(len(estimate.names), 'parameter')} and {statistics.free - len(estimate.names)} sensor zeros were "
-        f"fitted to {statistics.samples} samples of {_count(len(fitted), 'record')}{apart}. {judged}"
+        f"{_count(len(estimate.names), 'parameter')} and "
+        f"{_count(statistics.free - len(estimate.names), 'sensor zero')} were fitted to {statistics.samples} samples of {_count(len(fitted), 'record')}{apart}. {judged}"
     )
     validation = [record for record in estimate.records if record.role != "fit"]
     if validation:
@@ -368,7 +368,8 @@ def _records(estimate: Estimate) -> list[Section]:
 
 def _illustrated(record: FittedRecord) -> Illustration:
     by = f", {record.excitation}" if record.excitation else ""
-    caption = f'"{record.name}": {record.display.quantity} of the {record.measures}{by}.'
+    of = "contact" if record.motion is not None else record.measures
+    caption = f'"{record.name}": {record.display.quantity} of the {of}{by}.'
     description = f"Measured and predicted, {caption} {_quality(record)}."
     return Illustration(figures.record_figure(record), caption, description)
 
