@@ -68,7 +68,8 @@ def _result(estimate: Estimate) -> Iterator[str]:
     )
     yield (
         f"{_count(len(estimate.names), 'parameter')} and "
-        f"{_count(statistics.free - len(estimate.names), 'sensor zero')} were fitted to {statistics.samples} samples of {_count(len(fitted), 'record')}{apart}. {judged}"
+        f"{_count(statistics.free - len(estimate.names), 'sensor zero')} were fitted to "
+        f"{statistics.samples} samples of {_count(len(fitted), 'record')}{apart}. {judged}"
     )
     validation = [record for record in estimate.records if record.role != "fit"]
     if validation:
