@@ -10,8 +10,8 @@ leave-one-out holds under such noise: both count neighbouring samples as indepen
 the noise.
 
 With w = L^-1 e, L L' = C, two models differ by d = (|w_b|^2 - |w_a|^2) / 2 in a part.  By noise alone d varies by
-|w_a - w_b|^2; where the parts of a record differ more than that, their scatter counts (Q. H. Vuong, Econometrica 57(2),
-1989).  A difference is significant from two standard errors on, and matters where it exceeds both `LEAST` and half of
+|w_a - w_b|^2.  Where the better one leaves more than noise, too, and the parts of a record differ more than that, their
+scatter counts (Q. H. Vuong, Econometrica 57(2), 1989).  A difference is significant from two standard errors on, and matters where it exceeds both `LEAST` and half of
 what the better model itself leaves beyond noise: where no model is right, differences below their common error are no
 reason to choose.
 """
@@ -180,15 +180,14 @@ class Scores(NamedTuple):
         better, worse = self.whitened[first], self.whitened[second]
         values = np.array([0.5 * float(b @ b - a @ a) for a, b in zip(better, worse, strict=True)])
         chance = np.array([float(np.sum((a - b) ** 2)) for a, b in zip(better, worse, strict=True)])
-        variance = 0.0
+        total = float(np.sum(values))
+        left, variance = self.excess(first if total >= 0.0 else second), 0.0
         for record in {part.record for part in self.parts}:
             here = np.array([part.record == record for part in self.parts])
             count, scatter = int(here.sum()), 0.0
-            if count > 1:
+            if count > 1 and left:
                 scatter = count * float(np.var(values[here], ddof=1))
             variance += max(scatter, float(np.sum(chance[here])))
-        total = float(np.sum(values))
-        left = self.excess(first if total >= 0.0 else second)
         return Difference(total, float(np.sqrt(variance)), abs(total) >= max(LEAST, 0.5 * left))
 
     def best(self, among: Sequence[str]) -> str:

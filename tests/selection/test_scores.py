@@ -105,6 +105,14 @@ def test_where_no_model_is_right_small_differences_do_not_matter():
     assert difference.total > 20.0 and not difference.matters
 
 
+def test_a_misfit_that_one_block_alone_shows_is_no_chance_where_the_other_model_leaves_noise():
+    """Blocks that differ, such as the first cycle from later ones, say nothing against the difference."""
+    misfit = (3.0, 0.2, 0.2, 0.2)
+    scores = scored(["time"] * 4, {"a": 0.0, "b": misfit})
+    blocks = tuple(part._replace(record=0) for part in scores.parts)
+    assert scores._replace(parts=blocks).difference("a", "b").is_significant
+
+
 def test_a_model_that_leaves_much_more_than_a_wrong_one_is_worse_all_the_same():
     assert scored(["time"] * 6, {"a": 1.0, "b": 3.0}).difference("a", "b").is_significant
 
