@@ -11,9 +11,9 @@ the noise.
 
 With w = L^-1 e, L L' = C, two models differ by d = (|w_b|^2 - |w_a|^2) / 2 in a part.  By noise alone d varies by
 |w_a - w_b|^2.  Where the better one leaves more than noise, too, and the parts of a record differ more than that, their
-scatter counts (Q. H. Vuong, Econometrica 57(2), 1989).  A difference is significant from two standard errors on, and matters where it exceeds both `LEAST` and half of
-what the better model itself leaves beyond noise: where no model is right, differences below their common error are no
-reason to choose.
+scatter counts (Q. H. Vuong, Econometrica 57(2), 1989).  A difference is significant from two standard errors on, and
+matters where it exceeds both `LEAST` and half of what the better model itself leaves beyond noise: where no model is
+right, differences below their common error are no reason to choose.
 """
 
 from collections.abc import Mapping, Sequence
