@@ -101,7 +101,7 @@ def _aim(
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `design`."""
     parser.set_defaults(run=design)
-    text = "study file (TOML), or the folder of a plan: that of its rehearsal, or one with its records measured"
+    text = "study file (TOML), or a folder of results: of identify, or of a plan whose records were measured"
     parser.add_argument("study", type=Path, metavar="STUDY", help=text)
     text = "an estimate.json: its numbers, its covariance as information that is there already, its misfit as noise"
     parser.add_argument("--estimate", type=Path, metavar="FILE", help=text)

@@ -25,7 +25,7 @@ Pair = tuple[Experiment, Schedule]
 BLOCKS = (2, 8, 32)
 """Parts of a record's samples that move to another record."""
 
-STEP = 2e-3
+STEP = 2e-4
 """Relative difference by which a criterion is differentiated."""
 
 _EVALUATIONS = 12

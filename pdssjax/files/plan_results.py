@@ -17,6 +17,7 @@ from ..core import Document, InputError, choices, quantities
 from ..design import Plan, PlannedRecord, Rehearsal
 from ..report.text import format_design
 from ..study import Study
+from .estimate_json import read_estimate
 from .estimate_results import write_estimate
 from .json_text import json_text
 from .prediction_results import file_stems
@@ -230,15 +231,23 @@ def write_rehearsal(rehearsal: Rehearsal, plan: Plan, source: Path, design: Docu
 
 
 def plan_folder(folder: Path) -> tuple[Path, Path | None]:
-    """The study and the estimate of a folder that a plan was made or carried out in.
+    """The study and the estimate of a folder: of a plan that was made or carried out, or of an identification.
 
-    **Raises:** `InputError` where it holds no plan.
+    **Raises:** `InputError` where it holds neither, or the study of the identification is not where it was.
     """
     studies: Sequence[str] = ("plan-together.toml", "plan.toml")
     study = next((folder / name for name in studies if (folder / name).is_file()), None)
-    if study is None:
-        raise InputError(
-            f"{folder}: found no plan.toml, expected a study file with --estimate FILE, or the folder of a plan."
-        )
     places = (folder / IDENTIFIED / "estimate.json", folder / "estimate.json")
-    return study, next((place for place in places if place.is_file()), None)
+    estimate = next((place for place in places if place.is_file()), None)
+    if study is not None:
+        return study, estimate
+    if estimate is None:
+        raise InputError(f"{folder}: found no plan.toml and no estimate.json, expected a study file or results.")
+    made_of = read_estimate(estimate).get("provenance")
+    named = made_of.get("study") if isinstance(made_of, dict) else None
+    if not (isinstance(named, str) and Path(named).is_file()):
+        raise InputError(
+            f"{estimate}: found no study at {named or 'a place that it names'}, expected the study file, with "
+            f"--estimate {estimate}."
+        )
+    return Path(named), estimate

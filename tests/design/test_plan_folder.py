@@ -190,6 +190,15 @@ def test_a_folder_without_a_plan_is_refused(tmp_path, capsys):
     assert "found no plan.toml" in capsys.readouterr().err
 
 
+def test_results_lead_to_the_study_that_they_are_of(source, tmp_path):
+    estimate = tmp_path / "estimate.json"
+    estimate.write_text(json.dumps({"format": "pdssjax-estimate/1", "provenance": {"study": str(source)}}))
+    assert plan_folder(tmp_path) == (source, estimate)
+    source.unlink()
+    with pytest.raises(InputError, match=r"found no study at .*rig\.toml, expected the study file, with --estimate"):
+        plan_folder(tmp_path)
+
+
 def test_windows_are_read_in_their_order(source):
     pairs = (("0 s", "1 ms"), ("0.5 ms", "2 ms"))
     windows = ", ".join(f'{{ start = "{start}", end = "{end}", interval = "0.1 ms" }}' for start, end in pairs)
