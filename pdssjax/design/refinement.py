@@ -2,8 +2,9 @@
 
 The sampling of each record is improved by a local search, and blocks of samples move from the record that misses them
 least to the one that gains most.  Voltages, frequencies and duties follow the gradient of the criterion within their
-limits (L-BFGS-B: R. H. Byrd, P. Lu, J. Nocedal and C. Zhu, SIAM J. Scientific Computing 16(5), 1995).  With the
-criterion's derivative by the information of each record, the gradient takes only differences of that record.
+limits (L-BFGS-B: R. H. Byrd, P. Lu, J. Nocedal and C. Zhu, SIAM J. Scientific Computing 16(5), 1995); the gradient
+takes differences of one record at a time.  The frequency of a record that goes on through many cycles stays: where its
+samples lie in the cycle changes by more than the cycle with a small change of it, and the criterion has no slope there.
 """
 
 import dataclasses
@@ -25,10 +26,10 @@ Pair = tuple[Experiment, Schedule]
 BLOCKS = (2, 8, 32)
 """Parts of a record's samples that move to another record."""
 
-STEP = 2e-4
+STEP = 1e-3
 """Relative difference by which a criterion is differentiated."""
 
-_EVALUATIONS = 12
+_EVALUATIONS = 8
 """Of criterion and gradient."""
 
 
@@ -133,6 +134,12 @@ def _moved(plan: list[Pair], giver: int, taker: int, part: int) -> list[Pair] | 
     return out
 
 
+def is_locked(pair: Pair) -> bool:
+    """Whether the samples of a record stay where they are in the cycle when the frequency changes a little."""
+    experiment, schedule = pair
+    return schedule.windows > 1 or schedule.length < (experiment.period or np.inf)
+
+
 def _with_better_drives(task: Task, plan: list[Pair]) -> list[Pair]:
     """The plan with voltages, frequencies and duties where the criterion is least nearby."""
     from scipy.optimize import minimize  # takes a while to load
@@ -145,7 +152,7 @@ def _with_better_drives(task: Task, plan: list[Pair]) -> list[Pair]:
         for place, (experiment, _) in enumerate(plan)
         for field in experiment.shape
         for low, high in [ends.get(field) or (1.0, 1.0)]
-        if low < high
+        if low < high and (field != "frequency" or is_locked(plan[place]))
     ]
     if not free:
         return plan
@@ -177,7 +184,7 @@ def _with_better_drives(task: Task, plan: list[Pair]) -> list[Pair]:
         jac=True,
         method="L-BFGS-B",
         bounds=list(zip(lows, highs, strict=True)),
-        options={"maxfun": _EVALUATIONS, "maxiter": _EVALUATIONS},
+        options={"maxfun": _EVALUATIONS, "maxiter": _EVALUATIONS, "maxls": 4},
     )
     end, sound = at(found.x), [e for e, _ in at(found.x) if e.drive is None or not e.drive.broken_conditions()]
     return end if allowed(end) and len(sound) == len(end) else plan

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-PARTS = (0.25, 0.5, 1.0, 2.0)
+PARTS = (0.5, 1.0, 2.0)
 """Samples of a record, in parts of an even share of the budget."""
 
 INTERVALS = (1, 2, 4, 8, 16, 64)

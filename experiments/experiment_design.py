@@ -1,0 +1,148 @@
+"""The same number of samples, the thesis's plan against a designed one; and whether what a plan promises holds.
+
+The thesis fitted three step responses of the platform (50 us) and two walks at 5 Hz (1 ms), 5605 samples in all, of
+which the packaged records are the counterpart.  A plan of as many records and samples, within the same voltages,
+frequencies, least interval and noise, is chosen for the six friction parameters.  At other truths than the nominal one
+(parameters drawn within a tenth) the same plan is compared again.
+
+Noise of 1 ms correlation time and free zeros: the information matrix of a plan against a Monte Carlo of refits.  The
+quick refit is a step of Gauss and Newton with whitened residuals, which at this noise is where a whole fit ends;
+`--refit N` makes N whole ones, by `identify` and white noise.
+
+    python -m experiments.experiment_design [--refit N]
+"""
+
+import argparse
+import json
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+import pdssjax
+from experiments.common import Row, print_table, write
+from pdssjax import Aim, Limits, Plan, Resources, Study, prepare_jax
+from pdssjax.design import Knowledge, Noise, record_information, rehearse
+from pdssjax.files import EXAMPLE
+from pdssjax.inference import pose
+
+NAME = "experiment_design"
+AIM = 3.0
+"""Factor by which a designed plan is to beat the thesis's."""
+TRUTHS, SCATTER = 3, 0.1
+"""Truths drawn, and the standard deviation of the logarithm of each parameter."""
+CORRELATION_TIME = 1e-3
+DRAWS = 2000
+"""Of the noise in the Monte Carlo."""
+
+
+def nominal() -> tuple[Study, dict[str, float]]:
+    """The packaged study, and the parameters that its records were made with [SI]."""
+    study = pdssjax.load_study(EXAMPLE / "study.toml")
+    known = json.loads((EXAMPLE / "truth.json").read_text(encoding="utf-8"))["parameters"]
+    return study, {path: known[path]["value"] for path in study.parameters}
+
+
+def friction_paths(study: Study) -> tuple[str, ...]:
+    """The free parameters of the contact."""
+    return tuple(path for path, p in study.parameters.items() if p.free and path.startswith("friction."))
+
+
+def designed(study: Study, truth: Mapping[str, float]) -> Plan:
+    """A plan of as many samples and records as the thesis's, best for the friction parameters."""
+    fitted = [record for record in study.records if record.role == "fit"]
+    budget = Resources(sum(record.time.size for record in fitted), len(fitted))
+    # No draws: what a rig's first plan can rest on is a guess, and truths off it are tried below.
+    aim = Aim("parameter", friction_paths(study))
+    return pdssjax.design_experiment(
+        study, budget, knowledge=Knowledge(dict(truth)), limits=Limits(), aim=aim, draws=1, progress=print
+    )
+
+
+def linearised(study: Study, truth: Mapping[str, float]) -> tuple[tuple[str, ...], list[Float[np.ndarray, "n p"]]]:
+    """Paths of the free parameters, and the Jacobian of each fitted record by them on the fit's scale, its zero free."""
+    starting = study.with_starts({path: n for path, n in truth.items() if study.parameters[path].free})
+    problem = pose(starting, dict(truth), study.accuracy)
+    jacobian = np.asarray(problem.jacobian(problem.encode(dict(truth))))
+    return problem.residual.transform.paths, [jacobian[rows] for rows in problem.rows]
+
+
+def relative_errors(study: Study, truth: Mapping[str, float]) -> dict[str, float]:
+    """Relative standard errors by the fitted records of a study, white noise and free zeros."""
+    paths, jacobians = linearised(study, truth)
+    whole = np.concatenate(jacobians)
+    return dict(zip(paths, np.sqrt(np.diag(np.linalg.inv(whole.T @ whole))), strict=True))
+
+
+def geometric_mean(errors: Mapping[str, float], paths: Sequence[str]) -> float:
+    """Of the errors of some parameters."""
+    return float(np.exp(np.mean([np.log(errors[path]) for path in paths])))
+
+
+def scattered(truth: Mapping[str, float], study: Study, seed: int) -> dict[str, float]:
+    """Other truths: every free parameter off by about a tenth."""
+    random = np.random.default_rng(seed)
+    factors = {p: float(np.exp(SCATTER * random.normal())) for p, q in study.parameters.items() if q.free}
+    return {path: number * factors.get(path, 1.0) for path, number in truth.items()}
+
+
+def monte_carlo(plan: Plan, truth: Mapping[str, float]) -> dict[str, float]:
+    """Standard deviations of refits over those of the information matrix, by path, with coloured noise.
+
+    Each refit is a step of Gauss and Newton from the truth that whitens its residuals, zeros free, with noise drawn at
+    the plan's own sample times.
+    """
+    study = plan.as_study()
+    paths, centred = linearised(study, truth)
+    random, columns, shots = np.random.default_rng(0), [], []
+    information = np.zeros((len(paths), len(paths)))
+    for planned, jacobian in zip(plan.records, centred, strict=True):
+        noise = Noise(1.0, CORRELATION_TIME)
+        times = planned.times
+        factor = np.linalg.inv(np.linalg.cholesky(_correlations(times)))
+        white = factor @ np.column_stack([jacobian, np.ones(times.size)])
+        zero = white[:, -1]
+        free = white[:, :-1] - np.outer(zero, zero @ white[:, :-1] / (zero @ zero))
+        information += record_information(jacobian, times, noise)
+        columns.append(free)
+        drawn = np.array([noise.drawn(times, random) for _ in range(DRAWS)])
+        shots.append(drawn @ factor.T)
+    whole = np.concatenate(columns)
+    moved = np.concatenate(shots, axis=1) @ whole @ np.linalg.inv(whole.T @ whole)
+    promised = np.sqrt(np.diag(np.linalg.inv(information)))
+    return dict(zip(paths, np.std(moved, axis=0) / promised, strict=True))
+
+
+def _correlations(times: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n n"]:
+    """Of the noise between all samples."""
+    return np.exp(-np.abs(times[:, None] - times) / CORRELATION_TIME) + 1e-12 * np.eye(times.size)
+
+
+def main(refits: int = 0) -> None:
+    """Print the tables."""
+    prepare_jax(dedicated=True)
+    study, truth = nominal()
+    plan, paths = designed(study, truth), friction_paths(study)
+    rows = []
+    for number in range(1 + TRUTHS):
+        here = truth if number == 0 else scattered(truth, study, number)
+        thesis = geometric_mean(relative_errors(study, here), paths)
+        ours = geometric_mean(relative_errors(plan.as_study(), here), paths)
+        name = "nominal truth" if number == 0 else f"truth {number} of {TRUTHS}, a tenth off"
+        rows.append(Row(f"friction errors, {name}", 100 * thesis, 100 * ours, "%", f"{thesis / ours:.1f} times less"))
+    what = "; ".join(f"{planned.name} ({planned.schedule.count})" for planned in plan.records)
+    text = [print_table(f"{plan.samples} samples in {len(plan.records)} records", rows, notes=[f"The plan: {what}."])]
+    ratios = monte_carlo(plan, truth)
+    rows = [Row(path, 1.0, ratio, "", f"{DRAWS} refits") for path, ratio in ratios.items()]
+    text.append(print_table("Errors of refits over those of the information, noise of 1 ms, zeros free", rows))
+    if refits:
+        found = [rehearse(plan, seed).ratio for seed in range(refits)]
+        rows = [Row(f"errors had over promised, seed {seed}", 1.0, ratio) for seed, ratio in enumerate(found)]
+        text.append(print_table("The plan carried out on the virtual rig, fitted without starts", rows))
+    write("\n\n".join(text), NAME)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--refit", type=int, default=0, metavar="N", help="whole fits of the plan's records")
+    main(parser.parse_args().refit)
