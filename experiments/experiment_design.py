@@ -60,7 +60,7 @@ def designed(study: Study, truth: Mapping[str, float]) -> Plan:
 
 
 def linearised(study: Study, truth: Mapping[str, float]) -> tuple[tuple[str, ...], list[Float[np.ndarray, "n p"]]]:
-    """Paths of the free parameters, and the Jacobian of each fitted record by them on the fit's scale, its zero free."""
+    """Paths of the free parameters, and each fitted record's whitened Jacobian on the fit's scale, its zero free."""
     starting = study.with_starts({path: n for path, n in truth.items() if study.parameters[path].free})
     problem = pose(starting, dict(truth), study.accuracy)
     jacobian = np.asarray(problem.jacobian(problem.encode(dict(truth))))
