@@ -11,7 +11,6 @@ import contextlib
 import ctypes
 import functools
 import hashlib
-import mmap
 import os
 import platform
 import re
@@ -21,7 +20,6 @@ from pathlib import Path
 
 import jax
 import jax.numpy as jnp
-import jaxlib
 import numpy as np
 import platformdirs
 from jaxlib.version import __version__ as jaxlib_version
@@ -113,27 +111,18 @@ in a fifth more memory (docs/decisions/12-loop-over-the-order.md)."""
 
 _LOOPS = "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=1000000000"
 """A loop is one kernel whatever it touches, not only below 1 kB: a step of an integration is some hundred kernels of a
-few numbers each, and starting them took longer than what they compute."""
+few numbers each, and starting them took longer than what they compute.  jaxlib 0.12.0.1 computes wrongly with it at
+LLVM's levels 1 and 2, and gains a third at most."""
 
-_WITHOUT_EMITTERS_FLAG, _NEWER_THAN_MEASURED = (0, 11, 1), (0, 13)
-"""The first version of jaxlib without the first flag, and the first with which the second was not tried."""
+_WITHOUT_EMITTERS, _WRONG_LOOPS = (0, 11, 1), (0, 12)
+"""The first versions of jaxlib without the first flag, and to be left without the second."""
 
 
 def xla_flags(version: str = jaxlib_version) -> list[str]:
     """How XLA is to compile for a CPU, of a jaxlib's `version`: flags that it knows, since an unknown one aborts."""
     numbers = tuple(int(number) for number in re.findall(r"\d+", version)[:3])
-    flags = [_EMITTERS] if numbers < _WITHOUT_EMITTERS_FLAG else []
-    if numbers < _NEWER_THAN_MEASURED or in_jaxlib(_flag_name(_LOOPS)):
-        flags.append(_LOOPS)
-    return flags
-
-
-def in_jaxlib(flag: str) -> bool:
-    """Whether the installed jaxlib's binary holds the name of a `flag`, as a string of its own."""
-    for library in Path(jaxlib.__file__).parent.glob("*jax_common.*"):
-        with library.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-            return content.find(flag.encode() + b"\0") >= 0
-    return False
+    until = {_EMITTERS: _WITHOUT_EMITTERS, _LOOPS: _WRONG_LOOPS}
+    return [flag for flag, first_without in until.items() if numbers < first_without]
 
 
 def _flag_name(flag: str) -> str:
