@@ -11,6 +11,7 @@ import contextlib
 import ctypes
 import functools
 import hashlib
+import mmap
 import os
 import platform
 import re
@@ -20,6 +21,7 @@ from pathlib import Path
 
 import jax
 import jax.numpy as jnp
+import jaxlib
 import numpy as np
 import platformdirs
 from jaxlib.version import __version__ as jaxlib_version
@@ -109,20 +111,33 @@ _EMITTERS = "--xla_cpu_use_fusion_emitters=false"
 fifths of the time to compile, and runs as fast.  jaxlib 0.11.1 dropped the flag; 0.12 compiles in that time without it,
 in a fifth more memory (docs/decisions/12-loop-over-the-order.md)."""
 
-_LOOPS = "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=1000000000"
-"""A loop is one kernel whatever it touches, not only below 1 kB: a step of an integration is some hundred kernels of a
-few numbers each, and starting them took longer than what they compute.  jaxlib 0.12.0.1 computes wrongly with it at
-LLVM's levels 1 and 2, and gains a third at most."""
+_LOOPS = "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold="
+"""Up to how many bytes a loop touches it is one kernel: of more it is a kernel for each operation.  A step of an
+integration is some hundred kernels of a few numbers each, and starting them took longer than what they compute."""
 
-_WITHOUT_EMITTERS, _WRONG_LOOPS = (0, 11, 1), (0, 12)
-"""The first versions of jaxlib without the first flag, and to be left without the second."""
+_ANY, _SMALL = "1000000000", "1024"
+"""jaxlib 0.12.0.1 makes one kernel of larger loops by itself, and computes wrongly at LLVM's levels 1 and 2: a heater
+switched at 0.536 instead of 0.527 h (docs/decisions/12-loop-over-the-order.md).  Small ones alone cost a third."""
+
+_WITHOUT_EMITTERS_FLAG, _WRONG_LOOPS, _NEWER_THAN_MEASURED = (0, 11, 1), (0, 12), (0, 13)
+"""The first versions of jaxlib without the first flag, with wrong loops, and with which the second was not tried."""
 
 
 def xla_flags(version: str = jaxlib_version) -> list[str]:
     """How XLA is to compile for a CPU, of a jaxlib's `version`: flags that it knows, since an unknown one aborts."""
     numbers = tuple(int(number) for number in re.findall(r"\d+", version)[:3])
-    until = {_EMITTERS: _WITHOUT_EMITTERS, _LOOPS: _WRONG_LOOPS}
-    return [flag for flag, first_without in until.items() if numbers < first_without]
+    flags = [_EMITTERS] if numbers < _WITHOUT_EMITTERS_FLAG else []
+    if numbers < _NEWER_THAN_MEASURED or in_jaxlib(_flag_name(_LOOPS)):
+        flags.append(_LOOPS + (_ANY if numbers < _WRONG_LOOPS else _SMALL))
+    return flags
+
+
+def in_jaxlib(flag: str) -> bool:
+    """Whether the installed jaxlib's binary holds the name of a `flag`, as a string of its own."""
+    for library in Path(jaxlib.__file__).parent.glob("*jax_common.*"):
+        with library.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+            return content.find(flag.encode() + b"\0") >= 0
+    return False
 
 
 def _flag_name(flag: str) -> str:

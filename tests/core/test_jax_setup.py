@@ -9,10 +9,11 @@ import sys
 import pytest
 
 from pdssjax import InputWarning, prepare_jax
-from pdssjax.core.jax_setup import add_xla_flags, cache_folder, usable_cache, xla_flags
+from pdssjax.core.jax_setup import add_xla_flags, cache_folder, in_jaxlib, usable_cache, xla_flags
 
 LIGHT = "--xla_cpu_use_fusion_emitters=false"
 WHOLE = "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=1000000000"
+SMALL = WHOLE.replace("1000000000", "1024")
 
 PROGRAM = """
 from pdssjax.core import prepare_jax
@@ -103,11 +104,22 @@ def test_xla_is_told_how_to_compile_unless_it_was_told_otherwise(monkeypatch, gi
         ("0.10.1", [LIGHT, WHOLE]),
         ("0.11.0", [LIGHT, WHOLE]),
         ("0.11.1", [WHOLE]),
-        ("0.12.0.1", []),
-        ("0.12.1.dev20261128", []),
-        ("99.0", []),
+        ("0.12.0.1", [SMALL]),
+        ("0.12.1.dev20261128", [SMALL]),
     ],
 )
 def test_a_jaxlib_is_told_only_what_it_knows(version, flags):
     """An unknown flag ends the process."""
     assert xla_flags(version) == flags
+
+
+@pytest.mark.parametrize("held", [True, False])
+def test_a_jaxlib_newer_than_was_tried_is_asked(monkeypatch, held):
+    monkeypatch.setattr("pdssjax.core.jax_setup.in_jaxlib", lambda flag: held and flag == "xla_backend_extra_options")
+    assert xla_flags("99.0") == [SMALL] * held
+
+
+def test_a_jaxlib_holds_the_names_of_its_flags():
+    assert in_jaxlib("xla_backend_extra_options")
+    assert in_jaxlib("xla_cpu_use_fusion_emitters") == (LIGHT in xla_flags())
+    assert not in_jaxlib("xla_backend_extra_opti")
