@@ -7,7 +7,7 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Float
 
-from ..core import Document, Figure, presenter
+from ..core import Document, Figure, equal_by_value, presenter
 from ..inference import transform_of
 from ..study import MARK, Estimate, Parameter, Record, Study
 from .criteria import AbstractCriterion
@@ -22,6 +22,7 @@ Errors: TypeAlias = dict[str, float]
 """By path, standard errors [SI]; NaN where nothing determines the parameter."""
 
 
+@equal_by_value
 @dataclasses.dataclass(frozen=True)
 class Knowledge:
     """What is known of a study's parameters before the next records."""

@@ -4,6 +4,7 @@ import json
 import os
 import time
 import warnings
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -176,6 +177,8 @@ def recorded(name: str, offset: float | None, noise: float | None) -> SimpleName
     time = np.linspace(0.0, 1.0, 101)
     return SimpleNamespace(
         drive=None,
+        file=Path("ramp.csv"),
+        excitation="",
         name=name,
         role="fit",
         measures="effector",

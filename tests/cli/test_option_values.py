@@ -24,6 +24,7 @@ NEEDED = {
     "channels": ["file.csv"],
     "example": ["folder"],
     "explore": ["study.toml"],
+    "design": ["study.toml", "--budget", "samples=100", "--out", "out"],
 }
 """What a command cannot do without."""
 

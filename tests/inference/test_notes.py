@@ -4,6 +4,7 @@ import dataclasses
 import json
 import math
 import re
+from pathlib import Path
 
 import fabricated
 import numpy as np
@@ -26,6 +27,7 @@ from pdssjax.study.measurement.platform import Platform
 
 GAIN, RATE, DAMPING = 1.1e-7, 6000.0, 0.2
 NOISE = 1e-8
+FILE = Path("made.csv")
 
 STUDY = """\
 format = "pdssjax-study/1"
@@ -199,7 +201,7 @@ def test_what_exceeds_the_noise_is_told_as_misfit_or_noise_where_a_ring_is_sampl
     """There the samples of the ring bend by more than either."""
     time = np.arange(-5e-4, 4.5e-3, 1e-4)
     left = hum * np.sin(2.0 * np.pi * 700.0 * time) + np.random.default_rng(5).normal(0.0, noise, time.size)
-    record = Record("short", None, "fit", Platform(), None, frozenset(), time, rung(time) + left, NOISE, 0.0)  # pyright: ignore[reportArgumentType]
+    record = Record("short", FILE, "fit", Platform(), None, frozenset(), time, rung(time) + left, NOISE, 0.0)  # pyright: ignore[reportArgumentType]
     found = compare(record, rung(time), noise=NOISE, offset=0.0)
     assert found.noise_floor > 1.5 * found.rmse
     (note,) = [text for text in about_records([found], 1.0, False) if "short" in text and "noise given" in text]
@@ -214,7 +216,7 @@ def made_record(samples, noise, seed, given=NOISE):
     time = np.arange(samples) * 1e-3
     motion = 1e-5 * time
     measured = motion + np.random.default_rng(seed).normal(0.0, noise, samples)
-    posed = Record("r", None, "fit", Platform(), Sawtooth(), frozenset(), time, measured, given, 0.0)  # pyright: ignore[reportArgumentType]
+    posed = Record("r", FILE, "fit", Platform(), Sawtooth(), frozenset(), time, measured, given, 0.0)  # pyright: ignore[reportArgumentType]
     return compare(posed, motion, noise=given or float(np.std(measured - motion)), offset=0.0)
 
 
@@ -276,7 +278,7 @@ def test_a_fit_that_is_lost_says_the_cause_and_nothing_that_would_mean_nothing(t
 def sampled(name, interval, measures="effector"):
     time = np.arange(0.0, 1.0, interval)
     measurement = member("study.measurement", measures)()
-    return Record(name, None, "fit", measurement, Sawtooth(), frozenset(), time, 1e-6 * time, NOISE, None)  # pyright: ignore[reportArgumentType]
+    return Record(name, FILE, "fit", measurement, Sawtooth(), frozenset(), time, 1e-6 * time, NOISE, None)  # pyright: ignore[reportArgumentType]
 
 
 MASS = 0.1
@@ -338,7 +340,7 @@ def test_a_record_that_counts_in_steps_is_told_where_they_hide_its_noise(step):
     exact = rung(TIME)
     noise = np.random.default_rng(5).normal(0.0, 0.0 if step else NOISE, TIME.size)
     measured = np.round(exact / step) * step if step else exact + noise
-    posed = Record("counted", None, "fit", Platform(), Sawtooth(), frozenset(), TIME, measured, None, 0.0)  # pyright: ignore[reportArgumentType]
+    posed = Record("counted", FILE, "fit", Platform(), Sawtooth(), frozenset(), TIME, measured, None, 0.0)  # pyright: ignore[reportArgumentType]
     compared = compare(posed, exact, noise=float(np.std(measured - exact)), offset=0.0)
     told = [note for note in about_records([compared], 1.0, False) if "counts in steps" in note]
     assert len(told) == (1 if step else 0)
@@ -368,7 +370,7 @@ def test_slips_at_other_times_than_predicted_are_told_as_such(late, said):
     # What is no delay: a stroke that is a hundredth larger.
     moved = fabricated.walk_motion(time - late, stroke=6.5e-6 if late else 6.565e-6)
     measured = moved + np.random.default_rng(5).normal(0.0, NOISE, time.size)
-    posed = Record("walk", None, "fit", Effector(), Sawtooth(), frozenset(), time, measured, NOISE, 0.0)  # pyright: ignore[reportArgumentType]
+    posed = Record("walk", FILE, "fit", Effector(), Sawtooth(), frozenset(), time, measured, NOISE, 0.0)  # pyright: ignore[reportArgumentType]
     notes = about_records([compare(posed, fabricated.walk_motion(time), noise=NOISE, offset=0.0)], 1.0, False)
     assert any("does not explain" in note for note in notes)
     told = [note for note in notes if "Slips come" in note]

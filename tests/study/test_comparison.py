@@ -1,5 +1,6 @@
 """A record beside its prediction: what its residuals tell where some samples are glitches."""
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -18,7 +19,8 @@ def compared(residual):
     motion = 1e-6 * np.abs(np.mod(TIME, 1.0) - 0.5)
     drive = SimpleNamespace(cycle_frequency=lambda: 1.0)
     record = SimpleNamespace(
-        name="walk", role="fit", measures="effector", measurement=Effector(), drive=drive, motion=None,
+        name="walk", file=Path("walk.csv"), excitation="", role="fit",
+        measures="effector", measurement=Effector(), drive=drive, motion=None,
         time=TIME, measured=motion + NOISE * residual, noise=NOISE, offset=0.0,
     )  # fmt: skip
     return compare(record, motion, noise=NOISE, offset=0.0)  # pyright: ignore[reportArgumentType]

@@ -119,7 +119,7 @@ def test_the_platform_is_identified_from_its_velocity_after_a_step_alone(tmp_pat
     assert [record["measures"] for record in estimate["records"]] == ["velocity"]
     assert "velocities in mm/s" in report
     (predictions,) = (tmp_path / "found" / "predictions").iterdir()
-    assert predictions.read_text().splitlines()[0] == "time_s,measured_mm/s,predicted_mm/s,residual_mm/s"
+    assert predictions.read_text().splitlines()[0] == "time_s,measured_mm/s,predicted_mm/s,residual_mm/s,voltage_V"
 
 
 @pytest.mark.slow
