@@ -30,6 +30,7 @@ KNOWN = {
 TESTS = [
     "tests/core",
     "tests/integration/test_system.py",
+    "tests/integration/test_public_integrate.py",
     "tests/friction/test_laws.py",
     "tests/cli/test_start_up.py",
 ]
