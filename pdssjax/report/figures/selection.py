@@ -1,5 +1,7 @@
 """Figures of a comparison of models: held-out scores with their errors, and residuals beside the best model's."""
 
+import math
+
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
@@ -37,17 +39,33 @@ def _label(result: Result) -> str:
 
 
 def _draw_scores(axes: Axes, found: Comparison, shown: list[Result], which: str, title: str) -> None:
+    ends = [0.0]
     for place, result in enumerate(shown):
         difference: Difference | None = getattr(result, which)
         if difference is None:
             continue
         colour = VERMILION if result.is_worse else GREEN if result.name == found.chosen else BLUE
         error = 2.0 * difference.standard_error
+        ends += [difference.total - error, difference.total + error]
         axes.errorbar(difference.total, place, xerr=error, fmt="o", color=colour, markersize=4, capsize=2)
     axes.axvline(0.0, color=GREY, linewidth=0.8, zorder=0)
     # Laws that are far off would press all others together.
-    axes.set_xscale("symlog", linthresh=10.0)
+    axes.set_xscale("symlog", linthresh=_LINEAR)
+    low, high = min(min(ends), -_LINEAR / 2.0), max(max(ends), _LINEAR)
+    axes.set_xlim(2.0 * low, 3.0 * high)
+    axes.set_xticks(sorted({0.0, *_decades(high), *(-tick for tick in _decades(-low))}))
+    axes.minorticks_off()
     axes.set_title(title, loc="left")
+
+
+_LINEAR = 10.0
+"""Log score up to which the axis is linear: three or four matter."""
+
+
+def _decades(reach: float) -> list[float]:
+    """Ticks from where the axis is logarithmic up to its end, five at most."""
+    last = math.floor(math.log10(reach)) if reach > 0 else 0
+    return [10.0**k for k in range(1, last + 1, max(1, math.ceil(last / 5)))]
 
 
 def residual_strips_figure(found: Comparison) -> Figure:
