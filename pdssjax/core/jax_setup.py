@@ -120,7 +120,7 @@ _ANY, _SMALL = "1000000000", "1024"
 switched at 0.536 instead of 0.527 h (docs/decisions/12-loop-over-the-order.md).  Small ones alone cost a third."""
 
 _WITHOUT_EMITTERS_FLAG, _WRONG_LOOPS, _NEWER_THAN_MEASURED = (0, 11, 1), (0, 12), (0, 13)
-"""The first versions of jaxlib without the first flag, with wrong loops, and with which the second was not tried."""
+"""Versions of jaxlib: the first without `_EMITTERS`, the first whose large loops are wrong, the first not tried."""
 
 
 def xla_flags(version: str = jaxlib_version) -> list[str]:

@@ -229,7 +229,7 @@ def completed_limits(study: Study, limits: Limits, misfit: Mapping[str, float]) 
             raise InputError(f'{where}: kinds: found "{kind}"; {nearest(kind, KINDS)}')
     for waveform in limits.waveforms or ():
         if waveform not in members("drive") or waveform == "sampled":
-            raise InputError(f'{where}: waveforms: found "{waveform}"; {nearest(waveform, _plannable())}')
+            raise InputError(f'{where}: waveforms: found "{waveform}"; {nearest(waveform, _plannable_waveforms())}')
     driven = [record.drive for record in records if record.drive is not None]
     peaks = [float(drive.peak()) for drive in driven]
     rates = [float(f) for drive in driven if (f := drive.cycle_frequency()) is not None]
@@ -250,7 +250,8 @@ def completed_limits(study: Study, limits: Limits, misfit: Mapping[str, float]) 
     return out
 
 
-def _plannable() -> list[str]:
+def _plannable_waveforms() -> list[str]:
+    """Names of the waveforms that a plan may choose: all that need no file."""
     return [name for name in members("drive") if name != "sampled"]
 
 
@@ -331,7 +332,9 @@ def waveforms_of(kind: str, study: Study, limits: Limits) -> tuple[str, ...]:
     if limits.waveforms:
         return limits.waveforms
     own = [member_name(type(r.drive)) for r in study.records if r.measures == kind and r.drive is not None]
-    return tuple(dict.fromkeys([*(name for name in own if name in _plannable()), *_USUAL.get(kind, ("sawtooth",))]))
+    return tuple(
+        dict.fromkeys([*(name for name in own if name in _plannable_waveforms()), *_USUAL.get(kind, ("sawtooth",))])
+    )
 
 
 def _levels(low: float, high: float) -> list[float]:

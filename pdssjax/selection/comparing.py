@@ -438,7 +438,7 @@ def misfit_beside(
     span = float(np.ptp(record.time)) or 1.0
     where = np.mod(record.time * (frequency or 1.0), 1.0) if repeats else (record.time - record.time[0]) / span
     sums = np.bincount(np.minimum((where * BINS).astype(int), BINS - 1), excesses[place], BINS)
-    begin, length = _window(sums, repeats)
+    begin, length = _shortest_half(sums, repeats)
     inside = [(begin + k) % BINS for k in range(length)]
     share = float(sums[inside].sum()) / total
     ends = begin / BINS, (begin + length) % BINS / BINS or 1.0
@@ -449,7 +449,7 @@ def misfit_beside(
     return Misfit(record.name, share, float(ends[0]), float(ends[1]), bool(repeats), of_model, of_best)
 
 
-def _window(sums: Float[np.ndarray, " bins"], repeats: bool) -> tuple[int, int]:
+def _shortest_half(sums: Float[np.ndarray, " bins"], repeats: bool) -> tuple[int, int]:
     """First bin and number of bins of the shortest window that holds half of the sum; it may pass the end of a
     cycle."""
     half = 0.5 * float(np.sum(sums))
