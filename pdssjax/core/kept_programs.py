@@ -45,6 +45,10 @@ _LIBRARIES = ("jax", "jaxlib", "numpy", "equinox", "diffrax", "optimistix", "lin
 """What executables are made of, beside this package; also whose classes the arguments may hold."""
 
 
+_WITHOUT_PROGRAMS = "cli", "explore", "files", "report"
+"""Rooms whose sources are in no executable."""
+
+
 class _Home(NamedTuple):
     """Where executables are kept, and what they depend on beside what they are called with."""
 
@@ -219,7 +223,9 @@ class _Slot:
             outputs[:] = [jax.tree.unflatten(tree, range(len(found)))]
             return found
 
-        flat.__name__ = call.function.__name__
+        # Under the same key in JAX's own cache: what is read from there cannot be kept, since kernels would be missing,
+        # and after a change of our sources, or for a study of another title, the same code would be traced for ever.
+        flat.__name__ = call.function.__name__ + ("" if file is None else f"_{file.name[-12:]}")
         began = time.perf_counter()
         lowered = jax.jit(flat, keep_unused=True).lower(*call.leaves)
 
@@ -227,7 +233,6 @@ class _Slot:
             hits = _cache_hits()
             program = Program(lowered.compile(), outputs[0])
             took = time.perf_counter() - began
-            # What JAX has read from its own cache cannot be written again: the kernels would be missing.
             fresh = _cache_hits() == hits
             if file is not None and fresh and took >= jax.config.jax_persistent_cache_min_compile_time_secs:  # pyright: ignore[reportAttributeAccessIssue]
                 _keep(program, file)
@@ -287,6 +292,8 @@ def _sources() -> str:
     sources = hashlib.sha256()
     root = Path(__file__).parent.parent
     for file in sorted(root.rglob("*.py")):
+        if file.relative_to(root).parts[0] in _WITHOUT_PROGRAMS:
+            continue
         sources.update(str(file.relative_to(root)).encode() + b"\0" + file.read_bytes())
     versions = [f"{name} {importlib.metadata.version(name)}" for name in _LIBRARIES]
     return "\n".join([sources.hexdigest(), *versions])

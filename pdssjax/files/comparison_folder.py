@@ -160,7 +160,8 @@ def _read(file: Path, digest: str) -> FittedCandidate | None:
         for name in _ARRAYS:
             count = sum(key.startswith(f"{name}_") for key in content.files)
             document[name] = tuple(content[f"{name}_{k}"] for k in range(count))
-        document["free"] = tuple(document["free"])
+        for name in ("free", "at_bound"):
+            document[name] = tuple(document[name])
     return FittedCandidate(**document)
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from .covariance import least_squares_covariance as least_squares_covariance, propagated as propagated
     from .draws import Drawing as Drawing, Store as Store
-    from .effort import EFFORTS as EFFORTS, effort_of as effort_of
+    from .effort import EFFORTS as EFFORTS, Effort as Effort, effort_of as effort_of
     from .identification import (
         FitInterrupted as FitInterrupted,
         Intervals as Intervals,
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
         evaluated as evaluated,
         fit_phase as fit_phase,
         joint as joint,
+        quiet as quiet,
     )
     from .parameter_transform import transform_of as transform_of
     from .poor_fit import repeats as repeats

@@ -19,6 +19,8 @@ class Effort(NamedTuple):
     """Slow steps in a row after which a run ends: it creeps along a valley."""
     slow_gain: float
     """Decrease of chi-square, in units of the reduced chi-square, below which a step is slow."""
+    compares: bool = True
+    """A poor fit is compared with others; where not, only one is whose records do not show the platform alone."""
 
     def some(self, count: int) -> int:
         """How many are tried where usually `count` starts are; one at least."""
@@ -41,8 +43,10 @@ EFFORTS = {
 """By the name that a user gives."""
 
 
-def effort_of(name: str) -> Effort:
-    """The effort of a `name`; **raises** `InputError` where there is none."""
+def effort_of(name: str | Effort) -> Effort:
+    """The effort of a `name`, or the one that is given; **raises** `InputError` where there is none."""
+    if isinstance(name, Effort):
+        return name
     if name not in EFFORTS:
         raise InputError(f'effort: found "{name}"; {nearest(name, EFFORTS)}')
     return EFFORTS[name]

@@ -68,7 +68,7 @@ def identify(
     *,
     intervals: Intervals = "linear",
     loss: str = "squares",
-    effort: str = "usual",
+    effort: str | Effort = "usual",
     drawing: Drawing | None = None,
     starts: int = 0,
     executor: Executor | None = None,
@@ -88,8 +88,8 @@ def identify(
     of a "bootstrap", which takes a whole fit a replicate, not for "peaks".  `drawing` says how many draws these two
     make, and where they are kept.  `loss` is "squares", or of a joint fit "huber" or "cauchy", under which glitches
     pull little; its errors are those of a sandwich covariance, its intervals linear.  `effort` is "quick", "usual" or
-    "thorough": how many starts a doubtful fit is compared with, how many evaluations that may take, and after which
-    slow steps a fit ends.  So many other `starts` are
+    "thorough", or an `Effort` of your own: how many starts a doubtful fit is compared with, how many evaluations that
+    may take, and after which slow steps a fit ends.  So many other `starts` are
     fitted besides the usual ones and compared (`Estimate.multistart`).  Fits and chains that do not need each other
     run where the `executor` says, in this thread if it is None; profiles and chains only in threads, and processes only
     where they are spawned, not forked.  `progress` takes lines of text; left out, notebooks show a bar.

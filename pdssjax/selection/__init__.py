@@ -6,17 +6,18 @@ Imports `inference` and the rooms below it.
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from .candidate_fits import CandidateStore as CandidateStore
     from .candidates import Candidate as Candidate, candidates_of as candidates_of
-    from .comparing import EFFORT as EFFORT, CandidateStore as CandidateStore, compare_models as compare_models
+    from .comparing import EFFORT as EFFORT, compare_models as compare_models
     from .comparison import (
         Comparison as Comparison,
+        Difference as Difference,
         FittedCandidate as FittedCandidate,
         Misfit as Misfit,
         RecordNoise as RecordNoise,
         Result as Result,
         TellingRecord as TellingRecord,
     )
-    from .scores import Difference as Difference
 else:
     from ..core.lazy import lazy_exports
 

@@ -10,10 +10,33 @@ from jaxtyping import Float
 
 from ..core import Figure, equal_by_value, presenter
 from ..study import Record
-from .scores import Difference
 
 if TYPE_CHECKING:
     import pandas
+
+
+SIGMAS = 2.0
+"""Standard errors from which a difference is significant."""
+
+
+class Difference(NamedTuple):
+    """By how much one model predicts held-out samples better than another."""
+
+    total: float
+    """Of the log scores of all parts; positive where the first is better."""
+    standard_error: float
+    matters: bool
+    """It is not below `scores.LEAST`, nor below half of what the better one leaves beyond noise."""
+
+    @property
+    def sigmas(self) -> float:
+        """The difference in standard errors; 0 where the models predict the same."""
+        return self.total / self.standard_error if self.standard_error > 0.0 else 0.0
+
+    @property
+    def is_significant(self) -> bool:
+        """Two standard errors and more, and it matters."""
+        return abs(self.sigmas) >= SIGMAS and self.matters
 
 
 @equal_by_value
@@ -39,6 +62,10 @@ class FittedCandidate:
     """SI unit of every parameter by path."""
     errors: Mapping[str, float] = field(default_factory=dict)
     """Standard error of every free parameter by path; NaN where the records do not tell it."""
+    at_bound: tuple[str, ...] = ()
+    """Paths of the free parameters that ended at a bound."""
+    noise: Mapping[str, float] = field(default_factory=dict)
+    """Standard deviation of every fitted record's noise by the fit, by name, in the record's unit."""
     deviance: float = np.nan
     """Minus twice the logarithm of the likelihood that the fit maximised, by which two starts are compared."""
     residuals: tuple[Float[np.ndarray, " samples"], ...] = ()
@@ -48,7 +75,11 @@ class FittedCandidate:
     refitted: int = 0
     """Parts for which a linear step was not enough, and the model was fitted again."""
     start: str = ""
-    """Where the better fit began: "neighbour" or "study"."""
+    """Where the best fit began: the name of the model whose optimum that was, or "study" for the study's own starts."""
+    compared: bool = False
+    """It was compared with fits from other starts."""
+    finished: bool = False
+    """Parts were held out: nothing is left to be done."""
     seconds: float = 0.0
     """Time that it took [s]."""
 

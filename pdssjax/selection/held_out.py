@@ -16,7 +16,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..inference import Problem, evaluated, fit_phase, pose_problem, pseudo_inverse
-from ..study import Estimate, Record, Study, cycles_a_second
+from ..study import Record, Study, cycles_a_second
+from .comparison import FittedCandidate
 
 BLOCKS = 6
 """Parts of a record that are held out in turn, at most."""
@@ -102,13 +103,13 @@ class HeldOut(NamedTuple):
     """Parts for which the model was fitted again."""
 
 
-def held_out(study: Study, estimate: Estimate, parts: Sequence[Part]) -> HeldOut:
-    """What the model of a `study`, fitted as in its `estimate`, predicts of each of the `parts` without having seen it.
+def held_out(study: Study, fitted: FittedCandidate, parts: Sequence[Part]) -> HeldOut:
+    """What the model of a `study`, `fitted` to it, predicts of each of the `parts` without having seen it.
 
     The zero of a record that is free is found from its samples that are not held out; of a whole record, which has
     none, it is the one that leaves the least.
     """
-    at = _at_optimum(study, estimate)
+    at = _at_optimum(study, fitted)
     out, refitted = [], 0
     for part in parts:
         if part.kind == "validation":
@@ -197,17 +198,16 @@ class _Optimum(NamedTuple):
         return (rest - _zero(record, rest, outside))[part.rows]
 
 
-def _at_optimum(study: Study, estimate: Estimate) -> _Optimum:
-    """The problem of a `study` at the optimum of its `estimate`, with the noise that was found there."""
-    values = {path: estimate.parameters[path].value for path in estimate.names}
-    noise = {record.name: record.noise for record in estimate.records}
+def _at_optimum(study: Study, fitted: FittedCandidate) -> _Optimum:
+    """The problem of a `study` where its model was `fitted`, with the noise that was found there."""
+    values = {path: fitted.values[path] for path in fitted.free}
     problem, _ = pose_problem(study.with_starts(values))
-    problem = problem._replace(noise=np.array([noise[record.name] for record in problem.records]))
+    problem = problem._replace(noise=np.array([fitted.noise[record.name] for record in problem.records]))
     free = np.clip(problem.encode(values), *problem.bounds)
     state = evaluated(problem, free, lambda told: None).state
     jacobian = np.asarray(state.jacobian)
-    # A range that follows from where a fit starts is another one here: the estimate knows what it ended at.
-    ended = np.array([estimate.parameters[path].at_bound for path in problem.residual.transform.paths])
+    # A range that follows from where a fit starts is another one here: the fit knows what it ended at.
+    ended = np.array([path in fitted.at_bound for path in problem.residual.transform.paths])
     moved = ~(ended | problem.residual.transform.at_bound(free)) & (np.linalg.norm(jacobian, axis=0) > 0.0)
     zeros = np.zeros((jacobian.shape[0], 0))
     for record, rows in zip(problem.records, problem.rows, strict=True):
@@ -216,6 +216,6 @@ def _at_optimum(study: Study, estimate: Estimate) -> _Optimum:
             column[rows] = 1.0
             zeros = np.hstack([zeros, column])
     basis, spread = pseudo_inverse(np.hstack([jacobian[:, moved], zeros]))
-    fitted = [place for place, record in enumerate(study.records) if record.role == "fit"]
-    places = {place: number for number, place in enumerate(fitted)}
+    used = [place for place, record in enumerate(study.records) if record.role == "fit"]
+    places = {place: number for number, place in enumerate(used)}
     return _Optimum(study, problem, free, np.asarray(state.residual), basis, spread, moved, places)

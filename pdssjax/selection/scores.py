@@ -24,10 +24,8 @@ from jaxtyping import Bool, Float
 
 from ..metrics import NoiseInTime, StationaryNoise, grid_positions, outliers, split_residuals
 from ..study import Record, cycles_a_second
+from .comparison import Difference
 from .held_out import Part
-
-SIGMAS = 2.0
-"""Standard errors from which a difference is significant."""
 
 LEAST = 3.0
 """Difference of log scores below which none matters: odds of twenty to one."""
@@ -127,26 +125,6 @@ def _covariance(record: Record, noise: StationaryNoise | NoiseInTime, places: np
         at = (np.arange(record.time.size) if grid is None else grid)[places]
         out = noise.autocovariance(int(at[-1] - at[0]) + 1)[np.abs(at[:, None] - at)]
     return out + EVEN * out[0, 0] * np.eye(places.size)
-
-
-class Difference(NamedTuple):
-    """By how much one model predicts held-out samples better than another."""
-
-    total: float
-    """Of the log scores of all parts; positive where the first is better."""
-    standard_error: float
-    matters: bool
-    """It is not below `LEAST`, nor below half of what the better one leaves beyond noise."""
-
-    @property
-    def sigmas(self) -> float:
-        """The difference in standard errors; 0 where the models predict the same."""
-        return self.total / self.standard_error if self.standard_error > 0.0 else 0.0
-
-    @property
-    def is_significant(self) -> bool:
-        """Two standard errors and more, and it matters."""
-        return abs(self.sigmas) >= SIGMAS and self.matters
 
 
 class Scores(NamedTuple):

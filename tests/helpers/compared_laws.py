@@ -69,6 +69,7 @@ def made_up(candidate: Candidate, size: float, seed: int = 0, shape: float = 0.0
         values={path: 1.0 if p.value is None else p.value for path, p in study.parameters.items()},
         units={path: p.unit for path, p in study.parameters.items()},
         errors=dict.fromkeys(candidate.free, 0.1),
+        deviance=1e4 * size,
         residuals=tuple(residuals),
         held_out=tuple(residuals[part.record][part.rows] for part in parts),
         start="study",

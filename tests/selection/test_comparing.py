@@ -4,7 +4,6 @@ import dataclasses
 import json
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,7 +15,7 @@ from pdssjax import InputError
 from pdssjax.cli.main import main
 from pdssjax.report import figures
 from pdssjax.report.text import format_selection
-from pdssjax.selection import FittedCandidate, TellingRecord, candidates_of, comparing
+from pdssjax.selection import FittedCandidate, TellingRecord, candidate_fits, candidates_of, comparing, held_out
 from pdssjax.selection.scores import common_noise
 
 LEFT = {"coulomb": 0.03, "dahl": 0.0, "lugre": 0.0002}
@@ -29,13 +28,17 @@ def fits(monkeypatch):
     asked: dict[str, dict] = {}
 
     def fit(task):
-        asked[task.candidate.name] = dict(task.values)
+        asked[task.candidate.name] = dict(task.near.values) if task.near else {}
         if task.candidate.name == "stribeck":
             raise RuntimeError("the processor is on fire")
         return made_up(task.candidate, LEFT.get(task.candidate.name, 0.05)), object()
 
+    def finish(task):
+        return dataclasses.replace(task.earlier, finished=True), None
+
     told = TellingRecord(("dahl", "lugre"), "slow", "friction", np.nan, np.nan, 1.0, 10.0, 250, 9.0, 3)
-    monkeypatch.setattr(comparing, "fit_candidate", fit)
+    monkeypatch.setattr(candidate_fits, "fit_candidate", fit)
+    monkeypatch.setattr(candidate_fits, "finish", finish)
     monkeypatch.setattr(comparing, "most_telling_record", lambda *models: told)
     return asked
 
@@ -83,7 +86,7 @@ def test_where_all_fail_nothing_is_chosen(tmp_path, monkeypatch):
     def fit(task):
         raise RuntimeError("no")
 
-    monkeypatch.setattr(comparing, "fit_candidate", fit)
+    monkeypatch.setattr(candidate_fits, "fit_candidate", fit)
     found = compared(contact_study(tmp_path))
     assert found.chosen == "" and found.groups == ()
     assert "No model has a fit" in format_selection(found)
@@ -142,18 +145,18 @@ def test_what_is_done_is_taken_again_and_what_changed_is_fitted_anew(tmp_path, f
 
 def test_what_is_broken_off_keeps_what_is_done(tmp_path, fits, kept_estimates, monkeypatch):
     study, out = contact_study(tmp_path), tmp_path / "out"
-    usual = comparing.fit_candidate
+    usual = candidate_fits.fit_candidate
 
     def interrupted(task):
         if task.candidate.name == "lugre":
             raise KeyboardInterrupt
         return usual(task)
 
-    monkeypatch.setattr(comparing, "fit_candidate", interrupted)
+    monkeypatch.setattr(candidate_fits, "fit_candidate", interrupted)
     with pytest.raises(KeyboardInterrupt):
         compared(study, out=out)
     assert {path.name for path in (out / "candidates").iterdir()} == {"coulomb", "dahl"}
-    monkeypatch.setattr(comparing, "fit_candidate", usual)
+    monkeypatch.setattr(candidate_fits, "fit_candidate", usual)
     fits.clear()
     assert compared(study, out=out, resume=True).chosen == "dahl"
     assert list(fits) == ["lugre"]
@@ -207,8 +210,8 @@ def test_a_pool_that_forks_and_a_study_of_nothing_fitted_are_refused(tmp_path):
 
 
 def test_the_command_answers_on_the_console_and_ends_with_0(tmp_path, fits, kept_estimates, monkeypatch, capsys):
-    workers = comparing._workers
-    monkeypatch.setattr(comparing, "_workers", lambda executor, most: workers(Here(), most))
+    workers = candidate_fits._workers
+    monkeypatch.setattr(candidate_fits, "_workers", lambda executor, most: workers(Here(), most))
     file, out = write_contact(tmp_path), tmp_path / "out"
     assert main(["compare", str(file), "--friction", "coulomb,lugre", "--out", str(out)]) == 0
     shown = capsys.readouterr()
@@ -241,41 +244,72 @@ def test_wrong_options_are_one_line_and_lose_nothing(tmp_path, capsys, options, 
     assert not out.exists()
 
 
-ENDED = {
-    "good": (True, True, 100.0),
-    "poor": (True, False, 100.0),
-    "worse than its neighbour": (True, False, 300.0),
-    "not converged": (False, False, 100.0),
-}
-"""Whether a fit converged, whether it explains its records, and its deviance."""
+def rounds(study, monkeypatch, ends, laws=("coulomb", "lugre")):
+    """What is fitted where, as (round, law, start), where the fits end `ends[law, round or start]`, and the results.
 
-
-@pytest.mark.parametrize(("near", "start"), [("good", "neighbour"), ("poor", "neighbour")])
-def test_a_fit_that_explains_no_less_than_the_simpler_neighbour_stands(tmp_path, monkeypatch, near, start):
-    asked, found = best_of(tmp_path, monkeypatch, near)
-    assert asked == ["neighbour"] and found == start
-
-
-@pytest.mark.parametrize("near", ["worse than its neighbour", "not converged"])
-def test_one_that_explains_less_or_did_not_converge_is_tried_from_the_studys_starts(tmp_path, monkeypatch, near):
-    asked, found = best_of(tmp_path, monkeypatch, near)
-    assert asked == ["neighbour", "study"] and found == "study"
-
-
-def best_of(tmp_path, monkeypatch, near):
-    """Which starts were fitted where that from a neighbour ended so, and that from the study's own well."""
+    An end is (deviance, whether it explains the records); laws differ in the number of their parameters.
+    """
     asked = []
 
-    def identify(study, **how):
-        start = "study" if study.parameters["friction.f_c"].start is None else "neighbour"
-        asked.append(start)
-        converged, explained, deviance = ENDED[near] if start == "neighbour" else (True, True, 50.0)
-        statistics = SimpleNamespace(aic=deviance, free=0)
-        return SimpleNamespace(converged=converged, success=converged and explained, statistics=statistics)
+    def once(task, posed, start):
+        name = task.candidate.name
+        asked.append(("once", name, start))
+        deviance, explained = ends.get((name, start), ends[name])
+        return dataclasses.replace(
+            made_up(task.candidate, 0.0), deviance=deviance, explained=explained, start=start
+        ), None
 
-    monkeypatch.setattr(comparing, "identify", identify)
-    dahl = candidates_of(contact_study(tmp_path), friction=["coulomb"])[1]
-    return asked, comparing._best_estimate(comparing.Task(dahl, {"friction.f_c": 0.5}, 200.0, (), "quick"))[1]
+    def compared(task):
+        name = task.candidate.name
+        asked.append(("compared", name, ""))
+        deviance, explained = ends.get((name, "compared"), ends[name])
+        found = dataclasses.replace(task.earlier, deviance=deviance, explained=explained, compared=True)
+        return found, None
+
+    monkeypatch.setattr(candidate_fits, "_fit_once", once)
+    monkeypatch.setattr(candidate_fits, "compare_starts", compared)
+    monkeypatch.setattr(candidate_fits, "held_out", lambda study, fitted, parts: held_out.HeldOut((), 0))
+    candidates = candidates_of(study, friction=laws)
+    store = candidate_fits.InMemoryStore()
+    return asked, candidate_fits.fit_all(candidates, (), "quick", Here(), store, lambda told: None)
+
+
+def test_what_explains_less_than_the_best_is_fitted_again_from_there_and_nothing_is_searched(tmp_path, monkeypatch):
+    ends = {"coulomb": (900.0, False), "dahl": (100.0, True), "lugre": (100.0, True)}
+    asked, done = rounds(contact_study(tmp_path), monkeypatch, ends)
+    assert asked == [
+        ("once", "coulomb", "study"),
+        ("once", "dahl", "coulomb"),
+        ("once", "lugre", "dahl"),
+        ("once", "coulomb", "dahl"),
+    ]
+    assert all(found.finished for found in done.values()) and done["coulomb"].start == "study"
+
+
+def test_a_right_law_in_a_wrong_optimum_is_found_from_a_richer_ones(tmp_path, monkeypatch):
+    ends = {"coulomb": (900.0, False), "dahl": (800.0, False), "lugre": (100.0, True), ("dahl", "lugre"): (101.0, True)}
+    asked, done = rounds(contact_study(tmp_path), monkeypatch, ends)
+    assert ("once", "dahl", "lugre") in asked and done["dahl"].explained and done["dahl"].start == "lugre"
+
+
+def test_one_that_explains_less_than_its_neighbour_is_tried_from_the_studys_starts(tmp_path, monkeypatch):
+    ends = {
+        "coulomb": (500.0, False),
+        "dahl": (100.0, True),
+        ("dahl", "coulomb"): (700.0, False),
+        "lugre": (99.0, True),
+    }
+    asked, done = rounds(contact_study(tmp_path), monkeypatch, ends)
+    assert ("once", "dahl", "study") in asked and done["dahl"].start == "study"
+
+
+def test_where_none_explains_the_records_the_best_are_searched_until_that_helps_no_more(tmp_path, monkeypatch):
+    poor = {"coulomb": (900.0, False), "dahl": (800.0, False), "lugre": (700.0, False)}
+    asked, done = rounds(contact_study(tmp_path), monkeypatch, poor)
+    assert [law for kind, law, _ in asked if kind == "compared"] == ["lugre", "dahl", "coulomb"]
+    asked, done = rounds(contact_study(tmp_path), monkeypatch, poor | {("lugre", "compared"): (100.0, True)})
+    assert [law for kind, law, _ in asked if kind == "compared"] == ["lugre", "dahl"]
+    assert ("once", "dahl", "lugre") in asked and done["lugre"].explained
 
 
 def test_a_misfit_is_found_where_it_is(tmp_path):

@@ -7,6 +7,7 @@ from scipy.optimize import least_squares
 
 import pdssjax
 from pdssjax.selection import candidates_of, held_out
+from pdssjax.selection.candidate_fits import fitted_candidate
 from pdssjax.selection.scores import common_noise
 from pdssjax.selection.telling_records import most_telling_record
 
@@ -28,10 +29,16 @@ def estimate(study):
     return pdssjax.identify(study)
 
 
-def test_what_is_held_out_is_predicted_as_by_a_fit_without_it(study, estimate):
+@pytest.fixture(scope="module")
+def fitted(study, estimate):
+    dahl = next(c for c in candidates_of(study, friction=["coulomb"]) if c.name == "dahl")
+    return fitted_candidate(dahl, estimate, "study")
+
+
+def test_what_is_held_out_is_predicted_as_by_a_fit_without_it(study, estimate, fitted):
     """A block, and a whole record, against fits to what is left of the records."""
     parts = held_out.parts_of(study)
-    found = held_out.held_out(study, estimate, parts)
+    found = held_out.held_out(study, fitted, parts)
     assert found.refitted == 0
     for number in (0, next(k for k, part in enumerate(parts) if part.kind == "record")):
         part = parts[number]
@@ -46,13 +53,13 @@ def test_what_is_held_out_is_predicted_as_by_a_fit_without_it(study, estimate):
         assert np.max(np.abs(found.residuals[number] - expected)) < 0.05 * np.max(np.abs(seen - expected)) + 1e-6
 
 
-def test_a_step_that_is_not_believed_is_fitted_again(study, estimate, monkeypatch):
+def test_a_step_that_is_not_believed_is_fitted_again(study, fitted, monkeypatch):
     monkeypatch.setattr(held_out, "WORSE", -np.inf)
     parts = held_out.parts_of(study)[:1]
-    again = held_out.held_out(study, estimate, parts)
+    again = held_out.held_out(study, fitted, parts)
     assert again.refitted == 1
     monkeypatch.undo()
-    np.testing.assert_allclose(again.residuals[0], held_out.held_out(study, estimate, parts).residuals[0], atol=1e-4)
+    np.testing.assert_allclose(again.residuals[0], held_out.held_out(study, fitted, parts).residuals[0], atol=1e-4)
 
 
 @pytest.mark.slow
@@ -70,10 +77,10 @@ def test_the_record_that_tells_most_is_one_in_which_models_differ(study, estimat
         for name in ("simplified-lugre", "dahl")
     )
     values = {path: estimate.parameters[path].value for path in estimate.names}
-    fitted = lambda name, numbers: pdssjax.selection.FittedCandidate(name, {}, tuple(numbers), values=numbers)
+    at = lambda name, numbers: pdssjax.selection.FittedCandidate(name, {}, tuple(numbers), values=numbers)
     damped = {"friction.sigma0": values["friction.sigma0"], "friction.f_ss": values["friction.f_c"]}
-    one = (lugre.study, fitted("simplified-lugre", damped | {"friction.sigma1": 200.0}))
-    two = (dahl.study, fitted("dahl", values))
+    one = (lugre.study, at("simplified-lugre", damped | {"friction.sigma1": 200.0}))
+    two = (dahl.study, at("dahl", values))
     noises = [
         common_noise(r, r.measured - f.residual, 240.0) for r, f in zip(study.records, estimate.records, strict=True)
     ]

@@ -46,8 +46,8 @@ from .record_features import (
     voltages,
 )
 
-TRIALS = 512
-"""Points of the hypercube."""
+TRIALS, TRIALS_OF_ONE = 512, 64
+"""Points of the hypercube, at most; and along a single unknown: each further one doubles them."""
 
 _COARSE = Accuracy(tolerance=1e-9, settle_tolerance=1e-10)
 """How finely trials are integrated."""
@@ -284,9 +284,9 @@ def _search(
     """The trials against the first periods of those `records` that are `used`, the best first."""
     paths = list(ranges)
     low, high = (np.log([ranges[path][end] for path in paths]) for end in (0, 1))
-    random = np.random.default_rng(0)
-    strata = np.stack([random.permutation(TRIALS) for _ in paths], axis=1)
-    points = low + (high - low) * (strata + random.random(strata.shape)) / TRIALS
+    random, count = np.random.default_rng(0), min(TRIALS, TRIALS_OF_ONE * 2 ** (len(paths) - 1))
+    strata = np.stack([random.permutation(count) for _ in paths], axis=1)
+    points = low + (high - low) * (strata + random.random(strata.shape)) / count
     trials = [{path: float(np.exp(x)) for path, x in zip(paths, point, strict=True)} for point in points]
     costs = _tried(_beginnings(models, records, used), [_every(known | trial, parameters) for trial in trials])
     order = np.argsort(np.where(np.isfinite(costs), costs, np.inf))

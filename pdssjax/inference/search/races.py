@@ -224,12 +224,14 @@ def reason_at_first(fit: Fit, contest: Contest) -> str | None:
     """Why a first `fit` is to be raced against others, a key of `RACES`; None where it need not be."""
     if contest.platform_unobserved:
         return "platform unobserved"
-    return "poor" if contest.is_poor(fit) else None
+    return "poor" if contest.effort.compares and contest.is_poor(fit) else None
 
 
 def reason_in_the_end(fit: Fit, starts: dict[str, float], contest: Contest, raced: bool) -> str | None:
     """Why a `fit` is to be raced against others although it stands; `raced` tells whether it was before."""
     problem = contest.problem
+    if not contest.effort.compares:
+        return None
     # The starts given or searched for, or a bound, may not have let the fit go where the best optimum is.
     if contest.is_poor(fit) if raced else _at_new_bound(fit, problem, starts):
         return "elsewhere"

@@ -1,0 +1,397 @@
+"""Fits candidates to a study's records, side by side in processes of their own, or wherever an executor says.
+
+In three rounds, so that a wrong model costs little, and a right one is not lost in a wrong optimum:
+
+1. Each is fitted once, from where its neighbour ended, a simpler model that shares parameters with it.
+2. Where none explains the records, those that explain most are compared with fits from other starts, until that helps
+   no more.
+3. Each that explains less than the best is fitted again from the best one's optimum.  Then parts are held out.
+
+So the result is the same however many fits run at a time.
+"""
+
+import contextlib
+import dataclasses
+import functools
+import multiprocessing
+import os
+import signal
+import time
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from ..core import InputError, InputWarning, prepare_jax, require_float64
+from ..inference import Progress, effort_of, fingerprint, identify, quiet
+from ..study import Estimate, Study
+from .candidates import Candidate, neighbours, starting_near
+from .comparison import FittedCandidate
+from .held_out import Part, held_out
+
+NO_BETTER = 1.0
+"""Deviance by which a model may lie above a simpler one: a fit may end a little before its optimum."""
+
+COMPARED_AT_ONCE = 2
+"""Models that are compared with other starts side by side, whatever the number of cores."""
+
+IN_VAIN = 2
+"""Times in a row that this may not lower the deviance of the best: then no model is right."""
+
+
+class CandidateStore(Protocol):
+    """Where fitted candidates are kept, so that a comparison that is broken off can go on."""
+
+    def kept(self, candidate: Candidate, digest: str) -> FittedCandidate | None:
+        """What was kept of a candidate with this `digest`; None where there is nothing, or something else."""
+        ...
+
+    def keep(self, candidate: Candidate, digest: str, fitted: FittedCandidate, estimate: Estimate | None) -> None:
+        """Keep a candidate; without an `estimate` that which was kept before stays."""
+        ...
+
+
+class InMemoryStore:
+    """Keeps nothing beyond the comparison."""
+
+    def kept(self, candidate: Candidate, digest: str) -> FittedCandidate | None:
+        return None
+
+    def keep(self, candidate: Candidate, digest: str, fitted: FittedCandidate, estimate: Estimate | None) -> None:
+        pass
+
+
+class Near(NamedTuple):
+    """The optimum of another model that a fit begins at."""
+
+    name: str
+    values: Mapping[str, float]
+    """Of its free parameters [SI], by path."""
+    deviance: float
+
+
+class Task(NamedTuple):
+    """What one process is asked for."""
+
+    candidate: Candidate
+    effort: str
+    near: Near | None = None
+    """Where to begin; None: where the study says, or a search finds."""
+    earlier: FittedCandidate | None = None
+    """What it ended at before."""
+    parts: tuple[Part, ...] = ()
+    """What to hold out in the end."""
+
+
+Answer = tuple[FittedCandidate, Estimate | None]
+
+
+def digest_of(candidate: Candidate, effort: str, parts: Sequence[Part]) -> str:
+    """What a candidate's result depends on: model, parameters, records, what is held out, and the effort."""
+    study = candidate.study
+    records = [
+        dataclasses.replace(record, file=type(record.file)(), columns={}, name=record.name) for record in study.records
+    ]
+    held = [(part.record, part.kind, part.rows.astype(float)) for part in parts]
+    return fingerprint([study.models.chosen, study.parameters, records, study.accuracy, held, effort])
+
+
+def fit_all(
+    candidates: Sequence[Candidate],
+    parts: tuple[Part, ...],
+    effort: str,
+    executor: Executor | None,
+    store: CandidateStore,
+    report: Progress,
+) -> dict[str, FittedCandidate]:
+    """Every candidate's fit and what it predicts of the `parts` without having seen them, by name."""
+    done: dict[str, FittedCandidate] = {}
+    digests = {candidate.name: digest_of(candidate, effort, parts) for candidate in candidates}
+    for candidate in candidates:
+        if candidate.refused:
+            done[candidate.name] = failed(candidate, candidate.refused)
+        elif (kept := store.kept(candidate, digests[candidate.name])) is not None:
+            done[candidate.name] = kept
+
+    def open_ones() -> list[Candidate]:
+        return [c for c in candidates if not (c.name in done and (done[c.name].failure or done[c.name].finished))]
+
+    def keep(candidate: Candidate, answer: Answer) -> None:
+        fitted, estimate = answer
+        done[candidate.name] = fitted
+        if estimate is not None or fitted.finished:
+            store.keep(candidate, digests[candidate.name], fitted, estimate)
+        told = fitted.failure or ("done" if fitted.finished else "fitted" if fitted.converged else "did not converge")
+        finished = len(candidates) - len(open_ones())
+        report(f"{finished} of {len(candidates)} models; {candidate.name}: {told}, {fitted.seconds:.0f} s")
+
+    if not open_ones():
+        return done
+    report(f"{len(done)} of {len(candidates)} models; fitting {', '.join(c.name for c in open_ones())}")
+    near = neighbours(candidates)
+    with _workers(executor, len(open_ones())) as submit:
+        run = functools.partial(_gathered, submit, keep)
+
+        def from_neighbour(candidate: Candidate) -> Task | None:
+            if (name := near[candidate.name]) is not None and name not in done:
+                return None
+            return Task(candidate, effort, _optimum_near(candidate, near, done))
+
+        run(fit_candidate, [c for c in candidates if c.name not in done], from_neighbour)
+        for some in _to_compare(open_ones, done):
+            run(compare_starts, some, lambda candidate: Task(candidate, effort, earlier=done[candidate.name]))
+        best = _best(done)
+        run(finish, open_ones(), lambda c: Task(c, effort, _worth_trying(done[c.name], best), done[c.name], parts))
+    return done
+
+
+def _to_compare(
+    open_ones: Callable[[], list[Candidate]], done: Mapping[str, FittedCandidate]
+) -> Iterator[list[Candidate]]:
+    """Models to be compared with other starts, those that explain most first, as long as none explains the records."""
+    in_vain = 0
+    while (best := _best(done)) is not None and not best.explained and in_vain < IN_VAIN:
+        left = [c for c in open_ones() if not done[c.name].compared]
+        some = sorted(left, key=lambda c: _misfit(done[c.name]))[:COMPARED_AT_ONCE]
+        if not some:
+            return
+        yield some
+        better = _best(done)
+        in_vain = 0 if better is not None and _misfit(better) < _misfit(best) - NO_BETTER else in_vain + 1
+
+
+def _misfit(fitted: FittedCandidate) -> float:
+    """Deviance and twice the number of free parameters; infinite where there is no fit."""
+    return fitted.deviance + 2.0 * len(fitted.free) if _is_usable(fitted) else np.inf
+
+
+def _is_usable(fitted: FittedCandidate) -> bool:
+    return not fitted.failure and bool(np.isfinite(fitted.deviance))
+
+
+def _best(done: Mapping[str, FittedCandidate]) -> FittedCandidate | None:
+    """The model that explains most for its parameters; None where there is no fit."""
+    best = min(done.values(), key=_misfit)
+    return best if _is_usable(best) else None
+
+
+def _worth_trying(fitted: FittedCandidate, best: FittedCandidate | None) -> Near | None:
+    """The optimum of the `best` model, where a model that explains less has not begun there yet."""
+    if best is None or best.name == fitted.name or (fitted.explained and fitted.converged):
+        return None
+    begun_there = fitted.start == best.name and not best.compared
+    return None if begun_there else Near(best.name, _free_values(best), best.deviance)
+
+
+def _free_values(fitted: FittedCandidate) -> dict[str, float]:
+    return {path: fitted.values[path] for path in fitted.free}
+
+
+def _optimum_near(
+    candidate: Candidate, near: Mapping[str, str | None], done: Mapping[str, FittedCandidate]
+) -> Near | None:
+    """The optimum of the nearest simpler candidate that has a fit."""
+    name = near[candidate.name]
+    while name is not None and not _is_usable(done[name]):
+        name = near.get(name)
+    return None if name is None else Near(name, _free_values(done[name]), done[name].deviance)
+
+
+# ------------------------------------------------------------------------------------------------ processes
+
+
+def _gathered(
+    submit: Callable[..., Future[Answer]],
+    keep: Callable[[Candidate, Answer], None],
+    work: Callable[[Task], Answer],
+    waiting: Sequence[Candidate],
+    ready: Callable[[Candidate], Task | None],
+) -> None:
+    """Keep what the `work` finds for each candidate that is `waiting`, as soon as its task is `ready`."""
+    waiting, running = list(waiting), {}
+    while waiting or running:
+        for candidate in list(waiting):
+            if (task := ready(candidate)) is not None:
+                waiting.remove(candidate)
+                running[submit(work, task)] = candidate
+        wait(running, return_when=FIRST_COMPLETED)
+        for future in [future for future in running if future.done()]:
+            candidate = running.pop(future)
+            keep(candidate, _answer(future, candidate))
+
+
+def _answer(future: Future[Answer], candidate: Candidate) -> Answer:
+    """What a process found; a process that died is a failure of its candidate alone."""
+    try:
+        return future.result()
+    except BrokenExecutor as error:
+        return failed(candidate, f"the process that fitted it ended ({error or type(error).__name__})"), None
+    except Exception as error:  # whatever a worker could not send back stops no other candidate
+        return failed(candidate, f"{type(error).__name__}: {error}"), None
+
+
+@contextlib.contextmanager
+def _workers(executor: Executor | None, most: int) -> Iterator[Callable[..., Future[Answer]]]:
+    """What submits work: to the `executor` that is given, else to processes that are spawned, one a core.
+
+    Where it is left early, processes of its own are ended; those of the caller only lose what has not begun.
+    """
+    if executor is not None:
+        futures: list[Future[Answer]] = []
+
+        def submit(work: Callable[..., Answer], task: Task) -> Future[Answer]:
+            futures.append(executor.submit(work, task))
+            return futures[-1]
+
+        try:
+            yield submit
+        finally:
+            for future in futures:
+                future.cancel()
+        return
+    count = min(os.cpu_count() or 1, most)
+    pools: list[ProcessPoolExecutor] = []
+
+    def submit_here(work: Callable[..., Answer], task: Task) -> Future[Answer]:
+        try:
+            return pools[-1].submit(work, task)
+        except (BrokenExecutor, IndexError):  # none yet, or one whose process died: the others go on in a new one
+            context = multiprocessing.get_context("spawn")
+            pools.append(ProcessPoolExecutor(count, mp_context=context, initializer=_begin_process))
+            return pools[-1].submit(work, task)
+
+    try:
+        yield submit_here
+    except BaseException:
+        for pool in pools:
+            for process in list((getattr(pool, "_processes", None) or {}).values()):
+                process.terminate()
+        raise
+    finally:
+        for pool in pools:
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _begin_process() -> None:
+    """A process of its own is the parent's to end, and computes in double precision."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    prepare_jax(dedicated=True)
+
+
+def _timed(work: Callable[[Task], Answer]) -> Callable[[Task], Answer]:
+    """`work` whose time is added to what the candidate took before, and whose errors are the candidate's failure."""
+
+    @functools.wraps(work)
+    def timed(task: Task) -> Answer:
+        begun, before = time.perf_counter(), task.earlier.seconds if task.earlier else 0.0
+        try:
+            require_float64("compare")
+        except InputError:
+            prepare_jax()
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", InputWarning)
+                fitted, estimate = work(task)
+        except InputError as error:
+            fitted, estimate = failed(task.candidate, str(error)), None
+        except (ArithmeticError, RuntimeError, ValueError, np.linalg.LinAlgError) as error:
+            fitted, estimate = failed(task.candidate, f"{type(error).__name__}: {error}"), None
+        return dataclasses.replace(fitted, seconds=before + time.perf_counter() - begun), estimate
+
+    return timed
+
+
+# ------------------------------------------------------------------------------------------------ fits
+
+
+@_timed
+def fit_candidate(task: Task) -> Answer:
+    """Fit a candidate once from its neighbour's optimum.
+
+    It is fitted from the study's own starts where it has no neighbour, and also where it did not converge or explains
+    less than the neighbour: then it ended in a wrong optimum.
+    """
+    own, near = task.candidate.study, task.near
+    if near is None:
+        return _fit_once(task, own, "study")
+    first = _fit_once(task, starting_near(task.candidate, near.values), near.name)
+    if first[0].converged and first[0].deviance <= near.deviance + NO_BETTER:
+        return first
+    return _better(first, _fit_once(task, own, "study"))
+
+
+@_timed
+def compare_starts(task: Task) -> Answer:
+    """Fit a candidate from the study's own starts, compared with other starts where that is poor."""
+    estimate = identify(task.candidate.study, effort=task.effort, progress=quiet)
+    found = _better((_earlier(task), None), _answer_of(task, estimate, "study"))
+    return dataclasses.replace(found[0], compared=True), found[1]
+
+
+@_timed
+def finish(task: Task) -> Answer:
+    """Fit a candidate again from the best model's optimum, if that is worth trying, and hold parts out."""
+    found: Answer = _earlier(task), None
+    if task.near is not None:
+        own = _free_values(found[0]) if _is_usable(found[0]) else {}
+        begun = dataclasses.replace(task.candidate, study=starting_near(task.candidate, own))
+        found = _better(found, _fit_once(task, starting_near(begun, task.near.values), task.near.name))
+    fitted, estimate = found
+    if not _is_usable(fitted):
+        return failed(task.candidate, f"the fit has no end: {fitted.message}"), estimate
+    parts = held_out(task.candidate.study, fitted, task.parts)
+    if not all(np.isfinite(residual).all() for residual in (*fitted.residuals, *parts.residuals)):
+        why = "it cannot be simulated at the parameters that some of the samples give"
+        return failed(task.candidate, why), estimate
+    whole = dataclasses.replace(fitted, held_out=parts.residuals, refitted=parts.refitted, finished=True)
+    return whole, estimate
+
+
+def _earlier(task: Task) -> FittedCandidate:
+    """What the candidate of a `task` ended at before."""
+    if task.earlier is None:
+        raise ValueError(f"{task.candidate.name}: found no fit to go on from, expected one.")
+    return task.earlier
+
+
+def _fit_once(task: Task, study: Study, start: str) -> Answer:
+    """The fit of a `study`, not compared with other starts."""
+    alone = effort_of(task.effort)._replace(compares=False)
+    return _answer_of(task, identify(study, effort=alone, progress=quiet), start)
+
+
+def _answer_of(task: Task, estimate: Estimate, start: str) -> Answer:
+    return fitted_candidate(task.candidate, estimate, start), estimate
+
+
+def _better(one: Answer, other: Answer) -> Answer:
+    """The fit of the lower deviance, the first where they are equal."""
+    return other if _misfit(other[0]) < _misfit(one[0]) - 1e-3 * NO_BETTER else one
+
+
+def fitted_candidate(candidate: Candidate, estimate: Estimate, start: str) -> FittedCandidate:
+    """What a comparison needs of a candidate's `estimate`, which began at `start`."""
+    statistics = estimate.statistics
+    return FittedCandidate(
+        name=candidate.name,
+        model=candidate.study.models.chosen,
+        free=candidate.free,
+        converged=estimate.converged,
+        explained=estimate.explained,
+        message=estimate.message,
+        values={path: parameter.value for path, parameter in estimate.parameters.items()},
+        units={path: parameter.unit for path, parameter in estimate.parameters.items()},
+        errors={path: estimate.parameters[path].standard_error for path in estimate.names},
+        at_bound=tuple(path for path in estimate.names if estimate.parameters[path].at_bound),
+        noise={record.name: record.noise for record in estimate.records},
+        deviance=statistics.aic - 2.0 * statistics.free,
+        residuals=tuple(record.residual for record in estimate.records),
+        start=start,
+    )
+
+
+def failed(candidate: Candidate, why: str) -> FittedCandidate:
+    """A candidate without a fit that can be compared."""
+    return FittedCandidate(candidate.name, candidate.study.models.chosen, candidate.free, failure=why)
