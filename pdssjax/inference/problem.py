@@ -9,20 +9,23 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
-from ..core import Scalar, require_float64
+from ..core import Scalar, Tree, kept_jit, require_float64
 from ..integration import Accuracy
 from ..metrics import scatter_floor
 from ..study import Lowered, Parameter, Predictor, Record, Study, Values, predicted
 from .effort import USUAL, Effort
 from .initial_values.search import initial_guess
 from .losses.base import AbstractLoss
-from .parameter_transform import transform_of
-from .residual import Residual, compared
-from .solver.iterations import Evaluations, OfFunction, Point
+from .parameter_transform import ParameterTransform, transform_of
+from .residual import Comparison, Residual, compared
+from .solver.iterations import Linearised, OfFunction, Point
+from .solver.levenberg_marquardt import linearised
 from .solver.minimisers import Minimiser
 from .told_ranges import told_ranges, within_told
 
@@ -114,9 +117,10 @@ class Problem(eqx.Module):
 
     def linearised(self, free: Float[Array | np.ndarray, " p"]) -> tuple[Float[Array, " n"], Float[Array, "n p"]]:
         """`whitened` and `jacobian` at once, for the price of the second; compiled."""
-        return Linearisation(self.residual, self._weights())(free)
+        (whitened, _), (jacobian, _) = self.evaluations(self._weights()).linearised(free)
+        return whitened, jacobian
 
-    def evaluations(self, weights: Float[Array | np.ndarray, " records"]) -> Evaluations:
+    def evaluations(self, weights: Float[Array | np.ndarray, " records"]) -> "OfFunction | _OfStudy":
         """Residuals and Jacobian as what is compiled, with `weights` (1/noise) of the records, 0 to leave one out."""
         if self.predictor is None:
             return OfFunction(self.residual, weights)
@@ -124,7 +128,7 @@ class Problem(eqx.Module):
 
     def lowered(self, free: Float[Array | np.ndarray, " p"]) -> Lowered:
         """`linearised`, traced; its `compile` may go on in another thread."""
-        return OfFunction(self.residual, self._weights()).lowered(free)
+        return self.evaluations(self._weights()).lowered(free)
 
     @property
     def linearisation(self) -> "Linearisation":
@@ -147,7 +151,10 @@ class Linearisation(eqx.Module):
 
 
 class _OfStudy(NamedTuple):
-    """The evaluations of a study's residual; values are those of the function that predicts all its records."""
+    """The evaluations of a study's residual, by what predicts all its records and is compiled once, whatever is fitted.
+
+    What is compiled together with its caller is the residual itself, without the other records.
+    """
 
     residual: Residual
     weights: Float[Array | np.ndarray, " records"]
@@ -155,15 +162,75 @@ class _OfStudy(NamedTuple):
     places: tuple[int, ...]
 
     def values(self, point: Point) -> tuple[Float[Array, " n"], Float[Array, " records"]]:
-        if isinstance(point, Tracer) or isinstance(self.weights, Tracer):
-            return self.residual(point, self.weights)  # compiled with what calls it, without the other records
-        values, used = self.residual.values(point), np.zeros(len(self.predictor.samples), bool)
-        used[list(self.places)] = np.asarray(self.weights) > 0
-        motions = predicted(self.predictor, values, self.residual.accuracy, used)
+        if self._is_traced(point):
+            return self.residual(point, self.weights)
+        values = self.residual.values(point)
+        motions = predicted(self.predictor, values, self.residual.accuracy, self._used())
         return compared(self.residual.comparison, [motions[place] for place in self.places], values, self.weights)
 
-    def linearised(self, point: Point) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-        return OfFunction(self.residual, self.weights).linearised(point)
+    def linearised(self, point: Point) -> Linearised:
+        if self._is_traced(point):
+            return OfFunction(self.residual, self.weights).linearised(point)
+        every = _linearised_motions(*self._asked(point))
+        motions, slopes = ([each[place] for place in self.places] for each in every)
+        of_scale = self.residual.comparison, self.residual.transform, self.residual.fixed
+        return _linearised_comparison(*of_scale, point, self.weights, motions, slopes)
+
+    def lowered(self, point: Point) -> Lowered:
+        """`linearised`, traced; its `compile` may go on in another thread."""
+        return _linearised_motions.prepared(*self._asked(point))
+
+    def _asked(self, point: Point) -> tuple[Any, ...]:
+        residual = self.residual
+        return self.predictor, residual.transform, residual.fixed, residual.accuracy, self._used(), point
+
+    def _used(self) -> Bool[np.ndarray, " records"]:
+        used = np.zeros(len(self.predictor.samples), bool)
+        used[list(self.places)] = np.asarray(self.weights) > 0
+        return used
+
+    def _is_traced(self, point: Point) -> bool:
+        return isinstance(point, Tracer) or isinstance(self.weights, Tracer)
+
+
+Motions: TypeAlias = list[Float[Array, " samples"]]
+Slopes: TypeAlias = list[Float[Array, "samples p"]]
+
+
+@kept_jit
+def _linearised_motions(
+    predictor: Predictor,
+    transform: ParameterTransform,
+    fixed: dict[str, Any],
+    accuracy: Accuracy,
+    used: Bool[np.ndarray, " records"],
+    free: Point,
+) -> tuple[Motions, Slopes]:
+    """What is predicted of every record that is `used`, and its derivatives by the free numbers; 0 of the others."""
+    motions = lambda free, args: (predictor(fixed | transform.decode(free), accuracy, used), None)
+    (found, _), (slopes, _) = linearised(motions, jnp.asarray(free), None)
+    return found, slopes
+
+
+@kept_jit
+def _linearised_comparison(
+    comparison: Comparison,
+    transform: ParameterTransform,
+    fixed: dict[str, Any],
+    free: Point,
+    weights: Float[Array | np.ndarray, " records"],
+    motions: Motions,
+    slopes: Slopes,
+) -> Linearised:
+    """Residuals and offsets, and the Jacobian of both, where `motions` have these `slopes`."""
+    free, values = jnp.asarray(free), lambda free: fixed | transform.decode(free)
+
+    def along(direction: Float[Array, " p"], motions_dot: Motions) -> tuple[Tree, Tree]:
+        numbers, numbers_dot = jax.jvp(values, (free,), (direction,))
+        of = lambda motions, numbers: comparison(motions, numbers, weights)
+        return jax.jvp(of, (motions, numbers), (motions_dot, numbers_dot))
+
+    return jax.vmap(along, in_axes=(0, -1), out_axes=(None, -1))(jnp.eye(free.size), slopes)
 
 
 SHORTEST = 1e-9

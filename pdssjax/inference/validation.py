@@ -98,7 +98,9 @@ def _at_best(
     """The `records` beside what they are predicted as where parameters move within their errors to explain them all."""
     residual, noise = problem.residual, np.array([_noise(record) for record in records])
     fixed = {path: float(number) for path, number in residual.fixed.items()}
-    whole = Problem(Residual(study.models, records, residual.transform, fixed, residual.accuracy), records, noise)
+    places = tuple(study.records.index(record) for record in records)
+    seen = Residual(study.models, records, residual.transform, fixed, residual.accuracy)
+    whole = Problem(seen, records, noise, predictor=study.predictor, places=places)
     root, whitened = _root(covariance, residual.transform.at_bound(free)), np.asarray(whole.whitened(free))
     motions, errors = [record.predicted - record.offset for record in found], np.zeros(root.shape[1])
     for _ in range(_ROUNDS if errors.size else 0):
