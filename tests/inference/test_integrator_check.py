@@ -14,8 +14,8 @@ import pdssjax
 from pdssjax import Accuracy, FitInterrupted, InputError, OneStep
 from pdssjax.cli.main import main
 from pdssjax.files import estimate_text
+from pdssjax.inference import quiet
 from pdssjax.inference.integrator_check import check_accuracy, with_check
-from pdssjax.inference.least_squares import quiet
 from pdssjax.integration import SOLVERS, Picard, accuracy_with, solver_name, step_method
 from pdssjax.report.text import format_report
 from pdssjax.study import IntegratorCheck

@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 
 import pdssjax
 from pdssjax import InputError, pose_problem
-from pdssjax.inference.least_squares import joint, quiet
+from pdssjax.inference import joint, quiet
 from pdssjax.inference.variable_projection import _box_step, linear_parameters, project
 
 TRUTH = {
