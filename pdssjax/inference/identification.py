@@ -146,7 +146,7 @@ def _estimated(study: Study, request: _Request, stack: PickedStack | None, begun
     try:
         found = _found(request, best)
         done = Point(found.fit, found.problem, found.starts, 2)
-        estimate = _summarised(study, request, done, begun, stack)
+        estimate = _summarised(study, request, done, begun, stack, briefly=not request.effort.compares)
         estimate = dataclasses.replace(estimate, multistart=found.multistart, effort=request.effort.name)
         estimate = _with_intervals(estimate, found, request)
         estimate = _checked(estimate, found, request)

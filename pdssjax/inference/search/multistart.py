@@ -235,7 +235,8 @@ def best_fit(
     raced = reason_at_first(fit, contest)
     if raced:
         fit, starts = race(raced, fit, starts, contest)
-    fit = beyond_discontinuity(fit, problem, tried, report, effort.some(MOST_RESTARTS))
+    if effort.compares:
+        fit = beyond_discontinuity(fit, problem, tried, report, effort.some(MOST_RESTARTS))
     again = reason_in_the_end(fit, starts, contest, bool(raced))
     if again:
         fit, starts = race(again, fit, starts, contest)
