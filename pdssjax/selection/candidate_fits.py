@@ -123,13 +123,14 @@ def fit_all(
         done[candidate.name] = fitted
         if estimate is not None or fitted.finished:
             store.keep(candidate, digests[candidate.name], fitted, estimate)
-        told = fitted.failure or ("done" if fitted.finished else "fitted" if fitted.converged else "did not converge")
-        finished = len(candidates) - len(open_ones())
-        report(f"{finished} of {len(candidates)} models; {candidate.name}: {told}, {fitted.seconds:.0f} s")
+        ended = len(candidates) - len(open_ones())
+        count, what = (ended, "done") if fitted.finished else (len(done), "fitted")
+        told = fitted.failure or (what if fitted.converged else f"{what}, did not converge")
+        report(f"{count} of {len(candidates)} models {what}; {candidate.name}: {told}, {fitted.seconds:.0f} s")
 
     if not open_ones():
         return done
-    report(f"{len(done)} of {len(candidates)} models; fitting {', '.join(c.name for c in open_ones())}")
+    report(f"{len(done)} of {len(candidates)} models fitted; next {', '.join(c.name for c in open_ones())}")
     near = neighbours(candidates)
     with _workers(executor, len(open_ones())) as submit:
         run = functools.partial(_gathered, submit, keep)

@@ -216,7 +216,7 @@ def test_the_command_answers_on_the_console_and_ends_with_0(tmp_path, fits, kept
     assert main(["compare", str(file), "--friction", "coulomb,lugre", "--out", str(out)]) == 0
     shown = capsys.readouterr()
     assert "dahl is the simplest model" in shown.out and f"Results are in {out}" in shown.out
-    assert "3 of 3 models; lugre: done" in shown.err
+    assert "3 of 3 models done; lugre: done" in shown.err
     assert "pdssjax " in (out / "comparison.html").read_text()
     assert main(["compare", str(file), "--friction", "coulomb,lugre", "--out", str(out)]) == 2
     assert "found results already" in capsys.readouterr().err
