@@ -34,6 +34,9 @@ from .held_out import Part, held_out
 NO_BETTER = 1.0
 """Deviance by which a model may lie above a simpler one: a fit may end a little before its optimum."""
 
+FIRST = 30
+"""Linearisations of a model's first fit: one that is right has converged by then, and one that is wrong creeps on."""
+
 COMPARED_AT_ONCE = 2
 """Models that are compared with other starts side by side, whatever the number of cores."""
 
@@ -309,18 +312,17 @@ def _timed(work: Callable[[Task], Answer]) -> Callable[[Task], Answer]:
 
 @_timed
 def fit_candidate(task: Task) -> Answer:
-    """Fit a candidate once from its neighbour's optimum.
+    """Fit a candidate once from its neighbour's optimum, from the study's own starts where it has no neighbour.
 
-    It is fitted from the study's own starts where it has no neighbour, and also where it did not converge or explains
-    less than the neighbour: then it ended in a wrong optimum.
+    Where it explains less than the neighbour, it ended in a wrong optimum, and is fitted from the study's starts, too.
     """
     own, near = task.candidate.study, task.near
     if near is None:
-        return _fit_once(task, own, "study")
-    first = _fit_once(task, starting_near(task.candidate, near.values), near.name)
-    if first[0].converged and first[0].deviance <= near.deviance + NO_BETTER:
+        return _fit_once(task, own, "study", FIRST)
+    first = _fit_once(task, starting_near(task.candidate, near.values), near.name, FIRST)
+    if first[0].deviance <= near.deviance + NO_BETTER:
         return first
-    return _better(first, _fit_once(task, own, "study"))
+    return _better(first, _fit_once(task, own, "study", FIRST))
 
 
 @_timed
@@ -333,12 +335,14 @@ def compare_starts(task: Task) -> Answer:
 
 @_timed
 def finish(task: Task) -> Answer:
-    """Fit a candidate again from the best model's optimum, if that is worth trying, and hold parts out."""
+    """Bring a candidate's fit to its end, try another from the best model's optimum if asked to, and hold parts out."""
     found: Answer = _earlier(task), None
+    own = starting_near(task.candidate, _free_values(found[0])) if _is_usable(found[0]) else task.candidate.study
     if task.near is not None:
-        own = _free_values(found[0]) if _is_usable(found[0]) else {}
-        begun = dataclasses.replace(task.candidate, study=starting_near(task.candidate, own))
+        begun = dataclasses.replace(task.candidate, study=own)
         found = _better(found, _fit_once(task, starting_near(begun, task.near.values), task.near.name))
+    if found[1] is None and not found[0].converged:
+        found = _better(found, _fit_once(task, own, found[0].start))
     fitted, estimate = found
     if not _is_usable(fitted):
         return failed(task.candidate, f"the fit has no end: {fitted.message}"), estimate
@@ -357,9 +361,11 @@ def _earlier(task: Task) -> FittedCandidate:
     return task.earlier
 
 
-def _fit_once(task: Task, study: Study, start: str) -> Answer:
-    """The fit of a `study`, not compared with other starts."""
+def _fit_once(task: Task, study: Study, start: str, most: int | None = None) -> Answer:
+    """The fit of a `study`, not compared with other starts, of so many linearisations at `most`."""
     alone = effort_of(task.effort)._replace(compares=False)
+    if most is not None:
+        alone = alone._replace(iterations=min(most, alone.iterations))
     return _answer_of(task, identify(study, effort=alone, progress=quiet), start)
 
 

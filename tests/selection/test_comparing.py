@@ -251,7 +251,7 @@ def rounds(study, monkeypatch, ends, laws=("coulomb", "lugre")):
     """
     asked = []
 
-    def once(task, posed, start):
+    def once(task, posed, start, most=None):
         name = task.candidate.name
         asked.append(("once", name, start))
         deviance, explained = ends.get((name, start), ends[name])
@@ -284,6 +284,19 @@ def test_what_explains_less_than_the_best_is_fitted_again_from_there_and_nothing
         ("once", "coulomb", "dahl"),
     ]
     assert all(found.finished for found in done.values()) and done["coulomb"].start == "study"
+
+
+def test_a_fit_that_was_cut_short_is_brought_to_its_end(tmp_path, monkeypatch):
+    usual = candidate_fits.fit_candidate
+
+    def cut(task):
+        fitted, estimate = usual(task)
+        return dataclasses.replace(fitted, converged=task.candidate.name != "lugre"), estimate
+
+    monkeypatch.setattr(candidate_fits, "fit_candidate", cut)
+    ends = {"coulomb": (900.0, False), "dahl": (150.0, True), "lugre": (150.0, True)}
+    asked, _ = rounds(contact_study(tmp_path), monkeypatch, ends)
+    assert asked.count(("once", "lugre", "dahl")) == 2 and len(asked) == 5
 
 
 def test_a_right_law_in_a_wrong_optimum_is_found_from_a_richer_ones(tmp_path, monkeypatch):
