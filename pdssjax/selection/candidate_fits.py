@@ -29,7 +29,7 @@ from ..inference import Progress, effort_of, fingerprint, identify, quiet
 from ..study import Estimate, Study
 from .candidates import Candidate, neighbours, starting_near
 from .comparison import FittedCandidate
-from .held_out import Part, held_out
+from .held_out import HeldOut, Part, held_out
 
 NO_BETTER = 1.0
 """Deviance by which a model may lie above a simpler one: a fit may end a little before its optimum."""
@@ -42,6 +42,12 @@ COMPARED_AT_ONCE = 2
 
 IN_VAIN = 2
 """Times in a row that this may not lower the deviance of the best: then no model is right."""
+
+
+HOPELESS = 0.5
+"""Deviance a sample by which a model may leave more than the best one and still be fitted to its end, and without each
+part: half as much variance again, which shows also where a record of thousands of samples has a hundred independent
+ones."""
 
 
 class CandidateStore(Protocol):
@@ -86,6 +92,8 @@ class Task(NamedTuple):
     """What it ended at before."""
     parts: tuple[Part, ...] = ()
     """What to hold out in the end."""
+    best: float = np.inf
+    """Deviance and twice the number of parameters of the best model."""
 
 
 Answer = tuple[FittedCandidate, Estimate | None]
@@ -147,7 +155,13 @@ def fit_all(
         for some in _to_compare(open_ones, done):
             run(compare_starts, some, lambda candidate: Task(candidate, effort, earlier=done[candidate.name]))
         best = _best(done)
-        run(finish, open_ones(), lambda c: Task(c, effort, _worth_trying(done[c.name], best), done[c.name], parts))
+        least = np.inf if best is None else _misfit(best)
+
+        def to_finish(candidate: Candidate) -> Task:
+            fitted = done[candidate.name]
+            return Task(candidate, effort, _worth_trying(fitted, best), fitted, parts, least)
+
+        run(finish, open_ones(), to_finish)
     return done
 
 
@@ -335,18 +349,28 @@ def compare_starts(task: Task) -> Answer:
 
 @_timed
 def finish(task: Task) -> Answer:
-    """Bring a candidate's fit to its end, try another from the best model's optimum if asked to, and hold parts out."""
+    """Try another fit of a candidate from the best model's optimum if asked to, and hold parts out.
+
+    One that explains nearly as much as the best is brought to its end first; one that leaves much more is taken for
+    what it leaves of the parts in its fit, which is to its advantage.
+    """
     found: Answer = _earlier(task), None
     own = starting_near(task.candidate, _free_values(found[0])) if _is_usable(found[0]) else task.candidate.study
     if task.near is not None:
         begun = dataclasses.replace(task.candidate, study=own)
-        found = _better(found, _fit_once(task, starting_near(begun, task.near.values), task.near.name))
-    if found[1] is None and not found[0].converged:
-        found = _better(found, _fit_once(task, own, found[0].start))
+        found = _better(found, _fit_once(task, starting_near(begun, task.near.values), task.near.name, FIRST))
+    samples = sum(record.time.size for record in task.candidate.study.records if record.role == "fit")
+    is_close = _misfit(found[0]) <= task.best + HOPELESS * samples
+    if is_close and not found[0].converged:
+        reached = starting_near(task.candidate, _free_values(found[0])) if _is_usable(found[0]) else own
+        found = _better(found, _fit_once(task, reached, found[0].start))
     fitted, estimate = found
     if not _is_usable(fitted):
         return failed(task.candidate, f"the fit has no end: {fitted.message}"), estimate
-    parts = held_out(task.candidate.study, fitted, task.parts)
+    if is_close:
+        parts = held_out(task.candidate.study, fitted, task.parts)
+    else:
+        parts = HeldOut(tuple(fitted.residuals[part.record][part.rows] for part in task.parts), 0)
     if not all(np.isfinite(residual).all() for residual in (*fitted.residuals, *parts.residuals)):
         why = "it cannot be simulated at the parameters that some of the samples give"
         return failed(task.candidate, why), estimate
