@@ -299,6 +299,18 @@ def test_a_fit_that_was_cut_short_is_brought_to_its_end(tmp_path, monkeypatch):
     assert asked.count(("once", "lugre", "dahl")) == 2 and len(asked) == 5
 
 
+def test_a_model_that_leaves_much_more_is_judged_by_what_it_leaves_in_its_fit(tmp_path, monkeypatch):
+    study = contact_study(tmp_path)
+    coulomb, parts = candidates_of(study, friction=["coulomb"])[0], held_out.parts_of(study)
+    fitted = dataclasses.replace(made_up(coulomb, 0.05), deviance=1e4, converged=False)
+    monkeypatch.setattr(candidate_fits, "held_out", None)
+    monkeypatch.setattr(candidate_fits, "_fit_once", None)
+    found, estimate = candidate_fits.finish(candidate_fits.Task(coulomb, "quick", None, fitted, parts, 100.0))
+    assert found.finished and not found.failure and estimate is None
+    for part, left in zip(parts, found.held_out, strict=True):
+        np.testing.assert_array_equal(left, fitted.residuals[part.record][part.rows])
+
+
 def test_a_right_law_in_a_wrong_optimum_is_found_from_a_richer_ones(tmp_path, monkeypatch):
     ends = {"coulomb": (900.0, False), "dahl": (800.0, False), "lugre": (100.0, True), ("dahl", "lugre"): (101.0, True)}
     asked, done = rounds(contact_study(tmp_path), monkeypatch, ends)
