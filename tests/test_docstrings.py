@@ -18,7 +18,6 @@ PATHS = re.findall(
 FAMILIES = "drive", "piezo", "friction", "study.measurement", "inference.losses", "inference.uncertainty.error_models"
 MEMBERS = [member(family, name) for family in FAMILIES for name in members(family)]
 NAMES = [*PATHS, *(f"{model.__module__}.{model.__qualname__}" for model in MEMBERS)]
-EVERY_NAME = pytest.mark.parametrize("path", NAMES)
 
 ARRAY = re.compile(r"\b(?:Float|Int|Bool|Num|Complex|Shaped)\[")
 UNIT = re.compile(r"\[[^\]\s]+(?: [^\]]+)?\]|\bSI\b|\bunits?\b|\bscale of the fit\b|\bdivided by\b")
@@ -43,36 +42,33 @@ def annotations(node: ast.FunctionDef) -> list[str]:
     return [ast.unparse(a) for a in (*(arg.annotation for arg in given), node.returns) if a is not None]
 
 
-@EVERY_NAME
-def test_every_public_name_has_a_docstring(path):
-    assert inspect.getdoc(found(path))
-    assert all(text for _, _, text in functions(path))
+def test_every_public_name_has_a_docstring():
+    for path in NAMES:
+        assert inspect.getdoc(found(path)), path
+        assert all(text for _, _, text in functions(path)), path
 
 
-@EVERY_NAME
-def test_arrays_say_their_shape_and_their_unit(path):
-    whole = inspect.getdoc(found(path)) or ""
-    for name, node, text in functions(path):
-        if any(ARRAY.search(written) for written in annotations(node)):
-            assert UNIT.search(text) or UNIT.search(whole), f"{name} says no unit"
+def test_arrays_say_their_shape_and_their_unit():
+    for path in NAMES:
+        whole = inspect.getdoc(found(path)) or ""
+        for name, node, text in functions(path):
+            if any(ARRAY.search(written) for written in annotations(node)):
+                assert UNIT.search(text) or UNIT.search(whole), f"{name} says no unit"
 
 
-@EVERY_NAME
-def test_fields_that_are_arrays_say_their_unit(path):
-    thing = found(path)
-    if not isinstance(thing, type):
-        return
-    whole = inspect.getdoc(thing) or ""
-    for name, (written, text) in fields(thing).items():
-        if re.search(r"\b(?:Float|Num)\[", written):
-            assert UNIT.search(text) or UNIT.search(whole), f"{path}.{name} says no unit"
+def test_fields_that_are_arrays_say_their_unit():
+    for path, thing in ((path, found(path)) for path in NAMES):
+        whole = inspect.getdoc(thing) or ""
+        for name, (written, text) in fields(thing).items() if isinstance(thing, type) else ():
+            if re.search(r"\b(?:Float|Num)\[", written):
+                assert UNIT.search(text) or UNIT.search(whole), f"{path}.{name} says no unit"
 
 
-@EVERY_NAME
-def test_what_raises_says_so(path):
-    for name, node, text in functions(path):
-        raised = {ast.unparse(n.exc).split("(")[0] for n in ast.walk(node) if isinstance(n, ast.Raise) and n.exc}
-        assert not raised - {"NotImplementedError"} or "raises" in text.lower(), f"{name} raises {raised}"
+def test_what_raises_says_so():
+    for path in NAMES:
+        for name, node, text in functions(path):
+            raised = {ast.unparse(n.exc).split("(")[0] for n in ast.walk(node) if isinstance(n, ast.Raise) and n.exc}
+            assert not raised - {"NotImplementedError"} or "raises" in text.lower(), f"{name} raises {raised}"
 
 
 def test_properties_are_told_from_methods():

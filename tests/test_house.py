@@ -124,53 +124,53 @@ def test_the_storeys_name_every_room():
     assert {dotted(path).split(".")[0] for path in IN_ROOMS} == set(STOREYS)
 
 
-@pytest.mark.parametrize("path", IN_ROOMS, ids=dotted)
-def test_a_room_imports_only_rooms_below_it(path):
-    here = dotted(path).split(".")[0]
-    for module, _ in inside(path):
-        there = module.split(".")[0]
-        if not module:
-            assert here == "cli", f"{dotted(path)} imports pdssjax itself"
-        else:
-            assert there == here or STOREYS.index(there) < STOREYS.index(here), f"{dotted(path)} imports {module}"
+def test_a_room_imports_only_rooms_below_it():
+    for path in IN_ROOMS:
+        here = dotted(path).split(".")[0]
+        for module, _ in inside(path):
+            there = module.split(".")[0]
+            if not module:
+                assert here == "cli", f"{dotted(path)} imports pdssjax itself"
+            else:
+                assert there == here or STOREYS.index(there) < STOREYS.index(here), f"{dotted(path)} imports {module}"
 
 
-@pytest.mark.parametrize("path", IN_ROOMS, ids=dotted)
-def test_other_rooms_are_known_by_their_face_or_their_base(path):
-    here = dotted(path).split(".")[0]
-    for module, names in inside(path):
-        there, *below = module.split(".")
-        if not module or there == here or below == ["base"] or set(below) & FACELESS.get(there, set()):
-            continue
-        if is_member(module):
-            continue
-        face = ".".join([there, *below])
-        assert not below or there == "report", f"{dotted(path)} imports {module}"
-        assert set(names) <= shown(face), f"{dotted(path)} imports {sorted(set(names) - shown(face))} of {face}"
+def test_other_rooms_are_known_by_their_face_or_their_base():
+    for path in IN_ROOMS:
+        here = dotted(path).split(".")[0]
+        for module, names in inside(path):
+            there, *below = module.split(".")
+            if not module or there == here or below == ["base"] or set(below) & FACELESS.get(there, set()):
+                continue
+            if is_member(module):
+                continue
+            face = ".".join([there, *below])
+            assert not below or there == "report", f"{dotted(path)} imports {module}"
+            assert set(names) <= shown(face), f"{dotted(path)} imports {sorted(set(names) - shown(face))} of {face}"
 
 
-@pytest.mark.parametrize("path", [p for p in MODULES if p.name == "__init__.py"], ids=lambda p: dotted(p) or "pdssjax")
-def test_faces_show_the_same_to_python_and_to_type_checkers(path):
-    told = [
-        alias.name
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
-        for statement in node.body
-        if isinstance(statement, ast.ImportFrom)
-        for alias in statement.names
-    ]
-    module = importlib.import_module(f"pdssjax.{dotted(path)}".rstrip("."))
-    assert sorted(told) == sorted(getattr(module, "__all__", []))
-    for name in told:
-        assert getattr(module, name) is not None
+def test_faces_show_the_same_to_python_and_to_type_checkers():
+    for path in (path for path in MODULES if path.name == "__init__.py"):
+        told = [
+            alias.name
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+            if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
+            for statement in node.body
+            if isinstance(statement, ast.ImportFrom)
+            for alias in statement.names
+        ]
+        module = importlib.import_module(f"pdssjax.{dotted(path)}".rstrip("."))
+        assert sorted(told) == sorted(getattr(module, "__all__", [])), path
+        for name in told:
+            assert getattr(module, name) is not None
 
 
-@pytest.mark.parametrize("room", ["", *(room for room in STOREYS if (PACKAGE / room).is_dir())])
-def test_no_module_has_the_name_of_what_its_package_exports(room):
+def test_no_module_has_the_name_of_what_its_package_exports():
     """Importing a module puts it into its package under its name, in place of a function of that name."""
-    names = getattr(importlib.import_module(f"pdssjax.{room}".rstrip(".")), "__all__", [])
-    modules = {path.stem for path in (PACKAGE / room).iterdir() if path.is_dir() or path.suffix == ".py"}
-    assert not set(names) & modules
+    for room in ["", *STOREYS]:
+        names = getattr(importlib.import_module(f"pdssjax.{room}".rstrip(".")), "__all__", [])
+        modules = {path.stem for path in (PACKAGE / room).iterdir() if path.is_dir() or path.suffix == ".py"}
+        assert not set(names) & modules
 
 
 def test_modules_do_not_import_each_other_in_a_circle():
@@ -197,17 +197,17 @@ def in_a_circle(needs: dict[str, set[str]]) -> set[str]:
     return set(left)
 
 
-@pytest.mark.parametrize("room", [room for room in STOREYS if (PACKAGE / room).is_dir()])
-def test_folders_of_a_room_do_not_import_each_other_in_a_circle(room):
+def test_folders_of_a_room_do_not_import_each_other_in_a_circle():
     """A folder counts as a whole, but for the base of a family, which stands below what uses its members."""
     part = lambda module: module if module.endswith(".base") else ".".join(module.split(".")[:2])
-    needs: dict[str, set[str]] = {part(dotted(p)): set() for p in MODULES if dotted(p).startswith(f"{room}.")}
-    for path in MODULES:
-        here = part(dotted(path))
-        if here in needs:
-            needs[here] |= {part(module) for module, _ in inside(path)} & set(needs) - {here}
-    left = in_a_circle(needs)
-    assert not left, f"in a circle, or above one: {sorted(left)}"
+    for room in STOREYS:
+        needs: dict[str, set[str]] = {part(dotted(p)): set() for p in MODULES if dotted(p).startswith(f"{room}.")}
+        for path in MODULES:
+            here = part(dotted(path))
+            if here in needs:
+                needs[here] |= {part(module) for module, _ in inside(path)} & set(needs) - {here}
+        left = in_a_circle(needs)
+        assert not left, f"in a circle, or above one: {sorted(left)}"
 
 
 def test_a_circle_is_found():
@@ -294,30 +294,28 @@ def test_scripts_know_the_package_by_its_faces_and_its_members(folder):
             assert set(names) <= known, f"{name} imports {sorted(set(names) - known)} of pdssjax.{module}"
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "tests").rglob("*.py")), ids=lambda path: path.stem)
-def test_tests_take_from_a_face_what_it_shows(path):
-    for module, names in inside(path):
-        room, *below = module.split(".")
-        if below and not is_member(module):
-            assert not set(names) <= shown(room), f"{path.name} imports {names} of {module}, which {room} shows"
+def test_tests_take_from_a_face_what_it_shows():
+    for path in sorted((ROOT / "tests").rglob("*.py")):
+        for module, names in inside(path):
+            room, *below = module.split(".")
+            if below and not is_member(module):
+                assert not set(names) <= shown(room), f"{path.name} imports {names} of {module}, which {room} shows"
 
 
-@pytest.mark.parametrize(
-    "path", [p for p in SCRIPTS if PACKAGE not in p.parents], ids=lambda p: str(p.relative_to(ROOT))
-)
-def test_what_the_package_shows_is_imported_from_itself(path):
+def test_what_the_package_shows_is_imported_from_itself():
     """The same object, not only its name: a measurement is called Effector, too."""
-    for module, names in inside(path):
-        for name in set(names) & set(pdssjax.__all__) if module else ():
-            found = getattr(importlib.import_module(f"pdssjax.{module}"), name)
-            assert found is not getattr(pdssjax, name), f"{path.name} imports {name} from {module}, not from pdssjax"
+    for path in (path for path in SCRIPTS if PACKAGE not in path.parents):
+        for module, names in inside(path):
+            for name in set(names) & set(pdssjax.__all__) if module else ():
+                found = getattr(importlib.import_module(f"pdssjax.{module}"), name)
+                assert found is not getattr(pdssjax, name), f"{path.name} imports {name} from {module}"
 
 
-@pytest.mark.parametrize("dependency", HOMES)
-def test_heavy_dependencies_stay_at_home(dependency):
-    users = {dotted(path) for path in MODULES if dependency in {m.split(".")[0] for m, _ in imported(path)}}
-    strangers = {u for u in users if not any(u == home or u.startswith(f"{home}.") for home in HOMES[dependency])}
-    assert not strangers
+def test_heavy_dependencies_stay_at_home():
+    for dependency in HOMES:
+        users = {dotted(path) for path in MODULES if dependency in {m.split(".")[0] for m, _ in imported(path)}}
+        homes = HOMES[dependency]
+        assert not {u for u in users if not any(u == home or u.startswith(f"{home}.") for home in homes)}, dependency
 
 
 BY_PANEL = {"bokeh", "tornado"}
@@ -335,13 +333,13 @@ def test_what_is_imported_is_declared_and_what_is_needed_is_imported():
     assert needed <= libraries
 
 
-@pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: str(path.relative_to(ROOT)))
-def test_files_and_functions_stay_short(path):
-    text = path.read_text(encoding="utf-8")
-    assert len(text.splitlines()) < MOST_LINES
-    for node in ast.walk(ast.parse(text)):
-        if isinstance(node, ast.FunctionDef) and PACKAGE in path.parents:
-            assert node.end_lineno - node.lineno < MOST_OF_A_FUNCTION, f"{node.name} is too long"
+def test_files_and_functions_stay_short():
+    for path in SCRIPTS:
+        text = path.read_text(encoding="utf-8")
+        assert len(text.splitlines()) < MOST_LINES, path
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.FunctionDef) and PACKAGE in path.parents:
+                assert node.end_lineno - node.lineno < MOST_OF_A_FUNCTION, f"{node.name} is too long"
 
 
 def run(program: str) -> str:

@@ -86,9 +86,9 @@ def weak(path: Path) -> list[str]:
     return [f"{where}: {name} {sorted(what)}" for name, what in found if what]
 
 
-@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(PACKAGE)))
-def test_what_is_public_has_types_that_say_something(path):
-    assert not weak(path)
+def test_what_is_public_has_types_that_say_something():
+    for path in MODULES:
+        assert not weak(path)
 
 
 @pytest.mark.parametrize(

@@ -18,10 +18,13 @@ from pdssjax.inference.draws import InMemory
 from pdssjax.inference.uncertainty import drawn_intervals
 from pdssjax.inference.uncertainty.randomize_then_optimize import NothingToDraw
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 STACK = "piezo.gain", "piezo.natural_frequency", "piezo.damping_ratio"
 COMPILED = "/jax/core/compile/backend_compile_duration"
 
 
+@pytest.mark.slow
 def test_a_bootstrap_of_a_platform_has_its_linear_intervals_and_compiles_nothing_anew(tmp_path):
     study = pdssjax.load_study(write_platform(tmp_path))
     linear, counts, compiled = pdssjax.identify(study), [], []

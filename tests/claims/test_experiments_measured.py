@@ -60,6 +60,7 @@ def test_the_error_that_an_r2_amounts_to_gives_that_r2_back():
     assert r_squared(walk.measured, wrong) == pytest.approx(0.9987, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_fits_recover_what_made_a_record_and_leave_out_what_is_not_used(tmp_path):
     time, motion, force = loops_of_dahl(4.5e4, 2.35)
     noise = 0.02 * np.random.default_rng(1).normal(size=force.size)

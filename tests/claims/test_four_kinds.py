@@ -120,6 +120,8 @@ def behind_an_amplifier(bandwidth, tolerance, settle_tolerance):
     return jax.jvp(motion, (bandwidth,), (jnp.ones(()),))
 
 
+# By default `tests/actuator/test_amplifier.py` has the derivatives behind an amplifier.
+@pytest.mark.slow
 @pytest.mark.parametrize("bandwidth", [2000.0, 2775.0])
 def test_a_step_behind_an_amplifier_keeps_its_derivatives_long_after_the_transient(bandwidth):
     motion, slope = (

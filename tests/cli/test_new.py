@@ -17,6 +17,8 @@ from pdssjax.files import EXAMPLE, Hints, Told, guess_file
 from pdssjax.files.new_study import study_text
 from pdssjax.files.study_schema import study_schema
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 LIU = Path(__file__).parents[2] / "experiments" / "liu2015"
 
 RIG = {
@@ -70,12 +72,14 @@ def upside_down(file, name):
 WAYS = [without_header, in_another_order, with_a_row_of_units, as_an_oscilloscope, upside_down]
 
 
+QUICK = {(without_header, name) for name in ("sawtooth_5Hz_B", "step_48p2V")}
+
 WRITTEN = [
     pytest.param(
         *(way, name),
         id=f"{way.__name__}-{name}",
-        # Every way of one record, and every record in one way.
-        marks=() if way is without_header or name == "sawtooth_5Hz_A" else pytest.mark.slow,
+        # Every way of one record, and one of each waveform and direction in one way.
+        marks=() if name == "sawtooth_5Hz_A" or (way, name) in QUICK else pytest.mark.slow,
     )
     for way in WAYS
     for name in RIG

@@ -81,14 +81,9 @@ def test_what_is_told_before_a_fit_has_a_number_for_every_sample_or_is_not_told(
         assert told is None or (told.shape == time.shape and np.isfinite(told).all())
 
 
-def is_dear(measurement):
-    """Another signal of the same system is judged in the default tests: that of the displacement."""
-    return measurement.effector_free and measurement.unit != "m"
-
-
 def dear(measurement):
-    """Slow where it is dear."""
-    marks = pytest.mark.slow if is_dear(measurement) else ()
+    """Slow where `tests/integration/test_sensitivities.py` judges the motion of the same system."""
+    marks = pytest.mark.slow if measurement.effector_free else ()
     return pytest.param(measurement, marks=marks, id=measured_study.label(measurement))
 
 
@@ -134,11 +129,11 @@ def test_a_contact_that_sticks_below_a_ringing_platform_is_seen_as_if_every_mome
 
 @every
 def test_a_virtual_rig_makes_the_record_and_it_is_read_back(measurement, planned, tmp_path, monkeypatch):
+    """Of a made-up prediction: those of the model are judged above."""
     study = planned(measurement)
-    if not is_dear(measurement):  # the prediction is judged above, and need not be compiled again
-        size = 5.0 / measurement.display.scale
-        made_up = lambda study: [jnp.asarray(size * np.sin(300.0 * record.time)) for record in study.records]
-        monkeypatch.setattr(Study, "predict", made_up)
+    size = 5.0 / measurement.display.scale
+    made_up = lambda study: [jnp.asarray(size * np.sin(300.0 * record.time)) for record in study.records]
+    monkeypatch.setattr(Study, "predict", made_up)
     (made,) = make_recordings(study, 1)
     assert main(["record", str(study.path), "--out", str(tmp_path / "out"), "--seed", "1"]) == 0
     (record,) = load_study(tmp_path / "out" / "records" / study.path.name).records

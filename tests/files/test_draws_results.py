@@ -80,7 +80,7 @@ def test_without_h5netcdf_it_is_one_dataset(tmp_path, monkeypatch):
         np.testing.assert_array_equal(data["piezo.gain"].values, draws.values[:, :, 0])
 
 
-def test_results_hold_draws_profiles_and_starts_and_replace_older_ones(tmp_path):
+def test_results_hold_draws_profiles_and_starts_and_replace_older_ones(undrawn, tmp_path):
     parameters = fabricated.estimate().parameters
     bounded = {
         path: dataclasses.replace(parameter, verdicts=("bounded", "bounded")) for path, parameter in parameters.items()

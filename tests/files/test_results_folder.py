@@ -64,7 +64,7 @@ def test_what_has_no_number_is_null(results):
     assert document["correlation"]["matrix"][-1][-1] is None
 
 
-def test_a_joint_fit_has_no_naive_errors(tmp_path):
+def test_a_joint_fit_has_no_naive_errors(undrawn, tmp_path):
     write_estimate(fabricated.estimate("joint"), tmp_path)
     assert "naive_standard_error" not in standard_json(tmp_path)["parameters"]["piezo.gain"]
 
@@ -78,7 +78,7 @@ def test_predictions_are_in_micrometres(results):
     np.testing.assert_allclose(table["residual_um"], 1e6 * (record.measured - record.predicted), atol=1e-6)
 
 
-def test_records_of_like_names_keep_their_own_files(tmp_path):
+def test_records_of_like_names_keep_their_own_files(undrawn, tmp_path):
     time = np.linspace(0.0, 1.0, 50)
     names = ["a b", "a/b", "A_b", "../correlations", "µ"]
     write_predictions([fabricated.record(n, "fit", "effector", time, 1e-6 * time) for n in names], {}, tmp_path)
@@ -86,7 +86,7 @@ def test_records_of_like_names_keep_their_own_files(tmp_path):
     assert files == {"a_b.csv", "a_b-2.csv", "A_b-3.csv", "correlations-2.csv", "µ.csv"}
 
 
-def test_no_record_takes_the_place_of_another_figure(tmp_path):
+def test_no_record_takes_the_place_of_another_figure(undrawn, tmp_path):
     time = np.linspace(0.0, 1.0, 50)
     names = ["amplification", "Draws", "multistart", "profiles", "standard errors", "correlations"]
     written = fabricated.estimate().records
@@ -96,14 +96,14 @@ def test_no_record_takes_the_place_of_another_figure(tmp_path):
     assert {f"{name.replace(' ', '_')}-2" for name in names} | {"correlations", "standard_errors"} <= plots
 
 
-def test_a_record_of_any_name_has_its_files(tmp_path):
+def test_a_record_of_any_name_has_its_files(undrawn, tmp_path):
     time = np.linspace(0.0, 1.0, 50)
     names = ["µ" * 300, "µ" * 300 + "2"]
     write_predictions([fabricated.record(n, "fit", "effector", time, 1e-6 * time) for n in names], {}, tmp_path)
     assert len(list((tmp_path / "plots").glob("*.png"))) == 2
 
 
-def test_residuals_have_the_names_of_their_records_plots(tmp_path):
+def test_residuals_have_the_names_of_their_records_plots(undrawn, tmp_path):
     time = np.linspace(0.0, 1.0, 50)
     roles = {"a b": "validate", "a/b": "fit"}
     records = tuple(fabricated.record(n, role, "effector", time, 1e-6 * time) for n, role in roles.items())
@@ -111,7 +111,7 @@ def test_residuals_have_the_names_of_their_records_plots(tmp_path):
     assert [path.name for path in (tmp_path / "plots" / "residuals").iterdir()] == ["a_b-2.png"]
 
 
-def test_predictions_keep_small_numbers_and_late_times(tmp_path):
+def test_predictions_keep_small_numbers_and_late_times(undrawn, tmp_path):
     time = 1e5 + 1e-6 * np.arange(50)
     record = fabricated.record("quiet", "fit", "effector", time, 1e-13 * np.sin(time * 1e5))
     write_predictions([record], {}, tmp_path)
@@ -126,7 +126,7 @@ def test_a_folder_with_results_is_refused_unless_overwriting(results):
     check_free(results, overwrite=True)
 
 
-def test_a_folder_of_other_things_is_free_and_keeps_them(tmp_path):
+def test_a_folder_of_other_things_is_free_and_keeps_them(undrawn, tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
     check_free(tmp_path, overwrite=False)
     write_predictions(fabricated.estimate().records[:1], {}, tmp_path)
@@ -151,7 +151,7 @@ def test_a_folder_without_permission_is_refused(tmp_path, monkeypatch):
         check_free(tmp_path / "out", overwrite=False)
 
 
-def test_an_interrupted_write_leaves_the_older_results_whole(tmp_path, monkeypatch):
+def test_an_interrupted_write_leaves_the_older_results_whole(undrawn, tmp_path, monkeypatch):
     write_predictions(fabricated.estimate().records[:2], {}, tmp_path)
     before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
 

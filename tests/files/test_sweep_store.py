@@ -24,6 +24,8 @@ from pdssjax.files.sweep_store import DONE, FAILED
 from pdssjax.sweeps import POINT_FAILURES, execution, sweeping
 from pdssjax.sweeps.blocks import NOT_COMPUTED
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 
 @pytest.fixture(scope="module")
 def study():

@@ -100,6 +100,7 @@ def test_an_elastoplastic_contact_that_hardly_yields_before_it_slides_becomes_a_
     assert 0.0 < away < 0.6 * (1.0 - elastic_part)
 
 
+@pytest.mark.slow
 def test_maxwell_slip_follows_the_stribeck_curve_with_a_lag_that_its_attraction_shortens():
     law = lambda attraction: GeneralizedMaxwellSlip(weakened=0.6, attraction=attraction)
     curve = Stribeck(f_c=0.6 * 0.65, f_s=0.65)

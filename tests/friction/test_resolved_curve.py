@@ -40,6 +40,8 @@ def left_over():
     return jax.jit(compared)
 
 
+# By default `tests/contracts/test_families.py` has every law that makes something of the velocity.
+@pytest.mark.slow
 @pytest.mark.parametrize("delta", [0.7, 1.0, 1.5, 2.0])
 @pytest.mark.parametrize("v", [1e-5, 1e-4, 1e-3, 2e-3])
 def test_a_step_resolves_the_stribeck_curve(left_over, v, delta):

@@ -1,10 +1,12 @@
-"""Stands in for the study and the fit behind the command line."""
+"""Stands in for the study and the fit behind the command line, and for the drawing of figures."""
 
 import dataclasses
+from pathlib import Path
 from types import SimpleNamespace
 
 import fabricated
 import pytest
+from matplotlib.figure import Figure
 
 import pdssjax
 import pdssjax.inference
@@ -12,8 +14,22 @@ from pdssjax import InputError
 
 
 @pytest.fixture
-def calls(monkeypatch) -> SimpleNamespace:
-    """Notes what was asked and returns a made-up estimate."""
+def undrawn(monkeypatch) -> None:
+    """Pictures are files that only begin as such: to draw them takes longer than all else that is written."""
+    drawn = Figure.savefig
+
+    def save(figure, file, **how):
+        if isinstance(file, str | Path):
+            Path(file).write_bytes(b"\x89PNG")
+        else:  # within a page
+            drawn(figure, file, **how)
+
+    monkeypatch.setattr(Figure, "savefig", save)
+
+
+@pytest.fixture
+def calls(monkeypatch, undrawn) -> SimpleNamespace:
+    """Notes what was asked and returns a made-up estimate; without pictures."""
     noted = SimpleNamespace(studies=[], methods=[], drawings=[], converged=True, explained=True)
     noted.study, noted.peaks = SimpleNamespace(parameters={}), False
 

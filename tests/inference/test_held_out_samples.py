@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from marks import slow
 from platform_study import DAMPING, GAIN, RATE, write_platform
 
 import pdssjax
@@ -30,7 +31,7 @@ def study(tmp_path_factory):
     return dataclasses.replace(loaded, parameters=parameters, records=records)
 
 
-@pytest.mark.parametrize("loss", [Squares(), Huber(), Cauchy()], ids=["squares", "huber", "cauchy"])
+@pytest.mark.parametrize("loss", [slow(Squares()), Huber(), slow(Cauchy())], ids=["squares", "huber", "cauchy"])
 def test_what_is_left_is_the_problem_without_them(study, loss):
     (record,) = study.records
     used = (record.time < 4e-3) | (record.time > 15e-3)

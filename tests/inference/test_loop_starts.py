@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from marks import slow
 
 import pdssjax
 from pdssjax import Accuracy
@@ -104,7 +105,7 @@ def test_stacks_without_elements_and_records_of_no_platform_begin_as_ever(tmp_pa
     assert loop_starts(member("piezo", "composed:static+bouc-wen"), Shown(), {}, loaded.records) == {}
 
 
-@pytest.mark.parametrize("name", ["static+play-4+asymmetry-3+creep-2", "static+play-2", "static+creep-3"])
+@pytest.mark.parametrize("name", [slow("static+play-4+asymmetry-3+creep-2"), "static+play-2", "static+creep-3"])
 def test_columns_are_what_the_model_moves_by(name):
     """With random weights, as the model itself simulates it."""
     stack, random = member("piezo", f"composed:{name}"), np.random.default_rng(5)

@@ -25,6 +25,8 @@ from pdssjax.study import FittedParameter, Models, compare
 from pdssjax.study.measurement.effector import Effector
 from pdssjax.study.measurement.platform import Platform
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 GAIN, RATE, DAMPING = 1.1e-7, 6000.0, 0.2
 NOISE = 1e-8
 FILE = Path("made.csv")

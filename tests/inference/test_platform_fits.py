@@ -17,6 +17,8 @@ from pdssjax.cli.main import main
 from pdssjax.inference import least_squares as fitting
 from pdssjax.inference.search import races
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 
 def test_a_parameter_without_data_is_named_and_the_others_stand(tmp_path):
     found = pdssjax.identify(pdssjax.load_study(write_platform(tmp_path)))

@@ -89,6 +89,7 @@ def found(strength, periods):
     return jax.tree.map(np.asarray, compiled()(jnp.asarray(strength), begin))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("strength", "periods"), [(0.2, 1), (0.36, 2), (0.52, 3)])
 def test_a_ball_that_bounces_once_in_some_periods_has_the_multipliers_of_the_closed_form(strength, periods):
     motion = found(strength, periods)
@@ -112,6 +113,7 @@ def test_where_the_period_doubles_the_motion_of_two_periods_is_found_with_its_mu
     np.testing.assert_allclose(above.multipliers, [*expected, 0.0], rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_motion_of_four_periods_is_said_not_to_repeat():
     motion = found(0.2467, 1)
     assert int(motion.period) == 0 and np.isnan(motion.multipliers).all() and int(motion.cycles) == 200

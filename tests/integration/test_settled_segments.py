@@ -37,11 +37,12 @@ def loop(frequency):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("system", "value", "output", "resolution"),
     [
-        pytest.param(walk, 2e4, DISPLACEMENT, 1e-9, id="a quick sensor of a slow walk", marks=pytest.mark.slow),
-        pytest.param(push, 2e3, STOP_FORCE, 1e-6, id="a force sensor that is leant on", marks=pytest.mark.slow),
+        pytest.param(walk, 2e4, DISPLACEMENT, 1e-9, id="a quick sensor of a slow walk"),
+        pytest.param(push, 2e3, STOP_FORCE, 1e-6, id="a force sensor that is leant on"),
         pytest.param(loop, 6736.0, DISPLACEMENT, 1e-9, id="a stack with hysteresis on a slow triangle"),
     ],
 )
@@ -78,6 +79,7 @@ def test_a_platform_that_rings_under_a_settled_contact_moves_at_its_own_rate():
     assert float(rates.d) == 0.0 and float(rates.v) == 0.0
 
 
+@pytest.mark.slow
 def test_what_is_below_rounding_is_not_stepped():
     # Reversals that rounding makes have no derivative.
     steps = [

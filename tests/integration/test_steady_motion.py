@@ -20,7 +20,7 @@ import pytest
 from pdssjax import AbstractHybridSystem, Accuracy, Taylor
 from pdssjax.integration import cosine_and_sine, integrate_cycles, steady_state
 
-FINE = Accuracy(tolerance=1e-14, method=Taylor(16), max_steps=256)
+FINE = Accuracy(tolerance=1e-14, method=Taylor(8), max_steps=256)
 TOLERANCE = 1e-11
 DRIFT = 0.25
 FORCED = jnp.array([1.0, 0.3, 1.3])

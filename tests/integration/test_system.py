@@ -163,6 +163,7 @@ def test_a_ball_bounces_as_the_law_of_free_fall_has_it_with_every_derivative_bot
 both_ways = pytest.mark.parametrize("differentiate", [jax.jacfwd, slow(jax.jacrev)])
 
 
+@pytest.mark.slow
 @both_ways
 def test_what_is_left_of_a_ringing_keeps_its_derivatives(differentiate):
     """Left at the moving times of its last reversals, that by the ramp was 7e-8 off, all of it rounding."""
@@ -252,6 +253,8 @@ def test_the_end_of_a_run_of_which_no_states_are_asked_moves_with_the_parameters
     np.testing.assert_allclose(slopes, jax.jit(jax.jacfwd(closed))(parameters), rtol=1e-11, atol=1e-11)
 
 
+# By default `tests/contracts/test_hybrid_systems.py` has the derivatives of the times of events.
+@pytest.mark.slow
 def test_the_time_of_an_impact_moves_with_height_and_gravity():
     def second_impact(parameters):
         run = integrate_steps(Ball(*parameters), jnp.asarray(1.3), USUAL)

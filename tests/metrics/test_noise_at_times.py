@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from marks import slow
 
 from pdssjax.metrics import NoiseInTime, StationaryNoise, noise_at, noise_in_time
 from pdssjax.metrics.coloured_noise import _deviances
@@ -46,9 +47,16 @@ def test_the_likelihood_is_that_of_the_dense_matrix():
     assert float(found[0][0]) == pytest.approx(200 * np.log(level) + np.linalg.slogdet(dense)[1], rel=1e-10)
 
 
-@pytest.mark.parametrize("kind", ["dense", "geometric", "random"])
+NOISES = NoiseInTime(1.0, 0.99, 1e-3), NoiseInTime(1.0, 0.6, 1e-3), NoiseInTime(1.0, 0.99, 1e-3, 4000.0)
+
+
 @pytest.mark.parametrize(
-    "noise", [NoiseInTime(1.0, 0.99, 1e-3), NoiseInTime(1.0, 0.6, 1e-3), NoiseInTime(1.0, 0.99, 1e-3, 4000.0)]
+    ("kind", "noise"),
+    [
+        (kind, noise) if i == k else slow(kind, noise)
+        for i, kind in enumerate(["dense", "geometric", "random"])
+        for k, noise in enumerate(NOISES)
+    ],
 )
 def test_slow_and_ringing_noise_beside_white_noise_is_found(kind, noise):
     """By what it makes of the mean and of a wave: neighbours taken for evenly spaced are off by factors of 2 to 6."""

@@ -150,6 +150,7 @@ def test_the_gradient_of_a_noiseless_record_is_finite():
     assert np.isfinite(jax.grad(total)(jnp.zeros_like(time))).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("direction", "name"), [("forward", "sawtooth_5Hz_A.csv"), ("backward", "sawtooth_5Hz_B.csv")])
 def test_the_model_walks_as_the_independent_simulator_does(direction, name):
     """The packaged record comes from another simulator, with noise; its parameters are the nominal ones."""

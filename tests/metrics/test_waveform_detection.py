@@ -1,5 +1,6 @@
 """The drive that went in is found in samples of its voltage: kind, frequency, voltage, flanks, direction, start."""
 
+import itertools
 import re
 
 import jax.numpy as jnp
@@ -12,19 +13,25 @@ from pdssjax.drive.sine import Sine
 from pdssjax.metrics import detect_waveform, neighbour_scatter, resolution_of, scatter_floor
 from pdssjax.metrics.sensor_samples import scatter_between_corners
 
+QUICK = {(64.2, 0.005, 7.3), (-30.0, 0.0, 23.0)}
+"""Voltage, noise and frequency of the drives that the default tests look at."""
 
-@pytest.mark.parametrize(("voltage", "noise"), [(64.2, 0.005), (-30.0, 0.0), slow(64.2, 0.0), slow(-30.0, 0.005)])
+
+@pytest.mark.parametrize(
+    ("voltage", "noise", "frequency"),
+    [case if case in QUICK else slow(*case) for case in itertools.product((64.2, -30.0), (0.005, 0.0), (7.3, 23.0))],
+)
 @pytest.mark.parametrize("name", SHAPES)
-def test_a_drive_that_runs_is_found(name, voltage, noise):
+def test_a_drive_that_runs_is_found(name, voltage, noise, frequency):
     kind, direction, shape, numbers = SHAPES[name]
-    for frequency, start in ((7.3, 0.0123), (23.0, 0.0)):
-        time, volts = samples(shape, frequency, voltage, start, noise * abs(voltage), first=0.2)
-        found = detect_waveform(time, volts)
-        check(found, kind, frequency, voltage, numbers, direction)
-        assert found.begins == ("clock" if start == 0.0 else "running")
-        late = (found.start - start) * frequency
-        assert abs(late - round(late)) < 1.5 * INTERVAL * frequency + (0.01 if kind == "sine" else 0.0) * noise / 0.005
-        assert found.start <= time[0] + 1e-9
+    start = {7.3: 0.0123, 23.0: 0.0}[frequency]
+    time, volts = samples(shape, frequency, voltage, start, noise * abs(voltage), first=0.2)
+    found = detect_waveform(time, volts)
+    check(found, kind, frequency, voltage, numbers, direction)
+    assert found.begins == ("clock" if start == 0.0 else "running")
+    late = (found.start - start) * frequency
+    assert abs(late - round(late)) < 1.5 * INTERVAL * frequency + (0.01 if kind == "sine" else 0.0) * noise / 0.005
+    assert found.start <= time[0] + 1e-9
 
 
 @pytest.mark.parametrize("name", SHAPES)
@@ -57,6 +64,7 @@ def test_a_few_samples_on_the_fast_flanks_locate_them(fall, interval, start, for
     assert found.start == pytest.approx(start, abs=0.1 * interval)
 
 
+@pytest.mark.slow
 def test_errors_hold_all_flanks_that_explain_the_same_samples():
     """Drawn where single samples lie on flanks: the same samples may belong to flanks microseconds apart."""
     off = []
@@ -179,7 +187,7 @@ def test_a_frequency_that_noise_leaves_open_is_said_to_be():
 
 
 @pytest.mark.parametrize("first", [slow(1e5), slow(1e7), 1.7e9])
-@pytest.mark.parametrize("name", ["forward", "backward, slow rise", "skew triangle", "trapezoid"])
+@pytest.mark.parametrize("name", [slow("forward"), "backward, slow rise", slow("skew triangle"), "trapezoid"])
 def test_what_a_clock_counts_from_changes_nothing(name, first):
     kind, direction, shape, numbers = SHAPES[name]
     time, volts = samples(shape, 7.3, 64.2, 0.0123, 0.3)
@@ -217,7 +225,7 @@ def test_hum_does_not_hide_when_a_drive_leaves_its_rest(hum, rest, forward):
     assert found.numbers["fall_time"] == pytest.approx(6e-5, abs=2e-5)
 
 
-@pytest.mark.parametrize("samples_a_cycle", [10, 12, 16])
+@pytest.mark.parametrize("samples_a_cycle", [10, slow(12), slow(16)])
 def test_of_few_samples_a_cycle_one_on_the_fast_flank_is_enough(samples_a_cycle):
     """And is not taken for a flank of two intervals, which would leave a fifth of the voltage out."""
     time = np.arange(8 * samples_a_cycle) / (20.0 * samples_a_cycle) + 2e-5

@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from marks import slow
 from paths import Bouc, Creeping, Plain, Stops, W, half_sines, integrated, line
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
@@ -37,7 +38,6 @@ PIEZOS = {
     "bouc-wen": (BoucWen, lambda: Bouc(0.3, 0.03, 0.01)),
     "maxwell-slip": (MaxwellSlip, lambda: Stops(SHARES, THRESHOLDS)),
 }
-HYSTERETIC = ["bouc-wen", "maxwell-slip"]
 
 
 def held(volts: float, frequency: float, interval: float, until: float):
@@ -75,10 +75,9 @@ def moved(piezo, drive, times, tolerance, settle_tolerance):
 USUAL, FINE = ((a.tolerance, a.settle_tolerance) for a in (Accuracy(), TIGHT))
 
 
-@pytest.mark.parametrize("name", PIEZOS)
-@pytest.mark.parametrize(
-    "drive", [*list(DRIVES)[:1], *(pytest.param(d, marks=pytest.mark.slow) for d in list(DRIVES)[1:])]
-)
+# By default `test_composed` has elements of slip and creep.
+@pytest.mark.parametrize("name", [name if name in ("second-order", "bouc-wen") else slow(name) for name in PIEZOS])
+@pytest.mark.parametrize("drive", [*list(DRIVES)[:1], *map(slow, list(DRIVES)[1:])])
 def test_the_platform_moves_as_scipy_has_it(name, drive):
     piezo, stack = PIEZOS[name]
     voltage, pieces = DRIVES[drive]
@@ -87,7 +86,7 @@ def test_the_platform_moves_as_scipy_has_it(name, drive):
     np.testing.assert_allclose(shown, integrated(stack(), pieces, times)[:, 0], rtol=0.0, atol=1e-10)
 
 
-@pytest.mark.parametrize("name", HYSTERETIC)
+@pytest.mark.parametrize("name", ["bouc-wen", slow("maxwell-slip")])
 def test_a_jump_is_the_limit_of_a_fast_ramp(name):
     piezo = PIEZOS[name][0]()
     times = np.pad(np.linspace(1e-3, 0.1, 50), (0, 47), mode="edge")
@@ -193,6 +192,7 @@ def test_a_rod_has_the_derivatives_of_central_differences_in_its_data():
         np.testing.assert_allclose(slopes[:, i], expected, rtol=0.0, atol=1e-5 * float(jnp.abs(expected).max()))
 
 
+@pytest.mark.slow
 def test_a_rod_moves_as_the_numbers_say_that_it_holds():
     predict = jax.jit(lambda rod: platform(rod, Step(48.2), jnp.linspace(1e-4, 0.004, 30), 2))
     nominal, h = float(DistributedRod().modulus), 1e-6

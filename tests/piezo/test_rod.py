@@ -162,7 +162,12 @@ def by_lines(rod: Rod, cells: int, voltage: float, times: np.ndarray) -> np.ndar
 
 
 @pytest.mark.parametrize(
-    "rod", [lightly_damped(1.0), lightly_damped(24.7), of_ratio(138.8)], ids=["r=1", "r=24.7", "thesis"]
+    "rod",
+    [
+        pytest.param(lightly_damped(1.0), marks=pytest.mark.slow, id="r=1"),
+        pytest.param(lightly_damped(24.7), marks=pytest.mark.slow, id="r=24.7"),
+        pytest.param(of_ratio(138.8), id="thesis"),
+    ],
 )
 def test_twenty_modes_solve_the_equations_of_the_rod(rod):
     voltage = 48.2
@@ -290,6 +295,7 @@ def test_the_number_of_modes_needed_is_the_smallest_that_keeps_the_error(ratio, 
     assert needed == 1 or peak(needed - 1) > error
 
 
+@pytest.mark.slow
 def test_the_default_times_miss_no_peak_of_the_error():
     rod = lightly_damped(0.5)
     times = np.linspace(0.0, 1e-3, 20001)

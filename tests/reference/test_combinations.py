@@ -1,7 +1,7 @@
 """Whole actuators, any waveform, stack, contact and part together, move as the simulator of `combinations` has it.
 
-That is first held against closed forms, and against the other independent simulator; then, mostly among the slow tests,
-the package against it.
+That is first held against closed forms, and against the other independent simulator; then, among the slow tests, the
+package against it.
 """
 
 import math
@@ -45,7 +45,7 @@ MOVED = [
 ]
 """Of every kind that a study can have, but for what `laws` and `independent` have: contacts moved as prescribed, the
 bristle law, the published actuators (at 5 Hz half a minute each)."""
-QUICK = ("combination 18",)
+NOMINAL = ("combination 18",)
 """Behind an amplifier, the acceleration of a second-order stack."""
 
 
@@ -208,7 +208,8 @@ def agrees(name: str, seeds: tuple[int, ...]) -> None:
         np.testing.assert_allclose(found, wanted, rtol=0.0, atol=AGREES * largest, err_msg=f"{name}, seed {seed}")
 
 
-@pytest.mark.parametrize("name", QUICK)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NOMINAL)
 def test_the_package_moves_nominal_actuators_alike(name):
     agrees(name, (-1,))
 

@@ -40,7 +40,6 @@ def cases(name: str) -> dict[str, Law]:
 LAWS = {f"{name}, {kind}".rstrip(", "): (name, law) for name in SIMULATED for kind, law in cases(name).items()}
 QUICK = {
     "coulomb": ("20 Hz, ideal", "20 Hz, fall time, backward, downhill"),
-    "lugre": ("20 Hz, fall time, backward, downhill",),
 }
 """Rigs that take less than a few seconds, by law; of others it is the first, if any."""
 RIGS: dict[str, dict[str, Any]] = {
@@ -112,6 +111,7 @@ def test_the_end_effector_walks_as_the_independent_simulator_has_it(law, rig):
     assert np.abs(expected[-1, 1]) > 1e-7
 
 
+@pytest.mark.slow
 def test_feedback_fades_as_one_over_the_mass_of_the_platform():
     """The coupled model (5.25), whose stiffness k = m_g w^2 grows with m_g, tends to the simplified one (5.27)."""
     rig = LawRig(law=Coulomb(), cycle=0.05, fall=8e-4)

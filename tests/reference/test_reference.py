@@ -11,6 +11,10 @@ from rigs import NAMES, jacobian, trajectory, values, varied
 from pdssjax import Accuracy
 from pdssjax.integration import TIGHT
 
+# By default `test_independent` has both states, `test_sensitivities` derivatives, and `tests/study/test_prediction.py`
+# a trajectory of the stored reference.
+pytestmark = pytest.mark.slow
+
 REFERENCE = json.loads((Path(__file__).parents[1] / "data" / "sawtooth.json").read_text())
 TIMES = np.array(REFERENCE["times_s"])
 COLUMNS = [
@@ -35,14 +39,7 @@ def test_trajectories(case, accuracy, micrometres):
     np.testing.assert_allclose(run.effector * 1e6, case["effector_um"], rtol=0.0, atol=micrometres)
 
 
-# By default `test_sensitivities` has every parameter.
-@pytest.mark.slow
-# By default `test_sensitivities` has the derivatives of the force state, with feedback.
-@pytest.mark.parametrize(
-    "case",
-    [pytest.param(c, marks=pytest.mark.slow if c["state"] == "force" else ()) for c in REFERENCE["cases"]],
-    ids=label,
-)
+@CASES
 @pytest.mark.parametrize(("accuracy", "relative"), [(Accuracy(), 1e-3), (TIGHT, 3e-5)], ids=["default", "tight"])
 def test_jacobians(case, accuracy, relative):
     expected = np.array(case["jacobian"])
@@ -57,7 +54,6 @@ def test_tight_trajectories_are_those_of_the_independent_simulator(case):
     np.testing.assert_allclose(run.effector, simulate(rig(case), TIMES)[:, 1], rtol=0.0, atol=1e-13)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", [NAMES[column] for column in COLUMNS])
 def test_tight_jacobians_are_those_of_the_independent_simulator(name):
     begin = rig(REFERENCE["cases"][0])

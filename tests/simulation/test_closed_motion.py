@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from marks import slow
 
 from pdssjax import Accuracy
 from pdssjax.core import member, members, quantities
@@ -29,14 +30,14 @@ def shown(name, segments):
     return jax.jit(lambda by: jax.jvp(run, (by,), (1.0,)))
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=() if n in QUICK else pytest.mark.slow) for n in CLOSED])
+@pytest.mark.parametrize("name", [n if n in QUICK else slow(n) for n in CLOSED])
 def test_it_is_what_steps_lead_to(name):
     (closed, slope), (stepped, expected) = shown(name, TIMES.size)(1.01), shown(name, None)(1.01)
     np.testing.assert_allclose(closed, stepped, rtol=0.0, atol=1e-9)
     np.testing.assert_allclose(slope, expected, rtol=0.0, atol=1e-6 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("name", CLOSED)
+@pytest.mark.parametrize("name", [n if n in (*QUICK, "lugre") else slow(n) for n in CLOSED])
 def test_its_derivatives_are_those_of_its_values(name):
     run = shown(name, TIMES.size)
     step = 1e-6

@@ -58,6 +58,8 @@ def test_it_moves_as_one_whose_load_set_in_long_before(rig):
         assert np.abs(begun(effector).effector - found.effector).max() > 1e-8
 
 
+# By default `tests/actuator/test_sensors.py` has a tilt.
+@pytest.mark.slow
 def test_a_tilt_pulls_as_its_weight_does():
     tilted = Effector(tilt=0.07)
     pulled = dataclasses.replace(Effector(), load=float(tilted.pull()))
@@ -65,7 +67,8 @@ def test_a_tilt_pulls_as_its_weight_does():
     np.testing.assert_allclose(run(tilted), run(pulled), rtol=0.0, atol=1e-16)
 
 
-@pytest.mark.parametrize("rig", ["lugre", pytest.param("felt by the stack", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("rig", ["lugre", "felt by the stack"])
 def test_the_derivative_by_a_load_of_zero_is_whole_while_the_voltage_waits(rig):
     run = jax.jit(lambda load: simulate(actuator(rig, Effector(load=load)), Sampled(INSTANTS, VOLTS), TIMES).effector)
     column = np.asarray(jax.jacfwd(run)(0.0))

@@ -75,6 +75,7 @@ def test_a_law_that_knows_reversals_learns_of_one_that_a_corner_makes(law, refer
     np.testing.assert_allclose(found.effector, expected, atol=2e-3 * np.ptp(expected))
 
 
+@pytest.mark.slow
 def test_friction_alone_moves_the_end_effector_where_elements_of_a_stack_let_go():
     """An element of play that begins to move lets the platform jump in velocity, not what rides on it."""
     stack, law = member("piezo", "composed:static+play-3")(), Coulomb(f_c=0.15)
@@ -87,6 +88,7 @@ def test_friction_alone_moves_the_end_effector_where_elements_of_a_stack_let_go(
     np.testing.assert_allclose(run.effector, walked, atol=0.01 * np.ptp(walked))
 
 
+@pytest.mark.slow
 def test_feedback_on_a_stack_that_no_force_moves_changes_nothing():
     """It was a force of infinity over infinity: 19 mm of motion."""
     time = np.linspace(5e-4, 0.09, 40)

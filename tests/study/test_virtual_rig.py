@@ -11,6 +11,8 @@ from pdssjax.cli.main import main
 from pdssjax.files import with_estimate
 from pdssjax.study import make_recordings
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 STUDY = """
 format = "pdssjax-study/1"
 title = "Planned"

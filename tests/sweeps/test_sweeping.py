@@ -103,6 +103,7 @@ def test_the_stroke_of_a_curved_flank_is_what_is_moved_along_it(study):
     assert float(data.efficiency[0]) == pytest.approx(float(data.net_step[0] / data.stroke[0]))
 
 
+@pytest.mark.slow
 def test_a_cycle_without_a_slow_and_a_fast_flank_has_no_stroke(study):
     with pytest.warns(InputWarning, match="which has no stroke, back-slip and efficiency: they are NaN"):
         data = pdssjax.sweep(driven_by(study, Triangle(60.0, 5.0, 0.998)), {"drive.voltage": [60.0]})

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from marks import slow
 from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
@@ -185,7 +186,7 @@ def test_where_nothing_repeats_what_is_smooth_may_be_misfit(frequency):
     assert np.linalg.eigvalsh((whole.covariance - coloured.covariance) / np.outer(1 / SCALE, 1 / SCALE)).min() > -1e-9
 
 
-@pytest.mark.parametrize("frequency", [1.0, None])
+@pytest.mark.parametrize("frequency", [1.0, slow(None)])
 @pytest.mark.parametrize("misfit, least, most", [(0.0, -10.0, 10.0), (1.0, 50.0, np.inf)])
 def test_glitches_are_noise_and_no_misfit_and_hide_none(frequency, misfit, least, most):
     random = np.random.default_rng(12)
@@ -216,7 +217,7 @@ def test_glitches_side_by_side_do_not_colour_the_noise(frequency, pattern):
 
 
 @pytest.mark.parametrize("name", ["white", "coloured", "with-misfit"])
-@pytest.mark.parametrize("frequency", [1.0, None])
+@pytest.mark.parametrize("frequency", [1.0, slow(None)])
 def test_samples_that_are_nan_are_as_if_they_had_not_been_taken(name, frequency):
     record = fitted(coloured_noise(0.6) + np.sin(7.0 * PHASE**2), frequency)
     gone = RANDOM.random(TIME.size) < 0.1

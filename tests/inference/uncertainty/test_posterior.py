@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from drawn_posteriors import DESIGN, EVERYWHERE, LINEAR, both, drawn, linear, slow_nuts
+from drawn_posteriors import DESIGN, EVERYWHERE, LINEAR, drawn, linear, slow_nuts
 from scipy import stats
 
 from pdssjax import Drawing, InputError
@@ -148,7 +148,7 @@ class Broken(InMemory):
         super().keep(entry)
 
 
-@both
+@slow_nuts
 def test_a_run_that_was_broken_off_ends_as_if_it_had_not_been(sampler):
     whole = drawn(wavy, [0.0, 0.0], Drawing(200, seed=4, sampler=sampler), chains=2)
     store = Broken()
@@ -175,7 +175,7 @@ def test_a_run_that_was_broken_off_ends_as_if_it_had_not_been(sampler):
         ({"chain": 0, "block": -1, "end": [0.0, 0.0]}, "draws of the chains: found no '(step_size|free)'"),
     ],
 )
-@both
+@slow_nuts
 def test_a_block_that_is_none_is_said_in_a_line(entry, said, sampler):
     store = InMemory()
     store.keep(entry)

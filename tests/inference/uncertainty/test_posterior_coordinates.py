@@ -63,6 +63,7 @@ def test_derivatives_are_by_the_coordinates():
     np.testing.assert_allclose(point.jacobian, jacobian)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("measured", [pytest.param(0.04, marks=pytest.mark.slow), -0.02])
 def test_a_damping_that_may_be_zero_is_a_normal_distribution_cut_off_there(measured):
     """Measured below zero it is fitted at its bound, where residuals have no derivative by its logarithm."""
