@@ -8,6 +8,8 @@ from pdssjax.cli import main as cli
 from pdssjax.files import Hints, Told, guess_file
 from pdssjax.files.new_study import study_text
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 UNITS = {"time": "s", "voltage": "V", "displacement": "um"}
 
 

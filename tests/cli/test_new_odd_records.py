@@ -11,6 +11,8 @@ from pdssjax import load_study
 from pdssjax.cli import main as cli
 from pdssjax.drive.step import Step
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 
 @pytest.mark.parametrize(("first", "last"), [(20.0, 50.0), (50.0, 0.0)])
 def test_a_step_from_a_bias_rings_and_is_counted_from_it(tmp_path, first, last):

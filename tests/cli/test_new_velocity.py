@@ -9,6 +9,8 @@ from pdssjax.files import Hints, Told, guess_file
 from pdssjax.files.new_study import study_text
 from pdssjax.study import make_recordings
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 PLAN = """
 format = "pdssjax-study/1"
 actuator = {{ piezo = "second-order", friction = "simplified-lugre" }}

@@ -14,6 +14,8 @@ from pdssjax.cli import main as cli
 from pdssjax.cli.main import COMMANDS
 from pdssjax.core import MOST_SEED, check_executor
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 NEEDED = {
     "identify": ["--out", "out"],
     "simulate": ["study.toml", "--out", "out"],

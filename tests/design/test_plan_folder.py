@@ -15,6 +15,8 @@ from pdssjax.design.experiments import completed_limits, possible_experiments
 from pdssjax.files import plan_folder, read_design, write_plan
 from pdssjax.report.text import format_design
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 DESIGN = """
 [design]
 voltage = ["20 V", "100 V"]

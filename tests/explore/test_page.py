@@ -4,7 +4,7 @@ import re
 
 import pytest
 import watched_explore
-from browser import DEEP, FOREIGN, PATIENCE, opened_page, said, served, show_tab, shows, visible_plots
+from browser import DEEP, FOREIGN, PATIENCE, SELDOM, opened_page, said, served, show_tab, shows, visible_plots
 from walking_study import write_made_estimate, write_made_sweep, write_walking
 
 from pdssjax import load_study
@@ -60,6 +60,7 @@ def redrawn(page, act) -> tuple[float, float]:
         "return b && Number(b.textContent) !== before; }",
         arg=before,
         timeout=PATIENCE,
+        polling=SELDOM,
     )
     return before, chi2(page)
 
@@ -238,6 +239,7 @@ def test_it_starts_anew_where_it_began(page):
     page.wait_for_function(
         "() => {" + DEEP + "return deep('.field-piezo-gain').shadowRoot.querySelector('input').value === '0.1'; }",
         timeout=PATIENCE,
+        polling=SELDOM,
     )
 
 

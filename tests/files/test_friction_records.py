@@ -9,6 +9,8 @@ from pdssjax import InputError, load_study
 from pdssjax.cli.main import main
 from pdssjax.core import member, quantities
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 TIME = np.arange(0.0, 2.0, 0.01)
 MOTION = 5.0 * np.sin(2.0 * np.pi * TIME)
 FORCE = np.clip(np.cumsum(np.diff(MOTION, prepend=0.0)), -1.0, 1.0)

@@ -39,6 +39,9 @@ const deep = (selector, root = document) => {
 """
 """Finds an element also within the widgets, each of which has a tree of its own."""
 
+SELDOM = 200
+"""Milliseconds between looks at a page: by default it is looked through in every frame, while a server computes."""
+
 CHI2 = "() => {" + DEEP + "const e = deep('.headline'); return e && e.shadowRoot.textContent.includes('chi-square'); }"
 
 
@@ -97,7 +100,7 @@ def browsed(address, width=1366, height=768):
 def opened_page(address):
     """The page of `pdssjax explore` on a small screen, ready, as `browsed` gives it."""
     with browsed(address) as (page, errors, hosts):
-        page.wait_for_function(CHI2, timeout=PATIENCE)
+        page.wait_for_function(CHI2, timeout=PATIENCE, polling=SELDOM)
         yield page, errors, hosts
 
 

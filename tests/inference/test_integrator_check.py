@@ -20,6 +20,8 @@ from pdssjax.integration import SOLVERS, Picard, accuracy_with, solver_name, ste
 from pdssjax.report.text import format_report
 from pdssjax.study import IntegratorCheck
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 TEXT = "\n".join(line for line in PLATFORM.splitlines() if '"friction.' not in line)
 
 

@@ -12,6 +12,8 @@ from pdssjax import InputError
 from pdssjax.cli.main import main
 from pdssjax.study import under_conditions
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 GAIN, OTHER, RATE, DAMPING, NOISE = 1.1e-7, 1.3e-7, 6000.0, 0.2, 1e-8
 TIME = np.arange(-0.005, 0.035, 5e-5)
 STUDY = """\

@@ -14,6 +14,8 @@ from pdssjax import Accuracy, InputError, OneStep, Taylor
 from pdssjax.cli.main import main
 from pdssjax.integration import SOLVERS, accuracy_with, step_method
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 TEXT = "\n".join(line for line in PLATFORM.splitlines() if '"friction.' not in line)
 
 

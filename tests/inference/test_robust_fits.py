@@ -148,7 +148,7 @@ def test_without_glitches_a_robust_fit_costs_a_fortieth_of_the_error(studies):
         assert abs(robust.parameters[path].value - plain.parameters[path].value) < 0.8 * errors[0]
 
 
-def test_the_command_says_the_loss_and_refuses_what_does_not_go_with_it(tmp_path, capsys, studies):
+def test_the_command_says_the_loss_and_refuses_what_does_not_go_with_it(undrawn, tmp_path, capsys, studies):
     study = write(tmp_path, 40)
     assert main(["identify", str(study), "--loss", "huber", "--out", str(tmp_path / "out")]) == 0
     assert "joint fit with Huber's loss converged" in capsys.readouterr().out

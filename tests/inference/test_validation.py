@@ -7,6 +7,8 @@ from record_tables import SHORT, record_table
 import pdssjax
 from pdssjax.cli.main import main
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 GAIN, ROUGH, FINE = 1.1e-7, 1e-7, 1e-9
 TIME = np.arange(0.0, 0.1, 5e-4)
 VOLTS = 20.0 * (1.0 - np.cos(2.0 * np.pi * 20.0 * TIME))

@@ -367,7 +367,8 @@ def test_a_run_that_ends_early_says_why_and_raises_where_it_is_asked_to():
     assert np.isnan(early.ys[0][1])
     with pytest.raises(RuntimeError, match="ran out of steps"):
         run(True)
-    buried = integrate(BouncingBall(), 0.0, 0.1, (-0.8, 0.0), args, max_steps=32, throw=False)
+    # Two times as well: compiled once for both.
+    buried = integrate(BouncingBall(), 0.0, 0.1, (-0.8, 0.0), args, saveat=[0.05, 0.1], max_steps=32, throw=False)
     assert "guard was negative" in buried.message
 
 

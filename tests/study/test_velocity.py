@@ -112,7 +112,7 @@ def within_errors(estimate, true):
             assert abs(found["value"] - true[path]) < 3.5 * found["standard_error"], path
 
 
-def test_the_platform_is_identified_from_its_velocity_after_a_step_alone(tmp_path):
+def test_the_platform_is_identified_from_its_velocity_after_a_step_alone(undrawn, tmp_path):
     estimate, true, report = identified(tmp_path, [measured_study.record(Velocity("platform"))])
     within_errors(estimate, true)
     assert [path for path, p in estimate["parameters"].items() if p["free"]] == list(true)
@@ -123,7 +123,7 @@ def test_the_platform_is_identified_from_its_velocity_after_a_step_alone(tmp_pat
 
 
 @pytest.mark.slow
-def test_piezo_and_friction_are_identified_from_velocities_alone(tmp_path):
+def test_piezo_and_friction_are_identified_from_velocities_alone(undrawn, tmp_path):
     records = [measured_study.record(Velocity(of)) for of in OF]
     estimate, true, _ = identified(tmp_path, records, moving=("piezo", "friction", "effector"))
     within_errors(estimate, true)
