@@ -86,7 +86,8 @@ class Sensitivities:
         return _Group(problem, size, 0.0, 0)
 
     def _with_lanes(self, lanes: Sequence[tuple[Experiment, Float[np.ndarray, " m"]]], size: int) -> Study:
-        return dataclasses.replace(self.study, records=tuple(self._records(lanes, size)))
+        # Information is that on each parameter's own scale: what a constraint forbids is no matter of derivatives.
+        return dataclasses.replace(self.study, records=tuple(self._records(lanes, size)), constraints=())
 
     def _records(self, lanes: Sequence[tuple[Experiment, Float[np.ndarray, " m"]]], size: int) -> list[Record]:
         """As many records as there are lanes, the last one repeated, times filled up with their last."""

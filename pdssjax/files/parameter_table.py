@@ -1,13 +1,27 @@
-"""The [parameters] of a study file: which there are, which are needed, and what the entry of each says."""
+"""The [parameters] of a study file: which there are, which are needed, and what the entry of each says.
+
+And its [constraints], inequalities between two of them.
+"""
 
 import dataclasses
 import math
 import re
-from collections.abc import Iterable, Sequence
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from ..core import InputError, Quantity, check_range, nearest, unit_given
-from ..study import MARK, Parameter, Record, Study, legal_quantities, split_path
+from ..core import InputError, InputWarning, Quantity, check_range, nearest, unit_given
+from ..study import (
+    MARK,
+    Constraint,
+    Parameter,
+    Record,
+    Study,
+    bounded_by_constraints,
+    chained,
+    legal_quantities,
+    split_path,
+)
 from .toml_table import Table
 
 _MANY = "_*"
@@ -149,3 +163,63 @@ def _check_order(
         raise InputError(f"{table.at(key)}: found {shown(start)}, expected at least the min, {shown(low)}.")
     if start is not None and high is not None and start > high:
         raise InputError(f"{table.at(key)}: found {shown(start)}, expected at most the max, {shown(high)}.")
+
+
+_NUMBER = r"\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?"
+
+_SIDE = rf"(?:({_NUMBER})\s*\*\s*)?(\S.*?)"
+
+_INEQUALITY = re.compile(rf"\s*{_SIDE}\s*(>=|<=)\s*{_SIDE}\s*")
+
+CONSTRAINT_EXAMPLE = "friction.f_s >= 1.1 * friction.f_c"
+"""How a study writes a constraint."""
+
+
+def read_constraints(top: Table, parameters: Mapping[str, Parameter]) -> tuple[Constraint, ...]:
+    """The constraints between the `parameters` that the table `top` of a study file lists.
+
+    Warns with `InputWarning` where starts break one.
+
+    **Raises:** `InputError` for what is no inequality between two parameters of the same unit, and for constraints that
+    cannot be kept.
+    """
+    table = top.table("constraints", f'a table of texts such as "{CONSTRAINT_EXAMPLE}"', {})
+    found = tuple(_read_constraint(table, name, parameters) for name in table.entries)
+    bounded = bounded_by_constraints(parameters, found, top.where)
+    chained(bounded, found, top.where)
+    for constraint in found:
+        greater, lesser = parameters[constraint.greater], parameters[constraint.lesser]
+        if greater.number is None or lesser.number is None or constraint.holds(greater.number, lesser.number):
+            continue
+        told = f"{greater.path} at {greater.number:g} and {lesser.path} at {lesser.number:g} {lesser.unit}".rstrip()
+        warnings.warn(
+            f"{table.at(constraint.name)}: found starts beyond {constraint.text} ({told}); the fit begins with both as "
+            "the constraint just allows.",
+            InputWarning,
+            stacklevel=4,
+        )
+    return found
+
+
+def _read_constraint(table: Table, name: str, parameters: Mapping[str, Parameter]) -> Constraint:
+    expected = f'an inequality between two parameters such as "{CONSTRAINT_EXAMPLE}"'
+    text = table.text(name, expected)
+    read = _INEQUALITY.fullmatch(text)
+    if read is None:
+        raise InputError(f'{table.at(name)}: found "{text}", expected {expected}.')
+    first, sign, second = (read[1], read[2]), read[3], (read[4], read[5])
+    for _, path in (first, second):
+        if re.fullmatch(rf"[+-]?(?:{_NUMBER})\b.*", path):
+            told = 'a number is a bound: "min" or "max" of the parameter'
+            raise InputError(f'{table.at(name)}: found "{text}", expected {expected}; {told}.')
+        if path not in parameters:
+            raise InputError(f'{table.at(name)}: found the unknown parameter "{path}"; {nearest(path, parameters)}')
+    (more, greater), (less, lesser) = (first, second) if sign == ">=" else (second, first)
+    units = [parameters[path].unit for path in (greater, lesser)]
+    if units[0] != units[1]:
+        told = " and ".join(f"{path} in {unit or '1'}" for path, unit in zip((greater, lesser), units, strict=True))
+        raise InputError(f"{table.at(name)}: found {told}, expected two parameters of the same unit.")
+    factor = float(less or 1.0) / (float(more or 1.0) or math.nan)
+    if not 0.0 < factor < math.inf:
+        raise InputError(f'{table.at(name)}: found "{text}", expected factors above 0.')
+    return Constraint(name, greater, lesser, factor)

@@ -14,6 +14,7 @@ from ..study import Entry, catalogue_entries
 from .design_table import BUDGET_KEYS, DESIGN_KEYS
 from .drive_table import SAMPLED_KEYS
 from .json_text import json_text
+from .parameter_table import CONSTRAINT_EXAMPLE
 from .record_table import RECORD_KEYS
 from .study_toml import FORMAT, STATES
 
@@ -42,6 +43,11 @@ def study_schema() -> Document:
                 },
                 "actuator": _actuator(entries),
                 "parameters": _parameters(entries),
+                "constraints": {
+                    "type": "object",
+                    "additionalProperties": {"type": "string", "pattern": ">=|<="},
+                    "description": f'Inequalities between parameters, each under a name: "{CONSTRAINT_EXAMPLE}".',
+                },
                 "record": {"type": "array", "items": _record(entries), "description": "One of each run of the rig."},
                 "design": _design(),
             },

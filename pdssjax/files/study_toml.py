@@ -1,6 +1,6 @@
 """Reads and checks a study file: the actuator's models, its parameters and the records to explain.
 
-Its tables are read one by one: [parameters] by `parameter_table`, [[record]] by `record_table`.
+Its tables are read one by one: [parameters] and [constraints] by `parameter_table`, [[record]] by `record_table`.
 """
 
 import dataclasses
@@ -24,7 +24,7 @@ from ..study import (
     split_path,
     under_conditions,
 )
-from .parameter_table import read_parameters
+from .parameter_table import read_constraints, read_parameters
 from .record_table import read_record
 from .toml_table import Table
 
@@ -56,7 +56,7 @@ def load_study(path: str | Path, virtual: bool = False) -> Study:
     path = Path(path)
     top = Table(read_toml(path), str(path))
     _check_format(top)
-    top.only(["format", "title", "solver", "actuator", "parameters", "record", "design"])
+    top.only(["format", "title", "solver", "actuator", "parameters", "constraints", "record", "design"])
     actuator = top.table("actuator", 'a table with "piezo" and "friction"')
     actuator.only(["piezo", "friction", "friction_state", "feedback", "rests_under_load"])
     piezo = _read_piezo(actuator)
@@ -73,7 +73,8 @@ def load_study(path: str | Path, virtual: bool = False) -> Study:
         rests_under_load=actuator.get("rests_under_load", bool, "true or false", False),
         solver=top.option("solver", SOLVERS, SOLVERS[0]),
     )
-    study = dataclasses.replace(study, parameters=read_parameters(top, study))
+    parameters = read_parameters(top, study)
+    study = dataclasses.replace(study, parameters=parameters, constraints=read_constraints(top, parameters))
     _check_durations(top, study)
     _check_jumps(top, study)
     _check_measurements(top, study)

@@ -212,7 +212,7 @@ def diagnose(problem: Problem, fit: Fit, covariance: Float[np.ndarray, "p p"]) -
     found = problem.decode(fit.free)
     values = np.array([abs(float(found[path])) for path in transform.paths])
     relative = np.where(values > 0.0, np.abs(transform.slope(fit.free)) / np.where(values > 0.0, values, 1.0), np.nan)
-    changes = covariance * np.outer(relative, relative)
+    changes = transform.own_covariance(covariance) * np.outer(relative, relative)
     parts = records_agreement(problem, fit, covariance)
     return Diagnosis(combinations(changes, transform.paths), best_remedy(changes, transform.paths), parts)
 

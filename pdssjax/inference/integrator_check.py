@@ -45,7 +45,7 @@ def with_check(estimate: Estimate, fit: Fit, second: Problem, method: Method, re
     report(f"fitting again by {name}")
     again = _fitted_again(second, fit.free, method, report)
     names = second.residual.transform
-    ends = [names.in_si(_end(run)) for run in (fit, again)]
+    ends = [names.in_si(names.own(_end(run))) for run in (fit, again)]
     errors = np.array([estimate.parameters[path].standard_error for path in names.paths])
     away = np.where(errors > 0.0, ends[1] - ends[0], np.nan) / np.where(errors > 0.0, errors, 1.0)
     away = away if np.isfinite(again.chi2) else np.full_like(away, np.nan)

@@ -57,6 +57,7 @@ def as_asked(
         # Draws are kept without names.
         "order": [*study.parameters, *(record.name for record in study.records if record.role == "fit")],
         "parameters": {path: _declared(parameter) for path, parameter in study.parameters.items()},
+        "constraints": [constraint.text for constraint in study.constraints] or None,
         "records": {record.name: _measured(record) for record in study.records if record.role == "fit"},
     }
 

@@ -1,6 +1,13 @@
-"""The free parameters as a fit sees them: one number each, of order one."""
+"""The free parameters as a fit sees them: one number each, of order one.
 
-from collections.abc import Collection, Mapping
+Each parameter has a scale of its own, on which it is a logarithm or a ratio to a typical size.  These are the numbers
+of the fit, but for a parameter that a constraint ties to another (`study.Link`): its number is the distance, on that
+scale, from where the constraint is an equality.  So the constraint is a bound at 0, and the scales are a matrix times
+the numbers of the fit.
+"""
+
+import dataclasses
+from collections.abc import Collection, Mapping, Sequence
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -8,7 +15,17 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..core import Scalar
-from ..study import Parameter, Values
+from ..study import Constraint, Link, Parameter, Values, bounded_by_constraints, chained
+
+
+class Ties(eqx.Module):
+    """The numbers of the parameters on their own scales as a function of those of the fit: mixing @ free + shift."""
+
+    mixing: Float[np.ndarray, "p p"]
+    """Of unit determinant."""
+    shift: Float[np.ndarray, " p"]
+    links: tuple[Link, ...] = eqx.field(static=True)
+    """The constraints between free parameters."""
 
 
 class ParameterTransform(eqx.Module):
@@ -25,25 +42,86 @@ class ParameterTransform(eqx.Module):
     low: Float[np.ndarray, " p"]
     high: Float[np.ndarray, " p"]
     """Bounds, on the fit's scale."""
+    ties: Ties | None = None
+    """What constraints between free parameters make of the fit's numbers; None: each is that of its parameter."""
 
     def encode(self, values: Values) -> Float[np.ndarray, " p"]:
         """Values in SI to the fit's scale."""
         given = np.array([float(values[path]) for path in self.paths])
-        return np.where(self.logarithmic, np.log(np.where(self.logarithmic, given, 1.0)), given / self.unit)
+        own = np.where(self.logarithmic, np.log(np.where(self.logarithmic, given, 1.0)), given / self.unit)
+        return self.from_own(own)
 
     @eqx.filter_jit
     def decode(self, free: Float[Array | np.ndarray, " p"]) -> dict[str, Scalar]:
         """The fit's numbers to values in SI; differentiable."""
-        number = jnp.where(self.logarithmic, jnp.exp(jnp.where(self.logarithmic, free, 0.0)), free * self.unit)
+        own = free if self.ties is None else jnp.asarray(self.ties.mixing) @ free + self.ties.shift
+        number = jnp.where(self.logarithmic, jnp.exp(jnp.where(self.logarithmic, own, 0.0)), own * self.unit)
         return {path: number[i] for i, path in enumerate(self.paths)}
 
-    def in_si(self, free: Float[np.ndarray, "*many p"]) -> Float[np.ndarray, "*many p"]:
-        """Many points at once, by NumPy."""
-        return np.where(self.logarithmic, np.exp(np.where(self.logarithmic, free, 0.0)), free * self.unit)
+    def own(self, free: Float[np.ndarray, "*many p"]) -> Float[np.ndarray, "*many p"]:
+        """The fit's numbers as those of each parameter on its own scale."""
+        return free if self.ties is None else free @ self.ties.mixing.T + self.ties.shift
+
+    def from_own(self, own: Float[np.ndarray, "*many p"]) -> Float[np.ndarray, "*many p"]:
+        """The inverse of `own`."""
+        return own if self.ties is None else (own - self.ties.shift) @ np.linalg.inv(self.ties.mixing).T
+
+    def own_effect(self, effect: Float[np.ndarray, "n p"]) -> Float[np.ndarray, "n p"]:
+        """The effect of each residual on the fit's numbers as that on the parameters' own scales."""
+        return effect if self.ties is None else effect @ self.ties.mixing.T
+
+    def own_jacobian(self, jacobian: Float[np.ndarray, "n p"]) -> Float[np.ndarray, "n p"]:
+        """The Jacobian of residuals in the parameters' own scales."""
+        return jacobian if self.ties is None else jacobian @ np.linalg.inv(self.ties.mixing)
+
+    def tied_to(self, which: Bool[np.ndarray, " p"]) -> Bool[np.ndarray, " p"]:
+        """Those parameters, and all that constraints tie to them."""
+        return which if self.ties is None else (np.abs(self.ties.mixing) @ which) > 0.0
+
+    def own_covariance(self, matrix: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
+        """A covariance of the fit's numbers as that on the parameters' own scales.
+
+        NaN of parameters without a variance, such as those at a bound, and of those that are tied to one.
+        """
+        if self.ties is None:
+            return matrix
+        found = self.ties.mixing @ np.nan_to_num(matrix) @ self.ties.mixing.T
+        unknown = self.tied_to(np.isnan(np.diag(matrix)))
+        found[unknown] = np.nan
+        found[:, unknown] = np.nan
+        return found
+
+    def in_si(self, own: Float[np.ndarray, "*many p"]) -> Float[np.ndarray, "*many p"]:
+        """Numbers on the parameters' own scales to values in SI, many points at once, by NumPy."""
+        return np.where(self.logarithmic, np.exp(np.where(self.logarithmic, own, 0.0)), own * self.unit)
 
     def slope(self, free: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
-        """d value / d free."""
-        return np.where(self.logarithmic, np.exp(np.where(self.logarithmic, free, 0.0)), self.unit)
+        """d value / d (number on its own scale) of each parameter."""
+        own = self.own(free)
+        return np.where(self.logarithmic, np.exp(np.where(self.logarithmic, own, 0.0)), self.unit)
+
+    def along(self, path: str) -> "ParameterTransform":
+        """The transform whose number of the parameter `path` is that on its own scale.
+
+        Where it is tied to another, through others perhaps, the first of the chain gives way: its number is the
+        distance then.  Bounds of that one are not kept.
+        """
+        parents = {} if self.ties is None else {link.child: link.parent for link in self.ties.links}
+        if self.ties is None or path not in parents:
+            return self
+        first = path
+        while first in parents:
+            first = parents[first]
+        here, there = self.paths.index(path), self.paths.index(first)
+        # In place of the numbers `here` and `there`, the own one of `here` and the distance that `here` was.
+        one, moved = np.eye(len(self.paths)), np.zeros(len(self.paths))
+        to = one.copy()
+        to[here], to[there], moved[here] = self.ties.mixing[here], one[here], self.ties.shift[here]
+        mixing = self.ties.mixing @ np.linalg.inv(to)
+        low, high = self.low.copy(), self.high.copy()
+        low[there], high[there], low[here], high[here] = low[here], high[here], -np.inf, np.inf
+        ties = Ties(mixing, self.ties.shift - mixing @ moved, self.ties.links)
+        return dataclasses.replace(self, ties=ties, low=low, high=high)
 
     def among(self, paths: Collection[str]) -> Bool[np.ndarray, " p"]:
         """Which of the free parameters are among the `paths`."""
@@ -61,16 +139,56 @@ class ParameterTransform(eqx.Module):
         return {"lower": low, "upper": high}
 
 
-def transform_of(parameters: Mapping[str, Parameter], starts: Mapping[str, float]) -> ParameterTransform:
-    """The scale of the free `parameters` of a study, sized after their `starts`."""
+def transform_of(
+    parameters: Mapping[str, Parameter],
+    starts: Mapping[str, float],
+    constraints: Sequence[Constraint] = (),
+    where: str = "",
+) -> ParameterTransform:
+    """The scale of the free `parameters` of a study, sized after their `starts`.
+
+    **Raises:** `InputError` that names the file (`where`) and the key of one of the `constraints` that cannot be kept.
+    """
+    parameters = bounded_by_constraints(parameters, constraints, where)
+    links = chained(parameters, constraints, where)
     free = [p for p in parameters.values() if p.free]
     logarithmic = np.array([p.quantity.positive for p in free], bool)
     sizes = [p.standard_error or abs(starts[p.path]) or _typical(p) for p in free]
     unit = np.where(logarithmic, 1.0, sizes)
     low, high = (np.array(ends) for ends in zip(*(p.bounds(starts[p.path]) for p in free), strict=True))
     with np.errstate(divide="ignore"):
-        bounds = [np.where(logarithmic, np.log(np.where(logarithmic, end, 1.0)), end / unit) for end in (low, high)]
-    return ParameterTransform(tuple(p.path for p in free), logarithmic, unit, *bounds)
+        least, most = [
+            np.where(logarithmic, np.log(np.where(logarithmic, end, 1.0)), end / unit) for end in (low, high)
+        ]
+    alone = ParameterTransform(tuple(p.path for p in free), logarithmic, unit, least, most)
+    return _tied(alone, links, alone.encode(starts)) if links else alone
+
+
+_ROOM = 1.0
+"""How far a parameter may go from a constraint at least, on its own scale: a factor of e, or its size."""
+
+
+def _tied(alone: ParameterTransform, links: Sequence[Link], begun: Float[np.ndarray, " p"]) -> ParameterTransform:
+    """The transform with the `links`; parameters begin at `begun` on their own scales.
+
+    A parameter that is tied goes as far from the constraint as its bounds let it where the other one begins.
+    """
+    mixing, shift = np.eye(begun.size), np.zeros(begun.size)
+    low, high = alone.low.copy(), alone.high.copy()
+    for link in links:
+        child, parent = alone.paths.index(link.child), alone.paths.index(link.parent)
+        if alone.logarithmic[child]:
+            share, constant = 1.0, float(np.log(link.factor))
+        else:
+            share, constant = link.factor * alone.unit[parent] / alone.unit[child], 0.0
+        mixing[child] += share * mixing[parent]
+        shift[child] = share * shift[parent] + constant
+        equal = share * begun[parent] + constant
+        if link.is_upper:
+            low[child], high[child] = min(alone.low[child] - equal, -_ROOM), 0.0
+        else:
+            low[child], high[child] = 0.0, max(alone.high[child] - equal, _ROOM)
+    return dataclasses.replace(alone, ties=Ties(mixing, shift, tuple(links)), low=low, high=high)
 
 
 def _typical(parameter: Parameter) -> float:

@@ -260,7 +260,8 @@ def pose(
     records = tuple(record for record in study.records if record.role == "fit")
     fixed = {path: starts[path] for path, parameter in study.parameters.items() if not parameter.free}
     apart = {path: told for path, p in study.parameters.items() if (told := p.measured_apart) is not None}
-    transform = transform_of(within_told(_with_lengths(study), told_ranges(study)), starts)
+    parameters = within_told(_with_lengths(study), told_ranges(study))
+    transform = transform_of(parameters, starts, study.constraints, str(study.path or study.title))
     residual = Residual(study.models, records, transform, fixed, accuracy, loss, apart)
     noise = np.array([scatter_floor(r.measured) if r.noise is None else r.noise for r in records])
     places = tuple(place for place, record in enumerate(study.records) if record.role == "fit")

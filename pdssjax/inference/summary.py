@@ -88,15 +88,17 @@ def summarise(
     mixed = inseparable(problem, fit)
     weakly_determined, known, deviation = _determined(known, free, mixed)
     slopes = np.abs(free.slope(fit.free))
-    bounds = {path: study.parameters[path].bounds() for path in free.paths}
-    intervals = linear_intervals(fit.free, deviation, freedom, free, bounds)
+    declared = study.bounded_parameters
+    bounds = {path: declared[path].bounds() for path in free.paths}
+    intervals = linear_intervals(free.own(fit.free), deviation, freedom, free, bounds)
     place = lambda declared: free.paths.index(declared.path) if declared.free else None
     parameters = {
         path: _parameter(told, values[path], starts[path], place(told), fit, free, deviation, freedom, intervals, known)
-        for path, told in study.parameters.items()
+        for path, told in declared.items()
     }
     if naive is not None:
-        parameters = _with_naive_errors(parameters, free.paths, np.sqrt(np.diag(naive)) * slopes)
+        own_naive = np.diag(free.own_covariance(naive))
+        parameters = _with_naive_errors(parameters, free.paths, np.sqrt(own_naive) * slopes)
     parameters |= _with_told(parameters, study, free.paths, slopes**2 * with_told)
     records = _compared(study, problem, fit, known.matrix, values, factor)
     diagnosis = diagnose(problem, fit, known.matrix) if np.isfinite(fit.chi2) else None
@@ -113,8 +115,8 @@ def summarise(
         message=message,
         parameters=parameters,
         names=free.paths,
-        correlation=correlation(known.matrix),
-        covariance=known.matrix * np.outer(slopes, slopes),
+        correlation=correlation(free.own_covariance(known.matrix)),
+        covariance=free.own_covariance(known.matrix) * np.outer(slopes, slopes),
         records=records,
         statistics=statistics,
         notes=(),
@@ -138,9 +140,14 @@ def _determined(
 
     Parameters that steady sines mix have none either.
     """
-    deviation = np.sqrt(np.diag(known.matrix))
+    deviation = np.sqrt(np.diag(free.own_covariance(known.matrix)))
     weakly_determined = known.identifiable & (deviation > WEAKLY_DETERMINED)
-    silent = weakly_determined | (np.zeros_like(weakly_determined) if mixed is None else free.among(mixed.paths))
+    tied_to_unknown = known.identifiable & np.isnan(deviation)
+    silent = (
+        weakly_determined
+        | tied_to_unknown
+        | (np.zeros_like(weakly_determined) if mixed is None else free.among(mixed.paths))
+    )
     known = known._replace(identifiable=known.identifiable & ~silent)
     return weakly_determined, known, np.where(silent, np.nan, deviation)
 

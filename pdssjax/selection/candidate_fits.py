@@ -106,7 +106,9 @@ def digest_of(candidate: Candidate, effort: str, parts: Sequence[Part]) -> str:
         dataclasses.replace(record, file=type(record.file)(), columns={}, name=record.name) for record in study.records
     ]
     held = [(part.record, part.kind, part.rows.astype(float)) for part in parts]
-    return fingerprint([study.models.chosen, study.parameters, records, study.accuracy, held, effort])
+    return fingerprint(
+        [study.models.chosen, study.parameters, study.constraints, records, study.accuracy, held, effort]
+    )
 
 
 def fit_all(

@@ -161,7 +161,8 @@ def _candidate(study: Study, stack: str, law: str, feedback: bool, name: str) ->
         )
     elif feedback and not piezo.is_compliant:
         refused = f"found the feedback of friction on {stack}, which no force moves; expected it without feedback"
-    return Candidate(name, dataclasses.replace(changed, parameters=parameters), refused)
+    kept = tuple(constraint for constraint in study.constraints if constraint.between(parameters))
+    return Candidate(name, dataclasses.replace(changed, parameters=parameters, constraints=kept), refused)
 
 
 def _parameters(study: Study, models: Models) -> tuple[dict[str, Parameter], list[str]]:

@@ -13,6 +13,12 @@ if TYPE_CHECKING:
         cycles_a_second as cycles_a_second,
         repeated_residuals as repeated_residuals,
     )
+    from .constraint import (
+        Constraint as Constraint,
+        Link as Link,
+        bounded_by_constraints as bounded_by_constraints,
+        chained as chained,
+    )
     from .estimate import (
         OWN_MINIMISER as OWN_MINIMISER,
         UNSEEN as UNSEEN,

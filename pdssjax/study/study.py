@@ -30,6 +30,7 @@ from ..core import (
 from ..friction.base import AbstractFriction
 from ..integration import Accuracy, accuracy_with
 from ..piezo.base import AbstractPiezo
+from .constraint import Constraint, bounded_by_constraints
 from .estimate import Estimate
 from .models import Models, Values, parts_told_by
 from .parameter import Parameter, paths_in, split_path
@@ -62,6 +63,8 @@ class Study:
     """Whether load and tilt acted before t = 0, and motion is counted from rest under them; else they set in then."""
     solver: str = "taylor"
     """What integrates its simulations, one of `pdssjax.integration.SOLVERS`."""
+    constraints: tuple[Constraint, ...] = ()
+    """Inequalities between its parameters, which a fit keeps."""
 
     @property
     def accuracy(self) -> Accuracy:
@@ -131,6 +134,11 @@ class Study:
             )
         known = {path: parameter.number for path, parameter in self.parameters.items() if path not in but}
         return {path: number for path, number in known.items() if number is not None}
+
+    @property
+    def bounded_parameters(self) -> dict[str, Parameter]:
+        """Its parameters, with bounds for free ones that a constraint ties to a fixed one."""
+        return bounded_by_constraints(self.parameters, self.constraints, str(self.path or self.title))
 
     def missing(self) -> list[str]:
         """The listed parameters that have neither a value nor a start."""

@@ -7,7 +7,7 @@ import pytest
 
 from pdssjax.core import Quantity
 from pdssjax.inference import transform_of
-from pdssjax.study import REACH, Parameter
+from pdssjax.study import REACH, Constraint, Parameter
 
 POSITIVE = Quantity(1.0e6, "N/m", True, 0.0, np.inf, False)
 BELOW_ONE = Quantity(0.18, "", True, 0.0, 1.0, False)
@@ -99,3 +99,45 @@ def test_what_is_not_fitted_is_held_where_it_is():
     np.testing.assert_array_equal(bounds["lower"][:-1], free[:-1])
     np.testing.assert_array_equal(bounds["upper"][:-1], free[:-1])
     np.testing.assert_allclose(np.exp([bounds["lower"][-1], bounds["upper"][-1]]), [0.2, 0.9])
+
+
+TIED = transform_of(
+    PARAMETERS | {name: Parameter(name, "N", POSITIVE) for name in ("a", "b")},
+    STARTS | {"a": 2.0, "b": 1.0},
+    [Constraint("one", "a", "friction.f_c", 2.0), Constraint("two", "a", "b", 1.5)],
+)
+"""f_c has bounds: a is fitted by its distance from twice f_c, and b by that from a."""
+
+
+def test_a_tied_parameter_is_the_distance_from_its_constraint():
+    values = STARTS | {"a": 2.0, "b": 1.0}
+    at = dict(zip(TIED.paths, TIED.encode(values), strict=True))
+    assert (at["a"], at["b"]) == pytest.approx((np.log(2.0), np.log(0.75)))
+    decoded = {path: float(number) for path, number in TIED.decode(TIED.encode(values)).items()}
+    assert decoded == pytest.approx({path: values[path] for path in TIED.paths}, rel=1e-14)
+    bounds = {path: ends for path, *ends in zip(TIED.paths, TIED.low, TIED.high, strict=True)}
+    assert bounds["a"][0] == 0.0 and bounds["b"][1] == 0.0
+    np.testing.assert_allclose(TIED.from_own(TIED.own(np.arange(7.0))), np.arange(7.0), atol=1e-13)
+
+
+@pytest.mark.parametrize("path", ["a", "b"])
+def test_along_a_tied_parameter_it_is_a_number_of_its_own_and_the_bounds_of_the_constraints_stay(path):
+    along, values = TIED.along(path), STARTS | {"a": 2.0, "b": 1.0}
+    at = dict(zip(TIED.paths, along.encode(values), strict=True))
+    assert at[path] == pytest.approx(np.log(values[path]))
+    follows = along.own_effect(np.eye(7)).T[TIED.paths.index(path)]
+    np.testing.assert_allclose(follows, np.eye(7)[TIED.paths.index(path)], atol=1e-12)
+    distances = [end for end in (*along.low, *along.high) if end == 0.0]
+    assert len(distances) == [*TIED.low, *TIED.high].count(0.0)
+
+
+def test_the_covariance_of_tied_parameters_is_that_of_their_own_scales():
+    root = np.random.default_rng(1).normal(size=(7, 7))
+    expected = TIED.ties.mixing @ root @ root.T @ TIED.ties.mixing.T
+    np.testing.assert_allclose(TIED.own_covariance(root @ root.T), expected, rtol=1e-12)
+    unknown = root @ root.T
+    i = TIED.paths.index("friction.f_c")
+    unknown[i] = np.nan
+    unknown[:, i] = np.nan
+    lost = np.isnan(np.diag(TIED.own_covariance(unknown)))
+    assert [path for path, gone in zip(TIED.paths, lost, strict=True) if gone] == ["friction.f_c", "a", "b"]

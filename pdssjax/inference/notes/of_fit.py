@@ -11,6 +11,7 @@ from ...piezo.base import ToldRange
 from ...study import (
     REACH,
     SHOWN,
+    Constraint,
     Estimate,
     FittedParameter,
     Models,
@@ -183,6 +184,10 @@ def about_bounds(
     for side, ends in (("lower", found <= scale.low), ("upper", found >= scale.high)):
         at = [int(i) for i in np.flatnonzero(ends)]
         reached = [i for i in at if scale.paths[i] not in told]
+        links = scale.ties.links if scale.ties is not None else ()
+        tied = {scale.paths.index(link.child): link for link in links if link.is_upper == (side == "upper")}
+        notes += [_at_constraint(tied[i].constraint, side) for i in at if i in tied]
+        at, reached = [i for i in at if i not in tied], [i for i in reached if i not in tied]
         unreachable = [i for i in reached if _out_of_reach(declared[scale.paths[i]], scale, i, side)]
         if unreachable:
             names, it = listed(scale.paths[i] for i in unreachable), "it" if len(unreachable) == 1 else "them"
@@ -206,6 +211,14 @@ def _out_of_reach(declared: Parameter, scale: ParameterTransform, i: int, side: 
     if given is not None or not scale.logarithmic[i]:
         return False
     return not np.isclose(np.exp(ends[i]), legal, rtol=1e-5)
+
+
+def _at_constraint(constraint: Constraint, side: str) -> str:
+    path = constraint.lesser if side == "upper" else constraint.greater
+    return (
+        f'{path} is at the constraint {constraint.text} ("{constraint.name}" in [constraints]), and held there for the '
+        "errors of the others. Leave the constraint out, unless there is a reason for it: the best fit lies beyond."
+    )
 
 
 def _at_bound(declared: Parameter, value: float, side: str, told: ToldRange | None) -> str:
@@ -304,7 +317,7 @@ def notes_of(
         *about_information(null, transform.paths, parameters),
         *about_weak_determination(unsure),
         *about_sines(facts.mixed),
-        *about_bounds(study.parameters, fit.free, transform, parameters, told_ranges(study)),
+        *about_bounds(study.bounded_parameters, fit.free, transform, parameters, told_ranges(study)),
         *about_distance([parameters[path] for path in transform.paths if path not in silent], transform),
         *about_measured_apart(parameters.values()),
         *about_models(study.models, values),

@@ -327,7 +327,7 @@ def _table(problem: Problem, everyone: list[Ended], study: Study, around: Mappin
         chi2=np.array([fit.chi2 for fit in fits]),
         converged=np.array([fit.success for fit in fits]),
         starts=np.array([[ended.begun[path] for path in transform.paths] for ended in ordered]),
-        ends=transform.in_si(np.stack([fit.free for fit in fits])),
+        ends=transform.in_si(transform.own(np.stack([fit.free for fit in fits]))),
         optimum=np.array(optima(fits, problem)),
         iterations=np.array([fit.iterations for fit in fits]),
         ranges=scatter_ranges(study.models, study.parameters, study.records, around),

@@ -114,6 +114,7 @@ def restarts(
     taken, spent, in_vain = 0, 0, 0
     while np.isfinite(fit.chi2) and needed(fit) and in_vain < most:
         factor, isotropic = 2.0 ** (in_vain % MOST_RESTARTS), in_vain >= MOST_RESTARTS
+        isotropic |= bool(problem.residual.transform.at_bound(fit.free).all())
         step = _isotropic_step(fit, factor, random) if isotropic else _step_of_errors(fit, problem, factor, random)
         rival = run(problem, problem.decode(_perturbed(fit, problem, step)), quiet)
         spent += rival.evaluations

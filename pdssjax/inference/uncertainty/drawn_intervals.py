@@ -156,7 +156,7 @@ def with_bootstrap(
         kind="bootstrap",
         description=_description(problem, drawing),
         names=estimate.names,
-        values=problem.residual.transform.in_si(free)[None],
+        values=problem.residual.transform.in_si(problem.residual.transform.own(free))[None],
         failed=failed,
         failure="did not converge and are left out",
         seed=drawing.seed,
@@ -170,8 +170,9 @@ def summary_of_replicates(
 ) -> list[ParameterDraws]:
     """Mean, deviation and both kinds of intervals of each parameter, from replicates on the scale of the fit."""
     transform = problem.residual.transform
-    values, ends = transform.in_si(free), np.quantile(free, TAILS, axis=0)
-    percentiles, basics = transform.in_si(ends), transform.in_si(2.0 * centre - ends[::-1])
+    own, middle = transform.own(free), transform.own(centre)
+    values, ends = transform.in_si(own), np.quantile(own, TAILS, axis=0)
+    percentiles, basics = transform.in_si(ends), transform.in_si(2.0 * middle - ends[::-1])
     return [
         ParameterDraws(
             path=path,
@@ -216,7 +217,7 @@ def with_posterior(
         chains = sampler.sample(model, drawing, executor, report)
     except NothingToDraw as error:
         return dataclasses.replace(estimate, notes=(*estimate.notes, f"No posterior, intervals are linear: {error}"))
-    values = transform.in_si(np.asarray(coordinates.to_fit(chains.free)))
+    values = transform.in_si(transform.own(np.asarray(coordinates.to_fit(chains.free))))
     held = [path for path, moves in zip(estimate.names, moving, strict=True) if not moves]
     draws = Draws(
         kind="posterior",
@@ -233,7 +234,7 @@ def with_posterior(
     about += about_tails(draws.parameters, chains.free, model.ends)
     about += about_endless(estimate.names, model.ends, model.logarithmic)
     about += about_better_optima(
-        estimate.names, model.ends, lambda y: transform.in_si(np.asarray(coordinates.to_fit(y)))
+        estimate.names, model.ends, lambda y: transform.in_si(transform.own(np.asarray(coordinates.to_fit(y))))
     )
     return with_draws(estimate, draws, [*estimate.notes, *about], transform.logarithmic)
 

@@ -117,7 +117,7 @@ class FittedPoint(NamedTuple):
 
 
 class _ByModel(NamedTuple):
-    """What an error model says of p parameters, on the fit's scale."""
+    """What an error model says of p parameters, each on its own scale."""
 
     matrix: Float[np.ndarray, "p p"]
     """Their covariance, NaN where not known."""
@@ -193,11 +193,12 @@ def _outlying(estimate: Estimate, problem: Problem, count: int) -> Bool[np.ndarr
 def _record_errors(point: FittedPoint, factor: float, effect: Float[np.ndarray, "n p"]) -> list[RecordErrors]:
     """Every fitted record as error models take it; the `factor` is that of variances whose noise is given."""
     problem, taken = point.problem, degrees_taken(point.problem, point.fit)
+    jacobian = problem.residual.transform.own_jacobian(point.jacobian)
     known_from, pooled = noise_freedom(problem, point.fit, factor)
     return [
         RecordErrors(
             point.residual[rows],
-            point.jacobian[rows],
+            jacobian[rows],
             effect[rows],
             record.time,
             cycles_a_second(record),
@@ -220,15 +221,16 @@ def _covariances(
     curvatures: Sequence[Float[np.ndarray, "p k"]] | None,
 ) -> dict[str, "_ByModel"]:
     """By name of the model."""
-    effect = influence_at(point, curvatures)
+    own = point.problem.residual.transform
+    effect, unknown = own.own_effect(influence_at(point, curvatures)), own.tied_to(~point.known)
     records, out = _record_errors(point, factor, effect), {}
     # What was measured apart has errors of its own, whatever those of the samples.
     apart = effect[point.problem.rows_apart]
     for model in models:
         shares = model.shares(records)
         matrix = total_of(shares) + apart.T @ apart
-        matrix[~point.known] = np.nan
-        matrix[:, ~point.known] = np.nan
+        matrix[unknown] = np.nan
+        matrix[:, unknown] = np.nan
         variances = [np.diag(share.covariance) for share in shares]
         freedom, pooled = [share.freedom for share in shares], [share.pooled for share in shares]
         known_from = effective_freedom(np.diag(matrix), variances, freedom, pooled)
@@ -295,7 +297,7 @@ def _with_errors(
     bounds = {path: parameters[path].bounds for path in free.paths}
     for name, told in found.items():
         deviation = np.sqrt(np.diag(told.matrix))
-        intervals = linear_intervals(at, deviation, told.freedom, free, bounds)
+        intervals = linear_intervals(free.own(at), deviation, told.freedom, free, bounds)
         for path, error, freedom in zip(free.paths, deviation * slopes, told.freedom, strict=True):
             errors[path][name] = ParameterError(float(error), intervals[path], float(freedom))
     return {
@@ -376,10 +378,11 @@ def standard_errors_of(method: Method, problem: Problem, fit: Fit, stack: Picked
         effect = steps.influence()
         naive = _covariance(steps.apart().influence(), factors, unknown)
     known = whole._replace(matrix=_covariance(effect, factors, unknown))
-    squares = factors[:, None] * effect**2
+    own = problem.residual.transform
+    squares = factors[:, None] * own.own_effect(effect) ** 2
     shares = [np.sum(squares[rows], axis=0) for rows in problem.rows]
     noise = noise_freedom(problem, fit, factor, after_stack=stack is not None)
-    freedom = effective_freedom(np.diag(known.matrix), shares, *noise)
+    freedom = effective_freedom(np.diag(own.own_covariance(known.matrix)), shares, *noise)
     return StandardErrors(known, naive, _with_told(point, effect, stack), factor, freedom)
 
 
@@ -409,6 +412,7 @@ def _with_told(
 ) -> Float[np.ndarray, " p"]:
     """The effect of a told number is that of its row, whose error is 1 over its Jacobian on this scale."""
     residual, out = point.problem.residual, np.zeros(effect.shape[1])
+    effect = residual.transform.own_effect(effect)
     for row, path in enumerate(residual.apart, point.problem.rows_apart.start):
         place = residual.transform.paths.index(path)
         if stack is not None and path in PATHS:
@@ -427,4 +431,4 @@ def _robust(problem: Problem, fit: Fit) -> StandardErrors:
     left = max(samples.stop - known.identifiable.sum(), 1)
     variance = np.diag(known.matrix)
     freedom = effective_freedom(variance, [variance - given], [left], [False])
-    return StandardErrors(known, None, np.diag(bread), 1.0, freedom)
+    return StandardErrors(known, None, np.diag(problem.residual.transform.own_covariance(bread)), 1.0, freedom)

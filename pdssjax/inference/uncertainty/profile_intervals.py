@@ -3,6 +3,7 @@
 import dataclasses
 from concurrent.futures import Executor
 
+import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
@@ -79,8 +80,41 @@ def with_profile_intervals(
     """
     factor = variance_factor(problem, fit)
     thresholds = _thresholds(estimate, problem, fit, factor)
+    transform = problem.residual.transform
+    kept = [path for path in transform.paths if estimate.parameters[path].identifiable]
+    tied = [path for path in kept if transform.along(path) is not transform]
+    estimate = _profiled(
+        estimate, problem, fit, [p for p in kept if p not in tied], thresholds, factor, executor, report
+    )
+    for path in tied:  # each in numbers of the fit of which it is one
+        estimate = _profiled(estimate, *_seen_along(path, problem, fit), [path], thresholds, factor, executor, report)
+    order = [profile for path in kept for profile in estimate.profiles if profile.path == path]
+    return dataclasses.replace(estimate, profiles=tuple(order))
+
+
+def _seen_along(path: str, problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
+    """A problem and its fit in numbers of which one is the parameter `path` on its own scale."""
+    before = problem.residual.transform
+    after = before.along(path)
+    free = np.clip(after.from_own(before.own(fit.free)), after.low, after.high)
+    change = before.from_own(after.own(np.eye(free.size))) - before.from_own(after.own(np.zeros_like(free)))
+    state = fit.state._replace(jacobian=np.asarray(fit.state.jacobian) @ change.T)
+    residual = eqx.tree_at(lambda residual: residual.transform, problem.residual, after)
+    return problem._replace(residual=residual), fit._replace(free=free, state=state)
+
+
+def _profiled(
+    estimate: Estimate,
+    problem: Problem,
+    fit: Fit,
+    kept: list[str],
+    thresholds: Float[np.ndarray, " p"],
+    factor: float,
+    executor: Executor | None,
+    report: Progress,
+) -> Estimate:
+    """`estimate` with profiles and intervals of the parameters `kept`."""
     paths = problem.residual.transform.paths
-    kept = [path for path in paths if estimate.parameters[path].identifiable]
     optimum = linearisation_at(fit)
     report("curvature at the optimum")
     shared = learn_curvature(problem.linearised, optimum, thresholds, problem.bounds, factor, executor=executor)
@@ -101,7 +135,7 @@ def with_profile_intervals(
     for path, curve in each_done(draw, kept, executor):
         curves[path] = curve
         report(f"profiles: {len(curves)} of {len(kept)} parameters")
-    parameters, notes, profiles = dict(estimate.parameters), list(estimate.notes), []
+    parameters, notes, profiles = dict(estimate.parameters), list(estimate.notes), list(estimate.profiles)
     for path in kept:
         index, parameter, ends = paths.index(path), estimate.parameters[path], pairs[path]
         parameters[path] = _with_ends(parameter, problem, index, ends)
@@ -120,10 +154,11 @@ def _thresholds(estimate: Estimate, problem: Problem, fit: Fit, factor: float) -
     """
     free = problem.residual.transform
     held = free.at_bound(fit.free)
-    given = np.diag(least_squares_covariance(np.asarray(fit.state.jacobian), held).matrix) * free.slope(fit.free) ** 2
+    given = free.own_covariance(least_squares_covariance(np.asarray(fit.state.jacobian), held).matrix)
     freedom = np.array([estimate.parameters[path].degrees_of_freedom for path in free.paths])
     freedom = np.where(held, np.min(freedom), freedom)
-    return half_width_95(freedom) ** 2 * np.nan_to_num(np.diag(estimate.covariance) / given, nan=factor)
+    ratio = np.diag(estimate.covariance) / (np.diag(given) * free.slope(fit.free) ** 2)
+    return half_width_95(freedom) ** 2 * np.nan_to_num(ratio, nan=factor)
 
 
 def _at_bound(problem: Problem, optimum: Linearisation, index: int, side: float) -> bool:

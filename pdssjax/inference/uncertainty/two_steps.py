@@ -93,7 +93,9 @@ def amplification_of(problem: Problem, fit: Fit, identifiable: Bool[np.ndarray, 
         return None
     jacobian = np.asarray(fit.state.jacobian)[used]
     relative = transform.slope(fit.free) / np.where(values == 0.0, np.inf, values)
-    matrix = moved_by(jacobian[:, later], jacobian[:, earlier])
+    mixing = transform.own_effect(np.eye(values.size)).T
+    matrix = mixing[np.ix_(later, later)] @ moved_by(jacobian[:, later], jacobian[:, earlier])
+    matrix = matrix @ np.linalg.inv(mixing[np.ix_(earlier, earlier)])
     paths = np.array(transform.paths)
     return Amplification(
         tuple(map(str, paths[later])),
