@@ -92,7 +92,7 @@ def test_commands_are_read(page, command):
 def test_studies_are_toml_with_the_keys_that_are_read(page, block):
     table = tomllib.loads(block)
     assert table["format"] == "pdssjax-study/1"
-    assert {"format", "title", "actuator", "parameters", "record", "design"} >= set(table)
+    assert {"format", "title", "actuator", "parameters", "constraints", "record", "design"} >= set(table)
 
 
 @pytest.mark.parametrize(
