@@ -21,7 +21,7 @@ class Actuator(AbstractModel):
     amplifier: Amplifier | None = None
     """None: the command reaches the piezo as it is."""
     stop: Stop | None = None
-    """What the end-effector runs against; None: it moves freely."""
+    """The stop that the end-effector runs against; None: it moves freely."""
     rests_under_load: bool = eqx.field(static=True, default=False)
     """Load and tilt acted before t = 0, and all motion is counted from rest under them; else they set in at t = 0."""
 
@@ -41,7 +41,7 @@ class Actuator(AbstractModel):
         return self.effector.pull() if self.rests_under_load else 0.0
 
     def reaction(self, force: Term) -> Term:
-        """What the platform feels of a friction `force`, beyond what it felt before t = 0 [N]; with feedback only."""
+        """Force of the friction `force` on the platform, less that before t = 0 [N]; with feedback only."""
         return (force + self.initial_pull if self.rests_under_load else force) * (-1.0)
 
     @property

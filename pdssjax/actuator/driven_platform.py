@@ -129,7 +129,7 @@ class DrivenPlatform(eqx.Module):
     def steady(
         self, segment: Segment, t_local: ScalarLike, x: DrivenPlatformState[Scalar], force: ScalarLike
     ) -> DrivenPlatformState[Scalar]:
-        """What the state tends to on a straight segment."""
+        """The state that the motion tends to on a straight segment."""
         if self.amplifier is None:
             return DrivenPlatformState(self.piezo.steady(x.stack, segment, t_local, force), ())
         fed = self.amplifier.steady(segment)

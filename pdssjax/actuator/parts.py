@@ -170,7 +170,7 @@ IDEAL = Sensor(filters=False)
 
 
 PARTS: dict[str, type] = {"effector": Effector, "stop": Stop, "amplifier": Amplifier, "sensor": Sensor}
-"""By its name, as in "effector.mass", the class whose `quantity` fields are its parameters."""
+"""The classes of the parts by name, as in "effector.mass"; their `quantity` fields are the parameters."""
 
 
 _LATE = 1e-6

@@ -23,7 +23,7 @@ def channels(options: argparse.Namespace) -> int:
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Adds the options of `channels`."""
+    """Add the options of `channels`."""
     parser.set_defaults(run=channels)
     parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="file of an instrument")
     parser.add_argument("--decimal", choices=[",", "."], help="decimal sign of a text; left out: told by the file")

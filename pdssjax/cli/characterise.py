@@ -17,7 +17,7 @@ def characterise(options: argparse.Namespace) -> int:
 
 
 def _how(options: argparse.Namespace) -> dict[str, Any]:
-    """What the options say of all files."""
+    """The columns and units that the options give for all files."""
     frequency = None
     if options.frequency is not None:
         frequency = read_number(options.frequency, "Hz", "option --frequency", above=0.0)
@@ -59,7 +59,7 @@ def _characterise(options: argparse.Namespace, how: dict[str, Any]) -> int:
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Adds the options of `characterise`."""
+    """Add the options of `characterise`."""
     parser.set_defaults(run=characterise)
     parser.add_argument(
         "files", nargs="+", type=Path, metavar="FILE", help="record (CSV, MATLAB, TDMS, HDF5, oscilloscope)"

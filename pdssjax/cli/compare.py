@@ -42,7 +42,7 @@ def _compare(options: argparse.Namespace) -> int:
 
 
 def _found(study: "Study", options: argparse.Namespace) -> "Comparison":
-    """The comparison; where it is broken off, candidates that were done stay in the folder."""
+    """Compare the models; if that is interrupted, the finished candidates stay in the folder."""
     from ..files import CandidateFolder
     from ..selection import compare_models
 
@@ -76,7 +76,7 @@ def _names(text: str | None) -> list[str] | None:
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Adds the options of `compare`."""
+    """Add the options of `compare`."""
     parser.set_defaults(run=compare)
     parser.add_argument("study", type=Path, metavar="STUDY", help="study file (TOML)")
     parser.add_argument(

@@ -81,7 +81,7 @@ class LenientStream:
 
 
 def _discard(stream: TextIO) -> None:
-    """From now on nothing written to `stream` goes anywhere.
+    """Discard whatever is written to `stream` from now on.
 
     What is still buffered would otherwise fail again at the end of the process.
     """

@@ -99,7 +99,7 @@ def _aim(
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Adds the options of `design`."""
+    """Add the options of `design`."""
     parser.set_defaults(run=design)
     text = "study file (TOML), or a folder of results: of identify, or of a plan whose records were measured"
     parser.add_argument("study", type=Path, metavar="STUDY", help=text)

@@ -35,7 +35,7 @@ _BELONGS_TO = {
     "seed": DRAWN,
     "resume": DRAWN,
 }
-"""By option, the kinds of intervals that have it."""
+"""The kinds of intervals that have each option."""
 
 
 def add_drawing(parser: argparse.ArgumentParser) -> None:
@@ -65,7 +65,7 @@ def check_drawing(options: argparse.Namespace) -> None:
 
 
 def more_of(options: argparse.Namespace, intervals: "Intervals", folder: Path, resume: bool) -> "More":
-    """What is drawn and kept in `folder`, how many starts are compared, on all cores, the effort and the check.
+    """Keyword arguments of `identify` by the options: draws kept in `folder`, starts, cores, effort, check.
 
     **Arguments:** whether to `resume` what `folder` holds.
 

@@ -16,6 +16,6 @@ def example(options: argparse.Namespace) -> int:
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Adds the options of `example`."""
+    """Add the options of `example`."""
     parser.set_defaults(run=example)
     parser.add_argument("folder", type=Path, metavar="DIR", help="new or empty folder")

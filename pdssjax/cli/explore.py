@@ -1,4 +1,4 @@
-"""`pdssjax explore`: a page in the browser on which the numbers of a study are turned."""
+"""`pdssjax explore`: a page in the browser with a slider for every number of a study."""
 
 import argparse
 import importlib.util
@@ -52,7 +52,7 @@ def _check_installed() -> None:
 
 
 def _study(options: argparse.Namespace) -> tuple["Study", "Study"]:
-    """The study, what its file leaves free with a start, and the same with the numbers of where the page begins.
+    """The study with starts for its free parameters, and the study with the numbers that the page shows first.
 
     **Raises:** `InputError` where it has no record, and for parameters without a number.
     """
@@ -70,7 +70,7 @@ def _study(options: argparse.Namespace) -> tuple["Study", "Study"]:
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Adds the options of `explore`."""
+    """Add the options of `explore`."""
     parser.set_defaults(run=explore)
     parser.add_argument("study", type=Path, metavar="STUDY", help="study file (TOML)")
     add_numbers(parser)

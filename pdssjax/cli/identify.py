@@ -80,14 +80,14 @@ _SIDE_BY_SIDE: "list[Method]" = ["joint", "sequential", "peaks"]
 
 
 def _intervals_of(method: "Method", asked: "Intervals") -> "Intervals":
-    """Those that were asked for, where a method has them."""
+    """The intervals that were asked for, where a method has them."""
     from ..inference import has_intervals
 
     return asked if has_intervals(method, asked) else "linear"
 
 
 def _noted(estimate: "Estimate", asked: argparse.Namespace, intervals: "Intervals", loss: str) -> "Estimate":
-    """With the command, and a note each where other intervals, or another loss, were `asked` for than are given."""
+    """The estimate with the command, and notes where it lacks intervals or a loss that were `asked` for."""
     import dataclasses
 
     notes = []
@@ -103,7 +103,7 @@ def _noted(estimate: "Estimate", asked: argparse.Namespace, intervals: "Interval
 
 
 def _possible(study: "Study") -> "list[Method]":
-    """The ways to identify a study; says why without the peaks, where its records do not show them.
+    """The methods that can fit a study; if peaks cannot be read from its records, print why.
 
     **Raises:** `InputError` where they allow no two of them.
     """
@@ -130,7 +130,7 @@ def _compared(estimates: "list[Estimate]", folder: Path) -> bool:
 def _identified(
     study: "Study", method: "Method", intervals: "Intervals", loss: str, more: "More", folder: Path
 ) -> "Estimate":
-    """The estimate of a study; of a fit that is broken off the best point so far is kept in `folder`."""
+    """Identify a study; if the fit is interrupted, write the best point so far to `folder`."""
     import pdssjax
 
     from ..files import write_essentials
@@ -178,7 +178,7 @@ def _report_and_keep(estimate: "Estimate", folder: Path) -> bool:
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Adds the options of `identify`."""
+    """Add the options of `identify`."""
     parser.set_defaults(run=identify)
     parser.add_argument(
         "study",

@@ -107,19 +107,19 @@ def _check_values(given: Sequence[str]) -> None:
 
 
 def _cut(message: str) -> str:
-    """A `message` without the middle of what is longer than any name of a file or a column."""
+    """Shorten a `message` that is longer than any name of a file or a column, in its middle."""
     return message if len(message) <= _LONGEST else f"{message[: _LONGEST // 2]} ... {message[-_LONGEST // 2 :]}"
 
 
 class _Help(argparse.HelpFormatter):
-    """As wide as the terminal.  argparse makes one for every option, and loads `shutil` each first time to ask."""
+    """A help formatter as wide as the terminal; the default one loads `shutil` to ask for that."""
 
     def __init__(self, prog: str) -> None:
         super().__init__(prog, width=_columns() - 2)
 
 
 def _columns() -> int:
-    """Of the terminal; the environment's `COLUMNS` go first, and 80 where there is none."""
+    """Width of the terminal in characters: the environment's `COLUMNS`, else the terminal's own, else 80."""
     told = os.environ.get("COLUMNS", "")
     if told.isdecimal() and int(told):
         return int(told)
@@ -140,7 +140,7 @@ class _Version(argparse.Action):
 
 
 def _parser(given: Sequence[str] | None = None) -> argparse.ArgumentParser:
-    """With all commands and their options; where arguments are `given` that begin with a command, with that alone."""
+    """The parser with all commands and options; with one command alone where the arguments `given` begin with it."""
     asked = list(COMMANDS) if given is None else [name for name in given[:1] if name in COMMANDS]
     parser = _Parser(
         prog="pdssjax",

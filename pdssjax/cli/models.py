@@ -26,7 +26,7 @@ def _explained(name: str) -> str:
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Adds the options of `models`."""
+    """Add the options of `models`."""
     parser.set_defaults(run=models)
     parser.add_argument(
         "name", nargs="?", metavar="NAME", help='one of them, such as "lugre": equations and parameters'

@@ -109,7 +109,7 @@ def _of_contacts(options: argparse.Namespace, files: "Sequence[FrictionFile]", o
 
 
 def _warn(records: Sequence["NewRecord"], told: "Told") -> None:
-    """Says what the user should not overlook."""
+    """Say what the user should not overlook."""
     from ..metrics import gain_of
 
     said = []
@@ -145,7 +145,7 @@ def _warn(records: Sequence["NewRecord"], told: "Told") -> None:
 
 
 def _implausible(guess: "RecordGuess") -> list[str]:
-    """What of a record no rig does, in words."""
+    """The properties of a record that no rig can have, in words."""
     from ..metrics import clipped, held_in_words
 
     said, numbers = [], guess.waveform.numbers
@@ -166,7 +166,7 @@ def _implausible(guess: "RecordGuess") -> list[str]:
 
 
 def _rounded(record: "NewRecord") -> list[str]:
-    """A flank that no fall or rise time describes, in words."""
+    """A rounded flank that no fall or rise time describes, in words."""
     from ..files import drive_of_samples
     from ..metrics import rounding_of
 
@@ -246,7 +246,7 @@ def _is_called(file: Path, pattern: str) -> bool:
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Adds the options of `new`."""
+    """Add the options of `new`."""
     parser.set_defaults(run=new)
     parser.add_argument("folder", type=Path, metavar="DIR", help="new or empty folder for the study")
     text = "records (CSV, MATLAB, TDMS, HDF5, oscilloscope); one of each run of the rig"

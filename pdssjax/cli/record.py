@@ -42,7 +42,7 @@ def _record(options: argparse.Namespace) -> int:
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Adds the options of `record`."""
+    """Add the options of `record`."""
     parser.set_defaults(run=record)
     parser.add_argument("study", type=Path, metavar="STUDY", help="study file (TOML) whose parameters all have numbers")
     add_numbers(parser)

@@ -13,5 +13,5 @@ def schema(options: argparse.Namespace) -> int:
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Of `schema`, which has none."""
+    """Add no options: `schema` has none."""
     parser.set_defaults(run=schema)

@@ -11,7 +11,7 @@ class Terminated(KeyboardInterrupt):
 
 @contextlib.contextmanager
 def requests_to_end() -> Iterator[list[int]]:
-    """Within it SIGTERM and SIGHUP raise `Terminated` in the main thread, as SIGINT raises `KeyboardInterrupt`.
+    """Let SIGTERM and SIGHUP raise `Terminated` in the main thread, as SIGINT raises `KeyboardInterrupt`.
 
     Does nothing outside the main thread, nor for a signal that has a handler or is ignored (`nohup`).
 

@@ -61,7 +61,7 @@ def _compared(record: "Record", predicted: "ArrayLike") -> "FittedRecord":
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Adds the options of `simulate`."""
+    """Add the options of `simulate`."""
     parser.set_defaults(run=simulate)
     parser.add_argument("study", type=Path, metavar="STUDY", help="study file (TOML)")
     add_numbers(parser)

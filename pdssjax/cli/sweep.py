@@ -87,7 +87,7 @@ class _Unwritable(Exception):
 def _swept(
     study: "Study", points: "AbstractPoints", options: argparse.Namespace, asked: "dict[str, tuple[str, ...]]"
 ) -> "xarray.Dataset":
-    """What the sweep finds, kept on disk meanwhile."""
+    """Run the sweep, and keep finished blocks on disk."""
     import pdssjax
 
     store = _store(options)
@@ -160,7 +160,7 @@ def _asked(study: "Study", points: "AbstractPoints", options: argparse.Namespace
 def _about_the_estimate(
     study: "Study", points: "AbstractPoints", options: argparse.Namespace
 ) -> "tuple[AbstractPoints, str]":
-    """Every point with draws about the estimate, or with its sigma points; and which errors these are by."""
+    """The points crossed with draws about the estimate, or with its sigma points; and the error model of these."""
     import numpy as np
 
     from ..files import read_covariance, read_draws
@@ -204,7 +204,7 @@ def _store(options: argparse.Namespace) -> "SweepStore | None":
 
 @contextlib.contextmanager
 def _kept_in(store: "SweepStore | None") -> Iterator[None]:
-    """Says where the points are that were done if what follows is interrupted."""
+    """Say where the points are that were done if what follows is interrupted."""
     try:
         yield
     except KeyboardInterrupt:
@@ -223,7 +223,7 @@ def _kept_in(store: "SweepStore | None") -> Iterator[None]:
 
 @contextlib.contextmanager
 def _executor(address: str | None) -> "Iterator[tuple[Executor | None, int | None]]":
-    """That of the scheduler at `address` and its number of threads; none without an address."""
+    """The executor of the Dask scheduler at `address` and its number of threads; none without an address."""
     if address is None:
         yield None, None
         return
@@ -260,7 +260,7 @@ def _axis(text: str) -> tuple[str, str]:
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Adds the options of `sweep`."""
+    """Add the options of `sweep`."""
     parser.set_defaults(run=sweep)
     parser.add_argument("study", type=Path, metavar="STUDY", help="study file (TOML)")
     add_numbers(parser)
@@ -316,7 +316,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_further(parser: argparse.ArgumentParser) -> None:
-    """Adds the options for what is found besides the metrics of every sweep."""
+    """Add the options for what is found besides the metrics of every sweep."""
     parser.add_argument(
         "--metrics",
         default="",

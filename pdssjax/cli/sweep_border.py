@@ -20,7 +20,7 @@ _WITHOUT = ("sample", "bands", "metrics", "derivatives", "scheduler", "resume", 
 
 
 def sweep_border(study: "Study", texts: Mapping[str, str], options: argparse.Namespace) -> int:
-    """Looks for the border, and keeps and tells it; `texts` are the axes as they were written, by path."""
+    """Find the border, write it and print it; `texts` are the axes as they were written, by path."""
     from ..files import write_border
     from ..report.text import format_border
     from ..sweeps import METRICS, driven_record, find_border, sweepable, sweepable_choices
@@ -86,7 +86,7 @@ def _named_number(option: str, text: str, example: str) -> tuple[str, str]:
 
 
 def add_border(parser: argparse.ArgumentParser) -> None:
-    """Adds the options for the border."""
+    """Add the options for the border."""
     parser.add_argument(
         "--border",
         metavar="PATH=TOLERANCE",

@@ -24,7 +24,7 @@ def equal_by_value(kind: _Class) -> _Class:
 
 
 def same(first: object, second: object) -> bool:
-    """Whether two values are of one type and hold the same, however deep."""
+    """Whether two values have the same type and equal contents, nested ones included."""
     if first is second:
         return True
     if hasattr(first, "__array__") and hasattr(second, "__array__"):

@@ -25,13 +25,13 @@ class Display(NamedTuple):
     """How a report or a plot shows what a record measures."""
 
     quantity: str
-    """What an axis says: "displacement"."""
+    """Label of an axis: "displacement"."""
     plural: str
-    """What a heading says: "lengths"."""
+    """Heading of a table: "lengths"."""
     unit: str
     """Shown in place of the SI unit, such as "um"."""
     scale: float
-    """From SI to `unit`."""
+    """Factor from SI to `unit`."""
 
     def text(self, number: float) -> str:
         """A number [SI] as people read it, with its unit."""
@@ -43,10 +43,10 @@ class Display(NamedTuple):
 
 
 LENGTH = Display("displacement", "lengths", *_UNITS["m"])
-"""Of most records."""
+"""The display of displacements."""
 
 VELOCITY = Display("velocity", "velocities", "mm/s", 1e3)
-"""Of a laser vibrometer's."""
+"""The display of velocities, as of a laser vibrometer."""
 
 
 def display_unit(unit: str) -> tuple[str, float]:

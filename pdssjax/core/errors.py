@@ -1,4 +1,4 @@
-"""What is said when the input is at fault, or legal but suspicious, and the checks that need no arrays."""
+"""Errors and warnings about the input, and the checks of it that need no arrays."""
 
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
@@ -54,7 +54,7 @@ def check_whole(name: str, number: object, least: int, most: int | None = None) 
 
 
 def check_kind(name: str, given: object, kind: type, remedy: str = "") -> None:
-    """**Raises** `InputError` where what is `given` for an argument is nothing of its `kind`; `remedy` makes one."""
+    """**Raises** `InputError` where an argument `given` is not of its `kind`; `remedy` says how to make one."""
     if not isinstance(given, kind):
         article = "an" if kind.__name__[0] in "AEIO" else "a"
         expected = f"{article} {kind.__name__}" + (f", as {remedy} gives it" if remedy else "")

@@ -80,7 +80,7 @@ def _squares(matrix: Float[Array, "3 3"], rows: Float[Array, "rows 3"]) -> Float
 
 
 def _circumstances() -> str:
-    """What compiled code depends on, as far as it is known before JAX looks for its devices."""
+    """The settings that compiled code depends on, as far as known before JAX looks for its devices."""
     return "\n".join([jax.__version__, jaxlib_version, str(jax.config.jax_platforms), _flags(), _processor()])  # pyright: ignore[reportAttributeAccessIssue]
 
 
@@ -89,7 +89,7 @@ def _flags() -> str:
 
 
 def _processor() -> str:
-    """Its model and what it can do, where Linux tells; elsewhere what Python knows of it."""
+    """Model and instruction sets of the processor, where Linux tells; elsewhere what Python knows of it."""
     with contextlib.suppress(OSError), open("/proc/cpuinfo", encoding="utf-8") as file:
         lines = []
         for line in file:

@@ -34,7 +34,7 @@ Choice: TypeAlias = Any
 
 @dataclasses.dataclass(frozen=True)
 class Quantity:
-    """What is known of a parameter before any data: one entry per field of a model."""
+    """Declaration of a parameter: nominal value, unit, sign and range; one entry per field of a model."""
 
     nominal: float
     """Cited value, in `unit`."""

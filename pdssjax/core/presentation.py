@@ -42,7 +42,7 @@ def present_with(module: str) -> None:
 
 
 def presenter() -> Presenter:
-    """What shows results; imported now, if it was not yet."""
+    """The module that shows results; imported now, if it was not yet."""
     return cast(Presenter, importlib.import_module(_presenters[0]))
 
 
@@ -100,12 +100,12 @@ class NotebookProgress:
 
 
 def told_in_notebook() -> NotebookProgress | None:
-    """What shows lines of text with a bar; None outside a notebook."""
+    """A display of lines of text with a bar; None outside a notebook."""
     return NotebookProgress() if in_notebook() else None
 
 
 def counted_in_notebook(what: str) -> Callable[[int, int], None] | None:
-    """What shows, in a notebook, how many `what` are done, and of how many; None outside."""
+    """A notebook's display of how many `what` are done, and of how many; None outside a notebook."""
     show = told_in_notebook()
     return None if show is None else lambda done, count: show(f"{done} of {count} {what}")
 

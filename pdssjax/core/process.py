@@ -20,7 +20,7 @@ def seldom_look_for_garbage() -> None:
 
 @contextlib.contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Within it, or in a function that it decorates, linear algebra runs in the thread that asks for it.
+    """Run linear algebra in the calling thread: a context manager, also usable as a decorator.
 
     The matrices of a fit are thin: a second thread gains nothing on a machine that does nothing else, and beside
     another process each waits for the other at every step.  What is computed does not depend on the number of cores

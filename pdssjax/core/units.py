@@ -42,7 +42,7 @@ _COMMON = {
     **{"g": ("kg", 1e-3), "mV": ("V", 1e-3), "kHz": ("Hz", 1e3), "mN": ("N", 1e-3)},
     **{"um/V": ("m/V", 1e-6), "N/um": ("N/m", 1e6), "um/s": ("m/s", 1e-6), "mm/s": ("m/s", 1e-3)},
 }
-"""What most studies are written in, each with its SI unit: pint takes most of a second to load."""
+"""Units of most studies, each with its SI unit: pint takes most of a second to load."""
 
 _SUPERSCRIPTS = re.compile("[\u2070\u00b9\u00b2\u00b3\u2074-\u2079]+")
 

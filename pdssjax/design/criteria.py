@@ -29,7 +29,7 @@ from jaxtyping import Float
 from .information import inverse_of
 
 CRITERIA = ("d", "a", "parameter", "prediction", "discrimination")
-"""What a plan may be asked for."""
+"""Names of the criteria."""
 
 
 class AbstractCriterion(eqx.Module):
@@ -47,11 +47,11 @@ class AbstractCriterion(eqx.Module):
 
     @abc.abstractmethod
     def in_words(self, value: float) -> str:
-        """What the number says."""
+        """The value of the criterion in words."""
 
 
 class Determinant(AbstractCriterion):
-    """Of all parameters together."""
+    """D-optimality: the mean axis of the confidence ellipsoid of all parameters."""
 
     name: ClassVar = "d"
 
@@ -63,7 +63,7 @@ class Determinant(AbstractCriterion):
 
 
 class Trace(AbstractCriterion):
-    """Of all parameters, each for itself."""
+    """A-optimality: the root mean square of the relative errors of all parameters."""
 
     name: ClassVar = "a"
 
@@ -75,12 +75,12 @@ class Trace(AbstractCriterion):
 
 
 class Combinations(AbstractCriterion):
-    """Of given linear combinations of the parameters: named ones, or the gradients of predictions."""
+    """The mean log error of linear combinations of the parameters: named ones, or gradients of predictions."""
 
     name: ClassVar = "parameter"
 
     directions: Float[np.ndarray, "draws aims q"]
-    """Of each aim under each draw, or one for all draws."""
+    """The coefficients of each combination under each draw, or one set for all draws."""
     what: str = eqx.field(static=True, default="the named parameters")
 
     def of_draws(self, information: Float[np.ndarray, "*many draws q q"]) -> Float[np.ndarray, "*many draws"]:
@@ -93,7 +93,7 @@ class Combinations(AbstractCriterion):
 
 
 class Discrimination(AbstractCriterion):
-    """Between a law and its rival, whose information has the columns [J, J_rival, difference]."""
+    """Discrimination of a law from its rival, by information with the columns [J, J_rival, difference]."""
 
     name: ClassVar = "discrimination"
 

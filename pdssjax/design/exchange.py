@@ -26,19 +26,19 @@ _AT_ONCE = 20_000_000
 
 
 class Candidates(NamedTuple):
-    """What may be chosen, any of them several times."""
+    """The candidates of a plan; each may be chosen several times."""
 
     information: Float[np.ndarray, "candidates draws q q"]
     takes: Float[np.ndarray, "candidates resources"]
-    """Of each resource: samples, records, seconds, cost."""
+    """How much of each resource each candidate takes: samples, records, seconds, cost."""
 
     def some(self, kept: Sequence[int]) -> "Candidates":
-        """Those at the places `kept`."""
+        """The candidates at the indices `kept`."""
         return Candidates(self.information[list(kept)], self.takes[list(kept)])
 
 
 class Search(NamedTuple):
-    """What candidates are judged by."""
+    """Criterion, budget and prior information of a search."""
 
     criterion: AbstractCriterion
     prior: Float[np.ndarray, "draws q q"]
@@ -47,7 +47,7 @@ class Search(NamedTuple):
 
     @property
     def base(self) -> Float[np.ndarray, "draws q q"]:
-        """What the search adds candidates to."""
+        """Information that the search adds candidates to."""
         return self.prior + _FAINT * np.eye(self.prior.shape[-1])
 
     def scores(

@@ -23,7 +23,7 @@ from ..study import AbstractMeasurement, Record, Study
 from .sampling import Grid, graded_grid
 
 KINDS = ("platform", "effector", "velocity", "force", "friction")
-"""What a planned record may measure."""
+"""Kinds of measurement that a plan may contain."""
 
 _USUAL = {"platform": ("step", "sawtooth")}
 """Waveforms of a kind of which the study has no record; other kinds have a sawtooth."""
@@ -37,10 +37,10 @@ _A_PERIOD = 40
 
 @dataclasses.dataclass(frozen=True)
 class Limits:
-    """What rig, sensor and recorder can do; what is None or left out is as in the study's records."""
+    """Limits of rig, sensor and recorder; a limit that is None or left out is as in the study's records."""
 
     kinds: tuple[str, ...] | None = None
-    """What may be measured, of `KINDS`."""
+    """Kinds of measurement that are allowed, of `KINDS`."""
     waveforms: tuple[str, ...] | None = None
     """Names of drives."""
     voltage: tuple[float, float] | None = None
@@ -50,7 +50,7 @@ class Limits:
     duty: tuple[float, ...] = ()
     """Shares of the period that the slow flank may take [1], of drives that have a duty; none: the drive's own."""
     amplitude: tuple[float, ...] = ()
-    """Of the motion prescribed in a friction record [m]."""
+    """Amplitudes of the motion prescribed in a friction record [m]."""
     interval: float | None = None
     """Least time between samples [s]."""
     duration: float | None = None
@@ -58,19 +58,19 @@ class Limits:
     noise: Mapping[str, float] = dataclasses.field(default_factory=dict)
     """Standard deviation by kind, in the unit of the measurement."""
     correlation_time: Mapping[str, float] = dataclasses.field(default_factory=dict)
-    """Of the noise by kind [s]; white where it is left out."""
+    """Correlation time of the noise by kind of record [s]; white noise where it is left out."""
     range: Mapping[str, float] = dataclasses.field(default_factory=dict)
     """Largest extent of what a sensor can see, by kind, in its unit."""
     rig: Mapping[str, tuple[float, ...]] = dataclasses.field(default_factory=dict)
     """Numbers [SI] to which fixed parameters may be set for a record, by path: "effector.tilt", "effector.mass"."""
     record_cost: float = 1.0
-    """Of each record, in a unit of your choice."""
+    """Cost of each record, in a unit of your choice."""
     second_cost: float = 0.0
-    """Of each second that is recorded."""
+    """Cost of each second that is recorded, in the same unit."""
 
 
 class Resources(eqx.Module):
-    """What records may take together."""
+    """Budget of all records together."""
 
     samples: int = eqx.field(static=True)
     records: int = eqx.field(static=True)
@@ -97,12 +97,12 @@ class Experiment:
 
     @property
     def measurement(self) -> AbstractMeasurement:
-        """What is measured."""
+        """The measurement of the experiment."""
         return member("study.measurement", self.kind)()
 
     @property
     def period(self) -> float | None:
-        """Of the drive or the motion [s]; None where it does not repeat."""
+        """Period of the drive or the motion [s]; None where it does not repeat."""
         if self.motion is not None:
             return 1.0 / self.motion[1]
         frequency = None if self.drive is None else self.drive.cycle_frequency()
@@ -115,7 +115,7 @@ class Experiment:
 
     @property
     def shape(self) -> dict[str, float]:
-        """What may be changed continuously: voltage, frequency and duty, as far as the drive has them."""
+        """The continuous design variables: voltage, frequency and duty, as far as the drive has them."""
         if self.drive is None:
             return {}
         numbers = self.drive.numbers()
@@ -140,7 +140,7 @@ class Experiment:
 
     @property
     def name(self) -> str:
-        """As a plan calls it."""
+        """The name of the experiment in a plan."""
         if self.motion is not None:
             return f"{self.kind}, {1e6 * self.motion[0]:.3g} um at {self.motion[1]:.3g} Hz{self._rig}"
         shape = self.shape
@@ -161,7 +161,7 @@ class Experiment:
     def record(
         self, study: Study, name: str, times: Float[np.ndarray, " n"], noise: float, offset: float | None = None
     ) -> Record:
-        """It with samples at `times` [s], still to be made: what was measured is zero.
+        """The experiment as a record with samples at `times` [s], still to be made: what was measured is zero.
 
         Numbers of the drive that are parameters of the `study` are the study's, but for those of `shape`.
         """
@@ -196,7 +196,7 @@ class Experiment:
         return sorted({float(start) for start in starts[durations > 0]} | {0.0})
 
     def grid(self, ringing: float | None, finest: float, duration: float) -> Grid:
-        """Its dense grid; `ringing` is the platform's angular frequency [rad/s], if it has one."""
+        """Dense time grid of the experiment; `ringing` is the platform's angular frequency [rad/s], if it has one."""
         spacing = finest if ringing is None else min(finest, 2.0 * math.pi / ringing / _A_PERIOD)
         return graded_grid(self.period, self.corners(), spacing, duration)
 

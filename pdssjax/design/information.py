@@ -125,7 +125,7 @@ class Unseen(NamedTuple):
 
     @property
     def words(self) -> str:
-        """As a sentence has it."""
+        """The combination in words, for use within a sentence."""
         if len(self.exponents) == 1:
             return next(iter(self.exponents))
         return " * ".join(path if math.isclose(e, 1.0) else f"{path}^{e:.2g}" for path, e in self.exponents.items())

@@ -16,7 +16,7 @@ from .information import Noise
 from .sampling import Schedule
 
 FORMAT = "pdssjax-plan/1"
-"""Of the file in which a plan is kept."""
+"""The format of the file in which a plan is kept."""
 
 Errors: TypeAlias = dict[str, float]
 """By path, standard errors [SI]; NaN where nothing determines the parameter."""
@@ -25,16 +25,16 @@ Errors: TypeAlias = dict[str, float]
 @equal_by_value
 @dataclasses.dataclass(frozen=True)
 class Knowledge:
-    """What is known of a study's parameters before the next records."""
+    """Prior knowledge of a study's parameters, before the next records."""
 
     values: Mapping[str, float]
     """By path [SI]."""
     names: tuple[str, ...] = ()
     """Free parameters that the records so far determine."""
     covariance: Float[np.ndarray, "p p"] = dataclasses.field(default_factory=lambda: np.zeros((0, 0)))
-    """Of `names` [SI], by the error model to believe."""
+    """Covariance of `names` [SI], by the recommended error model."""
     misfit: Mapping[str, float] = dataclasses.field(default_factory=dict)
-    """By kind of record, by how much its residuals exceed its noise; 1 where they do not."""
+    """Factor by which the residuals exceed the noise, for each kind of record; 1 where they do not."""
     open: tuple[str, ...] = ()
     """Parameters whose profiles are flat, or open on one side."""
     source: str = "the study's values and starts"
@@ -42,7 +42,7 @@ class Knowledge:
 
 
 def knowledge_of(estimate: Estimate) -> Knowledge:
-    """What an estimate tells: values, the covariance of the error model to believe, misfit, and open intervals."""
+    """Prior knowledge from an estimate: values, covariance by the recommended error model, misfit, open intervals."""
     believed = estimate.covariance
     if estimate.error_advice is not None and estimate.error_advice.model in estimate.covariances:
         believed = estimate.covariances[estimate.error_advice.model]
@@ -59,7 +59,7 @@ def knowledge_of(estimate: Estimate) -> Knowledge:
 
 
 def misfit_by_kind(records: list[tuple[str, float]]) -> dict[str, float]:
-    """By kind of record, the root of the largest chi-square per degree of freedom, 1 at least."""
+    """The root of the largest chi-square per degree of freedom, for each kind of record; 1 at least."""
     found: dict[str, float] = {}
     for kind, excess in records:
         if np.isfinite(excess):
@@ -99,9 +99,9 @@ class PlannedRecord:
     experiment: Experiment
     schedule: Schedule
     noise: Noise
-    """That the plan counts with, misfit included."""
+    """The noise that the plan assumes, misfit included."""
     contributes: float
-    """By what factor the criterion's error would grow without it; of a discrimination, the share of the evidence."""
+    """Growth factor of the criterion's error without the record; for a discrimination, its share of the evidence."""
 
     @property
     def times(self) -> Float[np.ndarray, " n"]:
@@ -109,7 +109,7 @@ class PlannedRecord:
         return self.schedule.times(self.experiment.period)
 
     def record(self, study: Study) -> Record:
-        """As a record of a study, still to be made, its zero free."""
+        """The planned record as a record of a study, still to be made, its zero free."""
         made = self.experiment.record(study, self.name, self.times, self.noise.deviation)
         measurement, columns = made.measurement, {"time": ("time_s", "")}
         if measurement.prescribed is not None:
@@ -123,7 +123,7 @@ class Plan:
     """The next records of a study, best by a criterion within a budget."""
 
     study: Study
-    """With the numbers that the plan counts with."""
+    """The study with the numbers that the plan assumes."""
     knowledge: Knowledge
     criterion: AbstractCriterion
     limits: Limits
@@ -136,13 +136,13 @@ class Plan:
     after: Errors
     """Standard errors [SI] by both."""
     alone_identify: Errors
-    """As `alone`, of a fit that does not whiten coloured noise, as `identify` does; the same where it is white."""
+    """The errors `alone` of a fit that does not whiten coloured noise, as `identify` does; equal where it is white."""
     after_identify: Errors
-    """As `after`, of such a fit."""
+    """The errors `after` of such a fit."""
     value: float
     """The criterion with the plan, the mean over what is not known."""
     value_before: float
-    """Without it; NaN where that determines nothing."""
+    """The criterion without the plan; NaN where the records so far determine nothing."""
     notes: tuple[str, ...]
     """Sentences the user must read, such as combinations that the plan's records alone do not tell."""
     candidates: int
@@ -174,7 +174,7 @@ class Plan:
 
     @property
     def samples(self) -> int:
-        """Of all its records."""
+        """Number of samples of all records together."""
         return sum(planned.schedule.count for planned in self.records)
 
     def __repr__(self) -> str:

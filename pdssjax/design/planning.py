@@ -43,10 +43,10 @@ _WIDEST = 1.0
 
 
 class Aim(NamedTuple):
-    """What a plan is to be best for."""
+    """The aim of a plan: its criterion, and the parameters or predictions that matter."""
 
     criterion: str = "d"
-    """Of `CRITERIA`."""
+    """Name of the criterion, one of `CRITERIA`."""
     parameters: tuple[str, ...] = ()
     """Paths, of the criterion "parameter"."""
     speed_at: tuple[float, float] | None = None
@@ -54,7 +54,7 @@ class Aim(NamedTuple):
     rival: Study | None = None
     """The study with another law, fitted to the same records: all its numbers are known.  Of "discrimination"."""
     rival_knowledge: Knowledge | None = None
-    """What that fit knows of them; None: nothing."""
+    """Prior knowledge of the rival's parameters by its fit; None: nothing."""
 
 
 def design_experiment(
@@ -124,7 +124,7 @@ class _Request(NamedTuple):
 
     @property
     def where(self) -> str:
-        """What messages begin with."""
+        """Beginning of messages."""
         return f"{self.study.path or self.study.title}: design"
 
 
@@ -147,7 +147,7 @@ def _with_numbers(study: Study, known: Knowledge) -> tuple[Study, Knowledge]:
 
 
 def _aim_of(known: Knowledge) -> Aim:
-    """What an estimate's profiles ask for: the parameters whose intervals are open."""
+    """The aim that an estimate's profiles suggest: the parameters whose intervals are open."""
     return Aim("parameter", known.open) if known.open else Aim()
 
 
@@ -241,7 +241,7 @@ def _schedules(request: _Request, experiment: Experiment) -> list[Schedule]:
 
 
 def _takes(request: _Request, experiment: Experiment, schedule: Schedule) -> Float[np.ndarray, "4"]:
-    """What a record takes of the budget: samples, records, seconds and cost."""
+    """Amounts that a record takes of the budget: samples, records, seconds and cost."""
     seconds = max(float(schedule.times(experiment.period)[-1]), 0.0)
     cost = request.limits.record_cost + request.limits.second_cost * seconds
     return np.array([schedule.count, 1.0, seconds, cost])
@@ -427,7 +427,7 @@ def _contribution(
     own: Float[np.ndarray, "draws q q"],
     value: float,
 ) -> float:
-    """By what factor the error grows without a record, infinite where the others do not determine it."""
+    """Factor by which the error grows without a record; infinite where the others do not determine it."""
     if isinstance(search.criterion, Discrimination):
         return 1.0 - float(search.criterion(search.base + together - own)) / value if value else 0.0
     without = search.prior + together - own

@@ -30,11 +30,11 @@ STEP = 1e-3
 """Relative difference by which a criterion is differentiated."""
 
 _EVALUATIONS = 8
-"""Of criterion and gradient."""
+"""Largest number of evaluations of the criterion and its gradient."""
 
 
 class Task(NamedTuple):
-    """What a refinement works with."""
+    """The data of a refinement."""
 
     survey: Survey
     search: Search
@@ -44,16 +44,16 @@ class Task(NamedTuple):
 
     @property
     def numbers(self) -> range:
-        """Of the points."""
+        """Indices of the points."""
         return range(len(self.points))
 
     @property
     def limits(self) -> Limits:
-        """Of rig, sensor and recorder."""
+        """Limits of rig, sensor and recorder."""
         return self.survey.limits
 
     def information(self, pair: Pair) -> Float[np.ndarray, "draws q q"]:
-        """Of one record, interpolated."""
+        """Fisher information of one record, interpolated."""
         return self.survey.information(*pair, self.numbers)
 
     def value(self, information: Float[np.ndarray, "draws q q"]) -> float:

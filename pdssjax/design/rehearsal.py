@@ -18,10 +18,10 @@ from .plan import Errors, Plan
 
 
 class Rehearsal(NamedTuple):
-    """What became of a plan on the virtual rig."""
+    """The result of carrying out a plan on the virtual rig."""
 
     recordings: tuple[Recording, ...]
-    """Of the records so far, where the plan counts on them, and then of the plan's."""
+    """The recordings made so far, where the plan counts on them, then those of the plan."""
     estimate: Estimate
     promised: Errors
     """Standard errors [SI] that the plan promised for a fit of all of these."""

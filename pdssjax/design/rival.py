@@ -12,7 +12,7 @@ from .experiments import Experiment, Limits, completed_limits, possible_experime
 from .plan import Knowledge, knowledge_of
 
 _SAMPLES = 1000
-"""Of each record that a rival is fitted to where the study has none."""
+"""Samples of each record that a rival is fitted to where the study has none."""
 
 _CYCLES = 3
 
@@ -87,7 +87,7 @@ def _made(study: Study, limits: Limits) -> list[Record]:
 
 
 def _few(experiments: list[Experiment]) -> list[Experiment]:
-    """Of each kind, waveform and direction the first and the last: least and greatest voltage and frequency."""
+    """The first and the last of each kind, waveform and direction: least and greatest voltage and frequency."""
     groups: dict[object, list[Experiment]] = {}
     for experiment in experiments:
         groups.setdefault((experiment.group, experiment.words.get("direction"), experiment.rig), []).append(experiment)

@@ -50,13 +50,13 @@ class Schedule:
     windows: int
     """How many windows are recorded, one a cycle."""
     lead: float
-    """From the start of the cycle to the first sample of its window [s]; negative where samples come before it."""
+    """Time from the start of the cycle to the first sample of its window [s]; negative if the sample comes before."""
     samples: int
     """Samples of each window."""
     interval: float
     """Between samples [s]."""
     shifts: int = 1
-    """In so many cycles the window moves through one interval; 1 where it does not move."""
+    """Number of cycles in which the window moves by one interval; 1 where it does not move."""
 
     @property
     def count(self) -> int:
@@ -65,7 +65,7 @@ class Schedule:
 
     @property
     def length(self) -> float:
-        """From the first sample of a window to its last [s]."""
+        """Time from the first sample of a window to its last [s]."""
         return (self.samples - 1) * self.interval
 
     def begins(self, period: float | None) -> Float[np.ndarray, " windows"]:
@@ -160,7 +160,7 @@ class Grid(NamedTuple):
     times: Float[np.ndarray, " m"]
     """[s], ascending, from 0 on."""
     period: float | None
-    """Of the drive [s]; None where it does not repeat."""
+    """Period of the drive [s]; None where it does not repeat."""
     cycles: int
     """Cycles that the grid covers."""
 
@@ -193,7 +193,7 @@ _FINE, _OCTAVE = 160, 80
 """Points after a corner at the finest spacing, and at each coarser one, twice the one before."""
 
 CYCLES = 4
-"""Of a drive that a grid covers: a motion repeats after two or three."""
+"""Cycles of a drive that a grid covers: a motion repeats after two or three."""
 
 
 def graded_grid(period: float | None, corners: Sequence[float], spacing: float, duration: float) -> Grid:

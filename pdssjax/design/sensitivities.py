@@ -35,12 +35,12 @@ class Task(NamedTuple):
 
 
 class Response(NamedTuple):
-    """What an experiment shows, without a zero of its own."""
+    """Predicted samples of an experiment, without a zero of its own."""
 
     predicted: Float[np.ndarray, " m"]
     """In the unit of the measurement; NaN where the simulation failed."""
     jacobian: Float[np.ndarray, "m p"]
-    """Its derivative by the free parameters, on the fit's scale."""
+    """The derivative by the free parameters, on the fit's scale."""
 
     @property
     def finite(self) -> bool:
@@ -49,7 +49,7 @@ class Response(NamedTuple):
 
 
 class _Group(NamedTuple):
-    """What experiments of one kind and waveform share."""
+    """Compiled functions and sizes shared by experiments of one kind and waveform."""
 
     problem: Problem
     size: int
@@ -90,7 +90,7 @@ class Sensitivities:
         return dataclasses.replace(self.study, records=tuple(self._records(lanes, size)), constraints=())
 
     def _records(self, lanes: Sequence[tuple[Experiment, Float[np.ndarray, " m"]]], size: int) -> list[Record]:
-        """As many records as there are lanes, the last one repeated, times filled up with their last."""
+        """One record per lane: the last one is repeated, and times are padded with the last time."""
         filled = [*lanes, *[lanes[-1]] * (LANES - len(lanes))]
         padded = [(e, np.pad(times, (0, size - times.size), mode="edge")) for e, times in filled]
         made = [e.record(self.study, f"lane {n}", times, 1.0, 0.0) for n, (e, times) in enumerate(padded)]
@@ -115,7 +115,7 @@ class Sensitivities:
             self._groups[group] = found._replace(duration=longest, segments=max(*segments, size, 2))
 
     def responses(self, tasks: Sequence[Task], progress: Callable[[int, int], None] | None = None) -> list[Response]:
-        """What every task shows, in their order; those of one group, rig and draw run together."""
+        """Responses of the tasks, in their order; those of one group, rig and draw run together."""
         batches: dict[object, list[int]] = {}
         for place, task in enumerate(tasks):
             key = (task.experiment.group, task.experiment.rig, task.free.tobytes())

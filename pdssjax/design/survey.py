@@ -66,13 +66,13 @@ class Survey:
         return self._grids[experiment]
 
     def noise(self, kind: str) -> Noise:
-        """Of a kind of record, misfit included."""
+        """The noise of a kind of record, misfit included."""
         return Noise(self.limits.noise[kind], self.limits.correlation_time.get(kind, 0.0))
 
     def simulate(
         self, experiments: Sequence[Experiment], points: Mapping[int, Point], progress: Callable[[int, int], None]
     ) -> None:
-        """Simulates the `experiments` on their grids at all `points`, by their number, as far as that is not done."""
+        """Simulate the `experiments` on their grids at all `points`, by their number, as far as that is not done."""
         pairs = [(e, k) for k in points for e in experiments if (e, k) not in self._columns]
         asked = [(e, points[k], self.grid(e).times) for e, k in pairs]
         for pair, columns in zip(pairs, self.columns(asked, progress), strict=True):
@@ -99,7 +99,7 @@ class Survey:
         ]
 
     def extent(self, experiment: Experiment, point: Point) -> float:
-        """From the least to the greatest of what the sensor sees in the cycles of the grid, in its unit."""
+        """Range of the measured quantity in the cycles of the grid, in its unit."""
         (seen,) = self.own.responses([Task(experiment, self.grid(experiment).times, point.free)])
         return float(np.ptp(seen.predicted))
 

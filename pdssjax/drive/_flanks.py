@@ -16,9 +16,9 @@ class FlankPiece(NamedTuple):
     start: Scalar
     """Voltage just after the corner that opens it [V]."""
     change: Scalar
-    """Of the voltage, over it [V]."""
+    """Change of the voltage over the piece [V]."""
     fast: Truth
-    """It is the fast flank."""
+    """Whether the piece is the fast flank."""
 
 
 def flank(

@@ -19,9 +19,9 @@ class Voltage(NamedTuple, Generic[N_co]):
     level: N_co
     """[V]"""
     slope: N_co
-    """Its rate [V/s]."""
+    """Slope of the voltage [V/s]."""
     bend: N_co
-    """The rate of its rate [V/s2]."""
+    """Second derivative of the voltage [V/s2]."""
 
 
 class Wave(NamedTuple):
@@ -32,7 +32,7 @@ class Wave(NamedTuple):
     rate: ScalarLike
     """[rad/s]"""
     phase: ScalarLike
-    """At the beginning of the segment [rad]."""
+    """Phase at the beginning of the segment [rad]."""
 
 
 class Segment(NamedTuple):

@@ -37,7 +37,7 @@ class Sawtooth(AbstractDrive):
     duty: float = quantity(1.0, "", high=math.nextafter(1.0, 2.0), optional=True)
     """Share d of the period that the slow flank takes, but for the fall time [1]; up to 1."""
     told_by: Choice = choice({"peak": 0.0, "slope": 1.0})
-    """What the voltage is told by: V is the peak, U the slope times the period."""
+    """Meaning of `voltage`: V, the peak, or U, the slope times the period."""
 
     def _fall(self) -> ScalarLike:
         return self.fall_time + (1.0 - self.duty) / self.frequency

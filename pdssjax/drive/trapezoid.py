@@ -33,7 +33,7 @@ class Trapezoid(AbstractDrive):
     """Duration of the fall tf [s], below (1 - w) T; 0 is a jump."""
 
     def _lengths(self) -> tuple[ScalarLike, ScalarLike, Scalar, Scalar]:
-        """Of rise and plateau together, of fall and rest together, of rise and of fall [s]."""
+        """Durations of rise and plateau together, of fall and rest together, of the rise and of the fall [s]."""
         high, low = self.width / self.frequency, (1.0 - self.width) / self.frequency
         # A fit may try a flank that is too long; time must not run backwards then.
         return high, low, jnp.minimum(self.rise_time, high), jnp.minimum(self.fall_time, low)

@@ -17,7 +17,7 @@ from .readers.base import AbstractSource, Channel
 from .record_columns import Layout, scaled
 
 SI = {"time": "s", "voltage": "V", "displacement": "m", "velocity": "m/s", "force": "N"}
-"""What is looked for, and its unit."""
+"""Quantities that are looked for, and their units."""
 
 _NAMES = {
     "time": ("time", "zeit", "t_"),
@@ -35,13 +35,13 @@ _NORMAL = ("normal", "load", "last", "fn", "fz")
 """How names begin of forces across the contact, which are not those of friction."""
 
 _TRIGGERS = ("trig", "sync", "ttl")
-"""What is in the names of channels that show when something began, and neither a drive nor a motion."""
+"""Parts of the names of trigger channels, which are neither a drive nor a motion."""
 
 _OF_SENSORS = ("V", "A")
-"""What the amplifiers of sensors give."""
+"""Units of the amplifiers of sensors."""
 
 _OTHERS = {"N": "force", "m/s^2": "acceleration"}
-"""What a study reads, too, but this does not guess."""
+"""Units that a study reads, but that are not guessed."""
 
 _MOST = 4_000_000
 """Samples of a file that are looked at."""
@@ -49,7 +49,7 @@ _MOST = 4_000_000
 
 @dataclasses.dataclass(frozen=True)
 class Hints:
-    """What the user says of all files."""
+    """The user's options on all files."""
 
     columns: Mapping[str, str]
     """By quantity, the name or the number of its channel; "none" of a voltage that was not recorded."""
@@ -74,7 +74,7 @@ class Roles:
 
     @property
     def motion(self) -> str:
-        """What was measured of the motion: "displacement" or "velocity"."""
+        """Quantity measured of the motion: "displacement" or "velocity"."""
         return "velocity" if "velocity" in self.channels else "displacement"
 
 
@@ -214,7 +214,7 @@ class _Look:
     def choose(
         self, quantity: str, chosen: dict[str, Channel], guessed: set[str], shaped: Callable[[Channel], bool]
     ) -> None:
-        """Puts the channel of a `quantity` into `chosen`, and where no unit told it, into `guessed`."""
+        """Put the channel of a `quantity` into `chosen`, and where no unit told it, into `guessed`."""
         if given := self.hints.columns.get(quantity):
             chosen[quantity] = find_channel(
                 self.reader, self.file, self.channels, int(given) if given.isdecimal() else given
@@ -258,7 +258,7 @@ class _Look:
         )
 
     def check_units(self, chosen: Mapping[str, Channel]) -> None:
-        """Asks for the units that neither the file nor an option tells."""
+        """Ask for the units that neither the file nor an option tells."""
         missing = [
             quantity
             for quantity, channel in chosen.items()

@@ -28,12 +28,12 @@ _LAST = "delimited-text"
 
 
 class Clock(NamedTuple):
-    """What tells the times of samples: a channel, or an interval that none was stored for."""
+    """The source of the sample times: a channel, or an interval where no times were stored."""
 
     number: int | None
     """The channel's; None: the interval tells."""
     factor: float = 1.0
-    """From the channel's unit to seconds."""
+    """Factor from the channel's unit to seconds."""
     start: float = 0.0
     """Time of the first sample of the file [s]."""
     interval: float = math.nan

@@ -18,7 +18,7 @@ from .record_columns import Layout, read_columns
 from .results_folder import staging_folder
 
 _CLOCKS = ("t", "s", "in s", "second", "seconds", "x-axis", "zeit", "source")
-"""What instruments call the column of the times, if not time."""
+"""Names that instruments give the column of the times, if not time."""
 
 _SIGNS = {"displacement": ("displacement", "position"), "force": ("force",)}
 """What the name of a column contains that is to be preferred to others of the same dimension."""
@@ -59,7 +59,7 @@ def characterise(
 def _choose(
     file: Path, named: Mapping[str, str | None], units: Mapping[str, str], decimal: str
 ) -> tuple[str, dict[str, str | int]]:
-    """What is measured, and the columns to read; without "time" where the file keeps a clock instead."""
+    """The quantity measured, and the columns to read; without "time" where the file keeps a clock instead."""
     if named["displacement"] and named["force"]:
         raise InputError(f"{file}: found both a displacement and a force to read, expected one of them.")
     channels = open_file(file, decimal).channels()

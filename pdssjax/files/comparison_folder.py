@@ -29,7 +29,7 @@ _KEPT = "candidate.npz"
 """The file beside a candidate's estimate with what a comparison needs of it."""
 
 _RESULTS = "comparison.txt", "comparison.png", "residuals.png", "comparison.html", "comparison.json"
-"""What a comparison writes; the JSON file is moved in last."""
+"""Names of the files that a comparison writes; the JSON file is moved in last."""
 
 
 def compare(
@@ -103,7 +103,7 @@ class CandidateFolder:
         self._warned = False
 
     def kept(self, candidate: Candidate, digest: str) -> FittedCandidate | None:
-        """What was kept of a candidate with this `digest`; None where there is nothing, or something else."""
+        """The stored candidate with this `digest`; None where there is none, or another one."""
         file = self.place / candidate.folder / _KEPT
         try:
             return _read(file, digest)
@@ -182,7 +182,7 @@ def write_selection(found: Comparison, folder: Path, commands: Sequence[str] = (
 
 
 def _versions() -> list[str]:
-    """What computed it, as a sentence."""
+    """A sentence on the versions that computed it."""
     return [f"Computed with {', '.join(f'{name} {version}' for name, version in installed_versions().items())}."]
 
 

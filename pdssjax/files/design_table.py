@@ -31,14 +31,14 @@ DESIGN_KEYS: dict[str, str] = {
     "second_cost": "Of each second recorded (0).",
     "budget": "Samples, records, seconds and cost of all records together.",
 }
-"""What each key says."""
+"""Meaning of each key."""
 
 BUDGET_KEYS = ("samples", "records", "seconds", "cost")
-"""What the records may take."""
+"""Resources that a budget may limit."""
 
 
 class DesignTable(NamedTuple):
-    """What a study and the options say of the next records."""
+    """Limits and budget of the next records, by the study and the options."""
 
     limits: Limits
     budget: Resources

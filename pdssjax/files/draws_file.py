@@ -68,7 +68,7 @@ class DrawsFile:
         return self._begun
 
     def begin(self, what: Document) -> None:
-        """Writes the first line, in place of an older file."""
+        """Write the first line, in place of an older file."""
         self._begun, self._entries = what, []
         head = {"format": FORMAT} | what
         self._run = _digest_of(head, "")
@@ -79,7 +79,7 @@ class DrawsFile:
         return tuple(self._entries)
 
     def keep(self, entry: Document) -> None:
-        """Appends a line, which is on the disk when this returns, if that has room."""
+        """Append a line, which is on the disk when this returns, if that has room."""
         self._entries.append(entry)
         self._lines.append(_line(finite_numbers(entry), self._run))
         try:
@@ -104,7 +104,7 @@ class DrawsFile:
             self._give_up(error)
 
     def _write_whole(self) -> None:
-        """Writes all lines beside the file and renames, so that the file is whole at any moment."""
+        """Write all lines beside the file and rename, so that the file is whole at any moment."""
         if not self._is_writable:
             return
         beside = self._file.with_name(f"{UNFINISHED}{DRAWS}")
@@ -129,11 +129,11 @@ class DrawsFile:
         )
 
     def forget(self) -> None:
-        """Removes the file of an earlier run, where there is one."""
+        """Remove the file of an earlier run, where there is one."""
         self._file.unlink(missing_ok=True)
 
     def _read(self) -> None:
-        """What an earlier run has kept; a last line that was broken off is taken away, and lines that do not match."""
+        """Read the entries of an earlier run; drop an unfinished last line, and lines whose digest does not match."""
         try:
             text = self._file.read_text(encoding="utf-8", errors="replace")
         except FileNotFoundError:
@@ -182,7 +182,7 @@ class DrawsFile:
 
 
 def _written(lines: TextIO, text: str) -> None:
-    """Writes `text`, which is on the disk when this returns."""
+    """Write `text`, which is on the disk when this returns."""
     lines.write(text)
     lines.flush()
     os.fsync(lines.fileno())
@@ -194,12 +194,12 @@ def _line(document: Document, run: str) -> str:
 
 
 def _digest_of(document: Document, run: str) -> str:
-    """Of what a line of a `run` holds."""
+    """The digest of a line of a `run`."""
     return hashlib.sha256(f"{run} {json.dumps(document, sort_keys=True)}".encode()).hexdigest()[:32]
 
 
 def _entry_of(line: str, run: str) -> Document | None:
-    """What a `line` holds; None where that is not what a `run` has written."""
+    """The entry in a `line`; None where a `run` has not written it."""
     try:
         entry: object = json.loads(line, parse_constant=_refused)
     except (ValueError, RecursionError):  # syntax, and integers and nesting beyond what Python reads
@@ -210,5 +210,5 @@ def _entry_of(line: str, run: str) -> Document | None:
 
 
 def _refused(constant: str) -> NoReturn:
-    """Of NaN and infinities, which no line has."""
+    """Refuse NaN and infinities, which no line has."""
     raise ValueError(constant)

@@ -99,7 +99,7 @@ def rest_before(
 
 
 def _held(drive: Sampled, time: float) -> Sampled:
-    """With its first voltage held for a `time` [s]: until the first sample its voltage holds."""
+    """The drive with its first voltage held for `time` [s] before its first sample."""
     return dataclasses.replace(drive, times=np.asarray(drive.times) + time)
 
 
@@ -148,7 +148,7 @@ def _cycles(count: int, where: str) -> int:
 
 
 SAMPLED_KEYS = ["column", "file", "time", "unit", "scale", "decimal", "smooth"]
-"""What a sampled drive needs besides its choices: where its voltages are."""
+"""Keys of a sampled drive besides its choices: where its voltages are."""
 
 _UNEVEN = 0.01
 """Part of an interval by which samples that are to be smoothed may be off."""
@@ -184,7 +184,7 @@ def read_drive(table: Table, record: Table, folder: Path, told: Table) -> tuple[
 
 
 def _number(table: Table, key: str, declared: Quantity, told: Table) -> float:
-    """What the drive's `table` says of a field, or else its parameter: the value, or where a fit starts."""
+    """A number of the drive by its `table`, or else by its parameter: the value, or where a fit starts."""
     path = f"drive.{key}"
     if key in table.entries or path not in told.entries:
         return table.quantity(key, declared)

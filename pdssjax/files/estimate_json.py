@@ -16,7 +16,7 @@ from .toml_table import Table
 
 
 class KnownParameters(NamedTuple):
-    """What an estimate knows of its p free parameters that the records determine."""
+    """Values and covariance of the p free parameters that an estimate's records determine."""
 
     names: tuple[str, ...]
     covariance: Float[np.ndarray, "p p"]
@@ -26,7 +26,7 @@ class KnownParameters(NamedTuple):
 
 
 FORMAT = "pdssjax-estimate/1"
-"""Of the file in which an estimate is kept."""
+"""The format of the file in which an estimate is kept."""
 
 
 def with_estimate(study: Study, file: Path) -> Study:
@@ -72,12 +72,12 @@ def _values(document: Document, study: Study, file: Path) -> dict[str, float]:
 
 
 def read_estimate(file: Path) -> Document:
-    """What is in `file`, an estimate.json; **raises** `InputError` if it is missing or no estimate."""
+    """The content of `file`, an estimate.json; **raises** `InputError` if it is missing or no estimate."""
     return _document(file)
 
 
 def _document(file: Path) -> Document:
-    """What is in `file`; **raises** `InputError` if it is missing or no estimate."""
+    """The content of `file`; **raises** `InputError` if it is missing or no estimate."""
     try:
         document: object = json.loads(file.read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
@@ -100,7 +100,7 @@ _DOUBTS = {
     "not converged": "did not converge",
     "unexplained": "does not explain its records, which leave more than noise, contradict each other or are missed",
 }
-"""Of a fit, by what is said of where numbers come from."""
+"""Sentences on doubtful fits, by the doubt."""
 
 
 def _value(parameters: Table, path: str, unit: str) -> float:
@@ -112,14 +112,14 @@ def _value(parameters: Table, path: str, unit: str) -> float:
 
 
 def _doubt(document: Document) -> str:
-    """What is doubtful about the fit, of `_DOUBTS`; "" for nothing."""
+    """The doubt about the fit, a key of `_DOUBTS`; "" for none."""
     if document.get("converged") is False:
         return "not converged"
     return "unexplained" if document.get("explained") is False else ""
 
 
 def read_covariance(file: Path) -> KnownParameters:
-    """Of `file`, an estimate.json, the free parameters that the records determine, and their covariance.
+    """The free parameters that the records determine, and their covariance, as `file`, an estimate.json, has them.
 
     It is that of the error model which the estimate says to believe, where it has several.
 
@@ -154,12 +154,12 @@ def _believed(document: Document) -> tuple[list[str], Float[np.ndarray, "p p"], 
 
 
 def estimate_text(estimate: Estimate) -> str:
-    """What `estimate.json` holds."""
+    """The content of `estimate.json` as text."""
     return json_text(estimate_document(estimate))
 
 
 def estimate_document(estimate: Estimate) -> Document:
-    """What `estimate.json` holds, in SI."""
+    """The content of `estimate.json`, in SI."""
     parameters: Document = {}
     for path, parameter in estimate.parameters.items():
         parameters[path] = {
@@ -231,7 +231,7 @@ def estimate_document(estimate: Estimate) -> Document:
 
 
 def _draws_document(draws: Draws | None) -> Document | None:
-    """What the draws say; the draws themselves are in a file of their own."""
+    """The summary of the draws; the draws themselves are in a file of their own."""
     if draws is None:
         return None
     chains, each, _ = draws.values.shape

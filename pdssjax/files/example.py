@@ -7,7 +7,7 @@ EXAMPLE = Path(__file__).parents[1] / "example"
 
 
 def copy_example(folder: Path) -> None:
-    """Copies the packaged example into `folder`, all of it or nothing.
+    """Copy the packaged example into `folder`, all of it or nothing.
 
     **Raises:** `InputError` where the folder holds something already, or cannot be written to.
     """

@@ -38,7 +38,7 @@ class _Held:
     """A lock that this process holds."""
 
     descriptor: int | None
-    """Of the open file; None where the disk knows no locks."""
+    """Descriptor of the open file; None where the disk knows no locks."""
     made: list[Path]
     """Folders that were made for it, the innermost first."""
     holders: int = 1
@@ -58,7 +58,7 @@ def is_leftover(name: str) -> bool:
 
 @contextlib.contextmanager
 def folder_lock(folder: Path) -> Iterator[None]:
-    """Within it no other process has the `folder`, which is made if it is missing.
+    """Keep other processes out of the `folder`, which is made if it is missing.
 
     What a killed process has left unfinished in it is removed.  A folder that was made for the lock and is empty at
     the end is removed, too.
@@ -71,7 +71,7 @@ def folder_lock(folder: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def file_lock(file: Path, about: Path, unfinished: str) -> Iterator[None]:
-    """Within it no other process has the lock of `file`; this one may take it several times.
+    """Hold the lock of `file` against other processes; this process may take it several times.
 
     **Arguments:** `about` is what the lock is of, for messages; names that begin with `unfinished` are removed beside
     the file, since nobody else works there.
@@ -184,7 +184,7 @@ def _lock(descriptor: int) -> None:
 
 
 def _sign(descriptor: int) -> None:
-    """Writes which process has the lock, for messages of others."""
+    """Write which process has the lock, for messages of others."""
     with contextlib.suppress(OSError):
         os.ftruncate(descriptor, 0)
         os.write(descriptor, f"{os.getpid()}\n".encode())

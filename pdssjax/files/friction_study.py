@@ -35,11 +35,11 @@ class FrictionFile:
     force: Float[np.ndarray, " samples"]
     """[N], turned where it was counted against the motion."""
     turned: bool
-    """It was turned."""
+    """Whether the force was given the other sign."""
 
     @property
     def quantity(self) -> str:
-        """Of the motion: "displacement" or "velocity"."""
+        """Quantity of the motion in the file: "displacement" or "velocity"."""
         return self.roles.motion
 
 

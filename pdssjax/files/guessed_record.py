@@ -32,7 +32,7 @@ _FELT = 1.0
 """Part of what a motion's noise leaves open of its extent, from which what the voltage's noise leaves open counts."""
 
 _FLANK = {"step": "drive.rise_time", "sawtooth": "drive.fall_time", "cycloidal": "drive.fall_time"}
-"""By waveform, the duration of its fast flank."""
+"""The parameter that is the duration of the fast flank, by waveform."""
 
 
 def is_open(guess: RecordGuess) -> bool:
@@ -68,7 +68,7 @@ def early_start(guess: RecordGuess) -> float:
 
 
 def numbers_of(guess: RecordGuess) -> dict[str, float]:
-    """Of the record's drive; a sawtooth whose fast flank is left to the fit has the voltage that its slope tells."""
+    """The numbers of the drive; the voltage of a sawtooth whose fast flank is free follows from its slope."""
     numbers = dict(guess.waveform.numbers)
     if is_open(guess):
         lasts = numbers.pop(_FLANK[guess.waveform.name].partition(".")[2], 0.0)
@@ -135,14 +135,14 @@ _FEW = 0.05
 
 @dataclasses.dataclass(frozen=True)
 class Told:
-    """What the user says of the rig and of all records."""
+    """The user's options on the rig and on all records."""
 
     peak: float | None = None
-    """Of the drive [V], where no voltage was recorded."""
+    """Peak of the drive [V], where no voltage was recorded."""
     frequency: float | None = None
-    """Of the drive [Hz], where no voltage was recorded; None: found in the motion."""
+    """Frequency of the drive [Hz], where no voltage was recorded; None: found in the motion."""
     mass: float | None = None
-    """Of the end-effector [kg]."""
+    """Mass of the end-effector [kg]."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -153,7 +153,7 @@ class NewRecord:
     roles: Roles
     guess: RecordGuess
     measures_told: bool = False
-    """What it measures was told, and not guessed."""
+    """Whether the measurement was given, and not guessed."""
     without: tuple[tuple[float, float], ...] = ()
     """Stretches in which the file has no numbers, from when to when [s] on its clock: what the record excludes."""
 

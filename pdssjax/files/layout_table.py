@@ -82,7 +82,7 @@ def _names(table: Table, si_units: Mapping[str, str]) -> dict[str, str | int]:
 
 
 def scales_at(table: Table, quantity: str) -> dict[str, float | str]:
-    """What the numbers of a `quantity` are multiplied with; nothing where the table does not say it."""
+    """The factors on the numbers of a `quantity`; empty where the table does not say it."""
     if "scale" not in table.entries:
         return {}
     value = table.get("scale", object, 'a factor such as "0.5 um/V"')

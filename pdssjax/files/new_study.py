@@ -107,7 +107,7 @@ _PUT_TOGETHER = {
     LOOPS: ("gain", "time_constant", "play_*", "play_range", "asymmetry_*", "creep_*", "creep_time"),
     RINGING_LOOPS: ("gain", "natural_frequency", "damping_ratio", "play_*", "play_range", "asymmetry_*"),
 }
-"""Of each stack put together, its parameters as a study lists them."""
+"""The parameters of each composed stack, as a study lists them."""
 
 _WHY_PIEZO = {
     "bouc-wen": "the platform's motion is a loop of the voltage: hysteresis; stacks put together are others",
@@ -286,7 +286,7 @@ def _samples_of_waveform(record: NewRecord) -> list[str]:
 
 
 def _from_level(level: float) -> str:
-    """What a waveform's voltage is counted from, where that is not 0 V."""
+    """The level that a waveform's voltage is counted from, where that is not 0 V."""
     return f", counted from {level:.5g} V" if level else ""
 
 
@@ -313,7 +313,7 @@ def _why_noise(guess: RecordGuess) -> str:
 
 
 def _shown(guess: RecordGuess, number: float) -> str:
-    """Of what was measured, with its unit."""
+    """A `number` of what was measured, with its unit."""
     return f"{guess.display.scale * number:.3g} {guess.display.unit}"
 
 

@@ -25,7 +25,7 @@ from ..study import (
 from .toml_table import Table
 
 _MANY = "_*"
-"""What the path of all parameters ends in that differ by a number."""
+"""Ending of a path that stands for all parameters that differ by a number."""
 
 
 def read_parameters(top: Table, study: Study) -> dict[str, Parameter]:

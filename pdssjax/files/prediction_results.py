@@ -18,7 +18,7 @@ from .results_folder import staging_folder
 PARAMETERS_FORMAT = "pdssjax-parameters/1"
 
 _TAKEN = ("amplification", "correlations", "draws", "multistart", "profiles", "standard_errors")
-"""What `plots` holds besides a plot of each record."""
+"""Names of the files in `plots` besides a plot of each record."""
 
 COMPARED = "measured", "predicted", "residual"
 """Columns after the time, each with the unit behind it."""
@@ -27,7 +27,7 @@ _LONGEST = 60
 """Letters of a file's name: four bytes each at most, of the 255 that a name may have."""
 
 Numbers: TypeAlias = Mapping[str, UsedNumber]
-"""Of parameters by path, as `pdssjax.study.numbers_used` tells them."""
+"""Numbers of parameters by path, as `pdssjax.study.numbers_used` returns them."""
 
 
 def write_predictions(records: Sequence[FittedRecord], used: Numbers, folder: Path) -> None:

@@ -45,7 +45,7 @@ SECONDS = 8
 BYTES_PER_SECOND = 5_000_000
 
 CLOCK = 2 if sys.platform == "win32" else 20
-"""By how much longer each part may take by the clock: Windows has no limit of processor time, others share it."""
+"""Ratio of elapsed to processor time allowed: Windows limits elapsed time only, elsewhere processors are shared."""
 
 _SERVE = (
     "import sys; sys.path.insert(0, sys.argv[1]); "

@@ -21,7 +21,7 @@ _GROUP = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 
 
 class Layout(NamedTuple):
-    """What a study says of the columns of a file."""
+    """The columns of a file, as a study describes them."""
 
     columns: Mapping[str, str | int]
     """By quantity, the name or the number of its column; "time" may be left out."""
@@ -34,7 +34,7 @@ class Layout(NamedTuple):
     interval: float | None = None
     """Between samples [s], where no clock was stored."""
     begin: float = 0.0
-    """With `interval`: time of the first sample [s]."""
+    """Time of the first sample [s], where `interval` is given."""
     decimal: str = ""
     """The decimal sign of a text, "" where it is to be told."""
     needs_clock: bool = True
@@ -129,7 +129,7 @@ def _clock(file: Path, layout: Layout, chosen: Mapping[str, Channel], factors: M
 
 
 def _factor(file: Path, layout: Layout, quantity: str, channel: Channel) -> float:
-    """What the numbers of a channel are multiplied with to be in SI."""
+    """The factor from the numbers of a channel to SI."""
     where, si = f'{file}: column "{channel.name}"', layout.si_units[quantity]
     told, ending = layout.units.get(quantity) or channel.unit, column_unit(channel.name)
     if quantity in layout.scales:

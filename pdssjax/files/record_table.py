@@ -18,7 +18,7 @@ from .toml_table import Table
 
 
 def window_of(table: Table) -> tuple[float, float] | None:
-    """From when to when the record's `table` takes its samples, on the clock of the file [s]; None for all.
+    """First and last time of the samples that the record's `table` takes, on the file's clock [s]; None for all.
 
     **Raises:** `InputError` if the key is at fault.
     """
@@ -26,7 +26,7 @@ def window_of(table: Table) -> tuple[float, float] | None:
 
 
 def kept_samples(table: Table, file: Path, layout: Layout, read: Columns) -> dict[str, Float[np.ndarray, " samples"]]:
-    """Of what was `read` the samples kept, by quantity [SI], checked.
+    """The samples that are kept of those `read`, by quantity [SI], checked.
 
     **Raises:** `InputError` if the file or a key of the record's `table` is at fault, or nothing is left.
     """
@@ -121,7 +121,7 @@ _MOST_SAMPLES = 1e7
 """Samples of a record that is to be made: some gigabytes with what predicts them."""
 
 _TEXTS = (".csv", ".txt", ".tsv", ".dat", "")
-"""What the names of files end in that a virtual rig writes."""
+"""Endings of the file names that a virtual rig writes."""
 
 RECORD_KEYS = [
     *("name", "file", "columns", "channel", "time", "units", "scale", "decimal", "measures", "role", "noise"),
@@ -207,7 +207,7 @@ def _samples(
 
 
 def _conditions(table: Table) -> frozenset[str]:
-    """What parameters such as "friction.f_ss_a@wet" refer to."""
+    """The conditions of the record, as in "friction.f_ss_a@wet"."""
     expected = 'a list of names such as ["wet"]'
     found = table.get("conditions", list, expected, [])
     for name in found:
@@ -217,7 +217,7 @@ def _conditions(table: Table) -> frozenset[str]:
 
 
 def _told_of_drives(parameters: Table, conditions: frozenset[str]) -> Table:
-    """Of the parameters of drives, by path, the entries that hold under these `conditions`."""
+    """The parameters of drives, by path, that hold under these `conditions`."""
     told = {path: split_path(path) for path in parameters.entries if path.startswith("drive.")}
     usual = {base: parameters.entries[path] for path, (base, condition) in told.items() if not condition}
     here = {base: parameters.entries[path] for path, (base, condition) in told.items() if condition in conditions}
@@ -225,7 +225,7 @@ def _told_of_drives(parameters: Table, conditions: frozenset[str]) -> Table:
 
 
 def _measurement(table: Table) -> AbstractMeasurement:
-    """What the record measures, with the keys that only a record of it has."""
+    """The measurement of the record, with the keys that only a record of it has."""
     kind = member(_FAMILY, table.option("measures", members(_FAMILY)))
     named = choices(kind)
     table.only([*RECORD_KEYS, *named])

@@ -44,7 +44,7 @@ _RESULTS = (
     "comparison.json",
     "estimate.json",
 )
-"""What a folder of results may hold; the JSON file is moved in last, so where it is, all is."""
+"""Names that a folder of results may hold; the JSON file is moved in last, so where it is, all is."""
 
 
 _DRAWS, CANDIDATES = "draws.jsonl", "candidates"
@@ -98,15 +98,15 @@ def write_aside(write: Callable[[Path], None]) -> Path:
 
 
 _Contents: TypeAlias = dict[str, tuple[int, int]]
-"""What a folder holds of results: number and time of the last change of each file or folder, by name."""
+"""Number and time of the last change of each file or folder of the results, by name."""
 
 _reserved: dict[Path, _Contents] = {}
-"""What the folders held that commands of this process have reserved, as far as they know."""
+"""Contents of the folders that commands of this process have reserved, as far as they know."""
 
 
 @contextlib.contextmanager
 def reserved_folder(folder: Path, overwrite: bool) -> Iterator[None]:
-    """Within it results may go to `folder`, and no other process writes there.
+    """Reserve `folder` for the results of this process: no other process writes there.
 
     **Raises:** `InputError` as `check_free` does, and where another process has it.
     """

@@ -8,7 +8,7 @@ from ..report.page import Illustration, Page, Section, estimate_page
 from .estimate_folder import read_estimate_folder
 
 _MOST_BYTES = 2_000_000
-"""Of pictures on a page: written as text they are a third larger, and a page of more than 3 MB is refused by mail."""
+"""Largest size of the pictures on a page: as text they are a third larger, and mail refuses more than 3 MB."""
 
 
 _OWN = "comparison.html", "plan.html"

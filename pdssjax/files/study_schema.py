@@ -110,7 +110,7 @@ def _composed() -> Document:
 
 
 def _composed_parameters() -> dict[str, Document]:
-    """By a pattern of their paths, the parameters that a stack put together has."""
+    """The parameters of a composed stack, by a pattern of their paths."""
     fields: dict[str, Field] = {}
     for dynamics in DYNAMICS:
         for law in HYSTERESES:

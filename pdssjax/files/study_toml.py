@@ -39,13 +39,13 @@ _UNUSED = "coulomb"
 _STACKS = 'a name such as "second-order", or a table such as { dynamics = "static", hysteresis = { law = "play" } }'
 
 _ELEMENTS = 8
-"""Of play or Maxwell slip, where a study does not say."""
+"""Elements of play or Maxwell slip, where a study does not say."""
 
 _CREEP = 3
 
 
 def load_study(path: str | Path, virtual: bool = False) -> Study:
-    """Reads and checks a study file and the records it names.
+    """Read and check a study file and the records it names.
 
     With `virtual` the records are still to be made: those that say their `sampling` need no file.
 
@@ -83,7 +83,7 @@ def load_study(path: str | Path, virtual: bool = False) -> Study:
 
 
 def read_toml(path: Path) -> Document:
-    """What is in a file of TOML; **raises** `InputError` if it is missing or none."""
+    """The content of a TOML file; **raises** `InputError` if it is missing or not valid TOML."""
     try:
         document = tomllib.loads(path.read_text(encoding="utf-8-sig"))
         str(document)  # of a hexadecimal integer Python finds only here that it cannot be written in a message
@@ -177,7 +177,7 @@ def _check_jumps(top: Table, study: Study) -> None:
 
 
 def _check_measurements(top: Table, study: Study) -> None:
-    """What a measurement refuses of a record, under the models and numbers of the study."""
+    """Refuse records that their measurement refuses under the models and numbers of the study."""
     nominal = {path: declared.nominal for path, declared in study.models.declared().items() if declared.optional}
     for record in study.records:
         told = {path: math.nan if p.value is None else p.value for path, p in study.parameters.items()}

@@ -57,7 +57,7 @@ _DIGEST = "digest"
 
 
 def _digest(data: "xarray.Dataset") -> str:
-    """Of all numbers, names and attributes of `data`, the same before it is written and after it was read."""
+    """The digest of all numbers, names and attributes of `data`, the same before writing and after reading."""
     digest = hashlib.sha256(_plain({name: value for name, value in data.attrs.items() if name != _DIGEST}))
     for name in sorted(map(str, data.variables)):
         variable = data[name]
@@ -72,7 +72,7 @@ def _digest(data: "xarray.Dataset") -> str:
 
 
 def _plain(value: object) -> bytes:
-    """As text that is the same for the same numbers, whatever their types."""
+    """A value as text that is the same for the same numbers, whatever their types."""
     as_number = lambda entry: np.asarray(entry).tolist() if hasattr(entry, "dtype") else str(entry)
     numbers = lambda entry: float(entry) if isinstance(entry, int | float | np.number) else entry
     if isinstance(value, dict):

@@ -27,7 +27,7 @@ from ..sweeps import AbstractBlockStore, BlockPlan, blank, columns_of, differenc
 from .file_lock import file_lock
 
 SWEEP_STORE = "points.zarr"
-"""Of the store, in the folder of a sweep's results."""
+"""Name of the store, in the folder of a sweep's results."""
 
 PENDING, DONE, FAILED = 0, 1, 2
 """Status of a block."""
@@ -55,7 +55,7 @@ class SweepStore(AbstractBlockStore):
     """The blocks of a sweep in a Zarr store at `place`."""
 
     def __init__(self, place: Path | str, resume: bool = False, overwrite: bool = False):
-        """With `resume` it goes on with a store that is there, with `overwrite` it replaces it; else there is none."""
+        """Open the store at `place`: `resume` continues one, `overwrite` replaces one; without them none may exist."""
         self.place, self.resume, self.overwrite = Path(place), resume, overwrite
         self._group: Group = None
         self._lock = contextlib.ExitStack()
@@ -96,7 +96,7 @@ class SweepStore(AbstractBlockStore):
         self._group["status"][number] = DONE
 
     def _digest(self, number: int, found: Float[np.ndarray, "points columns"]) -> UInt8[np.ndarray, " bytes"]:
-        """Of what was found in block `number`, and of where."""
+        """The digest of the results of block `number` and of its points."""
         points = self._plan.values[self._plan.place(number)]
         digest = hashlib.sha256(f"{number} {found.shape} {self._job}".encode())
         for part in (points, found):
@@ -153,7 +153,7 @@ class SweepStore(AbstractBlockStore):
 
 @contextlib.contextmanager
 def _reading(place: Path) -> Iterator[None]:
-    """Within it whatever a damaged store at `place` raises becomes one line, an `InputError`."""
+    """Turn whatever a damaged store at `place` raises into an `InputError` of one line."""
     try:
         yield
     except InputError:
@@ -224,7 +224,7 @@ def _create(place: Path, document: Document, plan: BlockPlan) -> None:
 
 
 class _Array(NamedTuple):
-    """What the store has of an array, by Zarr's names."""
+    """An array of the store: its shape, chunks and type, by Zarr's names."""
 
     shape: tuple[int, ...]
     chunks: tuple[int, ...]
@@ -310,7 +310,7 @@ def _whole_attribute(group: Group, name: str) -> int:
 
 
 def _extend(group: Group, plan: BlockPlan, points: int) -> None:
-    """Makes room for the points of `plan` beyond the first `points`; how many there are is said last."""
+    """Make room for the points of `plan` beyond the first `points`; how many there are is said last."""
     if points % plan.lanes:
         # New points fill this block up.
         group["status"][points // plan.lanes] = PENDING

@@ -79,7 +79,7 @@ class AnisotropicLuGre(AbstractFriction):
         return (deflection_scale(yielding) * self._displacement(),)
 
     def _displacement(self) -> Scalar:
-        """What one unit of the state amounts to [m]."""
+        """The displacement that one unit of the state stands for [m]."""
         # An error of the force displaces the most where the contact is softer.
         softest = jnp.minimum(jnp.asarray(self.sigma0_a, float), self.sigma0_b)
         return jnp.ones(()) if self.state == "deflection" else 1.0 / softest

@@ -16,10 +16,10 @@ from ..core import AbstractModel, Scalar, ScalarLike
 from ..integration import Term, constant
 
 State: TypeAlias = tuple[Scalar, ...]
-"""Of a contact: one scalar a component, none for a law without memory."""
+"""State of a contact: one scalar a component, none for a law without memory."""
 
 Terms: TypeAlias = tuple[Term, ...]
-"""What a field is made of, one a component."""
+"""A component of a rate: a number, or a series."""
 
 
 _YIELDING = 1e-7

@@ -18,7 +18,7 @@ TAKES_PART = 1e-4
 
 
 class Covariance(NamedTuple):
-    """Of p free numbers, on the fit's scale."""
+    """Covariance of p free numbers, on the fit's scale."""
 
     matrix: Float[np.ndarray, "p p"]
     """NaN in the rows and columns of parameters without information."""

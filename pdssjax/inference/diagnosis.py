@@ -34,7 +34,7 @@ _MOVES = 1e-3
 
 
 class Score(NamedTuple):
-    """What one record says at the optimum, on the fit's scale."""
+    """Gradient and information of one record at the optimum, on the fit's scale."""
 
     gradient: Float[np.ndarray, " p"]
     """J' r of its whitened residuals."""
@@ -45,7 +45,7 @@ class Score(NamedTuple):
 
 
 def score_of(residual: Float[np.ndarray, " n"], jacobian: Float[np.ndarray, "n p"]) -> Score:
-    """Of one record's whitened residuals and their Jacobian.
+    """The score of one record, from its whitened residuals and their Jacobian.
 
     The variance is that of residuals as large and as correlated from sample to sample as those that parameters of its
     own would leave (first order autoregression): misfit that no parameter mends must not pass for a contradiction,
@@ -60,7 +60,7 @@ def score_of(residual: Float[np.ndarray, " n"], jacobian: Float[np.ndarray, "n p
 
 
 def white_score(residual: Float[np.ndarray, " n"], jacobian: Float[np.ndarray, "n p"]) -> Score:
-    """Of residuals with independent errors of standard deviation 1: what was measured apart."""
+    """The score of what was measured apart: residuals with independent errors of standard deviation 1."""
     information = jacobian.T @ jacobian
     return Score(jacobian.T @ residual, information, information)
 
@@ -146,7 +146,7 @@ def _sigmas(pull: Float[np.ndarray, " k"], variance: Float[np.ndarray, "k k"]) -
 
 
 def _inverse(information: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
-    """Of what is known; nothing where nothing is."""
+    """The inverse on the directions with information; empty where none has any."""
     scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
     return np.linalg.pinv(information / np.outer(scale, scale), rcond=_LEAST, hermitian=True) / np.outer(scale, scale)
 
@@ -162,7 +162,7 @@ WORTH_MENDING = 0.05
 
 
 def combinations(relative: Float[np.ndarray, "p p"], paths: tuple[str, ...]) -> tuple[Combination, ...]:
-    """Of the covariance of relative changes; the worst determined combination first.
+    """The principal combinations of a covariance of relative changes, the worst determined first.
 
     **Arguments:** parameters without information have NaN rows and columns, and are left out.
     """

@@ -12,10 +12,10 @@ import numpy as np
 from ..core import MOST_DRAWN, MOST_SEED, Document, InputError, check_whole, prepare_jax, require_float64
 
 Resampled: TypeAlias = Literal["noise", "cycles"]
-"""What a bootstrap draws: white noise of the size found, or whole cycles of the residuals."""
+"""Resampling of a bootstrap: white noise of the size found, or whole cycles of the residuals."""
 
 Sampler: TypeAlias = Literal["rto", "nuts"]
-"""Of a posterior: randomize-then-optimize, or the No-U-Turn sampler."""
+"""Sampler of a posterior: randomize-then-optimize, or the No-U-Turn sampler."""
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -27,11 +27,11 @@ class Store(Protocol):
     """Where draws are kept, so that a run that is broken off can go on; as a string, the name of that place."""
 
     def begun(self) -> Document | None:
-        """What `begin` was told by the run that goes on; None where this is a new one."""
+        """The description that `begin` got from the run that goes on; None where this is a new one."""
         ...
 
     def begin(self, what: Document) -> None:
-        """Of what the draws are; not called where a run goes on."""
+        """Describe the draws that will be kept; not called where a run goes on."""
         ...
 
     def kept(self) -> Sequence[Document]:
@@ -75,7 +75,7 @@ class Drawing:
     seed: int = 0
     """Replicate k depends on it and on k alone, whatever is drawn before it."""
     resampled: Resampled = "noise"
-    """What a bootstrap draws."""
+    """Resampling of a bootstrap."""
     store: Store = field(default_factory=InMemory)
     sampler: Sampler = "rto"
     """Of a posterior: "rto", independent draws by randomize-then-optimize, corrected by the model, or "nuts", the
@@ -152,7 +152,7 @@ def _in_short(value: object) -> str:
 
 @contextlib.contextmanager
 def reading(store: Store, what: str) -> Iterator[None]:
-    """Says in a line that `what` a `store` has kept is not what a run wrote.
+    """Say in a line that `what` a `store` has kept is not what a run wrote.
 
     **Raises:** `InputError` in place of whatever wrong types, keys and shapes raise within it.
     """

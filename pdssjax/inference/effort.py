@@ -41,7 +41,7 @@ EFFORTS = {
     "usual": USUAL,
     "thorough": Effort("thorough", starts=2.0, evaluations=40_000, iterations=1000, slow_steps=40, slow_gain=0.005),
 }
-"""By the name that a user gives."""
+"""The settings by the name that a user gives."""
 
 
 def effort_of(name: str | Effort) -> Effort:

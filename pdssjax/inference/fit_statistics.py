@@ -1,4 +1,4 @@
-"""What tells of a fit in one number: chi-square per degree of freedom, and the criteria of Akaike and of Schwarz (BIC).
+"""Statistics of a fit: chi-square per degree of freedom, and the criteria of Akaike (AIC) and Schwarz (BIC).
 
     AIC = -2 log L + 2 p,   BIC = -2 log L + p log n,   -2 log L = chi2 + 2 sum log(s Z)
 
@@ -28,7 +28,7 @@ def degrees_of_freedom(fit: Fit, problem: Problem) -> int:
 
 
 def degrees_taken(problem: Problem, fit: Fit, after_stack: bool = False) -> Float[np.ndarray, " records"]:
-    """How many degrees of freedom the fit took of each record: by what it tells of the parameters, and a free offset.
+    """Degrees of freedom that the fit takes from each record: its information on the parameters, and a free offset.
 
     A few precise samples may tell nearly all, and then are followed nearly exactly.  With `after_stack` of the second
     of two steps: what is fitted after the stack, to what does not show the platform alone.
@@ -52,7 +52,7 @@ def degrees_taken(problem: Problem, fit: Fit, after_stack: bool = False) -> Floa
 
 
 def statistics_of(problem: Problem, fit: Fit) -> Statistics:
-    """All that a report says of a fit in one number each."""
+    """The statistics of a fit for its report."""
     measured = int(np.size(fit.state.residual))
     free = fit.free.size + sum(record.offset is None for record in problem.records)
     sizes = np.array([record.time.size for record in problem.records])

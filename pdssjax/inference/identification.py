@@ -43,7 +43,7 @@ from .uncertainty.parameter_errors import with_error_models
 from .uncertainty.profile_intervals import with_profile_intervals
 
 Intervals: TypeAlias = Literal["linear", "profile", "bootstrap", "posterior"]
-"""By the covariance, by profile likelihood, by fits to data drawn anew, or of the posterior."""
+"""Intervals by the covariance, by profile likelihood, by a bootstrap, or by draws of the posterior."""
 
 
 DRAWN = ("bootstrap", "posterior")
@@ -54,7 +54,7 @@ class FitInterrupted(KeyboardInterrupt):
     """A fit was broken off: by Ctrl-C, or by whatever else raises `KeyboardInterrupt` in the main thread."""
 
     estimate: Estimate | None
-    """At the best point so far, not converged unless the fit was done; None where there is none yet."""
+    """The estimate at the best point so far, not converged unless the fit was done; None where there is none yet."""
 
     def __init__(self, estimate: Estimate | None):
         super().__init__("the fit was interrupted")
@@ -118,7 +118,7 @@ def identify(
 
 
 class _Request(NamedTuple):
-    """What `identify` is asked for."""
+    """The arguments of `identify`, checked."""
 
     study: Study
     """With the stack held, where it was picked from peaks."""
@@ -277,7 +277,7 @@ _METHODS: dict[str, tuple[str, ...]] = {
     "profile": ("joint",),
     "posterior": ("joint",),
 }
-"""By kind of intervals, the methods that have them; all have linear ones."""
+"""The methods that have each kind of intervals; all have linear ones."""
 
 
 def _check_arguments(study: object, drawing: object, executor: Executor | None, accuracy: object, starts: int) -> None:

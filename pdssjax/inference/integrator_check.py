@@ -78,7 +78,7 @@ def _end(fit: Fit) -> Float[np.ndarray, " p"]:
 
 
 def _notes(check: IntegratorCheck) -> list[str]:
-    """What the user must read of a check."""
+    """Notes of a check that the user must read."""
     if check.largest is None or not check.converged:
         return [f"The check says little, {check.sentence}."]
     if abs(check.largest[1]) <= VISIBLE:

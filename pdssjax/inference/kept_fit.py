@@ -39,7 +39,7 @@ def as_asked(
     accuracy: Accuracy,
     effort: str = USUAL.name,
 ) -> Document:
-    """What the draws of a run have in common, by which a later one knows whether it may go on.
+    """Settings that all draws of a run share; a later run may go on only if its own are equal.
 
     All that chi-square depends on: models, parameters but for their starts, and the records that are fitted.
     """
@@ -123,7 +123,7 @@ def restored(
 
 
 _ENDED = {"success": bool, "message": str, "iterations": int, "evaluations": int, "ending": int}
-"""By key, what says how a fit ended."""
+"""The entries that say how a fit ended, with their types."""
 
 
 def _how_it_ended(document: Document) -> Document:
@@ -153,7 +153,7 @@ def _plain(value: object) -> object:
 
 
 def fingerprint(value: object) -> str:
-    """Of all numbers and names that a value is made of."""
+    """A digest of all numbers and names in a value."""
     digest = hashlib.sha256()
     for part in _parts(value):
         digest.update(part + b";")

@@ -21,13 +21,13 @@ from .stack_parameters import of_platform, of_platform_alone
 from .variable_projection import FEWEST, linear_parameters, project
 
 Progress: TypeAlias = Callable[[str], None]
-"""Told what is being done."""
+"""A function that is called with a line of text on what is being done."""
 
 Method: TypeAlias = Literal["joint", "sequential", "peaks"]
 """All parameters at once, or the piezo first: by least squares, or from the peaks of step responses."""
 
 MAX_ITERATIONS = 1000
-"""Of one run, whatever the effort."""
+"""Iterations of one run at most, whatever the effort."""
 
 INVISIBLE = 0.01
 """Decrease of chi-square, in units of the reduced chi-square, that is a tenth of a standard error: not to be seen."""
@@ -53,7 +53,7 @@ MESSAGES = {
     "too small to move any parameter by a third of its standard error",
     Ending.KINK: "chi-square has a kink here, where the residuals change their slope, and may be lower beyond it",
 }
-"""What the user reads of each ending; of a jump, with its size, and of slow steps, with what they gained."""
+"""Messages of the endings; that of a jump has its size, that of slow steps their gain."""
 
 AT_KINK = (
     "on a kink of chi-square, where the residuals change their slope: it is higher on either side, and standard errors "
@@ -96,7 +96,7 @@ def by_record(problem: Problem, fit: Fit) -> list[Float[np.ndarray, " samples"]]
 
 
 def joint(problem: Problem, starts: Values, report: Progress, limit: int = MAX_ITERATIONS) -> Fit:
-    """What the platform alone shows first, from its records, then everything from everything.
+    """Fit the parameters of the platform to its own records first, then all parameters to all records.
 
     The first phase is cheap and only brings the piezo near: with it far off, the slips
     come at the wrong moments, and the friction parameters would diverge.
@@ -140,7 +140,7 @@ def summed(last: Fit, earlier: Sequence[Fit]) -> Fit:
 
 
 def quiet(message: str) -> None:
-    """Reports no progress."""
+    """Report no progress."""
 
 
 def fit_phase(

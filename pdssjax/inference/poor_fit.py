@@ -47,7 +47,7 @@ NOTICEABLE = 2.0
 
 
 def highest_by_chance(freedom: float) -> float:
-    """What chi-square per degree of freedom hardly ever exceeds by chance (once in 30 000).
+    """Upper limit of chi-square per degree of freedom by chance, exceeded once in 30 000.
 
     The cube root of chi-square is nearly normal: E. B. Wilson and M. M. Hilferty, PNAS 17(12), 1931.
     """
@@ -56,7 +56,7 @@ def highest_by_chance(freedom: float) -> float:
 
 
 def lowest_by_chance(freedom: float) -> float:
-    """What chi-square per degree of freedom hardly ever falls short of by chance."""
+    """Lower limit of chi-square per degree of freedom by chance."""
     spread = 2.0 / (9.0 * max(freedom, 1.0))
     return float(max(1.0 - spread - SIGMAS * np.sqrt(spread), 0.0) ** 3)
 
@@ -212,7 +212,7 @@ def leaves_more_than_noise(fit: Fit, problem: Problem) -> bool:
 
 
 def _root_mean_square(part: Float[np.ndarray, " samples"]) -> float:
-    """Of the residuals that are not NaN; 0 where all are."""
+    """The root mean square of the residuals that are not NaN; 0 where all are."""
     finite = part[np.isfinite(part)]
     return float(np.sqrt(np.mean(finite**2))) if finite.size else 0.0
 

@@ -34,13 +34,13 @@ FitSoFar: TypeAlias = Any
 
 
 class Watch(Protocol):
-    """Told after every iteration: the problem, which records are used, and where the run is."""
+    """A callback after every iteration, with the problem, the records used, and the point of the run."""
 
     def __call__(self, problem: "Problem", used: Bool[np.ndarray, " records"], fit: FitSoFar, /) -> None: ...
 
 
 def unwatched(problem: "Problem", used: Bool[np.ndarray, " records"], fit: object) -> None:
-    """Takes no notice."""
+    """Ignore the iteration."""
 
 
 class Problem(eqx.Module):
@@ -59,7 +59,7 @@ class Problem(eqx.Module):
     minimiser: Minimiser | None = eqx.field(static=True, default=None)
     """Another solver of optimistix that looks for the minimum in place of the package's own."""
     predictor: Predictor | None = None
-    """Of all records of the study, where there is one: values are computed by what predicts all of them."""
+    """The prediction of all records of the study, fitted or not; None for a problem of your own."""
     places: tuple[int, ...] = eqx.field(static=True, default=())
     """Where the records fitted stand among those."""
     effort: Effort = eqx.field(static=True, default=USUAL)
@@ -112,7 +112,7 @@ class Problem(eqx.Module):
         return self.evaluations(self._weights()).values(free)[0]
 
     def jacobian(self, free: Float[Array | np.ndarray, " p"]) -> Float[Array, "n p"]:
-        """Of `whitened`; compiled."""
+        """The Jacobian of `whitened`; compiled."""
         return self.linearised(free)[1]
 
     def linearised(self, free: Float[Array | np.ndarray, " p"]) -> tuple[Float[Array, " n"], Float[Array, "n p"]]:
@@ -234,7 +234,7 @@ def _linearised_comparison(
 
 
 SHORTEST = 1e-9
-"""Of a flank whose length is free [s]: as good as a jump."""
+"""Least duration of a flank whose length is free [s]: as good as a jump."""
 
 
 def _with_lengths(study: Study) -> dict[str, Parameter]:

@@ -1,4 +1,4 @@
-"""What is asked of the records before a fit: samples that it would see twice, a sensor that counts the other way.
+"""Checks of the records before a fit: samples listed twice, and sensors that count the other way.
 
 Samples that a study would fit twice: a file under two names, a record listed twice, windows that overlap.
 
@@ -66,7 +66,7 @@ _FEWEST_MOVING = 8
 
 
 def question_signs(records: Sequence[Record]) -> None:
-    """Warns with `InputWarning` of records of displacements that move against their drives."""
+    """Warn with `InputWarning` of records of displacements that move against their drives."""
     for record in records:
         if found := _doubt(record):
             warnings.warn(f"{record.file}: {found}", InputWarning, stacklevel=2)

@@ -22,7 +22,7 @@ from .parameter_transform import ParameterTransform
 
 
 class Comparison(eqx.Module):
-    """What predicted motions are compared with: the samples of the records, and what was measured apart."""
+    """The data that predicted motions are compared with: samples of the records, and what was measured apart."""
 
     measured: tuple[Float[np.ndarray, " samples"], ...]
     used: tuple[Bool[np.ndarray, " samples"], ...]
@@ -81,7 +81,7 @@ def compared(
     values: Values,
     weights: Float[Array | np.ndarray, " records"],
 ) -> tuple[Float[Array, " n"], Float[Array, " records"]]:
-    """What `comparison` gives, compiled."""
+    """The outputs of `comparison`, compiled."""
     return comparison(motions, values, weights)
 
 
@@ -112,12 +112,12 @@ class Residual(eqx.Module):
 
     @property
     def loss(self) -> AbstractLoss:
-        """What is summed of the residuals."""
+        """The loss that is summed over the residuals."""
         return self.comparison.loss
 
     @property
     def apart(self) -> dict[str, Float[np.ndarray, "2"]]:
-        """What was measured apart of free parameters, by path: number and standard error [SI]."""
+        """Number and standard error [SI] of the free parameters that were measured apart, by path."""
         return self.comparison.apart
 
     @property

@@ -26,7 +26,7 @@ _ALIKE = 0.01
 """Relative difference of frequencies, or of amplitudes, below which they are one."""
 
 _HARMONICS = 60
-"""Of the drive, of which a steady motion is made at most."""
+"""Largest number of harmonics of the drive in a steady motion."""
 
 _TOLD = 0.1
 """Standard error on the fit's scale up to which what is no steady motion tells a parameter."""
@@ -39,13 +39,13 @@ class Inseparable(NamedTuple):
     """Parameters that steady sines do not tell apart."""
 
     paths: tuple[str, ...]
-    """Those that turn the phase, and are not told by the onset of a drive."""
+    """Paths of the parameters that turn the phase, and are not determined by the onset of a drive."""
     beside: tuple[str, ...]
     """What else the same numbers have to tell, in words."""
     records: tuple[str, ...]
     """Names of the records."""
     frequencies: tuple[float, ...]
-    """That differ [Hz]."""
+    """The different frequencies of the drives [Hz]."""
 
     @property
     def told(self) -> int:
@@ -156,7 +156,7 @@ def _told_by_onset(problem: Problem, fit: Fit, frequencies: Sequence[float]) -> 
 def _steady_part(
     time: Float[np.ndarray, " n"], columns: Float[np.ndarray, "n p"], frequency: float
 ) -> Float[np.ndarray, "n p"]:
-    """What of the `columns` repeats every cycle."""
+    """The part of the `columns` that repeats every cycle."""
     cycle = 1.0 / (frequency * float(np.median(np.diff(time))))
     count = int(min(_HARMONICS, 0.45 * cycle, time.size // 6))
     angle = 2.0 * np.pi * frequency * np.outer(time - time[0], np.arange(1, count + 1))

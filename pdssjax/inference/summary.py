@@ -55,7 +55,7 @@ error of the estimate is 99.5 % of that told, or more."""
 
 
 def measured_apart(told: tuple[float, float], value: float, variance: float, covariance: float) -> MeasuredApart:
-    """What was `told` of a parameter, number and standard error, beside its estimate; all in its unit.
+    """The number and error measured apart of a parameter (`told`) beside its estimate; all in its unit.
 
     **Arguments:** the estimate's `value` and `variance`, NaN where not known, and its `covariance` with what was told.
     """

@@ -1,4 +1,4 @@
-"""Between which numbers the records of a study can tell its parameters: a fit stays within, where no bound is given.
+"""Ranges in which records can determine parameters: a fit stays within them where the study gives no bound.
 
 An element of creep that is quicker than the samples takes over the gain, one that takes much longer than the records
 is a drift whose size and time are told as a quotient only.

@@ -28,7 +28,7 @@ _UNTOLD = 1e3
 """Standard deviation, on the fit's scale, of a parameter that the records fitted tell nothing of."""
 
 _ROUNDS = 3
-"""Of looking for samples that stand out: what parameters explain hides them."""
+"""Rounds of looking for samples that stand out: what parameters explain hides them."""
 
 _EVALUATIONS = 30
 """In each."""
@@ -38,7 +38,7 @@ class Missed(NamedTuple):
     """A record that was not fitted and is not predicted down to its noise."""
 
     record: FittedRecord
-    """Beside its prediction; where all its parameters are those of fitted records, at what they may move to."""
+    """The record beside its prediction, at the parameters it may move to where all are those of fitted records."""
     unknown: tuple[str, ...]
     """The free parameters of its own that hold in no fitted record, and may be all that is wrong."""
 
@@ -83,7 +83,7 @@ def _beside(record: Record, motion: Float[np.ndarray, " samples"], loss: Abstrac
 
 
 def _noise(record: Record) -> float:
-    """As given, else as neighbouring samples scatter."""
+    """The noise of a record: as given, else as neighbouring samples scatter."""
     return scatter_floor(record.measured) if record.noise is None else record.noise
 
 
@@ -146,7 +146,7 @@ def _root(covariance: Float[np.ndarray, "p p"], held: Bool[np.ndarray, " p"]) ->
 
 
 def _unknown_parameters(study: Study) -> dict[str, tuple[str, ...]]:
-    """Of each record that is not fitted the free parameters that hold in no fitted record."""
+    """The free parameters of each record that is not fitted which hold in no fitted record."""
     free = {path for path, parameter in study.parameters.items() if parameter.free}
     hold = {record.name: free & {*paths_in(study.parameters, record.conditions).values()} for record in study.records}
     fitted = {path for record in study.records if record.role == "fit" for path in hold[record.name]}

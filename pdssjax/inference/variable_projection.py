@@ -26,7 +26,7 @@ FEWEST = 2
 """Linear parameters from which on projecting them out is worth it."""
 
 _DAMPING = 1e-12
-"""Of the linear parameters, in columns of unit norm: only leaves out what the data do not tell."""
+"""Damping of the linear parameters, in columns of unit norm: only leaves out what the data do not tell."""
 
 _NEAR = 1e-4
 """Decrease of chi-square, relative, at which Gauss-Newton steps give way to quasi-Newton ones."""
@@ -35,7 +35,7 @@ _ENOUGH, _ROUNDING = 1e-17, 1e-12
 """Decrease, relative, that the latter still go on for; and below which it is lost in the rounding of chi-square."""
 
 _FACTORS = (5.0, 2.0)
-"""By which what is positive is tried larger and smaller before any step."""
+"""Factors by which positive parameters are tried larger and smaller before any step."""
 
 _MOST = 30
 """Steps of either kind."""
@@ -121,7 +121,7 @@ class _Task(NamedTuple):
     linear: Bool[np.ndarray, " p"]
     searched: Bool[np.ndarray, " p"]
     positive: Bool[np.ndarray, " p"]
-    """Of those, which are on a logarithmic scale: thresholds, times."""
+    """Which of those searched are on a logarithmic scale: thresholds, times."""
     low: Float[np.ndarray, " p"]
     high: Float[np.ndarray, " p"]
 
@@ -146,7 +146,7 @@ def _is_at_bottom(task: _Task, here: _Point) -> bool:
 
 
 def _by_factors(task: _Task, here: _Point) -> tuple[_Point, int]:
-    """At first: times and thresholds one by one by large factors, since there may be several valleys."""
+    """The first stage: try times and thresholds one by one by large factors, since there may be several valleys."""
     count = 0
     for factor in _FACTORS:
         for place in np.flatnonzero(task.positive):
@@ -283,7 +283,7 @@ def _box_step(
 
 
 def _columns(task: _Task, here: _Point, searched: Bool[np.ndarray, " p"]) -> Float[Array, "n s"]:
-    """Of what is `searched`, without the span of the linear ones that no bound holds."""
+    """Columns of the parameters `searched`, without the span of the linear ones that no bound holds."""
     spanning = (here.free > task.low) & (here.free < task.high)
     return _outside(here.jacobian[:, searched], here.jacobian[:, task.linear], spanning[task.linear])
 

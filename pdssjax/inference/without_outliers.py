@@ -18,22 +18,22 @@ from .least_squares import Fit, evaluated, quiet
 from .problem import Problem
 
 _ROUNDS = 5
-"""Of looking for samples that stand out: what pulls the fit off hides smaller ones."""
+"""Rounds of looking for samples that stand out: what pulls the fit off hides smaller ones."""
 
 
 class WithoutOutliers(NamedTuple):
-    """Of n residuals and p parameters."""
+    """A fit without the samples that stand out, of n residuals and p parameters."""
 
     outlying: Bool[np.ndarray, " n"]
     """Which samples stand out."""
     residual: Float[np.ndarray, " n"]
     """Whitened, as the loss counts them; NaN where a sample stands out."""
     step: Float[np.ndarray, " p"]
-    """By how far the fit would end elsewhere, on its scale; 0 under a robust loss, which they hardly pull."""
+    """How far the fit would end elsewhere, on its scale; 0 under a robust loss, which outliers hardly pull."""
 
 
 def without_outliers(problem: Problem, fit: Fit) -> WithoutOutliers:
-    """What the `fit` would be without the samples that stand out; as it is where none does."""
+    """Estimate the `fit` without the samples that stand out; the fit itself where none does."""
     residual = np.asarray(fit.state.residual)
     out, step = _outlying(problem, residual), np.zeros(fit.free.size)
     if not out.any() or problem.residual.loss.is_robust:
@@ -98,7 +98,7 @@ def _columns(problem: Problem, fit: Fit) -> Float[np.ndarray, "n q"]:
 def _step(
     columns: Float[np.ndarray, "n q"], residual: Float[np.ndarray, " n"], used: Bool[np.ndarray, " n"]
 ) -> Float[np.ndarray, " q"]:
-    """That leaves the least of the `residual`, by the rows that are `used`."""
+    """The step that leaves the least of the `residual`, by the rows that are `used`."""
     size = np.linalg.norm(columns, axis=0)
     size = np.where(size > 0, size, 1.0)
     return -np.linalg.lstsq((columns / size)[used], residual[used], rcond=NO_INFORMATION)[0] / size

@@ -52,4 +52,4 @@ class Accuracy(eqx.Module):
 
 
 TIGHT = Accuracy(tolerance=1e-15, settle_tolerance=1e-15)
-"""To rounding: trajectories to about 1e-7 um, weak columns of derivatives to some 1e-5."""
+"""Accuracy to rounding: trajectories to about 1e-7 um, weak columns of derivatives to some 1e-5."""

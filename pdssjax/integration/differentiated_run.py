@@ -39,7 +39,7 @@ from .tiles import read_by_blocks, tiled
 Result = TypeVar("Result")
 
 Rule: TypeAlias = Callable[[tuple[Any, ...], tuple[Any, ...]], tuple[Any, Any]]
-"""From arguments and their tangents (None: nothing moves) to the result and its tangents (None: it does not move)."""
+"""A function from arguments and tangents to a result and its tangents; a tangent of None does not move."""
 
 _FlatRule: TypeAlias = Callable[
     [Sequence[Array], Sequence[Array | None]], tuple[Sequence[Array], Sequence[Array | None]]
@@ -76,7 +76,7 @@ _CALL.multiple_results = True
 # primitives that hold one.
 _Call: TypeAlias = Callable[..., list[Array]]
 _Types: TypeAlias = tuple[Any, ...]
-"""What JAX knows of each result, in a class of its own."""
+"""The abstract value of each result, in a class of its own."""
 
 
 def _computed(*leaves: Array, call: _Call, types: _Types, rule: _FlatRule) -> list[Array]:
@@ -134,7 +134,7 @@ class Found(NamedTuple):
     """What of a run has no derivatives."""
 
     steps: Row
-    """Of every step, or of those of the times."""
+    """Rows of every step, or of the steps of the times."""
     laps: Float[Array, " m"]
     """How often the repeated period has passed before each of the times."""
     loop: LoopState
@@ -143,7 +143,7 @@ class Found(NamedTuple):
 def steps_of(
     system: AbstractHybridSystem, horizon: Scalar, accuracy: Accuracy, keep: Keep
 ) -> tuple[Float[Array, "room begin"], Float[Array, " begin"], Float[Array, "room kept coefficients"], Found]:
-    """Of every step to the `horizon` [s] its begin and its polynomials; where the run ended; what else is known."""
+    """The begin and the polynomials of every step to the `horizon` [s], the end of the run, and what else is known."""
     looked, found = _looked_at((*_all_fixed(system), None), 0, horizon, accuracy, keep)
     return looked.begins[0], looked.end[0], looked.shown[0][0], found
 
@@ -259,7 +259,7 @@ def _more_moving(
 
 
 def _taken(derivative: Array, moved_before: Bool[np.ndarray, " parameters"], order: int) -> Array:
-    """Of a derivative of some order what belongs to the parameters that `moved_before`, along each of its last axes."""
+    """The part of a derivative that belongs to the parameters that `moved_before`, along each of its last axes."""
     if moved_before.all():
         return derivative
     for axis in range(derivative.ndim - order, derivative.ndim):
@@ -309,7 +309,7 @@ def since_begins(
 
 
 def _rows_of(rows: Int[Array, " m"], block: Float[Array, "rows *shape"]) -> Float[Array, "m *shape"]:
-    """Of a block the given rows, zeros for those of another block."""
+    """The given rows of a block, zeros for those of another block."""
     inside = (rows >= 0) & (rows < len(block))
     found = block[jnp.clip(rows, 0, len(block) - 1)]
     return jnp.where(inside.reshape(-1, *(1,) * (found.ndim - 1)), found, 0.0)

@@ -96,7 +96,7 @@ class _Divided:
         return self._of(self._coefficients[k:])
 
     def value(self, time: Guards) -> Guards:
-        """At a `time`."""
+        """Values at a `time`."""
         return self._expansion(time, 1)[0]
 
     def at(self, time: Guards) -> tuple[Guards, Guards]:

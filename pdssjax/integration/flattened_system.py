@@ -198,7 +198,7 @@ def _is_series(leaf: object) -> bool:
 
 
 def _expanded(system: HybridSystem, method: str, *args: Any) -> Any:
-    """What a method of the user's makes of Taylor series; **raises** `InputError` where it cannot take them."""
+    """The series that a user's method returns for Taylor series; **raises** `InputError` where it cannot take them."""
     try:
         return getattr(system, method)(*args)
     except (TypeError, AttributeError) as error:

@@ -31,10 +31,10 @@ Filled: TypeAlias = tuple[Float[Array, " scalars"], Table, Count]
 
 
 class Reached(NamedTuple):
-    """What is left of an integration that kept no steps."""
+    """The result of an integration that kept no steps."""
 
     x: State
-    """At the times asked for; every leaf of shape (m,)."""
+    """The states at the times asked for; every leaf of shape (m,)."""
     steps: Count
     """Accepted."""
     rejected: Count

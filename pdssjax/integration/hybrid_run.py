@@ -33,7 +33,7 @@ RESULTS = (
     "zero or above, and that the first state lies inside its mode",
     "`t1` is not after `t0`",
 )
-"""What `Solution.result` means: the sentence with that index."""
+"""Sentences that explain `Solution.result`, by its number."""
 
 _USUAL = Picard()
 
@@ -57,7 +57,7 @@ class Events(NamedTuple):
 
 
 class Solution(NamedTuple):
-    """What `integrate` gives; times and states in the units they were given in."""
+    """The result of `integrate`; times and states in the units they were given in."""
 
     ts: Float[Array, " times"]
     """The times asked for."""
@@ -76,7 +76,7 @@ class Solution(NamedTuple):
 
     @property
     def message(self) -> str:
-        """What a concrete `result` says, in words; empty where the run reached `t1`."""
+        """The sentence for a concrete `result`; empty where the run reached `t1`."""
         return RESULTS[int(self.result)]
 
 

@@ -92,7 +92,7 @@ def new_period(
 
 
 class Fineness(NamedTuple):
-    """What a step needs to know of the accuracy."""
+    """Settings of the accuracy that a step needs."""
 
     method: AbstractStepMethod
     tolerance: Scalar

@@ -36,13 +36,13 @@ class Basis(NamedTuple):
     """Points, and the matrices that belong to them."""
 
     nodes: Float[np.ndarray, " nodes"]
-    """From 0 to 1, both among them."""
+    """The points from 0 to 1, both included."""
     to_chebyshev: Float[np.ndarray, "nodes nodes"]
-    """From values at the nodes to coefficients of Chebyshev polynomials."""
+    """Matrix from values at the nodes to coefficients of Chebyshev polynomials."""
     to_powers: Float[np.ndarray, "nodes nodes"]
-    """From these to coefficients of powers, lowest first."""
+    """Matrix from these to coefficients of powers, lowest first."""
     integral: Float[np.ndarray, "nodes nodes"]
-    """From values at the nodes to integrals from 0 to each of them."""
+    """Matrix from values at the nodes to integrals from 0 to each of them."""
 
     def powers(self, values: Float[Array, "nodes components"]) -> Float[Array, "nodes components"]:
         """Coefficients of the powers, lowest first, of the polynomials through `values`."""

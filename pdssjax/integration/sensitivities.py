@@ -1,4 +1,4 @@
-"""The steps of the forward pass again, side by side, with their first and second derivatives.
+"""First and second derivatives of the steps of the forward pass, computed side by side.
 
 Every step is differentiated about its own start, and a linear recurrence joins the steps.  Where an event ends a step
 its end moves with the parameters; that shift is the saltation (docs/numerics.md), here without a matrix of its own.
@@ -45,10 +45,10 @@ _PAIRS = 64
 
 
 class StepDerivatives(NamedTuple):
-    """What a tile finds of its steps; the axes of the parameters by which derivatives are taken come last."""
+    """Derivatives of the steps of a tile; the axes of the parameters come last."""
 
     begins: tuple[Float[Array, "rows begin *parameters"], ...]
-    """Of origin, local time and state, derivatives of first order on."""
+    """Derivatives of origin, local time and state, from first order on."""
     polynomials: tuple[Float[Array, "rows kept coefficients *parameters"], ...]
     """Themselves, and their derivatives."""
 

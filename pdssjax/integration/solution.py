@@ -46,7 +46,7 @@ class Steps(NamedTuple):
     x: Float[Array, "room components"]
     """State at the beginning."""
     polynomials: Float[Array, "room kept coefficients"]
-    """Of the components kept, in (time - begin)/step_radius, lowest first."""
+    """Polynomials of the components kept, in (time - begin)/step_radius, lowest power first."""
     event: Bool[Array, " room"]
     """Whether an event ended the step."""
     which: Int[Array, " room"]
@@ -68,7 +68,7 @@ class End(NamedTuple):
 
 
 def ended(end: Float[Array, " begin"], loop: LoopState) -> End:
-    """Of origin, local time and state at the end of a run, and the last carry."""
+    """The end of a run, of its origin, local time and state and the last carry."""
     return End(end[0] + end[1], end[2:], loop.index, end[1], loop.mode)
 
 
@@ -80,7 +80,7 @@ class SteppedRun(NamedTuple):
     period: Count
     """Step with which the last period of the drive began."""
     repeats: Truth
-    """From `end` on the motion repeats that period."""
+    """Whether the motion repeats that period from `end` on."""
     count: Count  # pyright: ignore[reportIncompatibleMethodOverride]
     """Steps accepted."""
     rejected: Count
@@ -93,7 +93,7 @@ class SteppedRun(NamedTuple):
 def integrate_steps(
     system: AbstractHybridSystem, horizon: ScalarLike, accuracy: Accuracy, keep: tuple[int, ...] | None = None
 ) -> SteppedRun:
-    """Integrates `system` from its initial state at t = 0 to `horizon` [s].
+    """Integrate `system` from its initial state at t = 0 to `horizon` [s].
 
     Differentiable in every floating-point leaf of `system`, but not in `horizon`.  `keep`
     names the components of the state wanted between the steps, all by default: fewer

@@ -30,7 +30,7 @@ class Cycles(NamedTuple):
     """The last cycles of a motion, and whether it repeats."""
 
     x: State
-    """At the phases of each of the last cycles, oldest first; every leaf of shape (PERIODS + 1, m)."""
+    """The states at the phases of the last cycles, oldest first; every leaf of shape (PERIODS + 1, m)."""
     remaining: Float[Array, " periods"]
     """How far [m] the motion is from one that repeats after 1, 2, 3 cycles."""
     period: Count
@@ -38,7 +38,7 @@ class Cycles(NamedTuple):
     cycles: Count
     """How many were integrated."""
     ratio: Scalar
-    """By what the distance between cycles has shrunk in the last one."""
+    """Factor by which the distance between cycles has shrunk in the last one."""
     steps: Count
     failure: Count
     """Index into `accuracy.FAILURES`; 0 where the integration went well."""
@@ -61,7 +61,7 @@ def integrate_cycles(
     tolerance: ScalarLike,
     most: int | Count,
 ) -> Cycles:
-    """Integrates `system` from its initial state until a cycle repeats to within `tolerance` [m], `most` at most.
+    """Integrate `system` from its initial state until a cycle repeats to within `tolerance` [m], `most` at most.
 
     **Arguments:** a cycle takes `duration` [s]; the `phases` [s], ascending, shape (m,), lie within one, and are
     where cycles are compared.  The accuracy has room for the steps of one cycle.

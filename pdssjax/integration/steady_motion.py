@@ -23,7 +23,7 @@ MOST = 200
 """Cycles that are integrated at most, where it found nothing from there."""
 
 _NEUTRAL = 1e-6
-"""As near to 1 as this a multiplier is 1 but for rounding: what began never dies out."""
+"""Distance from 1 within which a multiplier is 1 but for rounding: what began never dies out."""
 
 _FAR = 10.0
 """An orbit is not what the cycles approach, so many times as far from the last one as their distances let expect."""
@@ -47,7 +47,7 @@ class SteadyState(NamedTuple):
     x: Float[Array, " components"]
     """The state at the opening of a period, just before its corner."""
     gain: Float[Array, " components"]
-    """What the motion gains until it repeats; zero but for what nothing depends on."""
+    """Net shift of the components that nothing depends on, until the motion repeats; zero for all others."""
     period: Count
     """After how many periods of the input it repeats; 0 where it does not, and `x` is only the last state seen."""
     multipliers: Float[Array, " components"]
@@ -122,7 +122,7 @@ def steady_state(
 
 @jax.custom_jvp
 def _chosen(ok: Truth, orbit: Ends, integrated: Ends) -> Ends:
-    """What belongs to the `orbit`, or what was `integrated`, which has no derivatives: they are NaN."""
+    """The result of the `orbit`, or that of the `integrated` cycles, whose derivatives are NaN."""
     return jax.tree.map(lambda a, b: jnp.where(ok, a, b), orbit, integrated)
 
 
@@ -133,7 +133,7 @@ def _(primals: tuple[Truth, Ends, Ends], tangents: tuple[Truth, Ends, Ends]) -> 
 
 
 def _gained(system: AbstractHybridSystem, cycles: Cycles) -> Float[Array, " components"]:
-    """What shifts, and nothing else, has gained in the last of some cycles, as many as it takes to repeat."""
+    """Net shift over the last cycles, as many as the motion takes to repeat; zero in components that do not shift."""
     ends = _openings(cycles)
     shifts = jnp.array([i in system.shifting_components() for i in range(ends.shape[1])])
     return jnp.where(shifts, ends[-1] - ends[-1 - cycles.period], 0.0)

@@ -30,7 +30,7 @@ def exact_end(system: AbstractHybridSystem, row: Float[Array, " columns"], x: li
 
 
 class Shift(NamedTuple):
-    """By how much the end of a step moves."""
+    """The shift of the end of a step with the parameters."""
 
     time: Scalar
     """Zero in value, the derivative of the event's or of the corner's time [s]."""
@@ -39,7 +39,7 @@ class Shift(NamedTuple):
 
 
 def event_shift_of(system: AbstractHybridSystem, row: Float[Array, " columns"], x: list[Scalar]) -> Shift:
-    """By how much the end `x` of a step moves with the time of its event or corner."""
+    """The shift of the end `x` of a step with the time of its event or corner."""
     step = read(row)
     at, mode, which = step.at, step.mode, step.which
     end, segment = unflattener(system)(x), system.segment(step.index)

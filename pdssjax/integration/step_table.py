@@ -32,7 +32,7 @@ class LoopState(NamedTuple):
     period_start: tuple[Scalar, ...]
     """State at the start of the drive's last period."""
     period_start_settled: Scalar
-    """That state was settled."""
+    """Whether that state was settled."""
     period: Scalar
     repeats: Scalar
 

@@ -87,7 +87,7 @@ class AbstractHybridSystem(eqx.Module):
 
     @abc.abstractmethod
     def state_scale(self) -> State:
-        """What one unit of each component amounts to as a displacement [m]: tolerances are displacements."""
+        """Displacement that one unit of each component stands for [m]: tolerances are displacements."""
 
     def error_scale(self, x: State) -> State:
         """The `state_scale` by which the error of a step from `x` is judged: where tolerances are relative, not one."""
@@ -196,6 +196,6 @@ def field_of(system: AbstractHybridSystem, segment: InputSegment, unflatten: Unf
 
 
 def unflattener(system: AbstractHybridSystem) -> Unflatten:
-    """Makes a state of `system` from its components."""
+    """Make a state of `system` from its components."""
     tree = jax.tree.structure(system.initial())
     return lambda leaves: jax.tree.unflatten(tree, list(leaves))

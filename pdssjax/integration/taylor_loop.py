@@ -46,19 +46,19 @@ class Node(NamedTuple):
     operands: tuple[int, ...]
     """Where they stand in the record."""
     literals: tuple[ScalarLike | None, ...]
-    """Its numbers, None for those that are arrays."""
+    """The numbers in the node, None for those that are arrays."""
 
 
 class Record(eqx.Module):
-    """What a field did to the series of a state: first the state, then the rest, operands first."""
+    """The operations of a field on the series of a state: first the state, then the rest, operands first."""
 
     nodes: tuple[Node, ...] = eqx.field(static=True)
     rates: tuple[int | None, ...] = eqx.field(static=True)
     """Where the rate of each component stands; None for the integer 0."""
     numbers: list[list[Float[Array, " m"]]]
-    """Of each node those that are arrays."""
+    """The numbers of each node that are arrays."""
     starts: list[Float[Array, " m"] | None]
-    """Of each node coefficient 0; None for what is known to vanish."""
+    """Coefficient 0 of each node; None for what is known to vanish."""
 
 
 def recorded(field: Field, time: ScalarLike, state: Sequence[ScalarLike]) -> Record:
@@ -190,7 +190,7 @@ class _Track:
 
 
 def _constants(record: Record) -> list[bool]:
-    """Of which nodes nothing but coefficient 0 can differ from zero."""
+    """Which nodes have no coefficient but 0 that can differ from zero."""
     constant: list[bool] = []
     for i, node in enumerate(record.nodes):
         if node.rule is series.unknown_rule:

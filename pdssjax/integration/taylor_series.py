@@ -20,10 +20,10 @@ from ..core import Count, Scalar, ScalarLike
 from .traced_arithmetic import plus, times
 
 Order: TypeAlias = int | Count
-"""Of a coefficient; traced within the loop of `taylor_loop`."""
+"""The order of a coefficient; traced within the loop of `taylor_loop`."""
 
 Weight: TypeAlias = Callable[[int], ScalarLike]
-"""Of a term of a sum, by its number."""
+"""The weight of a term of a sum, by its index."""
 
 
 class Coefficients(Protocol):
@@ -101,13 +101,13 @@ class Series:
 
 
 Term: TypeAlias = Series | ScalarLike
-"""What a field is made of: a power series in the time, or a number; the integer 0 is known to vanish."""
+"""A component of a field: a power series in the time, or a number; the integer 0 is known to vanish."""
 
 N = TypeVar("N", Scalar, Term)
-"""Numbers where numbers are given, else what a field is made of."""
+"""Numbers where numbers are given, else components of a field."""
 
 N_co = TypeVar("N_co", covariant=True)
-"""What a state is made of: numbers, or what a field is made of."""
+"""A component of a state: a number, or a component of a field."""
 
 Field: TypeAlias = Callable[[Term, Sequence[Term]], Sequence[Term]]
 """(t, x) to the time derivative of x, component by component."""

@@ -28,7 +28,7 @@ State: TypeAlias = PyTree[Float[Array, "..."]]
 """Whatever is integrated."""
 
 Coefficients: TypeAlias = PyTree[Float[Array, "coefficients ..."]]
-"""Those of a step, lowest first, in the share of the step that has passed."""
+"""Coefficients of a step, lowest first, in the fraction of the step that has passed."""
 
 
 class TaylorInterpolation(diffrax.AbstractLocalInterpolation):
@@ -76,7 +76,7 @@ class TaylorSolver(diffrax.AbstractAdaptiveSolver[None]):
         self.order_ = order
 
     def order(self, terms: Tree) -> int:
-        """That of the series; the error estimate, its last term, falls with the same power of the step."""
+        """The order of the series; the error estimate, its last term, falls with the same power of the step."""
         return self.order_
 
     def init(self, terms: Tree, t0: ScalarLike, t1: ScalarLike, y0: State, args: Tree) -> None:

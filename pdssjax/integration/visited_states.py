@@ -19,7 +19,7 @@ from .system import AbstractHybridSystem, State, Visited
 
 
 def is_closed(system: AbstractHybridSystem) -> bool:
-    """Its states at any times are known without a step: all at once, or on each segment, which no guard ends."""
+    """Whether states at any time are known without a step: all at once, or on each segment, which no guard ends."""
     return system.has_closed_states() or len(system.closed_components()) == len(jax.tree.leaves(system.initial()))
 
 
@@ -58,7 +58,7 @@ def exact_states_at(system: AbstractHybridSystem, times: Float[Array, " m"], seg
 
 
 class Visit(NamedTuple):
-    """What is left of a run of which only the states at some times were asked for."""
+    """The result of a run of which only the states at some times were asked for."""
 
     states: Visited
     end: End
@@ -68,7 +68,7 @@ class Visit(NamedTuple):
     events: Count
     """Switches of the mode that were located."""
     repeats: Truth
-    """From some period of the drive on the motion repeats that period."""
+    """Whether, from some period of the drive on, the motion repeats that period."""
     failure: Count
     """Index into `accuracy.FAILURES`; 0 where the integration finished."""
 
@@ -80,7 +80,7 @@ def visit(
     keep: tuple[int, ...] | None = None,
     horizon: ScalarLike | None = None,
 ) -> Visit:
-    """Integrates `system` from its initial state at t = 0, and tells the states at the ascending `times` [s].
+    """Integrate `system` from its initial state at t = 0, and return the states at the ascending `times` [s].
 
     As `integrate_steps` and `states_at` do together, differentiable in every floating-point leaf of `system` and in
     `times`.

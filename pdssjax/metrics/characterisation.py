@@ -41,9 +41,9 @@ class Summary:
 
     mean: float
     standard_deviation: float
-    """Of the cycles; NaN for a single one."""
+    """Standard deviation of the cycles; NaN for a single one."""
     standard_error: float
-    """Of the mean; NaN for a single cycle."""
+    """Standard error of the mean; NaN for a single cycle."""
     unit: str
     """SI unit; "" for a fraction."""
 
@@ -69,7 +69,7 @@ class Characterisation:
     metrics: dict[str, Float[np.ndarray, " cycles"]]
     """By name, one entry a cycle: the fields of `CycleMetrics` or of `ForceMetrics`."""
     summary: dict[str, Summary]
-    """By the same names; of a displacement also "efficiency_by_extremes", from the turning points."""
+    """Summaries by the same names; of a displacement also "efficiency_by_extremes", from the turning points."""
     before: Float[np.ndarray, " slips"]
     """The extreme sample before each slip, from the one that starts the first cycle to the one that ends the last;
     with the sign of the metrics, and NaN where the record begins with the slip."""

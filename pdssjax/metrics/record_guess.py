@@ -65,7 +65,7 @@ class RecordGuess:
     turned: bool
     """The motion was turned: it goes against the voltage."""
     hysteresis: float
-    """Of a platform, what a straight line of the voltage leaves, root mean square in parts of the motion; else NaN."""
+    """Rms residual of a platform's motion from a straight line of the voltage, in parts of the motion; else NaN."""
     velocity: Float[np.ndarray, " n"] | None = None
     """Where that was measured [m/s], turned like the motion, to which it adds up; else None."""
 
@@ -93,7 +93,7 @@ def guess_record(
     velocity: bool = False,
     where: str = "",
 ) -> RecordGuess:
-    """What `motion` [m], or [m/s] where it is a `velocity`, and `volts` [V] at increasing `time` [s] suggest.
+    """Guess the record from `motion` [m] (a `velocity` [m/s]) and `volts` [V] at increasing `time` [s].
 
     **Arguments:** `measures` is "platform" or "effector" where that is known.  Without `volts` a sawtooth of the
     `peak` voltage [V] is looked for in the motion, of the `frequency` [Hz] or the one found.  `where` begins

@@ -1,4 +1,4 @@
-"""What samples show of the sensor that took them: its noise, its resolution, and whether it clips or holds its output.
+"""Properties of a sensor from its samples: noise, resolution, clipping, and held output.
 
 The noise is told by how far neighbours scatter, whatever slower motion there is.  Of a sensor that holds its output,
 samples between two large steps are exactly alike, always as many, where motion goes on.  A coarse resolution makes such

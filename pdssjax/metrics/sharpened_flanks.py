@@ -302,7 +302,7 @@ def peak_of(whole_rise: float, period: float, duration: float) -> float:
 
 
 def _slopes_of_peak(whole_rise: float, period: float, duration: float) -> Float[np.ndarray, "4"]:
-    """Its derivatives by whole rise, period, start and duration."""
+    """The derivatives of `peak_of` by whole rise, period, start and duration."""
     return np.array([1.0 - duration / period, whole_rise * duration / period**2, 0.0, -whole_rise / period])
 
 
@@ -321,7 +321,7 @@ class Timing(NamedTuple):
     longest: float
     """The same."""
     within: float
-    """By so much the drive may start earlier or later [s]."""
+    """Time by which the drive may start earlier or later [s]."""
     errors: tuple[float, float] | None = None
     """Standard errors of duration and start [s] where samples on flanks locate them; None where only bounds are known.
     """

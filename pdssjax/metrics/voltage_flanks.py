@@ -89,7 +89,7 @@ class FastFlanks(NamedTuple):
     middles: Samples
     """[s]"""
     period: float
-    """By them, where there are two [s]."""
+    """Period by the fast flanks, where there are two [s]."""
 
 
 def fast_flanks(flanks: VoltageFlanks) -> FastFlanks | None:

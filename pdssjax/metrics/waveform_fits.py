@@ -41,7 +41,7 @@ class Waveform:
     uncertain: tuple[str, ...] = ()
     """Fields that the samples determine only within a bound, in words."""
     timing: Timing | None = None
-    """Of a step, a sawtooth or a cycloidal."""
+    """Timing of the fast flanks of a step, a sawtooth or a cycloidal."""
     voltage_error: float = 0.0
     """Standard error of the voltage [V]; of a sawtooth, of what its slow flank would come to in a whole period."""
     frequency_error: float = 0.0

@@ -1,4 +1,4 @@
-"""What the ceramic of a composed stack aims at: the displacement that the voltage would give at rest, and its rates.
+"""The aim of a composed stack: the displacement that the voltage would give at rest, and its rates.
 
 It is the sum of a polynomial of the voltage, of what follows it with hysteresis, and of creep; `composed` tells the
 equation.  The states of a law of hysteresis, its stops, are how far the voltage is ahead of each element [V].  Within a
@@ -23,15 +23,15 @@ class Parts(NamedTuple, Generic[N_co]):
     """The state of a composed stack in words."""
 
     mechanics: tuple[N_co, ...]
-    """Of the dynamics."""
+    """States of the dynamics."""
     seen: N_co
     """The voltage [V]."""
     slope: N_co | None
-    """Its rate [V/s]; None where no velocity hangs on it."""
+    """Slope of the voltage [V/s]; None where no velocity depends on it."""
     stops: tuple[N_co, ...]
-    """Of hysteresis: how far the voltage is ahead of each element [V]; of Bouc and Wen's h."""
+    """States of hysteresis: how far the voltage is ahead of each element [V]; h of Bouc and Wen."""
     crept: tuple[N_co, ...]
-    """What each element of creep has added [m]."""
+    """Displacement by each element of creep [m]."""
     flags: tuple[N_co, ...]
     """The sign of the voltage's rate; then one a stop, what its law of hysteresis knows of it."""
 
@@ -237,7 +237,7 @@ class BoucWen(AbstractHysteresis):
         return (jnp.where(h == 0.0, rises, jnp.where(h > 0.0, 1.0, -1.0)),)
 
     def _decay(self, rises: Entry, marks: tuple[Entry, ...]) -> Entry:
-        """Of h along the path of the voltage [1/V], signed as its slope."""
+        """Decay rate of h along the path of the voltage [1/V], signed as its slope."""
         return rises * self.beta + marks[0] * self.gamma
 
 
@@ -248,9 +248,9 @@ class Ceramic(NamedTuple):
     """Coefficients of the voltage, its square, ... [m/V], [m/V^2], ..."""
     hysteresis: AbstractHysteresis
     shares: tuple[ScalarLike, ...]
-    """Of each element of creep [m/V]."""
+    """Gain of each element of creep [m/V]."""
     times: tuple[ScalarLike, ...]
-    """Of each element of creep [s]."""
+    """Time constant of each element of creep [s]."""
 
     def aim(self, voltage: N, stops: tuple[N, ...], crept: tuple[N, ...]) -> N:
         """The displacement [m] that the ceramic would have at rest."""
@@ -263,7 +263,7 @@ class Ceramic(NamedTuple):
         return sum(crept, total)
 
     def aim_rate(self, x: Parts[Entry], slope: Entry) -> Entry:
-        """Its rate [m/s], while that of the voltage is `slope` [V/s]."""
+        """Time derivative of the aim [m/s] under a voltage of this `slope` [V/s]."""
         gain, *curves = self.memoryless
         total = slope * gain
         for k, curve in enumerate(curves, start=2):
@@ -287,11 +287,11 @@ class Ceramic(NamedTuple):
         return total
 
     def stop_rates(self, x: Parts[Entry], slope: Entry) -> tuple[Entry, ...]:
-        """Of the elements of hysteresis [V/s]."""
+        """Time derivatives of the elements of hysteresis [V/s]."""
         return self.hysteresis.rates(x.stops, x.rises, x.marks, slope)
 
     def creep_rates(self, x: Parts[Entry]) -> tuple[Entry, ...]:
-        """Of the elements of creep [m/s]."""
+        """Time derivatives of the elements of creep [m/s]."""
         elements = zip(x.crept, self.shares, self.times, strict=True)
         return tuple((x.seen * share - c) * (1.0 / time) for c, share, time in elements)
 

@@ -49,9 +49,9 @@ class ComposedModel(AbstractPiezo):
 
     has_steady_state = False
     made: ClassVar[Composition]
-    """What it is made of."""
+    """Parts of the stack."""
     told: ClassVar[dict[str, str]]
-    """What each parameter is."""
+    """Meaning of each parameter."""
 
     @classmethod
     def first_guess(cls, shown: Shown, known: Mapping[str, float]) -> dict[str, float]:

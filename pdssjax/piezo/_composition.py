@@ -14,34 +14,34 @@ from ..core import Declared, quantity
 from .base import USUAL_SWING, Shown, ToldRange
 
 DYNAMICS = ("static", "first-order", "second-order", "rod")
-"""Of the mechanics, the slowest words first."""
+"""Names of the mechanics, from the simplest on."""
 
 HYSTERESES = ("none", "play", "maxwell-slip", "bouc-wen")
-"""Of the ceramic."""
+"""Names of the laws of hysteresis of the ceramic."""
 
 MOST = {"elements": 64, "asymmetry": 9, "creep": 12, "modes": 8}
 """More of them than any record tells apart."""
 
 
 class Composition(NamedTuple):
-    """What a composed stack is made of."""
+    """Parts of a composed stack: mechanics, hysteresis, asymmetry and creep."""
 
     dynamics: str = "second-order"
     """One of `DYNAMICS`."""
     hysteresis: str = "play"
     """One of `HYSTERESES`."""
     elements: int = 3
-    """Of play or Maxwell slip."""
+    """Number of elements of play or Maxwell slip."""
     asymmetry: int = 3
     """Degree of the memoryless polynomial of the voltage; 1: a straight line."""
     creep: int = 2
     """Elements of creep, each ten times as slow as the one before; 0: none."""
     modes: int = 1
-    """Of a rod."""
+    """Number of modes of a rod."""
 
     @property
     def text(self) -> str:
-        """As names have it, such as "static+play-8+asymmetry-3+creep-3"."""
+        """The name of the composition, such as "static+play-8+asymmetry-3+creep-3"."""
         parts = [f"rod-{self.modes}" if self.dynamics == "rod" else self.dynamics]
         if self.hysteresis != "none":
             parts.append(f"{self.hysteresis}-{self.elements}" if self.has_elements else self.hysteresis)
@@ -55,7 +55,7 @@ class Composition(NamedTuple):
 
     @property
     def closed_on_lines(self) -> bool:
-        """Its motion under a voltage of straight lines is known in closed form."""
+        """Whether the motion under a voltage of straight lines is known in closed form."""
         return self.hysteresis != "bouc-wen"
 
 
@@ -91,7 +91,7 @@ class Field(NamedTuple):
     name: str
     declared: Declared
     text: str
-    """What it is, with its symbol and unit."""
+    """Meaning of the parameter, with its symbol and unit."""
 
 
 def fields_of(made: Composition) -> list[Field]:
@@ -209,7 +209,7 @@ def _history_fields(made: Composition) -> list[Field]:
 
 
 _SHARE = 0.2
-"""Of the displacement that is hysteresis, where a fit begins."""
+"""Fraction of the displacement that is hysteresis, where a fit begins."""
 
 _PASSED = 1.5
 """Voltage before the record over that at which the last element slips: at 1 it tells nothing yet, from 2 on no more."""
@@ -251,7 +251,7 @@ def composed_guess(
 
 
 def creep_range(made: Composition, shown: Shown) -> dict[str, ToldRange]:
-    """Between which numbers records can tell the time of a stack's fastest element of creep; none where it has none."""
+    """Range in which records can determine the time constant of a stack's fastest creep element; empty without one."""
     if not made.creep or not shown.interval or not shown.duration:
         return {}
     low = _FEW * shown.interval
@@ -278,7 +278,7 @@ def loop_numbers(made: Composition) -> tuple[str, ...]:
 
 
 def loop_columns(made: Composition, time: Samples, volts: Samples, numbers: Mapping[str, float]) -> dict[str, Samples]:
-    """By linear parameter, the motion [m] at `time` [s] that a unit of it makes of `volts` [V], from rest at 0 V.
+    """The motion [m] at `time` [s] per unit of each linear parameter under `volts` [V], from rest at 0 V.
 
     **Arguments:** the thresholds [V] and times [s] that `loop_numbers` names.
     """

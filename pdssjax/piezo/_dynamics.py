@@ -1,4 +1,4 @@
-"""What the mechanics of a stack make of the displacement at which its ceramic aims.
+"""The mechanics of a composed stack: from the aim of its ceramic to the motion of the platform.
 
     static        y = e
     first-order   tau y' + y = e
@@ -93,7 +93,7 @@ def _second_order(degree: int, x: Float[Array, "*n"], damping: Float[Array, "*n"
 
 
 def _one_frequency(degree: int, x: Float[Array, "*n"], damping: Float[Array, "*n"]) -> Response:
-    """That of a system whose roots are a complex pair, or near each other, or both slow against 1 / t."""
+    """The response of a system whose roots are a complex pair, or near each other, or both slow against 1 / t."""
     limit, first = _limit(degree)
     early, small, large = _sides(x, limit)
     series = [jnp.zeros_like(x), jnp.zeros_like(x)]
@@ -141,7 +141,7 @@ class Aim(NamedTuple):
     begins: Float[Array, " n"]
     """When [s]."""
     amplitudes: Float[Array, " m"]
-    """Of the parts that decay as exp(-rate t) [m]."""
+    """Amplitudes of the parts that decay as exp(-rate t) [m]."""
     rates: Float[Array, " m"]
     """[1/s]"""
 
@@ -151,7 +151,7 @@ class AbstractDynamics(eqx.Module):
 
     @abc.abstractmethod
     def initial(self, aim: Scalar) -> tuple[Scalar, ...]:
-        """At rest where the aim has long been `aim` [m]."""
+        """The states at rest where the aim has long been `aim` [m]."""
 
     @abc.abstractmethod
     def rates(self, states: tuple[Term, ...], aim: Term, force: Term) -> tuple[Term, ...]:
@@ -178,7 +178,7 @@ class AbstractDynamics(eqx.Module):
         """The fastest angular frequency [rad/s] that matters."""
 
     def mass(self) -> Scalar:
-        """That a force on the platform accelerates at first [kg]; infinite where none moves it."""
+        """Effective mass seen by a force on the platform [kg]; infinite where no force moves it."""
         return jnp.asarray(jnp.inf)
 
 
@@ -247,13 +247,13 @@ class Mode(NamedTuple):
     """One mode of a stack."""
 
     share: ScalarLike
-    """Of the aim that it follows [1]."""
+    """Gain from the aim to the mode [1]."""
     frequency: ScalarLike
     """w [rad/s]"""
     damping: ScalarLike
     """xi [1], any above 0."""
     mass: ScalarLike
-    """That a force on the platform drives [kg]."""
+    """Effective mass of the mode seen by a force on the platform [kg]."""
 
 
 class Modal(AbstractDynamics):

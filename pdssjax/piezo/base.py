@@ -20,41 +20,41 @@ from ..drive.base import Segment, Voltage
 from ..integration import N, Term
 
 State: TypeAlias = tuple[Scalar, ...]
-"""Of a stack: one scalar a component."""
+"""State of a stack: one scalar a component."""
 
 Terms: TypeAlias = tuple[Term, ...]
-"""What a field is made of, one a component."""
+"""A component of a rate: a number, or a series."""
 
 USUAL_SWING = 80.0
 """Voltage [V] over which a stack is driven that has the nominal parameters of a hysteresis."""
 
 
 class Shown(NamedTuple):
-    """What records say of a stack before any fit; None where they do not."""
+    """Features of a stack read from records before any fit; None where they do not show it."""
 
     gain: float | None = None
     """Displacement per volt [m/V]."""
     natural_frequency: float | None = None
-    """Of the first mode [rad/s]."""
+    """Natural frequency of the first mode [rad/s]."""
     damping_ratio: float | None = None
-    """Of the first mode."""
+    """Damping ratio of the first mode [1]."""
     swing: float | None = None
-    """From the lowest to the highest voltage [V]."""
+    """Difference of the highest and the lowest voltage [V]."""
     duration: float | None = None
-    """Of the longest record [s]."""
+    """Duration of the longest record [s]."""
     interval: float | None = None
-    """From sample to sample of the finest record [s]."""
+    """Sample interval of the finest record [s]."""
 
 
 class ToldRange(NamedTuple):
-    """Between which numbers records can tell a parameter, in SI."""
+    """Range [SI] in which records can determine a parameter."""
 
     low: float
     high: float
     why_low: str
-    """What the lower end is, in words."""
+    """Meaning of the lower end, in words."""
     why_high: str
-    """What the upper end is, in words."""
+    """Meaning of the upper end, in words."""
 
 
 _LOOK_AHEAD = 1e-9
@@ -79,7 +79,7 @@ class AbstractPiezo(AbstractModel):
     closed_on_lines: ClassVar[bool] = False
     """`motion` is exact on straight segments without friction feedback, through all guards; waves are stepped."""
     has_steady_state: ClassVar[bool] = True
-    """On a straight segment every motion tends to `steady`, soon.
+    """Whether every motion on a straight segment soon tends to `steady`.
 
     The state then consists of pairs (displacement [m], velocity [m/s]), whose displacements
     creep along steadily in the end.  A model that creeps or remembers for long says False,
@@ -161,7 +161,7 @@ class AbstractPiezo(AbstractModel):
     def loop_columns(
         cls, time: Float[np.ndarray, " n"], volts: Float[np.ndarray, " n"], numbers: Mapping[str, float]
     ) -> dict[str, Float[np.ndarray, " n"]]:
-        """By linear parameter, the motion [m] at `time` [s] that a unit of it makes of `volts` [V], without mechanics.
+        """The motion [m] at `time` [s] per unit of each linear parameter under `volts` [V], without mechanics.
 
         From rest at 0 V before t = 0, by NumPy: where a fit of many elements may start is found by it.
 
@@ -171,7 +171,7 @@ class AbstractPiezo(AbstractModel):
 
     @classmethod
     def told_ranges(cls, shown: Shown) -> dict[str, ToldRange]:
-        """Between which numbers records can tell parameters of this model, by name; none of those they always tell.
+        """Ranges in which records can determine parameters of this model, by name; without those always determined.
 
         Beyond, such a parameter does what others do: an element of creep much quicker than the samples is a part of the
         gain.  Fits stay within, where a study gives no bound.

@@ -84,7 +84,7 @@ class DistributedRod(AbstractPiezo):
 
     @property
     def modes(self) -> Modes:
-        """What `pdssjax.piezo._rod` makes of the numbers above."""
+        """The modes of `rod`, by `pdssjax.piezo._rod`."""
         return modes(self.rod, self.count)
 
     @property

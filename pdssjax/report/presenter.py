@@ -186,7 +186,7 @@ def _fitted_record(record: FittedRecord) -> list[str]:
 
 
 def study_html(study: Study) -> str:
-    """What a study knows and what was measured."""
+    """A study as HTML: its models, parameters and records."""
     reading = f" ({study.friction_state} state)" if study.friction.__name__.startswith("Anisotropic") else ""
     feedback = ", with friction feedback" if study.feedback else ""
     resting = ", at rest under its load from the beginning" if study.rests_under_load else ""

@@ -30,7 +30,7 @@ class DriveClock(eqx.Module):
     origins: Float[Array, " segments"]
     """[s]"""
     period: Scalar
-    """Of a drive that repeats, its length [s]; else infinite."""
+    """Period of a drive that repeats [s]; else infinite."""
     first: int = eqx.field(static=True)
     """Segment with which the first period begins."""
 

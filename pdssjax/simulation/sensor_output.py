@@ -31,7 +31,7 @@ System: TypeAlias = Any
 """The system of a record: one that has what is asked of it, such as `shown_displacement`."""
 
 State: TypeAlias = Any
-"""Of that system."""
+"""State of that system."""
 
 
 def _delay_of_sensor(system: System) -> ScalarLike:
@@ -49,9 +49,9 @@ class Output(NamedTuple):
     shown: Callable[[System, Segment, Scalar, State, Scalar], Scalar]
     """(system, segment, t_local, x, mode) to what is shown [SI], shape ()."""
     components: Callable[[System], tuple[int, ...] | None]
-    """Of a system, the components of its state of which that is made, counted as leaves; None for all."""
+    """A function from a system to the state components that are shown, counted as leaves; None for all."""
     delay: Callable[[System], ScalarLike] = _delay_of_sensor
-    """Of a system, by how much later it is shown [s]; its sensor's delay by default, 0 where it has none."""
+    """A function from a system to the delay of the sensor [s]; 0 where it has none."""
 
 
 def _displacement(system: System, segment: Segment, t_local: Scalar, x: State, mode: Scalar) -> Scalar:
@@ -88,7 +88,7 @@ def _of_all(system: System) -> tuple[int, ...] | None:
 
 
 DISPLACEMENT = Output(_displacement, _of_displacement)
-"""Of platform or end-effector [m], behind the sensor's low-pass."""
+"""Displacement of platform or end-effector [m], behind the sensor's low-pass."""
 
 VELOCITY = Output(_velocity, _of_velocity)
 """Velocity of platform or end-effector [m/s], behind the sensor's low-pass."""
@@ -100,7 +100,7 @@ STOP_FORCE = Output(_stop_force, _of_displacement)
 """The push on the stop [N], behind the sensor's low-pass."""
 
 FRICTION_FORCE = Output(_friction_force, _of_all, _at_once)
-"""Of the contact on the end-effector [N], as it is."""
+"""Friction force of the contact on the end-effector [N], without a sensor."""
 
 
 def sensor_samples(
@@ -149,7 +149,7 @@ def from_rest(times: Float[Array, " m"], failure: Count) -> Callable[[Float[Arra
 
 
 class Inside(NamedTuple):
-    """What moves within a system; arrays of shape (k,), SI, NaN where the system has no such part."""
+    """Motions within a system; arrays of shape (k,), SI, NaN where the system has no such part."""
 
     voltage: Float[Array, " k"]
     """The command [V]."""
@@ -164,10 +164,10 @@ class Inside(NamedTuple):
 
 
 class Observation(NamedTuple):
-    """What the sensor shows of one run, and what moves inside."""
+    """The sensor's output of one run, and the motions inside."""
 
     shown: Float[Array, " m"]
-    """What the sensor shows, in the unit of the record."""
+    """Output of the sensor, in the unit of the record."""
     between: Float[Array, " k"]
     """The same at the instants at which the inside is looked at."""
     inside: Inside

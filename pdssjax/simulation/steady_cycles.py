@@ -47,7 +47,7 @@ def steady_cycle(
 
 @eqx.filter_jit
 def _steady_cycle(actuator: Actuator, drive: AbstractDrive, fine: Accuracy, tolerance: Scalar) -> SteadyState:
-    """What `steady_cycle` gives, compiled."""
+    """The result of `steady_cycle`, compiled."""
     frequency = drive.cycle_frequency()
     assert frequency is not None
     system = StickSlip(actuator, drive)

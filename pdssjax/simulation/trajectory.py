@@ -130,7 +130,7 @@ def _simulated(
     fine: Accuracy,
     cycles: Literal["steady"] | None,
 ) -> Trajectory:
-    """What `simulate` gives, compiled once for all numbers of the models."""
+    """The result of `simulate`, compiled once for all numbers of the models."""
     system, times = StickSlip(actuator, drive), jnp.asarray(times, float)
     if cycles is None:
         moving, repeats, near, clock = system, None, None, times

@@ -20,9 +20,9 @@ class Entry:
     """A member, or a part of the rig."""
 
     name: str
-    """As a study writes it, with its family: "friction/lugre"; a part: "sensor", which goes before members."""
+    """Name as a study writes it, with its family: "friction/lugre"; of a part, such as "sensor", without one."""
     summary: str
-    """Its first sentence."""
+    """First sentence of the docstring."""
     text: str
     """Equations and sources, as a member's module or a part's class tells them."""
     parameters: dict[str, tuple[Quantity, str]]

@@ -43,7 +43,7 @@ class FittedRecord:
     offset: float
     """The record's own zero."""
     offset_standard_error: float
-    """Its standard error; NaN where given, or where the record was not fitted."""
+    """Standard error of the offset; NaN where given, or where the record was not fitted."""
     time: Float[np.ndarray, " n"]
     """Sample times [s]."""
     measured: Float[np.ndarray, " n"]
@@ -77,11 +77,11 @@ class FittedRecord:
     outliers: Int[np.ndarray, " k"] = field(default_factory=lambda: np.zeros(0, int))
     """Indices of samples that stand out of the residuals in runs of five at most: glitches."""
     undisturbed: Float[np.ndarray, " n"] | None = None
-    """As `predicted` where the fit had not seen the `outliers` of its records, which pull it; None: as `predicted`."""
+    """`predicted` by a fit without the `outliers` of its records, which pull it; None: as `predicted`."""
     voltage: Float[np.ndarray, " n"] | None = None
     """The command at `time` [V], where the platform alone is measured; else None."""
     excitation: str = ""
-    """What moved the rig, in words: waveform, peak voltage and frequency of the drive."""
+    """The excitation in words: waveform, peak voltage and frequency of the drive."""
     file: str = ""
     """Name of the file of data, without its folder."""
 
@@ -194,12 +194,12 @@ def _voltage(record: Record) -> Float[np.ndarray, " n"] | None:
 
 
 def repeated_residuals(record: Record, residual: Float[np.ndarray, " n"]) -> LackOfFit | None:
-    """What of a record's `residual` repeats every cycle of its drive; None where the drive does not repeat."""
+    """The part of a record's `residual` that repeats every cycle; None where the drive does not repeat."""
     frequency = cycles_a_second(record)
     return None if frequency is None else lack_of_fit(residual, record.time, frequency)
 
 
 def cycles_a_second(record: Record) -> float | None:
-    """Of a record's drive [Hz]; None where it does not repeat."""
+    """Frequency of a record's drive [Hz]; None where it does not repeat."""
     frequency = None if record.drive is None else record.drive.cycle_frequency()
     return None if frequency is None else float(frequency)

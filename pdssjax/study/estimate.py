@@ -28,16 +28,16 @@ class ParameterError(NamedTuple):
     """Lower and upper end of the 95 % interval [unit], symmetric on the scale of the fit and cut at the bounds of the
     parameter; NaN like the error."""
     degrees_of_freedom: float = np.inf
-    """Of the noise that the error rests on: the interval is that of Student's t; infinite where the noise is known."""
+    """Degrees of freedom of the noise estimate, for the interval by Student's t; infinite where the noise is known."""
 
 
 class MeasuredApart(NamedTuple):
-    """What is known of a parameter from elsewhere, beside where the fit with it ended."""
+    """A parameter that was measured apart, beside the estimate that uses it."""
 
     value: float
-    """As it was told [unit]."""
+    """Number that was measured apart [unit]."""
     standard_error: float
-    """As it was told [unit]."""
+    """Standard error of that number [unit]."""
     pull: float
     """Estimate less value, over the standard deviation that this has by chance: standard normal where records and value
     agree.  NaN where the records tell next to nothing of the parameter, or it ended at a bound."""
@@ -89,7 +89,7 @@ class FittedParameter:
     bounds: tuple[float, float] = (-np.inf, np.inf)
     """Where it may lie [unit]: the bounds that the study gives, or else those of its legal range."""
     measured_apart: MeasuredApart | None = None
-    """Of a parameter that was told with a standard error; else None."""
+    """The measurement from elsewhere, of a parameter that has one; else None."""
 
     @property
     def interval_at_bound(self) -> tuple[str, ...]:
@@ -101,7 +101,7 @@ class FittedParameter:
 
     @property
     def remark(self) -> str:
-        """What tables say of it besides its numbers."""
+        """The remark on the parameter in tables."""
         if not self.free:
             return "fixed"
         marks = ["at bound"] * self.at_bound + ["no information"] * (not self.identifiable)
@@ -110,7 +110,7 @@ class FittedParameter:
 
     @property
     def _told(self) -> list[str]:
-        """What was measured apart, in the unit that tables show, and the pull."""
+        """Number and error measured apart, in the unit that tables show, and the pull."""
         if self.measured_apart is None:
             return []
         pull = "" if np.isnan(self.measured_apart.pull) else f", pull {self.measured_apart.pull:+.1f}"
@@ -178,14 +178,14 @@ class Amplification:
 
 @dataclass(frozen=True)
 class Provenance:
-    """What made an estimate, so that it can be made again."""
+    """The origin of an estimate, so that it can be made again."""
 
     command: str = ""
     """Command line of the fit; "" where a program called `pdssjax.identify`."""
     study: str = ""
     """Path of the study's file, as it was given; "" where there is none."""
     versions: Mapping[str, str] = field(default_factory=dict)
-    """Of Python and of the packages that compute, by name; empty where nothing is known of them."""
+    """Versions of Python and of the packages that compute, by name; empty where none is known."""
 
 
 OWN_MINIMISER = "BoundedLevenbergMarquardt"
@@ -218,13 +218,13 @@ class Estimate:
     seconds: float
     """Wall time of the fit [s]."""
     profiles: tuple[Profile, ...] = ()
-    """Of the parameters whose intervals are by profile likelihood."""
+    """Profiles of the parameters whose intervals are by profile likelihood."""
     multistart: Multistart | None = None
     """Where fits from the starts asked for ended; None where none were."""
     draws: Draws | None = None
-    """Of a bootstrap or a posterior, from which the intervals then are."""
+    """Draws of a bootstrap or a posterior, which the intervals then come from."""
     amplification: Amplification | None = None
-    """What an error of the stack does to all else; None where nothing is fitted after it."""
+    """Effect of an error of the stack on all other parameters; None where nothing is fitted after it."""
     loss: str = "squares"
     """What was minimised, a member of `pdssjax.inference.losses`; of a robust one the standard errors are those of a
     sandwich covariance."""
@@ -239,9 +239,9 @@ class Estimate:
     error_advice: ErrorAdvice | None = None
     """Which of the `errors` of the parameters to believe; None where there are none."""
     covariances: Mapping[str, Float[np.ndarray, "p p"]] = field(default_factory=dict)
-    """By error model as in `errors`, in the product of the SI units, in the order of `names`."""
+    """Covariances by error model as in `errors`, in the product of the SI units, in the order of `names`."""
     actuator: Mapping[str, str | bool] = field(default_factory=dict)
-    """What was fitted, as [actuator] of the study's file has it; empty where nothing is known of it."""
+    """The models that were fitted, as [actuator] of the study's file has them; empty where unknown."""
     solver: str = "taylor"
     """Name of the integrator, of `pdssjax.integration.SOLVERS` where it is one of those."""
     minimiser: str = OWN_MINIMISER
@@ -253,7 +253,7 @@ class Estimate:
 
     @property
     def success(self) -> bool:
-        """It converged, and explains its records (`explained`)."""
+        """Whether the fit converged and explains its records (`explained`)."""
         return self.converged and self.explained
 
     @property

@@ -25,7 +25,7 @@ class Combination:
 
 @dataclass(frozen=True)
 class Remedy:
-    """What would help most: one parameter known from elsewhere."""
+    """The parameter whose separate measurement would lower the other errors most."""
 
     path: str
     """The parameter that would have to be known."""
@@ -35,12 +35,12 @@ class Remedy:
 
 @dataclass(frozen=True)
 class Agreement:
-    """What a group of records does to the estimate, to first order."""
+    """Influence of a group of records on the estimate, to first order."""
 
     records: tuple[str, ...]
     """Their names."""
     what: str
-    """What they have in common: "record", "direction", "kind"."""
+    """Attribute that the records have in common: "record", "direction", "kind"."""
     sigmas: float
     """How far they disagree with the other records, as a normal deviate; above 4 it is no chance."""
     shifts: dict[str, float]
@@ -56,14 +56,14 @@ class Agreement:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What the data determine, and whether they agree."""
+    """Combinations that the data determine, and agreement of the records."""
 
     combinations: tuple[Combination, ...]
-    """Of the free parameters, the worst determined first."""
+    """Combinations of the free parameters, the worst determined first."""
     remedy: Remedy | None
     """None where no single parameter would help much."""
     agreement: tuple[Agreement, ...]
-    """Of every record fitted, and of records that have their direction or kind in common; empty for a single record."""
+    """Agreement of every record fitted, and of records of a common direction or kind; empty for a single record."""
 
 
 @equal_by_value
@@ -73,7 +73,7 @@ class Profile:
 
     path: str
     value: Float[np.ndarray, " points"]
-    """Of the parameter [its SI unit], ascending."""
+    """Values of the parameter [its SI unit], ascending."""
     excess: Float[np.ndarray, " points"]
     """Chi-square above its minimum [1], minimised over all other parameters."""
     linear: Float[np.ndarray, " points"]
@@ -88,12 +88,12 @@ class Profile:
     """How well the points foretell each other: 1 where values and slopes fit together, 0 where one misses by the
     threshold; NaN where there is nothing to compare."""
     evaluations: int
-    """Of model and derivatives, for both ends and the curve."""
+    """Evaluations of model and derivatives, for both ends and the curve."""
 
 
 @dataclass(frozen=True)
 class ParameterDraws:
-    """What the draws say of one parameter."""
+    """Summary of the draws of one parameter."""
 
     path: str
     mean: float
@@ -103,13 +103,13 @@ class ParameterDraws:
     percentile: tuple[float, float]
     """Holds the middle 95 % of the draws [unit]."""
     basic: tuple[float, float] | None = None
-    """Of a bootstrap: the same mirrored at the estimate on the scale of the fit [unit]."""
+    """Basic interval of a bootstrap: the percentiles mirrored at the estimate on the scale of the fit [unit]."""
     rhat: float | None = None
-    """Of a posterior: how far the chains disagree; 1 where they do not, at most 1.01 where they can be trusted."""
+    """R-hat of a posterior: disagreement of the chains, 1 for none; trust at most 1.01."""
     effective: float | None = None
-    """Of a posterior: as many independent draws say as much of the middle."""
+    """Effective sample size of the middle of a posterior."""
     effective_tails: float | None = None
-    """Of a posterior: the same for the ends of the interval."""
+    """Effective sample size of the tails of a posterior."""
 
 
 @equal_by_value
@@ -119,13 +119,13 @@ class Draws:
 
     kind: Literal["bootstrap", "posterior"]
     description: str
-    """In words: what was drawn, and how."""
+    """A sentence on what was drawn, and how."""
     names: tuple[str, ...]
     """Paths of the free parameters."""
     values: Float[np.ndarray, "chains draws p"]
-    """In SI; a bootstrap is one chain."""
+    """The draws [SI]; a bootstrap is one chain."""
     failed: int
-    """Of what `failure` says."""
+    """Number of the draws that `failure` describes."""
     failure: str
     """In words: replicates that did not converge, which a bootstrap leaves out; proposals of a posterior that the model
     refused, where the draw before counts once more; or trajectories that ended at an edge, which are draws all the
@@ -155,7 +155,7 @@ class Multistart:
     """Number of the optimum, from 0, to which the start led; -1 where the fit did not converge."""
     iterations: Int[np.ndarray, " starts"]
     ranges: dict[str, tuple[float, float]]
-    """Between which the starts were spread [SI]; other free parameters all began at one number."""
+    """Ranges over which the starts were spread [SI]; other free parameters all began at one number."""
 
     @property
     def distinct(self) -> int:

@@ -28,7 +28,7 @@ class Models(eqx.Module):
     friction_state: str = eqx.field(static=True)
     feedback: bool = eqx.field(static=True)
     parts: frozenset[str] = eqx.field(static=True, default=frozenset())
-    """What the rig has besides: "amplifier", "low-pass" (of the sensor)."""
+    """Further parts of the rig: "amplifier", "low-pass" (of the sensor)."""
     rests_under_load: bool = eqx.field(static=True, default=False)
     """Load and tilt acted before t = 0."""
 
@@ -39,7 +39,7 @@ class Models(eqx.Module):
 
     @property
     def chosen(self) -> dict[str, str | bool]:
-        """As [actuator] of a study's file has them, by key."""
+        """The chosen members by key, as [actuator] of a study's file has them."""
         return {
             "piezo": member_name(self.piezo),
             "friction": member_name(self.friction),
@@ -63,7 +63,7 @@ class Models(eqx.Module):
             raise InputError(f"{where}: found an estimate with {found}, expected one with {expected}, as in the study.")
 
     def declared(self) -> dict[str, Quantity]:
-        """What is declared of every parameter of the members and of the parts of a rig, by path."""
+        """The declared quantities of the members and of the parts of a rig, by path."""
         chosen = {"piezo": self.piezo, "friction": self.friction, **PARTS}
         return {f"{name}.{field}": q for name, model in chosen.items() for field, q in quantities(model).items()}
 
@@ -89,7 +89,7 @@ class Models(eqx.Module):
 
 
 def parts_told_by(paths: Collection[str]) -> frozenset[str]:
-    """What a rig has besides where parameters of these `paths` are told: "amplifier", "low-pass" (of the sensor)."""
+    """Further parts of a rig that parameters of these `paths` imply: "amplifier", "low-pass" (of the sensor)."""
     parts = {"amplifier"} if any(path.startswith("amplifier.") for path in paths) else set()
     return frozenset(parts | ({"low-pass"} if "sensor.bandwidth" in paths else set()))
 

@@ -25,7 +25,7 @@ class Parameter:
     unit: str
     """SI unit; "" for a pure number."""
     quantity: Quantity
-    """What the model declares of it."""
+    """The model's declaration of the parameter."""
     value: float | None = None
     """The value of a fixed parameter; None: it is free."""
     start: float | None = None
@@ -35,13 +35,13 @@ class Parameter:
     high: float | None = None
     """Upper bound given; None: the legal range alone bounds it."""
     standard_error: float | None = None
-    """Of the start of a free parameter, where that was measured apart; None: only the records tell it."""
+    """Standard error of the start, where the parameter was measured apart; None: only the records determine it."""
     source: str = ""
     """Where its number comes from, if not from the study's file."""
 
     @property
     def number(self) -> float | None:
-        """Its value or its start; None where it has neither."""
+        """The value of a fixed parameter or the start of a free one; None where it has neither."""
         return self.start if self.value is None else self.value
 
     @property

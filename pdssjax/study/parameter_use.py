@@ -1,4 +1,4 @@
-"""Which parameters a prediction depends on, and what is said of those that would change nothing.
+"""Which parameters a prediction depends on, and the messages on those that have no effect.
 
 What is legal in a study (`legal_quantities`) is more than what its records depend on: a study of the platform knows
 the parameters of a stop.  A path that somebody names outside the study's file has to have an effect, or is refused.
@@ -24,7 +24,7 @@ _NEEDS = {
     "amplifier": ("no record is driven", 'a record with measures = "platform" or "effector"'),
     "sensor": ("no record is driven", 'a record with measures = "platform" or "effector"'),
 }
-"""By part of the rig, why its parameters change nothing, and what of a study would make them count."""
+"""Why the parameters of a part of the rig have no effect, and what would give them one."""
 
 MASS_UNUSED = "only friction that acts back on the platform uses it", "feedback = true in [actuator] of the study"
 """Why the mass of a stack without feedback changes nothing, and what would make it count."""
@@ -64,7 +64,7 @@ def check_read(paths: Iterable[str], models: Models, records: Sequence[Record], 
 
 
 def without_effect(where: str, path: str, why: str, needs: str, read: Collection[str]) -> InputError:
-    """What is raised of a `path` that changes nothing: `why`, what it `needs`, and the nearest path that is `read`."""
+    """The error for a `path` without effect: `why`, what it `needs`, and the nearest path that is `read`."""
     return InputError(f'{where}: found "{path}", which changes nothing: {why}. It needs {needs}; {nearest(path, read)}')
 
 

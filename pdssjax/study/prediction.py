@@ -41,7 +41,7 @@ S = TypeVar("S", bound=eqx.Module)
 
 
 class Run(eqx.Module):
-    """What is done to the rig in a record."""
+    """The excitation of the rig in a record, and the times of its samples."""
 
     drive: AbstractDrive | None
     """The voltage from t = 0 on; None where nothing is driven."""
@@ -52,7 +52,7 @@ class Run(eqx.Module):
 
 
 class RecordedRun(Protocol):
-    """What is asked of a record to put it beside others of its shape."""
+    """The attributes of a record by which it is grouped with others of its shape."""
 
     @property
     def drive(self) -> AbstractDrive | None:
@@ -159,7 +159,7 @@ class AbstractSetup(eqx.Module):
     """One way to make a record, without the numbers of the rig."""
 
     output: eqx.AbstractVar[Output]
-    """What the sensor shows; static."""
+    """Output of the sensor; static."""
 
     @abc.abstractmethod
     def system(self, models: Models, values: Values, run: Run) -> AbstractHybridSystem:
@@ -244,7 +244,7 @@ def _driven(run: Run) -> AbstractDrive:
 
 
 class HasSetup(Protocol):
-    """What is asked of a measurement: `pdssjax.study.AbstractMeasurement` has it."""
+    """A measurement that makes setups, such as `pdssjax.study.AbstractMeasurement`."""
 
     def setup(self, models: Models) -> AbstractSetup:
         """How a record of it is predicted."""
@@ -252,11 +252,11 @@ class HasSetup(Protocol):
 
 
 class PredictedRecord(RecordedRun, Protocol):
-    """What is asked of a record: `pdssjax.study.Record` has it."""
+    """A record with a measurement, such as `pdssjax.study.Record`."""
 
     @property
     def measurement(self) -> HasSetup:
-        """What was measured."""
+        """The measurement of the record."""
         ...
 
 
@@ -264,7 +264,7 @@ class Lowered(Protocol):
     """A function that has been traced."""
 
     def compile(self) -> object:
-        """Compiles it, for all that call it afterwards."""
+        """Compile the function for all later calls."""
         ...
 
 
@@ -312,7 +312,7 @@ def predicted(
     accuracy: Accuracy,
     used: Bool[Array | np.ndarray, " records"] | None = None,
 ) -> list[Float[Array, " samples"]]:
-    """What `predictor` gives of the records that are `used`, by default all, compiled once for all that ask."""
+    """Predictions by `predictor` of the records that are `used`, by default all, compiled once for all callers."""
     return _predicted(*_as_arrays(predictor, values, accuracy, used))
 
 
@@ -348,7 +348,7 @@ def _of_each_record(
     accuracy: Accuracy,
     used: Bool[Array | np.ndarray, " records"] | None = None,
 ) -> list[Array]:
-    """What `ask` (`sensor_samples`, `why_failed`) gives of each record, in the order of the records; 0 if not used."""
+    """Result of `ask` (`sensor_samples`, `why_failed`) for each record, in the order of the records; 0 if not used."""
     found: dict[int, Array] = {}
     for group in predictor.groups:
         asked = None if used is None else jnp.asarray(used)[jnp.asarray(group.places)]
@@ -364,7 +364,7 @@ def _of_group(
     accuracy: Accuracy,
     used: Bool[Array, " records"] | None,
 ) -> Array:
-    """What is asked of the records of a group, one after the other, stacked."""
+    """Results for the records of a group, computed one after the other and stacked."""
     roomy = with_room(accuracy, group.setups, models, group.segments, group.duration)
 
     def of_record(

@@ -17,13 +17,13 @@ class Record:
     """A run of the rig: the drive or the motion applied, and what was measured."""
 
     name: str
-    """As reports call it; no other record of the study has it."""
+    """Name of the record in reports; no other record of the study has it."""
     file: Path
     """The CSV file it comes from."""
     role: str
     """"fit": fitted; "validate": only predicted and compared."""
     measurement: AbstractMeasurement
-    """What was measured: a member of the family `pdssjax.study.measurement`."""
+    """The measurement: a member of the family `pdssjax.study.measurement`."""
     drive: AbstractDrive | None
     """The voltage, from t = 0 on; fields in SI.  None where a motion is prescribed."""
     overrides: frozenset[str]
@@ -56,12 +56,12 @@ class Record:
 
     @property
     def measures(self) -> str:
-        """What was measured, as a study file writes it: "platform", "effector", ..."""
+        """Name of the measurement, as a study file writes it: "platform", "effector", ..."""
         return self.measurement.name
 
     @property
     def excitation(self) -> str:
-        """What moves the rig, in words: waveform, peak voltage and frequency of the drive."""
+        """The excitation in words: waveform, peak voltage and frequency of the drive."""
         if self.drive is None:
             return "prescribed motion"
         frequency = self.drive.cycle_frequency()

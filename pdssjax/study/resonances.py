@@ -27,7 +27,7 @@ SHOWN = 0.4
 """The part of the sampling rate up to which a record shows a frequency: two and a half samples a period."""
 
 _SHIFT = 1e-3
-"""By which a parameter is changed to see whether a resonance depends on it."""
+"""Relative change of a parameter that shows whether a resonance depends on it."""
 
 
 class Resonance(NamedTuple):
@@ -39,7 +39,7 @@ class Resonance(NamedTuple):
     """Undamped natural frequency [Hz]."""
     damping_ratio: float
     blocked: bool | None = None
-    """Of the contact: whether a stop adds its stiffness."""
+    """Whether a stop adds its stiffness to the resonance of a contact; None for other resonances."""
 
     def acts_on(self, measurement: AbstractMeasurement) -> bool:
         """Whether what is measured has this mode in it."""
@@ -89,7 +89,7 @@ def _linearised(contact: AbstractFriction, sign: Scalar) -> tuple[Scalar, Scalar
 
 
 def depends_on(models: Models, values: dict[str, float], paths: Sequence[str]) -> dict[Resonance, list[str]]:
-    """Of every resonance, which of the parameters `paths` set its frequency or its damping."""
+    """Which of the parameters `paths` set the frequency or the damping of each resonance."""
     modes = resonances(models, values)
     found: dict[Resonance, list[str]] = {mode: [] for mode in modes}
     for path in paths:

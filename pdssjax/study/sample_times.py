@@ -1,4 +1,4 @@
-"""Whether the times of a record can be right: they increase, its clock meets its drive, and it does not begin too late.
+"""Checks of a record's clock: times increase, meet the drive, and do not begin too late.
 
 Times are in seconds; what is at fault is said with its file.
 """
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from .record import Record
 
 STEP_TIME = 0.01
-"""Within this time [s] a platform under a step comes to rest; for checks of units and clocks only."""
+"""Time [s] in which a platform under a step comes to rest; for checks of units and clocks only."""
 
 _LATE_PERIODS = 1000
 """Periods of the drive after which a record that only then begins is taken for one on another clock."""

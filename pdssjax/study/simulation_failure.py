@@ -12,7 +12,7 @@ from .prediction import Predictor, failures, predicted
 from .record import Record
 
 FACTORS = (0.3, 3.0, 0.1, 10.0, 0.01, 100.0, 0.001, 1000.0)
-"""By which a parameter is changed to see whether it is the cause, the least change first."""
+"""Factors by which a parameter is changed to see whether it is the cause, the least change first."""
 
 ELECTRONICS = ("amplifier", "sensor")
 """Parts of the rig whose parameters are changed first."""

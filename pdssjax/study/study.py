@@ -41,10 +41,10 @@ from .record import Record
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Study:
-    """What a study file says, checked; all numbers in SI."""
+    """A study: the content of a study file, checked; all numbers in SI."""
 
     title: str
-    """As reports call it."""
+    """Title of the study in reports."""
     path: Path | None
     """The file it comes from."""
     piezo: type[AbstractPiezo]
@@ -62,7 +62,7 @@ class Study:
     rests_under_load: bool = False
     """Whether load and tilt acted before t = 0, and motion is counted from rest under them; else they set in then."""
     solver: str = "taylor"
-    """What integrates its simulations, one of `pdssjax.integration.SOLVERS`."""
+    """Name of the integrator of its simulations, one of `pdssjax.integration.SOLVERS`."""
     constraints: tuple[Constraint, ...] = ()
     """Inequalities between its parameters, which a fit keeps."""
 
@@ -118,7 +118,7 @@ class Study:
         return self._predictor_of(self.models_with(given)), self.values(given) | given, accuracy
 
     def legal(self) -> dict[str, Quantity]:
-        """What is declared of every parameter that the study may list, by path."""
+        """The declared quantities of every parameter that the study may list, by path."""
         return legal_quantities(self)
 
     def values(self, but: Collection[str] = ()) -> dict[str, float]:
@@ -247,7 +247,7 @@ class Study:
 
     @functools.cached_property
     def _predictors(self) -> dict[frozenset[str], Predictor]:
-        """Those made so far, by the parts of the rig."""
+        """The predictors made so far, by the parts of the rig."""
         return {}
 
 

@@ -3,19 +3,19 @@
 from ..core import members, told_by
 
 FAMILIES = {"drive": "drive", "piezo": "piezo", "friction": "friction", "measurement": "study.measurement"}
-"""Of these a study chooses a member: drives by `waveform`, measurements by `measures`, the others in [actuator]."""
+"""The families that a study chooses from: drives by `waveform`, measurements by `measures`, others in [actuator]."""
 
 PARTS_OF_A_RIG = ("effector", "stop", "amplifier", "sensor")
 """The keys of `pdssjax.actuator.PARTS`, told without loading it."""
 
 
 def entry_names() -> list[str]:
-    """Of all members and parts, family by family: "friction/lugre", "sensor"."""
+    """Names of all members and parts, family by family: "friction/lugre", "sensor"."""
     return [*(f"{said}/{name}" for said, family in FAMILIES.items() for name in members(family)), *PARTS_OF_A_RIG]
 
 
 def first_sentence(told: str) -> str:
-    """Of a docstring, on one line."""
+    """The first sentence of a docstring, on one line."""
     return " ".join(told.split("\n\n")[0].split())
 
 

@@ -24,9 +24,9 @@ class Recording:
     """One record as the virtual rig made it."""
 
     record: Record
-    """With what was measured filled in."""
+    """The record with what was measured filled in."""
     true: Float[np.ndarray, " samples"]
-    """What there is to be seen, in SI, without zero, noise and rounding."""
+    """True values of the measured quantity, in SI, without zero, noise and rounding."""
     offset: float
     """The zero that went in."""
 
@@ -60,7 +60,7 @@ def _recorded(record: Record, true: Float[np.ndarray, " samples"], seed: int) ->
 
 
 def truth(study: Study, recordings: list[Recording], seed: int) -> Document:
-    """What went in, as plain data for a file."""
+    """The true numbers of a virtual rig, as plain data for a file."""
     return {
         "format": "pdssjax-truth/1",
         "seed": seed,

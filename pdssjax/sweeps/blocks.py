@@ -29,7 +29,7 @@ POINT_FAILURES = (
     "a reversal of its cycle grazes: its metrics are those of cycles integrated one after the other, and neither "
     "derivatives nor multiplier hold there",
 )
-"""By its number; 0 is none."""
+"""Sentences on the failure of a point, by its number; 0 is none."""
 
 
 LANES = 64
@@ -93,7 +93,7 @@ class AbstractBlockStore(abc.ABC):
 
     @abc.abstractmethod
     def open(self, document: Document, plan: BlockPlan) -> tuple[BlockPlan, Sequence[int]]:
-        """Makes ready for the points of `plan` and says which blocks are still to be computed, and of which plan.
+        """Prepare for the points of `plan` and return which blocks are still to be computed, and of which plan.
 
         That is another one of the same points where the store holds a part of them in other blocks.
 
@@ -102,14 +102,14 @@ class AbstractBlockStore(abc.ABC):
 
     @abc.abstractmethod
     def keep(self, number: int, found: Float[np.ndarray, "points columns"]) -> None:
-        """Keeps what was found at the points of block `number`, one row each: the metrics in SI, then the failure."""
+        """Keep what was found at the points of block `number`, one row each: the metrics in SI, then the failure."""
 
     @abc.abstractmethod
     def fail(self, number: int, reason: str) -> None:
         """Notes that block `number` could not be computed, and why."""
 
     def close(self) -> None:
-        """Gives back what `open` has taken, such as a lock; what is kept stays."""
+        """Give back what `open` has taken, such as a lock; what is kept stays."""
         return None
 
     @abc.abstractmethod
@@ -140,14 +140,14 @@ def columns_of(document: Document) -> int:
 
 
 def blank(points: int, columns: int) -> Float[np.ndarray, "points columns"]:
-    """What is found at points that were not computed."""
+    """Results of points that were not computed."""
     found = np.full((points, columns), np.nan)
     found[:, -1] = NOT_COMPUTED
     return found
 
 
 _COPIES = 4
-"""Of all points and all that is found of them, at once: in the order of the axes, in that of the blocks, labelled."""
+"""Copies of all points and results held at once: in the order of the axes, in that of the blocks, labelled."""
 
 _SHARE = 0.5
 """Part of the machine's memory that they may take."""

@@ -1,4 +1,4 @@
-"""Which cycle of a motion a sweep measures: the one of a given number, counted from rest, or the steady one.
+"""The cycle of a motion that a sweep measures: that of a given number, counted from rest, or the steady one.
 
 For the steady cycle, points side by side are integrated until their motion repeats; the few that take longer are found
 one by one, by Newton's method on the cycle map (`pdssjax.integration.steady_motion`), or, near one with a reversal that
@@ -47,7 +47,7 @@ SIDE_BY_SIDE = Taylor(16)
 """Steps of points side by side, where all that an order adds is computed: finer series would gain nothing."""
 
 FINE = Accuracy(tolerance=1e-17, settle_tolerance=1e-15)
-"""Of a course: derivatives of a net step that is the difference of far longer motions are lost in coarser steps."""
+"""Accuracy for derivatives: a net step is a small difference of long motions, which coarser steps lose."""
 
 _LINE = 6
 """Samples by which the line of a flank is found."""
@@ -56,18 +56,18 @@ _INSIDE = 1e-6
 """How far inside the fitted part they stay, in parts of a flank: rounding must not put one outside."""
 
 _PARTS = np.linspace(FLANK[0] + _INSIDE, FLANK[1] - _INSIDE, _LINE)
-"""Of the way that the voltage goes along the flank, where the samples are."""
+"""Fractions of the voltage's way along the flank, where the samples are."""
 
 
 class Metric(NamedTuple):
-    """What is measured at each point."""
+    """A quantity that is measured at each point."""
 
     unit: str
     """In SI."""
     says: str
     """In words."""
     by: str = ""
-    """Of a derivative, the path by which it is taken."""
+    """The path by which a derivative is taken; "" for other metrics."""
 
 
 METRICS = {
@@ -77,11 +77,11 @@ METRICS = {
     "stroke": Metric("m", "stroke of the stick phase"),
     "back_slip": Metric("m", "back-slip"),
 }
-"""What every cycle has, by the names of `pdssjax.metrics.CycleMetrics`."""
+"""Metrics of every cycle, by the names of `pdssjax.metrics.CycleMetrics`."""
 
 
 OF_FLANKS = "efficiency", "stroke", "back_slip"
-"""Those of a cycle that is a slow and a fast flank."""
+"""Metrics of a cycle that is a slow and a fast flank."""
 
 
 class Opening(NamedTuple):
@@ -122,13 +122,13 @@ class AbstractCycle(eqx.Module):
 
     @property
     def metrics(self) -> dict[str, Metric]:
-        """What is found, by name."""
+        """The metrics of the cycle, by name."""
         return METRICS
 
     @property
     @abc.abstractmethod
     def described(self) -> int | str:
-        """As `sweep(cycles=...)` takes it."""
+        """The cycle as `sweep(cycles=...)` takes it."""
 
     @property
     @abc.abstractmethod
@@ -165,7 +165,7 @@ class AbstractCycle(eqx.Module):
         return np.zeros(len(found), bool)
 
     def patient(self, system: StickSlip, accuracy: Accuracy) -> tuple[Float[Array, " metrics"], Count]:
-        """As `measure`, for the few points that are `unfinished`; one after the other.  Fails with `GRAZING`, too."""
+        """Measure the few points that are `unfinished`, one after the other.  Fails with `GRAZING`, too."""
         return self.measure(system, accuracy)
 
 
@@ -183,7 +183,7 @@ class Timing(NamedTuple):
 
     @property
     def period(self) -> Scalar:
-        """Of the drive [s]."""
+        """Period of the drive [s]."""
         return 1.0 / self.frequency
 
 
@@ -330,7 +330,7 @@ class Steady(AbstractCycle):
         return _measured(system, cycles, cycles.period, _ratio(cycles)), cycles.failure
 
     def unfinished(self, found: Float[np.ndarray, "points metrics"]) -> Bool[np.ndarray, " points"]:
-        """Those that did not repeat; others that are not finite failed."""
+        """The points that did not repeat; others that are not finite failed."""
         return np.isfinite(found[:, 0]) & (found[:, list(self.metrics).index("cycles_to_repeat")] == 0)
 
     def patient(self, system: StickSlip, accuracy: Accuracy) -> tuple[Float[Array, " metrics"], Count]:
@@ -369,7 +369,7 @@ def _course(system: StickSlip, opening: Opening, accuracy: Accuracy) -> Course:
 
 
 def _orbit(system: StickSlip, accuracy: Accuracy) -> Opening:
-    """Of the steady motion; of the last cycle that was integrated where it does not repeat."""
+    """The opening of the steady motion; of the last cycle that was integrated where it does not repeat."""
     period = timing(system.drive).period
     found = steady_state(system, period, accuracy, 0.1 * TOLERANCE, partial(grazing, system))
     return Opening(found.x, found.period, found.multipliers[0], found.grazing, found.failure)
@@ -392,7 +392,7 @@ def _measured(system: StickSlip, cycles: Cycles, period: Count, decay: Scalar) -
 
 
 def _ratio(cycles: Cycles) -> Scalar:
-    """What is left of a deviation after a cycle; nothing where two cycles are equal."""
+    """Factor by which a deviation shrinks over a cycle; 0 where two cycles are equal."""
     return jnp.where(jnp.isfinite(cycles.ratio), cycles.ratio, 0.0)
 
 

@@ -34,7 +34,7 @@ def labelled(
     function: PointFunction,
     used: Mapping[str, UsedNumber],
 ) -> "xarray.Dataset":
-    """What was `found` at each of the `points`, the metrics and then the failure, laid out along their dimensions."""
+    """The results at the `points`, metrics and failure, laid out along the dimensions of the points."""
     import xarray
 
     register_plot()
@@ -81,12 +81,12 @@ def _scattered(study: Study, points: AbstractPoints, declared: Mapping[str, Quan
 
 
 def _attributes(metric: Metric) -> dict[str, str]:
-    """Those of a variable; of a derivative they say by what."""
+    """Attributes of a variable; those of a derivative name the quantity by which it is taken."""
     return {"units": metric.unit, "long_name": metric.says} | ({"by": metric.by} if metric.by else {})
 
 
 class SweepAccessor:
-    """What a dataset of a sweep can do besides: `data.pdssjax.plot()`."""
+    """Methods of a sweep's dataset: `data.pdssjax.plot()`."""
 
     def __init__(self, data: "xarray.Dataset"):
         self._data = data
@@ -100,7 +100,7 @@ class SweepAccessor:
 
 
 def register_plot() -> None:
-    """Gives every `xarray.Dataset` the accessor `pdssjax`; `sweep` does, and who opens a `sweep.nc` may."""
+    """Register the accessor `pdssjax` of `xarray.Dataset`, as `sweep` does, to plot a `sweep.nc`."""
     import xarray
 
     if not hasattr(xarray.Dataset, "pdssjax"):

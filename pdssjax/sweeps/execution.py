@@ -68,7 +68,7 @@ def job_document(function: PointFunction) -> Document:
 
 
 def point_function(document: Document) -> PointFunction:
-    """What `document` describes; `job_document` the other way round."""
+    """The function that `document` describes: the inverse of `job_document`."""
     actuator, drive, accuracy = document["actuator"], dict(document["drive"]), dict(document["accuracy"])
     models = Models(
         member("piezo", actuator["piezo"]),
@@ -136,10 +136,10 @@ def _accuracy_document(accuracy: Accuracy) -> Document:
 
 
 Block: TypeAlias = Float[np.ndarray, "lanes columns"]
-"""What was found at the points of a block: the metrics, then the failure, one row a point."""
+"""Results at the points of a block: the metrics, then the failure, one row a point."""
 
 Answer = TypeVar("Answer")
-"""Of a task."""
+"""The result of a task."""
 
 _IN_FLIGHT = 64
 """Blocks that an executor holds at most whose number of workers is not known."""
@@ -154,7 +154,7 @@ def run_blocks(
     workers: int | None = None,
     in_flight: int | None = None,
 ) -> Generator[tuple[int, Callable[[], Block]], None, None]:
-    """Computes the blocks `numbers` of the `plan`; gives each as it is done, with a call for what was found.
+    """Compute the blocks `numbers` of the `plan`; yield each as it is done, with a call for its results.
 
     The call raises what its block raised.  At most `in_flight` blocks are with the executor at a time, by default
     twice as many as it has workers.
@@ -171,7 +171,7 @@ def run_blocks(
 
 
 def run_block(text: str, number: int, points: Float[np.ndarray, "lanes paths"]) -> tuple[int, Block]:
-    """What a worker does: the block `number` of the job `text`, found at its `points`."""
+    """Compute the block `number` of the job `text` at its `points`: the task of a worker."""
     if not jax.config.jax_enable_x64:  # pyright: ignore[reportAttributeAccessIssue]
         prepare_jax()
     return number, compute_block(_rebuilt(text), points)
@@ -285,7 +285,7 @@ def cluster_executor(address: str) -> Iterator[tuple[Executor, int]]:
 
 
 def _answer(told: Any) -> dict[str, Any]:
-    """By worker, what it told; `distributed` types it as if it were awaited."""
+    """The answer of each worker; `distributed` types it as if it were awaited."""
     return told
 
 

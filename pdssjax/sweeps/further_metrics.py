@@ -28,7 +28,7 @@ SMOOTH = {
     "output_force": Metric("N", "output force against a stop"),
     "peak_friction": Metric("N", "peak of the friction force in a cycle"),
 }
-"""Those that have derivatives by the parameters."""
+"""Further metrics that have derivatives by the parameters."""
 
 COUNTED = {
     "reversals": Metric("1", "reversals of the relative motion in a cycle"),
@@ -36,7 +36,7 @@ COUNTED = {
     "grazing": Metric("1", "nearness of a reversal to grazing; 1: none near"),
     "multiplier": Metric("1", "largest Floquet multiplier"),
 }
-"""Those that have none."""
+"""Further metrics without derivatives."""
 
 FURTHER = SMOOTH | COUNTED
 """By name, all that can be asked for."""
@@ -94,10 +94,10 @@ _PARTS = 8
 """Parts of a step at whose ends the force is sampled."""
 
 _PEAKS = 8
-"""Of so many of the highest samples it is seen what peak is next to them."""
+"""Number of the highest samples whose neighbouring peak is looked for."""
 
 _HALVINGS = 54
-"""Of the interval in which a peak lies: to rounding."""
+"""Halvings of the interval in which a peak lies: to rounding."""
 
 
 class _Place(NamedTuple):

@@ -1,4 +1,4 @@
-"""What is computed at a point of a sweep: the drive and the actuator that its numbers make, and what they do.
+"""The computation at one point of a sweep: drive and actuator from its numbers, and their metrics.
 
 Every point is its own simulation from rest.  Points are computed side by side, a block at a time.
 """
@@ -43,15 +43,15 @@ class Seen(NamedTuple):
 
 
 class PointFunction(eqx.Module):
-    """What is found at a point, as a function of its numbers."""
+    """The results at a point, as a function of its numbers."""
 
     models: Models
     drive: AbstractDrive
     """The drive that is varied."""
     paths: tuple[str, ...] = eqx.field(static=True)
-    """What a point has numbers for."""
+    """Paths of the numbers that differ from point to point."""
     numbers: dict[str, float]
-    """What all points share, by path [SI]."""
+    """Numbers that all points share, by path [SI]."""
     cycle: AbstractCycle
     """Which cycle is measured."""
     accuracy: Accuracy
@@ -145,7 +145,7 @@ class PointFunction(eqx.Module):
         return values[self.paths.index(path)] if path in self.paths else self.numbers[path]
 
     def _declared(self) -> dict[str, Quantity]:
-        """What is declared of the models' parameters and of the drive, by path."""
+        """The declared quantities of the models and of the drive, by path."""
         return self.models.declared() | {f"drive.{field}": q for field, q in self.drive.declared().items()}
 
 
@@ -175,7 +175,7 @@ def compute_block(
 def _with_details(
     function: PointFunction, points: Float[np.ndarray, "lanes paths"], found: Float[np.ndarray, "lanes columns"]
 ) -> Float[np.ndarray, "lanes all_columns"]:
-    """What was `found`, with further metrics and derivatives before the failure."""
+    """The results `found`, with further metrics and derivatives before the failure."""
     details = np.full((len(points), len(function.columns) - len(function.cycle.metrics)), np.nan)
     # What fills up a block is its last point again, and need not be computed again.
     last = _last_of_its_kind(points)

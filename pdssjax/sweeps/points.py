@@ -44,7 +44,7 @@ class AbstractPoints(abc.ABC):
     @property
     @abc.abstractmethod
     def paths(self) -> tuple[str, ...]:
-        """What differs from point to point, such as "drive.voltage"."""
+        """Paths of the numbers that differ from point to point, such as "drive.voltage"."""
 
     @abc.abstractmethod
     def dimensions(self) -> dict[str, int]:
@@ -60,7 +60,7 @@ class AbstractPoints(abc.ABC):
         return {path: (dimension, column) for path, column in zip(self.paths, self.values().T, strict=True)}
 
     def scattered(self) -> dict[str, Scatter]:
-        """Those of the paths along which points scatter about an estimate; by default none does."""
+        """The paths along which points scatter about an estimate; by default none."""
         return {}
 
     def __len__(self) -> int:
@@ -269,7 +269,7 @@ class GivenDraws(AbstractPoints):
         return {"draw": len(self._values)}
 
     def scattered(self) -> dict[str, Scatter]:
-        """About the study's number: draws made elsewhere have no middle that is more than their mean."""
+        """Scatter about the study's number: draws made elsewhere have no centre but their mean."""
         return {path: Scatter(None, float(e)) for path, e in zip(self.paths, self._values.std(axis=0), strict=True)}
 
     def values(self) -> Float[np.ndarray, "points paths"]:
@@ -280,14 +280,14 @@ STEP = 0.5
 """h, in standard deviations."""
 
 _SEED = 0
-"""Of the random directions, which are the same in every sweep."""
+"""Seed of the random directions, which are the same in every sweep."""
 
 
 class SigmaPoints(AbstractPoints):
     """The estimate, both points of every principal axis that has a variance, then those of every random direction."""
 
     def __init__(self, draws: CovarianceDraws):
-        """About the means of `draws`, with their covariance."""
+        """Sigma points about the means of `draws`, with their covariance."""
         self.draws = draws
 
     @property

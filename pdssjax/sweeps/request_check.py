@@ -42,7 +42,7 @@ def _by_peak(record: Record, study: Study) -> Record:
 
 
 def drive_of(record: Record) -> AbstractDrive:
-    """That of a record whose end-effector moves."""
+    """The drive of a record whose end-effector moves."""
     assert record.drive is not None
     return record.drive
 
@@ -58,7 +58,7 @@ _STOP = "no metric asked for depends on a stop", 'the metric "output_force" (--m
 
 
 def sweepable(study: Study, base: Record) -> dict[str, Quantity]:
-    """What is declared of everything that can be varied, by path: the drive of `base` and the models' parameters."""
+    """The declared quantities that can be varied, by path: those of the drive of `base` and of the models."""
     legal = {f"drive.{field}": q for field, q in drive_of(base).declared().items()}
     return legal | {path: q for path, q in study.legal().items() if not path.startswith("drive.")}
 
@@ -90,7 +90,7 @@ def _why_unread(path: str, study: Study, metrics: Sequence[str]) -> tuple[str, s
 
 
 def sweepable_choices(base: Record) -> dict[str, dict[str, float]]:
-    """What of the drive of `base` is one of some words, by path: each word with the number that stands for it."""
+    """The choices of the drive of `base`, by path: each word with the number that stands for it."""
     return {f"drive.{field}": words for field, words in choices(type(drive_of(base))).items()}
 
 

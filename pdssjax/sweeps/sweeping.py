@@ -46,10 +46,10 @@ class PlannedSweep:
     study: Study
     """With the parameters that hold in the record."""
     base: Record
-    """Whose drive is varied."""
+    """The record whose drive is varied."""
     points: AbstractPoints
     declared: dict[str, Quantity]
-    """Of each path."""
+    """What is declared of each path."""
     used: dict[str, UsedNumber]
     """The numbers that all points share."""
     function: PointFunction
@@ -187,7 +187,7 @@ def _run(
     workers: int | None,
     in_flight: int | None,
 ) -> None:
-    """Computes the blocks `pending`, and has the `store` keep each."""
+    """Compute the blocks `pending`, and let the `store` keep each."""
     plan, total = planned.plan, len(planned.points)
     size = lambda number: plan.place(number).stop - plan.place(number).start
     done = total - sum(size(number) for number in pending)
@@ -226,7 +226,7 @@ def _broken_told() -> Iterator[None]:
 
 
 def _in_order(planned: PlannedSweep, store: AbstractBlockStore) -> Float[np.ndarray, "points columns"]:
-    """What the store holds, in the order of the points; NaN and skipped where nothing was to be computed."""
+    """The results in the store, in the order of the points; NaN and skipped where nothing was to be computed."""
     rows = store.read()
     found = np.full((len(planned.points), rows.shape[1]), np.nan)
     found[:, -1] = SKIPPED

@@ -41,21 +41,21 @@ _IN_BRACKETS = re.compile(r"\([^()]*\)")
 _SCOPE_CLOCK = re.compile(r"(start|increment)\s*[=,;]\s*([-+\d.eE]+)", re.IGNORECASE)
 
 _UNITS_ALONE = set("s ms us µs μs ns v mv kv m mm um µm μm nm n mn a ma second seconds sec volt volts".split())
-"""What a column is called where its name is but its unit."""
+"""Name of a column whose header is only its unit."""
 
 _CLOCKS = ("t", "time", "zeit", "temps")
-"""What a clock is called."""
+"""Names of a clock."""
 
 
 class Column(NamedTuple):
     """One column that holds numbers."""
 
     position: int
-    """From 0."""
+    """Index of the column, from 0."""
     name: str
     """Without what stands in brackets; "" where there is none."""
     written: str
-    """As it stands."""
+    """The header as it stands in the file."""
     unit: str
     letter: bool = False
     """The unit is but a name of one letter among others, which are symbols: V of "t, x, V" may be a velocity."""

@@ -27,7 +27,7 @@ def library(module: str, extra: str, file: Path) -> ModuleType:
 
 @contextlib.contextmanager
 def refusing(file: Path, expected: str) -> Iterator[None]:
-    """Within it, whatever a library cannot read becomes one line, an `InputError`."""
+    """Turn whatever a library raises on an unreadable file into an `InputError` of one line."""
     try:
         yield
     except InputError:

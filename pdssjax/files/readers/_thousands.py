@@ -40,7 +40,7 @@ class Grouped(NamedTuple):
 
     place: int
     position: int
-    """Of its column, from 0."""
+    """Index of the column, from 0."""
     text: str
 
 

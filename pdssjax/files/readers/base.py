@@ -19,11 +19,11 @@ class Channel(NamedTuple):
     """One channel of a file."""
 
     name: str
-    """As the file calls it; its number in the file where it has no name."""
+    """The name that the file gives the channel; its number in the file where it has no name."""
     number: int
-    """By which it may be named, from 1: the column of a table, else the place in the list."""
+    """The number by which a study may name the channel, from 1: its column in a table, else its place in the list."""
     unit: str
-    """As the file writes it, not checked; "" where it says none."""
+    """The unit as the file writes it, not checked; "" where it says none."""
     samples: int | None
     """How many; None where only reading tells."""
     interval: float | None = None
@@ -33,7 +33,7 @@ class Channel(NamedTuple):
     written: str = ""
     """The name with the remarks in brackets that stand beside it."""
     letter: bool = False
-    """Its unit is but its name of one letter, which may be the symbol of something else: V of a velocity."""
+    """Whether the unit is only the channel's name of one letter, which may be a symbol: V of a velocity."""
 
     def measures(self, unit: str) -> bool:
         """Whether its unit converts to `unit`; not where it says none, or where one letter is all it says."""
@@ -61,7 +61,7 @@ class AbstractSource(abc.ABC):
 
     file: Path
     place: ClassVar[str] = "sample"
-    """What `Block.places` counts, as messages call it."""
+    """The unit that `Block.places` counts, as messages call it."""
 
     @property
     @abc.abstractmethod
@@ -95,9 +95,9 @@ class AbstractReader(AbstractSource):
     """A format of files; final members are made from the path of a file and what the user says of its decimals."""
 
     ending: ClassVar[str]
-    """What files of this format end in, for messages: "`.tdms`"."""
+    """Endings of the names of files of this format, for messages: "`.tdms`"."""
     expected: ClassVar[str]
-    """What messages call such a file: "a TDMS file"."""
+    """The name of such a file in messages: "a TDMS file"."""
     in_process: ClassVar[bool] = False
     """Whether a file is read by the process that asks: of a format whose reader nothing in a file can crash."""
 

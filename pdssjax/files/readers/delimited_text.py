@@ -108,7 +108,7 @@ class DelimitedText(AbstractReader):
     def _check_thousands(
         self, grouped: GroupedColumns, places: np.ndarray, values: np.ndarray, lines: list[str]
     ) -> None:
-        """Refuses a column of numbers of which nobody but the user can tell whether their thousands are divided."""
+        """Refuse a column of numbers of which nobody but the user can tell whether their thousands are divided."""
         found = grouped.look(places, values, lines, lambda line: cells_of(line, self.dialect.separator))
         if found is None:
             return

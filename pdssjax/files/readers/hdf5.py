@@ -49,7 +49,7 @@ class _Line(NamedTuple):
     transposed: bool
     """Samples follow each other along the last dimension."""
     part: str = ""
-    """Of a complex number: "real" or "imag"."""
+    """Part of a complex number: "real" or "imag"."""
 
 
 class Hdf5(AbstractReader):

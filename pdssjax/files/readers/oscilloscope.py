@@ -79,7 +79,7 @@ def _quietly(read: Callable[[], Shown]) -> Shown:
 
 
 def _channels_of(read: Any) -> Shown:
-    """Of the library's channels those that were on, and nothing that refers to the library's."""
+    """The library's channels that were on, copied, so that nothing refers to the library's own."""
     shown = [channel for channel in read if channel.enabled and channel.volts is not None and len(channel.volts) > 1]
     return [(_channel(on, number), np.asarray(on.volts, float)) for number, on in enumerate(shown, start=1)]
 

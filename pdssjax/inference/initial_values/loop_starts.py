@@ -29,7 +29,7 @@ _RANGES = (0.08, 0.15, 0.25, 0.4, 0.55, 0.75, 1.0)
 """Thresholds tried, in parts of the voltage's swing."""
 
 _VALLEYS = 3
-"""Of them, from which the search goes on: with few elements one stands where another should."""
+"""Grid points from which the search goes on: with few elements one stands where another should."""
 
 _TIMES = 5
 """Times tried."""
@@ -38,7 +38,7 @@ _STEPS = (1.3, 1.1, 1.02)
 """Factors by which they are refined."""
 
 _ROUNDS = 4
-"""Of steps by one factor, at most."""
+"""Largest number of steps by one factor."""
 
 _UNUSED = 1e-3
 """Where a weight begins that comes out as zero, in parts of the gain."""
@@ -115,7 +115,7 @@ class _Trial(NamedTuple):
     declared: Mapping[str, Quantity]
 
     def left(self, point: Sequence[float]) -> float:
-        """What the best weights leave with these thresholds and times, divided by the noise and squared."""
+        """Sum of squared residuals over the noise with these thresholds and times and the best weights."""
         return self._solved(point)[1]
 
     def best_weights(self, point: Sequence[float]) -> dict[str, float]:

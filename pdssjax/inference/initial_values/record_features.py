@@ -1,4 +1,4 @@
-"""What records say of a rig before any fit: gain, ringing and contact, read off by simple means.
+"""Features of a rig read from records before any fit: gain, ringing and contact.
 
 Gain, natural frequency and damping ratio of a platform that rings under any voltage, by responses of one mode.
 
@@ -42,10 +42,10 @@ _MOST = 200_000
 """Moments at which a voltage is looked at."""
 
 _FINER = 4
-"""Of them in the time in which a platform feels a change: so that corners are hardly missed."""
+"""Samples in the time in which a platform feels a change, so that corners are hardly missed."""
 
 _PERIODS = 3.0
-"""Of a voltage that repeats, looked at."""
+"""Periods looked at of a voltage that repeats."""
 
 
 def as_displacements(records: Sequence[Record]) -> list[Record]:
@@ -87,7 +87,7 @@ def oscillator(driven: Sequence[Record], rings: bool) -> dict[str, float]:
 
 
 def _finest(records: Sequence[Record]) -> list[Record]:
-    """Those sampled as finely as any: a slow record of creep does not show how the platform rings."""
+    """The records sampled most finely: a slow record of creep does not show how the platform rings."""
     finest = min(map(interval_of, records), default=0.0)
     return [record for record in records if interval_of(record) < 2.0 * finest]
 
@@ -99,7 +99,7 @@ def _usual(found: Sequence[Mapping[str, float]]) -> dict[str, float]:
 
 
 def _ringing(record: Record) -> dict[str, float]:
-    """By the whole record; where loops hide it there, by what follows the largest jump of the voltage."""
+    """Ringing of the platform by the whole record; where loops hide it, by what follows the voltage's largest jump."""
     volts = np.broadcast_to(voltages(record), record.time.shape)
     found = ringing(record.time, record.measured, volts)
     steps = np.abs(np.diff(volts))
@@ -254,13 +254,13 @@ def _curve_scale(
 
 
 def frequency_of(record: Record) -> float | None:
-    """Of a drive that repeats, held or not [Hz]."""
+    """Frequency of a drive that repeats, held or not [Hz]."""
     frequency = None if record.drive is None else record.drive.cycle_frequency()
     return None if frequency is None else float(frequency)
 
 
 def interval_of(record: Record) -> float:
-    """From one sample to the next [s]."""
+    """Interval between samples [s]."""
     return float(np.median(np.diff(record.time)))
 
 
@@ -281,7 +281,7 @@ def _voltage(drive: AbstractDrive, time: Float[Array | np.ndarray, " n"]) -> Flo
 
 
 _RATIO = 1.03
-"""Of one frequency tried to the one before."""
+"""Ratio of one frequency tried to the one before."""
 
 _DAMPING = (0.02, 0.1, 0.4)
 """Damping ratios tried."""
@@ -331,7 +331,7 @@ def ringing(
 
 
 class _Left:
-    """What a response, a constant, a drift and what rings on from before the record leave of a motion."""
+    """Residual of a motion after a response, a constant, a drift, and the ringing from before the record."""
 
     def __init__(self, motion: Float[np.ndarray, " n"], volts: Float[np.ndarray, " n"], interval: float) -> None:
         self._motion, self._volts, self._interval = motion - motion[0], volts - volts[0], interval

@@ -136,7 +136,7 @@ def scatter_ranges(
     around: Mapping[str, float],
     held: Collection[str] = (),
 ) -> dict[str, tuple[float, float]]:
-    """Between which numbers [SI] starts are scattered, by path; arguments as of `scatter_starts`."""
+    """The ranges [SI] over which starts are scattered, by path; arguments as of `scatter_starts`."""
     fitted = [record for record in records if record.role == "fit"] or list(records)
     free = [path for path, p in parameters.items() if p.free and path not in held]
     near = {
@@ -170,7 +170,7 @@ def _up_to_sticking(
 def _split_known(
     models: Models, parameters: Mapping[str, Parameter], records: Sequence[Record], better: Mapping[str, float]
 ) -> tuple[dict[str, float], dict[str, tuple[float, float]], list[Record]]:
-    """What is known before a search, the ranges of what is not, and the records to search with."""
+    """The numbers known before a search, the ranges of the others, and the records to search with."""
     given = {path: p.value if p.value is not None else p.start for path, p in parameters.items()}
     known = {path: float(number) for path, number in given.items() if number is not None} | dict(better)
     fitted = [record for record in records if record.role == "fit"] or list(records)
@@ -190,7 +190,7 @@ def _split_known(
 
 
 def _complete(known: dict[str, float], guess: Mapping[str, float], parameters: Mapping[str, Parameter]) -> None:
-    """Adds to the numbers `known` those of a `guess` that are listed, and not known yet."""
+    """Add to the numbers `known` those of a `guess` that are listed, and not known yet."""
     for path, number in guess.items():
         if path in parameters and path not in known:
             known[path] = _within(number, parameters[path])
@@ -203,7 +203,7 @@ def _within(number: float, parameter: Parameter) -> float:
 
 
 def _piezo_from_data(models: Models, known: Mapping[str, float], records: Sequence[Record]) -> dict[str, float]:
-    """What the records say of the stack, as its model takes it."""
+    """Starts of the stack's parameters from the records, as its model takes them."""
     driven = [record for record in records if record.drive is not None]
     swings = [float(np.ptp(np.append(voltages(record), 0.0))) for record in driven]
     shown = Shown(
@@ -322,7 +322,7 @@ def _beginnings(models: Models, records: Sequence[Record], used: Sequence[Record
 
 
 def _thinned(record: Record) -> Record:
-    """Of a curve of a friction force against velocity every so many samples; of another record the first."""
+    """The record with fewer samples: every so many of a friction curve, of any other record the first ones."""
     if record.motion is None:
         return record
     curve = record.measurement.prescribed == "velocity"

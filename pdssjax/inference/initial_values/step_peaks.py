@@ -19,7 +19,7 @@ APART = 1.7
 """An extreme is looked for within so many half periods of the one before: beyond the next, before the one after."""
 
 _ROUNDS = 30
-"""Of the iteration; at a damping ratio of 0.18 five leave 1e-12 of the final value, at 0.02 twenty."""
+"""Iterations; at a damping ratio of 0.18 five leave 1e-12 of the final value, at 0.02 twenty."""
 
 _LEAST = 1e-9
 """Overshoot taken for one that vanishes, of the final value."""

@@ -20,11 +20,11 @@ _NORMAL_MEDIAN = 1.4826
 """Standard deviation of normal noise, over the median of its absolute values."""
 
 _ROUNDS = 30
-"""Of reweighting; each leaves a twentieth of the error."""
+"""Rounds of reweighting; each leaves a twentieth of the error."""
 
 
 class AbstractLoss(eqx.Module):
-    """What a residual costs."""
+    """The cost of a residual."""
 
     is_robust: ClassVar[bool] = True
     """Large residuals pull less than their size."""

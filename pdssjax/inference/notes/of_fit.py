@@ -104,7 +104,7 @@ def about_starts(declared: Mapping[str, Parameter], parameters: Mapping[str, Fit
 def about_information(
     null: Sequence[Float[np.ndarray, " p"]], paths: Sequence[str], parameters: Mapping[str, FittedParameter]
 ) -> list[str]:
-    """What the data do not tell, by the directions that leave the residuals alone."""
+    """Notes on combinations of parameters that leave the residuals unchanged."""
     notes = []
     for direction in null:
         part = [(path, share) for path, share in zip(paths, direction, strict=True) if share != 0]
@@ -281,7 +281,7 @@ def about_measured_apart(parameters: Iterable[FittedParameter]) -> list[str]:
 
 
 class ErrorFacts(NamedTuple):
-    """What is known of a fit's errors."""
+    """Facts about a fit's errors that notes are made from."""
 
     null: Sequence[Float[np.ndarray, " p"]]
     """Directions without information."""
@@ -297,13 +297,13 @@ class ErrorFacts(NamedTuple):
     missed: Sequence[Missed] = ()
     """Records that were not fitted and are not predicted."""
     mixed: Inseparable | None = None
-    """What steady sines do not tell apart; None where nothing is so."""
+    """Parameters that steady sines cannot separate; None where there are none."""
 
 
 def notes_of(
     estimate: Estimate, study: Study, fit: Fit, transform: ParameterTransform, facts: ErrorFacts
 ) -> tuple[str, ...]:
-    """What the user must read of an `estimate`."""
+    """All notes on an `estimate` that the user must read."""
     if fit.message == START_FAILED:
         return ()
     parameters, null = estimate.parameters, facts.null
@@ -330,7 +330,7 @@ def notes_of(
 
 
 def _about_fitted(estimate: Estimate, study: Study, facts: ErrorFacts) -> list[str]:
-    """Of the records; those that a stack was read off are not judged by the fit that held it."""
+    """Notes on the fitted records; those that a stack was read off are not judged by the fit that held it."""
     if not facts.by_peaks:
         return about_records(estimate.records, facts.factor, facts.is_robust, facts.missed)
     read = [record.role == "fit" and record.measurement.platform_alone for record in study.records]

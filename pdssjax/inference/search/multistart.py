@@ -57,7 +57,7 @@ class Point(NamedTuple):
     starts: dict[str, float]
     """Where that run began [SI], by path; fixed parameters too."""
     covers: int
-    """What the run fits: 2 all records, 1 those that need the contact, 0 those of the platform."""
+    """Records that the run fits: 2 all, 1 those that need the contact, 0 those of the platform."""
 
 
 class BestPoint:
@@ -111,7 +111,7 @@ _A_STEP = 200.0
 
 
 def question_lengths(problem: Problem, starts: Values) -> None:
-    """Warns with `InputWarning` of records whose derivatives take more than 2 GB.
+    """Warn with `InputWarning` of records whose derivatives take more than 2 GB.
 
     What is known in closed form is not stepped.
     """
@@ -146,7 +146,7 @@ _SETTLED = 0.02
 
 
 def with_noise(fit: Fit, problem: Problem, run: FitMethod, report: Progress) -> tuple[Fit, Problem]:
-    """Estimates the noise of the records that do not give it, and fits again with that."""
+    """Estimate the noise of the records that do not give it, and fit again with that."""
     unknown = [record.noise is None for record in problem.records]
     for number in range(_MOST):
         if not any(unknown) or not np.isfinite(fit.chi2):
@@ -199,7 +199,7 @@ class Budget:
 
     @property
     def word(self) -> str:
-        """What a user reads where runs were refused."""
+        """The note where runs were refused."""
         told = f"; after {self.spent} evaluations no other start was fitted"
         return told + self.effort.advice
 

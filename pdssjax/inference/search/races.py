@@ -78,7 +78,7 @@ MOST_RESTARTS = 4
 """Perturbed restarts in a row that may fail to lower chi-square."""
 
 _LOWER = 0.01
-"""By how much chi-square must fall to make it another result."""
+"""Decrease of chi-square that makes a result another one."""
 
 _PERTURBATION = 2.0
 """Size of the first perturbation in standard errors; each that fails is followed by one twice as large."""
@@ -161,7 +161,7 @@ class Race(NamedTuple):
     """It ends with the first fit that converged and is not poor; else when the best starts are used up or improve
     nothing."""
     announced: str = ""
-    """What the user reads of the reason."""
+    """The reason in words, for the report."""
     scattered: bool = False
     """Against starts that differ in every parameter, the best of which is restarted from perturbed points at the end;
     else against those that differ in what the search looked for."""
@@ -186,7 +186,7 @@ _NOTICEABLE = 4.0
 
 
 class Contest(NamedTuple):
-    """What all races of one study share."""
+    """Data that all races of one study share."""
 
     study: Study
     problem: Problem
@@ -275,7 +275,7 @@ def shown(begun: dict[str, float], earlier: dict[str, float], contest: Contest) 
 
 
 def _searched(starts: dict[str, float], contest: Contest) -> list[dict[str, float]]:
-    """What a search found beside the first; where the study gives all starts, what one finds without them."""
+    """Further starts from a search; where the study gives all starts, those found without them."""
     if contest.found:
         return contest.found[1:]
     return ranked(contest.study, _without_starts(contest), contest.problem, starts, contest.report)

@@ -84,7 +84,7 @@ def solve_in_ball_and_box(
     low: Float[Array, " p"],
     high: Float[Array, " p"],
 ) -> BoxSolution:
-    """As `solve_in_box`, with the damping, least or larger, that keeps ||x|| to within a tenth of `radius`."""
+    """Solve as `solve_in_box` does, with enough damping to keep ||x|| to within a tenth of `radius`."""
     steepest = jnp.linalg.norm(upper.T @ projected)
     least = _LEAST_DAMPING * jnp.ones(())
 

@@ -63,7 +63,7 @@ def random_direction(
 def proposed_direction(
     jacobian: Float[Array, "n p"], y: Float[Array, " p"], step: Float[Array, " p"], scale: Scalar
 ) -> Float[Array, " p"]:
-    """Along a proposed `step`."""
+    """The direction of a proposed `step`, scaled."""
     return _sized(step, jacobian, y, scale)
 
 

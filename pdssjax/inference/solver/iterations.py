@@ -38,7 +38,7 @@ class Evaluations(Protocol):
         ...
 
     def linearised(self, point: Point) -> Linearised:
-        """What `values` gives, and the Jacobian of each of the two."""
+        """The outputs of `values`, and the Jacobian of each of the two."""
         ...
 
 
@@ -60,7 +60,7 @@ class OfFunction(NamedTuple):
 
 
 class Run(NamedTuple):
-    """What a run of the solver is made of, but for its point and state."""
+    """The constants of a run of the solver: all but its point and state."""
 
     solver: BoundedLevenbergMarquardt
     evaluations: Evaluations

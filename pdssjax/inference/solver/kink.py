@@ -25,7 +25,7 @@ _WITHIN = 1e-12
 """Room at the bounds, by effect on the residual, that a solver of box problems asks for."""
 
 _SHARES = tuple(0.5**power for power in range(11))
-"""Of such a step that are tried: the kink may bend away from it."""
+"""Fractions of a step along a kink that are tried: the kink may bend away from it."""
 
 _LIMIT = 100
 """Linearisations after each step along a kink."""
@@ -38,7 +38,7 @@ _HALVINGS, _COMPARED = 16, 4
 
 
 class Mixture(NamedTuple):
-    """Of the Jacobians on both sides of a kink, the one that promises least."""
+    """The mixture of the Jacobians on both sides of a kink that promises the least decrease."""
 
     predicted: float
     """Decrease of the sum of squares; infinite where the slope falls across the kink: that is a ridge."""
@@ -135,14 +135,14 @@ def beside_kink(
 
 
 class _Point(NamedTuple):
-    """On the way of a proposed step."""
+    """A point on the way of a proposed step."""
 
     share: float
-    """Of the step."""
+    """Fraction of the step."""
     free: Float[Array, " p"]
     state: LMState
     change: Float[np.ndarray, " n"]
-    """Of the residual, by the whole step and the Jacobian here."""
+    """Predicted change of the residual over the whole step, by the Jacobian at this point."""
     slope: float
     """Half of that of the sum of squares."""
 

@@ -90,7 +90,7 @@ Arguments: TypeAlias = Any
 
 
 class Judged(NamedTuple):
-    """What was found of a trial."""
+    """The outcome of a trial step."""
 
     state: LMState
     """The state after it, if it is not accepted."""
@@ -100,7 +100,7 @@ class Judged(NamedTuple):
     gained: Scalar
     """Decrease of the sum of squares."""
     ratio: Scalar
-    """Of that to the decrease predicted."""
+    """Ratio of that decrease to the predicted one."""
     squares: Scalar
 
 
@@ -216,7 +216,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Tree, Tree, Auxi
         return jnp.where(state.accepted, judged.proposed, y), state, state.aux
 
     def trial(self, y: Free, options: Bounds, state: LMState) -> Trial:
-        """What an iteration is about to evaluate."""
+        """The points that an iteration is about to evaluate."""
         # A straight step costs one evaluation; where one fell short, a bent one may be worth two, and those after it.
         checking = state.ending != Ending.RUNNING
         bending = ~checking & ~state.unevaluated & ((state.rejected > 0) | state.curved)
@@ -386,7 +386,7 @@ def _stayed(state: LMState, radius: Scalar) -> LMState:
 
 
 def linearised(fn: ResidualFunction, y: Float[Array, " p"], args: Arguments) -> tuple[Tree, Tree]:
-    """What the function gives, and the Jacobian of each of its two parts."""
+    """The outputs of the function, and the Jacobian of each of its two parts."""
 
     def both(y: Float[Array, " p"]) -> tuple[Tree, Tree]:
         out = fn(y, args)

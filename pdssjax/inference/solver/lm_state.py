@@ -41,17 +41,17 @@ SUCCESSES = (Ending.CONVERGED, Ending.WITHIN_ROUNDING, Ending.SMALL_JUMP)
 
 
 Auxiliary: TypeAlias = Any
-"""What the function gives besides the residuals, a pytree; of a fit the offsets of the records."""
+"""Auxiliary output of the function beside the residuals, a pytree; in a fit the offsets of the records."""
 
 
 class LMState(NamedTuple):
-    """Of p parameters and n samples."""
+    """State of a Levenberg-Marquardt run with p parameters and n samples."""
 
     residual: Float[Array, " n"]
     jacobian: Float[Array, "n p"]
     aux: Auxiliary
     aux_jacobian: Auxiliary
-    """Of the function's auxiliary output, which costs nothing extra."""
+    """The Jacobian of the function's auxiliary output, which costs nothing extra."""
     upper: Float[Array, "p p"]
     """Triangle R of the Jacobian's QR factorisation."""
     projected: Float[Array, " p"]
@@ -59,7 +59,7 @@ class LMState(NamedTuple):
     size: Float[Array, " p"]
     """Largest norm seen of each column."""
     radius: Float[Array, ""]
-    """Of the trust region, in columns of unit norm."""
+    """Radius of the trust region, in columns of unit norm."""
     proposed_step: Float[Array, " p"]
     """The linear model's best step within the bounds, undamped."""
     predicted_reduction: Float[Array, ""]
@@ -67,14 +67,14 @@ class LMState(NamedTuple):
     cosine: Float[Array, ""]
     """Largest cosine between the residual and a column that is free to move."""
     rounding: Float[Array, ""]
-    """What the rounding of parameters and residual makes of the sum of squares."""
+    """Rounding error of the sum of squares, from that of parameters and residual."""
     unevaluated: Truth
     """Nothing has been evaluated yet: the first step takes the start as it is."""
     accepted: Truth
     iterations: Count
     """Linearisations after the first."""
     evaluations: Count
-    """Of the function, without those for Jacobians."""
+    """Evaluations of the function, without those for Jacobians."""
     rejected: Count
     """Proposed steps rejected in a row."""
     slow_steps: Count
@@ -86,7 +86,7 @@ class LMState(NamedTuple):
     checked: Count
     """Differences compared with the Jacobian so far."""
     discrepancies: Float[Array, "directions sizes"]
-    """What the Jacobian leaves of each difference, as a norm; infinite where it could not be taken."""
+    """Discrepancy of each difference from the Jacobian, as a norm; infinite where it could not be taken."""
     jump: Float[Array, ""]
     """Largest jump found by these differences, as a sum of squares (`derivative_check.jump_of`); 0 without any."""
     across: Float[Array, "2 p"]

@@ -33,9 +33,9 @@ class Outcome(NamedTuple):
     point: Float[np.ndarray, " p"]
     steps: int
     name: str
-    """Of the solver's class."""
+    """Name of the solver's class."""
     message: str
-    """What it says of its end."""
+    """The solver's message on its end."""
 
 
 def check_minimiser(given: object) -> None:

@@ -27,7 +27,7 @@ _LONGEST_BEND = 0.75
 
 
 Bounds: TypeAlias = Mapping[str, Float[Array, " p"]]
-"""Of the parameters: "lower" and "upper"."""
+"""Bounds of the parameters: "lower" and "upper"."""
 
 
 class Proposal(NamedTuple):
@@ -109,7 +109,7 @@ class Trial(NamedTuple):
 
     proposal: Proposal
     apart: Float[Array, "2 p"]
-    """Those two points."""
+    """The two points of which the difference is compared with the Jacobian."""
     checking: Truth
     """The run has ended."""
     bending: Truth
@@ -121,7 +121,7 @@ class Trial(NamedTuple):
 
 
 def first_point(y: Float[Array, " p"], options: Bounds, trial: Trial) -> Float[Array, " p"]:
-    """What is evaluated first, where anything is."""
+    """The point that is evaluated first, where there is one."""
     probe = jnp.clip(y + PROBE * trial.proposal.step, options["lower"], options["upper"])
     return jnp.where(trial.checking, trial.apart[0], probe)
 

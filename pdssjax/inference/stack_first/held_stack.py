@@ -100,7 +100,7 @@ def due_to_stack(study: Study, stack: PickedStack, accuracy: Accuracy, fit: Fit,
 
 
 def with_stack_freed(fit: Fit, problem: Problem, stack: PickedStack) -> tuple[Fit, Problem]:
-    """Of a whole study, at the end of a fit with the `stack` held: the walks alone, with what they then leave."""
+    """The walks alone, with the stack freed, at the end of a fit that held it; and the residuals they then leave."""
     paths, platform = problem.residual.transform.paths, of_platform_alone(problem.records)
     rows = np.concatenate(
         [np.arange(r.start, r.stop) for r, alone in zip(problem.rows, platform, strict=True) if not alone]

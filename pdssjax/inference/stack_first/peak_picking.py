@@ -43,10 +43,10 @@ DRAWS = 2000
 """Simulated readings behind the covariance: errors to 1.6 %."""
 
 _TOGETHER = 100
-"""Of them are held in memory at once."""
+"""Draws that are held in memory at once."""
 
 PATHS = ("piezo.gain", "piezo.natural_frequency", "piezo.damping_ratio")
-"""What peaks tell, in this order."""
+"""Paths of the parameters that peaks determine, in this order."""
 
 _BETWEEN = ("amplifier.", "sensor.", "drive.rise_time")
 """How paths begin of what delays, bends or smoothes a step."""
@@ -57,13 +57,13 @@ class StepRecord(NamedTuple):
 
     name: str
     time: Float[np.ndarray, " n"]
-    """Of the samples after the step [s]."""
+    """Times of the samples after the step [s]."""
     height: Float[np.ndarray, " n"]
     """In the direction of the step, above the rest before it [m]."""
     voltage: float
     """Size of the step [V]."""
     noise: float
-    """Of a sample [m]."""
+    """Standard deviation of the noise of a sample [m]."""
     zero_error: float
     """Standard error of the rest before the step [m]."""
     peaks: int
@@ -72,13 +72,13 @@ class StepRecord(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PickedStack:
-    """What the peaks of step responses tell of a stack."""
+    """Parameters of a stack by the peaks of step responses."""
 
     read: Float[np.ndarray, "3"]
-    """By the peaks alone [SI], in the order of `PATHS`."""
+    """The numbers by the peaks alone [SI], in the order of `PATHS`."""
     records: tuple[StepRecord, ...]
     apart: dict[str, tuple[float, float]]
-    """What was measured apart: number and standard error [SI] by path, of `PATHS`."""
+    """Numbers measured apart: number and standard error [SI] by path, of `PATHS`."""
 
     @property
     def values(self) -> dict[str, float]:
@@ -88,7 +88,7 @@ class PickedStack:
 
     @property
     def covariance(self) -> Float[np.ndarray, "3 3"]:
-        """Of the logarithms of the values, in the order of `PATHS`; about the truth, so that bias is in it."""
+        """Second moments of the errors of the logarithms, in the order of `PATHS`; they include the bias."""
         return self._combined[1]
 
     @functools.cached_property
@@ -285,7 +285,7 @@ def simulated_covariance(values: Float[np.ndarray, "3"], steps: Sequence[StepRec
 def _simulated(
     truth: Float[np.ndarray, "draws 3"], step: StepRecord, random: np.random.Generator
 ) -> Float[np.ndarray, "draws 3"]:
-    """What is read from steps of the systems `truth`, sampled and disturbed as a record is."""
+    """Readings of step responses of the systems `truth`, sampled and disturbed as a record is."""
     gain, frequency, damping = truth.T
     height = step_response(OneMode(gain * step.voltage, frequency, damping), step.time)
     height += step.noise * random.standard_normal(height.shape)

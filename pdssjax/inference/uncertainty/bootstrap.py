@@ -71,13 +71,13 @@ def bootstrap(
 
 
 class _Centre(NamedTuple):
-    """Around which data are drawn."""
+    """The fit around which data are drawn."""
 
     free: Float[np.ndarray, " p"]
     residual: Float[np.ndarray, " n"]
     """Whitened."""
     factors: Float[np.ndarray, " records"]
-    """By which the variances of records exceed that of their noise."""
+    """Ratios by which the variances of records exceed that of their noise."""
 
 
 def fitted_replicate(

@@ -40,7 +40,7 @@ _NEAR = 3.0
 """Standard errors from zero below which a value is drawn itself, and not its logarithm."""
 
 _LEAST = 1e-6
-"""Of a value, in standard errors: at zero a logarithm is not finite."""
+"""Least size of a value, in standard errors: at zero a logarithm is not finite."""
 
 
 class PosteriorCoordinates(eqx.Module):
@@ -49,7 +49,7 @@ class PosteriorCoordinates(eqx.Module):
     by_value: Bool[np.ndarray, " p"]
     """Where x is the logarithm of a value and y the value."""
     unit: Float[np.ndarray, " p"]
-    """Of such a value [SI], its standard error; 1 elsewhere."""
+    """The standard error of a value drawn linearly [SI]; 1 elsewhere."""
 
     def to_fit(self, y: Float[Array | np.ndarray, "*n p"]) -> Float[Array, "*n p"]:
         """x at y."""
@@ -64,12 +64,12 @@ class PosteriorCoordinates(eqx.Module):
         return jnp.where(self.by_value, 1.0 / jnp.where(self.by_value, y, 1.0), 1.0)
 
     def bounds(self, bounds: Box) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]]:
-        """Those on y that are `bounds` on x."""
+        """The bounds on y that correspond to `bounds` on x."""
         low, high = bounds
         return self.of_fit(np.asarray(low, float)), self.of_fit(np.asarray(high, float))
 
     def linearised(self, point: Linearisation) -> Linearisation:
-        """What is known at a `point` of the fit."""
+        """The linearisation of a `point` of the fit in these coordinates."""
         at = self.of_fit(point.at)
         return Linearisation(at, point.residual, point.jacobian * np.asarray(self.slopes(at)))
 
@@ -93,7 +93,7 @@ def posterior_coordinates(
     factor: float,
     logarithmic: Bool[np.ndarray, " p"],
 ) -> PosteriorCoordinates:
-    """Those around an `optimum` of the fit, of which some parameters are `logarithmic`; see `posterior_model`.
+    """Coordinates around an `optimum` of the fit with some parameters `logarithmic`; see `posterior_model`.
 
     A value is near zero where the linear model has it there within three standard errors, unless it is nearer to its
     upper bound: what the data do not tell from infinity.
@@ -111,7 +111,7 @@ FEWEST = 100
 """Draws below which the ends of a 95 % interval rest on too few of them."""
 
 LARGEST_RHAT = 1.01
-"""Of chains that agree (Vehtari and others 2021)."""
+"""Largest R-hat of chains that agree (Vehtari and others 2021)."""
 
 FEWEST_EFFECTIVE = 400
 """Effective draws from which the ends of an interval may be trusted (the same)."""
@@ -351,7 +351,7 @@ class _PosteriorSampler(NamedTuple):
     name: str
     sample: Callable[..., Chains]
     failure: str
-    """What draws that failed did."""
+    """Description of the draws that failed."""
     fewest: float
     """Share of draws that must not fail, lest chains move little."""
 

@@ -93,7 +93,7 @@ class SharedCurvature:
         return self.polynomial is not None
 
     def learn(self, points: Sequence[Linearisation]) -> None:
-        """Of further linearisations."""
+        """Refit the residual polynomial to further linearisations."""
         self.points += points
         if self.learns and len(self.points) + 1 >= self.due:
             self.polynomial = learned_polynomial(self.optimum, self.points, self.scale, self.factor)
@@ -141,20 +141,20 @@ class Verdict(enum.StrEnum):
     BOUNDED = "bounded"
     """Chi-square reaches the threshold at the end given."""
     AT_BOUND = "held by a bound"
-    """It stays below the threshold up to the parameter's bound, which is the end given."""
+    """Chi-square stays below the threshold up to the parameter's bound, which is the end given."""
     FLAT = "flat"
-    """It stays below the threshold farther than can be followed."""
+    """Chi-square stays below the threshold farther than can be followed."""
     LOWER = "several minima"
     """A point with a smaller chi-square than the optimum's was found on the way."""
     LOST = "not followed"
-    """It has a discontinuity on the way, cannot be evaluated, or takes too many evaluations."""
+    """Chi-square is discontinuous on the way, cannot be evaluated, or takes too many evaluations."""
 
 
 class End(NamedTuple):
     """One end of the interval of a parameter."""
 
     value: float
-    """On the fit's scale; infinite where flat, NaN where not followed."""
+    """The end on the fit's scale; infinite where flat, NaN where not followed."""
     verdict: Verdict
     point: Linearisation
     """All parameters there, with residual and Jacobian."""
@@ -277,7 +277,7 @@ class EndSearch:
         return self._end(point, Verdict.BOUNDED if error < _KINKED else Verdict.LOST)
 
     def _length(self, step: Float[np.ndarray, " p"]) -> float:
-        """Of what the radius of trust limits: the profiled parameter's part, in linear half widths."""
+        """Length of a step in the trust region's norm: the profiled parameter's part, in linear half widths."""
         index = self.aim.index
         return float(abs(step[index]) / self.aim.sizes[index])
 

@@ -49,14 +49,14 @@ class Place(NamedTuple):
     volume: Scalar
     """log |det du/dw| of the polynomial."""
     pull: Float[Array, " q"]
-    """Its derivatives by w."""
+    """The derivatives of `volume` by w."""
     slopes: Float[Array, "q q"]
     """du/dw."""
     solved: Bool[Array, ""]
 
 
 class TransportMap(eqx.Module):
-    """From e to w, and back."""
+    """The map from e to w, and its inverse."""
 
     polynomial: ResidualPolynomial
     axes: Float[np.ndarray, "p q"]
@@ -64,7 +64,7 @@ class TransportMap(eqx.Module):
     variance: float
 
     def equation(self) -> Equation:
-        """That whose u is sqrt(v) e."""
+        """The equation whose u is sqrt(v) e."""
         return randomized_equation(self.polynomial, self.axes, self.held, self.variance)
 
     def at(self, w: Float[Array | np.ndarray, " q"]) -> Float[Array, " p"]:
@@ -91,7 +91,7 @@ class TransportedDensity(eqx.Module):
     map: TransportMap
     evaluate: Evaluate
     slopes: Float[np.ndarray, " p"]
-    """Of the logarithm of the prior."""
+    """Gradient of the logarithm of the prior."""
     low: Float[np.ndarray, " p"]
     high: Float[np.ndarray, " p"]
 
@@ -130,14 +130,14 @@ _BEGIN = Widths(solved=(1.2,), linear=1.0, share=0.0)
 """Where chains begin."""
 
 _CANDIDATES = 20
-"""Of these the first that the model can be simulated at."""
+"""Candidates for a chain's start: the first one that the model can be simulated at is taken."""
 
 _SHORT = (0.02, 0.5)
-"""Of these lengths are the short steps, in standard deviations."""
+"""Lengths of the short steps, in standard deviations."""
 
 
 class _Sampler(NamedTuple):
-    """What all chains have in common."""
+    """Settings that all chains share."""
 
     begin: Callable[..., Any]
     """NumPyro's state at an e, for the key of random numbers and the length of a step."""
@@ -341,7 +341,7 @@ class _Chain:
             self._state = self._state._replace(z=e, potential_energy=energy, z_grad=slope)
 
     def _log_density(self, w: Float[np.ndarray, " q"]) -> float:
-        """Of the model, but for a constant."""
+        """The logarithm of the model's density, up to a constant."""
         x, (low, high) = np.asarray(self._target.map.at(w)), self._model.bounds
         if np.any(x < low) or np.any(x > high):
             return -np.inf

@@ -111,20 +111,20 @@ class FittedPoint(NamedTuple):
     fitted: Bool[np.ndarray, " p"]
     """The parameters that the records move: not held at a bound."""
     known: Bool[np.ndarray, " p"]
-    """Those of them that the records determine."""
+    """Which of the parameters the records determine."""
     outlying: Bool[np.ndarray, " n"] | None = None
     """Which samples stand out, as the records of the estimate have it; None where no error model asks."""
 
 
 class _ByModel(NamedTuple):
-    """What an error model says of p parameters, each on its own scale."""
+    """Errors of p parameters by one error model, each on its own scale."""
 
     matrix: Float[np.ndarray, "p p"]
     """Their covariance, NaN where not known."""
     freedom: Float[np.ndarray, " p"]
     """Degrees of freedom of the noise that it rests on."""
     evidence: list[float]
-    """Of each record."""
+    """Evidence of each record for the model."""
 
 
 def all_error_models() -> list[AbstractErrorModel]:
@@ -171,7 +171,7 @@ def with_error_models(estimate: Estimate, problem: Problem, fit: Fit, report: Pr
 
 
 def fitted_point(method: Method, problem: Problem, fit: Fit) -> FittedPoint:
-    """What error models need of where a fit ended."""
+    """The optimum of a fit, as error models need it."""
     jacobian, free = np.asarray(fit.state.jacobian), problem.residual.transform
     held = free.at_bound(fit.free)
     known = np.zeros(held.size, bool)
@@ -256,7 +256,7 @@ def influence_at(
 
 
 def two_steps(point: FittedPoint) -> TwoSteps:
-    """Those of a sequential fit."""
+    """The two steps of a sequential fit."""
     first, stack = stack_rows(point.problem)[:, None], of_stack(point.problem)
     earlier, later = np.flatnonzero(stack & point.known), np.flatnonzero(~stack & point.known)
     return TwoSteps(point.jacobian * first, point.jacobian * ~first, earlier, later)
@@ -269,7 +269,7 @@ def _total(
 
 
 def _curvatures(point: FittedPoint, report: Progress) -> list[Float[np.ndarray, "p k"]]:
-    """Of each record: the sum of its residuals times their second derivatives, along the principal directions."""
+    """For each record, the sum of its residuals times their second derivatives, along the principal directions."""
     report("second derivatives, for errors where the model does not explain all")
     if point.method == "sequential":
         directions = two_steps(point).directions()
@@ -345,7 +345,7 @@ def robust_covariance(
 
 
 class StandardErrors(NamedTuple):
-    """Of p free numbers, on the fit's scale."""
+    """Standard errors of p free numbers, on the fit's scale."""
 
     known: Covariance
     """Enlarged by the `factor`."""

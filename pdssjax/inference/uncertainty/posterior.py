@@ -43,7 +43,7 @@ class Chains(NamedTuple):
     """Draws of several chains."""
 
     free: Float[np.ndarray, "chains draws p"]
-    """On the scale of the fit."""
+    """Parameters on the scale of the fit."""
     failed: int
     """Draws that are no new ones, or trajectories that were broken off."""
     statistics: dict[str, Num[np.ndarray, "chains draws"]]
@@ -86,7 +86,7 @@ class _Corrected(NamedTuple):
 
     free: Float[np.ndarray, "*chains draws p"]
     log_density: Float[np.ndarray, "*chains draws"]
-    """Of the model, but for a constant."""
+    """Logarithm of the model's density, up to a constant."""
     accepted: Bool[np.ndarray, "*chains draws"]
     """The model took the polynomial's draw; else the draw is the one before."""
 

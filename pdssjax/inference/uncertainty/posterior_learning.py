@@ -41,13 +41,13 @@ _AGREEMENT = 0.85
 """What model and polynomial have in common, from which the polynomial is good; with `_FEWEST` points 1 is seldom."""
 
 _WIDTHS = Widths(solved=(1.2, 3.0), linear=1.0, share=0.0)
-"""Of the draws."""
+"""Widths of the mixture that draws are taken from."""
 
 _NEWTON = 3
 """Steps of Newton's method with the model."""
 
 _SOLVED = 0.3
-"""What may be left of the equation, in standard deviations of a residual."""
+"""Tolerance of the equation, in standard deviations of a residual."""
 
 
 def learn(model: Model, seed: int, executor: Executor | None, report: Progress) -> ResidualPolynomial:
@@ -73,7 +73,7 @@ def learn(model: Model, seed: int, executor: Executor | None, report: Progress) 
 class _Learned(NamedTuple):
     polynomial: ResidualPolynomial
     agreement: float
-    """Of the polynomial before."""
+    """Overlap of the model's density with that of the polynomial of the round before."""
 
 
 def _rounds(
@@ -135,7 +135,7 @@ def solved_further(
 def _newton_step(
     model: Model, basis: Float[np.ndarray, "n q-k"], point: Linearisation, left: Float[np.ndarray, " q-k"]
 ) -> Float[np.ndarray, " q"]:
-    """Along the axes, to where nothing is `left` of the equation by the linear model at a `point`.
+    """The step along the axes that solves the equation by the linear model at a `point`.
 
     What the polynomial has for parameters at bounds is what they have.
     """
@@ -144,7 +144,7 @@ def _newton_step(
 
 
 def in_common(first: Float[np.ndarray, " n"], second: Float[np.ndarray, " n"]) -> float:
-    """What two densities have in common, 1 where they are equal: from logarithms of their weights at the same draws."""
+    """Overlap of two densities, 1 where they are equal: from logarithms of their weights at the same draws."""
     weights = []
     for logs in (first, second):
         finite = np.isfinite(logs)

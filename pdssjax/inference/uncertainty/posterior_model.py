@@ -38,36 +38,36 @@ class LikelihoodEnd(NamedTuple):
     """How far a parameter can go while the others make the best of it."""
 
     parameter: int
-    """Its place."""
+    """Index of the parameter."""
     side: float
     """-1.0 below the optimum, 1.0 above."""
     end: End
 
 
 class Model(NamedTuple):
-    """What is drawn from."""
+    """The posterior to draw from."""
 
     evaluate: Evaluate
     """Residuals and Jacobian."""
     residuals: Residuals
     optimum: Linearisation
     axes: Float[np.ndarray, "p q"]
-    """Along which parameters move."""
+    """Axes along which parameters move."""
     held: AtBounds
-    """Those with their optimum at a bound."""
+    """Parameters with their optimum at a bound."""
     bounds: tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]]
     logarithmic: Bool[np.ndarray, " p"]
     """Which numbers are the logarithms of their values."""
     factor: float
-    """By which variances exceed those of the noise given."""
+    """Factor by which variances exceed those of the noise given."""
     first: ResidualPolynomial
-    """What all evaluations so far tell of the residuals."""
+    """Curvature of the residuals, learned from all evaluations so far."""
     ends: tuple[LikelihoodEnd, ...]
-    """Of the likelihood of each parameter that moves, far out."""
+    """Ends of the likelihood of each parameter that moves, far out."""
 
     @property
     def prior_slopes(self) -> Float[np.ndarray, " p"]:
-        """Those of the logarithm of the prior."""
+        """Gradient of the logarithm of the prior."""
         return prior_slopes(self.logarithmic)
 
     def log_prior(self, free: Float[np.ndarray, "*n p"]) -> Float[np.ndarray, "*n"]:
@@ -75,7 +75,7 @@ class Model(NamedTuple):
         return (free - self.optimum.at) @ self.prior_slopes
 
     def mixture(self, learned: ResidualPolynomial, widths: Widths) -> Mixture:
-        """What draws of what was `learned` are from, with variances enlarged by the `widths`."""
+        """The mixture around a polynomial that was `learned`, with variances enlarged by the `widths`."""
         return Mixture(learned, self.axes, self.held, self.factor, widths)
 
     def proposals(
@@ -90,7 +90,7 @@ class Model(NamedTuple):
 
 
 def prior_slopes(logarithmic: Bool[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
-    """Of the logarithm of a prior flat in the values: where x is the logarithm of one, its density is exp(x)."""
+    """Gradient of the log of a prior flat in the values: where x is the logarithm of one, its density is exp(x)."""
     return logarithmic.astype(float)
 
 

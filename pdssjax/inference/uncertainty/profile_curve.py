@@ -18,7 +18,7 @@ from .quadratic_end import Aim, lowest
 from .second_order import Linearisation, SecondOrder
 
 _HALVINGS = 2
-"""Of each side, at most: 3 points between the optimum and the end."""
+"""Halvings of each side at most: 3 points between the optimum and the end."""
 
 _BENT = 0.02
 """Share of the threshold by which a point misses the cubic, from which each half has a point of its own."""
@@ -48,7 +48,7 @@ class Curve(NamedTuple):
 
     @property
     def quality(self) -> float:
-        """1 where the points foretell each other, 0 where one misses by the threshold; NaN without points."""
+        """1 where interpolation predicts each point, 0 where one misses by the threshold; NaN without points."""
         return float(np.maximum(0.0, 1.0 - self.missed))
 
 
@@ -58,9 +58,9 @@ class _Node(NamedTuple):
     point: Linearisation
     excess: float
     slope: float
-    """Of the excess, by the profiled parameter."""
+    """Derivative of the excess by the profiled parameter."""
     tangent: Float[np.ndarray, " p"]
-    """Of the valley, by the profiled parameter; 1 for itself."""
+    """Derivative of the valley by the profiled parameter; 1 for itself."""
 
 
 def profile_curve(
@@ -107,7 +107,7 @@ class _Side:
         self.evaluations, self.missed = 0, float("nan")
 
     def run(self, end: Linearisation) -> Curve:
-        """From the optimum to the `end`."""
+        """Follow the valley from the optimum to the `end`."""
         first, last = self._node(self.optimum), self._node(end)
         if not (np.isfinite(last.excess) and end.at[self.index] != self.optimum.at[self.index]):
             nothing = np.zeros(1)
@@ -173,7 +173,7 @@ class _Side:
         return nearer.at + lowest(SecondOrder(nearer, curvature), nearer.at, guess - nearer.at, self.aim)
 
     def _node(self, point: Linearisation) -> _Node:
-        """What the linear model makes of a point near the valley."""
+        """The node of the valley near a point, by the linear model."""
         if not np.isfinite(point.chi2):
             return _Node(point, np.inf, np.nan, np.zeros(point.at.size))
         residual = point.residual + point.jacobian @ self._best(point)
@@ -191,7 +191,7 @@ class _Side:
         return np.clip(point.at + step, self.low, self.high) - point.at
 
     def _others(self, point: Linearisation) -> Bool[np.ndarray, " p"]:
-        """Those besides the profiled one that are not at a bound."""
+        """The parameters besides the profiled one that are not at a bound."""
         return (point.at > self.low) & (point.at < self.high) & (np.arange(point.at.size) != self.index)
 
     def _linearised(self, at: Float[np.ndarray, " p"]) -> Linearisation:

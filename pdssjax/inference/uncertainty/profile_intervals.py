@@ -24,7 +24,7 @@ FALLS = 0.05
 
 
 def verdict_of(ends: tuple[End, ...], curve: Curve) -> str:
-    """What both ends and the curve between them say of a parameter."""
+    """The verdict on a parameter, from both ends and the curve between them."""
     found = [end.verdict for end in ends]
     names = ("lower", "upper")
     if Verdict.LOWER in found:
@@ -41,7 +41,7 @@ def verdict_of(ends: tuple[End, ...], curve: Curve) -> str:
 
 
 def notes_of(parameter: FittedParameter, problem: Problem, ends: tuple[End, ...], at: float) -> list[str]:
-    """Of every end that is no ordinary one, where the estimate lies `at` that number on the scale of the fit."""
+    """Notes on ends that are no ordinary ones; the estimate lies `at` that number on the scale of the fit."""
     # That an optimum lies at its bound is said already.
     notes = []
     for name, end in zip(("lower", "upper"), ends, strict=True):

@@ -28,7 +28,7 @@ Which = tuple[int, float]
 """A parameter's place, and the side of its interval: -1.0 or 1.0."""
 
 Threshold = float | Float[np.ndarray, " p"]
-"""By how much chi-square may exceed its minimum: of all parameters, or of each."""
+"""Excess of chi-square over its minimum at an end: one for all parameters, or one for each."""
 
 REACH = 7.0
 """How far a parameter is followed before it counts as flat, on the fit's scale: a factor of a thousand."""
@@ -58,7 +58,7 @@ def learn_curvature(
     reach: float = REACH,
     executor: Executor | None = None,
 ) -> SharedCurvature:
-    """What all ends of an `optimum` share: as many evaluations as there are parameters.
+    """Learn the curvature that the ends around an `optimum` share, by one evaluation per parameter.
 
     **Arguments:** as of `interval_ends`; the `factor` by which variances exceed those of the noise given.
     """

@@ -14,16 +14,16 @@ from jaxtyping import Bool, Float
 from .second_order import SecondOrder
 
 Solve = Callable[[Bool[np.ndarray, " p"], Float[np.ndarray, " p"]], Float[np.ndarray, " p"]]
-"""From what is held, and the step that it keeps, to the step of all."""
+"""A function from what is held, and the step that it keeps, to the step of all."""
 
 NULL = 1e-7
 """Relative singular value of a direction in which the residual does not change."""
 
 _STEPS = 50
-"""At most, along a model of second order."""
+"""Steps at most, along a model of second order."""
 
 _ROOM = 2.0
-"""Of the parameters that are not profiled, in half widths of their linear intervals."""
+"""Room for the parameters that are not profiled, in half widths of their linear intervals."""
 
 _SMALLEST = 1e-6
 """Length of a step, in `Aim.sizes`, from which there is no further one."""
@@ -70,7 +70,7 @@ class Parabola(NamedTuple):
 
 
 def parabola(model: SecondOrder, step: Float[np.ndarray, " p"]) -> Parabola:
-    """That which touches a model of second order at `step`; negative curvature counts as positive."""
+    """The parabola that touches a model of second order at `step`; negative curvature counts as positive."""
     residual, jacobian = model(step)
     squares, axes = np.linalg.eigh(model.scale.T @ model.hessian(step) @ model.scale)
     lengths = np.sqrt(np.abs(squares))
@@ -154,7 +154,7 @@ def _within(at: Float[np.ndarray, " p"], aim: Aim, solve: Solve) -> Float[np.nda
 def _outwards(
     model: Parabola, aim: Aim, held: Bool[np.ndarray, " p"], step: Float[np.ndarray, " p"]
 ) -> Float[np.ndarray, " p"]:
-    """To the end, where what is `held` keeps its `step`; with the parameter itself held, to the least."""
+    """The step to the end while those `held` keep their `step`; to the minimum if the profiled one is held itself."""
     step = np.where(held, step, 0.0)
     free = np.flatnonzero(~held)
     left, singular, rows, norms = factors(model.jacobian[:, free])

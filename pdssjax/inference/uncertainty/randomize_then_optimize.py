@@ -39,7 +39,7 @@ _NEWTON, _LAST = 2, 4
 """Iterations of Newton's method at each, and further ones at the end."""
 
 _SOLVED = 1e-8
-"""What may be left of the equation, beside 1 + |u|."""
+"""Tolerance of the equation, relative to 1 + |u|."""
 
 _SAME = 1e-6
 """Distance from a solution to the point that u was taken from, beside 1 + |w|, at which they are one."""
@@ -51,7 +51,7 @@ _SIDE_BY_SIDE = 128
 """Equations solved at a time."""
 
 _TRIALS = 50
-"""Of these, after which too few have a solution between the bounds."""
+"""Trials after which too few have a solution between the bounds."""
 
 
 class NothingToDraw(InputError):
@@ -59,21 +59,21 @@ class NothingToDraw(InputError):
 
 
 class Widths(NamedTuple):
-    """Of a mixture: by how much variances exceed those of the residuals."""
+    """Widths of a mixture: ratios of its variances to those of the residuals."""
 
     solved: tuple[float, ...]
-    """Of randomized residuals, as many draws of each."""
+    """Widths for randomized residuals, as many draws of each."""
     linear: float
-    """Of the linear model's normal distribution."""
+    """Width of the linear model's normal distribution."""
     share: float
-    """Of the draws that come from the linear model."""
+    """Fraction of the draws that come from the linear model."""
 
 
 class Proposals(NamedTuple):
     """Draws from q, and how probable each is there and by the polynomial."""
 
     free: Float[np.ndarray, "draws p"]
-    """On the scale of the fit."""
+    """Parameters on the scale of the fit."""
     randomized: Float[np.ndarray, "draws q"]
     """The polynomial's Q' r there."""
     log_proposed: Float[np.ndarray, " draws"]
@@ -87,20 +87,20 @@ def _as_arrays(widths: Widths) -> Widths:
 
 
 class Mixture(eqx.Module):
-    """What is drawn from; of other numbers nothing is compiled anew."""
+    """A mixture of distributions to draw from; with other numbers nothing is compiled anew."""
 
     polynomial: ResidualPolynomial
     """Stands for the residuals around its centre."""
     axes: Float[np.ndarray, "p q"]
-    """Along which parameters move: x = x0 + A w."""
+    """Axes along which parameters move: x = x0 + A w."""
     held: AtBounds
-    """Those with their optimum at a bound."""
+    """Parameters with their optimum at a bound."""
     variance: Float[np.ndarray, ""] = eqx.field(converter=np.asarray)
-    """Of each residual."""
+    """Variance of each residual."""
     widths: Widths = eqx.field(converter=_as_arrays)
 
     def equation(self) -> "Equation":
-        """That of the polynomial's randomized residuals."""
+        """The equation of the polynomial's randomized residuals."""
         return randomized_equation(self.polynomial, self.axes, self.held, self.variance)
 
     def place(self, w: Float[Array, " q"]) -> Float[Array, " p"]:
@@ -194,11 +194,11 @@ class Equation(NamedTuple):
     """Q' r(x0 + A w) = u, with a row of its own for each parameter at a bound."""
 
     solve: Callable[[Float[Array, " q"]], tuple[Float[Array, " q"], Scalar, Bool[Array, ""]]]
-    """From u to w, with log |det du/dw| there and whether there is a solution."""
+    """A function from u to w, log |det du/dw| there, and whether there is a solution."""
     along: Callable[[Float[Array, " q"]], Float[Array, " q"]]
     """The left side at w."""
     slopes: Callable[[Float[Array, " q"]], Float[Array, "q q"]]
-    """Its derivatives, shape (q, q)."""
+    """The derivatives of the equation, shape (q, q)."""
 
     def back(self, w: Float[Array, " q"]) -> tuple[Float[Array, " q"], Scalar, Bool[Array, ""]]:
         """The u at w, log |det du/dw|, and whether u leads there again: not so beyond a fold."""

@@ -41,7 +41,7 @@ class ResidualPolynomial(eqx.Module):
 
     centre: Float[np.ndarray, " p"]
     inverse: Float[np.ndarray, "q p"]
-    """From x - x0 to z."""
+    """The map from x - x0 to z."""
     factor: Float[np.ndarray, "m k"]
     """Times the terms, it gives m numbers with the residuals' sum of squares."""
     degree: int = eqx.field(static=True)
@@ -87,7 +87,7 @@ class SampledPolynomial(NamedTuple):
 
     centre: Float[np.ndarray, " p"]
     inverse: Float[np.ndarray, "q p"]
-    """From x - x0 to z."""
+    """The map from x - x0 to z."""
     coefficients: Float[np.ndarray, "n k"]
     degree: int
 

@@ -77,7 +77,7 @@ class TwoSteps(NamedTuple):
 
 
 def amplification_of(problem: Problem, fit: Fit, identifiable: Bool[np.ndarray, " p"]) -> Amplification | None:
-    """What an error of the stack does to everything else in the records that do not show the platform alone.
+    """Amplification of errors of the stack into all other parameters, in records not of the platform alone.
 
     **Arguments:** which of the free parameters are `identifiable`, shape (parameters,); the others are left out.
 

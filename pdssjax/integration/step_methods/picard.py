@@ -30,7 +30,7 @@ class Collocated(NamedTuple):
 
     values: Float[Array, "nodes components"]
     change: Float[Array, " components"]
-    """By the last iteration, at most."""
+    """Largest change by the last iteration."""
 
 
 class Picard(AbstractStepMethod):

@@ -32,7 +32,7 @@ def resolved_radius(series: Sequence[Sequence[ScalarLike]], units: Sequence[Scal
 
 
 def shortened(piece: Piece, extra: Sequence[Series], tolerance: Scalar, opaque_one: Scalar) -> Piece:
-    """As much of `piece` as also resolves the series `extra`, made of its polynomials, to `tolerance`."""
+    """The part of `piece` that also resolves the series `extra`, made of its polynomials, to `tolerance`."""
     size = len(piece.polynomials[0])
     rows = [[series[k] for k in range(size)] for series in extra]
     enough = jnp.minimum(resolved_radius(rows, [1.0 / tolerance] * len(rows)), piece.step_radius)

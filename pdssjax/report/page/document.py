@@ -30,7 +30,7 @@ class Share(NamedTuple):
     """A cell of a table with a bar."""
 
     text: str
-    """What the cell says."""
+    """Text of the cell."""
     share: float
     """Length of the bar, from 0 to 1 of the cell; no bar where it is NaN."""
 
@@ -42,7 +42,7 @@ class Table:
     head: Sequence[str]
     """What each column is, with its unit where all rows have the same; "" for a column that explains itself."""
     rows: Sequence[Sequence[str | Share]]
-    """As many cells in each as the head has."""
+    """Rows of as many cells as the head has."""
     align: str = ""
     """A "<" (left) or ">" (right) for each column; left alone for the first of them where nothing is given."""
     caption: str = ""
@@ -54,7 +54,7 @@ class Illustration:
     """A figure with what a reader has to know of it."""
 
     figure: Figure | bytes
-    """Of matplotlib, or the content of a PNG file."""
+    """A figure of matplotlib, or the content of a PNG file."""
     caption: str
     """One or two sentences below it."""
     description: str = ""
@@ -230,14 +230,14 @@ _REM_AN_INCH = 8.0
 
 
 def _element(view: str, inches: float, description: str, axes: list[dict[str, Any]], content: str) -> str:
-    """What is zoomed on the page."""
+    """An element of the page that can be zoomed."""
     label, known = (html.escape(each, quote=True) for each in (description, json.dumps(axes)))
     style = f"max-width: {_REM_AN_INCH * inches:.4g}rem"
     return f'<svg viewBox="{view}" style="{style}" role="img" aria-label="{label}" data-axes="{known}">{content}</svg>'
 
 
 _DOTS_AN_INCH = 200
-"""Of pictures that come as they are: that of the plots in a folder of results."""
+"""Resolution of PNG pictures: that of the plots in a folder of results."""
 
 
 def _picture(content: bytes, description: str) -> str:
@@ -269,7 +269,7 @@ def _svg(figure: Figure, number: int, description: str) -> str:
 
 @contextmanager
 def _dense_lines_as_pictures(figure: Figure) -> Iterator[None]:
-    """Within it lines of many samples are rasterised; afterwards the figure is as before."""
+    """Rasterise lines of many samples while the figure is saved; afterwards the figure is as before."""
     lines = [line for axes in figure.axes for line in axes.lines if not line.get_rasterized()]
     dense = []
     for line in lines:
@@ -309,7 +309,7 @@ def _axes(figure: Figure) -> list[dict[str, Any]]:
 
 
 def _label(axes: Any, name: str) -> str:
-    """What an axis is; its label may stand at another panel that shares it."""
+    """The label of an axis, which may stand at another panel that shares it."""
     shared = axes.get_shared_x_axes() if name == "x" else axes.get_shared_y_axes()
     labels = [getattr(each, f"get_{name}label")() for each in (axes, *shared.get_siblings(axes))]
     return next(filter(None, labels), name).replace("\n", " ")

@@ -230,7 +230,7 @@ def _further_errors(estimate: Estimate, free: list[FittedParameter], models: lis
 
 
 def _basis(estimate: Estimate, model: str) -> str:
-    """What the interval of a parameter rests on."""
+    """The basis of a parameter's interval in words."""
     profiled = any(parameter.verdicts for parameter in estimate.parameters.values())
     way = estimate.draws.kind if estimate.draws is not None else "profile likelihood" if profiled else ""
     return f"by the {model} error model" + (f", the interval by {way}" if way else "")
@@ -256,7 +256,7 @@ def _numbers(parameter: FittedParameter, meaning: str) -> list[str | Share]:
 
 
 def _meanings(estimate: Estimate) -> dict[str, str]:
-    """What each parameter is, by its path, as the models of this version say; without those that they do not have."""
+    """The meaning of each parameter by its path, from the models of this version; unknown ones are left out."""
     drives = {record.excitation.partition(",")[0] for record in estimate.records} - {"prescribed motion"}
     homes = {"drive": [f"drive/{name}" for name in drives]}
     for family in ("piezo", "friction"):
@@ -376,7 +376,7 @@ def _illustrated(record: FittedRecord) -> Illustration:
 
 
 def _more(estimate: Estimate) -> Iterator[Section]:
-    """What only some estimates have: profiles, draws, starts, amplification."""
+    """Sections that only some estimates have: profiles, draws, starts, amplification."""
     if estimate.profiles:
         caption = "Chi-square minimised over all other parameters, beside the parabola of the linear model."
         figure = Illustration(figures.profile_figure(estimate.profiles, estimate.parameters), caption)

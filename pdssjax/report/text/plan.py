@@ -27,7 +27,7 @@ def format_design(plan: Plan) -> str:
 
 
 def plan_summary(plan: Plan) -> str:
-    """What the plan is best for, and what it was chosen of."""
+    """The criterion of the plan, and the candidates it was chosen from."""
     rival = f" {plan.study.models.chosen['friction']} from {plan.rival}" if plan.rival else ""
     before = "" if math.isnan(plan.value_before) else f" (now {plan.criterion.in_words(plan.value_before)})"
     draws = "" if plan.draws == 1 else f", the mean over {plan.draws} sets of parameters"
@@ -44,7 +44,7 @@ CONTRIBUTES = (
     '"without it" is the factor by which the error of the criterion grows where a record is left out, or of a '
     "discrimination the share of the evidence that is lost."
 )
-"""What the last column says."""
+"""Meaning of the last column."""
 
 
 def record_row(planned: PlannedRecord) -> list[str]:
@@ -88,7 +88,7 @@ ERROR_HEAD = ["", "value", "before", "alone", "together"]
 
 
 def error_rows(plan: Plan) -> list[list[str]]:
-    """Of every free parameter its number, and its errors before, by the plan's records, and by both, in per cent."""
+    """A row for every free parameter: its number, and its errors before, by the plan alone and by both, in per cent."""
     rows = []
     for path in plan.after:
         unit, factor = display_unit(plan.study.parameters[path].unit)
@@ -99,7 +99,7 @@ def error_rows(plan: Plan) -> list[list[str]]:
 
 
 def format_rehearsal(rehearsal: Rehearsal) -> str:
-    """What a plan promised, and what a fit of its records from the virtual rig had."""
+    """The errors that a plan promised beside those of a fit of its records from the virtual rig."""
     text = heading("Rehearsal on the virtual rig") + aligned_table("<>>>", [REHEARSAL_HEAD, *rehearsal_rows(rehearsal)])
     return text + note(f"Errors had over errors promised, geometric mean: {rehearsal.ratio:.3f}.")
 
@@ -108,7 +108,7 @@ REHEARSAL_HEAD: Sequence[str] = ["", "promised", "had", "ratio"]
 
 
 def rehearsal_rows(rehearsal: Rehearsal) -> list[list[str]]:
-    """Of every free parameter the error promised, that of the fit, and their ratio."""
+    """A row for every free parameter: the error promised, that of the fit, and their ratio."""
     rows = []
     for path, promised in rehearsal.promised.items():
         found = rehearsal.estimate.parameters[path]

@@ -9,7 +9,7 @@ from ...study import Record
 from ._layout import aligned_table, heading, note
 
 HEAD = "model", "free", "held out", "+/-", "records", "+/-", "criterion", ""
-"""Of the table of models."""
+"""Head of the table of models."""
 
 
 def format_selection(found: Comparison) -> str:
@@ -29,7 +29,7 @@ def format_selection(found: Comparison) -> str:
 
 
 class SelectionSentences(NamedTuple):
-    """What is said of a comparison, for whatever shows it."""
+    """Sentences and table rows of a comparison, for text, page and notebook."""
 
     answer: list[str]
     head: tuple[str, ...]
@@ -100,7 +100,7 @@ def _row(result: Result) -> tuple[str, ...]:
 
 
 def _caption(found: Comparison) -> str:
-    """What the columns of the table are."""
+    """The caption of the table: the meaning of its columns."""
     return (
         "held out, records: by how much the log score on held-out blocks of time, and on whole records, lies below "
         f"that of the best model, {found.best or 'none'}, and its standard error. A model is worse from two standard "

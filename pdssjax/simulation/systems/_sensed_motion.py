@@ -31,7 +31,7 @@ class SensedMotion(NamedTuple):
         return tuple(rate * active for rate in rates)
 
     def state_scale(self) -> Scalar:
-        """What one unit of the sensor's state amounts to as a displacement [m]."""
+        """Displacement that one unit of the sensor's state stands for [m]."""
         stop = self.actuator.stop
         return jnp.ones(()) if stop is None else 1.0 / jnp.asarray(stop.stiffness, float)
 

@@ -123,14 +123,14 @@ def slowest_frequency(actuator: Actuator) -> Scalar:
 
 
 def _contact_frequencies(actuator: Actuator) -> tuple[Scalar, Scalar]:
-    """Of the end-effector on the contact [rad/s], advancing and retreating; 0 where nothing stretches."""
+    """Natural frequency of the end-effector on the contact [rad/s], advancing and retreating; 0 if not elastic."""
     unstretched, mass = actuator.friction.initial(), actuator.effector.mass
     of = lambda sign: jnp.sqrt(jnp.abs(_stiffness(actuator.friction, unstretched, jnp.asarray(sign))) / mass)
     return of(ADVANCING), of(RETREATING)
 
 
 def _stiffness(law: AbstractFriction, contact: tuple[Scalar, ...], sign: Scalar) -> Scalar:
-    """By what the force at rest changes with the displacement [N/m]."""
+    """Derivative of the force at rest by the displacement [N/m]."""
     still = jnp.zeros(())
     if not contact:
         return still

@@ -21,11 +21,11 @@ class StickSlipState(NamedTuple, Generic[N_co]):
     """Relative velocity [m/s]."""
     driven: DrivenPlatformState[N_co]
     contact_state: tuple[N_co, ...]
-    """Of the contact."""
+    """State of the contact."""
     in_contact: tuple[N_co, ...]
     """Flag: the end-effector touches the stop."""
     sensor_lag: tuple[N_co, ...]
-    """What the sensor is behind [m]; at the stop the force that it shows [N]."""
+    """Lag of the sensor [m]; of a sensor at the stop the force that it shows [N]."""
 
 
 class Kind(NamedTuple):
@@ -37,7 +37,7 @@ class Kind(NamedTuple):
 
 
 def kind(mode: Scalar) -> Kind:
-    """What the contact does in `mode`."""
+    """The kind of motion of the contact in `mode`."""
     unity, none = jnp.ones_like(mode), jnp.zeros_like(mode)
     return Kind(
         jnp.where(jnp.abs(mode) == 1.0, unity, none),

@@ -21,7 +21,7 @@ class State(NamedTuple, Generic[N_co]):
 
     driven: DrivenPlatformState[N_co]
     sensor_lag: tuple[N_co, ...]
-    """What the sensor is behind [m]."""
+    """Lag of the sensor [m]."""
 
 
 class PlatformOnly(AbstractHybridSystem):
@@ -50,7 +50,7 @@ class PlatformOnly(AbstractHybridSystem):
         return tuple(range(len(jax.tree.leaves(self.initial()))))
 
     def state_scale(self) -> State[Scalar]:
-        """What one unit of each state amounts to as a displacement [m]."""
+        """Displacement that one unit of each state stands for [m]."""
         return State(self.driven_platform.error_scale(), tuple(jnp.ones(()) for _ in self.initial().sensor_lag))
 
     def field(self, segment: Segment, t_local: Term, x: State[Term], mode: Scalar) -> State[Term]:

@@ -50,7 +50,7 @@ class PrescribedMotion(AbstractHybridSystem):
         return Segment(jnp.where(over, jnp.inf, duration), motion[i], jnp.where(over, 0.0, slope))
 
     def state_scale(self) -> State[Scalar]:
-        """What one unit of each state amounts to as a displacement [m]."""
+        """Displacement that one unit of each state stands for [m]."""
         return (jnp.ones(()), self.friction.error_scale())
 
     def field(self, segment: Segment, t_local: Term, x: State[Term], mode: Scalar) -> State[Term]:

@@ -130,7 +130,7 @@ class StickSlip(AbstractHybridSystem):
         return x, following
 
     def state_scale(self) -> StickSlipState[Scalar]:
-        """What one unit of each state amounts to as a displacement [m]."""
+        """Displacement that one unit of each state stands for [m]."""
         metre, first = jnp.ones(()), self.initial()
         return StickSlipState(
             metre,

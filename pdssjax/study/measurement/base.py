@@ -24,7 +24,7 @@ class Samples(NamedTuple):
     measured: Float[np.ndarray, " samples"]
     """In the unit of the measurement."""
     voltage: Float[np.ndarray, " samples"]
-    """On the piezo [V]; 0 without a drive."""
+    """Voltage on the piezo [V]; 0 without a drive."""
     offset: float | None
     """Zero of the sensor, in the unit of the measurement; None where unknown."""
 
@@ -34,7 +34,7 @@ class MeasuredRecord(Protocol):
 
     @property
     def has_clock(self) -> bool:
-        """Its samples have times of their own."""
+        """Whether the samples have times of their own."""
         ...
 
     @property
@@ -73,7 +73,7 @@ class AbstractMeasurement(AbstractModel):
 
     @property
     def name(self) -> str:
-        """As a study writes it: the name of the member's file."""
+        """Name of the measurement in a study: that of the member's file."""
         return type(self).__module__.rpartition(".")[2].replace("_", "-")
 
     @property

@@ -23,15 +23,15 @@ class RecordErrors(NamedTuple):
     residual: Float[np.ndarray, " n"]
     """NaN is left out."""
     jacobian: Float[np.ndarray, "n p"]
-    """Of `residual`, on the fit's scale."""
+    """Jacobian of `residual`, on the fit's scale."""
     influence: Float[np.ndarray, "n p"]
-    """By how much the fit moves each parameter for a unit of each sample's residual, on the fit's scale."""
+    """Change of each parameter per unit of each sample's residual, on the fit's scale."""
     time: Float[np.ndarray, " n"]
     """[s]"""
     frequency: float | None
     """Cycles of the drive a second [Hz]; None where it does not repeat."""
     variance_factor: float = 1.0
-    """By how much the variances of whitened noise exceed 1, by the residuals of all records whose noise is given."""
+    """Variance of the whitened noise, by the residuals of all records whose noise is given."""
     freedom: float = float("inf")
     """Degrees of freedom that the fit leaves of the n samples; all of them where more than n."""
     noise_freedom: float = float("inf")
@@ -56,10 +56,10 @@ class RecordErrors(NamedTuple):
 
 
 class RecordShare(NamedTuple):
-    """What the errors of one record make of the parameters."""
+    """Contribution of one record's errors to the covariance of the parameters."""
 
     covariance: Float[np.ndarray, "p p"]
-    """On the fit's scale."""
+    """Covariance on the fit's scale."""
     evidence: float
     """How much better the model explains the residuals than the one before it: twice the gain in log-likelihood less
     twice the numbers that it took (Akaike); 0 where it has no say."""
@@ -70,7 +70,7 @@ class RecordShare(NamedTuple):
 
 
 class AbstractErrorModel(eqx.Module):
-    """What the residuals of a fit are taken for."""
+    """A statistical model of the residuals of a fit."""
 
     rank: ClassVar[int]
     """Place in reports: from the strictest assumption to the weakest."""
@@ -79,7 +79,7 @@ class AbstractErrorModel(eqx.Module):
 
     @abc.abstractmethod
     def share(self, record: RecordErrors) -> RecordShare:
-        """What a record's errors make of the parameters' covariance; zero of a record without samples."""
+        """Contribution of a record's errors to the parameters' covariance; zero for a record without samples."""
 
     @property
     def name(self) -> str:
@@ -92,7 +92,7 @@ class AbstractErrorModel(eqx.Module):
         return total_of(shares), [share.evidence for share in shares]
 
     def shares(self, records: Sequence[RecordErrors]) -> list[RecordShare]:
-        """What the errors of each record make of the parameters."""
+        """Contribution of the errors of each record to the parameters' covariance."""
         return [self.share(record.finite()) for record in records]
 
 

@@ -42,7 +42,7 @@ class Coloured(AbstractErrorModel):
 
 
 def _by_glitches(record: RecordErrors) -> Float[np.ndarray, "k p"]:
-    """By how far each of k glitches moves the parameters, on the fit's scale: samples in a row that stand out."""
+    """Shift of the parameters by each of k glitches (runs of samples that stand out), on the fit's scale."""
     if record.outlying is None or not record.outlying.any():
         return np.zeros((0, record.influence.shape[1]))
     places = np.flatnonzero(record.outlying)

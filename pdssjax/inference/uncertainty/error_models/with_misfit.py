@@ -38,16 +38,16 @@ _NEVER = 1e-8
 """Least a^2 and b^2, relative to the residuals'."""
 
 _NUMBERS = 3
-"""That the process takes: a, b and the length."""
+"""Parameters of the process: a, b and the length."""
 
 
 class _PhaseProcess(NamedTuple):
     """A misfit at so many phases."""
 
     covariance: Float[np.ndarray, "phases phases"]
-    """Of g, in the square of the residuals' unit, times the weight of the evidence: 0.05 of -6, 0.99 of 10."""
+    """Covariance of g in squared residual units, times a weight: 0.05 at an evidence of -6, 0.99 at 10."""
     length: float
-    """As a share of the cycle, or of a record that does not repeat."""
+    """Correlation length as a fraction of the cycle, or of a record that does not repeat."""
     evidence: float
     """Twice the gain in log-likelihood over noise alone, less twice the numbers that it took (Akaike)."""
 
