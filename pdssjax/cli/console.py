@@ -1,4 +1,4 @@
-"""What a command says while it works: warnings in plain lines, progress, a bar for long counts.
+"""Output of a command while it works: warnings in plain lines, progress, a bar for long counts.
 
 The one home of rich.
 """
@@ -51,7 +51,7 @@ def _shown_on(stream: TextIO | None, text: str) -> str:
 
 
 class LenientStream:
-    """A stream as it is, but that what nobody takes (a closed pipe, a full disk) is dropped without a word.
+    """A stream that drops output silently when nobody takes it (a closed pipe, a full disk).
 
     Letters that its encoding does not have are replaced.
 

@@ -17,7 +17,7 @@ import warnings
 from collections.abc import Sequence
 from typing import NoReturn
 
-from ..core import InputError, InputWarning, MiscompilationError, seldom_look_for_garbage
+from ..core import InputError, InputWarning, MiscompilationError, raise_gc_threshold
 from .console import LenientStream, announce_warnings, say
 from .signals import exit_status, requests_to_end
 
@@ -43,7 +43,7 @@ COMMANDS = {
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit status; `arguments` default to the process's own."""
-    seldom_look_for_garbage()
+    raise_gc_threshold()
     told = contextlib.redirect_stderr(LenientStream(sys.stderr))
     with told, warnings.catch_warnings(), requests_to_end() as received:
         warnings.simplefilter("always", InputWarning)

@@ -1,4 +1,4 @@
-"""Requests to end, from the system or a scheduler, as interrupts that a program can put things in order on."""
+"""Requests to end, from the system or a scheduler, as exceptions on which a program can clean up."""
 
 import contextlib
 import signal

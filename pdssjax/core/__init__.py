@@ -43,7 +43,7 @@ if TYPE_CHECKING:
         check_whole as check_whole,
         nearest as nearest,
     )
-    from .families import member as member, member_name as member_name, members as members, told_by as told_by
+    from .families import docstring_of as docstring_of, member as member, member_name as member_name, members as members
     from .jax_setup import prepare_jax as prepare_jax, require_float64 as require_float64
     from .kept_programs import (
         KeptFunction as KeptFunction,
@@ -78,7 +78,7 @@ if TYPE_CHECKING:
     from .process import (
         installed_versions as installed_versions,
         one_blas_thread as one_blas_thread,
-        seldom_look_for_garbage as seldom_look_for_garbage,
+        raise_gc_threshold as raise_gc_threshold,
     )
     from .quasi_random import sobol_points as sobol_points
     from .units import (

@@ -1,4 +1,4 @@
-"""What numbers are called in annotations, and arrays that a user gives: refused by name before JAX meets them.
+"""Type names of numbers and arrays, and checks of arrays that a user gives, before JAX meets them.
 
 Arrays say their shape as jaxtyping does, `Float[Array, " samples"]`.  A type checker sees what a number is (JAX's,
 NumPy's or Python's), a reader also its shape.

@@ -41,7 +41,7 @@ def member_name(model: type) -> str:
     return f"{name}:{variant}" if variant else name
 
 
-def told_by(module: str, name: str = "") -> str:
+def docstring_of(module: str, name: str = "") -> str:
     """The docstring of a `module` of pdssjax ("friction.lugre"), or of its class `name`; read without loading it."""
     import ast
 

@@ -29,7 +29,7 @@ from jaxtyping import Array, Float
 
 from .errors import InputError, InputWarning, MiscompilationError
 from .kept_programs import keep_programs_in
-from .process import seldom_look_for_garbage
+from .process import raise_gc_threshold
 
 _ROWS = 16_385
 """One more than XLA's kernels for a CPU take at once, in double precision."""
@@ -215,7 +215,7 @@ def prepare_jax(*, dedicated: bool = False) -> None:
         jax.config.update("jax_compilation_cache_dir", str(folder))
     if dedicated:
         _share_free_memory()
-        seldom_look_for_garbage()
+        raise_gc_threshold()
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     check_compiler(folder)
     keep_programs_in(folder, _circumstances())

@@ -1,4 +1,4 @@
-"""How a result shows itself, although what shows it lives above it; and how a notebook shows figures and progress.
+"""How results are shown, by a module above this room; figures and progress bars in a notebook.
 
 A result may not import `report`, which imports results.  The face of the package says by name which module shows
 results (`present_with`); it is imported when a result is first shown, so that no computation loads plots.  In a

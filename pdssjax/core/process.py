@@ -1,4 +1,4 @@
-"""The process: how often Python looks for garbage, how many threads linear algebra takes, which versions compute."""
+"""Settings of the process: garbage collection, threads of linear algebra, installed versions."""
 
 import contextlib
 import gc
@@ -7,13 +7,14 @@ import platform
 from collections.abc import Iterator
 
 _OBJECTS = 100_000
-"""Made, and not yet deleted, before Python looks for cycles among them; by default a few hundred."""
+"""Objects made, and not yet deleted, before Python looks for cycles among them; by default a few hundred."""
 
 
-def seldom_look_for_garbage() -> None:
-    """For programs: JAX, when it is imported and when it traces, makes objects by the hundred thousand.
+def raise_gc_threshold() -> None:
+    """Let Python look for garbage less often, for programs that use JAX.
 
-    Nearly all of them stay: to look through them again and again is a tenth of the time to the first result.
+    JAX makes objects by the hundred thousand when it is imported and when it traces, and nearly all of them stay.
+    To look through them again and again is a tenth of the time to the first result.
     """
     gc.set_threshold(max(_OBJECTS, gc.get_threshold()[0]))
 

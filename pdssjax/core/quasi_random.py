@@ -1,4 +1,4 @@
-"""Points that fill a unit cube more evenly than chance does: a scrambled Sobol sequence, by SciPy.
+"""Quasi-random points in a unit cube: a scrambled Sobol sequence, by SciPy.
 
 A. B. Owen, Journal of Complexity 14(4), 1998.  Best where the number of points is a power of two.
 """

@@ -1,4 +1,4 @@
-"""What to measure next: the records, drives and samples that tell most, within what rig and recorder can do.
+"""Optimal design of experiments: the next records, drives and samples, within the limits of rig and recorder.
 
 Imports `inference` and the rooms below it.
 """

@@ -1,4 +1,4 @@
-"""What makes one plan better than another: a number of its information, lower is better.
+"""Design criteria: a number by the information matrix of a plan, lower is better.
 
 With the covariance C = M^-1 of the parameters on a relative scale, under each of several draws of what is not known
 yet, whose mean is taken:

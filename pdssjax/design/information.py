@@ -1,4 +1,4 @@
-"""What a record tells of the parameters: the Fisher information of its samples under white or coloured noise.
+"""The Fisher information matrix of a planned record, under white or coloured noise.
 
 With the Jacobian J of a record's prediction at n sample times and the covariance S of its noise the information is
 J' S^-1 J.  The noise is an Ornstein-Uhlenbeck process of standard deviation s and correlation time T, whose samples at

@@ -1,4 +1,4 @@
-"""A plan: the next records, where their samples go, and what they are expected to tell."""
+"""A plan: the next records, their sample times, and the expected errors."""
 
 import dataclasses
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""The same actuator with another law of friction, fitted to the same records: what a record has to tell apart."""
+"""The rival of a study for discrimination: the same actuator with another friction law, fitted to the same records."""
 
 import dataclasses
 from collections.abc import Callable

@@ -1,6 +1,6 @@
 """Which channel of a file is the time, which the voltage, and which the motion: by options, names, units, shapes.
 
-What cannot be told for sure is asked for: an error that lists the channels and names the option.
+Where a role is not certain, an error lists the channels and names the option that sets it.
 """
 
 import dataclasses
@@ -85,14 +85,14 @@ def roles_of(file: Path, hints: Hints) -> Roles:
     """
     reader = open_file(file, hints.decimal)
     channels = reader.channels()
-    look = _Look(file, reader, channels, hints)
+    search = _RoleSearch(file, reader, channels, hints)
     chosen: dict[str, Channel] = {}
     guessed: set[str] = set()
     clocked = hints.interval is not None or any(channel.interval for channel in channels)
     wanted: dict[str, Callable[[Channel], bool]] = {
-        "time": look.increases,
-        "voltage": look.is_a_drive,
-        look.motion(): look.may_move,
+        "time": search.increases,
+        "voltage": search.is_a_drive,
+        search.motion(): search.may_move,
     }
     if clocked and "time" not in hints.columns:
         del wanted["time"]
@@ -101,13 +101,13 @@ def roles_of(file: Path, hints: Hints) -> Roles:
     faults: list[str] = []
     for quantity, shaped in wanted.items():
         try:
-            look.choose(quantity, chosen, guessed, shaped)
+            search.choose(quantity, chosen, guessed, shaped)
         except InputError as fault:
             # Of two channels, the answer to the first question tells the other one.
             if not faults or len(channels) - len(chosen) > 2:
                 faults.append(str(fault))
     try:
-        look.check_units(chosen)
+        search.check_units(chosen)
     except InputError as fault:
         faults.append(str(fault))
     if faults:
@@ -134,15 +134,15 @@ def friction_roles(file: Path, hints: Hints) -> Roles | None:
     driven = hints.columns.get("voltage", "none") != "none" or any(c.measures("V") for c in channels)
     if not pulls or (driven and "force" not in hints.columns):
         return None
-    look = _Look(file, reader, channels, hints)
+    search = _RoleSearch(file, reader, channels, hints)
     clocked = hints.interval is not None or any(channel.interval for channel in channels)
     timed = not clocked and (has("time") or any(not c.unit and _called(c, "time") for c in channels))
     chosen: dict[str, Channel] = {}
     guessed: set[str] = set()
-    motion = look.motion() if has("displacement") or has("velocity") else look.named_motion()
+    motion = search.motion() if has("displacement") or has("velocity") else search.named_motion()
     for quantity in [*(["time"] * timed), "force", motion]:
-        look.choose(quantity, chosen, guessed, look.increases if quantity == "time" else look.may_move)
-    look.check_units(chosen)
+        search.choose(quantity, chosen, guessed, search.increases if quantity == "time" else search.may_move)
+    search.check_units(chosen)
     columns = {q: name_for_study(chosen[q], channels) for q in [*(["time"] * timed), motion, "force"]}
     layout = Layout(columns, SI, hints.units, hints.scales, hints.interval, 0.0, hints.decimal, needs_clock=False)
     return Roles(file, chosen, frozenset(guessed), layout)
@@ -176,8 +176,8 @@ def _example_of_scale(quantity: str, channel: Channel) -> str:
 
 
 @dataclasses.dataclass
-class _Look:
-    """Looks at the channels of a file."""
+class _RoleSearch:
+    """The search for the roles of the channels of a file."""
 
     file: Path
     reader: AbstractSource

@@ -1,8 +1,7 @@
-"""The drive of a record, as its `drive` table in a study file describes it, and what the drive did before t = 0.
+"""The drive of a record by its `drive` table in a study file, and its conditioning before t = 0.
 
-What a drive did before a record's t = 0: cycles that were run, or a voltage that was held.
-
-Where a study says nothing of a sampled voltage that begins off zero, its first voltage was held: `rest_before`.
+Conditioning is the voltage before a record's t = 0: cycles that were run, or a voltage that was held.  A sampled
+voltage that begins off zero, of which the study says nothing, has been held at its first value: `rest_before`.
 """
 
 import dataclasses
@@ -46,7 +45,7 @@ _CLOSED = 0.02
 
 
 def conditioned(record: Table, drive: AbstractDrive | None) -> tuple[AbstractDrive | None, float]:
-    """The drive of a `record` with what its "conditioning" adds before t = 0, and by how much it starts earlier [s].
+    """The drive of a `record` with its "conditioning" before t = 0, and by how much it starts earlier [s].
 
     Cycles of a waveform are run before its t = 0, a sampled drive's first period is repeated, or its first
     voltage held for a time; held for none, it sets in at t = 0.
@@ -72,7 +71,7 @@ def conditioned(record: Table, drive: AbstractDrive | None) -> tuple[AbstractDri
 def rest_before(
     record: Table, parameters: Table, drive: AbstractDrive | None, begin: float, length: float, settles: bool
 ) -> tuple[AbstractDrive | None, float, float | None]:
-    """The drive of a `record` that has long rested at its first voltage, where that is off zero and nothing is said.
+    """The drive of a `record` conditioned by its first voltage, where that is off zero and the study says nothing.
 
     **Arguments:** the study's `parameters`, of which those of the stack's initial state say what was before; `begin`
     is when the record begins, on the clock of the drive [s], and `length` how long it is [s]; whether the stack

@@ -1,4 +1,4 @@
-"""What a record's table says of the columns of its file: names or numbers, clock, units, scale, decimal sign."""
+"""The columns of a record's file by its table: names or numbers, clock, units, scale, decimal sign."""
 
 from collections.abc import Mapping
 

@@ -1,4 +1,4 @@
-"""Reads a file in a process of its own, with limits of memory and time: libraries of formats trust what is in it.
+"""Reads a file in a process of its own, with limits of memory and time: libraries of formats trust its content.
 
 A single wrong bit makes SciPy crash, and HDF5's library loop without end or take gigabytes.  `answers` asks a process
 what a generator function of pdssjax yields for a file: pairs of something that JSON can write, and an array.  The

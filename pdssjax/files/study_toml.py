@@ -1,4 +1,4 @@
-"""Reads and checks a study file: the actuator's models, its parameters and the records to explain.
+"""Reads and checks a study file: the actuator's models, its parameters and its records.
 
 Its tables are read one by one: [parameters] and [constraints] by `parameter_table`, [[record]] by `record_table`.
 """

@@ -62,8 +62,10 @@ def correlation(matrix: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
         return matrix / np.outer(deviation, deviation)
 
 
-def moved_by(later: Float[np.ndarray, "n l"], earlier: Float[np.ndarray, "n e"]) -> Float[np.ndarray, "l e"]:
-    """d later / d earlier: how the least-squares estimate of some parameters follows others that are held.
+def estimate_sensitivity(
+    later: Float[np.ndarray, "n l"], earlier: Float[np.ndarray, "n e"]
+) -> Float[np.ndarray, "l e"]:
+    """Derivative of the least-squares estimate of the parameters fitted `later` by those fitted `earlier`.
 
     With residuals r(a, b) and a held, the estimate of b is where J_b' r = 0, so that an error da moves it by
     -(J_b' J_b)^-1 J_b' J_a da, to first order (K. M. Murphy and R. H. Topel, Journal of Business and Economic
@@ -91,7 +93,7 @@ def propagated(
     -(J2' J2)^-1 J2' J1 e (first order).
     """
     naive = least_squares_covariance(jacobian[:, later], np.zeros(later.size, bool)).matrix
-    shift = moved_by(jacobian[:, later], jacobian[:, earlier])
+    shift = estimate_sensitivity(jacobian[:, later], jacobian[:, earlier])
     p = jacobian.shape[1]
     plain, whole = np.zeros((p, p)), np.zeros((p, p))
     for matrix, block in ((plain, naive), (whole, naive + shift @ first @ shift.T)):

@@ -1,4 +1,4 @@
-"""Which records contradict each other, which combinations of parameters they tell, and what follows for each.
+"""Diagnosis of a fit: contradicting records, determined combinations of parameters, and remedies.
 
 Which records disagree with the others: score tests and one-step deletion at the joint optimum, without a refit.
 

@@ -1,4 +1,4 @@
-"""How much work a fit may take: starts tried, evaluations allowed, and the slow steps after which it ends."""
+"""The effort of a fit: starts tried, evaluations allowed, and the slow steps after which it ends."""
 
 from typing import NamedTuple
 

@@ -28,7 +28,7 @@ from ..study import OWN_MINIMISER, Estimate, Study, Values
 from .draws import Drawing
 from .effort import Effort, effort_of
 from .integrator_check import check_accuracy, with_check
-from .kept_fit import Found, as_asked, kept, restored
+from .kept_fit import FitAndStarts, fit_document, restored_fit, run_settings
 from .least_squares import MAX_ITERATIONS, Fit, FitMethod, Method, Progress, evaluated, joint, quiet
 from .losses.base import AbstractLoss
 from .problem import Problem
@@ -161,12 +161,16 @@ def _estimated(study: Study, request: _Request, stack: PickedStack | None, begun
     return estimate
 
 
-def _found(request: _Request, best: BestPoint) -> Found:
+def _found(request: _Request, best: BestPoint) -> FitAndStarts:
     """The fit, its problem and its starts: found anew, or those around which draws go on."""
     study, report, accuracy, store = request.study, request.report, request.accuracy, request.drawing.store
     effort = request.effort
-    what = as_asked(study, request.method, request.intervals, request.drawing, request.starts, accuracy, effort.name)
-    earlier = restored(request.drawing, what, study, accuracy, report, effort) if request.intervals in DRAWN else None
+    what = run_settings(
+        study, request.method, request.intervals, request.drawing, request.starts, accuracy, effort.name
+    )
+    earlier = (
+        restored_fit(request.drawing, what, study, accuracy, report, effort) if request.intervals in DRAWN else None
+    )
     if earlier is not None:
         return earlier
     report("finding starts")
@@ -180,13 +184,13 @@ def _found(request: _Request, best: BestPoint) -> Found:
         )
         if fit.chi2 < usual.chi2:
             fit, problem = with_noise(fit, problem, request.run, report)
-    found = Found(fit, problem, starts, table)
+    found = FitAndStarts(fit, problem, starts, table)
     if request.intervals in DRAWN:
-        store.begin(kept(what, found))
+        store.begin(fit_document(what, found))
     return found
 
 
-def _with_intervals(estimate: Estimate, found: Found, request: _Request) -> Estimate:
+def _with_intervals(estimate: Estimate, found: FitAndStarts, request: _Request) -> Estimate:
     """`estimate` with the intervals asked for; linear ones where nothing can be drawn around where the fit ended."""
     problem, fit, intervals = found.problem, found.fit, request.intervals
     if not np.isfinite(fit.chi2):
@@ -246,7 +250,7 @@ def _loss(name: str, method: str, intervals: str) -> AbstractLoss:
     return loss
 
 
-def _checked(estimate: Estimate, found: Found, request: _Request) -> Estimate:
+def _checked(estimate: Estimate, found: FitAndStarts, request: _Request) -> Estimate:
     """`estimate` with what a fit by another integrator differs by, where one is asked for."""
     if request.referee is None:
         return estimate

@@ -1,4 +1,4 @@
-"""A fit once more by another integrator, from where the first one ended."""
+"""Repeat a fit with another integrator, from where the first one ended."""
 
 import dataclasses
 

@@ -19,18 +19,18 @@ from .solver.lm_state import Ending
 from .uncertainty.posterior import PROPOSALS
 
 
-class Found(NamedTuple):
-    """A fit, and how it was come to."""
+class FitAndStarts(NamedTuple):
+    """A fit with its problem, its starts, and the ends of the other starts."""
 
     fit: Fit
     problem: Problem
     starts: dict[str, float]
     """Where it began [SI], by path."""
     multistart: Multistart | None
-    """Where the starts asked for led."""
+    """Where fits from further starts ended; None where none were asked for."""
 
 
-def as_asked(
+def run_settings(
     study: Study,
     method: Method,
     intervals: str,
@@ -82,8 +82,8 @@ def _measured(record: Record) -> Document:
     }
 
 
-def kept(what: Document, found: Found) -> Document:
-    """`what` was asked, with the fit: all that `restored` needs."""
+def fit_document(what: Document, found: FitAndStarts) -> Document:
+    """The fit as plain data, with the settings `what`: all that `restored_fit` needs."""
     fit, table = found.fit, found.multistart
     return what | {
         "free": np.asarray(fit.free, float).tolist(),
@@ -98,10 +98,10 @@ def kept(what: Document, found: Found) -> Document:
     }
 
 
-def restored(
+def restored_fit(
     drawing: Drawing, what: Document, study: Study, accuracy: Accuracy, report: Progress, effort: Effort = USUAL
-) -> Found | None:
-    """Fit, problem and starts of a run that goes on; its residuals are computed again.
+) -> FitAndStarts | None:
+    """Restore fit, problem and starts of a run that goes on; its residuals are computed again.
 
     **Returns:** None where the store of the `drawing` has none.
 
@@ -119,7 +119,7 @@ def restored(
         free = _numbers(document, "free", sum(parameter.free for parameter in study.parameters.values()))
         noise = _numbers(document, "noise", len(what["records"]))
     problem = pose(study, starts, accuracy, effort=effort)._replace(noise=noise)
-    return Found(evaluated(problem, free, report)._replace(**how), problem, starts, table)
+    return FitAndStarts(evaluated(problem, free, report)._replace(**how), problem, starts, table)
 
 
 _ENDED = {"success": bool, "message": str, "iterations": int, "evaluations": int, "ending": int}

@@ -1,4 +1,4 @@
-"""Which records a fit explains down to their noise, and which it does not.
+"""Whether a fit is poor: which records it explains down to their noise, and which it does not.
 
 Where a record's noise is given, its residuals are judged by chi-square.  Where it is not, the
 noise is estimated from the residuals and chi-square is their number whatever the fit; the

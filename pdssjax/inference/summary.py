@@ -1,4 +1,4 @@
-"""Turns a fit into an estimate: errors, correlations, statistics, records, and what the user must read.
+"""Turns a fit into an estimate: its verdict (did it fail?), errors, correlations, statistics and notes.
 
 How far estimates lie from what was measured apart: the pull.
 
@@ -155,7 +155,7 @@ def _determined(
 def _verdict(
     problem: Problem, fit: Fit, values: Mapping[str, float], unexplained: bool, stack: PickedStack | None
 ) -> tuple[bool, str]:
-    """Whether a fit explains what was fitted, and how it ended, in a sentence.
+    """The verdict on a fit: whether it explains its records, and a sentence on how it ended.
 
     It is `unexplained` where records contradict each other, leave more than their neighbouring samples scatter, or are
     not predicted by it.

@@ -1,4 +1,4 @@
-"""Whether records that were not fitted are predicted down to their noise, but for the errors of the parameters.
+"""Validation: whether records that were not fitted are predicted to within noise and parameter errors.
 
 They are a witness that no fit has pulled towards itself: a wrong optimum that explains what was fitted misses them.
 What parameters would mend within their errors is not held against it: such records are judged by what

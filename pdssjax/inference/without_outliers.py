@@ -1,4 +1,4 @@
-"""What a fit would leave that did not see the samples that stand out of its residuals.
+"""The fit without its outliers, the samples that stand out of its residuals, to first order.
 
 Least squares is pulled by glitches: twelve of 100 standard deviations among 1000 samples move the prediction of all
 others by as much as noise.  So the others are not judged by what the fit leaves of them, but by what the optimum of

@@ -1,4 +1,4 @@
-"""How finely to integrate: tolerances, the step method, room for steps; and why a run ended early."""
+"""Accuracy of an integration: tolerances, step method, room for steps; and why a run ended early."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -20,7 +20,7 @@ ROUNDING = 1e-15
 
 
 class Accuracy(eqx.Module):
-    """How finely to integrate."""
+    """Tolerances and step method of an integration."""
 
     tolerance: ScalarLike = eqx.field(default=1e-14, converter=as_number)
     """Local error allowed in one step, as a displacement [m]; hundreds of steps and reversals make 1e-11 m of it."""

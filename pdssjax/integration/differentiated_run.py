@@ -117,21 +117,21 @@ _HIGHEST = 2
 """Order of the highest derivatives there are."""
 
 
-class Looked(NamedTuple):
-    """What of a run has derivatives, each with those up to some order; the axes of the parameters come last."""
+class RunDerivatives(NamedTuple):
+    """Results of a run with their derivatives up to some order; the axes of the parameters come last."""
 
     begins: tuple[Float[Array, "rows begin *parameters"], ...]
     """Origin, local time and state where steps begin: of every step, or where the steps of the times begin and, last,
     where the repeated period opened."""
     end: tuple[Float[Array, "begin *parameters"], ...]
-    """The same where the run stopped."""
+    """Origin, local time and state where the run stopped."""
     shown: tuple[tuple[Float[Array, "rows kept *shape"], ...], ...]
     """The components kept.  Of every step its polynomials; or their values at the times, and derivatives of these by
     the time since the step's begin: `shown[i][j]` is of order i in the parameters and j in the time."""
 
 
-class Found(NamedTuple):
-    """What of a run has no derivatives."""
+class RunFacts(NamedTuple):
+    """Results of a run without derivatives."""
 
     steps: Row
     """Rows of every step, or of the steps of the times."""
@@ -142,18 +142,18 @@ class Found(NamedTuple):
 
 def steps_of(
     system: AbstractHybridSystem, horizon: Scalar, accuracy: Accuracy, keep: Keep
-) -> tuple[Float[Array, "room begin"], Float[Array, " begin"], Float[Array, "room kept coefficients"], Found]:
+) -> tuple[Float[Array, "room begin"], Float[Array, " begin"], Float[Array, "room kept coefficients"], RunFacts]:
     """The begin and the polynomials of every step to the `horizon` [s], the end of the run, and what else is known."""
-    looked, found = _looked_at((*_all_fixed(system), None), 0, horizon, accuracy, keep)
-    return looked.begins[0], looked.end[0], looked.shown[0][0], found
+    derivatives, facts = _differentiated((*_all_fixed(system), None), 0, horizon, accuracy, keep)
+    return derivatives.begins[0], derivatives.end[0], derivatives.shown[0][0], facts
 
 
-def seen_at(
+def components_at(
     system: AbstractHybridSystem, times: Float[Array, " m"], horizon: Scalar, accuracy: Accuracy, keep: Keep
-) -> tuple[Float[Array, "m+1 begin"], Float[Array, " begin"], Float[Array, "m kept"], Found]:
+) -> tuple[Float[Array, "m+1 begin"], Float[Array, " begin"], Float[Array, "m kept"], RunFacts]:
     """The begins of the steps of `times` [s] and of the repeated period; the end; the components kept at the times."""
-    looked, found = _looked_at((*_all_fixed(system), times), 0, horizon, accuracy, keep)
-    return looked.begins[0], looked.end[0], looked.shown[0][0], found
+    derivatives, facts = _differentiated((*_all_fixed(system), times), 0, horizon, accuracy, keep)
+    return derivatives.begins[0], derivatives.end[0], derivatives.shown[0][0], facts
 
 
 def _all_fixed(system: AbstractHybridSystem) -> tuple[Any, Any]:
@@ -164,13 +164,17 @@ Asked: TypeAlias = tuple[Any, Any, Float[Array, " m"] | None]
 """The leaves of a system by which derivatives are taken, the other ones, and the times [s]; None: of every step."""
 
 
-def _looked_at(asked: Asked, order: int, horizon: Scalar, accuracy: Accuracy, keep: Keep) -> tuple[Looked, Found]:
-    """What of a run has derivatives, with those up to `order`, and what has none."""
-    look = partial(_look, order=order, keep=keep)
-    return ruled_call(look, partial(_look_jvp, order=order, keep=keep), asked, horizon, accuracy)
+def _differentiated(
+    asked: Asked, order: int, horizon: Scalar, accuracy: Accuracy, keep: Keep
+) -> tuple[RunDerivatives, RunFacts]:
+    """The results of a run: those with derivatives, up to `order`, and those without."""
+    function = partial(_run_derivatives, order=order, keep=keep)
+    return ruled_call(function, partial(_run_derivatives_jvp, order=order, keep=keep), asked, horizon, accuracy)
 
 
-def _look(asked: Asked, horizon: Scalar, accuracy: Accuracy, order: int, keep: Keep) -> tuple[Looked, Found]:
+def _run_derivatives(
+    asked: Asked, horizon: Scalar, accuracy: Accuracy, order: int, keep: Keep
+) -> tuple[RunDerivatives, RunFacts]:
     moving, fixed, times = asked
     table, loop = find_steps(eqx.combine(moving, fixed), horizon, accuracy)
     size = table.shape[1] - KNOWN_COLUMNS
@@ -180,7 +184,7 @@ def _look(asked: Asked, horizon: Scalar, accuracy: Accuracy, order: int, keep: K
         ends, steps = tiled(tile, carry, table, loop.count)
         shown = tuple((polynomials,) for polynomials in steps.polynomials)
         begins = (table[:, :size], *steps.begins)
-        return Looked(begins, (end, *ends), shown), Found(read(table.T), jnp.zeros(0), loop)
+        return RunDerivatives(begins, (end, *ends), shown), RunFacts(read(table.T), jnp.zeros(0), loop)
     rows, laps = _located(table, loop, times)
     begun = table[rows, :size]
     elapsed = since_begins(begun, end, laps, times)
@@ -191,13 +195,13 @@ def _look(asked: Asked, horizon: Scalar, accuracy: Accuracy, order: int, keep: K
         return begins, [[_at(here[i], elapsed, j) for j in range(order - i + 1)] for i in range(order + 1)]
 
     ends, (begins, shown) = read_by_blocks(tile, carry, table, loop.count, seen)
-    looked = Looked((begun, *begins), (end, *ends), tuple(tuple(of_order) for of_order in shown))
-    return looked, Found(read(table[rows[:-1]].T), laps, loop)
+    derivatives = RunDerivatives((begun, *begins), (end, *ends), tuple(tuple(of_order) for of_order in shown))
+    return derivatives, RunFacts(read(table[rows[:-1]].T), laps, loop)
 
 
-def _look_jvp(
+def _run_derivatives_jvp(
     primals: tuple[Asked, Scalar, Accuracy], tangents: tuple[Asked, Any, Any], order: int, keep: Keep
-) -> tuple[tuple[Looked, Found], tuple[Looked, Any]]:
+) -> tuple[tuple[RunDerivatives, RunFacts], tuple[RunDerivatives, Any]]:
     if order == _HIGHEST:
         raise NotImplementedError(
             f"found a derivative of order {order + 1} of an integrated motion, expected at most {_HIGHEST}: "
@@ -208,7 +212,7 @@ def _look_jvp(
     moving, fixed, direction, before = _more_moving(moving, fixed, moving_dot, fixed_dot)
     if order + 1 == _HIGHEST:
         accuracy = _finer(accuracy)
-    more, found = _looked_at((moving, fixed, times), order + 1, horizon, accuracy, keep)
+    more, facts = _differentiated((moving, fixed, times), order + 1, horizon, accuracy, keep)
     # Derivatives by what moved before, and their tangents along the direction.
     of = lambda derivative, i: _taken(derivative, before, i)
     along = lambda derivative, i: of(jnp.tensordot(derivative, direction, axes=1), i)
@@ -220,19 +224,21 @@ def _look_jvp(
         shown_dot = tuple((along(more.shown[i + 1][0], i),) for i in orders)
     else:
         times_dot = jnp.zeros_like(times) if times_dot is None else times_dot
-        since = lambda begins, end, times: since_begins(begins, end, found.laps, times)
+        since = lambda begins, end, times: since_begins(begins, end, facts.laps, times)
         elapsed_dot = jax.jvp(since, (more.begins[0], more.end[0], times), (begins_dot[0], end_dot[0], times_dot))[1]
         later = lambda i, j: of(more.shown[i][j + 1], i) * elapsed_dot.reshape(-1, *(1,) * (i + 1))
         shown = tuple(tuple(of(more.shown[i][j], i) for j in range(order - i + 1)) for i in orders)
         shown_dot = tuple(
             tuple(along(more.shown[i + 1][j], i) + later(i, j) for j in range(order - i + 1)) for i in orders
         )
-    looked = Looked(tuple(of(more.begins[i], i) for i in orders), tuple(of(more.end[i], i) for i in orders), shown)
-    return (looked, found), (Looked(begins_dot, end_dot, shown_dot), jax.tree.map(lambda _: None, found))
+    derivatives = RunDerivatives(
+        tuple(of(more.begins[i], i) for i in orders), tuple(of(more.end[i], i) for i in orders), shown
+    )
+    return (derivatives, facts), (RunDerivatives(begins_dot, end_dot, shown_dot), jax.tree.map(lambda _: None, facts))
 
 
 _FINER = 0.1
-"""Of the tolerances, for second derivatives: from a default of 1e-14 m to rounding.
+"""Factor on the tolerances for second derivatives: from a default of 1e-14 m to rounding.
 
 Each order of derivatives loses digits; of eight random actuators with Stribeck's law one was 2e-4 off without it."""
 
@@ -245,7 +251,7 @@ def _finer(accuracy: Accuracy) -> Accuracy:
 def _more_moving(
     moving: Any, fixed: Any, moving_dot: Any, fixed_dot: Any
 ) -> tuple[Any, Any, Float[Array, " parameters"], Bool[np.ndarray, " parameters"]]:
-    """What moves with what begins to, what stays fixed, the direction, and where in it what moved before stands."""
+    """The moving and the fixed leaves once more leaves move, the tangent direction, and which of it moved before."""
     is_none = lambda leaf: leaf is None
     joining, fixed = eqx.partition(fixed, jax.tree.map(lambda dot: dot is not None, fixed_dot, is_leaf=is_none))
     direction, moved_before = [jnp.zeros(0)], [np.zeros(0, bool)]
@@ -284,7 +290,7 @@ def _located(table: Table, loop: LoopState, times: Float[Array, " m"]) -> tuple[
 def places(
     begins: Float[Array, " room"], opening: Scalar, stop: Scalar, repeats: Truth, times: Float[Array, " m"]
 ) -> tuple[Int[Array, " m"], Float[Array, " m"]]:
-    """Of `times` [s] the step in which each lies, and how often the last period was repeated before it.
+    """The step in which each of the `times` [s] lies, and how often the last period was repeated before it.
 
     **Arguments:** the times [s] at which steps begin, infinite where there is none, and between which the last period
     lies.  Nothing here has a derivative.
@@ -299,7 +305,7 @@ def places(
 def since_begins(
     begins: Float[Array, "m+1 begin"], end: Float[Array, " begin"], laps: Float[Array, " m"], times: Float[Array, " m"]
 ) -> Float[Array, " m"]:
-    """By how much `times` [s] are later than the begins of their steps, after so many repetitions.
+    """Time [s] from the begin of the step of each of the `times` [s], after so many repetitions of the period.
 
     **Arguments:** the last of the begins opens the period that is repeated, and the `end` ends it.
     """
@@ -311,8 +317,8 @@ def since_begins(
 def _rows_of(rows: Int[Array, " m"], block: Float[Array, "rows *shape"]) -> Float[Array, "m *shape"]:
     """The given rows of a block, zeros for those of another block."""
     inside = (rows >= 0) & (rows < len(block))
-    found = block[jnp.clip(rows, 0, len(block) - 1)]
-    return jnp.where(inside.reshape(-1, *(1,) * (found.ndim - 1)), found, 0.0)
+    taken = block[jnp.clip(rows, 0, len(block) - 1)]
+    return jnp.where(inside.reshape(-1, *(1,) * (taken.ndim - 1)), taken, 0.0)
 
 
 def _at(

@@ -1,4 +1,4 @@
-"""What the loop over the steps carries, and the table of steps that it writes and the sensitivities read."""
+"""The carry of the loop over the steps, and the table of steps that it writes and the sensitivities read."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple, TypeAlias, TypeVar

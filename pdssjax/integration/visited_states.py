@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 
 from ..core import Count, Scalar, ScalarLike, Truth
 from .accuracy import Accuracy
-from .differentiated_run import seen_at, since_begins
+from .differentiated_run import components_at, since_begins
 from .solution import Begun, End, ended, visited
 from .system import AbstractHybridSystem, State, Visited
 
@@ -92,7 +92,7 @@ def visit(
     components = tuple(range(len(jax.tree.leaves(system.initial())))) if keep is None else keep
     times = jnp.asarray(times, float)
     horizon = lax.stop_gradient(jnp.asarray(times[-1] if horizon is None else horizon, float))
-    begins, end, shown, found = seen_at(system, times, horizon, accuracy, components)
+    begins, end, shown, found = components_at(system, times, horizon, accuracy, components)
     loop, steps, laps = found.loop, found.steps, found.laps
     at_begin = Begun(steps.index, steps.mode, begins[:-1, 1], begins[:-1, 2:])
     gained = (end[2:] - begins[-1, 2:]) * laps[:, None]

@@ -1,4 +1,4 @@
-"""What arrays of samples say: cycles, strokes, efficiencies, and how well a prediction matches.
+"""Metrics of arrays of samples: cycles, strokes, efficiencies, noise, and the match of a prediction.
 
 Works on arrays, never on files.  Imports only `core`.
 """

@@ -1,4 +1,4 @@
-"""What the samples of a record suggest for its description in a study: drive, clock, what is measured, noise."""
+"""A guess of a record's description in a study from its samples: drive, clock, measurement, noise."""
 
 import dataclasses
 import math

@@ -1,4 +1,4 @@
-"""What the residuals of a record consist of: misfit that repeats every cycle, noise, glitches, slips that come late.
+"""Parts of the residuals of a record: misfit that repeats every cycle, noise, glitches, late slips.
 
 Residuals at equal phase are repeated measurements, whatever the model; what scatters among them is the
 measurement's own noise ("pure error"), and what their means scatter beyond it is the model's misfit (R. A. Fisher's

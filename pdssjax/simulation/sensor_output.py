@@ -1,4 +1,4 @@
-"""What a sensor shows of a hybrid system and what moves inside it, from one integration.
+"""The output of a sensor on a hybrid system, and the motions inside it, from one integration.
 
 A measurement names one of these, or makes its own; `sensor_samples` integrates the system and shows it at sample times.
 """

@@ -1,4 +1,4 @@
-"""What is known and what was measured: models, parameters, records, and the prediction of records.
+"""Studies: models, parameters, records, the prediction of records, and the estimate of a fit.
 
 Describes and predicts, and never searches.  Imports `metrics`, `simulation` and the rooms below them.
 """

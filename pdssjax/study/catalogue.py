@@ -1,4 +1,4 @@
-"""What can be chosen in a study: every member of every family, with its equations and parameters.
+"""The catalogue of every member of every family, with its equations and parameters.
 
 Read from the members' own docstrings, so that there is one place for each fact.
 """

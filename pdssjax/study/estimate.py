@@ -1,4 +1,4 @@
-"""What an identification found: plain values in SI units, for the report, the plots and the files."""
+"""The result of an identification: plain values in SI units, for the report, the plots and the files."""
 
 import os
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""What an identification finds beside its numbers: diagnosis, profiles, draws, and where other fits ended."""
+"""Further results of an identification: diagnosis, profiles, draws, and where other fits ended."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

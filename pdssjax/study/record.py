@@ -1,4 +1,4 @@
-"""What was measured: one record for each run of the rig, and which numbers of its drive are the study's."""
+"""Records: one for each run of the rig, and which numbers of its drive are parameters of the study."""
 
 import dataclasses
 from collections.abc import Mapping

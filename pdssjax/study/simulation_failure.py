@@ -1,4 +1,4 @@
-"""Why records cannot be simulated, and which parameter is to blame."""
+"""Why records cannot be simulated, and which parameter causes it."""
 
 from collections.abc import Iterator, Mapping, Sequence
 

@@ -1,6 +1,6 @@
-"""What each thing that a study may name is, in a sentence; read from the files, so that nothing need be loaded."""
+"""One-sentence summaries of everything that a study may name, read from the files without importing them."""
 
-from ..core import members, told_by
+from ..core import docstring_of, members
 
 FAMILIES = {"drive": "drive", "piezo": "piezo", "friction": "friction", "measurement": "study.measurement"}
 """The families that a study chooses from: drives by `waveform`, measurements by `measures`, others in [actuator]."""
@@ -27,5 +27,5 @@ def entry_summaries() -> dict[str, str]:
 def _told(name: str) -> str:
     said, mark, short = name.partition("/")
     if mark:
-        return told_by(f"{FAMILIES[said]}.{short.replace('-', '_')}")
-    return told_by("actuator.parts", name.capitalize())
+        return docstring_of(f"{FAMILIES[said]}.{short.replace('-', '_')}")
+    return docstring_of("actuator.parts", name.capitalize())

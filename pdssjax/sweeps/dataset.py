@@ -1,4 +1,4 @@
-"""What a sweep found, labelled: an `xarray.Dataset` with units, what was held, and why points failed.
+"""The results of a sweep as an `xarray.Dataset` with units, the numbers held fixed, and why points failed.
 
 Bands tell how well its metrics are known, given what is known of the parameters.  From draws: mean, standard deviation
 and quantiles.  From sigma points: to first order, with a flag where the metric bends or breaks within the uncertainty,

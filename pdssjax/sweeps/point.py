@@ -22,22 +22,22 @@ from .cycles import METRICS, OF_FLANKS, AbstractCycle, Metric, closing, step_met
 from .further_metrics import FURTHER, SMOOTH, counted, nearest_to_grazing, output_force, peak_friction
 
 _FEW = 8
-"""Points that are looked at patiently in one call, or one a device where there are more of these."""
+"""Points that are computed patiently in one call; one per device where there are more devices."""
 
 
-class Look(NamedTuple):
-    """What is derived of a course."""
+class CourseMetrics(NamedTuple):
+    """The metrics of a course, and the state that ends it: all that is differentiated."""
 
     metrics: dict[str, Scalar]
     end: Float[Array, " components"]
     """The state that ends it."""
 
 
-class Seen(NamedTuple):
-    """What is seen of a course besides."""
+class CourseStatus(NamedTuple):
+    """Whether a course has derivatives, and whether its integration failed."""
 
     grazes: Truth
-    """A reversal grazes: there are neither derivatives nor multipliers."""
+    """Whether a reversal grazes: there are then neither derivatives nor multipliers."""
     failure: Count
     """Index into `pdssjax.integration.FAILURES`."""
 
@@ -87,8 +87,8 @@ class PointFunction(eqx.Module):
 
     def __call__(self, values: Float[Array, " paths"], patient: bool = False) -> tuple[Float[Array, " metrics"], Count]:
         """The metrics of one point, and its failure, an index into `POINT_FAILURES`."""
-        look = self.cycle.patient if patient else self.cycle.measure
-        metrics, failure = look(self.system(values), self.accuracy)
+        measure = self.cycle.patient if patient else self.cycle.measure
+        metrics, failure = measure(self.system(values), self.accuracy)
         failed = (failure > 0) & (failure != GRAZING)
         known = jnp.isfinite(metrics) | np.array([name in self.lacking for name in self.cycle.metrics])
         return jnp.where(failed, jnp.nan, metrics), jnp.where(known.all(), failure, 2)
@@ -117,7 +117,9 @@ class PointFunction(eqx.Module):
         """Metrics of a point's course by name, the derivatives of those that are smooth, and the failure."""
         opening = self.cycle.opening(self.system(values, blocked=blocked))
 
-        def look(at: Float[Array, " by"], x: Float[Array, " components"]) -> tuple[Look, tuple[Look, Seen]]:
+        def measured(
+            at: Float[Array, " by"], x: Float[Array, " components"]
+        ) -> tuple[CourseMetrics, tuple[CourseMetrics, CourseStatus]]:
             system = self.system(values, dict(zip(self.by, at, strict=True)), blocked)
             course = self.cycle.course(system, opening._replace(x=x))
             found = {"output_force": output_force(course)} if blocked else step_metrics(course)
@@ -125,21 +127,22 @@ class PointFunction(eqx.Module):
             near = jnp.fmin(opening.grazing, nearest_to_grazing(course))
             grazes = near < GRAZES
             others = {} if blocked else counted(course, jnp.where(grazes, jnp.nan, opening.multiplier), near)
-            return Look(found, closing(course)), (Look(found | others, x), Seen(grazes, course.failure))
+            status = CourseStatus(grazes, course.failure)
+            return CourseMetrics(found, closing(course)), (CourseMetrics(found | others, x), status)
 
         if not self.by:
-            _, (found, seen) = look(jnp.zeros(0), opening.x)
+            _, (found, status) = measured(jnp.zeros(0), opening.x)
             # Of a numbered cycle only the multiplier and derivatives suffer.
-            grazes = seen.grazes & ((opening.repeats > 0) | ("multiplier" in asked))
-            return found.metrics, {}, _told(seen._replace(grazes=grazes))
+            grazes = status.grazes & ((opening.repeats > 0) | ("multiplier" in asked))
+            return found.metrics, {}, _point_failure(status._replace(grazes=grazes))
         at = jnp.stack([jnp.asarray(self._number(values, path), float) for path in self.by])
         # Each a pair: by the numbers, and by the state of the opening.
-        derived, (found, seen) = jax.jacfwd(look, (0, 1), has_aux=True)(at, opening.x)
+        derived, (found, status) = jax.jacfwd(measured, (0, 1), has_aux=True)(at, opening.x)
         driven, monodromy = derived.end
         moved = self.cycle.moved_opening(self.system(values, blocked=blocked), opening, monodromy, driven)
-        moved = jnp.where(seen.grazes, jnp.nan, moved)
+        moved = jnp.where(status.grazes, jnp.nan, moved)
         slopes = {name: by_number + by_state @ moved for name, (by_number, by_state) in derived.metrics.items()}
-        return found.metrics, slopes, _told(seen)
+        return found.metrics, slopes, _point_failure(status)
 
     def _number(self, values: Float[Array, " paths"], path: str) -> ScalarLike:
         return values[self.paths.index(path)] if path in self.paths else self.numbers[path]
@@ -149,9 +152,9 @@ class PointFunction(eqx.Module):
         return self.models.declared() | {f"drive.{field}": q for field, q in self.drive.declared().items()}
 
 
-def _told(seen: Seen) -> Count:
+def _point_failure(status: CourseStatus) -> Count:
     """The failure of a point, an index into `POINT_FAILURES`."""
-    return jnp.where((seen.failure == 0) & seen.grazes, GRAZING, seen.failure)
+    return jnp.where((status.failure == 0) & status.grazes, GRAZING, status.failure)
 
 
 def per_unit(unit: str, of: str) -> str:
@@ -191,17 +194,17 @@ def _with_details(
 
 
 def _found_of(
-    look: Callable[[PointFunction, Array], tuple[Array, Array]],
+    compute: Callable[[PointFunction, Array], tuple[Array, Array]],
     function: PointFunction,
     points: Float[np.ndarray, "few paths"],
 ) -> tuple[Float[np.ndarray, "few columns"], Int[np.ndarray, " few"]]:
-    """What `look` finds of points of one turn, and their failures."""
-    numbers, failure = look(function, _filled_up(points, whole_shares(_FEW)))
+    """Results of `compute` at the points of one call, and their failures."""
+    numbers, failure = compute(function, _filled_up(points, whole_shares(_FEW)))
     return np.asarray(numbers)[: len(points)], np.asarray(failure)[: len(points)]
 
 
 def _in_turns(chosen: Int[np.ndarray, " chosen"]) -> Iterator[Int[np.ndarray, " few"]]:
-    """The points that are looked at in one call, call after call."""
+    """The points that are computed in one call, call after call."""
     most = whole_shares(_FEW)
     return (chosen[begin : begin + most] for begin in range(0, len(chosen), most))
 

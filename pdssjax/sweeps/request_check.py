@@ -1,4 +1,4 @@
-"""What is asked of a sweep: the record whose drive it varies, the paths of its points, further metrics, derivatives."""
+"""Checks of a sweep's arguments: the record whose drive it varies, paths, further metrics, derivatives."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence

@@ -42,7 +42,7 @@ def test_functions_compiled_quickly_are_kept_only_on_request(tmp_path, dedicated
 
 def test_other_settings_of_the_process_stay_as_they_are(monkeypatch):
     changed = []
-    for name in ("seldom_look_for_garbage", "_share_free_memory"):
+    for name in ("raise_gc_threshold", "_share_free_memory"):
         monkeypatch.setattr(f"pdssjax.core.jax_setup.{name}", functools.partial(changed.append, name))
     thresholds = gc.get_threshold()
     gc.set_threshold(701, 11, 12)
@@ -51,7 +51,7 @@ def test_other_settings_of_the_process_stay_as_they_are(monkeypatch):
         assert gc.get_threshold() == (701, 11, 12)
         assert not changed
         prepare_jax(dedicated=True)
-        assert set(changed) == {"seldom_look_for_garbage", "_share_free_memory"}
+        assert set(changed) == {"raise_gc_threshold", "_share_free_memory"}
     finally:
         gc.set_threshold(*thresholds)
 

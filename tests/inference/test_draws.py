@@ -13,7 +13,7 @@ import pdssjax
 from pdssjax import Accuracy, Drawing, InputError
 from pdssjax.files import EXAMPLE
 from pdssjax.inference.draws import each_done, same_run, stream
-from pdssjax.inference.kept_fit import as_asked
+from pdssjax.inference.kept_fit import run_settings
 
 
 def test_streams_differ_by_purpose_and_by_every_number():
@@ -48,7 +48,7 @@ def test_what_needs_threads_refuses_processes(study, intervals):
 
 
 def test_a_run_goes_on_only_with_parameters_and_records_in_the_same_order(study):
-    what = lambda study: as_asked(study, "joint", "bootstrap", Drawing(), 0, Accuracy())
+    what = lambda study: run_settings(study, "joint", "bootstrap", Drawing(), 0, Accuracy())
     same_run(what(study), what(study))
     for name in ("records", "parameters"):
         kept = getattr(study, name)

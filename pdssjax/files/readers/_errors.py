@@ -1,4 +1,4 @@
-"""What is said of files that cannot be read: a library that is missing, a file that is broken."""
+"""Errors about files that cannot be read: a library that is missing, a file that is broken."""
 
 import contextlib
 import importlib

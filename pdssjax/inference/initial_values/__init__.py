@@ -1,1 +1,1 @@
-"""Where a fit begins when the study does not say: found from the records."""
+"""Initial values of a fit, from the records, where the study gives none."""

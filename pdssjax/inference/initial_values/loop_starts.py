@@ -1,4 +1,4 @@
-"""Where the fit of a stack with many elements begins: by least squares over what each element makes of the voltage.
+"""Starts for a stack with many hysteresis elements: least squares over the response of each element.
 
 Thresholds and times are tried on a grid and refined, all else follows by least squares that keeps weights positive.  It
 takes seconds where a search by simulations, each with a derivative an element, takes a quarter of an hour.

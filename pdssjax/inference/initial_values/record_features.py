@@ -312,7 +312,7 @@ def ringing(
     interval = float(time[count - 1] - time[0]) / max(count - 1, 1)
     even = time[0] + interval * np.arange(count)
     motion, volts = np.interp(even, time, motion), np.interp(even, time, volts)
-    left = _Left(motion, volts, interval)
+    left = _MotionResidual(motion, volts, interval)
     slowest = 2.0 * math.pi * _LEAST_CYCLES / (interval * count)
     fastest = _NYQUIST * math.pi / interval
     if count < 16 or slowest >= fastest or np.ptp(volts) == 0.0:
@@ -330,7 +330,7 @@ def ringing(
     return {"gain": gain, "natural_frequency": rate, "damping_ratio": damping}
 
 
-class _Left:
+class _MotionResidual:
     """Residual of a motion after a response, a constant, a drift, and the ringing from before the record."""
 
     def __init__(self, motion: Float[np.ndarray, " n"], volts: Float[np.ndarray, " n"], interval: float) -> None:

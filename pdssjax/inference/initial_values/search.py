@@ -1,4 +1,4 @@
-"""Where a fit starts when the study does not say: found from the data.
+"""The search for the starts of a fit where the study gives none.
 
 The piezo: gain, overshoot and time of the first peak of a step response, as in the thesis's
 appendix 1; without a step, the slope of the slow flank gives the gain.  A record of the contact

@@ -1,4 +1,4 @@
-"""Which records the fit does not explain, and how: samples that stand out, records that contradict each other."""
+"""Notes on records that the fit does not explain: samples that stand out, records that contradict each other."""
 
 from collections.abc import Iterable, Sequence
 

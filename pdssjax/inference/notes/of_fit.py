@@ -1,4 +1,4 @@
-"""All notes of one fit, in the order in which they are read, and what the records tell of the parameters."""
+"""All notes of one fit, in the order in which they are read, and those on its parameters."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""Fits from starts that lead somewhere: found from the data, compared early, left again if need be.
+"""Multistart: fits from several starts found from the data; and the estimate of noise that is not given.
 
 The sum of squares has many local minima.  Slips that come at the wrong moment make large
 basins; small discontinuities lie within them, where a parameter decides whether the contact just

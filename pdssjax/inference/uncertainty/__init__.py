@@ -1,1 +1,1 @@
-"""How sure: covariance, error models, amplification, profiles, bootstrap and posterior of an estimate."""
+"""The uncertainty of an estimate: error models, amplification, profiles, bootstrap and posterior of an estimate."""

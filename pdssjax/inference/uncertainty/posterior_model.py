@@ -1,4 +1,4 @@
-"""What a posterior is drawn from: the model around its optimum, and how far out the likelihood of each parameter ends.
+"""The posterior to draw from: the model around its optimum, and the ends of each parameter's likelihood.
 
 The ends are of the profile likelihood, 2.4 standard errors out where chi-square is a parabola.  A polynomial that only
 its own draws have taught knows little of where it leads there, and the draws that would teach it are those that it

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...study import Amplification
-from ..covariance import moved_by
+from ..covariance import estimate_sensitivity
 from ..least_squares import Fit
 from ..problem import Problem
 from ..stack_parameters import of_stack, stack_rows
@@ -94,8 +94,8 @@ def amplification_of(problem: Problem, fit: Fit, identifiable: Bool[np.ndarray, 
     jacobian = np.asarray(fit.state.jacobian)[used]
     relative = transform.slope(fit.free) / np.where(values == 0.0, np.inf, values)
     mixing = transform.own_effect(np.eye(values.size)).T
-    matrix = mixing[np.ix_(later, later)] @ moved_by(jacobian[:, later], jacobian[:, earlier])
-    matrix = matrix @ np.linalg.inv(mixing[np.ix_(earlier, earlier)])
+    sensitivity = estimate_sensitivity(jacobian[:, later], jacobian[:, earlier])
+    matrix = mixing[np.ix_(later, later)] @ sensitivity @ np.linalg.inv(mixing[np.ix_(earlier, earlier)])
     paths = np.array(transform.paths)
     return Amplification(
         tuple(map(str, paths[later])),

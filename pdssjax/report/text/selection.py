@@ -1,4 +1,4 @@
-"""A comparison of models in words and as a table: which is enough, what the others leave, what would tell more."""
+"""A comparison of models as text: the model that is enough, the misfit of the others, the record to make next."""
 
 import math
 from typing import NamedTuple

@@ -1,1 +1,1 @@
-"""What a record may measure, one kind a file: `measures` in a study."""
+"""The measurements of records, one kind a file: `measures` in a study."""

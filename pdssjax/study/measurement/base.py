@@ -1,4 +1,4 @@
-"""The interface of everything that a record may measure.
+"""The interface of every measurement.
 
 Columns, what of the rig moves, how it is predicted, what it tells before any fit, and how it is
 shown.  A record's `measures` names a member, which is found by its file.
@@ -44,7 +44,7 @@ class MeasuredRecord(Protocol):
 
 
 class AbstractMeasurement(AbstractModel):
-    """What a sensor sees; its fields are the keys that a record of it has besides the usual ones.
+    """A kind of measurement; its fields are the further keys of a record of it.
 
     A field is declared with `choice`: then the study's words become numbers, and records that
     differ in it alone may share one compiled function.

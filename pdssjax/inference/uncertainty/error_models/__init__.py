@@ -1,1 +1,1 @@
-"""Error models, one a file: what the residuals are taken for, and what follows for the errors of the parameters."""
+"""Error models, one a file: models of the residuals, and the errors of the parameters by them."""

@@ -1,4 +1,4 @@
-"""The interface of every error model: what residuals are taken for, and what they then make of the parameters.
+"""The interface of every error model: a model of the residuals, and the covariance of the parameters by it.
 
 To first order a fit moves its p parameters by G' e, where the samples of a record are off by e; the n x p influence G
 is the fit's (`inference/uncertainty/influence.py`), the covariance of e is the error model's.  A member gives
