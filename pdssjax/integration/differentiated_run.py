@@ -144,7 +144,7 @@ def steps_of(
     system: AbstractHybridSystem, horizon: Scalar, accuracy: Accuracy, keep: Keep
 ) -> tuple[Float[Array, "room begin"], Float[Array, " begin"], Float[Array, "room kept coefficients"], RunFacts]:
     """The begin and the polynomials of every step to the `horizon` [s], the end of the run, and what else is known."""
-    derivatives, facts = _differentiated((*_all_fixed(system), None), 0, horizon, accuracy, keep)
+    derivatives, facts = _results_of_run((*_all_fixed(system), None), 0, horizon, accuracy, keep)
     return derivatives.begins[0], derivatives.end[0], derivatives.shown[0][0], facts
 
 
@@ -152,7 +152,7 @@ def components_at(
     system: AbstractHybridSystem, times: Float[Array, " m"], horizon: Scalar, accuracy: Accuracy, keep: Keep
 ) -> tuple[Float[Array, "m+1 begin"], Float[Array, " begin"], Float[Array, "m kept"], RunFacts]:
     """The begins of the steps of `times` [s] and of the repeated period; the end; the components kept at the times."""
-    derivatives, facts = _differentiated((*_all_fixed(system), times), 0, horizon, accuracy, keep)
+    derivatives, facts = _results_of_run((*_all_fixed(system), times), 0, horizon, accuracy, keep)
     return derivatives.begins[0], derivatives.end[0], derivatives.shown[0][0], facts
 
 
@@ -164,7 +164,7 @@ Asked: TypeAlias = tuple[Any, Any, Float[Array, " m"] | None]
 """The leaves of a system by which derivatives are taken, the other ones, and the times [s]; None: of every step."""
 
 
-def _differentiated(
+def _results_of_run(
     asked: Asked, order: int, horizon: Scalar, accuracy: Accuracy, keep: Keep
 ) -> tuple[RunDerivatives, RunFacts]:
     """The results of a run: those with derivatives, up to `order`, and those without."""
@@ -212,7 +212,7 @@ def _run_derivatives_jvp(
     moving, fixed, direction, before = _more_moving(moving, fixed, moving_dot, fixed_dot)
     if order + 1 == _HIGHEST:
         accuracy = _finer(accuracy)
-    more, facts = _differentiated((moving, fixed, times), order + 1, horizon, accuracy, keep)
+    more, facts = _results_of_run((moving, fixed, times), order + 1, horizon, accuracy, keep)
     # Derivatives by what moved before, and their tangents along the direction.
     of = lambda derivative, i: _taken(derivative, before, i)
     along = lambda derivative, i: of(jnp.tensordot(derivative, direction, axes=1), i)
