@@ -78,7 +78,7 @@ class Drawing:
     """Resampling of a bootstrap."""
     store: Store = field(default_factory=InMemory)
     sampler: Sampler = "rto"
-    """Of a posterior: "rto", independent draws by randomize-then-optimize, corrected by the model, or "nuts", the
+    """Posterior sampler: "rto", independent draws by randomize-then-optimize, corrected by the model, or "nuts", the
     No-U-Turn sampler of NumPyro, which takes several times as long."""
 
     def __post_init__(self):

@@ -175,7 +175,7 @@ def is_poor(fit: Fit, problem: Problem) -> bool:
 
 
 def enlarged_covariance(fit: Fit, problem: Problem) -> Float[np.ndarray, "p p"]:
-    """That of least squares on the fit's scale, by the noise that the residuals show where it is more than was given.
+    """The covariance of least squares on the fit's scale, enlarged where residuals exceed the noise given.
 
     NaN where a parameter has no information or is held at a bound.
     """
@@ -218,7 +218,7 @@ def _root_mean_square(part: Float[np.ndarray, " samples"]) -> float:
 
 
 def _exceeds_noise(parts: Sequence[Float[np.ndarray, " samples"]], fit: Fit, problem: Problem) -> bool:
-    """By their size, the residuals of any record or of all whose noise is given, or of all others; NaN is left out.
+    """Whether residuals exceed the noise in size: of any record, all with noise given, or all others; without NaN.
 
     Each kind, and each record whose noise is given, by itself: many samples that are explained, or whose noise was
     estimated and so is as large as they are, hide what others leave.

@@ -48,7 +48,7 @@ def longest_step(
 
 
 def _quickest_rate(field: Field, t_local: Scalar, x: Sequence[Scalar], closed: Sequence[int]) -> Scalar:
-    """About the largest modulus [1/s] of the eigenvalues of the field's Jacobian at `x`; see `span` of the methods.
+    """Estimated largest modulus [1/s] of the eigenvalues of the field's Jacobian at `x`; see `span` of the methods.
 
     A transient that has decayed has coefficients that vanish and allow any step.  What the same step
     does to derivatives is not seen there: beyond the method's region of stability they grow, and with them

@@ -275,7 +275,7 @@ class SlipDelay(NamedTuple):
 def slip_delay(
     time: Float[np.ndarray, " n"], predicted: Float[np.ndarray, " n"], residual: Float[np.ndarray, " n"]
 ) -> SlipDelay | None:
-    """By how much later slips come than `predicted` [m] at `time` [s], by the `residual` (measured less predicted).
+    """Delay of the slips against `predicted` [m] at `time` [s], by the `residual` (measured less predicted).
 
     None where no part of the motion is much faster than the rest, or too few samples lie in it.  NaN is left out.
     """

@@ -53,7 +53,7 @@ class Trajectory(NamedTuple):
     failure: Int[Array, ""]
     """0, or an index into `pdssjax.integration.FAILURES`; the motion is then NaN."""
     grazing: Float[Array, ""] | None = None
-    """Of a steady motion: how near a reversal in it is to one that a small change takes away, 0 to 1, NaN where it
+    """Distance from grazing of the nearest reversal of a steady motion, 0 (it grazes) to 1, NaN where it
     does not repeat; below `pdssjax.integration.GRAZES` it is the last of many cycles, without derivatives."""
 
     @property

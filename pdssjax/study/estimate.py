@@ -81,10 +81,10 @@ class FittedParameter:
     `inference.uncertainty.profile_likelihood`); None where the interval is linear: symmetric on the scale of the
     fit."""
     errors: Mapping[str, ParameterError] = field(default_factory=dict)
-    """By error model, from the strictest assumption to the weakest: "white", "coloured", "with-misfit".  The first is
+    """Errors by error model, strictest assumption first: "white", "coloured", "with-misfit".  The first is
     `standard_error`.  Empty where fixed."""
     degrees_of_freedom: float = np.inf
-    """Of the noise that the standard error rests on: a linear interval is that of Student's t; infinite where the noise
+    """Degrees of freedom of the noise, for linear intervals by Student's t; infinite where the noise
     is known."""
     bounds: tuple[float, float] = (-np.inf, np.inf)
     """Where it may lie [unit]: the bounds that the study gives, or else those of its legal range."""

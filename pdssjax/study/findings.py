@@ -133,7 +133,7 @@ class Draws:
     seed: int
     parameters: tuple[ParameterDraws, ...]
     statistics: dict[str, Num[np.ndarray, "chains draws"]] = field(default_factory=dict)
-    """Of a posterior, for each draw, by ArviZ's names: "lp", the logarithm of its density but for a constant, and
+    """Statistics of each draw of a posterior, by ArviZ's names: "lp", its log density up to a constant, and
     "accepted" [1], or of the No-U-Turn sampler "acceptance_rate" [1], "n_steps" and "diverging" [1]."""
 
 

@@ -1,4 +1,4 @@
-"""At which frequencies a rig rings, and which records are sampled finely enough to show it.
+"""Resonances of a rig, and which records are sampled finely enough to show them.
 
 The contact at rest is a spring k with a damper c between platform and end-effector, so the mass m
 rings with sqrt(k/m) and the damping ratio c/(2 sqrt(k m)).  k and c are those of the friction

@@ -196,7 +196,7 @@ def timing(drive: AbstractDrive) -> Timing:
 
 
 def cycles_at(when: Timing, effector: Float[Array, "flanks line"]) -> CycleMetrics:
-    """Of each cycle but the last, from the `effector` [m] at the phases of the slow flanks.
+    """Metrics of each cycle but the last, from the `effector` [m] at the phases of the slow flanks.
 
     The stroke is what the end-effector moves with the voltage along the flank, times the flank's whole voltage: as if
     the flank were straight, where it is not.  Without a slow and a fast flank there are no stroke, back-slip and

@@ -288,7 +288,7 @@ class ErrorFacts(NamedTuple):
     weakly_determined: Bool[np.ndarray, " p"]
     """Which free parameters hardly have any."""
     factor: float
-    """By which variances exceed those of the noise given; where the stack was read off peaks, of the records fitted
+    """Ratio of variances to those of the noise given; where the stack was read off peaks, of the records fitted
     after it."""
     by_peaks: bool
     """The stack was read off peaks."""

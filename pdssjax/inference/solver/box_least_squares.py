@@ -229,7 +229,7 @@ def _feasible(
     inside: Bool[np.ndarray, " q"],
     signed: Bool[np.ndarray, " q"],
 ) -> Float[np.ndarray, " q"]:
-    """From x to the minimum over those `inside`, which is changed: those that meet zero on the way leave it."""
+    """Move x to the minimum over those `inside`, which is changed: those that meet zero on the way leave it."""
     while True:
         there = np.zeros(x.size)
         there[inside] = _solved(upper, aim, inside)

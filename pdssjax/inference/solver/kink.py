@@ -49,7 +49,7 @@ class Mixture(NamedTuple):
 def along_kink(
     run: Run, y: Float[Array | np.ndarray, " p"], state: LMState
 ) -> tuple[Float[Array | np.ndarray, " p"], LMState, float]:
-    """On from where a run ended in `Ending.KINK`, while that lowers the sum of squares.
+    """Continue a run that ended in `Ending.KINK` along the kink, while that lowers the sum of squares.
 
     **Returns:** the point, its state, and the decrease of the sum of squares that is still predicted there.
     """

@@ -119,7 +119,7 @@ def apart_redrawn(problem: Problem, centre: _Centre, random: np.random.Generator
 
 
 def phases_of(record: Record) -> tuple[Int[np.ndarray, " samples"], int] | None:
-    """Of a record that holds several whole cycles with samples at the same phases; else None.
+    """Phases of a record that holds several whole cycles with samples at the same phases; else None.
 
     **Returns:** at which place of the grid of samples each lies, since some may be left out, and how many places a
     cycle has.

@@ -210,7 +210,7 @@ class EndSearch:
         return self._given_up()
 
     def _first_radius(self, model: SecondOrder) -> float:
-        """As far as what the model leaves out may be expected to stay below the threshold.
+        """Radius within which the error of the model may be expected to stay below the threshold.
 
         At a radius h residuals change by h linearly, by q h^2 as they bend and, if that goes on, by q^2 h^3 beyond.
         """
@@ -259,7 +259,7 @@ class EndSearch:
         return None
 
     def _valley(self, point: Linearisation, model: SecondOrder) -> tuple[float, float]:
-        """By how much the other parameters may still lower chi-square within the bounds, and how it rises there.
+        """Decrease of chi-square that the other parameters allow within the bounds, and its slope there.
 
         By the model or by a linear one, whichever says more: curvature may be wrong, where the gradient is not.
         """

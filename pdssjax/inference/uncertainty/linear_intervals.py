@@ -54,7 +54,7 @@ def effective_freedom(
 
 
 def variance_factor(problem: Problem, fit: Fit, after_stack: bool = False) -> float:
-    """By how much the variances given grow with residuals that are larger; they never shrink.
+    """Factor by which residuals enlarge the variances given; at least 1.
 
     By the records whose noise is given: noise that is estimated is that of the residuals already.  With `after_stack`
     by those of them that do not show the platform alone, where that was not fitted to.
@@ -72,7 +72,7 @@ def variance_factor(problem: Problem, fit: Fit, after_stack: bool = False) -> fl
 def noise_freedom(
     problem: Problem, fit: Fit, factor: float, after_stack: bool = False
 ) -> tuple[Float[np.ndarray, " records"], Bool[np.ndarray, " records"]]:
-    """From how many degrees of freedom the noise of each record is known, and which records share theirs.
+    """Degrees of freedom of the noise estimate of each record, and which records share theirs.
 
     Where it was estimated these are the record's own.  Noise that is given is known, but where residuals exceed it
     (`factor` above 1) it is as large as those of all such records say.

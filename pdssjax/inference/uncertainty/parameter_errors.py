@@ -354,7 +354,7 @@ class StandardErrors(NamedTuple):
     with_told: Float[np.ndarray, " p"]
     """Covariance of each estimate with what was measured apart of it, which the estimate follows; no other counts."""
     factor: float
-    """By which variances exceed those of the noise given; 1 under a robust loss, which takes the scatter from the
+    """Ratio of variances to those of the noise given; 1 under a robust loss, which takes the scatter from the
     residuals."""
     freedom: Float[np.ndarray, " p"]
     """Degrees of freedom of the noise that each standard error rests on; infinite where it is known."""

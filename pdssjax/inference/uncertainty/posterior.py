@@ -47,7 +47,7 @@ class Chains(NamedTuple):
     failed: int
     """Draws that are no new ones, or trajectories that were broken off."""
     statistics: dict[str, Num[np.ndarray, "chains draws"]]
-    """Of each draw, by ArviZ's names: "lp", the logarithm of the model's density but for a constant, and what else the
+    """Statistics of each draw, by ArviZ's names: "lp", the log density of the model up to a constant, and what else the
     sampler knows."""
 
 

@@ -145,7 +145,7 @@ def _profiled(
 
 
 def _thresholds(estimate: Estimate, problem: Problem, fit: Fit, factor: float) -> Float[np.ndarray, " p"]:
-    """By how much chi-square may exceed its minimum within the interval of each parameter.
+    """Excess of chi-square over its minimum at the ends of the interval of each parameter.
 
     A profile of chi-square is the ratio of the parameter's variance to that by the noise given, times chi-square's
     distribution of one degree of freedom (J. T. Kent, Biometrika 69(1), 1982), or that of t^2 where the noise was

@@ -230,7 +230,7 @@ class StickSlip(AbstractHybridSystem):
         return end._replace(driven=self.actuator.driven_platform.motion(segment, t_local, begin.driven, elapsed))
 
     def is_carried_back(self, slope: Scalar, mode: Scalar, which: Scalar, amplitude: float) -> Truth:
-        """From a law's own event, and from a reversal of a contact or a voltage at rest to within `amplitude` [m].
+        """Whether it is a law's own event, or a reversal of a contact or a voltage at rest to within `amplitude` [m].
 
         What the first holds of a phase the next reversal makes good.
         """
