@@ -182,7 +182,7 @@ def how_it_ended(problem: Problem, fit: Fit, values: Mapping[str, float]) -> str
 def _with_told(
     parameters: Mapping[str, FittedParameter], study: Study, paths: Sequence[str], with_told: Float[np.ndarray, " p"]
 ) -> dict[str, FittedParameter]:
-    """The `parameters` that were measured apart, with their pulls; `with_told`: covariances with the told numbers, SI."""
+    """Parameters that were measured apart, with their pulls; `with_told`: covariances with the told numbers, SI."""
     out = {}
     for path, covariance in zip(paths, with_told, strict=True):
         found, told = parameters[path], study.parameters[path].measured_apart

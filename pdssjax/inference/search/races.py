@@ -158,7 +158,7 @@ class Race(NamedTuple):
     rounds: tuple[tuple[int, int], ...]
     """Successive halving: how many starts, and the iterations of each; the best go on."""
     until_good: bool
-    """It ends with the first fit that converged and is not poor; else when the best starts are used up or improve
+    """Whether it ends with the first fit that converged and is not poor; else when the best starts are used up or improve
     nothing."""
     announced: str = ""
     """The reason in words, for the report."""
@@ -173,7 +173,7 @@ RACES = {
     "elsewhere": Race(((48, 6), (12, 12)), False, "searching for starts that differ in every parameter", True),
     "long way": Race(((10, 5), (4, 7)), False, "that was a long way: comparing with other starts"),
 }
-"""By reason.  Where nothing shows the platform alone, a fit may be good and wrong."""
+"""The races by reason.  Where nothing shows the platform alone, a fit may be good and wrong."""
 
 _SCATTERED, _STACK_GIVEN = 32, 16
 """Starts of "elsewhere" that differ in every parameter; and that differ in what the study does not say of the stack."""

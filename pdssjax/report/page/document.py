@@ -286,7 +286,7 @@ def _dense_lines_as_pictures(figure: Figure) -> Iterator[None]:
 
 
 def _axes(figure: Figure) -> list[dict[str, Any]]:
-    """Of every linear pair of axes where it lies in the figure, from the top left, and what its edges are in its unit.
+    """Place in the figure, from the top left, and limits in its unit, of every linear pair of axes.
 
     By it the page says at which coordinates the pointer is.
     """
