@@ -158,8 +158,8 @@ class Race(NamedTuple):
     rounds: tuple[tuple[int, int], ...]
     """Successive halving: how many starts, and the iterations of each; the best go on."""
     until_good: bool
-    """Whether it ends with the first fit that converged and is not poor; else when the best starts are used up or improve
-    nothing."""
+    """Whether the first fit that converged and is not poor ends the race; else it ends when the best starts are used up
+    or improve nothing."""
     announced: str = ""
     """The reason in words, for the report."""
     scattered: bool = False

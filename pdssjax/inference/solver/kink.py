@@ -34,7 +34,7 @@ _REACHES = tuple(4.0**power for power in range(-10, 1))
 """Shares of a proposed step at which a kink before its end is looked for, the nearest first."""
 
 _HALVINGS, _COMPARED = 16, 4
-"""Halvings of the stretch with the kink; and of those, how many are compared: a smooth slope becomes steadier."""
+"""Halvings of the stretch with the kink; the change of slope is compared with that `_COMPARED` halvings before."""
 
 
 class Mixture(NamedTuple):
