@@ -25,7 +25,6 @@ from typing import Any, Generic, NamedTuple, ParamSpec, TypeAlias, TypeVar
 import equinox as eqx
 import jax
 import jax.monitoring
-import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jax.experimental import serialize_executable
@@ -37,6 +36,9 @@ R = TypeVar("R")
 
 Arrays: TypeAlias = Sequence[Any]
 """NumPy's or JAX's, of any shapes."""
+
+_ARRAYS = jax.Array, np.ndarray, np.generic
+"""What programs are called with."""
 
 _MOST = 8
 """Executables of a function that a process holds: one of a fit takes 5 MB, and records of a batch differ in length."""
@@ -96,12 +98,12 @@ class Program(NamedTuple):
     """An executable, and what its outputs are leaves of."""
 
     executable: Callable[..., Arrays]
-    outputs: Tree
-    """The tree of the outputs with numbers for leaves."""
+    outputs: Any
+    """The structure of the outputs."""
 
-    def __call__(self, leaves: Arrays) -> Tree:
+    def __call__(self, arrays: Arrays) -> Tree:
         """The outputs for the arrays among the arguments."""
-        return jax.tree.unflatten(jax.tree.structure(self.outputs), self.executable(*leaves))
+        return jax.tree.unflatten(self.outputs, self.executable(*arrays))
 
 
 class KeptFunction(Generic[P, R]):
@@ -117,17 +119,17 @@ class KeptFunction(Generic[P, R]):
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
         """What the function gives; compiled with what calls it where that is being traced."""
-        if kwargs or any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(args)) or not _can_be_kept():
+        call = None if kwargs or not _can_be_kept() else self._asked(args)
+        if call is None:
             return self._jitted(*args, **kwargs)
-        leaves, call, key = self._asked(args)
-        return self._slot(key).program(call)(leaves)
+        return self._slot(call).program(call)(call.arrays)
 
     def prepared(self, *args: P.args, **kwargs: P.kwargs) -> "Prepared":
         """The function for arguments like these, traced unless it is kept; its `compile` may go on in a thread."""
-        if kwargs or not _can_be_kept():
+        call = None if kwargs or not _can_be_kept() else self._asked(args)
+        if call is None:
             return self._jitted.lower(*args, **kwargs)  # pyright: ignore[reportFunctionMemberAccess]
-        _, call, key = self._asked(args)
-        slot = self._slot(key)
+        slot = self._slot(call)
         return Prepared(slot, slot.lowered(call))
 
     def forget(self) -> None:
@@ -135,17 +137,23 @@ class KeptFunction(Generic[P, R]):
         with self._lock:
             self._programs.clear()
 
-    def _asked(self, args: tuple[Any, ...]) -> "tuple[list[Any], _Call, Any]":
-        """The arrays among the arguments, the rest of them with the function, and a key of both but for numbers."""
-        arrays, rest = eqx.partition(args, _is_array)
-        leaves, tree = jax.tree.flatten(arrays)
-        shapes = tuple((np.shape(leaf), leaf.dtype, bool(getattr(leaf, "weak_type", False))) for leaf in leaves)
-        others, shape_of_others = jax.tree.flatten(rest)
-        call = _Call(self._function, leaves, tree, rest, shapes)
-        kinds = tuple(type(other) for other in others)  # 1, 1.0 and True are equal, and make other programs
-        return leaves, call, (shapes, tree, tuple(others), kinds, shape_of_others, _settings())
+    def _asked(self, args: tuple[Any, ...]) -> "_Call | None":
+        """The call with these arguments; None where they are being traced."""
+        leaves, tree = jax.tree.flatten(args)
+        arrays: list[Any] = []
+        kinds: list[Any] = []
+        for leaf in leaves:
+            if isinstance(leaf, Tracer):
+                return None
+            if isinstance(leaf, _ARRAYS):
+                arrays.append(leaf)
+                kinds.append(_Shape(leaf.shape, leaf.dtype, getattr(leaf, "weak_type", False)))
+            else:
+                kinds.append((type(leaf), leaf))  # 1, 1.0 and True are equal, and make other programs
+        return _Call(self._function, arrays, tree, tuple(kinds))
 
-    def _slot(self, key: Any) -> "_Slot":
+    def _slot(self, call: "_Call") -> "_Slot":
+        key = call.tree, call.kinds, _settings()
         with self._lock:
             slot = self._programs.setdefault(key, _Slot())
             self._programs.move_to_end(key)
@@ -162,24 +170,40 @@ def kept_jit(function: Callable[P, R]) -> KeptFunction[P, R]:
     return KeptFunction(function)
 
 
+class _Shape(NamedTuple):
+    """What a program depends on of an array."""
+
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    weak_type: bool
+
+
 class _Call(NamedTuple):
     """A function with its arguments."""
 
     function: Callable[..., Any]
-    leaves: list[Any]
+    arrays: list[Any]
+    """Those among the leaves of the arguments."""
     tree: Any
-    rest: Tree
-    shapes: tuple[Any, ...]
+    """The structure of the arguments."""
+    kinds: tuple[Any, ...]
+    """Of each leaf: the shape of an array, or what else it is."""
+
+    def args(self, arrays: Arrays) -> Tree:
+        """The arguments with other `arrays`."""
+        given = iter(arrays)
+        leaves = [next(given) if isinstance(kind, _Shape) else kind[1] for kind in self.kinds]
+        return jax.tree.unflatten(self.tree, leaves)
 
     def file(self) -> Path | None:
         """Where the executable is kept; None where it has no name."""
         if not _homes:
             return None
         name = io.BytesIO()
-        skeleton = jax.tree.unflatten(self.tree, [0] * len(self.leaves))
+        shapes = repr([tuple(kind) if isinstance(kind, _Shape) else None for kind in self.kinds])
         try:
-            what = (self.function.__module__, self.function.__qualname__, self.rest, skeleton, repr(self.shapes))
-            _Names(name).dump(what)
+            skeleton = self.args([0] * len(self.arrays))
+            _Names(name).dump((self.function.__module__, self.function.__qualname__, skeleton, shapes))
         except (pickle.PicklingError, AttributeError, TypeError):
             return None
         name.write(f"{_homes[0].circumstances}{_settings()}".encode())
@@ -217,17 +241,16 @@ class _Slot:
             return lambda: kept
         outputs: list[Any] = []
 
-        def flat(*leaves: Any) -> list[Any]:
-            args = eqx.combine(jax.tree.unflatten(call.tree, leaves), call.rest)
-            found, tree = jax.tree.flatten(call.function(*args))
-            outputs[:] = [jax.tree.unflatten(tree, range(len(found)))]
+        def flat(*arrays: Any) -> list[Any]:
+            found, tree = jax.tree.flatten(call.function(*call.args(arrays)))
+            outputs[:] = [tree]
             return found
 
         # Under the same key in JAX's own cache: what is read from there cannot be kept, since kernels would be missing,
         # and after a change of our sources, or for a study of another title, the same code would be traced for ever.
         flat.__name__ = call.function.__name__ + ("" if file is None else f"_{file.name[-12:]}")
         began = time.perf_counter()
-        lowered = jax.jit(flat, keep_unused=True).lower(*call.leaves)
+        lowered = jax.jit(flat, keep_unused=True).lower(*call.arrays)
 
         def compiled() -> Program:
             hits = _cache_hits()
@@ -261,10 +284,6 @@ class _Names(pickle.Pickler):
             if home not in ("pdssjax", "builtins", "types", "functools", "enum", *_LIBRARIES):
                 raise pickle.PicklingError(f"{obj!r} is of another package")
         return NotImplemented
-
-
-def _is_array(leaf: object) -> bool:
-    return isinstance(leaf, jax.Array | np.ndarray | np.generic)
 
 
 def _can_be_kept() -> bool:
@@ -302,7 +321,7 @@ def _sources() -> str:
 @functools.cache
 def _register_lapack() -> None:
     """Linear algebra of the CPU is known to XLA once something that needs it was lowered; an executable would crash."""
-    jax.jit(jnp.linalg.qr).lower(np.eye(2))
+    jax.jit(jax.lax.linalg.cholesky).lower(np.eye(2))
 
 
 def _loaded(file: Path) -> Program | None:
@@ -317,7 +336,7 @@ def _loaded(file: Path) -> Program | None:
     _register_lapack()
     try:
         *executable, outputs = pickle.loads(content)
-        return Program(serialize_executable.deserialize_and_load(*executable), outputs)
+        return Program(serialize_executable.deserialize_and_load(*executable), jax.tree.structure(outputs))
     except (jax.errors.JaxRuntimeError, pickle.UnpicklingError):  # of another compiler, whatever its version says
         return None
 
@@ -325,7 +344,9 @@ def _loaded(file: Path) -> Program | None:
 def _keep(program: Program, file: Path) -> None:
     """Write the executable to `file`, whole or not at all; nothing where it cannot be written."""
     try:
-        content = pickle.dumps((*serialize_executable.serialize(program.executable), program.outputs))  # pyright: ignore[reportArgumentType]
+        executable = serialize_executable.serialize(program.executable)  # pyright: ignore[reportArgumentType]
+        numbered = jax.tree.unflatten(program.outputs, range(program.outputs.num_leaves))
+        content = pickle.dumps((*executable, numbered))
     except (AttributeError, ValueError, TypeError, pickle.PicklingError):  # what calls back into Python
         return
     with contextlib.suppress(OSError):

@@ -6,10 +6,11 @@ from typing import Generic, NamedTuple, Self, overload
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..core import AbstractModel, Quantity, Scalar, ScalarLike, as_number, quantities
+from ..core import AbstractModel, Quantity, Scalar, ScalarLike, as_number, kept_jit, quantities
 from ..integration import N_co, Term, cosine_and_sine
 
 
@@ -168,8 +169,19 @@ class AbstractDrive(AbstractModel):
         duration = float(np.sum(_durations(numbers, np.arange(first, first + every))))
         return first + every * (int(max(until, 0.0) / duration) + 2)
 
+    def voltages(self, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """The voltage [V] `at` times [s], as NumPy's; compiled for few numbers of times, not traced."""
+        count = time.size
+        room = (1 << max(count - 1, 0).bit_length()) - count
+        return np.asarray(_at(self, np.concatenate([time, np.zeros(room)])))[:count]
 
-@eqx.filter_jit
+
+@kept_jit
+def _at(drive: AbstractDrive, time: Float[np.ndarray, " n"]) -> Float[Array, " n"]:
+    return jnp.broadcast_to(drive.at(jnp.asarray(time)), time.shape)
+
+
+@kept_jit
 def _durations(drive: AbstractDrive, indices: Int[np.ndarray, " n"]) -> Float[Array, " n"]:
     """Durations of some segments [s], compiled as one: each operation by itself costs as much."""
     return jax.vmap(lambda index: drive.segment(index).duration)(indices)

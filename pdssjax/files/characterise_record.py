@@ -149,13 +149,13 @@ CHARACTERISATION_FORMAT = "pdssjax-characterisation/1"
 
 def write_characterisations(found: Sequence[Characterisation], folder: Path) -> None:
     """Put `characterise.json`, `cycles.csv` and a plot of each record into `folder`, in place of older results."""
-    from ..report.figures import cycle_figure
+    from ..report.figures import cycle_figure, save_figure
 
     stems = file_stems(found)
     with staging_folder(folder) as staging:
         (staging / "plots").mkdir()
         for stem, record in zip(stems, found, strict=True):
-            cycle_figure(record).savefig(staging / "plots" / f"{stem}.png")
+            save_figure(cycle_figure(record), staging / "plots" / f"{stem}.png")
         _write_cycles(dict(zip(stems, found, strict=True)), staging / "cycles.csv")
         document = {"format": CHARACTERISATION_FORMAT, "records": [_record_document(record) for record in found]}
         (staging / "characterise.json").write_text(json_text(document), encoding="utf-8", errors="backslashreplace")

@@ -170,13 +170,13 @@ def write_selection(found: Comparison, folder: Path, commands: Sequence[str] = (
 
     **Arguments:** the `commands` that repeat it, for the page.
     """
-    from ..report.figures import residual_strips_figure, selection_figure
+    from ..report.figures import residual_strips_figure, save_figure, selection_figure
 
     with staging_folder(folder, _RESULTS) as staging:
         (staging / "comparison.txt").write_text(format_selection(found), encoding="utf-8", errors="backslashreplace")
         if found.chosen:
-            selection_figure(found).savefig(staging / "comparison.png")
-            residual_strips_figure(found).savefig(staging / "residuals.png")
+            save_figure(selection_figure(found), staging / "comparison.png")
+            save_figure(residual_strips_figure(found), staging / "residuals.png")
         write_page(staging / "comparison.html", comparison_page(found, _versions(), commands))
         (staging / "comparison.json").write_text(comparison_text(found), encoding="utf-8", errors="backslashreplace")
 

@@ -21,28 +21,29 @@ def write_estimate(estimate: Estimate, folder: Path) -> None:
         multistart_figure,
         profile_figure,
         residual_split_figure,
+        save_figure,
     )
 
     with staging_folder(folder) as staging:
         _write_essentials(estimate, staging)
         write_records(estimate.records, staging)
         if len(estimate.names) > 1:
-            correlation_figure(estimate).savefig(staging / "plots" / "correlations.png")
-        error_figure(estimate).savefig(staging / "plots" / "standard_errors.png")
+            save_figure(correlation_figure(estimate), staging / "plots" / "correlations.png")
+        save_figure(error_figure(estimate), staging / "plots" / "standard_errors.png")
         if estimate.draws is not None:
             units = {path: parameter.unit for path, parameter in estimate.parameters.items()}
             write_draws(estimate.draws, units, staging)
-            draws_figure(estimate).savefig(staging / "plots" / "draws.png")
+            save_figure(draws_figure(estimate), staging / "plots" / "draws.png")
         if estimate.multistart is not None:
-            multistart_figure(estimate.multistart).savefig(staging / "plots" / "multistart.png")
+            save_figure(multistart_figure(estimate.multistart), staging / "plots" / "multistart.png")
         if estimate.profiles:
-            profile_figure(estimate.profiles, estimate.parameters).savefig(staging / "plots" / "profiles.png")
+            save_figure(profile_figure(estimate.profiles, estimate.parameters), staging / "plots" / "profiles.png")
         if estimate.amplification is not None:
-            amplification_figure(estimate.amplification).savefig(staging / "plots" / "amplification.png")
+            save_figure(amplification_figure(estimate.amplification), staging / "plots" / "amplification.png")
         (staging / "plots" / "residuals").mkdir()
         for stem, record in zip(file_stems(estimate.records), estimate.records, strict=True):
             if record.role == "fit" and record.simulated:
-                residual_split_figure(record).savefig(staging / "plots" / "residuals" / f"{stem}.png")
+                save_figure(residual_split_figure(record), staging / "plots" / "residuals" / f"{stem}.png")
 
 
 def write_essentials(estimate: Estimate, folder: Path) -> None:
@@ -61,10 +62,10 @@ def write_comparison(estimates: Sequence[Estimate], folder: Path) -> None:
 
     **Arguments:** the joint fit first, then those in two steps.
     """
-    from ..report.figures import comparison_figure
+    from ..report.figures import comparison_figure, save_figure
 
     with staging_folder(folder) as staging:
         (staging / "comparison.txt").write_text(
             format_comparison(*estimates), encoding="utf-8", errors="backslashreplace"
         )
-        comparison_figure(estimates).savefig(staging / "comparison.png")
+        save_figure(comparison_figure(estimates), staging / "comparison.png")

@@ -73,7 +73,7 @@ def write_friction_study(files: Sequence[FrictionFile], folder: Path, title: str
     **Raises:** `InputError` if the folder holds something already, or if some files have a displacement and others a
     velocity.
     """
-    from ..report.figures import friction_figure
+    from ..report.figures import friction_figure, save_figure
 
     kinds = {file.quantity: file for file in files}
     if len(kinds) > 1:
@@ -88,7 +88,7 @@ def write_friction_study(files: Sequence[FrictionFile], folder: Path, title: str
     for name, file in zip(names, files, strict=True):
         figure = friction_figure(name, file.motion, file.force, file.quantity)
         stem = re.sub(r"[^\w.-]+", "_", name)
-        figure.savefig(folder / "check" / f"{stem}.png")
+        save_figure(figure, folder / "check" / f"{stem}.png")
     path = folder / "study.toml"
     path.write_text(friction_study_text(names, files, folder, title), encoding="utf-8")
     return path

@@ -46,7 +46,7 @@ def write_study(records: Sequence[NewRecord], told: Told, folder: Path, title: s
 
     **Raises:** `InputError` if the folder holds something already, or cannot be written to.
     """
-    from ..report.figures import guess_figure
+    from ..report.figures import guess_figure, save_figure
 
     check_empty(folder)
     named = _named(records)
@@ -55,7 +55,7 @@ def write_study(records: Sequence[NewRecord], told: Told, folder: Path, title: s
         (staging / "check").mkdir()
         for record in named:
             stem = re.sub(r"[^\w.-]+", "_", record.name)
-            guess_figure(record.name, record.guess).savefig(staging / "check" / f"{stem}.png")
+            save_figure(guess_figure(record.name, record.guess), staging / "check" / f"{stem}.png")
         text = study_text(named, told, folder, title)
         (staging / "study.toml").write_text(text, encoding="utf-8")
     return folder / "study.toml"

@@ -44,13 +44,13 @@ def write_plan(plan: Plan, source: Path, design: Document, folder: Path) -> None
 
     **Raises:** `InputError` where the study's file is gone.
     """
-    from ..report.figures import design_figure
+    from ..report.figures import design_figure, save_figure
     from ..report.page import plan_page, write_page
 
     with staging_folder(folder) as staging:
         (staging / "plan.json").write_text(json_text(plan.document()), encoding="utf-8")
         (staging / "plan.txt").write_text(format_design(plan), encoding="utf-8")
-        design_figure(plan).savefig(staging / "plan.png")
+        save_figure(design_figure(plan), staging / "plan.png")
         write_page(staging / "plan.html", plan_page(plan))
         _write_studies(plan, source, design, folder, staging)
         (staging / "drives").mkdir()

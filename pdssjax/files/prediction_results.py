@@ -48,7 +48,7 @@ def write_numbers(used: Numbers, staging: Path) -> None:
 
 
 def write_records(records: Sequence[FittedRecord], staging: Path) -> None:
-    from ..report.figures import has_loops, loop_figure, record_figure
+    from ..report.figures import has_loops, loop_figure, record_figure, save_figure
 
     (staging / "predictions").mkdir()
     (staging / "plots").mkdir()
@@ -64,10 +64,10 @@ def write_records(records: Sequence[FittedRecord], staging: Path) -> None:
             header=",".join(["time_s", *(f"{name}_{unit}" for name in COMPARED), *applied]),
             comments="",
         )
-        record_figure(record).savefig(staging / "plots" / f"{stem}.png")
+        save_figure(record_figure(record), staging / "plots" / f"{stem}.png")
         if record.simulated and has_loops(record):
             (staging / "plots" / "loops").mkdir(exist_ok=True)
-            loop_figure(record).savefig(staging / "plots" / "loops" / f"{stem}.png")
+            save_figure(loop_figure(record), staging / "plots" / "loops" / f"{stem}.png")
 
 
 def applied_columns(record: FittedRecord) -> dict[str, Float[np.ndarray, " n"]]:

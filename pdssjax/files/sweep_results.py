@@ -22,24 +22,24 @@ def write_sweep(data: "xarray.Dataset", folder: Path, store: str) -> None:
     A sweep of both directions has `directions.png`, too.  A single point has no map, one of each direction no figure
     beside it.
     """
-    from ..report.figures import directions_figure, sweep_figure
+    from ..report.figures import directions_figure, save_figure, sweep_figure
     from ..sweeps import ALONG
 
     with staging_folder(folder) as staging:
         _put(data, staging, "sweep", store)
         if data.sizes:
-            sweep_figure(data).savefig(staging / "sweep.png")
+            save_figure(sweep_figure(data), staging / "sweep.png")
         if data.sizes.get(ALONG) == 2 and len(data.sizes) > 1:
-            directions_figure(data).savefig(staging / "directions.png")
+            save_figure(directions_figure(data), staging / "directions.png")
 
 
 def write_border(data: "xarray.Dataset", folder: Path, store: str) -> None:
     """Put what `find_border` found into `folder` as border.nc or border.zarr, drawn, with `parameters.json`."""
-    from ..report.figures import border_figure
+    from ..report.figures import border_figure, save_figure
 
     with staging_folder(folder) as staging:
         _put(data, staging, "border", store)
-        border_figure(data).savefig(staging / "border.png")
+        save_figure(border_figure(data), staging / "border.png")
 
 
 def _put(data: "xarray.Dataset", staging: Path, name: str, store: str) -> None:

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from typing import Literal, NamedTuple, Protocol, TypeAlias
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
@@ -245,7 +244,7 @@ def _message(
 
 def _begun(
     problem: Problem, free: Float[np.ndarray, " p"], used: Bool[np.ndarray, " records"], fitted: Bool[np.ndarray, " p"]
-) -> tuple[Run, Float[Array, " p"], LMState]:
+) -> tuple[Run, Float[np.ndarray, " p"], LMState]:
     """The run over the `fitted` parameters and the `used` records, the point where it starts, and its state there."""
     bounds = problem.residual.transform.bounds_where(fitted, free)
     weights = as_weights(problem.noise, used)
@@ -260,6 +259,6 @@ def _begun(
         small_jump=SMALL_JUMP * visible,
         most_slow_steps=problem.effort.slow_steps,
     )
-    y = jnp.asarray(np.clip(np.asarray(free, float), bounds["lower"], bounds["upper"]))
-    run = Run(solver, problem.evaluations(weights), {end: jnp.asarray(at) for end, at in bounds.items()})
+    y = np.clip(np.asarray(free, float), bounds["lower"], bounds["upper"])
+    run = Run(solver, problem.evaluations(weights), bounds)
     return run, y, begin(run, y, np.zeros(problem.residual.size), weights)

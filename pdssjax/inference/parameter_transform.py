@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..core import Scalar
+from ..core import Scalar, kept_jit
 from ..study import Constraint, Link, Parameter, Values, bounded_by_constraints, chained
 
 
@@ -51,12 +51,9 @@ class ParameterTransform(eqx.Module):
         own = np.where(self.logarithmic, np.log(np.where(self.logarithmic, given, 1.0)), given / self.unit)
         return self.from_own(own)
 
-    @eqx.filter_jit
     def decode(self, free: Float[Array | np.ndarray, " p"]) -> dict[str, Scalar]:
-        """The fit's numbers to values in SI; differentiable."""
-        own = free if self.ties is None else jnp.asarray(self.ties.mixing) @ free + self.ties.shift
-        number = jnp.where(self.logarithmic, jnp.exp(jnp.where(self.logarithmic, own, 0.0)), own * self.unit)
-        return {path: number[i] for i, path in enumerate(self.paths)}
+        """The fit's numbers to values in SI; compiled, differentiable."""
+        return _decoded(self, free)
 
     def own(self, free: Float[np.ndarray, "*many p"]) -> Float[np.ndarray, "*many p"]:
         """The fit's numbers as those of each parameter on its own scale."""
@@ -137,6 +134,14 @@ class ParameterTransform(eqx.Module):
         """ "lower" and "upper" for a solver that moves what is `fitted` and holds the others at `free`."""
         low, high = (np.where(fitted, end, free) for end in (self.low, self.high))
         return {"lower": low, "upper": high}
+
+
+@kept_jit
+def _decoded(transform: ParameterTransform, free: Float[Array | np.ndarray, " p"]) -> dict[str, Scalar]:
+    logarithmic, ties = transform.logarithmic, transform.ties
+    own = free if ties is None else jnp.asarray(ties.mixing) @ free + ties.shift
+    number = jnp.where(logarithmic, jnp.exp(jnp.where(logarithmic, own, 0.0)), own * transform.unit)
+    return {path: number[i] for i, path in enumerate(transform.paths)}
 
 
 def transform_of(

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..core import kept_jit
+from ..core import Scalar, kept_jit
 from ..integration import Accuracy
 from ..study import Models, Predictor, Record, Values
 from .losses.base import AbstractLoss
@@ -149,7 +149,12 @@ def free_offset(
         return given
     difference = measured - predicted
     scale = noise if noise > 0 else float(np.std(difference)) or 1.0
-    return float(loss.location(jnp.asarray(difference), jnp.asarray(1.0 / scale)))
+    return float(_location(loss, difference, np.float64(1.0 / scale)))
+
+
+@kept_jit
+def _location(loss: AbstractLoss, difference: Float[np.ndarray, " n"], weight: Float[np.ndarray, ""]) -> Scalar:
+    return loss.location(jnp.asarray(difference), jnp.asarray(weight))
 
 
 def as_weights(noise: Iterable[float], used: Iterable[bool]) -> Float[np.ndarray, " records"]:

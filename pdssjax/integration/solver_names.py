@@ -35,18 +35,21 @@ def step_method(solver: "Given") -> "AbstractStepMethod":
 
     **Raises:** `InputError` for anything else, and for a solver without an error estimate.
     """
-    import diffrax
-
     from .step_methods.base import AbstractStepMethod
-    from .step_methods.diffrax_solver import OneStep
     from .step_methods.taylor import Taylor
 
     if isinstance(solver, AbstractStepMethod):
         return solver
+    if isinstance(solver, str) and solver == TAYLOR:
+        return Taylor()
+    import diffrax  # as long as all of JAX, and the package's own method needs none of it
+
+    from .step_methods.diffrax_solver import OneStep
+
     if isinstance(solver, str):
         if solver not in SOLVERS:
             raise InputError(f'solver: found "{solver}"; {nearest(solver, SOLVERS)}')
-        return Taylor() if solver == TAYLOR else OneStep(getattr(diffrax, _DIFFRAX[solver])())
+        return OneStep(getattr(diffrax, _DIFFRAX[solver])())
     if isinstance(solver, diffrax.AbstractSolver):
         try:
             return OneStep(solver)
@@ -60,6 +63,10 @@ def step_method(solver: "Given") -> "AbstractStepMethod":
 
 def solver_name(method: "AbstractStepMethod") -> str:
     """The name of a step method, as in `SOLVERS` where it is one of those: `step_method` the other way round."""
+    from .step_methods.taylor import Taylor
+
+    if isinstance(method, Taylor):
+        return TAYLOR
     from .step_methods.diffrax_solver import OneStep
 
     return type(method.solver if isinstance(method, OneStep) else method).__name__.lower()

@@ -3,7 +3,6 @@
 import math
 from dataclasses import dataclass, field
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -190,7 +189,7 @@ def _rest(
 def _voltage(record: Record) -> Float[np.ndarray, " n"] | None:
     if record.drive is None or not record.measurement.platform_alone:
         return None
-    return np.asarray(record.drive.at(jnp.asarray(record.time)))
+    return record.drive.voltages(record.time)
 
 
 def repeated_residuals(record: Record, residual: Float[np.ndarray, " n"]) -> LackOfFit | None:

@@ -12,12 +12,12 @@ of the sampling rate may be the image of another.
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
-from ..core import Scalar
+from ..core import Scalar, kept_jit
 from ..friction.base import AbstractFriction
 from .measurement.base import AbstractMeasurement
 from .models import Models
@@ -68,13 +68,13 @@ def resonances(models: Models, values: dict[str, float]) -> list[Resonance]:
 def linearised(contact: AbstractFriction, sign: float) -> tuple[float, float]:
     """Stiffness [N/m] and damping [N s/m] of an undisturbed `contact` that begins to move in the direction `sign`."""
     # As arrays, numbers do not make another function of each contact.
-    contact = jax.tree.map(lambda x: jnp.asarray(x) if isinstance(x, float) else x, contact)
-    stiffness, damping = _linearised(contact, jnp.asarray(sign))
+    contact = jax.tree.map(lambda x: np.asarray(x) if isinstance(x, float) else x, contact)
+    stiffness, damping = _linearised(contact, np.asarray(sign))
     return float(stiffness), float(damping)
 
 
-@eqx.filter_jit
-def _linearised(contact: AbstractFriction, sign: Scalar) -> tuple[Scalar, Scalar]:
+@kept_jit
+def _linearised(contact: AbstractFriction, sign: Float[np.ndarray, ""]) -> tuple[Scalar, Scalar]:
     state, still = contact.initial(), jnp.zeros(())
     numbers = lambda rates: tuple(jnp.asarray(rate, float) for rate in rates)
 

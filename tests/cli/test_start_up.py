@@ -36,5 +36,14 @@ def test_models_are_listed_without_any_library():
     assert not loaded("models") & {"jax", "numpy"}
 
 
+def test_the_own_integrator_needs_no_other():
+    program = (
+        f"import sys, pdssjax; study = pdssjax.load_study({str(EXAMPLE / 'study.toml')!r}); print(study.accuracy.method)"
+        "; sys.exit('diffrax' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert "Taylor" in done.stdout
+
+
 def test_channels_are_listed_without_jax():
     assert "jax" not in loaded("channels", str(EXAMPLE / "sawtooth_5Hz_A.csv"))

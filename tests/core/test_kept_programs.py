@@ -71,6 +71,19 @@ def test_equal_choices_of_different_kinds_are_told_apart(folder):
     assert function(None, NUMBERS, True).twice[0] == 3.0
 
 
+def test_arrays_and_choices_in_other_places_make_another_program(folder):
+    @kept_jit
+    def difference(first, second):
+        return first - second
+
+    three, array = 3.0, np.array(1.0)
+    for _ in range(2):
+        assert difference(three, array) == 2.0
+        assert difference(array, three) == -2.0
+        assert difference(array, 2.0 * array) == -1.0
+        forget_programs()
+
+
 def test_a_damaged_file_is_made_again(folder, choice):
     function(Coulomb(), NUMBERS, choice)
     (file,) = folder.iterdir()

@@ -8,10 +8,10 @@ from pathlib import Path
 import fabricated
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
 from pdssjax import InputError
 from pdssjax.files import check_free, write_estimate, write_predictions
+from pdssjax.report import figures
 
 
 @pytest.fixture(scope="module")
@@ -166,7 +166,7 @@ def test_an_interrupted_write_leaves_the_older_results_whole(undrawn, tmp_path, 
 
 def test_no_caption_says_that_what_was_only_predicted_was_fitted(tmp_path, monkeypatch):
     captions = []
-    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: captions.append(figure.get_suptitle()))
+    monkeypatch.setattr(figures, "save_figure", lambda figure, _: captions.append(figure.get_suptitle()))
     write_predictions(fabricated.estimate().records[:2], {}, tmp_path)
     assert len(captions) >= 2
     assert all("not fitted" in caption for caption in captions if "against the voltage" not in caption)

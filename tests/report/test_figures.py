@@ -7,6 +7,7 @@ import fabricated
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from matplotlib.image import imread
 
 from pdssjax import InputError
 from pdssjax.metrics import guess_record, lack_of_fit
@@ -23,6 +24,7 @@ from pdssjax.report.figures import (
     profile_figure,
     record_figure,
     residual_split_figure,
+    save_figure,
 )
 
 
@@ -30,6 +32,18 @@ def drawn(figure: Figure) -> Figure:
     """The figure after it has been laid out, which is when matplotlib complains; a bare canvas draws nothing."""
     figure.draw_without_rendering()
     return figure
+
+
+@pytest.mark.parametrize("figure_of", [record_figure, residual_split_figure])
+def test_a_file_is_drawn_once_and_looks_as_if_twice(figure_of, tmp_path, monkeypatch):
+    record = fabricated.estimate().records[1]
+    figure_of(record).savefig(tmp_path / "twice.png")
+    drawings, draw = [], Figure.draw
+    monkeypatch.setattr(Figure, "draw", lambda figure, renderer: drawings.append(draw(figure, renderer)))
+    save_figure(figure_of(record), tmp_path / "once.png")
+    assert len(drawings) == 1
+    once, twice = (imread(tmp_path / f"{name}.png") for name in ("once", "twice"))
+    np.testing.assert_array_equal(once, twice)
 
 
 @pytest.mark.parametrize(("index", "corners"), [(0, [0.0]), (1, range(200, 1800, 200))])

@@ -16,12 +16,9 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 
-import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Complex, Float
+from jaxtyping import Complex, Float
 
-from ...drive.base import AbstractDrive
 from ...metrics import scatter_floor
 from ...study import Record, Samples, drive_with
 from .step_peaks import half_period_to_frequency, overshoot_to_damping, rest_before
@@ -209,9 +206,8 @@ def peak_bend(record: Record, rate: float, known: Mapping[str, float]) -> float:
     last = _PERIODS / frequency if frequency else float(record.time[-1])
     finer = rate * _FINER
     count = min(int(max(last, 0.0) * finer), _MOST) + 4 * _FINER
-    # A power of two: whatever the rate, the drive is compiled for few numbers of times.
-    times = (np.arange(1 << (count - 1).bit_length()) - _FINER) / finer
-    level = np.asarray(_voltage(drive, times))[:count]
+    times = (np.arange(count) - _FINER) / finer
+    level = drive.voltages(times)
     bend = level[2 * _FINER :] - 2.0 * level[_FINER:-_FINER] + level[: -2 * _FINER]
     return float(np.max(np.abs(bend))) * rate**2
 
@@ -267,17 +263,12 @@ def interval_of(record: Record) -> float:
 def voltages_at(record: Record, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """The voltage of a record's drive at `time` [s], in V."""
     assert record.drive is not None
-    return np.broadcast_to(np.asarray(_voltage(record.drive, time)), time.shape)
+    return record.drive.voltages(time)
 
 
 def voltages(record: Record) -> Float[np.ndarray, " n"]:
     """The voltage at the samples [V]; a single 0 where none is applied."""
-    return np.zeros(1) if record.drive is None else np.asarray(_voltage(record.drive, record.time))
-
-
-@eqx.filter_jit
-def _voltage(drive: AbstractDrive, time: Float[Array | np.ndarray, " n"]) -> Float[Array, " n"]:
-    return drive.at(jnp.asarray(time))
+    return np.zeros(1) if record.drive is None else record.drive.voltages(record.time)
 
 
 _RATIO = 1.03

@@ -13,7 +13,6 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -305,7 +304,7 @@ class _Beginnings(NamedTuple):
         """Chi-square with the numbers `values` [SI]."""
         values = {path: as_number(number) for path, number in values.items()}
         motions = predicted(self.predictor, values, _COARSE, self.weights > 0)
-        return float(jnp.sum(compared(self.comparison, motions, values, self.weights)[0] ** 2))
+        return float(np.sum(np.asarray(compared(self.comparison, motions, values, self.weights)[0]) ** 2))
 
 
 def _beginnings(models: Models, records: Sequence[Record], used: Sequence[Record]) -> _Beginnings:

@@ -67,20 +67,20 @@ class Run(NamedTuple):
     bounds: Bounds
 
 
-def iterate(run: Run, point: Free, state: LMState) -> tuple[Free, LMState, bool]:
+def iterate(run: Run, point: Point, state: LMState) -> tuple[Point, LMState, bool]:
     """One iteration: point and state after it, and whether it was the last."""
     solver, evaluations, bounds = run
     trial, first = _begun(solver, point, bounds, state)
-    found = evaluations.values(first)[0] if bool(trial.has_first) else state.residual
+    found = evaluations.values(first)[0] if trial.bending or trial.checking else state.residual
     step, last = _gone_on(point, bounds, state, trial, found)
-    judged = _judged(solver, point, bounds, state, trial, step, jnp.stack([found, evaluations.values(last)[0]]))
+    judged = _judged(solver, point, bounds, state, trial, step, np.stack([found, evaluations.values(last)[0]]))
     if not bool(judged.accepted):
         return point, judged.state, _is_over(judged.state)
     after = _moved(solver, bounds, state, trial, judged, *evaluations.linearised(judged.proposed))
     return judged.proposed if bool(after.accepted) else point, after, _is_over(after)
 
 
-def iterates(run: Run, point: Free, state: LMState, limit: int) -> Iterator[tuple[Free, LMState]]:
+def iterates(run: Run, point: Point, state: LMState, limit: int) -> Iterator[tuple[Point, LMState]]:
     """Point and state after every iteration, until the solver ends or has linearised `limit` times.
 
     At least one iteration is made.  An ending that the solver has begun to check is checked to its end.
@@ -93,17 +93,19 @@ def iterates(run: Run, point: Free, state: LMState, limit: int) -> Iterator[tupl
 
 
 def _is_over(state: LMState) -> bool:
-    return bool(BoundedLevenbergMarquardt.is_over(state.ending, state.checked))
+    return bool(BoundedLevenbergMarquardt.is_over(np.asarray(state.ending), np.asarray(state.checked)))
 
 
 def begin(run: Run, point: Point, residual: Shaped, others: Shaped) -> LMState:
     """The state before anything is evaluated, for a `residual` of that shape and `others` that go with it."""
     shapes = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype), (residual, others))
-    return _blank(run.solver, jnp.asarray(point), run.bounds, *shapes)
+    return _blank(run.solver, np.asarray(point), run.bounds, *shapes)
 
 
 @kept_jit
-def _blank(solver: BoundedLevenbergMarquardt, point: Free, bounds: Bounds, residual: Shaped, others: Shaped) -> LMState:
+def _blank(
+    solver: BoundedLevenbergMarquardt, point: Point, bounds: Bounds, residual: Shaped, others: Shaped
+) -> LMState:
     return solver.init(lambda point, args: (point, None), point, None, bounds, residual, others, frozenset())
 
 
@@ -118,27 +120,29 @@ def _linearised(function: ResidualFunction, point: Point, args: Tree) -> Lineari
 
 
 @kept_jit
-def _begun(solver: BoundedLevenbergMarquardt, point: Free, bounds: Bounds, state: LMState) -> tuple[Trial, Free]:
-    trial = solver.trial(point, bounds, state)
-    return trial, first_point(point, bounds, trial)
+def _begun(solver: BoundedLevenbergMarquardt, point: Point, bounds: Bounds, state: LMState) -> tuple[Trial, Free]:
+    trial = solver.trial(jnp.asarray(point), bounds, state)
+    return trial, first_point(jnp.asarray(point), bounds, trial)
 
 
 @kept_jit
-def _gone_on(point: Free, bounds: Bounds, state: LMState, trial: Trial, found: Float[Array, " n"]) -> tuple[Free, Free]:
-    return second_point(point, bounds, state, trial, found)
+def _gone_on(
+    point: Point, bounds: Bounds, state: LMState, trial: Trial, found: Float[Array, " n"]
+) -> tuple[Free, Free]:
+    return second_point(jnp.asarray(point), bounds, state, trial, found)
 
 
 @kept_jit
 def _judged(
     solver: BoundedLevenbergMarquardt,
-    point: Free,
+    point: Point,
     bounds: Bounds,
     state: LMState,
     trial: Trial,
     step: Free,
-    ends: Float[Array, "2 n"],
+    ends: Float[Array | np.ndarray, "2 n"],
 ) -> Judged:
-    return solver.judged(point, bounds, state, trial, step, ends)
+    return solver.judged(jnp.asarray(point), bounds, state, trial, step, jnp.asarray(ends))
 
 
 @kept_jit

@@ -8,6 +8,7 @@ from typing import NamedTuple, TypeAlias
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.flatten_util import ravel_pytree
 from jax.scipy.linalg import solve_triangular
 from jaxtyping import Array, Float
@@ -26,7 +27,7 @@ _LONGEST_BEND = 0.75
 """Longest bend of a step relative to the step itself; a larger one means the step is too long."""
 
 
-Bounds: TypeAlias = Mapping[str, Float[Array, " p"]]
+Bounds: TypeAlias = Mapping[str, Float[Array | np.ndarray, " p"]]
 """Bounds of the parameters: "lower" and "upper"."""
 
 

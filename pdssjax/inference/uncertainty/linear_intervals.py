@@ -28,9 +28,12 @@ NORMAL_95 = 1.959964
 
 def half_width_95(freedom: Float[np.ndarray, "..."] | float) -> Float[np.ndarray, "..."]:
     """Half width of a 95 % interval in standard errors, by the degrees of `freedom` of their estimate."""
-    from scipy.special import stdtrit
+    known = np.isfinite(freedom)
+    if not np.any(known):
+        return np.full(np.shape(freedom), NORMAL_95)
+    from scipy.special import stdtrit  # an eighth of a second
 
-    return np.where(np.isfinite(freedom), stdtrit(freedom, 0.975), NORMAL_95)
+    return np.where(known, stdtrit(freedom, 0.975), NORMAL_95)
 
 
 def effective_freedom(

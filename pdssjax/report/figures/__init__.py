@@ -6,6 +6,7 @@ Imports results from the rooms below, never files.
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from ._style import save_figure as save_figure
     from .estimate import (
         amplification_figure as amplification_figure,
         comparison_figure as comparison_figure,

@@ -3,11 +3,14 @@
 Figures are made without pyplot, so that no window system and no global state is involved.
 """
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, NullLocator, StrMethodFormatter
 
 # From the palette of Okabe and Ito, distinct also with a colour vision deficiency and in grey print.
@@ -22,6 +25,19 @@ STYLE: dict[Any, Any] = {
     "legend.frameon": False,
     "figure.dpi": 200,
 }
+
+
+_COMPRESSION = 3
+"""Of PNG files: two thirds of the time of the usual 6, and a tenth more bytes."""
+
+
+def save_figure(figure: Figure, file: Path) -> None:
+    """Write a `figure` to a PNG `file`, laid out and drawn once: `savefig` draws what it lays out twice."""
+    canvas, layout = FigureCanvasAgg(figure), figure.get_layout_engine()
+    if layout is not None:
+        layout.execute(figure)
+        figure.set_layout_engine("none")
+    canvas.print_png(file, pil_kwargs={"compress_level": _COMPRESSION})
 
 
 def fixed_ticks(most: int, *panels: Axes) -> None:
