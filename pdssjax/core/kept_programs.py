@@ -98,7 +98,7 @@ class Program(NamedTuple):
     """An executable, and what its outputs are leaves of."""
 
     executable: Callable[..., Arrays]
-    outputs: Any
+    outputs: Tree
     """The structure of the outputs."""
 
     def __call__(self, arrays: Arrays) -> Tree:

@@ -169,7 +169,7 @@ class AbstractDrive(AbstractModel):
         duration = float(np.sum(_durations(numbers, np.arange(first, first + every))))
         return first + every * (int(max(until, 0.0) / duration) + 2)
 
-    def voltages(self, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    def sampled_at(self, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """The voltage [V] `at` times [s], as NumPy's; compiled for few numbers of times, not traced."""
         count = time.size
         room = (1 << max(count - 1, 0).bit_length()) - count

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..core import Scalar, kept_jit
+from ..core import Scalar, ScalarLike, kept_jit
 from ..integration import Accuracy
 from ..study import Models, Predictor, Record, Values
 from .losses.base import AbstractLoss
@@ -153,7 +153,7 @@ def free_offset(
 
 
 @kept_jit
-def _location(loss: AbstractLoss, difference: Float[np.ndarray, " n"], weight: Float[np.ndarray, ""]) -> Scalar:
+def _location(loss: AbstractLoss, difference: Float[np.ndarray, " n"], weight: ScalarLike) -> Scalar:
     return loss.location(jnp.asarray(difference), jnp.asarray(weight))
 
 

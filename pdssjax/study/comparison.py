@@ -189,7 +189,7 @@ def _rest(
 def _voltage(record: Record) -> Float[np.ndarray, " n"] | None:
     if record.drive is None or not record.measurement.platform_alone:
         return None
-    return record.drive.voltages(record.time)
+    return record.drive.sampled_at(record.time)
 
 
 def repeated_residuals(record: Record, residual: Float[np.ndarray, " n"]) -> LackOfFit | None:

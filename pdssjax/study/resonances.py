@@ -15,9 +15,8 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
 
-from ..core import Scalar, kept_jit
+from ..core import Scalar, ScalarLike, kept_jit
 from ..friction.base import AbstractFriction
 from .measurement.base import AbstractMeasurement
 from .models import Models
@@ -69,12 +68,12 @@ def linearised(contact: AbstractFriction, sign: float) -> tuple[float, float]:
     """Stiffness [N/m] and damping [N s/m] of an undisturbed `contact` that begins to move in the direction `sign`."""
     # As arrays, numbers do not make another function of each contact.
     contact = jax.tree.map(lambda x: np.asarray(x) if isinstance(x, float) else x, contact)
-    stiffness, damping = _linearised(contact, np.asarray(sign))
+    stiffness, damping = _linearised(contact, np.float64(sign))
     return float(stiffness), float(damping)
 
 
 @kept_jit
-def _linearised(contact: AbstractFriction, sign: Float[np.ndarray, ""]) -> tuple[Scalar, Scalar]:
+def _linearised(contact: AbstractFriction, sign: ScalarLike) -> tuple[Scalar, Scalar]:
     state, still = contact.initial(), jnp.zeros(())
     numbers = lambda rates: tuple(jnp.asarray(rate, float) for rate in rates)
 

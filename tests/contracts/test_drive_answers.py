@@ -53,13 +53,13 @@ def test_a_drive_has_jumps_where_its_voltage_differs_on_both_sides_of_a_corner(d
 
 
 @EVERY
-def test_voltages_are_those_at_the_times(drive):
+def test_what_is_sampled_is_the_voltage_at_the_times(drive):
     time = np.linspace(-0.1, END, 37)
-    np.testing.assert_allclose(drive.voltages(time), drive.at(jnp.asarray(time)), rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(drive.sampled_at(time), drive.at(jnp.asarray(time)), rtol=1e-12, atol=1e-12)
 
 
 def test_no_times_have_no_voltages():
-    assert Sawtooth().voltages(np.zeros(0)).shape == (0,)
+    assert Sawtooth().sampled_at(np.zeros(0)).shape == (0,)
 
 
 @EVERY

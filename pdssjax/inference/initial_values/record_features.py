@@ -207,7 +207,7 @@ def peak_bend(record: Record, rate: float, known: Mapping[str, float]) -> float:
     finer = rate * _FINER
     count = min(int(max(last, 0.0) * finer), _MOST) + 4 * _FINER
     times = (np.arange(count) - _FINER) / finer
-    level = drive.voltages(times)
+    level = drive.sampled_at(times)
     bend = level[2 * _FINER :] - 2.0 * level[_FINER:-_FINER] + level[: -2 * _FINER]
     return float(np.max(np.abs(bend))) * rate**2
 
@@ -263,12 +263,12 @@ def interval_of(record: Record) -> float:
 def voltages_at(record: Record, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """The voltage of a record's drive at `time` [s], in V."""
     assert record.drive is not None
-    return record.drive.voltages(time)
+    return record.drive.sampled_at(time)
 
 
 def voltages(record: Record) -> Float[np.ndarray, " n"]:
     """The voltage at the samples [V]; a single 0 where none is applied."""
-    return np.zeros(1) if record.drive is None else record.drive.voltages(record.time)
+    return np.zeros(1) if record.drive is None else record.drive.sampled_at(record.time)
 
 
 _RATIO = 1.03

@@ -93,7 +93,8 @@ def iterates(run: Run, point: Point, state: LMState, limit: int) -> Iterator[tup
 
 
 def _is_over(state: LMState) -> bool:
-    return bool(BoundedLevenbergMarquardt.is_over(np.asarray(state.ending), np.asarray(state.checked)))
+    ending, checked = np.asarray(state.ending), np.asarray(state.checked)  # compared by NumPy, which compiles nothing
+    return bool(BoundedLevenbergMarquardt.is_over(ending, checked))  # pyright: ignore[reportArgumentType]
 
 
 def begin(run: Run, point: Point, residual: Shaped, others: Shaped) -> LMState:
