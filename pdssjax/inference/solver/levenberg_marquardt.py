@@ -437,7 +437,7 @@ def _with_prediction(state: LMState, y: Float[Array, " p"], options: Bounds) -> 
 def _apart(state: LMState, y: Float[Array, " p"], options: Bounds, atol: ScalarLike) -> list[Float[Array, " p"]]:
     """The two ends of the next difference."""
     scale = noise_scale(state.residual, state.jacobian, y, atol)
-    free = (options["lower"] < options["upper"]) & (y > options["lower"]) & (y < options["upper"])
+    free = (y > options["lower"]) & (y < options["upper"]) & (options["lower"] < options["upper"])
     random = random_direction(state.jacobian, y, free, scale)
     proposed = proposed_direction(state.jacobian, y, state.proposed_step, scale)
     size = jnp.asarray(SIZES)[state.checked % len(SIZES)]
