@@ -83,7 +83,8 @@ class Sensitivities:
         """The problem of `LANES` records of a kind and waveform, compiled once whatever these are."""
         times = np.linspace(0.0, 1.0, size)
         problem = pose(self._with_lanes([(experiments[0], times)], size), self.values, self.study.accuracy)
-        return _Group(problem, size, 0.0, 0)
+        # By its own residual, whose lanes are exchanged, not by what predicts the records of a study.
+        return _Group(problem._replace(predictor=None), size, 0.0, 0)
 
     def _with_lanes(self, lanes: Sequence[tuple[Experiment, Float[np.ndarray, " m"]]], size: int) -> Study:
         # Information is that on each parameter's own scale: what a constraint forbids is no matter of derivatives.
