@@ -357,14 +357,13 @@ def finish(task: Task) -> Answer:
     what it leaves of the parts in its fit, which is to its advantage.
     """
     found: Answer = _earlier(task), None
-    own = starting_near(task.candidate, _free_values(found[0])) if _is_usable(found[0]) else task.candidate.study
     if task.near is not None:
-        begun = dataclasses.replace(task.candidate, study=own)
+        begun = dataclasses.replace(task.candidate, study=_starting_where_it_ended(task.candidate, found[0]))
         found = _better(found, _fit_once(task, starting_near(begun, task.near.values), task.near.name, FIRST))
     samples = sum(record.time.size for record in task.candidate.study.records if record.role == "fit")
     is_close = _misfit(found[0]) <= task.best + HOPELESS * samples
     if is_close and not found[0].converged:
-        reached = starting_near(task.candidate, _free_values(found[0])) if _is_usable(found[0]) else own
+        reached = _starting_where_it_ended(task.candidate, found[0])
         found = _better(found, _fit_once(task, reached, found[0].start))
     fitted, estimate = found
     if not _is_usable(fitted):
@@ -378,6 +377,11 @@ def finish(task: Task) -> Answer:
         return failed(task.candidate, why), estimate
     whole = dataclasses.replace(fitted, held_out=parts.residuals, refitted=parts.refitted, finished=True)
     return whole, estimate
+
+
+def _starting_where_it_ended(candidate: Candidate, fitted: FittedCandidate) -> Study:
+    """The candidate's study with the optimum of a fit of it as starts; as it is where that fit has no end."""
+    return starting_near(candidate, _free_values(fitted)) if _is_usable(fitted) else candidate.study
 
 
 def _earlier(task: Task) -> FittedCandidate:
