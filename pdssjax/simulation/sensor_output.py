@@ -120,13 +120,17 @@ def sensor_samples(
     """
     keep = output.components(system)
     seen = times - output.delay(system)
+
+    def look(states: Visited) -> Float[Array, " some"]:
+        x, segment, t_local, mode = states
+        return jax.vmap(partial(output.shown, system))(segment, t_local, x, mode)
+
     if segments is not None and is_closed(system):
-        states, failure = exact_states_at(system, jnp.maximum(seen, 0.0), segments), jnp.zeros((), int)
+        shown, failure = look(exact_states_at(system, jnp.maximum(seen, 0.0), segments)), jnp.zeros((), int)
     else:
-        run = visit(system, seen, accuracy, keep, times[-1])
-        states, failure = run.states, run.failure
-    x, segment, t_local, mode = states
-    return from_rest(seen, failure)(jax.vmap(partial(output.shown, system))(segment, t_local, x, mode))
+        run = visit(system, seen, accuracy, keep, times[-1], look)
+        shown, failure = run.states, run.failure
+    return from_rest(seen, failure)(shown)
 
 
 def why_failed(

@@ -176,16 +176,17 @@ def _plain(lines: Sequence[str]) -> list[str]:
 
 def _score(lines: Sequence[str], separator: str, decimal: str) -> float:
     """How well a separator and a decimal sign explain the lines: numbers in rows of the usual width."""
-    rows = [cells_of(line, separator) for line in _plain(lines)]
-    rows = [row for row in rows if any(is_number(cell, decimal) for cell in row)]
-    if not rows:
-        return 0.0
-    width = Counter(map(len, rows)).most_common(1)[0][0]
-    usual = [row for row in rows if len(row) == width]
     if (separator, decimal) == (",", ",") and not any('"' in line for line in lines):
         return 0.0
-    numbers = sum(is_number(cell, decimal) for row in usual for cell in row)
-    words = sum(bool(cell) and not is_number(cell, decimal) for row in usual for cell in row)
+    rows = [cells_of(line, separator) for line in _plain(lines)]
+    told = [(row, sum(is_number(cell, decimal) for cell in row)) for row in rows]
+    told = [(row, count) for row, count in told if count]
+    if not told:
+        return 0.0
+    width = Counter(len(row) for row, _ in told).most_common(1)[0][0]
+    usual = [row for row, _ in told if len(row) == width]
+    numbers = sum(count for row, count in told if len(row) == width)
+    words = sum(bool(cell) for row in usual for cell in row) - numbers
     # A decimal comma that no number has explains nothing that a point does not.
     needless = decimal == "," and not any("," in cell for row in usual for cell in row)
     # Blanks also stand beside tabs and within words.

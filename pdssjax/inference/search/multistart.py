@@ -85,8 +85,7 @@ class BestPoint:
         """
         if not np.isfinite(fit.chi2):
             return
-        platform = of_platform_alone(problem.records)
-        covers = 2 if used.all() else 1 if (used & ~platform).any() else 0
+        covers = 2 if used.all() else 1 if (used & ~of_platform_alone(problem.records)).any() else 0
         best = self.point
         if best is not None and covers <= best.covers:
             same_noise = np.array_equal(problem.noise, best.problem.noise)

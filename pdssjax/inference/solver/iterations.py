@@ -73,7 +73,7 @@ def iterate(run: Run, point: Point, state: LMState) -> tuple[Point, LMState, boo
     trial, first = _begun(solver, point, bounds, state)
     found = evaluations.values(first)[0] if trial.bending or trial.checking else state.residual
     step, last = _gone_on(point, bounds, state, trial, found)
-    judged = _judged(solver, point, bounds, state, trial, step, np.stack([found, evaluations.values(last)[0]]))
+    judged = _judged(solver, point, bounds, state, trial, step, (found, evaluations.values(last)[0]))
     if not bool(judged.accepted):
         return point, judged.state, _is_over(judged.state)
     after = _moved(solver, bounds, state, trial, judged, *evaluations.linearised(judged.proposed))
@@ -141,9 +141,9 @@ def _judged(
     state: LMState,
     trial: Trial,
     step: Free,
-    ends: Float[Array | np.ndarray, "2 n"],
+    ends: tuple[Float[Array, " n"], Float[Array, " n"]],
 ) -> Judged:
-    return solver.judged(jnp.asarray(point), bounds, state, trial, step, jnp.asarray(ends))
+    return solver.judged(jnp.asarray(point), bounds, state, trial, step, jnp.stack(ends))
 
 
 @kept_jit
