@@ -15,6 +15,7 @@ if TYPE_CHECKING:
         Tree as Tree,
         Truth as Truth,
         ascending_times as ascending_times,
+        on_device as on_device,
     )
     from .by_value import equal_by_value as equal_by_value
     from .display_units import (

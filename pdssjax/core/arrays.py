@@ -6,6 +6,8 @@ NumPy's or Python's), a reader also its shape.
 
 from typing import Any, TypeAlias
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Float, Int
@@ -32,6 +34,11 @@ Given: TypeAlias = Any
 
 Tree: TypeAlias = Any
 """A pytree, or what a library passes along with one: its structure is its owner's."""
+
+
+def on_device(tree: Tree) -> Tree:
+    """The pytree with NumPy's arrays copied to the device, once and not at every call of what is compiled."""
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf) if isinstance(leaf, np.ndarray) else leaf, tree)
 
 
 def ascending_times(name: str, given: Given) -> Float[Array | np.ndarray, " m"]:

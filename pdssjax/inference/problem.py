@@ -15,7 +15,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
-from ..core import Scalar, Tree, kept_jit, require_float64
+from ..core import Scalar, Tree, kept_jit, on_device, require_float64
 from ..integration import Accuracy
 from ..metrics import scatter_floor
 from ..study import Lowered, Parameter, Predictor, Record, Study, Values, predicted
@@ -263,9 +263,11 @@ def pose(
     parameters = within_told(_with_lengths(study), told_ranges(study))
     transform = transform_of(parameters, starts, study.constraints, str(study.path or study.title))
     residual = Residual(study.models, records, transform, fixed, accuracy, loss, apart)
+    samples = lambda residual: (residual.comparison.measured, residual.comparison.used)
+    residual = eqx.tree_at(samples, residual, on_device(samples(residual)))
     noise = np.array([scatter_floor(r.measured) if r.noise is None else r.noise for r in records])
     places = tuple(place for place, record in enumerate(study.records) if record.role == "fit")
-    return Problem(residual, records, noise, predictor=study.predictor, places=places, effort=effort)
+    return Problem(residual, records, noise, predictor=on_device(study.predictor), places=places, effort=effort)
 
 
 def pose_problem(study: Study, accuracy: Accuracy | None = None) -> tuple[Problem, Float[np.ndarray, " p"]]:

@@ -111,7 +111,8 @@ def sample_autocovariance(
     grid, seen = np.zeros(length), np.zeros(length)
     np.add.at(grid, positions[there], values[there])
     np.add.at(seen, positions[there], 1.0)
-    products, pairs = (np.fft.irfft(np.abs(np.fft.rfft(x, 2 * length)) ** 2, 2 * length) for x in (grid, seen))
+    size = _quick_size(length)
+    products, pairs = (np.fft.irfft(np.abs(np.fft.rfft(x, size)) ** 2, size) for x in (grid, seen))
     apart = np.arange(min(lags, length))
     mean = np.where(pairs[apart] > 0.5, products[apart] / np.maximum(pairs[apart], 1.0), 0.0)
     mean[0] = np.mean(values[there] ** 2)
@@ -159,9 +160,17 @@ def stationary_times(
     length = int(positions[-1]) + 1
     grid = np.zeros((length, columns.shape[1]))
     grid[positions] = columns
-    both = np.concatenate([autocovariance[:length], [0.0], autocovariance[length - 1 : 0 : -1]])
-    spectrum = np.fft.rfft(both)[:, None] * np.fft.rfft(grid, 2 * length, axis=0)
-    return np.fft.irfft(spectrum, 2 * length, axis=0)[positions]
+    size = _quick_size(length)
+    both = np.concatenate(
+        [autocovariance[:length], np.zeros(size - 2 * length + 1), autocovariance[length - 1 : 0 : -1]]
+    )
+    spectrum = np.fft.rfft(both)[:, None] * np.fft.rfft(grid, size, axis=0)
+    return np.fft.irfft(spectrum, size, axis=0)[positions]
+
+
+def _quick_size(length: int) -> int:
+    """A power of two, whose Fourier transform is quick, of twice the `length` at least: nothing wraps around."""
+    return 1 << (2 * length - 1).bit_length()
 
 
 _FIRST_ODDS = (0.4, 2.0, 20.0)

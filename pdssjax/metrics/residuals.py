@@ -214,10 +214,12 @@ def outliers(
     split = None if frequency is None else split_by_phase(residual, time, frequency)
     changes = [np.zeros(0)]
     if split is not None:
-        for phase in np.flatnonzero(split.sizes > 2):
-            members = split.group == phase
-            changes.append(np.diff(left[members]))
-            left[members] -= np.median(left[members])
+        ordered = np.argsort(split.group, kind="stable")  # first what is not finite
+        ends = np.sum(split.group < 0) + np.cumsum(split.sizes)
+        for size in np.unique(split.sizes[split.sizes > 2]):
+            members = ordered[(ends[split.sizes == size] - size)[:, None] + np.arange(size)]
+            changes.append(np.diff(left[members], axis=1).ravel())
+            left[members] -= np.median(left[members], axis=1, keepdims=True)
     scale = _STD_OVER_MEDIAN * max(_median_size(left[finite]), _median_size(np.concatenate(changes)) / np.sqrt(2.0))
     if scale <= 0.0:
         return np.zeros(0, int)

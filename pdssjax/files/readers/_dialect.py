@@ -7,6 +7,7 @@ other header, the last of them above the numbers is it.
 """
 
 import csv
+import functools
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -121,7 +122,11 @@ def dialect_of(file: Path, head: bytes, decimal: str = "") -> Dialect:
         raise InputError(f"{file}: the file is empty, expected a header line and numbers.")
     _check_widths(file, lines)
     kinds = [kind for kind in _KINDS if decimal in ("", kind[1])]
-    scored = [(_score(lines, *kind), -rank, kind) for rank, kind in enumerate(kinds)]
+    # Separators that do not occur are equal: under each of them a line is one cell.
+    absent = [separator for separator, _ in kinds if not any(separator in line for line in lines)]
+    score = functools.cache(lambda separator, decimal: _score(lines, separator, decimal))
+    asked = [(absent[0] if separator in absent else separator, sign) for separator, sign in kinds]
+    scored = [(score(*by), -rank, kind) for rank, (by, kind) in enumerate(zip(asked, kinds, strict=True))]
     best, _, (separator, sign) = max(scored)
     if best <= 0:
         raise InputError(f"{file}: {_without_numbers(lines)}.")

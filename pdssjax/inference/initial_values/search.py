@@ -16,7 +16,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
-from ...core import InputError, as_number, check_kind, require_float64
+from ...core import InputError, as_number, check_kind, on_device, require_float64
 from ...integration import Accuracy
 from ...metrics import scatter_floor
 from ...piezo.base import Shown
@@ -317,7 +317,8 @@ def _beginnings(models: Models, records: Sequence[Record], used: Sequence[Record
     is_used = [any(record is other for other in used) for record in records]
     shown = zip(records, early, is_used, strict=True)
     weights = np.array([1.0 / scatter_floor(record.measured[e]) if use else 0.0 for record, e, use in shown])
-    return _Beginnings(Predictor(models, records).until(ends), comparison, weights)
+    predictor, comparison = on_device((Predictor(models, records).until(ends), comparison))
+    return _Beginnings(predictor, comparison, weights)
 
 
 def _thinned(record: Record) -> Record:

@@ -21,6 +21,7 @@ spread evenly over the cycle (b = 0) would be too small there.  d and the zero a
 and are integrated out (H. D. Patterson and R. Thompson, Biometrika 58(3), 1971).
 """
 
+import functools
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -82,11 +83,12 @@ def phase_process(
         return _PhaseProcess(np.zeros_like(noise), 1.0, 0.0)
     apart, activity = distances(phases, periodic), _activity(slopes)
     noise = noise + 1e-9 * size * np.eye(mean.size)
+    correlation = functools.cache(lambda length: matern(apart, length))  # most steps of the search keep the length
 
     def kernel(at: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "phases phases"]:
         even, active, length = np.exp(at)
         amplitude = np.sqrt(even + active * activity**2)
-        return amplitude[:, None] * amplitude * matern(apart, length)
+        return amplitude[:, None] * amplitude * correlation(length)
 
     def likelihood(at: Float[np.ndarray, " 3"]) -> float:
         return restricted_likelihood(mean, base, noise + kernel(at))
