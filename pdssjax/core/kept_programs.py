@@ -333,6 +333,8 @@ def _loaded(file: Path) -> Program | None:
     digest, content = content[:32], content[32:]
     if hashlib.sha256(content).digest() != digest:
         return None
+    with contextlib.suppress(OSError):
+        os.utime(file)  # the last to be removed
     _register_lapack()
     try:
         *executable, outputs = pickle.loads(content)
@@ -354,3 +356,19 @@ def _keep(program: Program, file: Path) -> None:
         with os.fdopen(descriptor, "wb") as unfinished:
             unfinished.write(hashlib.sha256(content).digest() + content)
         Path(name).replace(file)
+        _forget_oldest(file.parent)
+
+
+_MOST_BYTES = 500_000_000
+"""Executables kept on disk: one study's take 20 MB, and those of earlier versions are never read again."""
+
+
+def _forget_oldest(folder: Path) -> None:
+    """Remove the executables that were used the longest ago, down to `_MOST_BYTES`."""
+    found = [(kept.st_mtime, kept.st_size, file) for file in folder.glob("program-*") if (kept := file.stat())]
+    total = sum(size for _, size, _ in found)
+    for _, size, file in sorted(found):
+        if total <= _MOST_BYTES:
+            return
+        file.unlink(missing_ok=True)
+        total -= size

@@ -1,6 +1,7 @@
 """Executables on disk: the same numbers without tracing again, for what has a name, and never in place of another."""
 
 import dataclasses
+import os
 import zlib
 from typing import NamedTuple
 
@@ -10,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from pdssjax.core import forget_programs, keep_programs_in, kept_jit
+from pdssjax.core import forget_programs, keep_programs_in, kept_jit, kept_programs
 from pdssjax.friction.coulomb import Coulomb
 
 TRACED = []
@@ -112,6 +113,23 @@ def test_a_process_holds_few(folder, choice):
         file.unlink()
     function(None, NUMBERS, choice)
     assert len(TRACED) == 10
+
+
+def test_what_was_used_the_longest_ago_is_removed(folder, choice, monkeypatch):
+    for k in range(2):
+        function(None, NUMBERS, choice + k)
+        for file in folder.iterdir():
+            os.utime(file, (file.stat().st_atime, file.stat().st_mtime - 1000.0))
+    forget_programs()
+    function(None, NUMBERS, choice)  # the older one, used again
+    (size,) = {round(file.stat().st_size, -3) for file in folder.iterdir()}
+    monkeypatch.setattr(kept_programs, "_MOST_BYTES", 2 * size + 2000)
+    function(None, NUMBERS, choice + 2)
+    assert len(list(folder.iterdir())) == 2 and len(TRACED) == 3
+    forget_programs()
+    function(None, NUMBERS, choice)
+    function(None, NUMBERS, choice + 2)
+    assert len(TRACED) == 3
 
 
 def test_within_a_trace_it_is_compiled_with_what_calls_it(folder):
