@@ -20,6 +20,7 @@ and of the same with the laws exchanged.  Plans then are compared by the informa
 """
 
 import abc
+import math
 from typing import ClassVar
 
 import equinox as eqx
@@ -45,9 +46,18 @@ class AbstractCriterion(eqx.Module):
         """The mean over all draws."""
         return np.mean(self.of_draws(information), axis=-1)
 
+    @property
     @abc.abstractmethod
-    def in_words(self, value: float) -> str:
-        """The value of the criterion in words."""
+    def measure(self) -> str:
+        """What it is a number of."""
+
+    def figure(self, value: float) -> str:
+        """The number that a `value` stands for, with its unit."""
+        return f"{100.0 * float(np.exp(value)):.3g} %"
+
+    def in_words(self, value: float, before: float = math.nan) -> str:
+        """A value of the criterion in words, beside that `before` the plan where there is one."""
+        return f"{self.measure} {self.figure(value)}" + ("" if math.isnan(before) else f" (now {self.figure(before)})")
 
 
 class Determinant(AbstractCriterion):
@@ -58,8 +68,9 @@ class Determinant(AbstractCriterion):
     def of_draws(self, information: Float[np.ndarray, "*many draws q q"]) -> Float[np.ndarray, "*many draws"]:
         return -0.5 * np.linalg.slogdet(information)[1] / information.shape[-1]
 
-    def in_words(self, value: float) -> str:
-        return f"mean axis of the confidence ellipsoid {_percent(value)}"
+    @property
+    def measure(self) -> str:
+        return "mean axis of the confidence ellipsoid"
 
 
 class Trace(AbstractCriterion):
@@ -70,12 +81,13 @@ class Trace(AbstractCriterion):
     def of_draws(self, information: Float[np.ndarray, "*many draws q q"]) -> Float[np.ndarray, "*many draws"]:
         return 0.5 * np.log(np.mean(np.einsum("...ii->...i", inverse_of(information)), axis=-1))
 
-    def in_words(self, value: float) -> str:
-        return f"root mean square of the relative errors {_percent(value)}"
+    @property
+    def measure(self) -> str:
+        return "root mean square of the relative errors"
 
 
 class Combinations(AbstractCriterion):
-    """The mean log error of linear combinations of the parameters: named ones, or gradients of predictions."""
+    """The mean log error of linear combinations of the parameters, such as those that are named."""
 
     name: ClassVar = "parameter"
 
@@ -88,8 +100,16 @@ class Combinations(AbstractCriterion):
         variance = np.einsum("kai,...kij,kaj->...ka", self.directions, covariance, self.directions, optimize=True)
         return 0.5 * np.mean(np.log(np.maximum(variance, np.finfo(float).tiny)), axis=-1)
 
-    def in_words(self, value: float) -> str:
-        return f"geometric mean of the relative errors of {self.what} {_percent(value)}"
+    @property
+    def measure(self) -> str:
+        several = self.directions.shape[-2] > 1
+        return f"{'geometric mean of the relative errors' if several else 'relative error'} of {self.what}"
+
+
+class Prediction(Combinations):
+    """The same of a prediction: its gradient by the parameters is the combination."""
+
+    name: ClassVar = "prediction"
 
 
 class Discrimination(AbstractCriterion):
@@ -110,8 +130,12 @@ class Discrimination(AbstractCriterion):
         own, rival = (_left_by_fit(information, part) for part in parts)
         return 0.5 * (own + rival)
 
-    def in_words(self, value: float) -> str:
-        return f"expected log evidence ratio of the right law {-value:.3g}"
+    @property
+    def measure(self) -> str:
+        return "expected log evidence ratio of the right law"
+
+    def figure(self, value: float) -> str:
+        return f"{-value:.3g}"
 
 
 def _left_by_fit(information: Float[np.ndarray, "*many q q"], part: slice) -> Float[np.ndarray, "*many"]:
@@ -120,7 +144,3 @@ def _left_by_fit(information: Float[np.ndarray, "*many q q"], part: slice) -> Fl
     normal = information[..., part, part]
     explained = np.einsum("...i,...ij,...j->...", mixed, inverse_of(normal), mixed, optimize=True)
     return 0.5 * np.maximum(whole - explained, 0.0)
-
-
-def _percent(value: float) -> str:
-    return f"{100.0 * float(np.exp(value)):.3g} %"

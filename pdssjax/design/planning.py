@@ -19,7 +19,7 @@ from ..core import InputError, check_kind, check_whole, nearest, require_float64
 from ..drive.sawtooth import Sawtooth
 from ..inference import transform_of
 from ..study import Estimate, Study
-from .criteria import CRITERIA, AbstractCriterion, Combinations, Determinant, Discrimination, Trace
+from .criteria import CRITERIA, AbstractCriterion, Combinations, Determinant, Discrimination, Prediction, Trace
 from .exchange import Candidates, Search, chosen, promising
 from .experiments import Experiment, Limits, Resources, completed_limits, possible_experiments
 from .information import check_seen, inverse_of, least_squares_errors, unseen_combinations
@@ -324,7 +324,7 @@ def _criterion(request: _Request, survey: Survey, points: Sequence[Point], walk:
     if not all(np.isfinite(step) and step != 0.0 for step in steps):
         raise InputError(f"{request.where}: found no speed at {aim.speed_at[0]:g} V and {aim.speed_at[1]:g} Hz.")
     rows = [np.diff(response.jacobian, axis=0) / step for response, step in zip(seen, steps, strict=True)]
-    return Combinations(np.array(rows), f"the speed at {aim.speed_at[0]:g} V and {aim.speed_at[1]:g} Hz")
+    return Prediction(np.array(rows), f"the speed at {aim.speed_at[0]:g} V and {aim.speed_at[1]:g} Hz")
 
 
 def _walk(request: _Request) -> Experiment:

@@ -29,10 +29,9 @@ def format_design(plan: Plan) -> str:
 def plan_summary(plan: Plan) -> str:
     """The criterion of the plan, and the candidates it was chosen from."""
     rival = f" {plan.study.models.chosen['friction']} from {plan.rival}" if plan.rival else ""
-    before = "" if math.isnan(plan.value_before) else f" (now {plan.criterion.in_words(plan.value_before)})"
     draws = "" if plan.draws == 1 else f", the mean over {plan.draws} sets of parameters"
     return (
-        f'Criterion "{plan.criterion.name}"{rival}: {plan.criterion.in_words(plan.value)}{before}{draws}. '
+        f'Criterion "{plan.criterion.name}"{rival}: {plan.criterion.in_words(plan.value, plan.value_before)}{draws}. '
         f"{len(plan.records)} records with {plan.samples} samples were chosen of {plan.candidates} candidates. "
         f"Known before: {plan.knowledge.source}."
     )
