@@ -138,7 +138,8 @@ def fit_all(
             store.keep(candidate, digests[candidate.name], fitted, estimate)
         ended = len(candidates) - len(open_ones())
         count, what = (ended, "done") if fitted.finished else (len(done), "fitted")
-        told = fitted.failure or (what if fitted.converged else f"{what}, did not converge")
+        # At first a fit is broken off early: only of what it ends at does it matter.
+        told = fitted.failure or (f"{what}, did not converge" if fitted.finished and not fitted.converged else what)
         report(f"{count} of {len(candidates)} models {what}; {candidate.name}: {told}, {fitted.seconds:.0f} s")
 
     if not open_ones():
