@@ -67,7 +67,7 @@ def read_by_blocks(
     read: Callable[..., Read],
     rows: Int[Array, " m"],
     wanted: Count,
-    *of_times: Array,
+    *of_times: Float[Array, " m"],
 ) -> tuple[Carry, Read]:
     """The carry behind the first `count` rows of the table, and what `read` makes of those in `rows`.
 
