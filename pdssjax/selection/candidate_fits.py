@@ -373,8 +373,12 @@ def finish(task: Task) -> Answer:
         parts = held_out(task.candidate.study, fitted, task.parts)
     else:
         parts = HeldOut(tuple(fitted.residuals[part.record][part.rows] for part in task.parts), 0)
-    if not all(np.isfinite(residual).all() for residual in (*fitted.residuals, *parts.residuals)):
-        why = "it cannot be simulated at the parameters that some of the samples give"
+    finite = lambda residual: bool(np.isfinite(residual).all())
+    pairs = zip(task.candidate.study.records, fitted.residuals, strict=True)
+    if lost := [record.name for record, residual in pairs if not finite(residual)]:
+        return failed(task.candidate, f'at its optimum it cannot simulate the record "{lost[0]}"'), estimate
+    if not all(map(finite, parts.residuals)):
+        why = "it cannot be simulated at the parameters that it has without some of the samples"
         return failed(task.candidate, why), estimate
     whole = dataclasses.replace(fitted, held_out=parts.residuals, refitted=parts.refitted, finished=True)
     return whole, estimate

@@ -3,7 +3,6 @@
 import math
 from typing import NamedTuple
 
-from ...core import rounded
 from ...selection import Comparison, Difference, Misfit, Result, TellingRecord
 from ...study import Record
 from ._layout import aligned_table, heading, note
@@ -96,7 +95,7 @@ def _row(result: Result) -> tuple[str, ...]:
     remarks = ["worse"] * result.is_worse + ["not converged"] * (not result.fitted.converged)
     remarks += ["leaves more than noise"] * (not result.fitted.explained)
     pairs = (*_pair(result.time), *_pair(result.records))
-    return result.name, free, *pairs, rounded(result.criterion, 1), ", ".join(remarks)
+    return result.name, free, *pairs, _number(result.criterion), ", ".join(remarks)
 
 
 def _caption(found: Comparison) -> str:
