@@ -121,8 +121,8 @@ class RunDerivatives(NamedTuple):
     """Results of a run with their derivatives up to some order; the axes of the parameters come last."""
 
     begins: tuple[Float[Array, "rows begin *parameters"], ...]
-    """Origin, local time and state where steps begin: of every step, or where the repeated period opened and then where
-    the steps of the times begin, zeros for those with which they are filled up."""
+    """Origin, local time and state where steps begin: of every step, or where the steps of the times begin and, last,
+    where the repeated period opened."""
     end: tuple[Float[Array, "begin *parameters"], ...]
     """Origin, local time and state where the run stopped."""
     shown: tuple[tuple[Float[Array, "rows kept *shape"], ...], ...]
@@ -151,10 +151,7 @@ def steps_of(
 def components_at(
     system: AbstractHybridSystem, times: Float[Array, " m"], horizon: Scalar, accuracy: Accuracy, keep: Keep
 ) -> tuple[Float[Array, "m+1 begin"], Float[Array, " begin"], Float[Array, "m kept"], RunFacts]:
-    """The begins of the repeated period and of the steps of `times` [s]; the end; the components kept at the times.
-
-    Where the times are filled up with the last of them, what belongs to these is unknown.
-    """
+    """The begins of the steps of `times` [s] and of the repeated period; the end; the components kept at the times."""
     derivatives, facts = _results_of_run((*_all_fixed(system), times), 0, horizon, accuracy, keep)
     return derivatives.begins[0], derivatives.end[0], derivatives.shown[0][0], facts
 
@@ -192,16 +189,14 @@ def _run_derivatives(
     begun = table[rows, :size]
     elapsed = since_begins(begun, end, laps, times)
 
-    def seen(found: StepDerivatives, rows: Int[Array, " part"], elapsed: Float[Array, " part"]) -> Any:
-        begins = [_rows_of(rows, derivative) for derivative in found.begins]
-        here = [_rows_of(rows, polynomials) for polynomials in found.polynomials]
+    def seen(found: StepDerivatives, first: Count) -> Any:
+        begins = [_rows_of(rows - first, derivative) for derivative in found.begins]
+        here = [_rows_of(rows[:-1] - first, polynomials) for polynomials in found.polynomials]
         return begins, [[_at(here[i], elapsed, j) for j in range(order - i + 1)] for i in range(order + 1)]
 
-    wanted, elapsed = 1 + distinct(times), jnp.concatenate([jnp.zeros(1), elapsed])
-    ends, (begins, shown) = read_by_blocks(tile, carry, table, loop.count, seen, rows, wanted, elapsed)
-    shown = jax.tree.map(lambda a: a[1:], shown)
+    ends, (begins, shown) = read_by_blocks(tile, carry, table, loop.count, seen)
     derivatives = RunDerivatives((begun, *begins), (end, *ends), tuple(tuple(of_order) for of_order in shown))
-    return derivatives, RunFacts(read(table[rows[1:]].T), laps, loop)
+    return derivatives, RunFacts(read(table[rows[:-1]].T), laps, loop)
 
 
 def _run_derivatives_jvp(
@@ -284,17 +279,12 @@ def end_of(loop: LoopState) -> Float[Array, " begin"]:
 
 
 def _located(table: Table, loop: LoopState, times: Float[Array, " m"]) -> tuple[Int[Array, " m+1"], Float[Array, " m"]]:
-    """The step with which the repeated period opened and those within which `times` [s] lie; and the laps."""
+    """The steps within which `times` [s] lie and, last, that with which the repeated period opened; and the laps."""
     end = end_of(loop)
     real = jnp.arange(len(table)) < loop.count
     begins = jnp.where(real, table[:, 0] + table[:, 1], jnp.inf)
     row, laps = places(begins, table[loop.period, 0], end[0] + end[1], loop.repeats, times)
-    return jnp.concatenate([loop.period[None], row]), laps
-
-
-def distinct(times: Float[Array, " m"]) -> Count:
-    """How many of the `times` are read: all, since each has a derivative of its own, also where it repeats the last."""
-    return jnp.asarray(times.size)
+    return jnp.append(row, loop.period), laps
 
 
 def places(
@@ -317,16 +307,18 @@ def since_begins(
 ) -> Float[Array, " m"]:
     """Time [s] from the begin of the step of each of the `times` [s], after so many repetitions of the period.
 
-    **Arguments:** the first of the begins opens the period that is repeated, and the `end` ends it.
+    **Arguments:** the last of the begins opens the period that is repeated, and the `end` ends it.
     """
-    period = end[0] + end[1] - begins[0, 0]
+    period = end[0] + end[1] - begins[-1, 0]
     within = times - laps * jnp.where(laps > 0, period, 1.0)
-    return jnp.maximum(within - (begins[1:, 0] + begins[1:, 1]), 0.0)
+    return jnp.maximum(within - (begins[:-1, 0] + begins[:-1, 1]), 0.0)
 
 
 def _rows_of(rows: Int[Array, " m"], block: Float[Array, "rows *shape"]) -> Float[Array, "m *shape"]:
-    """The given rows of a block, its first or last for those of another block."""
-    return block[jnp.clip(rows, 0, len(block) - 1)]
+    """The given rows of a block, zeros for those of another block."""
+    inside = (rows >= 0) & (rows < len(block))
+    taken = block[jnp.clip(rows, 0, len(block) - 1)]
+    return jnp.where(inside.reshape(-1, *(1,) * (taken.ndim - 1)), taken, 0.0)
 
 
 def _at(

@@ -4,22 +4,18 @@
 block (`tiles`) and only what the times show of them is kept.
 """
 
-from collections.abc import Callable
-from typing import Generic, NamedTuple, TypeVar
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
-from ..core import Count, Scalar, ScalarLike, Tree, Truth
+from ..core import Count, Scalar, ScalarLike, Truth
 from .accuracy import Accuracy
-from .differentiated_run import components_at, distinct, since_begins
+from .differentiated_run import components_at, since_begins
 from .solution import Begun, End, ended, visited
-from .step_table import Row
 from .system import AbstractHybridSystem, State, Visited
-
-Seen = TypeVar("Seen")
 
 
 def is_closed(system: AbstractHybridSystem) -> bool:
@@ -61,11 +57,10 @@ def exact_states_at(system: AbstractHybridSystem, times: Float[Array, " m"], seg
     return jax.vmap(inside)(j, times)
 
 
-class Visit(NamedTuple, Generic[Seen]):
+class Visit(NamedTuple):
     """The result of a run of which only the states at some times were asked for."""
 
-    states: Seen
-    """The states at the times, or what was looked at of them."""
+    states: Visited
     end: End
     count: Count  # pyright: ignore[reportIncompatibleMethodOverride]
     """Steps accepted."""
@@ -78,37 +73,13 @@ class Visit(NamedTuple, Generic[Seen]):
     """Index into `accuracy.FAILURES`; 0 where the integration finished."""
 
 
-_PART = 128
-"""Times whose states are computed side by side."""
-
-
-def _in_parts(look: Callable[..., Seen], times: Float[Array, " m"], *of_times: Tree) -> Seen:
-    """What `look` makes of arrays with a row for each of the `times`; where these are filled up with the last, once."""
-    if times.size <= _PART:
-        rows = jnp.minimum(jnp.arange(times.size), distinct(times) - 1)
-        return look(*jax.tree.map(lambda a: a[rows], of_times))
-    # Beyond the last there is nothing: what is filled up is looked at as that.
-    wanted = distinct(times)
-    rows = jnp.minimum(jnp.arange(-(-times.size // _PART) * _PART), wanted - 1)
-    take = lambda rows: jax.tree.map(lambda a: a[rows], of_times)
-    shapes = jax.eval_shape(lambda: look(*take(rows[:_PART])))
-    nothing = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shapes)
-
-    def part(both: tuple[Count, Int[Array, " part"]]) -> Seen:
-        return lax.cond(both[0] < wanted, lambda: look(*take(both[1])), lambda: nothing)
-
-    found = lax.map(part, (jnp.arange(0, rows.size, _PART), rows.reshape(-1, _PART)))
-    return jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:])[rows[: times.size]], found)
-
-
 def visit(
     system: AbstractHybridSystem,
     times: Float[Array, " m"],
     accuracy: Accuracy,
     keep: tuple[int, ...] | None = None,
     horizon: ScalarLike | None = None,
-    look: Callable[[Visited], Seen] = lambda states: states,
-) -> Visit[Seen]:
+) -> Visit:
     """Integrate `system` from its initial state at t = 0, and return the states at the ascending `times` [s].
 
     As `integrate_steps` and `states_at` do together, differentiable in every floating-point leaf of `system` and in
@@ -116,19 +87,14 @@ def visit(
 
     **Arguments:** `keep` names the components of the state that are wanted, all by default; the others are those of a
     step's beginning unless the system knows them in closed form.  The run ends at the `horizon` [s], the last of the
-    times by default; it has no derivative.  What is returned of the states is what `look` makes of some at a time.
+    times by default; it has no derivative.
     """
     components = tuple(range(len(jax.tree.leaves(system.initial())))) if keep is None else keep
     times = jnp.asarray(times, float)
     horizon = lax.stop_gradient(jnp.asarray(times[-1] if horizon is None else horizon, float))
     begins, end, shown, found = components_at(system, times, horizon, accuracy, components)
     loop, steps, laps = found.loop, found.steps, found.laps
-    opening = begins[:1]
-
-    def looked(steps: Row, begins: Array, laps: Array, times: Array, shown: Array) -> Seen:
-        elapsed = since_begins(jnp.concatenate([opening, begins]), end, laps, times)
-        at_begin = Begun(steps.index, steps.mode, begins[:, 1], begins[:, 2:])
-        return look(visited(system, at_begin, elapsed, shown, (end - opening[0])[2:] * laps[:, None], keep))
-
-    seen = _in_parts(looked, times, steps, begins[1:], laps, times, shown)
-    return Visit(seen, ended(end, loop), loop.count, loop.rejected, loop.events, loop.repeats, loop.failure)
+    at_begin = Begun(steps.index, steps.mode, begins[:-1, 1], begins[:-1, 2:])
+    gained = (end[2:] - begins[-1, 2:]) * laps[:, None]
+    states = visited(system, at_begin, since_begins(begins, end, laps, times), shown, keep, gained)
+    return Visit(states, ended(end, loop), loop.count, loop.rejected, loop.events, loop.repeats, loop.failure)

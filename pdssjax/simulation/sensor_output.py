@@ -120,17 +120,13 @@ def sensor_samples(
     """
     keep = output.components(system)
     seen = times - output.delay(system)
-
-    def look(states: Visited) -> Float[Array, " some"]:
-        x, segment, t_local, mode = states
-        return jax.vmap(partial(output.shown, system))(segment, t_local, x, mode)
-
     if segments is not None and is_closed(system):
-        shown, failure = look(exact_states_at(system, jnp.maximum(seen, 0.0), segments)), jnp.zeros((), int)
+        states, failure = exact_states_at(system, jnp.maximum(seen, 0.0), segments), jnp.zeros((), int)
     else:
-        run = visit(system, seen, accuracy, keep, times[-1], look)
-        shown, failure = run.states, run.failure
-    return from_rest(seen, failure)(shown)
+        run = visit(system, seen, accuracy, keep, times[-1])
+        states, failure = run.states, run.failure
+    x, segment, t_local, mode = states
+    return from_rest(seen, failure)(jax.vmap(partial(output.shown, system))(segment, t_local, x, mode))
 
 
 def why_failed(
