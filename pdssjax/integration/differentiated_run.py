@@ -121,8 +121,8 @@ class RunDerivatives(NamedTuple):
     """Results of a run with their derivatives up to some order; the axes of the parameters come last."""
 
     begins: tuple[Float[Array, "rows begin *parameters"], ...]
-    """Origin, local time and state where steps begin: of every step, or where the steps of the times begin and, last,
-    where the repeated period opened."""
+    """Origin, local time and state where steps begin: of every step, or where the repeated period opened and then where
+    the steps of the times begin, zeros for those that are not read."""
     end: tuple[Float[Array, "begin *parameters"], ...]
     """Origin, local time and state where the run stopped."""
     shown: tuple[tuple[Float[Array, "rows kept *shape"], ...], ...]
@@ -140,19 +140,27 @@ class RunFacts(NamedTuple):
     loop: LoopState
 
 
+Reach: TypeAlias = tuple[Scalar, Count]
+"""When a run ends [s], and how many of the times are read."""
+
+
 def steps_of(
     system: AbstractHybridSystem, horizon: Scalar, accuracy: Accuracy, keep: Keep
 ) -> tuple[Float[Array, "room begin"], Float[Array, " begin"], Float[Array, "room kept coefficients"], RunFacts]:
     """The begin and the polynomials of every step to the `horizon` [s], the end of the run, and what else is known."""
-    derivatives, facts = _results_of_run((*_all_fixed(system), None), 0, horizon, accuracy, keep)
+    none = jnp.zeros((), int)
+    derivatives, facts = _results_of_run((*_all_fixed(system), None), 0, (horizon, none), accuracy, keep)
     return derivatives.begins[0], derivatives.end[0], derivatives.shown[0][0], facts
 
 
 def components_at(
-    system: AbstractHybridSystem, times: Float[Array, " m"], horizon: Scalar, accuracy: Accuracy, keep: Keep
+    system: AbstractHybridSystem, times: Float[Array, " m"], reach: Reach, accuracy: Accuracy, keep: Keep
 ) -> tuple[Float[Array, "m+1 begin"], Float[Array, " begin"], Float[Array, "m kept"], RunFacts]:
-    """The begins of the steps of `times` [s] and of the repeated period; the end; the components kept at the times."""
-    derivatives, facts = _results_of_run((*_all_fixed(system), times), 0, horizon, accuracy, keep)
+    """The begins of the repeated period and of the steps of `times` [s]; the end; the components kept at the times.
+
+    What belongs to times beyond those of the `reach` is unknown.
+    """
+    derivatives, facts = _results_of_run((*_all_fixed(system), times), 0, reach, accuracy, keep)
     return derivatives.begins[0], derivatives.end[0], derivatives.shown[0][0], facts
 
 
@@ -165,17 +173,18 @@ Asked: TypeAlias = tuple[Any, Any, Float[Array, " m"] | None]
 
 
 def _results_of_run(
-    asked: Asked, order: int, horizon: Scalar, accuracy: Accuracy, keep: Keep
+    asked: Asked, order: int, reach: Reach, accuracy: Accuracy, keep: Keep
 ) -> tuple[RunDerivatives, RunFacts]:
     """The results of a run: those with derivatives, up to `order`, and those without."""
     function = partial(_run_derivatives, order=order, keep=keep)
-    return ruled_call(function, partial(_run_derivatives_jvp, order=order, keep=keep), asked, horizon, accuracy)
+    return ruled_call(function, partial(_run_derivatives_jvp, order=order, keep=keep), asked, reach, accuracy)
 
 
 def _run_derivatives(
-    asked: Asked, horizon: Scalar, accuracy: Accuracy, order: int, keep: Keep
+    asked: Asked, reach: Reach, accuracy: Accuracy, order: int, keep: Keep
 ) -> tuple[RunDerivatives, RunFacts]:
     moving, fixed, times = asked
+    horizon, wanted = reach
     table, loop = find_steps(eqx.combine(moving, fixed), horizon, accuracy)
     size = table.shape[1] - KNOWN_COLUMNS
     carry, tile = differentiated_steps(moving, fixed, accuracy, keep, size, order)
@@ -189,30 +198,32 @@ def _run_derivatives(
     begun = table[rows, :size]
     elapsed = since_begins(begun, end, laps, times)
 
-    def seen(found: StepDerivatives, first: Count) -> Any:
-        begins = [_rows_of(rows - first, derivative) for derivative in found.begins]
-        here = [_rows_of(rows[:-1] - first, polynomials) for polynomials in found.polynomials]
+    def seen(found: StepDerivatives, rows: Int[Array, " part"], elapsed: Float[Array, " part"]) -> Any:
+        begins = [_rows_of(rows, derivative) for derivative in found.begins]
+        here = [_rows_of(rows, polynomials) for polynomials in found.polynomials]
         return begins, [[_at(here[i], elapsed, j) for j in range(order - i + 1)] for i in range(order + 1)]
 
-    ends, (begins, shown) = read_by_blocks(tile, carry, table, loop.count, seen)
+    elapsed = jnp.concatenate([jnp.zeros(1), elapsed])
+    ends, (begins, shown) = read_by_blocks(tile, carry, table, loop.count, seen, rows, 1 + wanted, elapsed)
+    shown = jax.tree.map(lambda a: a[1:], shown)
     derivatives = RunDerivatives((begun, *begins), (end, *ends), tuple(tuple(of_order) for of_order in shown))
-    return derivatives, RunFacts(read(table[rows[:-1]].T), laps, loop)
+    return derivatives, RunFacts(read(table[rows[1:]].T), laps, loop)
 
 
 def _run_derivatives_jvp(
-    primals: tuple[Asked, Scalar, Accuracy], tangents: tuple[Asked, Any, Any], order: int, keep: Keep
+    primals: tuple[Asked, Reach, Accuracy], tangents: tuple[Asked, Any, Any], order: int, keep: Keep
 ) -> tuple[tuple[RunDerivatives, RunFacts], tuple[RunDerivatives, Any]]:
     if order == _HIGHEST:
         raise NotImplementedError(
             f"found a derivative of order {order + 1} of an integrated motion, expected at most {_HIGHEST}: "
             "use differences of the second derivatives."
         )
-    (moving, fixed, times), horizon, accuracy = primals
+    (moving, fixed, times), reach, accuracy = primals
     (moving_dot, fixed_dot, times_dot), _, _ = tangents
     moving, fixed, direction, before = _more_moving(moving, fixed, moving_dot, fixed_dot)
     if order + 1 == _HIGHEST:
         accuracy = _finer(accuracy)
-    more, facts = _results_of_run((moving, fixed, times), order + 1, horizon, accuracy, keep)
+    more, facts = _results_of_run((moving, fixed, times), order + 1, reach, accuracy, keep)
     # Derivatives by what moved before, and their tangents along the direction.
     of = lambda derivative, i: _taken(derivative, before, i)
     along = lambda derivative, i: of(jnp.tensordot(derivative, direction, axes=1), i)
@@ -279,12 +290,12 @@ def end_of(loop: LoopState) -> Float[Array, " begin"]:
 
 
 def _located(table: Table, loop: LoopState, times: Float[Array, " m"]) -> tuple[Int[Array, " m+1"], Float[Array, " m"]]:
-    """The steps within which `times` [s] lie and, last, that with which the repeated period opened; and the laps."""
+    """The step with which the repeated period opened and those within which `times` [s] lie; and the laps."""
     end = end_of(loop)
     real = jnp.arange(len(table)) < loop.count
     begins = jnp.where(real, table[:, 0] + table[:, 1], jnp.inf)
     row, laps = places(begins, table[loop.period, 0], end[0] + end[1], loop.repeats, times)
-    return jnp.append(row, loop.period), laps
+    return jnp.concatenate([loop.period[None], row]), laps
 
 
 def places(
@@ -307,18 +318,16 @@ def since_begins(
 ) -> Float[Array, " m"]:
     """Time [s] from the begin of the step of each of the `times` [s], after so many repetitions of the period.
 
-    **Arguments:** the last of the begins opens the period that is repeated, and the `end` ends it.
+    **Arguments:** the first of the begins opens the period that is repeated, and the `end` ends it.
     """
-    period = end[0] + end[1] - begins[-1, 0]
+    period = end[0] + end[1] - begins[0, 0]
     within = times - laps * jnp.where(laps > 0, period, 1.0)
-    return jnp.maximum(within - (begins[:-1, 0] + begins[:-1, 1]), 0.0)
+    return jnp.maximum(within - (begins[1:, 0] + begins[1:, 1]), 0.0)
 
 
 def _rows_of(rows: Int[Array, " m"], block: Float[Array, "rows *shape"]) -> Float[Array, "m *shape"]:
-    """The given rows of a block, zeros for those of another block."""
-    inside = (rows >= 0) & (rows < len(block))
-    taken = block[jnp.clip(rows, 0, len(block) - 1)]
-    return jnp.where(inside.reshape(-1, *(1,) * (taken.ndim - 1)), taken, 0.0)
+    """The given rows of a block, its first or last for those of another block."""
+    return block[jnp.clip(rows, 0, len(block) - 1)]
 
 
 def _at(

@@ -139,14 +139,14 @@ def states_at(
     begins, opening = steps.origin + steps.t_local, steps.origin[run.period]
     real = jnp.arange(begins.shape[0]) < run.count
     row, laps = places(jnp.where(real, begins, jnp.inf), opening, end.time, run.repeats, times)
-    rows = jnp.append(row, run.period)
+    rows = jnp.concatenate([jnp.asarray(run.period)[None], row])
     begun = jnp.concatenate([jnp.stack([steps.origin, steps.t_local], axis=1), steps.x], axis=1)[rows]
     stop = jnp.concatenate([jnp.stack([end.time - end.t_local, end.t_local]), end.x])
     elapsed = since_begins(begun, stop, laps, times)
     polynomials = steps.polynomials[row]
     shown = horner([polynomials[:, :, k] for k in range(polynomials.shape[-1])], elapsed[:, None])
     at_begin = Begun(steps.index[row], steps.mode[row], steps.t_local[row], steps.x[row])
-    return visited(system, at_begin, elapsed, shown, keep, (end.x - steps.x[run.period]) * laps[:, None])
+    return visited(system, at_begin, elapsed, shown, (end.x - steps.x[run.period]) * laps[:, None], keep)
 
 
 class Begun(NamedTuple):
@@ -165,8 +165,8 @@ def visited(
     at_begin: Begun,
     elapsed: Float[Array, " m"],
     shown: Float[Array, "m kept"],
-    keep: tuple[int, ...] | None,
     gained: Float[Array, "m components"],
+    keep: tuple[int, ...] | None,
 ) -> Visited:
     """The states `elapsed` [s] after their steps began, by what polynomials have `shown` of the components `keep`.
 

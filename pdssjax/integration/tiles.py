@@ -7,12 +7,13 @@ is found.
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import TypeAlias, TypeVar
 
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from ..core import Count
 from .step_table import Table
@@ -22,6 +23,9 @@ _TILE = 32
 
 _BLOCK = 16
 """Tiles in a block."""
+
+_PART = 128
+"""Times at which a block is read side by side."""
 
 Carry = TypeVar("Carry")
 Found = TypeVar("Found")
@@ -60,26 +64,48 @@ def read_by_blocks(
     carry: Carry,
     table: Table,
     count: Count,
-    read: Callable[[Found, Count], Read],
+    read: Callable[..., Read],
+    rows: Int[Array, " m"],
+    wanted: Count,
+    *of_times: Float[Array, " m"],
 ) -> tuple[Carry, Read]:
-    """The carry behind the first `count` rows of the table, and the sum of what `read` makes of every block.
+    """The carry behind the first `count` rows of the table, and what `read` makes of those in `rows`.
 
-    **Arguments:** `read` takes what `tile` found of the rows of a block and the number of the first of them.
+    **Arguments:** `read(found, rows, *of_times)` takes what `tile` found of the rows of a block, some rows by their
+    numbers in it, which may lie outside, and what is `of_times`, the arrays with an entry for each of the `rows`.  Of
+    these only the first `wanted` are read.
+
+    **Returns:** the carry; an entry for each of the `rows`, zeros for those that are not wanted.
     """
     room, width = table.shape
     size = _TILE * min(_BLOCK, -(-room // _TILE))
     blocks = -(-room // size)
     table = jnp.concatenate([table, jnp.zeros((blocks * size - room, width))])
-
-    def passed(carry: Carry, first: Count) -> tuple[Carry, Read]:
-        rows = lax.dynamic_slice_in_dim(table, first, size)
-        carry, found = tiled(tile, carry, rows, count - first)
-        return carry, read(found, first)
+    part = min(_PART, rows.size)
+    parts = -(-wanted // part)
 
     def next_block(number: Count, both: tuple[Carry, Read]) -> tuple[Carry, Read]:
-        carry, found = passed(both[0], number * size)
-        return carry, jax.tree.map(jnp.add, both[1], found)
+        begin = number * size
+        carry, found = tiled(tile, both[0], lax.dynamic_slice_in_dim(table, begin, size), count - begin)
 
-    shapes = jax.eval_shape(passed, carry, jnp.zeros((), int))[1]
-    nothing = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shapes)
+        def next_part(number: Count, so_far: Read) -> Read:
+            first = jnp.minimum(number * part, rows.size - part)
+            cut = lambda array: lax.dynamic_slice_in_dim(array, first, part)
+            here, before = cut(rows) - begin, jax.tree.map(cut, so_far)
+            inside = (here >= 0) & (here < size)
+            added = lambda: jax.tree.map(partial(_where, inside), read(found, here, *map(cut, of_times)), before)
+            new = lax.cond(jnp.any(inside), added, lambda: before)
+            put = lambda array, values: lax.dynamic_update_slice_in_dim(array, values, first, 0)
+            return jax.tree.map(put, so_far, new)
+
+        return carry, lax.fori_loop(0, parts, next_part, both[1])
+
+    shapes = jax.eval_shape(
+        lambda: read(tiled(tile, carry, table[:size], count)[1], rows[:part], *[a[:part] for a in of_times])
+    )
+    nothing = jax.tree.map(lambda s: jnp.zeros((rows.size, *s.shape[1:]), s.dtype), shapes)
     return lax.fori_loop(0, jnp.minimum(-(-count // size), blocks), next_block, (carry, nothing))
+
+
+def _where(is_new: Bool[Array, " rows"], new: Array, old: Array) -> Array:
+    return jnp.where(is_new.reshape(-1, *(1,) * (new.ndim - 1)), new, old)

@@ -4,18 +4,22 @@
 block (`tiles`) and only what the times show of them is kept.
 """
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Generic, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
-from ..core import Count, Scalar, ScalarLike, Truth
+from ..core import Count, Scalar, ScalarLike, Tree, Truth
 from .accuracy import Accuracy
 from .differentiated_run import components_at, since_begins
 from .solution import Begun, End, ended, visited
+from .step_table import Row
 from .system import AbstractHybridSystem, State, Visited
+
+Seen = TypeVar("Seen")
 
 
 def is_closed(system: AbstractHybridSystem) -> bool:
@@ -57,10 +61,11 @@ def exact_states_at(system: AbstractHybridSystem, times: Float[Array, " m"], seg
     return jax.vmap(inside)(j, times)
 
 
-class Visit(NamedTuple):
+class Visit(NamedTuple, Generic[Seen]):
     """The result of a run of which only the states at some times were asked for."""
 
-    states: Visited
+    states: Seen
+    """The states at the times, or what was looked at of them."""
     end: End
     count: Count  # pyright: ignore[reportIncompatibleMethodOverride]
     """Steps accepted."""
@@ -73,13 +78,35 @@ class Visit(NamedTuple):
     """Index into `accuracy.FAILURES`; 0 where the integration finished."""
 
 
+_PART = 128
+"""Times whose states are computed side by side where only some are wanted."""
+
+
+def _in_parts(look: Callable[..., Seen], wanted: Count, *of_times: Tree) -> Seen:
+    """What `look` makes of the first `wanted` rows of arrays; for the rows behind them, what it makes of the last."""
+    count = len(jax.tree.leaves(of_times)[0])
+    size = min(_PART, count)
+    rows = jnp.minimum(jnp.arange(-(-count // size) * size), wanted - 1)
+    take = lambda rows: jax.tree.map(lambda a: a[rows], of_times)
+    shapes = jax.eval_shape(lambda: look(*take(rows[:size])))
+    nothing = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shapes)
+
+    def part(both: tuple[Count, Int[Array, " part"]]) -> Seen:
+        return lax.cond(both[0] < wanted, lambda: look(*take(both[1])), lambda: nothing)
+
+    found = lax.map(part, (jnp.arange(0, rows.size, size), rows.reshape(-1, size)))
+    return jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:])[rows[:count]], found)
+
+
 def visit(
     system: AbstractHybridSystem,
     times: Float[Array, " m"],
     accuracy: Accuracy,
     keep: tuple[int, ...] | None = None,
     horizon: ScalarLike | None = None,
-) -> Visit:
+    look: Callable[[Visited], Seen] = lambda states: states,
+    wanted: Count | None = None,
+) -> Visit[Seen]:
     """Integrate `system` from its initial state at t = 0, and return the states at the ascending `times` [s].
 
     As `integrate_steps` and `states_at` do together, differentiable in every floating-point leaf of `system` and in
@@ -87,14 +114,23 @@ def visit(
 
     **Arguments:** `keep` names the components of the state that are wanted, all by default; the others are those of a
     step's beginning unless the system knows them in closed form.  The run ends at the `horizon` [s], the last of the
-    times by default; it has no derivative.
+    times by default; it has no derivative.  What is returned of the states is what `look` makes of some at a time.
+    Only the first `wanted` times are looked at, all by default; what is returned for later ones is that of the last.
     """
     components = tuple(range(len(jax.tree.leaves(system.initial())))) if keep is None else keep
     times = jnp.asarray(times, float)
     horizon = lax.stop_gradient(jnp.asarray(times[-1] if horizon is None else horizon, float))
-    begins, end, shown, found = components_at(system, times, horizon, accuracy, components)
+    begins, end, shown, found = components_at(
+        system, times, (horizon, jnp.asarray(times.size if wanted is None else wanted)), accuracy, components
+    )
     loop, steps, laps = found.loop, found.steps, found.laps
-    at_begin = Begun(steps.index, steps.mode, begins[:-1, 1], begins[:-1, 2:])
-    gained = (end[2:] - begins[-1, 2:]) * laps[:, None]
-    states = visited(system, at_begin, since_begins(begins, end, laps, times), shown, keep, gained)
-    return Visit(states, ended(end, loop), loop.count, loop.rejected, loop.events, loop.repeats, loop.failure)
+    opening = begins[:1]
+
+    def looked(steps: Row, begins: Array, laps: Array, times: Array, shown: Array) -> Seen:
+        elapsed = since_begins(jnp.concatenate([opening, begins]), end, laps, times)
+        at_begin = Begun(steps.index, steps.mode, begins[:, 1], begins[:, 2:])
+        return look(visited(system, at_begin, elapsed, shown, (end - opening[0])[2:] * laps[:, None], keep))
+
+    rows = steps, begins[1:], laps, times, shown
+    seen = looked(*rows) if wanted is None else _in_parts(looked, wanted, *rows)
+    return Visit(seen, ended(end, loop), loop.count, loop.rejected, loop.events, loop.repeats, loop.failure)

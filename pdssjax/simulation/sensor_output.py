@@ -109,24 +109,30 @@ def sensor_samples(
     accuracy: Accuracy,
     output: Output = DISPLACEMENT,
     segments: int | None = None,
+    wanted: Count | None = None,
 ) -> Float[Array, " m"]:
     """What the sensor of a `system` shows at `times` [s]: what a fit needs, at less cost than `simulate`.
 
     **Arguments:** `output` says what of the system is shown, in SI, and by how much it is
     late.  `segments` is how many segments of the drive the times may reach into: where it is given, a
-    system known in closed form is not integrated.
+    system known in closed form is not integrated.  Of the times only the first `wanted` are looked at, all by default;
+    what is returned for later ones is unknown.
 
     NaN where the motion cannot be integrated; `why_failed` says why.
     """
     keep = output.components(system)
     seen = times - output.delay(system)
+
+    def look(states: Visited) -> Float[Array, " some"]:
+        x, segment, t_local, mode = states
+        return jax.vmap(partial(output.shown, system))(segment, t_local, x, mode)
+
     if segments is not None and is_closed(system):
-        states, failure = exact_states_at(system, jnp.maximum(seen, 0.0), segments), jnp.zeros((), int)
+        shown, failure = look(exact_states_at(system, jnp.maximum(seen, 0.0), segments)), jnp.zeros((), int)
     else:
-        run = visit(system, seen, accuracy, keep, times[-1])
-        states, failure = run.states, run.failure
-    x, segment, t_local, mode = states
-    return from_rest(seen, failure)(jax.vmap(partial(output.shown, system))(segment, t_local, x, mode))
+        run = visit(system, seen, accuracy, keep, times[-1], look, wanted)
+        shown, failure = run.states, run.failure
+    return from_rest(seen, failure)(shown)
 
 
 def why_failed(
@@ -135,6 +141,7 @@ def why_failed(
     accuracy: Accuracy,
     output: Output = DISPLACEMENT,
     segments: int | None = None,
+    wanted: Count | None = None,
 ) -> Int[Array, ""]:
     """Index into `pdssjax.integration.FAILURES` of the run behind `sensor_samples`; 0 where it works."""
     if segments is not None and is_closed(system):

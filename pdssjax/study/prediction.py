@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from ..core import Count, Given, Truth, as_number, kept_jit
 from ..drive.base import AbstractDrive
@@ -91,6 +91,8 @@ class RecordGroup(eqx.Module, Generic[S]):
     """For each quantity of the drive, whether the record sets it itself."""
     conditions: dict[str, Bool[np.ndarray, " records"]]
     """For each condition, whether the record was made under it."""
+    samples: Int[np.ndarray, " records"]
+    """How many each record has."""
     places: tuple[int, ...] = eqx.field(static=True)
     """Where the records stand in the study."""
     duration: float = eqx.field(static=True)
@@ -136,6 +138,7 @@ def _group(
             name: np.array([name in record.conditions for record in records])
             for name in sorted(set().union(*(record.conditions for record in records)))
         },
+        samples=np.array([record.time.size for record in records]),
         places=tuple(places),
         duration=float(max(record.time[-1] for record in records)),
         segments=max(segments),
@@ -368,19 +371,24 @@ def _of_group(
     roomy = with_room(accuracy, group.setups, models, group.segments, group.duration)
 
     def of_record(
-        setup: AbstractSetup, run: Run, overrides: dict[str, Truth], conditions: dict[str, Truth], use: Truth | None
+        setup: AbstractSetup,
+        run: Run,
+        overrides: dict[str, Truth],
+        conditions: dict[str, Truth],
+        samples: Count,
+        use: Truth | None,
     ) -> Array:
         numbers = under_conditions(values, conditions)
         run = dataclasses.replace(run, drive=_shared(run.drive, overrides, numbers))
 
         def asked() -> Array:
             system = setup.system(models, numbers, run)
-            return ask(system, setup.times(run), roomy, setup.output, group.segments)
+            return ask(system, setup.times(run), roomy, setup.output, group.segments, samples)
 
         # A fit of some records compiles what one of all of them does, and runs no more than it needs.
         return asked() if use is None else lax.cond(use, asked, lambda: jnp.zeros(run.times.shape))
 
-    records = group.setups, group.runs, group.overrides, group.conditions, used
+    records = group.setups, group.runs, group.overrides, group.conditions, group.samples, used
     return lax.map(lambda args: of_record(*args), records)
 
 
