@@ -1,7 +1,8 @@
 """Fits candidates to a study's records, side by side in processes of their own, or wherever an executor says.
 
-In three rounds, so that a wrong model costs little, and a right one is not lost in a wrong optimum:
+So that a wrong model costs little, and a right one is not lost in a wrong optimum:
 
+0. The study's own model is fitted.  Where it explains the records, a fit that leaves much more is soon broken off.
 1. Each is fitted once, from where its neighbour ended, a simpler model that shares parameters with it.
 2. Where none explains the records, those that explain most are compared with fits from other starts, until that helps
    no more.
@@ -33,6 +34,9 @@ from .held_out import HeldOut, Part, held_out
 
 NO_BETTER = 1.0
 """Deviance by which a model may lie above a simpler one: a fit may end a little before its optimum."""
+
+EARLY = 6
+"""Linearisations after which a fit is broken off that leaves much more than the best model."""
 
 FIRST = 30
 """Linearisations of a model's first fit: one that is right has converged by then, and one that is wrong creeps on."""
@@ -93,7 +97,13 @@ class Task(NamedTuple):
     parts: tuple[Part, ...] = ()
     """What to hold out in the end."""
     best: float = np.inf
-    """Deviance and twice the number of parameters of the best model."""
+    """Deviance and twice the number of parameters of the best model; infinite where none is known that explains the records."""
+
+    @property
+    def most(self) -> float:
+        """Deviance and twice the number of parameters up to which a model may still turn out to be as good."""
+        samples = sum(record.time.size for record in self.candidate.study.records if record.role == "fit")
+        return self.best + HOPELESS * samples
 
 
 Answer = tuple[FittedCandidate, Estimate | None]
@@ -145,15 +155,18 @@ def fit_all(
     if not open_ones():
         return done
     report(f"{len(done)} of {len(candidates)} models fitted; next {', '.join(c.name for c in open_ones())}")
-    near = neighbours(candidates)
+    own = [c for c in candidates if c.is_own]
+    near = neighbours(candidates) | dict.fromkeys(c.name for c in own)
     with _workers(executor, len(open_ones())) as submit:
         run = functools.partial(_gathered, submit, keep)
 
         def from_neighbour(candidate: Candidate) -> Task | None:
             if (name := near[candidate.name]) is not None and name not in done:
                 return None
-            return Task(candidate, effort, _optimum_near(candidate, near, done))
+            return Task(candidate, effort, _optimum_near(candidate, near, done), best=least)
 
+        run(fit_candidate, [c for c in own if c.name not in done], lambda c: Task(c, effort))
+        least = min((_misfit(done[c.name]) for c in own if done[c.name].explained), default=np.inf)
         run(fit_candidate, [c for c in candidates if c.name not in done], from_neighbour)
         for some in _to_compare(open_ones, done):
             run(compare_starts, some, lambda candidate: Task(candidate, effort, earlier=done[candidate.name]))
@@ -331,13 +344,14 @@ def _timed(work: Callable[[Task], Answer]) -> Callable[[Task], Answer]:
 def fit_candidate(task: Task) -> Answer:
     """Fit a candidate once from its neighbour's optimum, from the study's own starts where it has no neighbour.
 
-    Where it explains less than the neighbour, it ended in a wrong optimum, and is fitted from the study's starts, too.
+    Where it explains less than the neighbour, it ended in a wrong optimum, and is fitted from the study's starts, too;
+    where a best model is known, it will be fitted from there.
     """
     own, near = task.candidate.study, task.near
     if near is None:
-        return _fit_once(task, own, "study", FIRST)
-    first = _fit_once(task, starting_near(task.candidate, near.values), near.name, FIRST)
-    if first[0].deviance <= near.deviance + NO_BETTER:
+        return _fit_as_long_as_close(task, own, "study")
+    first = _fit_as_long_as_close(task, starting_near(task.candidate, near.values), near.name)
+    if first[0].deviance <= near.deviance + NO_BETTER or np.isfinite(task.best):
         return first
     return _better(first, _fit_once(task, own, "study", FIRST))
 
@@ -360,9 +374,9 @@ def finish(task: Task) -> Answer:
     found: Answer = _earlier(task), None
     if task.near is not None:
         begun = dataclasses.replace(task.candidate, study=_starting_where_it_ended(task.candidate, found[0]))
-        found = _better(found, _fit_once(task, starting_near(begun, task.near.values), task.near.name, FIRST))
-    samples = sum(record.time.size for record in task.candidate.study.records if record.role == "fit")
-    is_close = _misfit(found[0]) <= task.best + HOPELESS * samples
+        near = starting_near(begun, task.near.values)
+        found = _better(found, _fit_as_long_as_close(task, near, task.near.name))
+    is_close = _misfit(found[0]) <= task.most
     if is_close and not found[0].converged:
         reached = _starting_where_it_ended(task.candidate, found[0])
         found = _better(found, _fit_once(task, reached, found[0].start))
@@ -394,6 +408,17 @@ def _earlier(task: Task) -> FittedCandidate:
     if task.earlier is None:
         raise ValueError(f"{task.candidate.name}: found no fit to go on from, expected one.")
     return task.earlier
+
+
+def _fit_as_long_as_close(task: Task, study: Study, start: str) -> Answer:
+    """The first fit of a `study`, broken off where it leaves much more than the best model."""
+    if not np.isfinite(task.best):
+        return _fit_once(task, study, start, FIRST)
+    first = _fit_once(task, study, start, EARLY)
+    if first[0].converged or _misfit(first[0]) > task.most:
+        return first
+    reached = _starting_where_it_ended(task.candidate, first[0])
+    return _better(first, _fit_once(task, reached, start, FIRST - EARLY))
 
 
 def _fit_once(task: Task, study: Study, start: str, most: int | None = None) -> Answer:

@@ -10,7 +10,7 @@ import itertools
 from collections.abc import Iterable, Mapping, Sequence
 
 from ..core import InputError, Quantity, member, member_name, members, nearest
-from ..study import MARK, Models, Parameter, Study, split_path
+from ..study import MARK, Constraint, Models, Parameter, Study, split_path
 
 ALL = "all"
 """In place of names: every member of the family that has a name of its own."""
@@ -22,6 +22,9 @@ _MEANS_THE_SAME = {
 }
 """By path, the paths under which another law has the force at which the contact slides, or begins to.  Where a law
 tells the force of steady sliding from the static one, the latter begins at the same number."""
+
+_STATIC = Constraint("static_force", "friction.f_s", "friction.f_c")
+"""A fit that no one looks after may end at friction that grows with the velocity, where nothing can be predicted."""
 
 _STATES = "deflection", "force"
 """Readings of a direction-dependent law, as a study names them."""
@@ -40,6 +43,8 @@ class Candidate:
     """The study under this model; parameters that only this model has are free and have no start."""
     refused: str = ""
     """Why the study cannot be posed under this model; "" where it can."""
+    is_own: bool = False
+    """It is the model of the study itself."""
 
     @property
     def free(self) -> tuple[str, ...]:
@@ -151,7 +156,7 @@ def _candidate(study: Study, stack: str, law: str, feedback: bool, name: str) ->
         state = study.friction_state if base == own_law or not readings else readings[0]
     changed = dataclasses.replace(study, piezo=piezo, friction=friction, friction_state=state, feedback=feedback)
     if piezo is study.piezo and friction is study.friction and feedback == study.feedback:
-        return Candidate(name, changed)
+        return Candidate(name, changed, is_own=True)
     parameters, lost = _parameters(study, changed.models)
     refused = ""
     if lost:
@@ -161,8 +166,11 @@ def _candidate(study: Study, stack: str, law: str, feedback: bool, name: str) ->
         )
     elif feedback and not piezo.is_compliant:
         refused = f"found the feedback of friction on {stack}, which no force moves; expected it without feedback"
-    kept = tuple(constraint for constraint in study.constraints if constraint.between(parameters))
-    return Candidate(name, dataclasses.replace(changed, parameters=parameters, constraints=kept), refused)
+    constraints = tuple(constraint for constraint in study.constraints if constraint.between(parameters))
+    if friction is not study.friction and _STATIC.between(parameters):
+        told = any(c.between({_STATIC.greater: 0, _STATIC.lesser: 0}) for c in constraints)
+        constraints += () if told else (_STATIC,)
+    return Candidate(name, dataclasses.replace(changed, parameters=parameters, constraints=constraints), refused)
 
 
 def _parameters(study: Study, models: Models) -> tuple[dict[str, Parameter], list[str]]:

@@ -113,3 +113,9 @@ def test_what_is_asked_wrongly_is_refused_in_a_line(study, asked, told):
     with pytest.raises(InputError, match=told) as raised:
         candidates_of(study, **asked)
     assert "\n" not in str(raised.value)
+
+
+def test_a_law_with_both_forces_keeps_the_static_one_above_coulombs(study):
+    stated = {c.name: [constraint.text for constraint in c.study.constraints] for c in candidates_of(study)}
+    assert stated["lugre"] == stated["stribeck"] == ["friction.f_s >= friction.f_c"]
+    assert stated["dahl"] == stated["coulomb"] == []

@@ -122,6 +122,8 @@ def _misfit(misfit: Misfit, best: str, record: Record) -> str:
     display = record.measurement.display
     if misfit.by_phase:
         window = f"between {100 * misfit.begin:.0f} and {100 * misfit.end:.0f} % of the drive's cycle"
+        if misfit.end < misfit.begin:
+            window = f"from {100 * misfit.begin:.0f} % of the drive's cycle to {100 * misfit.end:.0f} % of the next"
     else:
         window = f"between {misfit.begin:.4g} and {misfit.end:.4g} s"
     mine, theirs = (f"{display.scale * rms:.3g}" for rms in (misfit.rms, misfit.best_rms))
