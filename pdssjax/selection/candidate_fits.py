@@ -97,7 +97,7 @@ class Task(NamedTuple):
     parts: tuple[Part, ...] = ()
     """What to hold out in the end."""
     best: float = np.inf
-    """Deviance and twice the number of parameters of the best model; infinite where none is known that explains the records."""
+    """Deviance and twice the number of parameters of the best model; infinite where none is known that is right."""
 
     @property
     def most(self) -> float:
