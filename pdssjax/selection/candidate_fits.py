@@ -2,8 +2,9 @@
 
 So that a wrong model costs little, and a right one is not lost in a wrong optimum:
 
-0. The study's own model is fitted.  Where it explains the records, a fit that leaves much more is soon broken off.
-1. Each is fitted once, from where its neighbour ended, a simpler model that shares parameters with it.
+0. The study's own model is fitted.  Where it explains the records the others begin at its optimum, and a fit that
+   leaves much more is soon broken off.
+1. Else each is fitted once from where its neighbour ended, a simpler model that shares parameters with it.
 2. Where none explains the records, those that explain most are compared with fits from other starts, until that helps
    no more.
 3. Each that explains less than the best is fitted again from the best one's optimum.  Then parts are held out.
@@ -160,14 +161,18 @@ def fit_all(
     with _workers(executor, len(open_ones())) as submit:
         run = functools.partial(_gathered, submit, keep)
 
-        def from_neighbour(candidate: Candidate) -> Task | None:
+        def from_best_or_neighbour(candidate: Candidate) -> Task | None:
+            if right is not None:
+                return Task(candidate, effort, _optimum_of(right), best=_misfit(right))
             if (name := near[candidate.name]) is not None and name not in done:
                 return None
-            return Task(candidate, effort, _optimum_near(candidate, near, done), best=least)
+            return Task(candidate, effort, _optimum_near(candidate, near, done))
 
         run(fit_candidate, [c for c in own if c.name not in done], lambda c: Task(c, effort))
-        least = min((_misfit(done[c.name]) for c in own if done[c.name].explained), default=np.inf)
-        run(fit_candidate, [c for c in candidates if c.name not in done], from_neighbour)
+        right = next((done[c.name] for c in own if done[c.name].explained), None)
+        # What has most parameters takes longest: where nothing waits for anything it begins first.
+        others = [c for c in candidates if c.name not in done]
+        run(fit_candidate, others if right is None else others[::-1], from_best_or_neighbour)
         for some in _to_compare(open_ones, done):
             run(compare_starts, some, lambda candidate: Task(candidate, effort, earlier=done[candidate.name]))
         best = _best(done)
@@ -216,7 +221,11 @@ def _worth_trying(fitted: FittedCandidate, best: FittedCandidate | None) -> Near
     if best is None or best.name == fitted.name or (fitted.explained and fitted.converged):
         return None
     begun_there = fitted.start == best.name and not best.compared
-    return None if begun_there else Near(best.name, _free_values(best), best.deviance)
+    return None if begun_there else _optimum_of(best)
+
+
+def _optimum_of(fitted: FittedCandidate) -> Near:
+    return Near(fitted.name, _free_values(fitted), fitted.deviance)
 
 
 def _free_values(fitted: FittedCandidate) -> dict[str, float]:
@@ -230,7 +239,7 @@ def _optimum_near(
     name = near[candidate.name]
     while name is not None and not _is_usable(done[name]):
         name = near.get(name)
-    return None if name is None else Near(name, _free_values(done[name]), done[name].deviance)
+    return None if name is None else _optimum_of(done[name])
 
 
 # ------------------------------------------------------------------------------------------------ processes
@@ -342,10 +351,10 @@ def _timed(work: Callable[[Task], Answer]) -> Callable[[Task], Answer]:
 
 @_timed
 def fit_candidate(task: Task) -> Answer:
-    """Fit a candidate once from its neighbour's optimum, from the study's own starts where it has no neighbour.
+    """Fit a candidate once from the optimum it is to begin at, from the study's own starts where there is none.
 
-    Where it explains less than the neighbour, it ended in a wrong optimum, and is fitted from the study's starts, too;
-    where a best model is known, it will be fitted from there.
+    Where it explains less than the neighbour that it began at, it ended in a wrong optimum, and is fitted from the
+    study's starts, too.
     """
     own, near = task.candidate.study, task.near
     if near is None:
@@ -390,7 +399,7 @@ def finish(task: Task) -> Answer:
     finite = lambda residual: bool(np.isfinite(residual).all())
     pairs = zip(task.candidate.study.records, fitted.residuals, strict=True)
     if lost := [record.name for record, residual in pairs if not finite(residual)]:
-        return failed(task.candidate, f'at its optimum it cannot simulate the record "{lost[0]}"'), estimate
+        return failed(task.candidate, f'where its fit ended it cannot simulate the record "{lost[0]}"'), estimate
     if not all(map(finite, parts.residuals)):
         why = "it cannot be simulated at the parameters that it has without some of the samples"
         return failed(task.candidate, why), estimate
