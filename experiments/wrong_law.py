@@ -26,7 +26,7 @@ from experiments.draws import numbered_results
 from pdssjax import Estimate, Record, Study, prepare_jax
 from pdssjax.drive.sampled import Sampled
 from pdssjax.drive.sawtooth import Sawtooth
-from pdssjax.inference import joint, with_error_models
+from pdssjax.inference import Evidence, joint, with_error_models
 
 NAME = "wrong_law"
 DRAWS = 60
@@ -163,7 +163,7 @@ def drawn(number: int) -> Result:
     estimate = dataclasses.replace(
         clean, statistics=dataclasses.replace(clean.statistics, chi2=fit.chi2, reduced_chi2=reduced)
     )
-    found, values = with_error_models(estimate, problem, fit, quiet), problem.decode(fit.free)
+    found, values = with_error_models(estimate, Evidence(problem, fit), quiet), problem.decode(fit.free)
     errors = {path: [found.parameters[path].errors[m].standard_error for m in MODELS] for path in pseudo}
     return {
         "pseudo": pseudo,

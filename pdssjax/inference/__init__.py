@@ -6,9 +6,11 @@ Imports `study` and the rooms below it.
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from .beyond_noise import repeats as repeats
     from .covariance import least_squares_covariance as least_squares_covariance, propagated as propagated
     from .draws import Drawing as Drawing, Store as Store
     from .effort import EFFORTS as EFFORTS, Effort as Effort, effort_of as effort_of
+    from .evidence import Evidence as Evidence
     from .identification import (
         FitInterrupted as FitInterrupted,
         Intervals as Intervals,
@@ -29,7 +31,6 @@ if TYPE_CHECKING:
         quiet as quiet,
     )
     from .parameter_transform import transform_of as transform_of
-    from .poor_fit import repeats as repeats
     from .problem import Problem as Problem, pose as pose, pose_problem as pose_problem
     from .residual import Residual as Residual, as_weights as as_weights
     from .solver.iterations import iterates as iterates

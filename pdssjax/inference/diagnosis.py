@@ -20,8 +20,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..study import Agreement, Combination, Diagnosis, Record, Remedy
+from .beyond_noise import SIGMAS
 from .least_squares import Fit
 from .problem import Problem
+
+_NOTICEABLE = 2.0
+"""Standard errors by which records must move a parameter for their disagreement to count."""
 
 _LEAST = 1e-10
 """Share of the information below which a direction is not told."""
@@ -231,6 +235,11 @@ def records_agreement(problem: Problem, fit: Fit, covariance: Float[np.ndarray, 
     apart = white_score(residual[problem.rows_apart], jacobian[problem.rows_apart])
     errors = np.sqrt(np.diag(covariance))[known]
     return agreement(scores, apart, groups, errors, [problem.residual.transform.paths[i] for i in known])
+
+
+def contradicting(found: Sequence[Agreement]) -> list[Agreement]:
+    """Which groups of records ask for other parameters than the rest: beyond chance, and visibly."""
+    return [group for group in found if group.sigmas > SIGMAS and abs(group.largest()[1]) > _NOTICEABLE]
 
 
 def record_groups(records: Sequence[Record]) -> dict[tuple[str, tuple[str, ...]], Bool[np.ndarray, " records"]]:

@@ -27,6 +27,7 @@ from ..integration import Accuracy, accuracy_with
 from ..study import OWN_MINIMISER, Estimate, Study, Values
 from .draws import Drawing
 from .effort import Effort, effort_of
+from .evidence import Evidence
 from .integrator_check import check_accuracy, with_check
 from .kept_fit import FitAndStarts, fit_document, restored_fit, run_settings
 from .least_squares import MAX_ITERATIONS, Fit, FitMethod, Method, Progress, evaluated, joint, quiet
@@ -146,7 +147,7 @@ def _estimated(study: Study, request: _Request, stack: PickedStack | None, begun
     try:
         found = _found(request, best)
         done = Point(found.fit, found.problem, found.starts, 2)
-        estimate = _summarised(study, request, done, begun, stack, briefly=not request.effort.compares)
+        estimate = _summarised(study, request, done, begun, stack, not request.effort.compares, found.evidence)
         estimate = dataclasses.replace(estimate, multistart=found.multistart, effort=request.effort.name)
         estimate = _with_intervals(estimate, found, request)
         estimate = _checked(estimate, found, request)
@@ -175,16 +176,17 @@ def _found(request: _Request, best: BestPoint) -> FitAndStarts:
         return earlier
     report("finding starts")
     run = best.watched(request.run)
-    fit, problem, starts = best_fit(study, accuracy, run, report, request.loss, request.excused, effort)
+    evidence, starts = best_fit(study, accuracy, run, report, request.loss, request.excused, effort)
     table = None
     if request.starts:
-        usual = fit
+        problem, usual = evidence.problem, evidence.fit
         fit, starts, table = best_of_starts(
-            study, problem, fit, starts, request.starts, request.run, request.executor, report
+            study, problem, usual, starts, request.starts, request.run, request.executor, report
         )
         if fit.chi2 < usual.chi2:
             fit, problem = with_noise(fit, problem, request.run, report)
-    found = FitAndStarts(fit, problem, starts, table)
+        evidence = Evidence(problem, fit, study)
+    found = FitAndStarts(evidence, starts, table)
     if request.intervals in DRAWN:
         store.begin(fit_document(what, found))
     return found
@@ -260,18 +262,29 @@ def _checked(estimate: Estimate, found: FitAndStarts, request: _Request) -> Esti
 
 
 def _summarised(
-    study: Study, request: _Request, point: Point, begun: float, stack: PickedStack | None, briefly: bool = False
+    study: Study,
+    request: _Request,
+    point: Point,
+    begun: float,
+    stack: PickedStack | None,
+    briefly: bool = False,
+    known: Evidence | None = None,
 ) -> Estimate:
-    """The estimate at a `point`, by the whole `study`, of a fit that began at the time `begun` [s]."""
+    """The estimate at a `point`, by the whole `study`, of a fit that began at the time `begun` [s].
+
+    **Arguments:** the evidence of that fit as far as it is `known`.
+    """
     report = request.report
     # Who ends a process with a signal may kill it soon after: no second derivatives then, which take long.
     report("predicting every record")
     point = point._replace(fit=completed(point, report), covers=2)
     if stack is not None:
         point = rejoined(study, point, point.problem.residual.accuracy, report)
-    estimate = summarise(study, request.method, point.problem, point.fit, point.starts, stack)
+    if known is None or known.fit is not point.fit:
+        known = Evidence(point.problem, point.fit, study)
+    estimate = summarise(study, request.method, known, point.starts, stack)
     if stack is None and not point.problem.residual.loss.is_robust and not briefly:
-        estimate = with_error_models(estimate, point.problem, point.fit, report)
+        estimate = with_error_models(estimate, known, report)
     minimiser = OWN_MINIMISER if request.minimiser is None else type(request.minimiser).__name__
     return dataclasses.replace(estimate, minimiser=minimiser, seconds=time.perf_counter() - begun)
 

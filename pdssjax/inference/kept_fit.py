@@ -13,6 +13,7 @@ from ..integration import Accuracy
 from ..study import Multistart, Parameter, Record, Study
 from .draws import Drawing, reading, same_run
 from .effort import USUAL, Effort
+from .evidence import Evidence
 from .least_squares import Fit, Method, Progress, evaluated
 from .problem import Problem, pose
 from .solver.lm_state import Ending
@@ -22,12 +23,21 @@ from .uncertainty.posterior import PROPOSALS
 class FitAndStarts(NamedTuple):
     """A fit with its problem, its starts, and the ends of the other starts."""
 
-    fit: Fit
-    problem: Problem
+    evidence: Evidence
     starts: dict[str, float]
     """Where it began [SI], by path."""
     multistart: Multistart | None
     """Where fits from further starts ended; None where none were asked for."""
+
+    @property
+    def problem(self) -> Problem:
+        """What was fitted, with the noise found."""
+        return self.evidence.problem
+
+    @property
+    def fit(self) -> Fit:
+        """How it ended."""
+        return self.evidence.fit
 
 
 def run_settings(
@@ -119,7 +129,8 @@ def restored_fit(
         free = _numbers(document, "free", sum(parameter.free for parameter in study.parameters.values()))
         noise = _numbers(document, "noise", len(what["records"]))
     problem = pose(study, starts, accuracy, effort=effort)._replace(noise=noise)
-    return FitAndStarts(evaluated(problem, free, report)._replace(**how), problem, starts, table)
+    fit = evaluated(problem, free, report)._replace(**how)
+    return FitAndStarts(Evidence(problem, fit, study), starts, table)
 
 
 _ENDED = {"success": bool, "message": str, "iterations": int, "evaluations": int, "ending": int}

@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from ..study import MARK, Record
 from .covariance import least_squares_covariance
-from .fit_statistics import reduced_chi2
+from .evidence import Evidence
 from .initial_values.record_features import frequency_of, voltages
 from .least_squares import Fit
 from .problem import Problem
@@ -149,7 +149,7 @@ def _told_by_onset(problem: Problem, fit: Fit, frequencies: Sequence[float]) -> 
     rest[:, np.linalg.norm(rest, axis=0) < 1e-9 * np.linalg.norm(jacobian, axis=0)] = 0.0
     transform = problem.residual.transform
     known = least_squares_covariance(rest, transform.at_bound(fit.free))
-    error = np.sqrt(np.diag(known.matrix) * max(1.0, reduced_chi2(fit, problem)))
+    error = np.sqrt(np.diag(known.matrix) * max(1.0, Evidence(problem, fit).reduced_chi2))
     return {path for path, e in zip(transform.paths, error, strict=True) if e < _TOLD}
 
 

@@ -31,13 +31,13 @@ from ..study import (
     compare,
     failure_cause,
 )
+from .beyond_noise import exceeds_floor
 from .covariance import Covariance, correlation
-from .diagnosis import diagnose
-from .fit_statistics import degrees_taken, statistics_of
+from .diagnosis import contradicting, diagnose
+from .evidence import Evidence
 from .least_squares import START_FAILED, Fit, Method, by_record
 from .notes.of_fit import ErrorFacts, notes_of
 from .parameter_transform import ParameterTransform
-from .poor_fit import contradicting, exceeds_floor, leaves_more_than_noise
 from .problem import Problem
 from .residual import free_offset
 from .stack_first.held_stack import with_stack_freed
@@ -46,8 +46,7 @@ from .steady_sines import Inseparable, inseparable
 from .uncertainty.linear_intervals import linear_intervals, record_factors
 from .uncertainty.parameter_errors import standard_errors_of
 from .uncertainty.two_steps import amplification_of
-from .validation import is_refuted, missed_records
-from .without_outliers import undisturbed_point
+from .validation import is_refuted
 
 _SEEN = 0.1
 """Standard deviation of the difference over the standard error told, below which the records tell next to nothing: the
@@ -72,19 +71,18 @@ WEAKLY_DETERMINED = float(np.log(10.0))
 def summarise(
     study: Study,
     method: Method,
-    problem: Problem,
-    fit: Fit,
+    evidence: Evidence,
     starts: Mapping[str, float],
     stack: PickedStack | None = None,
 ) -> Estimate:
-    """The estimate that a `fit` of a `study` amounts to; `seconds` is left at 0.
+    """The estimate that the fit of a `study` amounts to, by its `evidence`; `seconds` is left at 0.
 
     With a `stack` from peaks its covariance is the first step's.
     """
+    problem, fit = evidence.problem, evidence.fit
     free, loss = problem.residual.transform, problem.residual.loss
     values = {path: float(value) for path, value in {**starts, **free.decode(fit.free)}.items()}
-    statistics = statistics_of(problem, fit)
-    known, naive, with_told, factor, freedom = standard_errors_of(method, problem, fit, stack)
+    known, naive, with_told, factor, freedom = standard_errors_of(method, evidence, stack)
     mixed = inseparable(problem, fit)
     weakly_determined, known, deviation = _determined(known, free, mixed)
     slopes = np.abs(free.slope(fit.free))
@@ -100,14 +98,16 @@ def summarise(
         own_naive = np.diag(free.own_covariance(naive))
         parameters = _with_naive_errors(parameters, free.paths, np.sqrt(own_naive) * slopes)
     parameters |= _with_told(parameters, study, free.paths, slopes**2 * with_told)
-    records = _compared(study, problem, fit, known.matrix, values, factor)
+    records = _compared(study, evidence, known.matrix, values, factor)
     diagnosis = diagnose(problem, fit, known.matrix) if np.isfinite(fit.chi2) else None
     if diagnosis and stack is not None:  # its records are not fitted, and pull wherever the peaks were misread
         diagnosis = dataclasses.replace(diagnosis, agreement=())
-    missed = missed_records(study, problem, fit, known.matrix)
+    # The errors of a fit in two steps, or under a robust loss, are not those of least squares.
+    alone = method == "joint" and not loss.is_robust
+    missed = evidence.missed if alone else evidence.missed_within(known.matrix)
     unexplained = is_refuted(missed) or (diagnosis is not None and bool(contradicting(diagnosis.agreement)))
     unexplained |= stack is None and any(r.role == "fit" and r.noise_estimated and exceeds_floor(r) for r in records)
-    explained, message = _verdict(problem, fit, values, unexplained, stack)
+    explained, message = _verdict(evidence, values, unexplained, stack)
     estimate = Estimate(
         title=study.title,
         method=method,
@@ -118,7 +118,7 @@ def summarise(
         correlation=correlation(free.own_covariance(known.matrix)),
         covariance=free.own_covariance(known.matrix) * np.outer(slopes, slopes),
         records=records,
-        statistics=statistics,
+        statistics=evidence.statistics,
         notes=(),
         seconds=0.0,
         amplification=amplification_of(problem, fit, known.identifiable),
@@ -153,19 +153,20 @@ def _determined(
 
 
 def _verdict(
-    problem: Problem, fit: Fit, values: Mapping[str, float], unexplained: bool, stack: PickedStack | None
+    evidence: Evidence, values: Mapping[str, float], unexplained: bool, stack: PickedStack | None
 ) -> tuple[bool, str]:
     """The verdict on a fit: whether it explains its records, and a sentence on how it ended.
 
     It is `unexplained` where records contradict each other, leave more than their neighbouring samples scatter, or are
     not predicted by it.
     """
+    problem, fit = evidence.problem, evidence.fit
     if fit.message == START_FAILED:
         return False, how_it_ended(problem, fit, values)
-    explained = not (unexplained or leaves_more_than_noise(fit, problem))
+    explained = not (unexplained or evidence.leaves_more_than_noise)
     if stack is None or explained or not np.isfinite(fit.chi2):
         return explained, fit.message
-    if leaves_more_than_noise(*with_stack_freed(fit, problem, stack)):
+    if with_stack_freed(fit, problem, stack).leaves_more_than_noise:
         return False, fit.message
     return True, f"{fit.message}; the stack as it was read off peaks does not follow its records"
 
@@ -247,18 +248,18 @@ def _parameter(
 
 def _compared(
     study: Study,
-    problem: Problem,
-    fit: Fit,
+    evidence: Evidence,
     matrix: Float[np.ndarray, "p p"],
     values: dict[str, float],
     factor: float,
 ) -> tuple[FittedRecord, ...]:
     """Every record beside its prediction, each with its own zero."""
+    problem, fit = evidence.problem, evidence.fit
     at = {id(record): i for i, record in enumerate(problem.records)}
-    slopes, taken = np.asarray(fit.state.aux_jacobian), degrees_taken(problem, fit)
+    slopes, taken = np.asarray(fit.state.aux_jacobian), evidence.degrees_taken
     scatter = _scatter(problem, fit, taken, factor)
     motions, out = _motions(study, problem, values), []
-    undisturbed = _undisturbed(study, problem, fit, values, motions)
+    undisturbed = _undisturbed(study, evidence, values, motions)
     for record, motion, rest in zip(study.records, motions, undisturbed, strict=True):
         i = at.get(id(record))
         noise = problem.noise[i] if i is not None else record.noise
@@ -290,15 +291,15 @@ def _motions(study: Study, problem: Problem, values: Mapping[str, float]) -> lis
 
 def _undisturbed(
     study: Study,
-    problem: Problem,
-    fit: Fit,
+    evidence: Evidence,
     values: Mapping[str, float],
     motions: list[Float[np.ndarray, " samples"]],
 ) -> Sequence[Float[np.ndarray, " samples"] | None]:
     """What every record would be predicted as had the fit not seen samples that stand out; None for `motions`."""
+    problem, fit = evidence.problem, evidence.fit
     if problem.residual.loss.is_robust or not np.isfinite(fit.chi2):
         return [None] * len(motions)
-    there = undisturbed_point(problem, fit)
+    there = evidence.undisturbed_point
     if np.array_equal(there, fit.free):
         return motions
     found = {path: float(value) for path, value in problem.decode(there).items()}

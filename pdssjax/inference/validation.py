@@ -17,12 +17,10 @@ from jaxtyping import Bool, Float
 
 from ..metrics import scatter_floor
 from ..study import FittedRecord, Record, Study, compare, paths_in
-from .least_squares import Fit
+from .beyond_noise import exceeds_noise, highest_by_chance
 from .losses.base import AbstractLoss
-from .poor_fit import exceeds_noise, highest_by_chance
 from .problem import Problem
 from .residual import Residual, free_offset
-from .without_outliers import undisturbed_point
 
 _UNTOLD = 1e3
 """Standard deviation, on the fit's scale, of a parameter that the records fitted tell nothing of."""
@@ -44,17 +42,13 @@ class Missed(NamedTuple):
 
 
 def missed_records(
-    study: Study, problem: Problem, fit: Fit, covariance: Float[np.ndarray, "p p"]
+    study: Study, problem: Problem, free: Float[np.ndarray, " p"], covariance: Float[np.ndarray, "p p"]
 ) -> tuple[Missed, ...]:
     """The records that were not fitted and leave more than noise, also where parameters move within their errors.
 
-    None of a fit that did not succeed: it is to be mended first.
-
-    **Arguments:** the `covariance` on the fit's scale, NaN where a parameter has no information or is held.
+    **Arguments:** the point `free` that the fit ended at, without samples that stand out, and the `covariance` on the
+    fit's scale, NaN where a parameter has no information or is held.
     """
-    if not fit.success or all(record.role == "fit" for record in study.records):
-        return ()
-    free = undisturbed_point(problem, fit)
     values = {**problem.residual.fixed, **problem.decode(free)}
     motions = study.predict({path: float(number) for path, number in values.items()}, problem.residual.accuracy)
     loss, unknown = problem.residual.loss, _unknown_parameters(study)

@@ -9,7 +9,7 @@ import pdssjax
 from experiments import blind_rigs
 from experiments.three_ways import known_truth
 from pdssjax.inference import evaluated
-from pdssjax.inference.poor_fit import is_poor, leaves_more_than_noise
+from pdssjax.inference.evidence import Evidence
 
 FITTED = [path for path, parameter in blind_rigs.packaged().parameters.items() if parameter.free]
 
@@ -82,7 +82,8 @@ def test_records_contradict_each_other_in_a_wrong_optimum_whose_residuals_look_l
     wrong = truth | dict(zip(FITTED, ELSEWHERE[number], strict=True))
     for values, poor in ((truth, False), (wrong, True)):
         fit = evaluated(problem, problem.encode(values), lambda message: None)
-        assert not leaves_more_than_noise(fit, problem) and is_poor(fit, problem) is poor
+        evidence = Evidence(problem, fit)
+        assert not evidence.leaves_more_than_noise and evidence.is_poor is poor
 
 
 @pytest.mark.slow

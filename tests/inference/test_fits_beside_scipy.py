@@ -19,7 +19,8 @@ from pdssjax.study import make_recordings
 
 def beside_scipy(study):
     """Our fit, its problem, and SciPy's best from where it ended."""
-    fit, problem, _ = best_fit(study, Accuracy(), joint, lambda message: None)
+    evidence, _ = best_fit(study, Accuracy(), joint, lambda message: None)
+    fit, problem = evidence.fit, evidence.problem
     best = best_of_scipy(problem.whitened, problem.jacobian, fit.free, *problem.bounds, evaluations=100)
     return fit, problem, best
 

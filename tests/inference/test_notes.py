@@ -17,9 +17,9 @@ from pdssjax.cli.main import main
 from pdssjax.core import member
 from pdssjax.drive.sawtooth import Sawtooth
 from pdssjax.inference import least_squares as fitting, pose, summary
+from pdssjax.inference.beyond_noise import exceeds_floor, exceeds_given_noise, highest_by_chance
 from pdssjax.inference.notes.about_records import about_records, about_rests
 from pdssjax.inference.notes.of_fit import about_information, about_models, about_resonances
-from pdssjax.inference.poor_fit import exceeds_floor, exceeds_given_noise, highest_by_chance
 from pdssjax.report.text import format_report
 from pdssjax.study import FittedParameter, Models, compare
 from pdssjax.study.measurement.effector import Effector
@@ -272,7 +272,7 @@ def test_a_fit_that_is_lost_says_the_cause_and_nothing_that_would_mean_nothing(t
         success=False, message=fitting.START_FAILED
     )
     monkeypatch.setattr(summary, "failure_cause", lambda *what: "the cause")
-    estimate = summary.summarise(study, "joint", problem, failed, pdssjax.initial_guess(study))
+    estimate = summary.summarise(study, "joint", Evidence(problem, failed), pdssjax.initial_guess(study))
     assert estimate.message == f"{fitting.START_FAILED}: the cause"
     assert estimate.notes == ()
 

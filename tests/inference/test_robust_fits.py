@@ -12,7 +12,7 @@ import pdssjax
 from pdssjax import InputError
 from pdssjax.cli.main import main
 from pdssjax.files import write_estimate
-from pdssjax.inference import without_outliers
+from pdssjax.inference import evidence
 from pdssjax.inference.uncertainty.error_models.coloured import Coloured
 from pdssjax.report.figures import residual_split_figure
 
@@ -117,11 +117,12 @@ def test_report_plot_predictions_and_error_models_have_the_same_residuals(studie
 def test_a_linear_step_that_leads_astray_changes_no_prediction(studies, monkeypatch):
     """Without the samples that stand out the step is that of the linear model, which may hold no longer there."""
 
-    def far(problem, fit, nearby=without_outliers.without_outliers):
+    def far(problem, fit):
         found = nearby(problem, fit)
         return found._replace(step=-30.0 * found.step)
 
-    monkeypatch.setattr(without_outliers, "without_outliers", far)
+    nearby = evidence.fit_without_outliers
+    monkeypatch.setattr(evidence, "fit_without_outliers", far)
     (record,) = pdssjax.identify(studies[0]).records
     assert record.outliers.size >= 30
     # The zero alone is that of the other samples.

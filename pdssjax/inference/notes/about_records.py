@@ -7,10 +7,9 @@ import numpy as np
 from ...core import display_unit
 from ...metrics import counts_without_noise, drift_per_cycle, held_in_words, resolution_of, slip_delay
 from ...study import Diagnosis, FittedRecord, Record
-from ..poor_fit import (
+from ..beyond_noise import (
     SIGMAS,
     above_floor,
-    contradicting,
     exceeds_floor,
     exceeds_given_noise,
     largest_by_chance,
@@ -21,6 +20,7 @@ from ..poor_fit import (
     rest_scatter,
     stays_below_given_noise,
 )
+from ..diagnosis import contradicting
 from ..validation import Missed
 
 

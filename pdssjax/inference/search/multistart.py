@@ -28,7 +28,7 @@ from ...integration import Accuracy, is_closed
 from ...study import Multistart, Run, Study, Values, with_room
 from ..draws import each_done
 from ..effort import USUAL, Effort
-from ..fit_statistics import degrees_taken, reduced_chi2
+from ..evidence import Evidence
 from ..initial_values.search import guess_starts, scatter_ranges
 from ..least_squares import MAX_ITERATIONS, Fit, FitMethod, Progress, by_record, evaluated, quiet, summed
 from ..losses.base import AbstractLoss
@@ -163,7 +163,7 @@ def _noise_left(problem: Problem, fit: Fit) -> Float[np.ndarray, " records"]:
     """Standard deviation of each record's residuals, in its unit."""
     sizes = np.array([record.time.size for record in problem.records])
     scatter, parts = problem.residual.loss.scatter, by_record(problem, fit)
-    pairs = zip(parts, sizes - degrees_taken(problem, fit), strict=True)
+    pairs = zip(parts, sizes - Evidence(problem, fit).degrees_taken, strict=True)
     return problem.noise * np.array([scatter(*pair) for pair in pairs])  # pyright: ignore[reportReturnType]
 
 
@@ -211,12 +211,12 @@ def best_fit(
     loss: AbstractLoss | None = None,
     excused: Callable[[Fit, Problem], bool] | None = None,
     effort: Effort = USUAL,
-) -> tuple[Fit, Problem, dict[str, float]]:
+) -> tuple[Evidence, dict[str, float]]:
     """The fit from the study's starts; where it is poor and not `excused`, the best from several found from the data.
 
     As many as the `effort` allows: once its evaluations are spent other starts are no longer fitted.
 
-    **Returns:** the fit, its problem with the noise found, and the starts it came from.
+    **Returns:** the fit, of a problem with the noise found, as evidence; and the starts it came from.
     """
     starts, missing = guess_starts(study.models, study.parameters, study.records)
     problem = pose(study, starts, accuracy, loss, effort)
@@ -224,7 +224,7 @@ def best_fit(
     _compile(problem, study, starts)
     if is_separable(problem):  # what is searched is little, and no contact makes wrong optima of it
         fit, problem = with_noise(run(problem, starts, report), problem, run, report)
-        return fit, problem, starts
+        return Evidence(problem, fit, study), starts
     found = ranked(study, study.parameters, problem, starts, report) if missing else []
     budget = Budget(effort)
     tried, unobserved = budget.counted(run), missing and platform_unobserved(study, problem)
@@ -242,7 +242,9 @@ def best_fit(
     if budget.refused and fit.ending == Ending.RUNNING:  # the best of what was begun, brought to its end
         fit = summed(run(problem, problem.decode(fit.free), report), [fit])
     fit, problem = with_noise(fit, problem, run, report)
-    return (fit._replace(message=fit.message + budget.word) if budget.refused else fit), problem, starts
+    if budget.refused:
+        fit = fit._replace(message=fit.message + budget.word)
+    return contest.evidence(fit) if problem is contest.problem else Evidence(problem, fit, study), starts
 
 
 def _compile(problem: Problem, study: Study, starts: dict[str, float]) -> None:
@@ -255,7 +257,7 @@ def _compile(problem: Problem, study: Study, starts: dict[str, float]) -> None:
 def _first(problem: Problem, starts: dict[str, float], run: FitMethod, report: Progress) -> Fit:
     """The fit from the most promising start, broken off where it leads nowhere."""
     first = run(problem, starts, report, _FIRST)
-    if first.success or not reduced_chi2(first, problem) < _PROMISING:
+    if first.success or not Evidence(problem, first).reduced_chi2 < _PROMISING:
         return first
     fit = run(problem, problem.decode(first.free), report)
     return summed(fit, [first])
@@ -350,7 +352,7 @@ def optima(fits: list[Fit], problem: Problem) -> list[int]:
 
 def _same(fit: Fit, other: Fit, problem: Problem) -> bool:
     """Neither chi-square nor the linear model tells the ends of two fits apart."""
-    factor = max(1.0, reduced_chi2(other, problem))
+    factor = max(1.0, Evidence(problem, other).reduced_chi2)
     step: Float[np.ndarray, " p"] = np.asarray(fit.free) - np.asarray(other.free)
     apart = float(np.sum((np.asarray(other.state.jacobian) @ step) ** 2))
     return abs(fit.chi2 - other.chi2) < APART**2 * factor and apart < APART**2 * factor

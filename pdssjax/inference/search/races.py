@@ -21,14 +21,13 @@ import numpy as np
 
 from ...study import Parameter, Study, Values
 from ..effort import USUAL, Effort
-from ..fit_statistics import reduced_chi2
+from ..evidence import Evidence
 from ..initial_values.search import rank_starts, scatter_starts
 from ..least_squares import Fit, FitMethod, Progress, piezo_alone, quiet
-from ..poor_fit import enlarged_covariance, is_poor
 from ..problem import Problem
 from ..solver.lm_state import STOPPED, Ending
 from ..stack_parameters import of_platform_alone, shown_by_platform
-from ..validation import is_refuted, missed_records
+from ..validation import is_refuted
 
 PATIENCE = 3
 """Starts in a row that may fail to improve a poor fit: then it is the model that is poor."""
@@ -185,7 +184,8 @@ _NOTICEABLE = 4.0
 """Decrease of chi-square that noise alone seldom leaves: two standard errors of one parameter."""
 
 
-class Contest(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class Contest:
     """Data that all races of one study share."""
 
     study: Study
@@ -200,6 +200,8 @@ class Contest(NamedTuple):
     """Whether what a poor fit leaves comes of what is held in it, so that no other start would help; None: never."""
     effort: Effort = USUAL
     """How many starts are tried."""
+    judged: list[Evidence] = dataclasses.field(default_factory=list)
+    """That of the fit judged last."""
 
     def is_poor(self, fit: Fit) -> bool:
         """A `fit` leaves more than noise, or records contradict each other, and another start may mend it.
@@ -207,11 +209,16 @@ class Contest(NamedTuple):
         Or those that were not fitted are not predicted.  Nothing is said of them where what is held in the fit is
         excused, since its errors would count, too.
         """
-        if is_poor(fit, self.problem):
+        evidence = self.evidence(fit)
+        if evidence.is_poor:
             return not (self.excused and self.excused(fit, self.problem))
-        if self.excused or all(record.role == "fit" for record in self.study.records):
-            return False
-        return is_refuted(missed_records(self.study, self.problem, fit, enlarged_covariance(fit, self.problem)))
+        return not self.excused and is_refuted(evidence.missed)
+
+    def evidence(self, fit: Fit) -> Evidence:
+        """What a `fit` leaves, found once of each."""
+        if not self.judged or self.judged[-1].fit is not fit:
+            self.judged[:] = [Evidence(self.problem, fit, self.study)]
+        return self.judged[-1]
 
 
 def platform_unobserved(study: Study, problem: Problem) -> bool:
@@ -243,7 +250,8 @@ def reason_in_the_end(fit: Fit, starts: dict[str, float], contest: Contest, race
 
 def race(reason: str, fit: Fit, starts: dict[str, float], contest: Contest) -> tuple[Fit, dict[str, float]]:
     """The best of `fit` and of the fits from the other starts that the `reason` asks for, and its starts."""
-    (rounds, until_good, announced, scattered), (_, problem, _, _, run, report, _, effort) = RACES[reason], contest
+    rounds, until_good, announced, scattered = RACES[reason]
+    problem, run, report, effort = contest.problem, contest.run, contest.report, contest.effort
     rounds = [(effort.some(admitted), limit) for admitted, limit in rounds]
     if announced:
         report(announced)
@@ -332,4 +340,4 @@ def _gain_beyond_bounds(fit: Fit, problem: Problem) -> float:
     size = np.linalg.norm(jacobian, axis=0)
     jacobian = jacobian / np.where(size > 0, size, 1.0)
     step = np.linalg.lstsq(jacobian, residual, rcond=1e-9)[0]
-    return float(np.sum((jacobian @ step) ** 2) / max(reduced_chi2(fit, problem), 1e-300))
+    return float(np.sum((jacobian @ step) ** 2) / max(Evidence(problem, fit).reduced_chi2, 1e-300))

@@ -24,8 +24,9 @@ from jaxtyping import Float
 
 from ...integration import Accuracy
 from ...study import Study, Values, split_path
+from ..beyond_noise import highest_by_chance
+from ..evidence import Evidence
 from ..least_squares import MAX_ITERATIONS, Fit, Progress, evaluated, fit_phase, quiet, summed
-from ..poor_fit import highest_by_chance, is_poor
 from ..problem import Problem, pose
 from ..search.multistart import Point
 from ..stack_parameters import of_platform_alone, of_stack
@@ -96,11 +97,11 @@ def due_to_stack(study: Study, stack: PickedStack, accuracy: Accuracy, fit: Fit,
     numbers = {**problem.residual.fixed, **problem.decode(fit.free)}
     starts = {path: float(number) for path, number in numbers.items()}
     whole = rejoined(study, Point(fit, problem, starts, 1), accuracy, quiet)
-    return not is_poor(*with_stack_freed(whole.fit, whole.problem, stack))
+    return not with_stack_freed(whole.fit, whole.problem, stack).is_poor
 
 
-def with_stack_freed(fit: Fit, problem: Problem, stack: PickedStack) -> tuple[Fit, Problem]:
-    """The walks alone, with the stack freed, at the end of a fit that held it; and the residuals they then leave."""
+def with_stack_freed(fit: Fit, problem: Problem, stack: PickedStack) -> Evidence:
+    """What the walks alone leave with the stack freed, at the end of a fit that held it."""
     paths, platform = problem.residual.transform.paths, of_platform_alone(problem.records)
     rows = np.concatenate(
         [np.arange(r.start, r.stop) for r, alone in zip(problem.rows, platform, strict=True) if not alone]
@@ -120,4 +121,4 @@ def with_stack_freed(fit: Fit, problem: Problem, stack: PickedStack) -> tuple[Fi
     if off < len(places) * highest_by_chance(len(places)):
         residual = residual + jacobian @ (step * moves)
     state = fit.state._replace(residual=residual, jacobian=jacobian)
-    return fit._replace(state=state), problem._replace(records=walks, noise=problem.noise[~platform])
+    return Evidence(problem._replace(records=walks, noise=problem.noise[~platform]), fit._replace(state=state))

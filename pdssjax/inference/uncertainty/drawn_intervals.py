@@ -23,12 +23,13 @@ from ...core import percent
 from ...metrics import effective_size, effective_size_of_tails, rhat
 from ...study import Draws, Estimate, FittedParameter, ParameterDraws
 from ..draws import Drawing
+from ..evidence import Evidence
 from ..least_squares import Fit, FitMethod, Progress
 from ..notes.about_records import about_better_optimum
 from ..problem import Problem
 from .bootstrap import Replicate, bootstrap, phases_of
 from .end_search import Verdict
-from .linear_intervals import NORMAL_95, half_width_95, row_factors, variance_factor
+from .linear_intervals import NORMAL_95, half_width_95, row_factors
 from .no_u_turn import sample_by_trajectories
 from .posterior import Chains, sample_posterior
 from .posterior_model import BEYOND, LikelihoodEnd, posterior_model, principal_axes
@@ -145,7 +146,7 @@ def with_bootstrap(
     report: Progress,
 ) -> Estimate:
     """`estimate` with the percentiles of a bootstrap as 95 % intervals, and all replicates as `draws`."""
-    replicates = bootstrap(problem, fit, run, variance_factor(problem, fit), drawing, executor, report)
+    replicates = bootstrap(problem, fit, run, Evidence(problem, fit).variance_factor, drawing, executor, report)
     good = [replicate.free for replicate in replicates if replicate.success]
     failed = len(replicates) - len(good)
     notes = [*estimate.notes, *_about_replicates(replicates, failed)]
@@ -194,7 +195,7 @@ def with_posterior(
 
     **Raises:** `InputError` where the fit itself cannot be simulated, or what was kept is not what a run writes.
     """
-    factor = variance_factor(problem, fit)
+    factor = Evidence(problem, fit).variance_factor
     moving = np.array([estimate.parameters[path].identifiable for path in estimate.names])
     if not moving.any():
         note = "No posterior: the data say nothing about any parameter."

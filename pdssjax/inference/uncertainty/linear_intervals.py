@@ -1,7 +1,5 @@
 """95 % intervals by standard errors: how wide by Student's t, and no further than parameters may lie.
 
-And by how much variances grow where residuals exceed the noise that was given.
-
 The variance of a parameter is a sum of shares V_k, each of records whose noise is known from n_k degrees of freedom.
 It is distributed nearly as chi-square over nu is, of
 
@@ -16,11 +14,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..fit_statistics import degrees_taken
-from ..least_squares import Fit, by_record
 from ..parameter_transform import ParameterTransform
 from ..problem import Problem
-from ..stack_parameters import of_platform_alone
 
 NORMAL_95 = 1.959964
 """Half width of a 95 % interval in standard errors, where the noise is known."""
@@ -54,38 +49,6 @@ def effective_freedom(
             uncertain = uncertain + share**2 / degrees
     known = np.isfinite(variance) & (uncertain > 0.0)
     return np.where(known, variance**2 / np.where(known, uncertain, 1.0), np.inf)
-
-
-def variance_factor(problem: Problem, fit: Fit, after_stack: bool = False) -> float:
-    """Factor by which residuals enlarge the variances given; at least 1.
-
-    By the records whose noise is given: noise that is estimated is that of the residuals already.  With `after_stack`
-    by those of them that do not show the platform alone, where that was not fitted to.
-    """
-    counted = np.array([record.noise is not None for record in problem.records])
-    if after_stack:
-        counted &= ~of_platform_alone(problem.records)
-    squares = np.array([np.sum(part**2) for part in by_record(problem, fit)])
-    sizes = np.array([record.time.size for record in problem.records])
-    freedom = np.sum((sizes - degrees_taken(problem, fit, after_stack))[counted])
-    factor = float(np.sum(squares[counted]) / max(freedom, 1.0))
-    return max(1.0, factor) if np.isfinite(factor) else 1.0
-
-
-def noise_freedom(
-    problem: Problem, fit: Fit, factor: float, after_stack: bool = False
-) -> tuple[Float[np.ndarray, " records"], Bool[np.ndarray, " records"]]:
-    """Degrees of freedom of the noise estimate of each record, and which records share theirs.
-
-    Where it was estimated these are the record's own.  Noise that is given is known, but where residuals exceed it
-    (`factor` above 1) it is as large as those of all such records say.
-    """
-    given = np.array([record.noise is not None for record in problem.records])
-    sizes = np.array([record.time.size for record in problem.records])
-    left = sizes - degrees_taken(problem, fit, after_stack)
-    counted = given & ~of_platform_alone(problem.records) if after_stack else given
-    together = max(float(np.sum(left[counted])), 1.0) if factor > 1.0 else np.inf
-    return np.where(given, together, np.maximum(left, 1.0)), given
 
 
 def record_factors(problem: Problem, factor: float) -> Float[np.ndarray, " records"]:

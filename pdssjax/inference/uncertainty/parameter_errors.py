@@ -18,13 +18,13 @@ from jaxtyping import Bool, Float
 
 from ...core import member, members
 from ...study import ErrorAdvice, Estimate, FittedParameter, ParameterError, cycles_a_second
+from ..beyond_noise import leaves_unresolved
 from ..covariance import Covariance, least_squares_covariance
-from ..fit_statistics import degrees_taken
+from ..evidence import Evidence
 from ..least_squares import Fit, Method, Progress, evaluated
 from ..losses.base import AbstractLoss
 from ..notes.about_records import listed
 from ..parameter_transform import ParameterTransform
-from ..poor_fit import leaves_unresolved
 from ..problem import Problem
 from ..stack_first.peak_picking import PATHS, PickedStack
 from ..stack_parameters import of_platform_alone, of_stack, stack_rows
@@ -33,10 +33,8 @@ from .influence import curvature_of, influence_of, principal_directions
 from .linear_intervals import (
     effective_freedom,
     linear_intervals,
-    noise_freedom,
     record_factors,
     row_factors,
-    variance_factor,
 )
 from .two_steps import TwoSteps
 
@@ -104,8 +102,7 @@ class FittedPoint(NamedTuple):
     """Where a fit ended, of p parameters and n samples."""
 
     method: Method
-    problem: Problem
-    fit: Fit
+    evidence: Evidence
     residual: Float[np.ndarray, " n"]
     jacobian: Float[np.ndarray, "n p"]
     fitted: Bool[np.ndarray, " p"]
@@ -114,6 +111,16 @@ class FittedPoint(NamedTuple):
     """Which of the parameters the records determine."""
     outlying: Bool[np.ndarray, " n"] | None = None
     """Which samples stand out, as the records of the estimate have it; None where no error model asks."""
+
+    @property
+    def problem(self) -> Problem:
+        """What was fitted."""
+        return self.evidence.problem
+
+    @property
+    def fit(self) -> Fit:
+        """How it ended."""
+        return self.evidence.fit
 
 
 class _ByModel(NamedTuple):
@@ -135,29 +142,29 @@ def all_error_models() -> list[AbstractErrorModel]:
     return sorted(found, key=lambda model: model.rank)
 
 
-def with_error_models(estimate: Estimate, problem: Problem, fit: Fit, report: Progress) -> Estimate:
-    """An `estimate` of a `fit` with the errors of its parameters by all error models, and which of them to believe.
+def with_error_models(estimate: Estimate, evidence: Evidence, report: Progress) -> Estimate:
+    """An `estimate` of a fit with the errors of its parameters by all error models, and which of them to believe.
 
     As it is where the fit could not start, or no parameter has an error.
     """
-    point = fitted_point(estimate.method, problem, fit)
+    problem, fit = evidence.problem, evidence.fit
+    point = fitted_point(estimate.method, evidence)
     if not point.known.any() or not np.isfinite(point.residual).all() or not np.isfinite(point.jacobian).all():
         return estimate
     point = point._replace(outlying=_outlying(estimate, problem, point.residual.size))
-    factor = variance_factor(problem, fit)
-    found = _covariances(point, all_error_models(), factor, None)
-    evidence = {name: told.evidence for name, told in found.items()}
-    if any(most >= EVIDENT for shares in evidence.values() for most in shares):
+    found = _covariances(point, all_error_models(), None)
+    told = {name: by_model.evidence for name, by_model in found.items()}
+    if any(most >= EVIDENT for shares in told.values() for most in shares):
         # Residuals that are not white do not average out in the second derivative of chi-square.
-        found |= _covariances(point, all_error_models()[1:], factor, _curvatures(point, report))
+        found |= _covariances(point, all_error_models()[1:], _curvatures(point, report))
     free = problem.residual.transform
     parameters = _with_errors(estimate.parameters, found, free, fit.free)
     slopes = np.abs(free.slope(fit.free))
     fitted = [record for record in estimate.records if record.role == "fit"]
     # Rounding follows the motion as a misfit does, and is none.
-    misfits = zip(fitted, evidence["with-misfit"], strict=True)
-    evidence["with-misfit"] = [0.0 if leaves_unresolved(record) else most for record, most in misfits]
-    advice = advise(parameters, evidence, [record.name for record in problem.records])
+    misfits = zip(fitted, told["with-misfit"], strict=True)
+    told["with-misfit"] = [0.0 if leaves_unresolved(record) else most for record, most in misfits]
+    advice = advise(parameters, told, [record.name for record in problem.records])
     if advice is not None and not estimate.converged:
         advice = advice._replace(
             reason=f"The fit did not converge: its errors are those of no optimum. {advice.reason}"
@@ -170,15 +177,16 @@ def with_error_models(estimate: Estimate, problem: Problem, fit: Fit, report: Pr
     )
 
 
-def fitted_point(method: Method, problem: Problem, fit: Fit) -> FittedPoint:
+def fitted_point(method: Method, evidence: Evidence) -> FittedPoint:
     """The optimum of a fit, as error models need it."""
+    problem, fit = evidence.problem, evidence.fit
     jacobian, free = np.asarray(fit.state.jacobian), problem.residual.transform
     held = free.at_bound(fit.free)
     known = np.zeros(held.size, bool)
     if np.isfinite(jacobian).all():
         known = least_squares_covariance(jacobian, held).identifiable
     fitted = ~held & (np.linalg.norm(jacobian, axis=0) > 0)
-    return FittedPoint(method, problem, fit, np.asarray(fit.state.residual), jacobian, fitted, known)
+    return FittedPoint(method, evidence, np.asarray(fit.state.residual), jacobian, fitted, known)
 
 
 def _outlying(estimate: Estimate, problem: Problem, count: int) -> Bool[np.ndarray, " n"]:
@@ -190,11 +198,12 @@ def _outlying(estimate: Estimate, problem: Problem, count: int) -> Bool[np.ndarr
     return out
 
 
-def _record_errors(point: FittedPoint, factor: float, effect: Float[np.ndarray, "n p"]) -> list[RecordErrors]:
-    """Every fitted record as error models take it; the `factor` is that of variances whose noise is given."""
-    problem, taken = point.problem, degrees_taken(point.problem, point.fit)
+def _record_errors(point: FittedPoint, effect: Float[np.ndarray, "n p"]) -> list[RecordErrors]:
+    """Every fitted record as error models take it."""
+    problem, evidence, taken = point.problem, point.evidence, point.evidence.degrees_taken
+    factors = record_factors(problem, evidence.variance_factor)
     jacobian = problem.residual.transform.own_jacobian(point.jacobian)
-    known_from, pooled = noise_freedom(problem, point.fit, factor)
+    known_from, pooled = evidence.noise_freedom, evidence.noise_is_given
     return [
         RecordErrors(
             point.residual[rows],
@@ -209,7 +218,7 @@ def _record_errors(point: FittedPoint, factor: float, effect: Float[np.ndarray, 
             None if point.outlying is None else point.outlying[rows],
         )
         for record, rows, of_record, degrees, degrees_known, is_pooled in zip(
-            problem.records, problem.rows, record_factors(problem, factor), taken, known_from, pooled, strict=True
+            problem.records, problem.rows, factors, taken, known_from, pooled, strict=True
         )
     ]
 
@@ -217,13 +226,12 @@ def _record_errors(point: FittedPoint, factor: float, effect: Float[np.ndarray, 
 def _covariances(
     point: FittedPoint,
     models: Sequence[AbstractErrorModel],
-    factor: float,
     curvatures: Sequence[Float[np.ndarray, "p k"]] | None,
 ) -> dict[str, "_ByModel"]:
     """By name of the model."""
     own = point.problem.residual.transform
     effect, unknown = own.own_effect(influence_at(point, curvatures)), own.tied_to(~point.known)
-    records, out = _record_errors(point, factor, effect), {}
+    records, out = _record_errors(point, effect), {}
     # What was measured apart has errors of its own, whatever those of the samples.
     apart = effect[point.problem.rows_apart]
     for model in models:
@@ -360,13 +368,15 @@ class StandardErrors(NamedTuple):
     """Degrees of freedom of the noise that each standard error rests on; infinite where it is known."""
 
 
-def standard_errors_of(method: Method, problem: Problem, fit: Fit, stack: PickedStack | None) -> StandardErrors:
-    """The covariances of a `fit`; with a `stack` from peaks its own is that of the first step."""
+def standard_errors_of(method: Method, evidence: Evidence, stack: PickedStack | None) -> StandardErrors:
+    """The covariances of a fit; with a `stack` from peaks its own is that of the first step."""
+    evidence = dataclasses.replace(evidence, after_stack=stack is not None)
+    problem, fit = evidence.problem, evidence.fit
     if problem.residual.loss.is_robust:
         return _robust(problem, fit)
-    point, naive = fitted_point(method, problem, fit), None
+    point, naive = fitted_point(method, evidence), None
     whole = least_squares_covariance(point.jacobian, problem.residual.transform.at_bound(fit.free))
-    factor = variance_factor(problem, fit, after_stack=stack is not None)
+    factor = evidence.variance_factor
     factors, unknown = row_factors(problem, factor), ~point.known
     if method == "joint":
         effect = influence_at(point)
@@ -381,7 +391,7 @@ def standard_errors_of(method: Method, problem: Problem, fit: Fit, stack: Picked
     own = problem.residual.transform
     squares = factors[:, None] * own.own_effect(effect) ** 2
     shares = [np.sum(squares[rows], axis=0) for rows in problem.rows]
-    noise = noise_freedom(problem, fit, factor, after_stack=stack is not None)
+    noise = evidence.noise_freedom, evidence.noise_is_given
     freedom = effective_freedom(np.diag(own.own_covariance(known.matrix)), shares, *noise)
     return StandardErrors(known, naive, _with_told(point, effect, stack), factor, freedom)
 

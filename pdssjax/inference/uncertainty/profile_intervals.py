@@ -10,11 +10,12 @@ from jaxtyping import Float
 from ...study import Estimate, FittedParameter, Profile
 from ..covariance import least_squares_covariance
 from ..draws import each_done
+from ..evidence import Evidence
 from ..least_squares import Fit, Progress
 from ..notes.about_records import about_better_optimum
 from ..problem import Problem
 from .end_search import End, Verdict
-from .linear_intervals import half_width_95, variance_factor
+from .linear_intervals import half_width_95
 from .profile_curve import Curve, profile_curve
 from .profile_likelihood import interval_ends, learn_curvature, linear_half_widths
 from .second_order import Linearisation, linearisation_at
@@ -78,7 +79,7 @@ def with_profile_intervals(
     that is no ordinary one.
     `profiles` holds the curve between the ends of each.
     """
-    factor = variance_factor(problem, fit)
+    factor = Evidence(problem, fit).variance_factor
     thresholds = _thresholds(estimate, problem, fit, factor)
     transform = problem.residual.transform
     kept = [path for path in transform.paths if estimate.parameters[path].identifiable]

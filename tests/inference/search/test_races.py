@@ -11,10 +11,10 @@ from waves import PATHS, Waves, at, run
 
 from pdssjax import Accuracy
 from pdssjax.core import quantity
-from pdssjax.inference import EFFORTS, Ending, Fit
+from pdssjax.inference import EFFORTS, Ending, Fit, evidence as evidence_of_fit
+from pdssjax.inference.evidence import Evidence
 from pdssjax.inference.losses.huber import Huber
 from pdssjax.inference.losses.squares import Squares
-from pdssjax.inference.poor_fit import leaves_more_than_noise
 from pdssjax.inference.search import multistart, races
 from pdssjax.inference.search.multistart import best_fit
 from pdssjax.inference.search.races import MOST_RESTARTS
@@ -74,9 +74,9 @@ class Rig:
             ended = fit.success and not (self.first_is_lost and len(limits) == 1)
             return fit._replace(iterations=fit.iterations + more, evaluations=fit.evaluations + more, success=ended)
 
-        fit, _, starts = best_fit(self.study, Accuracy(), counted, self.messages.append, effort=self.effort)  # pyright: ignore
+        evidence, starts = best_fit(self.study, Accuracy(), counted, self.messages.append, effort=self.effort)  # pyright: ignore
         self.limits = limits
-        return fit, starts
+        return evidence.fit, starts
 
     @property
     def races(self):
@@ -250,7 +250,7 @@ def reason_in_the_end(problem, fit, starts, raced):
 def test_a_fit_that_a_race_left_poor_may_lie_elsewhere(raced, poor, reason):
     problem = Waves(4.0, 2.0)
     fit = run(problem, BAD if poor else at(1.0, 1.0), None)
-    assert races.is_poor(fit, problem) is poor
+    assert Evidence(problem, fit).is_poor is poor
     assert reason_in_the_end(problem, fit, BAD, raced) == reason
 
 
@@ -258,7 +258,7 @@ def test_a_fit_that_a_race_left_poor_may_lie_elsewhere(raced, poor, reason):
 def test_a_bound_that_a_fit_ran_into_hides_what_lies_beyond_where_it_leaves_more_than_noise(bound, reason):
     problem = Noisy(bound)
     fit = run(problem, at(0.0, 0.0), None)
-    assert fit.free[1] == bound and not races.is_poor(fit, problem)
+    assert fit.free[1] == bound and not Evidence(problem, fit).is_poor
     assert reason_in_the_end(problem, fit, at(0.0, 0.0), False) == reason
     assert reason_in_the_end(problem, fit, at(0.0, bound), False) is None
 
@@ -273,7 +273,7 @@ def test_residuals_are_poor_by_size_by_neighbours_and_by_what_repeats():
     def poor(residual, noise=1.0):
         made = {"time": time, "measured": residual, "noise": noise, "drive": drive}
         problem.records = (SimpleNamespace(**vars(record) | made),)
-        return leaves_more_than_noise(fit._replace(state=SimpleNamespace(residual=residual)), problem)
+        return Evidence(problem, fit._replace(state=SimpleNamespace(residual=residual))).leaves_more_than_noise
 
     white = random.normal(size=time.size)
     assert not poor(white)
@@ -306,8 +306,8 @@ def test_neither_glitches_nor_what_they_pull_a_fit_off_by_make_it_poor(loss):
     problem, fit = with_glitches(loss, 0.0)
     if isinstance(loss, Squares):
         assert np.median(np.abs(fit.state.residual)) > 2.0
-    assert not leaves_more_than_noise(fit, problem)
-    assert leaves_more_than_noise(*reversed(with_glitches(loss, 1.0)))
+    assert not Evidence(problem, fit).leaves_more_than_noise
+    assert Evidence(*with_glitches(loss, 1.0)).leaves_more_than_noise
 
 
 def test_a_slip_at_another_time_makes_a_fit_poor_however_few_its_samples():
@@ -317,7 +317,7 @@ def test_a_slip_at_another_time_makes_a_fit_poor_however_few_its_samples():
     walked = np.random.default_rng(2).normal(size=1000) - 200.0 * (record.time > 0.5)
     problem.records = (SimpleNamespace(**vars(record) | {"measured": walked}),)
     fit.state.residual = walked + 200.0 * (record.time > 0.503)
-    assert leaves_more_than_noise(fit, problem)
+    assert Evidence(problem, fit).leaves_more_than_noise
 
 
 class Lines(Waves):
@@ -344,8 +344,8 @@ class Lines(Waves):
 def test_records_that_contradict_each_other_make_a_fit_poor_although_it_leaves_no_more_than_noise(other, poor):
     problem = Lines(other)
     fit = problem.fitted()
-    assert not leaves_more_than_noise(fit, problem)
-    assert races.is_poor(fit, problem) is poor
+    assert not Evidence(problem, fit).leaves_more_than_noise
+    assert Evidence(problem, fit).is_poor is poor
     assert reason_in_the_end(problem, fit, at(*fit.free), True) == ("elsewhere" if poor else None)
 
 
@@ -360,16 +360,16 @@ def test_records_that_contradict_each_other_make_a_fit_poor_although_it_leaves_n
 def test_a_fit_that_misses_a_record_that_was_not_fitted_is_compared_with_others(monkeypatch, unknown, excused, reason):
     problem = Waves(1.0, 0.0)
     fit = run(problem, at(0.0, 0.0), None)
-    assert not races.is_poor(fit, problem)
+    assert not Evidence(problem, fit).is_poor
     validation = SimpleNamespace(**vars(problem.records[0]) | {"name": "validation", "role": "validate"})
     study = SimpleNamespace(parameters={}, records=(*problem.records, validation))
     asked = []
 
-    def missed(study, problem, fit, covariance):
+    def missed(study, problem, free, covariance):
         asked.append(covariance)
         return (Missed(validation, unknown),)
 
-    monkeypatch.setattr(races, "missed_records", missed)
+    monkeypatch.setattr(evidence_of_fit, "missed_records", missed)
     contest = races.Contest(study, problem, [], False, run, None, excused)
     assert races.reason_at_first(fit, contest) == reason
     # Residuals are 1.7 times the distance from (1, 1).

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from pdssjax.inference import Ending, Fit
+from pdssjax.inference.evidence import Evidence
 from pdssjax.inference.losses.squares import Squares
-from pdssjax.inference.poor_fit import leaves_more_than_noise
 from pdssjax.inference.search import races
 from pdssjax.inference.stack_first import held_stack
 from pdssjax.inference.stack_first.peak_picking import PATHS
@@ -74,8 +74,8 @@ def freed(fit, problem):
 )
 def test_what_a_misread_stack_leaves_of_walks_is_no_fault_of_the_law(misread, law, poor):
     fit, problem = held(misread, law)
-    assert leaves_more_than_noise(fit, problem) is (misread != 0.0 or law != 0.0)
-    assert leaves_more_than_noise(*freed(fit, problem)) is poor
+    assert Evidence(problem, fit).leaves_more_than_noise is (misread != 0.0 or law != 0.0)
+    assert freed(fit, problem).leaves_more_than_noise is poor
 
 
 @pytest.mark.parametrize("law, reason", [(0.0, None), (3.0, "poor")], ids=["misread", "wrong law"])

@@ -9,10 +9,10 @@ import pytest
 from scipy.stats import t
 
 from pdssjax.inference import least_squares_covariance
+from pdssjax.inference.evidence import Evidence
 from pdssjax.inference.losses.squares import Squares
 from pdssjax.inference.parameter_transform import ParameterTransform
 from pdssjax.inference.uncertainty import parameter_errors
-from pdssjax.inference.uncertainty.linear_intervals import variance_factor
 from pdssjax.inference.uncertainty.parameter_errors import all_error_models, fitted_point, with_error_models
 
 RANDOM = np.random.default_rng(9)
@@ -94,7 +94,7 @@ def asked(monkeypatch):
 
 
 def found(problem, fit, method="joint"):
-    return with_error_models(estimated(problem, fit, method), problem, fit, lambda message: None)
+    return with_error_models(estimated(problem, fit, method), Evidence(problem, fit), lambda message: None)
 
 
 def test_models_come_from_the_strictest_assumption_to_the_weakest():
@@ -131,7 +131,7 @@ def test_a_parameter_at_its_bound_is_held_for_all_models():
 def test_parameters_known_only_in_combination_leave_the_others_alone():
     problem, fit = linear()
     fit.state.jacobian[:, 4] = 2.0 * fit.state.jacobian[:, 3]
-    point = fitted_point("joint", problem, fit)
+    point = fitted_point("joint", Evidence(problem, fit))
     assert point.known.tolist() == [True, True, True, False, False]
     whole = found(problem, fit)
     used = fit.state.jacobian[:, :4]
@@ -152,14 +152,14 @@ def test_white_residuals_cost_no_second_derivatives_and_others_one_evaluation_a_
 def test_of_a_fit_that_did_not_converge_no_error_is_advised_without_a_word():
     problem, fit = linear()
     plain = dataclasses.replace(estimated(problem, fit), converged=False)
-    whole = with_error_models(plain, problem, fit, lambda message: None)
+    whole = with_error_models(plain, Evidence(problem, fit), lambda message: None)
     assert whole.error_advice.reason.startswith("The fit did not converge")
     assert not found(problem, fit).error_advice.reason.startswith("The fit did not")
 
 
 def test_a_linear_model_has_the_same_errors_with_second_derivatives():
     problem, fit = linear(misfit=4.0)
-    point = fitted_point("joint", problem, fit)
+    point = fitted_point("joint", Evidence(problem, fit))
     flat = parameter_errors._curvatures(point, lambda message: None)
     assert not np.any(flat)
 
@@ -184,14 +184,14 @@ def test_a_fit_that_could_not_start_stays_as_it_is(broken):
     problem, fit = linear()
     plain = estimated(problem, fit)
     setattr(fit.state, broken, np.full_like(getattr(fit.state, broken), np.nan))
-    assert with_error_models(plain, problem, fit, lambda message: None) is plain
+    assert with_error_models(plain, Evidence(problem, fit), lambda message: None) is plain
 
 
 def test_a_fit_in_which_nothing_is_known_stays_as_it_is():
     problem, fit = linear()
     plain = estimated(problem, fit)
     fit.state.jacobian = np.zeros_like(fit.state.jacobian)
-    assert with_error_models(plain, problem, fit, lambda message: None) is plain
+    assert with_error_models(plain, Evidence(problem, fit), lambda message: None) is plain
 
 
 @pytest.mark.parametrize("given", [True, False])
@@ -201,5 +201,5 @@ def test_after_the_stack_only_walks_whose_noise_is_given_tell_the_variance_facto
         record.noise = noise
     # Three parameters are fitted to the walk, one of which it does not tell, and an offset; two to the step before.
     expected = np.sum(fit.state.residual[60:] ** 2) / (160 - 3 - 1) if given else 1.0
-    assert variance_factor(problem, fit, after_stack=True) == pytest.approx(expected)
-    assert variance_factor(problem, fit) > 1.0
+    assert Evidence(problem, fit, after_stack=True).variance_factor == pytest.approx(expected)
+    assert Evidence(problem, fit).variance_factor > 1.0

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from pdssjax.inference.evidence import Evidence
 from pdssjax.inference.losses.squares import Squares
 from pdssjax.inference.parameter_transform import ParameterTransform
 from pdssjax.inference.summary import measured_apart
@@ -76,7 +77,7 @@ def test_errors_are_enlarged_by_records_whose_noise_is_given_and_for_these(metho
     problem, fit = fitted(apart, whole[:, : 400 + len(apart)], scatter=3.0)
     picked = np.diag([0.04, 0.01, 0.01])
     stack = SimpleNamespace(covariance=picked) if method == "peaks" else None
-    found = standard_errors_of(method, problem, fit, stack)
+    found = standard_errors_of(method, Evidence(problem, fit), stack)
     assert found.factor == pytest.approx(9.0, rel=0.2)
     factors = np.ones(whole.shape[1])
     factors[:300] = found.factor
@@ -98,7 +99,7 @@ def test_the_pull_after_a_step_taken_before_is_in_standard_deviations_of_chance(
     whole, _ = effect_of(method, apart)
     problem, fit = fitted(apart, whole[:, :401])
     stack = SimpleNamespace(covariance=np.diag([0.04, 0.01, 0.01])) if method == "peaks" else None
-    found = standard_errors_of(method, problem, fit, stack)
+    found = standard_errors_of(method, Evidence(problem, fit), stack)
     assert found.known.matrix[1, 1] > 0.06**2
     noise = random.normal(size=(4000, whole.shape[1]))
     noise[:, :300] *= np.sqrt(found.factor)

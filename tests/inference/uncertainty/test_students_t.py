@@ -12,6 +12,7 @@ from scipy.stats import t
 
 import pdssjax
 from pdssjax.inference import NORMAL_95
+from pdssjax.inference.evidence import Evidence
 from pdssjax.inference.losses.huber import Huber
 from pdssjax.inference.losses.squares import Squares
 from pdssjax.inference.parameter_transform import ParameterTransform
@@ -51,7 +52,7 @@ def errors(design, off, sizes, given, loss=None):
     )
     each = np.repeat(noise, sizes)
     state = SimpleNamespace(jacobian=-design / each[:, None], residual=rest / each)
-    return free, standard_errors_of("joint", problem, SimpleNamespace(free=free, state=state), None)
+    return free, standard_errors_of("joint", Evidence(problem, SimpleNamespace(free=free, state=state)), None)
 
 
 def test_widths_are_those_of_tables_and_of_a_normal_distribution_where_the_noise_is_known():

@@ -1,37 +1,23 @@
-"""Whether a fit is poor: which records it explains down to their noise, and which it does not.
+"""Whether what a fit leaves of a record is more than its noise.
 
-Where a record's noise is given, its residuals are judged by chi-square.  Where it is not, the
-noise is estimated from the residuals and chi-square is their number whatever the fit; the
-witness then is the scatter of second differences (`metrics.scatter_floor`), which a smooth
-misfit hardly enters.
-
-In a wrong optimum that is nearly as good as the right one the records ask for different parameters long before their
-residuals are visibly too large: each record has a wrong optimum of its own there, at other parameters.
+Where the noise is given, residuals are judged by chi-square.  Where it is not, it is estimated from the residuals, and
+chi-square is their number whatever the fit; the witness then is the scatter of second differences
+(`metrics.scatter_floor`), which a smooth misfit hardly enters.
 """
 
 import dataclasses
-from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
 
 from ..metrics import lack_of_fit, neighbour_scatter, rounding_of_counts
-from ..study import Agreement, FittedRecord, repeated_residuals
-from .covariance import least_squares_covariance
-from .diagnosis import records_agreement
-from .fit_statistics import degrees_of_freedom, reduced_chi2
-from .least_squares import Fit
-from .problem import Problem
-from .without_outliers import without_outliers
+from ..study import FittedRecord
 
 EXCESS = 1.2
 """Chi-square per degree of freedom below which an excess is not worth a word, however certain it is."""
 
 ABOVE_FLOOR = 1.1
 """The same for residuals against the noise floor, as a ratio of standard deviations: the root of `EXCESS`."""
-
-_POOR = 1.15
-"""Reduced chi-square above which a fit is poor, where the noise is only guessed from the samples."""
 
 FEWEST = 50
 """Samples from which second differences are a witness."""
@@ -41,9 +27,6 @@ SIGMAS = 4.0
 
 DIGITS = 1e-9
 """Residuals over the swing of a record that no sensor resolves (30 bits): what rounding leaves of exact numbers."""
-
-NOTICEABLE = 2.0
-"""Standard errors by which records must move a parameter for their disagreement to count."""
 
 
 def highest_by_chance(freedom: float) -> float:
@@ -160,79 +143,3 @@ def repeats(record: FittedRecord) -> bool:
     if record.undisturbed is not None and record.outliers.size:
         found = lack_of_fit(record.rest, record.time, record.frequency)
     return found is not None and found.sigmas > SIGMAS
-
-
-def contradicting(found: Sequence[Agreement]) -> list[Agreement]:
-    """Which groups of records ask for other parameters than the rest: beyond chance, and visibly."""
-    return [group for group in found if group.sigmas > SIGMAS and abs(group.largest()[1]) > NOTICEABLE]
-
-
-def is_poor(fit: Fit, problem: Problem) -> bool:
-    """The fit leaves more than noise, or records contradict each other there."""
-    if leaves_more_than_noise(fit, problem):
-        return True
-    return bool(contradicting(records_agreement(problem, fit, enlarged_covariance(fit, problem))))
-
-
-def enlarged_covariance(fit: Fit, problem: Problem) -> Float[np.ndarray, "p p"]:
-    """The covariance of least squares on the fit's scale, enlarged where residuals exceed the noise given.
-
-    NaN where a parameter has no information or is held at a bound.
-    """
-    held = problem.residual.transform.at_bound(fit.free)
-    covariance = least_squares_covariance(np.asarray(fit.state.jacobian), held).matrix
-    return covariance * max(1.0, reduced_chi2(fit, problem))
-
-
-def leaves_more_than_noise(fit: Fit, problem: Problem) -> bool:
-    """Residuals are more than noise: in their size, in what repeats every cycle, or in how neighbours are correlated.
-
-    The size shows little where no noise is given, and a slip at a wrong moment hides in it.  Records that cannot show
-    what is left of them (`is_unresolved`) have no say in the other two.  Samples that stand out do not make a fit poor,
-    nor what they pull it off by: another optimum would leave them, too.
-    """
-    if not np.isfinite(fit.chi2):
-        return True
-    rest = without_outliers(problem, fit)
-    parts = [rest.residual[rows] for rows in problem.rows]
-    if _exceeds_noise(parts, fit, problem):
-        return True
-    judged = [
-        (record, part)
-        for record, part, noise in zip(problem.records, parts, problem.noise, strict=True)
-        if not is_unresolved(float(noise) * _root_mean_square(part), record.measured, record.noise)
-    ]
-    samples = sum(int(np.sum(np.isfinite(part))) for _, part in judged)
-    products = sum(np.nansum(part[1:] * part[:-1]) for _, part in judged)
-    squares = sum(np.nansum(part**2) for _, part in judged)
-    correlation = products / max(squares, 1e-300)
-    found = [repeated_residuals(record, part) for record, part in judged]
-    sigmas = [repeated.sigmas for repeated in found if repeated is not None]
-    return bool(correlation * np.sqrt(samples) > SIGMAS or sum(sigmas) > SIGMAS * np.sqrt(len(sigmas)))
-
-
-def _root_mean_square(part: Float[np.ndarray, " samples"]) -> float:
-    """The root mean square of the residuals that are not NaN; 0 where all are."""
-    finite = part[np.isfinite(part)]
-    return float(np.sqrt(np.mean(finite**2))) if finite.size else 0.0
-
-
-def _exceeds_noise(parts: Sequence[Float[np.ndarray, " samples"]], fit: Fit, problem: Problem) -> bool:
-    """Whether residuals exceed the noise in size: of any record, all with noise given, or all others; without NaN.
-
-    Each kind, and each record whose noise is given, by itself: many samples that are explained, or whose noise was
-    estimated and so is as large as they are, hide what others leave.
-    """
-    is_given = [record.noise is not None for record in problem.records]
-    alone = [part for part, given in zip(parts, is_given, strict=True) if given]
-    found = [part for part, given in zip(parts, is_given, strict=True) if not given]
-    loss, left = problem.residual.loss, degrees_of_freedom(fit, problem) / np.size(fit.state.residual)
-
-    def exceeds(of_kind: Sequence[Float[np.ndarray, " samples"]], given: bool, least: float = 0.0) -> bool:
-        kept = np.concatenate([np.zeros(0), *of_kind])
-        kept = kept[np.isfinite(kept)]
-        freedom = left * kept.size
-        limit = max(highest_by_chance(loss.scatter_efficiency * freedom), least) if given else _POOR
-        return bool(kept.size and not loss.scatter(kept, max(freedom, 1.0)) ** 2 < limit)
-
-    return exceeds(alone, True) or exceeds(found, False) or any(exceeds([part], True, EXCESS) for part in alone)

@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from pdssjax.inference.losses.cauchy import Cauchy
-from pdssjax.inference.losses.huber import Huber
-from pdssjax.inference.losses.squares import Squares
-from pdssjax.inference.poor_fit import (
+from pdssjax.inference.beyond_noise import (
     exceeds_given_noise,
-    leaves_more_than_noise,
     leaves_unresolved,
     neighbour_correlation,
     stays_below_given_noise,
 )
+from pdssjax.inference.evidence import Evidence
+from pdssjax.inference.losses.cauchy import Cauchy
+from pdssjax.inference.losses.huber import Huber
+from pdssjax.inference.losses.squares import Squares
 
 RANDOM = np.random.default_rng(1)
 
@@ -66,7 +66,7 @@ def judged_of(*records):
     problem = SimpleNamespace(records=told, rows=rows, residual=residual, noise=noise)
     left = np.concatenate(parts)
     fit = SimpleNamespace(chi2=float(left @ left), free=np.zeros(3), state=SimpleNamespace(residual=left))
-    return leaves_more_than_noise(fit, problem)  # pyright: ignore[reportArgumentType]
+    return Evidence(problem, fit).leaves_more_than_noise  # pyright: ignore[reportArgumentType]
 
 
 @pytest.mark.parametrize("samples", [12, 20, 200])

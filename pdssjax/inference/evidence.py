@@ -1,0 +1,331 @@
+"""The evidence of a fit: what it leaves of its records, each part found when it is first asked for, and once.
+
+Races between starts, the verdict on the fit, the errors of its parameters and its statistics all read it.
+
+**Samples that stand out.**  Least squares is pulled by glitches: twelve of 100 standard deviations among 1000 samples
+move the prediction of all others by as much as noise.  So the others are not judged by what the fit leaves of them,
+but by what the optimum of them alone would, to first order.
+
+**More than noise.**  Where a record's noise is given, its residuals are judged by chi-square.  Where it is not, the
+noise is estimated from the residuals and chi-square is their number whatever the fit; what repeats from cycle to cycle
+and what is alike in neighbours tells then.  In a wrong optimum that is nearly as good as the right one the records ask
+for different parameters long before their residuals are visibly too large: each has a wrong optimum of its own there.
+
+**Criteria** of Akaike (AIC) and Schwarz (BIC):
+
+    AIC = -2 log L + 2 p,   BIC = -2 log L + p log n,   -2 log L = chi2 + 2 sum log(s Z)
+
+with p fitted numbers, the free offsets among them, n samples and what was measured apart, and the noise s of each
+sample.  Z makes the loss a likelihood: sqrt(2 pi) for squares.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ..metrics import outliers
+from ..study import Statistics, Study, cycles_a_second, repeated_residuals
+from .beyond_noise import EXCESS, SIGMAS, highest_by_chance, is_unresolved
+from .covariance import NO_INFORMATION, least_squares_covariance
+from .diagnosis import contradicting, records_agreement
+from .least_squares import Fit, by_record, evaluated, quiet
+from .problem import Problem
+from .stack_parameters import of_platform_alone, of_stack, stack_rows
+from .validation import Missed, missed_records
+
+_POOR = 1.15
+"""Reduced chi-square above which a fit is poor, where the noise is only guessed from the samples."""
+
+_ROUNDS = 5
+"""Rounds of looking for samples that stand out: what pulls the fit off hides smaller ones."""
+
+
+class WithoutOutliers(NamedTuple):
+    """A fit without the samples that stand out, to first order, of n residuals and p parameters."""
+
+    outlying: Bool[np.ndarray, " n"]
+    """Which samples stand out."""
+    residual: Float[np.ndarray, " n"]
+    """Whitened, as the loss counts them; NaN where a sample stands out."""
+    step: Float[np.ndarray, " p"]
+    """How far the fit would end elsewhere, on its scale; 0 under a robust loss, which outliers hardly pull."""
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What a fit of a problem with n residuals and p free parameters leaves of its records."""
+
+    problem: Problem
+    fit: Fit
+    study: Study | None = None
+    """Whose records that were not fitted are to be predicted; None: none are."""
+    after_stack: bool = False
+    """The fit is the second of two steps: of what is fitted after the stack, to what does not show the platform
+    alone."""
+
+    # ------------------------------------------------------------------------------------------ degrees of freedom
+
+    @cached_property
+    def degrees_of_freedom(self) -> int:
+        """Samples less what is fitted, the free offsets counted; at least 1."""
+        offsets = sum(record.offset is None for record in self.problem.records)
+        return max(np.size(self.fit.state.residual) - self.fit.free.size - offsets, 1)
+
+    @property
+    def reduced_chi2(self) -> float:
+        """Chi-square per degree of freedom."""
+        return self.fit.chi2 / self.degrees_of_freedom
+
+    @cached_property
+    def degrees_taken(self) -> Float[np.ndarray, " records"]:
+        """Degrees of freedom that the fit takes from each record: its information on the parameters, and a free offset.
+
+        A few precise samples may tell nearly all, and then are followed nearly exactly.
+        """
+        problem, free = self.problem, self.fit.free
+        used, fitted = np.ones(len(problem.records), bool), np.ones(free.size, bool)
+        jacobian = np.asarray(self.fit.state.jacobian)
+        if self.after_stack:
+            used, fitted = ~of_platform_alone(problem.records), ~of_stack(problem)
+            jacobian = jacobian * ~stack_rows(problem)[:, None]
+        sizes = self._sizes * used
+        offsets = np.array([record.offset is None for record in problem.records]) & used
+        norms, count = np.linalg.norm(jacobian, axis=0), int(np.sum(fitted))
+        kept = fitted & ~problem.residual.transform.at_bound(free) & (norms > 0)
+        if not kept.any() or not np.isfinite(norms).all():
+            return count * sizes / max(sizes.sum(), 1.0) + offsets
+        basis, singular, _ = np.linalg.svd(jacobian[:, kept] / norms[kept], full_matrices=False)
+        leverage = np.sum(basis[:, singular > NO_INFORMATION * singular[0]] ** 2, axis=1)
+        # Those at bounds and those without information count, too, as they do in all.
+        told = leverage * count / np.sum(leverage)
+        return np.array([np.sum(told[rows]) for rows in problem.rows]) + offsets
+
+    @cached_property
+    def variance_factor(self) -> float:
+        """Factor by which residuals enlarge the variances given; at least 1.
+
+        By the records whose noise is given: noise that is estimated is that of the residuals already.
+        """
+        squares = np.array([np.sum(part**2) for part in by_record(self.problem, self.fit)])
+        freedom = np.sum((self._sizes - self.degrees_taken)[self._enlarging])
+        factor = float(np.sum(squares[self._enlarging]) / max(freedom, 1.0))
+        return max(1.0, factor) if np.isfinite(factor) else 1.0
+
+    @cached_property
+    def noise_freedom(self) -> Float[np.ndarray, " records"]:
+        """Degrees of freedom of the noise estimate of each record.
+
+        Where it was estimated these are the record's own.  Noise that is given is known, but where residuals exceed it
+        it is as large as those of all such records say, which share theirs.
+        """
+        left = self._sizes - self.degrees_taken
+        together = max(float(np.sum(left[self._enlarging])), 1.0) if self.variance_factor > 1.0 else np.inf
+        return np.where(self.noise_is_given, together, np.maximum(left, 1.0))
+
+    @cached_property
+    def noise_is_given(self) -> Bool[np.ndarray, " records"]:
+        """Of which records."""
+        return np.array([record.noise is not None for record in self.problem.records], bool)
+
+    @property
+    def _enlarging(self) -> Bool[np.ndarray, " records"]:
+        """Records by which variances are enlarged: those with noise given that the fit was fitted to."""
+        return (
+            self.noise_is_given & ~of_platform_alone(self.problem.records) if self.after_stack else self.noise_is_given
+        )
+
+    @property
+    def _sizes(self) -> Float[np.ndarray, " records"]:
+        return np.array([record.time.size for record in self.problem.records], float)
+
+    @cached_property
+    def covariance(self) -> Float[np.ndarray, "p p"]:
+        """The covariance of least squares on the fit's scale, enlarged where residuals exceed the noise given.
+
+        NaN where a parameter has no information or is held at a bound.
+        """
+        held = self.problem.residual.transform.at_bound(self.fit.free)
+        found = least_squares_covariance(np.asarray(self.fit.state.jacobian), held).matrix
+        return found * max(1.0, self.reduced_chi2)
+
+    # ------------------------------------------------------------------------------------------ samples that stand out
+
+    @cached_property
+    def without_outliers(self) -> WithoutOutliers:
+        """The fit without the samples that stand out; the fit itself where none does."""
+        return fit_without_outliers(self.problem, self.fit)
+
+    @cached_property
+    def undisturbed_point(self) -> Float[np.ndarray, " p"]:
+        """Where the fit would end without the samples that stand out, on its scale; where it ended if none does.
+
+        The step there is that of the linear model.  Where it leaves more of the other samples than the fit does the
+        model is not linear so far, and the fit's end it is.
+        """
+        problem, fit, found = self.problem, self.fit, self.without_outliers
+        if not found.step.any():
+            return fit.free
+        there = np.clip(fit.free + found.step, *problem.bounds)
+        moved = np.asarray(evaluated(problem, there, quiet).state.residual)
+        left = [_left(problem, np.asarray(r), ~found.outlying) for r in (moved, fit.state.residual)]
+        return there if left[0] < left[1] else fit.free
+
+    # ------------------------------------------------------------------------------------------ more than noise
+
+    @cached_property
+    def is_poor(self) -> bool:
+        """The fit leaves more than noise, or records contradict each other there."""
+        return self.leaves_more_than_noise or bool(
+            contradicting(records_agreement(self.problem, self.fit, self.covariance))
+        )
+
+    @cached_property
+    def leaves_more_than_noise(self) -> bool:
+        """Residuals are more than noise: in size, in what repeats every cycle, or in how neighbours are correlated.
+
+        The size shows little where no noise is given, and a slip at a wrong moment hides in it.  Records that cannot
+        show what is left of them (`is_unresolved`) have no say in the other two.  Samples that stand out do not make a
+        fit poor, nor what they pull it off by: another optimum would leave them, too.
+        """
+        problem = self.problem
+        if not np.isfinite(self.fit.chi2):
+            return True
+        parts = [self.without_outliers.residual[rows] for rows in problem.rows]
+        if self._exceeds_noise(parts):
+            return True
+        judged = [
+            (record, part)
+            for record, part, noise in zip(problem.records, parts, problem.noise, strict=True)
+            if not is_unresolved(float(noise) * _root_mean_square(part), record.measured, record.noise)
+        ]
+        samples = sum(int(np.sum(np.isfinite(part))) for _, part in judged)
+        products = sum(np.nansum(part[1:] * part[:-1]) for _, part in judged)
+        squares = sum(np.nansum(part**2) for _, part in judged)
+        correlation = products / max(squares, 1e-300)
+        found = [repeated_residuals(record, part) for record, part in judged]
+        sigmas = [repeated.sigmas for repeated in found if repeated is not None]
+        return bool(correlation * np.sqrt(samples) > SIGMAS or sum(sigmas) > SIGMAS * np.sqrt(len(sigmas)))
+
+    def _exceeds_noise(self, parts: Sequence[Float[np.ndarray, " samples"]]) -> bool:
+        """Whether residuals exceed the noise in size: of any record, all with noise given, or all others; without NaN.
+
+        Each kind, and each record whose noise is given, by itself: many samples that are explained, or whose noise was
+        estimated and so is as large as they are, hide what others leave.
+        """
+        alone = [part for part, given in zip(parts, self.noise_is_given, strict=True) if given]
+        found = [part for part, given in zip(parts, self.noise_is_given, strict=True) if not given]
+        loss, left = self.problem.residual.loss, self.degrees_of_freedom / np.size(self.fit.state.residual)
+
+        def exceeds(of_kind: Sequence[Float[np.ndarray, " samples"]], given: bool, least: float = 0.0) -> bool:
+            kept = np.concatenate([np.zeros(0), *of_kind])
+            kept = kept[np.isfinite(kept)]
+            freedom = left * kept.size
+            limit = max(highest_by_chance(loss.scatter_efficiency * freedom), least) if given else _POOR
+            return bool(kept.size and not loss.scatter(kept, max(freedom, 1.0)) ** 2 < limit)
+
+        return exceeds(alone, True) or exceeds(found, False) or any(exceeds([part], True, EXCESS) for part in alone)
+
+    @cached_property
+    def missed(self) -> tuple[Missed, ...]:
+        """Records of the study that were not fitted and are not predicted, also where parameters move within errors."""
+        return self.missed_within(self.covariance)
+
+    def missed_within(self, covariance: Float[np.ndarray, "p p"]) -> tuple[Missed, ...]:
+        """The same by errors of another `covariance` on the fit's scale; none of a fit that is to be mended first."""
+        if self.study is None or not self.fit.success or all(record.role == "fit" for record in self.study.records):
+            return ()
+        return missed_records(self.study, self.problem, self.undisturbed_point, covariance)
+
+    # ------------------------------------------------------------------------------------------ statistics
+
+    @cached_property
+    def statistics(self) -> Statistics:
+        """Chi-square, its degrees of freedom and the criteria, for the report."""
+        problem, fit = self.problem, self.fit
+        measured = int(np.size(fit.state.residual))
+        free = fit.free.size + sum(record.offset is None for record in problem.records)
+        sizes = np.array([record.time.size for record in problem.records])
+        # Minus twice the log-likelihood: the noise counts, where it is estimated.
+        deviance = fit.chi2 + 2.0 * np.sum(sizes * (np.log(problem.noise) + problem.residual.loss.log_volume()))
+        # But for a constant: the errors of what was measured apart.
+        deviance += (measured - sizes.sum()) * np.log(2.0 * np.pi)
+        return Statistics(
+            chi2=fit.chi2,
+            reduced_chi2=self.reduced_chi2,
+            aic=float(deviance + 2.0 * free),
+            bic=float(deviance + np.log(measured) * free),
+            evaluations=fit.evaluations,
+            iterations=fit.iterations,
+            samples=int(sizes.sum()),
+            free=free,
+            noise_estimated=all(record.noise is None for record in problem.records),
+            measured_apart=measured - int(sizes.sum()),
+        )
+
+
+def _root_mean_square(part: Float[np.ndarray, " samples"]) -> float:
+    """The root mean square of the residuals that are not NaN; 0 where all are."""
+    finite = part[np.isfinite(part)]
+    return float(np.sqrt(np.mean(finite**2))) if finite.size else 0.0
+
+
+def fit_without_outliers(problem: Problem, fit: Fit) -> WithoutOutliers:
+    """The `fit` without the samples that stand out, by the linear model."""
+    residual = np.asarray(fit.state.residual)
+    out, step = _outlying(problem, residual), np.zeros(fit.free.size)
+    if not out.any() or problem.residual.loss.is_robust:
+        return WithoutOutliers(out, np.where(out, np.nan, residual), step)
+    columns = _columns(problem, fit)
+    # The difference of two steps: that with all samples is 0 only where the fit ended in an optimum.
+    whole, rest = _step(columns, residual, np.ones(out.size, bool)), residual
+    for _ in range(_ROUNDS):
+        turn = _step(columns, residual, ~out) - whole
+        rest, step = residual + columns @ turn, turn[: step.size]
+        more = _outlying(problem, rest) | out
+        if np.array_equal(more, out):
+            break
+        out = more
+    return WithoutOutliers(out, np.where(out, np.nan, rest), step)
+
+
+def _left(problem: Problem, residual: Float[np.ndarray, " n"], counted: Bool[np.ndarray, " n"]) -> float:
+    """The sum of squares of the samples `counted`, free zeros of records theirs."""
+    total = 0.0
+    for record, rows in zip(problem.records, problem.rows, strict=True):
+        left = residual[rows][counted[rows]]
+        zero = np.mean(left) if record.offset is None and left.size else 0.0
+        total += float(np.sum((left - zero) ** 2))
+    return total
+
+
+def _outlying(problem: Problem, roots: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+    """Which residuals, as the loss counts them, belong to samples that stand out (`metrics.outliers`)."""
+    residual, out = np.asarray(problem.residual.loss.original(jnp.asarray(roots))), np.zeros(roots.size, bool)
+    for record, rows, noise in zip(problem.records, problem.rows, problem.noise, strict=True):
+        predicted = record.measured - noise * residual[rows]
+        out[rows][outliers(record.measured, predicted, record.time, cycles_a_second(record))] = True
+    return out
+
+
+def _columns(problem: Problem, fit: Fit) -> Float[np.ndarray, "n q"]:
+    """The Jacobian of what the fit is free to change: p columns, 0 of parameters at bounds, and the free zeros'."""
+    jacobian = np.asarray(fit.state.jacobian) * ~problem.residual.transform.at_bound(fit.free)
+    zeros = [rows for record, rows in zip(problem.records, problem.rows, strict=True) if record.offset is None]
+    ones = np.zeros((jacobian.shape[0], len(zeros)))
+    for i, rows in enumerate(zeros):
+        ones[rows, i] = 1.0
+    return np.column_stack([jacobian, ones])
+
+
+def _step(
+    columns: Float[np.ndarray, "n q"], residual: Float[np.ndarray, " n"], used: Bool[np.ndarray, " n"]
+) -> Float[np.ndarray, " q"]:
+    """The step that leaves the least of the `residual`, by the rows that are `used`."""
+    size = np.linalg.norm(columns, axis=0)
+    size = np.where(size > 0, size, 1.0)
+    return -np.linalg.lstsq((columns / size)[used], residual[used], rcond=NO_INFORMATION)[0] / size
