@@ -8,8 +8,7 @@ import pytest
 import pdssjax
 from experiments import blind_rigs
 from experiments.three_ways import known_truth
-from pdssjax.inference import evaluated
-from pdssjax.inference.evidence import Evidence
+from pdssjax.inference import Evidence, evaluated
 
 FITTED = [path for path, parameter in blind_rigs.packaged().parameters.items() if parameter.free]
 

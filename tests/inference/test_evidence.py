@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from pdssjax.inference import Evidence
 from pdssjax.inference.beyond_noise import (
     exceeds_given_noise,
     leaves_unresolved,
     neighbour_correlation,
     stays_below_given_noise,
 )
-from pdssjax.inference.evidence import Evidence
 from pdssjax.inference.losses.cauchy import Cauchy
 from pdssjax.inference.losses.huber import Huber
 from pdssjax.inference.losses.squares import Squares

@@ -16,7 +16,7 @@ from pdssjax import Accuracy, Record
 from pdssjax.cli.main import main
 from pdssjax.core import member
 from pdssjax.drive.sawtooth import Sawtooth
-from pdssjax.inference import least_squares as fitting, pose, summary
+from pdssjax.inference import Evidence, least_squares as fitting, pose, summary
 from pdssjax.inference.beyond_noise import exceeds_floor, exceeds_given_noise, highest_by_chance
 from pdssjax.inference.notes.about_records import about_records, about_rests
 from pdssjax.inference.notes.of_fit import about_information, about_models, about_resonances

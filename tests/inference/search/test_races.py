@@ -11,8 +11,7 @@ from waves import PATHS, Waves, at, run
 
 from pdssjax import Accuracy
 from pdssjax.core import quantity
-from pdssjax.inference import EFFORTS, Ending, Fit, evidence as evidence_of_fit
-from pdssjax.inference.evidence import Evidence
+from pdssjax.inference import EFFORTS, Ending, Evidence, Fit, evidence as evidence_of_fit
 from pdssjax.inference.losses.huber import Huber
 from pdssjax.inference.losses.squares import Squares
 from pdssjax.inference.search import multistart, races

@@ -5,8 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pdssjax.inference import Ending, Fit
-from pdssjax.inference.evidence import Evidence
+from pdssjax.inference import Ending, Evidence, Fit
 from pdssjax.inference.losses.squares import Squares
 from pdssjax.inference.search import races
 from pdssjax.inference.stack_first import held_stack
@@ -62,9 +61,9 @@ WITH_STACK_FREED = held_stack.with_stack_freed
 
 
 def freed(fit, problem):
-    fit, problem = WITH_STACK_FREED(fit, problem, STACK)  # pyright: ignore
-    problem.rows = [slice(0, TIME.size)]
-    return fit, problem
+    evidence = WITH_STACK_FREED(fit, problem, STACK)  # pyright: ignore
+    evidence.problem.rows = [slice(0, TIME.size)]  # pyright: ignore
+    return evidence
 
 
 @pytest.mark.parametrize(

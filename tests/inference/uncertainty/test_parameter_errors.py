@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import t
 
-from pdssjax.inference import least_squares_covariance
-from pdssjax.inference.evidence import Evidence
+from pdssjax.inference import Evidence, least_squares_covariance
 from pdssjax.inference.losses.squares import Squares
 from pdssjax.inference.parameter_transform import ParameterTransform
 from pdssjax.inference.uncertainty import parameter_errors

@@ -11,8 +11,7 @@ import pytest
 from scipy.stats import t
 
 import pdssjax
-from pdssjax.inference import NORMAL_95
-from pdssjax.inference.evidence import Evidence
+from pdssjax.inference import NORMAL_95, Evidence
 from pdssjax.inference.losses.huber import Huber
 from pdssjax.inference.losses.squares import Squares
 from pdssjax.inference.parameter_transform import ParameterTransform
