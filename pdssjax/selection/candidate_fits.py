@@ -36,8 +36,9 @@ from .held_out import HeldOut, Part, held_out
 NO_BETTER = 1.0
 """Deviance by which a model may lie above a simpler one: a fit may end a little before its optimum."""
 
-EARLY = 6
-"""Linearisations after which a fit is broken off that leaves much more than the best model."""
+EARLY = 4
+"""Linearisations after which a fit from the best model's optimum is broken off that leaves much more: a simpler law
+that is right has found its place by then, and a contact that rings takes half a minute for each."""
 
 FIRST = 30
 """Linearisations of a model's first fit: one that is right has converged by then, and one that is wrong creeps on."""
