@@ -10,7 +10,8 @@ class Effort(NamedTuple):
 
     name: str
     starts: float
-    """Starts that a doubtful fit is compared with, in parts of the usual number."""
+    """Starts that a doubtful fit is compared with, and points at which starts are searched for, in parts of the usual
+    numbers."""
     evaluations: int
     """Model evaluations of all runs together, from which on no other start is fitted."""
     iterations: int

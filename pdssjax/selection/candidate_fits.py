@@ -36,6 +36,9 @@ from .held_out import HeldOut, Part, held_out
 NO_BETTER = 1.0
 """Deviance by which a model may lie above a simpler one: a fit may end a little before its optimum."""
 
+STUDY = "study"
+"""The name of the study's own starts, from which a fit began."""
+
 EARLY = 4
 """Linearisations after which a fit from the best model's optimum is broken off that leaves much more: a simpler law
 that is right has found its place by then, and a contact that rings takes half a minute for each."""
@@ -359,18 +362,18 @@ def fit_candidate(task: Task) -> Answer:
     """
     own, near = task.candidate.study, task.near
     if near is None:
-        return _fit_as_long_as_close(task, own, "study")
+        return _fit_as_long_as_close(task, own, STUDY)
     first = _fit_as_long_as_close(task, starting_near(task.candidate, near.values), near.name)
     if first[0].deviance <= near.deviance + NO_BETTER or np.isfinite(task.best):
         return first
-    return _better(first, _fit_once(task, own, "study", FIRST))
+    return _better(first, _fit_once(task, own, STUDY, FIRST))
 
 
 @_timed
 def compare_starts(task: Task) -> Answer:
     """Fit a candidate from the study's own starts, compared with other starts where that is poor."""
     estimate = identify(task.candidate.study, effort=task.effort, progress=quiet)
-    found = _better((_earlier(task), None), _answer_of(task, estimate, "study"))
+    found = _better((_earlier(task), None), _answer_of(task, estimate, STUDY))
     return dataclasses.replace(found[0], compared=True), found[1]
 
 
@@ -434,6 +437,8 @@ def _fit_as_long_as_close(task: Task, study: Study, start: str) -> Answer:
 def _fit_once(task: Task, study: Study, start: str, most: int | None = None) -> Answer:
     """The fit of a `study`, not compared with other starts, of so many linearisations at `most`."""
     alone = effort_of(task.effort)._replace(compares=False)
+    if start == STUDY:  # where much is to be searched for, and a miss costs most
+        alone = alone._replace(starts=max(1.0, alone.starts))
     if most is not None:
         alone = alone._replace(iterations=min(most, alone.iterations))
     return _answer_of(task, identify(study, effort=alone, progress=quiet), start)

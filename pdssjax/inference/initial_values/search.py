@@ -83,15 +83,17 @@ def rank_starts(
     parameters: Mapping[str, Parameter],
     records: Sequence[Record],
     better: Mapping[str, float] | None = None,
+    share: float = 1.0,
 ) -> list[dict[str, float]]:
     """Starts for every listed parameter [SI] from a search, the most promising first.
 
-    **Arguments:** `better` numbers are taken in place of the starts given or found.
+    **Arguments:** `better` numbers are taken in place of the starts given or found; a `share` of the usual number of
+    points is tried.
     """
     known, ranges, searchable = _split_known(models, parameters, records, better or {})
     if not searchable:
         return [guess_starts(models, parameters, records)[0] | dict(better or {})]
-    trials = _search(models, known, ranges, parameters, records, searchable)
+    trials = _search(models, known, ranges, parameters, records, searchable, share)
     return [_every(known | trial, parameters) for trial in trials]
 
 
@@ -279,11 +281,13 @@ def _search(
     parameters: Mapping[str, Parameter],
     records: Sequence[Record],
     used: Sequence[Record],
+    share: float = 1.0,
 ) -> list[dict[str, float]]:
     """The trials against the first periods of those `records` that are `used`, the best first."""
     paths = list(ranges)
     low, high = (np.log([ranges[path][end] for path in paths]) for end in (0, 1))
-    random, count = np.random.default_rng(0), min(TRIALS, TRIALS_OF_ONE * 2 ** (len(paths) - 1))
+    usual = min(TRIALS, TRIALS_OF_ONE * 2 ** (len(paths) - 1))
+    random, count = np.random.default_rng(0), max(1, round(share * usual))
     strata = np.stack([random.permutation(count) for _ in paths], axis=1)
     points = low + (high - low) * (strata + random.random(strata.shape)) / count
     trials = [{path: float(np.exp(x)) for path, x in zip(paths, point, strict=True)} for point in points]

@@ -225,7 +225,7 @@ def best_fit(
     if is_separable(problem):  # what is searched is little, and no contact makes wrong optima of it
         fit, problem = with_noise(run(problem, starts, report), problem, run, report)
         return Evidence(problem, fit, study), starts
-    found = ranked(study, study.parameters, problem, starts, report) if missing else []
+    found = ranked(study, study.parameters, problem, starts, report, effort) if missing else []
     budget = Budget(effort)
     tried, unobserved = budget.counted(run), missing and platform_unobserved(study, problem)
     contest = Contest(study, problem, found, unobserved, tried, report, excused, effort)

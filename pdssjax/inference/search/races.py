@@ -267,12 +267,17 @@ def race(reason: str, fit: Fit, starts: dict[str, float], contest: Contest) -> t
 
 
 def ranked(
-    study: Study, parameters: Mapping[str, Parameter], problem: Problem, starts: Values, report: Progress
+    study: Study,
+    parameters: Mapping[str, Parameter],
+    problem: Problem,
+    starts: Values,
+    report: Progress,
+    effort: Effort = USUAL,
 ) -> list[dict[str, float]]:
     """Starts from the search, the most promising first, with the piezo from the platform records alone."""
     piezo = piezo_alone(problem, starts, report)
     report("searching for starts")
-    return rank_starts(study.models, parameters, study.records, piezo)
+    return rank_starts(study.models, parameters, study.records, piezo, effort.starts)
 
 
 def shown(begun: dict[str, float], earlier: dict[str, float], contest: Contest) -> dict[str, float]:
@@ -286,7 +291,7 @@ def _searched(starts: dict[str, float], contest: Contest) -> list[dict[str, floa
     """Further starts from a search; where the study gives all starts, those found without them."""
     if contest.found:
         return contest.found[1:]
-    return ranked(contest.study, _without_starts(contest), contest.problem, starts, contest.report)
+    return ranked(contest.study, _without_starts(contest), contest.problem, starts, contest.report, contest.effort)
 
 
 def _scattered(fit: Fit, starts: dict[str, float], contest: Contest) -> list[dict[str, float]]:

@@ -117,7 +117,7 @@ def test_a_poor_fit_from_starts_given_is_compared_with_a_search_without_them_the
     first, second = rig.races
     assert first == ([WORSE], HALVING, True) and second == ([*everywhere()[:16], *everywhere()[:32]], COMPARING, False)
     # The first search may not use the starts given, but for the platform's; nothing shows that alone here.
-    assert rig.of("ranked") == [("ranked", ["friction.f_c"], {})]
+    assert rig.of("ranked") == [("ranked", ["friction.f_c"], {}, 1.0)]
     (_, _, around, held), (_, _, beside, kept, how) = rig.of("scattered")
     assert held == [] and set(around) == set(PATHS)
     # Those that go first have the stack as the study gives it.
