@@ -69,10 +69,7 @@ def _identify(options: argparse.Namespace) -> int:
 def _why(estimate: "Estimate") -> str:
     if not estimate.converged:
         return estimate.message
-    return (
-        "they leave more than noise, contradict each other, or a validation record is missed. "
-        "The law lacks something, or the optimum is wrong: see the notes"
-    )
+    return f"{estimate.why_unexplained}. The law lacks something, or the optimum is wrong: see the notes"
 
 
 _SIDE_BY_SIDE: "list[Method]" = ["joint", "sequential", "peaks"]

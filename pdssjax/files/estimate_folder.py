@@ -87,6 +87,7 @@ def _estimate(document: Document, folder: Path) -> Estimate:
         covariances={name: matrix(rows) for name, rows in covariances.items()},
         actuator=document.get("actuator", {}),
         check=None if document.get("check") is None else _check(document["check"]),
+        unexplained_by=tuple(document.get("unexplained_by", ())),
         provenance=Provenance(**document.get("provenance", {})),
         **optional,
     )

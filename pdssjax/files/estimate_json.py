@@ -98,7 +98,7 @@ def _document(file: Path) -> Document:
 
 _DOUBTS = {
     "not converged": "did not converge",
-    "unexplained": "does not explain its records, which leave more than noise, contradict each other or are missed",
+    "unexplained": "does not explain its records",
 }
 """Sentences on doubtful fits, by the doubt."""
 
@@ -205,6 +205,7 @@ def estimate_document(estimate: Estimate) -> Document:
         "minimiser": estimate.minimiser,
         "converged": estimate.converged,
         "explained": estimate.explained,
+        "unexplained_by": list(estimate.unexplained_by),
         "message": estimate.message,
         "parameters": parameters,
         "correlation": {"names": estimate.names, "matrix": estimate.correlation},

@@ -135,7 +135,7 @@ def rest_scatter(record: FittedRecord) -> float:
 def repeats(record: FittedRecord) -> bool:
     """Residuals that are large enough to tell repeat from cycle to cycle beyond chance: the model's misfit.
 
-    So do those that a fit would leave that does not see samples that stand out: what these pull repeats, too.
+    With outliers, the residuals of a fit without them have to repeat, too: outliers pull the fit alike in every cycle.
     """
     found = record.lack_of_fit
     if found is None or record.frequency is None or not found.sigmas > SIGMAS or leaves_unresolved(record):

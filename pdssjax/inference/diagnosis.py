@@ -34,7 +34,7 @@ _TESTED = 1e-6
 """The same, below which it is not tested."""
 
 _MOVES = 1e-3
-"""Part of a parameter's standard error in a direction that is not told from which the parameter is not told."""
+"""Share of a parameter's standard error along undetermined directions above which its shift is not known."""
 
 
 class Score(NamedTuple):

@@ -21,8 +21,8 @@ class Effort(NamedTuple):
     slow_gain: float
     """Decrease of chi-square, in units of the reduced chi-square, below which a step is slow."""
     compares: bool = True
-    """A poor fit is compared with others, and its errors take in what it leaves; where not, only one is compared whose
-    records do not show the platform alone."""
+    """Whether a poor fit is compared with fits from other starts, and its errors by all error models are found; if
+    False, only a fit without a record of the platform alone is compared."""
 
     def some(self, count: int) -> int:
         """How many are tried where usually `count` starts are; one at least."""

@@ -151,7 +151,7 @@ class Evidence:
         """
         held = self.problem.residual.transform.at_bound(self.fit.free)
         found = least_squares_covariance(np.asarray(self.fit.state.jacobian), held).matrix
-        return found * max(1.0, self.reduced_chi2)
+        return found * self.variance_factor
 
     # ------------------------------------------------------------------------------------------ samples that stand out
 

@@ -28,6 +28,7 @@ from ..study import (
     Parameter,
     Provenance,
     Study,
+    Unexplained,
     compare,
     failure_cause,
 )
@@ -105,9 +106,14 @@ def summarise(
     # The errors of a fit in two steps, or under a robust loss, are not those of least squares.
     alone = method == "joint" and not loss.is_robust
     missed = evidence.missed if alone else evidence.missed_within(known.matrix)
-    unexplained = is_refuted(missed) or (diagnosis is not None and bool(contradicting(diagnosis.agreement)))
-    unexplained |= stack is None and any(r.role == "fit" and r.noise_estimated and exceeds_floor(r) for r in records)
-    explained, message = _verdict(evidence, values, unexplained, stack)
+    above_floor = [r.role == "fit" and r.noise_estimated and exceeds_floor(r) for r in records]
+    causes: dict[Unexplained, bool] = {
+        "noise": evidence.leaves_more_than_noise or (stack is None and any(above_floor)),
+        "contradiction": diagnosis is not None and bool(contradicting(diagnosis.agreement)),
+        "validation": is_refuted(missed),
+    }
+    unexplained: tuple[Unexplained, ...] = tuple(cause for cause, holds in causes.items() if holds)
+    explained, message = _verdict(evidence, values, bool(unexplained), stack)
     estimate = Estimate(
         title=study.title,
         method=method,
@@ -124,6 +130,7 @@ def summarise(
         amplification=amplification_of(problem, fit, known.identifiable),
         diagnosis=diagnosis,
         explained=explained,
+        unexplained_by=() if explained or fit.message == START_FAILED else unexplained,
         loss=type(loss).__name__.lower(),
         actuator=study.models.chosen,
         solver=solver_name(problem.residual.accuracy.method),
@@ -157,15 +164,13 @@ def _verdict(
 ) -> tuple[bool, str]:
     """The verdict on a fit: whether it explains its records, and a sentence on how it ended.
 
-    It is `unexplained` where records contradict each other, leave more than their neighbouring samples scatter, or are
-    not predicted by it.
+    What is `unexplained` may be due to a stack that was read off peaks.
     """
     problem, fit = evidence.problem, evidence.fit
     if fit.message == START_FAILED:
         return False, how_it_ended(problem, fit, values)
-    explained = not (unexplained or evidence.leaves_more_than_noise)
-    if stack is None or explained or not np.isfinite(fit.chi2):
-        return explained, fit.message
+    if stack is None or not unexplained or not np.isfinite(fit.chi2):
+        return not unexplained, fit.message
     if with_stack_freed(fit, problem, stack).leaves_more_than_noise:
         return False, fit.message
     return True, f"{fit.message}; the stack as it was read off peaks does not follow its records"

@@ -148,11 +148,7 @@ def _outcome(estimate: Estimate) -> str:
     verdict = estimate.verdict if estimate.success else estimate.verdict.upper()
     known = not estimate.statistics.noise_estimated
     chi2 = f", reduced chi-square {estimate.statistics.reduced_chi2:.5g}" if known else ""
-    more = (
-        ""
-        if estimate.explained
-        else "; the records leave more than noise, contradict each other or are missed, see the notes"
-    )
+    more = "" if estimate.explained else f"; {estimate.why_unexplained}, see the notes"
     return f"{estimate.method} fit {verdict}: {estimate.message}{chi2}{more}"
 
 

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
         ParameterError as ParameterError,
         Provenance as Provenance,
         Statistics as Statistics,
+        Unexplained as Unexplained,
     )
     from .findings import (
         VISIBLE as VISIBLE,

@@ -3,7 +3,7 @@
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from jaxtyping import Float
@@ -191,6 +191,15 @@ class Provenance:
 OWN_MINIMISER = "BoundedLevenbergMarquardt"
 """The package's own, which minimises where nothing else is asked for."""
 
+Unexplained: TypeAlias = Literal["noise", "contradiction", "validation"]
+"""A reason why an estimate does not explain its records."""
+
+_UNEXPLAINED: dict[Unexplained, str] = {
+    "noise": "fitted records leave more than noise",
+    "contradiction": "records ask for different parameters",
+    "validation": "a record that was not fitted is not predicted to within its noise",
+}
+
 
 @equal_by_value
 @dataclass(frozen=True)
@@ -236,6 +245,9 @@ class Estimate:
     """The residuals of all records fitted are no more than noise, in size, from cycle to cycle and from sample to
     sample, but for samples that stand out, no records contradict each other, and those that were not fitted are
     predicted, too; False where the law lacks something, or the optimum is a wrong one."""
+    unexplained_by: tuple[Unexplained, ...] = ()
+    """Why not: "noise", fitted records leave more than noise; "contradiction", records ask for different parameters;
+    "validation", records that were not fitted are not predicted.  Empty also where the fit could not start."""
     error_advice: ErrorAdvice | None = None
     """Which of the `errors` of the parameters to believe; None where there are none."""
     covariances: Mapping[str, Float[np.ndarray, "p p"]] = field(default_factory=dict)
@@ -262,6 +274,12 @@ class Estimate:
         if not self.converged:
             return "did not converge"
         return "converged" if self.explained else "converged, but does not explain its records"
+
+    @property
+    def why_unexplained(self) -> str:
+        """Why it does not explain its records, a sentence without its full stop."""
+        found = [_UNEXPLAINED[why] for why in self.unexplained_by] or ["the records are not explained"]
+        return ", and ".join(found)
 
     def __repr__(self) -> str:
         free = f"{len(self.names)} free of {len(self.parameters)} parameters"

@@ -334,9 +334,9 @@ def test_what_is_not_clear_is_asked_for(tmp_path, text, columns, units, told, es
         assert essential in str(asked.value)
 
 
-@pytest.mark.parametrize("name", instrument_files.BINARIES)
+@pytest.mark.parametrize("name", instrument_files.FORMATS)
 def test_a_step_is_told_in_every_format(tmp_path, name):
-    ending, write = instrument_files.BINARIES[name]
+    ending, write = instrument_files.FORMATS[name]
     write(tmp_path / f"step{ending}")
     bare = name in ("MATLAB 4", "MATLAB 5", "MATLAB 7.3")
     if bare:

@@ -18,7 +18,7 @@ SI = {"time": "s", "voltage": "V", "displacement": "m"}
 
 def written(folder, name):
     """A file of the dialect or format `name`."""
-    ending, write = made.BINARIES[name] if name in made.BINARIES else (".csv", {**made.TEXTS, **made.SCOPES}[name])
+    ending, write = made.FORMATS[name] if name in made.FORMATS else (".csv", {**made.TEXTS, **made.SCOPES}[name])
     file = folder / f"file{ending}"
     write(file)
     return file
@@ -34,12 +34,12 @@ def test_members_say_what_they_read():
     kinds = [member("files.readers", name) for name in members("files.readers")]
     assert len(kinds) >= 5
     assert all(issubclass(kind, base.AbstractReader) and kind.ending.startswith(".") for kind in kinds)
-    of_files = {ending for ending, _ in made.BINARIES.values()}
+    of_files = {ending for ending, _ in made.FORMATS.values()}
     assert {".mat", ".tdms", ".h5"} <= of_files
     assert {kind.ending for kind in kinds} == {".csv", ".wfm"} | of_files
 
 
-@pytest.mark.parametrize("name", [*made.TEXTS, *made.BINARIES])
+@pytest.mark.parametrize("name", [*made.TEXTS, *made.FORMATS])
 def test_the_same_samples_come_from_every_format(tmp_path, name):
     file = written(tmp_path, name)
     channels = open_file(file).channels()
@@ -56,7 +56,7 @@ def test_the_same_samples_come_from_every_format(tmp_path, name):
     assert read.begin == pytest.approx(made.START)
 
 
-@pytest.mark.parametrize("name", [*made.TEXTS, *made.BINARIES])
+@pytest.mark.parametrize("name", [*made.TEXTS, *made.FORMATS])
 def test_blocks_join_to_the_whole_and_may_begin_anywhere(tmp_path, name, monkeypatch):
     file = written(tmp_path, name)
     reader = reader_of(file)
@@ -75,7 +75,7 @@ def test_blocks_join_to_the_whole_and_may_begin_anywhere(tmp_path, name, monkeyp
         assert np.all(np.diff(places) > 0) and places.size == made.COUNT - first
 
 
-@pytest.mark.parametrize("name", [*made.TEXTS, *made.BINARIES])
+@pytest.mark.parametrize("name", [*made.TEXTS, *made.FORMATS])
 def test_a_window_keeps_what_lies_in_it(tmp_path, name):
     file = written(tmp_path, name)
     reader = open_file(file)
@@ -164,7 +164,7 @@ def test_a_tdms_file_whose_names_claim_more_than_memory_has_is_refused(tmp_path,
 
 
 @pytest.mark.filterwarnings("ignore:.*the file ends before its samples do:pdssjax.core.errors.InputWarning")
-@pytest.mark.parametrize("name", made.BINARIES)
+@pytest.mark.parametrize("name", made.FORMATS)
 def test_a_file_cut_short_is_refused_or_read_as_far_as_it_goes(tmp_path, name):
     file = written(tmp_path, name)
     whole = file.read_bytes()

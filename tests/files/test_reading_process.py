@@ -146,7 +146,7 @@ def test_an_hdf5_file_on_which_its_library_loops_is_refused_in_one_line(tmp_path
     pytest.importorskip("resource")
     h5py = pytest.importorskip("h5py")
     monkeypatch.setattr(reading_process, "SECONDS", 1)
-    ending, write = instrument_files.BINARIES[name]
+    ending, write = instrument_files.FORMATS[name]
     file = tmp_path / f"loop{ending}"
     write(file)
     with h5py.File(file, "a") as stored:

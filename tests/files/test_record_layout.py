@@ -33,7 +33,7 @@ def step_of(folder, lines, file="step.csv", text=STUDY):
     ],
 )
 def test_channels_of_any_file_are_named_or_numbered(tmp_path, name, lines):
-    ending, write = made.BINARIES.get(name) or (".csv", made.TEXTS[name])
+    ending, write = made.FORMATS.get(name) or (".csv", made.TEXTS[name])
     write(tmp_path / f"file{ending}")
     step = step_of(tmp_path, lines, f"file{ending}")
     np.testing.assert_allclose(step.time, made.TIME, atol=1e-12)

@@ -136,7 +136,7 @@ def tdms(file: Path) -> None:
         made.write_segment(channels)
 
 
-BINARIES: dict[str, tuple[str, Callable[[Path], None]]] = {
+FORMATS: dict[str, tuple[str, Callable[[Path], None]]] = {
     "MATLAB 4": (".mat", _mat("4")),
     "MATLAB 5": (".mat", _mat("5")),
     "MATLAB struct": (".mat", mat_structs),

@@ -88,7 +88,7 @@ def test_glitches_are_named_where_they_alone_are_what_the_model_does_not_explain
         assert found.rest_rmse == pytest.approx(NOISE, rel=0.1)
     (note,) = estimate.notes
     assert "They are most likely glitches" in note and ' in "other" by up to ' in note
-    assert ("Errors are enlarged by" in note) is (noise is not None)
+    assert ("Standard errors from records with given noise are multiplied by" in note) is (noise is not None)
     # Not a misfit, and errors by every model hold what they do.
     assert estimate.error_advice.model != "with-misfit"
     for path in TRUTH:

@@ -320,5 +320,8 @@ def _enlarged(factor: float, is_robust: bool) -> str:
     if is_robust:
         return "Standard errors do not depend on the noise given: under a robust loss they come from the residuals."
     if factor > 1.0:
-        return f"Errors are enlarged by {np.sqrt(factor):.3g} for it, as far as they come from noise that was given."
-    return "All records together hide it: the errors are not enlarged for it."
+        return f"Standard errors from records with given noise are multiplied by {np.sqrt(factor):.3g}."
+    return (
+        "Over all records with given noise chi-square is not too large, so standard errors are not enlarged; they are "
+        "too small if this record is right."
+    )

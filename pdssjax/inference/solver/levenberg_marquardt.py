@@ -126,7 +126,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Tree, Tree, Auxi
     rtol: float = 1e-8
     """Converged where cosine squared and predicted reduction, relative to the sum of squares, are below this."""
     atol: float = 0.0
-    """Converged also where what they stand for, a decrease of the sum of squares, is below this."""
+    """Decrease of the sum of squares below which a run has converged, too."""
     norm: Callable[[Float[Array, " p"]], Scalar] = eqx.field(static=True, default=optx.max_norm)
     slow: float = 0.0
     """A step that lowers the sum of squares by less than this share, or than rounding may, is slow."""
@@ -135,9 +135,9 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[Tree, Tree, Auxi
     small_jump: float = 0.0
     """Jump, relative to the sum of squares, that does not matter where a run ends at it."""
     most_slow_steps: int = eqx.field(static=True, default=20)
-    """In a row; then the run ends."""
+    """Slow steps in a row after which the run ends."""
     most_rejections: int = eqx.field(static=True, default=12)
-    """In a row; then the run ends."""
+    """Rejected steps in a row after which the run ends."""
     self_check: bool = eqx.field(static=True, default=True)
     """Compare the Jacobian with differences at the end."""
 

@@ -56,8 +56,8 @@ def _result(estimate: Estimate) -> Iterator[str]:
     yield f"{_verdict(estimate).capitalize()}: {estimate.message.rstrip('.')}."
     if estimate.converged and not estimate.explained:
         yield (
-            "The records leave more than noise, contradict each other, or a validation record is missed. The friction "
-            "law or the piezo model lacks something, or the optimum is a wrong one: see the findings."
+            f"{estimate.why_unexplained.capitalize()}. The friction law or the piezo model lacks something, or the "
+            "optimum is a wrong one: see the findings."
         )
     apart = f", and {statistics.measured_apart} measured apart" if statistics.measured_apart else ""
     judged = (

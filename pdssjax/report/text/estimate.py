@@ -59,7 +59,7 @@ def _outcome(estimate: Estimate) -> str:
     outcome = f"    {estimate.method} fit{loss} {verdict}: {estimate.message}\n"
     if estimate.converged and not estimate.explained:
         outcome += (
-            "    The records leave more than noise, contradict each other, or a validation record is missed.\n"
+            f"    {estimate.why_unexplained.capitalize()}.\n"
             "    The law lacks something, or the optimum is wrong: see the notes.\n"
         )
     return outcome
