@@ -63,7 +63,7 @@ def test_a_fit_that_misses_a_record_by_more_is_no_success(tmp_path, told, capsys
     path = study(tmp_path, GAIN + 9.0 * ERROR, told=told)
     assert main(["identify", str(path), "--out", str(tmp_path / "out")]) == 3
     printed = capsys.readouterr()
-    assert "a validation record is missed" in " ".join(printed.err.split())
+    assert "a record that was not fitted is not predicted" in " ".join(printed.err.split())
     estimate = pdssjax.identify(pdssjax.load_study(path))
     assert estimate.converged and not estimate.explained
     (note,) = [note for note in estimate.notes if "not predicted" in note]
