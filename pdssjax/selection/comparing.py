@@ -75,7 +75,8 @@ def judged(
         results = tuple(Result(fitted[name]) for name in order)
         return Comparison(study.title, results, "", "", (), {}, 0, 0, study.records)
     noises = _noises(study, [fitted[name] for name in good])
-    scores = scores_of(study.records, noises, parts, {name: fitted[name].held_out for name in good})
+    criteria = _criteria(study, fitted, good, noises)
+    scores = scores_of(study.records, noises, parts, {name: fitted[name].held_out for name in good}, criteria)
     chosen, best = choose(good, scores)
     groups = groups_of(good, chosen, best, scores)
     results = _results(study, order, fitted, noises, scores, best, groups)
@@ -125,6 +126,19 @@ def _misfit_of(study: Study, candidate: FittedCandidate) -> float:
     return total
 
 
+def _criteria(
+    study: Study, fitted: Mapping[str, FittedCandidate], names: Sequence[str], noises: Sequence[CommonNoise]
+) -> dict[str, tuple[int, float]]:
+    """The number of free parameters of each model, and Schwarz's criterion of its fit."""
+    used = [place for place, record in enumerate(study.records) if record.role == "fit"]
+    records, noise = [study.records[place] for place in used], [noises[place] for place in used]
+    out = {}
+    for name in names:
+        free, residuals = len(fitted[name].free), [fitted[name].residuals[place] for place in used]
+        out[name] = free, criterion(records, noise, residuals, free)
+    return out
+
+
 def _results(
     study: Study,
     order: Sequence[str],
@@ -136,18 +150,7 @@ def _results(
 ) -> tuple[Result, ...]:
     """Every candidate beside the best one."""
     time_scores, record_scores = scores.only("time", "validation"), scores.only("record", "validation")
-    used = [place for place, record in enumerate(study.records) if record.role == "fit"]
-    records = [study.records[place] for place in used]
-    criteria = {
-        name: criterion(
-            records,
-            [noises[place] for place in used],
-            [fitted[name].residuals[place] for place in used],
-            len(fitted[name].free),
-        )
-        for name in order
-        if not fitted[name].failure
-    }
+    least = min(found for _, found in scores.criteria.values())
     out = []
     for name in order:
         if fitted[name].failure:
@@ -158,7 +161,7 @@ def _results(
                 fitted[name],
                 time_scores.difference(best, name),
                 record_scores.difference(best, name) if record_scores.parts else None,
-                criteria[name] - min(criteria.values()),
+                scores.criteria[name][1] - least,
                 next(number for number, group in enumerate(groups) if name in group),
                 None if name == best else misfit_beside(study, fitted[name], fitted[best], noises),
             )

@@ -13,10 +13,12 @@ With w = L^-1 e, L L' = C, two models differ by d = (|w_b|^2 - |w_a|^2) / 2 in a
 |w_a - w_b|^2.  Where the better one leaves more than noise, too, and the parts of a record differ more than that, their
 scatter counts (Q. H. Vuong, Econometrica 57(2), 1989).  A difference is significant from two standard errors on, and
 matters where it exceeds both `LEAST` and half of what the better model itself leaves beyond noise: where no model is
-right, differences below their common error are no reason to choose.
+right, differences below their common error are no reason to choose.  On blocks of time it does not matter, either,
+where the model behind has fewer parameters and Schwarz's criterion of its fit is no higher.
 """
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -134,13 +136,16 @@ class Scores(NamedTuple):
     whitened: Mapping[str, tuple[Float[np.ndarray, " m"], ...]]
     """By model, w of each part."""
     log_volumes: tuple[float, ...]
+    criteria: Mapping[str, tuple[int, float]] = MappingProxyType({})
+    """By model the number of its free parameters, and Schwarz's criterion of its fit."""
 
     def only(self, *kinds: str) -> "Scores":
         """Those of parts of some `kinds`."""
         kept = [k for k, part in enumerate(self.parts) if part.kind in kinds]
         take = lambda values: tuple(values[k] for k in kept)
         whitened = {name: take(w) for name, w in self.whitened.items()}
-        return Scores(take(self.parts), whitened, take(self.log_volumes))
+        criteria = self.criteria if "time" in kinds else {}
+        return Scores(take(self.parts), whitened, take(self.log_volumes), criteria)
 
     def total(self, name: str) -> float:
         """The log score of a model on all parts."""
@@ -166,7 +171,13 @@ class Scores(NamedTuple):
             if count > 1 and left:
                 scatter = count * float(np.var(values[here], ddof=1))
             variance += max(scatter, float(np.sum(chance[here])))
-        return Difference(total, float(np.sqrt(variance)), abs(total) >= max(LEAST, 0.5 * left))
+        matters = abs(total) >= max(LEAST, 0.5 * left)
+        if self.criteria:
+            ahead, behind = (self.criteria[name] for name in ((first, second) if total >= 0.0 else (second, first)))
+            # A block may hold nearly all that tells a parameter, and what is predicted of it be off for the right law.
+            # It is to show laws that follow the noise: a simpler one that explains as much of the fit is none.
+            matters = matters and not (behind[0] < ahead[0] and behind[1] <= ahead[1])
+        return Difference(total, float(np.sqrt(variance)), matters)
 
     def best(self, among: Sequence[str]) -> str:
         """The model of the highest score; of equal ones the first."""
@@ -178,10 +189,13 @@ def scores_of(
     noises: Sequence[CommonNoise],
     parts: Sequence[Part],
     residuals: Mapping[str, Sequence[Float[np.ndarray, " n"]]],
+    criteria: Mapping[str, tuple[int, float]] = MappingProxyType({}),
 ) -> Scores:
     """The scores of models from their `residuals`, by model one array a part; a part that any model fails is dropped.
 
     So is one without samples that are compared.
+
+    **Arguments:** the `criteria` of `Scores`.
     """
     kept, whitened = [], {name: [] for name in residuals}
     volumes = []
@@ -194,7 +208,7 @@ def scores_of(
         volumes.append(white.log_volume)
         for name, w in found.items():
             whitened[name].append(w)
-    return Scores(tuple(kept), {name: tuple(w) for name, w in whitened.items()}, tuple(volumes))
+    return Scores(tuple(kept), {name: tuple(w) for name, w in whitened.items()}, tuple(volumes), criteria)
 
 
 def choose(order: Sequence[str], scores: Scores) -> tuple[str, str]:

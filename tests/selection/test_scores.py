@@ -89,6 +89,18 @@ def test_the_simplest_model_that_is_not_worse_is_chosen():
     assert groups_of(["simple", "right", "richer"], chosen, best, alike) == [["simple", "right", "richer"]]
 
 
+def test_a_simpler_model_whose_fit_is_as_good_is_not_worse_for_a_block_that_tells_a_parameter_nearly_alone():
+    scores = scored(["time"] * 4 + ["record"], {"right": (1.0, 0.0, 0.0, 0.0, 0.0), "richer": 0.0})
+    assert choose(["right", "richer"], scores)[0] == "richer"
+    as_good = scores._replace(criteria={"right": (5, 0.0), "richer": (6, 8.9)})
+    assert choose(["right", "richer"], as_good)[0] == "right"
+    assert groups_of(["right", "richer"], "right", "richer", as_good) == [["right", "richer"]]
+    poorer = scores._replace(criteria={"right": (5, 30.0), "richer": (6, 8.9)})
+    assert choose(["right", "richer"], poorer)[0] == "richer"
+    whole = scored(["time"] * 4 + ["record"], {"right": (0.0, 0.0, 0.0, 0.0, 1.0), "richer": 0.0})
+    assert choose(["right", "richer"], whole._replace(criteria=as_good.criteria))[0] == "richer"
+
+
 def test_a_model_that_predicts_whole_records_worse_is_never_chosen():
     kinds = ["time"] * 4 + ["record"] * 2
     scores = scored(kinds, {"follows": (0.0,) * 4 + (1.0,) * 2, "predicts": (0.6,) * 4 + (0.0,) * 2})
