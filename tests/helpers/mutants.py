@@ -113,7 +113,7 @@ def of_files(name: str) -> Callable[[Path], Callable[[random.Random], None]]:
     ending, write = {
         **{text: (".csv", write) for text, write in instrument_files.TEXTS.items()},
         **{scope: (".csv", write) for scope, write in instrument_files.SCOPES.items()},
-        **instrument_files.BINARIES,
+        **instrument_files.FORMATS,
         "ISF": (".isf", instrument_files.isf),
     }[name]
 
@@ -314,7 +314,7 @@ KINDS: dict[str, Callable[[Path], Callable[[random.Random], None]]] = {
     "options": of_options,
     **{
         name: of_files(name)
-        for name in (*instrument_files.TEXTS, *instrument_files.SCOPES, *instrument_files.BINARIES, "ISF")
+        for name in (*instrument_files.TEXTS, *instrument_files.SCOPES, *instrument_files.FORMATS, "ISF")
     },
 }
 """By name, what makes the attempt of one mutant, in a folder."""
