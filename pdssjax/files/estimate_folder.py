@@ -4,7 +4,7 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, get_args
 
 import numpy as np
 from jaxtyping import Float
@@ -30,6 +30,7 @@ from ..study import (
     Provenance,
     Remedy,
     Statistics,
+    Unexplained,
 )
 from .draws_results import read_draws
 from .estimate_json import read_estimate
@@ -87,10 +88,17 @@ def _estimate(document: Document, folder: Path) -> Estimate:
         covariances={name: matrix(rows) for name, rows in covariances.items()},
         actuator=document.get("actuator", {}),
         check=None if document.get("check") is None else _check(document["check"]),
-        unexplained_by=tuple(document.get("unexplained_by", ())),
+        unexplained_by=_reasons(document.get("unexplained_by", ())),
         provenance=Provenance(**document.get("provenance", {})),
         **optional,
     )
+
+
+def _reasons(entries: Sequence[Entry]) -> tuple[Unexplained, ...]:
+    """The reasons why an estimate does not explain its records; **raises** `ValueError` for an unknown one."""
+    if unknown := [entry for entry in entries if entry not in get_args(Unexplained)]:
+        raise ValueError(f"unexplained_by = {unknown[0]!r}")
+    return tuple(entries)
 
 
 def _number(entry: Entry, missing: float = math.nan) -> float:

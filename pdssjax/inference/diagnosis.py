@@ -238,7 +238,7 @@ def records_agreement(problem: Problem, fit: Fit, covariance: Float[np.ndarray, 
 
 
 def contradicting(found: Sequence[Agreement]) -> list[Agreement]:
-    """Which groups of records ask for other parameters than the rest: beyond chance, and visibly."""
+    """The groups of records that ask for other parameters than the rest, beyond chance and by two standard errors."""
     return [group for group in found if group.sigmas > SIGMAS and abs(group.largest()[1]) > _NOTICEABLE]
 
 

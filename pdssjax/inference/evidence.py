@@ -49,7 +49,7 @@ class WithoutOutliers(NamedTuple):
     """A fit without the samples that stand out, to first order, of n residuals and p parameters."""
 
     outlying: Bool[np.ndarray, " n"]
-    """Which samples stand out."""
+    """Whether each sample stands out."""
     residual: Float[np.ndarray, " n"]
     """Whitened, as the loss counts them; NaN where a sample stands out."""
     step: Float[np.ndarray, " p"]
@@ -179,14 +179,14 @@ class Evidence:
 
     @cached_property
     def is_poor(self) -> bool:
-        """The fit leaves more than noise, or records contradict each other there."""
+        """Whether the fit leaves more than noise, or its records contradict each other."""
         return self.leaves_more_than_noise or bool(
             contradicting(records_agreement(self.problem, self.fit, self.covariance))
         )
 
     @cached_property
     def leaves_more_than_noise(self) -> bool:
-        """Residuals are more than noise: in size, in what repeats every cycle, or in how neighbours are correlated.
+        """Whether residuals are more than noise: in size, in what repeats every cycle, or in how neighbours correlate.
 
         The size shows little where no noise is given, and a slip at a wrong moment hides in it.  Records that cannot
         show what is left of them (`is_unresolved`) have no say in the other two.  Samples that stand out do not make a

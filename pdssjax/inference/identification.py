@@ -146,7 +146,7 @@ def _estimated(study: Study, request: _Request, stack: PickedStack | None, begun
     best, done, estimate = BestPoint(), None, None
     try:
         found = _found(request, best)
-        done = Point(found.fit, found.problem, found.starts, 2)
+        done = Point(found.evidence.fit, found.evidence.problem, found.starts, 2)
         estimate = _summarised(study, request, done, begun, stack, not request.effort.compares, found.evidence)
         estimate = dataclasses.replace(estimate, multistart=found.multistart, effort=request.effort.name)
         estimate = _with_intervals(estimate, found, request)
@@ -194,7 +194,7 @@ def _found(request: _Request, best: BestPoint) -> FitAndStarts:
 
 def _with_intervals(estimate: Estimate, found: FitAndStarts, request: _Request) -> Estimate:
     """`estimate` with the intervals asked for; linear ones where nothing can be drawn around where the fit ended."""
-    problem, fit, intervals = found.problem, found.fit, request.intervals
+    problem, fit, intervals = found.evidence.problem, found.evidence.fit, request.intervals
     if not np.isfinite(fit.chi2):
         return estimate
     if intervals == "profile":
@@ -256,9 +256,10 @@ def _checked(estimate: Estimate, found: FitAndStarts, request: _Request) -> Esti
     """`estimate` with what a fit by another integrator differs by, where one is asked for."""
     if request.referee is None:
         return estimate
-    second = eqx.tree_at(lambda problem: problem.residual.accuracy, found.problem, request.referee)
+    problem, fit = found.evidence.problem, found.evidence.fit
+    second = eqx.tree_at(lambda problem: problem.residual.accuracy, problem, request.referee)
     second = second._replace(minimiser=request.minimiser)
-    return with_check(estimate, found.fit, second, request.method, request.report)
+    return with_check(estimate, fit, second, request.method, request.report)
 
 
 def _summarised(

@@ -14,8 +14,8 @@ from ..study import Multistart, Parameter, Record, Study
 from .draws import Drawing, reading, same_run
 from .effort import USUAL, Effort
 from .evidence import Evidence
-from .least_squares import Fit, Method, Progress, evaluated
-from .problem import Problem, pose
+from .least_squares import Method, Progress, evaluated
+from .problem import pose
 from .solver.lm_state import Ending
 from .uncertainty.posterior import PROPOSALS
 
@@ -24,20 +24,11 @@ class FitAndStarts(NamedTuple):
     """A fit with its problem, its starts, and the ends of the other starts."""
 
     evidence: Evidence
+    """Of the fit and its problem, with the noise found."""
     starts: dict[str, float]
     """Where it began [SI], by path."""
     multistart: Multistart | None
     """Where fits from further starts ended; None where none were asked for."""
-
-    @property
-    def problem(self) -> Problem:
-        """What was fitted, with the noise found."""
-        return self.evidence.problem
-
-    @property
-    def fit(self) -> Fit:
-        """How it ended."""
-        return self.evidence.fit
 
 
 def run_settings(
@@ -94,10 +85,10 @@ def _measured(record: Record) -> Document:
 
 def fit_document(what: Document, found: FitAndStarts) -> Document:
     """The fit as plain data, with the settings `what`: all that `restored_fit` needs."""
-    fit, table = found.fit, found.multistart
+    fit, table = found.evidence.fit, found.multistart
     return what | {
         "free": np.asarray(fit.free, float).tolist(),
-        "noise": np.asarray(found.problem.noise, float).tolist(),
+        "noise": np.asarray(found.evidence.problem.noise, float).tolist(),
         "starts": {path: float(number) for path, number in found.starts.items()},
         "success": bool(fit.success),
         "message": fit.message,

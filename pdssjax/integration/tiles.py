@@ -24,7 +24,7 @@ _TILE = 32
 _BLOCK = 16
 """Tiles in a block."""
 
-_PART = 128
+PART = 128
 """Times at which a block is read side by side."""
 
 Carry = TypeVar("Carry")
@@ -81,7 +81,7 @@ def read_by_blocks(
     size = _TILE * min(_BLOCK, -(-room // _TILE))
     blocks = -(-room // size)
     table = jnp.concatenate([table, jnp.zeros((blocks * size - room, width))])
-    part = min(_PART, rows.size)
+    part = min(PART, rows.size)
     parts = -(-wanted // part)
 
     def next_block(number: Count, both: tuple[Carry, Read]) -> tuple[Carry, Read]:

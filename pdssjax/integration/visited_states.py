@@ -18,6 +18,7 @@ from .differentiated_run import components_at, since_begins
 from .solution import Begun, End, ended, visited
 from .step_table import Row
 from .system import AbstractHybridSystem, State, Visited
+from .tiles import PART
 
 Seen = TypeVar("Seen")
 
@@ -78,14 +79,10 @@ class Visit(NamedTuple, Generic[Seen]):
     """Index into `accuracy.FAILURES`; 0 where the integration finished."""
 
 
-_PART = 128
-"""Times whose states are computed side by side where only some are wanted."""
-
-
 def _in_parts(look: Callable[..., Seen], wanted: Count, *of_times: Tree) -> Seen:
     """What `look` makes of the first `wanted` rows of arrays; for the rows behind them, what it makes of the last."""
     count = len(jax.tree.leaves(of_times)[0])
-    size = min(_PART, count)
+    size = min(PART, count)
     rows = jnp.minimum(jnp.arange(-(-count // size) * size), wanted - 1)
     take = lambda rows: jax.tree.map(lambda a: a[rows], of_times)
     shapes = jax.eval_shape(lambda: look(*take(rows[:size])))

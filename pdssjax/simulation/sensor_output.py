@@ -143,7 +143,10 @@ def why_failed(
     segments: int | None = None,
     wanted: Count | None = None,
 ) -> Int[Array, ""]:
-    """Index into `pdssjax.integration.FAILURES` of the run behind `sensor_samples`; 0 where it works."""
+    """Index into `pdssjax.integration.FAILURES` of the run behind `sensor_samples`; 0 where it works.
+
+    **Arguments:** as of `sensor_samples`; a run fails or not however many samples are `wanted`.
+    """
     if segments is not None and is_closed(system):
         return jnp.zeros((), int)
     return integrate_steps(system, times[-1], accuracy, output.components(system)).failure

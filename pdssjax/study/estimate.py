@@ -277,7 +277,7 @@ class Estimate:
 
     @property
     def why_unexplained(self) -> str:
-        """Why it does not explain its records, a sentence without its full stop."""
+        """Why the estimate does not explain its records: a clause, to be followed by a full stop or a comma."""
         found = [_UNEXPLAINED[why] for why in self.unexplained_by] or ["the records are not explained"]
         return ", and ".join(found)
 

@@ -92,7 +92,7 @@ class RecordGroup(eqx.Module, Generic[S]):
     conditions: dict[str, Bool[np.ndarray, " records"]]
     """For each condition, whether the record was made under it."""
     samples: Int[np.ndarray, " records"]
-    """How many each record has."""
+    """Number of samples of each record."""
     places: tuple[int, ...] = eqx.field(static=True)
     """Where the records stand in the study."""
     duration: float = eqx.field(static=True)

@@ -38,6 +38,8 @@ def whole(kind="bootstrap") -> Estimate:
         ),
         actuator={"piezo": "second-order", "friction": "anisotropic-lugre", "feedback": False},
         provenance=Provenance("pdssjax identify 'a b.toml' --out x", "a b.toml", {"jax": "0.10.1"}),
+        explained=False,
+        unexplained_by=("noise", "validation"),
     )
 
 
@@ -103,15 +105,15 @@ def test_a_prescribed_motion_and_glitches_are_read(tmp_path):
     assert read.display == record.display and read.prescribed == record.prescribed
 
 
-LATER = "provenance actuator loss effort solver minimiser explained covariances error_advice diagnosis check"
+LATER = (
+    "provenance actuator loss effort solver minimiser explained unexplained_by covariances error_advice diagnosis check"
+)
 """Keys that early versions did not write."""
 
 
 def test_results_of_earlier_versions_are_read(folder, tmp_path):
     document = json.loads((folder / "estimate.json").read_text(encoding="utf-8"))
-    for (
-        key
-    ) in "provenance actuator loss effort solver minimiser explained covariances error_advice diagnosis check".split():
+    for key in LATER.split():
         del document[key]
     for record in document["records"]:
         for key in ("frequency", "excitation", "file"):
@@ -139,13 +141,16 @@ def changed(text: str, change: str):
             document["parameters"] = [1.0]
         case "a surplus statistic":
             document["statistics"]["luck"] = 1.0
+        case "an unknown reason":
+            document["unexplained_by"] = ["bad luck"]
     return json.dumps(document)
 
 
 @pytest.mark.parametrize(
     "change",
     ["no statistics", "a value that is a word", "records that are a number", "a record of something unknown",
-     "a matrix that is too small", "parameters that are a list", "a surplus statistic"],
+     "a matrix that is too small", "parameters that are a list", "a surplus statistic",
+     "an unknown reason"],
 )  # fmt: skip
 def test_what_is_damaged_is_refused_in_one_line(folder, tmp_path, change):
     text = (folder / "estimate.json").read_text(encoding="utf-8")
