@@ -33,14 +33,17 @@ def pytest_configure(config):
     # XLA reads them when the first computation is asked for.
     os.environ["XLA_FLAGS"] = " ".join(flags)
     prepare_jax(dedicated=True)
-    # By JAX's cache alone, which a change of sources that changes no program leaves as it is.
-    keep_programs_in(None, "")
 
 
 def pytest_collection_finish():
     """Leave out of every later look for garbage what was imported: a million objects that stay."""
     gc.collect()
     gc.freeze()
+
+
+def pytest_runtest_setup():
+    """Keep compiled code by JAX's cache alone, which changed sources leave as it is; the command line keeps programs."""
+    keep_programs_in(None, "")
 
 
 @pytest.hookimpl(trylast=True)
