@@ -42,7 +42,7 @@ def pytest_collection_finish():
 
 
 def pytest_runtest_setup():
-    """Keep compiled code by JAX's cache alone, which changed sources leave as it is; the command line keeps programs."""
+    """Keep compiled code by JAX's cache alone, as changed sources leave it; a command run in this process keeps programs."""
     keep_programs_in(None, "")
 
 

@@ -10,12 +10,13 @@ import dataclasses
 from collections.abc import Collection, Mapping, Sequence
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..core import Scalar, kept_jit
-from ..study import Constraint, Link, Parameter, Values, bounded_by_constraints, chained
+from ..study import Constraint, Directions, Link, Parameter, Values, bounded_by_constraints, chained
 
 
 class Ties(eqx.Module):
@@ -54,6 +55,10 @@ class ParameterTransform(eqx.Module):
     def decode(self, free: Float[Array | np.ndarray, " p"]) -> dict[str, Scalar]:
         """The fit's numbers to values in SI; compiled, differentiable."""
         return _decoded(self, free)
+
+    def linearised(self, free: Float[Array | np.ndarray, " p"]) -> tuple[dict[str, Scalar], Directions]:
+        """`decode`, and the derivatives of each value by all numbers of the fit; compiled."""
+        return _linearised(self, free)
 
     def own(self, free: Float[np.ndarray, "*many p"]) -> Float[np.ndarray, "*many p"]:
         """The fit's numbers as those of each parameter on its own scale."""
@@ -142,6 +147,15 @@ def _decoded(transform: ParameterTransform, free: Float[Array | np.ndarray, " p"
     own = free if ties is None else jnp.asarray(ties.mixing) @ free + ties.shift
     number = jnp.where(logarithmic, jnp.exp(jnp.where(logarithmic, own, 0.0)), own * transform.unit)
     return {path: number[i] for i, path in enumerate(transform.paths)}
+
+
+@kept_jit
+def _linearised(
+    transform: ParameterTransform, free: Float[Array | np.ndarray, " p"]
+) -> tuple[dict[str, Scalar], Directions]:
+    decoded = lambda free: (values := _decoded(transform, free), values)
+    directions, values = jax.jacfwd(decoded, has_aux=True)(jnp.asarray(free, float))
+    return values, directions
 
 
 def transform_of(

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
@@ -18,14 +17,25 @@ from jaxtyping import Array, Bool, Float
 from ..core import Scalar, Tree, kept_jit, on_device, require_float64
 from ..integration import Accuracy
 from ..metrics import scatter_floor
-from ..study import Lowered, Parameter, Predictor, Record, Study, Values, predicted
+from ..study import (
+    Directions,
+    Layout,
+    Linearisable,
+    Lowered,
+    Parameter,
+    Predictor,
+    Record,
+    Stacked,
+    Study,
+    Values,
+    of_records,
+)
 from .effort import USUAL, Effort
 from .initial_values.search import initial_guess
 from .losses.base import AbstractLoss
-from .parameter_transform import ParameterTransform, transform_of
+from .parameter_transform import transform_of
 from .residual import Comparison, Residual, compared
 from .solver.iterations import Linearised, OfFunction, Point
-from .solver.levenberg_marquardt import linearised
 from .solver.minimisers import Minimiser
 from .told_ranges import told_ranges, within_told
 
@@ -126,8 +136,15 @@ class Problem(eqx.Module):
             return OfFunction(self.residual, weights)
         return _OfStudy(self.residual, weights, self.predictor, self.places)
 
+    def motions(self, values: Values) -> list[Float[np.ndarray, " samples"]]:
+        """What every record of the study measures with the parameters `values` [SI], by what a fit compiles."""
+        if self.predictor is None:
+            raise ValueError("Expected the problem of a study.")
+        motions = Linearisable(self.predictor, self.residual.accuracy)
+        return [np.asarray(motion) for motion in motions.predicted(values, self.residual.transform.paths)]
+
     def lowered(self, free: Float[Array | np.ndarray, " p"]) -> Lowered:
-        """`linearised`, traced; its `compile` may go on in another thread."""
+        """What its evaluations compile, traced; its `compile` may go on in another thread."""
         return self.evaluations(self._weights()).lowered(free)
 
     @property
@@ -165,24 +182,28 @@ class _OfStudy(NamedTuple):
         if self._is_traced(point):
             return self.residual(point, self.weights)
         values = self.residual.values(point)
-        motions = predicted(self.predictor, values, self.residual.accuracy, self._used())
+        motions = self.motions.predicted(values, self.residual.transform.paths, self._used())
         return compared(self.residual.comparison, [motions[place] for place in self.places], values, self.weights)
 
     def linearised(self, point: Point) -> Linearised:
         if self._is_traced(point):
             return OfFunction(self.residual, self.weights).linearised(point)
-        every = _linearised_motions(*self._asked(point))
-        motions, slopes = ([each[place] for place in self.places] for each in every)
-        of_scale = self.residual.comparison, self.residual.transform, self.residual.fixed
-        return _linearised_comparison(*of_scale, point, self.weights, motions, slopes)
+        values, directions = self.residual.linearised_values(point)
+        motions, slopes = self.motions.linearised(values, directions, self._used())
+        fitted, layout = [motions[place] for place in self.places], self.predictor.layout
+        layout = tuple(layout[place] for place in self.places)
+        return _linearised_comparison(
+            self.residual.comparison, values, directions, self.weights, fitted, slopes, layout
+        )
 
     def lowered(self, point: Point) -> Lowered:
-        """`linearised`, traced; its `compile` may go on in another thread."""
-        return _linearised_motions.prepared(*self._asked(point))
+        """What predicts the motions and their derivatives, traced; its `compile` may go on in another thread."""
+        return self.motions.lowered(self.residual.values(point), self.residual.transform.paths)
 
-    def _asked(self, point: Point) -> tuple[Any, ...]:
-        residual = self.residual
-        return self.predictor, residual.transform, residual.fixed, residual.accuracy, self._used(), point
+    @property
+    def motions(self) -> Linearisable:
+        """The motions in all records of the study."""
+        return Linearisable(self.predictor, self.residual.accuracy)
 
     def _used(self) -> Bool[np.ndarray, " records"]:
         used = np.zeros(len(self.predictor.samples), bool)
@@ -193,44 +214,24 @@ class _OfStudy(NamedTuple):
         return isinstance(point, Tracer) or isinstance(self.weights, Tracer)
 
 
-Motions: TypeAlias = list[Float[Array, " samples"]]
-Slopes: TypeAlias = list[Float[Array, "samples p"]]
-
-
-@kept_jit
-def _linearised_motions(
-    predictor: Predictor,
-    transform: ParameterTransform,
-    fixed: dict[str, Any],
-    accuracy: Accuracy,
-    used: Bool[np.ndarray, " records"],
-    free: Point,
-) -> tuple[Motions, Slopes]:
-    """What is predicted of every record that is `used`, and its derivatives by the free numbers; 0 of the others."""
-    motions = lambda free, args: (predictor(fixed | transform.decode(free), accuracy, used), None)
-    (found, _), (slopes, _) = linearised(motions, jnp.asarray(free), None)
-    return found, slopes
-
-
 @kept_jit
 def _linearised_comparison(
     comparison: Comparison,
-    transform: ParameterTransform,
-    fixed: dict[str, Any],
-    free: Point,
+    values: Values,
+    directions: Directions,
     weights: Float[Array | np.ndarray, " records"],
-    motions: Motions,
-    slopes: Slopes,
+    motions: list[Float[Array, " samples"]],
+    slopes: Stacked,
+    layout: Layout,
 ) -> Linearised:
-    """Residuals and offsets, and the Jacobian of both, where `motions` have these `slopes`."""
-    free, values = jnp.asarray(free), lambda free: fixed | transform.decode(free)
+    """Residuals and offsets, and the Jacobian of both, where `motions` have these `slopes`, stacked by group."""
+    moving = {path: values[path] for path in directions}
 
-    def along(direction: Float[Array, " p"], motions_dot: Motions) -> tuple[Tree, Tree]:
-        numbers, numbers_dot = jax.jvp(values, (free,), (direction,))
-        of = lambda motions, numbers: comparison(motions, numbers, weights)
-        return jax.jvp(of, (motions, numbers), (motions_dot, numbers_dot))
+    def along(direction: Values, motions_dot: list[Float[Array, " samples"]]) -> tuple[Tree, Tree]:
+        of = lambda motions, moving: comparison(motions, {**values, **moving}, weights)
+        return jax.jvp(of, (motions, moving), (motions_dot, direction))
 
-    return jax.vmap(along, in_axes=(0, -1), out_axes=(None, -1))(jnp.eye(free.size), slopes)
+    return jax.vmap(along, in_axes=(0, -1), out_axes=(None, -1))(directions, of_records(slopes, layout))
 
 
 SHORTEST = 1e-9

@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float
 
 from ..core import Scalar, ScalarLike, kept_jit
 from ..integration import Accuracy
-from ..study import Models, Predictor, Record, Values
+from ..study import Directions, Models, Predictor, Record, Values
 from .losses.base import AbstractLoss
 from .losses.squares import Squares
 from .parameter_transform import ParameterTransform
@@ -128,6 +128,11 @@ class Residual(eqx.Module):
     def values(self, free: Float[Array | np.ndarray, " p"]) -> Values:
         """All parameters [SI] by path, the free ones from the scale of the fit."""
         return self.fixed | self.transform.decode(free)
+
+    def linearised_values(self, free: Float[Array | np.ndarray, " p"]) -> tuple[Values, Directions]:
+        """`values`, and how the free ones move with each of the numbers of the fit."""
+        moving, directions = self.transform.linearised(free)
+        return self.fixed | moving, directions
 
     def __call__(
         self, free: Float[Array | np.ndarray, " p"], weights: Float[Array | np.ndarray, " records"]

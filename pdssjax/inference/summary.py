@@ -263,8 +263,8 @@ def _compared(
     at = {id(record): i for i, record in enumerate(problem.records)}
     slopes, taken = np.asarray(fit.state.aux_jacobian), evidence.degrees_taken
     scatter = _scatter(problem, fit, taken, factor)
-    motions, out = _motions(study, problem, values), []
-    undisturbed = _undisturbed(study, evidence, values, motions)
+    motions, out = problem.motions(values), []
+    undisturbed = _undisturbed(evidence, values, motions)
     for record, motion, rest in zip(study.records, motions, undisturbed, strict=True):
         i = at.get(id(record))
         noise = problem.noise[i] if i is not None else record.noise
@@ -290,12 +290,7 @@ def _compared(
     return tuple(out)
 
 
-def _motions(study: Study, problem: Problem, values: Mapping[str, float]) -> list[Float[np.ndarray, " samples"]]:
-    return [np.asarray(motion) for motion in study.predict(values, problem.residual.accuracy)]
-
-
 def _undisturbed(
-    study: Study,
     evidence: Evidence,
     values: Mapping[str, float],
     motions: list[Float[np.ndarray, " samples"]],
@@ -308,7 +303,7 @@ def _undisturbed(
     if np.array_equal(there, fit.free):
         return motions
     found = {path: float(value) for path, value in problem.decode(there).items()}
-    moved = _motions(study, problem, {**values, **found})
+    moved = problem.motions({**values, **found})
     return moved if all(np.isfinite(motion).all() for motion in moved) else motions
 
 

@@ -49,11 +49,10 @@ def missed_records(
     **Arguments:** the point `free` that the fit ended at, without samples that stand out, and the `covariance` on the
     fit's scale, NaN where a parameter has no information or is held.
     """
-    values = {**problem.residual.fixed, **problem.decode(free)}
-    motions = study.predict({path: float(number) for path, number in values.items()}, problem.residual.accuracy)
+    motions = problem.motions(problem.residual.values(free))
     loss, unknown = problem.residual.loss, _unknown_parameters(study)
     every = [
-        _beside(record, np.asarray(motion), loss)
+        _beside(record, motion, loss)
         for record, motion in zip(study.records, motions, strict=True)
         if record.role != "fit"
     ]

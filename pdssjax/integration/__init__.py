@@ -8,7 +8,11 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from .accuracy import FAILURES as FAILURES, ROUNDING as ROUNDING, TIGHT as TIGHT, Accuracy as Accuracy
     from .event_location import LOOK_AHEAD as LOOK_AHEAD
-    from .forward_pass import integrate_to_times as integrate_to_times
+    from .forward_pass import (
+        empty_table as empty_table,
+        find_steps as find_steps,
+        integrate_to_times as integrate_to_times,
+    )
     from .hybrid_run import RESULTS as RESULTS, Events as Events, Solution as Solution, integrate as integrate
     from .hybrid_system import HybridSystem as HybridSystem
     from .periodic_orbit import SHORT as SHORT, moved_orbit as moved_orbit
@@ -27,6 +31,7 @@ if TYPE_CHECKING:
     from .step_methods.diffrax_solver import OneStep as OneStep
     from .step_methods.picard import Picard as Picard
     from .step_methods.taylor import Taylor as Taylor
+    from .step_table import Table as Table, TakenSteps as TakenSteps
     from .system import (
         SETTLED as SETTLED,
         AbstractHybridSystem as AbstractHybridSystem,

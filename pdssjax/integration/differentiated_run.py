@@ -32,7 +32,7 @@ from .accuracy import Accuracy
 from .forward_pass import find_steps
 from .polynomials import horner
 from .sensitivities import Keep, StepDerivatives, differentiated_steps
-from .step_table import KNOWN_COLUMNS, LoopState, Row, Table, read
+from .step_table import KNOWN_COLUMNS, LoopState, Row, Table, TakenSteps, read
 from .system import AbstractHybridSystem
 from .tiles import read_by_blocks, tiled
 
@@ -140,16 +140,23 @@ class RunFacts(NamedTuple):
     loop: LoopState
 
 
-Reach: TypeAlias = tuple[Scalar, Count]
-"""When a run ends [s], and how many of the times are read."""
+class Reach(NamedTuple):
+    """How far a run goes, and is read."""
+
+    horizon: Scalar
+    """When it ends [s]."""
+    wanted: Count
+    """How many of the times are read."""
+    steps: TakenSteps | None = None
+    """Its steps where they are known, for systems of the same numbers; None: they are found."""
 
 
 def steps_of(
     system: AbstractHybridSystem, horizon: Scalar, accuracy: Accuracy, keep: Keep
 ) -> tuple[Float[Array, "room begin"], Float[Array, " begin"], Float[Array, "room kept coefficients"], RunFacts]:
     """The begin and the polynomials of every step to the `horizon` [s], the end of the run, and what else is known."""
-    none = jnp.zeros((), int)
-    derivatives, facts = _results_of_run((*_all_fixed(system), None), 0, (horizon, none), accuracy, keep)
+    reach = Reach(horizon, jnp.zeros((), int))
+    derivatives, facts = _results_of_run((*_all_fixed(system), None), 0, reach, accuracy, keep)
     return derivatives.begins[0], derivatives.end[0], derivatives.shown[0][0], facts
 
 
@@ -184,8 +191,8 @@ def _run_derivatives(
     asked: Asked, reach: Reach, accuracy: Accuracy, order: int, keep: Keep
 ) -> tuple[RunDerivatives, RunFacts]:
     moving, fixed, times = asked
-    horizon, wanted = reach
-    table, loop = find_steps(eqx.combine(moving, fixed), horizon, accuracy)
+    horizon, wanted, known = reach
+    table, loop = find_steps(eqx.combine(moving, fixed), horizon, accuracy) if known is None else known
     size = table.shape[1] - KNOWN_COLUMNS
     carry, tile = differentiated_steps(moving, fixed, accuracy, keep, size, order)
     end = end_of(loop)

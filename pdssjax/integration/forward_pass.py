@@ -7,6 +7,7 @@ expands the rows again, in value and in derivative.
 from collections.abc import Callable
 from typing import NamedTuple, TypeAlias
 
+import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
@@ -14,8 +15,9 @@ from jaxtyping import Array, Float
 from ..core import Count, Scalar
 from .accuracy import Accuracy
 from .one_step import fineness, one_step
-from .step_table import KNOWN_COLUMNS, LoopState, Table, initial_loop_state, pack
+from .step_table import KNOWN_COLUMNS, LoopState, Table, TakenSteps, initial_loop_state, pack
 from .system import AbstractHybridSystem, State, unflattener
+from .tiles import BLOCK
 
 _BLOCK = 5
 """Steps written to memory at a time: XLA runs a loop on small buffers two to three times faster."""
@@ -42,12 +44,23 @@ class Reached(NamedTuple):
     """Index into `accuracy.FAILURES`; 0 where the integration finished."""
 
 
-def find_steps(system: AbstractHybridSystem, horizon: Scalar, accuracy: Accuracy) -> tuple[Table, LoopState]:
-    """Every step from t = 0 to the horizon: the table of steps, and the last carry."""
+def empty_table(system: AbstractHybridSystem, accuracy: Accuracy) -> Table:
+    """A table with room for all steps that the `accuracy` allows, and none in it."""
+    width = 2 + len(jax.tree.leaves(system.initial())) + KNOWN_COLUMNS
+    return jnp.zeros((-(-(accuracy.max_steps + _BLOCK) // BLOCK) * BLOCK, width))
+
+
+def find_steps(
+    system: AbstractHybridSystem, horizon: Scalar, accuracy: Accuracy, table: Table | None = None
+) -> TakenSteps:
+    """Every step from t = 0 to the horizon: the table of steps, and the last carry.
+
+    **Arguments:** a `table` of another run, which is written over: in a loop over runs it is cleared only once.
+    """
+    table = empty_table(system, accuracy) if table is None else table
     finely = fineness(accuracy)
     loop = initial_loop_state(system)
     start, unpack = pack(loop)
-    width = 2 + len(loop.x) + KNOWN_COLUMNS
     blocks = -(-accuracy.max_steps // _BLOCK)
     done = lambda packed: unpack(packed).done > 0
 
@@ -59,12 +72,12 @@ def find_steps(system: AbstractHybridSystem, horizon: Scalar, accuracy: Accuracy
 
     def steps(carry: Filled) -> Filled:
         packed, table, used = carry
-        empty = (packed, jnp.zeros((), int), jnp.zeros((_BLOCK, width)))
+        empty = (packed, jnp.zeros((), int), jnp.zeros((_BLOCK, table.shape[1])))
         packed, _, block = lax.while_loop(lambda c: (c[1] < _BLOCK) & ~done(c[0]), step, empty)
         return packed, lax.dynamic_update_slice_in_dim(table, block, used * _BLOCK, 0), used + 1
 
     packed, table, _ = lax.while_loop(
-        lambda c: (c[2] < blocks) & ~done(c[0]), steps, (start, jnp.zeros((blocks * _BLOCK, width)), jnp.zeros((), int))
+        lambda c: (c[2] < blocks) & ~done(c[0]), steps, (start, table, jnp.zeros((), int))
     )
     loop = unpack(packed)
     counts = ("count", "rejected", "events", "period", "failure")

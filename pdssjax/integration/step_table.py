@@ -78,6 +78,10 @@ def written(loop: LoopState, step_radius: Scalar, duration: Scalar, code: Scalar
     return jnp.stack([loop.origin, loop.t_local, *loop.x, loop.index, loop.mode, step_radius, duration, code])
 
 
+TakenSteps: TypeAlias = tuple[Table, LoopState]
+"""The steps of a run, and the last carry of the loop that found them."""
+
+
 class Row(NamedTuple):
     """A row of the table: what can be differentiated by, then what is known."""
 

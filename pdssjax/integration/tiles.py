@@ -21,8 +21,8 @@ from .step_table import Table
 _TILE = 32
 """Steps expanded or linearised side by side."""
 
-_BLOCK = 16
-"""Tiles in a block."""
+BLOCK = 512
+"""Rows in a block of tiles; a table has a whole number of blocks."""
 
 PART = 128
 """Times at which a block is read side by side."""
@@ -37,9 +37,7 @@ Tile: TypeAlias = Callable[[Carry, Float[Array, "rows columns"], Bool[Array, " r
 
 def tiled(tile: Tile[Carry, Found], carry: Carry, table: Table, count: Count) -> tuple[Carry, Found]:
     """The carry behind the first `count` rows of the table, and what `tile` found of each; zeros for the rest."""
-    room, width = table.shape
-    tiles = -(-room // _TILE)
-    table = jnp.concatenate([table, jnp.zeros((tiles * _TILE - room, width))])
+    tiles = len(table) // _TILE
     tile = jax.jit(tile, inline=True)  # traced once, for its shapes and for the loop
     shapes = jax.eval_shape(tile, carry, table[:_TILE], jnp.ones(_TILE, bool))[1]
     blank = jax.tree.map(lambda s: jnp.zeros((tiles * _TILE, *s.shape[1:]), s.dtype), shapes)
@@ -55,8 +53,7 @@ def tiled(tile: Tile[Carry, Found], carry: Carry, table: Table, count: Count) ->
         return carry, jax.tree.map(put, so_far, found)
 
     taken = jnp.minimum(-(-count // _TILE), tiles)
-    carry, found = lax.fori_loop(0, taken, next_tile, (carry, blank))
-    return carry, jax.tree.map(lambda a: a[:room], found)
+    return lax.fori_loop(0, taken, next_tile, (carry, blank))
 
 
 def read_by_blocks(
@@ -77,22 +74,19 @@ def read_by_blocks(
 
     **Returns:** the carry; an entry for each of the `rows`, zeros for those that are not wanted.
     """
-    room, width = table.shape
-    size = _TILE * min(_BLOCK, -(-room // _TILE))
-    blocks = -(-room // size)
-    table = jnp.concatenate([table, jnp.zeros((blocks * size - room, width))])
+    blocks = len(table) // BLOCK
     part = min(PART, rows.size)
     parts = -(-wanted // part)
 
     def next_block(number: Count, both: tuple[Carry, Read]) -> tuple[Carry, Read]:
-        begin = number * size
-        carry, found = tiled(tile, both[0], lax.dynamic_slice_in_dim(table, begin, size), count - begin)
+        begin = number * BLOCK
+        carry, found = tiled(tile, both[0], lax.dynamic_slice_in_dim(table, begin, BLOCK), count - begin)
 
         def next_part(number: Count, so_far: Read) -> Read:
             first = jnp.minimum(number * part, rows.size - part)
             cut = lambda array: lax.dynamic_slice_in_dim(array, first, part)
             here, before = cut(rows) - begin, jax.tree.map(cut, so_far)
-            inside = (here >= 0) & (here < size)
+            inside = (here >= 0) & (here < BLOCK)
             added = lambda: jax.tree.map(partial(_where, inside), read(found, here, *map(cut, of_times)), before)
             new = lax.cond(jnp.any(inside), added, lambda: before)
             put = lambda array, values: lax.dynamic_update_slice_in_dim(array, values, first, 0)
@@ -101,10 +95,10 @@ def read_by_blocks(
         return carry, lax.fori_loop(0, parts, next_part, both[1])
 
     shapes = jax.eval_shape(
-        lambda: read(tiled(tile, carry, table[:size], count)[1], rows[:part], *[a[:part] for a in of_times])
+        lambda: read(tiled(tile, carry, table[:BLOCK], count)[1], rows[:part], *[a[:part] for a in of_times])
     )
     nothing = jax.tree.map(lambda s: jnp.zeros((rows.size, *s.shape[1:]), s.dtype), shapes)
-    return lax.fori_loop(0, jnp.minimum(-(-count // size), blocks), next_block, (carry, nothing))
+    return lax.fori_loop(0, jnp.minimum(-(-count // BLOCK), blocks), next_block, (carry, nothing))
 
 
 def _where(is_new: Bool[Array, " rows"], new: Array, old: Array) -> Array:

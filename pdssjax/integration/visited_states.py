@@ -14,9 +14,9 @@ from jaxtyping import Array, Float, Int
 
 from ..core import Count, Scalar, ScalarLike, Tree, Truth
 from .accuracy import Accuracy
-from .differentiated_run import components_at, since_begins
+from .differentiated_run import Reach, components_at, since_begins
 from .solution import Begun, End, ended, visited
-from .step_table import Row
+from .step_table import Row, TakenSteps
 from .system import AbstractHybridSystem, State, Visited
 from .tiles import PART
 
@@ -69,7 +69,7 @@ class Visit(NamedTuple, Generic[Seen]):
     """The states at the times, or what was looked at of them."""
     end: End
     count: Count  # pyright: ignore[reportIncompatibleMethodOverride]
-    """Steps accepted."""
+    """TakenSteps accepted."""
     rejected: Count
     events: Count
     """Switches of the mode that were located."""
@@ -103,6 +103,7 @@ def visit(
     horizon: ScalarLike | None = None,
     look: Callable[[Visited], Seen] = lambda states: states,
     wanted: Count | None = None,
+    steps: TakenSteps | None = None,
 ) -> Visit[Seen]:
     """Integrate `system` from its initial state at t = 0, and return the states at the ascending `times` [s].
 
@@ -113,14 +114,14 @@ def visit(
     step's beginning unless the system knows them in closed form.  The run ends at the `horizon` [s], the last of the
     times by default; it has no derivative.  What is returned of the states is what `look` makes of some at a time.
     Only the first `wanted` times are looked at, all by default; what is returned for later ones is that of the last.
+    The `steps` are those that `find_steps` finds to this horizon; None: they are found here.
     """
     components = tuple(range(len(jax.tree.leaves(system.initial())))) if keep is None else keep
     times = jnp.asarray(times, float)
     horizon = lax.stop_gradient(jnp.asarray(times[-1] if horizon is None else horizon, float))
-    begins, end, shown, found = components_at(
-        system, times, (horizon, jnp.asarray(times.size if wanted is None else wanted)), accuracy, components
-    )
-    loop, steps, laps = found.loop, found.steps, found.laps
+    reach = Reach(horizon, jnp.asarray(times.size if wanted is None else wanted), steps)
+    begins, end, shown, found = components_at(system, times, reach, accuracy, components)
+    loop, laps = found.loop, found.laps
     opening = begins[:1]
 
     def looked(steps: Row, begins: Array, laps: Array, times: Array, shown: Array) -> Seen:
@@ -128,6 +129,6 @@ def visit(
         at_begin = Begun(steps.index, steps.mode, begins[:, 1], begins[:, 2:])
         return look(visited(system, at_begin, elapsed, shown, (end - opening[0])[2:] * laps[:, None], keep))
 
-    rows = steps, begins[1:], laps, times, shown
+    rows = found.steps, begins[1:], laps, times, shown
     seen = looked(*rows) if wanted is None else _in_parts(looked, wanted, *rows)
     return Visit(seen, ended(end, loop), loop.count, loop.rejected, loop.events, loop.repeats, loop.failure)

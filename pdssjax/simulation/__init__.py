@@ -17,7 +17,10 @@ if TYPE_CHECKING:
         Inside as Inside,
         Observation as Observation,
         Output as Output,
+        Scratch as Scratch,
         observe as observe,
+        samples_and_slopes as samples_and_slopes,
+        scratch as scratch,
         sensor_samples as sensor_samples,
         why_failed as why_failed,
     )

@@ -9,16 +9,21 @@ from typing import Any, NamedTuple, TypeAlias
 
 import jax
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import Array, Float, Int
 
-from ..core import Count, Scalar, ScalarLike
+from ..core import Count, Scalar, ScalarLike, Tree, Truth
 from ..drive.base import AbstractDrive, Segment
 from ..integration import (
     FAILURES,
     AbstractHybridSystem,
     Accuracy,
+    Table,
+    TakenSteps,
     Visited,
+    empty_table,
     exact_states_at,
+    find_steps,
     integrate_steps,
     is_closed,
     states_at,
@@ -110,13 +115,14 @@ def sensor_samples(
     output: Output = DISPLACEMENT,
     segments: int | None = None,
     wanted: Count | None = None,
+    steps: TakenSteps | None = None,
 ) -> Float[Array, " m"]:
     """What the sensor of a `system` shows at `times` [s]: what a fit needs, at less cost than `simulate`.
 
     **Arguments:** `output` says what of the system is shown, in SI, and by how much it is
     late.  `segments` is how many segments of the drive the times may reach into: where it is given, a
     system known in closed form is not integrated.  Of the times only the first `wanted` are looked at, all by default;
-    what is returned for later ones is unknown.
+    what is returned for later ones is unknown.  The `steps` to the last of the times are found unless they are given.
 
     NaN where the motion cannot be integrated; `why_failed` says why.
     """
@@ -130,9 +136,60 @@ def sensor_samples(
     if segments is not None and is_closed(system):
         shown, failure = look(exact_states_at(system, jnp.maximum(seen, 0.0), segments)), jnp.zeros((), int)
     else:
-        run = visit(system, seen, accuracy, keep, times[-1], look, wanted)
+        run = visit(system, seen, accuracy, keep, times[-1], look, wanted, steps)
         shown, failure = run.states, run.failure
     return from_rest(seen, failure)(shown)
+
+
+class Scratch(NamedTuple):
+    """What one record after the other is written to: memory is not cleared for each, which takes half of its time."""
+
+    table: Table
+    """Of the steps."""
+    slopes: Float[Array, "records m p"]
+    """Derivatives of the samples of all records; 0 where none were wanted."""
+
+
+def scratch(system: AbstractHybridSystem, accuracy: Accuracy, shape: tuple[int, int, int]) -> Scratch:
+    """Room for runs of systems such as this one, and derivatives of that `shape`: (records, m, p)."""
+    return Scratch(jnp.zeros((0, 0)) if is_closed(system) else empty_table(system, accuracy), jnp.zeros(shape))
+
+
+def samples_and_slopes(
+    system: Callable[[Tree], AbstractHybridSystem],
+    numbers: Tree,
+    directions: Tree,
+    sloped: Truth,
+    scratch: Scratch,
+    record: Count,
+    times: Float[Array, " m"],
+    accuracy: Accuracy,
+    output: Output,
+    segments: int,
+    wanted: Count | None = None,
+) -> tuple[Float[Array, " m"], Scratch]:
+    """`sensor_samples` of the system of some `numbers`, and where they are `sloped` the derivatives along `directions`.
+
+    Compiled it is one function for both, in which the motion is stepped in one place: that is most of what there is to
+    compile.
+
+    **Arguments:** `directions` are p of them, along the first axis of every leaf; the rest is as of `sensor_samples`.
+
+    **Returns:** samples; and the `scratch`, with the derivatives of this `record` where they are wanted.
+    """
+    begun = system(numbers)
+    steps = None if is_closed(begun) else find_steps(begun, times[-1], accuracy, scratch.table)
+
+    def samples(numbers: Tree) -> Float[Array, " m"]:
+        return sensor_samples(system(numbers), times, accuracy, output, segments, wanted, steps)
+
+    def with_slopes() -> tuple[Float[Array, " m"], Float[Array, "records m p"]]:
+        along = lambda direction: jax.jvp(samples, (numbers,), (direction,))
+        shown, slopes = jax.vmap(along, out_axes=(None, -1))(directions)
+        return shown, scratch.slopes.at[record].set(slopes)
+
+    shown, slopes = lax.cond(sloped, with_slopes, lambda: (samples(numbers), scratch.slopes))
+    return shown, Scratch(scratch.table if steps is None else steps[0], slopes)
 
 
 def why_failed(

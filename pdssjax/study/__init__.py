@@ -62,11 +62,16 @@ if TYPE_CHECKING:
     )
     from .prediction import (
         AbstractSetup as AbstractSetup,
+        Directions as Directions,
+        Layout as Layout,
+        Linearisable as Linearisable,
         Lowered as Lowered,
         Predictor as Predictor,
         Run as Run,
+        Stacked as Stacked,
         failures as failures,
         lowered as lowered,
+        of_records as of_records,
         predicted as predicted,
         with_room as with_room,
     )

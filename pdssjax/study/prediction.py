@@ -9,8 +9,8 @@ those whose setups differ in nothing else share it.
 
 import abc
 import dataclasses
-from collections.abc import Callable, Sequence
-from typing import Any, Generic, Protocol, TypeVar
+from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import Any, Generic, NamedTuple, Protocol, TypeAlias, TypeVar
 
 import equinox as eqx
 import jax
@@ -19,7 +19,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from ..core import Count, Given, Truth, as_number, kept_jit
+from ..core import Count, Given, Tree, Truth, as_number, kept_jit
 from ..drive.base import AbstractDrive
 from ..integration import AbstractHybridSystem, Accuracy
 from ..simulation import (
@@ -29,7 +29,10 @@ from ..simulation import (
     Output,
     PlatformOnly,
     PrescribedMotion,
+    Scratch,
     StickSlip,
+    samples_and_slopes,
+    scratch,
     sensor_samples,
     why_failed,
 )
@@ -246,6 +249,24 @@ def _driven(run: Run) -> AbstractDrive:
     return run.drive
 
 
+Directions: TypeAlias = Mapping[str, Float[Array | np.ndarray, " p"]]
+"""Of p directions, how the free parameters [SI] move along each, by path."""
+
+Stacked: TypeAlias = list[Float[Array, "records samples ..."]]
+"""Of each group of records an array, filled up to the longest: `of_records` takes it apart."""
+
+Layout: TypeAlias = tuple[tuple[int, int, int], ...]
+"""Of each record its group, its row in the arrays of that, and how many samples it has."""
+
+Linearised: TypeAlias = tuple[list[Float[Array, " samples"]], Stacked]
+"""The samples of each record, and the derivatives of all along each of the directions."""
+
+SystemOf: TypeAlias = Callable[[Values], AbstractHybridSystem]
+
+Ask: TypeAlias = Callable[..., Any]
+"""A question about the system of a record: (`SystemOf`, parameters by path, times, and what `sensor_samples` takes)."""
+
+
 class HasSetup(Protocol):
     """A measurement that makes setups, such as `pdssjax.study.AbstractMeasurement`."""
 
@@ -305,8 +326,62 @@ class Predictor(eqx.Module):
 
         Those that are not `used` are not simulated, and zero; None for all.
         """
-        rows = _of_each_record(sensor_samples, self, values, accuracy, used)
-        return [row[:samples] for row, samples in zip(rows, self.samples, strict=True)]
+        return of_records(_of_each_group(sensor_samples, self, values, accuracy, used), self.layout)
+
+    def linearised(
+        self,
+        values: Values,
+        directions: Directions,
+        sloped: Truth,
+        accuracy: Accuracy,
+        used: Bool[Array | np.ndarray, " records"] | None = None,
+    ) -> Linearised:
+        """As a call gives, and where `sloped` the derivatives along the `directions`, else zeros."""
+        groups = [self._linearised(group, values, directions, sloped, accuracy, used) for group in self.groups]
+        return of_records([samples for samples, _ in groups], self.layout), [slopes for _, slopes in groups]
+
+    def _linearised(
+        self,
+        group: RecordGroup[AbstractSetup],
+        values: Values,
+        directions: Directions,
+        sloped: Truth,
+        accuracy: Accuracy,
+        used: Bool[Array | np.ndarray, " records"] | None,
+    ) -> tuple[Float[Array, "records samples"], Float[Array, "records samples p"]]:
+        moving = {path: values[path] for path in directions}
+        (count,) = {len(direction) for direction in directions.values()}
+        of_record, records = _asking(group, self.models, values, accuracy)
+        which, (rows, longest) = _of_group(used, group), group.runs.times.shape
+        record = lambda i: jax.tree.map(lambda a: a[i], records)
+
+        def next_record(i: Count, so_far: tuple[Array, Scratch]) -> tuple[Array, Scratch]:
+            def ask(system: SystemOf, values: Values, *how: Any) -> tuple[Array, Scratch]:
+                of = lambda moving: system({**values, **moving})
+                return samples_and_slopes(of, moving, directions, sloped, so_far[1], i, *how)
+
+            def asked() -> tuple[Array, Scratch]:
+                row, room = of_record(ask, *record(i))
+                return so_far[0].at[i].set(row), room
+
+            return lax.cond(which[i], asked, lambda: so_far)
+
+        room = of_record(
+            lambda system, values, times, how, *_: scratch(system(values), how, (rows, longest, count)), *record(0)
+        )
+        samples, room = lax.fori_loop(0, rows, next_record, (jnp.zeros((rows, longest)), room))
+        return samples, room.slopes
+
+    @property
+    def layout(self) -> Layout:
+        """Where each record stands in what is stacked by group."""
+        rows = {place: (g, row) for g, group in enumerate(self.groups) for row, place in enumerate(group.places)}
+        return tuple((*rows[place], samples) for place, samples in enumerate(self.samples))
+
+
+def of_records(stacked: Stacked, layout: Layout) -> list[Float[Array, "samples ..."]]:
+    """What is `stacked` by group, of each record."""
+    return [stacked[group][row, :samples] for group, row, samples in layout]
 
 
 def predicted(
@@ -316,19 +391,12 @@ def predicted(
     used: Bool[Array | np.ndarray, " records"] | None = None,
 ) -> list[Float[Array, " samples"]]:
     """Predictions by `predictor` of the records that are `used`, by default all, compiled once for all callers."""
-    return _predicted(*_as_arrays(predictor, values, accuracy, used))
+    return _predicted(predictor, _as_arrays(values), accuracy, _which(predictor, used))
 
 
 def lowered(predictor: Predictor, values: Values, accuracy: Accuracy) -> Lowered:
     """`predicted`, traced; its `compile` may go on in another thread."""
-    return _predicted.prepared(*_as_arrays(predictor, values, accuracy))
-
-
-def _as_arrays(
-    predictor: Predictor, values: Values, accuracy: Accuracy, used: Bool[Array | np.ndarray, " records"] | None = None
-) -> tuple[Predictor, dict[str, Given], Accuracy, Bool[Array | np.ndarray, " records"]]:
-    numbers = {path: as_number(number) for path, number in values.items()}
-    return predictor, numbers, accuracy, np.ones(len(predictor.samples), bool) if used is None else used
+    return _predicted.prepared(predictor, _as_arrays(values), accuracy, _which(predictor, None))
 
 
 @kept_jit
@@ -338,58 +406,120 @@ def _predicted(
     return predictor(values, accuracy, used)
 
 
+class Linearisable(NamedTuple):
+    """Predictions whose derivatives are wanted now and then: compiled once for values with and without them."""
+
+    predictor: Predictor
+    accuracy: Accuracy
+
+    def predicted(
+        self, values: Values, free: Collection[str], used: Bool[Array | np.ndarray, " records"] | None = None
+    ) -> list[Float[Array, " samples"]]:
+        """As the `predictor` gives for the `values`, of which some are `free`."""
+        return _linearised(*self._asked(values, dict.fromkeys(free, np.zeros(len(free))), False, used))[0]
+
+    def linearised(
+        self, values: Values, directions: Directions, used: Bool[Array | np.ndarray, " records"] | None = None
+    ) -> Linearised:
+        """The same, and the derivatives along as many `directions` as there are free parameters."""
+        return _linearised(*self._asked(values, directions, True, used))
+
+    def lowered(self, values: Values, free: Collection[str]) -> Lowered:
+        """Both, traced; its `compile` may go on in another thread."""
+        return _linearised.prepared(*self._asked(values, dict.fromkeys(free, np.zeros(len(free))), False, None))
+
+    def _asked(
+        self, values: Values, directions: Directions, sloped: bool, used: Bool[Array | np.ndarray, " records"] | None
+    ) -> tuple[Any, ...]:
+        which = _which(self.predictor, used)
+        return self.predictor, _as_arrays(values), directions, np.asarray(sloped), self.accuracy, which
+
+
+@kept_jit
+def _linearised(
+    predictor: Predictor,
+    values: Values,
+    directions: Directions,
+    sloped: Truth,
+    accuracy: Accuracy,
+    used: Bool[Array | np.ndarray, " records"],
+) -> Linearised:
+    return predictor.linearised(values, directions, sloped, accuracy, used)
+
+
+def _as_arrays(values: Values) -> dict[str, Given]:
+    return {path: as_number(number) for path, number in values.items()}
+
+
+def _which(
+    predictor: Predictor, used: Bool[Array | np.ndarray, " records"] | None
+) -> Bool[Array | np.ndarray, " records"]:
+    return np.ones(len(predictor.samples), bool) if used is None else used
+
+
 @kept_jit
 def failures(predictor: Predictor, values: Values, accuracy: Accuracy) -> list[Count]:
     """For each record an index into `pdssjax.integration.FAILURES`: why it cannot be predicted; 0 where it can."""
-    return _of_each_record(why_failed, predictor, values, accuracy)
+    groups = _of_each_group(why_failed, predictor, values, accuracy)
+    return [groups[group][row] for group, row, _ in predictor.layout]
 
 
-def _of_each_record(
-    ask: Callable[..., Array],
+def _of_each_group(
+    function: Callable[..., Array],
     predictor: Predictor,
     values: Values,
     accuracy: Accuracy,
     used: Bool[Array | np.ndarray, " records"] | None = None,
 ) -> list[Array]:
-    """Result of `ask` (`sensor_samples`, `why_failed`) for each record, in the order of the records; 0 if not used."""
-    found: dict[int, Array] = {}
-    for group in predictor.groups:
-        asked = None if used is None else jnp.asarray(used)[jnp.asarray(group.places)]
-        found |= dict(zip(group.places, _of_group(ask, group, predictor.models, values, accuracy, asked), strict=True))
-    return [found[place] for place in sorted(found)]
+    """The results of `function` (`sensor_samples`, `why_failed`) for the records of each group, stacked; 0 if not used.
+
+    Records are asked one after the other.
+    """
+    ask = lambda system, values, *how: function(system(values), *how)
+
+    def of_group(group: RecordGroup[AbstractSetup]) -> Array:
+        of_record, records = _asking(group, predictor.models, values, accuracy)
+        if used is None:
+            return lax.map(lambda record: of_record(ask, *record), records)
+        nothing = jnp.zeros(group.runs.times.shape[1:])
+        return lax.map(
+            lambda both: lax.cond(both[1], lambda: of_record(ask, *both[0]), lambda: nothing),
+            (records, _of_group(used, group)),
+        )
+
+    return [of_group(group) for group in predictor.groups]
 
 
 def _of_group(
-    ask: Callable[..., Array],
-    group: RecordGroup[AbstractSetup],
-    models: Models,
-    values: Values,
-    accuracy: Accuracy,
-    used: Bool[Array, " records"] | None,
-) -> Array:
-    """Results for the records of a group, computed one after the other and stacked."""
+    used: Bool[Array | np.ndarray, " records"] | None, group: RecordGroup[AbstractSetup]
+) -> Bool[Array, " records"]:
+    """Which records of a group are used: a fit of some compiles what one of all does, and runs less."""
+    places = jnp.asarray(group.places)
+    return jnp.ones(places.shape, bool) if used is None else jnp.asarray(used)[places]
+
+
+def _asking(
+    group: RecordGroup[AbstractSetup], models: Models, values: Values, accuracy: Accuracy
+) -> tuple[Callable[..., Any], Tree]:
+    """What asks one record of a group, (ask, *record) to the answer; and the records, stacked."""
     roomy = with_room(accuracy, group.setups, models, group.segments, group.duration)
 
     def of_record(
+        ask: Ask,
         setup: AbstractSetup,
         run: Run,
         overrides: dict[str, Truth],
         conditions: dict[str, Truth],
         samples: Count,
-        use: Truth | None,
-    ) -> Array:
-        numbers = under_conditions(values, conditions)
-        run = dataclasses.replace(run, drive=_shared(run.drive, overrides, numbers))
+    ) -> Any:
+        def system(values: Values) -> AbstractHybridSystem:
+            numbers = under_conditions(values, conditions)
+            driven = dataclasses.replace(run, drive=_shared(run.drive, overrides, numbers))
+            return setup.system(models, numbers, driven)
 
-        def asked() -> Array:
-            system = setup.system(models, numbers, run)
-            return ask(system, setup.times(run), roomy, setup.output, group.segments, samples)
+        return ask(system, values, setup.times(run), roomy, setup.output, group.segments, samples)
 
-        # A fit of some records compiles what one of all of them does, and runs no more than it needs.
-        return asked() if use is None else lax.cond(use, asked, lambda: jnp.zeros(run.times.shape))
-
-    records = group.setups, group.runs, group.overrides, group.conditions, group.samples, used
-    return lax.map(lambda args: of_record(*args), records)
+    return of_record, (group.setups, group.runs, group.overrides, group.conditions, group.samples)
 
 
 def with_room(accuracy: Accuracy, setup: AbstractSetup, models: Models, segments: int, duration: float) -> Accuracy:

@@ -186,7 +186,7 @@ def test_what_is_left_of_a_ringing_keeps_its_derivatives(differentiate):
 @both_ways
 def test_states_are_read_off_a_long_run_block_by_block(monkeypatch, differentiate):
     """Blocks of 32 steps, of which the run fills more than two and the last of the room none."""
-    monkeypatch.setattr("pdssjax.integration.tiles._BLOCK", 1)
+    monkeypatch.setattr("pdssjax.integration.tiles.BLOCK", 32)
     parameters, times = jnp.array([0.8, 9.81, 0.98]), jnp.linspace(0.3, 36.0, 70)
     roomy = dataclasses.replace(USUAL, max_steps=512)
     height = lambda p: seen(Ball(*p), times, roomy)[0]

@@ -22,6 +22,7 @@ from ...metrics import scatter_floor
 from ...piezo.base import Shown
 from ...study import (
     MARK,
+    Linearisable,
     Models,
     Parameter,
     Predictor,
@@ -29,7 +30,6 @@ from ...study import (
     Study,
     Values,
     check_begins_early,
-    predicted,
     split_path,
 )
 from ..residual import Comparison, compared
@@ -291,7 +291,8 @@ def _search(
     strata = np.stack([random.permutation(count) for _ in paths], axis=1)
     points = low + (high - low) * (strata + random.random(strata.shape)) / count
     trials = [{path: float(np.exp(x)) for path, x in zip(paths, point, strict=True)} for point in points]
-    costs = _tried(_beginnings(models, records, used), [_every(known | trial, parameters) for trial in trials])
+    free = [path for path, parameter in parameters.items() if parameter.free]
+    costs = _tried(_beginnings(models, records, used, free), [_every(known | trial, parameters) for trial in trials])
     order = np.argsort(np.where(np.isfinite(costs), costs, np.inf))
     return [trials[i] for i in order]
 
@@ -299,19 +300,23 @@ def _search(
 class _Beginnings(NamedTuple):
     """The first periods of records: enough to tell a trial by, and quick where a contact never rests."""
 
-    predictor: Predictor
+    motions: Linearisable
     comparison: Comparison
     weights: Float[np.ndarray, " records"]
     """1/noise; 0 of those that are not used."""
+    free: Collection[str]
+    """The paths of the free parameters."""
 
     def cost(self, values: Values) -> float:
         """Chi-square with the numbers `values` [SI]."""
         values = {path: as_number(number) for path, number in values.items()}
-        motions = predicted(self.predictor, values, _COARSE, self.weights > 0)
+        motions = self.motions.predicted(values, self.free, self.weights > 0)
         return float(np.sum(np.asarray(compared(self.comparison, motions, values, self.weights)[0]) ** 2))
 
 
-def _beginnings(models: Models, records: Sequence[Record], used: Sequence[Record]) -> _Beginnings:
+def _beginnings(
+    models: Models, records: Sequence[Record], used: Sequence[Record], free: Collection[str]
+) -> _Beginnings:
     """The beginnings of the `records`, of which those are `used`; what predicts them whole predicts them, too."""
     if any(record.motion is not None for record in used):
         records = used = [_thinned(record) for record in used]
@@ -322,7 +327,7 @@ def _beginnings(models: Models, records: Sequence[Record], used: Sequence[Record
     shown = zip(records, early, is_used, strict=True)
     weights = np.array([1.0 / scatter_floor(record.measured[e]) if use else 0.0 for record, e, use in shown])
     predictor, comparison = on_device((Predictor(models, records).until(ends), comparison))
-    return _Beginnings(predictor, comparison, weights)
+    return _Beginnings(Linearisable(predictor, _COARSE), comparison, weights, free)
 
 
 def _thinned(record: Record) -> Record:

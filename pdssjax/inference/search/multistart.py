@@ -15,7 +15,7 @@ the same optimum where neither chi-square nor the linear model tells their ends 
 import functools
 import warnings
 from collections.abc import Callable, Mapping
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import Executor
 from typing import NamedTuple
 
 import jax
@@ -221,7 +221,7 @@ def best_fit(
     starts, missing = guess_starts(study.models, study.parameters, study.records)
     problem = pose(study, starts, accuracy, loss, effort)
     question_lengths(problem, starts)
-    _compile(problem, study, starts)
+    problem.lowered(problem.encode(starts)).compile()
     if is_separable(problem):  # what is searched is little, and no contact makes wrong optima of it
         fit, problem = with_noise(run(problem, starts, report), problem, run, report)
         return Evidence(problem, fit, study), starts
@@ -245,13 +245,6 @@ def best_fit(
     if budget.refused:
         fit = fit._replace(message=fit.message + budget.word)
     return contest.evidence(fit) if problem is contest.problem else Evidence(problem, fit, study), starts
-
-
-def _compile(problem: Problem, study: Study, starts: dict[str, float]) -> None:
-    """Compile values and Jacobian side by side: XLA is busy with one while Python traces the other."""
-    with ThreadPoolExecutor() as pool:
-        pool.submit(study.lowered(starts).compile)
-        pool.submit(problem.lowered(problem.encode(starts)).compile)
 
 
 def _first(problem: Problem, starts: dict[str, float], run: FitMethod, report: Progress) -> Fit:
