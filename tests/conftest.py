@@ -42,7 +42,7 @@ def pytest_collection_finish():
 
 
 def pytest_runtest_setup():
-    """Keep compiled code by JAX's cache alone, as changed sources leave it; a command run in this process keeps programs."""
+    """Keep compiled code by JAX's cache alone, whose keys outlive changes; a command run here keeps programs."""
     keep_programs_in(None, "")
 
 

@@ -26,7 +26,7 @@ SHOWN = 0.4
 """The part of the sampling rate up to which a record shows a frequency: two and a half samples a period."""
 
 _SHIFT = 1e-3
-"""Relative change of a parameter that shows whether a resonance depends on it."""
+"""Relative change of a parameter, towards zero as all may go, that shows whether a resonance depends on it."""
 
 
 class Resonance(NamedTuple):
@@ -92,7 +92,7 @@ def depends_on(models: Models, values: dict[str, float], paths: Sequence[str]) -
     modes = resonances(models, values)
     found: dict[Resonance, list[str]] = {mode: [] for mode in modes}
     for path in paths:
-        moved = resonances(models, values | {path: values[path] * (1.0 + _SHIFT)})
+        moved = resonances(models, values | {path: values[path] * (1.0 - _SHIFT)})
         for mode in modes:
             if mode not in moved:
                 found[mode].append(path)

@@ -313,6 +313,9 @@ def test_a_contact_that_rings_above_what_its_records_show_is_warned_of():
     assert about_resonances(models(), RINGS, free, [slow, fine]) == [undamped]
     assert about_resonances(models(), RINGS, ["friction.f_ss"], [slow]) == []
     assert about_resonances(models(), RINGS, free, [sampled("platform", 2e-3, "platform")]) == []
+    at_end = {"friction.sigma0": RINGS["friction.sigma0"], "friction.elastic_part": 0.9999}  # of what is below 1
+    (alias, *_) = about_resonances(models(friction="elastoplastic"), RINGS | at_end, list(at_end), [slow])
+    assert "friction.sigma0" in alias and "elastic_part" not in alias
 
 
 def test_a_platform_that_rings_above_what_its_records_show_is_warned_of():
