@@ -36,7 +36,6 @@ class Rig:
         starts = at(0.0, 0.0) | given
         monkeypatch.setattr(multistart, "guess_starts", lambda *_: (starts, len(given) < 2))
         monkeypatch.setattr(multistart, "pose", lambda *_: problem)
-        monkeypatch.setattr(multistart, "_compile", lambda *_: None)
         monkeypatch.setattr(multistart, "question_lengths", lambda *_: None)
         monkeypatch.setattr(multistart, "is_separable", lambda *_: False)
         monkeypatch.setattr(races, "piezo_alone", lambda *_: {})
