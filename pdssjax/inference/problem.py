@@ -137,7 +137,10 @@ class Problem(eqx.Module):
         return _OfStudy(self.residual, weights, self.predictor, self.places)
 
     def motions(self, values: Values) -> list[Float[np.ndarray, " samples"]]:
-        """What every record of the study measures with the parameters `values` [SI], by what a fit compiles."""
+        """What every record of the study measures with the parameters `values` [SI], by what a fit compiles.
+
+        **Raises** `ValueError` for a problem of your own, which knows no study.
+        """
         if self.predictor is None:
             raise ValueError("Expected the problem of a study.")
         motions = Linearisable(self.predictor, self.residual.accuracy)

@@ -61,19 +61,16 @@ if TYPE_CHECKING:
         without_effect as without_effect,
     )
     from .prediction import (
-        AbstractSetup as AbstractSetup,
         Directions as Directions,
         Layout as Layout,
         Linearisable as Linearisable,
         Lowered as Lowered,
         Predictor as Predictor,
-        Run as Run,
         Stacked as Stacked,
         failures as failures,
         lowered as lowered,
         of_records as of_records,
         predicted as predicted,
-        with_room as with_room,
     )
     from .record import Record as Record, drive_with as drive_with, shared_fields as shared_fields
     from .resonances import SHOWN as SHOWN, Resonance as Resonance, depends_on as depends_on, hidden_from as hidden_from
@@ -83,6 +80,7 @@ if TYPE_CHECKING:
         check_increasing as check_increasing,
         check_meets_drive as check_meets_drive,
     )
+    from .setups import AbstractSetup as AbstractSetup, Run as Run, with_room as with_room
     from .simulation_failure import failure_cause as failure_cause
     from .study import (
         Study as Study,

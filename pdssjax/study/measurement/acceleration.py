@@ -10,7 +10,7 @@ from typing import ClassVar
 from ...core import Choice, Display, choice
 from ...simulation import ACCELERATION
 from ..models import Models
-from ..prediction import AbstractSetup, sensor_on
+from ..setups import AbstractSetup, sensor_on
 from .base import AbstractMeasurement
 
 

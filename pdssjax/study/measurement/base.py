@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from ...core import LENGTH, VELOCITY, AbstractModel, Display, choices
 from ..models import Models
-from ..prediction import AbstractSetup
+from ..setups import AbstractSetup
 
 
 class Samples(NamedTuple):

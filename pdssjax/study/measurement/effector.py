@@ -11,7 +11,7 @@ from jaxtyping import Float
 from ...core import LENGTH
 from ...simulation import DISPLACEMENT
 from ..models import Models
-from ..prediction import AbstractSetup, FreeActuator
+from ..setups import AbstractSetup, FreeActuator
 from .base import AbstractMeasurement, Samples
 
 

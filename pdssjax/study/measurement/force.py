@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from ...core import Display
 from ..models import Models
-from ..prediction import AbstractSetup, BlockedActuator
+from ..setups import AbstractSetup, BlockedActuator
 from .base import AbstractMeasurement, Samples
 
 

@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from ...core import member, member_name, members
 from ..models import Models
-from ..prediction import AbstractSetup, ContactAlone
+from ..setups import AbstractSetup, ContactAlone
 from .base import AbstractContactMeasurement, MeasuredRecord
 
 

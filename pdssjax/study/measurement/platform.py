@@ -12,7 +12,7 @@ from jaxtyping import Float
 from ...core import LENGTH
 from ...simulation import DISPLACEMENT
 from ..models import Models
-from ..prediction import AbstractSetup, sensor_on
+from ..setups import AbstractSetup, sensor_on
 from .base import AbstractMeasurement, Samples
 
 

@@ -17,7 +17,7 @@ from ...core import member, member_name, members
 from ...integration import AbstractHybridSystem
 from ...simulation import FRICTION_FORCE, Output, PrescribedMotion
 from ..models import Models, Values
-from ..prediction import AbstractSetup, Run
+from ..setups import AbstractSetup, Run
 from .base import AbstractContactMeasurement, MeasuredRecord
 
 _FAR = 1e3

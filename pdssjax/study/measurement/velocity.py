@@ -15,7 +15,7 @@ from ...core import VELOCITY as SHOWN, Choice, choice
 from ...metrics import integrated, rest_of
 from ...simulation import VELOCITY
 from ..models import Models
-from ..prediction import AbstractSetup, sensor_on
+from ..setups import AbstractSetup, sensor_on
 from .base import AbstractMeasurement, Samples
 
 
