@@ -4,7 +4,8 @@ So that a wrong model costs little, and a right one is not lost in a wrong optim
 
 0. The study's own model is fitted.  Where it explains the records the others begin at its optimum, and a fit that
    leaves much more is soon broken off.
-1. Else each is fitted once from where its neighbour ended, a simpler model that shares parameters with it.
+1. Else each is fitted once from where its neighbour ended, a simpler model that shares parameters with it, after all
+   that have fewer parameters; where one of those explains the records it takes the place of the study's own.
 2. Where none explains the records, those that explain most are compared with fits from other starts, until that helps
    no more.
 3. Each that explains less than the best is fitted again from the best one's optimum.  Then parts are held out.
@@ -165,18 +166,22 @@ def fit_all(
     with _workers(executor, len(open_ones())) as submit:
         run = functools.partial(_gathered, submit, keep)
 
-        def from_best_or_neighbour(candidate: Candidate) -> Task | None:
-            if right is not None:
-                return Task(candidate, effort, _optimum_of(right), best=_misfit(right))
-            if (name := near[candidate.name]) is not None and name not in done:
+        def from_right_or_neighbour(candidate: Candidate) -> Task | None:
+            before = own if own_is_right else [*own, *(c for c in candidates if len(c.free) < len(candidate.free))]
+            if any(c.name not in done for c in before):
+                return None
+            if right := [done[c.name] for c in before if done[c.name].explained]:
+                best = min(right, key=_misfit)
+                return Task(candidate, effort, _optimum_of(best), best=_misfit(best))
+            if (neighbour := near[candidate.name]) is not None and neighbour not in done:
                 return None
             return Task(candidate, effort, _optimum_near(candidate, near, done))
 
         run(fit_candidate, [c for c in own if c.name not in done], lambda c: Task(c, effort))
-        right = next((done[c.name] for c in own if done[c.name].explained), None)
+        own_is_right = any(done[c.name].explained for c in own)
         # What has most parameters takes longest: where nothing waits for anything it begins first.
         others = [c for c in candidates if c.name not in done]
-        run(fit_candidate, others if right is None else others[::-1], from_best_or_neighbour)
+        run(fit_candidate, others[::-1] if own_is_right else others, from_right_or_neighbour)
         for some in _to_compare(open_ones, done):
             run(compare_starts, some, lambda candidate: Task(candidate, effort, earlier=done[candidate.name]))
         best = _best(done)

@@ -15,6 +15,7 @@ from pdssjax.inference.losses.base import AbstractLoss
 from pdssjax.inference.losses.squares import Squares
 from pdssjax.inference.parameter_transform import ParameterTransform
 from pdssjax.inference.search.multistart import with_noise
+from pdssjax.inference.solver.lm_state import Ending
 
 
 class Linear(SimpleNamespace):
@@ -45,13 +46,14 @@ class Fitted(SimpleNamespace):
         return Fitted(**{**vars(self), **changes})
 
 
-def run(problem, starts, report):
+def run(problem, starts, report, ending=Ending.CONVERGED):
     jacobian = np.concatenate([-d / n for d, n in zip(problem.designs, problem.noise, strict=True)])
     whitened = np.concatenate([y / n for y, n in zip(problem.data, problem.noise, strict=True)])
     free = np.linalg.lstsq(-jacobian, whitened, rcond=None)[0]
     residual = whitened + jacobian @ free
     state = SimpleNamespace(residual=residual, jacobian=jacobian)
-    return Fitted(free=free, state=state, chi2=float(residual @ residual), iterations=1, evaluations=1)
+    chi2 = float(residual @ residual)
+    return Fitted(free=free, state=state, chi2=chi2, iterations=1, evaluations=1, ending=ending)
 
 
 def test_each_record_s_share_is_the_trace_of_its_part_of_the_hat_matrix():
@@ -88,6 +90,14 @@ def test_noise_that_is_given_stays():
     problem = linear([random.normal(size=(50, 2))] * 2, [random.normal(size=50)] * 2, [0.5, 0.5], [0.5, None])
     _, found = with_noise(run(problem, None, None), problem, run, lambda message: None)  # pyright: ignore
     assert found.noise[0] == 0.5 and found.noise[1] == pytest.approx(1.0, rel=0.3)
+
+
+def test_a_fit_without_an_end_is_weighed_by_the_noise_that_it_leaves_once():
+    problem = linear([np.ones((20, 1))] * 2, [np.arange(20.0), np.zeros(20)], [100.0, 1.0])
+    ends = iter([Ending.RUNNING, Ending.RUNNING])
+    unended = lambda *args: run(*args, ending=next(ends))
+    fit, found = with_noise(unended(problem, None, None), problem, unended, lambda message: None)  # pyright: ignore
+    assert fit.iterations == 2 and found.noise[0] < 50.0
 
 
 @pytest.mark.parametrize("name", ["squares", "huber", "cauchy"])

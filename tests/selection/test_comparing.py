@@ -285,6 +285,14 @@ def test_where_the_own_model_is_right_the_others_begin_at_its_optimum_and_nothin
     assert all(found.finished for found in done.values()) and done["coulomb"].start == "dahl"
 
 
+def test_where_another_model_is_right_those_with_more_parameters_begin_at_its_optimum(tmp_path, monkeypatch):
+    laws = ("coulomb", "lugre", "elastoplastic")
+    ends = {"coulomb": (900.0, False), "dahl": (800.0, False), "lugre": (100.0, True), "elastoplastic": (99.0, True)}
+    asked, done = rounds(contact_study(tmp_path), monkeypatch, ends, laws)
+    assert [start for _, name, start in asked if name == "elastoplastic"] == ["lugre"]
+    assert done["elastoplastic"].finished
+
+
 def test_a_fit_that_was_cut_short_is_brought_to_its_end(tmp_path, monkeypatch):
     usual = candidate_fits.fit_candidate
 

@@ -148,8 +148,8 @@ def with_noise(fit: Fit, problem: Problem, run: FitMethod, report: Progress) -> 
     """Estimate the noise of the records that do not give it, and fit again with that."""
     unknown = [record.noise is None for record in problem.records]
     for number in range(_MOST):
-        if not any(unknown) or not np.isfinite(fit.chi2):
-            break
+        if not any(unknown) or not np.isfinite(fit.chi2) or (number and fit.ending == Ending.RUNNING):
+            break  # one that has no end yet is weighed once, not fitted for as long again each time
         noise = np.where(unknown, _noise_left(problem, fit), problem.noise)
         if number >= _FEWEST and np.allclose(noise, problem.noise, rtol=_SETTLED, atol=0.0):
             break
