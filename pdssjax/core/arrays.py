@@ -37,8 +37,8 @@ Tree: TypeAlias = Any
 
 
 def on_device(tree: Tree) -> Tree:
-    """The pytree with NumPy's arrays copied to the device, once and not at every call of what is compiled."""
-    return jax.tree.map(lambda leaf: jnp.asarray(leaf) if isinstance(leaf, np.ndarray) else leaf, tree)
+    """The pytree with NumPy's arrays and numbers copied to the device, once and not at every call of a function."""
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf) if isinstance(leaf, np.ndarray | np.generic) else leaf, tree)
 
 
 def ascending_times(name: str, given: Given) -> Float[Array | np.ndarray, " m"]:

@@ -6,6 +6,7 @@ from typing import Literal, NamedTuple, Protocol, TypeAlias
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from ..core import on_device
 from ..study import Values
 from .effort import Effort
 from .problem import Problem
@@ -238,7 +239,7 @@ def _message(
 ) -> str:
     if ending == Ending.RUNNING:
         return f"no convergence within {limit} iterations"
-    at_bound = fitted & ((free <= bounds["lower"]) | (free >= bounds["upper"]))
+    at_bound = fitted & ((free <= np.asarray(bounds["lower"])) | (free >= np.asarray(bounds["upper"])))
     return AT_BOUNDS if ending == Ending.CONVERGED and at_bound.any() else MESSAGES[ending]
 
 
@@ -260,5 +261,5 @@ def _begun(
         most_slow_steps=problem.effort.slow_steps,
     )
     y = np.clip(np.asarray(free, float), bounds["lower"], bounds["upper"])
-    run = Run(solver, problem.evaluations(weights), bounds)
+    run = Run(on_device(solver), problem.evaluations(on_device(weights)), on_device(bounds))
     return run, y, begin(run, y, np.zeros(problem.residual.size), weights)

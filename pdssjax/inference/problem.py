@@ -195,9 +195,10 @@ class _OfStudy(NamedTuple):
         motions, slopes = self.motions.linearised(values, directions, self._used())
         fitted, layout = [motions[place] for place in self.places], self.predictor.layout
         layout = tuple(layout[place] for place in self.places)
-        return _linearised_comparison(
-            self.residual.comparison, values, directions, self.weights, fitted, slopes, layout
-        )
+        comparison = self.residual.comparison
+        apart = {path: values[path] for path in comparison.apart}
+        moving = {path: directions[path] for path in comparison.apart}
+        return _linearised_comparison(comparison, apart, moving, self.weights, fitted, slopes, layout)
 
     def lowered(self, point: Point) -> Lowered:
         """What predicts the motions and their derivatives, traced; its `compile` may go on in another thread."""
@@ -220,7 +221,7 @@ class _OfStudy(NamedTuple):
 @kept_jit
 def _linearised_comparison(
     comparison: Comparison,
-    values: Values,
+    apart: Values,
     directions: Directions,
     weights: Float[Array | np.ndarray, " records"],
     motions: list[Float[Array, " samples"]],
@@ -228,11 +229,10 @@ def _linearised_comparison(
     layout: Layout,
 ) -> Linearised:
     """Residuals and offsets, and the Jacobian of both, where `motions` have these `slopes`, stacked by group."""
-    moving = {path: values[path] for path in directions}
 
     def along(direction: Values, motions_dot: list[Float[Array, " samples"]]) -> tuple[Tree, Tree]:
-        of = lambda motions, moving: comparison(motions, {**values, **moving}, weights)
-        return jax.jvp(of, (motions, moving), (motions_dot, direction))
+        of = lambda motions, apart: comparison(motions, apart, weights)
+        return jax.jvp(of, (motions, apart), (motions_dot, direction))
 
     return jax.vmap(along, in_axes=(0, -1), out_axes=(None, -1))(directions, of_records(slopes, layout))
 
@@ -267,7 +267,7 @@ def pose(
     parameters = within_told(_with_lengths(study), told_ranges(study))
     transform = transform_of(parameters, starts, study.constraints, str(study.path or study.title))
     residual = Residual(study.models, records, transform, fixed, accuracy, loss, apart)
-    samples = lambda residual: (residual.comparison.measured, residual.comparison.used)
+    samples = lambda residual: (residual.comparison.measured, residual.comparison.used, residual.fixed)
     residual = eqx.tree_at(samples, residual, on_device(samples(residual)))
     noise = np.array([scatter_floor(r.measured) if r.noise is None else r.noise for r in records])
     places = tuple(place for place, record in enumerate(study.records) if record.role == "fit")

@@ -74,7 +74,6 @@ class Comparison(eqx.Module):
         return jnp.concatenate([*parts, jnp.asarray(told, float)]), jnp.stack(zeros)
 
 
-@kept_jit
 def compared(
     comparison: Comparison,
     motions: Sequence[Float[Array, " samples"]],
@@ -82,7 +81,17 @@ def compared(
     weights: Float[Array | np.ndarray, " records"],
 ) -> tuple[Float[Array, " n"], Float[Array, " records"]]:
     """The outputs of `comparison`, compiled."""
-    return comparison(motions, values, weights)
+    return _compared(comparison, motions, {path: values[path] for path in comparison.apart}, weights)
+
+
+@kept_jit
+def _compared(
+    comparison: Comparison,
+    motions: Sequence[Float[Array, " samples"]],
+    apart: Values,
+    weights: Float[Array | np.ndarray, " records"],
+) -> tuple[Float[Array, " n"], Float[Array, " records"]]:
+    return comparison(motions, apart, weights)
 
 
 class Residual(eqx.Module):

@@ -6,6 +6,7 @@ function, so that the compiler sees their integration once.
 """
 
 import dataclasses
+import functools
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, Generic, NamedTuple, Protocol, TypeAlias, TypeVar
 
@@ -189,14 +190,18 @@ class Predictor(eqx.Module):
             self.groups = record_groups(records, setups, segments)
 
     def until(self, ends: Float[np.ndarray, " records"]) -> "Predictor":
-        """The same, but that motions end at the times `ends` [s]: later samples show what is there at that time.
+        """The same, but that motions end at the times `ends` [s]: what later samples show is unknown.
 
         What is compiled is shared.
         """
-        cut = lambda group: np.minimum(group.runs.times, ends[list(group.places), None])
-        return eqx.tree_at(
-            lambda predictor: [group.runs.times for group in predictor.groups], self, [cut(g) for g in self.groups]
-        )
+
+        def cut(group: RecordGroup[AbstractSetup]) -> RecordGroup[AbstractSetup]:
+            times, last = np.asarray(group.runs.times), ends[list(group.places), None]
+            early = np.minimum(np.sum(times <= last, axis=1), group.samples)
+            runs = dataclasses.replace(group.runs, times=np.minimum(times, last))
+            return dataclasses.replace(group, runs=runs, samples=np.maximum(early, 1))
+
+        return eqx.tree_at(lambda p: p.groups, self, tuple(map(cut, self.groups)))
 
     def __call__(
         self, values: Values, accuracy: Accuracy, used: Bool[Array | np.ndarray, " records"] | None = None
@@ -295,7 +300,7 @@ class Linearisable(NamedTuple):
         self, values: Values, free: Collection[str], used: Bool[Array | np.ndarray, " records"] | None = None
     ) -> list[Float[Array, " samples"]]:
         """As the `predictor` gives for the `values`, of which some are `free`."""
-        return _linearised(*self._asked(values, dict.fromkeys(free, np.zeros(len(free))), False, used))[0]
+        return _linearised(*self._asked(values, _none(tuple(free)), False, used))[0]
 
     def linearised(
         self, values: Values, directions: Directions, used: Bool[Array | np.ndarray, " records"] | None = None
@@ -305,13 +310,20 @@ class Linearisable(NamedTuple):
 
     def lowered(self, values: Values, free: Collection[str]) -> Lowered:
         """Both, traced; its `compile` may go on in another thread."""
-        return _linearised.prepared(*self._asked(values, dict.fromkeys(free, np.zeros(len(free))), False, None))
+        return _linearised.prepared(*self._asked(values, _none(tuple(free)), False, None))
 
     def _asked(
         self, values: Values, directions: Directions, sloped: bool, used: Bool[Array | np.ndarray, " records"] | None
     ) -> tuple[Any, ...]:
         which = _which(self.predictor, used)
         return self.predictor, _as_arrays(values), directions, np.asarray(sloped), self.accuracy, which
+
+
+@functools.lru_cache(8)
+def _none(free: tuple[str, ...]) -> Directions:
+    """Directions along which nothing moves: numbers that are there need not be brought there at every call."""
+    still = jnp.zeros(len(free))
+    return dict.fromkeys(free, still)
 
 
 @kept_jit
