@@ -142,7 +142,7 @@ def sensor_samples(
 
 
 class Scratch(NamedTuple):
-    """What one record after the other is written to: memory is not cleared for each, which takes half of its time."""
+    """Memory that one record after the other writes to, so that it is cleared once for all of them."""
 
     table: Table
     """Of the steps."""

@@ -322,8 +322,8 @@ class Linearisable(NamedTuple):
 @functools.lru_cache(8)
 def _none(free: tuple[str, ...]) -> Directions:
     """Directions along which nothing moves: numbers that are there need not be brought there at every call."""
-    still = jnp.zeros(len(free))
-    return dict.fromkeys(free, still)
+    with jax.ensure_compile_time_eval():  # kept for all callers, so never of one that is being traced
+        return dict.fromkeys(free, jnp.zeros(len(free)))
 
 
 @kept_jit
