@@ -19,6 +19,7 @@ import functools
 import multiprocessing
 import os
 import signal
+import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -327,8 +328,10 @@ def _workers(executor: Executor | None, most: int) -> Iterator[Callable[..., Fut
 
 
 def _begin_process() -> None:
-    """A process of its own is the parent's to end, and computes in double precision."""
+    """A process of its own is the parent's to end, ends with a parent that was killed, and computes in double."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if (parent := multiprocessing.parent_process()) is not None:
+        threading.Thread(target=lambda: (parent.join(), os._exit(1)), daemon=True).start()
     prepare_jax(dedicated=True)
 
 

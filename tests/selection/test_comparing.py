@@ -2,6 +2,11 @@
 
 import dataclasses
 import json
+import os
+import signal
+import subprocess
+import sys
+import time
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 
@@ -242,6 +247,36 @@ def test_wrong_options_are_one_line_and_lose_nothing(tmp_path, capsys, options, 
     (line,) = [text for text in capsys.readouterr().err.splitlines() if "error" in text]
     assert told in line
     assert not out.exists()
+
+
+PARENT = """
+import multiprocessing, time
+from pdssjax.selection import candidate_fits
+if __name__ == "__main__":
+    with candidate_fits._workers(None, 1) as submit:
+        submit(time.sleep, 0).result()
+        print(multiprocessing.active_children()[0].pid, flush=True)
+        submit(time.sleep, 600)
+        time.sleep(600)
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="no SIGKILL")
+def test_processes_end_with_a_parent_that_was_killed(tmp_path):
+    file = tmp_path / "parent.py"
+    file.write_text(PARENT, encoding="utf-8")
+    with subprocess.Popen([sys.executable, str(file)], stdout=subprocess.PIPE, text=True) as parent:
+        worker = int(parent.stdout.readline())
+        os.kill(worker, 0)
+        parent.kill()
+    for _ in range(100):
+        try:
+            os.kill(worker, 0)
+        except ProcessLookupError:
+            return
+        time.sleep(0.1)
+    os.kill(worker, signal.SIGKILL)
+    raise AssertionError(f"{worker} is still there")
 
 
 def rounds(study, monkeypatch, ends, laws=("coulomb", "lugre")):
