@@ -10,12 +10,11 @@ from scipy import stats
 from scipy.integrate import quad
 
 from pdssjax.core import member
-from pdssjax.inference import Evidence
+from pdssjax.inference import Ending, Evidence
 from pdssjax.inference.losses.base import AbstractLoss
 from pdssjax.inference.losses.squares import Squares
 from pdssjax.inference.parameter_transform import ParameterTransform
 from pdssjax.inference.search.multistart import with_noise
-from pdssjax.inference.solver.lm_state import Ending
 
 
 class Linear(SimpleNamespace):
