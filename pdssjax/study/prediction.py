@@ -275,12 +275,12 @@ def predicted(
     used: Bool[Array | np.ndarray, " records"] | None = None,
 ) -> list[Float[Array, " samples"]]:
     """Predictions by `predictor` of the records that are `used`, by default all, compiled once for all callers."""
-    return _predicted(predictor, _as_arrays(values), accuracy, _which(predictor, used))
+    return _predicted(predictor, _as_arrays(values), accuracy, _used_or_all(predictor, used))
 
 
 def lowered(predictor: Predictor, values: Values, accuracy: Accuracy) -> Lowered:
     """`predicted`, traced; its `compile` may go on in another thread."""
-    return _predicted.prepared(predictor, _as_arrays(values), accuracy, _which(predictor, None))
+    return _predicted.prepared(predictor, _as_arrays(values), accuracy, _used_or_all(predictor, None))
 
 
 @kept_jit
@@ -300,7 +300,7 @@ class Linearisable(NamedTuple):
         self, values: Values, free: Collection[str], used: Bool[Array | np.ndarray, " records"] | None = None
     ) -> list[Float[Array, " samples"]]:
         """As the `predictor` gives for the `values`, of which some are `free`."""
-        return _linearised(*self._asked(values, _none(tuple(free)), False, used))[0]
+        return _linearised(*self._asked(values, _no_directions(tuple(free)), False, used))[0]
 
     def linearised(
         self, values: Values, directions: Directions, used: Bool[Array | np.ndarray, " records"] | None = None
@@ -310,17 +310,17 @@ class Linearisable(NamedTuple):
 
     def lowered(self, values: Values, free: Collection[str]) -> Lowered:
         """Both, traced; its `compile` may go on in another thread."""
-        return _linearised.prepared(*self._asked(values, _none(tuple(free)), False, None))
+        return _linearised.prepared(*self._asked(values, _no_directions(tuple(free)), False, None))
 
     def _asked(
         self, values: Values, directions: Directions, sloped: bool, used: Bool[Array | np.ndarray, " records"] | None
     ) -> tuple[Any, ...]:
-        which = _which(self.predictor, used)
+        which = _used_or_all(self.predictor, used)
         return self.predictor, _as_arrays(values), directions, np.asarray(sloped), self.accuracy, which
 
 
 @functools.lru_cache(8)
-def _none(free: tuple[str, ...]) -> Directions:
+def _no_directions(free: tuple[str, ...]) -> Directions:
     """Directions along which nothing moves: numbers that are there need not be brought there at every call."""
     with jax.ensure_compile_time_eval():  # kept for all callers, so never of one that is being traced
         return dict.fromkeys(free, jnp.zeros(len(free)))
@@ -342,7 +342,7 @@ def _as_arrays(values: Values) -> dict[str, Given]:
     return {path: as_number(number) for path, number in values.items()}
 
 
-def _which(
+def _used_or_all(
     predictor: Predictor, used: Bool[Array | np.ndarray, " records"] | None
 ) -> Bool[Array | np.ndarray, " records"]:
     return np.ones(len(predictor.samples), bool) if used is None else used
