@@ -17,7 +17,6 @@ import pickle
 import tempfile
 import threading
 import time
-import weakref
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -140,11 +139,21 @@ class KeptFunction(Generic[P, R]):
 
     def _asked(self, args: tuple[Any, ...]) -> "_Call | None":
         """The call with these arguments; None where they are being traced."""
-        flat = [_flattened(arg) for arg in args]
-        return None if any(one is None for one in flat) else _Call(self._function, flat)  # pyright: ignore[reportArgumentType]
+        leaves, tree = jax.tree.flatten(args)
+        arrays: list[Any] = []
+        kinds: list[Any] = []
+        for leaf in leaves:
+            if isinstance(leaf, Tracer):
+                return None
+            if isinstance(leaf, _ARRAYS):
+                arrays.append(leaf)
+                kinds.append(_Shape(leaf.shape, leaf.dtype, getattr(leaf, "weak_type", False)))
+            else:
+                kinds.append((type(leaf), leaf))  # 1, 1.0 and True are equal, and make other programs
+        return _Call(self._function, arrays, tree, tuple(kinds))
 
     def _slot(self, call: "_Call") -> "_Slot":
-        key = call.key, _settings()
+        key = call.tree, call.kinds, _settings()
         with self._lock:
             slot = self._programs.setdefault(key, _Slot())
             self._programs.move_to_end(key)
@@ -169,78 +178,29 @@ class _Shape(NamedTuple):
     weak_type: bool
 
 
-class _Flat(NamedTuple):
-    """An argument."""
-
-    arrays: list[Any]
-    """Those among its leaves."""
-    tree: Any
-    """Its structure."""
-    kinds: tuple[Any, ...]
-    """Of each leaf: the shape of an array, or what else it is."""
-
-
-_modules: dict[int, tuple[weakref.ref[Any], _Flat]] = {}
-"""Modules by their identity: they never change, and most calls of a fit have the same ones with a hundred leaves."""
-
-
-def _flattened(arg: Any) -> _Flat | None:
-    """An argument of a function; None where it is being traced."""
-    known = _modules.get(id(arg))
-    if known is not None and known[0]() is arg:
-        return known[1]
-    leaves, tree = jax.tree.flatten(arg)
-    arrays: list[Any] = []
-    kinds: list[Any] = []
-    for leaf in leaves:
-        if isinstance(leaf, Tracer):
-            return None
-        if isinstance(leaf, _ARRAYS):
-            arrays.append(leaf)
-            kinds.append(_Shape(leaf.shape, leaf.dtype, getattr(leaf, "weak_type", False)))
-        else:
-            kinds.append((type(leaf), leaf))  # 1, 1.0 and True are equal, and make other programs
-    flat = _Flat(arrays, tree, tuple(kinds))
-    if isinstance(arg, eqx.Module):
-        place = id(arg)
-        _modules[place] = weakref.ref(arg, lambda gone: _forget_module(place, gone)), flat
-    return flat
-
-
-def _forget_module(place: int, gone: "weakref.ref[Any]") -> None:
-    known = _modules.get(place)
-    if known is not None and known[0] is gone:  # another may have its identity by now
-        del _modules[place]
-
-
 class _Call(NamedTuple):
     """A function with its arguments."""
 
     function: Callable[..., Any]
-    flat: list[_Flat]
-
-    @property
-    def arrays(self) -> list[Any]:
-        """The arrays among the leaves of the arguments."""
-        return [array for one in self.flat for array in one.arrays]
-
-    @property
-    def key(self) -> tuple[Any, ...]:
-        """Equal for calls of the same program."""
-        return tuple((one.tree, one.kinds) for one in self.flat)
+    arrays: list[Any]
+    """Those among the leaves of the arguments."""
+    tree: Any
+    """The structure of the arguments."""
+    kinds: tuple[Any, ...]
+    """Of each leaf: the shape of an array, or what else it is."""
 
     def args(self, arrays: Arrays) -> Tree:
         """The arguments with other `arrays`."""
         given = iter(arrays)
-        whole = lambda one: [next(given) if isinstance(kind, _Shape) else kind[1] for kind in one.kinds]
-        return tuple(jax.tree.unflatten(one.tree, whole(one)) for one in self.flat)
+        leaves = [next(given) if isinstance(kind, _Shape) else kind[1] for kind in self.kinds]
+        return jax.tree.unflatten(self.tree, leaves)
 
     def file(self) -> Path | None:
         """Where the executable is kept; None where it has no name."""
         if not _homes:
             return None
         name = io.BytesIO()
-        shapes = repr([[tuple(k) if isinstance(k, _Shape) else None for k in one.kinds] for one in self.flat])
+        shapes = repr([tuple(kind) if isinstance(kind, _Shape) else None for kind in self.kinds])
         try:
             skeleton = self.args([0] * len(self.arrays))
             _Names(name).dump((self.function.__module__, self.function.__qualname__, skeleton, shapes))
