@@ -69,7 +69,7 @@ class Visit(NamedTuple, Generic[Seen]):
     """The states at the times, or what was looked at of them."""
     end: End
     count: Count  # pyright: ignore[reportIncompatibleMethodOverride]
-    """TakenSteps accepted."""
+    """Steps accepted."""
     rejected: Count
     events: Count
     """Switches of the mode that were located."""

@@ -328,7 +328,7 @@ def _workers(executor: Executor | None, most: int) -> Iterator[Callable[..., Fut
 
 
 def _begin_process() -> None:
-    """A process of its own is the parent's to end, ends with a parent that was killed, and computes in double."""
+    """A process of its own is the parent's to end, ends with one that was killed, and computes in 64 bits."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if (parent := multiprocessing.parent_process()) is not None:
         threading.Thread(target=lambda: (parent.join(), os._exit(1)), daemon=True).start()
