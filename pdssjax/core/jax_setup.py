@@ -111,16 +111,12 @@ _EMITTERS = "--xla_cpu_use_fusion_emitters=false"
 fifths of the time to compile, and runs as fast.  jaxlib 0.11.1 dropped the flag; 0.12 compiles in that time without it,
 in a fifth more memory (docs/decisions/12-loop-over-the-order.md)."""
 
-_LOOPS = "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold="
+_LOOPS = "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=1000000000"
 """Up to how many bytes a loop touches it is one kernel: of more it is a kernel for each operation.  A step of an
 integration is some hundred kernels of a few numbers each, and starting them took longer than what they compute."""
 
-_ANY, _SMALL = "1000000000", "1024"
-"""jaxlib 0.12.0.1 makes one kernel of larger loops by itself, and computes wrongly at LLVM's levels 1 and 2: a heater
-switched at 0.536 instead of 0.527 h (docs/decisions/12-loop-over-the-order.md).  Small ones alone cost a third."""
-
-_WITHOUT_EMITTERS_FLAG, _WRONG_LOOPS, _NEWER_THAN_MEASURED = (0, 11, 1), (0, 12), (0, 13)
-"""Versions of jaxlib: the first without `_EMITTERS`, the first whose large loops are wrong, the first not tried."""
+_WITHOUT_EMITTERS_FLAG, _NEWER_THAN_MEASURED = (0, 11, 1), (0, 13)
+"""Versions of jaxlib: the first without `_EMITTERS`, the first not tried."""
 
 
 def xla_flags(version: str = jaxlib_version) -> list[str]:
@@ -128,7 +124,7 @@ def xla_flags(version: str = jaxlib_version) -> list[str]:
     numbers = tuple(int(number) for number in re.findall(r"\d+", version)[:3])
     flags = [_EMITTERS] if numbers < _WITHOUT_EMITTERS_FLAG else []
     if numbers < _NEWER_THAN_MEASURED or in_jaxlib(_flag_name(_LOOPS)):
-        flags.append(_LOOPS + (_ANY if numbers < _WRONG_LOOPS else _SMALL))
+        flags.append(_LOOPS)
     return flags
 
 

@@ -13,7 +13,6 @@ from pdssjax.core.jax_setup import add_xla_flags, cache_folder, in_jaxlib, usabl
 
 LIGHT = "--xla_cpu_use_fusion_emitters=false"
 WHOLE = "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=1000000000"
-SMALL = WHOLE.replace("1000000000", "1024")
 
 PROGRAM = """
 from pdssjax.core import prepare_jax
@@ -104,8 +103,8 @@ def test_xla_is_told_how_to_compile_unless_it_was_told_otherwise(monkeypatch, gi
         ("0.10.1", [LIGHT, WHOLE]),
         ("0.11.0", [LIGHT, WHOLE]),
         ("0.11.1", [WHOLE]),
-        ("0.12.0.1", [SMALL]),
-        ("0.12.1.dev20261128", [SMALL]),
+        ("0.12.0.1", [WHOLE]),
+        ("0.12.1.dev20261128", [WHOLE]),
     ],
 )
 def test_a_jaxlib_is_told_only_what_it_knows(version, flags):
@@ -116,7 +115,7 @@ def test_a_jaxlib_is_told_only_what_it_knows(version, flags):
 @pytest.mark.parametrize("held", [True, False])
 def test_a_jaxlib_newer_than_was_tried_is_asked(monkeypatch, held):
     monkeypatch.setattr("pdssjax.core.jax_setup.in_jaxlib", lambda flag: held and flag == "xla_backend_extra_options")
-    assert xla_flags("99.0") == [SMALL] * held
+    assert xla_flags("99.0") == [WHOLE] * held
 
 
 def test_a_jaxlib_holds_the_names_of_its_flags():

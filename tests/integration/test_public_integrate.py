@@ -126,7 +126,11 @@ def test_a_ball_bounces_as_the_law_of_free_fall_has_it_in_any_units(length, time
 
 
 def test_a_heater_switches_at_its_levels_in_every_lane():
-    """Between events the temperature is an exponential, so that its periods are known."""
+    """Between events the temperature is an exponential, so that its periods are known.
+
+    Where one kernel rounds a root's sign otherwise than another, no switch may be lost: of 400 such heaters 53 lost one
+    at LLVM's level 0, and 126 with jaxlib 0.12 at any level.
+    """
 
     def switched(loss, power):
         args = {"loss": loss, "power": power, "levels": (18.0, 22.0)}
@@ -139,7 +143,9 @@ def test_a_heater_switches_at_its_levels_in_every_lane():
         down, up = jnp.log(22.0 / 18.0) / loss, jnp.log((level - 18.0) / (level - 22.0)) / loss
         return first + jnp.stack([0.0 * down, down, down + up, 2 * down + up])
 
-    lanes = jnp.array([0.2, 0.25]), jnp.array([8.0, 9.0])
+    random = np.random.default_rng(1)
+    losses = random.uniform(0.2, 0.5, 100)
+    lanes = jnp.asarray(losses), jnp.asarray(losses * random.uniform(25.0, 60.0, losses.size))
     both = lambda loss, power: (switched(loss, power), jax.jacrev(lambda lost: switched(lost, power)[0])(loss))
     (times, modes), slopes = jax.jit(jax.vmap(both))(*lanes)
     np.testing.assert_allclose(times, jax.vmap(closed)(*lanes), rtol=0.0, atol=1e-9)
