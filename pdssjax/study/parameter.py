@@ -5,6 +5,7 @@ the number of the parameter without a condition.
 """
 
 import dataclasses
+import math
 from collections.abc import Collection, Iterable, Mapping
 
 import jax.numpy as jnp
@@ -64,8 +65,9 @@ class Parameter:
         With a `start` a positive quantity keeps within `REACH` of it, where no bound is given.
         """
         low, high = self.quantity.low, self.quantity.high
+        high = high - 1e-6 * abs(high) if math.isfinite(high) else high  # the end itself is not legal
         if start is not None and self.quantity.positive:
-            low, high = max(low, start / REACH), min(high * (1.0 - 1e-6), start * REACH)
+            low, high = max(low, start / REACH), min(high, start * REACH)
         return low if self.low is None else self.low, high if self.high is None else self.high
 
     @property
