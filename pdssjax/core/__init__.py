@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from .jax_setup import prepare_jax as prepare_jax, require_float64 as require_float64
     from .kept_programs import (
         KeptFunction as KeptFunction,
+        Lowered as Lowered,
         forget_programs as forget_programs,
         keep_programs_in as keep_programs_in,
         kept_jit as kept_jit,

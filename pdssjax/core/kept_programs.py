@@ -20,7 +20,7 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Generic, NamedTuple, ParamSpec, TypeAlias, TypeVar
+from typing import Any, Generic, NamedTuple, ParamSpec, Protocol, TypeAlias, TypeVar
 
 import equinox as eqx
 import jax
@@ -39,6 +39,9 @@ Arrays: TypeAlias = Sequence[Any]
 
 _ARRAYS = jax.Array, np.ndarray, np.generic
 """What programs are called with."""
+
+_CONCRETE: set[type] = set()
+"""Their classes, as far as they were met; never of what is being traced."""
 
 _MOST = 8
 """Executables of a function that a process holds: one of a fit takes 5 MB, and records of a batch differ in length."""
@@ -94,6 +97,14 @@ def forget_programs() -> None:
         function.forget()
 
 
+class Lowered(Protocol):
+    """A function that has been traced."""
+
+    def compile(self) -> object:
+        """Compile the function for all later calls."""
+        ...
+
+
 class Program(NamedTuple):
     """An executable, and what its outputs are leaves of."""
 
@@ -124,7 +135,7 @@ class KeptFunction(Generic[P, R]):
             return self._jitted(*args, **kwargs)
         return self._slot(call).program(call)(call.arrays)
 
-    def prepared(self, *args: P.args, **kwargs: P.kwargs) -> "Prepared":
+    def prepared(self, *args: P.args, **kwargs: P.kwargs) -> Lowered:
         """The function for arguments like these, traced unless it is kept; its `compile` may go on in a thread."""
         call = None if kwargs or not _can_be_kept() else self._asked(args)
         if call is None:
@@ -143,9 +154,11 @@ class KeptFunction(Generic[P, R]):
         arrays: list[Any] = []
         kinds: list[Any] = []
         for leaf in leaves:
-            if isinstance(leaf, Tracer):
+            known = type(leaf) in _CONCRETE  # to ask for an instance takes longer than all else here
+            if not known and isinstance(leaf, Tracer):
                 return None
-            if isinstance(leaf, _ARRAYS):
+            if known or isinstance(leaf, _ARRAYS):
+                _CONCRETE.add(type(leaf))
                 arrays.append(leaf)
                 kinds.append(_Shape(leaf.shape, leaf.dtype, getattr(leaf, "weak_type", False)))
             else:

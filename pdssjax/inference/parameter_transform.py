@@ -10,13 +10,13 @@ import dataclasses
 from collections.abc import Collection, Mapping, Sequence
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
-from ..core import Scalar, kept_jit
-from ..study import Constraint, Directions, Link, Parameter, Values, bounded_by_constraints, chained
+from ..core import ScalarLike
+from ..study import Constraint, Link, Parameter, Values, bounded_by_constraints, chained
 
 
 class Ties(eqx.Module):
@@ -52,13 +52,19 @@ class ParameterTransform(eqx.Module):
         own = np.where(self.logarithmic, np.log(np.where(self.logarithmic, given, 1.0)), given / self.unit)
         return self.from_own(own)
 
-    def decode(self, free: Float[Array | np.ndarray, " p"]) -> dict[str, Scalar]:
-        """The fit's numbers to values in SI; compiled, differentiable."""
-        return _decoded(self, free)
+    def decode(self, free: Float[Array | np.ndarray, " p"]) -> dict[str, ScalarLike]:
+        """The fit's numbers to values in SI; differentiable."""
+        if isinstance(free, Tracer):
+            own = free if self.ties is None else jnp.asarray(self.ties.mixing) @ free + self.ties.shift
+            number = jnp.where(self.logarithmic, jnp.exp(jnp.where(self.logarithmic, own, 0.0)), own * self.unit)
+        else:
+            number = self.in_si(self.own(np.asarray(free, float)))
+        return {path: number[i] for i, path in enumerate(self.paths)}
 
-    def linearised(self, free: Float[Array | np.ndarray, " p"]) -> tuple[dict[str, Scalar], Directions]:
-        """`decode`, and the derivatives of each value by all numbers of the fit; compiled."""
-        return _linearised(self, free)
+    def directions(self, free: Float[np.ndarray, " p"]) -> Float[np.ndarray, "p p"]:
+        """The derivatives of each value in SI, a row, by all numbers of the fit."""
+        slope = self.slope(free)[:, None]
+        return slope * (np.eye(len(self.paths)) if self.ties is None else self.ties.mixing)
 
     def own(self, free: Float[np.ndarray, "*many p"]) -> Float[np.ndarray, "*many p"]:
         """The fit's numbers as those of each parameter on its own scale."""
@@ -139,23 +145,6 @@ class ParameterTransform(eqx.Module):
         """ "lower" and "upper" for a solver that moves what is `fitted` and holds the others at `free`."""
         low, high = (np.where(fitted, end, free) for end in (self.low, self.high))
         return {"lower": low, "upper": high}
-
-
-@kept_jit
-def _decoded(transform: ParameterTransform, free: Float[Array | np.ndarray, " p"]) -> dict[str, Scalar]:
-    logarithmic, ties = transform.logarithmic, transform.ties
-    own = free if ties is None else jnp.asarray(ties.mixing) @ free + ties.shift
-    number = jnp.where(logarithmic, jnp.exp(jnp.where(logarithmic, own, 0.0)), own * transform.unit)
-    return {path: number[i] for i, path in enumerate(transform.paths)}
-
-
-@kept_jit
-def _linearised(
-    transform: ParameterTransform, free: Float[Array | np.ndarray, " p"]
-) -> tuple[dict[str, Scalar], Directions]:
-    decoded = lambda free: (values := _decoded(transform, free), values)
-    directions, values = jax.jacfwd(decoded, has_aux=True)(jnp.asarray(free, float))
-    return values, directions
 
 
 def transform_of(

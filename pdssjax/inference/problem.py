@@ -9,32 +9,19 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import equinox as eqx
-import jax
 import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
-from ..core import Scalar, Tree, kept_jit, on_device, require_float64
+from ..core import Lowered, ScalarLike, on_device, require_float64
 from ..integration import Accuracy
 from ..metrics import scatter_floor
-from ..study import (
-    Directions,
-    Layout,
-    Linearisable,
-    Lowered,
-    Parameter,
-    Predictor,
-    Record,
-    Stacked,
-    Study,
-    Values,
-    of_records,
-)
+from ..study import Parameter, Predictor, Record, Study, Values
 from .effort import USUAL, Effort
 from .initial_values.search import initial_guess
 from .losses.base import AbstractLoss
 from .parameter_transform import transform_of
-from .residual import Comparison, Residual, compared
+from .residual import Evaluator, Residual, told_apart
 from .solver.iterations import Linearised, OfFunction, Point
 from .solver.minimisers import Minimiser
 from .told_ranges import told_ranges, within_told
@@ -110,7 +97,7 @@ class Problem(eqx.Module):
         """Values by path [SI] on the fit's scale."""
         return self.residual.transform.encode(values)
 
-    def decode(self, free: Float[Array | np.ndarray, " p"]) -> dict[str, Scalar]:
+    def decode(self, free: Float[Array | np.ndarray, " p"]) -> dict[str, ScalarLike]:
         """Values by path [SI] from the fit's scale."""
         return self.residual.transform.decode(free)
 
@@ -132,19 +119,27 @@ class Problem(eqx.Module):
 
     def evaluations(self, weights: Float[Array | np.ndarray, " records"]) -> "OfFunction | _OfStudy":
         """Residuals and Jacobian as what is compiled, with `weights` (1/noise) of the records, 0 to leave one out."""
-        if self.predictor is None:
-            return OfFunction(self.residual, weights)
-        return _OfStudy(self.residual, weights, self.predictor, self.places)
+        evaluator = self._evaluator
+        return OfFunction(self.residual, weights) if evaluator is None else _OfStudy(self.residual, weights, evaluator)
 
     def motions(self, values: Values) -> list[Float[np.ndarray, " samples"]]:
         """What every record of the study measures with the parameters `values` [SI], by what a fit compiles.
 
         **Raises** `ValueError` for a problem of your own, which knows no study.
         """
-        if self.predictor is None:
+        if self._evaluator is None:
             raise ValueError("Expected the problem of a study.")
-        motions = Linearisable(self.predictor, self.residual.accuracy)
-        return [np.asarray(motion) for motion in motions.predicted(values, self.residual.transform.paths)]
+        return [np.asarray(motion) for motion in self._evaluator([values], self._weights()).motions]
+
+    @property
+    def _evaluator(self) -> Evaluator | None:
+        """What is compiled of the study; None for a problem of your own."""
+        if self.predictor is None:
+            return None
+        residual = self.residual
+        free = residual.transform.paths
+        paths = tuple(sorted([*residual.fixed, *free]))
+        return Evaluator(self.predictor, residual.comparison, residual.accuracy, self.places, paths, free)
 
     def lowered(self, free: Float[Array | np.ndarray, " p"]) -> Lowered:
         """What its evaluations compile, traced; its `compile` may go on in another thread."""
@@ -178,63 +173,31 @@ class _OfStudy(NamedTuple):
 
     residual: Residual
     weights: Float[Array | np.ndarray, " records"]
-    predictor: Predictor
-    places: tuple[int, ...]
+    evaluator: Evaluator
 
     def values(self, point: Point) -> tuple[Float[Array, " n"], Float[Array, " records"]]:
         if self._is_traced(point):
             return self.residual(point, self.weights)
-        values = self.residual.values(point)
-        motions = self.motions.predicted(values, self.residual.transform.paths, self._used())
-        return compared(self.residual.comparison, [motions[place] for place in self.places], values, self.weights)
+        found = self.evaluator([self.residual.values(point)], self.weights, self._used())
+        return found.residual, found.offsets
 
     def linearised(self, point: Point) -> Linearised:
         if self._is_traced(point):
             return OfFunction(self.residual, self.weights).linearised(point)
-        values, directions = self.residual.linearised_values(point)
-        motions, slopes = self.motions.linearised(values, directions, self._used())
-        fitted, layout = [motions[place] for place in self.places], self.predictor.layout
-        layout = tuple(layout[place] for place in self.places)
-        comparison = self.residual.comparison
-        apart = {path: values[path] for path in comparison.apart}
-        moving = {path: directions[path] for path in comparison.apart}
-        return _linearised_comparison(comparison, apart, moving, self.weights, fitted, slopes, layout)
+        directions = self.residual.transform.directions(np.asarray(point))
+        found = self.evaluator([self.residual.values(point)], self.weights, self._used(), directions)
+        return (found.residual, found.offsets), (found.jacobian, found.offsets_jacobian)
 
     def lowered(self, point: Point) -> Lowered:
-        """What predicts the motions and their derivatives, traced; its `compile` may go on in another thread."""
-        return self.motions.lowered(self.residual.values(point), self.residual.transform.paths)
+        return self.evaluator.lowered(self.residual.values(point), self.weights)
 
-    @property
-    def motions(self) -> Linearisable:
-        """The motions in all records of the study."""
-        return Linearisable(self.predictor, self.residual.accuracy)
-
-    def _used(self) -> Bool[np.ndarray, " records"]:
-        used = np.zeros(len(self.predictor.samples), bool)
-        used[list(self.places)] = np.asarray(self.weights) > 0
+    def _used(self) -> Bool[np.ndarray, " all_records"]:
+        used = np.zeros(len(self.evaluator.predictor.samples), bool)
+        used[list(self.evaluator.places)] = np.asarray(self.weights) > 0
         return used
 
     def _is_traced(self, point: Point) -> bool:
         return isinstance(point, Tracer) or isinstance(self.weights, Tracer)
-
-
-@kept_jit
-def _linearised_comparison(
-    comparison: Comparison,
-    apart: Values,
-    directions: Directions,
-    weights: Float[Array | np.ndarray, " records"],
-    motions: list[Float[Array, " samples"]],
-    slopes: Stacked,
-    layout: Layout,
-) -> Linearised:
-    """Residuals and offsets, and the Jacobian of both, where `motions` have these `slopes`, stacked by group."""
-
-    def along(direction: Values, motions_dot: list[Float[Array, " samples"]]) -> tuple[Tree, Tree]:
-        of = lambda motions, apart: comparison(motions, apart, weights)
-        return jax.jvp(of, (motions, apart), (motions_dot, direction))
-
-    return jax.vmap(along, in_axes=(0, -1), out_axes=(None, -1))(directions, of_records(slopes, layout))
 
 
 SHORTEST = 1e-9
@@ -263,11 +226,10 @@ def pose(
     """The fit of a study's records with role "fit", parameters scaled after their `starts`."""
     records = tuple(record for record in study.records if record.role == "fit")
     fixed = {path: starts[path] for path, parameter in study.parameters.items() if not parameter.free}
-    apart = {path: told for path, p in study.parameters.items() if (told := p.measured_apart) is not None}
     parameters = within_told(_with_lengths(study), told_ranges(study))
     transform = transform_of(parameters, starts, study.constraints, str(study.path or study.title))
-    residual = Residual(study.models, records, transform, fixed, accuracy, loss, apart)
-    samples = lambda residual: (residual.comparison.measured, residual.comparison.used, residual.fixed)
+    residual = Residual(study.models, records, transform, fixed, accuracy, loss, told_apart(study.parameters))
+    samples = lambda residual: (residual.comparison.measured, residual.comparison.used)
     residual = eqx.tree_at(samples, residual, on_device(samples(residual)))
     noise = np.array([scatter_floor(r.measured) if r.noise is None else r.noise for r in records])
     places = tuple(place for place, record in enumerate(study.records) if record.role == "fit")

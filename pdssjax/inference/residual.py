@@ -7,15 +7,18 @@ the other parameters, is that of the fit with the offsets free.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jaxtyping import Array, Bool, Float
 
-from ..core import Scalar, ScalarLike, kept_jit
+from ..core import Count, Lowered, Scalar, ScalarLike, Tree, Truth, kept_jit
 from ..integration import Accuracy
-from ..study import Directions, Models, Predictor, Record, Values
+from ..study import Models, Parameter, Predictor, Record, Values
 from .losses.base import AbstractLoss
 from .losses.squares import Squares
 from .parameter_transform import ParameterTransform
@@ -63,6 +66,16 @@ class Comparison(eqx.Module):
         `weights` are 1/noise [1/m] of the records, 0 to leave one out: its residuals are 0, and its offset says
         nothing.  Where all samples of a record are held out its residuals are 0, and its offset is that of all of them.
         """
+        parts, offsets = self.by_record(predicted, values, weights)
+        return jnp.concatenate(parts), jnp.stack(offsets)
+
+    def by_record(
+        self,
+        predicted: Sequence[Float[Array, " samples"]],
+        values: Values,
+        weights: Float[Array | np.ndarray, " records"],
+    ) -> tuple[list[Float[Array, " samples"]], list[Scalar]]:
+        """The same, of each record; what was measured apart is the last of the residuals."""
         parts, zeros = [], []
         for i, (measured, motion, offset) in enumerate(zip(self.measured, predicted, self.offsets, strict=True)):
             difference = jnp.asarray(measured - motion)
@@ -71,27 +84,121 @@ class Comparison(eqx.Module):
             parts.append(jnp.where(weight > 0, self.loss.root((difference - zero) * weight), 0.0))
             zeros.append(zero)
         told = [(values[path] - number) / error for path, (number, error) in self.apart.items()]
-        return jnp.concatenate([*parts, jnp.asarray(told, float)]), jnp.stack(zeros)
+        return [*parts, jnp.asarray(told, float)], zeros
 
 
-def compared(
-    comparison: Comparison,
-    motions: Sequence[Float[Array, " samples"]],
-    values: Values,
-    weights: Float[Array | np.ndarray, " records"],
-) -> tuple[Float[Array, " n"], Float[Array, " records"]]:
-    """The outputs of `comparison`, compiled."""
-    return _compared(comparison, motions, {path: values[path] for path in comparison.apart}, weights)
+def told_apart(parameters: Mapping[str, Parameter]) -> dict[str, tuple[float, float]]:
+    """Number and standard error [SI] of the parameters that were measured apart, by path."""
+    return {path: told for path, p in parameters.items() if (told := p.measured_apart) is not None}
+
+
+class Evaluated(NamedTuple):
+    """Motions and residuals at a point, the last of some, and derivatives where they were wanted."""
+
+    squares: Float[Array, " points"]
+    """The sum of squares of the residual, of each of the points."""
+    motions: list[Float[Array, " samples"]]
+    """Of every record that is used."""
+    residual: Float[Array, " n"]
+    offsets: Float[Array, " records"]
+    jacobian: Float[Array, "n p"]
+    """Of the residual; 0 where no derivatives were wanted."""
+    offsets_jacobian: Float[Array, "records p"]
+
+
+TOGETHER = 16
+"""Points that one call takes at most: what a call takes besides what it computes is a third of an evaluation."""
+
+
+class Evaluator(eqx.Module):
+    """The records of a study beside their predictions: compiled once for values and for derivatives, whoever asks."""
+
+    predictor: Predictor
+    """Of all records, fitted or not."""
+    comparison: Comparison
+    """Of those that are fitted."""
+    accuracy: Accuracy
+    places: tuple[int, ...] = eqx.field(static=True)
+    """Where these stand among all."""
+    paths: tuple[str, ...] = eqx.field(static=True)
+    """Of all parameters."""
+    free: tuple[str, ...] = eqx.field(static=True)
+    """The paths by which derivatives are taken."""
+
+    def __call__(
+        self,
+        points: Sequence[Values],
+        weights: Float[Array | np.ndarray, " records"],
+        used: Bool[np.ndarray, " all_records"] | None = None,
+        directions: Float[np.ndarray, "p p"] | None = None,
+    ) -> Evaluated:
+        """What all parameters have at the last of these `points` [SI], numbers by path; compiled.
+
+        **Arguments:** one point or more, up to `TOGETHER`; `weights` are 1/noise of the fitted records; those records
+        are predicted that are `used`, by default all.  Derivatives are taken by p numbers, of which each moves the free
+        parameters along a column of `directions`; None: none are taken.
+        """
+        return _evaluated(*self._asked(points, weights, used, directions))
+
+    def lowered(self, values: Values, weights: Float[Array | np.ndarray, " records"]) -> Lowered:
+        """What is compiled, traced; its `compile` may go on in another thread."""
+        return _evaluated.prepared(*self._asked([values], weights, None, None))
+
+    def _asked(
+        self,
+        points: Sequence[Values],
+        weights: Float[Array | np.ndarray, " records"],
+        used: Bool[np.ndarray, " all_records"] | None,
+        directions: Float[np.ndarray, "p p"] | None,
+    ) -> tuple[Any, ...]:
+        paths, free = self.paths, len(self.free)
+        numbers = np.zeros((TOGETHER, len(paths)))
+        for row, values in zip(numbers, points, strict=False):
+            row[:] = [float(values[path]) for path in paths]
+        sloped = np.asarray(directions is not None)
+        directions = np.zeros((free, free)) if directions is None else directions
+        used = np.ones(len(self.predictor.samples), bool) if used is None else used
+        return self, numbers, np.asarray(len(points)), np.asarray(weights), used, sloped, directions
 
 
 @kept_jit
-def _compared(
-    comparison: Comparison,
-    motions: Sequence[Float[Array, " samples"]],
-    apart: Values,
-    weights: Float[Array | np.ndarray, " records"],
-) -> tuple[Float[Array, " n"], Float[Array, " records"]]:
-    return comparison(motions, apart, weights)
+def _evaluated(
+    of: Evaluator,
+    points: Float[Array, "points k"],
+    count: Count,
+    weights: Float[Array, " records"],
+    used: Bool[Array, " all_records"],
+    sloped: Truth,
+    directions: Float[Array, "p p"],
+) -> Evaluated:
+    comparison, samples, p = of.comparison, of.predictor.samples, len(of.free)
+    moving = {path: directions[i] for i, path in enumerate(of.free)}
+    at = lambda row: {path: points[row, i] for i, path in enumerate(of.paths)}
+    apart_of = lambda values: {path: values[path] for path in comparison.apart}
+
+    def next_point(row: Count, so_far: Tree) -> Tree:
+        values = at(row)
+        motions, slopes = of.predictor.linearised(values, moving, sloped, of.accuracy, used)
+        residual, offsets = comparison([motions[place] for place in of.places], apart_of(values), weights)
+        squares = so_far[0].at[row].set(jnp.sum(residual**2))
+        return squares, motions, [slopes[place] for place in of.places], residual, offsets
+
+    motions, slopes = [jnp.zeros(size) for size in samples], [jnp.zeros((samples[place], p)) for place in of.places]
+    nothing = jnp.zeros(len(points)), motions, slopes, jnp.zeros(comparison.size), jnp.zeros(len(of.places))
+    squares, motions, slopes, residual, offsets = lax.fori_loop(0, count, next_point, nothing)
+    fitted, apart = [motions[place] for place in of.places], apart_of(at(count - 1))
+
+    def along(fitted_dot: list[Float[Array, " samples"]], direction: Values) -> tuple[Tree, Tree]:
+        compared = lambda fitted, apart: comparison.by_record(fitted, apart, weights)
+        return jax.jvp(compared, (fitted, apart), (fitted_dot, apart_of(direction)))[1]
+
+    def with_slopes() -> tuple[Float[Array, "n p"], Float[Array, "records p"]]:
+        # Put together after vmap, or XLA would turn the Jacobian round, wanted or not.
+        parts, zeros = jax.vmap(along, in_axes=(-1, 0), out_axes=-1)(slopes, moving)
+        return jnp.concatenate(parts), jnp.stack(zeros)
+
+    none = lambda: (jnp.zeros((residual.size, p)), jnp.zeros((offsets.size, p)))
+    return Evaluated(squares, motions, residual, offsets, *lax.cond(sloped, with_slopes, none))
 
 
 class Residual(eqx.Module):
@@ -137,11 +244,6 @@ class Residual(eqx.Module):
     def values(self, free: Float[Array | np.ndarray, " p"]) -> Values:
         """All parameters [SI] by path, the free ones from the scale of the fit."""
         return self.fixed | self.transform.decode(free)
-
-    def linearised_values(self, free: Float[Array | np.ndarray, " p"]) -> tuple[Values, Directions]:
-        """`values`, and how the free ones move with each of the numbers of the fit."""
-        moving, directions = self.transform.linearised(free)
-        return self.fixed | moving, directions
 
     def __call__(
         self, free: Float[Array | np.ndarray, " p"], weights: Float[Array | np.ndarray, " records"]

@@ -299,25 +299,39 @@ def end_of(loop: LoopState) -> Float[Array, " begin"]:
 def _located(table: Table, loop: LoopState, times: Float[Array, " m"]) -> tuple[Int[Array, " m+1"], Float[Array, " m"]]:
     """The step with which the repeated period opened and those within which `times` [s] lie; and the laps."""
     end = end_of(loop)
-    real = jnp.arange(len(table)) < loop.count
-    begins = jnp.where(real, table[:, 0] + table[:, 1], jnp.inf)
-    row, laps = places(begins, table[loop.period, 0], end[0] + end[1], loop.repeats, times)
+    begin = lambda rows: table[rows, 0] + table[rows, 1]
+    row, laps = places(begin, loop.count, table[loop.period, 0], end[0] + end[1], loop.repeats, times)
     return jnp.concatenate([loop.period[None], row]), laps
 
 
 def places(
-    begins: Float[Array, " room"], opening: Scalar, stop: Scalar, repeats: Truth, times: Float[Array, " m"]
+    begin: Callable[[Int[Array, " m"]], Float[Array, " m"]],
+    count: Count,
+    opening: Scalar,
+    stop: Scalar,
+    repeats: Truth,
+    times: Float[Array, " m"],
 ) -> tuple[Int[Array, " m"], Float[Array, " m"]]:
     """The step in which each of the `times` [s] lies, and how often the last period was repeated before it.
 
-    **Arguments:** the times [s] at which steps begin, infinite where there is none, and between which the last period
-    lies.  Nothing here has a derivative.
+    **Arguments:** `begin` tells the times [s] at which some of the `count` steps begin, in order; the last period lies
+    between `opening` and `stop` [s].  Nothing here has a derivative.
     """
-    begins, opening, stop, times = lax.stop_gradient((begins, opening, stop, times))
+    opening, stop, times = lax.stop_gradient((opening, stop, times))
     cycle = jnp.where(repeats, stop - opening, 1.0)
     laps = jnp.where(repeats, jnp.maximum(jnp.floor((times - stop) / cycle) + 1.0, 0.0), 0.0)
     within = times - laps * cycle
-    return jnp.clip(jnp.searchsorted(begins, within, side="right") - 1, 0), laps
+
+    def halve(_: Count, ends: tuple[Int[Array, " m"], Int[Array, " m"]]) -> tuple[Int[Array, " m"], Int[Array, " m"]]:
+        low, high = ends
+        middle = (low + high) // 2
+        later = lax.stop_gradient(begin(middle)) > within
+        return jnp.where(later, low, middle), jnp.where(later, middle, high)
+
+    # A table has far more room than steps: looking at all of it takes longer than all else here.
+    first = jnp.zeros(times.shape, int)
+    halvings = jnp.ceil(jnp.log2(jnp.maximum(count, 1))).astype(int)
+    return lax.fori_loop(0, halvings, halve, (first, first + count))[0], laps
 
 
 def since_begins(

@@ -146,12 +146,12 @@ class Scratch(NamedTuple):
 
     table: Table
     """Of the steps."""
-    slopes: Float[Array, "records m p"]
-    """Derivatives of the samples of all records; 0 where none were wanted."""
+    slopes: Float[Array, "records early p"]
+    """Derivatives of the first samples of all records; 0 where none were wanted."""
 
 
 def scratch(system: AbstractHybridSystem, accuracy: Accuracy, shape: tuple[int, int, int]) -> Scratch:
-    """Room for runs of systems such as this one, and derivatives of that `shape`: (records, m, p)."""
+    """Room for runs of systems such as this one, and derivatives of that `shape`: (records, early, p)."""
     return Scratch(jnp.zeros((0, 0)) if is_closed(system) else empty_table(system, accuracy), jnp.zeros(shape))
 
 
@@ -175,21 +175,34 @@ def samples_and_slopes(
 
     **Arguments:** `directions` are p of them, along the first axis of every leaf; the rest is as of `sensor_samples`.
 
-    **Returns:** samples; and the `scratch`, with the derivatives of this `record` where they are wanted.
+    **Returns:** samples, where they are `sloped` only as many as the `scratch` has derivatives of, the later ones zero;
+    and the `scratch`, with the derivatives of this `record`, zeros where they are not wanted.
     """
     begun = system(numbers)
     steps = None if is_closed(begun) else find_steps(begun, times[-1], accuracy, scratch.table)
 
-    def samples(numbers: Tree) -> Float[Array, " m"]:
-        return sensor_samples(system(numbers), times, accuracy, output, segments, wanted, steps)
+    def read(numbers: Tree, first: Count) -> Float[Array, " early"]:
+        some = lax.dynamic_slice_in_dim(times, first, early)
+        few = None if wanted is None else jnp.clip(wanted - first, 1, early)
+        return sensor_samples(system(numbers), some, accuracy, output, segments, few, steps)
 
-    def with_slopes() -> tuple[Float[Array, " m"], Float[Array, "records m p"]]:
-        along = lambda direction: jax.jvp(samples, (numbers,), (direction,))
+    def with_slopes() -> tuple[Float[Array, " m"], Float[Array, "early p"]]:
+        along = lambda direction: jax.jvp(lambda numbers: read(numbers, first), (numbers,), (direction,))
         shown, slopes = jax.vmap(along, out_axes=(None, -1))(directions)
-        return shown, scratch.slopes.at[record].set(slopes)
+        return jnp.pad(shown, (0, times.size - early)), slopes
 
-    shown, slopes = lax.cond(sloped, with_slopes, lambda: (samples(numbers), scratch.slopes))
-    return shown, Scratch(scratch.table if steps is None else steps[0], slopes)
+    def without() -> tuple[Float[Array, " m"], Float[Array, "early p"]]:
+        def next_part(number: Count, shown: Float[Array, " m"]) -> Float[Array, " m"]:
+            begin = jnp.minimum(number * early, times.size - early)
+            return lax.dynamic_update_slice_in_dim(shown, read(numbers, begin), begin, 0)
+
+        parts = -(-(times.size if wanted is None else wanted) // early)
+        return lax.fori_loop(0, parts, next_part, jnp.zeros(times.size)), jnp.zeros(shape)
+
+    shape, first = scratch.slopes.shape[1:], jnp.zeros((), int)
+    early = shape[0]
+    shown, slopes = lax.cond(sloped, with_slopes, without)
+    return shown, Scratch(scratch.table if steps is None else steps[0], scratch.slopes.at[record].set(slopes))
 
 
 def why_failed(

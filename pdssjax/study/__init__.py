@@ -62,14 +62,8 @@ if TYPE_CHECKING:
     )
     from .prediction import (
         Directions as Directions,
-        Layout as Layout,
-        Linearisable as Linearisable,
-        Lowered as Lowered,
         Predictor as Predictor,
-        Stacked as Stacked,
         failures as failures,
-        lowered as lowered,
-        of_records as of_records,
         predicted as predicted,
     )
     from .record import Record as Record, drive_with as drive_with, shared_fields as shared_fields

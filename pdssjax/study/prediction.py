@@ -6,9 +6,8 @@ function, so that the compiler sees their integration once.
 """
 
 import dataclasses
-import functools
-from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import Any, Generic, NamedTuple, Protocol, TypeAlias, TypeVar
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Generic, Protocol, TypeAlias, TypeVar
 
 import equinox as eqx
 import jax
@@ -63,6 +62,11 @@ class RecordedRun(Protocol):
         """Under which it was made."""
         ...
 
+    @property
+    def role(self) -> str:
+        """ "fit" where derivatives of it will be asked for."""
+        ...
+
 
 class RecordGroup(eqx.Module, Generic[S]):
     """Records of one waveform and of setups that differ in numbers only."""
@@ -83,6 +87,9 @@ class RecordGroup(eqx.Module, Generic[S]):
     """When the last sample is taken [s]."""
     segments: int = eqx.field(static=True)
     """How many segments of the drive the longest record reaches into."""
+    fitted: int = eqx.field(static=True)
+    """Samples of the longest record that is fitted, or where none is, of the longest: of no more are there
+    derivatives, and so many are read at a time."""
 
 
 def record_groups(
@@ -126,20 +133,15 @@ def _group(
         places=tuple(places),
         duration=float(max(record.time[-1] for record in records)),
         segments=max(segments),
+        fitted=max((record.time.size for record in records if record.role == "fit"), default=longest),
     )
 
 
 Directions: TypeAlias = Mapping[str, Float[Array | np.ndarray, " p"]]
 """Of p directions, how the free parameters [SI] move along each, by path."""
 
-Stacked: TypeAlias = list[Float[Array, "records samples ..."]]
-"""Of each group of records an array, filled up to the longest: `of_records` takes it apart."""
-
-Layout: TypeAlias = tuple[tuple[int, int, int], ...]
-"""Of each record its group, its row in the arrays of that, and how many samples it has."""
-
-Linearised: TypeAlias = tuple[list[Float[Array, " samples"]], Stacked]
-"""The samples of each record, and the derivatives of all along each of the directions."""
+Linearised: TypeAlias = tuple[list[Float[Array, " samples"]], list[Float[Array, "samples p"]]]
+"""The samples of each record, and their derivatives along each of the directions."""
 
 SystemOf: TypeAlias = Callable[[Values], AbstractHybridSystem]
 
@@ -161,14 +163,6 @@ class PredictedRecord(RecordedRun, Protocol):
     @property
     def measurement(self) -> HasSetup:
         """The measurement of the record."""
-        ...
-
-
-class Lowered(Protocol):
-    """A function that has been traced."""
-
-    def compile(self) -> object:
-        """Compile the function for all later calls."""
         ...
 
 
@@ -210,7 +204,7 @@ class Predictor(eqx.Module):
 
         Those that are not `used` are not simulated, and zero; None for all.
         """
-        return of_records(_of_each_group(sensor_samples, self, values, accuracy, used), self.layout)
+        return self._of_records(_of_each_group(sensor_samples, self, values, accuracy, used))
 
     def linearised(
         self,
@@ -220,9 +214,12 @@ class Predictor(eqx.Module):
         accuracy: Accuracy,
         used: Bool[Array | np.ndarray, " records"] | None = None,
     ) -> Linearised:
-        """As a call gives, and where `sloped` the derivatives along the `directions`, else zeros."""
+        """As a call gives, and where `sloped` the derivatives along the `directions`, else zeros.
+
+        Compiled it is one function for both.  Records that are not fitted have no derivatives.
+        """
         groups = [self._linearised(group, values, directions, sloped, accuracy, used) for group in self.groups]
-        return of_records([samples for samples, _ in groups], self.layout), [slopes for _, slopes in groups]
+        return self._of_records([shown for shown, _ in groups]), self._of_records([slopes for _, slopes in groups])
 
     def _linearised(
         self,
@@ -237,35 +234,29 @@ class Predictor(eqx.Module):
         (count,) = {len(direction) for direction in directions.values()}
         of_record, records = _asking(group, self.models, values, accuracy)
         which, (rows, longest) = _of_group(used, group), group.runs.times.shape
+        shape = rows, group.fitted, count
         record = lambda i: jax.tree.map(lambda a: a[i], records)
 
-        def next_record(i: Count, so_far: tuple[Array, Scratch]) -> tuple[Array, Scratch]:
+        order = jnp.argsort(~which)  # those that are used come first
+
+        def next_record(place: Count, so_far: tuple[Array, Scratch]) -> tuple[Array, Scratch]:
+            i = order[place]
+
             def ask(system: SystemOf, values: Values, *how: Any) -> tuple[Array, Scratch]:
                 of = lambda moving: system({**values, **moving})
                 return samples_and_slopes(of, moving, directions, sloped, so_far[1], i, *how)
 
-            def asked() -> tuple[Array, Scratch]:
-                row, room = of_record(ask, *record(i))
-                return so_far[0].at[i].set(row), room
+            row, room = of_record(ask, *record(i))
+            return so_far[0].at[i].set(row), room
 
-            return lax.cond(which[i], asked, lambda: so_far)
-
-        room = of_record(
-            lambda system, values, times, how, *_: scratch(system(values), how, (rows, longest, count)), *record(0)
-        )
-        samples, room = lax.fori_loop(0, rows, next_record, (jnp.zeros((rows, longest)), room))
+        room = of_record(lambda system, values, times, how, *_: scratch(system(values), how, shape), *record(0))
+        samples, room = lax.fori_loop(0, jnp.sum(which), next_record, (jnp.zeros((rows, longest)), room))
         return samples, room.slopes
 
-    @property
-    def layout(self) -> Layout:
-        """Where each record stands in what is stacked by group."""
+    def _of_records(self, stacked: list[Float[Array, "records samples ..."]]) -> list[Float[Array, "samples ..."]]:
+        """What is `stacked` by group, and filled up to the longest, of each record."""
         rows = {place: (g, row) for g, group in enumerate(self.groups) for row, place in enumerate(group.places)}
-        return tuple((*rows[place], samples) for place, samples in enumerate(self.samples))
-
-
-def of_records(stacked: Stacked, layout: Layout) -> list[Float[Array, "samples ..."]]:
-    """What is `stacked` by group, of each record."""
-    return [stacked[group][row, :samples] for group, row, samples in layout]
+        return [stacked[rows[place][0]][rows[place][1], :samples] for place, samples in enumerate(self.samples)]
 
 
 def predicted(
@@ -278,64 +269,11 @@ def predicted(
     return _predicted(predictor, _as_arrays(values), accuracy, _used_or_all(predictor, used))
 
 
-def lowered(predictor: Predictor, values: Values, accuracy: Accuracy) -> Lowered:
-    """`predicted`, traced; its `compile` may go on in another thread."""
-    return _predicted.prepared(predictor, _as_arrays(values), accuracy, _used_or_all(predictor, None))
-
-
 @kept_jit
 def _predicted(
     predictor: Predictor, values: Values, accuracy: Accuracy, used: Bool[Array | np.ndarray, " records"]
 ) -> list[Float[Array, " samples"]]:
     return predictor(values, accuracy, used)
-
-
-class Linearisable(NamedTuple):
-    """Predictions whose derivatives are wanted now and then: compiled once for values with and without them."""
-
-    predictor: Predictor
-    accuracy: Accuracy
-
-    def predicted(
-        self, values: Values, free: Collection[str], used: Bool[Array | np.ndarray, " records"] | None = None
-    ) -> list[Float[Array, " samples"]]:
-        """As the `predictor` gives for the `values`, of which some are `free`."""
-        return _linearised(*self._asked(values, _no_directions(tuple(free)), False, used))[0]
-
-    def linearised(
-        self, values: Values, directions: Directions, used: Bool[Array | np.ndarray, " records"] | None = None
-    ) -> Linearised:
-        """The same, and the derivatives along as many `directions` as there are free parameters."""
-        return _linearised(*self._asked(values, directions, True, used))
-
-    def lowered(self, values: Values, free: Collection[str]) -> Lowered:
-        """Both, traced; its `compile` may go on in another thread."""
-        return _linearised.prepared(*self._asked(values, _no_directions(tuple(free)), False, None))
-
-    def _asked(
-        self, values: Values, directions: Directions, sloped: bool, used: Bool[Array | np.ndarray, " records"] | None
-    ) -> tuple[Any, ...]:
-        which = _used_or_all(self.predictor, used)
-        return self.predictor, _as_arrays(values), directions, np.asarray(sloped), self.accuracy, which
-
-
-@functools.lru_cache(8)
-def _no_directions(free: tuple[str, ...]) -> Directions:
-    """Directions along which nothing moves: numbers that are there need not be brought there at every call."""
-    with jax.ensure_compile_time_eval():  # kept for all callers, so never of one that is being traced
-        return dict.fromkeys(free, jnp.zeros(len(free)))
-
-
-@kept_jit
-def _linearised(
-    predictor: Predictor,
-    values: Values,
-    directions: Directions,
-    sloped: Truth,
-    accuracy: Accuracy,
-    used: Bool[Array | np.ndarray, " records"],
-) -> Linearised:
-    return predictor.linearised(values, directions, sloped, accuracy, used)
 
 
 def _as_arrays(values: Values) -> dict[str, Given]:
@@ -351,8 +289,10 @@ def _used_or_all(
 @kept_jit
 def failures(predictor: Predictor, values: Values, accuracy: Accuracy) -> list[Count]:
     """For each record an index into `pdssjax.integration.FAILURES`: why it cannot be predicted; 0 where it can."""
-    groups = _of_each_group(why_failed, predictor, values, accuracy)
-    return [groups[group][row] for group, row, _ in predictor.layout]
+    found = dict[int, Count]()
+    for group, failed in zip(predictor.groups, _of_each_group(why_failed, predictor, values, accuracy), strict=True):
+        found |= {place: failed[row] for row, place in enumerate(group.places)}
+    return [found[place] for place in sorted(found)]
 
 
 def _of_each_group(

@@ -35,7 +35,7 @@ from .estimate import Estimate
 from .models import Models, Values, parts_told_by
 from .parameter import Parameter, paths_in, split_path
 from .parameter_use import check_numbers, check_read, check_whole_parts
-from .prediction import Lowered, Predictor, lowered, predicted
+from .prediction import Predictor, predicted
 from .record import Record
 
 
@@ -105,10 +105,6 @@ class Study:
         left with neither value nor start; `initial_guess` finds those.  It is compiled once for all values.
         """
         return predicted(*self._asked(values, accuracy))
-
-    def lowered(self, values: Values) -> Lowered:
-        """`predict`, traced; its `compile` may go on in another thread."""
-        return lowered(*self._asked(values, None))
 
     def _asked(self, values: Values | Estimate | None, accuracy: Accuracy | None) -> tuple[Predictor, Values, Accuracy]:
         require_float64("predict")

@@ -14,15 +14,14 @@ from typing import NamedTuple
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
-from ...core import InputError, as_number, check_kind, on_device, require_float64
+from ...core import InputError, check_kind, on_device, require_float64
 from ...integration import Accuracy
 from ...metrics import scatter_floor
 from ...piezo.base import Shown
 from ...study import (
     MARK,
-    Linearisable,
     Models,
     Parameter,
     Predictor,
@@ -32,7 +31,8 @@ from ...study import (
     check_begins_early,
     split_path,
 )
-from ..residual import Comparison, compared
+from ..losses.base import AbstractLoss
+from ..residual import TOGETHER, Comparison, Evaluator, as_weights, told_apart
 from .loop_starts import loop_starts
 from .record_features import (
     as_forces,
@@ -84,16 +84,17 @@ def rank_starts(
     records: Sequence[Record],
     better: Mapping[str, float] | None = None,
     share: float = 1.0,
+    loss: AbstractLoss | None = None,
 ) -> list[dict[str, float]]:
     """Starts for every listed parameter [SI] from a search, the most promising first.
 
     **Arguments:** `better` numbers are taken in place of the starts given or found; a `share` of the usual number of
-    points is tried.
+    points is tried.  The `loss` of the fit judges them, that of squares by default.
     """
     known, ranges, searchable = _split_known(models, parameters, records, better or {})
     if not searchable:
         return [guess_starts(models, parameters, records)[0] | dict(better or {})]
-    trials = _search(models, known, ranges, parameters, records, searchable, share)
+    trials = _search(models, known, ranges, parameters, records, searchable, loss, share)
     return [_every(known | trial, parameters) for trial in trials]
 
 
@@ -109,6 +110,7 @@ def scatter_starts(
     around: Mapping[str, float],
     held: Collection[str] = (),
     to_sticking: bool = False,
+    loss: AbstractLoss | None = None,
 ) -> list[dict[str, float]]:
     """Starts that differ in every free parameter, the most promising first, whether or not the study gives a start.
 
@@ -116,7 +118,8 @@ def scatter_starts(
 
     **Arguments:** numbers [SI] `around` which to search those that have no range of their own, within a
     factor `NEAR`; the paths `held` there, as are signed parameters.  Friction forces are searched up to those
-    at which nothing slips, if `to_sticking`, else below a third of it, where motion is large.
+    at which nothing slips, if `to_sticking`, else below a third of it, where motion is large.  The `loss` as of
+    `rank_starts`.
     """
     fitted = [record for record in records if record.role == "fit"] or list(records)
     ranges = scatter_ranges(models, parameters, records, around, held)
@@ -126,7 +129,7 @@ def scatter_starts(
     if not (ranges and used):
         return []
     known = {path: number for path, number in around.items() if path not in ranges}
-    trials = _search(models, known, ranges, parameters, records, used)
+    trials = _search(models, known, ranges, parameters, records, used, loss)
     return [{path: (known | trial)[path] for path in parameters} for trial in trials]
 
 
@@ -281,6 +284,7 @@ def _search(
     parameters: Mapping[str, Parameter],
     records: Sequence[Record],
     used: Sequence[Record],
+    loss: AbstractLoss | None,
     share: float = 1.0,
 ) -> list[dict[str, float]]:
     """The trials against the first periods of those `records` that are `used`, the best first."""
@@ -291,8 +295,8 @@ def _search(
     strata = np.stack([random.permutation(count) for _ in paths], axis=1)
     points = low + (high - low) * (strata + random.random(strata.shape)) / count
     trials = [{path: float(np.exp(x)) for path, x in zip(paths, point, strict=True)} for point in points]
-    free = [path for path, parameter in parameters.items() if parameter.free]
-    costs = _tried(_beginnings(models, records, used, free), [_every(known | trial, parameters) for trial in trials])
+    beginnings = _beginnings(models, parameters, records, used, loss)
+    costs = _tried(beginnings, [_every(known | trial, parameters) for trial in trials])
     order = np.argsort(np.where(np.isfinite(costs), costs, np.inf))
     return [trials[i] for i in order]
 
@@ -300,34 +304,41 @@ def _search(
 class _Beginnings(NamedTuple):
     """The first periods of records: enough to tell a trial by, and quick where a contact never rests."""
 
-    motions: Linearisable
-    comparison: Comparison
+    evaluator: Evaluator
     weights: Float[np.ndarray, " records"]
-    """1/noise; 0 of those that are not used."""
-    free: Collection[str]
-    """The paths of the free parameters."""
+    """1/noise of the records compared; 0 of those that are not used."""
+    used: Bool[np.ndarray, " all_records"]
 
-    def cost(self, values: Values) -> float:
-        """Chi-square with the numbers `values` [SI]."""
-        values = {path: as_number(number) for path, number in values.items()}
-        motions = self.motions.predicted(values, self.free, self.weights > 0)
-        return float(np.sum(np.asarray(compared(self.comparison, motions, values, self.weights)[0]) ** 2))
+    def costs(self, trials: Sequence[Values]) -> Float[np.ndarray, " trials"]:
+        """What the loss sums up with the numbers [SI] of each of some `trials`: with that of squares, chi-square."""
+        return np.asarray(self.evaluator(trials, self.weights, self.used).squares)[: len(trials)]
 
 
 def _beginnings(
-    models: Models, records: Sequence[Record], used: Sequence[Record], free: Collection[str]
+    models: Models,
+    parameters: Mapping[str, Parameter],
+    records: Sequence[Record],
+    used: Sequence[Record],
+    loss: AbstractLoss | None,
 ) -> _Beginnings:
-    """The beginnings of the `records`, of which those are `used`; what predicts them whole predicts them, too."""
+    """The beginnings of the `records`, of which those are `used`; what a fit compiles predicts them, too."""
     if any(record.motion is not None for record in used):
         records = used = [_thinned(record) for record in used]
     ends = np.array([_end(record) for record in records])
-    early = tuple(record.time <= end for record, end in zip(records, ends, strict=True))
-    comparison = eqx.tree_at(lambda comparison: comparison.used, Comparison(records), early)
-    is_used = [any(record is other for other in used) for record in records]
-    shown = zip(records, early, is_used, strict=True)
-    weights = np.array([1.0 / scatter_floor(record.measured[e]) if use else 0.0 for record, e, use in shown])
+    fitted = [place for place, record in enumerate(records) if record.role == "fit"]
+    places = tuple(fitted or range(len(records)))
+    compared = [records[place] for place in places]
+    early = tuple(record.time <= ends[place] for place, record in zip(places, compared, strict=True))
+    comparison = Comparison(compared, loss, told_apart(parameters))
+    comparison = eqx.tree_at(lambda comparison: comparison.used, comparison, early)
+    is_used = np.array([any(record is other for other in used) for record in records])
+    noises = [scatter_floor(record.measured[e]) for record, e in zip(compared, early, strict=True)]
+    weights = as_weights(noises, is_used[list(places)])
     predictor, comparison = on_device((Predictor(models, records).until(ends), comparison))
-    return _Beginnings(Linearisable(predictor, _COARSE), comparison, weights, free)
+    free = tuple(path for path, parameter in parameters.items() if parameter.free)
+    return _Beginnings(
+        Evaluator(predictor, comparison, _COARSE, places, tuple(sorted(parameters)), free), weights, is_used
+    )
 
 
 def _thinned(record: Record) -> Record:
@@ -348,9 +359,10 @@ def _end(record: Record) -> float:
 
 def _tried(beginnings: _Beginnings, trials: Sequence[Values]) -> Float[np.ndarray, " trials"]:
     """Chi-square of each trial, side by side on all cores."""
-    first = beginnings.cost(trials[0])  # alone: it compiles what the others share
+    first, *others = (trials[begin : begin + TOGETHER] for begin in range(0, len(trials), TOGETHER))
+    costs = [beginnings.costs(first)]  # alone: it compiles what the others share
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        return np.array([first, *pool.map(beginnings.cost, trials[1:])])
+        return np.concatenate([*costs, *pool.map(beginnings.costs, others)])
 
 
 def initial_guess(study: Study) -> dict[str, float]:

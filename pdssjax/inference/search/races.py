@@ -277,7 +277,7 @@ def ranked(
     """Starts from the search, the most promising first, with the piezo from the platform records alone."""
     piezo = piezo_alone(problem, starts, report)
     report("searching for starts")
-    return rank_starts(study.models, parameters, study.records, piezo, effort.starts)
+    return rank_starts(study.models, parameters, study.records, piezo, effort.starts, problem.residual.loss)
 
 
 def shown(begun: dict[str, float], earlier: dict[str, float], contest: Contest) -> dict[str, float]:
@@ -305,16 +305,16 @@ def _scattered(fit: Fit, starts: dict[str, float], contest: Contest) -> list[dic
     known = lambda path: path in problem.residual.apart or (platform and shown_by_platform(path, problem))
     held = [path for path in problem.residual.transform.paths if known(path)]
     around = starts | {path: float(number) for path, number in problem.decode(fit.free).items() if path in held}
-    scattered = scatter_starts(study.models, study.parameters, study.records, around, held)[
-        : contest.effort.some(_SCATTERED)
-    ]
+    loss = problem.residual.loss
+    scattered = scatter_starts(study.models, study.parameters, study.records, around, held, loss=loss)
+    scattered = scattered[: contest.effort.some(_SCATTERED)]
     given = {path: p.start for path, p in study.parameters.items() if path.startswith("piezo.") and p.free}
     given = {path: start for path, start in given.items() if start is not None and path not in held}
     if not given:
         return scattered
     contest.report("searching for starts with the stack as the study gives it")
     what = study.models, study.parameters, study.records, around | given, [*held, *given]
-    return [*scatter_starts(*what, to_sticking=True)[: contest.effort.some(_STACK_GIVEN)], *scattered]
+    return [*scatter_starts(*what, to_sticking=True, loss=loss)[: contest.effort.some(_STACK_GIVEN)], *scattered]
 
 
 def _without_starts(contest: Contest) -> dict[str, Parameter]:

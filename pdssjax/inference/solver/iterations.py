@@ -12,11 +12,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ...core import Tree, kept_jit
-from ...study import Lowered
+from ...core import Lowered, Tree, kept_jit
 from .levenberg_marquardt import BoundedLevenbergMarquardt, Free, Judged, linearised
 from .lm_state import Ending, LMState
-from .trust_region import Bounds, Trial, first_point, second_point
+from .trust_region import Bounds, Trial, first_point, second_point, trial_point
 
 ResidualFunction: TypeAlias = Callable[[Any, Any], Any]
 """(point, args) to the residuals and what goes with them."""
@@ -70,9 +69,11 @@ class Run(NamedTuple):
 def iterate(run: Run, point: Point, state: LMState) -> tuple[Point, LMState, bool]:
     """One iteration: point and state after it, and whether it was the last."""
     solver, evaluations, bounds = run
-    trial, first = _begun(solver, point, bounds, state)
-    found = evaluations.values(first)[0] if trial.bending or trial.checking else state.residual
-    step, last = _gone_on(point, bounds, state, trial, found)
+    trial, first, last = _begun(solver, point, bounds, state)
+    step, found = trial.proposal.step, state.residual
+    if trial.bending or trial.checking:
+        found = evaluations.values(first)[0]
+        step, last = _gone_on(point, bounds, state, trial, found)
     judged = _judged(solver, point, bounds, state, trial, step, (found, evaluations.values(last)[0]))
     if not bool(judged.accepted):
         return point, judged.state, _is_over(judged.state)
@@ -121,9 +122,12 @@ def _linearised(function: ResidualFunction, point: Point, args: Tree) -> Lineari
 
 
 @kept_jit
-def _begun(solver: BoundedLevenbergMarquardt, point: Point, bounds: Bounds, state: LMState) -> tuple[Trial, Free]:
-    trial = solver.trial(jnp.asarray(point), bounds, state)
-    return trial, first_point(jnp.asarray(point), bounds, trial)
+def _begun(solver: BoundedLevenbergMarquardt, point: Point, bounds: Bounds, state: LMState) -> tuple[Trial, Free, Free]:
+    """The trial, what it evaluates first if it does, and else last."""
+    point = jnp.asarray(point)
+    trial = solver.trial(point, bounds, state)
+    straight = trial_point(point, trial.proposal.step, trial.proposal, bounds)
+    return trial, first_point(point, bounds, trial), jnp.where(state.unevaluated, point, straight)
 
 
 @kept_jit

@@ -12,6 +12,7 @@ from waves import PATHS, Waves, at, run
 from pdssjax import Accuracy
 from pdssjax.core import quantity
 from pdssjax.inference import EFFORTS, Ending, Evidence, Fit, evidence as evidence_of_fit
+from pdssjax.inference.losses.base import AbstractLoss
 from pdssjax.inference.losses.huber import Huber
 from pdssjax.inference.losses.squares import Squares
 from pdssjax.inference.search import multistart, races
@@ -28,7 +29,7 @@ class Rig:
     """A study that stands for `problem`; what is asked of searches, races and restarts is noted."""
 
     def __init__(self, monkeypatch, problem, given, ranked, scattered=(), longer=0, effort=EFFORTS["usual"]):
-        self.problem, self.longer, self.messages, self.events = problem, longer, [], []
+        self.problem, self.longer, self.messages, self.events, self.losses = problem, longer, [], [], []
         self.effort = effort
         quantity_of = quantity(1.0, "m")  # what is declared matters to no race
         parameters = {path: Parameter(path, "m", quantity_of, start=given.get(path)) for path in PATHS}
@@ -49,7 +50,8 @@ class Rig:
     def noted(self, name, found):
         def search(models, parameters, records, *more, **how):
             free = [path for path, parameter in parameters.items() if parameter.start is None]
-            self.events.append((name, free, *more, *how))
+            self.losses.append(how.pop("loss", None) or more[-1])
+            self.events.append((name, free, *[m for m in more if not isinstance(m, AbstractLoss)], *how))
             return list(found)
 
         return search
@@ -117,6 +119,7 @@ def test_a_poor_fit_from_starts_given_is_compared_with_a_search_without_them_the
     assert first == ([WORSE], HALVING, True) and second == ([*everywhere()[:16], *everywhere()[:32]], COMPARING, False)
     # The first search may not use the starts given, but for the platform's; nothing shows that alone here.
     assert rig.of("ranked") == [("ranked", ["friction.f_c"], {}, 1.0)]
+    assert rig.losses and all(loss is rig.problem.residual.loss for loss in rig.losses)
     (_, _, around, held), (_, _, beside, kept, how) = rig.of("scattered")
     assert held == [] and set(around) == set(PATHS)
     # Those that go first have the stack as the study gives it.
@@ -180,9 +183,12 @@ def test_a_fit_that_ran_into_a_bound_is_compared_with_starts_that_differ_in_ever
 
 def test_what_was_measured_apart_is_held_where_the_fit_put_it_when_others_are_scattered(monkeypatch):
     problem = Waves(1.0, 0.0)
-    told = SimpleNamespace(apart={"friction.f_c": np.array([3.0, 0.1])}, transform=SimpleNamespace(paths=PATHS))
+    apart = {"friction.f_c": np.array([3.0, 0.1])}
+    told = SimpleNamespace(apart=apart, transform=SimpleNamespace(paths=PATHS), loss=Squares())
     monkeypatch.setattr(problem, "residual", told)
-    monkeypatch.setattr(races, "scatter_starts", lambda models, parameters, records, around, held: [(around, held)])
+    monkeypatch.setattr(
+        races, "scatter_starts", lambda models, parameters, records, around, held, loss: [(around, held)]
+    )
     study = SimpleNamespace(models=None, parameters={}, records=())
     contest = races.Contest(study, problem, [], False, run, lambda message: None)
     ((around, held),) = races._scattered(SimpleNamespace(free=np.array([2.0, 3.01])), at(5.0, 5.0), contest)
