@@ -36,6 +36,15 @@ def test_identify_takes_the_packaged_example_by_default(calls, tmp_path):
     assert calls.studies[0].exists()
 
 
+def test_what_xla_logs_is_hidden_unless_it_was_asked_for(monkeypatch, capsys):
+    monkeypatch.setitem(os.environ, "TF_CPP_MIN_LOG_LEVEL", "0")
+    cli.main(["models"])
+    assert os.environ["TF_CPP_MIN_LOG_LEVEL"] == "0"
+    monkeypatch.delitem(os.environ, "TF_CPP_MIN_LOG_LEVEL")
+    cli.main(["models"])
+    assert os.environ["TF_CPP_MIN_LOG_LEVEL"] == "3"
+
+
 def test_both_methods_are_compared_side_by_side(calls, tmp_path, capsys):
     assert cli.main(["identify", "--out", str(tmp_path), "--method", "both"]) == 0
     assert calls.methods == ["joint", "sequential"]
