@@ -183,8 +183,9 @@ def _linearised(
         shown = _kept(polynomials, keep)
         # Always true, also where a number is not finite.
         true = ~(step_radius[0] < 0.0)
-        x = computed_once(true, lambda p: horner(list(jnp.stack(p, axis=2)), duration[:, None]), polynomials)
-        x = computed_once(true, again.side_by_side(exact_end), inputs, list(x.T))
+        # One after the other: to stack them takes as long as to expand the steps.
+        x = computed_once(true, lambda polynomials: [horner(list(p), duration) for p in polynomials], polynomials)
+        x = computed_once(true, again.side_by_side(exact_end), inputs, x)
         shift = computed_once(true, again.side_by_side(event_shift_of), inputs, x)
         return (again.side_by_side(moved_end)(inputs, x, shift), shown), shown
 
