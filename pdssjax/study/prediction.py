@@ -68,6 +68,10 @@ class RecordedRun(Protocol):
         ...
 
 
+_PARTS = 8
+"""Parts in which a record is read at most: all of its steps are expanded for each."""
+
+
 class RecordGroup(eqx.Module, Generic[S]):
     """Records of one waveform and of setups that differ in numbers only."""
 
@@ -87,9 +91,9 @@ class RecordGroup(eqx.Module, Generic[S]):
     """When the last sample is taken [s]."""
     segments: int = eqx.field(static=True)
     """How many segments of the drive the longest record reaches into."""
-    fitted: int = eqx.field(static=True)
-    """Samples of the longest record that is fitted, or where none is, of the longest: of no more are there
-    derivatives, and so many are read at a time."""
+    early: int = eqx.field(static=True)
+    """Samples of which there may be derivatives, and that are read at a time: as many as the longest record that is
+    fitted has, or where none is, the longest; in a much longer record more."""
 
 
 def record_groups(
@@ -115,6 +119,7 @@ def _group(
     records: Sequence[RecordedRun], setups: Sequence[S], segments: Sequence[int], places: Sequence[int]
 ) -> RecordGroup[S]:
     longest = max(record.time.size for record in records)
+    fitted = [record.time.size for record in records if record.role == "fit"]
 
     def padded(values: Float[np.ndarray, " samples"] | None) -> Any:
         return None if values is None else np.pad(values, (0, longest - values.size), mode="edge")
@@ -133,7 +138,7 @@ def _group(
         places=tuple(places),
         duration=float(max(record.time[-1] for record in records)),
         segments=max(segments),
-        fitted=max((record.time.size for record in records if record.role == "fit"), default=longest),
+        early=max([*fitted, -(-longest // _PARTS)] if fitted else [longest]),
     )
 
 
@@ -234,7 +239,7 @@ class Predictor(eqx.Module):
         (count,) = {len(direction) for direction in directions.values()}
         of_record, records = _asking(group, self.models, values, accuracy)
         which, (rows, longest) = _of_group(used, group), group.runs.times.shape
-        shape = rows, group.fitted, count
+        shape = rows, group.early, count
         record = lambda i: jax.tree.map(lambda a: a[i], records)
 
         order = jnp.argsort(~which)  # those that are used come first
