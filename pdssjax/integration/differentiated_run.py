@@ -302,13 +302,15 @@ def _located(table: Table, loop: LoopState, times: Float[Array, " m"]) -> tuple[
     """The step with which the repeated period opened and those within which `times` [s] lie; and the laps."""
     end = end_of(loop)
     begin = lambda rows: table[rows, 0] + table[rows, 1]
-    row, laps = places(begin, loop.count, table[loop.period, 0], end[0] + end[1], loop.repeats, times)
+    run = loop.count, len(table), table[loop.period, 0], end[0] + end[1], loop.repeats
+    row, laps = places(begin, *run, times)
     return jnp.concatenate([loop.period[None], row]), laps
 
 
 def places(
     begin: Callable[[Int[Array, " m"]], Float[Array, " m"]],
     count: Count,
+    room: int,
     opening: Scalar,
     stop: Scalar,
     repeats: Truth,
@@ -316,8 +318,8 @@ def places(
 ) -> tuple[Int[Array, " m"], Float[Array, " m"]]:
     """The step in which each of the `times` [s] lies, and how often the last period was repeated before it.
 
-    **Arguments:** `begin` tells the times [s] at which some of the `count` steps begin, in order; the last period lies
-    between `opening` and `stop` [s].  Nothing here has a derivative.
+    **Arguments:** `begin` tells the times [s] at which some of the `count` steps begin, in order, and there is `room`
+    for so many; the last period lies between `opening` and `stop` [s].  Nothing here has a derivative.
     """
     opening, stop, times = lax.stop_gradient((opening, stop, times))
     cycle = jnp.where(repeats, stop - opening, 1.0)
@@ -330,10 +332,10 @@ def places(
         later = lax.stop_gradient(begin(middle)) > within
         return jnp.where(later, low, middle), jnp.where(later, middle, high)
 
-    # A table has far more room than steps: looking at all of it takes longer than all else here.
+    # A table has far more room than steps: looking at all of it takes longer than all else here.  The halvings are of a
+    # number that is known: JAX cannot differentiate another loop in all nested modes, even where nothing moves.
     first = jnp.zeros(times.shape, int)
-    halvings = jnp.ceil(jnp.log2(jnp.maximum(count, 1))).astype(int)
-    return lax.fori_loop(0, halvings, halve, (first, first + count))[0], laps
+    return lax.fori_loop(0, room.bit_length(), halve, (first, first + count))[0], laps
 
 
 def since_begins(

@@ -89,7 +89,7 @@ class FlattenedSystem(AbstractHybridSystem):
         return tuple(self.y0)
 
     def segment(self, index: Scalar) -> Stretch:
-        corners = (jnp.asarray(self.system.corners(self.args), float) - self.t0) / self.span
+        corners = (jnp.sort(self._corners()) - self.t0) / self.span
         begins = jnp.concatenate([jnp.zeros(1), jnp.maximum(corners, 0.0), jnp.full(1, jnp.inf)])
         number = jnp.clip(jnp.asarray(index).astype(int), 0, len(corners))
         return Stretch(begins[number], begins[number + 1] - begins[number], index)
@@ -114,13 +114,18 @@ class FlattenedSystem(AbstractHybridSystem):
 
     def guard_values(self, t: Scalar, y: Tree, mode: Count) -> Float[Array, " guards"]:
         """The user's guards as one array, whatever they came in."""
-        guards = self.system.guards(t, y, self.args, mode)
-        if isinstance(guards, tuple | list):
-            return jnp.stack([jnp.asarray(guard, float) for guard in guards]) if guards else jnp.zeros(0)
-        guards = jnp.atleast_1d(jnp.asarray(guards, float))
-        if guards.ndim != 1:
-            raise InputError(f"{type(self.system).__name__}.guards: found shape {guards.shape}, expected one axis.")
-        return guards
+        given = self.system.guards(t, y, self.args, mode)
+        several = isinstance(given, tuple | list)
+        guards = [_real(guard) for guard in given] if several else [_real(given)]
+        if any(guard is None or guard.ndim > (not several) for guard in guards):
+            each = zip(given if several else [given], guards, strict=True)
+            kind = lambda guard: getattr(guard, "dtype", type(guard).__name__)
+            found = ", ".join(f"{kind(guard) if array is None else f'shape {array.shape}'}" for guard, array in each)
+            raise InputError(
+                f"{type(self.system).__name__}.guards: found {found}, expected real numbers, positive inside the mode: "
+                "one, a tuple of them, or an array with one axis."
+            )
+        return jnp.concatenate([jnp.atleast_1d(guard) for guard in guards if guard is not None] or [jnp.zeros(0)])
 
     def guards_along(
         self, segment: Stretch, t_local: Term, x: State, mode: Scalar, size: int, length: Scalar
@@ -155,7 +160,8 @@ class FlattenedSystem(AbstractHybridSystem):
         first = jnp.asarray(self.mode0, float) + _FIRST_MODE
         if not self.resets_at_corners:
             return x, jnp.where(starts, first, mode)
-        time, which = self._time(segment, 0.0), jnp.asarray(segment.number).astype(int) - 1
+        time, place = self._time(segment, 0.0), jnp.asarray(segment.number).astype(int) - 1
+        which = jnp.argsort(self._corners())[place]
         y, following = self.system.after_corner(time, self._state(x), self.args, self._mode(mode), which)
         turned, following = self._back(y, following, "after_corner")
         x = tuple(jnp.where(starts, a, b) for a, b in zip(x, turned, strict=True))
@@ -178,6 +184,10 @@ class FlattenedSystem(AbstractHybridSystem):
         inside = jnp.clip(time, first, self.t0 + self.span * end - gap)
         return time + lax.stop_gradient(inside - time)
 
+    def _corners(self) -> Float[Array, " corners"]:
+        """The times of the user's corners, in the user's order."""
+        return jnp.ravel(jnp.asarray(self.system.corners(self.args), float))
+
     def _state(self, x: State) -> Tree:
         return self.layout.split(jnp.stack([jnp.asarray(part, float) for part in x]))
 
@@ -191,6 +201,16 @@ class FlattenedSystem(AbstractHybridSystem):
     def modes_of(self, modes: Float[Array, " m"]) -> Int[Array, " m"]:
         """The user's modes for those of the integrator."""
         return jnp.asarray(modes).astype(int) - _FIRST_MODE
+
+
+def _real(guard: Any) -> Float[Array, "..."] | None:
+    """What was given for a guard as floating point; None where it is no real number: a truth falls through nothing."""
+    try:
+        array = jnp.asarray(guard)
+    except (TypeError, ValueError):
+        return None
+    is_real = jnp.issubdtype(array.dtype, jnp.floating) or jnp.issubdtype(array.dtype, jnp.integer)
+    return array.astype(float) if is_real else None
 
 
 def _is_series(leaf: object) -> bool:

@@ -184,6 +184,9 @@ def _flattened(
     """The system with its start, as the integrator wants it; **raises** `InputError` for what it cannot be."""
     if not isinstance(system, HybridSystem):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise InputError(f"integrate: found a system {system!r:.60}, expected a pdssjax.integration.HybridSystem.")
+    is_known = not isinstance(mode, jax.core.Tracer)  # pyright: ignore[reportAttributeAccessIssue]
+    if jnp.shape(mode) or jnp.result_type(mode).kind not in "iu" or (is_known and int(mode) < 0):
+        raise InputError(f"integrate: found `mode` = {mode!r:.60}, expected a whole number from 0 on.")
     y0 = jax.tree.map(_floating, y0)
     shapes = tuple(leaf.shape for leaf in jax.tree.leaves(y0))
     layout = Layout(jax.tree.structure(y0), shapes)

@@ -137,7 +137,7 @@ def states_at(
     """
     steps, end = run.steps, run.end
     begins, opening = steps.origin + steps.t_local, steps.origin[run.period]
-    row, laps = places(lambda rows: begins[rows], run.count, opening, end.time, run.repeats, times)
+    row, laps = places(lambda rows: begins[rows], run.count, len(begins), opening, end.time, run.repeats, times)
     rows = jnp.concatenate([jnp.asarray(run.period)[None], row])
     begun = jnp.concatenate([jnp.stack([steps.origin, steps.t_local], axis=1), steps.x], axis=1)[rows]
     stop = jnp.concatenate([jnp.stack([end.time - end.t_local, end.t_local]), end.x])

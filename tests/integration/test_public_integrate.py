@@ -125,6 +125,60 @@ def test_a_ball_bounces_as_the_law_of_free_fall_has_it_in_any_units(length, time
             np.testing.assert_allclose(found, closed, rtol=1e-8, atol=1e-8)
 
 
+@pytest.mark.parametrize("outer", [jax.jacfwd, jax.jacrev])
+def test_a_reverse_derivative_is_differentiated_again_in_both_modes(outer):
+    def height(restitution):
+        args = {"gravity": 9.81, "restitution": restitution}
+        solution = integrate(BouncingBall(), 0.0, 1.5, (0.8, 0.0), args, saveat=jnp.array([0.3, 1.2]), max_steps=FEW)
+        return solution.ys[0][-1]
+
+    closed = lambda restitution: ball(jnp.stack([0.8, 9.81, restitution]), jnp.array([0.3, 1.2]))[0][0, -1]
+    expected = jax.hessian(closed)(0.7)
+    np.testing.assert_allclose(jax.jit(outer(jax.jacrev(height)))(0.7), expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("mode", [-1, 1.0, True])
+def test_a_mode_is_a_whole_number_from_0_on(mode):
+    with pytest.raises(InputError, match=r"found `mode` = .*, expected a whole number from 0 on"):
+        integrate(Room(), 0.0, 1.0, 20.0, {"loss": 0.2, "power": 8.0, "levels": (18.0, 22.0)}, mode=mode)
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        (lambda y: y > 0.0, "found bool"),
+        (lambda y: None, "NoneType"),
+        (lambda y: (y, jnp.ones(2)), "2,"),
+    ],
+)
+def test_guards_that_are_no_real_numbers_are_refused(given, told):
+    class Falling(HybridSystem):
+        def vector_field(self, t, y, args, mode):
+            return -1.0
+
+        def guards(self, t, y, args, mode):
+            return given(y)
+
+    with pytest.raises(InputError, match=told) as raised:
+        integrate(Falling(), 0.0, 1.0, 0.5)
+    assert "Falling.guards: found" in str(raised.value) and "expected real numbers" in str(raised.value)
+
+
+def test_corners_may_come_in_any_order():
+    class Steps(HybridSystem):
+        def vector_field(self, t, y, args, mode):
+            return jnp.where(t < 0.2, 1.0, jnp.where(t < 0.5, 2.0, 3.0))
+
+        def corners(self, args):
+            return jnp.array([0.5, 0.2])
+
+        def after_corner(self, t, y, args, mode, which):
+            return y + 10.0 * jnp.where(which == 0, 1.0, 3.0), mode
+
+    run = integrate(Steps(), 0.0, 1.0, 0.0, saveat=jnp.array([0.1, 0.3, 1.0]), max_steps=FEW)
+    np.testing.assert_allclose(run.ys, [0.1, 30.4, 42.3], atol=1e-12)
+
+
 def test_a_heater_switches_at_its_levels_in_every_lane():
     """Between events the temperature is an exponential, so that its periods are known.
 
