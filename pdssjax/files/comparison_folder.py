@@ -29,7 +29,7 @@ _KEPT = "candidate.npz"
 """The file beside a candidate's estimate with what a comparison needs of it."""
 
 _RESULTS = "comparison.txt", "comparison.png", "residuals.png", "comparison.html", "comparison.json"
-"""Names of the files that a comparison writes; the JSON file is moved in last."""
+"""Names of the files that a comparison writes, the one that tells most last."""
 
 
 def compare(

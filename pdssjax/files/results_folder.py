@@ -44,7 +44,7 @@ _RESULTS = (
     "comparison.json",
     "estimate.json",
 )
-"""Names that a folder of results may hold; the JSON file is moved in last, so where it is, all is."""
+"""Names that a folder of results may hold, the one that tells most last."""
 
 
 _DRAWS, CANDIDATES = "draws.jsonl", "candidates"
@@ -126,8 +126,9 @@ def reserved_folder(folder: Path, overwrite: bool) -> Iterator[None]:
 def staging_folder(folder: Path, names: Sequence[str] = _RESULTS) -> Iterator[Path]:
     """A hidden folder inside `folder`, whose contents move up once all of them are written.
 
-    **Arguments:** `names` are what may be in it, in the order in which it moves; what `folder` holds of them is
-    replaced.
+    **Arguments:** `names` are what may be in it; what `folder` holds of them is replaced.  The last that is written
+    takes the place of the old one in one stroke, after the others of the old results are gone and before those of the
+    new ones come: whoever is killed meanwhile leaves it whole, old or new, and nothing beside it that is not its own.
 
     **Raises:** `InputError` where another process has the folder, `FileExistsError` where other results have come into
     it since this one has reserved it.
@@ -138,11 +139,12 @@ def staging_folder(folder: Path, names: Sequence[str] = _RESULTS) -> Iterator[Pa
         if place in _reserved and _reserved[place] != _contents(place, _RESULTS):
             raise FileExistsError("other results have come into it meanwhile")
         try:
+            written = [name for name in reversed(names) if (staging / name).exists()]
             for name in reversed(names):
-                _remove(folder / name)
-            for name in names:
-                if (staging / name).exists():
-                    (staging / name).rename(folder / name)
+                if name not in written[:1] or (folder / name).is_dir():
+                    _remove(folder / name)
+            for name in written:
+                (staging / name).replace(folder / name)
         finally:
             if place in _reserved:
                 _reserved[place] = _contents(place, _RESULTS)

@@ -1,5 +1,6 @@
 """Results reach their folder whole or not at all, and never over others unasked."""
 
+import contextlib
 import dataclasses
 import json
 import os
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 
 from pdssjax import InputError
-from pdssjax.files import check_free, write_estimate, write_predictions
+from pdssjax.files import check_free, results_folder, write_estimate, write_predictions
 from pdssjax.report import figures
 
 
@@ -170,3 +171,33 @@ def test_no_caption_says_that_what_was_only_predicted_was_fitted(tmp_path, monke
     write_predictions(fabricated.estimate().records[:2], {}, tmp_path)
     assert len(captions) >= 2
     assert all("not fitted" in caption for caption in captions if "against the voltage" not in caption)
+
+
+@pytest.mark.parametrize("broken_off", range(5))
+def test_a_command_killed_while_results_move_leaves_the_old_or_the_new_estimate_whole(
+    tmp_path, monkeypatch, broken_off
+):
+    names = ("plots", "report.txt", "estimate.json")
+    for name in names[1:]:
+        (tmp_path / name).write_text("old")
+    (tmp_path / "plots").mkdir()
+    strokes = []
+
+    def stroke(act):
+        def counted(*args, **how):
+            if len(strokes) == broken_off:
+                raise KeyboardInterrupt
+            strokes.append(act)
+            return act(*args, **how)
+
+        return counted
+
+    monkeypatch.setattr(results_folder, "_remove", stroke(results_folder._remove))
+    monkeypatch.setattr(Path, "replace", stroke(Path.replace))
+    with contextlib.suppress(KeyboardInterrupt), results_folder.staging_folder(tmp_path, names) as staging:
+        (staging / "estimate.json").write_text("new")
+        (staging / "report.txt").write_text("new")
+    found = (tmp_path / "estimate.json").read_text()
+    assert found in ("old", "new")
+    if (tmp_path / "report.txt").exists():
+        assert (tmp_path / "report.txt").read_text() == found
