@@ -66,7 +66,7 @@ def main() -> None:
         "loadfile",
         *TESTS,
         cwd=ROOT,
-        # A level of LLVM at which jaxlib 0.12.0.1 computed wrongly; by default tests compile at 0, where it was right.
+        # A level of LLVM at which jaxlib 0.12 showed that events were lost; by default tests compile at 0.
         XLA_FLAGS="--xla_backend_optimization_level=1",
     )
 
