@@ -158,7 +158,8 @@ class KeptFunction(Generic[P, R]):
             if not known and isinstance(leaf, Tracer):
                 return None
             if known or isinstance(leaf, _ARRAYS):
-                _CONCRETE.add(type(leaf))
+                if not known:
+                    _CONCRETE.add(type(leaf))
                 arrays.append(leaf)
                 kinds.append(_Shape(leaf.shape, leaf.dtype, getattr(leaf, "weak_type", False)))
             else:

@@ -87,7 +87,7 @@ class Comparison(eqx.Module):
         return [*parts, jnp.asarray(told, float)], zeros
 
 
-def told_apart(parameters: Mapping[str, Parameter]) -> dict[str, tuple[float, float]]:
+def measured_apart(parameters: Mapping[str, Parameter]) -> dict[str, tuple[float, float]]:
     """Number and standard error [SI] of the parameters that were measured apart, by path."""
     return {path: told for path, p in parameters.items() if (told := p.measured_apart) is not None}
 

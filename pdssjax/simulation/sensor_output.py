@@ -180,6 +180,7 @@ def samples_and_slopes(
     """
     begun = system(numbers)
     steps = None if is_closed(begun) else find_steps(begun, times[-1], accuracy, scratch.table)
+    early, directions_count = scratch.slopes.shape[1:]
 
     def read(numbers: Tree, first: Count) -> Float[Array, " early"]:
         some = lax.dynamic_slice_in_dim(times, first, early)
@@ -187,7 +188,7 @@ def samples_and_slopes(
         return sensor_samples(system(numbers), some, accuracy, output, segments, few, steps)
 
     def with_slopes() -> tuple[Float[Array, " m"], Float[Array, "early p"]]:
-        along = lambda direction: jax.jvp(lambda numbers: read(numbers, first), (numbers,), (direction,))
+        along = lambda direction: jax.jvp(lambda numbers: read(numbers, jnp.zeros((), int)), (numbers,), (direction,))
         shown, slopes = jax.vmap(along, out_axes=(None, -1))(directions)
         return jnp.pad(shown, (0, times.size - early)), slopes
 
@@ -197,10 +198,8 @@ def samples_and_slopes(
             return lax.dynamic_update_slice_in_dim(shown, read(numbers, begin), begin, 0)
 
         parts = -(-(times.size if wanted is None else wanted) // early)
-        return lax.fori_loop(0, parts, next_part, jnp.zeros(times.size)), jnp.zeros(shape)
+        return lax.fori_loop(0, parts, next_part, jnp.zeros(times.size)), jnp.zeros((early, directions_count))
 
-    shape, first = scratch.slopes.shape[1:], jnp.zeros((), int)
-    early = shape[0]
     shown, slopes = lax.cond(sloped, with_slopes, without)
     return shown, Scratch(scratch.table if steps is None else steps[0], scratch.slopes.at[record].set(slopes))
 

@@ -61,7 +61,6 @@ if TYPE_CHECKING:
         without_effect as without_effect,
     )
     from .prediction import (
-        Directions as Directions,
         Predictor as Predictor,
         failures as failures,
         predicted as predicted,
