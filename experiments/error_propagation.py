@@ -100,7 +100,7 @@ def shift(study, truth):
     records = [record for record in study.records if record.role == "fit" and record.measures == "effector"]
     free = transform_of(study.parameters, truth)
     fixed = {path: truth[path] for path, parameter in study.parameters.items() if not parameter.free}
-    residual = Residual(study.models, records, free, fixed, ACCURACY)
+    residual = Residual.of(study.models, records, free, fixed, ACCURACY)
     weights = as_weights([record.noise for record in records], [True] * len(records))
     jacobian = np.asarray(jax.jit(jax.jacfwd(lambda u: residual(u, weights)[0]))(jnp.asarray(free.encode(truth))))
     piezo = np.array([path.startswith("piezo.") for path in free.paths])

@@ -9,34 +9,39 @@ the numbers of the fit.
 import dataclasses
 from collections.abc import Collection, Mapping, Sequence
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
+from jax.tree_util import register_dataclass
 from jaxtyping import Array, Bool, Float
 
 from ..core import ScalarLike
 from ..study import Constraint, Link, Parameter, Values, bounded_by_constraints, chained
 
 
-class Ties(eqx.Module):
+# These are plain pytrees: each look at a method of an `equinox.Module` takes 20 us, and a fit decodes at every point.
+@register_dataclass
+@dataclasses.dataclass(frozen=True, eq=False)
+class Ties:
     """The numbers of the parameters on their own scales as a function of those of the fit: mixing @ free + shift."""
 
     mixing: Float[np.ndarray, "p p"]
     """Of unit determinant."""
     shift: Float[np.ndarray, " p"]
-    links: tuple[Link, ...] = eqx.field(static=True)
+    links: tuple[Link, ...] = dataclasses.field(metadata={"static": True})
     """The constraints between free parameters."""
 
 
-class ParameterTransform(eqx.Module):
+@register_dataclass
+@dataclasses.dataclass(frozen=True, eq=False)
+class ParameterTransform:
     """The free parameters as the fit sees them: one number each, of order one, unbounded below.
 
     A positive quantity is fitted by its logarithm; a signed one, or one that may be zero,
     by its ratio to a typical size.
     """
 
-    paths: tuple[str, ...] = eqx.field(static=True)
+    paths: tuple[str, ...] = dataclasses.field(metadata={"static": True})
     logarithmic: Bool[np.ndarray, " p"]
     unit: Float[np.ndarray, " p"]
     """Size of one unit of a linear parameter; 1 for a logarithmic one."""

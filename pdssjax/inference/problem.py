@@ -228,7 +228,7 @@ def pose(
     fixed = {path: starts[path] for path, parameter in study.parameters.items() if not parameter.free}
     parameters = within_told(_with_lengths(study), told_ranges(study))
     transform = transform_of(parameters, starts, study.constraints, str(study.path or study.title))
-    residual = Residual(study.models, records, transform, fixed, accuracy, loss, measured_apart(study.parameters))
+    residual = Residual.of(study.models, records, transform, fixed, accuracy, loss, measured_apart(study.parameters))
     samples = lambda residual: (residual.comparison.measured, residual.comparison.used)
     residual = eqx.tree_at(samples, residual, on_device(samples(residual)))
     noise = np.array([scatter_floor(r.measured) if r.noise is None else r.noise for r in records])

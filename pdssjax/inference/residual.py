@@ -6,6 +6,7 @@ taken out here (variable projection: G. H. Golub and V. Pereyra, SIAM J. Numeric
 the other parameters, is that of the fit with the offsets free.
 """
 
+import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -14,6 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jax.tree_util import register_dataclass
 from jaxtyping import Array, Bool, Float
 
 from ..core import Count, Lowered, Scalar, ScalarLike, Tree, Truth, kept_jit
@@ -110,7 +112,9 @@ TOGETHER = 16
 """Points that one call takes at most: what a call takes besides what it computes is a third of an evaluation."""
 
 
-class Evaluator(eqx.Module):
+@register_dataclass
+@dataclasses.dataclass(frozen=True, eq=False)
+class Evaluator:
     """The records of a study beside their predictions: compiled once for values and for derivatives, whoever asks."""
 
     predictor: Predictor
@@ -118,11 +122,11 @@ class Evaluator(eqx.Module):
     comparison: Comparison
     """Of those that are fitted."""
     accuracy: Accuracy
-    places: tuple[int, ...] = eqx.field(static=True)
+    places: tuple[int, ...] = dataclasses.field(metadata={"static": True})
     """Where these stand among all."""
-    paths: tuple[str, ...] = eqx.field(static=True)
+    paths: tuple[str, ...] = dataclasses.field(metadata={"static": True})
     """Of all parameters."""
-    free: tuple[str, ...] = eqx.field(static=True)
+    free: tuple[str, ...] = dataclasses.field(metadata={"static": True})
     """The paths by which derivatives are taken."""
 
     def __call__(
@@ -171,21 +175,22 @@ def _evaluated(
     sloped: Truth,
     directions: Float[Array, "p p"],
 ) -> Evaluated:
-    comparison, samples, p = of.comparison, of.predictor.samples, len(of.free)
+    comparison, predictor, p = of.comparison, of.predictor, len(of.free)
     moving = {path: directions[i] for i, path in enumerate(of.free)}
     at = lambda row: {path: points[row, i] for i, path in enumerate(of.paths)}
     apart_of = lambda values: {path: values[path] for path in comparison.apart}
 
     def next_point(row: Count, so_far: Tree) -> Tree:
-        values = at(row)
-        motions, slopes = of.predictor.linearised(values, moving, sloped, of.accuracy, used)
+        values, (squares, _, memory, *_) = at(row), so_far
+        motions, memory = predictor.linearised(values, moving, sloped, of.accuracy, memory, used)
         residual, offsets = comparison([motions[place] for place in of.places], apart_of(values), weights)
-        squares = so_far[0].at[row].set(jnp.sum(residual**2))
-        return squares, motions, [slopes[place] for place in of.places], residual, offsets
+        return squares.at[row].set(jnp.sum(residual**2)), motions, memory, residual, offsets
 
-    motions, slopes = [jnp.zeros(size) for size in samples], [jnp.zeros((samples[place], p)) for place in of.places]
-    nothing = jnp.zeros(len(points)), motions, slopes, jnp.zeros(comparison.size), jnp.zeros(len(of.places))
-    squares, motions, slopes, residual, offsets = lax.fori_loop(0, count, next_point, nothing)
+    # Memory that each point writes over, cleared once.
+    memory = predictor.scratch(at(0), moving, of.accuracy)
+    motions = [jnp.zeros(size) for size in predictor.samples]
+    nothing = jnp.zeros(len(points)), motions, memory, jnp.zeros(comparison.size), jnp.zeros(len(of.places))
+    squares, motions, memory, residual, offsets = lax.fori_loop(0, count, next_point, nothing)
     fitted, apart = [motions[place] for place in of.places], apart_of(at(count - 1))
 
     def along(fitted_dot: list[Float[Array, " samples"]], direction: Values) -> tuple[Tree, Tree]:
@@ -194,37 +199,40 @@ def _evaluated(
 
     def with_slopes() -> tuple[Float[Array, "n p"], Float[Array, "records p"]]:
         # Put together after vmap, or XLA would turn the Jacobian round, wanted or not.
-        parts, zeros = jax.vmap(along, in_axes=(-1, 0), out_axes=-1)(slopes, moving)
+        slopes = predictor.slopes(memory)
+        fitted_slopes = [slopes[place] for place in of.places]
+        parts, zeros = jax.vmap(along, in_axes=(-1, 0), out_axes=-1)(fitted_slopes, moving)
         return jnp.concatenate(parts), jnp.stack(zeros)
 
     none = lambda: (jnp.zeros((residual.size, p)), jnp.zeros((offsets.size, p)))
     return Evaluated(squares, motions, residual, offsets, *lax.cond(sloped, with_slopes, none))
 
 
-class Residual(eqx.Module):
+@register_dataclass
+@dataclasses.dataclass(frozen=True, eq=False)
+class Residual:
     """The residual vector as a function of the free numbers."""
 
     predictor: Predictor
     comparison: Comparison
     transform: ParameterTransform
     fixed: dict[str, Float[np.ndarray, ""]]
+    """The parameters that are not free [SI], by path."""
     accuracy: Accuracy
 
-    def __init__(
-        self,
+    @staticmethod
+    def of(
         models: Models,
         records: Sequence[Record],
         transform: ParameterTransform,
-        fixed: dict[str, float],
+        fixed: Mapping[str, float],
         accuracy: Accuracy,
         loss: AbstractLoss | None = None,
         apart: Mapping[str, tuple[float, float]] | None = None,
-    ):
-        self.predictor = Predictor(models, records)
-        self.comparison = Comparison(records, loss, apart)
-        self.transform = transform
-        self.fixed = {path: np.asarray(value, float) for path, value in fixed.items()}
-        self.accuracy = accuracy
+    ) -> "Residual":
+        """That of these `records`."""
+        numbers = {path: np.asarray(value, float) for path, value in fixed.items()}
+        return Residual(Predictor(models, records), Comparison(records, loss, apart), transform, numbers, accuracy)
 
     @property
     def loss(self) -> AbstractLoss:

@@ -92,7 +92,7 @@ def _at_best(
     residual, noise = problem.residual, np.array([_noise(record) for record in records])
     fixed = {path: float(number) for path, number in residual.fixed.items()}
     places = tuple(study.records.index(record) for record in records)
-    seen = Residual(study.models, records, residual.transform, fixed, residual.accuracy)
+    seen = Residual.of(study.models, records, residual.transform, fixed, residual.accuracy)
     whole = Problem(seen, records, noise, predictor=study.predictor, places=places)
     root, whitened = _root(covariance, residual.transform.at_bound(free)), np.asarray(whole.whitened(free))
     motions, errors = [record.predicted - record.offset for record in found], np.zeros(root.shape[1])

@@ -87,11 +87,11 @@ def differentiated_steps(
         polynomials, (end, inner) = _linearised(moving, fixed, method, tolerance, keep, rows)
         of_begin = end[..., :size]
         first, (begins,) = lax.scan(join, ends[:1], (real, of_begin, (end[..., size:],)))
-        unit = jnp.broadcast_to(jnp.eye(parameters.size), (len(rows), parameters.size, parameters.size))
-        along = jnp.concatenate([begins, unit], axis=1)
-        slopes = jax.vmap(_contracted)(inner, along)
+        slopes = jax.vmap(_contracted)(inner[..., :size], begins) + inner[..., size:]
         if order == 1:
             return first, StepDerivatives((begins,), (polynomials, slopes))
+        unit = jnp.broadcast_to(jnp.eye(parameters.size), (len(rows), parameters.size, parameters.size))
+        along = jnp.concatenate([begins, unit], axis=1)
         end_bends, bends = _bent(moving, fixed, method, tolerance, keep, rows, along)
         second, (begin_bends,) = lax.scan(join, ends[1:], (real, of_begin, (end_bends,)))
         bends = bends + jax.vmap(_contracted)(inner[..., :size], begin_bends)

@@ -147,7 +147,11 @@ class Scratch(NamedTuple):
     table: Table
     """Of the steps."""
     slopes: Float[Array, "records early p"]
-    """Derivatives of the first samples of all records; 0 where none were wanted."""
+    """Derivatives of the first samples of all records; 0 where none were wanted so far."""
+
+
+Shown: TypeAlias = tuple[Float[Array, " m"], Float[Array, "records early p"]]
+"""Samples, and the derivatives of those of all records."""
 
 
 def scratch(system: AbstractHybridSystem, accuracy: Accuracy, shape: tuple[int, int, int]) -> Scratch:
@@ -176,32 +180,32 @@ def samples_and_slopes(
     **Arguments:** `directions` are p of them, along the first axis of every leaf; the rest is as of `sensor_samples`.
 
     **Returns:** samples, where they are `sloped` only as many as the `scratch` has derivatives of, the later ones zero;
-    and the `scratch`, with the derivatives of this `record`, zeros where they are not wanted.
+    and the `scratch`, with the derivatives of this `record` where they are wanted.
     """
     begun = system(numbers)
     steps = None if is_closed(begun) else find_steps(begun, times[-1], accuracy, scratch.table)
-    early, directions_count = scratch.slopes.shape[1:]
+    early = scratch.slopes.shape[1]
 
     def read(numbers: Tree, first: Count) -> Float[Array, " early"]:
         some = lax.dynamic_slice_in_dim(times, first, early)
         few = None if wanted is None else jnp.clip(wanted - first, 1, early)
         return sensor_samples(system(numbers), some, accuracy, output, segments, few, steps)
 
-    def with_slopes() -> tuple[Float[Array, " m"], Float[Array, "early p"]]:
+    def with_slopes(slopes: Float[Array, "records early p"]) -> Shown:
         along = lambda direction: jax.jvp(lambda numbers: read(numbers, jnp.zeros((), int)), (numbers,), (direction,))
-        shown, slopes = jax.vmap(along, out_axes=(None, -1))(directions)
-        return jnp.pad(shown, (0, times.size - early)), slopes
+        shown, found = jax.vmap(along, out_axes=(None, -1))(directions)
+        return jnp.pad(shown, (0, times.size - early)), slopes.at[record].set(found)
 
-    def without() -> tuple[Float[Array, " m"], Float[Array, "early p"]]:
+    def without(slopes: Float[Array, "records early p"]) -> Shown:
         def next_part(number: Count, shown: Float[Array, " m"]) -> Float[Array, " m"]:
             begin = jnp.minimum(number * early, times.size - early)
             return lax.dynamic_update_slice_in_dim(shown, read(numbers, begin), begin, 0)
 
         parts = -(-(times.size if wanted is None else wanted) // early)
-        return lax.fori_loop(0, parts, next_part, jnp.zeros(times.size)), jnp.zeros((early, directions_count))
+        return lax.fori_loop(0, parts, next_part, jnp.zeros(times.size)), slopes
 
-    shown, slopes = lax.cond(sloped, with_slopes, without)
-    return shown, Scratch(scratch.table if steps is None else steps[0], scratch.slopes.at[record].set(slopes))
+    shown, slopes = lax.cond(sloped, with_slopes, without, scratch.slopes)
+    return shown, Scratch(scratch.table if steps is None else steps[0], slopes)
 
 
 def why_failed(

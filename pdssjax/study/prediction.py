@@ -145,9 +145,6 @@ def _group(
 Directions: TypeAlias = Mapping[str, Float[Array | np.ndarray, " p"]]
 """Of p directions, how the free parameters [SI] move along each, by path."""
 
-Linearised: TypeAlias = tuple[list[Float[Array, " samples"]], list[Float[Array, "samples p"]]]
-"""The samples of each record, and their derivatives along each of the directions."""
-
 SystemOf: TypeAlias = Callable[[Values], AbstractHybridSystem]
 
 Ask: TypeAlias = Callable[..., Any]
@@ -211,20 +208,39 @@ class Predictor(eqx.Module):
         """
         return self._of_records(_of_each_group(sensor_samples, self, values, accuracy, used))
 
+    def scratch(self, values: Values, directions: Directions, accuracy: Accuracy) -> list[Scratch]:
+        """Memory for `linearised`, of each group of records."""
+        return [self._scratch(group, values, directions, accuracy) for group in self.groups]
+
+    def _scratch(
+        self, group: RecordGroup[AbstractSetup], values: Values, directions: Directions, accuracy: Accuracy
+    ) -> Scratch:
+        (count,) = {len(direction) for direction in directions.values()}
+        shape = len(group.places), group.early, count
+        of_record, records = _asking(group, self.models, values, accuracy)
+        first = jax.tree.map(lambda a: a[0], records)
+        return of_record(lambda system, values, times, how, *_: scratch(system(values), how, shape), *first)
+
     def linearised(
         self,
         values: Values,
         directions: Directions,
         sloped: Truth,
         accuracy: Accuracy,
+        memory: Sequence[Scratch],
         used: Bool[Array | np.ndarray, " records"] | None = None,
-    ) -> Linearised:
-        """As a call gives, and where `sloped` the derivatives along the `directions`, else zeros.
+    ) -> tuple[list[Float[Array, " samples"]], list[Scratch]]:
+        """As a call gives, and the `memory`: where `sloped` it holds the derivatives along the `directions` (`slopes`).
 
         Compiled it is one function for both.  Records that are not fitted have no derivatives.
         """
-        groups = [self._linearised(group, values, directions, sloped, accuracy, used) for group in self.groups]
-        return self._of_records([shown for shown, _ in groups]), self._of_records([slopes for _, slopes in groups])
+        groups = zip(self.groups, memory, strict=True)
+        found = [self._linearised(group, values, directions, sloped, accuracy, of, used) for group, of in groups]
+        return self._of_records([shown for shown, _ in found]), [of for _, of in found]
+
+    def slopes(self, memory: Sequence[Scratch]) -> list[Float[Array, "samples p"]]:
+        """The derivatives that `linearised` left in its `memory`, of each record."""
+        return self._of_records([of.slopes for of in memory])
 
     def _linearised(
         self,
@@ -233,15 +249,12 @@ class Predictor(eqx.Module):
         directions: Directions,
         sloped: Truth,
         accuracy: Accuracy,
+        memory: Scratch,
         used: Bool[Array | np.ndarray, " records"] | None,
-    ) -> tuple[Float[Array, "records samples"], Float[Array, "records samples p"]]:
+    ) -> tuple[Float[Array, "records samples"], Scratch]:
         moving = {path: values[path] for path in directions}
-        (count,) = {len(direction) for direction in directions.values()}
         of_record, records = _asking(group, self.models, values, accuracy)
-        which, (rows, longest) = _of_group(used, group), group.runs.times.shape
-        shape = rows, group.early, count
-        record = lambda i: jax.tree.map(lambda a: a[i], records)
-
+        which = _of_group(used, group)
         order = jnp.argsort(~which)  # those that are used come first
 
         def next_record(place: Count, so_far: tuple[Array, Scratch]) -> tuple[Array, Scratch]:
@@ -251,12 +264,10 @@ class Predictor(eqx.Module):
                 of = lambda moving: system({**values, **moving})
                 return samples_and_slopes(of, moving, directions, sloped, so_far[1], i, *how)
 
-            row, room = of_record(ask, *record(i))
-            return so_far[0].at[i].set(row), room
+            row, memory = of_record(ask, *jax.tree.map(lambda a: a[i], records))
+            return so_far[0].at[i].set(row), memory
 
-        room = of_record(lambda system, values, times, how, *_: scratch(system(values), how, shape), *record(0))
-        samples, room = lax.fori_loop(0, jnp.sum(which), next_record, (jnp.zeros((rows, longest)), room))
-        return samples, room.slopes
+        return lax.fori_loop(0, jnp.sum(which), next_record, (jnp.zeros(group.runs.times.shape), memory))
 
     def _of_records(self, stacked: list[Float[Array, "records samples ..."]]) -> list[Float[Array, "samples ..."]]:
         """What is `stacked` by group, and filled up to the longest, of each record."""

@@ -72,9 +72,9 @@ def triangle(
 ) -> tuple[Float[Array, "p p"], Float[Array, " p"]]:
     """R, shape (p, p), and q = Q'r, shape (p,), of a Jacobian's QR factorisation; fewer rows will do."""
     n, p = jacobian.shape
-    missing = max(p - n, 0)
-    factor, upper = jnp.linalg.qr(jnp.pad(jacobian, ((0, missing), (0, 0))))
-    return upper, factor.T @ jnp.pad(residual, (0, missing))
+    stacked = jnp.pad(jnp.column_stack([jacobian, residual]), ((0, max(p + 1 - n, 0)), (0, 0)))
+    upper = jnp.linalg.qr(stacked, mode="r")  # of which the last column is Q'r: Q itself is not needed
+    return upper[:p, :p], upper[:p, p]
 
 
 def solve_in_ball_and_box(
