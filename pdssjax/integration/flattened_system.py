@@ -148,8 +148,8 @@ class FlattenedSystem(AbstractHybridSystem):
         self, segment: Stretch, t_local: ScalarLike, x: State, mode: Scalar, which: Scalar
     ) -> tuple[State, Scalar]:
         time, whole = self._time(segment, t_local), jnp.asarray(which).astype(int)
-        y, following = self.system.after_event(time, self._state(x), self.args, self._mode(mode), whole)
-        return self._back(y, following, "after_event")
+        found = self.system.after_event(time, self._state(x), self.args, self._mode(mode), whole)
+        return self._back(found, "after_event")
 
     @property
     def resets_at_corners(self) -> bool:
@@ -162,8 +162,8 @@ class FlattenedSystem(AbstractHybridSystem):
             return x, jnp.where(starts, first, mode)
         time, place = self._time(segment, 0.0), jnp.asarray(segment.number).astype(int) - 1
         which = jnp.argsort(self._corners())[place]
-        y, following = self.system.after_corner(time, self._state(x), self.args, self._mode(mode), which)
-        turned, following = self._back(y, following, "after_corner")
+        found = self.system.after_corner(time, self._state(x), self.args, self._mode(mode), which)
+        turned, following = self._back(found, "after_corner")
         x = tuple(jnp.where(starts, a, b) for a, b in zip(x, turned, strict=True))
         return x, jnp.where(starts, first, following)
 
@@ -194,9 +194,11 @@ class FlattenedSystem(AbstractHybridSystem):
     def _mode(self, mode: Scalar) -> Count:
         return jnp.asarray(mode).astype(int) - _FIRST_MODE
 
-    def _back(self, y: Tree, mode: Any, what: str) -> tuple[State, Scalar]:
-        flat = self.layout.joined(y, f"{type(self.system).__name__}.{what}")
-        return tuple(flat), jnp.asarray(mode, float) + _FIRST_MODE
+    def _back(self, found: Any, what: str) -> tuple[State, Scalar]:
+        where = f"{type(self.system).__name__}.{what}"
+        if not (isinstance(found, tuple) and len(found) == 2):
+            raise InputError(f"{where}: found {found!r:.80}, expected the pair (state, mode) that follows.")
+        return tuple(self.layout.joined(found[0], where)), jnp.asarray(found[1], float) + _FIRST_MODE
 
     def modes_of(self, modes: Float[Array, " m"]) -> Int[Array, " m"]:
         """The user's modes for those of the integrator."""

@@ -12,7 +12,7 @@ from jax import lax
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
-from ..core import Count, InputError, Scalar, ScalarLike, Tree, Truth, require_float64
+from ..core import Count, InputError, Scalar, ScalarLike, Tree, check_whole, require_float64
 from .accuracy import Accuracy
 from .flattened_system import FlattenedSystem, Layout
 from .hybrid_system import HybridSystem, Mode
@@ -71,13 +71,16 @@ class Solution(NamedTuple):
     events: Events
     stats: dict[str, Count]
     """`steps`, `rejected` steps and `events`."""
+    stopped: Scalar
+    """The time to which the states are known: `t1`, or where the run broke off."""
     result: Count
     """0 where the run reached `t1`, else an index into `RESULTS`."""
 
     @property
     def message(self) -> str:
-        """The sentence for a concrete `result`; empty where the run reached `t1`."""
-        return RESULTS[int(self.result)]
+        """The sentence for a concrete `result`; empty where the run reached `t1`.  Of many runs, the first such one."""
+        broken = np.flatnonzero(np.ravel(self.result))
+        return RESULTS[int(np.ravel(self.result)[broken[0]])] if broken.size else ""
 
 
 def integrate(
@@ -122,6 +125,13 @@ def integrate(
     **Raises** `InputError` for what cannot be integrated, and `RuntimeError` as `throw` says.
     """
     require_float64("integrate")
+    for name, number in {"max_steps": max_steps, "max_events": max_events}.items():
+        check_whole(f"integrate: `{name}`", number, 1)
+    if not isinstance(method, AbstractStepMethod):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise InputError(
+            f"integrate: found `method` {method!r:.80}, expected Picard(), Taylor(), or a solver of diffrax in "
+            "OneStep(...), all of pdssjax.integration."
+        )
     own = isinstance(system, AbstractHybridSystem)
     if own:
         y0 = system.initial() if y0 is None else y0
@@ -168,7 +178,9 @@ def _solved_own(
     ys = jax.tree.map(lambda leaf: jnp.where(reached, leaf, jnp.nan), seen.x)
     modes = jnp.where(reached, seen.mode.astype(int), -1)
     split = jax.vmap(unflattener(system))
-    return Solution(ts, ys, modes, _events(run, 0.0, 1.0, split, max_events), _stats(run), run.failure)
+    events = _events(run, 0.0, 1.0, split, max_events, jnp.inf)
+    stopped = jnp.where(run.failure > 0, run.end.time, t1)
+    return Solution(ts, ys, modes, events, _stats(run), stopped, run.failure)
 
 
 def _flattened(
@@ -217,14 +229,15 @@ def _solved(flat: FlattenedSystem, ts: Float[Array, " times"], accuracy: Accurac
     run = _finite(integrate_steps(flat, 1.0, accuracy))
     parts = (ts - flat.t0) / flat.span
     seen = states_at(flat, run, parts)
-    stopped = jnp.where(run.failure > 0, run.end.time, 1.0 + 1e-12)
-    reached = (parts >= -1e-12) & (parts <= stopped) & (flat.span > 0.0)
+    sound = _sound_until(flat, run)
+    stopped = jnp.where(run.failure > 0, run.end.time, 1.0)
+    reached = (parts >= -1e-12) & (parts <= stopped + 1e-12) & (parts < sound) & (flat.span > 0.0)
     ys = flat.layout.split(jnp.where(reached[:, None], jnp.stack(seen.x, axis=-1), jnp.nan))
     modes = jnp.where(reached, flat.modes_of(seen.mode), -1)
-    result = jnp.where((run.failure != 2) & _has_negative_guard(flat, run), 3, run.failure)
+    result = jnp.where((run.failure != 2) & jnp.isfinite(sound), 3, run.failure)
     result = jnp.where(flat.span > 0.0, result, 4)
-    events = _events(run, flat.t0, flat.span, flat.layout.split, max_events)
-    return Solution(ts, ys, modes, events, _stats(run), result)
+    events = _events(run, flat.t0, flat.span, flat.layout.split, max_events, sound)
+    return Solution(ts, ys, modes, events, _stats(run), flat.t0 + flat.span * jnp.minimum(stopped, sound), result)
 
 
 def _finite(run: SteppedRun) -> SteppedRun:
@@ -242,8 +255,9 @@ def _events(
     span: ScalarLike,
     split: Callable[[Float[Array, "events components"]], Tree],
     most: int,
+    sound: ScalarLike,
 ) -> Events:
-    """The first events of a run, at most so many; its clock began at `t0`, and its unit is `span`."""
+    """The first events of a run, at most so many, to the time `sound`; its clock began at `t0`, its unit is `span`."""
     steps, end = run.steps, run.end
     ended = _real(run) & steps.event
     rows = jnp.nonzero(ended, size=most, fill_value=0)[0]
@@ -252,6 +266,7 @@ def _events(
     following = jnp.minimum(rows + 1, len(ended) - 1)
     begins = steps.origin + steps.t_local
     times = jnp.where(last, end.time, begins[following])
+    listed &= times <= sound
     after = jnp.where(last[:, None], end.x, steps.x[following])
     before = _along(steps.polynomials[rows], times - begins[rows])
     shown = lambda x: split(jnp.where(listed[:, None], x, jnp.nan))
@@ -271,8 +286,8 @@ def _along(
     return horner(list(jnp.moveaxis(polynomials, -1, 0)), elapsed[:, None])
 
 
-def _has_negative_guard(flat: FlattenedSystem, run: SteppedRun) -> Truth:
-    """Whether a guard is negative where a step begins or in its middle, by more than rounding."""
+def _sound_until(flat: FlattenedSystem, run: SteppedRun) -> Scalar:
+    """When the first step begins at whose begin or middle a guard is negative by more than rounding; else infinite."""
     steps = lax.stop_gradient(run.steps)
 
     def values(elapsed: Float[Array, " room"]) -> Float[Array, "room guards"]:
@@ -281,15 +296,17 @@ def _has_negative_guard(flat: FlattenedSystem, run: SteppedRun) -> Truth:
         found = jax.vmap(flat.guard_values)(times, states, flat.modes_of(steps.mode))
         return jnp.where(_real(run)[:, None], found, 0.0)
 
-    guards = jnp.concatenate([values(0.0 * steps.duration), values(0.5 * steps.duration)])
-    return (guards < -_NEGATIVE * jnp.max(jnp.abs(guards), axis=0)).any()
+    guards = jnp.stack([values(0.0 * steps.duration), values(0.5 * steps.duration)])
+    negative = (guards < -_NEGATIVE * jnp.max(jnp.abs(guards), axis=(0, 1))).any(axis=(0, 2))
+    return jnp.min(jnp.where(negative, steps.origin + steps.t_local, jnp.inf))
 
 
 def _thrown(solution: Solution) -> Solution:
     """The solution, or an error where it is none: at once, or when a traced one is computed."""
     if not isinstance(solution.result, jax.core.Tracer):  # pyright: ignore[reportAttributeAccessIssue]
         if int(solution.result):
-            raise RuntimeError(_sentence(solution.message))
+            count, at = int(solution.stats["events"]), float(solution.stopped)
+            raise RuntimeError(_sentence(f"at the time {at:g}, after {count} events, {solution.message}"))
         return solution
     ys = solution.ys
     for code, message in list(enumerate(RESULTS))[1:]:
