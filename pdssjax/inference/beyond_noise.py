@@ -2,7 +2,8 @@
 
 Where the noise is given, residuals are judged by chi-square.  Where it is not, it is estimated from the residuals, and
 chi-square is their number whatever the fit; the witness then is the scatter of second differences
-(`metrics.scatter_floor`), which a smooth misfit hardly enters.
+(`metrics.scatter_floor`), which a smooth misfit hardly enters.  Nor does noise whose neighbours are alike; but that is
+as large along all of a record, and a misfit is not (`metrics.unevenness`).
 """
 
 import dataclasses
@@ -10,7 +11,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
-from ..metrics import lack_of_fit, neighbour_scatter, rounding_of_counts
+from ..metrics import lack_of_fit, neighbour_scatter, rounding_of_counts, unevenness
 from ..study import FittedRecord
 
 EXCESS = 1.2
@@ -76,13 +77,20 @@ def above_floor(record: FittedRecord) -> float:
 
 
 def exceeds_floor(record: FittedRecord) -> bool:
-    """`above_floor` is beyond both chance and `ABOVE_FLOOR`; never said of fewer than `FEWEST` samples.
+    """`above_floor` is beyond both chance and `ABOVE_FLOOR`, and not as coloured noise is.
+
+    Never said of fewer than `FEWEST` samples.
 
     Of white noise it is 1 with a standard deviation of 0.8/sqrt(samples), and 4.8/sqrt(samples) above
     1 at most in thousands of trials, since its upper tail is long.
     """
     least = max(ABOVE_FLOOR, 1.0 + 1.2 * SIGMAS / np.sqrt(record.samples))
-    return record.samples >= FEWEST and above_floor(record) > least
+    return record.samples >= FEWEST and above_floor(record) > least and not is_even(record)
+
+
+def is_even(record: FittedRecord) -> bool:
+    """Residuals are as large along all of a record, as noise is, whatever its colour."""
+    return unevenness(record.rest, record.time) <= SIGMAS
 
 
 def exceeds_noise(record: FittedRecord) -> bool:

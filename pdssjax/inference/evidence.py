@@ -8,8 +8,9 @@ but by what the optimum of them alone would, to first order.
 
 **More than noise.**  Where a record's noise is given, its residuals are judged by chi-square.  Where it is not, the
 noise is estimated from the residuals and chi-square is their number whatever the fit; what repeats from cycle to cycle
-and what is alike in neighbours tells then.  In a wrong optimum that is nearly as good as the right one the records ask
-for different parameters long before their residuals are visibly too large: each has a wrong optimum of its own there.
+tells then, and what is alike in neighbours, unless it is as large along all of each record: that is coloured noise.
+In a wrong optimum that is nearly as good as the right one the records ask for different parameters long before their
+residuals are visibly too large: each has a wrong optimum of its own there.
 
 **Criteria** of Akaike (AIC) and Schwarz (BIC):
 
@@ -28,7 +29,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..metrics import outliers
+from ..metrics import outliers, unevenness
 from ..study import Statistics, Study, cycles_a_second, repeated_residuals
 from .beyond_noise import EXCESS, SIGMAS, highest_by_chance, is_unresolved
 from .covariance import NO_INFORMATION, least_squares_covariance
@@ -188,15 +189,17 @@ class Evidence:
     def leaves_more_than_noise(self) -> bool:
         """Whether residuals are more than noise: in size, in what repeats every cycle, or in how neighbours correlate.
 
-        The size shows little where no noise is given, and a slip at a wrong moment hides in it.  Records that cannot
-        show what is left of them (`is_unresolved`) have no say in the other two.  Samples that stand out do not make a
-        fit poor, nor what they pull it off by: another optimum would leave them, too.
+        The size shows little where no noise is given, and a slip at a wrong moment hides in it.  Neighbours that are
+        alike, and residuals larger than their scatter, are a misfit where they lie at some places of a record, and
+        coloured noise where they are as large along all of it.  Records that cannot show what is left of them
+        (`is_unresolved`) have no say in what repeats and is alike.  Samples that stand out do not make a fit poor, nor
+        what they pull it off by: another optimum would leave them, too.
         """
         problem = self.problem
         if not np.isfinite(self.fit.chi2):
             return True
         parts = [self.without_outliers.residual[rows] for rows in problem.rows]
-        if self._exceeds_noise(parts):
+        if self._exceeds_given(parts):
             return True
         judged = [
             (record, part)
@@ -209,26 +212,37 @@ class Evidence:
         correlation = products / max(squares, 1e-300)
         found = [repeated_residuals(record, part) for record, part in judged]
         sigmas = [repeated.sigmas for repeated in found if repeated is not None]
-        return bool(correlation * np.sqrt(samples) > SIGMAS or sum(sigmas) > SIGMAS * np.sqrt(len(sigmas)))
+        if sum(sigmas) > SIGMAS * np.sqrt(len(sigmas)):
+            return True
+        if not (correlation * np.sqrt(samples) > SIGMAS or self._exceeds_found(parts)):
+            return False
+        uneven = [unevenness(part, record.time) for record, part in judged]
+        return max(uneven, default=np.inf) > SIGMAS or sum(uneven) > SIGMAS * np.sqrt(len(uneven))
 
-    def _exceeds_noise(self, parts: Sequence[Float[np.ndarray, " samples"]]) -> bool:
-        """Whether residuals exceed the noise in size: of any record, all with noise given, or all others; without NaN.
+    def _exceeds_given(self, parts: Sequence[Float[np.ndarray, " samples"]]) -> bool:
+        """Whether residuals exceed the noise given in size: those of any record, or of all together; without NaN.
 
-        Each kind, and each record whose noise is given, by itself: many samples that are explained, or whose noise was
-        estimated and so is as large as they are, hide what others leave.
+        Each record by itself, too: many samples that are explained hide what others leave.
         """
-        alone = [part for part, given in zip(parts, self.noise_is_given, strict=True) if given]
-        found = [part for part, given in zip(parts, self.noise_is_given, strict=True) if not given]
-        loss, left = self.problem.residual.loss, self.degrees_of_freedom / np.size(self.fit.state.residual)
+        given = [part for part, is_given in zip(parts, self.noise_is_given, strict=True) if is_given]
+        efficiency = self.problem.residual.loss.scatter_efficiency
+        by_chance = lambda parts: highest_by_chance(efficiency * self._scatter(parts)[1])
+        of_one = lambda part: max(by_chance([part]), EXCESS)
+        exceeds = lambda parts, limit: bool(parts) and not self._scatter(parts)[0] < limit
+        return exceeds(given, by_chance(given)) or any(exceeds([part], of_one(part)) for part in given)
 
-        def exceeds(of_kind: Sequence[Float[np.ndarray, " samples"]], given: bool, least: float = 0.0) -> bool:
-            kept = np.concatenate([np.zeros(0), *of_kind])
-            kept = kept[np.isfinite(kept)]
-            freedom = left * kept.size
-            limit = max(highest_by_chance(loss.scatter_efficiency * freedom), least) if given else _POOR
-            return bool(kept.size and not loss.scatter(kept, max(freedom, 1.0)) ** 2 < limit)
+    def _exceeds_found(self, parts: Sequence[Float[np.ndarray, " samples"]]) -> bool:
+        """Whether residuals of records whose noise is not given exceed in size what was estimated; without NaN."""
+        found = [part for part, is_given in zip(parts, self.noise_is_given, strict=True) if not is_given]
+        return bool(found) and not self._scatter(found)[0] < _POOR
 
-        return exceeds(alone, True) or exceeds(found, False) or any(exceeds([part], True, EXCESS) for part in alone)
+    def _scatter(self, parts: Sequence[Float[np.ndarray, " samples"]]) -> tuple[float, float]:
+        """The variance of residuals, as the loss has it, and their degrees of freedom; without NaN."""
+        kept = np.concatenate([np.zeros(0), *parts])
+        kept = kept[np.isfinite(kept)]
+        freedom = self.degrees_of_freedom / np.size(self.fit.state.residual) * kept.size
+        scatter = self.problem.residual.loss.scatter(kept, max(freedom, 1.0)) if kept.size else 0.0
+        return float(scatter**2), freedom
 
     @cached_property
     def missed(self) -> tuple[Missed, ...]:

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
         sample_autocovariance as sample_autocovariance,
         stationary_noise as stationary_noise,
         stationary_times as stationary_times,
+        unevenness as unevenness,
     )
     from .per_cycle import (
         FLANK as FLANK,

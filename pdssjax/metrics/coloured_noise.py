@@ -274,6 +274,42 @@ def noise_at(time: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"], fre
     return stationary_noise(values, places, freedom, most)
 
 
+_PARTS, _IN_PART = 20, 8.0
+"""Parts at most in which the power of noise is compared, and independent samples in each at least."""
+
+
+def unevenness(values: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"]) -> float:
+    """How much more the power of `values` at `time` [s] differs along them than that of stationary noise, in sigmas.
+
+    Noise of a sensor is as large everywhere, whatever its colour; what a model leaves lies where it is wrong.  This is
+    Bartlett's test of equal variances (Proc. R. Soc. Lond. A 160, 1937), as a normal deviate, over equal parts of as
+    many independent samples as the colour found leaves them.  NaN is left out.
+
+    **Returns:** infinite for what is alike so long that there are not three such parts.  A few white samples are even.
+    """
+    there = np.isfinite(values)
+    noise = noise_at(time, values, float(np.sum(there)), values.size)
+    share = noise.independent(time[there])
+    count = int(min(_PARTS, share * np.sum(there) / _IN_PART))
+    if count < 3:
+        return np.inf if noise.order else 0.0
+    parts = [part[np.isfinite(part)] for part in np.array_split(values, count)]
+    freedom = share * np.array([part.size for part in parts])
+    powers = np.array([np.mean(part**2) if part.size else np.nan for part in parts])
+    return _of_equal_variances(powers[freedom > 0.0], freedom[freedom > 0.0])
+
+
+def _of_equal_variances(variances: Float[np.ndarray, " k"], freedom: Float[np.ndarray, " k"]) -> float:
+    """Bartlett's statistic of `variances` with these degrees of freedom, as a normal deviate."""
+    whole, above = float(np.sum(freedom)), variances.size - 1
+    if above < 1 or not (variances > 0.0).all():
+        return 0.0 if not variances.any() else np.inf
+    statistic = whole * np.log(freedom @ variances / whole) - freedom @ np.log(variances)
+    statistic /= 1.0 + (np.sum(1.0 / freedom) - 1.0 / whole) / (3.0 * above)
+    spread = 2.0 / (9.0 * above)
+    return float((np.cbrt(statistic / above) - 1.0 + spread) / np.sqrt(spread))
+
+
 def noise_in_time(values: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"], freedom: float) -> NoiseInTime:
     """The noise that `values` at `time` [s] are a sample of, about zero; NaN is left out.
 

@@ -12,6 +12,7 @@ from ..beyond_noise import (
     above_floor,
     exceeds_floor,
     exceeds_given_noise,
+    is_even,
     largest_by_chance,
     leaves_unresolved,
     neighbour_correlation,
@@ -281,10 +282,17 @@ def _about_correlation(fitted: Sequence[FittedRecord]) -> list[str]:
     correlated = [r for r in fitted if neighbour_correlation(r) > CORRELATED and not leaves_unresolved(r)]
     if not correlated:
         return []
-    return [
-        f"Neighbouring residuals are correlated, as the model's errors are and noise is not, in {quoted(correlated)}. "
-        "The true errors are larger than the white standard errors."
-    ]
+    coloured = [record for record in correlated if is_even(record)]
+    notes = []
+    if misfits := [record for record in correlated if not is_even(record)]:
+        notes.append(f"Neighbouring residuals are correlated, as the model's errors are, in {quoted(misfits)}.")
+    if coloured:
+        notes.append(
+            f"Neighbouring residuals are correlated in {quoted(coloured)}, and as large along all of the record: "
+            "coloured noise, as of a filter in the sensor."
+        )
+    notes[-1] += " The true errors are larger than the white standard errors."
+    return notes
 
 
 def _about_walking(fitted: Sequence[FittedRecord]) -> list[str]:

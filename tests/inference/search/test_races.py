@@ -281,9 +281,15 @@ def test_residuals_are_poor_by_size_by_neighbours_and_by_what_repeats():
 
     white = random.normal(size=time.size)
     assert not poor(white)
-    assert not poor(1.05 * white, None) and poor(1.2 * white, None)  # 1.15 where the noise is a guess
+    assert not poor(1.2 * white, None)  # the guess was too low: it is as large everywhere
     assert poor(1.2 * white)  # four standard deviations of chi-square where it is known
-    assert poor(np.convolve(white, [0.7, 0.7], "same"))  # as large, neighbours alike
+    # As large in all, neighbours alike: coloured noise, unless it lies at one place.
+    alike = 0.98 * np.convolve(white, [0.7, 0.7], "same")
+    swelling = np.exp(-(((time - 0.6) / 0.2) ** 2))
+    for noise in (1.0, None):
+        assert not poor(alike, noise)
+        assert poor(alike * swelling / np.sqrt(np.mean(swelling**2)), noise)
+    assert poor(1.4 * np.sin(3.0 * np.pi * time))  # alike for as long as the record
     phases = np.tile(random.normal(size=100), 10)
     assert poor(0.9 * white + 0.4 * phases)  # as large, alike in every cycle
 
