@@ -13,17 +13,12 @@ So that a wrong model costs little, and a right one is not lost in a wrong optim
 So the result is the same however many fits run at a time.
 """
 
-import contextlib
 import dataclasses
 import functools
-import multiprocessing
-import os
-import signal
-import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures import Executor
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -34,6 +29,7 @@ from ..study import Estimate, Study
 from .candidates import Candidate, neighbours, starting_near
 from .comparison import FittedCandidate
 from .held_out import HeldOut, Part, held_out
+from .worker_processes import gathered, workers
 
 NO_BETTER = 1.0
 """Deviance by which a model may lie above a simpler one: a fit may end a little before its optimum."""
@@ -164,8 +160,12 @@ def fit_all(
     report(f"{len(done)} of {len(candidates)} models fitted; next {', '.join(c.name for c in open_ones())}")
     own = [c for c in candidates if c.is_own]
     near = neighbours(candidates) | dict.fromkeys(c.name for c in own)
-    with _workers(executor, len(open_ones())) as submit:
-        run = functools.partial(_gathered, submit, keep)
+
+    def lost(candidate: Candidate, why: str) -> Answer:
+        return failed(candidate, why), None
+
+    with workers(executor, len(open_ones())) as submit:
+        run = functools.partial(gathered, submit, keep, lost)
 
         def from_right_or_neighbour(candidate: Candidate) -> Task | None:
             before = own if own_is_right else [*own, *(c for c in candidates if len(c.free) < len(candidate.free))]
@@ -250,89 +250,6 @@ def _optimum_near(
     while name is not None and not _is_usable(done[name]):
         name = near.get(name)
     return None if name is None else _optimum_of(done[name])
-
-
-# ------------------------------------------------------------------------------------------------ processes
-
-
-def _gathered(
-    submit: Callable[..., Future[Answer]],
-    keep: Callable[[Candidate, Answer], None],
-    work: Callable[[Task], Answer],
-    waiting: Sequence[Candidate],
-    ready: Callable[[Candidate], Task | None],
-) -> None:
-    """Keep what the `work` finds for each candidate that is `waiting`, as soon as its task is `ready`."""
-    waiting, running = list(waiting), {}
-    while waiting or running:
-        for candidate in list(waiting):
-            if (task := ready(candidate)) is not None:
-                waiting.remove(candidate)
-                running[submit(work, task)] = candidate
-        wait(running, return_when=FIRST_COMPLETED)
-        for future in [future for future in running if future.done()]:
-            candidate = running.pop(future)
-            keep(candidate, _answer(future, candidate))
-
-
-def _answer(future: Future[Answer], candidate: Candidate) -> Answer:
-    """What a process found; a process that died is a failure of its candidate alone."""
-    try:
-        return future.result()
-    except BrokenExecutor as error:
-        return failed(candidate, f"the process that fitted it ended ({error or type(error).__name__})"), None
-    except Exception as error:  # whatever a worker could not send back stops no other candidate
-        return failed(candidate, f"{type(error).__name__}: {error}"), None
-
-
-@contextlib.contextmanager
-def _workers(executor: Executor | None, most: int) -> Iterator[Callable[..., Future[Answer]]]:
-    """What submits work: to the `executor` that is given, else to processes that are spawned, one a core.
-
-    Where it is left early, processes of its own are ended; those of the caller only lose what has not begun.
-    """
-    if executor is not None:
-        futures: list[Future[Answer]] = []
-
-        def submit(work: Callable[..., Answer], task: Task) -> Future[Answer]:
-            futures.append(executor.submit(work, task))
-            return futures[-1]
-
-        try:
-            yield submit
-        finally:
-            for future in futures:
-                future.cancel()
-        return
-    count = min(os.cpu_count() or 1, most)
-    pools: list[ProcessPoolExecutor] = []
-
-    def submit_here(work: Callable[..., Answer], task: Task) -> Future[Answer]:
-        try:
-            return pools[-1].submit(work, task)
-        except (BrokenExecutor, IndexError):  # none yet, or one whose process died: the others go on in a new one
-            context = multiprocessing.get_context("spawn")
-            pools.append(ProcessPoolExecutor(count, mp_context=context, initializer=_begin_process))
-            return pools[-1].submit(work, task)
-
-    try:
-        yield submit_here
-    except BaseException:
-        for pool in pools:
-            for process in list((getattr(pool, "_processes", None) or {}).values()):
-                process.terminate()
-        raise
-    finally:
-        for pool in pools:
-            pool.shutdown(wait=False, cancel_futures=True)
-
-
-def _begin_process() -> None:
-    """A process of its own is the parent's to end, ends with one that was killed, and computes in 64 bits."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if (parent := multiprocessing.parent_process()) is not None:
-        threading.Thread(target=lambda: (parent.join(), os._exit(1)), daemon=True).start()
-    prepare_jax(dedicated=True)
 
 
 def _timed(work: Callable[[Task], Answer]) -> Callable[[Task], Answer]:

@@ -215,8 +215,8 @@ def test_a_pool_that_forks_and_a_study_of_nothing_fitted_are_refused(tmp_path):
 
 
 def test_the_command_answers_on_the_console_and_ends_with_0(tmp_path, fits, kept_estimates, monkeypatch, capsys):
-    workers = candidate_fits._workers
-    monkeypatch.setattr(candidate_fits, "_workers", lambda executor, most: workers(Here(), most))
+    workers = candidate_fits.workers
+    monkeypatch.setattr(candidate_fits, "workers", lambda executor, most: workers(Here(), most))
     file, out = write_contact(tmp_path), tmp_path / "out"
     assert main(["compare", str(file), "--friction", "coulomb,lugre", "--out", str(out)]) == 0
     shown = capsys.readouterr()
@@ -253,7 +253,7 @@ PARENT = """
 import multiprocessing, time
 from pdssjax.selection import candidate_fits
 if __name__ == "__main__":
-    with candidate_fits._workers(None, 1) as submit:
+    with candidate_fits.workers(None, 1) as submit:
         submit(time.sleep, 0).result()
         print(multiprocessing.active_children()[0].pid, flush=True)
         submit(time.sleep, 600)
